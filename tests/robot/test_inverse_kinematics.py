@@ -421,7 +421,7 @@ def test_one_pose_asked_for_twice_goes_the_short_way(bundled):
         robot.inverse_kinematics(T, q0=q)
     ((alone, _),) = robot.engine.single_poses.values()
     for q0 in (None, q, q.tolist()):
-        np.testing.assert_array_equal(alone.found(T, q0)[0], robot.inverse_kinematics(T[None], q0=q0).q[0])
+        np.testing.assert_array_equal(alone.solve(T, q0)[0], robot.inverse_kinematics(T[None], q0=q0).q[0])
 
 
 # ── several frames at once ──

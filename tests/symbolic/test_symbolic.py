@@ -321,7 +321,7 @@ def test_a_wrong_derivation_is_not_done():
     """The check can fail: the equations of one arm are not those of another."""
     right = derive(tw.robots.planar_2r())
     heavier = tw.robots.planar_2r().with_payload(tw.SpatialInertia.from_com(1e-9))
-    wrong = replace(right, check=check.checked(right, heavier))
+    wrong = replace(right, check=check.check_derivation(right, heavier))
     assert (right.verdict.word, wrong.verdict.word) == ("DONE", "LOOK AGAIN")
     assert "disagree with Newton–Euler" in wrong.headline
     for source in (wrong.c_source, wrong.numpy_source, lambda: wrong.function("inverse_dynamics")):

@@ -13,7 +13,7 @@ from twistwrench.core.errors import ValueRangeError
 from twistwrench.core.text import text_width
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.symbolic import derive, lagrange
-from twistwrench.symbolic.documents import broken
+from twistwrench.symbolic.documents import break_lines
 from twistwrench.symbolic.names import shortest
 
 
@@ -158,12 +158,12 @@ def test_a_floating_base_written_out_is_refused_before_starting(monkeypatch):
 
 def test_lines_break_before_plus_and_minus_outside_brackets_first():
     text = "m₁ cos(θ₁ + θ₂) + m₂ (a + b) x − m₃ (c − d) y"
-    lines = broken(text, 24, text_width)
+    lines = break_lines(text, 24, text_width)
     assert lines == ["m₁ cos(θ₁ + θ₂)", "+ m₂ (a + b) x", "− m₃ (c − d) y"]
-    assert broken("m₁ (a₁ + a₂ + a₃) x", 12, text_width) == ["m₁ (a₁ + a₂", "+ a₃) x"]
-    assert broken("cos(θ₁ + θ₂)", 5, text_width) == ["cos(θ₁ + θ₂)"]  # never inside a function
-    assert broken(r"\frac{a + b}{c} + d", 3, lambda x: float(len(x))) == [r"\frac{a + b}{c}", "+ d"]
-    assert broken(r"\sin^{2}(a + b) + d", 3, lambda x: float(len(x))) == [r"\sin^{2}(a + b)", "+ d"]
+    assert break_lines("m₁ (a₁ + a₂ + a₃) x", 12, text_width) == ["m₁ (a₁ + a₂", "+ a₃) x"]
+    assert break_lines("cos(θ₁ + θ₂)", 5, text_width) == ["cos(θ₁ + θ₂)"]  # never inside a function
+    assert break_lines(r"\frac{a + b}{c} + d", 3, lambda x: float(len(x))) == [r"\frac{a + b}{c}", "+ d"]
+    assert break_lines(r"\sin^{2}(a + b) + d", 3, lambda x: float(len(x))) == [r"\sin^{2}(a + b)", "+ d"]
 
 
 def widths(latex: str) -> list[float]:

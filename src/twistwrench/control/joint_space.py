@@ -88,11 +88,15 @@ class JointLaw:
                 "robot.simulate takes them."
             )
         constant = not callable(self.reference) and not hasattr(self.reference, "motion")
-        rows = [self._motion(t) for t in ([0.0] if constant else times)]
-        q_d, dq_d, ddq_d = (np.array([row[k] for row in rows], float) for k in range(3))
+        if constant:
+            times = np.zeros(1)
+        rows = [self._motion(t) for t in times]
+        q_d = np.array([row[0] for row in rows], float)
+        dq_d = np.array([row[1] for row in rows], float)
+        ddq_d = np.array([row[2] for row in rows], float)
         return self._law({"q_des": q_d, "dq_des": dq_d, "ddq_des": ddq_d, "kp": kp, "kd": kd})
 
-    def _law(self, given: dict[str, Array]) -> BatchPD | BatchComputedTorque:
+    def _law(self, values: dict[str, Array]) -> BatchPD | BatchComputedTorque:
         """The law, from reference and gains in the form of a rollout."""
         raise NotImplementedError
 
@@ -121,15 +125,15 @@ class PD(JointLaw):
         own = np.diagonal(self._kd).copy()
         return own if np.array_equal(self._kd, np.diag(own)) else None
 
-    def _law(self, given: dict[str, Array]) -> BatchPD:
-        del given["ddq_des"]
-        return BatchPD(**given, gravity=self.gravity)
+    def _law(self, values: dict[str, Array]) -> BatchPD:
+        del values["ddq_des"]
+        return BatchPD(**values, gravity=self.gravity)
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""
         e, de = self.error(t, q, dq)
-        held = self.robot.holding_torques(q) if self.gravity else 0.0
-        return self._kp @ e + self._kd @ de + held
+        holding = self.robot.holding_torques(q) if self.gravity else 0.0
+        return self._kp @ e + self._kd @ de + holding
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,12 +155,12 @@ class ComputedTorque(JointLaw):
     friction: bool = False
     """True to add torques that compensate joint friction."""
 
-    def _law(self, given: dict[str, Array]) -> BatchComputedTorque:
+    def _law(self, values: dict[str, Array]) -> BatchComputedTorque:
         if self.friction:
             raise ValueRangeError(
                 "ComputedTorque: the law of a rollout leaves friction out. Give friction=False, or take robot.simulate."
             )
-        return BatchComputedTorque(**given)
+        return BatchComputedTorque(**values)
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""

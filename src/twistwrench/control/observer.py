@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ..motion.motion import Motion
     from .residual_threshold import ResidualThreshold
 
-SINGULAR = 1e-6
+SINGULAR_VALUE_SHARE = 1e-6
 """Fraction of the largest singular value of J' below which a singular value counts as zero."""
 
 
@@ -59,9 +59,13 @@ class ContactWrench:
 
     def __str__(self) -> str:
         shown = ", ".join(f"{n} {number(x)}" for n, x in zip(WRENCH, self.wrench, strict=True))
-        seen = f"rank {self.rank}" + (f", {len(self.blind)} directions are not observable" if len(self.blind) else "")
-        left = float(np.linalg.norm(self.unexplained))
-        return f"wrench on the robot at {self.frame}: {shown} ({seen}; {number(left, 3)} of the torques unexplained)"
+        rank = f"rank {self.rank}"
+        if len(self.blind):
+            rank += f", {len(self.blind)} directions are not observable"
+        residual = float(np.linalg.norm(self.unexplained))
+        return (
+            f"wrench on the robot at {self.frame}: {shown} ({rank}; {number(residual, 3)} of the torques unexplained)"
+        )
 
 
 class MomentumObserver:
@@ -140,7 +144,7 @@ class MomentumObserver:
             arguments.finite(x, f"MomentumObserver: {name}")
         state = (now, dq.copy(), *self._momentum(q, dq))  # copied: the caller may overwrite dq
         if self._last is not None:
-            self._residual = self._filtered(self._residual, self._last, state, tau)
+            self._residual = self._next_residual(self._residual, self._last, state, tau)
         self._last = state
         return self.residual
 
@@ -172,10 +176,10 @@ class MomentumObserver:
         p, beta = self._momentum(q, dq)
         before, after = ((t[rows], dq[rows], p[rows], beta[rows]) for rows in (slice(None, -1), slice(1, None)))
         x, keep = self._mean(before, after, tau[:-1])
-        found = np.zeros((len(t), self.robot.nv))
+        residual = np.zeros((len(t), self.robot.nv))
         for k in range(len(t) - 1):
-            found[k + 1] = x[k] + keep[k] * (found[k] - x[k])
-        return found
+            residual[k + 1] = x[k] + keep[k] * (residual[k] - x[k])
+        return residual
 
     def threshold(self, motion: Motion, *, per_hour: float = 1.0) -> ResidualThreshold:
         """Thresholds of the residual for a number of false alarms, from a log without contact.
@@ -236,13 +240,13 @@ class MomentumObserver:
             )
         tau = np.zeros(self.robot.nv)
 
-        def watched(t: float, q: Array, dq: Array) -> Array:
+        def update_and_control(t: float, q: Array, dq: Array) -> Array:
             nonlocal tau
             self.update(t, q, dq, tau)
             tau = arguments.one(controller(t, q, dq), "the torques of the controller watched", self.robot.nv)
             return tau
 
-        return watched
+        return update_and_control
 
     def wrench(
         self,
@@ -274,7 +278,7 @@ class MomentumObserver:
         r = arguments.finite(arguments.one(r, what, robot.nv, names=robot.model.velocity_names), what)
         J = robot.jacobian(q, frame, kind)[chosen]
         U, s, Vt = np.linalg.svd(J)  # r = J'F
-        rank = int(np.count_nonzero(s > SINGULAR * s.max(initial=0.0)))
+        rank = int(np.count_nonzero(s > SINGULAR_VALUE_SHARE * s.max(initial=0.0)))
         F, blind = np.zeros(6), np.zeros((len(chosen) - rank, 6))
         F[chosen] = U[:, :rank] @ (Vt[:rank] @ r / s[:rank])
         blind[:, chosen] = U[:, rank:].T
@@ -287,20 +291,21 @@ class MomentumObserver:
         v = dq[..., None]
         return (M @ v)[..., 0], ((C + np.swapaxes(C, -1, -2)) @ v)[..., 0] - h
 
-    def _filtered(
+    def _next_residual(
         self, r: Array, a: tuple[float, Array, Array, Array], b: tuple[float, Array, Array, Array], tau: Array
     ) -> Array:
         """Residual after one sample."""
-        one = [tuple(np.asarray(x)[None] for x in state) for state in (a, b)]
-        x, keep = self._mean(one[0], one[1], tau[None])
+        before, after = [np.asarray(x)[None] for x in a], [np.asarray(x)[None] for x in b]
+        x, keep = self._mean(before, after, tau[None])
         return np.asarray(x[0] + keep[0] * (r - x[0]))
 
     def _mean(self, a: Sequence[Array], b: Sequence[Array], tau: Array) -> tuple[Array, Array]:
         """Means (n, nv) of τ_ext between samples, and the share of the residual that is kept."""
         (t0, dq0, p0, beta0), (t1, dq1, p1, beta1) = a, b
         dt = (t1 - t0)[:, None]
-        if (late := ~(dt[:, 0] > 0)).any():
-            k = int(late.argmax())
+        not_rising = ~(dt[:, 0] > 0)
+        if not_rising.any():
+            k = int(not_rising.argmax())
             raise ValueRangeError(
                 f"MomentumObserver: t = {printed(float(t1[k]))} s is not after the last time, {printed(float(t0[k]))} s. Give "
                 "samples in order, and begin a new motion with reset()."

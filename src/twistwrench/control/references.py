@@ -65,112 +65,117 @@ class PoseMotion:
         return self.path(s), V * ds, V * dds + dV * ds * ds
 
 
-def joint_motion(robot: Robot, given: Reference, what: str) -> Motion:
+def joint_motion(robot: Robot, reference: Reference, what: str) -> Motion:
     """q_d (nq,), dq_d and ddq_d (nv,) at a time, from q_d or a function of time that returns all three."""
-    given = given if callable(given) else getattr(given, "motion", given)  # simulation results have a motion
-    if not callable(given):
-        q = arguments.one(given, what, robot.nq, names=robot.coordinate_names)
+    source: Any = reference if callable(reference) else getattr(reference, "motion", reference)  # simulation results
+    if not callable(source):
+        q = arguments.one(source, what, robot.nq, names=robot.coordinate_names)
         q = np.array(arguments.finite(q, what, robot.nq))
         q.setflags(write=False)
         zero = np.zeros(robot.nv)
         return lambda _t: (q, zero, zero)
-    _require_one_argument(given, what)
+    _require_one_argument(source, what)
 
     def motion(t: float) -> tuple[Array, Array, Array]:
-        q, *rates = _three(given, what, t)
-        named, n, names = f"{what} at t = {printed(t)} s", robot.nv, robot.model.velocity_names
-        q = arguments.one(q, f"q of {named}", robot.nq, names=robot.coordinate_names)
-        dq, ddq = (
-            arguments.one(x, f"{d} of {named}", n, names=names) for d, x in zip(("dq", "ddq"), rates, strict=True)
-        )
+        q, dq, ddq = _three(source, what, t)
+        label, rate_names = f"{what} at t = {printed(t)} s", robot.model.velocity_names
+        q = arguments.one(q, f"q of {label}", robot.nq, names=robot.coordinate_names)
+        dq = arguments.one(dq, f"dq of {label}", robot.nv, names=rate_names)
+        ddq = arguments.one(ddq, f"ddq of {label}", robot.nv, names=rate_names)
         return q, dq, ddq
 
     motion(0.0)
     return motion
 
 
-def pose_motion(robot: Robot, given: Reference, frame: str | None, what: str) -> Motion:
+def pose_motion(robot: Robot, reference: Reference, frame: str | None, what: str) -> Motion:
     """T_d (4, 4), its body twist V_d and dV_d/dt (6,) at a time.
 
     From a pose, a function of time that returns all three, or a joint motion, which gives the motion of the frame.
     """
     name = robot.tip if frame is None else frame
-    if isinstance(given, Pose) and given.of != name:
+    if isinstance(reference, Pose) and reference.of != name:
         raise FrameError(
-            f"{what} is the pose of {given.of!r}, and {name!r} is controlled: pass frame={given.of!r}, or move it."
+            f"{what} is the pose of {reference.of!r}, and {name!r} is controlled: pass frame={reference.of!r}, or move it."
         )
-    if isinstance(given, Pose) and given.to in robot.model.frames and robot.model.frames[given.to].body != BASE:
+    if (
+        isinstance(reference, Pose)
+        and reference.to in robot.model.frames
+        and robot.model.frames[reference.to].body != BASE
+    ):
         raise FrameError(
-            f"{what} is a pose seen from {given.to!r}, which moves, and a reference is one seen from {{s}}: "
-            f"T_s{given.to} @ T, with Pose(robot.forward_kinematics(q, {given.to!r}), to='s', of={given.to!r})."
+            f"{what} is a pose seen from {reference.to!r}, which moves, and a reference is one seen from {{s}}: "
+            f"T_s{reference.to} @ T, with Pose(robot.forward_kinematics(q, {reference.to!r}), to='s', of={reference.to!r})."
         )
-    if not callable(given):
-        T = np.array(arguments.pose(arguments.finite(arguments.one(given, what, 4, 4), what), what), float)
+    if not callable(reference):
+        T = np.array(arguments.pose(arguments.finite(arguments.one(reference, what, 4, 4), what), what), float)
         T.setflags(write=False)
         zero = np.zeros(6)
         return lambda _t: (T, zero, zero)
-    _require_one_argument(given, what)
-    first = _three(given, what, 0.0)[0]
+    _require_one_argument(reference, what)
+    first = _three(reference, what, 0.0)[0]
     if np.ndim(first) == 1:
-        joints = joint_motion(robot, given, what)
+        joints = joint_motion(robot, reference, what)
 
-        def of_joints(t: float) -> tuple[Array, Array, Array]:
+        def frame_of_joints(t: float) -> tuple[Array, Array, Array]:
             q, dq, ddq = joints(t)
             V, dV = robot.frame_velocity(q, dq, frame), robot.frame_acceleration(q, dq, ddq, frame)
             return robot.forward_kinematics(q, frame), V, dV
 
-        return of_joints
+        return frame_of_joints
 
-    def of_pose(t: float) -> tuple[Array, Array, Array]:
-        T, V, dV = _three(given, what, t)
-        named = f"{what} at t = {printed(t)} s"
-        pose = arguments.pose(arguments.one(T, f"T of {named}", 4, 4), f"T of {named}")
-        return pose, arguments.one(V, f"V of {named}", 6), arguments.one(dV, f"dV of {named}", 6)
+    def motion(t: float) -> tuple[Array, Array, Array]:
+        T, V, dV = _three(reference, what, t)
+        label = f"{what} at t = {printed(t)} s"
+        pose = arguments.pose(arguments.one(T, f"T of {label}", 4, 4), f"T of {label}")
+        return pose, arguments.one(V, f"V of {label}", 6), arguments.one(dV, f"dV of {label}", 6)
 
-    of_pose(0.0)
-    return of_pose
+    motion(0.0)
+    return motion
 
 
 def _three(function: Callable[[float], Any], what: str, t: Any) -> tuple[Any, Any, Any]:
     """Values of the function at t [s]: three arrays."""
     t = arguments.number(t, "t")
-    found = function(t)
-    if not isinstance(found, tuple | list) or len(found) != 3:
-        given = f"an array of shape {np.shape(found)}" if isinstance(found, np.ndarray) else repr(found)[:60]
+    values = function(t)
+    if not isinstance(values, tuple | list) or len(values) != 3:
+        shown = f"an array of shape {np.shape(values)}" if isinstance(values, np.ndarray) else repr(values)[:60]
         raise ShapeError(
-            f"{what} gave {given} at t = {printed(t)} s. A motion gives three: position, velocity, acceleration, as a "
+            f"{what} gave {shown} at t = {printed(t)} s. A motion gives three: position, velocity, acceleration, as a "
             "Trajectory does; for a pose (T, V, dV), twists of the body."
         )
-    return found[0], found[1], found[2]
+    return values[0], values[1], values[2]
 
 
 def _require_one_argument(function: Any, what: str) -> None:
     if not callable(function) or isinstance(function, type):
         raise ValueRangeError(f"{what} is {arguments.value_text(function)}, and must be a function of the time.")
     try:
-        taken = signature(function)
+        parameters = signature(function)
     except (TypeError, ValueError):  # some C functions have no signature
         return
     try:
-        taken.bind(0.0)
+        parameters.bind(0.0)
     except TypeError as problem:
-        raise ValueRangeError(f"{what} is a function of {taken}, and is called with the time [s]: {problem}.") from None
+        raise ValueRangeError(
+            f"{what} is a function of {parameters}, and is called with the time [s]: {problem}."
+        ) from None
 
 
 # ── Argument validation of ``control``: robots, states and gains
 
-_SYMMETRIC = 1e-9
+_ROUNDING_SHARE = 1e-9
 
 
 def require_driven(robot: object, what: str) -> Robot:
     """Robot with a torque for every velocity; raises an error for others."""
-    found = require_robot(robot, what)
-    if names := multi_dof_joints(found.model):
+    checked = require_robot(robot, what)
+    if names := multi_dof_joints(checked.model):
         raise ValueRangeError(
-            f"{what} needs a torque for every velocity, and {', '.join(names)} of robot {found.name!r} is not a joint of "
+            f"{what} needs a torque for every velocity, and {', '.join(names)} of robot {checked.name!r} is not a joint of "
             "one degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
         )
-    return found
+    return checked
 
 
 def one_state(robot: Robot, what: str, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
@@ -181,20 +186,20 @@ def one_state(robot: Robot, what: str, q: ArrayLike, dq: ArrayLike) -> tuple[Arr
 
 def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = False) -> Array:
     """Gain as a positive matrix (n, n), n the number of names; from a scalar, a vector (n,) or a matrix."""
-    n, given = len(names), arguments.finite(K, what, names=names)
-    if given.shape not in ((), (n,), (n, n)):
+    n, values = len(names), arguments.finite(K, what, names=names)
+    if values.shape not in ((), (n,), (n, n)):
         raise ShapeError(
-            f"{what} has shape {given.shape}: give one number, {n} of them (for {', '.join(names)}), or a symmetric "
+            f"{what} has shape {values.shape}: give one number, {n} of them (for {', '.join(names)}), or a symmetric "
             f"matrix ({n}, {n})."
         )
-    full = np.array(given if given.ndim == 2 else given * np.eye(n), float)
+    full = np.array(values if values.ndim == 2 else values * np.eye(n), float)
     scale = float(np.abs(full).max(initial=0.0))
-    if np.abs(full - full.T).max(initial=0.0) > _SYMMETRIC * scale:
+    if np.abs(full - full.T).max(initial=0.0) > _ROUNDING_SHARE * scale:
         raise ValueRangeError(
             f"{what} is not symmetric, so it could feed energy in. Give a symmetric matrix ({n}, {n})."
         )
     least = float(np.linalg.eigvalsh(full).min(initial=np.inf))
-    if least < -_SYMMETRIC * scale or (definite and not least > 0.0):
+    if least < -_ROUNDING_SHARE * scale or (definite and not least > 0.0):
         wanted = "be above zero" if definite else "not be negative"
         raise ValueRangeError(
             f"{what} has the eigenvalue {printed(least, 4)}, and must {wanted}: a gain holds back, never pushes on."

@@ -39,12 +39,12 @@ if TYPE_CHECKING:
 
 BEGIN, BLOCK, HOUR = 2.0, 1.0, 3600.0
 """Time after the begin of a log that is left out, length of a block, and an hour [s]."""
-_FEWEST = 30
+_MIN_BLOCKS = 30
 """Least number of blocks."""
-_CELLS, _LEAST, _SURE = 9, 10.0, 3.0
+_CELLS, _MIN_INDEPENDENT_ROWS, _MIN_DEVIATIONS = 9, 10.0, 3.0
 """Number of cells, least number of independent rows in one, and deviations from which its mean is not noise."""
 _EULER = 0.5772156649
-_PUSHED = 3.0
+_MAX_NOISE_RATIO = 3.0
 """Largest noise of a block, in multiples of the noise threshold by the other blocks, above which something pushed."""
 _PASSED_WITHIN = 0.3
 """Time in which a push is to pass a threshold [s]."""
@@ -138,19 +138,17 @@ class ResidualThreshold(Answer):
     def texts(self) -> dict[str, list[str]]:
         """Threshold of each joint and its parts, with units."""
         units = units_of("tau", Coordinates.from_model(self.observer.robot.model).angular_velocity)
-        return {
-            name: [quantity(x, unit, 3) for x, unit in zip(values.tolist(), units, strict=True)]
-            for name, values in (("threshold", self.torques), ("noise", self.noise), ("model", self.model))
-        }
+        columns = {}
+        for name, values in (("threshold", self.torques), ("noise", self.noise), ("model", self.model)):
+            columns[name] = [quantity(x, unit, 3) for x, unit in zip(values.tolist(), units, strict=True)]
+        return columns
 
     @property
     def sentence(self) -> str:
         """Thresholds, and the smallest push that passes one."""
-        push = (
-            f"the smallest push at the tip that passes one is {self.brief}"
-            if np.isfinite(self.smallest_force)
-            else self.brief
-        )
+        push = self.brief
+        if np.isfinite(self.smallest_force):
+            push = f"the smallest push at the tip that passes one is {push}"
         return (
             f"thresholds for {number(self.per_hour, 3)} false alarm{'s' * (self.per_hour != 1.0)} an hour: "
             f"{listed(self.texts['threshold'], 7)}; {push}."
@@ -171,21 +169,21 @@ class ResidualThreshold(Answer):
         -------
         data : dict
         """
-        parts = {"torques": self.torques, "noise": self.noise, "model": self.model}
+        thresholds = {}
+        for joint, torque, noise, model in zip(self.joints, self.torques, self.noise, self.model, strict=True):
+            thresholds[joint] = {"torques": float(torque), "noise": float(noise), "model": float(model)}
         return super().to_dict() | {
-            "thresholds": {
-                joint: {name: float(x[j]) for name, x in parts.items()} for j, joint in enumerate(self.joints)
-            },
+            "thresholds": thresholds,
             "per_hour": self.per_hour,
             "smallest_force": self.smallest_force,
             "gain": self.observer.gain.tolist(),
         }
 
 
-def threshold_table(found: ResidualThreshold) -> Table:
+def threshold_table(result: ResidualThreshold) -> Table:
     """Table of the threshold of each joint with its parts."""
-    columns = [words(name, cells, fold=False) for name, cells in found.texts.items()]
-    return Table("Thresholds", words("joint", list(found.joints), fold=False), *columns)
+    columns = [words(name, cells, fold=False) for name, cells in result.texts.items()]
+    return Table("Thresholds", words("joint", list(result.joints), fold=False), *columns)
 
 
 def residual_threshold(observer: MomentumObserver, motion: Motion, per_hour: float) -> ResidualThreshold:
@@ -198,12 +196,15 @@ def residual_threshold(observer: MomentumObserver, motion: Motion, per_hour: flo
     block = ((motion.time[used] - motion.time[0] - BEGIN) / BLOCK).astype(int)
     if not used.any() or block[-1] < 2:
         raise ValueRangeError(
-            f"MomentumObserver.threshold: the log has {number(motion.duration, 3)} s. Give {number(BEGIN + _FEWEST)} s or more."
+            f"MomentumObserver.threshold: the log has {number(motion.duration, 3)} s. Give {number(BEGIN + _MIN_BLOCKS)} s or "
+            "more."
         )
     step = float(np.median(np.diff(motion.time)))
     mean = _cell_means(e[used], motion.dq[used], _single_positions(motion)[used], step, observer.gain)
     first = np.flatnonzero(np.diff(block, prepend=-1))
-    maxima = np.maximum.reduceat(np.abs(e[used] - mean), first)[: -1 if len(first) > _FEWEST else None]
+    maxima = np.maximum.reduceat(np.abs(e[used] - mean), first)
+    if len(maxima) > _MIN_BLOCKS:
+        maxima = maxima[:-1]  # the last block may be short
     share = wanted * BLOCK / HOUR / observer.robot.nv
     noise, model = gumbel_level(maxima, share), np.abs(mean).max(axis=0)
     doubts = tuple(_doubts(observer, motion, maxima, share))
@@ -220,11 +221,11 @@ def gumbel_level(maxima: Array, share: float) -> Array:
 
 def _single_positions(motion: Motion) -> Array:
     """(n, nv) positions of the coordinates that belong to one velocity, zero for others."""
-    found, model = np.zeros(motion.dq.shape), motion.robot.model
+    positions, model = np.zeros(motion.dq.shape), motion.robot.model
     for body in model.leaders:
         if body.joint.nv == body.joint.nq == 1:
-            found[:, body.places[1]] = motion.q[:, body.places[0]]
-    return found
+            positions[:, body.places[1]] = motion.q[:, body.places[0]]
+    return positions
 
 
 def _cell_means(e: Array, dq: Array, q: Array, step: float, gain: Array) -> Array:
@@ -232,7 +233,7 @@ def _cell_means(e: Array, dq: Array, q: Array, step: float, gain: Array) -> Arra
 
     Residuals are alike for a time constant 1/K, so that a cell of n rows has n K h/2 independent ones.
     """
-    found = np.zeros_like(e)
+    means = np.zeros_like(e)
     for j in range(e.shape[1]):
         edges = np.quantile(q[:, j], [1.0 / 3.0, 2.0 / 3.0])
         cell = 3 * (np.sign(dq[:, j]) + 1.0).astype(int) + np.searchsorted(edges, q[:, j])
@@ -240,20 +241,20 @@ def _cell_means(e: Array, dq: Array, q: Array, step: float, gain: Array) -> Arra
         mean = np.bincount(cell, e[:, j], minlength=_CELLS) / count
         variance = np.bincount(cell, e[:, j] ** 2, minlength=_CELLS) / count - mean**2
         independent = np.maximum(count * min(1.0, 0.5 * gain[j] * step), 1.0)
-        sure = np.abs(mean) > _SURE * np.sqrt(np.maximum(variance, 0.0) / independent)
-        found[:, j] = np.where(sure & (independent >= _LEAST), mean, 0.0)[cell]
-    return found
+        significant = np.abs(mean) > _MIN_DEVIATIONS * np.sqrt(np.maximum(variance, 0.0) / independent)
+        means[:, j] = np.where(significant & (independent >= _MIN_INDEPENDENT_ROWS), mean, 0.0)[cell]
+    return means
 
 
 def _doubts(observer: MomentumObserver, motion: Motion, maxima: Array, share: float) -> Iterator[Doubt]:
     """Too few blocks, a contradictory log, and blocks in which something pushed."""
-    if len(maxima) < _FEWEST:
-        yield doubt("residual-short", blocks=len(maxima), least=_FEWEST)
+    if len(maxima) < _MIN_BLOCKS:
+        yield doubt("residual-short", blocks=len(maxima), least=_MIN_BLOCKS)
     yield from (one for one in motion.doubts if one.refuses)
     quiet = np.sort(maxima, axis=0)[: max(2, round(0.9 * len(maxima)))]
     ratio = maxima / np.maximum(gumbel_level(quiet, share), 1e-300)
     block, joint = np.unravel_index(int(ratio.argmax()), ratio.shape)
-    if ratio[block, joint] > _PUSHED:
+    if ratio[block, joint] > _MAX_NOISE_RATIO:
         yield doubt(
             "residual-pushed", [observer.robot.model.velocity_names[joint]],
             when=number(float(motion.time[0]) + BEGIN + BLOCK * int(block), 4), times=number(float(ratio[block, joint]), 2),

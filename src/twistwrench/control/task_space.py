@@ -38,27 +38,27 @@ if TYPE_CHECKING:
 KINDS = ("world_aligned", "body")
 
 
-def in_body(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
+def body_errors(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
     """Pose error X_e, twist error V_e and feedforward of the frame {b} at T, in {b}; (6,) each. MR section 11.4.3.
 
     [X_e] = log(X⁻¹ X_d), V_e = [Ad_X⁻¹X_d] V_d - V_b; the feedforward is d/dt ([Ad_X⁻¹X_d] V_d).
     """
     T_bd = se3.inverse(T) @ T_d
     R, p = T_bd[:3, :3], T_bd[:3, 3]
-    V_bd, dV_bd = _carried(R, p, V_d), _carried(R, p, dV_d)
-    turned = np.concatenate([so3.cross(V[:3], V_bd[:3]), so3.cross(V[3:], V_bd[:3]) + so3.cross(V[:3], V_bd[3:])])
-    return se3.log(T_bd), V_bd - V, dV_bd - turned
+    V_bd, dV_bd = _transform_twist(R, p, V_d), _transform_twist(R, p, dV_d)
+    bracket = np.concatenate([so3.cross(V[:3], V_bd[:3]), so3.cross(V[3:], V_bd[:3]) + so3.cross(V[:3], V_bd[3:])])
+    return se3.log(T_bd), V_bd - V, dV_bd - bracket
 
 
-def in_world(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
+def world_errors(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
     """Errors and feedforward, rotation and translation separate, in axes of {s}: log(R_d R'), p_d - p. MR section 11.3.3."""
     R_d, w_d = T_d[:3, :3], V_d[:3]
     X_e = np.concatenate([so3.log(R_d @ T[:3, :3].T), T_d[:3, 3] - T[:3, 3]])
-    moved = np.concatenate([R_d @ w_d, R_d @ V_d[3:]])
-    return X_e, moved - V, np.concatenate([R_d @ dV_d[:3], R_d @ (dV_d[3:] + so3.cross(w_d, V_d[3:]))])
+    V_s = np.concatenate([R_d @ w_d, R_d @ V_d[3:]])
+    return X_e, V_s - V, np.concatenate([R_d @ dV_d[:3], R_d @ (dV_d[3:] + so3.cross(w_d, V_d[3:]))])
 
 
-def _carried(R: Array, p: Array, V: Array) -> Array:
+def _transform_twist(R: Array, p: Array, V: Array) -> Array:
     """Product [Ad_T] V without validation of T, a product of two validated poses."""
     w = R @ V[:3]
     return np.concatenate([w, R @ V[3:] + so3.cross(p, w)])
@@ -155,7 +155,7 @@ class TaskLaw:
         robot, rows = self.robot, list(self._rows)
         q, dq = one_state(robot, type(self).__name__, q, dq)
         T, J = robot.forward_kinematics(q, self.frame), robot.jacobian(q, self.frame, self.kind)
-        errors = (in_body if self.kind == "body" else in_world)(T, J @ dq, *self._motion(t))
+        errors = (body_errors if self.kind == "body" else world_errors)(T, J @ dq, *self._motion(t))
         drift = robot.jacobian_rate(q, dq, self.frame, self.kind) @ dq
         Lambda = robot.task_inertia(q, self.frame, self.kind, self._rows)
         X_e, V_e, forward = (x[rows] for x in errors)

@@ -23,7 +23,7 @@ from ..core.numbers import number
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import regressor
 from ..motion.log_table import slices
-from ..robot.engine import compiled
+from ..robot.engine import compile_form
 from .parameters import BaseParameters, speed_owner
 
 STATE_RATE, ROW_RATE = 20.0, 2.5
@@ -252,11 +252,11 @@ class BaseColumns:
                 return regressor(model, q, dq, ddq)[rows, columns]
 
             inputs = [("q", (model.nq,)), ("dq", (model.nv,)), ("ddq", (model.nv,))]
-            return compiled(
+            return compile_form(
                 trace(entries, inputs, ["entries"]), "base_columns", f"Columns of the groups of {model.name}."
             )
 
-        return unknown.robot.engine.cached(("base columns", tuple(pairs)), build)
+        return unknown.robot.engine.cache(("base columns", tuple(pairs)), build)
 
 
 # ── Filtered rows of logs

@@ -30,7 +30,7 @@ from ..mechanics.joints.units import units_of
 from ..mechanics.lie.adjoint import Ad, ad
 from ..mechanics.model.model import BASE
 from ..robot import Robot
-from ..robot.arguments import Wrenches, by_frame, finite_states
+from ..robot.arguments import Wrenches, finite_states, sum_by_frame
 
 if TYPE_CHECKING:
     from ..core.answers.blocks import Block, Table
@@ -165,7 +165,7 @@ def newton_euler(
         dV[i] = Ad_ip @ dV_p + ad(V[i]) @ Adq[i] + Addq[i]  # (8.52)
         G = model.bodies[i].inertia.matrix
         F[i] = G @ dV[i] - ad(V[i]).T @ (G @ V[i])  # (8.53), the body's own part
-    for i, F_by in applied_wrenches(model, by_frame(model, (q, dq, ddq), wrench_by_robot, wrench_on_robot)):
+    for i, F_by in applied_wrenches(model, sum_by_frame(model, (q, dq, ddq), wrench_by_robot, wrench_on_robot)):
         F[i] += F_by
     for i, p in inward(model):
         if p != BASE:

@@ -26,6 +26,8 @@ Wrenches: TypeAlias = "Mapping[str, ArrayLike | Wrench]"
 CONFIGURATIONS = ("q", "q0", "q1")
 """Inputs that are configurations; derivatives with respect to them are along :meth:`twistwrench.Robot.add`."""
 
+_MAX_LISTED_ENTRIES = 12
+
 
 def is_symbolic(arrays: Sequence[Any]) -> bool:
     """True if any of the arrays holds symbols of a trace."""
@@ -33,12 +35,14 @@ def is_symbolic(arrays: Sequence[Any]) -> bool:
         return False
     from ..compiler.ir.expr import Expr
 
-    return any(
-        isinstance(x, Expr)
-        or (isinstance(x, np.ndarray) and x.dtype == object and any(isinstance(e, Expr) for e in x.flat))
-        or (isinstance(x, list | tuple) and is_symbolic(x))
-        for x in arrays
-    )
+    for x in arrays:
+        if isinstance(x, Expr):
+            return True
+        if isinstance(x, np.ndarray) and x.dtype == object and any(isinstance(e, Expr) for e in x.flat):
+            return True
+        if isinstance(x, list | tuple) and is_symbolic(x):
+            return True
+    return False
 
 
 def names_of(model: Model, label: str) -> tuple[str, ...]:
@@ -53,23 +57,24 @@ def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple
     from . import programs as quantity_programs
     from .programs import checked_options
 
-    wanted = quantity_programs.inputs_of(model, name, checked_options(model, name, options))
-    return [("wrench" if label.startswith("wrench at ") else label, core) for label, core in wanted]
+    ports = quantity_programs.inputs_of(model, name, checked_options(model, name, options))
+    return [("wrench" if label.startswith("wrench at ") else label, core) for label, core in ports]
 
 
 def to_numbers(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
     """Arrays of a quantity as NumPy or Dask arrays; table columns in the robot's order."""
     from .quantities import QUANTITIES
 
-    labels, found = QUANTITIES[name].inputs, []
+    labels, converted = QUANTITIES[name].inputs, []
     for k, array in enumerate(arrays):
-        label, names = labels[k] if k < len(labels) else f"input {k + 1}", None
+        label = labels[k] if k < len(labels) else f"input {k + 1}"
+        columns: tuple[str, ...] = ()
         if is_table(array):
-            wanted = inputs_of(model, name, options)
-            label = wanted[k][0] if k < len(wanted) else label
-            names = names_of(model, label)
-        found.append(arguments.to_numbers(array, f"{name}: {label}", names or ()))
-    return tuple(found)
+            ports = inputs_of(model, name, options)
+            label = ports[k][0] if k < len(ports) else label
+            columns = names_of(model, label)
+        converted.append(arguments.to_numbers(array, f"{name}: {label}", columns))
+    return tuple(converted)
 
 
 def states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
@@ -79,26 +84,26 @@ def states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
 
 def finite_states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
     """Finite state arrays with the right last axis and batch shapes that broadcast."""
-    found = [
-        arguments.finite(array, f"{name}: {x}", model.nq if x in CONFIGURATIONS else model.nv, names=names_of(model, x))
-        for x, array in arrays.items()
-    ]
+    checked = {}
+    for label, array in arrays.items():
+        size = model.nq if label in CONFIGURATIONS else model.nv
+        checked[label] = arguments.finite(array, f"{name}: {label}", size, names=names_of(model, label))
     try:
-        np.broadcast_shapes(*(array.shape[:-1] for array in found))
+        np.broadcast_shapes(*(array.shape[:-1] for array in checked.values()))
     except ValueError:
-        raise arguments.mismatch(**dict(zip(arrays, found, strict=True))) from None
-    return found
+        raise arguments.mismatch(**checked) from None
+    return list(checked.values())
 
 
 def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLike) -> list[Array]:
     """Arrays of float64, or float32 if given so; table columns ordered by ``names``, Dask arrays unchanged."""
-    found = []
-    for label, given in arrays.items():
-        array = arguments.to_numbers(given, f"{name}: {label}", names.get(label, ()))
+    reals = []
+    for label, value in arrays.items():
+        array = arguments.to_numbers(value, f"{name}: {label}", names.get(label, ()))
         if not np.can_cast(array.dtype, float):
             raise _not_real(name, label, array)
-        found.append(array if array.dtype == np.float32 else array.astype(float))
-    return found
+        reals.append(array if array.dtype == np.float32 else array.astype(float))
+    return reals
 
 
 def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> ShapeError | None:
@@ -108,13 +113,11 @@ def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str,
         if not np.can_cast(a.dtype, float):
             return _not_real(name, label, a)
         if a.ndim < 1 or a.shape[-1:] != core:
-            names = model.coordinate_names if label == "q" else model.joint_names
-            which = f" (one per entry of {', '.join(names)})" if label != "wrench" and core[0] <= 12 else ""
-            what = "(m, f), angular part first" if label == "wrench" else f"{core[0]} in the last axis{which}"
-            return ShapeError(f"{name}: {label} has shape {a.shape}, but robot {model.name!r} wants {what}.")
+            entries = _entries_text(model, label, core[0])
+            return ShapeError(f"{name}: {label} has shape {a.shape}, but robot {model.name!r} wants {entries}.")
         batches.append((label, a.shape[:-1]))
     try:
-        np.broadcast_shapes(*(b for _, b in batches))
+        np.broadcast_shapes(*(shape for _, shape in batches))
     except ValueError:
         listed = ", ".join(f"{label} {shape}" for label, shape in batches)
         return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
@@ -127,17 +130,28 @@ def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str,
     return None
 
 
-def _not_real(name: str, label: str, given: Any) -> ShapeError:
+def _entries_text(model: Model, label: str, count: int) -> str:
+    """Entries that an input has in its last axis, as text."""
+    if label == "wrench":
+        return "(m, f), angular part first"
+    names = model.coordinate_names if label == "q" else model.joint_names
+    listed = f" (one per entry of {', '.join(names)})" if count <= _MAX_LISTED_ENTRIES else ""
+    return f"{count} in the last axis{listed}"
+
+
+def _not_real(name: str, label: str, array: Any) -> ShapeError:
     """Error for values that float32 or float64 cannot represent, or not exactly."""
-    dtype = given.dtype
+    dtype = array.dtype
     if dtype.kind == "f":
-        what = f"is of {dtype.name}, and kernels compute in float32 or float64. Say that it may be rounded: "
-        return ShapeError(f"{name}: {label} {what}np.asarray({label}, float).")
+        return ShapeError(
+            f"{name}: {label} is of {dtype.name}, and kernels compute in float32 or float64. Say that it may be rounded: "
+            f"np.asarray({label}, float)."
+        )
     hint = " If all of them are real numbers, np.asarray(…, float) makes one." if dtype.kind == "O" else ""
-    if is_symbolic((given,)):
+    if is_symbolic((array,)):
         hint = f" Symbols go through the methods of robot.kernel's quantities; {name} takes numbers only."
     return ShapeError(
-        f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(given)[:60]!r}.{hint}"
+        f"{name}: {label} is not an array of real numbers but of {dtype.name}: {str(array)[:60]!r}.{hint}"
     )
 
 
@@ -150,7 +164,7 @@ def check_mapping(wrenches: Any) -> None:
         raise ShapeError("wrenches are a dict {frame: (m, f)}, since a wrench needs its frame.")
 
 
-def unlabelled(F: Wrench, frame: str) -> Array:
+def values_at(F: Wrench, frame: str) -> Array:
     """Numbers of a labelled wrench; raises FrameError if its label names a frame other than ``frame``."""
     if F.frame != frame:
         raise FrameError(
@@ -177,16 +191,17 @@ def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
 
     model.frame(frame)
     frame = str(frame)
-    F = unlabelled(F, frame) if isinstance(F, Wrench) else F
-    given = arguments.to_numbers(F, f"the wrench at {frame!r}")
-    array = numbers("wrench", {}, **{f"the one at {frame!r}": given})[0]
+    F = values_at(F, frame) if isinstance(F, Wrench) else F
+    components = arguments.to_numbers(F, f"the wrench at {frame!r}")
+    array = numbers("wrench", {}, **{f"the one at {frame!r}": components})[0]
     if array.shape[-1:] != (6,):
         raise ShapeError(f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first.")
-    small = np.can_cast(given.dtype, np.float32)  # as in kernels: float16 does not promote results to double
-    return array.astype(np.float32, copy=False) if small else array
+    if np.can_cast(components.dtype, np.float32):  # as in kernels: float16 does not promote results to double
+        return array.astype(np.float32, copy=False)
+    return array
 
 
-def by_frame(
+def sum_by_frame(
     model: Model, arrays: Sequence[ArrayLike], by_robot: Wrenches | None, on_robot: Wrenches | None
 ) -> dict[str, Array]:
     """F_by - F_on of each named frame, frames in alphabetical order; ``arrays``: the other inputs of the call."""
@@ -194,15 +209,17 @@ def by_frame(
     for sign, wrenches in ((1.0, by_robot), (-1.0, on_robot)):
         check_mapping(wrenches)
         for frame, F in (wrenches or {}).items():
-            mine = sign * wrench_at(model, frame, F)
+            signed = sign * wrench_at(model, frame, F)
             try:
-                total[frame] = total[frame] + mine if frame in total else mine
+                total[frame] = total[frame] + signed if frame in total else signed
             except ValueError:
                 raise ShapeError(
                     f"the wrenches by and on the robot at {frame!r} have batch shapes that do not broadcast: "
-                    f"{total[frame].shape[:-1]} and {mine.shape[:-1]}."
+                    f"{total[frame].shape[:-1]} and {signed.shape[:-1]}."
                 ) from None
     if total and all(getattr(a, "dtype", None) == np.float32 for a in arrays):  # lists do not promote float32 to double
-        given = {**(by_robot or {}), **(on_robot or {})}
-        total = {f: F if hasattr(given[f], "dtype") else F.astype(np.float32) for f, F in total.items()}
+        arguments_by_frame = {**(by_robot or {}), **(on_robot or {})}
+        for frame, F in total.items():
+            if not hasattr(arguments_by_frame[frame], "dtype"):
+                total[frame] = F.astype(np.float32)
     return {frame: total[frame] for frame in sorted(total)}  # sorted: one kernel for any order of arguments

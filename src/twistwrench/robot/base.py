@@ -292,7 +292,8 @@ class RobotBase:
         from ..mechanics.model import assembly as configuration
 
         try:
-            shape = tuple(operator.index(n) for n in (size if isinstance(size, tuple | list) else (size,)))
+            sizes = size if isinstance(size, tuple | list) else (size,)
+            shape = tuple(operator.index(n) for n in sizes)
             generator = np.random.default_rng(rng)
         except (TypeError, ValueError):
             raise ValueRangeError(

@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from .doors import ConstrainedRobot
     from .robot import Robot
 
-CLOSED = 1e-12
+MAX_CLOSED_GAP = 1e-12
 """rad, and fraction of the robot's length: loops with a smaller gap count as closed; positions round at about 1e-15."""
-NEAR = 0.5
+MAX_NEAR_DISPLACEMENT = 0.5
 """Largest displacement (rad and m) at which a closed configuration still counts as near."""
 
 
-def _of_parts(motion: Array, force: Array) -> MotionForceSplit:
+def _make_split(motion: Array, force: Array) -> MotionForceSplit:
     from ..mechanics.algorithms.constraints import MotionForceSplit
 
     return MotionForceSplit(motion, force)
@@ -61,9 +61,12 @@ class ConstraintMethods(RobotBase):
             return super().__repr__()
         from ..mechanics.lie.labelled import TWIST
 
-        held = ", ".join(f"{c.name} {' '.join(TWIST[k] for k in c.rows)}" for c in self.constraints)
+        names = []
+        for c in self.constraints:
+            rows = " ".join(TWIST[k] for k in c.rows)
+            names.append(f"{c.name} {rows}")
         free = self.nv - len(self.independent)
-        return f"<Robot {self.name!r}: {held}; {free} degree{'s' * (free != 1)} of freedom>"
+        return f"<Robot {self.name!r}: {', '.join(names)}; {free} degree{'s' * (free != 1)} of freedom>"
 
     def __getstate__(self) -> Any:
         if self._tree is None:
@@ -176,15 +179,15 @@ class ConstraintMethods(RobotBase):
         tree, constraints = self.open(), (*self.constraints, new)
         sizes, spans = row_sizes(cast("ConstrainedRobot", self), new)
 
-        def on_rows(rows: tuple[int, ...]) -> ConstrainedRobot:
-            found = cast("ConstrainedRobot", type(self).__new__(type(self)))
-            found._constrain(tree, constraints, sizes, spans, rows)
-            return found
+        def constrained_robot(rows: tuple[int, ...]) -> ConstrainedRobot:
+            robot = cast("ConstrainedRobot", type(self).__new__(type(self)))
+            robot._constrain(tree, constraints, sizes, spans, rows)
+            return robot
 
-        closed = on_rows(tuple(range(len(sizes))))
+        closed = constrained_robot(tuple(range(len(sizes))))
         q = some_configurations(closed, near)
         require_angle(closed, q)
-        closed = on_rows(independent_rows(closed.constraint_jacobian(q), tree.mass_matrix(q), sizes))
+        closed = constrained_robot(independent_rows(closed.constraint_jacobian(q), tree.mass_matrix(q), sizes))
         if redundant == "error" and set(closed.redundant_rows) - set(self.redundant_rows):
             refuse_redundant(closed)
         return closed
@@ -215,10 +218,10 @@ class ConstraintMethods(RobotBase):
         from .constraints.closures import LoopClosureSolver
 
         key = ("searched loops", self.constraints, self.independent)
-        found: LoopClosureSolver = self.open().engine.cached(
+        solver: LoopClosureSolver = self.open().engine.cache(
             key, lambda: LoopClosureSolver(cast("ConstrainedRobot", self))
         )
-        return found
+        return solver
 
     # ── A, its rank, and projections ──
 
@@ -281,7 +284,7 @@ class ConstraintMethods(RobotBase):
         (q,) = finite_states(self.model, "projector", q=q)
         return self._projector(q)[1].projector.astype(q.dtype, copy=False)
 
-    @third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,)] * 2, _of_parts)
+    @third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,)] * 2, _make_split)
     def split(self, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
         """Torques split into those that move the robot, Pτ, and those that the constraints bear.
 
@@ -292,7 +295,7 @@ class ConstraintMethods(RobotBase):
         q, tau = finite_states(self.model, "split", q=q, tau=tau)
         P = self._projector(q)[1].projector
         motion = (P @ tau[..., None])[..., 0].astype(np.result_type(q, tau), copy=False)
-        return _of_parts(motion, tau - motion)
+        return _make_split(motion, tau - motion)
 
     @third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,)])
     def project_velocity(self, q: ArrayLike, dq: ArrayLike) -> Array:
@@ -343,12 +346,12 @@ class ConstraintMethods(RobotBase):
         from ..mechanics.algorithms.constraints import names
 
         lam = arguments.finite(lam, "lam", len(self.sizes))
-        found, first = {}, 0
+        wrenches, first = {}, 0
         for name, c in zip(names(self.constraints), self.constraints, strict=True):
-            found[name] = np.zeros((*lam.shape[:-1], 6))
-            found[name][..., list(c.rows)] = lam[..., first : first + len(c.rows)]
+            wrenches[name] = np.zeros((*lam.shape[:-1], 6))
+            wrenches[name][..., list(c.rows)] = lam[..., first : first + len(c.rows)]
             first += len(c.rows)
-        return found
+        return wrenches
 
     # ── positions ──
 
@@ -364,7 +367,9 @@ class ConstraintMethods(RobotBase):
         return self.gaps(q).astype(q.dtype, copy=False)
 
     @third_party.lazy_by_blocks(lambda closed, _: [(closed.nq,)])
-    def consistent(self, q: ArrayLike, tolerance: float = CLOSED, *, within: float = NEAR) -> Array:
+    def consistent(
+        self, q: ArrayLike, tolerance: float = MAX_CLOSED_GAP, *, within: float = MAX_NEAR_DISPLACEMENT
+    ) -> Array:
         """Configuration near q at which the loops are closed, to ``tolerance``.
 
         Each step is minimal in the kinetic metric. If loops are far open, the steps add up:
@@ -392,19 +397,19 @@ class ConstraintMethods(RobotBase):
         (q,) = finite_states(self.model, "consistent", q=q)
         if not arguments.number(tolerance, "tolerance") > 0:
             raise ValueRangeError(
-                f"tolerance={printed(tolerance)} is not allowed: a positive number, such as {printed(CLOSED)}."
+                f"tolerance={printed(tolerance)} is not allowed: a positive number, such as {printed(MAX_CLOSED_GAP)}."
             )
         if not arguments.number(within, "within") >= 0:
             raise ValueRangeError(
-                f"within={printed(within)} is not allowed: rad or m, 0 or more, such as {printed(NEAR)}."
+                f"within={printed(within)} is not allowed: rad or m, 0 or more, such as {printed(MAX_NEAR_DISPLACEMENT)}."
             )
-        from .constraints.tolerances import require_found, warn_of_far
+        from .constraints.tolerances import require_closed, warn_of_far
 
-        flat, left = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
-        require_found(cast("ConstrainedRobot", self), left, tolerance, q.shape[:-1])
-        found = flat.reshape(q.shape).astype(q.dtype, copy=False)
-        warn_of_far(self.open(), q, found, within)
-        return found
+        rows, gaps = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
+        require_closed(cast("ConstrainedRobot", self), gaps, tolerance, q.shape[:-1])
+        closed_q = rows.reshape(q.shape).astype(q.dtype, copy=False)
+        warn_of_far(self.open(), q, closed_q, within)
+        return closed_q
 
     def settled(self, starts: Array, tolerance: float) -> tuple[Array, Array]:
         """Configurations near starts and the remaining gaps: :meth:`consistent` without checks.

@@ -620,12 +620,15 @@ class ExportMethods(ConstraintMethods):
 
     def _requests(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
         """Quantities with their options, including the constraints."""
-        from .export.request import named
+        from .export.request import name_option_pairs
         from .programs import options_of
 
-        given = {"constraints": self._independent_constraints} if self.constraints else {}
-        wanted = named(quantities)
-        return [(name, {**(given if "constraints" in options_of(name) else {}), **options}) for name, options in wanted]
+        pairs = []
+        for name, options in name_option_pairs(quantities):
+            if self.constraints and "constraints" in options_of(name):
+                options = {"constraints": self._independent_constraints, **options}
+            pairs.append((name, dict(options)))
+        return pairs
 
 
 complete(globals())

@@ -83,11 +83,11 @@ def rates_from(
     """Velocities and accelerations (those given) in this library."""
     if dq is None:
         return
-    back = np.linalg.pinv(P)
-    found = back @ arguments.one(dq, f"{caller}: dq", len(P))
-    yield found
+    P_inverse = np.linalg.pinv(P)
+    own_dq = P_inverse @ arguments.one(dq, f"{caller}: dq", len(P))
+    yield own_dq
     if ddq is not None:
-        yield back @ arguments.one(ddq, f"{caller}: ddq", len(P)) - turning(robot, found)
+        yield P_inverse @ arguments.one(ddq, f"{caller}: ddq", len(P)) - turning(robot, own_dq)
 
 
 # ── MuJoCo
@@ -111,8 +111,8 @@ def to_mujoco(
     q = arguments.one(q, "to_mujoco: q", robot.nq, names=robot.coordinate_names)
     theirs = np.zeros(model.nq)
     for body, joint in _joints(robot, model):
-        mine = body.joint.to_mujoco(positions(body, q))
-        theirs[int(joint.qposadr[0]) :][: len(mine)] = mine
+        coordinates = body.joint.to_mujoco(positions(body, q))
+        theirs[int(joint.qposadr[0]) :][: len(coordinates)] = coordinates
     return theirs, *rates_to(robot, mujoco_rates(robot, model, q), "to_mujoco", dq, ddq, turning=_turning)
 
 
@@ -161,9 +161,9 @@ def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
     q = arguments.one(q, "mujoco_rates: q", robot.nq, names=robot.coordinate_names)
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _joints(robot, model):
-        turn = body.joint.mujoco_rates(q[..., body.places[0]])
+        block = body.joint.mujoco_rates(q[..., body.places[0]])
         start = int(joint.dofadr[0])
-        P[start : start + body.joint.nv, body.places[1]] = body.ratio * turn
+        P[start : start + body.joint.nv, body.places[1]] = body.ratio * block
     return P
 
 
@@ -193,8 +193,10 @@ def _name(model: Any, i: int) -> str:
     if model.joint(i).name:
         return str(model.joint(i).name)
     b = int(model.jnt_bodyid[i])
-    place = str(i - int(model.body_jntadr[b])) if model.body_jntnum[b] > 1 else ""
-    return f"{model.body(b).name or f'body{b}'}.{('free', 'ball', 'slide', 'hinge')[int(model.jnt_type[i])]}{place}"
+    body = model.body(b).name or f"body{b}"
+    kind = ("free", "ball", "slide", "hinge")[int(model.jnt_type[i])]
+    number = str(i - int(model.body_jntadr[b])) if model.body_jntnum[b] > 1 else ""
+    return f"{body}.{kind}{number}"
 
 
 # ── Pinocchio
@@ -215,17 +217,16 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
     q = arguments.real(q, "to_pinocchio: q", robot.nq, names=robot.coordinate_names).astype(float)
     theirs = np.zeros((*q.shape[:-1], model.nq))
     for body, joint in _joints_of_pinocchio_order(robot, model):
-        mine = positions(body, q)
+        x = positions(body, q)
         if body.joint.quaternion is not None:
-            mine = body.joint.to_pinocchio(mine)
+            x = body.joint.to_pinocchio(x)
         elif joint.nq > joint.nv:  # planar and unbounded joints: the angle is last, as its cosine and sine
-            mine = np.concatenate([mine[..., :-1], np.cos(mine[..., -1:]), np.sin(mine[..., -1:])], axis=-1)
-        theirs[..., joint.idx_q : joint.idx_q + joint.nq] = mine
+            x = np.concatenate([x[..., :-1], np.cos(x[..., -1:]), np.sin(x[..., -1:])], axis=-1)
+        theirs[..., joint.idx_q : joint.idx_q + joint.nq] = x
     P = pinocchio_rates(robot, model)
     names = robot.velocity_names
-    return theirs, *(
-        arguments.real(x, "to_pinocchio: a rate", robot.nv, names=names).astype(float) @ P.T for x in rates
-    )
+    own_rates = [arguments.real(x, "to_pinocchio: a rate", robot.nv, names=names).astype(float) for x in rates]
+    return theirs, *(rate @ P.T for rate in own_rates)
 
 
 def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
@@ -275,8 +276,8 @@ def pinocchio_rates(robot: Robot, model: Any) -> Array:
     require_pair(robot, model, "Pinocchio")
     P = np.zeros((model.nv, robot.nv))
     for body, joint in _joints_of_pinocchio_order(robot, model):
-        turn = np.eye(joint.nv)[list(body.joint.pinocchio_order)]
-        P[joint.idx_v : joint.idx_v + joint.nv, body.places[1]] = body.ratio * turn
+        block = np.eye(joint.nv)[list(body.joint.pinocchio_order)]
+        P[joint.idx_v : joint.idx_v + joint.nv, body.places[1]] = body.ratio * block
     return P
 
 
@@ -371,13 +372,15 @@ def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
     """
     x = arguments.plain(rows, "swap_halves: rows")
     allowed = range(-min(x.ndim, 2), 0) if axis is None else (axis,)
-    found = [k for k in allowed if -x.ndim <= k < x.ndim and x.shape[k] == 6]
-    if len(found) != 1:
-        several = "both of the last two axes are 6 long: pass axis=-1 for twists, axis=-2 for a Jacobian"
+    axes = [k for k in allowed if -x.ndim <= k < x.ndim and x.shape[k] == 6]
+    if not axes:
+        raise ShapeError(f"swap_halves: rows has shape {x.shape}, and no axis of 6 where they are wanted.")
+    if len(axes) > 1:
         raise ShapeError(
-            f"swap_halves: rows has shape {x.shape}, and {several if found else 'no axis of 6 where they are wanted'}."
+            f"swap_halves: rows has shape {x.shape}, and both of the last two axes are 6 long: pass axis=-1 for twists, "
+            "axis=-2 for a Jacobian."
         )
-    return np.roll(x, 3, axis=found[0])
+    return np.roll(x, 3, axis=axes[0])
 
 
 complete(globals())

@@ -61,8 +61,8 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         [[-29.43, -9.81], [-9.81, -9.81]]
         """
         how = {} if actuated is None else {"actuated": self._motors(actuated)}
-        given = q, dq, ddq
-        return self._with_wrenches("inverse_dynamics_derivatives", given, wrench_by_robot, wrench_on_robot, out, **how)
+        arrays = q, dq, ddq
+        return self._with_wrenches("inverse_dynamics_derivatives", arrays, wrench_by_robot, wrench_on_robot, out, **how)
 
     def forward_dynamics_derivatives(
         self,
@@ -93,8 +93,8 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         SingularMassMatrixError
             A joint moves no inertia, so that M has no inverse.
         """
-        given = q, dq, tau
-        return self._with_wrenches("forward_dynamics_derivatives", given, wrench_by_robot, wrench_on_robot, out)
+        arrays = q, dq, tau
+        return self._with_wrenches("forward_dynamics_derivatives", arrays, wrench_by_robot, wrench_on_robot, out)
 
     def inverse_dynamics_gradient(
         self,
@@ -129,8 +129,8 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         [-39.24, -19.62]
         """
         how = {"by": ("q", "dq", "ddq"), "form": "weighted"}
-        given = (q, dq, ddq, weights)
-        return self._with_wrenches("inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how)
+        arrays = (q, dq, ddq, weights)
+        return self._with_wrenches("inverse_dynamics", arrays, wrench_by_robot, wrench_on_robot, out, **how)
 
     def inverse_dynamics_hessian_product(
         self,
@@ -168,8 +168,8 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         [-29.43, -9.81]
         """
         how = {"by": ("q", "dq", "ddq"), "form": "hessian_along"}
-        given = (q, dq, ddq, weights, along_q, along_dq, along_ddq)
-        return self._with_wrenches("inverse_dynamics", given, wrench_by_robot, wrench_on_robot, out, **how)
+        arrays = (q, dq, ddq, weights, along_q, along_dq, along_ddq)
+        return self._with_wrenches("inverse_dynamics", arrays, wrench_by_robot, wrench_on_robot, out, **how)
 
     def jacobian_derivative(
         self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None

@@ -5,8 +5,9 @@ from __future__ import annotations
 import inspect
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, chain, islice
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from ..core.errors import KernelError, ShapeError, TwistWrenchError, UnknownName
 from ..core.typing import Array
 from ..mechanics.algorithms.kinematics import brackets, moving_parts
 from ..mechanics.model.model import Model
-from .engine import compiled
+from .engine import compile_form, ports_text
 from .quantities import Shape
 from .robot import Robot
 
@@ -43,7 +44,11 @@ class Derivative:
     @classmethod
     def from_inputs(cls, what: str, inputs: Sequence[str], by: Any, form: Any, mode: Any, values: Any) -> Derivative:
         """From names of ``inputs``; raises UnknownNameError and KernelError. ``what`` is the function's name."""
-        names = (by,) if isinstance(by, str) else tuple(by) if isinstance(by, Sequence) else ()
+        names: tuple[Any, ...] = ()
+        if isinstance(by, str):
+            names = (by,)
+        elif isinstance(by, Sequence):
+            names = tuple(by)
         if not names:
             raise KernelError(f"{what}: by={by!r} names no input. Name one or several of {', '.join(inputs)}.")
         for name in names:
@@ -51,9 +56,9 @@ class Derivative:
                 raise UnknownNameError.from_choices(f"input of {what}", name, inputs)
         if len(set(names)) < len(names):
             raise KernelError(f"{what}: an input is named twice in by={names}. Name each once.")
-        for label, given, allowed in (("form", form, FORMS), ("mode", mode, MODES)):
-            if given not in allowed:
-                raise UnknownNameError.from_choices(f"{label} of a derivative", given, allowed)
+        for label, value, allowed in (("form", form, FORMS), ("mode", mode, MODES)):
+            if value not in allowed:
+                raise UnknownNameError.from_choices(f"{label} of a derivative", value, allowed)
         if mode != "auto" and form not in ("jacobian", "hessian"):
             raise KernelError(f"{what}: form={form!r} has one way to compute it; leave mode={mode!r} out.")
         return cls(names, form, mode, bool(values))
@@ -75,53 +80,55 @@ class Derivative:
     def outputs(self, names: Sequence[str]) -> list[str]:
         """Names of the outputs."""
         if self.form == "jacobian":
-            found = [f"{out}_by_{name}" for out in names for name in self.by]
+            labels = [f"{out}_by_{name}" for out in names for name in self.by]
         elif self.form == "along":
-            found = [f"{out}_along" for out in names]
+            labels = [f"{out}_along" for out in names]
         elif self.form == "hessian":
-            found = [f"{out}_hessian" for out in names]
+            labels = [f"{out}_hessian" for out in names]
         else:
-            found = [f"{self.form}_by_{name}" for name in self.by]
-        return [*(names if self.values else ()), *found]
+            labels = [f"{self.form}_by_{name}" for name in self.by]
+        return [*names, *labels] if self.values else labels
 
-    def of_results(
+    def derive(
         self, what: str, results: Sequence[Any], charts: Mapping[str, Chart], more: Mapping[str, Any]
     ) -> tuple[Array, ...]:
         """Derivatives of arrays of symbols or numbers, ordered as in :meth:`outputs`; ``more``: values of :meth:`inputs`."""
-        joined = Chart.joined([charts[name] for name in self.by])
-        sizes = [math.prod(charts[name].shape) for name in self.by]
-        symbols = (e for part in (joined.known, *(np.ravel(r) for r in results)) for e in part if isinstance(e, Expr))
-        owner = next((e.trace for e in symbols), None) or Trace()
+        chart = Chart.concatenate([charts[name] for name in self.by])
         results = [np.asarray(result, object) for result in results]
-        flat = [owner.lift(e) for result in results for e in result.reshape(-1)]
-        given = [x for name, x in more.items() if name.startswith("weight on ")]
-        weights = [e for x in given for e in np.reshape(x, -1)] if given else [1.0]
-        direction = [e for name, x in more.items() if name.startswith("along ") for e in np.reshape(x, -1)]
-        self._check_size(what, flat, joined)
+        owner = _trace_of([*chart.known, *_entries(results)])
+        flat = [owner.lift(e) for e in _entries(results)]
+        direction = _entries([x for name, x in more.items() if name.startswith("along ")])
+        self._check_size(what, flat, chart)
         if self.form == "along":
-            rates = iter(autodiff.along(flat, joined.known, direction))
-            found = [_filled(result.shape, [next(rates) for _ in range(result.size)]) for result in results]
-        elif self.form in ("jacobian", "hessian"):
-            J = autodiff.jacobian(flat, joined.known, sum(sizes), self.mode)
-            whole = J if self.form == "jacobian" else _hessian(J, joined)
-            found, first = [], 0
-            for result in results:
-                rows = whole[first : first + result.size]
-                first += result.size
-                if self.form == "hessian":
-                    found.append(rows.reshape((*result.shape, *rows.shape[1:])))
-                    continue
-                parts = np.split(rows, np.cumsum(sizes)[:-1], axis=1)
-                found += [
-                    part.reshape((*result.shape, *charts[n].shape)) for n, part in zip(self.by, parts, strict=True)
-                ]
+            rates = autodiff.along(flat, chart.known, direction)
+            derivatives = _split(rates, [result.shape for result in results])
+        elif self.form == "jacobian":
+            J = autodiff.jacobian(flat, chart.known, math.prod(chart.shape), self.mode)
+            derivatives = self._jacobian_parts(J, results, charts)
+        elif self.form == "hessian":
+            J = autodiff.jacobian(flat, chart.known, math.prod(chart.shape), self.mode)
+            parts = np.split(_hessian(J, chart), _boundaries(results))
+            derivatives = [
+                part.reshape((*result.shape, *part.shape[1:])) for result, part in zip(results, parts, strict=True)
+            ]
         else:
-            total = autodiff.gradient(flat, weights, joined.known, sum(sizes))
+            weight_arrays = [x for name, x in more.items() if name.startswith("weight on ")]
+            weights = _entries(weight_arrays) if weight_arrays else [1.0]
+            gradient = autodiff.gradient(flat, weights, chart.known, math.prod(chart.shape))
             if self.form == "hessian_along":
-                total = _hessian_along(total, joined, direction)
-            parts = np.split(total, np.cumsum(sizes)[:-1])
-            found = [part.reshape(charts[n].shape) for n, part in zip(self.by, parts, strict=True)]
-        return (*(results if self.values else ()), *found)
+                gradient = _hessian_along(gradient, chart, direction)
+            derivatives = _split(gradient, [charts[name].shape for name in self.by])
+        return (*results, *derivatives) if self.values else tuple(derivatives)
+
+    def _jacobian_parts(self, J: Array, results: Sequence[Array], charts: Mapping[str, Chart]) -> list[Array]:
+        """J split by result, and by the input that it differentiates by."""
+        shapes = [charts[name].shape for name in self.by]
+        columns = np.cumsum([math.prod(shape) for shape in shapes])[:-1]
+        parts = []
+        for result, rows in zip(results, np.split(J, _boundaries(results)), strict=True):
+            for shape, part in zip(shapes, np.split(rows, columns, axis=1), strict=True):
+                parts.append(part.reshape((*result.shape, *shape)))
+        return parts
 
     def _check_size(self, what: str, flat: Sequence[Expr], chart: Chart) -> None:
         n, rows = math.prod(chart.shape), len(flat)
@@ -131,15 +138,17 @@ class Derivative:
             raise KernelError(
                 f"{what}: its {self.form} has {size} numbers, more than the {LARGEST_RESULT} one kernel may give. {advice}"
             )
-        if size:
-            counted = autodiff.work(flat, chart.known)
-            effort = min(counted) if self.mode == "auto" else getattr(counted, self.mode)
-            effort *= n if self.form == "hessian" else 1
-            if effort > LARGEST_WORK:
-                raise KernelError(
-                    f"{what}: its {self.form} takes some {effort} operations, more than the {LARGEST_WORK} one kernel may "
-                    f"take. {advice}"
-                )
+        if not size:
+            return
+        counts = autodiff.work(flat, chart.known)
+        operations = min(counts) if self.mode == "auto" else getattr(counts, self.mode)
+        if self.form == "hessian":
+            operations *= n
+        if operations > LARGEST_WORK:
+            raise KernelError(
+                f"{what}: its {self.form} takes some {operations} operations, more than the {LARGEST_WORK} one kernel may "
+                f"take. {advice}"
+            )
 
 
 @dataclass(frozen=True)
@@ -167,18 +176,44 @@ class Chart:
         return cls((model.nv,), known, c if c.any() else None)
 
     @classmethod
-    def joined(cls, charts: Sequence[Chart]) -> Chart:
+    def concatenate(cls, charts: Sequence[Chart]) -> Chart:
         """Several inputs combined, with their directions concatenated."""
-        n, first = sum(math.prod(chart.shape) for chart in charts), 0
+        n = sum(math.prod(chart.shape) for chart in charts)
         known: dict[Expr, dict[int, Expr]] = {}
         c = np.zeros((n, n, n)) if any(chart.brackets is not None for chart in charts) else None
+        first = 0
         for chart in charts:
             last = first + math.prod(chart.shape)
-            known.update({e: {first + k: d for k, d in row.items()} for e, row in chart.known.items()})
+            for e, row in chart.known.items():
+                known[e] = {first + k: d for k, d in row.items()}
             if c is not None and chart.brackets is not None:
                 c[first:last, first:last, first:last] = chart.brackets
             first = last
         return cls((n,), known, c)
+
+
+def _entries(arrays: Iterable[Any]) -> list[Any]:
+    """Entries of several arrays, one after the other."""
+    return list(chain.from_iterable(np.reshape(array, -1) for array in arrays))
+
+
+def _trace_of(entries: Iterable[Any]) -> Trace:
+    """Trace of the first symbol; a new one if all entries are numbers."""
+    for e in entries:
+        if isinstance(e, Expr):
+            return e.trace
+    return Trace()
+
+
+def _boundaries(arrays: Sequence[Array]) -> list[int]:
+    """Row numbers at which rows of concatenated arrays are split, one row per entry."""
+    return list(accumulate(array.size for array in arrays))[:-1]
+
+
+def _split(entries: Sequence[Any] | Array, shapes: Sequence[Shape]) -> list[Array]:
+    """Object arrays of the given shapes, filled one after the other."""
+    remaining = iter(entries)
+    return [_object_array(shape, list(islice(remaining, math.prod(shape)))) for shape in shapes]
 
 
 # With L_a the derivative along a, differentiating twice along robot.add gives L_b L_a f: the derivative along b of the
@@ -192,16 +227,16 @@ def _hessian(J: Array, chart: Chart) -> Array:
     H = np.full((rows, n, n), 0.0, object)
     for b in range(n):
         unit = [float(k == b) for k in range(n)]
-        slopes = _filled((rows, b + 1), _along(J[:, : b + 1], chart, unit))
+        slopes = _object_array((rows, b + 1), _along(J[:, : b + 1], chart, unit))
         for a in range(b + 1):
-            turned = 0.0 if chart.brackets is None else 0.5 * (J @ chart.brackets[a, b].astype(object))
-            H[:, a, b] = H[:, b, a] = slopes[:, a] + turned
+            half_bracket = 0.0 if chart.brackets is None else 0.5 * (J @ chart.brackets[a, b].astype(object))
+            H[:, a, b] = H[:, b, a] = slopes[:, a] + half_bracket
     return H
 
 
 def _hessian_along(gradient: Array, chart: Chart, direction: Sequence[Any]) -> Array:
     """Symmetric second derivative times the direction (n,), from the gradient (n,)."""
-    product = _filled(gradient.shape, _along(gradient, chart, direction))
+    product = _object_array(gradient.shape, _along(gradient, chart, direction))
     if chart.brackets is not None:
         for a, b, d in np.argwhere(chart.brackets):
             product[a] = product[a] + 0.5 * chart.brackets[a, b, d] * (direction[b] * gradient[d])
@@ -210,15 +245,14 @@ def _hessian_along(gradient: Array, chart: Chart, direction: Sequence[Any]) -> A
 
 def _along(entries: Array, chart: Chart, direction: Sequence[Any]) -> list[Any]:
     """Derivatives of entries along a direction; entries may be plain numbers."""
-    flat = entries.reshape(-1)
-    places = [k for k, e in enumerate(flat) if isinstance(e, Expr)]
-    found: list[Any] = [0.0] * flat.size
-    for k, rate in zip(places, autodiff.along([flat[k] for k in places], chart.known, direction), strict=True):
-        found[k] = rate
-    return found
+    symbols = {k: e for k, e in enumerate(entries.reshape(-1)) if isinstance(e, Expr)}
+    derivatives: list[Any] = [0.0] * entries.size
+    for k, rate in zip(symbols, autodiff.along(list(symbols.values()), chart.known, direction), strict=True):
+        derivatives[k] = rate
+    return derivatives
 
 
-def _filled(shape: Shape, entries: Sequence[Any]) -> Array:
+def _object_array(shape: Shape, entries: Sequence[Any]) -> Array:
     """Object array filled entry by entry, so that NumPy does not inspect the entries."""
     array = np.empty(math.prod(shape), object)
     array[:] = entries
@@ -311,25 +345,29 @@ def differentiate(
             raise KernelError(f"{what}: it cannot be traced: {str(problem).rstrip('.')}. {_ADVICE}") from problem
 
     owner = Trace()
-    first = [x.shape for x in run(*(_one(owner.inputs(0, shape)) for shape in shapes.values()))]
+    symbols = [_one(owner.inputs(0, shape)) for shape in shapes.values()]
+    result_shapes = [x.shape for x in run(*symbols)]
     owner.forget()
-    names = [f"result{k + 1}" for k in range(len(first))] if len(first) > 1 else ["result"]
+    names = ["result"] if len(result_shapes) == 1 else [f"result{k + 1}" for k in range(len(result_shapes))]
     directions = {label: (models[label].nv,) if label in models else shape for label, shape in shapes.items()}
-    more = derivative.inputs(directions, dict(zip(names, first, strict=True)))
+    more = derivative.inputs(directions, dict(zip(names, result_shapes, strict=True)))
 
-    if twice := [label for label in more if label in shapes]:
-        raise ShapeError(f"{what}: an argument is named {twice[0]!r}, as a further input of the kernel is. Rename it.")
+    if ambiguous := [label for label in more if label in shapes]:
+        raise ShapeError(
+            f"{what}: an argument is named {ambiguous[0]!r}, as a further input of the kernel is. Rename it."
+        )
 
-    def on_symbols(*arrays: Any) -> tuple[Any, ...]:
-        given = dict(zip((*shapes, *more), arrays, strict=True))
-        charts = {x: Chart.from_input(given[x], models[x].model if x in models else None) for x in derivative.by}
-        results = run(*(given[label] for label in shapes))
-        return derivative.of_results(what, results, charts, {label: given[label] for label in more})
+    def derivatives(*arrays: Any) -> tuple[Any, ...]:
+        inputs = dict(zip((*shapes, *more), arrays, strict=True))
+        charts = {}
+        for label in derivative.by:
+            charts[label] = Chart.from_input(inputs[label], models[label].model if label in models else None)
+        results = run(*(inputs[label] for label in shapes))
+        return derivative.derive(what, results, charts, {label: inputs[label] for label in more})
 
-    program = trace(on_symbols, [*shapes.items(), *more.items()], derivative.outputs(names))
-    inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
-    doc = f"{form} of {name} by {', '.join(derivative.by)}, compiled. Inputs: {inputs}. Outputs: {outputs}."
-    return compiled(program, name, doc)
+    program = trace(derivatives, [*shapes.items(), *more.items()], derivative.outputs(names))
+    doc = f"{form} of {name} by {', '.join(derivative.by)}, compiled. {ports_text(program)}"
+    return compile_form(program, name, doc)
 
 
 def _arguments(what: str, function: Callable[..., Any], arguments: Any) -> tuple[dict[str, Robot], dict[str, Shape]]:
@@ -340,28 +378,31 @@ def _arguments(what: str, function: Callable[..., Any], arguments: Any) -> tuple
             f"got {arguments!r}."
         )
     shapes: dict[str, Shape] = {}
-    for name, given in arguments.items():
-        shape = given.nq if isinstance(given, Robot) else given
+    for name, argument in arguments.items():
+        shape = argument.nq if isinstance(argument, Robot) else argument
+        sizes = shape if isinstance(shape, tuple | list) else (shape,)
         try:
-            sizes = tuple(operator.index(n) for n in (shape if isinstance(shape, tuple | list) else (shape,)))
+            checked = tuple(operator.index(n) for n in sizes)
         except TypeError:
-            sizes = (-1,)
-        if any(n < 0 for n in sizes):
-            raise ShapeError(f"{what}: {name} has shape {given!r}; give whole numbers, as in (3, 4), or a robot.")
-        shapes[str(name)] = sizes
+            checked = (-1,)
+        if any(n < 0 for n in checked):
+            raise ShapeError(f"{what}: {name} has shape {argument!r}; give whole numbers, as in (3, 4), or a robot.")
+        shapes[str(name)] = checked
     try:
         inspect.signature(function).bind(*shapes)
     except TypeError as problem:
         raise ShapeError(f"{what}: the function does not take the arguments {', '.join(shapes)}: {problem}.") from None
     except ValueError:  # builtins may have no signature
         pass
-    return {str(name): given for name, given in arguments.items() if isinstance(given, Robot)}, shapes
+    robots = {str(name): argument for name, argument in arguments.items() if isinstance(argument, Robot)}
+    return robots, shapes
 
 
 def _results(what: str, returned: Any) -> list[Any]:
     """Results of the function as arrays of symbols and real numbers."""
-    found = []
-    for result in returned if isinstance(returned, tuple) else (returned,):
+    arrays = []
+    results = returned if isinstance(returned, tuple) else (returned,)
+    for result in results:
         try:
             array = np.asarray(result, object)
             for e in array.reshape(-1):
@@ -371,10 +412,10 @@ def _results(what: str, returned: Any) -> list[Any]:
             raise ShapeError(
                 f"{what}: it returned {str(result)[:60]!r}. Return an array of numbers, or a tuple of such arrays."
             ) from None
-        found.append(array)
-    if not found:
+        arrays.append(array)
+    if not arrays:
         raise ShapeError(f"{what}: it returned nothing. Return an array of numbers, or a tuple of such arrays.")
-    return found
+    return arrays
 
 
 def _one(array: Any) -> Any:

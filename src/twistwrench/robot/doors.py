@@ -54,10 +54,10 @@ def load_by_name(name: str, options: LoadOptions) -> Robot:
     from ..robots.finding import plain_name, robot_file
     from .load import load
 
-    given = {option: value for option, value in options.items() if value is not None}
+    arguments = {option: value for option, value in options.items() if value is not None}
     if (wanted := plain_name(name)) in robots.names():  # its function has defaults: some bundled robots float
-        return cast("Robot", getattr(robots, wanted)(**given))
-    return load(robot_file(name), **cast("LoadOptions", given))
+        return cast("Robot", getattr(robots, wanted)(**arguments))
+    return load(robot_file(name), **cast("LoadOptions", arguments))
 
 
 def clearance_along(
@@ -239,12 +239,12 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         """
         from ..simulation.preparation import simulated
 
-        found: Any = simulated(
+        result: Any = simulated(
             cast("Robot", self), q0, dq0, duration, dt, method=method, tau=tau, controller=controller,
             wrench_on_robot=wrench_on_robot, friction=friction, creep=creep, contacts=contacts, limits=limits,
             events=events, rtol=rtol, atol=atol, max_step=max_step, every=every, progress=progress,
         )  # fmt: skip
-        return found
+        return result
 
     def rollout(
         self,
@@ -311,12 +311,12 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         """
         from ..simulation.rollout import rolled_out
 
-        found: Any = rolled_out(
+        result: Any = rolled_out(
             cast("Robot", self), q0, dq0, tau, dt=dt, steps=steps, duration=duration, every=every, method=method,
             wrench_on_robot=wrench_on_robot, parameters=parameters, friction=friction, torque_limits=torque_limits,
             torques=torques, gradients=gradients, out=out,
         )  # fmt: skip
-        return found
+        return result
 
     @taking_the_arguments_of(simulate)
     def simulate_batch(self, *start: Any, **options: Any) -> SimulationBatch:

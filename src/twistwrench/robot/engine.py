@@ -20,7 +20,7 @@ from ..core.errors import KernelError, ShapeError, SingularMassMatrixError, Valu
 from ..core.files import read_bytes
 from ..core.typing import Array
 from ..mechanics.lie import series
-from .arguments import Wrenches, by_frame, is_symbolic, misfit, numbers, to_numbers
+from .arguments import Wrenches, is_symbolic, misfit, numbers, sum_by_frame, to_numbers
 
 if TYPE_CHECKING:
     from ..compiler.ir.loops import Form
@@ -36,37 +36,44 @@ per instruction (bench/NOTES.md), at most two minutes; the regressor of a chain 
 instructions."""
 
 
-def _model_of(given: Model | CachedModel) -> Model:
-    return given.model if isinstance(given, CachedModel) else given
+def _model_of(model: Model | CachedModel) -> Model:
+    return model.model if isinstance(model, CachedModel) else model
 
 
 def execution_form(model: Model, names: Sequence[str], options: Options) -> Form:
     """Program of the named quantities in the form that runs fastest: straight line or loops."""
-    from .programs import columns_of, products_of, program_of_several, wanted
+    from .programs import columns_of, options_by_quantity, products_of, program_of_several
 
-    asked = wanted(model, names, options)
-    looped: Form | None = products_of(model, asked) or columns_of(model, asked)
-    return looped or program_of_several(model, asked)
+    requested = options_by_quantity(model, names, options)
+    looped: Form | None = products_of(model, requested) or columns_of(model, requested)
+    return looped or program_of_several(model, requested)
 
 
-def compiled(given: Form, name: str, doc: str, *, scalar: bool = False) -> Any:
+def ports_text(program: Form) -> str:
+    """Sentences that list a program's inputs and outputs, for the docstring of its kernel."""
+    inputs = ", ".join(port.name for port in program.inputs)
+    outputs = ", ".join(port.name for port in program.outputs)
+    return f"Inputs: {inputs}. Outputs: {outputs}."
+
+
+def compile_form(form: Form, name: str, doc: str, *, scalar: bool = False) -> Any:
     """Compiled program as a NumPy ufunc; a NumPy function if the program is too long or cannot be compiled.
 
     If ``scalar`` is true, the kernel evaluates one sample at a time.
     """
     from ..compiler.ir.loops import program_of
 
-    program = program_of(given)
+    program = program_of(form)
     # NumPy ufuncs do not support axes without elements, which occur if every joint is locked. Compiled loops copy
     # samples of at most three axes; second derivatives of matrices have four.
     empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
     if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
         from ..compiler.lowering.reference_interpreter import on_numpy
 
-        return on_numpy(given, name, doc)
+        return on_numpy(form, name, doc)
     from ..compiler.runtime.gufunc import make_ufunc
 
-    return make_ufunc(given, name, doc, scalar=scalar)
+    return make_ufunc(form, name, doc, scalar=scalar)
 
 
 # ── Checks of ``out=``
@@ -83,28 +90,33 @@ def refuse_overlap(name: str, out: tuple[Any, ...]) -> None:
 
 def refuse_text(out: Any) -> None:
     """Raise an error for text arrays, into which NumPy would write truncated numbers."""
-    if any(
-        getattr(getattr(a, "dtype", None), "kind", "f") in "SUT" for a in (out if isinstance(out, tuple) else (out,))
-    ):
-        raise TypeError
+    arrays = out if isinstance(out, tuple) else (out,)
+    for array in arrays:
+        if getattr(getattr(array, "dtype", None), "kind", "f") in "SUT":
+            raise TypeError
 
 
 def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> ShapeError:
     """Error for an ``out`` that does not fit the results."""
-    given = [np.asarray(a) for a in arrays]
-    batch = np.broadcast_shapes(*(a.shape[: a.ndim - len(p.shape)] for a, p in zip(given, program.inputs, strict=True)))
-    kind = "float32" if all(np.can_cast(a.dtype, np.float32) for a in given) else "float64"
-    wanted = " and ".join(f"one of shape {batch + port.shape}" for port in program.outputs)
-    shown = [
-        f"a{' writable' if a.flags.writeable else ' read-only'} array of {a.dtype.name} and shape {a.shape}"
-        if isinstance(a, np.ndarray)
-        else f"a {type(a).__name__}"
-        for a in (out if isinstance(out, tuple) else (out,))
-    ]
+    inputs = [np.asarray(a) for a in arrays]
+    batches = [a.shape[: a.ndim - len(port.shape)] for a, port in zip(inputs, program.inputs, strict=True)]
+    batch = np.broadcast_shapes(*batches)
+    kind = "float32" if all(np.can_cast(a.dtype, np.float32) for a in inputs) else "float64"
+    fitting = " and ".join(f"one of shape {batch + port.shape}" for port in program.outputs)
+    targets = out if isinstance(out, tuple) else (out,)
+    shown = " and ".join(map(_target_text, targets))
     several = "a tuple of arrays" if len(program.outputs) > 1 else "an array"
     return ShapeError(
-        f"{name}: out= is {' and '.join(shown)}. Give {several} of {kind} that can be written to, {wanted}; or leave it out."
+        f"{name}: out= is {shown}. Give {several} of {kind} that can be written to, {fitting}; or leave it out."
     )
+
+
+def _target_text(target: Any) -> str:
+    """An ``out`` as a message shows it."""
+    if not isinstance(target, np.ndarray):
+        return f"a {type(target).__name__}"
+    access = "writable" if target.flags.writeable else "read-only"
+    return f"a {access} array of {target.dtype.name} and shape {target.shape}"
 
 
 # ── Disk cache of loaded robots: first results without parsing or tracing
@@ -142,9 +154,10 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
     """Cache entry of a robot file; None without a cache or for anything but plain URDF (xacro includes other files)."""
     if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
         return None
-    written = _written(options)
+    written = _options_text(options)
     try:
-        if written is None or not Path(source).is_file() or (folder := object_cache.folder()) is None:
+        folder = object_cache.folder() if written is not None and Path(source).is_file() else None
+        if written is None or folder is None:
             return None
         data = getattr(source, "data", None) or read_bytes(Path(source))  # of a RobotFile, which may be loaded twice
         version = _version()
@@ -153,17 +166,19 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
     if b"<robot" not in data or any(other in data for other in (b"<mujoco", b"<sdf", b"xacro:", b"${")):
         return None
     key = object_cache.digest("robot", version, os.fspath(source), written, data).hex()
-    kept = object_cache.load(key, folder)
-    return CacheEntry(data, key, None if kept is None else _remarks(kept))
+    entry = object_cache.load(key, folder)
+    return CacheEntry(data, key, None if entry is None else _remarks(entry))
 
 
-def _remarks(kept: bytes) -> tuple[str, ...] | None:
+def _remarks(entry: bytes) -> tuple[str, ...] | None:
     """Warnings of an entry; None for an entry that :func:`keep_file` did not write."""
     try:
-        remarks = literal_eval(kept.decode())
+        remarks = literal_eval(entry.decode())
     except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):  # the file is loaded again
         return None
-    return remarks if isinstance(remarks, tuple) and all(isinstance(each, str) for each in remarks) else None
+    if isinstance(remarks, tuple) and all(isinstance(remark, str) for remark in remarks):
+        return remarks
+    return None
 
 
 def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:
@@ -173,7 +188,7 @@ def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:
 
 def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) -> str:
     """Cache key of a kernel; empty if the kernel is not cached."""
-    written = _written({**options, "names": tuple(names)}) if origin else None
+    written = _options_text({**options, "names": tuple(names)}) if origin else None
     if written is None:
         return ""
     import llvmlite
@@ -189,22 +204,22 @@ def _version() -> str:
 
     Raises OSError if the library is not in a folder, for example in an archive.
     """
-    found, folders = [], [str(Path(__file__).parents[1])]
+    files, folders = [], [str(Path(__file__).parents[1])]
     while folders:
         with os.scandir(folders.pop()) as entries:
             for entry in entries:
                 if entry.name.endswith((".py", ".pyc")):  # .pyc files count if the library has no sources
-                    about = entry.stat()
-                    found.append(f"{entry.path} {about.st_size} {about.st_mtime_ns}")
+                    status = entry.stat()
+                    files.append(f"{entry.path} {status.st_size} {status.st_mtime_ns}")
                 elif "." not in entry.name and entry.name != "__pycache__" and entry.is_dir():
                     folders.append(entry.path)
-    return "\n".join([sys.version, np.__version__, *sorted(found)])
+    return "\n".join([sys.version, np.__version__, *sorted(files)])
 
 
-def _written(options: Mapping[str, Any]) -> str | None:
+def _options_text(options: Mapping[str, Any]) -> str | None:
     """Options that are not None as text; None if one is not a plain value."""
-    given = {name: value for name, value in sorted(options.items()) if value is not None}
-    return repr(given) if _is_plain(given) else None
+    values = {name: value for name, value in sorted(options.items()) if value is not None}
+    return repr(values) if _is_plain(values) else None
 
 
 def _is_plain(value: Any) -> bool:
@@ -217,10 +232,14 @@ def _is_plain(value: Any) -> bool:
 
 # A robot has one engine, ``robot.engine``: the only part of a robot that other modules use directly.
 
+_MIN_NULL_COMPONENT = 0.1
+"""Smallest component of a null direction of the mass matrix at which a joint is named."""
+
 CalledAgain = Callable[[str, Any, "CallSignature", int], bool]
 """Callback (name, kernel, call signature, number of calls); True stops further counting."""
 
-ENOUGH = -1
+COUNTING_STOPPED = -1
+"""Number of calls that stands for: counting has stopped."""
 
 
 class Engine:
@@ -240,7 +259,7 @@ class Engine:
         """Inverse-kinematics searches for single poses, by options."""
         self._called: dict[Any, Any] = {}
         self._calls: dict[Any, int] = {}
-        """Number of calls with one state, by call signature; :data:`ENOUGH` once counting has stopped."""
+        """Number of calls with one state, by call signature; :data:`COUNTING_STOPPED` once that is not counted further."""
 
     def __getstate__(self) -> Model:
         return self.model
@@ -255,50 +274,48 @@ class Engine:
 
     def program(self, names: Sequence[str], options: Options) -> Program:
         """Straight-line program of the named quantities."""
-        from .programs import program_of_several, wanted
+        from .programs import options_by_quantity, program_of_several
 
-        return program_of_several(self.model, wanted(self.model, names, options))
+        return program_of_several(self.model, options_by_quantity(self.model, names, options))
 
     def kernel(self, names: Sequence[str], options: Options) -> Any:
         """Compiled function of the named quantities; raises UnknownNameError, KernelError, SingularMassMatrixError."""
-        key, kept = "", self._given
-        if isinstance(kept, CachedModel) and compiles():
-            key = kernel_key(kept.key, names, options)
+        key, model = "", self._given
+        if isinstance(model, CachedModel) and compiles():
+            key = kernel_key(model.key, names, options)
         if not key:
             return self._build(names, options)
         if key not in self._kernels:
             from ..compiler.runtime.gufunc import load_ufunc, store_ufunc
 
             # No reference cycle: the kernel holds the function that makes the program, which must not hold its owner.
-            found = load_ufunc(key, lambda: execution_form(_model_of(kept), names, options))
-            if found is None:
-                found = self._build(names, options)
-                store_ufunc(key, found)
-            self._kernels[key] = found
+            kernel = load_ufunc(key, lambda: execution_form(_model_of(model), names, options))
+            if kernel is None:
+                kernel = self._build(names, options)
+                store_ufunc(key, kernel)
+            self._kernels[key] = kernel
         return self._kernels[key]
 
     def _build(self, names: Sequence[str], options: Options) -> Any:
         """Trace and compile a kernel, without cache."""
-        from .programs import LapackDerivatives, needs_lapack, wanted
+        from .programs import LapackDerivatives, needs_lapack, options_by_quantity
         from .quantities import QUANTITIES
 
-        asked = wanted(self.model, names, options)
-        key = tuple((name, *full.items()) for name, full in asked.items())
+        requested = options_by_quantity(self.model, names, options)
+        key = tuple((name, *full.items()) for name, full in requested.items())
         if key in self._kernels:
             return self._kernels[key]
-        if any(QUANTITIES[name].needs_inverse for name in asked):
+        if any(QUANTITIES[name].needs_inverse for name in requested):
             self.require_invertible()
-        if needs_lapack(self.model, asked):
-            found: Any = LapackDerivatives(self, options)
+        if needs_lapack(self.model, requested):
+            kernel: Any = LapackDerivatives(self, options)
         else:
-            program, title = execution_form(self.model, names, options), ", ".join(asked)
-            inputs, outputs = (", ".join(port.name for port in ports) for ports in (program.inputs, program.outputs))
-            doc = f"{title} of {self.model.name}, compiled. Inputs: {inputs}. Outputs: {outputs}."
-            found = compiled(program, title, doc)
-        self._kernels[key] = found
-        return found
+            form, title = execution_form(self.model, names, options), ", ".join(requested)
+            kernel = compile_form(form, title, f"{title} of {self.model.name}, compiled. {ports_text(form)}")
+        self._kernels[key] = kernel
+        return kernel
 
-    def cached(self, key: Any, make: Callable[[], Any]) -> Any:
+    def cache(self, key: Any, make: Callable[[], Any]) -> Any:
         """Return the result of ``make``, called once for each ``key``, such as the kernel of a rollout."""
         if key not in self._kernels:
             self._kernels[key] = make()
@@ -318,17 +335,17 @@ class Engine:
         null = np.abs(values) <= 1e-13 * self.model.nv
         if not null.any():
             return
-        lost = np.abs(vectors[:, null]).max(axis=1)
-        guilty = list(dict.fromkeys(n for n, x in zip(names, lost, strict=True) if x > 0.1))
+        largest = np.abs(vectors[:, null]).max(axis=1)
+        massless = list(dict.fromkeys(name for name, x in zip(names, largest, strict=True) if x > _MIN_NULL_COMPONENT))
         raise SingularMassMatrixError(
-            f"the mass matrix of robot {self.model.name!r} has no inverse: joints {', '.join(guilty)} move nothing with "
+            f"the mass matrix of robot {self.model.name!r} has no inverse: joints {', '.join(massless)} move nothing with "
             "inertia of its own. Lock them (robot.lock), give their links mass, or use inverse dynamics, which needs no "
             "inverse."
         )
 
     def reference(self, name: str, arrays: Sequence[Any], options: Options) -> Any:
         """Quantity evaluated by its algorithm on floats or symbols, at one state."""
-        from .programs import checked_options, evaluated, inputs_of
+        from .programs import checked_options, evaluate_quantity, inputs_of
         from .quantities import QUANTITIES
 
         full = checked_options(self.model, name, options)
@@ -336,26 +353,28 @@ class Engine:
             raise KernelError(f"reference {name}: algorithms have no by=; kernel({name!r}, by=…) has.")
         traced = is_symbolic(arrays)
         quantity = QUANTITIES[name]
-        given = [np.asarray(a) for a in to_numbers(self.model, name, arrays, options)]
+        inputs = [np.asarray(a) for a in to_numbers(self.model, name, arrays, options)]
         if not traced:
-            given = numbers(f"reference {name}", {}, **{f"input {k}": a for k, a in enumerate(given, start=1)})
+            inputs = numbers(f"reference {name}", {}, **{f"input {k}": a for k, a in enumerate(inputs, start=1)})
         shapes = inputs_of(self.model, name, full)
-        if len(given) != len(shapes):
+        if len(inputs) != len(shapes):
             listed = ", ".join("wrench" if label.startswith("wrench at ") else label for label, _ in shapes)
-            raise ShapeError(f"reference {name}: {len(given)} arrays given, {listed} wanted.")
-        for (label, shape), array in zip(shapes, given, strict=True):
+            raise ShapeError(f"reference {name}: {len(inputs)} arrays given, {listed} wanted.")
+        for (label, shape), array in zip(shapes, inputs, strict=True):
             if array.shape != shape:
                 raise ShapeError(f"reference {name}: {label} has shape {array.shape}, one state has {shape}.")
         try:
             with np.errstate(divide="raise"):
-                found = evaluated(quantity, self.model, [a.astype(object) for a in given], full)
+                result = evaluate_quantity(quantity, self.model, [a.astype(object) for a in inputs], full)
             if traced:
-                return found
+                return result
         except (ZeroDivisionError, FloatingPointError):
             raise ValueRangeError(
                 f"reference {name}: a matrix to be inverted is singular at this state. The method of that name goes on."
             ) from None
-        return tuple(np.asarray(x, float) for x in found) if isinstance(found, tuple) else np.asarray(found, float)
+        if isinstance(result, tuple):
+            return tuple(np.asarray(x, float) for x in result)
+        return np.asarray(result, float)
 
     def call(self, name: str, *arrays: Any, out: Any = None, **options: Any) -> Any:
         """Quantity for arrays of any batch shape: by its kernel; by its algorithm for symbols; deferred for Dask arrays."""
@@ -387,11 +406,11 @@ class Engine:
             if is_symbolic(arrays):
                 return self.reference(name, arrays, options)
             if third_party.is_asking_for_type():
-                return _of_type(kernel, arrays)
-            explained = misfit(self.model, name, arrays, options) or problem
-            if explained is problem and out is not None:
-                explained = unfit(name, out, self.program((name,), options), arrays)
-            raise explained from None
+                return _empty_results(kernel, arrays)
+            error = misfit(self.model, name, arrays, options) or problem
+            if error is problem and out is not None:
+                error = unfit(name, out, self.program((name,), options), arrays)
+            raise error from None
 
     def call_with_wrenches(
         self,
@@ -405,7 +424,7 @@ class Engine:
         """Quantity with wrenches by and on the robot as further inputs of the kernel."""
         if by_robot is None and on_robot is None:
             return self.call(name, *arrays, out=out, **options)
-        total = by_frame(self.model, arrays, by_robot, on_robot)
+        total = sum_by_frame(self.model, arrays, by_robot, on_robot)
         if not total:
             return self.call(name, *arrays, out=out, **options)
         return self.call(name, *arrays, *total.values(), out=out, **options, wrenches=tuple(total))
@@ -416,9 +435,10 @@ class Engine:
         kind = batch, char = first.shape[:-1], first.dtype.char
         key = (name, *options.values()), kind
         calls = self._calls.get(key, 0)
-        if calls == ENOUGH or self._called_again is None or char not in "df" or batch not in ((), (1,)):
+        if calls == COUNTING_STOPPED or self._called_again is None or char not in "df" or batch not in ((), (1,)):
             return
-        if (tell := self._called_again()) is None or any((a.shape[:-1], a.dtype.char) != kind for a in arrays):
+        callback = self._called_again()
+        if callback is None or any((a.shape[:-1], a.dtype.char) != kind for a in arrays):
             return
         if not calls:  # a single call is not worth the setup
             self._calls[key] = 1
@@ -426,8 +446,8 @@ class Engine:
         from ..compiler.runtime.dispatch import CallSignature
 
         kernel = self._called[key[0] if options else name]
-        done = tell(name, kernel, CallSignature(tuple(options.items()), batch, char), calls + 1)
-        self._calls[key] = ENOUGH if done else calls + 1
+        done = callback(name, kernel, CallSignature(tuple(options.items()), batch, char), calls + 1)
+        self._calls[key] = COUNTING_STOPPED if done else calls + 1
 
     def _later(self, name: str, arrays: Sequence[Any], out: Any, options: Options) -> Any:
         """Evaluate a quantity on Dask arrays; results are Dask arrays, computed later."""
@@ -446,13 +466,14 @@ def _now(engine: Engine, name: str, options: Options, *arrays: Array) -> Any:
     return engine.call(name, *arrays, **options)
 
 
-def _of_type(kernel: Any, arrays: Sequence[Array]) -> Any:
+def _empty_results(kernel: Any, arrays: Sequence[Array]) -> Any:
     """Empty results with the type and rank that follow from the types and ranks of the inputs."""
     batch = (0,) * (max(a.ndim for a in arrays) - 1)
     dtype: Any = np.float32 if all(np.can_cast(a.dtype, np.float32) for a in arrays) else np.float64
-    cores = [core.count(",") + bool(core) for core in re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2])]
-    found: list[Array] = [np.empty(batch + (0,) * rank, dtype) for rank in cores]
-    return tuple(found) if len(found) > 1 else found[0]
+    cores = re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2])
+    ranks = [core.count(",") + bool(core) for core in cores]
+    results: list[Array] = [np.empty(batch + (0,) * rank, dtype) for rank in ranks]
+    return tuple(results) if len(results) > 1 else results[0]
 
 
 class ConstrainedEngine(Engine):
@@ -473,17 +494,17 @@ class ConstrainedEngine(Engine):
 
     def program(self, names: Sequence[str], options: Options) -> Program:
         """Straight-line program of the named quantities."""
-        return self._tree.program(names, self._on_constraints(names, options))
+        return self._tree.program(names, self._with_constraints(names, options))
 
     def kernel(self, names: Sequence[str], options: Options) -> Any:
         """Compiled function of the named quantities."""
-        return self._tree.kernel(names, self._on_constraints(names, options))
+        return self._tree.kernel(names, self._with_constraints(names, options))
 
     def reference(self, name: str, arrays: Sequence[Any], options: Options) -> Any:
         """Quantity evaluated by its algorithm at one state."""
-        return self._tree.reference(name, arrays, self._on_constraints((name,), options))
+        return self._tree.reference(name, arrays, self._with_constraints((name,), options))
 
-    def _on_constraints(self, names: Sequence[str], options: Options) -> Options:
+    def _with_constraints(self, names: Sequence[str], options: Options) -> Options:
         """Options with the constraints; raises KernelError for quantities that they change."""
         from .programs import options_of
         from .quantities import QUANTITIES
@@ -514,19 +535,20 @@ class ExponentialKernel:
     """Function of :mod:`~twistwrench.mechanics.lie.se3`, compiled for one row and for many."""
 
     def __init__(self, name: str) -> None:
-        self.name, (self.given, self.found) = name, SHAPES[name]
+        self.name = name
+        self.input_shape, self.result_shape = SHAPES[name]
 
     def __reduce__(self) -> tuple[Callable[[str], Any], tuple[str]]:
         return kernel, (self.name,)
 
     def __call__(self, x: Array) -> tuple[Array, Any]:
         """Result for x (..., n), and the flag that marks valid rows."""
-        if x.ndim > len(self.given):
+        if x.ndim > len(self.input_shape):
             with np.errstate(all="ignore"):
-                several: tuple[Array, Array] = self._many(x)
-                return several
+                results: tuple[Array, Array] = self._many(x)
+                return results
         row = self._one(x)
-        return row[:-1].reshape(self.found), row[-1]
+        return row[:-1].reshape(self.result_shape), row[-1]
 
     def slower(self, x: Array) -> Array:
         """Calls that the builtin passes on: a float32 row or a row that is not contiguous."""
@@ -541,23 +563,24 @@ class ExponentialKernel:
 
     @cached_property
     def _flat(self) -> Any:
-        return self._compiled(lambda x: np.concatenate([np.ravel(part) for part in self._text(x)]), ["row"])
+        return self._compile(lambda x: np.concatenate([np.ravel(part) for part in self._function(x)]), ["row"])
 
     @cached_property
     def _many(self) -> Any:
-        return self._compiled(self._text, ["result", "measure"])
+        return self._compile(self._function, ["result", "measure"])
 
     @property
-    def _text(self) -> Callable[[Array], tuple[Array, Any]]:
+    def _function(self) -> Callable[[Array], tuple[Array, Any]]:
         from ..mechanics.lie import se3 as exponentials
 
-        found: Callable[[Array], tuple[Array, Any]] = getattr(exponentials, self.name)
-        return found
+        function: Callable[[Array], tuple[Array, Any]] = getattr(exponentials, self.name)
+        return function
 
-    def _compiled(self, text: Callable[[Array], Any], outputs: list[str]) -> Any:
+    def _compile(self, function: Callable[[Array], Any], outputs: list[str]) -> Any:
         from ..compiler.ir.tracer import trace
 
-        return compiled(trace(text, [("x", self.given)], outputs), self.name, f"{self.name}, compiled.")
+        program = trace(function, [("x", self.input_shape)], outputs)
+        return compile_form(program, self.name, f"{self.name}, compiled.")
 
 
 @cache

@@ -91,8 +91,10 @@ class Explanation(ExplanationDoors):
         for kind, name, choices in (("cause", cause, self.causes), ("term", term, self.terms)):
             if name is not None and name not in choices:
                 raise UnknownNameError.from_choices(kind, name, choices)
-        mine = self.parts[..., self.causes.index(cause), :]
-        return np.asarray(mine.sum(axis=-2) if term is None else mine[..., self.terms.index(term), :])
+        contribution = self.parts[..., self.causes.index(cause), :]
+        if term is None:
+            return np.asarray(contribution.sum(axis=-2))
+        return np.asarray(contribution[..., self.terms.index(term), :])
 
     def with_term(self, name: str, tau: Array) -> Explanation:
         """Explanation with additional torques without a body, as a term and a cause of their own.
@@ -143,9 +145,12 @@ class Explanation(ExplanationDoors):
         text : str, of one state
         """
         rows = self.rows(joint)
-        first, *wide = (max(map(len, column)) for column in zip(*rows, strict=True))
-        lines = [[row[0].ljust(first), *(x.rjust(n) for x, n in zip(row[1:], wide, strict=True))] for row in rows]
-        return "\n".join("  ".join(line).rstrip() for line in lines)
+        name_width, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
+        lines = []
+        for name, *cells in rows:
+            aligned = [cell.rjust(width) for cell, width in zip(cells, widths, strict=True)]
+            lines.append("  ".join([name.ljust(name_width), *aligned]).rstrip())
+        return "\n".join(lines)
 
     def _columns(self, joint: str | None) -> tuple[Array, list[str]]:
         """Numbers of the table (causes, columns), and the column headings."""
@@ -182,14 +187,14 @@ def _cells(row: Array, least: float) -> list[str]:
     return [NEGLIGIBLE_PART if abs(x) <= least else number(x) for x in row.tolist()]
 
 
-def explained(
+def explain_torques(
     model: Model,
     regressor: Callable[[Array, Array, Array], Array],
     state: tuple[Array, Array, Array],
-    apart: Mapping[str, Array],
+    other_torques: Mapping[str, Array],
 ) -> Explanation:
-    """Split the torques at ``state``; ``apart``: torques without an inertia as cause, (..., nv) by name."""
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*state, *apart.values())))
+    """Split the torques at ``state``; ``other_torques``: torques without an inertia as cause, (..., nv) by name."""
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*state, *other_torques.values())))
     bodies = _causes(model)
     columns = np.array(list(bodies.values())).reshape(len(bodies), 10 * len(model.bodies))
 
@@ -199,7 +204,7 @@ def explained(
     parts = _motion_parts(torques, *(np.broadcast_to(x, (*batch, x.shape[-1])) for x in state))
     units = units_of("tau", (turns for b in model.leaders for turns in b.joint.turning))
     why = Explanation(MOTION_TERMS, tuple(bodies), model.velocity_names, units, parts)
-    for name, tau in apart.items():
+    for name, tau in other_torques.items():
         why = why.with_term(name, tau)
     return why
 
@@ -209,13 +214,13 @@ def _motion_parts(torques: Callable[..., Array], q: Array, dq: Array, ddq: Array
 
     Velocity products are a quadratic form in dq; the squares are the products of each velocity with itself.
     """
-    still = np.zeros_like(dq)
-    gravity = torques(q, still, still)
-    inertia = torques(q, still, ddq) - gravity
-    velocity = torques(q, dq, still) - gravity
+    zero = np.zeros_like(dq)
+    gravity = torques(q, zero, zero)
+    inertia = torques(q, zero, ddq) - gravity
+    velocity = torques(q, dq, zero) - gravity
     squares = np.zeros_like(gravity)
     for e in np.eye(dq.shape[-1]):
-        squares += torques(q, dq * e, still) - gravity
+        squares += torques(q, dq * e, zero) - gravity
     return np.stack([inertia, squares, velocity - squares, gravity], axis=-3)
 
 
@@ -228,29 +233,29 @@ def _causes(model: Model) -> dict[str, Array]:
             columns = causes.setdefault(name, np.zeros(10 * len(model.bodies)))
             columns[10 * body : 10 * body + 10] += parameters
 
-    carried: dict[str, Array] = {}
+    payloads: dict[str, Array] = {}
     for name, payload in model.payloads:
-        carried[name] = carried.get(name, np.zeros(10)) + payload.parameters
+        payloads[name] = payloads.get(name, np.zeros(10)) + payload.parameters
     for name, frame in model.all_frames.items():
-        mine = model.link_inertias.get(name)  # sites have none
-        own = np.zeros(10) if mine is None else mine.parameters - carried.get(name, np.zeros(10))
-        own = np.where(np.abs(own) <= 1e-15 * np.abs(carried.get(name, own)), 0.0, own)
-        count(name, frame.body, _moved(own, frame.pose))
-        count(f"payload at {name}", frame.body, _moved(carried.get(name, np.zeros(10)), frame.pose))
+        inertia = model.link_inertias.get(name)  # sites have none
+        own = np.zeros(10) if inertia is None else inertia.parameters - payloads.get(name, np.zeros(10))
+        own = np.where(np.abs(own) <= 1e-15 * np.abs(payloads.get(name, own)), 0.0, own)
+        count(name, frame.body, _transform(own, frame.pose))
+        count(f"payload at {name}", frame.body, _transform(payloads.get(name, np.zeros(10)), frame.pose))
     for i, body in enumerate(model.bodies):
         if not body.joint.moves_body:
             count(body.link, i, body.inertia.parameters)
             if is_in_link_mass(model, body):  # then its link was counted above
-                count(body.link, body.parent, -_moved(body.inertia.parameters, body.placement))
-    found = sum(causes.values(), start=np.zeros(10 * len(model.bodies)))
+                count(body.link, body.parent, -_transform(body.inertia.parameters, body.placement))
+    total = sum(causes.values(), start=np.zeros(10 * len(model.bodies)))
     for i, body in enumerate(model.bodies):  # differences by repaired inertias or fused rotors
-        rest = body.inertia.parameters - found[10 * i : 10 * i + 10]
-        if np.abs(rest).max() > 1e-12 * max(1e-300, float(np.abs(body.inertia.parameters).max())):
-            count(f"{body.link} (other)", i, rest)
+        difference = body.inertia.parameters - total[10 * i : 10 * i + 10]
+        if np.abs(difference).max() > 1e-12 * max(1e-300, float(np.abs(body.inertia.parameters).max())):
+            count(f"{body.link} (other)", i, difference)
     return causes
 
 
-def _moved(parameters: Array, T: Array) -> Array:
+def _transform(parameters: Array, T: Array) -> Array:
     """Inertial parameters transformed from frame {b} to {a}; linear, so that differences can be transformed too."""
     from ..mechanics.bodies.inertia import SpatialInertia
 

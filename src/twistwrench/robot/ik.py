@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from .constraints.closures import LoopClosureSolver
     from .robot import Robot
 
-_OPEN = 1e-9
+_MIN_REPORTED_GAP = 1e-9
 """Smallest gap (rad or m) that is reported with the remaining pose error."""
 
 
@@ -102,16 +103,16 @@ class IKResult:
 
     def _length(self, *, turning: bool) -> Array:
         """Norm of the remaining angles, or of the distances between the origins."""
-        total, at = np.zeros(self._status.shape[:-1]), 3
+        squares, first = np.zeros(self._status.shape[:-1]), 3
         for rows in self._request.frames:
-            left = self._status[..., at : at + len(rows)]
-            at += len(rows)
+            error = self._status[..., first : first + len(rows)]
+            first += len(rows)
             if len(rows) == 6 and not turning:  # the twist's linear part is longer than the distance if it also turns
-                left = np.concatenate([left[..., :3], se3.exp(left)[..., :3, 3]], axis=-1)
+                error = np.concatenate([error[..., :3], se3.exp(error)[..., :3, 3]], axis=-1)
             for k, row in enumerate(rows):
                 if (row < 3) == turning:
-                    total = total + left[..., k] ** 2
-        return np.asarray(np.sqrt(total), self.q.dtype)
+                    squares = squares + error[..., k] ** 2
+        return np.asarray(np.sqrt(squares), self.q.dtype)
 
     def reason(self, *index: int) -> str:
         """Reason why a pose was not reached, as text.
@@ -138,34 +139,34 @@ class IKResult:
         d, a = float(self.distance[index]), float(self.angle[index])
         if np.isnan(d) or np.isnan(a):
             return "the pose has entries that are not numbers"
-        left = f"the nearest found is {printed(d, 3)} m and {printed(a, 3)} rad away, after {int(self.starts[index])} starts"
-        if (gap := float(self.gap[index])) > _OPEN:
-            left += f", with loops open by {printed(gap, 3)} (rad or m)"
-        held = [n for n, h in zip(self.joint_names, self.held[index], strict=True) if h]
-        if held:
-            return f"{', '.join(held)} {'is at its limit' if len(held) == 1 else 'are at their limits'}: {left}"
-        return f"out of reach, or of this search: {left}"
+        nearest = f"the nearest found is {printed(d, 3)} m and {printed(a, 3)} rad away, after {int(self.starts[index])} starts"
+        gap = float(self.gap[index])
+        if gap > _MIN_REPORTED_GAP:
+            nearest += f", with loops open by {printed(gap, 3)} (rad or m)"
+        joints = list(compress(self.joint_names, self.held[index]))
+        if joints:
+            limits = "is at its limit" if len(joints) == 1 else "are at their limits"
+            return f"{', '.join(joints)} {limits}: {nearest}"
+        return f"out of reach, or of this search: {nearest}"
 
     def __repr__(self) -> str:
         return f"<IKResult: {self}>"
 
     def __str__(self) -> str:
-        if self.converged.ndim == 0:
-            return (
-                f"reached: {printed(self.distance, 2)} m, {printed(self.angle, 2)} rad left"
-                if self.converged
-                else self.reason()
-            )
-        return f"{int(self.converged.sum())} of {self.converged.size} poses reached"
+        if self.converged.ndim > 0:
+            return f"{int(self.converged.sum())} of {self.converged.size} poses reached"
+        if not self.converged:
+            return self.reason()
+        return f"reached: {printed(self.distance, 2)} m, {printed(self.angle, 2)} rad left"
 
 
-def selected(found: IKResult, which: Array, q: Array) -> IKResult:
+def select_poses(result: IKResult, which: Array, q: Array) -> IKResult:
     """Select poses of a batch with one axis, in a given order, with configurations ``q``."""
-    return IKResult(q, found._status[which], found._request)
+    return IKResult(q, result._status[which], result._request)
 
 
 def clear_of_links(
-    found: IKResult,
+    result: IKResult,
     targets: Array,
     search: Callable[[Array, Array], IKResult],
     clearance: Callable[[Array], Any],
@@ -177,26 +178,27 @@ def clear_of_links(
     ``targets`` are the poses, their leading axes those of q; ``search`` solves one pose from many starts. Poses without
     such a solution count as not reached.
     """
-    q, status, refused = found.q.copy(), found._status.copy(), dict[tuple[int, ...], str]()
-    for at in np.argwhere(found.converged):
-        index = tuple(at.tolist())
-        if (mine := clearance(q[index])).distance >= least:
+    q, status, refused = result.q.copy(), result._status.copy(), dict[tuple[int, ...], str]()
+    for entry in np.argwhere(result.converged):
+        index = tuple(entry.tolist())
+        closest = clearance(q[index])
+        if closest.distance >= least:
             continue
         others = search(targets[index], starts)
-        there = np.flatnonzero(others.converged)
-        clear = there[clearance(others.q[there]).distance >= least]
+        solutions = np.flatnonzero(others.converged)
+        clear = solutions[clearance(others.q[solutions]).distance >= least]
         status[index][0] += len(starts)
         if len(clear):
-            best = clear[np.abs(others.q[clear] - q[index]).max(axis=1).argmin()]
-            q[index], status[index][1:] = others.q[best], others._status[best][1:]
+            nearest = clear[np.abs(others.q[clear] - q[index]).max(axis=1).argmin()]
+            q[index], status[index][1:] = others.q[nearest], others._status[nearest][1:]
             continue
         status[index][1] = 0.0
-        apart = f"{printed(mine.distance, 3)} m apart" if mine.distance > 0 else "in contact"
+        apart = f"{printed(closest.distance, 3)} m apart" if closest.distance > 0 else "in contact"
         refused[index] = (
-            f"reached, but {' and '.join(mine.pair)} are {apart} there, and {printed(least)} m are required; none of "
-            f"{len(there)} other solutions from {len(starts)} starts keeps it"
+            f"reached, but {' and '.join(closest.pair)} are {apart} there, and {printed(least)} m are required; none of "
+            f"{len(solutions)} other solutions from {len(starts)} starts keeps it"
         )
-    return IKResult(q, status, found._request, refused)
+    return IKResult(q, status, result._request, refused)
 
 
 # ── Damped Newton method on SE(3) within the joint limits, for batches of poses
@@ -208,9 +210,9 @@ def clear_of_links(
 
 Rows = str | Iterable[int | str] | None
 
-NO_LOOP = 1e-6
+MAX_LOOP_GAP = 1e-6
 """rad, and fraction of the robot's length: a loop that converged with a larger gap is flipped by π."""
-MOST_WAYS = 16
+MAX_REMEMBERED_OPTIONS = 16
 """Largest number of option sets that are remembered for searches of single poses."""
 
 
@@ -231,57 +233,68 @@ def solve(
 
     ``loops``: loops of a closed robot to close at the same time.
     """
-    often, key = robot.engine.single_poses, None
+    searches, key = robot.engine.single_poses, None
     plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str) and not nearest
     if plain and loops is None and type(rng) is int and type(restarts) is int and type(angle) is float:
         key = frame, rows, restarts, rng, angle, distance
-        if (way := often.get(key)) is not None and (found := way[0].found(T, q0)) is not None:
-            return IKResult(found[0], found[1], way[1])
-    request, search, given = _checked_request(robot, frame, rows, restarts, rng, angle, distance, loops)
+        remembered = searches.get(key)
+        if remembered is not None:
+            solution = remembered[0].solve(T, q0)
+            if solution is not None:
+                return IKResult(solution[0], solution[1], remembered[1])
+    request, search, settings = _checked_request(robot, frame, rows, restarts, rng, angle, distance, loops)
     core = search.core
     if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence with one name
         target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
     else:
         target = arguments.real(T, "inverse_kinematics: T", *core)
-    shape, kind = target.shape[: -len(core)], target.dtype
+    kind = target.dtype
     if q0 is None:
         start = robot.neutral if loops is None else loops.start
     else:
         start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
         kind = np.result_type(kind, start)
-    if start.shape[:-1] != shape:
-        try:
-            shape = np.broadcast_shapes(shape, start.shape[:-1])
-        except ValueError:
-            raise ShapeError(
-                f"inverse_kinematics: T {target.shape} and q0 {start.shape} do not broadcast over their leading axes."
-            ) from None
+    shape = _batch_shape(target, start, core)
     start = np.broadcast_to(start, (*shape, robot.nq)).reshape(-1, robot.nq)
     poses = np.broadcast_to(_rigid(target) if target.dtype != float else target, (*shape, *core)).reshape(-1, *core)
-    q, status = search.best(poses, start, *given)
-    odd = ~(status[:, 1] >= 0.0)
-    if odd.any():  # not rigid, or not to the last digit
-        q[odd], status[odd] = search.best(_rigid(target, (*shape, *core)).reshape(-1, *core)[odd], start[odd], *given)
-        lost = ~np.isfinite(status[:, 1])
-        q[lost], status[lost] = np.nan, np.nan
-        status[lost, 0] = 0.0
-    elif key is not None and not shape and given[0] <= PLACES:
-        if len(often) >= MOST_WAYS and key not in often:
-            often.clear()
-        alone = SinglePose(search, *given) if key in often else None  # from the second call on
-        often[key] = (alone, request) if alone is not None and alone.call is not None else None
+    q, status = search.best(poses, start, *settings)
+    unsolved = ~(status[:, 1] >= 0.0)
+    if unsolved.any():  # not rigid, or not to the last digit
+        rigid = _rigid(target, (*shape, *core)).reshape(-1, *core)[unsolved]
+        q[unsolved], status[unsolved] = search.best(rigid, start[unsolved], *settings)
+        invalid = ~np.isfinite(status[:, 1])
+        q[invalid], status[invalid] = np.nan, np.nan
+        status[invalid, 0] = 0.0
+    elif key is not None and not shape and settings[0] <= PLACES:
+        if len(searches) >= MAX_REMEMBERED_OPTIONS and key not in searches:
+            searches.clear()
+        single = SinglePose(search, *settings) if key in searches else None  # from the second call on
+        searches[key] = (single, request) if single is not None and single.call is not None else None
     if nearest:
-        q, status = search.nearest(_rigid(poses), start, (q, status), given[2])
+        q, status = search.nearest(_rigid(poses), start, (q, status), settings[2])
     if loops is not None:
-        q, status = _on_loops(search, _frames(robot, frame, rows), loops, poses, (q, status))
-    q = search.rounded(q.reshape(*shape, robot.nq), kind)
+        q, status = _close_loops(search, _frames(robot, frame, rows), loops, poses, (q, status))
+    q = search.round_to_type(q.reshape(*shape, robot.nq), kind)
     return IKResult(q, status.reshape(*shape, -1), request)
 
 
-def pose_finder(robot: Robot, frame: str | None, left: float) -> Callable[[Array, Array], Array | None]:
+def _batch_shape(target: Array, start: Array, core: tuple[int, ...]) -> tuple[int, ...]:
+    """Broadcast leading axes of poses and start configurations; raises ShapeError."""
+    shape = target.shape[: -len(core)]
+    if start.shape[:-1] == shape:
+        return shape
+    try:
+        return np.broadcast_shapes(shape, start.shape[:-1])
+    except ValueError:
+        raise ShapeError(
+            f"inverse_kinematics: T {target.shape} and q0 {start.shape} do not broadcast over their leading axes."
+        ) from None
+
+
+def pose_finder(robot: Robot, frame: str | None, tolerance: float) -> Callable[[Array, Array], Array | None]:
     """Solver for the configuration near q at a pose, in a few steps that meet no limit; returns None otherwise."""
-    alone = SinglePose(_search(robot, _frames(robot, frame, None)), 0, _drawn(0), (left, left))
-    return alone.near_by
+    single = SinglePose(_search(robot, _frames(robot, frame, None)), 0, _draw_seed(0), (tolerance, tolerance))
+    return single.near_by
 
 
 def _checked_request(
@@ -297,33 +310,28 @@ def _checked_request(
     """Validate the options; returns the request, its search, and restarts, seed and tolerances."""
     frames = _frames(robot, frame, rows)
     try:
-        again = operator.index(restarts)
-        seed = _drawn(rng) if type(rng) is int and rng >= 0 else int(np.random.default_rng(rng).integers(2**63))
+        count = operator.index(restarts)
+        seed = _draw_seed(rng) if type(rng) is int and rng >= 0 else int(np.random.default_rng(rng).integers(2**63))
     except (TypeError, ValueError):
-        again = seed = -1
-    if again < 0:
+        count = seed = -1
+    if count < 0:
         raise ValueRangeError(
             f"restarts={arguments.value_text(restarts)}, rng={arguments.value_text(rng)}: give a whole number of at least 0, "
             "and a seed."
         )
-    allowed = [arguments.number(x, name) for name, x in (("angle", angle), ("distance", distance))]
-    if not all(0 < x < np.inf for x in allowed):
+    angle, distance = arguments.number(angle, "angle"), arguments.number(distance, "distance")
+    if not (0 < angle < np.inf and 0 < distance < np.inf):
         raise ValueRangeError(
-            f"angle={printed(allowed[0])}, distance={printed(allowed[1])}: give what may be left, finite and above 0."
+            f"angle={printed(angle)}, distance={printed(distance)}: give what may be left, finite and above 0."
         )
     if robot.nv == 0:
         raise ValueRangeError(
             f"robot {robot.name!r} has no joint that moves, so it reaches one pose only. Lock fewer joints."
         )
     search = _search(robot, frames, loops)
-    most = allowed[0], allowed[1] * max(1.0, search.length)
-    return (
-        PoseRequest(
-            robot.model.velocity_names, tuple(mine for _, mine in frames), 0 if loops is None else len(loops.kinds)
-        ),
-        search,
-        (again, seed, most),
-    )
+    loop_rows = 0 if loops is None else len(loops.kinds)
+    request = PoseRequest(robot.model.velocity_names, tuple(own_rows for _, own_rows in frames), loop_rows)
+    return request, search, (count, seed, (angle, distance * max(1.0, search.length)))
 
 
 def _rigid(target: Array, shape: tuple[int, ...] = ()) -> Array:
@@ -335,63 +343,68 @@ def _rigid(target: Array, shape: tuple[int, ...] = ()) -> Array:
 
 
 @lru_cache(16)
-def _drawn(seed: int) -> int:
+def _draw_seed(seed: int) -> int:
     """Seed of the starts: one number drawn from the generator, independent of the length of the search."""
     return int(np.random.default_rng(seed).integers(2**63))
 
 
 def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
     """Frames by name, each with its rows."""
-    several = not (frame is None or isinstance(frame, str))
-    given = [frame] if frame is None or isinstance(frame, str) else list(frame)
-    if not given or not all(name is None or isinstance(name, str) for name in given) or (several and None in given):
+    single = frame is None or isinstance(frame, str)
+    names = [frame] if single else list(frame)
+    if not names or not (single or all(isinstance(name, str) for name in names)):
         raise ValueRangeError(f"frame={frame!r}: give the name of a link, or several, one for each pose.")
-    if len(set(given)) < len(given):
+    if len(set(names)) < len(names):
         raise ValueRangeError(f"frame={frame!r}: a frame is there twice.")
-    if isinstance(rows, Mapping) and not {*rows} <= {*given}:
-        raise ValueRangeError(f"rows={rows!r}: its keys must be among the given frames, {given!r}.")
-    found = []
-    for name in given:
+    if isinstance(rows, Mapping) and not {*rows} <= {*names}:
+        raise ValueRangeError(f"rows={rows!r}: its keys must be among the given frames, {names!r}.")
+    frames = []
+    for name in names:
         robot.model.frame(name)
-        mine = row_numbers(rows.get(name) if isinstance(rows, Mapping) else rows)
-        found.append((str(robot.model.tip if name is None else name), mine))
-    return tuple(found)
+        own_rows = row_numbers(rows.get(name) if isinstance(rows, Mapping) else rows)
+        frames.append((str(robot.model.tip if name is None else name), own_rows))
+    return tuple(frames)
 
 
 def _search(robot: Robot, frames: Frames, loops: LoopClosureSolver | None = None) -> PoseSearch:
     """Search of a robot for the given frames and rows, created once and cached."""
 
+    def jacobians(frame: str) -> list[Array]:
+        samples = random_configuration(robot.model, np.random.default_rng(0), (8,))
+        return [robot.engine.reference("jacobian", (q,), {"frame": frame}) for q in samples]
+
     def build() -> PoseSearch:
-        some = random_configuration(robot.model, np.random.default_rng(0), (8,))
-        J = np.array([[robot.engine.reference("jacobian", (q,), {"frame": name}) for q in some] for name, _ in frames])
+        J = np.array([jacobians(name) for name, _ in frames])
         farthest = float(np.linalg.norm(J[..., 3:, :], axis=-2).max(initial=0.0))
         poses = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
         return PoseSearch(robot.model, frames, farthest, poses, robot.engine.kernel(("subtract",), {}), loops)
 
-    found: PoseSearch = robot.engine.cached(("inverse kinematics", frames, loops and loops.key), build)
-    return found
+    search: PoseSearch = robot.engine.cache(("inverse kinematics", frames, loops and loops.key), build)
+    return search
 
 
-def _on_loops(
-    search: PoseSearch, frames: Frames, loops: LoopClosureSolver, targets: Array, found: tuple[Array, Array]
+def _close_loops(
+    search: PoseSearch, frames: Frames, loops: LoopClosureSolver, targets: Array, solution: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """Close the loops near configurations q (n, nq) whose poses were not reached; returns q and the search's status."""
-    q, status = found
-    some = np.flatnonzero(np.isfinite(q).all(axis=-1))
-    count = sum(len(mine) for _, mine in frames)
-    gaps = slice(3 + count, 3 + count + len(loops.kinds))
-    status[some, gaps], widest = loops.open_by(q[some])
-    lost = some[~((status[some, 1] > 0.0) & (widest <= NO_LOOP))]
-    status[lost, 1] = 0.0
-    near = loops.settled(q[lost])
-    fit = (loops.open_by(near)[1] <= NO_LOOP) & (search.inside(near) == near).all(axis=-1)
-    rows = lost[fit]
-    q[rows] = near[fit]
-    status[rows, gaps] = loops.open_by(q[rows])[0]
-    each = zip(frames, search.poses, np.moveaxis(targets.reshape(len(q), -1, 4, 4), 1, 0), strict=True)
+    q, status = solution
+    finite = np.flatnonzero(np.isfinite(q).all(axis=-1))
+    count = sum(len(own_rows) for _, own_rows in frames)
+    gap_columns = slice(3 + count, 3 + count + len(loops.kinds))
+    status[finite, gap_columns], largest_gap = loops.search_gaps(q[finite])
+    failed = finite[~((status[finite, 1] > 0.0) & (largest_gap <= MAX_LOOP_GAP))]
+    status[failed, 1] = 0.0
+    near = loops.close(q[failed])
+    closed = (loops.search_gaps(near)[1] <= MAX_LOOP_GAP) & (search.inside(near) == near).all(axis=-1)
+    rows = failed[closed]
+    q[rows] = near[closed]
+    status[rows, gap_columns] = loops.search_gaps(q[rows])[0]
     if len(rows):
-        left = [twist_left(poses(q[rows]), target[rows], mine) for (_, mine), poses, target in each]
-        status[rows, 3 : 3 + count] = np.concatenate(left, axis=-1)
+        frame_targets = np.moveaxis(targets.reshape(len(q), -1, 4, 4), 1, 0)
+        errors = []
+        for (_, own_rows), poses, target in zip(frames, search.poses, frame_targets, strict=True):
+            errors.append(twist_left(poses(q[rows]), target[rows], own_rows))
+        status[rows, 3 : 3 + count] = np.concatenate(errors, axis=-1)
     return q, status
 
 
@@ -401,21 +414,22 @@ def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
     (n, 4, 4), (n, 4, 4) → (n, r).
     """
     R, p = T[:, :3, :3], T[:, :3, 3]
-    across = np.swapaxes(R, -1, -2)
-    between, way = across @ target[:, :3, :3], (across @ (target[:, :3, 3] - p)[..., None])[..., 0]
+    R_inverse = np.swapaxes(R, -1, -2)
+    rotation = so3.project(R_inverse @ target[:, :3, :3])
+    displacement = (R_inverse @ (target[:, :3, 3] - p)[..., None])[..., 0]
     if len(chosen) == 6:
-        return np.asarray(se3.log(se3.pose(so3.project(between), way)))
-    return np.take(np.concatenate([so3.log(so3.project(between)), way], axis=-1), chosen, axis=1)
+        return np.asarray(se3.log(se3.pose(rotation, displacement)))
+    return np.take(np.concatenate([so3.log(rotation), displacement], axis=-1), chosen, axis=1)
 
 
 # ── All branches: configurations of one pose, up to full turns
 
-SAME = 1e-6
+IDENTICAL_BELOW = 1e-6
 """rad or m: configurations that differ by less than this in all joints are identical."""
-ALIKE = 10.0
+MAX_EQUAL_DISPLACEMENT = 10.0
 """Largest displacement of the frame, in tolerances and to first order, between two configurations that count as equal.
 Larger distances between them occur only near a singular configuration, where the tolerance cannot separate them."""
-SINGULAR = 1e-9
+SINGULAR_VALUE_SHARE = 1e-9
 """Singular values of J below this fraction of the largest are zero."""
 
 
@@ -440,23 +454,23 @@ def branches(
             "inverse_kinematics for one."
         )
     q0 = np.concatenate([robot.neutral[None], robot.random_configuration(rng, starts - 1)])
-    found = robot.inverse_kinematics(target, frame, q0, rows=rows, restarts=0, angle=angle, distance=distance)
-    there = np.flatnonzero(found.converged)
-    q = _unwound(robot, found.q[there])
+    result = robot.inverse_kinematics(target, frame, q0, rows=rows, restarts=0, angle=angle, distance=distance)
+    solutions = np.flatnonzero(result.converged)
+    q = _unwound(robot, result.q[solutions])
     J = robot.jacobian(q, frame)[:, chosen, :]
     turning = np.array(chosen) < 3
     levers = np.linalg.norm(J[:, ~turning], axis=1).max(axis=-1, initial=1.0)
     kept: list[int] = []
     for k in range(len(q)):
-        way = _apart(robot, q[k], q[kept])
-        V = (J[kept] @ way[..., None])[..., 0]
-        near = np.abs(way).max(axis=-1, initial=0.0) < SAME
-        still = np.linalg.norm(V[:, turning], axis=1) <= ALIKE * angle
-        still &= np.linalg.norm(V[:, ~turning], axis=1) <= ALIKE * distance * levers[kept]
-        if not (near | still).any():
+        difference = _apart(robot, q[k], q[kept])
+        V = (J[kept] @ difference[..., None])[..., 0]
+        identical = np.abs(difference).max(axis=-1, initial=0.0) < IDENTICAL_BELOW
+        equal = np.linalg.norm(V[:, turning], axis=1) <= MAX_EQUAL_DISPLACEMENT * angle
+        equal &= np.linalg.norm(V[:, ~turning], axis=1) <= MAX_EQUAL_DISPLACEMENT * distance * levers[kept]
+        if not (identical | equal).any():
             kept.append(k)
-    sizes = np.linalg.svd(J[kept], compute_uv=False) if kept else np.ones((0, 1))
-    singular = int((sizes[:, -1] <= SINGULAR * sizes[:, 0]).sum())
+    singular_values = np.linalg.svd(J[kept], compute_uv=False) if kept else np.ones((0, 1))
+    singular = int((singular_values[:, -1] <= SINGULAR_VALUE_SHARE * singular_values[:, 0]).sum())
     if singular > 1:
         warnings.warn(
             f"inverse_kinematics_branches: {singular} of the {len(kept)} configurations are singular, so they may be points of "
@@ -465,23 +479,23 @@ def branches(
             stacklevel=frames_to_user(),
         )
     order = sorted(kept, key=lambda k: (float(np.abs(q[k]).max(initial=0.0)), k))
-    return selected(found, there[order], q[order])
+    return select_poses(result, solutions[order], q[order])
 
 
-def _turning(robot: Robot) -> Array:
+def _full_turn_mask(robot: Robot) -> Array:
     """Mask of joints that repeat after a full turn: revolute, without pitch, without a follower of another ratio."""
     followed = {body.v_index for body in robot.model.bodies if body.follows}
-    found = np.zeros(robot.nv, bool)
+    mask = np.zeros(robot.nv, bool)
     for body in robot.model.leaders:
         joint = body.joint
         turns = isinstance(joint, ScrewJoint) and joint.turns and not joint.has_pitch
-        found[body.v_index] = turns and body.v_index not in followed
-    return found
+        mask[body.v_index] = turns and body.v_index not in followed
+    return mask
 
 
 def _unwound(robot: Robot, q: Array) -> Array:
     """Remove full turns from q if the limits allow the smaller angle."""
-    turn = 2.0 * np.pi * _turning(robot)
+    turn = 2.0 * np.pi * _full_turn_mask(robot)
     smaller = q - turn * np.round(q / (2.0 * np.pi))
     fits = (smaller >= robot.limits.lower) & (smaller <= robot.limits.upper)
     return np.where(fits, smaller, q)
@@ -489,4 +503,4 @@ def _unwound(robot: Robot, q: Array) -> Array:
 
 def _apart(robot: Robot, a: Array, b: Array) -> Array:
     """Difference of two configurations modulo full turns."""
-    return (a - b) - 2.0 * np.pi * _turning(robot) * np.round((a - b) / (2.0 * np.pi))
+    return (a - b) - 2.0 * np.pi * _full_turn_mask(robot) * np.round((a - b) / (2.0 * np.pi))

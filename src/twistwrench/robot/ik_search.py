@@ -18,7 +18,7 @@ from ..core.typing import Array
 from ..mechanics.algorithms.newton_step import NewtonStep
 from ..mechanics.model.assembly import random_configuration
 from ..mechanics.model.model import Model
-from .engine import compiled
+from .engine import compile_form
 
 if TYPE_CHECKING:
     from .constraints.closures import LoopClosureSolver
@@ -33,7 +33,7 @@ AT_ONCE = 1 << 18
 """Largest number of starts in one call of the kernel; Ctrl-C takes effect between calls."""
 Frames = tuple[tuple[str, tuple[int, ...]], ...]
 """Frame names, each with rows of the frame's twist."""
-_HAIR = 1e-9
+_TOLERANCE_MARGIN = 1e-9
 """Margin below 1 of squared tolerances, against rounding errors."""
 
 
@@ -61,22 +61,23 @@ class PoseSearch:
         """Length in m that is weighted like one radian."""
         kinds = [k for _, rows in frames for k in rows] + (loops.kinds if loops is not None else [])
         scale = np.array([1.0 if k < 3 else 1.0 / self.length for k in kinds])
-        one = [b for b in model.leaders if b.joint.nv == 1]
-        self.q_of, v_of = (np.array([getattr(b, name) for b in one], int) for name in ("q_index", "v_index"))
+        simple = [b for b in model.leaders if b.joint.nv == 1]
+        self.q_of = np.array([b.q_index for b in simple], int)
+        v_of = np.array([b.v_index for b in simple], int)
         self.low, self.high = model.limits.lower[v_of], model.limits.upper[v_of]
-        limits = np.full((4, max(model.nq, model.nv)), [[-np.inf], [np.inf]] * 2)
-        limits[0, v_of], limits[1, v_of], limits[2, self.q_of], limits[3, self.q_of] = (self.low, self.high) * 2
+        v_low, v_high = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+        v_low[v_of], v_high[v_of] = self.low, self.high
+        self._q_low, self._q_high = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
+        self._q_low[self.q_of], self._q_high[self.q_of] = self.low, self.high
         coordinates = np.full(model.nv, -1)
         coordinates[v_of] = self.q_of
-        low, high = limits[:2, : model.nv]
-        held = (None, ()) if loops is None else (loops.rows, loops.allowed)
         self._step = NewtonStep(
-            model, frames, scale, low, high, tuple(coordinates.tolist()), loops=held[0], gaps=held[1]
-        )
-        self._bounds: list[list[float]] = limits[2:, : model.nq].tolist()
+            model, frames, scale, v_low, v_high, tuple(coordinates.tolist()),
+            loops=None if loops is None else loops.rows, gaps=() if loops is None else loops.allowed,
+        )  # fmt: skip
         search = self._search(self._step)
         self.status_size = search.status.size
-        self.kernel = compiled(search, "inverse_kinematics", f"Search of {model.name} for poses, compiled.")
+        self.kernel = compile_form(search, "inverse_kinematics", f"Search of {model.name} for poses, compiled.")
         weights = []
         for _, rows in frames:
             turning, moving = any(k < 3 for k in rows), any(k >= 3 for k in rows)
@@ -84,28 +85,29 @@ class PoseSearch:
         self.weights = np.concatenate(weights)
 
     def _search(self, step: NewtonStep) -> Search:
-        nq, count, (least, most) = self.model.nq, len(self.poses), self._bounds
+        nq, count = self.model.nq, len(self.poses)
         target = TensorSpec("T and posture", (16 * count + nq,)) if step.posture else TensorSpec("T", self.core)
         ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (sum(step.sizes),)), ("given", (target.size + 2,))]
         program = trace(step, ports, ["q", "passed on"])
         near = tuple(16 * k + entry for k in range(count) for entry in range(12))
-        return Search(program, target, near, step.begins, (*least,), (*most,))
+        return Search(program, target, near, step.begins, tuple(self._q_low.tolist()), tuple(self._q_high.tolist()))
 
     @cached_property
     def look(self) -> Any:
         """Kernel for one pose that gives up if a joint meets a limit; otherwise its result equals the general kernel's."""
         doc = f"Look of {self.model.name} for one pose near by, compiled."
-        return compiled(self._search(replace(self._step, rounds=1)), "look", doc, scalar=True)
+        return compile_form(self._search(replace(self._step, rounds=1)), "look", doc, scalar=True)
 
     @cached_property
     def to_posture(self) -> Any:
         """Kernel that moves from reached poses towards a posture, as near as the poses allow."""
         doc = f"Search of {self.model.name} for postures, compiled."
-        return compiled(self._search(replace(self._step, posture=True)), "posture", doc)
+        return compile_form(self._search(replace(self._step, posture=True)), "posture", doc)
 
-    def settings(self, allowed: tuple[float, float], restarts: int, steps: int = STEPS) -> Array:
+    def settings(self, tolerances: tuple[float, float], restarts: int, steps: int = STEPS) -> Array:
         """Settings of the kernel other than poses and starts."""
-        return np.array([steps, restarts, *((1.0 - _HAIR) * x * x for x in allowed), *self.weights])
+        squares = [(1.0 - _TOLERANCE_MARGIN) * tolerance * tolerance for tolerance in tolerances]
+        return np.array([steps, restarts, *squares, *self.weights])
 
     def inside(self, q: Array) -> Array:
         """q with joints of one degree of freedom clipped to their limits."""
@@ -113,69 +115,69 @@ class PoseSearch:
         q[..., self.q_of] = np.clip(q[..., self.q_of], self.low, self.high)
         return q
 
-    def rounded(self, q: Array, kind: np.dtype[Any]) -> Array:
+    def round_to_type(self, q: Array, kind: np.dtype[Any]) -> Array:
         """q rounded to another type; numbers that leave the limits by rounding are moved to the nearest value inside."""
-        found = q.astype(kind, copy=False)
+        rounded = q.astype(kind, copy=False)
         if kind == q.dtype:
-            return found
-        mine = found[..., self.q_of]
-        mine = np.where(mine > self.high, np.nextafter(mine, np.asarray(-np.inf, kind)), mine)
-        found[..., self.q_of] = np.where(mine < self.low, np.nextafter(mine, np.asarray(np.inf, kind)), mine)
-        return found
+            return rounded
+        x = rounded[..., self.q_of]
+        x = np.where(x > self.high, np.nextafter(x, np.asarray(-np.inf, kind)), x)
+        rounded[..., self.q_of] = np.where(x < self.low, np.nextafter(x, np.asarray(np.inf, kind)), x)
+        return rounded
 
     def best(
-        self, T: Array, start: Array, restarts: int, seed: int, allowed: tuple[float, float]
+        self, T: Array, start: Array, restarts: int, seed: int, tolerances: tuple[float, float]
     ) -> tuple[Array, Array]:
         """Best result of all starts (n, nq), the first at ``start``, and its status (n, status); T (n, *core)."""
-        settings = self.settings(allowed, min(restarts, PLACES))
+        settings = self.settings(tolerances, min(restarts, PLACES))
         if seed not in self._starts:  # the start table takes longer than most searches
-            q, status = self.some(T, start, self._no_starts, self.settings(allowed, 0))
+            q, status = self.run(T, start, self._no_starts, self.settings(tolerances, 0))
             rows = np.flatnonzero(status[:, 1] == 0.0)
             if not restarts or not len(rows):
                 return q, status
-            q[rows], status[rows] = self.some(T[rows], start[rows], self.start_configurations(seed).table(0), settings)
+            q[rows], status[rows] = self.run(T[rows], start[rows], self.start_configurations(seed).table(0), settings)
         else:
-            q, status = self.some(T, start, self.start_configurations(seed).table(0), settings)
+            q, status = self.run(T, start, self.start_configurations(seed).table(0), settings)
         starts = self.start_configurations(seed)
         for number, done in enumerate(range(PLACES, restarts, PLACES + 1), start=1):  # next start, then its restarts
             rows = np.flatnonzero(status[:, 1] == 0.0)
             if not len(rows):
                 break
-            settings = self.settings(allowed, min(restarts - done - 1, PLACES))
+            settings = self.settings(tolerances, min(restarts - done - 1, PLACES))
             first = np.broadcast_to(starts.first(number), (len(rows), self.model.nq))
-            other, of_it = self.some(T[rows], first, starts.table(number), settings)
-            of_it[:, 0] += status[rows, 0]
-            status[rows, 0] = of_it[:, 0]
-            better = (of_it[:, 1] != 0.0) | (of_it[:, 2] < status[rows, 2])
-            q[rows[better]], status[rows[better]] = other[better], of_it[better]
+            new_q, new_status = self.run(T[rows], first, starts.table(number), settings)
+            new_status[:, 0] += status[rows, 0]
+            status[rows, 0] = new_status[:, 0]
+            improved = (new_status[:, 1] != 0.0) | (new_status[:, 2] < status[rows, 2])
+            q[rows[improved]], status[rows[improved]] = new_q[improved], new_status[improved]
         return q, status
 
     def nearest(
-        self, T: Array, posture: Array, found: tuple[Array, Array], allowed: tuple[float, float]
+        self, T: Array, posture: Array, solution: tuple[Array, Array], tolerances: tuple[float, float]
     ) -> tuple[Array, Array]:
-        """Move found configurations towards postures (n, nq) with the frames fixed, until no step improves."""
-        q, status = found
+        """Move solutions towards postures (n, nq) with the frames fixed, until no step improves."""
+        q, status = solution
         rows = np.flatnonzero(status[:, 1] > 0.0)
-        none, settings = self._no_starts, self.settings(allowed, 0, POSTURE_STEPS)
+        no_starts, settings = self._no_starts, self.settings(tolerances, 0, POSTURE_STEPS)
         target = np.concatenate([T[rows].reshape(len(rows), 16 * len(self.poses)), posture[rows]], axis=1)
-        moved, _ = self.some(target, q[rows], none, settings, self.to_posture)
-        moved, of_it = self.some(T[rows], moved, none, settings)  # to full precision
-        before, after = (np.linalg.norm(self.apart(posture[rows], x), axis=1) for x in (q[rows], moved))
-        better = (of_it[:, 1] > 0.0) & (after < before)
-        of_it[:, 0] = status[rows, 0]
-        q[rows[better]], status[rows[better]] = moved[better], of_it[better]
+        new_q, _ = self.run(target, q[rows], no_starts, settings, self.to_posture)
+        new_q, new_status = self.run(T[rows], new_q, no_starts, settings)  # to full precision
+        old_distance, new_distance = (np.linalg.norm(self.apart(posture[rows], x), axis=1) for x in (q[rows], new_q))
+        improved = (new_status[:, 1] > 0.0) & (new_distance < old_distance)
+        new_status[:, 0] = status[rows, 0]
+        q[rows[improved]], status[rows[improved]] = new_q[improved], new_status[improved]
         return q, status
 
-    def some(
+    def run(
         self, T: Array, start: Array, table: tuple[Array, Array], settings: Array, kernel: Any = None
     ) -> tuple[Array, Array]:
         """Run the kernel, or another one, on any number of poses, in parts."""
         q, status = np.empty((len(T), self.model.nq)), np.empty((len(T), self.status_size))
-        each = max(64, int(AT_ONCE / (1.0 + settings[1])))
-        parts = (slice(k, k + each) for k in range(0, len(T), each))
+        size = max(64, int(AT_ONCE / (1.0 + settings[1])))
+        rows = (slice(k, k + size) for k in range(0, len(T), size))
         with np.errstate(all="ignore"):  # steps near a singularity may overflow; the best iterate counts
-            given = (Part((T[k], start[k], settings, *table), (q[k], status[k])) for k in parts)
-            batch_threads.share(kernel or self.kernel, given)
+            parts = (Part((T[k], start[k], settings, *table), (q[k], status[k])) for k in rows)
+            batch_threads.share(kernel or self.kernel, parts)
         return q, status
 
     @property
@@ -205,14 +207,14 @@ class _StartConfigurations:
     def table(self, number: int) -> tuple[Array, Array]:
         """Configurations (PLACES, nq), and the rows of their poses (12 for each frame, PLACES)."""
         while len(self._tables) <= number:
-            more = bool(self._tables)
-            some = random_configuration(self.search.model, self.rng, (PLACES + more,))
+            separate_first = bool(self._tables)
+            starts = random_configuration(self.search.model, self.rng, (PLACES + separate_first,))
             loops, inside = self.search.loops, self.search.inside
-            some = inside(some) if loops is None else loops.closed_starts(some, inside)
-            q = np.ascontiguousarray(some[more:])
-            self._firsts.append(some[0])
-            reached = [poses(q)[:, :3].reshape(PLACES, 12).T for poses in self.search.poses]
-            self._tables.append((q, np.ascontiguousarray(np.concatenate(reached))))
+            starts = inside(starts) if loops is None else loops.closed_starts(starts, inside)
+            q = np.ascontiguousarray(starts[separate_first:])
+            self._firsts.append(starts[0])
+            pose_rows = [poses(q)[:, :3].reshape(PLACES, 12).T for poses in self.search.poses]
+            self._tables.append((q, np.ascontiguousarray(np.concatenate(pose_rows))))
         return self._tables[number]
 
 
@@ -223,31 +225,31 @@ class SinglePose:
     search from the beginning. The result is the same either way.
     """
 
-    def __init__(self, search: PoseSearch, restarts: int, seed: int, allowed: tuple[float, float]) -> None:
+    def __init__(self, search: PoseSearch, restarts: int, seed: int, tolerances: tuple[float, float]) -> None:
         self.kernel, self.table = search.kernel, search.start_configurations(seed).table(0)
-        self.settings = search.settings(allowed, restarts)
-        self.look = search.settings(allowed, 0, FIRST_LOOK)
+        self.settings = search.settings(tolerances, restarts)
+        self.look = search.settings(tolerances, 0, FIRST_LOOK)
         self.start = search.model.neutral
-        self.call: Any = make_call(search.look, _NoFallback().found, "inverse_kinematics")
+        self.call: Any = make_call(search.look, _NoFallback().reject, "inverse_kinematics")
 
     def near_by(self, T: Array, q0: Array) -> Array | None:
         """Configuration that one lane finds in a few steps without meeting a limit; None otherwise."""
-        found = None if self.call is None else self.call(T, q0, self.look, *self.table)
-        return found[0] if found is not None and found[1][1] > 0.0 else None
+        solution = None if self.call is None else self.call(T, q0, self.look, *self.table)
+        return solution[0] if solution is not None and solution[1][1] > 0.0 else None
 
-    def found(self, T: Any, q0: Any) -> tuple[Array, Array] | None:
+    def solve(self, T: Any, q0: Any) -> tuple[Array, Array] | None:
         """Return q and the search's status; None if the general search is needed."""
         start = self.start if q0 is None else q0
-        found: tuple[Array, Array] | None = self.call(T, start, self.look, *self.table)
-        if found is None or found[1][1] > 0.0:
-            return found
+        solution: tuple[Array, Array] | None = self.call(T, start, self.look, *self.table)
+        if solution is None or solution[1][1] > 0.0:
+            return solution
         with np.errstate(all="ignore"):
-            found = self.kernel(T, start, self.settings, *self.table)
-        return found if found is not None and found[1][1] >= 0.0 else None
+            solution = self.kernel(T, start, self.settings, *self.table)
+        return solution if solution is not None and solution[1][1] >= 0.0 else None
 
 
 class _NoFallback:
     """Fallback of the builtin call, which returns None."""
 
-    def found(self, T: Any, start: Any, settings: Array, places: Array, reached: Array) -> None:
+    def reject(self, T: Any, start: Any, settings: Array, starts: Array, poses: Array) -> None:
         """None: the general search follows."""

@@ -150,13 +150,13 @@ def load(
             from ..mechanics.model.description import issue
 
             issue(known.remarks)
-        mine = deepcopy(options)  # copied: the caller may change them later
-        return Robot(CachedModel(known.key, lambda: _read(source, known.data, mine, quiet=True)))
+        own_options = deepcopy(options)  # copied: the caller may change them later
+        return Robot(CachedModel(known.key, lambda: _read(source, known.data, own_options, quiet=True)))
     from ..mechanics.model.description import sentences
 
-    found = _read(source, known.data, options)
-    keep_file(known, sentences(found.name, found.defects))
-    return Robot(CachedModel(known.key, lambda: found))
+    new_model = _read(source, known.data, options)
+    keep_file(known, sentences(new_model.name, new_model.defects))
+    return Robot(CachedModel(known.key, lambda: new_model))
 
 
 def _read(source: str | Path, data: bytes | None, options: LoadOptions, *, quiet: bool = False) -> Model:
@@ -427,8 +427,8 @@ def _tip_lost(robot: Robot, path: Path) -> list[str]:
         tip = load_model(path, inertia="accept").tip
     if tip == robot.tip:
         return []
-    found = "finds none" if tip is None else f"takes {tip!r}"
-    return [f"the tip is not kept: reading the file {found}; pass tip={robot.tip!r} for the same"]
+    result = "finds none" if tip is None else f"takes {tip!r}"
+    return [f"the tip is not kept: reading the file {result}; pass tip={robot.tip!r} for the same"]
 
 
 complete(globals())

@@ -107,16 +107,20 @@ def where_positive(x: Any, a: Any, b: Any) -> Any:
 
 
 def _larger(t: Trace, a: Expr, b: Expr) -> Expr:
-    a, b = (b, a) if b.op == "const" else (a, b)
-    return t.max(a, _none_where(t, a, b))
+    a, b = _constant_first(a, b)
+    return t.max(a, _with_nan_of(t, a, b))
 
 
 def _smaller(t: Trace, a: Expr, b: Expr) -> Expr:
-    a, b = (b, a) if b.op == "const" else (a, b)
-    return t.min(a, _none_where(t, a, b))
+    a, b = _constant_first(a, b)
+    return t.min(a, _with_nan_of(t, a, b))
 
 
-def _none_where(t: Trace, a: Expr, b: Expr) -> Expr:
+def _constant_first(a: Expr, b: Expr) -> tuple[Expr, Expr]:
+    return (b, a) if b.op == "const" else (a, b)
+
+
+def _with_nan_of(t: Trace, a: Expr, b: Expr) -> Expr:
     """b, or NaN where a is NaN: min and max of programs return their second argument if one is NaN."""
     if a.op == "const":
         return a if a.value != a.value else b
@@ -129,10 +133,14 @@ def _where_positive(t: Trace, x: Expr, a: Expr, b: Expr) -> Expr:
     return t.max(t.min(a, huge), t.min(b, -huge))
 
 
-def _each(plain: Callable[..., Any], traced: Callable[..., Expr], *given: Any) -> Any:
+def _each(plain: Callable[..., Any], traced: Callable[..., Expr], *operands: Any) -> Any:
     """NumPy's result for numbers; element by element for broadcast arrays of symbols."""
-    if not is_symbolic(given):
-        return plain(*given)
-    arrays = [np.asarray(x, object) for x in given]
+    if not is_symbolic(operands):
+        return plain(*operands)
+    arrays = [np.asarray(x, object) for x in operands]
     trace = next(e.trace for array in arrays for e in array.flat if isinstance(e, Expr))
-    return np.frompyfunc(lambda *x: traced(trace, *(trace.lift(e) for e in x)), len(arrays), 1)(*arrays)
+
+    def element(*entries: Any) -> Expr:
+        return traced(trace, *map(trace.lift, entries))
+
+    return np.frompyfunc(element, len(arrays), 1)(*arrays)

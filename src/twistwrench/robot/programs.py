@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import numpy as np
@@ -46,8 +47,10 @@ class KernelOptions(TypedDict, total=False):
     values: bool
 
 
-OF_DERIVATIVES: Mapping[str, Any] = {"by": None, "form": "jacobian", "mode": "auto", "values": False}
+DERIVATIVE_OPTIONS: Mapping[str, Any] = {"by": None, "form": "jacobian", "mode": "auto", "values": False}
 """Derivative options of every quantity, with defaults."""
+
+_MAX_LISTED_LINKS = 12
 
 
 def options_of(name: str) -> tuple[str, ...]:
@@ -57,10 +60,11 @@ def options_of(name: str) -> tuple[str, ...]:
             raise UnknownNameError(f"no quantity named {name!r}: {hint}.")
         raise UnknownNameError.from_choices("quantity", name, QUANTITIES)
     own = QUANTITIES[name].options
-    return (*own, *(["on_robot"] if "wrenches" in own else []), "parameters", *OF_DERIVATIVES)
+    on_robot = ("on_robot",) if "wrenches" in own else ()
+    return (*own, *on_robot, "parameters", *DERIVATIVE_OPTIONS)
 
 
-def wanted(model: Model, names: Sequence[str], options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def options_by_quantity(model: Model, names: Sequence[str], options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Each quantity with the options that apply to it, validated."""
     if not names:
         raise UnknownNameError.from_choices("quantity", "", QUANTITIES)
@@ -68,11 +72,15 @@ def wanted(model: Model, names: Sequence[str], options: Mapping[str, Any]) -> di
         raise KernelError(f"a quantity is given twice: {', '.join(names)}. Name each once.")
     if len(names) == 1:
         return {names[0]: checked_options(model, names[0], options)}
-    takes = {n: options_of(n) for n in names}
+    allowed = {name: options_of(name) for name in names}
     for option in options:
-        if not any(option in mine for mine in takes.values()):
+        if all(option not in own for own in allowed.values()):
             raise KernelError(f"none of {', '.join(names)} takes an option {option!r}.")
-    return {n: checked_options(model, n, {k: v for k, v in options.items() if k in mine}) for n, mine in takes.items()}
+    checked = {}
+    for name, own in allowed.items():
+        applicable = {option: value for option, value in options.items() if option in own}
+        checked[name] = checked_options(model, name, applicable)
+    return checked
 
 
 def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -114,26 +122,34 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     if "wrenches" in allowed:
         full |= _wrench_options(model, name, options)
     if options.get("parameters"):
-        given = options["parameters"]
-        full["parameters"] = matching(model, (given,) if isinstance(given, str) else tuple(given))
+        full["parameters"] = matching(model, _names_tuple(options["parameters"]))
     if QUANTITIES[name].needs_mass:
         _require_mass(model, name, full.get("parameters", ()))
+    without_inputs = [option for option in DERIVATIVE_OPTIONS if option in options and option != "by"]
     if options.get("by") is not None:
-        by, form, mode, values = (options.get(option, usual) for option, usual in OF_DERIVATIVES.items())
+        by, form, mode, values = (options.get(option, usual) for option, usual in DERIVATIVE_OPTIONS.items())
         full["derivative"] = Derivative.from_inputs(
             name, tuple(input_shapes(model, name, full)), by, form, mode, values
         )
-    elif asked := [option for option in OF_DERIVATIVES if option in options and option != "by"]:
-        raise KernelError(f"{name}: {asked[0]}= is of a derivative; name the inputs to differentiate by, as in by='q'.")
+    elif without_inputs:
+        raise KernelError(
+            f"{name}: {without_inputs[0]}= is of a derivative; name the inputs to differentiate by, as in by='q'."
+        )
     return full
+
+
+def _names_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
+    """One name or several, as a tuple."""
+    return (names,) if isinstance(names, str) else tuple(names)
 
 
 def _wrench_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
     """Frames of the wrenches, and those of the wrenches applied by the world."""
-    given = options.get("wrenches", ())
-    if not isinstance(given, str | Sequence):
-        raise KernelError(f"{name}: wrenches={given!r} is not allowed. Give the names of frames.")
-    frames, on_robot = ((x,) if isinstance(x, str) else tuple(x) for x in (given, options.get("on_robot", ()) or ()))
+    wrenches = options.get("wrenches", ())
+    if not isinstance(wrenches, str | Sequence):
+        raise KernelError(f"{name}: wrenches={wrenches!r} is not allowed. Give the names of frames.")
+    frames = _names_tuple(wrenches)
+    on_robot = _names_tuple(options.get("on_robot") or ())
     for frame in frames:
         model.frame(frame)
     if len(set(frames)) < len(frames):
@@ -143,13 +159,13 @@ def _wrench_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
     return {"wrenches": frames, "on_robot": on_robot} if on_robot else {"wrenches": frames}
 
 
-def _constraints(name: str, given: Any) -> tuple[constraints.Constraint, ...]:
-    if not isinstance(given, tuple) or not given or not all(isinstance(c, constraints.Constraint) for c in given):
+def _constraints(name: str, value: Any) -> tuple[constraints.Constraint, ...]:
+    if not isinstance(value, tuple) or not value or not all(isinstance(c, constraints.Constraint) for c in value):
         raise KernelError(
             f"{name} needs constraints=(…,), a tuple of those of a closed robot: robot.close(…).constraints, "
-            f"got {given!r}."
+            f"got {value!r}."
         )
-    return given
+    return value
 
 
 def _require_plain_rates(model: Model) -> None:
@@ -165,10 +181,12 @@ def _require_mass(model: Model, name: str, parameters: Sequence[str]) -> None:
     if not model.bodies or any(x.endswith(".mass") for x in parameters):
         return
     if all(body.inertia.mass == 0 for body in model.bodies):
-        links = ", ".join([body.link for body in model.bodies][:12]) + (", …" if len(model.bodies) > 12 else "")
+        links = [body.link for body in model.bodies]
+        if len(links) > _MAX_LISTED_LINKS:
+            links = [*links[:_MAX_LISTED_LINKS], "…"]
         raise ValueRangeError(
-            f"{name}: no moving body of robot {model.name!r} has mass ({links}), so there is no centre of mass. Give "
-            "their links an inertial in the file, or a payload: robot.with_payload(…)."
+            f"{name}: no moving body of robot {model.name!r} has mass ({', '.join(links)}), so there is no centre of mass. "
+            "Give their links an inertial in the file, or a payload: robot.with_payload(…)."
         )
 
 
@@ -186,18 +204,25 @@ def input_shapes(model: Model, name: str, options: Mapping[str, Any]) -> dict[st
 # ── Traced programs of quantities
 
 
-def evaluated(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:
+def evaluate_quantity(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:
     """The quantity's algorithm on arrays of numbers or symbols: usual inputs, a wrench per frame, gravity, parameters."""
-    rest, usual = {k: v for k, v in options.items() if k != "derivative"}, len(quantity.inputs)
-    if names := rest.pop("parameters", ()):
-        model, arrays = with_symbolic_parameters(model, names, arrays[-1]), arrays[:-1]
-    if frames := rest.pop("wrenches", ()):
-        on_robot = rest.pop("on_robot", ())
-        given = zip(frames, arrays[usual : usual + len(frames)], strict=True)
-        rest["wrenches"] = {frame: -F if frame in on_robot else F for frame, F in given}
-    if rest.pop("gravity", None):
+    own_options = {option: value for option, value in options.items() if option != "derivative"}
+    usual = len(quantity.inputs)
+    if names := own_options.pop("parameters", ()):
+        model = with_symbolic_parameters(model, names, arrays[-1])
+        arrays = arrays[:-1]
+    if frames := own_options.pop("wrenches", ()):
+        on_robot = own_options.pop("on_robot", ())
+        wrenches = zip(frames, arrays[usual : usual + len(frames)], strict=True)
+        own_options["wrenches"] = {frame: -F if frame in on_robot else F for frame, F in wrenches}
+    if own_options.pop("gravity", None):
         model = replace(model, gravity=arrays[-1])
-    return quantity.algorithm(model, *arrays[:usual], **rest)
+    return quantity.algorithm(model, *arrays[:usual], **own_options)
+
+
+def _result_tuple(returned: Any) -> tuple[Any, ...]:
+    """Results of an algorithm that returns one or several."""
+    return returned if isinstance(returned, tuple) else (returned,)
 
 
 def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: bool = True) -> Program:
@@ -209,41 +234,47 @@ def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: 
     return program_of_several(model, {name: options}, regroup=regroup)
 
 
-def program_of_several(model: Model, wanted: Mapping[str, Mapping[str, Any]], *, regroup: bool = True) -> Program:
+def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]], *, regroup: bool = True) -> Program:
     """Trace several quantities, ``{name: options}``, as one program with common subexpressions."""
-    ports = {name: input_shapes(model, name, options) for name, options in wanted.items()}
-    more = {name: _ports_of_derivative(model, name, options) for name, options in wanted.items()}
-    inputs = {label: shape for mine in (*ports.values(), *more.values()) for label, shape in mine.items()}
-    order = _in_order(inputs)
-    models = {name: _model_for(model, name, options, regroup) for name, options in wanted.items()}
+    ports = {name: input_shapes(model, name, options) for name, options in requested.items()}
+    derivative_ports = {name: _ports_of_derivative(model, name, options) for name, options in requested.items()}
+    inputs: dict[str, Shape] = {}
+    for shapes in (*ports.values(), *derivative_ports.values()):
+        inputs |= shapes
+    order = _input_order(inputs)
+    models = {name: _model_for(model, name, options, regroup) for name, options in requested.items()}
 
-    def on_symbols(*arrays: Any) -> tuple[Any, ...]:
-        given = dict(zip(order, arrays, strict=True))
-        results: list[Any] = []
-        for name, options in wanted.items():
-            mine = {label: given[label] for label in ports[name]}
-            found = evaluated(QUANTITIES[name], models[name], list(mine.values()), options)
-            found = found if isinstance(found, tuple) else (found,)
+    def results(*arrays: Any) -> tuple[Any, ...]:
+        values = dict(zip(order, arrays, strict=True))
+        all_results: list[Any] = []
+        for name, options in requested.items():
+            arguments = {label: values[label] for label in ports[name]}
+            own_results = _result_tuple(
+                evaluate_quantity(QUANTITIES[name], models[name], list(arguments.values()), options)
+            )
             if derivative := options.get("derivative"):
-                charts = {x: Chart.from_input(mine[x], model if x in CONFIGURATIONS else None) for x in derivative.by}
-                found = derivative.of_results(name, found, charts, {label: given[label] for label in more[name]})
-            results.extend(found)
-        return tuple(results)
+                charts = {}
+                for label in derivative.by:
+                    charts[label] = Chart.from_input(arguments[label], model if label in CONFIGURATIONS else None)
+                weights_and_directions = {label: values[label] for label in derivative_ports[name]}
+                own_results = derivative.derive(name, own_results, charts, weights_and_directions)
+            all_results.extend(own_results)
+        return tuple(all_results)
 
     outputs: list[str] = []
-    for name, options in wanted.items():
+    for name, options in requested.items():
         own = QUANTITIES[name].outputs
         outputs += options["derivative"].outputs(own) if "derivative" in options else own
-    return trace(on_symbols, [(label, inputs[label]) for label in order], outputs)
+    return trace(results, [(label, inputs[label]) for label in order], outputs)
 
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
     """Names and shapes of the inputs of one quantity's kernel, in order."""
     ports = input_shapes(model, name, options) | _ports_of_derivative(model, name, options)
-    return [(label, ports[label]) for label in _in_order(ports)]
+    return [(label, ports[label]) for label in _input_order(ports)]
 
 
-def _in_order(labels: Iterable[str]) -> list[str]:
+def _input_order(labels: Iterable[str]) -> list[str]:
     """Usual inputs, weights and directions of derivatives, wrenches, gravity, parameters."""
     last = ("gravity", "parameters")
     return sorted(labels, key=lambda label: (label in last, label.startswith("wrench at")))
@@ -258,8 +289,9 @@ def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) ->
     shapes: Any = [()] * len(outputs)
     if derivative.weighs:  # shapes of results are known only after tracing
         owner = Trace()
-        found = evaluated(QUANTITIES[name], model, [owner.inputs(0, shape) for shape in ports.values()], options)
-        shapes = [np.shape(x) for x in (found if isinstance(found, tuple) else (found,))]
+        symbols = [owner.inputs(0, shape) for shape in ports.values()]
+        results = _result_tuple(evaluate_quantity(QUANTITIES[name], model, symbols, options))
+        shapes = [np.shape(x) for x in results]
         owner.forget()
     directions = {x: (model.nv,) if x in CONFIGURATIONS else shape for x, shape in ports.items()}
     return derivative.inputs(directions, {f"{name} {o}": s for o, s in zip(outputs, shapes, strict=True)})
@@ -277,48 +309,49 @@ def _model_for(model: Model, name: str, options: Mapping[str, Any], regroup: boo
 COLUMN_LOOP_FROM = 20
 """Number of pairs of a velocity and one of a joint it carries, from which a loop is faster (bench/NOTES.md)."""
 
-NAME = "forward_dynamics_derivatives"
+FORWARD_DERIVATIVES = "forward_dynamics_derivatives"
 
 
-def _only(wanted: Mapping[str, Mapping[str, Any]], name: str) -> bool:
-    """True if only this quantity is wanted, with no options but wrenches."""
-    return tuple(wanted) == (name,) and set(wanted[name]) <= {"wrenches"}
+def _is_alone(requested: Mapping[str, Mapping[str, Any]], name: str) -> bool:
+    """True if only this quantity is requested, with no options but wrenches."""
+    return tuple(requested) == (name,) and set(requested[name]) <= {"wrenches"}
 
 
-def columns_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> ColumnSolve | None:
+def columns_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> ColumnSolve | None:
     """Program and its columns; None for short programs and other quantities."""
-    if not _only(asked, NAME):
+    if not _is_alone(requested, FORWARD_DERIVATIVES):
         return None
     carries, bodies = forward_dynamics.relations(model)
     if int((carries & (bodies[:, None] != bodies)).sum()) < COLUMN_LOOP_FROM:
         return None
-    quantity = replace(QUANTITIES[NAME], algorithm=torque_derivatives_and_factors)
-    mine, options = regrouped(model), asked[NAME]
+    quantity = replace(QUANTITIES[FORWARD_DERIVATIVES], algorithm=torque_derivatives_and_factors)
+    regrouped_model, options = regrouped(model), requested[FORWARD_DERIVATIVES]
 
     def parts(*arrays: Array) -> Any:
-        return evaluated(quantity, mine, list(arrays), options)
+        return evaluate_quantity(quantity, regrouped_model, list(arrays), options)
 
-    program = trace(parts, inputs_of(model, NAME, options), [*quantity.outputs, "W", "D"])
+    program = trace(parts, inputs_of(model, FORWARD_DERIVATIVES, options), [*quantity.outputs, "W", "D"])
     return ColumnSolve(program, 2, tuple(_groups(program, model.nv)))
 
 
 def _groups(program: Program, n: int) -> list[ColumnGroup]:
     """Nonzero columns of ∂τ, grouped by the rows in which they are nonzero."""
-    some = ~np.array(program.zeros[: 2 * n * n]).reshape(2, n, n)
-    places: dict[tuple[bool, ...], list[tuple[int, int]]] = {}
-    for matrix, column in np.argwhere(some.any(axis=1)).tolist():
-        places.setdefault(tuple(some[matrix, :, column].tolist()), []).append((matrix, column))
+    nonzero = ~np.array(program.zeros[: 2 * n * n]).reshape(2, n, n)
+    columns_by_rows: dict[tuple[bool, ...], list[tuple[int, int]]] = {}
+    for matrix, column in np.argwhere(nonzero.any(axis=1)).tolist():
+        rows = tuple(nonzero[matrix, :, column].tolist())
+        columns_by_rows.setdefault(rows, []).append((matrix, column))
     factor = [program.instructions[r] for r in program.results[3 * n * n : 4 * n * n]]
-    made = np.array([x.op != "const" for x in factor]).reshape(n, n)
+    varies = np.array([x.op != "const" for x in factor]).reshape(n, n)
     constant = np.array([x.value for x in factor]).reshape(n, n)
 
     def solution(rows: tuple[bool, ...]) -> Program:
         def solve(W: Array, D: Array, x: Array) -> Array:
-            return accelerations(np.where(made, W, constant), D, np.where(rows, x, 0.0))
+            return accelerations(np.where(varies, W, constant), D, np.where(rows, x, 0.0))
 
         return trace(solve, [("W", (n, n)), ("D", (n,)), ("x", (n,))], ["solution"])
 
-    return [ColumnGroup(solution(rows), tuple(mine)) for rows, mine in places.items()]
+    return [ColumnGroup(solution(rows), tuple(columns)) for rows, columns in columns_by_rows.items()]
 
 
 # ── ∂q̈/∂(q, q̇, τ) by LAPACK: M ∂q̈/∂x = -∂τ/∂x
@@ -330,9 +363,9 @@ LAPACK_FROM = 64
 """Number of velocities from which derivatives are computed by LAPACK; unrolled, they would take a million operations."""
 
 
-def needs_lapack(model: Model, wanted: Mapping[str, Mapping[str, Any]]) -> bool:
+def needs_lapack(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> bool:
     """True for derivatives that would be too long unrolled."""
-    return _only(wanted, NAME) and model.nv >= LAPACK_FROM
+    return _is_alone(requested, FORWARD_DERIVATIVES) and model.nv >= LAPACK_FROM
 
 
 class LapackDerivatives:
@@ -342,8 +375,9 @@ class LapackDerivatives:
         self._mass = engine.kernel(["mass_matrix"], {})
         self._acceleration = engine.kernel(["forward_dynamics"], options)
         self._torque_derivatives = engine.kernel(["inverse_dynamics_derivatives"], options)
-        self.__name__, n = NAME, engine.model.nv
-        self.__doc__ = f"{NAME} of {engine.model.name}, from its mass matrix and ∂τ."
+        self.__name__ = FORWARD_DERIVATIVES
+        self.__doc__ = f"{FORWARD_DERIVATIVES} of {engine.model.name}, from its mass matrix and ∂τ."
+        n = engine.model.nv
         inputs = str(self._acceleration.signature).split("->")[0]
         self.signature = f"{inputs}->({n},{n}),({n},{n}),({n},{n})"
         self.nin, self.nout = self._acceleration.nin, 3
@@ -357,11 +391,11 @@ class LapackDerivatives:
         q, dq, _, *wrenches = args
         by_q, by_dq = self._torque_derivatives(q, dq, ddq, *wrenches)
         inverse = _inverse(self._mass(q).astype(ddq.dtype, copy=False))
-        found = -(inverse @ by_q), -(inverse @ by_dq), np.broadcast_to(inverse, by_q.shape)
+        results = -(inverse @ by_q), -(inverse @ by_dq), np.broadcast_to(inverse, by_q.shape)
         if out is None:
-            return found[0], found[1], found[2].copy()
-        for given, made in zip(out, found, strict=True):
-            given[...] = made
+            return results[0], results[1], results[2].copy()
+        for target, result in zip(out, results, strict=True):
+            target[...] = result
         return out
 
 
@@ -370,11 +404,11 @@ def _inverse(M: Array) -> Array:
     try:
         return np.linalg.inv(M)
     except np.linalg.LinAlgError:
-        found = np.full_like(M, np.nan)
-        for where in np.ndindex(M.shape[:-2]):
-            if np.linalg.matrix_rank(M[where]) == M.shape[-1]:
-                found[where] = np.linalg.inv(M[where])
-        return found
+        inverses = np.full_like(M, np.nan)
+        for state in np.ndindex(M.shape[:-2]):
+            if np.linalg.matrix_rank(M[state]) == M.shape[-1]:
+                inverses[state] = np.linalg.inv(M[state])
+        return inverses
 
 
 # ── Matrices of long robots by loops over pairs of joints
@@ -382,7 +416,7 @@ def _inverse(M: Array) -> Array:
 PAIR_LOOP_FROM = 100_000
 """Instruction count of an unrolled program above which loops replace it (bench/NOTES.md)."""
 
-MOST_OVERESTIMATED = 3
+MAX_OVERESTIMATE = 3
 """Largest factor by which the estimate exceeds the instructions of the unrolled program; it is never much too low."""
 
 
@@ -413,11 +447,11 @@ _LOOPED = {
 }  # fmt: skip
 
 
-def products_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Products | Program | None:
+def products_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Products | Program | None:
     """Loops for one quantity; its unrolled program if that is short enough; None for other quantities."""
-    (name, options), *_ = asked.items()
+    (name, options), *_ = requested.items()
     looped = _LOOPED.get(name)
-    if looped is None or not _only(asked, name):
+    if looped is None or not _is_alone(requested, name):
         return None
     from ..compiler.lowering.product_loop import LEAST
 
@@ -427,24 +461,25 @@ def products_of(model: Model, asked: Mapping[str, Mapping[str, Any]]) -> Product
     estimated = looped.for_a_joint * model.nv + looped.for_a_pair * int(carries.sum())
     if estimated < PAIR_LOOP_FROM:
         return None
-    if estimated < MOST_OVERESTIMATED * PAIR_LOOP_FROM:
-        unrolled = program_of_several(model, asked)
+    if estimated < MAX_OVERESTIMATE * PAIR_LOOP_FROM:
+        unrolled = program_of_several(model, requested)
         if len(unrolled.instructions) < PAIR_LOOP_FROM:
             return unrolled
-    same = bodies[:, None] == bodies
-    below = carries.T if not looped.symmetric else carries.T & ~(same & np.triu(np.ones_like(same), 1))
+    below = carries.T
+    if looped.symmetric:  # of two velocities of one body, each pair once
+        same_body = bodies[:, None] == bodies
+        below = below & ~(same_body & np.triu(np.ones_like(same_body), 1))
     relations = np.where(below, AFTER, np.where(carries, BEFORE, NEITHER))
-    quantity, mine = replace(QUANTITIES[name], algorithm=looped.factors), regrouped(model)
+    quantity, regrouped_model = replace(QUANTITIES[name], algorithm=looped.factors), regrouped(model)
 
     def factors(*arrays: Array) -> Any:
-        return evaluated(quantity, mine, list(arrays), options)
+        return evaluate_quantity(quantity, regrouped_model, list(arrays), options)
 
-    count = len({k for pair in (*looped.before, *looped.after) for k in pair})
+    count = len(set(chain(*looped.before, *looped.after)))
     program = trace(factors, inputs_of(model, name, options), [f"factor {k}" for k in range(count)])
     matrices = []
     for output, before, after, added in zip(quantity.outputs, looped.before, looped.after, looped.added, strict=True):
-        constant = np.zeros((model.nv, model.nv)) if added is None else added(mine)
-        places = zip(*np.nonzero(constant), strict=True)
-        more = tuple((int(r), int(c), float(constant[r, c])) for r, c in places)
-        matrices.append(Product(output, before, after, more))
+        constant = np.zeros((model.nv, model.nv)) if added is None else added(regrouped_model)
+        entries = tuple((int(r), int(c), float(constant[r, c])) for r, c in np.argwhere(constant))
+        matrices.append(Product(output, before, after, entries))
     return Products(program, tuple(matrices), tuple(map(tuple, relations.tolist())))

@@ -49,10 +49,15 @@ class Quantity:
 
     def shapes(self, model: Model) -> list[tuple[str, Shape]]:
         """Names and shapes of the inputs for one robot."""
-        return [
-            (name, (model.nq,) if name in CONFIGURATIONS else (6,) if name == "wrench" else (model.nv,))
-            for name in self.inputs
-        ]
+        shapes: list[tuple[str, Shape]] = []
+        for name in self.inputs:
+            if name in CONFIGURATIONS:
+                shapes.append((name, (model.nq,)))
+            elif name == "wrench":
+                shapes.append((name, (6,)))
+            else:
+                shapes.append((name, (model.nv,)))
+        return shapes
 
 
 def row(
@@ -273,12 +278,12 @@ def other_names() -> Mapping[str, tuple[str, str]]:
     """Library and quantity by the library's name for it, in small letters, from the table of first calls."""
     from ..core.first_calls import GUESS, first_calls
 
-    found: dict[str, tuple[str, str]] = {}
+    names: dict[str, tuple[str, str]] = {}
     for row in first_calls():
         if row.quantity in QUANTITIES:
             library = "another library" if row.of == GUESS else row.of
-            found = {word.casefold(): (library, row.quantity) for word in row.words} | found
-    return found
+            names = {word.casefold(): (library, row.quantity) for word in row.words} | names
+    return names
 
 
 def other_name_hint(name: str) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..core.errors import UnknownNameError
 from ..core.glossary import complete
 from ..core.typing import Array
-from .arguments import Kind, Wrenches, refuse_base, unlabelled
+from .arguments import Kind, Wrenches, refuse_base, values_at
 from .base import Motion, Slopes, Torques
 from .derivatives import DerivativeMethods
 
@@ -411,7 +411,7 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
 
         if isinstance(wrench_by_robot, Wrench):
             frame = wrench_by_robot.frame if frame is None else frame
-            F: Any = unlabelled(wrench_by_robot, frame)
+            F: Any = values_at(wrench_by_robot, frame)
             refuse_base(self.model, frame)
         else:
             F = wrench_by_robot

@@ -234,16 +234,16 @@ class Robot(
         loops = self._searched_loops() if self.constraints else None
         robot = cast("Robot", self) if loops is None else self.open()
         options = angle, distance, nearest, loops
-        found = _inverse_kinematics()(robot, T, frame, q0, rows, restarts, rng, *options)
+        result = _inverse_kinematics()(robot, T, frame, q0, rows, restarts, rng, *options)
         if clearance is None:
-            return found
+            return result
         from .ik import clear_of_links
 
         poses = np.asarray(T)
         core = 2 if frame is None or isinstance(frame, str) else 3
         return clear_of_links(
-            found,
-            np.broadcast_to(poses, (*found.q.shape[:-1], *poses.shape[-core:])),
+            result,
+            np.broadcast_to(poses, (*result.q.shape[:-1], *poses.shape[-core:])),
             lambda target, starts: _inverse_kinematics()(robot, target, frame, starts, rows, 0, rng, *options),
             robot._clearance_search(),
             arguments.positive(clearance, "inverse_kinematics: clearance", "m", zero=True),
@@ -336,25 +336,25 @@ class Robot(
             self._motors(actuated)
         q, dq, ddq = map(np.asarray, states(self.model, "explain", q=q, dq=dq, ddq=ddq))
         tau = np.asarray(self.inverse_dynamics(q, dq, ddq, **wrenches), float)
-        apart: dict[str, Array] = {}
-        for sign, given in ((1.0, wrench_by_robot), (-1.0, wrench_on_robot)):
-            for frame, F in (given or {}).items():
-                found = sign * self.wrench_torques(q, wrench_at(self.model, frame, F), frame)
-                apart[f"wrench at {frame}"] = found + apart.get(f"wrench at {frame}", 0.0)
+        other_torques: dict[str, Array] = {}
+        for sign, frame_wrenches in ((1.0, wrench_by_robot), (-1.0, wrench_on_robot)):
+            for frame, F in (frame_wrenches or {}).items():
+                torque = sign * self.wrench_torques(q, wrench_at(self.model, frame, F), frame)
+                other_torques[f"wrench at {frame}"] = torque + other_torques.get(f"wrench at {frame}", 0.0)
         if self.model.springs:
-            apart["springs"] = self.holding_torques(q) - self.gravity_forces(q)
+            other_torques["springs"] = self.holding_torques(q) - self.gravity_forces(q)
         if self.model.armature.any():
             from ..mechanics.algorithms.recursion import armature_forces
 
-            apart["armature"] = armature_forces(self.model, dq, ddq)
+            other_torques["armature"] = armature_forces(self.model, dq, ddq)
         if friction and self.model.friction.any:
-            apart["friction"] = self.friction_forces(dq, load=tau)
+            other_torques["friction"] = self.friction_forces(dq, load=tau)
         from ..compiler.lowering.reference_interpreter import NumpyKernel
-        from .explanation import explained
+        from .explanation import explain_torques
 
         # evaluated rarely: compiling it would take a second
-        Y = self.engine.cached("regressor on NumPy", lambda: NumpyKernel(self.program("regressor"), "regressor", ""))
-        return explained(self.model, Y, (q, dq, ddq), apart)
+        Y = self.engine.cache("regressor on NumPy", lambda: NumpyKernel(self.program("regressor"), "regressor", ""))
+        return explain_torques(self.model, Y, (q, dq, ddq), other_torques)
 
     def closed_form(self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None) -> ClosedForm:
         """Closed-form equations of motion: terms and block matrices of MR section 8.4 at one state.

@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from .robot import Robot
 
 
-def _count(given: Mapping[str, Any]) -> int:
+def _count(options: Mapping[str, Any]) -> int:
     from ..mechanics.algorithms.kinematics import row_numbers
 
-    return len(row_numbers(given.get("rows")))
+    return len(row_numbers(options.get("rows")))
 
 
 class TaskSpaceMethods(RobotBase):
     """Methods that express a robot's dynamics in task space."""
 
-    @third_party.lazy_by_blocks(lambda _, given: [(_count(given),) * 2])
+    @third_party.lazy_by_blocks(lambda _, options: [(_count(options),) * 2])
     def task_inertia(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
         """Task-space (operational-space) inertia Λ of F = Λ dV + η on the selected rows of J: (J M⁻¹ J')⁻¹.
 
@@ -55,9 +55,9 @@ class TaskSpaceMethods(RobotBase):
         >>> arm.task_inertia([0, np.pi / 2], kind="world_aligned", rows="vx vz").round(12).tolist()
         [[1.0, 0.0], [0.0, 2.0]]
         """
-        return _by_kernel(cast("Robot", self), "task_inertia", (q,), frame, kind, rows)
+        return _task_quantity(cast("Robot", self), "task_inertia", (q,), frame, kind, rows)
 
-    @third_party.lazy_by_blocks(lambda _, given: [(_count(given),)])
+    @third_party.lazy_by_blocks(lambda _, options: [(_count(options),)])
     def task_bias(
         self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
     ) -> Array:
@@ -76,7 +76,7 @@ class TaskSpaceMethods(RobotBase):
         >>> arm.task_bias([0, 1], [0, 0], kind="world_aligned", rows="vx vz").round(2).tolist()
         [6.3, 19.62]
         """
-        return _by_kernel(cast("Robot", self), "task_bias", (q, dq), frame, kind, rows)
+        return _task_quantity(cast("Robot", self), "task_bias", (q, dq), frame, kind, rows)
 
     def lost_directions(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
         """Lost directions of a singular configuration: those of the selected rows along which the frame cannot move.
@@ -102,10 +102,11 @@ class TaskSpaceMethods(RobotBase):
         chosen = list(row_numbers(rows))
         robot = require_robot(self, "lost_directions")
         J = robot.jacobian(q, frame, kind)[..., chosen, :]
-        return ConstraintProjector.from_rows(J, robot.mass_matrix(q), _usual_ways(robot, frame, kind)[2][chosen]).lost
+        sizes = _samples(robot, frame, kind)[2][chosen]
+        return ConstraintProjector.from_rows(J, robot.mass_matrix(q), sizes).lost
 
 
-def _by_kernel(
+def _task_quantity(
     robot: Robot, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: Kind, rows: Rows
 ) -> Array:
     """Λ or η by the kernel; recomputed with singular values if pivots are near zero."""
@@ -119,40 +120,41 @@ def _by_kernel(
         batch = np.broadcast_shapes(*(np.shape(a)[:-1] for a in arrays))
         return np.zeros((*batch, len(chosen), len(chosen))[: len(batch) + 3 - len(arrays)])
     with np.errstate(all="ignore"):
-        found, pivots = robot.engine.call(name, *arrays, frame=frame, kind=kind, rows=chosen)
-    sizes = _usual_ways(robot, frame, kind)[2][list(chosen)]
-    known = np.ones(pivots.shape[:-1], bool)
+        results, pivots = robot.engine.call(name, *arrays, frame=frame, kind=kind, rows=chosen)
+    sizes = _samples(robot, frame, kind)[2][list(chosen)]
+    finite = np.ones(pivots.shape[:-1], bool)
     for array in arrays:
-        known = known & np.isfinite(array).all(axis=-1)
-    found[~known] = np.nan  # elimination of NaN may leave numbers
-    again = needs_singular_values(pivots, sizes) & known
-    if again.any():
-        _warn_of_lost_rows(robot, frame, kind, chosen)
-        q, *dq = (np.broadcast_to(np.asarray(a, float), (*again.shape, np.shape(a)[-1]))[again] for a in arrays)
-        J, M = robot.jacobian(q, frame, kind)[:, chosen], robot.mass_matrix(q)
-        Lambda = ConstraintProjector.from_rows(J, M, sizes).pseudoinverse
-        if dq:
-            free = np.linalg.solve(M, robot.bias_forces(q, dq[0])[..., None])  # M⁻¹ h
-            dJ_dq = robot.jacobian_rate(q, dq[0], frame, kind)[:, chosen] @ dq[0][..., None]
-            found[again] = (Lambda @ (J @ free - dJ_dq))[..., 0]
-        else:
-            found[again] = Lambda
-    return np.asarray(found)
+        finite = finite & np.isfinite(array).all(axis=-1)
+    results[~finite] = np.nan  # elimination of NaN may leave numbers
+    singular = needs_singular_values(pivots, sizes) & finite
+    if not singular.any():
+        return np.asarray(results)
+    _warn_of_lost_rows(robot, frame, kind, chosen)
+    q, *dq = (np.broadcast_to(np.asarray(a, float), (*singular.shape, np.shape(a)[-1]))[singular] for a in arrays)
+    J, M = robot.jacobian(q, frame, kind)[:, chosen], robot.mass_matrix(q)
+    Lambda = ConstraintProjector.from_rows(J, M, sizes).pseudoinverse
+    if dq:
+        free = np.linalg.solve(M, robot.bias_forces(q, dq[0])[..., None])  # M⁻¹ h
+        dJ_dq = robot.jacobian_rate(q, dq[0], frame, kind)[:, chosen] @ dq[0][..., None]
+        results[singular] = (Lambda @ (J @ free - dJ_dq))[..., 0]
+    else:
+        results[singular] = Lambda
+    return np.asarray(results)
 
 
-def _usual_ways(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array, Array]:
+def _samples(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array, Array]:
     """J (8, 6, nv) and M (8, nv, nv) at sample configurations, and typical sizes of the rows of J scaled by M; (6,)."""
     from ..mechanics.algorithms.loop_closure import usual_sizes
 
-    def found() -> tuple[Array, Array, Array]:
+    def build() -> tuple[Array, Array, Array]:
         robot.engine.require_invertible()
-        some = robot.random_configuration(0, 8)
-        J = np.stack([robot.reference("jacobian", q, frame=frame, kind=kind) for q in some])
-        M = np.stack([robot.reference("mass_matrix", q) for q in some])
+        configurations = robot.random_configuration(0, 8)
+        J = np.stack([robot.reference("jacobian", q, frame=frame, kind=kind) for q in configurations])
+        M = np.stack([robot.reference("mass_matrix", q) for q in configurations])
         return J, M, usual_sizes(J, M)
 
-    ways: tuple[Array, Array, Array] = robot.engine.cached(("usual ways", frame, kind), found)
-    return ways
+    samples: tuple[Array, Array, Array] = robot.engine.cache(("samples of J and M", frame, kind), build)
+    return samples
 
 
 def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tuple[int, ...]) -> None:
@@ -160,41 +162,48 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tupl
     from ..mechanics.algorithms.loop_closure import independent_rows
     from ..mechanics.lie.labelled import TWIST
 
-    remarked = robot.engine.cached(("lost rows remarked", frame, kind, chosen), list)
+    remarked = robot.engine.cache(("lost rows remarked", frame, kind, chosen), list)
     if remarked:
         return
     remarked.append(True)
     order = sorted(chosen, key=lambda row: (row < 3, row))  # linear rows first
-    J, M, sizes = _usual_ways(robot, frame, kind)
-    kept = [order[k] for k in independent_rows(J[:, order], M, sizes[order])]
-    if len(kept) < len(chosen):
-        still = [k for k in chosen if not independent_rows(J[:, [k]], M, sizes[[k]])]
-        follow = [k for k in chosen if k not in kept and k not in still]
-        keep, stay, go = (" ".join(TWIST[k] for k in chosen if k in some) for some in (kept, still, follow))
-        lost = " and ".join([f"{stay} never move"] * bool(stay) + [f"the others determine {go}"] * bool(go))
-        advice = f"choose independent ones, rows={keep!r}" if keep else "this frame does not move along any of them"
-        warnings.warn(
-            f"robot {robot.name!r}: of the {len(chosen)} rows of {frame or robot.tip!r} ({kind!r}) only {len(kept)} can move "
-            f"independently at any configuration: {lost}. Λ is 0 where no motion is possible, and no inertia is defined "
-            f"there; {advice}.",
-            ModelWarning,
-            stacklevel=5,
-        )
+    J, M, sizes = _samples(robot, frame, kind)
+    independent = [order[k] for k in independent_rows(J[:, order], M, sizes[order])]
+    if len(independent) == len(chosen):
+        return
+    immovable = [k for k in chosen if not independent_rows(J[:, [k]], M, sizes[[k]])]
+    dependent = [k for k in chosen if k not in independent and k not in immovable]
+    reasons = []
+    if immovable:
+        reasons.append(f"{' '.join(TWIST[k] for k in immovable)} never move")
+    if dependent:
+        reasons.append(f"the others determine {' '.join(TWIST[k] for k in dependent)}")
+    advice = "this frame does not move along any of them"
+    if independent:
+        names = " ".join(TWIST[k] for k in chosen if k in independent)
+        advice = f"choose independent ones, rows={names!r}"
+    warnings.warn(
+        f"robot {robot.name!r}: of the {len(chosen)} rows of {frame or robot.tip!r} ({kind!r}) only {len(independent)} can "
+        f"move independently at any configuration: {' and '.join(reasons)}. Λ is 0 where no motion is possible, and no inertia "
+        f"is defined there; {advice}.",
+        ModelWarning,
+        stacklevel=5,
+    )
 
 
 # ── Motor torques and powers. Modern Robotics section 8.9
 
 
-def _of_motors(*found: Any) -> MotorLoads:
+def _make_motor_loads(*arrays: Any) -> MotorLoads:
     from ..mechanics.algorithms.inverse_dynamics import MotorLoads
 
-    return MotorLoads(*found)
+    return MotorLoads(*arrays)
 
 
-def _of_powers(*found: Any) -> PowerBalance:
+def _make_power_balance(*arrays: Any) -> PowerBalance:
     from ..mechanics.algorithms.inverse_dynamics import PowerBalance
 
-    return PowerBalance(*found)
+    return PowerBalance(*arrays)
 
 
 class ActuationMethods(RobotBase):
@@ -220,7 +229,7 @@ class ActuationMethods(RobotBase):
             carried = carried + robot.friction_forces(moving(speeds), load=carried + rotor)
         return carried, rotor
 
-    def _moved(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+    def _accelerate(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
         """q̈ under torques τ, and τ minus friction, or None if not yet computed."""
         if self.constraints:
             from .constraints.projections import forward_dynamics
@@ -229,7 +238,7 @@ class ActuationMethods(RobotBase):
             return ddq, self.engine.call("torque_past_friction", dq, tau) if friction else None
         return self.open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
 
-    @third_party.lazy_by_blocks(lambda robot, _: [(len(robot.open().actuators),)] * 6, _of_motors)
+    @third_party.lazy_by_blocks(lambda robot, _: [(len(robot.open().actuators),)] * 6, _make_motor_loads)
     def motor_loads(
         self,
         q: ArrayLike,
@@ -272,14 +281,14 @@ class ActuationMethods(RobotBase):
         robot = self.open()
         if not robot.actuators:
             raise ModelError(f"robot {robot.name!r} has no actuators. Describe them: robot.with_actuators(file).")
-        given = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        wrenches = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         from ..mechanics.algorithms.inverse_dynamics import motor_loads
 
-        carried, rotor = self._loads(q, dq, ddq, friction, given)
+        carried, rotor = self._loads(q, dq, ddq, friction, wrenches)
         (dq,) = states(robot.model, "motor_loads", dq=dq)
         return motor_loads(robot.model, dq.astype(float), carried, rotor)
 
-    @third_party.lazy_by_blocks(lambda *_: [()] * 4, _of_powers)
+    @third_party.lazy_by_blocks(lambda *_: [()] * 4, _make_power_balance)
     def power_balance(
         self,
         q: ArrayLike,
@@ -314,15 +323,17 @@ class ActuationMethods(RobotBase):
         from ..mechanics.algorithms.inverse_dynamics import power_balance
 
         robot, wrenches = self.open(), {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        ddq, left = self._moved(q, dq, tau, friction, wrenches)
+        ddq, past_friction = self._accelerate(q, dq, tau, friction, wrenches)
         dq, tau = states(robot.model, "power_balance", dq=dq, tau=tau)
         moving = robot.inverse_dynamics(q, dq, ddq)  # M ddq + h: times dq it is the rate of the energy
         pushing = robot.holding_torques(q, **wrenches) - robot.holding_torques(q)
-        if left is not None:
-            lost = tau - left
+        if past_friction is not None:
+            friction_torque = tau - past_friction
+        elif friction:
+            friction_torque = robot.friction_forces(dq, load=moving + pushing)
         else:
-            lost = robot.friction_forces(dq, load=moving + pushing) if friction else np.zeros_like(dq)
-        return power_balance(dq, tau, moving, pushing, lost)
+            friction_torque = np.zeros_like(dq)
+        return power_balance(dq, tau, moving, pushing, friction_torque)
 
 
 # ── Check that an argument is a robot

@@ -22,7 +22,7 @@ from ..core.numbers import printed, residual
 from ..core.text import argument
 from ..core.typing import Array
 from ..mechanics.algorithms.recursion import zeros
-from ..robot.engine import compiled
+from ..robot.engine import compile_form
 from .accuracy import ForceQuadrature
 from .callback_steps import FASTEST
 from .compiled_steps import Ports, StepPlan, acts_by_itself, constants
@@ -159,9 +159,9 @@ class TrialSteps:
         def build() -> Any:
             robot.engine.require_invertible()
             doc = f"Steps of {robot.name}, compiled: dopri5."
-            return compiled(plan.recurrence(), "attempted step", doc, scalar=True)
+            return compile_form(plan.recurrence(), "attempted step", doc, scalar=True)
 
-        kernel = robot.engine.cached(plan.key, build)
+        kernel = robot.engine.cache(plan.key, build)
         return None if owner_of(kernel) is None else cls(system, plan, kernel, tolerances)
 
     def attempt(self, _t: float, y: Array, rate: Array, h: float) -> tuple[float, float, float, float]:

@@ -142,7 +142,7 @@ class CallbackRows:
         """Rows for a run of n steps, cached with the robot for the next run because the setup is slow."""
         m = SHORT if n <= 2 * SHORT else LONG
         key = "callback rows", type(steps).__name__, m, *steps.plan.key, *(name for name, _ in steps.laws)
-        free: list[CallbackRows] = steps.system.robot.engine.cached(key, list)
+        free: list[CallbackRows] = steps.system.robot.engine.cache(key, list)
         try:
             rows = free.pop()
         except IndexError:  # all in use, by nested simulations or other threads

@@ -26,10 +26,10 @@ from ..mechanics.algorithms.kinematics import add
 from ..mechanics.algorithms.loop_closure import MIN_PIVOT, LoopRows, needs_singular_values, project_state
 from ..mechanics.model.model import Model
 from ..mechanics.model.parameters import moves_joints
-from ..robot.constraint_methods import CLOSED
+from ..robot.constraint_methods import MAX_CLOSED_GAP
 from ..robot.constraints.closures import some_configurations
 from ..robot.constraints.tolerances import gap_units, require_met
-from ..robot.engine import compiled
+from ..robot.engine import compile_form
 from .adaptive import Stepper
 from .compiled_steps import COMPILED_METHODS, TABLEAUS, CompiledSteps, Ports, StepPlan, acts_by_itself
 from .forces import WORKS, System
@@ -159,7 +159,7 @@ class Loops:
         self._moving = slice(robot.nq, robot.nq + robot.nv)
         self._units = gap_units(closed)
         self._sizes = closed.sizes[list(closed.independent)] ** 2
-        self._project = robot.engine.cached(("projection", closed.constraints, closed.independent), self._compiled)
+        self._project = robot.engine.cache(("projection", closed.constraints, closed.independent), self._compiled)
         self.dynamics = robot.kernel("constrained_dynamics", constraints=self.kept)
         self.widest = self.fastest = 0.0
         """Largest gap [rad or m] and largest gap rate [rad/s, m/s] after a step, before projection."""
@@ -193,7 +193,7 @@ class Loops:
 
         names = ["q", "dq", "before", "rates", "after", "pivots"]
         doc = f"States of {robot.name} near its constraints, brought onto them, compiled."
-        return compiled(trace(program, [("q", (robot.nq,)), ("dq", (robot.nv,))], names), "projection", doc)
+        return compile_form(trace(program, [("q", (robot.nq,)), ("dq", (robot.nv,))], names), "projection", doc)
 
     def effort(self, stages: int) -> float:
         """Approximate operations of a step with this number of stages; inf if nothing is compiled."""
@@ -239,7 +239,7 @@ class Loops:
         """Step of a plan, on the constraints."""
         options = {each.name: getattr(plan, each.name) for each in fields(StepPlan)}
         rows = LoopRows(self.closed.constraints, self.closed.independent)
-        usual, allowed = (tuple(x.tolist()) for x in (self._sizes, CLOSED * self._units))
+        usual, allowed = (tuple(x.tolist()) for x in (self._sizes, MAX_CLOSED_GAP * self._units))
         return ClosedStep(**options, loops=rows, usual=usual, allowed=allowed)
 
     def note(self, gap: float, rate: float) -> None:
@@ -250,9 +250,9 @@ class Loops:
         """Project a state onto the constraints, in place; returns the smallest relative pivot."""
         q, dq, before, rates, after, pivots = self._project(y[: self._nq], y[self._moving])
         gap = float(np.abs(before).max(initial=0.0))
-        if not np.abs(after / self._units).max(initial=0.0) <= CLOSED:
-            found, left = self.closed.settled(y[None, : self._nq], CLOSED)
-            if not (left[0] <= CLOSED and gap <= 1.0):
+        if not np.abs(after / self._units).max(initial=0.0) <= MAX_CLOSED_GAP:
+            found, left = self.closed.settled(y[None, : self._nq], MAX_CLOSED_GAP)
+            if not (left[0] <= MAX_CLOSED_GAP and gap <= 1.0):
                 raise SimulationError(
                     f"at t = {printed(t, 9)} s the loops cannot be closed again: the step left a gap of {printed(gap, 3)} "
                     f"(rad or m), and {printed(left[0], 3)} remains. Take a smaller dt."
@@ -359,7 +359,7 @@ class ClosedSteps(CompiledSteps):
         if not (effort := loops.effort(plan.stages)) <= LARGEST:
             return None
         doc = f"Steps of {robot.name} on its constraints, compiled: {method}."
-        kernel = robot.engine.cached(plan.key, lambda: compiled(plan.recurrence(), "closed steps", doc))
+        kernel = robot.engine.cache(plan.key, lambda: compile_form(plan.recurrence(), "closed steps", doc))
         found = cls(system, plan, order, h, kernel, effort)
         found.most, found.loops = BLOCK, loops
         return found

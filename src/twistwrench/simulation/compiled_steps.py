@@ -27,7 +27,7 @@ from ..mechanics.algorithms.recursion import zeros
 from ..mechanics.model.couplings import motor_velocities
 from ..mechanics.model.model import Model
 from ..mechanics.model.parameters import moves_joints, regrouped, with_symbolic_parameters
-from ..robot.engine import compiled
+from ..robot.engine import compile_form
 from .contact import RobotContact
 from .forces import WORKS, ControlLaw, System
 from .schemes import EULER, RK4, Tableau
@@ -356,9 +356,9 @@ class CompiledSteps:
         def build() -> Any:
             robot.engine.require_invertible()
             doc = f"Steps of {robot.name}, compiled: {plan.method}."
-            return compiled(cls.recurrence(plan), "simulated step", doc, scalar=scalar)
+            return compile_form(cls.recurrence(plan), "simulated step", doc, scalar=scalar)
 
-        kernel = robot.engine.cached((*plan.key, cls.__name__, scalar), build)
+        kernel = robot.engine.cache((*plan.key, cls.__name__, scalar), build)
         owner = owner_of(kernel)
         return None if owner is None else cls(system, plan, order, h, kernel, owner.cost)
 

@@ -32,7 +32,7 @@ from ..core.numbers import printed
 from ..core.typing import Array
 from ..mechanics.algorithms.contact import plane_contact, stop_contact
 from ..mechanics.model.model import Model
-from ..robot.engine import compiled
+from ..robot.engine import compile_form
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -228,9 +228,9 @@ class RobotContact(ABC):
             rest = [(name, x.shape[-1:]) for name, x in self.parts.items()]
             inputs = [("q", (robot.nq,)), ("dq", (robot.nv,)), *rest]
             program = trace(partial(self.traced, robot.model), inputs, ["tau", "depths"])
-            return compiled(program, "contact", f"Contact torques of {robot.name}, compiled.")
+            return compile_form(program, "contact", f"Contact torques of {robot.name}, compiled.")
 
-        return robot.engine.cached(("contact", *self.key), build)
+        return robot.engine.cache(("contact", *self.key), build)
 
 
 class PlaneContact(RobotContact):

@@ -31,7 +31,7 @@ from ..mechanics.model.couplings import motor_torques, motor_velocities
 from ..mechanics.model.model import Model
 from ..mechanics.model.parameters import regrouped
 from ..robot.arguments import wrench_at
-from ..robot.engine import compiled
+from ..robot.engine import compile_form
 from .contact import RobotContact
 
 if TYPE_CHECKING:
@@ -255,9 +255,11 @@ class EasedFriction:
 
         def build() -> Any:
             program = trace(left, [(name, (robot.nv,)) for name in ("dq", "tau", "share")], ["left"])
-            return compiled(program, "eased friction", f"Torques minus smoothed friction of {robot.name}, compiled.")
+            return compile_form(
+                program, "eased friction", f"Torques minus smoothed friction of {robot.name}, compiled."
+            )
 
-        return robot.engine.cached("eased friction", build)
+        return robot.engine.cache("eased friction", build)
 
     def left(self, dq: Array, tau: Array) -> Array:
         """Torques tau minus friction, (nv)."""
@@ -311,9 +313,9 @@ class DryFrictionStep:
             rest = [(name, (robot.nv,)) for name in ("tau", "push", "gains")]
             inputs = [("q", (robot.nq,)), ("dq", (robot.nv,)), ("h", ()), *rest]
             program = trace(step, inputs, ["v", "applied", "friction"])
-            return compiled(program, "braked step", f"Velocities of {robot.name} after a step, compiled.")
+            return compile_form(program, "braked step", f"Velocities of {robot.name} after a step, compiled.")
 
-        return robot.engine.cached(("braked step", friction, gained), build)
+        return robot.engine.cache(("braked step", friction, gained), build)
 
     def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
         """Coordinates at which velocities change, (nq,): at the midpoint with friction, at the start without."""

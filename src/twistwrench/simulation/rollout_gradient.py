@@ -25,7 +25,7 @@ from ..core.typing import Array
 from ..mechanics.algorithms.friction import dry_friction_indices
 from ..mechanics.algorithms.kinematics import velocity_map
 from ..robot.differentiate import Chart
-from ..robot.engine import compiled
+from ..robot.engine import compile_form
 from .compiled_steps import Ports, StepPlan
 from .rollout_inputs import Inputs
 
@@ -115,9 +115,9 @@ def kernel_of(robot: Robot, plan: StepPlan) -> Any:
 
     def build() -> Any:
         robot.engine.require_invertible()
-        return compiled(plan.recurrence(), "rollout", f"Rollouts of {robot.name}, compiled: {plan.method}.")
+        return compile_form(plan.recurrence(), "rollout", f"Rollouts of {robot.name}, compiled: {plan.method}.")
 
-    return robot.engine.cached(plan.key, build)
+    return robot.engine.cache(plan.key, build)
 
 
 def room_for(given: Inputs, out: Any) -> list[Array]:
@@ -211,7 +211,7 @@ class StepAdjoint:
         moved = Chart((model.nv,), {**Chart.from_input(angles, model).known, **Chart.from_input(q, model).known})
         inputs = dict(zip([name for name, _ in self.plan.given], step, strict=True))
         charts = [Chart.from_input(inputs[name], model if name == "q_des" else None) for name, _ in self.by]
-        chart = Chart.joined([moved, Chart.from_input(dq), *charts])
+        chart = Chart.concatenate([moved, Chart.from_input(dq), *charts])
         owner = dq[0].trace
         results = [owner.lift(e) for part in (q1, *rest) for e in part]
         slopes = autodiff.gradient(results, weights, chart.known, math.prod(chart.shape))
@@ -374,7 +374,9 @@ def _rows(x: Array) -> Array:
 
 def _kernel(robot: Robot, plan: StepPlan) -> Any:
     doc = f"Adjoints of the steps of rollouts of {robot.name}, compiled: {plan.method}."
-    return robot.engine.cached(("adjoint", *plan.key), lambda: compiled(StepAdjoint(plan).recurrence, "adjoint", doc))
+    return robot.engine.cache(
+        ("adjoint", *plan.key), lambda: compile_form(StepAdjoint(plan).recurrence, "adjoint", doc)
+    )
 
 
 # ── Shapes ──

@@ -105,14 +105,13 @@ def _catalog(file: Section) -> Catalog:
     if "gears" in file.content:
         section = file.section("gears")
         gears |= {str(name): _gear(str(name), section.section(name)) for name in section.content}
-    given = tuple(_pairs(file, motors, gears)) if "pairs" in file.content else ()
-    servos = [name for name, motor in motors.items() if motor.stall_only]
-    usual = [(m, g) for m in motors for g in gears if (m in servos) == (g == DIRECT)]
+    pairs = tuple(_pairs(file, motors, gears)) if "pairs" in file.content else ()
+    if not pairs:  # servos need no gear, and motors do
+        pairs = tuple((m, g) for m in motors for g in gears if motors[m].stall_only == (g == DIRECT))
     drives = dict(_drives(file, motors, gears)) if "actuators" in file.content else {}
-    found = Catalog(motors, gears, given or tuple(usual), drives)
-    if not found.pairs and not drives:
+    if not pairs and not drives:
         raise ModelError("it has no entry 'gears:' with the gears that go with its motors.")
-    return found
+    return Catalog(motors, gears, pairs, drives)
 
 
 def _motor(name: str, section: Section) -> CatalogMotor:
@@ -123,14 +122,13 @@ def _motor(name: str, section: Section) -> CatalogMotor:
         section.only(*_SERVO, "mass", "price")
         if lacking := [key for key in ("no_load_speed", "voltage") if key not in section.content]:
             raise ModelError(f"{section.path} has a stall_torque and no {lacking[0]}, so it has no speed–torque line.")
-        stall, speed, voltage = (
-            section.number(key, _SERVO[key]) for key in ("stall_torque", "no_load_speed", "voltage")
-        )
+        keys = ("stall_torque", "no_load_speed", "voltage")
+        stall, speed, voltage = (section.number(key, _SERVO[key]) for key in keys)
         if not min(stall, speed, voltage) > 0:
             raise ModelError(f"{section.path}: stall torque, no-load speed and voltage must be above 0.")
         constant = voltage / speed
         motor = Motor(constant, constant * voltage / stall, voltage=voltage, current_peak=stall / constant)
-        return _checked(CatalogMotor(name, motor, stall_only=True, **own), section)
+        return _check_motor(CatalogMotor(name, motor, stall_only=True, **own), section)
     motor = read_motor(section, "mass", "price", "rotor")
     inertia = 0.0
     if "rotor" in section.content:
@@ -139,10 +137,10 @@ def _motor(name: str, section: Section) -> CatalogMotor:
         inertia = rotor.number("inertia", "inertia") if "inertia" in rotor.content else 0.0
         if not inertia > 0:
             raise ModelError(f"{rotor.where('inertia')} must be given and be above 0.")
-    return _checked(CatalogMotor(name, motor, inertia, **own), section)
+    return _check_motor(CatalogMotor(name, motor, inertia, **own), section)
 
 
-def _checked(entry: CatalogMotor, section: Section) -> CatalogMotor:
+def _check_motor(entry: CatalogMotor, section: Section) -> CatalogMotor:
     check_actuator(Actuator(section.path, motor=entry.motor))
     _above_zero({"mass": entry.mass, "price": entry.price}, section, zero=True)
     return entry
@@ -156,14 +154,14 @@ def _gear(name: str, section: Section) -> Gear:
     if not isinstance(kind, str) or kind not in KINDS:
         raise UnknownNameError.from_choices(f"kind of gear ({section.path})", str(kind), KINDS)
     ratio = gear_ratio(section.content["ratio"], section.where("ratio"), sliding=False)
-    given = section.optional("efficiency", lambda key: plain_share(section.content[key], section.where(key)))
-    check_actuator(Actuator(section.path, ratio=ratio, **given))
+    efficiency = section.optional("efficiency", lambda key: plain_share(section.content[key], section.where(key)))
+    check_actuator(Actuator(section.path, ratio=ratio, **efficiency))
     numbers = {key: section.number(key, unit) for key, unit in _GEAR.items() if key in section.content}
     free = ("no_load_torque", "mass", "price")
     _above_zero({key: value for key, value in numbers.items() if key in free}, section, zero=True)
     _above_zero({key: value for key, value in numbers.items() if key not in free}, section, zero=False)
     unstated = frozenset(key for key in _FAVOURABLE if key not in section.content)
-    return Gear(name, kind, ratio, **given, **numbers, unstated=unstated)
+    return Gear(name, kind, ratio, **efficiency, **numbers, unstated=unstated)
 
 
 def _above_zero(numbers: Mapping[str, float], section: Section, *, zero: bool) -> None:
@@ -181,7 +179,7 @@ def _pairs(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -
     for pair in listed:
         if isinstance(pair, str) or not hasattr(pair, "__len__") or len(pair) != 2:
             raise ModelError(f"pairs has {shown(pair)}, expected a motor and a gear, such as [B, G].")
-        yield _known(str(pair[0]), str(pair[1]), motors, gears)
+        yield _checked_pair(str(pair[0]), str(pair[1]), motors, gears)
 
 
 def _drives(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Iterator[tuple[str, Pair]]:
@@ -191,11 +189,12 @@ def _drives(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) 
         entry.only("motor", "gear")
         if "motor" not in entry.content:
             raise ModelError(f"{entry.path} has no motor.")
-        yield joint, _known(str(entry.content["motor"]), str(entry.content.get("gear", DIRECT)), motors, gears)
+        motor, gear = str(entry.content["motor"]), str(entry.content.get("gear", DIRECT))
+        yield joint, _checked_pair(motor, gear, motors, gears)
 
 
-def _known(motor: str, gear: str, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Pair:
-    for what, name, known in (("motor", motor, motors), ("gear", gear, gears)):
-        if name not in known:
-            raise UnknownNameError.from_choices(f"{what} of the catalogue", name, known)
+def _checked_pair(motor: str, gear: str, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Pair:
+    for what, name, choices in (("motor", motor, motors), ("gear", gear, gears)):
+        if name not in choices:
+            raise UnknownNameError.from_choices(f"{what} of the catalogue", name, choices)
     return motor, gear

@@ -50,9 +50,9 @@ if TYPE_CHECKING:
     from ..core.answers.page import Setting
     from ..robot import Robot
 
-_FAR = 2.0
+_MAX_SHARE_FOR_NOISE = 2.0
 """Share of a limit above which noise of a log cannot matter."""
-_LIGHTEST = 1e-15
+_UNKNOWN_ROTOR_INERTIA = 1e-15
 """Inertia used for rotors of unknown inertia [kg m²]."""
 
 
@@ -71,17 +71,19 @@ class SizedJoint:
     @property
     def excess(self) -> tuple[str, ...]:
         """Sentence without a full stop for each exceeded limit, largest excess first."""
-        found = [(d, part) for part in self._parts for d in part[1].excess]
-        return tuple(_words(self.joint, part, d) for d, part in sorted(found, key=lambda x: -x[0].share))
+        exceeded = [(demand, part) for part in self._parts for demand in part[1].excess]
+        exceeded.sort(key=lambda pair: -pair[0].share)
+        return tuple(_words(self.joint, part, demand) for demand, part in exceeded)
 
     @property
     def missing(self) -> tuple[str, ...]:
         """Sentence without a full stop for each part that lacks ratings."""
-        return tuple(
-            f"{self.joint}, {what} {part.name}: {', '.join(part.missing)}{'' if 'stall' in part.missing[-1] else ' not given'}"
-            for what, part in self._parts
-            if part.missing
-        )
+        sentences = []
+        for what, part in self._parts:
+            if part.missing:
+                end = "" if "stall" in part.missing[-1] else " not given"
+                sentences.append(f"{self.joint}, {what} {part.name}: {', '.join(part.missing)}{end}")
+        return tuple(sentences)
 
     @property
     def tightest(self) -> tuple[str, Demand]:
@@ -92,9 +94,10 @@ class SizedJoint:
     @property
     def open(self) -> tuple[str, ...]:
         """Sentence without a full stop for each demand of which noise of the log decides whether its limit is exceeded."""
-        return tuple(
-            f"noise of the log decides: {_words(self.joint, part, d)}" for part in self._parts for d in part[1].open
-        )
+        sentences = []
+        for part in self._parts:
+            sentences += [f"noise of the log decides: {_words(self.joint, part, demand)}" for demand in part[1].open]
+        return tuple(sentences)
 
     @property
     def fits(self) -> bool:
@@ -151,45 +154,40 @@ class SizingProblem:
     bears: bool = False
     """True if a gear of the catalogue has limits of its bearing."""
 
-    def driven(self, drives: Mapping[str, tuple[CatalogMotor, Gear]], probe: str | None = None) -> Robot:
+    def with_drives(self, drives: Mapping[str, tuple[CatalogMotor, Gear]], probe: str | None = None) -> Robot:
         """Robot with the drives as rotors with mass, and a rotor of 1 kg m² without a gear at ``probe``."""
-        entries: dict[str, Any] = {
-            joint: {
-                "ratio": gear.ratio,
-                "rotor": {
-                    "inertia": f"{motor.inertia or _LIGHTEST!r} kg m^2",
-                    "extra": True,
-                    "mass": f"{(motor.mass + gear.mass) * self.add_masses!r} kg",
-                },
+        entries: dict[str, Any] = {}
+        for joint, (motor, gear) in drives.items():
+            rotor = {
+                "inertia": f"{motor.inertia or _UNKNOWN_ROTOR_INERTIA!r} kg m^2",
+                "extra": True,
+                "mass": f"{(motor.mass + gear.mass) * self.add_masses!r} kg",
             }
-            for joint, (motor, gear) in drives.items()
-        }
+            entries[joint] = {"ratio": gear.ratio, "rotor": rotor}
         if probe is not None:
             entries[probe] = {"ratio": 1, "rotor": {"inertia": "1 kg m^2", "extra": True}}
         return self.robot.with_actuators({"actuators": entries}) if entries else self.robot
 
     def cycles(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> list[Cycle]:
         """Loads of a joint in each of the cycles, given the drives of other joints that load it."""
-        robot = self._probed(joint, drives)
-        found = [self._cycle(robot, joint, states, self.time, self.holding) for states in self.states]
+        robot = self._with_probe(joint, drives)
+        cycles = [self._cycle(robot, joint, states, self.time, self.holding) for states in self.states]
         if not self.bears:
-            return found
-        bare = self.driven({name: drive for name, drive in drives.items() if name != joint})
-        return [
-            cycle._replace(bearing=_bearing(bare, joint, states))
-            for cycle, states in zip(found, self.states, strict=True)
-        ]
+            return cycles
+        bare = self.with_drives({name: drive for name, drive in drives.items() if name != joint})
+        bearings = [_bearing(bare, joint, states) for states in self.states]
+        return [cycle._replace(bearing=bearing) for cycle, bearing in zip(cycles, bearings, strict=True)]
 
     def emergency_cycle(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Cycle | None:
         """Loads of a joint in the emergency; None without one."""
-        if (stop := self.emergency) is None:
+        stop = self.emergency
+        if stop is None:
             return None
-        return self._cycle(
-            self._probed(joint, drives), joint, (stop.q, stop.dq, stop.ddq), stop.time, slice(len(stop), None)
-        )
+        robot = self._with_probe(joint, drives)
+        return self._cycle(robot, joint, (stop.q, stop.dq, stop.ddq), stop.time, slice(len(stop), None))
 
-    def _probed(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Robot:
-        return self.driven({name: drive for name, drive in drives.items() if name != joint}, probe=joint)
+    def _with_probe(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Robot:
+        return self.with_drives({name: drive for name, drive in drives.items() if name != joint}, probe=joint)
 
     def _cycle(
         self, robot: Robot, joint: str, states: tuple[Array, Array, Array], time: Array, holding: slice
@@ -205,22 +203,26 @@ class SizingProblem:
         mass = robot.mass_matrix(q)[:, k, k] - 1.0  # subtract the probe's inertia
         return Cycle(time, np.diff(time), moving(dq[:, k]), torque, ddq[:, k], rotor[:, k] - ddq[:, k], mass)
 
-    def sized(
+    def size_joint(
         self, joint: str, drive: tuple[CatalogMotor, Gear], cycles: Sequence[Cycle], emergency: Cycle | None
     ) -> SizedJoint:
         """One drive under the loads of its joint, in the cycle and in equally likely ones."""
-        motor, gear = drive
-        held = self.holding if self.brake else slice(0, 0)
-        given: dict[str, Any] = {"ambient": self.ambient, "holding": held, "weighs": self.add_masses}
-        motors = [sized_motor(motor, gear, cycles[0], **given)]
-        gears = [sized_gear(gear, cycles[0], self.life, emergency, weighs=self.add_masses)]
-        if len(cycles) > 1 and max(motors[0].tightest.share, gears[0].tightest.share) < _FAR:
-            motors += [sized_motor(motor, gear, c, **given) for c in cycles[1:]]
-            gears += [sized_gear(gear, c, self.life, emergency, weighs=self.add_masses) for c in cycles[1:]]
-            motors[0] = replace(motors[0], demands=with_noise(motors[0].demands, [m.demands for m in motors[1:]]))
-            gears[0] = replace(gears[0], demands=with_noise(gears[0].demands, [g.demands for g in gears[1:]]))
-        mass = motor.mass + gear.mass
-        return SizedJoint(joint, (motor.name, gear.name), mass, motors[0], gears[0], cycles[0])
+        entry, gear = drive
+
+        def motor_in(cycle: Cycle) -> SizedMotor:
+            holding = self.holding if self.brake else slice(0, 0)
+            return sized_motor(entry, gear, cycle, ambient=self.ambient, holding=holding, weighs=self.add_masses)
+
+        def gear_in(cycle: Cycle) -> SizedGear:
+            return sized_gear(gear, cycle, self.life, emergency, weighs=self.add_masses)
+
+        motor_use, gear_use = motor_in(cycles[0]), gear_in(cycles[0])
+        if len(cycles) > 1 and max(motor_use.tightest.share, gear_use.tightest.share) < _MAX_SHARE_FOR_NOISE:
+            motor_draws = [motor_in(cycle).demands for cycle in cycles[1:]]
+            gear_draws = [gear_in(cycle).demands for cycle in cycles[1:]]
+            motor_use = replace(motor_use, demands=with_noise(motor_use.demands, motor_draws))
+            gear_use = replace(gear_use, demands=with_noise(gear_use.demands, gear_draws))
+        return SizedJoint(joint, (entry.name, gear.name), entry.mass + gear.mass, motor_use, gear_use, cycles[0])
 
 
 def _bearing(robot: Robot, joint: str, states: tuple[Array, Array, Array]) -> dict[str, Array]:
@@ -290,14 +292,16 @@ class Sizing(Answer):
     @cached_property
     def of_drives(self) -> Verdict:
         """Verdict on the drives alone, as if the log had no doubts."""
-        over = [f"{name}: no pair of the catalogue does it" for name, x in self.choice.items() if x.drive is None]
-        over += [words for one in self._by_share for words in one.excess]
-        unsure = [
-            f"{name}: noise of the log decides between {' and '.join(map(drive_name, (*x.rivals, x.drive)))}"
-            for name, x in self.choice.items()
-            if x.drive is not None and x.rivals
-        ]
-        unsure += [words for one in self._by_share for words in (*one.open, *one.missing)]
+        over, unsure = [], []
+        for name, chosen in self.choice.items():
+            if chosen.drive is None:
+                over.append(f"{name}: no pair of the catalogue does it")
+            elif chosen.rivals:
+                rivals = " and ".join(map(drive_name, (*chosen.rivals, chosen.drive)))
+                unsure.append(f"{name}: noise of the log decides between {rivals}")
+        for joint in self._joints_by_share:
+            over += joint.excess
+            unsure += [*joint.open, *joint.missing]
         if base_doubts(self.problem.robot.model):  # other torques are those of a robot that stands
             over, unsure = [], [*map(as_it_hangs, over[:1]), *unsure]
         return Verdict.from_reasons(over=over, unsure=[*self.problem.doubts, *unsure])
@@ -319,8 +323,10 @@ class Sizing(Answer):
         """Joint without a sufficient drive, or the joint nearest to a rating with its share."""
         if lacking := [name for name, chosen in self.choice.items() if chosen.drive is None]:
             return f"no drive for {lacking[0]}"
-        nearest = next(iter(self._by_share), None)
-        return "" if nearest is None else f"{nearest.joint} {percent_of_limit(nearest.tightest[1].share)}"
+        if not self.joints:
+            return ""
+        nearest = self._joints_by_share[0]
+        return f"{nearest.joint} {percent_of_limit(nearest.tightest[1].share)}"
 
     def blocks(self) -> Iterator[Block]:
         """Verdict, drives with their figures, supply and remarks."""
@@ -364,16 +370,16 @@ class Sizing(Answer):
             The file cannot be written.
         """
         columns = "joint", "part", "name", "figure", "value", "limit", "unit", "share"
-        parts = [(j.joint, *part) for j in self.joints.values() for part in (("gear", j.gear), ("motor", j.motor))]
         with csv_table(path, columns) as table:
-            for joint, part, use in parts:
-                for d in use.demands:
-                    limit, share = (x if np.isfinite(x) else None for x in (d.limit, d.share))
-                    table.row([joint, part, use.name, d.what, d.value, limit, d.unit, share])
+            for joint in self.joints.values():
+                for what, part in (("gear", joint.gear), ("motor", joint.motor)):
+                    for d in part.demands:
+                        limit, share = (x if np.isfinite(x) else None for x in (d.limit, d.share))
+                        table.row([joint.joint, what, part.name, d.what, d.value, limit, d.unit, share])
         return Path(path)
 
     @property
-    def _by_share(self) -> list[SizedJoint]:
+    def _joints_by_share(self) -> list[SizedJoint]:
         return sorted(self.joints.values(), key=lambda one: -one.tightest[1].share)
 
     @property
@@ -392,7 +398,7 @@ class Sizing(Answer):
         sizing : Sizing, with all chosen drives on the robot
         """
         names = tuple(self.joints) + tuple(n for n, c in self.choice.items() if not c.drive)
-        return replace(_chosen(self.problem, self.catalog, names), motion=self.motion, report=self.report)
+        return replace(_choose_drives(self.problem, self.catalog, names), motion=self.motion, report=self.report)
 
     def actuators(self) -> dict[str, Any]:
         """Drives as entries of an actuator file; docs/actuation.md shows one.
@@ -437,25 +443,26 @@ def _exact(value: float) -> str:
 def _entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str, Any]:
     entry, gear = catalog.pair(pair)
     motor, thermal = entry.motor, entry.motor.thermal
-    said: dict[str, Any] = {
-        name: f"{_exact(getattr(motor, name))} {si_unit(row.kind)}"
-        for name, row in RATINGS.items()
-        if math.isfinite(getattr(motor, name))
-    }
+    motor_content: dict[str, Any] = _finite_values(motor, {name: si_unit(row.kind) for name, row in RATINGS.items()})
     if thermal is not None:
         units = {"winding_housing": "K/W", "housing_ambient": "K/W", "winding_time": "s", "housing_time": "s",
                  "maximum": "degC"}  # fmt: skip
-        known = {name: getattr(thermal, name) for name in units}
-        said["thermal"] = {name: f"{_exact(x)} {units[name]}" for name, x in known.items() if math.isfinite(x)}
-        said["thermal"] |= {"coefficient": thermal.coefficient, "reference": f"{_exact(thermal.reference)} degC"}
-    found: dict[str, Any] = {"ratio": gear.ratio, "efficiency": gear.efficiency, "motor": said}
+        own = {"coefficient": thermal.coefficient, "reference": f"{_exact(thermal.reference)} degC"}
+        motor_content["thermal"] = _finite_values(thermal, units) | own
+    content: dict[str, Any] = {"ratio": gear.ratio, "efficiency": gear.efficiency, "motor": motor_content}
     if gear.no_load_torque:
-        found["no_load_torque"] = f"{_exact(gear.no_load_torque)} N m"
+        content["no_load_torque"] = f"{_exact(gear.no_load_torque)} N m"
     mass = (entry.mass + gear.mass) * add_masses
     if entry.inertia or mass:
-        inertia = f"{_exact(entry.inertia or _LIGHTEST)} kg m^2"
-        found["rotor"] = {"inertia": inertia, "extra": True, "mass": f"{_exact(mass)} kg"}
-    return found
+        inertia = f"{_exact(entry.inertia or _UNKNOWN_ROTOR_INERTIA)} kg m^2"
+        content["rotor"] = {"inertia": inertia, "extra": True, "mass": f"{_exact(mass)} kg"}
+    return content
+
+
+def _finite_values(part: object, units: Mapping[str, str]) -> dict[str, Any]:
+    """Attributes of a part that are finite, with their units."""
+    values = {name: getattr(part, name) for name in units}
+    return {name: f"{_exact(value)} {units[name]}" for name, value in values.items() if math.isfinite(value)}
 
 
 def sizing_of(
@@ -481,11 +488,11 @@ def sizing_of(
         bare, cycles, time, brake, holding, emergency, friction, add_masses, armed, ambient, life, shared_supply,
         tuple(_doubts(bare, states.motion)), catalog.bears,
     )  # fmt: skip
-    if not catalog.drives:
-        found = _chosen(problem, catalog, names)
+    if catalog.drives:
+        sizing = _sizing(problem, catalog, catalog.drives, {})
     else:
-        found = _sizing(problem, catalog, catalog.drives, {})
-    return replace(found, motion=states.motion)
+        sizing = _choose_drives(problem, catalog, names)
+    return replace(sizing, motion=states.motion)
 
 
 def sizing_refused(robot: Robot, catalog: Catalog, report: TorqueReport) -> Sizing:
@@ -496,9 +503,8 @@ def sizing_refused(robot: Robot, catalog: Catalog, report: TorqueReport) -> Sizi
 
 def drive_joints(robot: Robot, catalog: Catalog) -> tuple[str, ...]:
     """Joints whose drives are sized: those of the catalogue, or all driven revolute joints. Raises UnknownNameError."""
-    turning = {
-        b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1 and b.joint.turning[0] and b.joint.driven
-    }
+    joints = [body.joint for body in robot.model.leaders]
+    turning = {joint.name for joint in joints if joint.nv == 1 and joint.turning[0] and joint.driven}
     names = tuple(catalog.drives) or tuple(n for n in robot.model.velocity_names if n in turning)
     for name in names:
         if name not in turning:
@@ -524,8 +530,8 @@ def _doubts(robot: Robot, motion: Motion) -> list[str]:
     """Reasons to be unsure of the loads of a robot: links without mass, and a base that nothing holds."""
     peaks = np.abs(robot.inverse_dynamics(motion.q, motion.dq, motion.ddq)).max(axis=0)
     units = units_of("tau", Coordinates.from_model(robot.model).angular_velocity)
-    found = [_Peak(float(x), unit) for x, unit in zip(peaks, units, strict=True)]
-    return [*base_doubts(robot.model), *model_warnings(robot.model, found)]
+    joint_peaks = [_Peak(float(x), unit) for x, unit in zip(peaks, units, strict=True)]
+    return [*base_doubts(robot.model), *model_warnings(robot.model, joint_peaks)]
 
 
 def _with_pause(motions: Sequence[Motion], pause: float) -> tuple[list[tuple[Array, Array, Array]], Array, slice]:
@@ -533,15 +539,11 @@ def _with_pause(motions: Sequence[Motion], pause: float) -> tuple[list[tuple[Arr
     n, time = len(motions[0]), motions[0].time - motions[0].time[0]
     if pause == 0:
         return [(one.q, one.dq, one.ddq) for one in motions], time, slice(n, n)
-    still = np.zeros((2, motions[0].dq.shape[1]))
-    states = [
-        (
-            np.concatenate([one.q, one.q[-1:], one.q[-1:]]),
-            np.concatenate([one.dq, still]),
-            np.concatenate([one.ddq, still]),
-        )
-        for one in motions
-    ]
+    zeros = np.zeros((2, motions[0].dq.shape[1]))
+    states = []
+    for motion in motions:
+        q = np.concatenate([motion.q, motion.q[-1:], motion.q[-1:]])
+        states.append((q, np.concatenate([motion.dq, zeros]), np.concatenate([motion.ddq, zeros])))
     return states, np.append(time, [time[-1], time[-1] + pause]), slice(n, n + 2)
 
 
@@ -551,26 +553,28 @@ def _sizing(
     """Sizing of all drives."""
     parts = {name: catalog.pair(pair) for name, pair in drives.items()}
     joints = {
-        name: problem.sized(name, drive, problem.cycles(name, parts), problem.emergency_cycle(name, parts))
+        name: problem.size_joint(name, drive, problem.cycles(name, parts), problem.emergency_cycle(name, parts))
         for name, drive in parts.items()
     }
-    left = tuple(n for n in problem.robot.model.velocity_names if n not in joints)
-    supply = supply_of([j.motor.power for j in joints.values()] or [np.zeros(len(problem.time))], np.diff(problem.time),
-                       shared=problem.shared)  # fmt: skip
-    return Sizing(joints, supply, catalog, choice, left, problem)
+    left_out = tuple(name for name in problem.robot.model.velocity_names if name not in joints)
+    powers = [joint.motor.power for joint in joints.values()] or [np.zeros(len(problem.time))]
+    supply = supply_of(powers, np.diff(problem.time), shared=problem.shared)
+    return Sizing(joints, supply, catalog, choice, left_out, problem)
 
 
-def _chosen(problem: SizingProblem, catalog: Catalog, names: Iterable[str]) -> Sizing:
+def _choose_drives(problem: SizingProblem, catalog: Catalog, names: Iterable[str]) -> Sizing:
     """Smallest drive of each joint, from tip to base, then the sizing with all of them on the robot."""
     order = [n for n in reversed(problem.robot.model.velocity_names) if n in set(names)]
     parts: dict[str, tuple[CatalogMotor, Gear]] = {}
     choice: dict[str, Chosen] = {}
     for joint in order:
-        choice[joint] = found = _smallest(problem, catalog, joint, parts)
-        if found.drive is not None:
-            parts[joint] = catalog.pair(found.drive)
-    back = {name: choice[name] for name in reversed(choice)}
-    return _sizing(problem, catalog, {n: c.drive for n, c in back.items() if c.drive}, back)
+        chosen = _smallest(problem, catalog, joint, parts)
+        choice[joint] = chosen
+        if chosen.drive is not None:
+            parts[joint] = catalog.pair(chosen.drive)
+    from_base = dict(reversed(choice.items()))
+    drives = {name: chosen.drive for name, chosen in from_base.items() if chosen.drive}
+    return _sizing(problem, catalog, drives, from_base)
 
 
 def _smallest(
@@ -578,22 +582,24 @@ def _smallest(
 ) -> Chosen:
     """Smallest pair that certainly does it, else the smallest that may; pairs are tried by their size."""
     cycles, stop = problem.cycles(joint, parts), problem.emergency_cycle(joint, parts)
-    tried: list[tuple[Pair, SizedJoint]] = []
+    trials: list[tuple[Pair, SizedJoint]] = []
+    sure = False
     for pair in sorted(catalog.pairs, key=catalog.size):
-        tried.append((pair, problem.sized(joint, catalog.pair(pair), cycles, stop)))
-        if tried[-1][1].sure:
+        trial = problem.size_joint(joint, catalog.pair(pair), cycles, stop)
+        trials.append((pair, trial))
+        if trial.sure:
+            sure = True
             break
-    sure = bool(tried) and tried[-1][1].sure
-    fitting = [k for k, (_, one) in enumerate(tried) if one.fits]
+    fitting = [k for k, (_, trial) in enumerate(trials) if trial.fits]
     if not fitting:
         return Chosen(joint, None, None)
     k = fitting[-1] if sure else fitting[0]
     smaller = None
     if k:
-        pair, before = tried[k - 1]
-        smaller = pair, (before.excess or before.open or before.missing)[0]
-    rivals = tuple(tried[i][0] for i in fitting if i < k and not tried[i][1].missing)
-    return Chosen(joint, tried[k][0], smaller, rivals if sure else ())
+        pair, trial = trials[k - 1]
+        smaller = pair, (trial.excess or trial.open or trial.missing)[0]
+    rivals = tuple(trials[i][0] for i in fitting if i < k and not trials[i][1].missing)
+    return Chosen(joint, trials[k][0], smaller, rivals if sure else ())
 
 
 def drive_name(pair: Pair) -> str:
@@ -604,15 +610,14 @@ def drive_name(pair: Pair) -> str:
 def smallest_drives(now: Sizing, best: Sizing) -> list[str]:
     """Sentence for each joint with an insufficient drive: the smallest sufficient one and the mass it adds."""
     lines = []
-    for name, one in now.joints.items():
-        if one.fits:
+    for name, joint in now.joints.items():
+        if joint.fits:
             continue
         chosen = best.choice[name].drive
         if chosen is None:
             lines.append(f"{name}: no pair of the catalogue does it")
         else:
-            more = best.joints[name].mass - one.mass
-            lines.append(
-                f"{name}: smallest that does it: {drive_name(chosen)} ({'+' if more >= 0 else '-'}{number(abs(more))} kg)"
-            )
+            added = best.joints[name].mass - joint.mass
+            sign = "+" if added >= 0 else "-"
+            lines.append(f"{name}: smallest that does it: {drive_name(chosen)} ({sign}{number(abs(added))} kg)")
     return lines

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -112,14 +113,16 @@ def between(x: Array) -> Array:
 
 def with_noise(demands: Sequence[Demand], draws: Sequence[Sequence[Demand]]) -> tuple[Demand, ...]:
     """Demands less what noise adds to them on average, with standard deviations, from those of equally likely motions."""
-    found = []
-    for one in demands:
-        values = np.array([d.value for drawn in draws for d in drawn if (d.what, d.limit) == (one.what, one.limit)])
-        if len(values) > 1 and np.isfinite([one.value, *values]).all():
-            found.append(replace(one, value=2 * one.value - float(values.mean()), sigma=float(values.std(ddof=1))))
+    corrected = []
+    for demand in demands:
+        key = demand.what, demand.limit
+        values = np.array([d.value for draw in draws for d in draw if (d.what, d.limit) == key])
+        if len(values) > 1 and np.isfinite([demand.value, *values]).all():
+            mean, sigma = float(values.mean()), float(values.std(ddof=1))
+            corrected.append(replace(demand, value=2 * demand.value - mean, sigma=sigma))
         else:
-            found.append(one)
-    return tuple(found)
+            corrected.append(demand)
+    return tuple(corrected)
 
 
 # ── Gear
@@ -208,10 +211,10 @@ def sized_gear(
     mean = average_torque(torque, speed, cycle.duration, gear.mean_exponent)
     turning = np.abs(cycle.speed * gear.ratio)
     mean_in, peak = average_speed(gear.ratio * speed, cycle.duration), int(np.abs(cycle.torque).argmax())
-    most, fast = float(np.abs(cycle.torque[peak])), int(turning.argmax())
+    peak_torque, fast = float(np.abs(cycle.torque[peak])), int(turning.argmax())
     hours, unknown = _life(gear, mean, mean_in)
     demands = [
-        Demand("peak torque", most, gear.repeated_peak, "N m", float(cycle.time[peak])),
+        Demand("peak torque", peak_torque, gear.repeated_peak, "N m", float(cycle.time[peak])),
         Demand("average input speed", mean_in / _RPM, gear.average_speed / _RPM, "rpm"),
         Demand("input speed", turning[fast] / _RPM, gear.maximum_speed / _RPM, "rpm", float(cycle.time[fast])),
     ]
@@ -224,22 +227,27 @@ def sized_gear(
         shock = float(np.abs(emergency.torque[worst]))
         demands.append(Demand("emergency torque", shock, gear.momentary_peak, "N m", float(emergency.time[worst])))
     for kind, loads in cycle.bearing.items():
-        if math.isfinite(limit := getattr(gear, kind)):
+        limit = getattr(gear, kind)
+        if math.isfinite(limit):
             at, what = int(loads.argmax()), "moment" if kind == "tilting" else "force"
             load, unit = float(loads[at]), BEARING_UNITS[kind]
             demands.append(Demand(f"{kind} {what} of its bearing", load, limit, unit, float(cycle.time[at])))
-    needed = ["average_torque", "repeated_peak", "average_speed", "maximum_speed"]
-    needed += ["momentary_peak"] if emergency is not None else []
-    missing = [name for name in needed if not math.isfinite(getattr(gear, name))]
-    counts = {
+    ratings = ["average_torque", "repeated_peak", "average_speed", "maximum_speed"]
+    if emergency is not None:
+        ratings.append("momentary_peak")
+    missing = [name for name in ratings if not math.isfinite(getattr(gear, name))]
+    matters = {
         "efficiency": True,
         "no_load_torque": True,
         "mass": weighs,
-        "mean_exponent": gear.kind == "planetary" and mean > 0 and over_limit(most / gear.average_torque),
+        "mean_exponent": gear.kind == "planetary" and mean > 0 and over_limit(peak_torque / gear.average_torque),
     }
-    missing += [name for name, matters in counts.items() if matters and name in gear.unstated]
-    named = () if gear.kind == "direct" else (*missing, *(unknown if life is not None else ()))
-    return SizedGear(gear.name, tuple(demands), named, mean, most, mean_in, float(turning[fast]), hours)
+    missing += [name for name in compress(matters, matters.values()) if name in gear.unstated]
+    if life is not None:
+        missing += unknown
+    if gear.kind == "direct":
+        missing = []
+    return SizedGear(gear.name, tuple(demands), tuple(missing), mean, peak_torque, mean_in, float(turning[fast]), hours)
 
 
 def _life(gear: Gear, torque: float, speed: float) -> tuple[float, tuple[str, ...]]:
@@ -276,23 +284,25 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
         C_w = thermal.housing_time / thermal.housing_ambient
         a, b, c = (R * alpha * heat - 1 / thermal.housing_ambient) / C_w, 0.0, 0.0
         d = a - 1 / thermal.housing_time
-    middle, apart = 0.5 * (a + d), np.sqrt((0.5 * (a - d)) ** 2 + b * c)
+    middle, distance = 0.5 * (a + d), np.sqrt((0.5 * (a - d)) ** 2 + b * c)
     half = 0.5 * (a - d)
     skew = np.stack([np.stack([half, np.full_like(half, b)], -1), np.stack([np.full_like(half, c), -half], -1)], -2)
 
-    def blended(first: Array, second: Array) -> Array:
+    def matrix_function(first: Array, second: Array) -> Array:
         """Matrix function from its values at the two eigenvalues."""
         plain = 0.5 * (first + second)[:, None, None] * np.eye(2)
-        return np.asarray(plain + (0.5 * (first - second) / apart)[:, None, None] * skew)
+        return np.asarray(plain + (0.5 * (first - second) / distance)[:, None, None] * skew)
 
-    grow, fall = middle + apart, middle - apart
+    larger, smaller = middle + distance, middle - distance  # eigenvalues
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        steps = [np.where(np.abs(x * duration) > 1e-12, np.expm1(x * duration) / x, duration) for x in (grow, fall)]
-        found = np.zeros((len(heat), 3, 3))
-        found[:, :2, :2] = blended(np.exp(grow * duration), np.exp(fall * duration))
-        found[:, :2, 2] = blended(*steps)[:, :, 0] * (R * cold * heat / C_w)[:, None]
-    found[:, 2, 2] = 1.0
-    return found
+        steps = [
+            np.where(np.abs(x * duration) > 1e-12, np.expm1(x * duration) / x, duration) for x in (larger, smaller)
+        ]
+        matrices = np.zeros((len(heat), 3, 3))
+        matrices[:, :2, :2] = matrix_function(np.exp(larger * duration), np.exp(smaller * duration))
+        matrices[:, :2, 2] = matrix_function(*steps)[:, :, 0] * (R * cold * heat / C_w)[:, None]
+    matrices[:, 2, 2] = 1.0
+    return matrices
 
 
 def periodic_temperatures(
@@ -303,12 +313,12 @@ def periodic_temperatures(
     They are inf if there is no periodic state (thermal runaway): the hotter winding heats more than its housing
     dissipates.
     """
-    through = _cumulative(transitions(thermal, resistance, squares, duration, ambient))
-    whole = through[-1]
-    if not np.isfinite(whole).all() or np.abs(np.linalg.eigvals(whole[:2, :2])).max() >= 1:
+    from_start = _cumulative(transitions(thermal, resistance, squares, duration, ambient))
+    cycle = from_start[-1]
+    if not np.isfinite(cycle).all() or np.abs(np.linalg.eigvals(cycle[:2, :2])).max() >= 1:
         return np.full((len(squares) + 1, 2), np.inf)
-    state = np.append(np.linalg.solve(np.eye(2) - whole[:2, :2], whole[:2, 2]), 1.0)
-    return np.asarray(np.vstack([state, through @ state]))[:, :2] + ambient
+    state = np.append(np.linalg.solve(np.eye(2) - cycle[:2, :2], cycle[:2, 2]), 1.0)
+    return np.asarray(np.vstack([state, from_start @ state]))[:, :2] + ambient
 
 
 def _cumulative(each: Array) -> Array:
@@ -318,16 +328,16 @@ def _cumulative(each: Array) -> Array:
     even = len(each) // 2 * 2
     with np.errstate(over="ignore", invalid="ignore"):
         pairs = _cumulative(each[1:even:2] @ each[:even:2])
-        found = np.empty_like(each)
-        found[0], found[1:even:2] = each[0], pairs
-        found[2::2] = each[2::2] @ pairs[: len(each[2::2])]
-    return found
+        products = np.empty_like(each)
+        products[0], products[1:even:2] = each[0], pairs
+        products[2::2] = each[2::2] @ pairs[: len(each[2::2])]
+    return products
 
 
 def runaway_current(thermal: Thermal, resistance: float) -> float:
     """Constant current [A] above which the winding temperature grows without bound."""
-    most = resistance * thermal.coefficient * (thermal.winding_housing + thermal.housing_ambient)
-    return 1 / math.sqrt(most) if most > 0 else math.inf
+    inverse_square = resistance * thermal.coefficient * (thermal.winding_housing + thermal.housing_ambient)
+    return 1 / math.sqrt(inverse_square) if inverse_square > 0 else math.inf
 
 
 def allowed_current(thermal: Thermal, resistance: float, ambient: float) -> float:
@@ -349,9 +359,9 @@ def hot_motor(motor: Motor, ambient: float) -> Motor:
     thermal = motor.thermal
     if thermal is None or math.isinf(thermal.maximum):
         return motor
-    lasting = min(motor.current_continuous, allowed_current(thermal, motor.resistance, ambient))
+    continuous = min(motor.current_continuous, allowed_current(thermal, motor.resistance, ambient))
     growth = 1 + thermal.coefficient * (thermal.maximum - thermal.reference)
-    return replace(motor, resistance=motor.resistance * growth, current_continuous=lasting)
+    return replace(motor, resistance=motor.resistance * growth, current_continuous=continuous)
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,20 +391,20 @@ def sized_motor(
 ) -> SizedMotor:
     """Loads of a motor behind a gear; in the nodes ``holding`` a brake carries the torque; ``weighs``: its mass is a load."""
     motor, ratio = entry.motor, gear.ratio
-    through = gear_input(cycle.torque, cycle.speed, gear.efficiency)
+    gear_torque = gear_input(cycle.torque, cycle.speed, gear.efficiency)
     speed = ratio * cycle.speed
-    idle = gear.no_load_torque * np.sign(ratio * moving(cycle.speed))
-    torque = (through + cycle.rotor_torque(entry.inertia, ratio)) / ratio + idle
+    no_load_torque = gear.no_load_torque * np.sign(ratio * moving(cycle.speed))
+    torque = (gear_torque + cycle.rotor_torque(entry.inertia, ratio)) / ratio + no_load_torque
     torque[holding] = 0.0
     current = motor.current(torque)
     squares = (current[1:] ** 2 + current[1:] * current[:-1] + current[:-1] ** 2) / 3
-    whole = float(cycle.duration.sum())
-    rms = math.sqrt(float(squares @ cycle.duration) / whole)
+    rms = math.sqrt(float(squares @ cycle.duration) / float(cycle.duration.sum()))
     heated = np.zeros((0, 2))
     if motor.thermal is not None:
         heated = periodic_temperatures(motor.thermal, motor.resistance, squares, cycle.duration, ambient)
     demands, missing = _motor_demands(entry, torque, speed, current, rms, heated, cycle.time, ambient)
-    missing += ["mass"] if weighs and "mass" in entry.unstated and not entry.stall_only else []
+    if weighs and "mass" in entry.unstated and not entry.stall_only:
+        missing.append("mass")
     ratios = cycle.inertia / (ratio**2 * entry.inertia) if entry.inertia else np.array([math.nan])
     return SizedMotor(
         entry.name, tuple(demands), tuple(missing), torque, speed, motor.torque_constant * rms,
@@ -430,11 +440,11 @@ def _motor_demands(
     """Demands on a motor, and its missing ratings."""
     motor, thermal = entry.motor, entry.motor.thermal
     hot = replace(hot_motor(motor, ambient), speed=math.inf)  # speeds are a separate demand
-    most = np.where(torque >= 0, hot.greatest_torque(speed), hot.greatest_torque(-speed))
+    limits = np.where(torque >= 0, hot.greatest_torque(speed), hot.greatest_torque(-speed))
     with np.errstate(divide="ignore", invalid="ignore"):
-        shares = np.where(most > 0, np.abs(torque) / most, np.where(torque == 0, 0.0, math.inf))
+        shares = np.where(limits > 0, np.abs(torque) / limits, np.where(torque == 0, 0.0, math.inf))
     worst, peak, fast = int(shares.argmax()), int(np.abs(current).argmax()), int(np.abs(speed).argmax())
-    allowed = max(float(most[worst]), 0.0)
+    allowed = max(float(limits[worst]), 0.0)
     demands = [
         Demand("torque at its speed", float(np.abs(torque[worst])), allowed, "N m", float(time[worst])),
         Demand("peak current", float(np.abs(current[peak])), motor.current_peak, "A", float(time[peak])),
@@ -457,15 +467,19 @@ def _missing_ratings(entry: CatalogMotor, ambient: float) -> list[str]:
     missing = [name for name in ("voltage", "current_peak") if not math.isfinite(getattr(motor, name))]
     if entry.stall_only:
         return [*missing, "stall data only"]
-    missing += [] if math.isfinite(motor.speed) else ["speed"]
-    missing += [] if motor.resistance > 0 else ["resistance"]
+    if not math.isfinite(motor.speed):
+        missing.append("speed")
+    if not motor.resistance > 0:
+        missing.append("resistance")
     if thermal is not None:
-        missing += [] if math.isfinite(thermal.maximum) else ["thermal: maximum"]
+        if not math.isfinite(thermal.maximum):
+            missing.append("thermal: maximum")
     elif not math.isfinite(motor.current_continuous):
         missing.append("thermal or current_continuous")
     elif ambient > _RATED_AIR:
         missing.append(f"thermal, as current_continuous holds up to {printed(_RATED_AIR)} degC")
-    missing += [] if entry.inertia else ["rotor: inertia"]
+    if not entry.inertia:
+        missing.append("rotor: inertia")
     return missing
 
 
@@ -487,8 +501,8 @@ class Supply(NamedTuple):
 
 def supply_of(powers: Iterator[Array] | list[Array], duration: Array, *, shared: bool) -> Supply:
     """Supply of drives from their powers (n,) at the nodes; ``shared``: drives feed each other through a common link."""
-    each = np.array(list(powers))
-    flows = each.sum(axis=0)[None, :] if shared else each
-    taken, given = (np.maximum(sign * flows, 0.0).sum(axis=0) for sign in (1.0, -1.0))
-    drawn, braked = (float(between(x) @ duration) for x in (taken, given))
-    return Supply(float(taken.max()), drawn / float(duration.sum()), drawn, braked)
+    drive_powers = np.array(list(powers))
+    flows = drive_powers.sum(axis=0)[None, :] if shared else drive_powers
+    drawn_power, braking_power = np.maximum(flows, 0.0).sum(axis=0), np.maximum(-flows, 0.0).sum(axis=0)
+    drawn, braked = float(between(drawn_power) @ duration), float(between(braking_power) @ duration)
+    return Supply(float(drawn_power.max()), drawn / float(duration.sum()), drawn, braked)

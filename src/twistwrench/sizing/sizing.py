@@ -138,21 +138,22 @@ def size_drives(
     loaded = load.with_load
     bare = bare_robot(loaded, drive_joints(loaded, listed))
     cycle = _motion_or_log(motion, arm, logs)
-    report = None if isinstance(cycle, Motion) else _analysed(load, cycle, smooth=smooth)
+    report = None if isinstance(cycle, Motion) else _analyse(load, cycle, smooth=smooth)
     if report is not None and contradictions(report):
         return sizing_refused(loaded, listed, report)
     states = _states(cycle, report, bare, friction=friction)
     states = states if states.draws else LoadStates(states.motion, tuple(one.with_robot(bare) for one in draws))
     stop = None
     if emergency is not None:
-        given = _motion_or_log(emergency, arm, logs)
-        stop = _states(given, None if isinstance(given, Motion) else _analysed(load, given), bare).motion
-    found = sizing_of(
+        stopping = _motion_or_log(emergency, arm, logs)
+        stop_report = None if isinstance(stopping, Motion) else _analyse(load, stopping)
+        stop = _states(stopping, stop_report, bare).motion
+    sizing = sizing_of(
         loaded, states, listed, pause=pause, ambient=ambient, life=life, brake=brake, emergency=stop, friction=friction,
         add_masses=add_masses, shared_supply=shared_supply,
     )  # fmt: skip
-    found = replace(found, report=report)
-    return found.choose() if choose and not found.choice else found
+    sizing = replace(sizing, report=report)
+    return sizing.choose() if choose and not sizing.choice else sizing
 
 
 def _check_settings(pause: float, ambient: float, life: float | None) -> None:
@@ -163,17 +164,17 @@ def _check_settings(pause: float, ambient: float, life: float | None) -> None:
         raise ValueRangeError(f"size_drives: ambient={ambient!r} is not a temperature of air in °C.")
 
 
-def _motion_or_log(given: Any, robot: Robot, logs: Mapping[str, Any]) -> Motion | MotionLog:
+def _motion_or_log(source: Any, robot: Robot, logs: Mapping[str, Any]) -> Motion | MotionLog:
     """Log of a file, a table, or a motion that was read from one; other motions as they are."""
-    if isinstance(given, str | Path | MotionLog) or hasattr(given, "iloc"):
-        return log_of(given, robot, **logs)
-    motion = getattr(given, "motion", given)
+    if isinstance(source, str | Path | MotionLog) or hasattr(source, "iloc"):
+        return log_of(source, robot, **logs)
+    motion = getattr(source, "motion", source)
     if not isinstance(motion, Motion):
-        raise ShapeError(f"size_drives: a motion is a tw.Motion or a path, got {arguments.value_text(given)}.")
+        raise ShapeError(f"size_drives: a motion is a tw.Motion or a path, got {arguments.value_text(source)}.")
     return motion if motion.log is None else log_of(motion, robot)
 
 
-def _analysed(load: LoadCase, log: MotionLog, *, smooth: bool = False) -> TorqueReport:
+def _analyse(load: LoadCase, log: MotionLog, *, smooth: bool = False) -> TorqueReport:
     """Analysis of a log as by :func:`check`."""
     return analyse(load, Differentiation.plan(log, load.robot.model, smoothing=smooth), load.robot.limits)
 

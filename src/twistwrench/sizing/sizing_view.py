@@ -36,48 +36,49 @@ from .choice import SizedJoint, Sizing, drive_name, smallest_drives
 _DIGITS = 3
 
 
-def sizing_view(found: Sizing) -> Iterator[Block]:
+def sizing_view(sizing: Sizing) -> Iterator[Block]:
     """Verdict, selected products, drives with their figures, supply and remarks; only the verdict of a log to look at again."""
-    judged = found.verdict
-    if judged.word is Word.LOOK_AGAIN:
-        yield from _spoken(judged)
-        yield from _notes(found)
+    verdict = sizing.verdict
+    if verdict.word is Word.LOOK_AGAIN:
+        yield from _verdict_blocks(verdict)
+        yield from _notes(sizing)
         return
-    if judged.word is Word.OK:
-        one = max(found.joints.values(), key=lambda j: j.tightest[1].share)
-        part, demand = one.tightest
-        yield Headline(Word.OK, f"all ratings kept. Closest: {one.joint}, {part}: {demand.words}.")
+    if verdict.word is Word.OK:
+        closest = max(sizing.joints.values(), key=lambda joint: joint.tightest[1].share)
+        part, demand = closest.tightest
+        yield Headline(Word.OK, f"all ratings kept. Closest: {closest.joint}, {part}: {demand.words}.")
     else:
-        yield from _spoken(judged)
-    if not found.choice and judged.word is Word.OVER_LIMIT:
-        yield from (Line(sentence, indent=2) for sentence in smallest_drives(found, found.choose()))
+        yield from _verdict_blocks(verdict)
+    if not sizing.choice and verdict.word is Word.OVER_LIMIT:
+        for sentence in smallest_drives(sizing, sizing.choose()):
+            yield Line(sentence, indent=2)
     yield ""
-    if found.joints:
-        yield drives_table(found, found.problem.ambient)
-    for joint, chosen in found.choice.items():
+    if sizing.joints:
+        yield drives_table(sizing, sizing.problem.ambient)
+    for joint, chosen in sizing.choice.items():
         if chosen.smaller is not None:
             pair, reason = chosen.smaller
             yield f"{joint}: the next smaller ({drive_name(pair)}) fails: {reason.removeprefix(f'{joint}, ')}."
-    s = found.supply
+    supply = sizing.supply
     yield Line(
-        f"Supply: peak {quantity(s.peak, 'W')}, mean {quantity(s.mean, 'W')}; a cycle draws {quantity(s.drawn, 'J')} and "
-        f"returns {quantity(s.braked, 'J')}. Drives {quantity(found.mass, 'kg')}."
+        f"Supply: peak {quantity(supply.peak, 'W')}, mean {quantity(supply.mean, 'W')}; a cycle draws "
+        f"{quantity(supply.drawn, 'J')} and returns {quantity(supply.braked, 'J')}. Drives {quantity(sizing.mass, 'kg')}."
     )
-    if found.left_out:
-        yield Line((f"Not sized, for it does not turn or has no drive: {', '.join(found.left_out)}.", Style.QUIET))
+    if sizing.left_out:
+        yield Line((f"Not sized, for it does not turn or has no drive: {', '.join(sizing.left_out)}.", Style.QUIET))
     yield Line(("Electronics, iron losses and bearing moments of gears are not counted.", Style.QUIET))
-    yield from _notes(found)
+    yield from _notes(sizing)
 
 
-def _spoken(judged: Verdict) -> Iterator[Headline | Remark]:
-    first, *rest = judged.reasons or ("",)
-    yield Headline(judged.word, f"{first}.")
-    yield from remarks(f"{reason}." for reason in rest)
+def _verdict_blocks(verdict: Verdict) -> Iterator[Headline | Remark]:
+    first, *others = verdict.reasons or ("",)
+    yield Headline(verdict.word, f"{first}.")
+    yield from remarks(f"{reason}." for reason in others)
 
 
-def _notes(found: Sizing) -> Iterator[Remark]:
+def _notes(sizing: Sizing) -> Iterator[Remark]:
     """Remarks on the payload, on the log, and on torque limits of the robot's file that are probably not those of motors."""
-    report = found.report
+    report = sizing.report
     if report is None:
         return
     yield from remarks([*report.load.unit_hints, *notes_on_log(report)])
@@ -91,38 +92,53 @@ _CURRENT = 4
 """Decimals of a current; smaller ones are rounding errors of joints at rest."""
 
 
-def drives_table(found: Sizing, ambient: float) -> Table:
+def drives_table(sizing: Sizing, ambient: float) -> Table:
     """Table with one row per joint; limits are shown behind the values."""
-    joints = list(found.joints.values())
+    joints = list(sizing.joints.values())
     names = [j.joint for j in joints]
-    warm = [j.motor.temperature[:, 0].max() if j.motor.temperature.size else math.nan for j in joints]
+    motors, gears = [j.drive[0] for j in joints], [j.drive[1] for j in joints]
+    currents = [j.motor.rms_current for j in joints]
+    shares = [j.tightest[1].share for j in joints]
     return Table(
         f"Drives at {number(ambient)} degC",
         words("joint", names, fold=False, narrow=replace(words("joint", names), min_width=_NAME)),
-        words("motor", [j.drive[0] for j in joints]),
-        words("gear", [j.drive[1] for j in joints]) if any(j.drive[1] != DIRECT for j in joints) else None,
-        _rated("mean", joints, "average torque", "N m"),
-        _rated("peak", joints, "peak torque", "N m"),
-        _rated("input", joints, "input speed", "rpm"),
-        numbers("rms", [j.motor.rms_current for j in joints], partial(number, digits=_DIGITS, decimals=_CURRENT), "A"),
-        numbers("winding", warm, _figure, "degC"),
+        words("motor", motors),
+        words("gear", gears) if set(gears) - {DIRECT} else None,
+        _demand_column("mean", joints, "average torque", "N m"),
+        _demand_column("peak", joints, "peak torque", "N m"),
+        _demand_column("input", joints, "input speed", "rpm"),
+        numbers("rms", currents, partial(number, digits=_DIGITS, decimals=_CURRENT), "A"),
+        numbers("winding", map(_largest_temperature, joints), _figure, "degC"),
         numbers("J ratio", [j.motor.inertia_ratio for j in joints], _figure),
-        numbers("used", [j.tightest[1].share for j in joints], share_cell),
+        numbers("used", shares, share_cell),
         most=12,
-        by=[j.tightest[1].share for j in joints],
+        by=shares,
     )
+
+
+def _largest_temperature(joint: SizedJoint) -> float:
+    """Largest temperature of the winding [°C]; nan without thermal data."""
+    temperature = joint.motor.temperature
+    return float(temperature[:, 0].max()) if temperature.size else math.nan
 
 
 def _figure(value: float) -> str:
     return number(value, _DIGITS)
 
 
-def _rated(name: str, joints: Sequence[SizedJoint], what: str, unit: str) -> Column:
+def _demand_column(name: str, joints: Sequence[SizedJoint], what: str, unit: str) -> Column:
     """Column of a gear figure with its limits, which stand below it in narrow terminals; exceeded limits are red."""
-    demands = [next((d for d in j.gear.demands if d.what == what), None) for j in joints]
+    demands = [_gear_demand(joint, what) for joint in joints]
     limits = [math.inf if d is None else d.limit for d in demands]
     column = numbers(name, map(_cell, demands), unit=unit, limits=limits)
     return replace(column, narrow=numbers(name, map(partial(_cell, between="\n/ "), demands), unit=unit, limits=limits))
+
+
+def _gear_demand(joint: SizedJoint, what: str) -> Demand | None:
+    for demand in joint.gear.demands:
+        if demand.what == what:
+            return demand
+    return None
 
 
 def _cell(demand: Demand | None, between: str = " / ") -> Line | str:
@@ -133,14 +149,14 @@ def _cell(demand: Demand | None, between: str = " / ") -> Line | str:
     return Line((_figure(demand.value), red), (limit, Style.QUIET), value=demand.value)
 
 
-def worst_moment(found: Sizing) -> tuple[Array, MarkedJoint | None, str]:
+def worst_moment(sizing: Sizing) -> tuple[Array, MarkedJoint | None, str]:
     """Configuration in which a drive is nearest to a rating, its joint, and a title."""
-    cycle = found.motion
+    cycle = sizing.motion
     assert cycle is not None
     name, start = cycle.robot.name, "at the beginning of the motion"
-    if not found.joints:
+    if not sizing.joints:
         return cycle.q[0], None, f"{name} {start}"
-    joint = max(found.joints.values(), key=lambda j: j.tightest[1].share)
+    joint = max(sizing.joints.values(), key=lambda j: j.tightest[1].share)
     demand = joint.tightest[1]
     label = f"{joint.joint}, {demand.what} {percent_of_limit(demand.share)} of its limit"
     marked = MarkedJoint(joint.joint, label, mark_style(demand.share))

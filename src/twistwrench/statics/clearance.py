@@ -47,7 +47,7 @@ _POSES = 2000
 """Number of random configurations used to find pairs that are always in contact."""
 _ROWS = 4096
 """Number of configurations processed at a time."""
-_NAMED = 4
+_MAX_LISTED = 4
 _CONTACT = 1e-9  # m: surfaces closer than this are in contact
 _DECIDES = f"decided by coal: {MissingExtraError.advice('clearance')}"
 
@@ -107,8 +107,18 @@ class LinkShape(NamedTuple):
         own = np.zeros((1, 3)) if self.walls is None else self.walls.vertices
         if not wall.reaches(own @ T[:3, :3].T + T[:3, 3]).any():
             return False
-        held = {wall.holds(points @ T[:3, :3].T + T[:3, 3]) for points in self.parts}
-        return True if True in held else None if None in held else False
+        return any_of(wall.holds(points @ T[:3, :3].T + T[:3, 3]) for points in self.parts)
+
+
+def any_of(answers: Iterable[bool | None]) -> bool | None:
+    """True if an answer is; otherwise None if one is not known."""
+    result: bool | None = False
+    for answer in answers:
+        if answer:
+            return True
+        if answer is None:
+            result = None
+    return result
 
 
 class Nearest(NamedTuple):
@@ -140,44 +150,48 @@ class LinkPairs:
     def from_robot(cls, robot: Robot, exact: Exact = "auto", srdf: str | Path | None = None) -> LinkPairs:
         """Pairs of links not connected by a joint, disabled in the SRDF file or always in contact."""
         disabled = disabled_pairs(robot, srdf) if srdf is not None else frozenset()
-        decides = _has_coal(exact)
-        made: LinkPairs = robot.engine.cached(
-            ("clearance", disabled, decides), lambda: cls._without_contact(robot, disabled, exact=decides)
+        with_coal = _has_coal(exact)
+        pairs: LinkPairs = robot.engine.cache(
+            ("clearance", disabled, with_coal), lambda: cls._without_contact(robot, disabled, exact=with_coal)
         )
-        return made
+        return pairs
 
     @classmethod
     def _without_contact(cls, robot: Robot, disabled: frozenset[frozenset[str]], *, exact: bool) -> LinkPairs:
         solids, unknown = link_solids(robot)
         capsules, names = LinkCapsules.from_solids(robot, solids), robot.link_names
-        shapes = [_geometries(mine) for mine in solids] if exact else None
-        partly = {name for name, mine in zip(names, solids, strict=True) if mine}
-        every = capsules.separable_pairs(robot)
-        every = every[[frozenset((names[a], names[b])) not in disabled for a, b in capsules.links[every]]]
-        every = every[np.lexsort(capsules.links[every].T[::-1])]  # capsule pairs of the same links are adjacent
+        shapes = [_geometries(link) for link in solids] if exact else None
+        with_shapes = {name for name, link in zip(names, solids, strict=True) if link}
+        pairs = capsules.separable_pairs(robot)
+        pairs = pairs[[frozenset((names[a], names[b])) not in disabled for a, b in capsules.links[pairs]]]
+        pairs = pairs[np.lexsort(capsules.links[pairs].T[::-1])]  # capsule pairs of the same links are adjacent
         none = np.zeros(0, int)
 
-        def with_pairs(pairs: Array) -> LinkPairs:
-            links, starts = np.unique(capsules.links[pairs], axis=0, return_index=True)
-            distances = CapsuleDistances(robot, capsules, pairs, none, None, none, itself=True)
-            return cls(robot, distances, links, starts, shapes, tuple(unknown), len(partly - {*unknown}))
+        def link_pairs(rows: Array) -> LinkPairs:
+            links, starts = np.unique(capsules.links[rows], axis=0, return_index=True)
+            distances = CapsuleDistances(robot, capsules, rows, none, None, none, itself=True)
+            return cls(robot, distances, links, starts, shapes, tuple(unknown), len(with_shapes - {*unknown}))
 
-        found = with_pairs(every)
-        if not len(every):
-            return found
-        always = found._always_in_contact()
-        place = np.unique(capsules.links[every], axis=0, return_inverse=True)[1].ravel()  # of two axes in NumPy 2.0
-        kept = with_pairs(every[~always[place]])
-        left_out = found.named(np.flatnonzero(always).tolist())
-        return replace(kept, touching=left_out) if exact else replace(kept, undecided=left_out)
+        all_pairs = link_pairs(pairs)
+        if not len(pairs):
+            return all_pairs
+        always = all_pairs._always_in_contact()
+        link_pair_of = np.unique(capsules.links[pairs], axis=0, return_inverse=True)[
+            1
+        ].ravel()  # of two axes in NumPy 2.0
+        judged = link_pairs(pairs[~always[link_pair_of]])
+        left_out = all_pairs.pair_texts(np.flatnonzero(always).tolist())
+        return replace(judged, touching=left_out) if exact else replace(judged, undecided=left_out)
 
     def _always_in_contact(self) -> Array:
         """Mask (p,) of pairs in contact (without coal: of capsules) in a share :data:`ALWAYS` of random configurations."""
         q = self.robot.random_configuration(0, _POSES)
         touch = self.bounds(q) <= 0.0
         always = np.asarray(touch.mean(axis=0) >= ALWAYS)
+        if self.shapes is None:
+            return always
         poses = self.robot.link_poses(q)
-        for k in np.flatnonzero(always).tolist() if self.shapes is not None else ():
+        for k in np.flatnonzero(always).tolist():
             apart = 0
             for row in np.flatnonzero(touch[:, k]):
                 apart += self.separation(poses[row], k, _CONTACT)[0] > 0.0
@@ -191,7 +205,7 @@ class LinkPairs:
         """(p, 2) names of the links."""
         return np.array(self.robot.link_names)[self.links]
 
-    def named(self, pairs: Iterable[int]) -> tuple[str, ...]:
+    def pair_texts(self, pairs: Iterable[int]) -> tuple[str, ...]:
         """Texts of some pairs."""
         return tuple(f"{a} – {b}" for a, b in self.names[sorted(pairs)])
 
@@ -200,91 +214,100 @@ class LinkPairs:
         parts = [self.capsules.evaluate(q[k : k + _ROWS])[0] for k in range(0, len(q), _ROWS)]
         return np.minimum.reduceat(np.concatenate(parts), self.starts, axis=1)
 
-    def distance(self, poses: Array, k: int, most: float = np.inf) -> float:
-        """Distance of pair k by coal [m], from the poses of all links (links, 4, 4), or ``most`` if that is smaller."""
+    def distance(self, poses: Array, k: int, bound: float = np.inf) -> float:
+        """Distance of pair k by coal [m], from the poses of all links (links, 4, 4), or ``bound`` if that is smaller."""
         import coal
 
         assert self.shapes is not None
         request, result = coal.DistanceRequest(), coal.DistanceResult()
-        result.min_distance = most  # initial bound of the search in the trees of two meshes
-        first, second = (
-            [
-                (shape, coal.Transform3s(T[:3, :3], T[:3, 3]))
-                for shape, own, _ in self.shapes[link]
-                for T in [poses[link] @ own]
-            ]
-            for link in self.links[k]
-        )
+        result.min_distance = bound  # initial bound of the search in the trees of two meshes
+
+        def placed_shapes(link: int) -> list[tuple[Any, Any]]:
+            assert self.shapes is not None
+            pairs = []
+            for shape, own_pose, _ in self.shapes[link]:
+                T = poses[link] @ own_pose
+                pairs.append((shape, coal.Transform3s(T[:3, :3], T[:3, 3])))
+            return pairs
+
+        first, second = map(placed_shapes, self.links[k])
         for a, T_a in first:
             for b, T_b in second:
-                most = min(most, coal.distance(a, T_a, b, T_b, request, result))
-        return float(most)
+                bound = min(bound, coal.distance(a, T_a, b, T_b, request, result))
+        return float(bound)
 
-    def enclosed(self, poses: Array, k: int) -> bool | None:
+    def encloses(self, poses: Array, k: int) -> bool | None:
         """True if a part of one link of pair k, whose surfaces do not touch, is inside a mesh of the other; None: not known."""
         assert self.shapes is not None
-        found: bool | None = False
+        result: bool | None = False
         for inner, outer in (self.links[k], self.links[k][::-1]):
             for around in self.shapes[outer]:
                 if around.walls is None:
                     continue
                 into = np.linalg.inv(poses[outer] @ around.pose) @ poses[inner]
-                held = {shape.inside(around.walls, into @ shape.pose) for shape in self.shapes[inner]}
-                if True in held:
+                inside = any_of(shape.inside(around.walls, into @ shape.pose) for shape in self.shapes[inner])
+                if inside:
                     return True
-                found = None if None in held else found
-        return found
+                if inside is None:
+                    result = None
+        return result
 
-    def separation(self, poses: Array, k: int, most: float) -> tuple[float, bool]:
+    def separation(self, poses: Array, k: int, bound: float) -> tuple[float, bool]:
         """Distance of pair k as :meth:`distance`, 0 if one link is inside the other; and True if that is not known."""
-        distance = self.distance(poses, k, most)
+        distance = self.distance(poses, k, bound)
         if distance <= 0.0:
             return distance, False
-        inside = self.enclosed(poses, k)
+        inside = self.encloses(poses, k)
         return (0.0 if inside else distance), inside is None
 
-    def _least(self, poses: Array, low: Array, most: float) -> Nearest:
-        """Smallest distance in one configuration and its pair, from bounds (p,); ``most`` and -1 if none is smaller."""
-        found, hidden = -1, set[int]()
+    def _least(self, poses: Array, low: Array, bound: float) -> Nearest:
+        """Smallest distance in one configuration and its pair, from bounds (p,); ``bound`` and -1 if none is smaller."""
+        nearest, hidden = -1, set[int]()
         for k in np.argsort(low, kind="stable").tolist():
-            if low[k] >= most or most <= 0.0:
+            if low[k] >= bound or bound <= 0.0:
                 break
             if self.shapes is None:
-                distance, untold = float(low[k]), False
+                distance, unknown = float(low[k]), False
             elif low[k] > 0.0:  # links whose capsules are apart are not inside each other
-                distance, untold = self.distance(poses, k, most), False
+                distance, unknown = self.distance(poses, k, bound), False
             else:
-                distance, untold = self.separation(poses, k, most)
-            hidden |= {k} if untold else set()
-            if distance < most:
-                most, found = max(distance, 0.0), k
-        return Nearest(most, found, frozenset(hidden))
+                distance, unknown = self.separation(poses, k, bound)
+            if unknown:
+                hidden.add(k)
+            if distance < bound:
+                bound, nearest = max(distance, 0.0), k
+        return Nearest(bound, nearest, frozenset(hidden))
 
     def nearest(self, q: Array) -> list[Nearest]:
         """Smallest distance in each of the configurations (n, nq)."""
         if not len(self.links):
             return [Nearest(np.inf, 0)] * len(q)
-        rows = zip(self.robot.link_poses(q), self.bounds(q), strict=True) if len(q) else ()
-        return [self._least(poses, low, np.inf) for poses, low in rows]
+        if not len(q):
+            return []
+        return [self._least(T, low, np.inf) for T, low in zip(self.robot.link_poses(q), self.bounds(q), strict=True)]
 
-    def nearest_row(self, q: Array, most: float) -> tuple[Nearest, int]:
-        """Smallest distance over all configurations, and its row (the first in contact); -1 if above ``most``."""
-        row, found = -1, Nearest(most, -1)
+    def nearest_row(self, q: Array, bound: float) -> tuple[Nearest, int]:
+        """Smallest distance over all configurations, and its row (the first in contact); -1 if above ``bound``."""
+        row, nearest = -1, Nearest(bound, -1)
         if not len(self.links) or not len(q):
-            return found, row
+            return nearest, row
         poses, low = self.robot.link_poses(q), self.bounds(q)
-        least = low.min(axis=1)
-        for k in np.argsort(least, kind="stable").tolist():
-            if least[k] >= found.distance or found.distance <= 0.0:
+        row_bounds = low.min(axis=1)
+        for k in np.argsort(row_bounds, kind="stable").tolist():
+            if row_bounds[k] >= nearest.distance or nearest.distance <= 0.0:
                 break
-            one = self._least(poses[k], low[k], found.distance)
-            hidden = found.hidden | one.hidden
-            row, found = (row, found) if one.pair < 0 else (k, one)
-            found = found._replace(hidden=hidden)
-        for k in np.flatnonzero(least[: row + 1] <= 0.0).tolist() if found.distance <= 0.0 else ():
-            if (one := self._least(poses[k], low[k], _CONTACT)).pair >= 0:
-                return found._replace(pair=one.pair), k
-        return found, row
+            candidate = self._least(poses[k], low[k], nearest.distance)
+            hidden = nearest.hidden | candidate.hidden
+            if candidate.pair >= 0:
+                row, nearest = k, candidate
+            nearest = nearest._replace(hidden=hidden)
+        if nearest.distance > 0.0:
+            return nearest, row
+        for k in np.flatnonzero(row_bounds[: row + 1] <= 0.0).tolist():  # the first row in contact
+            contact = self._least(poses[k], low[k], _CONTACT)
+            if contact.pair >= 0:
+                return nearest._replace(pair=contact.pair), k
+        return nearest, row
 
 
 def _has_coal(exact: Exact) -> bool:
@@ -304,13 +327,13 @@ def _geometries(solids: Sequence[Solid]) -> list[LinkShape]:
     """Shapes of a link for coal; meshes as triangles."""
     import coal
 
-    built = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
-    made = list[LinkShape]()
+    constructors = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
+    shapes = list[LinkShape]()
     for solid in solids:
-        described, surface, walls = solid.shape, solid.surface, None
+        description, surface, walls = solid.shape, solid.surface, None
         if surface is not None:
             points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-            vertices = surface.vertices * np.asarray(described.sizes)
+            vertices = surface.vertices * np.asarray(description.sizes)
             walls = Enclosure(vertices, surface.faces)
             points.extend(list(vertices))
             triangles.extend([coal.Triangle(*corners) for corners in surface.faces.tolist()])
@@ -319,9 +342,9 @@ def _geometries(solids: Sequence[Solid]) -> list[LinkShape]:
             shape.addSubModel(points, triangles)
             shape.endModel()
         else:
-            shape = built.get(described.kind, coal.Ellipsoid)(*described.sizes)
-        made.append(LinkShape(shape, described.pose, walls))
-    return made
+            shape = constructors.get(description.kind, coal.Ellipsoid)(*description.sizes)
+        shapes.append(LinkShape(shape, description.pose, walls))
+    return shapes
 
 
 # ── Pairs disabled by an SRDF file
@@ -340,7 +363,8 @@ def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
     try:
         root = parse(text)
         xacro = xacro_in(text, root, _SRDF)
-        pairs = [(e.text("link1"), e.text("link2")) for e in root.all("disable_collisions")] if not xacro else []
+        elements = [] if xacro else root.all("disable_collisions")
+        pairs = [(e.text("link1"), e.text("link2")) for e in elements]
     except RobotFileError as error:
         raise RobotFileError(f"{name}: {with_clipped_quotations(str(error))}") from None
     if xacro:
@@ -349,13 +373,13 @@ def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
         raise RobotFileError(
             f"{name}: <{root.tag}> has no <disable_collisions link1=… link2=…>. Give an SRDF file that leaves out pairs."
         )
-    known = frozenset(frozenset(pair) for pair in pairs if {*pair} <= {*robot.link_names})
-    if not known:
+    own_pairs = frozenset(frozenset(pair) for pair in pairs if {*pair} <= {*robot.link_names})
+    if not own_pairs:
         raise RobotFileError(
             f"{name}: none of its {len(pairs)} pairs are links of robot {robot.name!r}; the first is {' – '.join(pairs[0])}. "
             f"Links of the robot: {listed(robot.link_names)}. Is the file of another robot?"
         )
-    return known
+    return own_pairs
 
 
 # ── Clearance of configurations, along motions, and of inverse kinematics
@@ -363,17 +387,17 @@ def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
 
 def clearance_of(robot: Robot, q: ArrayLike, exact: Exact, srdf: str | Path | None) -> Clearance:
     """See :meth:`twistwrench.Robot.clearance`."""
-    given = arguments.finite(q, "clearance: q", robot.nq, names=robot.coordinate_names)
+    configurations = arguments.finite(q, "clearance: q", robot.nq, names=robot.coordinate_names)
     pairs = LinkPairs.from_robot(robot, exact, srdf)
-    every = pairs.nearest(np.asarray(given, float).reshape(-1, robot.nq))
-    found, at = np.array([one.distance for one in every]), np.array([one.pair for one in every], int)
-    names = pairs.names[at] if len(pairs.links) else np.full((len(at), 2), "")
+    nearest = pairs.nearest(np.asarray(configurations, float).reshape(-1, robot.nq))
+    distances, indices = np.array([x.distance for x in nearest]), np.array([x.pair for x in nearest], int)
+    names = pairs.names[indices] if len(pairs.links) else np.full((len(indices), 2), "")
     if not len(pairs.links) and pairs.unknown:
-        found = np.full(len(at), np.nan)
-    shape = given.shape[:-1]
+        distances = np.full(len(indices), np.nan)
+    shape = configurations.shape[:-1]
     return Clearance(
-        found.reshape(shape), names.reshape(*shape, 2), pairs.shapes is not None, pairs.unknown, pairs.undecided,
-        pairs.touching, pairs.named(frozenset().union(*(one.hidden for one in every))),
+        distances.reshape(shape), names.reshape(*shape, 2), pairs.shapes is not None, pairs.unknown, pairs.undecided,
+        pairs.touching, pairs.pair_texts(frozenset().union(*(x.hidden for x in nearest))),
     )  # fmt: skip
 
 
@@ -395,18 +419,18 @@ class PathClearance:
     ) -> PathClearance:
         """Smallest distance over portions of times (n,) [s] and configurations (n, nq), at rows about :data:`STEP` apart."""
         pairs = LinkPairs.from_robot(robot, "auto", srdf)
-        found = cls(pairs, arguments.positive(asked, "clearance", "m", zero=True))
+        result = cls(pairs, arguments.positive(asked, "clearance", "m", zero=True))
         for time, q in samples:
             steps = np.diff(time)
             stride = max(1, int(STEP / max(float(np.median(steps)), 1e-9) + 1e-9)) if len(steps) else 1
             rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
-            found = replace(found, step=max(found.step, float(np.diff(time[rows]).max(initial=0.0))))
-            one, row = pairs.nearest_row(q[rows], found.distance)
-            found = replace(found, hidden=found.hidden | one.hidden)
+            longest_step = max(result.step, float(np.diff(time[rows]).max(initial=0.0)))
+            nearest, row = pairs.nearest_row(q[rows], result.distance)
+            result = replace(result, step=longest_step, hidden=result.hidden | nearest.hidden)
             if row >= 0:
-                first, second = pairs.names[one.pair].tolist()
-                found = replace(found, distance=one.distance, pair=(first, second), time=float(time[rows][row]))
-        return found
+                first, second = pairs.names[nearest.pair].tolist()
+                result = replace(result, distance=nearest.distance, pair=(first, second), time=float(time[rows][row]))
+        return result
 
     @property
     def words(self) -> str:
@@ -425,11 +449,10 @@ class PathClearance:
     @property
     def lines(self) -> list[str]:
         """Sentences on the nearest links and on the pairs left out because they are always in contact."""
-        left_out = listed(self.pairs.touching, _NAMED, "; ")
-        return [
-            f"{self.words}.",
-            *([f"Not judged, as in contact in 95 % of configurations: {left_out}."] if left_out else []),
-        ]
+        lines = [f"{self.words}."]
+        if left_out := listed(self.pairs.touching, _MAX_LISTED, "; "):
+            lines.append(f"Not judged, as in contact in 95 % of configurations: {left_out}.")
+        return lines
 
     def blocks(self) -> Iterator[Block]:
         """Verdict unless OK, and the nearest links."""
@@ -452,16 +475,16 @@ class PathClearance:
             unsure = [f"{links} may {nearer} {when} (capsules; {_DECIDES})"]
         if self.pairs.undecided:
             unsure.append(
-                f"capsules always overlap and are not judged: {listed(self.pairs.undecided, _NAMED, '; ')} ({_DECIDES})"
+                f"capsules always overlap and are not judged: {listed(self.pairs.undecided, _MAX_LISTED, '; ')} ({_DECIDES})"
             )
         if self.hidden:
-            named = listed(self.pairs.named(self.hidden), _NAMED, "; ")
-            unsure.append(f"a mesh is not closed, so it is not known whether one link is inside the other: {named}")
+            pairs = listed(self.pairs.pair_texts(self.hidden), _MAX_LISTED, "; ")
+            unsure.append(f"a mesh is not closed, so it is not known whether one link is inside the other: {pairs}")
         if self.pairs.unknown:
             count = len(self.pairs.unknown)
             unsure.append(
                 f"clearance not known of {count} of {count + self.pairs.known} links, whose shapes are not in the file or "
-                f"could not be read: {listed(self.pairs.unknown, _NAMED)}"
+                f"could not be read: {listed(self.pairs.unknown, _MAX_LISTED)}"
             )
         return Verdict.from_reasons(collision=collision, over=over, unsure=unsure)
 

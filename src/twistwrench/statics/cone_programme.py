@@ -23,21 +23,21 @@ _STEPS = 400
 """Exchanges of the basis, after which a row is undecided."""
 _GAIN = 1e-9
 """Gain of an edge, relative to the prices, below which it does not enter."""
-_FEASIBLE = 1e-7
+_MAX_ARTIFICIAL_SUM = 1e-7
 """Sum of artificial columns, relative to the load, below which the first phase has succeeded."""
 _PIVOT, _ZERO = 1e-10, 1e-11
 """Least pivot of a ratio test, and largest value of a basic column that counts as zero."""
-_RELAXED = 1e-11
+_MAX_BELOW_ZERO = 1e-11
 """Value below zero, relative to the load, that a basic column may reach for the sake of a larger pivot."""
 _ARTIFICIAL = 1e3
 """Price of artificial columns in the second phase."""
-_BALANCED = 1e-9
+_MAX_RESIDUAL = 1e-9
 """Load that forces of least norm may leave over, relative to the load, where the last steps do not bring it down further."""
 _DAMPING = 1e-3
 """Damping of Newton steps, relative to the load left over: where all contacts leave the cones, the slope is singular."""
 _NEWTON = 60
 """Newton steps, after which forces of least norm are not found."""
-_NEGLIGIBLE = 1e-6
+_MIN_LOAD_OF_GROWTH = 1e-6
 """Load relative to its growth below which the growth scales the row."""
 
 Sense = Literal["most", "least"]
@@ -72,7 +72,7 @@ class ForceBounds:
         """ForceBounds of some of the rows."""
         return ForceBounds(self.maps[rows], self.most[rows], self.rate[rows])
 
-    def joined(self, other: ForceBounds) -> ForceBounds:
+    def concatenate(self, other: ForceBounds) -> ForceBounds:
         """These bounds and those of another of the same rows."""
         pairs = ((self.maps, other.maps), (self.most, other.most), (self.rate, other.rate))
         return ForceBounds(*(np.concatenate(pair, axis=1) for pair in pairs))
@@ -120,13 +120,17 @@ def cone_programme(
     bounds = no_bounds(N, c) if bounds is None else bounds
     grows = d is not None or bool(bounds.rate.any())
     d = np.zeros((N, m)) if d is None else d
-    found = []
+    optima = []
     for start in range(0, max(N, 1), _ROWS):
         part = slice(start, start + _ROWS)
         own = cones if cones.friction.ndim == 1 else replace(cones, friction=cones.friction[part])
         simplex = _Simplex(own, maps[part], b[part], d[part], bounds.of(part), active[part], sense if grows else None)
-        found.append(simplex.solve())
-    return ConeOptimum(*(np.concatenate([getattr(x, f.name) for x in found]) for f in fields(ConeOptimum)))
+        optima.append(simplex.solve())
+
+    def all_rows(name: str) -> Array:
+        return np.concatenate([getattr(optimum, name) for optimum in optima])
+
+    return ConeOptimum(*(all_rows(field.name) for field in fields(ConeOptimum)))
 
 
 def no_bounds(rows: int, contacts: int) -> ForceBounds:
@@ -136,8 +140,7 @@ def no_bounds(rows: int, contacts: int) -> ForceBounds:
 
 def two_sided(maps: Array, load: Array, most: Array, rate: Array) -> ForceBounds:
     """ForceBounds abs(load + Σ G_i f_i) ≤ most + s rate; (N, m, c, 3) and (N, m): the upper ones first."""
-    joined = (np.concatenate(pair, axis=1) for pair in ((maps, -maps), (most - load, most + load), (rate, rate)))
-    return ForceBounds(*joined)
+    return ForceBounds(maps, most - load, rate).concatenate(ForceBounds(-maps, most + load, rate))
 
 
 class _Simplex:
@@ -152,9 +155,9 @@ class _Simplex:
         self.friction = np.broadcast_to(cones.friction, (N, c))
         self.balanced = m
         self.G = np.concatenate([maps, bounds.maps], axis=1)
-        load = np.abs(b).max(axis=1, initial=0.0) if m else np.abs(bounds.most).max(axis=1, initial=0.0)
+        load = np.abs(b if m else bounds.most).max(axis=1, initial=0.0)
         rate = np.abs(d).max(axis=1, initial=0.0)
-        size = np.maximum(load, _NEGLIGIBLE * rate)
+        size = np.maximum(load, _MIN_LOAD_OF_GROWTH * rate)
         self.size = np.where(size > 0, size, 1.0)[:, None]
         self.b = np.concatenate([b, bounds.most], axis=1) / self.size
         self.d = np.concatenate([d, bounds.rate], axis=1) / self.size
@@ -174,10 +177,9 @@ class _Simplex:
 
     def solve(self) -> ConeOptimum:
         """Feasible forces first, then the optimum of rows that have some."""
-        everything = np.arange(len(self.b))
-        self._improve(everything, phase=1)
-        left = np.where(self.kind == self.artificial, np.maximum(self.x, 0.0), 0.0).sum(axis=1)
-        feasible = left <= _FEASIBLE
+        self._improve(np.arange(len(self.b)), phase=1)
+        artificial_sum = np.where(self.kind == self.artificial, np.maximum(self.x, 0.0), 0.0).sum(axis=1)
+        feasible = artificial_sum <= _MAX_ARTIFICIAL_SUM
         unbounded = np.zeros(len(self.b), bool)
         if self.sense:
             unbounded = self._improve(np.flatnonzero(feasible & self.settled), phase=2)
@@ -222,10 +224,16 @@ class _Simplex:
         return unbounded
 
     def _costs(self, live: Array, phase: int) -> Array:
-        of_growth = 0.0 if phase == 1 else 1.0 if self.sense == "most" else -1.0
-        of_artificial = -1.0 if phase == 1 else -_ARTIFICIAL
+        artificial_cost = -1.0 if phase == 1 else -_ARTIFICIAL
         kind = self.kind[live]
-        return np.where(kind == self.artificial, of_artificial, np.where(kind == self.growth, of_growth, 0.0))
+        return np.where(
+            kind == self.artificial, artificial_cost, np.where(kind == self.growth, self._growth_cost(phase), 0.0)
+        )
+
+    def _growth_cost(self, phase: int) -> float:
+        if phase == 1:
+            return 0.0
+        return 1.0 if self.sense == "most" else -1.0
 
     def _gains(self, live: Array, y: Array, phase: int) -> tuple[Array, Array]:
         """Gain (rows, columns) of the best edge of each contact, of growth and of slacks; tangential directions."""
@@ -235,8 +243,7 @@ class _Simplex:
         across = v - along[..., None] * n
         slide = np.linalg.norm(across, axis=-1)
         edges = np.where(self.active[live], friction * slide - along, -np.inf)
-        cost = 0.0 if phase == 1 else 1.0 if self.sense == "most" else -1.0
-        growth = (cost + (y * self.d[live]).sum(axis=-1)) / self.rate[live]
+        growth = (self._growth_cost(phase) + (y * self.d[live]).sum(axis=-1)) / self.rate[live]
         if not self.sense or (phase == 1 and self.sense == "most"):
             growth = np.full(len(live), -np.inf)
         slacks = -y @ self.unit.T
@@ -262,10 +269,10 @@ class _Simplex:
         falls = step > _PIVOT
         ratio = np.where(falls, np.maximum(x, 0.0) / np.where(falls, step, 1.0), np.inf)
         ratio = np.where(stays, 0.0, ratio)
-        relaxed = np.where(falls, (np.maximum(x, 0.0) + _RELAXED) / np.where(falls, step, 1.0), np.inf)
-        most = np.where(stays, 0.0, relaxed).min(axis=1)
-        near = ratio <= most[:, None]
-        return np.where(near, np.abs(step), -1.0).argmax(axis=1), np.isfinite(most)
+        relaxed = np.where(falls, (np.maximum(x, 0.0) + _MAX_BELOW_ZERO) / np.where(falls, step, 1.0), np.inf)
+        largest_ratio = np.where(stays, 0.0, relaxed).min(axis=1)
+        near = ratio <= largest_ratio[:, None]
+        return np.where(near, np.abs(step), -1.0).argmax(axis=1), np.isfinite(largest_ratio)
 
 
 # ── Forces of least norm
@@ -295,30 +302,30 @@ def least_norm_in_cones(
     one_sided = np.arange(A.shape[1]) >= m
     y = np.zeros(target.shape)
     y[:, :m] = (np.linalg.pinv(A[:, :m] @ A[:, :m].swapaxes(1, 2), hermitian=True) @ target[:, :m, None])[..., 0]
-    forces, found, live = np.zeros((N, c, 3)), np.zeros(N, bool), np.arange(N)
+    forces, solved, live = np.zeros((N, c, 3)), np.zeros(N, bool), np.arange(N)
     for _ in range(_NEWTON):
         f, slope = _projection(cones.of(live), (A[live].swapaxes(1, 2) @ y[live][..., None]).reshape(len(live), c, 3))
         forces[live] = f
-        left = target[live] - (A[live] @ f.reshape(len(live), 3 * c, 1))[..., 0]
-        slack = one_sided & (y[live] <= 0.0) & (left <= 0.0)
-        left = np.where(slack, 0.0, left)
-        rest = np.abs(left).max(axis=1, initial=0.0)
-        done = rest <= 1e-12
-        found[live] = rest <= _BALANCED
-        live, left, slope, slack, rest = live[~done], left[~done], slope[~done], slack[~done], rest[~done]
+        residual = target[live] - (A[live] @ f.reshape(len(live), 3 * c, 1))[..., 0]
+        slack = one_sided & (y[live] <= 0.0) & (residual <= 0.0)
+        residual = np.where(slack, 0.0, residual)
+        error = np.abs(residual).max(axis=1, initial=0.0)
+        done = error <= 1e-12
+        solved[live] = error <= _MAX_RESIDUAL
+        live, residual, slope, slack, error = live[~done], residual[~done], slope[~done], slack[~done], error[~done]
         if not len(live):
             break
         K = A[live].reshape(len(live), -1, c, 3)
         H = np.einsum("nmci,ncij,nkcj->nmk", K, slope, K)
         H = np.where(slack[:, :, None] | slack[:, None, :], 0.0, H)
-        damping = np.maximum(_DAMPING * np.minimum(rest, 1.0), 1e-12) * (1.0 + np.trace(H, axis1=1, axis2=2))
+        damping = np.maximum(_DAMPING * np.minimum(error, 1.0), 1e-12) * (1.0 + np.trace(H, axis1=1, axis2=2))
         H += damping[:, None, None] * np.eye(H.shape[1])
-        step = np.linalg.solve(H, left[..., None])[..., 0]
-        y[live] = _searched(cones.of(live), A[live], target[live], y[live], step, left, one_sided)
-    return forces * size[..., None] * active[..., None], found
+        step = np.linalg.solve(H, residual[..., None])[..., 0]
+        y[live] = _line_search(cones.of(live), A[live], target[live], y[live], step, residual, one_sided)
+    return forces * size[..., None] * active[..., None], solved
 
 
-def _searched(cones: Cones, A: Array, b: Array, y: Array, step: Array, left: Array, one_sided: Array) -> Array:
+def _line_search(cones: Cones, A: Array, b: Array, y: Array, step: Array, gradient: Array, one_sided: Array) -> Array:
     """Prices after the largest share of each step that raises the dual b · y - ½ |P(A' y)|² enough (Armijo's rule)."""
 
     def dual(at: Array) -> Array:
@@ -329,7 +336,7 @@ def _searched(cones: Cones, A: Array, b: Array, y: Array, step: Array, left: Arr
     for _ in range(30):
         after = y + share * step
         after = np.where(one_sided, np.maximum(after, 0.0), after)
-        rise = (left * (after - y)).sum(axis=1)
+        rise = (gradient * (after - y)).sum(axis=1)
         short = dual(after) < start + 1e-4 * rise - 1e-14 * (1.0 + np.abs(start))
         if not short.any():
             break

@@ -148,12 +148,12 @@ def tangents(n: Array) -> Array:
     return np.stack([t, np.cross(n, t)])
 
 
-def contacts_of(given: Any) -> tuple[Contact, ...]:
+def contacts_of(value: Any) -> tuple[Contact, ...]:
     """Contacts of a list with at least one. Raises ValueRangeError."""
-    found = tuple(given) if isinstance(given, Iterable) else ()
-    if not found or not all(isinstance(c, Contact) for c in found):
-        raise ValueRangeError(f"contacts is {given!r}. Give a list of statics.Contact, at least one.")
-    return found
+    contacts = tuple(value) if isinstance(value, Iterable) else ()
+    if not contacts or not all(isinstance(c, Contact) for c in contacts):
+        raise ValueRangeError(f"contacts is {value!r}. Give a list of statics.Contact, at least one.")
+    return contacts
 
 
 def refuse_loops(robot: Robot, what: str) -> None:
@@ -163,12 +163,13 @@ def refuse_loops(robot: Robot, what: str) -> None:
     first, *more = robot.constraints
     others = f" and {len(more)} more" if more else ""
     outside = [c.name for c in robot.constraints if not _joins_links(robot, c)]
-    remedy = (
-        f"In place of {outside[0]} give a contact that holds there, with pull=, on a robot without it."
-        if outside
-        else "Loops of its links change neither contact forces nor margins: robot.open() gives them here. Torques with these "
-        "forces are robot.inverse_dynamics(q, dq, ddq, actuated=…, wrench_on_robot=…)."
-    )
+    if outside:
+        remedy = f"In place of {outside[0]} give a contact that holds there, with pull=, on a robot without it."
+    else:
+        remedy = (
+            "Loops of its links change neither contact forces nor margins: robot.open() gives them here. Torques with these "
+            "forces are robot.inverse_dynamics(q, dq, ddq, actuated=…, wrench_on_robot=…)."
+        )
     raise ConstraintError(
         f"{what}: robot {robot.name!r} is closed by {first.name}{others}, and forces of closures and contacts are not computed "
         f"together. {remedy}"
@@ -185,12 +186,12 @@ def _joins_links(robot: Robot, constraint: Constraint) -> bool:
 def contact_maps(robot: Robot, q: Array, contacts: Sequence[Contact]) -> tuple[Array, Array]:
     """Maps (n, nv, c, 3) of contact forces to torques, and contact points (n, c, 3), in the base frame."""
     maps, points = np.zeros((len(contacts), len(q), 3, robot.nv)), np.zeros((len(q), len(contacts), 3))
-    known: dict[str | None, tuple[Array, Array]] = {}
+    frames: dict[str | None, tuple[Array, Array]] = {}
     for k, c in enumerate(contacts):
-        if c.frame not in known:
+        if c.frame not in frames:
             J, T = robot.jacobian(q, c.frame, "world_aligned"), robot.forward_kinematics(q, c.frame)
-            known[c.frame] = np.asarray(J), np.asarray(T)
-        J, T = known[c.frame]
+            frames[c.frame] = np.asarray(J), np.asarray(T)
+        J, T = frames[c.frame]
         arm = T[:, :3, :3] @ c.point - c.radius * c.normal
         maps[k] = J[:, 3:] + np.cross(J[:, :3], arm[:, :, None], axis=1)
         points[:, k] = T[:, :3, 3] + arm
@@ -202,19 +203,21 @@ def cones_of(contacts: Sequence[Contact], rows: int = 1) -> tuple[Cones, ForceBo
     groups: dict[object, list[int]] = {}
     for k, c in enumerate(contacts):
         if c.push < np.inf:
-            groups.setdefault((c.group, c.frame) if c.group is not None else k, []).append(k)
-    bounded = np.zeros((len(groups), len(contacts)))
-    most = np.zeros(len(groups))
+            group = k if c.group is None else (c.group, c.frame)
+            groups.setdefault(group, []).append(k)
+    is_member = np.zeros((len(groups), len(contacts)))
+    largest_sums = np.zeros(len(groups))
     for row, members in enumerate(groups.values()):
-        bounded[row, members] = 1.0
+        is_member[row, members] = 1.0
         pushes = sorted({contacts[k].push for k in members})
         if len(pushes) > 1:
             raise ValueRangeError(
                 f"contacts of group {contacts[members[0]].group!r} have pushes of {listed([number(p) for p in pushes])} N. "
                 "Give all of them the largest sum of their normal forces."
             )
-        most[row] = contacts[members[0]].push + sum(contacts[k].pull for k in members)
+        largest_sums[row] = contacts[members[0]].push + sum(contacts[k].pull for k in members)
     normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
-    maps = bounded[..., None] * normals
-    bounds = ForceBounds(*(np.broadcast_to(x, (rows, *x.shape)) for x in (maps, most, np.zeros_like(most))))
+    maps = is_member[..., None] * normals
+    arrays = maps, largest_sums, np.zeros_like(largest_sums)
+    bounds = ForceBounds(*(np.broadcast_to(array, (rows, *array.shape)) for array in arrays))
     return Cones(normals, np.array([c.friction for c in contacts])), bounds

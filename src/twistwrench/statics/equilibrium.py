@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 _OF_A_BODY = "the body's twist (omega, v) in the frame of points and normals"
 _OF_A_ROBOT = "joint velocities dq, of a floating base its twist in its own frame"
-_DRIVEN = 1e-9
+_MIN_POWER = 1e-9
 """Power of a motion of size 1, as a share of the largest load, above which the motion proves that nothing holds."""
-_BALANCED = 1e-6
+_MAX_RESIDUAL = 1e-6
 """Largest residual of the load, relative to the forces, that counts as balanced; checked before a positive result."""
 _ROUNDING = 1e-14
 """Rounding tolerance relative to the sum of all contact loads, which may far exceed the load if levers are short."""
@@ -78,8 +78,8 @@ class Equilibrium:
         if self.holds:
             forces = np.asarray(self.forces)
             largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
-            used = "" if self.share is None else f", torques up to {percent(self.share, 3)} of their limits"
-            return f"holds, with contact forces up to {number(largest)} N{used}"
+            torques = "" if self.share is None else f", torques up to {percent(self.share, 3)} of their limits"
+            return f"holds, with contact forces up to {number(largest)} N{torques}"
         if self.holds is None:
             return "marginal: within rounding, neither forces nor a motion are found"
         moving = [
@@ -135,11 +135,11 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike) -> 
     about = np.concatenate([F[:3] - np.cross(middle, F[3:]), F[3:]])
     turning = np.arange(6) < 3
     system = _System(contacts, maps.swapaxes(0, 1), about, np.zeros(6), turning)
-    found = system.decide(TWIST, _OF_A_BODY)
-    if found.motion is None:
-        return found
-    w, v = found.motion[:3], found.motion[3:]
-    return _of_size_one(replace(found, motion=np.concatenate([w, v - np.cross(w, middle)])))
+    result = system.decide(TWIST, _OF_A_BODY)
+    if result.motion is None:
+        return result
+    w, v = result.motion[:3], result.motion[3:]
+    return _normalize(replace(result, motion=np.concatenate([w, v - np.cross(w, middle)])))
 
 
 def robot_equilibrium(
@@ -231,14 +231,14 @@ def _system(
 
 
 def _clean(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
-    given: Any = contacts
-    if not isinstance(given, Iterable):
-        raise ValueRangeError(f"contacts is {given!r}. Give a list of statics.Contact.")
-    given = tuple(given)
-    for k, c in enumerate(given):
+    value: Any = contacts
+    if not isinstance(value, Iterable):
+        raise ValueRangeError(f"contacts is {value!r}. Give a list of statics.Contact.")
+    checked = tuple(value)
+    for k, c in enumerate(checked):
         if not isinstance(c, Contact):
             raise ValueRangeError(f"contacts[{k}] is {c!r}. Give a list of statics.Contact.")
-    return given
+    return checked
 
 
 class _System:
@@ -264,42 +264,43 @@ class _System:
             allowed = max(float(least.s[0]) * (1.0 + _SHARE) + _SHARE * _SHARE, share or 0.0)
             for forces in (*self._least_norm(allowed), least.forces[0]):
                 if (torques := self._torques(forces + self.preload)) is not None:
-                    used = np.abs(torques / self.units)[self.limited] / self.limits[self.limited]
-                    most = float(used.max()) if used.size else None
-                    return Equilibrium(True, forces + self.preload, torques, most, None, None, None, names, frame)
+                    shares = np.abs(torques / self.units)[self.limited] / self.limits[self.limited]
+                    largest = float(shares.max()) if shares.size else None
+                    return Equilibrium(True, forces + self.preload, torques, largest, None, None, None, names, frame)
         motion, power = self._unresisted_motion()
-        if not power > _DRIVEN * max(float(np.abs(self.load).max(initial=0.0)), float(np.abs(motion).max()) * 1e-300):
+        if not power > _MIN_POWER * max(
+            float(np.abs(self.load).max(initial=0.0)), float(np.abs(motion).max()) * 1e-300
+        ):
             return Equilibrium(None, None, None, None, None, None, None, names, frame)
         velocities = np.einsum("mck,m->ck", self.maps, motion)  # by virtual work
-        return _of_size_one(Equilibrium(False, None, None, None, motion / self.units, velocities, power, names, frame))
+        return _normalize(Equilibrium(False, None, None, None, motion / self.units, velocities, power, names, frame))
 
     def _bounds(self, rows: Array, most: Array, rate: Array) -> ForceBounds:
         """abs(load + Σ G_i f_i) ≤ most + s rate in some rows, and the pushes of the contacts."""
-        of_torques = two_sided(*(x[None, rows] for x in (self.maps, self.beyond, most, rate)))
-        return of_torques.joined(self.pushes)
+        torque_bounds = two_sided(*(x[None, rows] for x in (self.maps, self.beyond, most, rate)))
+        return torque_bounds.concatenate(self.pushes)
 
     def _least_norm(self, share: float) -> Iterator[Array]:
         bounds = self._bounds(self.limited, share * self.limits, np.zeros_like(self.limits))
         active = np.ones((1, self.maps.shape[1]), bool)
-        forces, found = least_norm_in_cones(
+        forces, solved = least_norm_in_cones(
             self.cones, self.maps[None, self.fixed], -self.beyond[None, self.fixed], active, bounds
         )
-        if found[0]:
+        if solved[0]:
             yield forces[0]
 
     def _torques(self, forces: Array) -> Array | None:
         """Torques (nv,) beside contact forces; None if these leave more over than rounding."""
-        pushed = np.einsum("mck,ck->m", self.maps, forces)
-        left = np.abs(self.load + pushed)
-        whole = float(np.abs(self.load[self.fixed]).max(initial=0.0))
-        pushes = float(np.abs(self.load[self.fixed & ~self.turning]).max(initial=0.0)) or whole
-        allowed = np.where(
-            self.fixed, _BALANCED * np.where(self.turning, whole, pushes), (1.0 + _BALANCED) * self.limits
-        )
+        contact_torque = np.einsum("mck,ck->m", self.maps, forces)
+        residual = np.abs(self.load + contact_torque)
+        largest_load = float(np.abs(self.load[self.fixed]).max(initial=0.0))
+        largest_force = float(np.abs(self.load[self.fixed & ~self.turning]).max(initial=0.0)) or largest_load
+        scale = np.where(self.turning, largest_load, largest_force)
+        allowed = np.where(self.fixed, _MAX_RESIDUAL * scale, (1.0 + _MAX_RESIDUAL) * self.limits)
         terms = np.einsum("mck,ck->m", np.abs(self.maps), np.abs(forces)) + np.abs(self.load)
-        if (left > allowed + _ROUNDING * terms).any():
+        if (residual > allowed + _ROUNDING * terms).any():
             return None
-        return np.where(self.fixed, 0.0, -(self.load + pushed)) * self.units
+        return np.where(self.fixed, 0.0, -(self.load + contact_torque)) * self.units
 
     def _unresisted_motion(self) -> tuple[Array, float]:
         """Motion that the load drives most against all torques and contacts, of those with a sum of entries of 1; its power.
@@ -308,21 +309,21 @@ class _System:
         """
         rows = np.isfinite(self.limits)  # a joint without limit resists any motion of its own
         none = np.zeros((1, 0))
-        found = cone_programme(
+        optimum = cone_programme(
             self.cones, np.zeros((1, 0, *self.maps.shape[1:])), none, none,
             bounds=self._bounds(rows, self.limits, np.ones_like(self.limits)), sense="least",
         )  # fmt: skip
         count = int(rows.sum())
         motion = np.zeros(len(self.load))
-        motion[rows] = found.bound_prices[0, :count] - found.bound_prices[0, count : 2 * count]
+        motion[rows] = optimum.bound_prices[0, :count] - optimum.bound_prices[0, count : 2 * count]
         v = np.einsum("mck,m->ck", self.maps, motion)
         rise = (v * self.cones.normals).sum(axis=1)
         approach = self.cones.friction * np.linalg.norm(v - rise[:, None] * self.cones.normals, axis=1) - rise
         bounded = np.einsum("kcx,cx->kc", self.pushes.maps[0], self.cones.normals)
-        pressed = (bounded * np.maximum(approach, 0.0)).max(axis=1, initial=0.0) @ self.pushes.most[0]
-        pulled = -(self.preload * v).sum()
-        motors = np.where(rows, self.limits, 0.0) @ np.abs(motion)
-        return motion + 0.0, float(self.load @ motion - motors - pressed - pulled)
+        push_power = (bounded * np.maximum(approach, 0.0)).max(axis=1, initial=0.0) @ self.pushes.most[0]
+        pull_power = -(self.preload * v).sum()
+        motor_power = np.where(rows, self.limits, 0.0) @ np.abs(motion)
+        return motion + 0.0, float(self.load @ motion - motor_power - push_power - pull_power)
 
 
 def _lever(maps: Array, load: Array, turning: Array) -> float:
@@ -334,11 +335,11 @@ def _lever(maps: Array, load: Array, turning: Array) -> float:
     return moment / force if moment > 0 and force > 0 else 1.0
 
 
-def _of_size_one(no: Equilibrium) -> Equilibrium:
+def _normalize(proof: Equilibrium) -> Equilibrium:
     """Certificate scaled to a largest entry of 1."""
-    size = float(np.abs(np.asarray(no.motion)).max())
-    motion, velocities = (np.asarray(x) / size + 0.0 for x in (no.motion, no.velocities))
-    return replace(no, motion=motion, velocities=velocities, power=float(no.power or 0.0) / size)
+    size = float(np.abs(np.asarray(proof.motion)).max())
+    motion, velocities = (np.asarray(x) / size + 0.0 for x in (proof.motion, proof.velocities))
+    return replace(proof, motion=motion, velocities=velocities, power=float(proof.power or 0.0) / size)
 
 
 # ── Wrench from torques: produced, borne by the structure, and unbalanced
@@ -445,7 +446,7 @@ def wrench_from_torques(
     length = arguments.positive(length, "length [m]")
     g = np.asarray(robot.holding_torques(q))  # includes springs of elastic joints
     J = np.asarray(robot.jacobian(q, frame, kind))
-    rank, U, Vt, rows, columns = _equilibrated(J)
+    rank, U, Vt, rows, columns = _equilibrate(J)
     scale = np.array([length] * 3 + [1.0] * 3)  # J_w * length and J_v are both in m
     idle = columns[:, None] * Vt[rank:].T
     borne = rows[:, None] * U[:, rank:]
@@ -472,7 +473,7 @@ def wrench_from_torques(
     )
 
 
-def _equilibrated(J: Array) -> tuple[int, Array, Array, Array, Array]:
+def _equilibrate(J: Array) -> tuple[int, Array, Array, Array, Array]:
     """Rank of J (6, nv), U and V' of R J C by singular values, and the diagonals of R and C, which equilibrate J.
 
     R divides rotational rows by the longest lever of a revolute joint, so that ranks do not depend on the robot's size.
@@ -510,8 +511,11 @@ def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", lea
     shown = [(v, n) for v, n in zip(x, names, strict=True) if abs(v) > least]
     if not shown:
         return nothing
-    words = [f"{'-' if v < 0 else '+'} {'' if abs(abs(v) - 1) < 1e-9 else f'{number(abs(v))} '}{n}" for v, n in shown]
-    return " ".join(words).removeprefix("+ ").replace("-", "−")
+    terms = []
+    for value, name in shown:
+        factor = "" if abs(abs(value) - 1) < 1e-9 else f"{number(abs(value))} "
+        terms.append(f"{'-' if value < 0 else '+'} {factor}{name}")
+    return " ".join(terms).removeprefix("+ ").replace("-", "−")
 
 
 # ── Joint stops: positions beyond the limits
@@ -540,13 +544,13 @@ def joints_beyond_stops(robot: Robot, q: Array, limits: Limits | None = None) ->
     """Joints of one pose (nq,) outside the robot's or the given position limits, in descending order of excess."""
     limits = robot.limits if limits is None else limits
     beyond = limits.exceeded(robot.model.positions(q))
-    found = []
+    joints = []
     for b in robot.model.leaders:
         if b.joint.nq == 1 and beyond[b.v_index]:  # ball, planar and floating joints have no stops
             value, low, high = float(q[b.q_index]), float(limits.lower[b.v_index]), float(limits.upper[b.v_index])
             stop = low if value < low else high
-            found.append(BeyondStop(b.joint.name, value, stop, bool(b.joint.axes[0][:3].any())))
-    return tuple(sorted(found, key=lambda f: -f.by))
+            joints.append(BeyondStop(b.joint.name, value, stop, bool(b.joint.axes[0][:3].any())))
+    return tuple(sorted(joints, key=lambda joint: -joint.by))
 
 
 complete(globals())

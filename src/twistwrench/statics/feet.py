@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,11 +40,11 @@ _SOLE = 0.005
 """Height above the lowest point of a shape up to which its corners belong to the sole [m]."""
 _CORNERS = 8
 """Most corners of a sole."""
-_NARROW = 1e-3
+_MIN_WIDTH = 1e-3
 """Width below which the lowest points of a shape are one point or a line [m]."""
-_LOWER, _LASTING = 0.005, 0.02
+_MIN_STANCE_DROP, _MIN_STANCE_TIME = 0.005, 0.02
 """A foot becomes the stance foot if it is lower than the other by so much [m] for so long [s]."""
-_EVEN = 0.0005
+_EQUAL_HEIGHT = 0.0005
 """Difference in height below which both feet stand, so that the new one keeps the place it had then [m]."""
 _LEVEL = 0.01
 """Distance from one plane up to which all feet stand [m]."""
@@ -82,17 +83,21 @@ def find_feet(robot: Robot, q: ArrayLike | None = None) -> tuple[str, ...]:
     (('FL_foot', 'FR_foot', 'RL_foot', 'RR_foot'), ())
     """
     model = require_robot(robot, "find_feet").model
-    at = robot.neutral if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
-    poses, up, found = frame_poses(model, np.asarray(at, float)), upward(robot), []
+    if q is None:
+        q = robot.neutral
+    else:
+        q = arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
+    poses, up = frame_poses(model, np.asarray(q, float)), upward(robot)
+    feet = []
     for links in legs_of(model):
         heights = {name: float(poses[name][:3, 3] @ up) for name in links}
         lowest = min(heights.values())
         near = [name for name in links if heights[name] <= lowest + _SAME_HEIGHT]
         near = [name for name in near if not _has_word(name, _SENSOR_WORDS)] or near
-        called = [name for name in near if _has_word(name, _FOOT_WORDS)]
-        shaped = [name for name in called if name in model.shaped]
-        found.append((shaped or called or near)[-1])
-    return tuple(dict.fromkeys(found))
+        with_foot_name = [name for name in near if _has_word(name, _FOOT_WORDS)]
+        with_shape = [name for name in with_foot_name if name in model.shaped]
+        feet.append((with_shape or with_foot_name or near)[-1])
+    return tuple(dict.fromkeys(feet))
 
 
 def _has_word(name: str, words: Sequence[str]) -> bool:
@@ -139,9 +144,8 @@ def sole(
     middle = arguments.finite(arguments.one(at, "at", 3), "at", 3)
     normal = upward(robot) if normal is None else normal
     if size is not None:
-        length, width = (
-            arguments.positive(x, "the size of a sole", "m") for x in arguments.one(size, "size", 2).tolist()
-        )
+        sizes = arguments.one(size, "size", 2).tolist()
+        length, width = (arguments.positive(x, "the size of a sole", "m") for x in sizes)
         offsets = 0.5 * np.array([(length, width, 0), (length, -width, 0), (-length, -width, 0), (-length, width, 0)])
         points, radius = [np.asarray(middle + offset) for offset in offsets], 0.0
     else:
@@ -226,14 +230,14 @@ def _lowest_face(robot: Robot, frame: str, q: ArrayLike | None) -> tuple[list[Ar
     shapes = [(se3.inverse(T) @ link, solids) for link, solids in _solids_at(robot, frame)]
     if not any(solids for _, solids in shapes):
         return [], 0.0
-    found, most = (list[Array](), 0.0), -1.0
-    for state in [robot.neutral] + ([] if q is None else [np.asarray(q, float)]):
-        down = -frame_poses(robot.model, state)[frame][:3, :3].T @ upward(robot)
-        face = _face_towards(shapes, down)
-        spread = float(np.ptp(face[0], axis=0).max())
-        if spread >= most:
-            found, most = face, spread
-    return found
+    configurations = [robot.neutral]
+    if q is not None:
+        configurations.append(np.asarray(q, float))
+    faces = []
+    for configuration in configurations:
+        down = -frame_poses(robot.model, configuration)[frame][:3, :3].T @ upward(robot)
+        faces.append(_face_towards(shapes, down))
+    return max(reversed(faces), key=lambda face: float(np.ptp(face[0], axis=0).max()))  # of equal ones the last
 
 
 def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid]]]:
@@ -245,30 +249,33 @@ def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid
     model = robot.model
     described = {shapes.link: shapes for shapes in read_shapes(model)}
     reader = SolidReader(MeshFiles(Path(model.source) if model.source else None))
-    same = [name for name, other in model.frames.items() if other.body == model.frame(frame).body]
-    for links in ([frame], same):
-        found = [(name, reader.read(described[name])) for name in links if name in described]
+    siblings = [name for name, other in model.frames.items() if other.body == model.frame(frame).body]
+    for links in ([frame], siblings):
+        solids_by_link = {name: reader.read(described[name]).solids for name in links if name in described}
         for role in ("collision", "visual"):
-            mine = [(name, [s for s in solids.solids if s.shape.role == role]) for name, solids in found]
-            if any(solids for _, solids in mine):
-                yield from ((np.asarray(model.frames[name].pose), solids) for name, solids in mine)
+            with_role = {}
+            for name, solids in solids_by_link.items():
+                with_role[name] = [solid for solid in solids if solid.shape.role == role]
+            if any(with_role.values()):
+                for name, role_solids in with_role.items():
+                    yield np.asarray(model.frames[name].pose), role_solids
                 return
 
 
 def _face_towards(shapes: Sequence[tuple[Array, Sequence[Solid]]], down: Array) -> tuple[list[Array], float]:
     """Corners, at the lowest height, of the hull of what lies within 5 mm of it; of balls their centres, and the radius."""
-    every = [(T, solid, _towards(T, solid, down)) for T, solids in shapes for solid in solids]
-    lowest = max(float((points @ down).max()) for _, _, points in every)
-    near = [(T, solid, points) for T, solid, points in every if (points @ down).max() >= lowest - _SOLE]
-    radii = {solid.shape.sizes[0] if solid.shape.kind == "sphere" else 0.0 for _, solid, _ in near}
-    points = np.concatenate([points for _, _, points in near])
+    solid_points = [(solid, _points_towards(T, solid, down)) for T, solids in shapes for solid in solids]
+    lowest = max(float((points @ down).max()) for _, points in solid_points)
+    near = [(solid, points) for solid, points in solid_points if (points @ down).max() >= lowest - _SOLE]
+    radii = {solid.shape.sizes[0] if solid.shape.kind == "sphere" else 0.0 for solid, _ in near}
+    points = np.concatenate([points for _, points in near])
     radius = radii.pop() if len(radii) == 1 else 0.0
     axes = tangents(down)
     corners = _corners(points[points @ down >= lowest - _SOLE] @ axes.T)
     return [np.asarray(corner @ axes + (lowest - radius) * down) for corner in corners], radius
 
 
-def _towards(T: Array, solid: Solid, down: Array) -> Array:
+def _points_towards(T: Array, solid: Solid, down: Array) -> Array:
     """Corners (k, 3) of a shape; of a ball the lowest point."""
     if solid.shape.kind == "sphere":
         return np.asarray((T @ solid.shape.pose)[:3, 3] + solid.shape.sizes[0] * down)[None]
@@ -282,7 +289,7 @@ def _corners(flat: Array) -> Array:
     centre = flat.mean(axis=0)
     _, widths, axes = np.linalg.svd(flat - centre, full_matrices=False)
     along = (flat - centre) @ axes.T
-    wide = np.ptp(along, axis=0) > _NARROW
+    wide = np.ptp(along, axis=0) > _MIN_WIDTH
     if not wide.any() or not len(widths):
         return centre[None]
     if not wide.all():
@@ -340,9 +347,11 @@ def base_from_stance(robot: Robot, motion: Motion, feet: Sequence[str], stance: 
             f"base_from_stance takes robot {robot.name!r} with a floating base, and a motion of its joints alone; the motion "
             f"has the coordinates {', '.join(names[:8])}. Load the robot with floating_base=True."
         )
-    soles = resting_points(
-        {frame: np.array([c.point for c in sole(motion.robot, frame, 0.0, q=motion.q[0])]) for frame in feet}
-    )
+    corners = {}
+    for frame in feet:
+        contacts = sole(motion.robot, frame, 0.0, q=motion.q[0])
+        corners[frame] = np.array([contact.point for contact in contacts])
+    soles = resting_points(corners)
     poses, standing = base_poses(motion.robot, motion.time, motion.q, soles, stance)
     q = np.column_stack([pose_coordinates(poses), motion.q])
     dq, ddq = stance_rates(robot, q, motion.dq, motion.ddq, soles, standing)
@@ -369,12 +378,13 @@ def stance_rates(
     """Velocities and accelerations (n, nv) with those of the free base, from the joints' and the feet (n, k) that rest."""
     base = np.zeros((len(q), 6))
     V, A = np.column_stack([base, dq]), np.column_stack([base, ddq])
-    for mask in np.unique(standing, axis=0) if soles else ():
+    if not soles:
+        return V, A
+    for mask in np.unique(standing, axis=0):
         rows = np.flatnonzero((standing == mask).all(axis=1))
-        contacts = tuple(
-            Contact(point, frame=frame) for (frame, points), rests in zip(soles.items(), mask, strict=True) if rests
-            for point in points
-        )  # fmt: skip
+        contacts: list[Contact] = []
+        for frame in compress(soles, mask):
+            contacts += [Contact(point, frame=frame) for point in soles[frame]]
         maps, _ = contact_maps(robot, q[rows], contacts)
         J = np.moveaxis(maps, 1, -1).reshape(len(rows), -1, robot.nv)  # of all points
         free = np.linalg.pinv(J[:, :, :6])
@@ -386,10 +396,8 @@ def stance_rates(
 
 def _point_acceleration(robot: Robot, q: Array, dq: Array, ddq: Array, contact: Contact) -> Array:
     """Accelerations (n, 3) of a contact point in the base frame."""
-    V, A = (
-        np.asarray(f)
-        for f in (robot.frame_velocity(q, dq, contact.frame), robot.frame_acceleration(q, dq, ddq, contact.frame))
-    )
+    V = np.asarray(robot.frame_velocity(q, dq, contact.frame))
+    A = np.asarray(robot.frame_acceleration(q, dq, ddq, contact.frame))
     w, v = V[:, :3], V[:, 3:]
     a = A[:, 3:] + np.cross(w, v) + np.cross(A[:, :3], contact.point) + np.cross(w, np.cross(w, contact.point))
     R = np.asarray(robot.forward_kinematics(q, contact.frame))[:, :3, :3]
@@ -421,7 +429,7 @@ def base_poses(
         corners.append(points @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3])
     start = _level([points[0] for points in corners], up, ground)
     chosen = _chosen_feet(stance, frames, len(q))
-    if chosen is None and not any(_plane(points[0], up)[1] > _NARROW for points in corners):
+    if chosen is None and not any(_plane(points[0], up)[1] > _MIN_WIDTH for points in corners):
         return _PointFeet(time, corners, ground, frames).poses(start)
     return _flat_foot(time, corners, ground, start, chosen)
 
@@ -435,13 +443,13 @@ def _flat_foot(
     foot = int(_heights(corners, T_sb, up)[0].argmin()) if chosen is None else int(chosen[0])
     row = 0
     while row < n:
-        places = corners[foot][row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3]
-        T_sb[row:] = _fitted(corners[foot][row:], places)
-        change, successor = (
-            _next_lowest(time[row:], _heights([c[row:] for c in corners], T_sb[row:], up), foot)
-            if chosen is None
-            else _next_chosen(chosen[row:], foot)
-        )
+        targets = corners[foot][row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3]
+        T_sb[row:] = _fit_poses(corners[foot][row:], targets)
+        if chosen is None:
+            heights = _heights([c[row:] for c in corners], T_sb[row:], up)
+            change, successor = _next_lowest(time[row:], heights, foot)
+        else:
+            change, successor = _next_chosen(chosen[row:], foot)
         standing[row : row + change, foot] = True
         row, foot = row + change, successor
     return T_sb, standing
@@ -461,35 +469,40 @@ class _PointFeet:
         down, raised, row = heights <= heights.min() + _LEVEL, np.zeros(k, bool), 0
         while row < n:
             self._check(down, row)
-            places = [c[row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3] for c in self.corners]
+            targets = [c[row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3] for c in self.corners]
             chosen = np.flatnonzero(down).tolist()
             points = np.concatenate([self.corners[i][row:] for i in chosen], axis=1)
-            T_sb[row:] = _fitted(points, np.concatenate([places[i] for i in chosen]))
-            off = np.stack([self._moved(i, row, T_sb, places[i]) for i in range(k)], axis=1)
+            T_sb[row:] = _fit_poses(points, np.concatenate([targets[i] for i in chosen]))
+            displacements = np.stack([self._displacement(i, row, T_sb, targets[i]) for i in range(k)], axis=1)
             heights = _heights([c[row:] for c in self.corners], T_sb[row:], self.up)
             floor = heights[:, down].min(axis=1, keepdims=True)
-            leaves = (off > _LOWER) & down
-            lifted = np.maximum.accumulate(heights > floor + 2 * _LOWER, axis=0) | raised
-            enters = lifted & (heights <= floor + _LOWER) & ~down
+            leaves = (displacements > _MIN_STANCE_DROP) & down
+            lifted = np.maximum.accumulate(heights > floor + 2 * _MIN_STANCE_DROP, axis=0) | raised
+            enters = lifted & (heights <= floor + _MIN_STANCE_DROP) & ~down
             events = np.flatnonzero((leaves | enters)[1:].any(axis=1)) + 1
-            stop = int(events[0]) if len(events) else n - row
+            if not len(events):
+                standing[row:] = down
+                break
+            stop = int(events[0])
             standing[row : row + stop] = down
-            if len(events):
-                raised = lifted[stop] & ~enters[stop]
-                gone = int(np.where(down, off[stop], -1.0).argmax()) if leaves[stop].any() else None
+            raised = lifted[stop] & ~enters[stop]
+            if leaves[stop].any():
+                gone = int(np.where(down, displacements[stop], -1.0).argmax())
                 down = down | enters[stop]
-                if gone is not None:
-                    down[gone] = raised[gone] = False
+                down[gone] = raised[gone] = False
+            else:
+                down = down | enters[stop]
             row += stop
         return T_sb, standing
 
-    def _moved(self, foot: int, row: int, poses: Array, places: Array) -> Array:
-        now = np.einsum("nij,nkj->nki", poses[row:, :3, :3], self.corners[foot][row:]) + poses[row:, None, :3, 3]
-        return np.asarray(np.linalg.norm(now - places, axis=-1).max(axis=1))
+    def _displacement(self, foot: int, row: int, poses: Array, targets: Array) -> Array:
+        """Distances (n,) of a foot's corners from where they stood, the largest of each row from ``row`` on."""
+        points = np.einsum("nij,nkj->nki", poses[row:, :3, :3], self.corners[foot][row:]) + poses[row:, None, :3, 3]
+        return np.asarray(np.linalg.norm(points - targets, axis=-1).max(axis=1))
 
     def _check(self, down: Array, row: int) -> None:
         points = np.concatenate([self.corners[i][row] for i in np.flatnonzero(down).tolist()])
-        if _plane(points, self.up)[1] <= _NARROW:
+        if _plane(points, self.up)[1] <= _MIN_WIDTH:
             names = listed([self.frames[i] for i in np.flatnonzero(down).tolist()])
             raise ValueRangeError(
                 f"at t = {seconds(float(self.time[row]))} s the robot stands on {names} alone, which are points: the pose "
@@ -498,10 +511,10 @@ class _PointFeet:
             )
 
 
-def _fitted(points: Array, places: Array) -> Array:
-    """Poses (n, 4, 4) that bring points (n, k, 3) nearest to places (k, 3). Source: Kabsch, Acta Cryst. A32, 1976."""
-    middle, target = points.mean(axis=1), places.mean(axis=0)
-    U, _, Vt = np.linalg.svd(np.einsum("ki,nkj->nij", places - target, points - middle[:, None]))
+def _fit_poses(points: Array, targets: Array) -> Array:
+    """Poses (n, 4, 4) that bring points (n, k, 3) nearest to targets (k, 3). Source: Kabsch, Acta Cryst. A32, 1976."""
+    middle, target = points.mean(axis=1), targets.mean(axis=0)
+    U, _, Vt = np.linalg.svd(np.einsum("ki,nkj->nij", targets - target, points - middle[:, None]))
     D = np.tile(np.eye(3), (len(points), 1, 1))
     D[:, 2, 2] = np.sign(np.linalg.det(U @ Vt))
     R = U @ D @ Vt
@@ -540,7 +553,7 @@ def _next_chosen(chosen: Array, foot: int) -> tuple[int, int]:
 def _next_lowest(time: Array, heights: Array, foot: int) -> tuple[int, int]:
     """Rows until another foot has been lower for long enough, and that foot."""
     low = heights.argmin(axis=1)
-    lower = heights[np.arange(len(low)), low] < heights[:, foot] - _LOWER
+    lower = heights[np.arange(len(low)), low] < heights[:, foot] - _MIN_STANCE_DROP
     lower[0] = False
     start = 0
     while True:
@@ -550,10 +563,10 @@ def _next_lowest(time: Array, heights: Array, foot: int) -> tuple[int, int]:
         first = start + int(begins[0])
         ends = np.flatnonzero(~lower[first:])
         last = first + int(ends[0]) if len(ends) else len(time)
-        if time[last - 1] - time[first] >= _LASTING or (last == len(time) and last - first > 1):
+        if time[last - 1] - time[first] >= _MIN_STANCE_TIME or (last == len(time) and last - first > 1):
             other = int(low[first])
-            before = np.flatnonzero(heights[:first, other] > heights[:first, foot] - _EVEN)
-            return (int(before[-1]) + 1 if len(before) else 1), other
+            equal = np.flatnonzero(heights[:first, other] > heights[:first, foot] - _EQUAL_HEIGHT)
+            return (int(equal[-1]) + 1 if len(equal) else 1), other
         start = last
 
 
@@ -569,11 +582,11 @@ def _level(corners: Sequence[Array], up: Array, ground: Array) -> Array:
     """
     points = np.concatenate(corners)
     normal, width, distance = _plane(points, up)
-    if not (distance <= _LEVEL and width > _NARROW and normal @ up > _LEANING):
+    if not (distance <= _LEVEL and width > _MIN_WIDTH and normal @ up > _LEANING):
         heights = points @ up
         points = points[heights <= heights.min() + _LEVEL]
         normal, width, distance = _plane(points, up)
-        if not (width > _NARROW and normal @ up > _LEANING):
+        if not (width > _MIN_WIDTH and normal @ up > _LEANING):
             normal = up
     T = np.eye(4)
     T[:3, :3] = _turn(normal, ground)
@@ -585,10 +598,10 @@ def _plane(points: Array, up: Array) -> tuple[Array, float, float]:
     """Normal of the plane nearest to some points, the width across their line in it, and the farthest distance from it."""
     if len(points) < 3:
         return up, 0.0, 0.0
-    off = points - points.mean(axis=0)
-    _, widths, axes = np.linalg.svd(off, full_matrices=False)
+    offsets = points - points.mean(axis=0)
+    _, widths, axes = np.linalg.svd(offsets, full_matrices=False)
     normal = axes[2] * (1.0 if axes[2] @ up >= 0 else -1.0)
-    return normal, float(widths[1]), float(np.abs(off @ normal).max())
+    return normal, float(widths[1]), float(np.abs(offsets @ normal).max())
 
 
 def _turn(start: Array, end: Array) -> Array:

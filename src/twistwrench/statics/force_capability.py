@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,14 +59,14 @@ class WrenchEllipsoid:
         what = f"WrenchEllipsoid of {self.part}s, {self.kind}"
         if self.semi_axes.ndim > 1:
             return f"{what}, of poses {self.semi_axes.shape[:-1]}"
-        said = [
-            f"{number(size)} along {vector(np.round(axis * np.sign(axis[np.argmax(np.abs(axis))]), 4))}"
-            for size, axis in zip(self.semi_axes, self.axes.T, strict=True)
-            if not np.isinf(size)
-        ]
-        free = int(np.isinf(self.semi_axes).sum())
-        across = [f"unbounded in {free} direction{'s' if free > 1 else ''}"] if free else []
-        return f"{what}: {', '.join(said + across)}"
+        parts = []
+        for size, axis in zip(self.semi_axes, self.axes.T, strict=True):
+            if not np.isinf(size):
+                direction = np.round(axis * np.sign(axis[np.argmax(np.abs(axis))]), 4)
+                parts.append(f"{number(size)} along {vector(direction)}")
+        if free := int(np.isinf(self.semi_axes).sum()):
+            parts.append(f"unbounded in {free} direction{'s' if free > 1 else ''}")
+        return f"{what}: {', '.join(parts)}"
 
     @property
     def condition(self) -> Array:
@@ -352,9 +353,9 @@ class WrenchPolytope:
         largest : (...) array, inf if the structure bears part of the direction
         """
         d = arguments.finite(direction, "direction", self.normals.shape[1])
-        most = (d @ self.vertices.T).max(axis=-1)
+        largest = (d @ self.vertices.T).max(axis=-1)
         size = np.linalg.norm(d, axis=-1)
-        return np.where(np.linalg.norm(d @ self.borne, axis=-1) > RANK_TOLERANCE * size, np.inf, most)
+        return np.where(np.linalg.norm(d @ self.borne, axis=-1) > RANK_TOLERANCE * size, np.inf, largest)
 
     @property
     def facets(self) -> tuple[str, ...]:
@@ -418,11 +419,11 @@ def wrench_polytope(
     effort_weights(robot, limits)  # rejects limits of zero
     L, g = effort_limits(robot, limits), motor_torques(robot.model, resting_torques(robot, q))
     J = motor_torques(robot.model, robot.jacobian(q, frame, kind))[whole if rest == "any" else rows]
-    some = np.isfinite(L)
-    A = np.concatenate([J.T[some], -J.T[some]])
-    b = np.concatenate([(L - g)[some], (L + g)[some]])
-    names = [n for n, finite in zip(robot.model.drive_labels, some, strict=True) if finite]
-    sides = [f"+{n}" for n in names] + [f"-{n}" for n in names]
+    limited = np.isfinite(L)
+    A = np.concatenate([J.T[limited], -J.T[limited]])
+    b = np.concatenate([(L - g)[limited], (L + g)[limited]])
+    names = list(compress(robot.model.drive_labels, limited))
+    sides = [f"+{name}" for name in names] + [f"-{name}" for name in names]
     labels: tuple[Any, ...] = (part, rest, str(robot.tip if frame is None else frame), kind)
     length = np.linalg.norm(A, axis=1)
     felt = length > 1e-12 * max(1.0, length.max(initial=0.0))
@@ -432,7 +433,7 @@ def wrench_polytope(
             f"{sides[k][1:]} is beyond its limit whatever wrench is applied: the robot cannot hold itself."
         )
     A, b = A[felt] / length[felt, None], b[felt] / length[felt]
-    sides = [s for s, f in zip(sides, felt, strict=True) if f]
+    sides = list(compress(sides, felt))
     vertices, borne = _corners(A, b)
     if rest == "any" and part != "wrench":
         return _projection(vertices[:, rows], borne[rows], labels)
@@ -468,13 +469,13 @@ def _deepest_point(H: Array, b: Array) -> Array:
     scale = np.abs(b).max(initial=1e-300)
     size = H.shape[1]
     A, bounds = np.column_stack([H, np.ones(len(H))]), [(None, None)] * size + [(0.0, 1e3)]
-    found = linprog([0.0] * size + [-1.0], A_ub=A, b_ub=b / scale, bounds=bounds, method="highs")
-    if found.status != 0 or found.x is None or found.x[-1] <= 1e-9:
+    optimum = linprog([0.0] * size + [-1.0], A_ub=A, b_ub=b / scale, bounds=bounds, method="highs")
+    if optimum.status != 0 or optimum.x is None or optimum.x[-1] <= 1e-9:
         raise ValueRangeError(
             "no wrench at this pose keeps the torques within their limits: the robot's own weight and springs need more. "
             f"Look at statics.largest_payload for the joint, or pass larger {argument('limits')}."
         )
-    return np.asarray(found.x[:-1]) * scale
+    return np.asarray(optimum.x[:-1]) * scale
 
 
 def _projection(corners: Array, lines: Array, labels: tuple[Any, ...]) -> WrenchPolytope:

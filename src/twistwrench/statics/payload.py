@@ -248,8 +248,9 @@ def _best_mixture(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
 
     bounded = np.isfinite(limits)
     A, L, g = per_kilogram.T[bounded], limits[bounded], unloaded[bounded]
-    found = linprog(-np.ones(A.shape[1]), A_ub=np.vstack([A, -A]), b_ub=np.concatenate([L - g, L + g]), method="highs")
-    return np.asarray(found.x) if found.status == 0 else np.full(A.shape[1], np.inf)
+    b = np.concatenate([L - g, L + g])
+    optimum = linprog(-np.ones(A.shape[1]), A_ub=np.vstack([A, -A]), b_ub=b, method="highs")
+    return np.asarray(optimum.x) if optimum.status == 0 else np.full(A.shape[1], np.inf)
 
 
 def points(com: ArrayLike) -> Array:
@@ -349,24 +350,23 @@ def payload_map(
         q = robot.random_configuration(rng, min(_CHUNK, samples - begin))
         p = np.asarray(robot.forward_kinematics(q, frame))[:, :3, 3]
         if plane == "rz":
-            place = np.column_stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]])
+            position = np.column_stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]])
         else:
             first, second, third = SLICES[plane]
             inside = np.abs(p[:, third] - at) <= 0.5 * thickness
-            q, place = q[inside], p[inside][:, [first, second]]
+            q, position = q[inside], p[inside][:, [first, second]]
         if len(q):
-            parts.append(np.column_stack([place, largest_payload(robot, q, com, frame=frame, limits=limits).mass]))
+            parts.append(np.column_stack([position, largest_payload(robot, q, com, frame=frame, limits=limits).mass]))
     if not parts:
         raise ValueRangeError(
             f"none of {samples} configurations has its tip in the {plane} slice {printed(thickness)} m thick at "
             f"{printed(at)} m. Move the slice, make it thicker, or draw more samples."
         )
-    found = np.concatenate(parts)
+    rows = np.concatenate(parts)
     if cells is None:
-        fewest, most = _CELLS
-        cells = int(np.clip(np.sqrt(len(found) / _PER_CELL), fewest, most))
+        cells = int(np.clip(np.sqrt(len(rows) / _PER_CELL), *_CELLS))
     slab = (0.0, np.inf) if plane == "rz" else (at, thickness)
-    edges, best, worst, count = _binned(found, cells)
+    edges, best, worst, count = _sort_into_cells(rows, cells)
     return PayloadMap(plane, *slab, edges, best, worst, count)
 
 
@@ -377,16 +377,16 @@ def plane_and_samples(plane: str, samples: int) -> tuple[str, int]:
     return plane, arguments.whole(samples, "samples", 1)
 
 
-def _binned(found: Array, cells: int) -> tuple[tuple[Array, Array], Array, Array, Array]:
+def _sort_into_cells(rows: Array, cells: int) -> tuple[tuple[Array, Array], Array, Array, Array]:
     """Sort rows (x, y, mass) into square cells: borders, maximum, minimum and count."""
-    low, high = found[:, :2].min(axis=0), found[:, :2].max(axis=0)
+    low, high = rows[:, :2].min(axis=0), rows[:, :2].max(axis=0)
     size = max(float((high - low).max()), 1e-9) / cells
     nx, ny = (np.maximum(np.ceil((high - low) / size - 1e-9), 1)).astype(int)
-    column = np.clip(((found[:, 0] - low[0]) / size).astype(int), 0, nx - 1)
-    row = np.clip(((found[:, 1] - low[1]) / size).astype(int), 0, ny - 1)
+    column = np.clip(((rows[:, 0] - low[0]) / size).astype(int), 0, nx - 1)
+    row = np.clip(((rows[:, 1] - low[1]) / size).astype(int), 0, ny - 1)
     best, worst = np.full((ny, nx), -np.inf), np.full((ny, nx), np.inf)
-    np.maximum.at(best, (row, column), found[:, 2])
-    np.minimum.at(worst, (row, column), found[:, 2])
+    np.maximum.at(best, (row, column), rows[:, 2])
+    np.minimum.at(worst, (row, column), rows[:, 2])
     count = np.zeros((ny, nx), int)
     np.add.at(count, (row, column), 1)
     best[count == 0] = worst[count == 0] = np.nan

@@ -137,10 +137,10 @@ class PayloadReport(Answer):
     @cached_property
     def doubts(self) -> tuple[str, ...]:
         """Reasons to be unsure, sentences without a full stop."""
-        model, found = self.robot.model, self.largest
+        model, largest = self.robot.model, self.largest
         doubts = [str(each) for each in self._credible if not each.refuses]
         doubts += [*base_doubts(model, "hangs, payload"), *limit_doubts(self.load.robot, self.limits, self.loads)]
-        if found.joint < 0 and found.holds and self.is_default_pose:
+        if largest.joint < 0 and largest.holds and self.is_default_pose:
             doubts.append(
                 "at the default pose the load stands on the axes of the joints, so no torque depends on it: give "
                 f"{spell(Argument('at'))}"
@@ -152,27 +152,27 @@ class PayloadReport(Answer):
     @property
     def _credible(self) -> list[Doubt]:
         """Doubts about limits, tools and the place of the payload; an excess stands at any size of a tool."""
-        asked = credible_load(
-            None, self.com, self.frame if self.names_frame else None, self.robot, reach(self.robot.model)
-        )
-        tools = [each for each in self.load.doubts if each.refuses or self.largest.holds]
-        return [*credible_limits(self.limits, self.load.robot), *tools, *asked]
+        frame = self.frame if self.names_frame else None
+        payload_doubts = credible_load(None, self.com, frame, self.robot, reach(self.robot.model))
+        tool_doubts = [each for each in self.load.doubts if each.refuses or self.largest.holds]
+        return [*credible_limits(self.limits, self.load.robot), *tool_doubts, *payload_doubts]
 
     @property
     def assumed(self) -> str:
         """Text with the assumptions of the verdict; empty if there are none."""
-        asked = Payload(1.0, frame=self.frame if self.names_frame else None)
-        return assumed_words(assumptions(self.robot.model, (asked, *self.load.payloads)))
+        payload = Payload(1.0, frame=self.frame if self.names_frame else None)
+        return assumed_words(assumptions(self.robot.model, (payload, *self.load.payloads)))
 
     @cached_property
     def verdict(self) -> Verdict:
         """LOOK AGAIN, OVER LIMIT for a pose that the robot cannot take or hold, UNSURE, or OK."""
         from .payload_view import findings
 
-        found = findings(self)
-        word = found[0][0]
-        reasons = [reason for each, sentences in found if each is word for reason in sentences]
-        return Verdict(word, () if word is Word.OK else tuple(reasons))
+        results = findings(self)
+        word = results[0][0]
+        if word is Word.OK:
+            return Verdict(word)
+        return Verdict(word, tuple(reason for each, sentences in results if each is word for reason in sentences))
 
     # ── The answer on every surface
 
@@ -231,17 +231,19 @@ class PayloadReport(Answer):
         """
         from .payload_view import joint_positions
 
-        found = self.largest
+        largest = self.largest
         columns = {
             "q_degrees" if self.degrees else "q": joint_positions(self),
-            "alone": without_noise(found.unloaded),
-            "per_kilogram": without_noise(found.per_kilogram),
-            **({"with_payload": without_noise(found.torques)} if self.judged else {}),
-            "limit": found.limits,
-            **({"holds_up_to": found.per_joint, "share": without_noise(found.share)} if self.judged else {}),
+            "alone": without_noise(largest.unloaded),
+            "per_kilogram": without_noise(largest.per_kilogram),
         }
+        if self.judged:
+            columns["with_payload"] = without_noise(largest.torques)
+        columns["limit"] = largest.limits
+        if self.judged:
+            columns |= {"holds_up_to": largest.per_joint, "share": without_noise(largest.share)}
         with csv_table(path, ["joint", *columns]) as table:
-            for name, *row in zip(found.joint_names, *columns.values(), strict=True):
+            for name, *row in zip(largest.joint_names, *columns.values(), strict=True):
                 table.row([name, *(None if math.isnan(x) else x for x in row)])
         return Path(path)
 
@@ -302,20 +304,22 @@ def payload(
         raise ValueRangeError(
             f"{argument('samples')} is about the map, and there is none. Add {argument('map', 'rz')}."
         )
-    plane, count = (None, 0) if map is None else plane_and_samples(map, SAMPLES if samples is None else samples)
+    plane, count = None, 0
+    if map is not None:
+        plane, count = plane_and_samples(map, SAMPLES if samples is None else samples)
     loads = LoadCase(robot if isinstance(robot, Robot) else load(robot), payloads_of(tool))
-    robot, place = loads.with_load, arguments.one(points(com), "com", 3)
+    robot, centre = loads.with_load, arguments.one(points(com), "com", 3)
     name = _frame_of(robot, frame)
     q = configuration_of(robot, at, degrees=degrees)
     bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)
-    largest = largest_payload(robot, q, place, frame=frame, limits=bounds.effort)
+    largest = largest_payload(robot, q, centre, frame=frame, limits=bounds.effort)
     report = PayloadReport(
-        largest, loads, q, name, place, bounds, None, is_default_pose=at is None, names_frame=frame is not None,
+        largest, loads, q, name, centre, bounds, None, is_default_pose=at is None, names_frame=frame is not None,
         degrees=degrees,
     )  # fmt: skip
     if plane is None or not report.judged:
         return report
-    chart = payload_map(robot, plane, samples=count, com=place, frame=frame, limits=bounds.effort)
+    chart = payload_map(robot, plane, samples=count, com=centre, frame=frame, limits=bounds.effort)
     return replace(report, map=chart)
 
 

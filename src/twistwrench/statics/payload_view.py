@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.answers.blocks import Bar, Block, Headline, Line, Table, numbers, remarks, words
+from ..core.answers.blocks import Bar, Block, Column, Headline, Line, Table, numbers, remarks, words
 from ..core.colours import Style, strong, word_style
 from ..core.errors import ValueRangeError
 from ..core.numbers import MISSING, number, over_limit, percent_of_limit, quantity, rounded_down, torque
@@ -42,9 +42,9 @@ def payload_view(report: PayloadReport) -> Iterator[Block]:
     if report.map is not None:
         yield f"map, {report.map}"
     yield Line((_CAUTION, Style.QUIET))
-    places = {"com": report.com}
-    places |= {f"the centre of the tool of {number(p.mass)} kg": np.array(p.place) for p in report.load.payloads}
-    slips = unit_slips(report.robot, report.q, report.limits, places, degrees=report.degrees)
+    positions = {"com": report.com}
+    positions |= {f"the centre of the tool of {number(p.mass)} kg": np.array(p.place) for p in report.load.payloads}
+    slips = unit_slips(report.robot, report.q, report.limits, positions, degrees=report.degrees)
     yield from remarks([*slips, *report.load.unit_hints])
 
 
@@ -53,15 +53,16 @@ def payload_view(report: PayloadReport) -> Iterator[Block]:
 
 def findings(report: PayloadReport) -> list[tuple[Word, tuple[str, ...]]]:
     """Words of the verdict with their reasons, sentences without a full stop; the first word is that of the verdict."""
-    over = () if report.largest.holds or not report.judged else (_not_held(report),)
-    stops = (_stops_words(report.beyond, degrees=report.degrees),) if report.beyond else ()
-    every = [
-        (Word.LOOK_AGAIN, report.contradictions),
-        (Word.OVER_LIMIT, stops),
-        (Word.UNSURE, report.doubts),
-        (Word.OVER_LIMIT, over),
-    ]
-    return [(word, reasons) for word, reasons in every if reasons] or [(Word.OK, (_largest(report),))]
+    results: list[tuple[Word, tuple[str, ...]]] = []
+    if report.contradictions:
+        results.append((Word.LOOK_AGAIN, report.contradictions))
+    if report.beyond:
+        results.append((Word.OVER_LIMIT, (_stops_words(report.beyond, degrees=report.degrees),)))
+    if report.doubts:
+        results.append((Word.UNSURE, report.doubts))
+    if report.judged and not report.largest.holds:
+        results.append((Word.OVER_LIMIT, (_not_held(report),)))
+    return results or [(Word.OK, (_largest(report),))]
 
 
 def _headline(report: PayloadReport) -> Headline:
@@ -76,15 +77,15 @@ def _headline(report: PayloadReport) -> Headline:
 
 def _largest(report: PayloadReport) -> str:
     """Sentence on the largest payload and the joint that limits it."""
-    found, assumed = report.largest, report.assumed
-    k, side = int(found.joint), "upper" if found.side > 0 else "lower"
+    largest, assumed = report.largest, report.assumed
+    k, side = int(largest.joint), "upper" if largest.side > 0 else "lower"
     if k < 0:
         return f"the payload is not limited at this pose: no joint torque depends on it{assumed}"
     itself = "the robot and what it carries" if report.load.payloads else "the robot itself"
     return (
-        f"largest payload at rest in this pose: {rounded_down(found.mass)} kg at {place_words(report.frame, report.com)}. "
-        f"Limited by {found.joint_names[k]}, {side} limit: {torque(found.torques[k])} {found.units[k]}, of which "
-        f"{torque(found.unloaded[k])} carry {itself}{assumed}"
+        f"largest payload at rest in this pose: {rounded_down(largest.mass)} kg at {place_words(report.frame, report.com)}. "
+        f"Limited by {largest.joint_names[k]}, {side} limit: {torque(largest.torques[k])} {largest.units[k]}, of which "
+        f"{torque(largest.unloaded[k])} carry {itself}{assumed}"
     )
 
 
@@ -113,71 +114,86 @@ def _stops_words(beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
 
 def _holding_torques(report: PayloadReport) -> Table:
     """One row per joint."""
-    found, turning = report.largest, Coordinates.from_model(report.robot.model).angular_velocity
-    shares = [float(x) for x in found.share]
-    known = [share if math.isfinite(limit) else None for share, limit in zip(shares, found.limits, strict=True)]
-    styles: list[str] = [""] * len(shares)
-    if found.joint >= 0:
-        styles[int(found.joint)] = Style.STRONG
-    styles = [strong(Style.OVER) if over_limit(share) else style for share, style in zip(shares, styles, strict=True)]
-    bars = [Bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in known]
+    largest, turning = report.largest, Coordinates.from_model(report.robot.model).angular_velocity
+    shares = [float(x) for x in largest.share]
     unit = heading_unit("tau", turning)
-    holding = partial(numbers, show=torque, unit=unit, headed=False)
-    limited = numbers("limit", found.limits, unit=unit, headed=False)
-    judgement = (
-        holding("loaded", found.torques),
-        limited,
-        numbers(
-            "up to", np.maximum(found.per_joint, 0.0), lambda m: rounded_down(m) if math.isfinite(m) else MISSING, "kg"
-        ),
-        words("share of limit", bars, fold=False, narrow=numbers("share", known, percent_of_limit)),
+    torque_column = partial(numbers, show=torque, unit=unit, headed=False)
+    limit_column = numbers("limit", largest.limits, unit=unit, headed=False)
+    position_column = numbers(
+        "q",
+        joint_positions(report),
+        lambda x: number(x, decimals=_ROUNDING, missing=""),
+        heading_unit("q", turning, degrees=report.degrees),
     )
-    return Table(
-        f"Holding torques [{unit}]",
-        words("joint", found.joint_names, fold=False),
-        numbers(
-            "q",
-            joint_positions(report),
-            lambda x: number(x, decimals=_ROUNDING, missing=""),
-            heading_unit("q", turning, degrees=report.degrees),
-        ),
-        holding("alone", found.unloaded),
-        holding("per kg", found.per_kilogram),
-        *(judgement if report.judged else (limited,)),
-        styles=styles if report.judged else None,
-        most=12,
-        by=shares,
-    )
+    columns = [
+        words("joint", largest.joint_names, fold=False),
+        position_column,
+        torque_column("alone", largest.unloaded),
+        torque_column("per kg", largest.per_kilogram),
+    ]
+    styles = None
+    if report.judged:
+        columns += [torque_column("loaded", largest.torques), limit_column, *_limit_shares(report, shares)]
+        styles = _row_styles(shares, int(largest.joint))
+    else:
+        columns.append(limit_column)
+    return Table(f"Holding torques [{unit}]", *columns, styles=styles, most=12, by=shares)
+
+
+def _limit_shares(report: PayloadReport, shares: list[float]) -> Iterator[Column]:
+    """Columns of the mass that each joint holds, and of the share of its limit."""
+    largest = report.largest
+    masses = np.maximum(largest.per_joint, 0.0)
+    yield numbers("up to", masses, lambda m: rounded_down(m) if math.isfinite(m) else MISSING, "kg")
+    known = [share if math.isfinite(limit) else None for share, limit in zip(shares, largest.limits, strict=True)]
+    bars = [Bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in known]
+    yield words("share of limit", bars, fold=False, narrow=numbers("share", known, percent_of_limit))
+
+
+def _row_styles(shares: list[float], limiting: int) -> list[str]:
+    """Style of each joint's row: over its limit, or limiting the payload."""
+    styles: list[str] = []
+    for k, share in enumerate(shares):
+        if over_limit(share):
+            styles.append(strong(Style.OVER))
+        else:
+            styles.append(Style.STRONG if k == limiting else "")
+    return styles
 
 
 def place_words(frame: str, com: Array) -> str:
     """Text of a point of a frame: tool0 + [0, 0, 0.1] m."""
-    return frame + (f" + [{', '.join(number(x) for x in com)}] m" if np.any(com) else "")
+    if not np.any(com):
+        return frame
+    return f"{frame} + [{', '.join(map(number, com))}] m"
 
 
 def carried_words(report: PayloadReport) -> str:
     """Text of the tools with their positions: 1.2 kg at tool0 + [0, 0, 0.05] m."""
     tip = report.robot.tip
-    return " and ".join(
-        f"{number(p.mass)} kg at {place_words(str(p.frame or tip), np.array(p.place))}" for p in report.load.payloads
-    )
+    texts = []
+    for payload in report.load.payloads:
+        place = place_words(str(payload.frame or tip), np.array(payload.place))
+        texts.append(f"{number(payload.mass)} kg at {place}")
+    return " and ".join(texts)
 
 
 def joint_positions(report: PayloadReport) -> Array:
     """Positions of the joints [rad or m, or degrees]; nan for joints of more than one degree of freedom."""
-    places = dict.fromkeys(report.largest.joint_names, math.nan)
+    positions = dict.fromkeys(report.largest.joint_names, math.nan)
     for b in report.robot.model.bodies:
         if b.joint.nq == b.joint.nv == 1:
             unit = math.degrees(1.0) if report.degrees and b.joint.turning[0] else 1.0
-            places[b.joint.name] = (b.ratio * report.q[b.q_index] + b.offset) * unit
-    return np.array([places[name] for name in report.largest.joint_names])
+            positions[b.joint.name] = (b.ratio * report.q[b.q_index] + b.offset) * unit
+    return np.array([positions[name] for name in report.largest.joint_names])
 
 
 def _forces(report: PayloadReport) -> Iterator[str]:
     """Largest forces that the robot can apply at the frame, along the base axes and in the weakest direction."""
     robot, q, effort = report.robot, report.q, report.limits.effort
     along = largest_wrench(robot, q, np.concatenate([np.eye(3), -np.eye(3)]), frame=report.frame, limits=effort)
-    pairs = [f"±{n} {_force(along.magnitude[k])} / {_force(along.magnitude[k + 3])}" for k, n in enumerate("xyz")]
+    texts = [_force(magnitude) for magnitude in along.magnitude]
+    pairs = [f"±{axis} {texts[k]} / {texts[k + 3]}" for k, axis in enumerate("xyz")]
     yield (
         f"Largest force [N] at the origin of {report.frame}, in place of the payload, along {', '.join(pairs)} (base axes)."
     )

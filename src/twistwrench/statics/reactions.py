@@ -40,10 +40,8 @@ class MountingLoad:
     @property
     def largest(self) -> dict[str, tuple[float, int]]:
         """Value of largest magnitude of each component ``mx`` … ``fz``, with its sign, and its row."""
-        rows = np.abs(self.wrench).argmax(axis=0)
-        return {
-            name: (float(self.wrench[row, k]), int(row)) for k, (name, row) in enumerate(zip(WRENCH, rows, strict=True))
-        }
+        rows = np.abs(self.wrench).argmax(axis=0).tolist()
+        return {name: (float(self.wrench[rows[k], k]), rows[k]) for k, name in enumerate(WRENCH)}
 
     def bolts(self, places: ArrayLike, preload: float = 0.0) -> Array:
         """Axial and shear loads of bolts through a rigid flange in the frame's xy plane; the axial load pulls if above 0.
@@ -189,14 +187,14 @@ def mounting_load(
     wrench = np.zeros((*F.shape[:-2], 6))
     for k, body in enumerate(model.bodies):
         if body.parent == BASE and _stands_on(model, _carrier(model, body), frame):
-            wrench = wrench - _moved(_poses(body, q), F[..., k, :])
+            wrench = wrench - _transform(_poses(body, q), F[..., k, :])
     for name, F_on in (wrench_on_robot or {}).items():
         if model.frame(name).body == BASE and _stands_on(model, name, frame):
-            wrench = wrench + _moved(model.frame(name).pose, np.asarray(F_on, float))
+            wrench = wrench + _transform(model.frame(name).pose, np.asarray(F_on, float))
     still = model.base_inertia if frame in model.sites or frame == root else _fixed_inertia(model, frame)
     weight = still.mass * model.gravity
     wrench = wrench + np.concatenate([np.cross(still.com, weight), weight])
-    return MountingLoad(np.atleast_2d(_moved(se3.inverse(model.frame(frame).pose), wrench)), frame)
+    return MountingLoad(np.atleast_2d(_transform(se3.inverse(model.frame(frame).pose), wrench)), frame)
 
 
 def _check_mounting(model: Model, frame: str) -> None:
@@ -251,7 +249,7 @@ def _fixed_inertia(model: Model, frame: str) -> SpatialInertia:
     return found
 
 
-def _moved(T_ab: Array, F_b: Array) -> Array:
+def _transform(T_ab: Array, F_b: Array) -> Array:
     """Wrench (..., 6) about the origin and in the axes of {a}."""
     m, f = (np.einsum("...ij,...j->...i", T_ab[..., :3, :3], x) for x in (F_b[..., :3], F_b[..., 3:]))
     return np.concatenate([m + np.cross(T_ab[..., :3, 3], f), f], axis=-1)

@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 _LEFT_OVER = 1e-6
 """Load that forces leave over, relative to the load, above which a row is undecided."""
-_MOST_FRICTION = 10.0
+_UNLIMITED_FRICTION = 10.0
 """Coefficient of friction that counts as unlimited."""
 _HALVINGS = 14
 """Halvings of the interval of the least coefficient of friction."""
-_STILL = 1e-6
+_REST_SPEED_SHARE = 1e-6
 """Velocity of a contact relative to the fastest below which it does not move."""
-_PLANE = 0.01
+_MAX_PLANE_DISTANCE = 0.01
 """Largest distance of contacts from one plane [m] for which a zero moment point exists."""
 
 
@@ -102,10 +102,15 @@ class Support:
             return f"{self.how[first]} at row {first} of {len(self.holds)}{upto}"
         least = float(self.friction.max(initial=0.0))
         mass = float(self.payload.min(initial=np.inf))
-        margins = [f"up to {number(float(self.speed[k]), 3)} × this speed"] if np.isfinite(self.speed[k]) else []
-        margins += [f"{number(mass, 3)} kg more"] if np.isfinite(mass) else []
-        friction = f"with friction {number(least, 3)}" if least > 0 else "without friction"
-        return f"holds {friction}" + (f", {' or '.join(margins)}" if margins else "")
+        text = f"holds with friction {number(least, 3)}" if least > 0 else "holds without friction"
+        margins = []
+        if np.isfinite(self.speed[k]):
+            margins.append(f"up to {number(float(self.speed[k]), 3)} × this speed")
+        if np.isfinite(mass):
+            margins.append(f"{number(mass, 3)} kg more")
+        if margins:
+            text += f", {' or '.join(margins)}"
+        return text
 
 
 def support(
@@ -171,27 +176,27 @@ def support(
         )
     q, dq, ddq = _rows(robot, q, dq, ddq)
     tau = _torques(robot, q, dq, ddq, wrench_on_robot)
-    rest = _torques(robot, q, 0.0 * dq, 0.0 * ddq, wrench_on_robot)
+    holding_torques = _torques(robot, q, 0.0 * dq, 0.0 * ddq, wrench_on_robot)
     maps, points = contact_maps(robot, q, contacts)
     heavier = None
     if payload_frame is not None:
         loaded = robot.with_payload(SpatialInertia.from_com(1.0, payload_com), payload_frame)
         heavier = (_torques(loaded, q, dq, ddq, wrench_on_robot) - tau)[:, free]
     turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
-    balance = _Balance(contacts, maps[:, free], tau[:, free], rest[:, free], heavier, turning, in_contact)
-    found = balance.solve()
+    balance = _Balance(contacts, maps[:, free], tau[:, free], holding_torques[:, free], heavier, turning, in_contact)
+    solution = balance.solve()
     if limits is not None:
         effort = np.where(free, np.inf, effort_limits(robot, limits))
-        forces, least_norm = balance.forces_within(found.forces, found.least_norm, maps, tau, effort)
-        found = replace(found, forces=forces, least_norm=least_norm)
+        forces, least_norm = balance.forces_within(solution.forces, solution.least_norm, maps, tau, effort)
+        solution = replace(solution, forces=forces, least_norm=least_norm)
     motion = np.full((len(q), robot.nv), np.nan)
-    motion[~found.holds] = 0.0
-    motion[:, free] = found.motion
-    torques = tau - np.einsum("nvck,nck->nv", maps, found.forces)
+    motion[~solution.holds] = 0.0
+    motion[:, free] = solution.motion
+    torques = tau - np.einsum("nvck,nck->nv", maps, solution.forces)
     torques[:, free] = 0.0
-    torques[~found.holds] = np.nan
+    torques[~solution.holds] = np.nan
     zmp, margin = _zero_moment_point(balance, points, _wrench_at_base(robot, q, tau))
-    return _support(found, balance, torques, motion, zmp, margin)
+    return _support(solution, balance, torques, motion, zmp, margin)
 
 
 def hold(
@@ -241,28 +246,21 @@ def hold(
     points = np.array([c.point for c in contacts])
     maps = np.stack([np.vstack([so3.hat(p), np.eye(3)]) for p in points], axis=1)
     maps = np.broadcast_to(maps, (len(F), *maps.shape))
-    rest, heavier = _like(F, at_rest, "at_rest"), _like(F, per_kilogram, "per_kilogram")
-    balance = _Balance(
-        contacts,
-        maps,
-        -F,
-        None if rest is None else -rest,
-        None if heavier is None else -heavier,
-        np.arange(6) < 3,
-        None,
-    )
-    found = balance.solve()
+    rest_load, heavier = _load_like(F, at_rest, "at_rest"), _load_like(F, per_kilogram, "per_kilogram")
+    balance = _Balance(contacts, maps, -F, rest_load, heavier, np.arange(6) < 3, None)
+    solution = balance.solve()
     zmp, margin = _zero_moment_point(balance, np.broadcast_to(points, (len(F), *points.shape)), -F)
-    return _support(found, balance, np.zeros((len(F), 0)), found.motion, zmp, margin)
+    return _support(solution, balance, np.zeros((len(F), 0)), solution.motion, zmp, margin)
 
 
-def _like(F: Array, given: ArrayLike | None, what: str) -> Array | None:
-    if given is None:
+def _load_like(F: Array, wrench: ArrayLike | None, what: str) -> Array | None:
+    """Load that balances a further wrench on the body, for each of the wrenches F."""
+    if wrench is None:
         return None
-    array = arguments.finite(given, what, 6)
+    array = arguments.finite(wrench, what, 6)
     if array.ndim > 2 or (array.ndim == 2 and len(array) not in (1, len(F))):
         raise ShapeError(f"{what} has the shape {array.shape}. Give (6,) or {F.shape}, as the wrenches.")
-    return np.broadcast_to(array, F.shape)
+    return -np.broadcast_to(array, F.shape)
 
 
 def _rows(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Array, Array, Array]:
@@ -295,7 +293,7 @@ def _wrench_at_base(robot: Robot, q: Array, tau: Array) -> Array | None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _Solution:
     holds: Array
     decided: Array
     how: Array
@@ -317,7 +315,7 @@ class _Balance:
         contacts: tuple[Contact, ...],
         maps: Array,
         b: Array,
-        rest: Array | None,
+        rest_load: Array | None,
         heavier: Array | None,
         turning: Array,
         in_contact: ArrayLike | None,
@@ -325,26 +323,26 @@ class _Balance:
         n, _, c, _ = maps.shape
         self.contacts = contacts
         self.cones, self.bounds = cones_of(contacts, n)
-        self.active = np.ones((n, c), bool) if in_contact is None else _carrying(in_contact, n, c)
+        self.active = np.ones((n, c), bool) if in_contact is None else _contact_mask(in_contact, n, c)
         lever = float(np.abs(maps[:, turning]).max(initial=0.0)) or 1.0
         self.units = np.where(turning, lever, 1.0)
         self.maps = maps / self.units[:, None, None]
         pull = np.array([contact.pull for contact in contacts])
         self.preload = -pull[:, None] * self.cones.normals * self.active[..., None]
-        held = np.einsum("nmck,nck->nm", self.maps, self.preload)
+        preload = np.einsum("nmck,nck->nm", self.maps, self.preload)
         self.load = b / self.units
-        self.b = self.load - held
-        self.rest = None if rest is None else rest / self.units - held
+        self.b = self.load - preload
+        self.rest_b = None if rest_load is None else rest_load / self.units - preload
         self.heavier = None if heavier is None else heavier / self.units
 
-    def solve(self) -> _Found:
+    def solve(self) -> _Solution:
         """Forces, margins and proofs of all rows."""
         first = self._programme(self.b)
         balanced = ~np.isnan(first.s)
-        left = np.abs(np.einsum("nmck,nck->nm", self.maps, first.forces) - self.b).max(axis=1, initial=0.0)
+        residual = np.abs(np.einsum("nmck,nck->nm", self.maps, first.forces) - self.b).max(axis=1, initial=0.0)
         size = np.abs(self.b).max(axis=1, initial=0.0)
         motion, power, how = self._motions(first.prices)
-        decided = first.settled & np.where(balanced, left <= _LEFT_OVER * size + 1e-12, power > 0)
+        decided = first.settled & np.where(balanced, residual <= _LEFT_OVER * size + 1e-12, power > 0)
         holds = balanced & decided
         forces = np.full(first.forces.shape, np.nan)
         least_norm = np.zeros(len(forces), bool)
@@ -353,7 +351,7 @@ class _Balance:
         self._tip(np.flatnonzero(failed & (how == "slips") & np.isinf(friction)), motion, power, how)
         how = np.where(decided, np.where(holds, "holds", how), "undecided")
         speed, slowest = self._speeds(holds)
-        return _Found(
+        return _Solution(
             holds, decided, how, forces, speed, slowest, self._payloads(holds), friction,
             np.where(failed[:, None], motion, np.nan), np.where(failed, power, np.nan), least_norm,
         )  # fmt: skip
@@ -363,11 +361,11 @@ class _Balance:
         if not len(rows):
             return
         share = self._shares()
-        cones = replace(self.cones, friction=_MOST_FRICTION * share)
-        found = self._programme(self.b[rows], rows=rows, cones=cones)
-        other, driven, tips = self._motions(found.prices, rows, slippery=share == 0)
-        better = np.isnan(found.s) & found.settled & (driven > 0)
-        motion[rows[better]], power[rows[better]], how[rows[better]] = other[better], driven[better], tips[better]
+        cones = replace(self.cones, friction=_UNLIMITED_FRICTION * share)
+        optimum = self._programme(self.b[rows], rows=rows, cones=cones)
+        tip_motion, tip_power, tip_how = self._motions(optimum.prices, rows, slippery=share == 0)
+        tips = np.isnan(optimum.s) & optimum.settled & (tip_power > 0)
+        motion[rows[tips]], power[rows[tips]], how[rows[tips]] = tip_motion[tips], tip_power[tips], tip_how[tips]
 
     def forces(self) -> tuple[Array, Array, Array]:
         """Forces (n, c, 3), NaN where none balance, masks of those of least norm and of rows with forces."""
@@ -391,8 +389,8 @@ class _Balance:
     def _least_norm(self, basic: Array, rows: Array) -> tuple[Array, Array]:
         """Forces of least norm beyond the preload, basic ones where these are not found, and a mask of the former."""
         maps, active, bounds = self.maps[rows], self.active[rows], self.bounds.of(rows)
-        forces, found = least_norm_in_cones(self.cones, maps, self.b[rows], active, bounds)
-        return np.where(found[:, None, None], forces, basic[rows]) + self.preload[rows], found
+        forces, solved = least_norm_in_cones(self.cones, maps, self.b[rows], active, bounds)
+        return np.where(solved[:, None, None], forces, basic[rows]) + self.preload[rows], solved
 
     def forces_within(
         self, forces: Array, least_norm: Array, maps: Array, tau: Array, limits: Array
@@ -414,28 +412,30 @@ class _Balance:
         forces[rows] = np.where(least_norm[rows, None, None], small, least.forces) + self.preload[rows]
         return forces, least_norm
 
-    def friction_within(self, friction: Array, maps: Array, tau: Array, limits: Array, most: float) -> Array:
-        """Least coefficients (n,) from ``friction`` to ``most`` for which forces keep the torques within limits.
+    def friction_within(self, friction: Array, maps: Array, tau: Array, limits: Array, maximum: float) -> Array:
+        """Least coefficients (n,) from ``friction`` to ``maximum`` for which forces keep the torques within limits.
 
-        Rows whose torques are within them at ``friction``, or above them even with ``most``, keep ``friction``.
+        Rows whose torques are within them at ``friction``, or above them even with ``maximum``, keep ``friction``.
         """
-        found, share = friction.copy(), self._shares()
-        able = np.flatnonzero(np.isfinite(friction) & (friction < most))
-        cones = replace(self.cones, friction=friction[able][:, None] * share)
-        forces, small = least_norm_in_cones(
-            cones, self.maps[able], self.b[able], self.active[able], self.bounds.of(able)
+        needed, share = friction.copy(), self._shares()
+        finite = np.flatnonzero(np.isfinite(friction) & (friction < maximum))
+        cones = replace(self.cones, friction=friction[finite][:, None] * share)
+        forces, solved = least_norm_in_cones(
+            cones, self.maps[finite], self.b[finite], self.active[finite], self.bounds.of(finite)
         )
-        torques = tau[able] - np.einsum("nvck,nck->nv", maps[able], forces + self.preload[able])
-        rows = able[exceeding(torques, limits) | ~small]
+        torques = tau[finite] - np.einsum("nvck,nck->nv", maps[finite], forces + self.preload[finite])
+        rows = finite[exceeding(torques, limits) | ~solved]
         rows = rows[~self._keeps(rows, friction[rows], share, maps, tau, limits)]
-        rows = rows[self._keeps(rows, np.full(len(rows), most), share, maps, tau, limits)]
-        low, high = friction[rows], np.full(len(rows), most)
-        for _ in range(_HALVINGS if len(rows) else 0):
+        rows = rows[self._keeps(rows, np.full(len(rows), maximum), share, maps, tau, limits)]
+        if not len(rows):
+            return needed
+        low, high = friction[rows], np.full(len(rows), maximum)
+        for _ in range(_HALVINGS):
             middle = np.tan(0.5 * (np.arctan(low) + np.arctan(high)))
             keeps = self._keeps(rows, middle, share, maps, tau, limits)
             low, high = np.where(keeps, low, middle), np.where(keeps, middle, high)
-        found[rows] = high
-        return found
+        needed[rows] = high
+        return needed
 
     def _keeps(self, rows: Array, friction: Array, share: Array, maps: Array, tau: Array, limits: Array) -> Array:
         """True for rows with forces within cones of these coefficients that keep the torques within limits."""
@@ -443,20 +443,20 @@ class _Balance:
             return np.zeros(0, bool)
         cones = replace(self.cones, friction=friction[:, None] * share)
         within = _Limited(self, maps, tau, limits, rows).within(np.full(len(rows), 1.0 + TOLERANCE))
-        found = cone_programme(cones, self.maps[rows], self.b[rows], bounds=within, active=self.active[rows])
-        return ~np.isnan(found.s) & found.settled
+        optimum = cone_programme(cones, self.maps[rows], self.b[rows], bounds=within, active=self.active[rows])
+        return ~np.isnan(optimum.s) & optimum.settled
 
     def _speeds(self, holds: Array) -> tuple[Array, Array]:
         """Largest and least factors of the speed: the s² that hold are an interval, as the cones are convex."""
-        if self.rest is None:
+        if self.rest_b is None:
             unknown = np.full(len(self.b), np.nan)
             return unknown, unknown
-        rate = self.b - self.rest
-        start, offset = np.where(holds[:, None], self.b, self.rest), np.where(holds, 1.0, 0.0)
-        most = self._programme(start, rate)
-        least = self._programme(self.rest, rate, sense="least")
-        speed = np.sqrt(np.where(most.settled, offset + most.s, np.nan))
-        return speed, np.sqrt(np.where(least.settled, least.s, np.nan))
+        rate = self.b - self.rest_b
+        start, offset = np.where(holds[:, None], self.b, self.rest_b), np.where(holds, 1.0, 0.0)
+        maximum = self._programme(start, rate)
+        minimum = self._programme(self.rest_b, rate, sense="least")
+        speed = np.sqrt(np.where(maximum.settled, offset + maximum.s, np.nan))
+        return speed, np.sqrt(np.where(minimum.settled, minimum.s, np.nan))
 
     def _payloads(self, holds: Array) -> Array:
         """Further mass where the row holds, otherwise the least that has to go."""
@@ -466,14 +466,14 @@ class _Balance:
         sides: tuple[tuple[Array, float, Sense], ...] = ((holds, 1.0, "most"), (~holds, -1.0, "least"))
         for rows, sign, sense in sides:
             if rows.any():
-                found = self._programme(self.b[rows], sign * self.heavier[rows], rows, sense)
-                payload[rows] = sign * np.where(found.settled, found.s, np.nan)
+                optimum = self._programme(self.b[rows], sign * self.heavier[rows], rows, sense)
+                payload[rows] = sign * np.where(optimum.settled, optimum.s, np.nan)
         return payload
 
     def _friction(self) -> Array:
         """Least coefficient that holds, by bisection: what holds with one coefficient holds with a larger one."""
         share = self._shares()
-        low, high = np.zeros(len(self.b)), np.full(len(self.b), _MOST_FRICTION)
+        low, high = np.zeros(len(self.b)), np.full(len(self.b), _UNLIMITED_FRICTION)
         suffices = self._holds_with(share, high)
         needs = suffices & ~self._holds_with(share, low)
         rows = np.flatnonzero(needs)
@@ -491,8 +491,8 @@ class _Balance:
 
     def _holds_with(self, share: Array, friction: Array, rows: Array | slice = slice(None)) -> Array:
         cones = replace(self.cones, friction=friction[rows][:, None] * share)
-        found = self._programme(self.b[rows], rows=rows, cones=cones)
-        return ~np.isnan(found.s) & found.settled
+        optimum = self._programme(self.b[rows], rows=rows, cones=cones)
+        return ~np.isnan(optimum.s) & optimum.settled
 
     def _motions(
         self, prices: Array, rows: Any = slice(None), slippery: Array | None = None
@@ -509,9 +509,10 @@ class _Balance:
         power = -(y * self.load[rows]).sum(axis=1)
         rise = (velocities * self.cones.normals).sum(axis=-1)
         slide = np.linalg.norm(velocities - rise[..., None] * self.cones.normals, axis=-1)
-        small = _STILL * np.abs(velocities).max(axis=(1, 2), initial=0.0)[:, None]
+        small = _REST_SPEED_SHARE * np.abs(velocities).max(axis=(1, 2), initial=0.0)[:, None]
         along_cone = (slide > small) & (rise - self.cones.friction * slide < small) & active
-        along_cone &= True if slippery is None else slippery
+        if slippery is not None:
+            along_cone &= slippery
         preloaded = np.array([c.pull > 0 for c in self.contacts])
         leaves = (rise > small) & preloaded & active & ~along_cone
         slips, pulls = along_cone.any(axis=1), leaves.any(axis=1)
@@ -528,25 +529,25 @@ class _Limited:
 
     def __init__(self, balance: _Balance, maps: Array, tau: Array, limits: Array, rows: Array) -> None:
         limited = np.isfinite(limits) & (limits > 0)
-        self.most = np.broadcast_to(limits[limited], (len(rows), limited.sum()))
+        own_limits = np.broadcast_to(limits[limited], (len(rows), limited.sum()))
         load = np.einsum("nvck,nck->nv", maps[rows], balance.preload[rows]) - tau[rows]
-        self.G, self.load = maps[rows][:, limited] / self.most[..., None, None], load[:, limited] / self.most
+        self.G, self.load = maps[rows][:, limited] / own_limits[..., None, None], load[:, limited] / own_limits
         self.pushes = balance.bounds.of(rows)
 
     @property
     def growing(self) -> ForceBounds:
         """Bounds that grow from zero with the share of the limits."""
-        one = np.ones_like(self.most)
-        return two_sided(self.G, self.load, 0.0 * one, one).joined(self.pushes)
+        one = np.ones_like(self.load)
+        return two_sided(self.G, self.load, 0.0 * one, one).concatenate(self.pushes)
 
     def within(self, share: Array) -> ForceBounds:
         """Bounds at shares (n,) of the limits."""
-        one = np.ones_like(self.most)
-        return two_sided(self.G, self.load, share[:, None] * one, 0.0 * one).joined(self.pushes)
+        one = np.ones_like(self.load)
+        return two_sided(self.G, self.load, share[:, None] * one, 0.0 * one).concatenate(self.pushes)
 
 
-def _carrying(given: ArrayLike, n: int, c: int) -> Array:
-    active = np.asarray(given)
+def _contact_mask(in_contact: ArrayLike, n: int, c: int) -> Array:
+    active = np.asarray(in_contact)
     if active.dtype != bool or active.shape not in ((n, c), (c,)):
         raise ShapeError(
             f"in_contact has the shape {active.shape} and the type {active.dtype}. Give ({n}, {c}) of bool: a row for each "
@@ -555,10 +556,12 @@ def _carrying(given: ArrayLike, n: int, c: int) -> Array:
     return np.broadcast_to(active, (n, c))
 
 
-def _support(found: _Found, balance: _Balance, torques: Array, motion: Array, zmp: Array, margin: Array) -> Support:
+def _support(
+    solution: _Solution, balance: _Balance, torques: Array, motion: Array, zmp: Array, margin: Array
+) -> Support:
     return Support(
-        found.holds, found.decided, found.how, found.forces, torques, found.speed, found.slowest, found.payload,
-        found.friction, zmp, margin, motion, found.power, balance.contacts, found.least_norm,
+        solution.holds, solution.decided, solution.how, solution.forces, torques, solution.speed, solution.slowest,
+        solution.payload, solution.friction, zmp, margin, motion, solution.power, balance.contacts, solution.least_norm,
     )  # fmt: skip
 
 
@@ -582,7 +585,7 @@ def force_shares(wrenches: ArrayLike, contacts: Sequence[Contact]) -> Array:
     cones, bounds = cones_of(contacts, n)
     growing = replace(bounds, most=np.zeros_like(bounds.most), rate=bounds.most)
     pulls = np.einsum("mck,ck->m", maps, np.array([c.pull for c in contacts])[:, None] * cones.normals)
-    found = cone_programme(
+    optimum = cone_programme(
         cones,
         np.broadcast_to(maps, (n, *maps.shape)),
         load / units,
@@ -590,7 +593,7 @@ def force_shares(wrenches: ArrayLike, contacts: Sequence[Contact]) -> Array:
         bounds=growing,
         sense="least",
     )
-    return np.where(found.settled, np.where(np.isnan(found.s), np.inf, found.s), np.nan)
+    return np.where(optimum.settled, np.where(np.isnan(optimum.s), np.inf, optimum.s), np.nan)
 
 
 # ── Forces alone, for the torques of a motion
@@ -669,7 +672,7 @@ def _zero_moment_point(balance: _Balance, points: Array, wrench: Array | None) -
     spread[carried] = np.nanmax(heights[carried], axis=1) - np.nanmin(heights[carried], axis=1)
     moment = wrench[:, :3] - np.cross(height[:, None] * normal, wrench[:, 3:])
     pressing = wrench[:, 3:] @ normal
-    flat = carried & (spread <= _PLANE) & (pressing > 1e-9 * np.linalg.norm(wrench[:, 3:], axis=1))
+    flat = carried & (spread <= _MAX_PLANE_DISTANCE) & (pressing > 1e-9 * np.linalg.norm(wrench[:, 3:], axis=1))
     across = np.stack([-(moment @ axes[1]), moment @ axes[0]], axis=1)
     zmp[flat] = across[flat] / pressing[flat, None]
     for k in np.flatnonzero(flat):
@@ -677,20 +680,20 @@ def _zero_moment_point(balance: _Balance, points: Array, wrench: Array | None) -
     return zmp, margin
 
 
-def _inside(points: Array, place: Array) -> float:
-    """Distance of a place from the edge of the convex hull of points (k, 2), negative outside."""
+def _inside(points: Array, position: Array) -> float:
+    """Distance of a position from the edge of the convex hull of points (k, 2), negative outside."""
     start, end = points[:, None], points[None, :]
     along = end - start
     length = np.linalg.norm(along, axis=-1)
     unit = along / np.maximum(length, 1e-300)[..., None]
-    left = np.stack([-unit[..., 1], unit[..., 0]], axis=-1)
-    sides = np.einsum("ijk,ijmk->ijm", left, points[None, None] - start[:, :, None])
+    inward = np.stack([-unit[..., 1], unit[..., 0]], axis=-1)  # of edges counterclockwise
+    sides = np.einsum("ijk,ijmk->ijm", inward, points[None, None] - start[:, :, None])
     edge = (length > 0) & (sides.min(axis=-1) >= -1e-12 * (1.0 + length))
-    to_line = ((place - start) * left).sum(axis=-1)
-    if edge.any() and (inside := float(to_line[edge].min())) >= 0:
-        return inside
-    foot = np.clip(((place - start) * unit).sum(axis=-1), 0.0, length)
-    return -float(np.linalg.norm(start + foot[..., None] * unit - place, axis=-1).min())
+    to_line = ((position - start) * inward).sum(axis=-1)
+    if edge.any() and float(to_line[edge].min()) >= 0:
+        return float(to_line[edge].min())
+    foot = np.clip(((position - start) * unit).sum(axis=-1), 0.0, length)
+    return -float(np.linalg.norm(start + foot[..., None] * unit - position, axis=-1).min())
 
 
 complete(globals())

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _NO_LEVER = 1e-12
 """Levers below this [m], or below this share of the longest, are rounding errors: their load does not affect the joint."""
+_MAX_LISTED_NAMES = 12
 
 
 def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
@@ -34,19 +35,22 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     """
     names = require_robot(robot, "statics").model.drive_names
     try:
-        given = robot.limits.effort if limits is None else limits
-        effort = arguments.one(given, "limits", robot.nv, names=names).copy()
+        efforts = robot.limits.effort if limits is None else limits
+        effort = arguments.one(efforts, "limits", robot.nv, names=names).copy()
     except ShapeError as problem:
-        listed = f"{', '.join(names[:12])}{', …' if len(names) > 12 else ''}"
+        listed = ", ".join(names[:_MAX_LISTED_NAMES])
+        if len(names) > _MAX_LISTED_NAMES:
+            listed += ", …"
         raise ShapeError(
             f"{problem} Robot {robot.name!r} wants the largest torque or force of each of {listed}."
         ) from None
     free = floating_entries(robot)
     effort[free] = 0.0
-    at = {body.joint.name: body.v_index for body in robot.model.leaders}
-    for motor, a in robot.actuators.items():
-        if motor != a.joint and a.joint in at:  # an elastic joint
-            effort[at[a.joint]] = min(effort[at[a.joint]], effort[at[motor]])
+    v_index = {body.joint.name: body.v_index for body in robot.model.leaders}
+    for motor, actuator in robot.actuators.items():
+        joint = actuator.joint
+        if motor != joint and joint in v_index:  # an elastic joint
+            effort[v_index[joint]] = min(effort[v_index[joint]], effort[v_index[motor]])
     if np.isnan(effort).any() or (effort < 0).any():
         k = int(np.argmax(~(effort >= 0)))
         raise ValueRangeError(
@@ -55,7 +59,8 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     if limits is None and robot.nv and not free.all() and np.isinf(effort[~free]).all():
         raise ValueRangeError(
             f"robot {robot.name!r} has no effort limits, so its holding torques are unbounded. "
-            f"Pass {spell(Argument('limits'))} with {robot.nv} numbers [N m or N], one for each of {', '.join(names[:12])}."
+            f"Pass {spell(Argument('limits'))} with {robot.nv} numbers [N m or N], one for each of "
+            f"{', '.join(names[:_MAX_LISTED_NAMES])}."
         )
     return effort
 
@@ -68,16 +73,16 @@ def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, Ar
     """
     require_robot(robot, "statics")
     tau = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
-    motors = {name for name, a in robot.actuators.items() if name != a.joint}
-    gears = tuple(s for s in robot.model.springs if any(joint in motors for joint, _ in s.terms))
+    motors = {name for name, actuator in robot.actuators.items() if name != actuator.joint}
+    gears = [spring for spring in robot.model.springs if not motors.isdisjoint(dict(spring.terms))]
     if not gears:
         return tau
     x, tau = np.asarray(robot.subtract(q, robot.neutral)), tau.copy()
-    at = {body.joint.name: body.v_index for body in robot.model.leaders}
+    v_index = {body.joint.name: body.v_index for body in robot.model.leaders}
     for spring in gears:
-        stretch = sum(weight * x[..., at[joint]] for joint, weight in spring.terms) - spring.rest
+        stretch = sum(weight * x[..., v_index[joint]] for joint, weight in spring.terms) - spring.rest
         for joint, weight in spring.terms:
-            tau[..., at[joint]] -= weight * spring.stiffness * stretch
+            tau[..., v_index[joint]] -= weight * spring.stiffness * stretch
     return tau
 
 
@@ -89,9 +94,10 @@ def floating_entries(robot: Robot) -> Array:
 def span(values: Array) -> str:
     """Text of the minimum and maximum of an array, and the number of NaN values."""
     known = values[~np.isnan(values)]
-    some = f"{number(known.min())} to {number(known.max())}" if known.size else "none known"
-    unknown = values.size - known.size
-    return some + (f"; {unknown} unknown, as q is not a number there" if unknown else "")
+    text = f"{number(known.min())} to {number(known.max())}" if known.size else "none known"
+    if unknown := values.size - known.size:
+        text += f"; {unknown} unknown, as q is not a number there"
+    return text
 
 
 def require_fixed_base(robot: Robot, what: str) -> None:
@@ -135,13 +141,13 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
     felt = size > _NO_LEVER * np.maximum(1.0, size.max(axis=-1, initial=0.0, keepdims=True))
     lever = np.where(felt, size, 1.0)
     within = np.abs(start) <= limits + margin(limits)
-    most = np.where(felt, (limits - np.sign(step) * start) / lever, np.where(within, np.inf, -np.inf))
-    least = np.where(felt, (-limits - np.sign(step) * start) / lever, np.where(within, -np.inf, np.inf))
-    joint = np.argmin(most, axis=-1)
-    bound = np.take_along_axis(most, joint[..., None], axis=-1)[..., 0]
+    largest_s = np.where(felt, (limits - np.sign(step) * start) / lever, np.where(within, np.inf, -np.inf))
+    least_s = np.where(felt, (-limits - np.sign(step) * start) / lever, np.where(within, -np.inf, np.inf))
+    joint = np.argmin(largest_s, axis=-1)
+    bound = np.take_along_axis(largest_s, joint[..., None], axis=-1)[..., 0]
     side = np.take_along_axis(np.where(step > 0, 1, -1), joint[..., None], axis=-1)[..., 0]
     free = ~np.isfinite(bound)
-    return Growth(least.max(axis=-1), bound, most, np.where(free, -1, joint), np.where(free, 0, side))
+    return Growth(least_s.max(axis=-1), bound, largest_s, np.where(free, -1, joint), np.where(free, 0, side))
 
 
 # ── Argument checks of ``statics``: poses and directions
@@ -165,10 +171,10 @@ def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
 def unit_vectors(direction: ArrayLike, *sizes: int) -> Array:
     """Scale ``direction`` (..., n) to unit length; n must be one of ``sizes``. Raises ShapeError, ValueRangeError."""
     try:
-        given = np.shape(direction)[-1:]
+        last_axis = np.shape(direction)[-1:]
     except ValueError:  # ragged; rejected below
-        given = ()
-    n = given[0] if given and given[0] in sizes else sizes[0]
+        last_axis = ()
+    n = last_axis[0] if last_axis and last_axis[0] in sizes else sizes[0]
     try:
         d = np.asarray(arguments.real(direction, "direction", n), float)
     except ShapeError as problem:
@@ -190,36 +196,37 @@ def same_batch(**arrays: Array) -> None:
 
 # ── Unit checks: millimetres for metres, degrees for radians
 
-_FAR = 1.0
+_SUSPECT_LENGTH = 1.0
 """m: lever or excess of a sliding joint above which a wrong unit is suspected."""
 
 
 def unit_slips(
-    robot: Robot, q: Array, limits: Limits, places: Mapping[str, Array], *, degrees: bool = False
+    robot: Robot, q: Array, limits: Limits, positions: Mapping[str, Array], *, degrees: bool = False
 ) -> Iterator[str]:
-    """Warnings about values that suggest a wrong unit, in the named positions ``places`` (3,) [m] and in q (nq,).
+    """Warnings about values that suggest a wrong unit, in the named ``positions`` (3,) [m] and in q (nq,).
 
     Suspect values are a position beyond 1 m and a sliding joint more than 1 m beyond its limits. Unless angles are in
     ``degrees``, so is a revolute joint more than one turn beyond its limits, or beyond ±2 turns if it has none.
     """
-    for name, place in places.items():
-        if (far := float(np.linalg.norm(place))) > _FAR:
-            metres = ",".join(f"{printed(x / 1000)}" for x in place)
-            yield f"{name} is {printed(far)} m from its frame: lengths are in metres. If those are mm, write {metres}."
+    for name, position in positions.items():
+        distance = float(np.linalg.norm(position))
+        if distance > _SUSPECT_LENGTH:
+            metres = ",".join(f"{printed(x / 1000)}" for x in position)
+            yield f"{name} is {printed(distance)} m from its frame: lengths are in metres. If those are mm, write {metres}."
     for b in robot.model.leaders:
         if b.joint.nq != 1:
             continue
         name, value = b.joint.name, float(q[b.q_index])
         turns = bool(b.joint.axes[0][:3].any())
-        whole = 2 * math.pi if turns else math.inf
-        low, high = max(float(limits.lower[b.v_index]), -whole), min(float(limits.upper[b.v_index]), whole)
+        bound = 2 * math.pi if turns else math.inf
+        low, high = max(float(limits.lower[b.v_index]), -bound), min(float(limits.upper[b.v_index]), bound)
         beyond = max(low - value, value - high)
         if turns and not degrees and beyond > 2 * math.pi:
             yield (
                 f"{name} at {printed(value)} rad is more than a turn beyond its limits: angles are in radians. If those "
                 f"are degrees, add {spell(Argument('degrees', True))}."
             )
-        elif not turns and beyond > _FAR:
+        elif not turns and beyond > _SUSPECT_LENGTH:
             yield (
                 f"{name} at {printed(value)} m is more than 1 m beyond its limits: lengths are in metres. If those are mm, "
                 f"write {printed(value / 1000)}."

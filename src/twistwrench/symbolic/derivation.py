@@ -18,7 +18,7 @@ from ..core.typing import Array, Names
 from ..core.verdict import Verdict, Word
 from ..robot import Robot, load
 from ..robot.task_space_methods import require_robot
-from .equations import Equations, Label, Line, Step, assembled
+from .equations import Equations, Label, Line, Step, assemble_equations
 from .expanded_form import (
     RingArithmetic,
     SymbolicMotion,
@@ -42,7 +42,7 @@ LARGEST_POSITION = 1500
 """Maximum number of terms in a centre-of-mass coordinate for an expanded derivation."""
 LARGEST_ROTATION = 100
 """Maximum number of terms in an entry of a rotation."""
-COMFORTABLE = 30_000
+MAX_AUTOMATIC_PRODUCTS = 30_000
 """Maximum number of products of two terms in the kinetic energy for which equations are expanded by default."""
 LARGEST_EXPANDED = 1_000_000
 """Maximum number of products times coordinates for an expanded derivation; more would fill hundreds of pages."""
@@ -110,10 +110,10 @@ class Evaluator:
         values: dict[Any, Any] = dict(equations.values)
         for symbols, array in ((equations.q, q), (equations.dq, dq), (equations.ddq, ddq)):
             values |= {symbol: array[..., k] for k, symbol in enumerate(symbols)}
-        found = cls(values)
+        evaluator = cls(values)
         for symbol, expr in equations.definitions:
-            found._known[symbol] = found(expr)
-        return found
+            evaluator._known[symbol] = evaluator(expr)
+        return evaluator
 
     def __call__(self, expr: Any) -> Any:
         """Value of one expression."""
@@ -150,7 +150,7 @@ class Evaluator:
 TOLERANCE = 1e-12
 """Tolerance relative to the largest torque, mass or force; both sides round sums of a few hundred terms of order one."""
 
-_STATES, _SEED = 16, 8100
+_STATES, _CHECK_SEED = 16, 8100
 
 
 @dataclass(frozen=True)
@@ -181,34 +181,34 @@ class DerivationCheck:
         )
 
 
-def checked(equations: Equations, robot: Robot) -> DerivationCheck:
+def check_derivation(equations: Equations, robot: Robot) -> DerivationCheck:
     """Deviation from the kernels at random states."""
-    n, rng = robot.nv, np.random.default_rng(_SEED)
+    n, rng = robot.nv, np.random.default_rng(_CHECK_SEED)
     u, (du, ddu) = rng.uniform(-1.5, 1.5, (_STATES, n)), rng.standard_normal((2, _STATES, n))
-    found = Evaluator.from_state(equations, u, du, ddu)
+    evaluator = Evaluator.from_state(equations, u, du, ddu)
     quantities = ("inverse_dynamics", "mass_matrix", "coriolis_forces", "gravity_forces")
-    wanted: dict[str, list[Array]] = {name: [] for name in quantities}
-    at_rest = np.zeros(n)
+    expected: dict[str, list[Array]] = {name: [] for name in quantities}
+    zero = np.zeros(n)
 
-    def still(q: Array) -> Array:  # without gravity, springs still produce torque
-        return robot.bias_forces(q, at_rest) if robot.model.springs else robot.gravity_forces(q)
+    def torques_at_rest(q: Array) -> Array:  # without gravity, springs still produce torque
+        return robot.bias_forces(q, zero) if robot.model.springs else robot.gravity_forces(q)
 
     for x, dx, ddx in zip(u, du, ddu, strict=True):
         q, dq, ddq, N = to_robot(robot.model, x, dx, ddx)
         bias = ddq - N @ ddx  # dN/dt du: part of c due to the choice of coordinates
         M = robot.mass_matrix(q)
-        wanted["inverse_dynamics"].append(N.T @ robot.inverse_dynamics(q, dq, ddq))
-        wanted["mass_matrix"].append(N.T @ M @ N)
-        wanted["coriolis_forces"].append(N.T @ (robot.coriolis_forces(q, dq) + M @ bias))
-        wanted["gravity_forces"].append(N.T @ still(q))
-    torque = np.abs(wanted["inverse_dynamics"]).max()
-    gaps = {}
-    for name, rows in wanted.items():
+        expected["inverse_dynamics"].append(N.T @ robot.inverse_dynamics(q, dq, ddq))
+        expected["mass_matrix"].append(N.T @ M @ N)
+        expected["coriolis_forces"].append(N.T @ (robot.coriolis_forces(q, dq) + M @ bias))
+        expected["gravity_forces"].append(N.T @ torques_at_rest(q))
+    torque = np.abs(expected["inverse_dynamics"]).max()
+    deviations = {}
+    for name, rows in expected.items():
         exprs = equations.tau if name == "inverse_dynamics" else getattr(equations, name)
-        mine = found.array(exprs, (_STATES,)).reshape(np.shape(rows))
+        values = evaluator.array(exprs, (_STATES,)).reshape(np.shape(rows))
         scale = np.abs(rows).max() if name == "mass_matrix" else torque
-        gaps[name] = float(np.abs(mine - rows).max() / scale) if scale else float(np.abs(mine).max())
-    return DerivationCheck(**gaps, states=_STATES)
+        deviations[name] = float(np.abs(values - rows).max() / scale) if scale else float(np.abs(values).max())
+    return DerivationCheck(**deviations, states=_STATES)
 
 
 # ── The derivation. Modern Robotics section 8.1
@@ -324,9 +324,10 @@ class Derivation(Answer, Equations):
         -------
         facts : {name: text}
         """
-        found = {"joints": len(self.q), "symbols": len(self.parameters), "steps": len(self.steps)}
-        gap = {} if self.check is None else {"largest deviation from Newton–Euler": residual(self.check.worst)}
-        return {**{name: str(count) for name, count in found.items()}, **gap}
+        facts = {"joints": str(len(self.q)), "symbols": str(len(self.parameters)), "steps": str(len(self.steps))}
+        if self.check is not None:
+            facts["largest deviation from Newton–Euler"] = residual(self.check.worst)
+        return facts
 
     def sources(self) -> Mapping[str, str | Path]:
         """File of the robot.
@@ -391,15 +392,14 @@ def derive(
     motion = None
     if form == "expanded" or (form == "auto" and model.nv <= MOST_EXPANDED):
         motion = motion_of(model, entries, coordinates, ring, LARGEST_POSITION, LARGEST_ROTATION)
-        moments = tuple([[e.value for e in row] for row in b.inertia] for b in entries.bodies)
-        work = float("inf") if motion is None else motion.products(moments)
+        work = float("inf") if motion is None else motion.products([body.inertia for body in entries.bodies])
         if form == "expanded":
             check_expanded(robot.name, work, model.nv)
-        elif work > COMFORTABLE:
+        elif work > MAX_AUTOMATIC_PRODUCTS:
             motion = None
     if motion is None:
         check_named(robot)
-        found = named_derivation(model, entries, coordinates)
+        fields = named_derivation(model, entries, coordinates)
     else:
         arithmetic = RingArithmetic(ring, coordinates)
         kinetic, potential = energies(entries, motion, arithmetic)
@@ -408,27 +408,27 @@ def derive(
         terms = Terms(ring, coordinates, sum((*kinetic, *drives), zero), sum((*potential, *springs), zero))
         masses = [p.name for p in entries.parameters if "masses" in p.kinds]
         writer = EquationWriter(ring, chain_angles(model, ring, coordinates), masses=masses)
-        fields = assembled(terms, writer)
+        fields = assemble_equations(terms, writer)
         tags = [b.tag for b in entries.bodies]
         energy = kinetic, potential, springs, drives
-        before = _energy_steps(writer, coordinates, tags, motion, energy, fields["lagrangian"])
-        found = {**fields, "steps": (*before, *fields["steps"]), "form": "expanded"}
-    exprs = [found["lagrangian"], *found["tau"], *(e for _, e in found.get("definitions", ()))]
-    exprs += [e for step in found["steps"] for _, e in step.lines]
-    seen = {s.name for e in exprs for s in e.free_symbols}
+        energy_steps = _energy_steps(writer, coordinates, tags, motion, energy, fields["lagrangian"])
+        fields |= {"steps": (*energy_steps, *fields["steps"]), "form": "expanded"}
+    exprs = [fields["lagrangian"], *fields["tau"], *(e for _, e in fields.get("definitions", ()))]
+    exprs += [e for step in fields["steps"] for _, e in step.lines]
+    used = {symbol.name for e in exprs for symbol in e.free_symbols}
     derivation = Derivation(
         name=robot.name,
         q=_symbols(c.name for c in coordinates),
         dq=_symbols(c.rate for c in coordinates),
         ddq=_symbols(c.acceleration for c in coordinates),
-        parameters=tuple(p for p in entries.parameters if p.name in seen),
+        parameters=tuple(p for p in entries.parameters if p.name in used),
         meanings=tuple((c.name, c.meaning) for c in coordinates),
         remarks=_friction_remark(robot),
         source=model.source,
-        **found | {"split": True},  # rounding errors of cancelled numbers
+        **fields | {"split": True},  # rounding errors of cancelled numbers
     )
     selected = None if steps is None else tuple(step.name for step in derivation.chosen(_named_steps(steps)))
-    return replace(derivation, check=checked(derivation, robot), selected=selected)
+    return replace(derivation, check=check_derivation(derivation, robot), selected=selected)
 
 
 def _moving_robot(robot: Robot) -> Robot:
@@ -465,16 +465,18 @@ def _energy_steps(
     motions, (K, P, springs, drives) = [c.rate for c in coordinates], energy
 
     def column(vector: Any) -> Any:
-        return sympy.ImmutableMatrix([writer.by_motion(x, motions, writer.by_angle) for x in vector])
+        return sympy.ImmutableMatrix([writer.write_by_motion(x, motions, writer.write_by_angle) for x in vector])
 
     def each(letter: str, vectors: Any, keep: Any = lambda _: True) -> tuple[Line, ...]:
         return tuple((Label(f"{letter}_{tag}"), column(x)) for tag, x in zip(tags, vectors, strict=True) if keep(x))
 
-    places = [i for i, k in enumerate(K) if k]
-    kinetic = ((Label(f"K_{tags[i]}"), writer.by_motion(K[i], motions, writer.by_mass)) for i in places)
-    potential = ((Label(f"P_{tags[i]}"), writer.by_angle(P[i])) for i in places)
-    stored = tuple((Label(f"E_{n}"), writer.by_angle(x)) for n, x in enumerate(springs, 1))
-    turned = tuple((Label(f"T_{n}"), writer.by_motion(x, motions, writer.by_mass)) for n, x in enumerate(drives, 1))
+    moving = [i for i, k in enumerate(K) if k]
+    kinetic = ((Label(f"K_{tags[i]}"), writer.write_by_motion(K[i], motions, writer.write_by_mass)) for i in moving)
+    potential = ((Label(f"P_{tags[i]}"), writer.write_by_angle(P[i])) for i in moving)
+    stored = tuple((Label(f"E_{n}"), writer.write_by_angle(x)) for n, x in enumerate(springs, 1))
+    turned = tuple(
+        (Label(f"T_{n}"), writer.write_by_motion(x, motions, writer.write_by_mass)) for n, x in enumerate(drives, 1)
+    )
     steps = (
         Step("positions", "centres of mass in the base frame", each("p", motion.positions)),
         Step("velocities", "of the centres of mass", each("v", motion.velocities)),

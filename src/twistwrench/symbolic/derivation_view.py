@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any
 from ..core.answers.blocks import Aligned, Block, Headline, Level, Line, More, Table, numbers, remarks, words
 from ..core.numbers import number
 from ..core.text import text_width
-from .documents import broken, heading
+from .documents import break_lines, heading
 from .equations import Step
 from .names import Text, sympy
 
 if TYPE_CHECKING:
     from .derivation import Derivation
 
-_MOST, _WIDTH = 45, 80
+_MAX_LINES, _WIDTH = 45, 80
 """Maximum number of lines of the short form, and the columns for which lines are counted."""
 _FRAME = 6
 """Lines of the short form beside symbols and steps: verdict, check, remark, and the way to the rest."""
-_TABLE = 5
+_TABLE_LINES = 5
 """Lines of a table beside its rows."""
-_MOST_OF_STEP = 20
+_MAX_STEP_LINES = 20
 """Maximum number of lines of a step that is printed beside the table of steps."""
 _MAIN = ("mass_matrix", "centripetal", "coriolis", "gravity_forces", "equations")
 """Steps of a derivation that is written out, unless others are selected."""
@@ -37,7 +37,7 @@ def derivation_view(derivation: Derivation) -> Iterator[Block]:
     legend, steps = _legend(derivation), {step.name: _equations(step) for step in derivation.steps}
     names = _MAIN if derivation.form == "expanded" else tuple(steps)
     shown = [steps[name] for name in derivation.selected or names if name in steps]
-    if derivation.selected is None and _height(legend) + sum(map(_height, shown)) + _FRAME > _MOST:
+    if derivation.selected is None and _height(legend) + sum(map(_height, shown)) + _FRAME > _MAX_LINES:
         yield from _overview(derivation, legend, steps)
     else:
         yield legend
@@ -63,10 +63,10 @@ def _headline(derivation: Derivation) -> Headline:
 def _overview(derivation: Derivation, legend: Aligned, steps: dict[str, Aligned]) -> Iterator[Block]:
     """Table of the steps, and short steps or the shortest entry of M; everything with all lines."""
     yield _steps(derivation, Level.SHORT)
-    room = _MOST - _FRAME - len(steps) - _TABLE
+    room = _MAX_LINES - _FRAME - len(steps) - _TABLE_LINES
     short: list[str] = []
     for name in _FIRST:
-        if name in steps and _height(steps[name]) <= min(room, _MOST_OF_STEP):
+        if name in steps and _height(steps[name]) <= min(room, _MAX_STEP_LINES):
             short.append(name)
             room -= _height(steps[name])
     if "mass_matrix" not in short:
@@ -95,7 +95,7 @@ def _legend(derivation: Derivation) -> Aligned:
 def _equations(step: Step) -> Aligned:
     notation = Text()
     rows = [(f"{label.write(notation)} =", notation.write(expr)) for label, expr in step.lines]
-    return Aligned(f"{heading(step)}: {step.remark}", rows, lambda text, width: broken(text, width, text_width))
+    return Aligned(f"{heading(step)}: {step.remark}", rows, lambda text, width: break_lines(text, width, text_width))
 
 
 def _check(derivation: Derivation, level: Level) -> Iterator[Block]:
@@ -109,14 +109,18 @@ def _check(derivation: Derivation, level: Level) -> Iterator[Block]:
 def _steps(derivation: Derivation, level: Level) -> Table:
     """Number of entries and terms of each step, and its longest entry."""
     notation, steps = Text(), derivation.steps
-    terms = [[_terms(expr) for _, expr in step.lines] for step in steps]
-    largest = [counts.index(max(counts)) for counts in terms]
+    totals, largest = [], []
+    for step in steps:
+        counts = [_terms(expr) for _, expr in step.lines]
+        label, _ = step.lines[counts.index(max(counts))]
+        totals.append(sum(counts))
+        largest.append(label.write(notation))
     return Table(
         "Steps",
         words("step", map(heading, steps)),
         numbers("entries", [len(step.lines) for step in steps]),
-        numbers("terms", list(map(sum, terms))),
-        words("largest", [step.lines[k][0].write(notation) for step, k in zip(steps, largest, strict=True)]),
+        numbers("terms", totals),
+        words("largest", largest),
         level=level,
     )
 

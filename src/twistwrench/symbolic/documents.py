@@ -23,8 +23,12 @@ class Latex(Notation):
 
     def symbol(self, name: str) -> str:
         stem, mark, index = name_parts(name)
-        letter = f"\\{stem}" if stem in GREEK else stem if len(stem) == 1 else f"\\mathit{{{stem}}}"
-        letter = f"\\{mark}{{{letter}}}" if mark else letter
+        if stem in GREEK:
+            letter = f"\\{stem}"
+        else:
+            letter = stem if len(stem) == 1 else f"\\mathit{{{stem}}}"
+        if mark:
+            letter = f"\\{mark}{{{letter}}}"
         return f"{letter}_{{{index.replace('_', ',')}}}" if index else letter
 
     def figure(self, digits: str) -> str:
@@ -35,7 +39,7 @@ class Latex(Notation):
         head = f"\\{name}" + (f"^{{{power}}}" if power else "")
         return f"{head}{{{argument}}}" if re.fullmatch(r"\\?\w+(_\{\w+\})?", argument) else f"{head}({argument})"
 
-    def raised(self, base: str, power: str) -> str:
+    def superscript(self, base: str, power: str) -> str:
         return f"{base}^{{{power}}}"
 
     def above(self, inner: str) -> str:
@@ -89,7 +93,7 @@ class MathML(Notation):
         head = f"<msup><mi>{name}</mi><mn>{power}</mn></msup>" if power else f"<mi>{name}</mi>"
         return f"<mrow>{head}{self.bracket(argument)}</mrow>"
 
-    def raised(self, base: str, power: str) -> str:
+    def superscript(self, base: str, power: str) -> str:
         return f"<msup><mrow>{base}</mrow><mn>{power.replace('-', '−')}</mn></msup>"
 
     def bracket(self, inner: str) -> str:
@@ -112,9 +116,12 @@ class MathML(Notation):
         return f"<mo>{self.operator(sign)}</mo>"
 
     def matrix(self, rows: list[list[str]]) -> str:
-        inner = "".join("<mtr>" + "".join(f"<mtd>{x}</mtd>" for x in row) + "</mtr>" for row in rows)
+        lines = []
+        for row in rows:
+            cells = "".join(f"<mtd>{x}</mtd>" for x in row)
+            lines.append(f"<mtr>{cells}</mtr>")
         # Brackets are drawn by the style sheet: stretched ones need a mathematical font, which many systems lack.
-        return f'<mtable class="matrix">{inner}</mtable>'
+        return f'<mtable class="matrix">{"".join(lines)}</mtable>'
 
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
         head = "<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>" if rate else ""
@@ -136,21 +143,20 @@ class MathML(Notation):
 LINE_SYMBOLS = 88
 """Symbols per line of LaTeX, about 5 points each: the text width of A4 with margins of 20 mm."""
 
-_EARLIEST = 0.35  # share of a line; a later break inside brackets is preferred to an earlier one
+_MIN_BREAK_SHARE = 0.35  # share of a line; a later break inside brackets is preferred to an earlier one
 
 
-def broken(text: str, width: float, measure: Callable[[str], float]) -> list[str]:
+def break_lines(text: str, width: float, measure: Callable[[str], float]) -> list[str]:
     """Break a formula into lines, each at most ``width`` by ``measure`` if there are enough places to break."""
-    places = _places(text)
-    cuts = [0, *(at for at, _ in places), len(text)]
+    breaks = _possible_breaks(text)
+    cuts = [0, *(position for position, _ in breaks), len(text)]
     ends = [0.0, *accumulate(measure(text[a:b]) for a, b in pairwise(cuts))]
     lines, first = [], 0
-    while ends[-1] - ends[first] > width and first < len(places):
-        most = ends[first] + width
-        fitting = [k for k in range(first + 1, bisect_right(ends, most)) if k <= len(places)]
-        late = [k for k in fitting if ends[k] - ends[first] >= _EARLIEST * width]
-        if late:
-            last = min(late, key=lambda k: (places[k - 1][1], -k))
+    while ends[-1] - ends[first] > width and first < len(breaks):
+        fitting = [k for k in range(first + 1, bisect_right(ends, ends[first] + width)) if k <= len(breaks)]
+        preferred = [k for k in fitting if ends[k] - ends[first] >= _MIN_BREAK_SHARE * width]
+        if preferred:
+            last = min(preferred, key=lambda k: (breaks[k - 1][1], -k))
         else:
             last = fitting[-1] if fitting else first + 1
         lines.append(text[cuts[first] : cuts[last]].strip())
@@ -158,9 +164,9 @@ def broken(text: str, width: float, measure: Callable[[str], float]) -> list[str
     return [*lines, text[cuts[first] :].strip()]
 
 
-def _places(text: str) -> list[tuple[int, int]]:
+def _possible_breaks(text: str) -> list[tuple[int, int]]:
     """Positions of possible line breaks, before plus and minus, with the number of open brackets."""
-    found, brackets, braces = [], [], 0
+    breaks, brackets, braces = [], [], 0
     for k, character in enumerate(text):
         if character == "{":
             braces += 1
@@ -172,8 +178,8 @@ def _places(text: str) -> list[tuple[int, int]]:
         elif character == ")" and brackets:
             brackets.pop()
         elif character == " " and not braces and not any(brackets) and text[k + 1 : k + 3] in ("+ ", "− ", "- "):
-            found.append((k, len(brackets)))
-    return found
+            breaks.append((k, len(brackets)))
+    return breaks
 
 
 _SYMBOL = re.compile(
@@ -183,7 +189,13 @@ _SYMBOL = re.compile(
 
 def latex_symbols(latex: str) -> int:
     """Number of symbols of a formula, including indices; a function name counts as three, a fraction bar as none."""
-    return sum(0 if found["layout"] else 3 if found["name"] else 1 for found in _SYMBOL.finditer(latex))
+    count = 0
+    for match in _SYMBOL.finditer(latex):
+        if match["name"]:
+            count += 3
+        elif not match["layout"]:
+            count += 1
+    return count
 
 
 # ── LaTeX and Markdown files
@@ -228,37 +240,39 @@ def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Late
     """Sections of aligned equations; a complete document if ``whole``."""
     parts = []
     for step in steps:
-        parts.append(f"\\section*{{{_in_latex(heading(step))}}}\n{_in_latex(sentence(step.remark))}")
-        lines = _aligned(step, notation)
+        parts.append(f"\\section*{{{_latex_text(heading(step))}}}\n{_latex_text(sentence(step.remark))}")
+        lines = _aligned_lines(step, notation)
         parts.append("\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}")
     body = "\n".join(parts)
     if not whole:
         return body + "\n"
-    legend = "\n".join(f"${notation.symbol(name)}$ & {_in_latex(meaning)} \\\\" for name, meaning in _legend(equations))
+    legend = "\n".join(
+        f"${notation.symbol(name)}$ & {_latex_text(meaning)} \\\\" for name, meaning in _legend(equations)
+    )
     table = f"\\begin{{tabular}}{{ll}}\n{legend}\n\\end{{tabular}}\n" if legend else ""
     head = (
         "\\documentclass[a4paper]{article}\n\\usepackage{amsmath,amssymb}\n\\usepackage[margin=20mm]{geometry}\n"
         "\\allowdisplaybreaks\n\\setlength{\\parindent}{0pt}\n\\begin{document}\n"
     )
-    title = f"\\section*{{Equations of motion of {_in_latex(equations.name)}}}\n"
-    said = "".join(f"{_in_latex(text)}\n\n" for text in remarks_of(equations))
-    return f"{head}{title}{said}{table}{body}\n\\end{{document}}\n"
+    title = f"\\section*{{Equations of motion of {_latex_text(equations.name)}}}\n"
+    remarks = "".join(f"{_latex_text(text)}\n\n" for text in remarks_of(equations))
+    return f"{head}{title}{remarks}{table}{body}\n\\end{{document}}\n"
 
 
 def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: Notation) -> str:
     """Markdown: headings, a table of symbols, and formulas between dollars."""
-    parts = [f"# Equations of motion of {_in_markdown(equations.name)}", *map(_in_markdown, remarks_of(equations))]
+    parts = [f"# Equations of motion of {_markdown_text(equations.name)}", *map(_markdown_text, remarks_of(equations))]
     if legend := _legend(equations):
-        cells = ((notation.symbol(name), _in_markdown(meaning).replace("|", "\\|")) for name, meaning in legend)
+        cells = ((notation.symbol(name), _markdown_text(meaning).replace("|", "\\|")) for name, meaning in legend)
         rows = [f"| ${symbol}$ | {meaning} |" for symbol, meaning in cells]
         parts.append("\n".join(["| symbol | meaning |", "|---|---|", *rows]))
     for step in steps:
         parts.append(f"## {heading(step)}\n\n{sentence(step.remark)}")
-        parts.extend(f"$$\n\\begin{{aligned}} {line} \\end{{aligned}}\n$$" for line in _aligned(step, notation))
+        parts.extend(f"$$\n\\begin{{aligned}} {line} \\end{{aligned}}\n$$" for line in _aligned_lines(step, notation))
     return "\n\n".join(parts) + "\n"
 
 
-def _in_markdown(text: str) -> str:
+def _markdown_text(text: str) -> str:
     """Text without links and HTML elements."""
     return visible(text).replace("](", "]\\(").replace("<", "&lt;")
 
@@ -267,18 +281,18 @@ def _legend(equations: Equations) -> list[tuple[str, str]]:
     return [*equations.meanings, *((p.name, f"{p.meaning}: {printed(p.value)}") for p in equations.parameters)]
 
 
-def _aligned(step: Step, notation: Notation) -> list[str]:
+def _aligned_lines(step: Step, notation: Notation) -> list[str]:
     """Aligned ``left &= right`` for each line; long sums take several lines, long columns one line per entry."""
     room = _room(step.lines, notation)
     lines = [part for line in step.lines for part in _entries(line, room, notation)]
     room = min(room, _room(lines, notation))
-    found = []
+    formulas = []
     for label, expr in lines:
         rows = [notation.write(expr)]
         if not hasattr(expr, "shape"):
-            rows = broken(rows[0], room, latex_symbols)
-        found.append(f"{label.write(notation)} &= " + " \\\\\n&\\quad ".join(rows))
-    return found
+            rows = break_lines(rows[0], room, latex_symbols)
+        formulas.append(f"{label.write(notation)} &= " + " \\\\\n&\\quad ".join(rows))
+    return formulas
 
 
 def _room(lines: Iterable[Line], notation: Notation) -> int:
@@ -303,9 +317,9 @@ _PLAIN = {
 _SPECIAL = re.compile("|".join(re.escape(plain) for plain in sorted(_PLAIN, key=len, reverse=True)))
 
 
-def _in_latex(text: str) -> str:
+def _latex_text(text: str) -> str:
     """Names and sentences in LaTeX, with adjacent formulas joined."""
-    return re.sub(r"(?<!\\)\$\$", "", _SPECIAL.sub(lambda found: _PLAIN[found.group()], text))
+    return re.sub(r"(?<!\\)\$\$", "", _SPECIAL.sub(lambda match: _PLAIN[match.group()], text))
 
 
 # ── Web page
@@ -364,7 +378,9 @@ def _symbol_table(equations: Equations, notation: MathML) -> str:
 def _line(left: str, expr: Any, notation: MathML) -> str:
     if not getattr(expr, "is_Add", False):
         return f'<div class="line"><math>{left}<mo>=</mo>{notation.write(expr)}</math></div>'
-    first, *rest = notation.terms(expr)
-    pieces = [f"<math>{left}<mo>=</mo>{notation.minus(first[1]) if first[0] == '-' else first[1]}</math>"]
-    pieces += [f'<math><mo form="infix">{notation.operator(sign)}</mo>{term}</math>' for sign, term in rest]
+    (first_sign, first), *others = notation.terms(expr)
+    if first_sign == "-":
+        first = notation.minus(first)
+    pieces = [f"<math>{left}<mo>=</mo>{first}</math>"]
+    pieces += [f'<math><mo form="infix">{notation.operator(sign)}</mo>{term}</math>' for sign, term in others]
     return f'<div class="line">{" ".join(pieces)}</div>'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import wraps
@@ -276,15 +277,15 @@ class Equations:
 
 def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., Any]:
     """Wrap the function with a check that every constant has a number."""
-    wanted = signature(function)
+    form = signature(function)
 
     @wraps(function)
-    def checked(*args: Any, **kwargs: Any) -> Any:
-        given = wanted.bind_partial(*args, **kwargs).arguments
-        by_itself = wanted.parameters["parameters"].default is not Argument.empty
-        if "parameters" not in given and by_itself:
+    def check_and_call(*args: Any, **kwargs: Any) -> Any:
+        bound = form.bind_partial(*args, **kwargs).arguments
+        has_defaults = form.parameters["parameters"].default is not Argument.empty
+        if "parameters" not in bound and has_defaults:
             return function(*args, **kwargs)
-        numbers = given.get("parameters", {})
+        numbers = bound.get("parameters", {})
         if not isinstance(numbers, Mapping):
             raise ShapeError(
                 f"parameters={numbers!r}: give a dict of {', '.join(names) or 'nothing'} and their numbers."
@@ -298,9 +299,9 @@ def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., A
                 f"parameters= of {function.__name__} has no number for {', '.join(missing)}. All are wanted: "
                 f"{', '.join(names)}."
             )
-        return function(**{**given, "parameters": values})
+        return function(**{**bound, "parameters": values})
 
-    return checked
+    return check_and_call
 
 
 # ── Assembly from sums of products, with the steps in the order of the book
@@ -327,7 +328,7 @@ def entry_name(letter: str, *indices: int) -> str:
     return f"{letter}_{apart.join(str(i + 1) for i in indices)}"
 
 
-def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
+def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     """Fields of :class:`~twistwrench.symbolic.equations.Equations` from K and P."""
     n, ring = len(terms.coordinates), terms.ring
     rates = [c.rate for c in terms.coordinates]
@@ -337,41 +338,42 @@ def assembled(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     L = terms.kinetic - terms.potential
 
     def moving(total: TrigPolynomial) -> Any:
-        return writer.by_motion(total, motions, writer.by_angle)
+        return writer.write_by_motion(total, motions, writer.write_by_angle)
 
     def energetic(total: TrigPolynomial) -> Any:
-        return writer.by_motion(total, motions, writer.by_mass)
+        return writer.write_by_motion(total, motions, writer.write_by_mass)
 
     def rate(total: TrigPolynomial) -> TrigPolynomial:
-        found = terms.zero
+        result = terms.zero
         for c, v, a in zip(terms.coordinates, speed, push, strict=True):
-            found = found + total.diff(c.name) * v + total.diff(c.rate) * a
-        return found
+            result = result + total.diff(c.name) * v + total.diff(c.rate) * a
+        return result
+
+    def weighted_sum(coefficients: Iterable[TrigPolynomial], factors: Iterable[TrigPolynomial]) -> TrigPolynomial:
+        return sum(map(operator.mul, coefficients, factors), terms.zero)
 
     M, gamma, g = terms.mass_matrix, terms.christoffel, terms.gravity_forces
-    C = [[sum((gamma[i, j, k] * speed[k] for k in range(n)), terms.zero) for j in range(n)] for i in range(n)]
-    c = [sum((C[i][j] * speed[j] for j in range(n)), terms.zero) for i in range(n)]
+    C = [[weighted_sum(gamma[i, j], speed) for j in range(n)] for i in range(n)]
+    c = [weighted_sum(row, speed) for row in C]
     momenta = [L.diff(name) for name in rates]
     slopes = [L.diff(x.name) for x in terms.coordinates]
     matrix = sympy.ImmutableMatrix
-    written_M = matrix(n, n, lambda i, j: writer.by_mass(M[min(i, j), max(i, j)]))
-    symbols = [[[writer.by_angle(x) for x in row] for row in block] for block in gamma]
-    written_gamma = sympy.ImmutableDenseNDimArray(symbols)
+    written_M = matrix(n, n, lambda i, j: writer.write_by_mass(M[min(i, j), max(i, j)]))
+    written_gamma = sympy.ImmutableDenseNDimArray(list(map(writer.write_by_angle, gamma.flat)), gamma.shape)
     written_C = matrix(n, n, lambda i, j: moving(C[i][j]))
-    written_c, written_g = matrix([moving(x) for x in c]), matrix([writer.by_angle(x) for x in g])
+    written_c, written_g = matrix([moving(x) for x in c]), matrix([writer.write_by_angle(x) for x in g])
     ddq = [writer.symbols[x.acceleration] for x in terms.coordinates]
-    inertial = [sympy.Add(*(written_M[i, j] * ddq[j] for j in range(n))) for i in range(n)]
+    inertial = [sympy.Add(*map(operator.mul, written_M.row(i), ddq)) for i in range(n)]
     # Further parts of L besides ½ q̇'M q̇ and its potential: terms linear in the rates also produce forces.
-    rest = []
-    for p, s, c_i, g_i, i in zip(momenta, slopes, c, g, range(n), strict=True):
-        accelerated = sum((M[i, j] * push[j] for j in range(n)), terms.zero)
-        rest.append((rate(p) - s - accelerated - c_i - g_i).without_dust(0.0))
-    tau = matrix([a + b + d + moving(e) for a, b, d, e in zip(inertial, written_c, written_g, rest, strict=True)])
+    further = []
+    for p, s, c_i, g_i, M_i in zip(momenta, slopes, c, g, M, strict=True):
+        further.append((rate(p) - s - weighted_sum(M_i, push) - c_i - g_i).without_dust(0.0))
+    tau = matrix([a + b + d + moving(e) for a, b, d, e in zip(inertial, written_c, written_g, further, strict=True)])
     fields = equation_fields(
         [x.name for x in terms.coordinates], rates, written_M, written_gamma, written_C, written_c, written_g, tau,
         [energetic(p) for p in momenta], [energetic(rate(p)) for p in momenta], [moving(s) for s in slopes],
     )  # fmt: skip
-    return {**fields, "lagrangian": energetic(L), "split": all(not e.terms for e in rest)}
+    return {**fields, "lagrangian": energetic(L), "split": all(not e.terms for e in further)}
 
 
 def equation_fields(

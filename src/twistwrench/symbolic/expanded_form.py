@@ -16,7 +16,7 @@ import numpy as np
 from ..core.typing import Array
 from ..mechanics.joints.joint import CosineSine, exact, exact_rodrigues
 from ..mechanics.model.model import BASE, Body, Model
-from .names import BodyEntries, Entry, ModelEntries
+from .names import BodyEntries, Entries, Entry, ModelEntries
 from .trig_polynomial import Ring, TrigPolynomial
 
 
@@ -95,18 +95,18 @@ class Coordinate:
     @property
     def rate(self) -> str:
         """Symbol of its rate."""
-        return dotted(self.name)
+        return rate_symbol(self.name)
 
     @property
     def acceleration(self) -> str:
         """Symbol of its second derivative."""
-        return dotted(self.name, "ddot")
+        return rate_symbol(self.name, "ddot")
 
 
-def dotted(name: str, mark: str = "dot") -> str:
+def rate_symbol(name: str, mark: str = "dot") -> str:
     """Symbol of a rate: theta_1 → thetadot_1, x → xdot.
 
-    >>> dotted("theta_1"), dotted("x", "ddot")
+    >>> rate_symbol("theta_1"), rate_symbol("x", "ddot")
     ('thetadot_1', 'xddot')
     """
     stem, line, index = name.partition("_")
@@ -115,12 +115,12 @@ def dotted(name: str, mark: str = "dot") -> str:
 
 def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
     """Coordinates in the order of q, numbered by joints with their own coordinates."""
-    found = []
+    coordinates = []
     for n, body in enumerate(model.leaders, 1):
         for entry in body.joint.chart:
             meaning = f"{entry.meaning.format(body.joint.name)} [{'rad' if entry.angle else 'm'}]"
-            found.append(Coordinate(f"{entry.letter}_{n}", entry.angle, meaning))
-    return tuple(found)
+            coordinates.append(Coordinate(f"{entry.letter}_{n}", entry.angle, meaning))
+    return tuple(coordinates)
 
 
 def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Array, Array, Array]:
@@ -131,11 +131,11 @@ def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Arra
     q, dq, ddq = model.neutral, np.zeros(model.nv), np.zeros(model.nv)
     N = np.zeros((model.nv, model.nv))
     for body in model.leaders:
-        place, mine = body.places
-        dx, ddx = du[mine], ddu[mine]
-        q[place], B, dB = body.joint.from_chart(u[mine], dx)
-        N[mine, mine] = B
-        dq[mine], ddq[mine] = B @ dx, B @ ddx + dB @ dx
+        q_slice, v_slice = body.places
+        dx, ddx = du[v_slice], ddu[v_slice]
+        q[q_slice], B, dB = body.joint.from_chart(u[v_slice], dx)
+        N[v_slice, v_slice] = B
+        dq[v_slice], ddq[v_slice] = B @ dx, B @ ddx + dB @ dx
     return q, dq, ddq, N
 
 
@@ -156,12 +156,12 @@ class SymbolicMotion:
     velocities: tuple[Array, ...]
     turning: tuple[Array, ...]
 
-    def products(self, moments: Any) -> int:
+    def products(self, inertias: Iterable[tuple[Entries, ...]]) -> int:
         """Number of products of two terms in the kinetic energy."""
         count = 0
-        for v, w, I in zip(self.velocities, self.turning, moments, strict=True):
+        for v, w, I in zip(self.velocities, self.turning, inertias, strict=True):
             count += sum(len(x) ** 2 for x in v)
-            count += sum(len(w[a]) * len(w[b]) for a in range(3) for b in range(3) if I[a][b])
+            count += sum(len(w[a]) * len(w[b]) for a in range(3) for b in range(3) if I[a][b].value)
         return count
 
 
@@ -213,27 +213,37 @@ def motion_of(
     arithmetic = RingArithmetic(ring, coordinates)
     poses: list[tuple[Array, Array]] = []
     positions, velocities, turning = [], [], []
-    for body, mine in zip(model.bodies, entries.bodies, strict=True):
-        R, p = joint_motion(arithmetic, body, mine)
+
+    def rates_of(array: Array) -> Array:
+        return np.asarray(np.frompyfunc(lambda x: _rate(x, coordinates, ring), 1, 1)(array))
+
+    zero = ring.number(0.0)
+    for body, own in zip(model.bodies, entries.bodies, strict=True):
+        R, p = joint_motion(arithmetic, body, own)
         if body.parent != BASE:
             R_p, p_p = poses[body.parent]
             R, p = R_p @ R, p_p + R_p @ p
         poses.append((R, p))
-        place = p + R @ numbers_of(arithmetic, mine.com)
-        if _terms(place, ring) > largest_position or _terms(R.flat, ring) > largest_rotation:
+        centre = p + R @ numbers_of(arithmetic, own.com)
+        if _terms(centre, ring) > largest_position or _terms(R.flat, ring) > largest_rotation:
             return None
-        R = np.array([[ring.number(0.0) + x for x in row] for row in R], object)
-        spin = [ring.number(0.0)] * 3
+        R = _sums(R, zero)
+        spin = [zero] * 3
         if not body.joint.moves_body:  # rotates a frame of the same body
             rate = ring.symbol(coordinates[body.v_index].rate)
-            spin = [float(x) * arithmetic.number(mine.ratio) * rate for x in body.joint.axes[0, :3]]
-        dR = np.array([[_rate(x, coordinates, ring) for x in row] for row in R], object)
+            spin = [float(x) * arithmetic.number(own.ratio) * rate for x in body.joint.axes[0, :3]]
+        dR = rates_of(R)
         W = R.T @ dR if any(len(x) for x in dR.flat) else dR  # [ω_b] = R'Ṙ, MR eq. 3.33
-        positions.append(np.array([ring.number(0.0) + x for x in place], object))
-        velocities.append(np.array([_rate(x, coordinates, ring) for x in positions[-1]], object))
+        positions.append(_sums(centre, zero))
+        velocities.append(rates_of(positions[-1]))
         slopes = zip((W[2, 1], W[0, 2], W[1, 0]), spin, strict=True)
         turning.append(np.array([(x + s).without_dust(_DUST) for x, s in slopes], object))
     return SymbolicMotion(tuple(positions), tuple(velocities), tuple(turning))
+
+
+def _sums(array: Array, zero: TrigPolynomial) -> Array:
+    """Entries as sums of the ring, numbers too."""
+    return np.asarray(np.frompyfunc(lambda x: zero + x, 1, 1)(array))
 
 
 def _terms(entries: Iterable[Any], ring: Ring) -> int:
@@ -249,24 +259,24 @@ def _rate(x: TrigPolynomial, coordinates: tuple[Coordinate, ...], ring: Ring) ->
 
 def spring_energies(model: Model, entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigPolynomial]:
     """½ k (Σ weight · coordinate - rest)² of each spring."""
-    places = {body.joint.name: body.v_index for body in model.leaders}
-    found = []
+    v_index = {body.joint.name: body.v_index for body in model.leaders}
+    energies = []
     for spring, k in zip(model.springs, entries.springs, strict=True):
         stretch = arithmetic.ring.number(-spring.rest)
         for joint, weight in spring.terms:
-            stretch = stretch + arithmetic.coordinate(places[joint]) * weight
-        found.append(arithmetic.number(k) * stretch * stretch * 0.5)
-    return found
+            stretch = stretch + arithmetic.coordinate(v_index[joint]) * weight
+        energies.append(arithmetic.number(k) * stretch * stretch * 0.5)
+    return energies
 
 
 def drive_energies(entries: ModelEntries, arithmetic: RingArithmetic) -> list[TrigPolynomial]:
     """½ J q̇² of each drive with its own inertia."""
-    found = []
+    energies = []
     for k, J in enumerate(entries.armature):
         if J.value:
             rate = arithmetic.ring.symbol(arithmetic.coordinates[k].rate)
-            found.append(arithmetic.number(J) * rate * rate * 0.5)
-    return found
+            energies.append(arithmetic.number(J) * rate * rate * 0.5)
+    return energies
 
 
 def energies(
@@ -275,8 +285,8 @@ def energies(
     """K and P of every body by the formulas of MR section 8.1.2."""
     gravity = numbers_of(arithmetic, entries.gravity)
     kinetic, potential = [], []
-    for mine, p, v, w in zip(entries.bodies, motion.positions, motion.velocities, motion.turning, strict=True):
-        m, I = arithmetic.number(mine.mass), numbers_of(arithmetic, mine.inertia)
+    for body, p, v, w in zip(entries.bodies, motion.positions, motion.velocities, motion.turning, strict=True):
+        m, I = arithmetic.number(body.mass), numbers_of(arithmetic, body.inertia)
         K = (m * (v @ v) + w @ (I @ w)) * 0.5
         kinetic.append(K.without_dust(_DUST))
         potential.append((-1.0 * m * (gravity @ p)).without_dust(_DUST))
@@ -285,18 +295,18 @@ def energies(
 
 def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) -> Array:
     """(n, n) integers: row j is the sum of joint angles that rotates body j if the preceding axes are parallel."""
-    places = {name: k for k, name in enumerate(ring.angles)}
-    sums = np.eye(len(places), dtype=int)
+    columns = {name: k for k, name in enumerate(ring.angles)}
+    sums = np.eye(len(columns), dtype=int)
     for body in model.bodies:
         if body.follows or body.joint.nv > 1 or not coordinates[body.v_index].angle or body.parent == BASE:
             continue
-        before = model.bodies[body.parent]
-        if before.follows or before.joint.nv > 1 or not before.joint.axes[0, :3].any():
+        parent = model.bodies[body.parent]
+        if parent.follows or parent.joint.nv > 1 or not parent.joint.axes[0, :3].any():
             continue
-        along = float((body.placement[:3, :3] @ body.joint.axes[0, :3]) @ before.joint.axes[0, :3])
-        if abs(abs(along) - 1.0) < 1e-12:
-            j, i = places[coordinates[body.v_index].name], places[coordinates[before.v_index].name]
-            sums[j] = sums[j] + (1 if along > 0 else -1) * sums[i]
+        cosine = float((body.placement[:3, :3] @ body.joint.axes[0, :3]) @ parent.joint.axes[0, :3])
+        if abs(abs(cosine) - 1.0) < 1e-12:
+            j, i = columns[coordinates[body.v_index].name], columns[coordinates[parent.v_index].name]
+            sums[j] = sums[j] + (1 if cosine > 0 else -1) * sums[i]
     return sums
 
 

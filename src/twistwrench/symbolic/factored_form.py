@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ Row = tuple[Any, int, Waves]
 Term = tuple[Any, int]
 """Coefficient and monomial."""
 
-_MOST_FACTORED, _MOST_NAMES = 28, 7  # numbers of terms and symbols in the square of a sum of seven
+_MAX_FACTORED_TERMS, _MAX_FACTORED_NAMES = 28, 7  # numbers of terms and symbols in the square of a sum of seven
 
 
 class EquationWriter:
@@ -38,8 +39,8 @@ class EquationWriter:
         expressions: Mapping[str, Any] | None = None,
     ) -> None:
         self.ring = ring
-        given = expressions or {}
-        self.symbols = {name: given.get(name, sympy.Symbol(name)) for name in ring.symbols}
+        known = expressions or {}
+        self.symbols = {name: known.get(name, sympy.Symbol(name)) for name in ring.symbols}
         n = len(ring.angles)
         families = [np.eye(n, dtype=int)]
         if sums is not None and (sums != families[0]).any():
@@ -51,7 +52,7 @@ class EquationWriter:
 
     # ── expressions ──
 
-    def by_mass(self, total: TrigPolynomial) -> Any:
+    def write_by_mass(self, total: TrigPolynomial) -> Any:
         """Sum with masses factored out: m_2 (L_1² + 2 L_1 L_2 cos θ_2 + L_2²)."""
         parts: list[Any] = []
         for common, rows in _groups(self._rows(total), lambda row: self._mass_part(row[1])).items():
@@ -59,11 +60,11 @@ class EquationWriter:
                 parts.extend(self._product(*row) for row in rows)
                 continue
             share = _content([c for c, _, _ in rows])
-            inner = self._by_waves([(c / share, m - common, waves) for c, m, waves in rows])
+            inner = self._write_by_waves([(c / share, m - common, waves) for c, m, waves in rows])
             parts.append(self._product(share, common, (), inner))
         return sympy.Add(*parts)
 
-    def by_angle(self, total: TrigPolynomial) -> Any:
+    def write_by_angle(self, total: TrigPolynomial) -> Any:
         """Sum with terms of equal sines and cosines collected: (m_1 + m_2) L_1 g cos θ_1."""
         parts: list[Any] = []
         for waves, rows in _groups(self._rows(total), lambda row: row[2]).items():
@@ -75,8 +76,9 @@ class EquationWriter:
 
     def _bracket(self, terms: list[Term]) -> Any:
         """Sum without sines and cosines: as squares and products if possible, otherwise with each mass once."""
-        if (whole := self._factored(terms)) is not None:
-            return whole
+        product = self._factorize(terms)
+        if product is not None:
+            return product
         groups = _groups(terms, lambda term: self._mass_part(term[1]))
         parts: list[Any] = []
         for mass, members in groups.items():
@@ -84,16 +86,16 @@ class EquationWriter:
                 parts.extend(self._product(c, m, ()) for c, m in members)
                 continue
             common, share = self._common([m for _, m in members]), _content([c for c, _ in members])
-            rest = [(c / share, m - common) for c, m in members]
-            inner = self._factored(rest)
+            quotient = [(c / share, m - common) for c, m in members]
+            inner = self._factorize(quotient)
             if inner is None:
-                inner = sympy.Add(*(self._product(c, m, ()) for c, m in rest))
+                inner = sympy.Add(*(self._product(c, m, ()) for c, m in quotient))
             parts.append(self._product(share, common, (), inner))
         return sympy.Add(*parts)
 
-    def _factored(self, terms: list[Term]) -> Any:
+    def _factorize(self, terms: list[Term]) -> Any:
         """Polynomial of three or more terms as squares and products such as (L_2 + x_3)²; None if there are none."""
-        if not 3 <= len(terms) <= _MOST_FACTORED or not all(float(64 * c).is_integer() for c, _ in terms):
+        if not 3 <= len(terms) <= _MAX_FACTORED_TERMS or not all(float(64 * c).is_integer() for c, _ in terms):
             return None
         key = frozenset(terms)
         if key not in self._products:
@@ -103,7 +105,7 @@ class EquationWriter:
     def _factors(self, terms: list[Term]) -> Any:
         powers = [self.ring.exponents(m) for _, m in terms]
         names = sorted(set().union(*powers))
-        if len(names) > _MOST_NAMES or max(sum(p.values()) for p in powers) < 2:
+        if len(names) > _MAX_FACTORED_NAMES or max(sum(p.values()) for p in powers) < 2:
             return None
         Symbol, QQ = sympy.Symbol, sympy.QQ
         exponents = [tuple(p.get(name, 0) for name in names) for p in powers]
@@ -112,20 +114,21 @@ class EquationWriter:
         content, factors = whole.factor_list()
         if sum(k for _, k in factors) < 2:
             return None
-        made = [self._expression(f, names) ** k for f, k in factors]
-        return sympy.Mul(content, *(x for f in made for x in sympy.Mul.make_args(f)))
+        powers_of_factors = [self._expression(f, names) ** k for f, k in factors]
+        return sympy.Mul(content, *_factors_of(powers_of_factors))
 
     def _expression(self, polynomial: Any, names: list[str]) -> Any:
         symbols = [self.symbols[name] for name in names]
-        terms = ((c, zip(symbols, powers, strict=True)) for powers, c in polynomial.terms())
-        return sympy.Add(*(sympy.Mul(c, *(s**k for s, k in pairs)) for c, pairs in terms))
+        terms = [sympy.Mul(c, *map(pow, symbols, powers)) for powers, c in polynomial.terms()]
+        return sympy.Add(*terms)
 
-    def by_motion(self, total: TrigPolynomial, motions: list[str], write: Callable[[TrigPolynomial], Any]) -> Any:
+    def write_by_motion(self, total: TrigPolynomial, motions: list[str], write: Callable[[TrigPolynomial], Any]) -> Any:
         """Sum sorted by products of rates and accelerations; terms with proportional coefficients are combined."""
         groups: list[tuple[TrigPolynomial, list[tuple[Any, int]]]] = []
         for motion, coefficient in sorted(total.split(motions).items(), reverse=False):
             for first, members in groups:
-                if motion and members[0][1] and (ratio := _ratio(coefficient, first)) is not None:
+                ratio = _ratio(coefficient, first) if motion and members[0][1] else None
+                if ratio is not None:
                     members.append((ratio, motion))
                     break
             else:
@@ -135,48 +138,53 @@ class EquationWriter:
             if not members[0][1]:
                 parts.append(write(coefficient))
                 continue
-            ratios = [abs(r) for r, _ in members]
-            scale = min(ratios) * (1 if sum(1 for r, _ in members if r > 0) * 2 >= len(members) else -1)
-            inner = sympy.Add(*(as_number(r / scale) * self._power(motion) for r, motion in members))
+            scale = min(abs(ratio) for ratio, _ in members)
+            if 2 * sum(ratio > 0 for ratio, _ in members) < len(members):
+                scale = -scale
+            inner = sympy.Add(*(sympy_number(r / scale) * self._power(motion) for r, motion in members))
             sign = -1 if all(scale * c < 0 for c in coefficient.terms.values()) else 1
             outer = sympy.Mul.make_args(write(coefficient * (sign * scale)))
             parts.append(sympy.Mul(sign, *outer, *sympy.Mul.make_args(inner)))
         return sympy.Add(*parts)
 
-    def _by_waves(self, rows: list[Row]) -> Any:
+    def _write_by_waves(self, rows: list[Row]) -> Any:
         """Sum with equal sines and cosines collected, as squares and products if possible, and common factors once."""
         parts: list[Any] = []
         for waves, members in _groups(rows, lambda row: row[2]).items():
             terms = [(c, m) for c, m, _ in members]
-            if (whole := self._factored(terms)) is not None:
-                parts.append(self._product(1, 0, waves, whole))
+            product = self._factorize(terms)
+            if product is not None:
+                parts.append(self._product(1, 0, waves, product))
                 continue
-            for some in self._apart(terms):
-                if (part := self._factored(some)) is not None:
-                    parts.append(self._product(1, 0, waves, part))
+            for group in self._disjoint_groups(terms):
+                product = self._factorize(group)
+                if product is not None:
+                    parts.append(self._product(1, 0, waves, product))
                 else:
-                    parts.extend(self._product(c, m, waves) for c, m in some)
+                    parts.extend(self._product(c, m, waves) for c, m in group)
         args = [list(sympy.Mul.make_args(part)) for part in parts]
-        shared = [f for f in args[0] if f.is_Add and all(f in mine for mine in args[1:])]
-        rest = sympy.Add(*(sympy.Mul(*(f for f in mine if f not in shared)) for mine in args))
-        return sympy.Mul(*shared, *sympy.Mul.make_args(rest))
+        shared = [f for f in args[0] if f.is_Add]
+        for factors in args[1:]:
+            shared = [f for f in shared if f in factors]
+        quotients = [sympy.Mul(*filter(lambda f: f not in shared, factors)) for factors in args]
+        return sympy.Mul(*shared, *sympy.Mul.make_args(sympy.Add(*quotients)))
 
-    def _apart(self, terms: list[Term]) -> list[list[Term]]:
+    def _disjoint_groups(self, terms: list[Term]) -> list[list[Term]]:
         """Groups of terms without common symbols: r² beside (L + x)²."""
         groups: list[tuple[set[str], list[Term]]] = []
         for term in terms:
-            names, mine = set(self.ring.exponents(term[1])), [term]
+            names, members = set(self.ring.exponents(term[1])), [term]
             for group in [g for g in groups if g[0] & names]:
                 groups.remove(group)
                 names |= group[0]
-                mine = group[1] + mine
-            groups.append((names, mine))
-        return [mine for _, mine in groups]
+                members = group[1] + members
+            groups.append((names, members))
+        return [members for _, members in groups]
 
     def _product(self, coefficient: Any, monomial: int, waves: Waves, inner: Any = 1) -> Any:
-        factors = [as_number(coefficient), self._power(monomial), inner]
+        factors = [sympy_number(coefficient), self._power(monomial), inner]
         factors += [self._wave(basis) ** power for basis, power in waves]
-        return sympy.Mul(*(x for f in factors for x in sympy.Mul.make_args(sympy.sympify(f))))
+        return sympy.Mul(*_factors_of(factors))
 
     def _power(self, monomial: int) -> Any:
         return sympy.Mul(*(self.symbols[name] ** power for name, power in self.ring.exponents(monomial).items()))
@@ -185,7 +193,7 @@ class EquationWriter:
         if basis not in self._waves:
             kind, f = basis
             angles = (self.symbols[name] for name in self.ring.angles)
-            argument = sympy.Add(*(as_number(x) * angle for x, angle in zip(f, angles, strict=True)))
+            argument = sympy.Add(*(sympy_number(x) * angle for x, angle in zip(f, angles, strict=True)))
             self._waves[basis] = getattr(sympy, kind)(argument, evaluate=False)
         return self._waves[basis]
 
@@ -202,6 +210,11 @@ class EquationWriter:
         for (monomial, base), value in total.terms.items():
             by_monomial[monomial][self.ring.bases[base]] = value
         return [(c, m, waves) for m, terms in by_monomial.items() for waves, c in self._forms.shortest(terms).items()]
+
+
+def _factors_of(factors: Iterable[Any]) -> list[Any]:
+    """Factors, with products among them taken apart."""
+    return list(chain.from_iterable(sympy.Mul.make_args(sympy.sympify(factor)) for factor in factors))
 
 
 def _groups(items: Iterable[Any], key: Callable[[Any], Any]) -> dict[Any, list[Any]]:
@@ -234,7 +247,7 @@ def _content(coefficients: list[Any]) -> Any:
     return share if isinstance(coefficients[0], Fraction) else float(share)
 
 
-def as_number(value: Any) -> Any:
+def sympy_number(value: Any) -> Any:
     """SymPy number: rational if the value is exactly a simple fraction, otherwise a float."""
     if isinstance(value, Fraction):
         return sympy.Rational(value.numerator, value.denominator)

@@ -270,10 +270,10 @@ def _equations(names: Definitions, coordinates: Any, M: Any, dM: Any, g: Any, P:
         C, c, g, tau, momenta, rates, slopes, only=named,
     )  # fmt: skip
     first = Step("lagrangian", "K − P", ((Label("L"), L),))
-    return {**fields, "lagrangian": L, "steps": (*_defined(names), first, *fields["steps"])}
+    return {**fields, "lagrangian": L, "steps": (*_definition_steps(names), first, *fields["steps"])}
 
 
-def _defined(names: Definitions) -> list[Step]:
+def _definition_steps(names: Definitions) -> list[Step]:
     """Definitions as steps."""
     ends = [start for _, _, start in names.groups[1:]] + [len(names.definitions)]
     return [

@@ -3,68 +3,75 @@
 from __future__ import annotations
 
 import math
+import operator
 import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from numbers import Real
 from typing import Any
 
+import numpy as np
+
 from ..core.errors import ShapeError, ValueRangeError
-from .equations import Equations, Label, Step, assembled, equation_fields
-from .expanded_form import Terms, Variable, dotted
+from .equations import Equations, Label, Step, assemble_equations, equation_fields
+from .expanded_form import Terms, Variable, rate_symbol
 from .factored_form import EquationWriter
 from .names import require_sympy, sympy
 from .trig_polynomial import HIGHEST, Ring, TrigPolynomial
 
 
-def symbols_of(given: Any, what: str) -> tuple[Any, ...]:
+def symbols_of(value: Any, what: str) -> tuple[Any, ...]:
     """Symbol, or several different ones, as a tuple; raises ShapeError for other input."""
-    several = isinstance(given, Sequence | sympy.MatrixBase | sympy.Tuple)
-    symbols = (given,) if isinstance(given, sympy.Symbol) else tuple(given) if several else ()
+    symbols: tuple[Any, ...] = ()
+    if isinstance(value, sympy.Symbol):
+        symbols = (value,)
+    elif isinstance(value, Sequence | sympy.MatrixBase | sympy.Tuple):
+        symbols = tuple(value)
     if not symbols or not all(isinstance(s, sympy.Symbol) for s in symbols) or len(set(symbols)) < len(symbols):
         raise ShapeError(
-            f"{what}={given!r} are not different SymPy symbols. Write theta instead of theta(t): the rates are symbols of "
+            f"{what}={value!r} are not different SymPy symbols. Write theta instead of theta(t): the rates are symbols of "
             "their own, theta, thetadot = sympy.symbols('theta thetadot')."
         )
     return symbols
 
 
-def time_of(given: Any, moving: tuple[Any, ...]) -> Any:
+def time_of(value: Any, moving: tuple[Any, ...]) -> Any:
     """Symbol of time, None if there is none; raises ShapeError for other input, and for a coordinate or rate."""
-    if given is None:
+    if value is None:
         return None
-    if not isinstance(given, sympy.Symbol) or given in moving:
+    if not isinstance(value, sympy.Symbol) or value in moving:
         raise ShapeError(
-            f"time={given!r} is not a SymPy symbol other than {', '.join(map(str, moving))}. Give t = sympy.Symbol('t')."
+            f"time={value!r} is not a SymPy symbol other than {', '.join(map(str, moving))}. Give t = sympy.Symbol('t')."
         )
-    return given
+    return value
 
 
 def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any) -> None:
     """Raise ValueRangeError for a symbol that looks like a rate but is not listed, and for an L without kinetic energy."""
-    if found := L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative):
+    if functions := L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative):
         raise ValueRangeError(
-            f"L contains {_listed(found)}. Write coordinates and rates as symbols, theta and thetadot instead of theta(t) "
-            "and its derivative: L.subs({theta(t).diff(t): thetadot}).subs({theta(t): theta})."
+            f"L contains {_symbols_text(functions)}. Write coordinates and rates as symbols, theta and thetadot instead of "
+            "theta(t) and its derivative: L.subs({theta(t).diff(t): thetadot}).subs({theta(t): theta})."
         )
     known = {*q, *dq, *(() if time is None else (time,))}
     others = L.free_symbols - known
     names = {s.name for s in known}
     if twins := {s for s in others if s.name in names}:
         raise ValueRangeError(
-            f"L contains another {_listed(twins)} than the coordinates, rates or time given: symbols of one name with "
+            f"L contains another {_symbols_text(twins)} than the coordinates, rates or time given: symbols of one name with "
             "different assumptions (real=True) differ in SymPy. Make each symbol once."
         )
     # By the naming rule (xdot, thetaddot_1) or a common other one (theta_1dot, x_dot).
     if moving := {s for s in others if re.fullmatch(r"[^_]+dot(_.*)?|.+dot", s.name, flags=re.DOTALL)}:
         raise ValueRangeError(
-            f"L contains {_listed(moving)}, by name the rate of a coordinate that is not in q={_listed(q)}, or a derivative "
-            f"of too high an order: L may depend on the rates {_listed(dq)}. Add the coordinate to q, name rates of other "
-            "names in rates=[…], or give a constant a name that does not end in dot."
+            f"L contains {_symbols_text(moving)}, by name the rate of a coordinate that is not in q={_symbols_text(q)}, or a "
+            f"derivative of too high an order: L may depend on the rates {_symbols_text(dq)}. Add the coordinate to q, name "
+            "rates of other names in rates=[…], or give a constant a name that does not end in dot."
         )
-    if time is None and (clocks := {s for s in others if s.name == "t"}):
+    clocks = {s for s in others if s.name == "t"}
+    if time is None and clocks:
         raise ValueRangeError(
-            f"L contains {_listed(clocks)}. If it is the time, pass time=t; if it is a constant, give it another name."
+            f"L contains {_symbols_text(clocks)}. If it is the time, pass time=t; if it is a constant, give it another name."
         )
     if not L.free_symbols & set(dq):
         raise ValueRangeError(
@@ -73,7 +80,7 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
         )
 
 
-def _listed(symbols: Any) -> str:
+def _symbols_text(symbols: Any) -> str:
     return ", ".join(sorted(map(str, symbols)))
 
 
@@ -123,15 +130,15 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
     velocities = _rates(rates, coordinates, L)
     now = time_of(time, (*coordinates, *velocities))
     check_lagrangian(L, coordinates, velocities, now)
-    accelerations = tuple(sympy.Symbol(dotted(s.name, "ddot")) for s in coordinates)
-    moved = now is not None and now in L.free_symbols
-    parsed = None if moved else _parsed(L, coordinates, velocities, accelerations)
-    if parsed is None:
-        fields = _differentiated(L, coordinates, velocities, accelerations, now if moved else None)
+    accelerations = tuple(sympy.Symbol(rate_symbol(s.name, "ddot")) for s in coordinates)
+    depends_on_time = now is not None and now in L.free_symbols
+    sums = None if depends_on_time else _read_sums(L, coordinates, velocities, accelerations)
+    if sums is None:
+        fields = _differentiate(L, coordinates, velocities, accelerations, now if depends_on_time else None)
     else:
-        terms, expressions = parsed
+        terms, expressions = sums
         masses = [n for n in terms.ring.symbols if n.startswith("m") and not n.startswith("mu")]
-        fields = assembled(terms, EquationWriter(terms.ring, masses=masses, expressions=expressions))
+        fields = assemble_equations(terms, EquationWriter(terms.ring, masses=masses, expressions=expressions))
     first = Step("lagrangian", "as given", ((Label("L"), L),))
     fields = {**fields, "lagrangian": L, "steps": (first, *fields["steps"])}
     meanings = tuple((s.name, "coordinate") for s in coordinates)
@@ -153,18 +160,18 @@ def _expression(L: Any) -> Any:
 def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
     if rates is None:
         known = {s.name: s for s in L.free_symbols}
-        return tuple(known.get(dotted(s.name), sympy.Symbol(dotted(s.name))) for s in coordinates)
-    found = symbols_of(rates, "rates")
-    if len(found) != len(coordinates) or set(found) & set(coordinates):
+        return tuple(known.get(rate_symbol(s.name), sympy.Symbol(rate_symbol(s.name))) for s in coordinates)
+    symbols = symbols_of(rates, "rates")
+    if len(symbols) != len(coordinates) or set(symbols) & set(coordinates):
         listed = ", ".join(map(str, coordinates))
         raise ShapeError(f"rates={rates!r}: one symbol for each of {listed}, and none of these.")
-    return found
+    return symbols
 
 
 # ── Lagrangians that are sums of products
 
 
-def _parsed(
+def _read_sums(
     L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...]
 ) -> tuple[Terms, Mapping[str, Any]] | None:
     """L as a sum of products with the meaning of its ring's symbols, or None if it does not have that form."""
@@ -172,7 +179,7 @@ def _parsed(
     atoms: dict[Any, str] = {s: s.name for s in (*q, *dq, *ddq)}
     if not _collect(L, moving, atoms) or len(set(atoms.values())) < len(atoms):
         return None
-    if _degree(L, atoms) > HIGHEST - _RAISED:
+    if _degree(L, atoms) > HIGHEST - _EXPONENT_INCREASE:
         return None
     ring = Ring(list(atoms.values()), [s.name for s in q], exact=True)
     try:
@@ -181,8 +188,10 @@ def _parsed(
         return None
     coordinates = tuple(Variable(a.name, b.name, c.name) for a, b, c in zip(q, dq, ddq, strict=True))
     terms = Terms(ring, coordinates, total, ring.number(0))
-    if any(sum(ring.exponents(m).get(s.name, 0) for s in dq) > 2 for m, _ in total.terms):
-        return None
+    for monomial, _ in total.terms:
+        exponents = ring.exponents(monomial)
+        if sum(exponents.get(rate.name, 0) for rate in dq) > 2:
+            return None
     return terms, {name: atom for atom, name in atoms.items()}
 
 
@@ -205,7 +214,7 @@ def _collect(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
     return False
 
 
-_RAISED = 4
+_EXPONENT_INCREASE = 4
 """Increase of exponents by Lagrange's equations: c multiplies by two rates, momentum rates by a rate or acceleration."""
 
 
@@ -230,13 +239,16 @@ def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]
             return ring.symbol(atoms[expr])
         if expr.is_Add:
             return sum(map(read, expr.args), ring.number(0))
-        factors = expr.args if expr.is_Mul else [expr.base] * int(expr.exp) if expr.is_Pow else None
-        return wave(expr) if factors is None else math.prod(map(read, factors), start=ring.number(1))
+        if expr.is_Mul:
+            return math.prod(map(read, expr.args), start=ring.number(1))
+        if expr.is_Pow:
+            return math.prod([read(expr.base)] * int(expr.exp), start=ring.number(1))
+        return wave(expr)
 
     def wave(expr: Any) -> TrigPolynomial:
         factors = [sympy.Poly(expr.args[0], *q).coeff_monomial(s) for s in q]
-        rest = sympy.expand(expr.args[0] - sum(f * s for f, s in zip(factors, q, strict=True)))
-        if rest != 0 or not all(f.is_Integer for f in factors):
+        remainder = sympy.expand(expr.args[0] - sum(f * s for f, s in zip(factors, q, strict=True)))
+        if remainder != 0 or not all(f.is_Integer for f in factors):
             raise sympy.PolynomialError(f"{expr}: the angle is not a sum of whole multiples of coordinates")
         return ring.wave(expr.func.__name__, [int(f) for f in factors])
 
@@ -246,7 +258,7 @@ def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]
 # ── Other Lagrangians: direct differentiation
 
 
-def _differentiated(
+def _differentiate(
     L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...], time: Any = None
 ) -> dict[str, Any]:
     n = len(q)
@@ -260,24 +272,28 @@ def _differentiated(
             "Use kinetic energies ½ q̇'M q̇."
         )
     explicit = [sympy.Integer(0) if time is None else sympy.expand(p.diff(time)) for p in momenta]
-    rates = [
-        sympy.Add(e, *(p.diff(x) * v + p.diff(v) * a for x, v, a in zip(q, dq, ddq, strict=True)))
-        for p, e in zip(momenta, explicit, strict=True)
-    ]
-    dM = [[[M[i, j].diff(x) for x in q] for j in range(n)] for i in range(n)]
+    rates = []
+    for p, e in zip(momenta, explicit, strict=True):
+        parts = [p.diff(x) * v + p.diff(v) * a for x, v, a in zip(q, dq, ddq, strict=True)]
+        rates.append(sympy.Add(e, *parts))
     half = sympy.Rational(1, 2)
+    dM = np.empty((n, n, n), object)
+    for i, j, k in np.ndindex(n, n, n):
+        dM[i, j, k] = M[i, j].diff(q[k])
 
     def christoffel(i: int, j: int, k: int) -> Any:
-        return sympy.expand(half * (dM[i][j][k] + dM[i][k][j] - dM[j][k][i]))
+        return sympy.expand(half * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i]))
 
-    symbols = [[[christoffel(i, j, k) for k in range(n)] for j in range(n)] for i in range(n)]
-    gamma = sympy.ImmutableDenseNDimArray(symbols)
-    C = sympy.ImmutableMatrix(n, n, lambda i, j: sympy.Add(*(gamma[i, j, k] * dq[k] for k in range(n))))
-    c = sympy.ImmutableMatrix([sympy.expand(sympy.Add(*(C[i, j] * dq[j] for j in range(n)))) for i in range(n)])
+    def weighted_sum(row: Any, factors: Sequence[Any]) -> Any:
+        return sympy.Add(*map(operator.mul, row, factors))
+
+    gamma = sympy.ImmutableDenseNDimArray([christoffel(*ijk) for ijk in np.ndindex(n, n, n)], (n, n, n))
+    C = sympy.ImmutableMatrix(n, n, lambda i, j: weighted_sum(gamma[i, j], dq))
+    c = sympy.ImmutableMatrix([sympy.expand(weighted_sum(C.row(i), dq)) for i in range(n)])
     g = sympy.ImmutableMatrix([-s.subs(at_rest) for s in slopes])
-    both = zip(rates, slopes, strict=True)
-    tau = sympy.ImmutableMatrix([sympy.collect(sympy.expand(r - s), (*ddq, *dq)) for r, s in both])
-    parts = [sympy.Add(*(M[i, j] * ddq[j] for j in range(n)), c[i], g[i]) for i in range(n)]
+    rates_and_slopes = zip(rates, slopes, strict=True)
+    tau = sympy.ImmutableMatrix([sympy.collect(sympy.expand(r - s), (*ddq, *dq)) for r, s in rates_and_slopes])
+    parts = [sympy.Add(weighted_sum(M.row(i), ddq), c[i], g[i]) for i in range(n)]
     explicit_time = [(Label("L", v.name, time=time.name), e) for v, e in zip(dq, explicit, strict=True) if e != 0]
     fields = equation_fields(
         [s.name for s in q], [s.name for s in dq], M, gamma, C, c, g, tau, momenta, rates, slopes,

@@ -110,14 +110,22 @@ def ordered_terms(expr: Any) -> list[Any]:
     return sorted(expr.as_ordered_terms() if expr.is_Add else [expr], key=_term_key)
 
 
+def _exponent(term: Any, symbol: Any) -> int:
+    """Whole power of a symbol in a term; 1 if it is another."""
+    for factor in _factors(term):
+        if factor.is_Pow and factor.base == symbol and factor.exp.is_Integer:
+            return int(factor.exp)
+    return 1
+
+
 def _term_key(term: Any) -> tuple[Any, ...]:
     marks, letters = [0, 0], []
     for symbol in term.free_symbols:
         stem, mark, index = name_parts(symbol.name)
         if mark:
             marks[mark == "dot"] += 1
-        power = int(next((f.exp for f in _factors(term) if f.is_Pow and f.base == symbol and f.exp.is_Integer), 1))
-        letters.append((link_number(index), 9 if mark else RANKS.get(stem, 4), symbol.name, -power))
+        rank = 9 if mark else RANKS.get(stem, 4)
+        letters.append((link_number(index), rank, symbol.name, -_exponent(term, symbol)))
     return (-min(marks[0], 1), -min(marks[1], 1), tuple(sorted(letters)), str(term) if not letters else "")
 
 
@@ -153,17 +161,17 @@ class Notation:
 
     def terms(self, expr: Any) -> list[tuple[str, str]]:
         """Terms of a sum, each with its sign."""
-        found = []
+        terms = []
         for term in ordered_terms(expr):
             negative, factors = signed_factors(term)
-            found.append(("-", self._negated(factors)) if negative else ("+", self._quotient(factors)))
-        return found
+            terms.append(("-", self._negative_operand(factors)) if negative else ("+", self._quotient(factors)))
+        return terms
 
     def _product(self, expr: Any) -> str:
         negative, factors = signed_factors(expr)
-        return self.minus(self._negated(factors)) if negative else self._quotient(factors)
+        return self.minus(self._negative_operand(factors)) if negative else self._quotient(factors)
 
-    def _negated(self, factors: list[Any]) -> str:
+    def _negative_operand(self, factors: list[Any]) -> str:
         """Operand of a minus sign; a sum is put in brackets."""
         inner = self._quotient(factors)
         return self.bracket(inner) if is_sum(factors) else inner
@@ -209,7 +217,7 @@ class Notation:
         if expr.base.func.__name__ in ("sin", "cos"):
             return self.function(expr.base.func.__name__, self.write(expr.base.args[0]), str(expr.exp))
         base = self.write(expr.base)
-        return self.raised(base if expr.base.is_Symbol else self.bracket(base), str(expr.exp))
+        return self.superscript(base if expr.base.is_Symbol else self.bracket(base), str(expr.exp))
 
     def _number(self, x: Any) -> str:
         if x.is_negative:
@@ -234,7 +242,7 @@ class Notation:
         """Sine or cosine, or a power of it."""
         return f"{name}{power.translate(_SUPERSCRIPTS)}({argument})"
 
-    def raised(self, base: str, power: str) -> str:
+    def superscript(self, base: str, power: str) -> str:
         """Power."""
         return base + power.translate(_SUPERSCRIPTS)
 
@@ -261,9 +269,9 @@ class Notation:
 
     def join(self, terms: list[tuple[str, str]]) -> str:
         """Sum of signed terms."""
-        first, *rest = terms
-        head = self.minus(first[1]) if first[0] == "-" else first[1]
-        return head + "".join(self.between(sign) + term for sign, term in rest)
+        (first_sign, first), *others = terms
+        head = self.minus(first) if first_sign == "-" else first
+        return head + "".join(self.between(sign) + term for sign, term in others)
 
     def between(self, sign: str) -> str:
         """Plus or minus, with spacing."""
@@ -299,7 +307,7 @@ class Text(Notation):
 # ── Parameters of a robot: lengths, centres of mass, masses, inertias, gravity
 
 _AXES = "xyz"
-_SAME = 1e-12  # tolerance: a centre of mass is a quotient, with rounding error
+_LENGTH_TOLERANCE = 1e-12  # tolerance: a centre of mass is a quotient, with rounding error
 _DUST = 1e-14
 
 
@@ -378,7 +386,7 @@ class Namer:
         g = self.model.gravity
         many = np.count_nonzero(g) > 1
         letters = [f"g_{axis}" if many else "g" for axis in _AXES]
-        gravity = tuple(self._named(n, x, "gravity", "gravity [m/s²]") for n, x in zip(letters, g, strict=True))
+        gravity = tuple(self._named_entry(n, x, "gravity", "gravity [m/s²]") for n, x in zip(letters, g, strict=True))
         springs = []
         for n, spring in enumerate(self.model.springs, 1):
             joined = " and ".join(joint for joint, _ in spring.terms)
@@ -408,7 +416,7 @@ class Namer:
         self.parameters.append(Parameter(name, float(value if signed else abs(value)), frozenset(kinds), meaning))
         return self.parameters[-1]
 
-    def _named(self, name: str, value: float, kind: str, meaning: str) -> Entry:
+    def _named_entry(self, name: str, value: float, kind: str, meaning: str) -> Entry:
         """Entry with its own name, unless the value is zero."""
         return Entry(float(value), self._new(name, value, [kind], meaning)) if value else Entry(0.0)
 
@@ -448,7 +456,7 @@ class Namer:
 
     def _body(self, i: int, body: Body, lengths: dict[int, dict[tuple[int, float], Parameter]]) -> BodyEntries:
         n, (link, where), G = self.tags[i], self._massive_link(body), body.inertia
-        mass = self._named(f"m_{n}", shortest(G.mass), "masses", f"mass of {link} [kg]")
+        mass = self._named_entry(f"m_{n}", shortest(G.mass), "masses", f"mass of {link} [kg]")
         place = tuple(_with_length(k, x, lengths[body.parent]) for k, x in enumerate(body.placement[:3, 3]))
         extent = float(np.abs(G.com).max())
         com_places = [0.0 if abs(x) <= _DUST * extent else shortest(x, extent) for x in G.com]
@@ -459,14 +467,14 @@ class Namer:
                 f"r_{n}{_AXES[k] if len(unnamed) > 1 else ''}",
                 f"{_AXES[k]} of the centre of mass of {link}{'' if link == body.link else f' {where}'} [m]",
             )
-            com[k] = self._named(name, com[k].value, "coms", meaning)
+            com[k] = self._named_entry(name, com[k].value, "coms", meaning)
         point, pitch = self._axis(n, body)
         return BodyEntries(n, place, point, pitch, mass, tuple(com), self._inertia(n, body), self._ratio(n, body))
 
     def _ratio(self, n: str, body: Body) -> Entry:
         if body.joint.moves_body or abs(body.ratio) == 1.0:
             return Entry(body.ratio)
-        meaning = f"gear ratio of {_driven(self.model, body)}"
+        meaning = f"gear ratio of {_driven_joint(self.model, body)}"
         return Entry(body.ratio, self._new(f"G_{n.removeprefix('r')}", body.ratio, ["gears"], meaning))
 
     def _axis(self, n: str, body: Body) -> tuple[Entries, Entry]:
@@ -480,7 +488,7 @@ class Namer:
         name = body.joint.name
         many, meaning = np.count_nonzero(at) > 1, f"of the axis of {name} in {body.link} [m]"
         each = zip(_AXES, at, strict=True)
-        point = tuple(self._named(f"a_{n}{k if many else ''}", x, "lengths", f"{k} {meaning}") for k, x in each)
+        point = tuple(self._named_entry(f"a_{n}{k if many else ''}", x, "lengths", f"{k} {meaning}") for k, x in each)
         if abs(h) <= _DUST * float(np.abs(v).max(initial=0.0)):
             return point, Entry(0.0)
         return point, Entry(h, self._new(f"h_{n}", h, ["lengths"], f"pitch of {name} [m/rad]"))
@@ -502,7 +510,7 @@ class Namer:
         return tuple(map(tuple, found))
 
 
-def _driven(model: Model, rotor: Body) -> str:
+def _driven_joint(model: Model, rotor: Body) -> str:
     """Joint driven by a rotor."""
     name = rotor.joint.name
     actuator = model.actuators.get(name)
@@ -514,14 +522,14 @@ def _tags(model: Model) -> list[str]:
     numbers = {body.joint.name: n for n, body in enumerate(model.leaders, 1)}
     tags: list[str] = []
     for i, body in enumerate(model.bodies, 1):
-        n = numbers.get(_driven(model, body)) if not body.joint.moves_body else None
+        n = numbers.get(_driven_joint(model, body)) if not body.joint.moves_body else None
         tag = f"r{n}"
         tags.append(str(i) if n is None or tag in tags else tag)
     return tags
 
 
 def _same(k: int, x: Any, key: tuple[int, float]) -> bool:
-    return key[0] == k and abs(abs(float(x)) - key[1]) <= _SAME * key[1]
+    return key[0] == k and abs(abs(float(x)) - key[1]) <= _LENGTH_TOLERANCE * key[1]
 
 
 def _with_length(k: int, x: Any, lengths: dict[tuple[int, float], Parameter]) -> Entry:
@@ -536,24 +544,26 @@ KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
 
 def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEntries:
     """Name the model's numbers selected by ``symbols``: kinds, names, ``"all"`` or ``"none"``; raises UnknownNameError."""
-    every = Namer(model).entries()
-    chosen = _chosen(symbols, every.parameters)
+    entries = Namer(model).entries()
+    selected = _selected_names(symbols, entries.parameters)
 
-    def with_chosen(entries: Any) -> Any:
+    def select(entry: Any) -> Any:
         """Entry, or tuples of entries, with plain numbers for symbols that are not selected."""
-        if isinstance(entries, tuple):
-            return tuple(map(with_chosen, entries))
-        return entries if entries.parameter is None or entries.parameter.name in chosen else Entry(entries.value)
+        if isinstance(entry, tuple):
+            return tuple(map(select, entry))
+        return entry if entry.parameter is None or entry.parameter.name in selected else Entry(entry.value)
 
-    fields = ({name: with_chosen(entry) for name, entry in vars(b).items() if name != "tag"} for b in every.bodies)
-    bodies = tuple(BodyEntries(b.tag, **some) for b, some in zip(every.bodies, fields, strict=True))
-    parameters = tuple(p for p in every.parameters if p.name in chosen)
+    bodies = []
+    for body in entries.bodies:
+        fields = {name: select(entry) for name, entry in vars(body).items() if name != "tag"}
+        bodies.append(BodyEntries(body.tag, **fields))
+    parameters = tuple(p for p in entries.parameters if p.name in selected)
     return ModelEntries(
-        bodies, with_chosen(every.gravity), with_chosen(every.springs), with_chosen(every.armature), parameters
+        tuple(bodies), select(entries.gravity), select(entries.springs), select(entries.armature), parameters
     )
 
 
-def _chosen(symbols: str | Iterable[str], parameters: tuple[Parameter, ...]) -> set[str]:
+def _selected_names(symbols: str | Iterable[str], parameters: tuple[Parameter, ...]) -> set[str]:
     words = [symbols] if isinstance(symbols, str) else symbols
     try:
         words = [str(word).strip() for word in words]

@@ -63,16 +63,18 @@ class Routine:
 
 def ordered_names(equations: Equations) -> dict[Any, str]:
     """Safe, unused name for every symbol."""
-    taken: set[str] = set()
+    used: set[str] = set()
     names = {}
     moving = (*equations.q, *equations.dq, *equations.ddq)
     for symbol in (*moving, *constants(equations), *(s for s, _ in equations.definitions)):
         name = re.sub(r"\W", "_", symbol.name, flags=re.ASCII)
-        name = name if re.match(r"[A-Za-z]", name) else f"v{name}"
-        name = f"{name}_" if _MACRO.fullmatch(name) else name
-        while name in taken or name in _RESERVED or keyword.iskeyword(name):
+        if not re.match(r"[A-Za-z]", name):
+            name = f"v{name}"
+        if _MACRO.fullmatch(name):
+            name = f"{name}_"
+        while name in used or name in _RESERVED or keyword.iskeyword(name):
             name += "_"
-        taken.add(name)
+        used.add(name)
         names[symbol] = name
     return names
 
@@ -95,7 +97,7 @@ def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
         at_rest = dict.fromkeys(equations.ddq, sympy.Integer(0))
         results = [e.subs(at_rest) for e in results]
         definitions = tuple((s, e.subs(at_rest)) for s, e in definitions)
-    needed = _needed(definitions, results)
+    needed = _needed_definitions(definitions, results)
     exprs = [e for _, e in needed] + results
     exprs = [e.xreplace(safe) for e in exprs]
     fresh = (s for s in sympy.numbered_symbols("k") if s.name not in set(names.values()))
@@ -111,14 +113,14 @@ def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
     return Routine(name, tuple(inputs), tuple(lines), tuple(results))
 
 
-def _needed(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> list[tuple[Any, Any]]:
+def _needed_definitions(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> list[tuple[Any, Any]]:
     """Definitions that the results depend on, in order."""
-    wanted = {s for e in results for s in e.free_symbols}
+    needed = {s for e in results for s in e.free_symbols}
     kept = []
     for symbol, expr in reversed(definitions):
-        if symbol in wanted:
+        if symbol in needed:
             kept.append((symbol, expr))
-            wanted |= expr.free_symbols
+            needed |= expr.free_symbols
     return kept[::-1]
 
 
@@ -133,9 +135,9 @@ def header(equations: Equations) -> list[str]:
     return [*lines, *remarks_of(equations)]
 
 
-def unused(names: Iterable[str], made: Routine) -> list[str]:
+def unread_arrays(names: Iterable[str], function: Routine) -> list[str]:
     """Arrays that a function does not read."""
-    read = {array for array, _, _ in made.inputs}
+    read = {array for array, _, _ in function.inputs}
     return [name for name in names if name not in read]
 
 
@@ -144,7 +146,7 @@ def unused(names: Iterable[str], made: Routine) -> list[str]:
 _WAVES = ("sin", "cos", "tan", "sinh", "cosh", "tanh")
 
 
-def written(expr: Any, functions: Mapping[str, str]) -> str:
+def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
     """Expression in the operators shared by Python and C; integer powers become products.
 
     ``functions`` maps SymPy's name of each available function to the form of its call. ValueRangeError names other
@@ -155,20 +157,25 @@ def written(expr: Any, functions: Mapping[str, str]) -> str:
         if x.is_Add:
             return " + ".join(map(write, x.args)).replace("+ -", "- ")
         if x.is_Mul:
-            coefficient, rest = x.as_coeff_Mul()
-            return f"-{product(rest)}" if coefficient == -1 else product(x)
+            coefficient, others = x.as_coeff_Mul()
+            return f"-{product(others)}" if coefficient == -1 else product(x)
         if x.is_Symbol:
             return str(x.name)
         if x.is_Number or x.is_NumberSymbol:
             return _number(x)
-        return power(x.base, x.exp) if x.is_Pow else call(x.func.__name__ if x.args else str(x), *x.args)
+        if x.is_Pow:
+            return power(x.base, x.exp)
+        return call(x.func.__name__ if x.args else str(x), *x.args)
 
     def power(base: Any, exponent: Any) -> str:
         if exponent.is_Integer and 0 < int(exponent) <= 8:
             return "*".join([factor(base)] * int(exponent))
         if exponent.is_Integer and int(exponent) < 0:
             below = base**-exponent
-            return f"1.0/{write(below) if below.is_Symbol or below.is_Function else f'({write(below)})'}"
+            divisor = write(below)
+            if not (below.is_Symbol or below.is_Function):
+                divisor = f"({divisor})"
+            return f"1.0/{divisor}"
         if abs(exponent) == sympy.Rational(1, 2):
             return ("" if exponent > 0 else "1.0/") + call("sqrt", base)
         return call("pow", base, exponent)
@@ -253,11 +260,11 @@ def _signature(name: str, prefix: str, n: int, parameters: int) -> str:
 def _function(made: Routine, signature: str, n: int, has_parameters: bool) -> str:
     arrays, letter, axes, meaning = FUNCTIONS[made.name]
     lines = [f"/* {meaning}. */", signature, "{"]
-    lines += [f"    (void){name};" for name in unused((*arrays, *(["p"] if has_parameters else [])), made)]
+    lines += [f"    (void){name};" for name in unread_arrays((*arrays, *(["p"] if has_parameters else [])), made)]
     lines += [f"    const double {name} = {array}[{k}];" for array, k, name in made.inputs]
-    lines += [f"    const double {name} = {written(expr, _C)};" for name, expr in made.lines]
+    lines += [f"    const double {name} = {expression_text(expr, _C)};" for name, expr in made.lines]
     for k, (_, expr) in enumerate(zip(np.ndindex((n,) * axes), made.results, strict=True)):
-        lines.append(f"    {letter}[{k}] = {written(expr, _C)};")
+        lines.append(f"    {letter}[{k}] = {expression_text(expr, _C)};")
     return "\n".join([*lines, "}"])
 
 
@@ -308,12 +315,12 @@ def _numpy_function(equations: Equations, made: Routine) -> str:
         lines.append(
             f"    {name} = parameters[{symbols[k].name!r}]" if array == "p" else f"    {name} = {array}[..., {k}]"
         )
-    lines += [f"    {name} = {written(expr, _NUMPY)}" for name, expr in made.lines]
+    lines += [f"    {name} = {expression_text(expr, _NUMPY)}" for name, expr in made.lines]
     batch = ", ".join(f"{a}.shape[:-1]" for a in arrays)
     lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({batch}), {shape}))")
     for place, expr in zip(np.ndindex((n,) * axes), made.results, strict=True):
         if expr != 0:
-            lines.append(f"    {letter}[..., {', '.join(map(str, place))}] = {written(expr, _NUMPY)}")
+            lines.append(f"    {letter}[..., {', '.join(map(str, place))}] = {expression_text(expr, _NUMPY)}")
     lines.append(f"    return {letter}\n")
     return "\n".join(lines)
 

@@ -218,7 +218,7 @@ class TrigPolynomial:
 Waves = tuple[tuple[Basis, int], ...]
 """Product of powers of sines and cosines."""
 
-_LONGEST = 40  # maximum number of terms for which a short form is sought
+_MAX_TERMS = 40  # maximum number of terms for which a short form is sought
 
 
 class ShortestForms:
@@ -234,7 +234,7 @@ class ShortestForms:
     def shortest(self, terms: dict[Basis, Any]) -> dict[Waves, Any]:
         """Sum of cosines and sines, unchanged or as products if those are shorter."""
         plain: dict[Waves, Any] = {_waves_of({basis: 1}): c for basis, c in terms.items()}
-        if len(terms) > _LONGEST or (len(terms) == 1 and all(abs(x) <= 1 for x in next(iter(terms))[1])):
+        if len(terms) > _MAX_TERMS or (len(terms) == 1 and all(abs(x) <= 1 for x in next(iter(terms))[1])):
             return plain
         if any(not isinstance(x, int) for _, f in terms for x in f):
             return plain
@@ -275,7 +275,7 @@ def _products(terms: dict[Basis, Any], sums: Array) -> Iterable[dict[Waves, Any]
     for keep in product((0, 1), repeat=len(involved)):  # keep squares of cosines (0) or sines (1)
         form = dict(whole)
         for j, kept in zip(involved, keep, strict=True):
-            form = _reduced(form, j, kept)
+            form = _reduce_squares(form, j, kept)
         least = 1e-14 * max((abs(c) for c in form.values()), default=0)
         bases = [(j, s, (("cos", "sin")[s], tuple(int(x) for x in sums[j]))) for j in involved for s in (0, 1)]
         yield {_waves_of({basis: p[j][s] for j, s, basis in bases}): c for p, c in form.items() if abs(c) > least}
@@ -295,7 +295,7 @@ def _expansion(g: tuple[int, ...]) -> dict[tuple[tuple[int, int], ...], tuple[in
     return {p: (round(c.real), round(c.imag)) for p, c in total.items()}
 
 
-def _reduced(form: Mapping[Any, Any], j: int, kept: int) -> dict[Any, Any]:
+def _reduce_squares(form: Mapping[Any, Any], j: int, kept: int) -> dict[Any, Any]:
     """Replace sin² = 1 - cos² (kept 0) or cos² = 1 - sin² (kept 1) of angle j until none is left."""
     todo, done = dict(form), defaultdict[Any, Any](int)
     while todo:

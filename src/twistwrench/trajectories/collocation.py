@@ -62,9 +62,9 @@ class Cell:
         """Part of the cell from ``low`` to its end."""
         P = np.polynomial.Polynomial
         z = (low - self.low) / (self.high - self.low)
-        moved = P(self.x)(P([z, 1.0 - z])).coef
+        shifted = P(self.x)(P([z, 1.0 - z])).coef
         coefficients = np.zeros(len(self.x))
-        coefficients[: len(moved)] = moved
+        coefficients[: len(shifted)] = shifted
         return Cell(low, self.high, coefficients, self.active, self.side)
 
 
@@ -77,42 +77,41 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
     end = s + way * h
     h = abs(end - s)  # beside s = 1 the end is rounded by some 1e-16, much of a short piece; the difference is exact
     low, high = (s, end) if way > 0 else (end, s)
-    found = rows.at(s + way * h * POINTS, low, high)
-    u, labels, sides = _candidates(rows, found, x, way, h)
+    limits = rows.at(s + way * h * POINTS, low, high)
+    u, labels, sides = _candidates(rows, limits, x, way, h)
     free = len(u)
     if along_caps and len(rows.caps):
-        cap = found.cap[:STAGES]
-        known = np.isfinite(cap).all(axis=0) & (found.cap[STAGES] <= x * (1 + 1e-7))
-        if known.any():
-            more = np.linalg.solve(2 * way * h * INTEGRALS, cap[:, known] - x).T
-            u = np.concatenate([u, more])
-            labels += [rows.caps[k] for k in np.flatnonzero(known)]
-            sides += [1] * int(known.sum())
+        cap = limits.cap[:STAGES]
+        applies = np.isfinite(cap).all(axis=0) & (limits.cap[STAGES] <= x * (1 + 1e-7))
+        if applies.any():
+            along_cap = np.linalg.solve(2 * way * h * INTEGRALS, cap[:, applies] - x).T
+            u = np.concatenate([u, along_cap])
+            labels += [rows.caps[k] for k in np.flatnonzero(applies)]
+            sides += [1] * int(applies.sum())
     if not len(u):
         return None, False
     U, X = u @ _U_AT.T, x + 2 * way * h * (u @ _X_AT.T)  # (n, points)
-    V = np.abs(found.values(U, X))
-    allowed = AT_REST if x == 0 and np.any(found.d) else TOLERANCE
+    V = np.abs(limits.values(U, X))
+    allowed = AT_REST if x == 0 and np.any(limits.d) else TOLERANCE
     slack = allowed * rows.L
-    mine = np.array(
-        [[row == own for row in rows.rows] for own in labels[:free]] + [[False] * len(rows.rows)] * (len(u) - free)
-    )
-    keeps = (rows.L + slack >= V) | mine[:, None, :]  # a row's own deviation is checked below
+    is_active = np.zeros((len(u), len(rows.rows)), bool)
+    is_active[np.arange(free), [rows.rows.index(row) for row in labels[:free]]] = True
+    keeps = (rows.L + slack >= V) | is_active[:, None, :]  # a row's own deviation is checked below
     fits = keeps.all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
     over = np.where(np.arange(len(u)) < free, 1e-10, 0.25 * TOLERANCE)[:, None, None] * np.ones((len(POINTS), 1))
     over[:, STAGES] *= 2.0  # twice the tolerance where the last piece ended
-    fits &= (X[:, :, None] <= found.cap * (1 + over)).all(axis=(1, 2))
+    fits &= (X[:, :, None] <= limits.cap * (1 + over)).all(axis=(1, 2))
     if not fits.any():
         return None, False
     n = int(np.where(fits, X[:, STAGES - 1], -np.inf).argmax())
     row = labels[n]
     ratio = X[n, STAGES - 1] / x if x > 0 else 1.0
     if row in rows.caps and (row.kind == "velocity" or rows.flat[rows.rows.index(row)]):
-        touched = np.abs(X[n] / found.cap[:, rows.caps.index(row)] - 1.0)
+        deviation = np.abs(X[n] / limits.cap[:, rows.caps.index(row)] - 1.0)
     else:
         k = rows.rows.index(row)
-        touched = np.abs(V[n, :, k] / rows.L[k] - 1.0)
-    if touched.max() > allowed or not 1 / _RATIO <= ratio <= _RATIO:
+        deviation = np.abs(V[n, :, k] / rows.L[k] - 1.0)
+    if deviation.max() > allowed or not 1 / _RATIO <= ratio <= _RATIO:
         return None, True
     powers = np.concatenate([[x], 2 * way * h * (_POWERS @ u[n]) / np.arange(1, STAGES + 1)])
     cell = Cell(low, high, powers, row, sides[n])
@@ -120,34 +119,34 @@ def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_ca
     return (cell if way > 0 else replace(cell, x=_FLIP @ cell.x)), False
 
 
-def _candidates(rows: PathRows, found: Rows, x: float, way: int, h: float) -> tuple[Array, list[Row], list[int]]:
+def _candidates(rows: PathRows, limits: Rows, x: float, way: int, h: float) -> tuple[Array, list[Row], list[int]]:
     """For each row that bounds u on the right side throughout, u at the nodes (n, STAGES) with that row active."""
-    a = found.a[:STAGES]
+    a = limits.a[:STAGES]
     inner = np.sign(a[:-1])
     one_sided = (inner == inner[0]).all(axis=0) & (inner[0] * a[-1] >= -1e-9 * np.abs(a).max(axis=0))
     k = np.flatnonzero(one_sided & (inner[0] != 0) & ~rows.flat)
     if not len(k):
         return np.zeros((0, STAGES)), [], []
     side = way * inner[0, k]  # forward the upper bound of u, backward the lower bound
-    a, b, c, d = (y[:STAGES, k].T for y in (found.a, found.b, found.c, found.d))
+    a, b, c, d = (y[:STAGES, k].T for y in (limits.a, limits.b, limits.c, limits.d))
     H = 2 * way * h * INTEGRALS
     matrix = b[:, :, None] * H + a[:, :, None] * np.eye(STAGES)
     right = side[:, None] * rows.L[k][:, None] - c - b * x
-    u = _solved(matrix, right)
+    u = _solve(matrix, right)
     if np.any(d):
         for _ in range(30):
             X = np.maximum(x + u @ H.T, 1e-300)
             root = np.sqrt(X)
-            left = np.einsum("kmn,kn->km", matrix, u) + d * root - right
-            step = _solved(matrix + (0.5 * d / root)[:, :, None] * H, left)
+            residual = np.einsum("kmn,kn->km", matrix, u) + d * root - right
+            step = _solve(matrix + (0.5 * d / root)[:, :, None] * H, residual)
             u = u - step
             if np.abs(step).max() <= 1e-14 * np.abs(u).max():
                 break
-    fine = np.isfinite(u).all(axis=1)
-    return u[fine], [rows.rows[i] for i in k[fine]], [int(v) for v in side[fine]]
+    finite = np.isfinite(u).all(axis=1)
+    return u[finite], [rows.rows[i] for i in k[finite]], side[finite].astype(int).tolist()
 
 
-def _solved(matrix: Array, right: Array) -> Array:
+def _solve(matrix: Array, right: Array) -> Array:
     try:
         return np.linalg.solve(matrix, right[..., None])[..., 0]
     except np.linalg.LinAlgError:
@@ -179,7 +178,7 @@ class FastestScaling:
         return np.stack([c.x for c in self.cells])
 
     @cached_property
-    def _flipped(self) -> Array:
+    def _is_slowing(self) -> Array:
         """True for pieces that slow down; their time is counted from the end."""
         return np.array([c.x.sum() < c.x[0] for c in self.cells])
 
@@ -206,13 +205,13 @@ class FastestScaling:
         """∫ ds/√x over each piece, from its slowest end."""
         k = np.arange(len(self.cells))
         one = np.ones(len(k))
-        return np.where(self._flipped, self._integral(k, one, -1.0), self._integral(k, one, 1.0))
+        return np.where(self._is_slowing, self._integral(k, one, -1.0), self._integral(k, one, 1.0))
 
     def _since(self, k: Array, z: Array) -> Array:
         """∫ ds/√x over the first fraction z of piece k; (n), (n) → (n)."""
-        flipped = self._flipped[k]
-        found = self._integral(k, np.where(flipped, 1.0 - z, z), np.where(flipped, -1.0, 1.0)[:, None])
-        return np.where(flipped, self._whole[k] - found, found)
+        slowing = self._is_slowing[k]
+        time = self._integral(k, np.where(slowing, 1.0 - z, z), np.where(slowing, -1.0, 1.0)[:, None])
+        return np.where(slowing, self._whole[k] - time, time)
 
     def _integral(self, k: Array, z: Array, way: Array | float) -> Array:
         """∫ ds/√x over the fraction z from the start (``way`` -1: the end); ζ = z w² removes the square root at rest."""
@@ -225,45 +224,45 @@ class FastestScaling:
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T the path is at rest at its ends."""
-        given = np.asarray(arguments.real(t, "t"), float)
-        flat = np.clip(given.ravel(), 0.0, self.duration)
+        times = np.asarray(arguments.real(t, "t"), float)
+        flat = np.clip(times.ravel(), 0.0, self.duration)
         known = ~np.isnan(flat)
         flat = np.where(known, flat, 0.0)
         k = np.clip(np.searchsorted(self.times, flat, side="right") - 1, 0, len(self.cells) - 1)
         since, z = flat - self.times[k], np.empty(len(k))
         for first in range(0, len(k), _AT_ONCE):
-            some = slice(first, first + _AT_ONCE)
-            z[some] = self._inverted(k[some], since[some])
+            block = slice(first, first + _AT_ONCE)
+            z[block] = self._fraction_after(k[block], since[block])
         x = self._square(k, z[:, None])[:, 0]
         u = np.zeros(len(k))
         for n in range(self._x.shape[1] - 1, 0, -1):
             u = u * z + n * self._x[k, n]
         u = 0.5 * u / self._size[k]
-        outside = (given.ravel() < 0) | (given.ravel() > self.duration)
-        lost = np.where(known, 0.0, np.nan)
+        outside = (times.ravel() < 0) | (times.ravel() > self.duration)
+        nan_where_unknown = np.where(known, 0.0, np.nan)
         s = np.array([c.low for c in self.cells])[k] + z * self._size[k]
         out = (s, np.where(outside, 0.0, np.sqrt(x)), np.where(outside, 0.0, u))
-        return tuple((y + lost).reshape(given.shape) for y in out)  # type: ignore[return-value]
+        return tuple((y + nan_where_unknown).reshape(times.shape) for y in out)  # type: ignore[return-value]
 
-    def _inverted(self, k: Array, since: Array) -> Array:
+    def _fraction_after(self, k: Array, since: Array) -> Array:
         """Fraction z of piece k covered in the time ``since``: Newton's method within a bracket."""
         whole = np.diff(self.times)[k]
         low, high = np.zeros(len(k)), np.ones(len(k))
         share = np.clip(since / np.where(whole > 0, whole, 1.0), 0.0, 1.0)
         begins, ends = self._x[k, 0] == 0, k == len(self.cells) - 1
         z = np.where(begins, share**2, np.where(ends, 1.0 - (1.0 - share) ** 2, share))
-        left = np.arange(len(k))  # samples that have not converged
+        live = np.arange(len(k))  # samples that have not converged
         for _ in range(60):
-            mine, at = k[left], z[left]
-            off = self._since(mine, at) - since[left]
-            low[left] = np.where(off <= 0, at, low[left])
-            high[left] = np.where(off >= 0, at, high[left])
-            rate = np.sqrt(self._square(mine, at[:, None])[:, 0])
-            step = at - off * rate / self._size[mine]
-            new = np.where((step > low[left]) & (step < high[left]), step, 0.5 * (low[left] + high[left]))
-            new = np.where(off == 0, at, new)
-            z[left] = new
-            left = left[np.abs(new - at) > 4e-16 * np.maximum(new, 1e-3)]
-            if not len(left):
+            piece, z_live = k[live], z[live]
+            time_error = self._since(piece, z_live) - since[live]
+            low[live] = np.where(time_error <= 0, z_live, low[live])
+            high[live] = np.where(time_error >= 0, z_live, high[live])
+            rate = np.sqrt(self._square(piece, z_live[:, None])[:, 0])
+            step = z_live - time_error * rate / self._size[piece]
+            new = np.where((step > low[live]) & (step < high[live]), step, 0.5 * (low[live] + high[live]))
+            new = np.where(time_error == 0, z_live, new)
+            z[live] = new
+            live = live[np.abs(new - z_live) > 4e-16 * np.maximum(new, 1e-3)]
+            if not len(live):
                 break
         return z

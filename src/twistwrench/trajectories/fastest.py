@@ -37,13 +37,13 @@ from .trajectory import Trajectory, fitted, positions_passed
 if TYPE_CHECKING:
     from ..robot import Robot
 
-_SMALLEST = 1e-9
+_MIN_PIECE = 1e-9
 """Smallest length [of s] of a piece; shorter pieces do not make progress."""
-_MOST = 20_000
+_MAX_PIECES = 20_000
 """Maximum number of pieces of one pass."""
-_FEW = 20
+_MAX_LEAVING_PIECES = 20
 """Maximum number of pieces in one test for leaving the limit curve."""
-_BESIDE = 1e-5
+_BREAK_OFFSET = 1e-5
 """Distance on both sides of breaks at which the test for leaving the limit curve is made."""
 _STEP = 1e-7
 """Step [of s] over which slopes of the limit curve are compared with accelerations."""
@@ -86,36 +86,36 @@ def _advance(
 ) -> Cell:
     """Longest piece from (s, x) towards ``target``; ends exactly where the active limit changes."""
 
-    def tried(h: float) -> tuple[Cell | None, bool]:
+    def try_length(h: float) -> tuple[Cell | None, bool]:
         cell, rough = try_cell(rows, s, x, h, way, along_caps=caps)
         if cell is not None and below is not None:
-            places = np.linspace(cell.low, cell.high, 9)[1:]
-            if (cell.at(places) > below.at(places) * (1 + 1e-10)).any():
+            points = np.linspace(cell.low, cell.high, 9)[1:]
+            if (cell.at(points) > below.at(points) * (1 + 1e-10)).any():
                 return None, False
         return cell, rough
 
     h = min(abs(target - s), hint)
-    found, rough = tried(h)
-    if found is not None:
-        return found
-    while found is None:
-        over, was_rough = h, rough
+    longest, rough = try_length(h)
+    if longest is not None:
+        return longest
+    while longest is None:
+        too_long, was_rough = h, rough
         h *= 0.5
-        if h < _SMALLEST and (h < 1e-5 * _SMALLEST or not rough):
+        if h < _MIN_PIECE and (h < 1e-5 * _MIN_PIECE or not rough):
             raise _Stuck
-        found, rough = tried(h)
+        longest, rough = try_length(h)
     if was_rough:
-        return found
-    while over - h > 1e-11 * over and over - h > 1e-15:  # locate the change of the active limit
-        middle = 0.5 * (h + over)
-        cell, rough = tried(middle)
+        return longest
+    while too_long - h > 1e-11 * too_long and too_long - h > 1e-15:  # locate the change of the active limit
+        middle = 0.5 * (h + too_long)
+        cell, rough = try_length(middle)
         if cell is None:
-            over = middle
+            too_long = middle
             if rough:
                 break
         else:
-            found, h = cell, middle
-    return found
+            longest, h = cell, middle
+    return longest
 
 
 def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
@@ -123,11 +123,11 @@ def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
     arcs: list[Arc] = []
     breaks = rows.breaks
     s, x = 1.0, 0.0
-    beside = np.concatenate([breaks + side * _BESIDE for side in (-1, 1)])
-    places = np.unique(np.concatenate([np.linspace(0.0, 1.0, count), beside]))
-    places = places[(places > 0) & (places < 1)]
-    places = places[np.abs(places[:, None] - breaks).min(axis=1) > 0.5 * _BESIDE]
-    falls = places[_falls_away(rows, places)]
+    beside_breaks = np.concatenate([breaks - _BREAK_OFFSET, breaks + _BREAK_OFFSET])
+    points = np.unique(np.concatenate([np.linspace(0.0, 1.0, count), beside_breaks]))
+    points = points[(points > 0) & (points < 1)]
+    points = points[np.abs(points[:, None] - breaks).min(axis=1) > 0.5 * _BREAK_OFFSET]
+    falls = points[_falls_away(rows, points)]
     while s > 0:
         cells: list[Cell] = []
         hint = 1.0
@@ -135,26 +135,26 @@ def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
             while s > 0:
                 target = float(breaks[np.searchsorted(breaks, s, side="left") - 1])
                 cell = _advance(rows, s, x, -1, target, caps=False, below=None, hint=hint)
-                hint = max(4.0 * (cell.high - cell.low), _SMALLEST)
+                hint = max(4.0 * (cell.high - cell.low), _MIN_PIECE)
                 cells.append(cell)
                 s, x = cell.low, float(cell.x[0])
-                if len(cells) > _MOST:
-                    raise _lost(s)
+                if len(cells) > _MAX_PIECES:
+                    raise _search_error(s)
         except _Stuck:
             pass
         if cells:
             arcs.append(Arc(tuple(reversed(cells))))
         if s > 0:
-            s = _leaving(rows, s, places, falls)
+            s = _leaving(rows, s, points, falls)
             x = float(rows.cap(np.array([s])).x[0])
     return arcs[::-1]
 
 
 def _falls_away(rows: PathRows, s: Array) -> Array:
     """True if the limit curve just before s (m,) is steeper than the least acceleration there; False at breaks."""
-    early = rows.at(s - _STEP)
-    x = np.stack([rows.cap_of(rows.at(s)).x, rows.cap_of(early).x])
-    low = rows.accelerations(early, np.where(np.isfinite(x[1]), x[1], 0.0))[0]
+    before = rows.at(s - _STEP)
+    x = np.stack([rows.cap_of(rows.at(s)).x, rows.cap_of(before).x])
+    low = rows.accelerations(before, np.where(np.isfinite(x[1]), x[1], 0.0))[0]
     with np.errstate(invalid="ignore"):
         return np.isfinite(x).all(axis=0) & (2.0 * low * _STEP > (x[0] - x[1]))
 
@@ -165,7 +165,7 @@ def _leaves(rows: PathRows, s: float) -> bool:
     if not np.isfinite(x):
         return False
     goal = max(s - _SCAN, 0.0)
-    for _ in range(_FEW):
+    for _ in range(_MAX_LEAVING_PIECES):
         previous = float(rows.breaks[np.searchsorted(rows.breaks, s, side="left") - 1])
         try:
             cell = _advance(rows, s, x, -1, max(goal, previous), caps=False, below=None)
@@ -177,16 +177,16 @@ def _leaves(rows: PathRows, s: float) -> bool:
     return False
 
 
-def _leaving(rows: PathRows, s: float, places: Array, falls: Array) -> float:
+def _leaving(rows: PathRows, s: float, points: Array, falls: Array) -> float:
     """First s below the given one at which the viability curve leaves the limit curve; 0 if there is none."""
-    edges = np.concatenate([places, rows.breaks, [s]])
-    chosen = np.unique(np.concatenate([falls, rows.breaks]))
-    for place in chosen[(chosen < s - _SMALLEST) & (chosen > 0)][::-1]:
-        if place in rows.breaks:
-            if _leaves(rows, float(place)):
-                return float(place)
+    edges = np.concatenate([points, rows.breaks, [s]])
+    candidates = np.unique(np.concatenate([falls, rows.breaks]))
+    for candidate in candidates[(candidates < s - _MIN_PIECE) & (candidates > 0)][::-1]:
+        if candidate in rows.breaks:
+            if _leaves(rows, float(candidate)):
+                return float(candidate)
             continue
-        goes, stays = float(place), float(edges[edges > place].min())
+        goes, stays = float(candidate), float(edges[edges > candidate].min())
         for _ in range(40):
             middle = 0.5 * (stays + goes)
             if stays - goes < 1e-13:
@@ -202,26 +202,26 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
     cells: list[Cell] = []
     s, x, hint = 0.0, 0.0, 1.0
     while s < 1.0:
-        if len(cells) > _MOST:
-            raise _lost(s)
+        if len(cells) > _MAX_PIECES:
+            raise _search_error(s)
         arc = next((a for a in arcs if a.low <= s < a.high), None)
         if arc is not None and x >= float(arc.at(np.array([s]))[0]) * (1 - 1e-8) and s > 0:
-            followed = [c if c.low >= s else c.since(s) for c in arc.cells if c.high > s + 1e-15]
-            cells += followed
-            s, x = arc.high, float(followed[-1].x.sum())
+            arc_cells = [c if c.low >= s else c.since(s) for c in arc.cells if c.high > s + 1e-15]
+            cells += arc_cells
+            s, x = arc.high, float(arc_cells[-1].x.sum())
             continue
         target = float(ends[np.searchsorted(ends, s, side="right")])
         try:
             cell = _advance(rows, s, x, 1, target, caps=True, below=arc, hint=hint)
         except _Stuck:
-            raise _lost(s) from None
+            raise _search_error(s) from None
         cells.append(cell)
-        hint = max(4.0 * (cell.high - cell.low), _SMALLEST)
+        hint = max(4.0 * (cell.high - cell.low), _MIN_PIECE)
         s, x = cell.high, float(cell.x.sum())
     return cells
 
 
-def _lost(s: float) -> PathError:
+def _search_error(s: float) -> PathError:
     return PathError(
         f"no fastest timing was found beyond s = {printed(s)}: the search failed to follow the limits there. A path "
         "with fewer corners, or more similar limits of the joints, may help; a trapezoidal scaling always exists.",
@@ -231,7 +231,7 @@ def _lost(s: float) -> PathError:
 
 # ── Fastest timing of a path. Modern Robotics section 9.4
 
-_SHORTEST = 1e-6
+_MIN_SPEED_UP_LENGTH = 1e-6
 """Share of the path; torque and acceleration limits count as at most those that reach the velocity limit within it."""
 _ROOM = 4e-8
 """Margin kept to each limit, as a share, that covers the deviations of the pieces in both passes."""
@@ -302,22 +302,21 @@ class Fastest(Trajectory):
             return ()
         model = self.robot.model
         times, cells = self.scaling.times, self.scaling.cells  # type: ignore[attr-defined]
-        found: list[LimitContact] = []
+        contacts: list[LimitContact] = []
         for k, c in enumerate(cells):
-            name = (model.drive_labels if c.active.kind == "torque" else model.velocity_names)[c.active.joint]
-            side = c.side
-            j = c.active.joint
+            side, j = c.side, c.active.joint
+            name = (model.drive_labels if c.active.kind == "torque" else model.velocity_names)[j]
             way = int(np.sign(self.path(np.array([0.5 * (c.low + c.high)]))[1][0, j]))
             if c.active.kind == "velocity":
                 side = way
             elif c.active.kind == "acceleration" and self.bounds.acceleration[j] != self.bounds.deceleration[j]:
                 side *= way
             new = LimitContact(float(times[k]), float(times[k + 1]), name, c.active.kind, side, c.low)
-            if found and (found[-1].joint, found[-1].kind, found[-1].side) == (name, new.kind, side):
-                found[-1] = replace(found[-1], end=new.end)
+            if contacts and (contacts[-1].joint, contacts[-1].kind, contacts[-1].side) == (name, new.kind, side):
+                contacts[-1] = replace(contacts[-1], end=new.end)
             else:
-                found.append(new)
-        return tuple(found)
+                contacts.append(new)
+        return tuple(contacts)
 
     def shares(self, t: ArrayLike) -> Array:
         """Share of the most used limit: at most 1, and 1 if the limit is active. With jerk limits it may stay below 1.
@@ -367,25 +366,25 @@ class Fastest(Trajectory):
             return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), path, (np.zeros(0), np.zeros(0)))
         cells = self.scaling.cells  # type: ignore[attr-defined]
         z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 16))  # denser at the ends (square-root behaviour)
-        place = np.concatenate([c.low + (c.high - c.low) * z for c in cells])
-        rate = np.sqrt(np.maximum(np.concatenate([c.at(c.low + (c.high - c.low) * z) for c in cells]), 0.0))
-        at = np.array([touch.s for touch in self.limit_contacts[1:]])
-        now = np.interp(at, place, rate)
-        return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), (place, rate), (at, now))
+        points = [c.low + (c.high - c.low) * z for c in cells]
+        squares = np.concatenate([c.at(s_of_cell) for c, s_of_cell in zip(cells, points, strict=True)])
+        path_s, path_rate = np.concatenate(points), np.sqrt(np.maximum(squares, 0.0))
+        switch_s = np.array([contact.s for contact in self.limit_contacts[1:]])
+        switches = (switch_s, np.interp(switch_s, path_s, path_rate))
+        return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), (path_s, path_rate), switches)
 
     def __str__(self) -> str:
-        own, limits = self.robot.limits, self.bounds
-        kinds = [
-            kind
-            for kind in ("acceleration", "jerk")
-            if np.isfinite(getattr(own, kind)).any() and np.array_equal(getattr(own, kind), getattr(limits, kind))
-        ]
+        own_kinds = []
+        for kind in ("acceleration", "jerk"):
+            own = getattr(self.robot.limits, kind)
+            if np.isfinite(own).any() and np.array_equal(own, getattr(self.bounds, kind)):
+                own_kinds.append(kind)
         joints = ", ".join(dict.fromkeys(f"{t.joint} ({t.kind})" for t in self.limit_contacts))
         how = f"limited by {joints} in {len(self.limit_contacts)} parts"
         if self.time_optimal is not None:
             how = self.price_of_jerk
-        said = f"; limits of {' and '.join(kinds)} are the robot's own" if kinds else ""
-        return f"{number(self.duration, 6)} s, {how}{said}"
+        own_limits = f"; limits of {' and '.join(own_kinds)} are the robot's own" if own_kinds else ""
+        return f"{number(self.duration, 6)} s, {how}{own_limits}"
 
 
 def fastest(
@@ -460,16 +459,18 @@ def fastest(
             f"the path stands still at s = {number(s[int(q1.argmin())])}, so that ds/dt does not determine the joint "
             "velocities there. Use a path with non-zero dq/ds: a spline without times, or each part separately."
         )
-    spare = _ROOM + (AT_REST if friction and np.any(robot.model.friction.viscous) else 0.0)
+    spare = _ROOM
+    if friction and np.any(robot.model.friction.viscous):
+        spare += AT_REST
     kept = replace(bounds, **{kind: getattr(bounds, kind) * (1.0 - spare) for kind in _KINDS})
     quick = _time_optimal(robot, path, bounds, kept, friction=friction)
-    passed = [
+    exceeded = [
         f"{v.joint} reaches {number(v.value, 5)} beyond {number(v.limit, 5)} at s = {number(v.time)}"
         for v in positions_passed(robot, s, path(s)[0], bounds)
     ]
-    if passed:
+    if exceeded:
         warnings.warn(
-            f"the path exceeds position limits of {robot.name!r}: {listed(passed, 4, '; ')}. This does not depend on the "
+            f"the path exceeds position limits of {robot.name!r}: {listed(exceeded, 4, '; ')}. This does not depend on the "
             "timing: choose another path.",
             ConstraintWarning,
             stacklevel=2,
@@ -484,7 +485,8 @@ def fastest(
 def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *, friction: bool) -> Fastest:
     """Fastest motion within all limits except jerk; ``kept`` are the bounds minus a small margin."""
     rows = PathRows(robot, path, kept, friction=friction)
-    if (reachable := _reachable(rows)) is not rows.bounds:
+    reachable = _reachable(rows)
+    if reachable is not rows.bounds:
         rows = PathRows(robot, path, reachable, friction=friction)
     if not (~rows.flat).any():
         raise ValueRangeError(
@@ -504,20 +506,20 @@ def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *
 
 def _reachable(rows: PathRows) -> Limits:
     """Limits, with torque and acceleration reduced to what a motion within the velocity limits can reach."""
-    found, bounds = rows.at(rows.grid), rows.bounds
-    x = found.cap[:, : len(rows.fast)].min(axis=1, initial=np.inf).max()
+    limits, bounds = rows.at(rows.grid), rows.bounds
+    x = limits.cap[:, : len(rows.fast)].min(axis=1, initial=np.inf).max()
     if not np.isfinite(x):
         return bounds
-    u = x / (2.0 * _SHORTEST)
-    a, b, c, d = (np.abs(y) for y in (found.a, found.b, found.c, found.d))
-    most = 2.0 * (a * u + b * x + d * np.sqrt(x) + c).max(axis=0)
-    if (most >= rows.L).all():
+    u = x / (2.0 * _MIN_SPEED_UP_LENGTH)
+    a, b, c, d = (np.abs(y) for y in (limits.a, limits.b, limits.c, limits.d))
+    largest = 2.0 * (a * u + b * x + d * np.sqrt(x) + c).max(axis=0)
+    if (largest >= rows.L).all():
         return bounds
     n, k = len(rows.torque), rows.accelerated
     effort, up, down = bounds.effort.copy(), bounds.acceleration.copy(), bounds.deceleration.copy()
-    effort[rows.torque] = np.minimum(rows.L, most)[:n]
+    effort[rows.torque] = np.minimum(rows.L, largest)[:n]
     for limit in (up, down):
-        limit[k] = np.minimum(limit[k], most[n:])
+        limit[k] = np.minimum(limit[k], largest[n:])
     return replace(bounds, effort=effort, acceleration=up, deceleration=down)
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from .paths import JointPath
 
-_SHORT, _APART = 1.0 / 250.0, 1.0 / 1000.0
+_MIN_WINDOW, _MIN_NODE_INTERVAL = 1.0 / 250.0, 1.0 / 1000.0
 """Shortest window, and least time between nodes, as shares of the time-optimal duration; samples resolve longer features."""
 _INSTANTS = 801
 """Number of samples of a motion during the search."""
@@ -34,13 +34,13 @@ _FACTORS, _STEPS, _TRUST = 24, 10, 0.2
 
 
 def short_averages(
-    robot: Robot, path: JointPath, places: Array, rates: Array, bounds: Limits, *, friction: bool
+    robot: Robot, path: JointPath, nodes: Array, rates: Array, bounds: Limits, *, friction: bool
 ) -> tuple[Averaged, Averaged]:
     """Averages over time of a motion with given rates, optimised for a short duration within the bounds.
 
     Parameters
     ----------
-    places, rates : (n,) arrays, s and ds/dt of the time-optimal motion
+    nodes, rates : (n,) arrays, s and ds/dt of the time-optimal motion
 
     Returns
     -------
@@ -53,42 +53,44 @@ def short_averages(
     minimises the largest duration required by any sample.
     """
 
-    def needed(shape: Averaged) -> Array:
+    def durations(shape: Averaged) -> Array:
         return shortest_durations(robot, path, shape.stretched(1.0), bounds, instants, friction=friction)
 
     instants = np.linspace(0.0, 1.0, _INSTANTS)
     with np.errstate(invalid="ignore"):
-        t = np.cumsum(np.nan_to_num(2.0 * np.diff(places) / (rates[1:] + rates[:-1])))
-    apart = np.unique(np.floor(t / t[-1] / _APART), return_index=True)[1] + 1
-    s, rates = (np.concatenate([x[:1], x[apart[:-1]], x[-1:]]) for x in (places, rates))
+        t = np.cumsum(np.nan_to_num(2.0 * np.diff(nodes) / (rates[1:] + rates[:-1])))
+    first_of_interval = np.unique(np.floor(t / t[-1] / _MIN_NODE_INTERVAL), return_index=True)[1] + 1
+    inner = first_of_interval[:-1]
+    s, rates = (np.concatenate([x[:1], x[inner], x[-1:]]) for x in (nodes, rates))
     s[-1], rates[0], rates[-1] = 1.0, 0.0, 0.0
-    windowed = _windowed(s, rates, needed)
-    return windowed, _improved(windowed, needed)
+    with_windows = _choose_windows(s, rates, durations)
+    return with_windows, _improve(with_windows, durations)
 
 
-def _windowed(s: Array, rates: Array, needed: Callable[[Averaged], Array]) -> Averaged:
+def _choose_windows(s: Array, rates: Array, durations: Callable[[Averaged], Array]) -> Averaged:
     """Best windows for the rates, either unchanged or with peaks replaced by coasts as long as both windows."""
     from scipy.optimize import minimize
 
     T = float((2.0 * np.diff(s) / (rates[1:] + rates[:-1])).sum())
 
     def shape(x: Array, *, coasts: bool) -> Averaged:
-        b, a = (float(w) for w in np.sort(np.exp(np.clip(x, np.log(_SHORT), 0.0))) * T)
-        return Averaged(*(with_coasts(s, rates, a + b) if coasts else (s, rates)), (a, b), "jerk-limited")
+        b, a = (np.sort(np.exp(np.clip(x, np.log(_MIN_WINDOW), 0.0))) * T).tolist()
+        nodes, node_rates = with_coasts(s, rates, a + b) if coasts else (s, rates)
+        return Averaged(nodes, node_rates, (a, b), "jerk-limited")
 
     def duration(x: Array, coasts: bool) -> float:
-        return float(needed(shape(x, coasts=coasts)).max())
+        return float(durations(shape(x, coasts=coasts)).max())
 
-    grid = np.linspace(np.log(_SHORT), 0.0, _GRID)
-    tried = [(np.array([a, b]), coasts) for a in grid for b in grid[grid <= a] for coasts in (False, True)]
-    start, coasts = min(tried, key=lambda trial: duration(*trial))
+    grid = np.linspace(np.log(_MIN_WINDOW), 0.0, _GRID)
+    trials = [(np.array([a, b]), coasts) for a in grid for b in grid[grid <= a] for coasts in (False, True)]
+    start, coasts = min(trials, key=lambda trial: duration(*trial))
     simplex = start - 0.5 * (grid[1] - grid[0]) * np.array([[0, 0], [1, 0], [0, 1]])
     options: Any = {"maxfev": _TRIALS, "initial_simplex": simplex}
-    found: Any = minimize(duration, start, (coasts,), "Nelder-Mead", options=options)
-    return shape(np.asarray(found.x), coasts=coasts)
+    optimum: Any = minimize(duration, start, (coasts,), "Nelder-Mead", options=options)
+    return shape(np.asarray(optimum.x), coasts=coasts)
 
 
-def with_coasts(places: Array, rates: Array, duration: float) -> tuple[Array, Array]:
+def with_coasts(nodes: Array, rates: Array, duration: float) -> tuple[Array, Array]:
     """Nodes and rates of a motion whose rate peaks are cut to coasts of at least ``duration``.
 
     After averaging over that time, the change from acceleration to deceleration is two successive steps of
@@ -96,7 +98,7 @@ def with_coasts(places: Array, rates: Array, duration: float) -> tuple[Array, Ar
 
     Parameters
     ----------
-    places, rates : (n,) arrays, as in :class:`Averaged`; the rates are zero at both ends
+    nodes, rates : (n,) arrays, as in :class:`Averaged`; the rates are zero at both ends
 
     Examples
     --------
@@ -104,7 +106,7 @@ def with_coasts(places: Array, rates: Array, duration: float) -> tuple[Array, Ar
     >>> s.round(6).tolist(), ds.round(6).tolist(), round(float((s[2] - s[1]) / ds[1]), 6)
     ([0.0, 0.190983, 0.809017, 1.0], [0.0, 0.618034, 0.618034, 0.0], 1.0)
     """
-    s, x = places, rates**2  # linear in s between nodes
+    s, x = nodes, rates**2  # linear in s between nodes
 
     def cut(p: int, level: float) -> tuple[int, int, Array]:
         before, after = int(np.flatnonzero(x[:p] < level)[-1]), p + int(np.flatnonzero(x[p:] < level)[0])
@@ -129,7 +131,7 @@ def with_coasts(places: Array, rates: Array, duration: float) -> tuple[Array, Ar
         x = np.concatenate([x[: before + 1], [low, low], x[after:]])
 
 
-def _improved(shape: Averaged, needed: Callable[[Averaged], Array]) -> Averaged:
+def _improve(shape: Averaged, durations: Callable[[Averaged], Array]) -> Averaged:
     """Shape with rates and windows changed by factors, by successive linear programmes within a trust region."""
     from scipy.optimize import linprog
 
@@ -140,33 +142,38 @@ def _improved(shape: Averaged, needed: Callable[[Averaged], Array]) -> Averaged:
     hats = np.stack([np.interp(s, knots, one) for one in np.eye(_FACTORS)], axis=1)
     n, small = _FACTORS + 2, 1e-4
 
-    def changed(x: Array) -> Averaged:
-        a, b = (float(w) for w in shape.windows * np.exp(x[:2]))
+    def with_factors(x: Array) -> Averaged:
+        """Shape with factors exp(x) of both windows and of the rates at the knots."""
+        a, b = (np.array(shape.windows) * np.exp(x[:2])).tolist()
         return Averaged(s, rates * np.exp(hats @ x[2:]), (a, b), shape.name)
 
     shortest = np.full(n, -np.inf)
-    shortest[:2] = np.minimum(np.log(_SHORT * shape.duration / np.array(shape.windows)), 0.0)
+    shortest[:2] = np.minimum(np.log(_MIN_WINDOW * shape.duration / np.array(shape.windows)), 0.0)
     balance = np.r_[0.0, 0.0, np.ones(_FACTORS), 0.0][None]  # a common factor of all rates only changes the duration
     x, trust = np.zeros(n), _TRUST
-    now = needed(changed(x))
+    now = durations(with_factors(x))
     for _ in range(_STEPS):
-        slopes = np.stack([(needed(changed(x + small * e)) - now) / small for e in np.eye(n)], axis=1)
+        slopes = np.stack([(durations(with_factors(x + small * e)) - now) / small for e in np.eye(n)], axis=1)
         near = now > 0.5 * now.max()
         rows, right = np.column_stack([slopes, -np.ones(len(now))])[near], -now[near]
+        new = now
         while trust > 1e-3:
             box = [(max(-trust, low), trust) for low in shortest - x]
-            found = linprog(np.eye(n + 1)[n], rows, right, balance, [0.0], bounds=[*box, (0.0, None)]).x
-            if found is not None and (new := needed(changed(x + found[:n]))).max() < now.max():
-                break
+            step = linprog(np.eye(n + 1)[n], rows, right, balance, [0.0], bounds=[*box, (0.0, None)]).x
+            if step is not None:
+                new = durations(with_factors(x + step[:n]))
+                if new.max() < now.max():
+                    break
             trust /= 4.0
         else:
             break
-        promised, gained = now.max() - found[n], now.max() - new.max()
-        trust *= 1.5 if gained > 0.5 * promised else 1.0
-        x, now = x + found[:n], new
-        if gained < 1e-4 * now.max():
+        predicted_gain, gain = now.max() - step[n], now.max() - new.max()
+        if gain > 0.5 * predicted_gain:
+            trust *= 1.5
+        x, now = x + step[:n], new
+        if gain < 1e-4 * now.max():
             break
-    return changed(x)
+    return with_factors(x)
 
 
 complete(globals())

@@ -8,8 +8,10 @@ a)/2| ≤ (d + a)/2.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from .paths import JointPath
 
-_FLAT = 1e-11
+_FLAT_RATIO = 1e-11
 """Ratio of a to the largest a below which a row bounds x only, since the rest is rounding error."""
 _NUDGE = 1e-13
 """Distance by which the ends of a piece are moved inside if one-sided limits differ there."""
@@ -94,9 +96,9 @@ class PathRows:
         self.L = np.concatenate([bounds.effort[self.torque], 0.5 * (down + up)])
         self.flat = np.zeros(len(self.rows), bool)
         size = np.abs(self.at(self.grid).a)
-        self.flat = size.max(axis=0, initial=0.0) <= _FLAT * size.max(initial=0.0)
+        self.flat = size.max(axis=0, initial=0.0) <= _FLAT_RATIO * size.max(initial=0.0)
         self.caps = [Row("velocity", int(j)) for j in self.fast]
-        self.caps += [row for row, flat in zip(self.rows, self.flat, strict=True) if flat]
+        self.caps += compress(self.rows, self.flat)
 
     @cached_property
     def grid(self) -> Array:
@@ -131,21 +133,25 @@ class PathRows:
     @cached_property
     def breaks(self) -> Array:
         """Ends of pieces from 0 to 1: knots, zeros of each a, and zeros of q' if a limit depends on its sign."""
-        places = [np.array([0.0, 1.0]), self.path.knots]
-        rows = self.at(self.grid)
-        places += [self._zeros(rows.a[:, k], lambda s, k=k: self.at(s).a[:, k]) for k in np.flatnonzero(~self.flat)]
-        for j in self.accelerated[self._offset != 0]:
-            places.append(self._zeros(self.path(self.grid)[1][:, j], lambda s, j=j: self.path(s)[1][:, j]))
-        for j in range(self.robot.nv) if self.friction else ():
-            places.append(self._zeros(self._driven(self.grid)[:, j], lambda s, j=j: self._driven(s)[:, j]))
-        found = np.unique(np.concatenate(places))
-        keep = np.concatenate([[True], np.diff(found) > 1e-11])
+        points = [np.array([0.0, 1.0]), self.path.knots]
+        points += self._column_zeros(lambda s: self.at(s).a, np.flatnonzero(~self.flat))
+        points += self._column_zeros(lambda s: self.path(s)[1], self.accelerated[self._offset != 0])
+        if self.friction:
+            points += self._column_zeros(self._drive_velocities, range(self.robot.nv))
+        breaks = np.unique(np.concatenate(points))
+        keep = np.concatenate([[True], np.diff(breaks) > 1e-11])
         keep[-1] = True
-        return found[keep]
+        return breaks[keep]
 
-    def _driven(self, s: Array) -> Array:
+    def _drive_velocities(self, s: Array) -> Array:
         """Velocities of the drives at s (m,) for ds/dt = 1; (m, nv)."""
         return np.asarray(motor_velocities(self.robot.model, self.path(s)[1]))
+
+    def _column_zeros(self, f: Callable[[Array], Array], columns: Iterable[int]) -> Iterator[Array]:
+        """Sign changes of some columns of f (m, n), a function of s (m,)."""
+        values = f(self.grid)
+        for k in columns:
+            yield self._zeros(values[:, k], lambda s, k=k: f(s)[:, k])
 
     def _zeros(self, values: Array, f: Any) -> Array:
         """Sign changes of f between the points of the grid, by simultaneous bisection."""
@@ -153,12 +159,12 @@ class PathRows:
         sign = np.sign(np.where(np.abs(values) <= 1e-13 * scale, 0.0, values))
         exact = self.grid[(sign == 0) & (scale > 0)] if np.count_nonzero(sign == 0) < 20 else np.zeros(0)
         k = np.flatnonzero(sign[:-1] * sign[1:] < 0)
-        low, high, left = self.grid[k], self.grid[k + 1], sign[k]
+        low, high, sign_at_low = self.grid[k], self.grid[k + 1], sign[k]
         if not len(k):
             return exact
         for _ in range(52):
             middle = 0.5 * (low + high)
-            same = np.sign(f(middle)) == left
+            same = np.sign(f(middle)) == sign_at_low
             low, high = np.where(same, middle, low), np.where(same, high, middle)
         return np.concatenate([exact, 0.5 * (low + high)])
 
@@ -172,16 +178,16 @@ class PathRows:
         """Cap at points with known rows."""
         v = rows.cap[:, : len(self.fast)].min(axis=1, initial=np.inf)
         start = rows.cap.min(axis=1, initial=np.inf)
-        tau = self._meeting(rows, np.minimum(rows.cap[:, len(self.fast) :].min(axis=1, initial=np.inf), _HUGE))
+        tau = self._meeting(rows, np.minimum(rows.cap[:, len(self.fast) :].min(axis=1, initial=np.inf), _UNBOUNDED_X))
         return Cap(np.minimum(start, tau), v, tau)
 
     def _meeting(self, rows: Rows, x: Array) -> Array:
         """Largest x up to the given one with α ≤ β: Newton's method on the concave β - α from the right, few steps."""
-        most, below, above = x, np.zeros_like(x), x.copy()
+        largest, below, above = x, np.zeros_like(x), x.copy()
         for _ in range(200):
             low, high, slope_low, slope_high = self.accelerations(rows, x)
             gap, slope = high - low, slope_high - slope_low
-            done = (x >= most) & (gap >= 0)
+            done = (x >= largest) & (gap >= 0)
             below, above = np.where(gap >= 0, x, below), np.where(gap < 0, x, above)
             with np.errstate(all="ignore"):
                 new = x - np.where(slope < 0, gap / slope, np.nan)  # with viscous friction the lines are curved: bisect
@@ -189,7 +195,7 @@ class PathRows:
             before, x = x, np.where(done, x, new)
             if (np.abs(x - before) <= 1e-15 * x).all():
                 break
-        return np.where(x >= 0.999 * _HUGE, np.inf, x)
+        return np.where(x >= 0.999 * _UNBOUNDED_X, np.inf, x)
 
     def accelerations(self, rows: Rows, x: Array) -> tuple[Array, Array, Array, Array]:
         """Least and largest u at x (m,), α and β, and their slopes with respect to x; (m,) each."""
@@ -211,8 +217,8 @@ class PathRows:
 
     def require_standing(self) -> None:
         """Raise PathError if the robot cannot stand still somewhere on the path, so that it may be unable to follow it."""
-        beside = [np.clip(self.breaks + side, 0, 1) for side in (1e-12, -1e-12)]
-        s = np.unique(np.concatenate([self.grid, *beside]))
+        beside_breaks = [np.clip(self.breaks + side, 0, 1) for side in (1e-12, -1e-12)]
+        s = np.unique(np.concatenate([self.grid, *beside_breaks]))
         c = np.abs(self.at(s).c)
         share = np.divide(c, self.L, out=np.zeros_like(c), where=self.L > 0)
         share[(self.L == 0) & (c > 0)] = np.inf
@@ -221,13 +227,13 @@ class PathRows:
             first = s[(share >= 1 - 1e-6).any(axis=1)][0]
             row, model = self.rows[k], self.robot.model
             name = (model.drive_labels if row.kind == "torque" else model.velocity_names)[row.joint]
+            friction = " against friction" if self.friction else ""
+            since = f" (too much from s = {printed(first, 4)})" if first < s[i] else ""
             raise PathError(
                 f"the robot cannot hold itself on this path: at s = {printed(s[i], 4)} {name!r} needs {printed(c[i, k], 4)} of "
-                f"{printed(self.L[k], 4)} to stand still{' against friction' if self.friction else ''}"
-                f"{f' (too much from s = {printed(first, 4)})' if first < s[i] else ''}. Take load off, "
-                "another path, or a stronger joint.",
+                f"{printed(self.L[k], 4)} to stand still{friction}{since}. Take load off, another path, or a stronger joint.",
                 reached=float(first),
             )
 
 
-_HUGE = 1e12
+_UNBOUNDED_X = 1e12

@@ -141,21 +141,24 @@ class MoveReport(Answer):
     @cached_property
     def violations(self) -> tuple[Violation, ...]:
         """Limits that the motion exceeds for certain, worst first."""
-        return self._exceeded[0]
+        return self._violations_and_doubts[0]
 
     @cached_property
-    def _exceeded(self) -> tuple[tuple[Violation, ...], list[str]]:
-        moving, bounds, friction = self.trajectory, self.limits, self.friction
-        return ((), []) if moving is None else _certain(moving.violations(bounds, friction=friction), self.robot)
+    def _violations_and_doubts(self) -> tuple[tuple[Violation, ...], list[str]]:
+        if self.trajectory is None:
+            return (), []
+        return _certain(self.trajectory.violations(self.limits, friction=self.friction), self.robot)
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
         """Reasons to be unsure, sentences without a full stop."""
-        doubts = [*self._exceeded[1], *(str(each) for each in _typed(self.load, self.limits) if not each.refuses)]
+        doubts = list(self._violations_and_doubts[1])
+        doubts += [str(each) for each in _input_doubts(self.load, self.limits) if not each.refuses]
         doubts += limit_doubts(self.load.robot, self.limits, [use.peak for use in self.uses])
         doubts += model_warnings(self.robot.model, self.uses)
-        unclear = self.clearance is not None and self.clearance.verdict.word is Word.UNSURE
-        return (*doubts, *(self.clearance.verdict.reasons if self.clearance is not None and unclear else ()))
+        if self.clearance is not None and self.clearance.verdict.word is Word.UNSURE:
+            doubts += self.clearance.verdict.reasons
+        return tuple(doubts)
 
     @property
     def near(self) -> Verdict | None:
@@ -330,14 +333,15 @@ def move(
     q0 = configuration_of(arm, start, degrees=degrees, what=Argument("start", option="from"))
     q1 = configuration_of(arm, to, degrees=degrees, what=Argument("to"), start=q0)
     ends = (("start", start, q0), ("to", to, q1))
-    found = [(name, degrees_hint(arm, q)) for name, given, q in ends if given is not None]
+    end_hints = [(name, degrees_hint(arm, q)) for name, configuration, q in ends if configuration is not None]
+    hints = [f"{name}: {hint}" for name, hint in end_hints if hint]
     kinds = (("acceleration", acceleration), ("jerk", jerk))
     report = MoveReport(
-        loads, bounds, None, hints=(*(f"{name}: {hint}" for name, hint in found if hint), *loads.unit_hints), degrees=degrees,
+        loads, bounds, None, hints=(*hints, *loads.unit_hints), degrees=degrees,
         asked=frozenset(kind for kind, value in kinds if value is not None),
         limits_file=str(limits) if isinstance(limits, str | Path) else "", step=step,
     )  # fmt: skip
-    if contradictory := [str(each) for each in _typed(loads, bounds) if each.refuses]:
+    if contradictory := [str(each) for each in _input_doubts(loads, bounds) if each.refuses]:
         return replace(report, refused=Verdict.from_reasons(look_again=contradictory), hints=())
     _check_path(to, by, waypoints, path, scaling)
     between = None if waypoints is None else _waypoints(arm, waypoints, degrees=degrees)
@@ -349,8 +353,8 @@ def move(
         return report
     times = np.linspace(0.0, report.trajectory.duration, SAMPLES)
     q = report.trajectory(times)[0]
-    apart = clearance_along(arm, [(times, q)], clearance, srdf)
-    return replace(report, clearance=apart, early_end="" if trouble is None else str(trouble))
+    path_clearance = clearance_along(arm, [(times, q)], clearance, srdf)
+    return replace(report, clearance=path_clearance, early_end="" if trouble is None else str(trouble))
 
 
 def _with_timing(
@@ -359,9 +363,9 @@ def _with_timing(
     """Report with the timing of a path, or with the reason why there is none; other errors carry the report's hints."""
     robot, bounds = report.robot, report.limits
     try:
-        moving = _timed(robot, way, bounds, fast=fast, scaling=scaling, duration=duration, friction=report.friction)
+        moving = _time_path(robot, way, bounds, fast=fast, scaling=scaling, duration=duration, friction=report.friction)
     except PathError as problem:
-        word, reason = _why_not_timed(problem, robot, held=_is_held(robot, way, bounds))
+        word, reason = _why_not_timed(problem, robot, can_stand=_can_stand(robot, way, bounds))
         return replace(report, refused=Verdict(word, (str(reason).removesuffix("."),)))
     except TwistWrenchError as error:
         for hint in report.hints:
@@ -370,17 +374,19 @@ def _with_timing(
     return replace(report, trajectory=moving)
 
 
-def _typed(loads: LoadCase, bounds: Limits) -> list[Doubt]:
+def _input_doubts(loads: LoadCase, bounds: Limits) -> list[Doubt]:
     """Doubts about limits and loads as they were given."""
     return [*credible_limits(bounds, loads.robot), *loads.doubts]
 
 
 def _bounds(robot: Robot, bounds: Limits, acceleration: float | None, jerk: float | None) -> Limits:
     """Limits with those of acceleration and jerk that are given as one number."""
-    asked = bounds_of(robot, acceleration=acceleration, jerk=jerk)
+    uniform = bounds_of(robot, acceleration=acceleration, jerk=jerk)
     if acceleration is not None:
-        bounds = replace(bounds, acceleration=asked.acceleration, deceleration=asked.deceleration)
-    return bounds if jerk is None else replace(bounds, jerk=asked.jerk)
+        bounds = replace(bounds, acceleration=uniform.acceleration, deceleration=uniform.deceleration)
+    if jerk is not None:
+        bounds = replace(bounds, jerk=uniform.jerk)
+    return bounds
 
 
 # ── Path and timing
@@ -429,7 +435,7 @@ def _path_and_trouble(
         return problem.partial, problem  # type: ignore[return-value]
 
 
-def _timed(
+def _time_path(
     robot: Robot,
     path: JointPath,
     bounds: Limits,
@@ -453,13 +459,13 @@ def _timed(
     return Trajectory(robot, path, fitted(robot, path, shape, bounds, friction=friction), friction=friction)
 
 
-def _waypoints(robot: Robot, given: str | Path | ArrayLike, *, degrees: bool) -> Array:
+def _waypoints(robot: Robot, source: str | Path | ArrayLike, *, degrees: bool) -> Array:
     """Configurations (n, nq) of a file or an array."""
     unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
-    if not isinstance(given, str | Path):
-        found = arguments.finite(given, "waypoints", robot.nq, names=robot.coordinate_names)
-        return np.atleast_2d(np.asarray(found, float)) * unit
-    return _waypoints_of_file(robot, given) * unit
+    if isinstance(source, str | Path):
+        return _waypoints_of_file(robot, source) * unit
+    rows = arguments.finite(source, "waypoints", robot.nq, names=robot.coordinate_names)
+    return np.atleast_2d(np.asarray(rows, float)) * unit
 
 
 def _waypoints_of_file(robot: Robot, file: str | Path) -> Array:
@@ -470,24 +476,26 @@ def _waypoints_of_file(robot: Robot, file: str | Path) -> Array:
         table = CsvFile.open(file)
         if sorted(table.header) != sorted(names):
             raise ValueRangeError(f"{file}: line {table.header_line}: give {form}.")
-        found = table.table([table.header.index(name) for name in names])
-    if not len(found):
+        rows = table.table([table.header.index(name) for name in names])
+    if not len(rows):
         raise ValueRangeError(f"{file}: no row after the header: give {form}.")
-    return found
+    return rows
 
 
-def _is_held(robot: Robot, path: JointPath, bounds: Limits) -> bool:
+def _can_stand(robot: Robot, path: JointPath, bounds: Limits) -> bool:
     """True if the torque limits suffice to stand still everywhere on the path."""
     q, _, _ = path(np.linspace(0.0, 1.0, SAMPLES))
     shares = np.abs(motor_torques(robot.model, robot.holding_torques(q))) / bounds.effort
     return not bool(over_limit(shares).any())
 
 
-def _why_not_timed(problem: PathError, robot: Robot, *, held: bool) -> tuple[Word, PathError]:
+def _why_not_timed(problem: PathError, robot: Robot, *, can_stand: bool) -> tuple[Word, PathError]:
     """First word and reason for a path without a timing; torques of a legged robot whose base nothing holds are uncertain."""
+    if can_stand:
+        return Word.STOPPED, problem
     hanging = base_doubts(robot.model)
-    if held or not hanging:
-        return Word.STOPPED if held else Word.OVER_LIMIT, problem
+    if not hanging:
+        return Word.OVER_LIMIT, problem
     return Word.UNSURE, PathError("; ".join([*hanging, as_it_hangs(str(problem))]))
 
 
@@ -534,24 +542,19 @@ def joint_uses(trajectory: Trajectory, bounds: Limits, *, friction: bool) -> lis
     q, dq, ddq = trajectory(t)
     tau = motor_torques(model, required_torques(robot, t, q, dq, ddq, friction=friction))
     way, dq = motor_velocities(model, robot.subtract(q[-1], q[0])), motor_velocities(model, dq)
-    units, most_speed = units_of("tau", drive_turns(model)), np.where(coupled_entries(model), np.inf, bounds.velocity)
+    units, speed_limits = units_of("tau", drive_turns(model)), np.where(coupled_entries(model), np.inf, bounds.velocity)
     at_limit = dict.fromkeys((*model.velocity_names, *model.drive_labels), 0.0)
     if isinstance(trajectory, Fastest):
-        for touch in trajectory.limit_contacts:
-            at_limit[touch.joint] += (touch.end - touch.begin) / trajectory.duration
-    found = []
+        for contact in trajectory.limit_contacts:
+            at_limit[contact.joint] += (contact.end - contact.begin) / trajectory.duration
+    uses = []
     for k, name in enumerate(model.drive_labels):
-        v, t = (x[int(np.abs(x).argmax())] for x in (dq[:, k], tau[:, k]))
-        shares = [abs(x) / m if math.isfinite(m) else math.nan for x, m in ((v, most_speed[k]), (t, bounds.effort[k]))]
-        use = (
-            name,
-            float(way[k]),
-            float(v),
-            shares[0],
-            float(t),
-            shares[1],
-            units[k],
-            at_limit[name],
-        )
-        found.append(JointUse(*use))
-    return found
+        speed, peak = (float(x[int(np.abs(x).argmax())]) for x in (dq[:, k], tau[:, k]))
+        speed_share, torque_share = _share(speed, speed_limits[k]), _share(peak, bounds.effort[k])
+        uses.append(JointUse(name, float(way[k]), speed, speed_share, peak, torque_share, units[k], at_limit[name]))
+    return uses
+
+
+def _share(value: float, limit: float) -> float:
+    """Magnitude of a value as a share of its limit; nan without a limit."""
+    return abs(value) / limit if math.isfinite(limit) else math.nan

@@ -18,12 +18,12 @@ from ..mechanics.joints.units import heading_unit
 from ..mechanics.model.couplings import coupled_entries, drive_turns, motor_torques
 from ..mechanics.model.limits import Limits
 from ..motion.model_doubts import friction_words
-from .fastest import Fastest
+from .fastest import Fastest, LimitContact
 from .move_report import SAMPLES, MoveReport
 from .trajectory import Trajectory, required_torques
 
-_LISTED = 12
-_MOST_PASSED = 6
+_MAX_LISTED_CONTACTS = 12
+_MAX_LISTED_VIOLATIONS = 6
 """Maximum number of listed exceeded limits."""
 
 
@@ -33,57 +33,61 @@ def move_view(report: MoveReport) -> Iterator[Block]:
     if report.refused is not None or moving is None:
         judged = report.verdict
         first, *others = judged.reasons
-        further = [_spoken_line((judged.word, f"{each}.")) for each in others]
+        further = [_sentence_line((judged.word, f"{each}.")) for each in others]
         yield Headline(judged.word, f"{first}.", further=further)
         yield from remarks(report.hints)
         return
     yield _headline(report, moving)
     if not report.violations:
         yield from remarks(_unknown_velocities(moving, report.limits))
-    yield from [] if report.clearance is None else report.clearance.lines
+    if report.clearance is not None:
+        yield from report.clearance.lines
     yield from _limits_of_files(report)
     yield from remarks(report.hints)
     yield ""
-    yield from _planned(report, moving)
+    yield from _tables(report, moving)
 
 
 def _headline(report: MoveReport, moving: Trajectory) -> Headline:
     """First word with its reason; further words, exceeded limits, and what holds otherwise below it."""
-    spoken: list[tuple[Word | None, str]] = []
+    sentences: list[tuple[Word | None, str]] = []
     if report.early_end:
-        spoken.append(
+        sentences.append(
             (Word.STOPPED, f"{report.early_end} The motion below, and in the files, is the path until there.")
         )
-    shown = [each.in_degrees() if report.degrees else each for each in report.violations[:_MOST_PASSED]]
-    spoken += [(Word.OVER_LIMIT, f"{each}.") for each in shown]
-    if len(report.violations) > _MOST_PASSED:
-        spoken.append((None, f"and {len(report.violations) - _MOST_PASSED} more"))
+    for violation in report.violations[:_MAX_LISTED_VIOLATIONS]:
+        shown = violation.in_degrees() if report.degrees else violation
+        sentences.append((Word.OVER_LIMIT, f"{shown}."))
+    if len(report.violations) > _MAX_LISTED_VIOLATIONS:
+        sentences.append((None, f"and {len(report.violations) - _MAX_LISTED_VIOLATIONS} more"))
     if not report.violations:
         within = _within(report, moving)
         if report.early_end:
-            spoken.append((None, f"Until there: {within}."))
+            sentences.append((None, f"Until there: {within}."))
         elif report.near is not None:
-            spoken.append((None, f"{within[0].upper()}{within[1:]}."))
+            sentences.append((None, f"{within[0].upper()}{within[1:]}."))
         else:
-            spoken.append((Word.UNSURE if report.doubts else Word.OK, f"{within}."))
+            sentences.append((Word.UNSURE if report.doubts else Word.OK, f"{within}."))
     if report.near is not None:
-        return Headline.from_verdict(report.near, further=list(map(_spoken_line, spoken)))
-    (word, sentence), *others = spoken
-    return Headline(word or Word.OK, sentence, further=list(map(_spoken_line, others)))
+        return Headline.from_verdict(report.near, further=list(map(_sentence_line, sentences)))
+    (word, sentence), *others = sentences
+    return Headline(word or Word.OK, sentence, further=list(map(_sentence_line, others)))
 
 
-def _spoken_line(spoken: tuple[Word | None, str]) -> Line:
-    word, sentence = spoken
+def _sentence_line(word_and_sentence: tuple[Word | None, str]) -> Line:
+    word, sentence = word_and_sentence
     return Line(sentence) if word is None else Line((str(word), word_style(word)), f": {sentence}")
 
 
 def _within(report: MoveReport, moving: Trajectory) -> str:
     """Sentence on a motion within the limits that are known, with its doubts or its assumptions."""
     unlimited = _unknown_velocities(moving, report.limits) or np.isinf(report.limits.effort).any()
-    within = f"within {'the known' if unlimited else 'all'} limits"
+    within = "within the known limits" if unlimited else "within all limits"
     if isinstance(moving, Fastest):
-        proven = ", the fastest timing on this path"
-        within += proven if moving.time_optimal is None else f"; {moving.price_of_jerk}"
+        if moving.time_optimal is None:
+            within += ", the fastest timing on this path"
+        else:
+            within += f"; {moving.price_of_jerk}"
     if report.doubts:
         return "; ".join([*report.doubts, f"otherwise {within}"])
     return f"{number(moving.duration, 6)} s, {within}{report.assumed}"
@@ -113,14 +117,14 @@ def _unknown_velocities(trajectory: Trajectory, bounds: Limits) -> list[str]:
 # ── Tables
 
 
-def _planned(report: MoveReport, trajectory: Trajectory) -> Iterator[Block]:
+def _tables(report: MoveReport, trajectory: Trajectory) -> Iterator[Block]:
     """Heading, one row per joint, and the active limits of the fastest motion over time."""
     robot, uses, degrees = report.robot, report.uses, report.degrees
     carried = " and ".join(f"{number(p.mass)} kg" for p in report.load.payloads)
     turning = np.array(drive_turns(robot.model))
     factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
     way, speed, force = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "tau"))
-    most = [max((x for x in (u.velocity_share, u.torque_share) if not math.isnan(x)), default=0.0) for u in uses]
+    shares = [np.nanmax([use.velocity_share, use.torque_share, 0.0]).item() for use in uses]
     fast = trajectory if isinstance(trajectory, Fastest) and trajectory.time_optimal is None else None
     yield Line(
         (robot.name, Style.STRONG),
@@ -131,42 +135,46 @@ def _planned(report: MoveReport, trajectory: Trajectory) -> Iterator[Block]:
     yield Table(
         "",
         words("joint", [use.joint for use in uses]),
-        numbers("way", [use.way for use in uses] * factor, _rounded, way),
-        numbers("peak", [use.velocity for use in uses] * factor, _rounded, speed),
+        numbers("way", [use.way for use in uses] * factor, _three_decimals, way),
+        numbers("peak", [use.velocity for use in uses] * factor, _three_decimals, speed),
         numbers("share", [use.velocity_share for use in uses], percent_of_limit),
         numbers("peak", [use.peak for use in uses], torque, force),
         numbers("share", [use.torque_share for use in uses], percent_of_limit),
         numbers("at limit", [use.limiting for use in uses], percent) if fast else None,
-        words("", map(Bar, most), fold=False),
-        styles=[strong(Style.OVER) if over_limit(share) else "" for share in most],
+        words("", map(Bar, shares), fold=False),
+        styles=[strong(Style.OVER) if over_limit(share) else "" for share in shares],
         most=12,
-        by=most,
+        by=shares,
     )
     if fast:
         yield from _timeline(fast)
 
 
-def _rounded(value: float) -> str:
+def _three_decimals(value: float) -> str:
     return number(value, decimals=3)
 
 
 def _timeline(trajectory: Fastest) -> Iterator[Block]:
     T, contacts = trajectory.duration, trajectory.limit_contacts
-    shown = sorted(sorted(contacts, key=lambda t: t.begin - t.end)[:_LISTED], key=lambda t: t.begin)
-    bars = []
-    for t in shown:
-        a, b = round(24 * t.begin / T), max(round(24 * t.end / T), round(24 * t.begin / T) + 1)
-        bars.append("·" * min(a, 23) + "█" * (min(b, 24) - min(a, 23)) + "·" * (24 - min(b, 24)))
+    longest = sorted(contacts, key=lambda contact: contact.begin - contact.end)[:_MAX_LISTED_CONTACTS]
+    shown = sorted(longest, key=lambda contact: contact.begin)
     yield Table(
         "What limits it when",
-        numbers("from", [t.begin for t in shown], lambda t: seconds(t, 4), "s"),
-        numbers("to", [t.end for t in shown], lambda t: seconds(t, 4), "s"),
-        words("joint", [t.joint for t in shown], fold=False),
-        words("limit", [f"{'+' if t.side > 0 else '-'} {t.kind}" for t in shown], fold=False),
-        words("", [Glyphs(bar, Style.POINTED) for bar in bars], fold=False),
+        numbers("from", [contact.begin for contact in shown], lambda t: seconds(t, 4), "s"),
+        numbers("to", [contact.end for contact in shown], lambda t: seconds(t, 4), "s"),
+        words("joint", [contact.joint for contact in shown], fold=False),
+        words("limit", [f"{'+' if contact.side > 0 else '-'} {contact.kind}" for contact in shown], fold=False),
+        words("", [_time_bar(contact, T) for contact in shown], fold=False),
     )
-    if rest := len(contacts) - len(shown):
-        yield Line((f"and {rest} shorter parts", Style.QUIET))
+    if remaining := len(contacts) - len(shown):
+        yield Line((f"and {remaining} shorter parts", Style.QUIET))
+
+
+def _time_bar(contact: LimitContact, duration: float) -> Glyphs:
+    """Bar of 24 characters for the duration, filled while a limit is active; at least one character."""
+    begin = round(24 * contact.begin / duration)
+    first, last = min(begin, 23), min(max(round(24 * contact.end / duration), begin + 1), 24)
+    return Glyphs("·" * first + "█" * (last - first) + "·" * (24 - last), Style.POINTED)
 
 
 def worst_moment(report: MoveReport, trajectory: Trajectory) -> tuple[Array, MarkedJoint, str]:

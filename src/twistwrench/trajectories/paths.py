@@ -122,17 +122,18 @@ def spline(
             )
         curve: Any = CubicSpline(knots, points) if degree == 3 else make_interp_spline(knots, points, k=5)
     else:
-        at = np.asarray(arguments.finite(times, "times"), float)
-        if at.shape != (len(points),):
-            raise ShapeError(f"times has shape {at.shape}: give {len(points)}, one for each waypoint [s].")
-        if (late := np.diff(at) <= 0).any():
-            k = int(late.argmax())
+        instants = np.asarray(arguments.finite(times, "times"), float)
+        if instants.shape != (len(points),):
+            raise ShapeError(f"times has shape {instants.shape}: give {len(points)}, one for each waypoint [s].")
+        not_rising = np.diff(instants) <= 0
+        if not_rising.any():
+            k = int(not_rising.argmax())
             raise ValueRangeError(
-                f"times has {printed(at[k + 1])} after {printed(at[k])}, at waypoint {k + 1}: give rising times [s], "
-                "waypoints in that order."
+                f"times has {printed(instants[k + 1])} after {printed(instants[k])}, at waypoint {k + 1}: give rising times "
+                "[s], waypoints in that order."
             )
-        T = at[-1] - at[0]
-        knots = (at - at[0]) / T
+        T = instants[-1] - instants[0]
+        knots = (instants - instants[0]) / T
         knots[-1] = 1.0
         if velocities is None:
             curve = CubicSpline(knots, points, bc_type="clamped")
@@ -176,8 +177,8 @@ def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
 
 # ── Joint paths from pose paths, by inverse kinematics on one branch
 
-_FIRST, _MOST = 64, 4096
-_ARRIVED = 1e-11
+_FIRST_INTERVALS, _MAX_INTERVALS = 64, 4096
+_MAX_POSE_ERROR = 1e-11
 _NEWTON = 12
 """Newton steps of the fallback, used to find the reason if compiled inverse kinematics does not converge near by."""
 _JUMP = 0.5
@@ -233,10 +234,10 @@ def follow_poses(
             "from where the path begins. Take robot.inverse_kinematics(T).q of its first pose, or begin it at "
             "robot.forward_kinematics(q0)."
         )
-    n = _FIRST
+    n = _FIRST_INTERVALS
     while True:
         s = np.linspace(0.0, 1.0, n + 1)
-        q, why = _solved(robot, along(s), q0, frame)
+        q, why = _solve_poses(robot, along(s), q0, frame)
         if len(q) < len(s) and (n < 1024 and "limit" not in why):
             n *= 4  # a smaller spacing may succeed
             continue
@@ -244,19 +245,19 @@ def follow_poses(
         if not arrived and len(q) < 8:
             raise PathError(f"the path of poses ends at s = {printed(s[-1], 4)}: {why}.", reached=float(s[-1]))
         path, middle = _spline(s / s[-1], q, 0.0), 0.5 * (s[1:] + s[:-1])
-        off = twist_left(robot.forward_kinematics(path(middle / s[-1])[0], frame), along(middle), tuple(range(6)))
-        deviation = float(max(np.linalg.norm(off[:, 3:], axis=1).max(), np.linalg.norm(off[:, :3], axis=1).max()))
+        errors = twist_left(robot.forward_kinematics(path(middle / s[-1])[0], frame), along(middle), tuple(range(6)))
+        deviation = float(max(np.linalg.norm(errors[:, 3:], axis=1).max(), np.linalg.norm(errors[:, :3], axis=1).max()))
         if not arrived and (deviation <= allowed or n >= 1024):
-            partial, said = (
-                _spline(s / s[-1], q, deviation),
+            raise PathError(
                 f"the path of poses ends at s = {printed(s[-1], 4)}: {why}.",
+                reached=float(s[-1]),
+                partial=_spline(s / s[-1], q, deviation),
             )
-            raise PathError(said, reached=float(s[-1]), partial=partial)
         if deviation <= allowed:
             return _spline(s, q, deviation)
         n *= 2
-        if n > _MOST:
-            k = int(np.linalg.norm(off, axis=1).argmax())
+        if n > _MAX_INTERVALS:
+            k = int(np.linalg.norm(errors, axis=1).argmax())
             raise PathError(
                 f"between {n // 2} places the frame is still {printed(deviation, 3)} off at s = {printed(middle[k], 4)}: "
                 "the path bends there, or the arm is near a singular configuration. Round the path off, or allow more with "
@@ -276,12 +277,12 @@ def _door(poses: Any) -> Callable[[Array], Array]:
 
     def along(s: Array) -> Array:
         try:
-            found = poses(s)
+            returned = poses(s)
         except Exception as problem:
             raise ValueRangeError(
                 f"{what} failed with {type(problem).__name__}: {problem}. It is called with s (m,)."
             ) from problem
-        T = arguments.finite(found, what, 4, 4)
+        T = arguments.finite(returned, what, 4, 4)
         if T.shape != (len(s), 4, 4):
             raise ShapeError(f"{what} gave shape {T.shape} for s of shape {s.shape}, expected {(len(s), 4, 4)}.")
         return np.asarray(arguments.pose(T, what), float)
@@ -299,9 +300,9 @@ def _spline(s: Array, q: Array, deviation: float) -> JointPath:
     )
 
 
-def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple[Array, str]:
+def _solve_poses(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple[Array, str]:
     """q at each point up to the first failure, and the reason of the failure."""
-    found, near, why = [q0], pose_finder(robot, frame, _ARRIVED), ""
+    configurations, solve_near, why = [q0], pose_finder(robot, frame, _MAX_POSE_ERROR), ""
     if robot.limits.exceeded(q0).any():
         k = int(robot.limits.exceeded(q0).argmax())
         lower, upper = (printed(x[k], 4) for x in (robot.limits.lower, robot.limits.upper))
@@ -309,15 +310,15 @@ def _solved(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple
     for target in targets[1:]:
         if why:
             break
-        q, last = found[-1].copy(), found[-1]
-        if robot.nv <= 6 and len(found) > 1:
-            q = 2.0 * last - found[-2]  # otherwise redundant joints would drift
-        step = near(target, q)
-        if step is None or np.abs(step - last).max() > _JUMP:
-            step, why = _newton(robot, target, q, last, frame)
+        q, last = configurations[-1].copy(), configurations[-1]
+        if robot.nv <= 6 and len(configurations) > 1:
+            q = 2.0 * last - configurations[-2]  # otherwise redundant joints would drift
+        solution = solve_near(target, q)
+        if solution is None or np.abs(solution - last).max() > _JUMP:
+            solution, why = _newton(robot, target, q, last, frame)
         if not why:
-            found.append(step)
-    return np.array(found), why
+            configurations.append(solution)
+    return np.array(configurations), why
 
 
 def _newton(robot: Robot, target: Array, q: Array, last: Array, frame: str | None) -> tuple[Array, str]:
@@ -325,27 +326,27 @@ def _newton(robot: Robot, target: Array, q: Array, last: Array, frame: str | Non
     names, limits = robot.joint_names, robot.limits
     for _ in range(_NEWTON):
         e = twist_left(robot.forward_kinematics(q, frame)[None], target[None], tuple(range(6)))[0]
-        if np.abs(e).max() <= _ARRIVED:
+        if np.abs(e).max() <= _MAX_POSE_ERROR:
             break
         q = q + np.linalg.pinv(robot.jacobian(q, frame), rcond=1e-9) @ e
     else:
-        if np.abs(e).max() > 1e3 * _ARRIVED:
-            sizes = np.linalg.svd(robot.jacobian(last, frame), compute_uv=False)
-            least = float(sizes[min(5, len(sizes) - 1)]) if len(sizes) >= 6 else 0.0
-            if least >= 0.02 * float(sizes[0]):
+        if np.abs(e).max() > 1e3 * _MAX_POSE_ERROR:
+            singular_values = np.linalg.svd(robot.jacobian(last, frame), compute_uv=False)
+            least = float(singular_values[5]) if len(singular_values) >= 6 else 0.0
+            if least >= 0.02 * float(singular_values[0]):
                 return q, "the next pose is out of reach on this branch"
             return q, (
                 "the arm is at a singular configuration there, stretched out or folded, and finds no way on (smallest "
                 f"singular value of J {printed(least, 2)})"
             )
-    why, beyond, way = "", limits.exceeded(q), np.abs(q - last)
+    why, beyond, displacement = "", limits.exceeded(q), np.abs(q - last)
     if beyond.any():
         k = int(beyond.argmax())
         limit = limits.lower[k] if q[k] < limits.lower[k] else limits.upper[k]
         why = f"{names[k]} reaches its limit {printed(limit, 4)}"
-    elif way.max() > _JUMP:
-        k = int(way.argmax())
-        why = f"{names[k]} would jump by {printed(way[k], 3)}: the arm passes a singular configuration"
+    elif displacement.max() > _JUMP:
+        k = int(displacement.argmax())
+        why = f"{names[k]} would jump by {printed(displacement[k], 3)}: the arm passes a singular configuration"
     return q, why
 
 

@@ -360,25 +360,25 @@ def shortest_durations(
     if np.isfinite(bounds.jerk).any():
         shortest.append(np.cbrt(np.abs(Trajectory(robot, path, unit).jerk(times)) / bounds.jerk))
     model, law, u = robot.model, robot.model.friction, motor_velocities(robot.model, dq)
-    held = motor_torques(model, robot.holding_torques(q))
+    holding = motor_torques(model, robot.holding_torques(q))
     slow = joint_velocities(model, 1e-9 * np.sign(u))
-    g = held + motor_torques(model, robot.friction_forces(slow)) * friction
+    g = holding + motor_torques(model, robot.friction_forces(slow)) * friction
     load = law.load * friction * (u != 0)
-    most = np.abs(g) + load * np.abs(held)
-    room = bounds.effort - most
-    if ((room <= 1e-6 * bounds.effort) & np.isfinite(room)).any():
-        i, j = np.unravel_index(int((most / bounds.effort).argmax()), g.shape)
+    standing = np.abs(g) + load * np.abs(holding)
+    reserve = bounds.effort - standing
+    if ((reserve <= 1e-6 * bounds.effort) & np.isfinite(reserve)).any():
+        i, j = np.unravel_index(int((standing / bounds.effort).argmax()), g.shape)
         raise PathError(
-            f"the robot cannot hold itself on this path: {model.drive_labels[j]!r} needs {printed(most[i, j], 4)} of "
+            f"the robot cannot hold itself on this path: {model.drive_labels[j]!r} needs {printed(standing[i, j], 4)} of "
             f"{printed(bounds.effort[j], 4)} to stand still. Take load off, another path, or a stronger joint."
         )
-    moving = motor_torques(model, robot.inverse_dynamics(q, dq, ddq)) - held
+    moving = motor_torques(model, robot.inverse_dynamics(q, dq, ddq)) - holding
     viscous = law.viscous * u if friction else np.zeros_like(dq)
     fades = (law.static - law.coulomb) * friction  # friction that helps a braking motor
     # abs(g + moving k² + viscous k) ≤ L with k = 1/T: the smaller positive root on the side it grows to
     for side in (1.0, -1.0):
         A, B = side * moving + load * np.abs(moving), side * viscous
-        C = bounds.effort - side * g - load * np.abs(held) - fades * (side * u < 0)
+        C = bounds.effort - side * g - load * np.abs(holding) - fades * (side * u < 0)
         with np.errstate(all="ignore"):
             root = np.sqrt(np.maximum(B * B + 4 * A * C, 0.0))
             k = np.where(B + root > 0, 2 * C / (B + root), np.inf)

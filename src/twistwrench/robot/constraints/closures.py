@@ -20,8 +20,8 @@ from ...mechanics.lie.labelled import TWIST
 from ...mechanics.model.couplings import refuse_couplings
 from ...mechanics.model.model import BASE, Model
 from ..arguments import Rows
-from ..constraint_methods import CLOSED
-from .tolerances import all_rows, gap_units, in_units, six_sizes
+from ..constraint_methods import MAX_CLOSED_GAP
+from .tolerances import all_rows, gap_unit_text, gap_units, six_sizes
 
 if TYPE_CHECKING:
     from ..doors import ConstrainedRobot
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def closure(model: Model, frame_a: str, frame_b: str, rows: Rows, pose: ArrayLike | None) -> Closure:
     """Closure of :meth:`twistwrench.Robot.close`."""
     refuse_couplings(model, "close")
-    frame_a, frame_b = _named(model, frame_a), _named(model, frame_b)
+    frame_a, frame_b = _frame_name(model, frame_a), _frame_name(model, frame_b)
     if place_of(model, frame_a).body == place_of(model, frame_b).body:
         raise ConstraintError(
             f"{frame_a!r} and {frame_b!r} are fixed to one body, so nothing between them can be closed."
@@ -45,13 +45,13 @@ def rolling(model: Model, frame: str, rows: Rows, kind: str) -> Rolling:
     if kind not in KINDS:
         raise UnknownNameError.from_choices("kind", kind, KINDS)
     refuse_couplings(model, "constrain")
-    frame = _named(model, frame)
+    frame = _frame_name(model, frame)
     if model.frame(frame).body == BASE:
         raise ConstraintError(f"{frame!r} is fixed to the base, so nothing about it can be constrained.")
     return Rolling(frame, row_numbers(rows), kind)
 
 
-def _named(model: Model, frame: str | None) -> str:
+def _frame_name(model: Model, frame: str | None) -> str:
     """Name of the frame, or the tip for None; raises the errors of :meth:`Model.frame`."""
     if frame is None:
         model.frame(None)
@@ -63,7 +63,7 @@ def _named(model: Model, frame: str | None) -> str:
 
 STARTS = 32
 """Number of random start configurations in the search for closed ones; one in a few converges for common mechanisms."""
-FOUND = 1e-10
+MAX_FOUND_GAP = 1e-10
 """rad, and fraction of the robot's length: gap far below which the row of A equals that of a closed configuration."""
 
 
@@ -71,18 +71,19 @@ def some_configurations(closed: ConstrainedRobot, near: ArrayLike | None) -> Arr
     """Configurations with closed loops, found from stored and random ones or from around ``near``; (n, nq)."""
     rng, robot = np.random.default_rng(0), closed.open()
     if near is None:
-        known = [robot.add(q, _spread(rng, robot, 4)) for q in robot.model.configurations.values()]
-        starts = np.concatenate([*known, robot.random_configuration(rng, STARTS - 1), robot.neutral[None]])
+        stored = [robot.add(q, _spread(rng, robot, 4)) for q in robot.model.configurations.values()]
+        starts = np.concatenate([*stored, robot.random_configuration(rng, STARTS - 1), robot.neutral[None]])
     else:
         q = arguments.one(near, "near", robot.nq, names=robot.coordinate_names)
         starts = robot.add(q, _spread(rng, robot, STARTS))
-    q, left = closed.settled(starts, 0.01 * FOUND)
-    if not (left <= FOUND).any():
+    q, gaps = closed.settled(starts, 0.01 * MAX_FOUND_GAP)
+    if not (gaps <= MAX_FOUND_GAP).any():
         raise ConstraintError(
             f"no configuration found at which {closed.constraints[-1].name!r} closes: from {len(starts)} starts the nearest "
-            f"leaves a gap of {printed(left.min(), 3)} ({in_units(closed)}). Check pose and rows, or give near=q, one near it."
+            f"leaves a gap of {printed(gaps.min(), 3)} ({gap_unit_text(closed)}). Check pose and rows, or give near=q, one "
+            "near it."
         )
-    return np.asarray(q[left <= FOUND])
+    return np.asarray(q[gaps <= MAX_FOUND_GAP])
 
 
 def _spread(rng: np.random.Generator, robot: Robot, n: int) -> Array:
@@ -120,7 +121,7 @@ def refuse_redundant(closed: ConstrainedRobot) -> None:
 
 # ── Loops of a closed robot in inverse kinematics: rows, start configurations, closure errors
 
-ROUNDS = 4
+PROJECTION_ROUNDS = 4
 """Number of alternating projections of starts into the limits and onto the loops."""
 
 
@@ -131,10 +132,10 @@ class LoopClosureSolver:
         self.closed = closed
         self.rows = LoopRows(closed.constraints, closed.independent)
         self.units = gap_units(closed)
-        mine = self.rows.indices[0]
-        self.kinds = [[k for c in closed.constraints if isinstance(c, Closure) for k in c.rows][n] for n in mine]
+        twist_rows = [k for c in closed.constraints if isinstance(c, Closure) for k in c.rows]
+        self.kinds = [twist_rows[n] for n in self.rows.indices[0]]
         """Index in a twist of each row."""
-        self.allowed = tuple((CLOSED * self.units[mine]).tolist())
+        self.allowed = tuple((MAX_CLOSED_GAP * self.units[self.rows.indices[0]]).tolist())
         """Largest gap of each row, rad or m."""
 
     @cached_property
@@ -152,37 +153,38 @@ class LoopClosureSolver:
         """Cache key: searches of one robot with equal keys are shared."""
         return self.rows.constraints, self.rows.independent
 
-    def settled(self, q: Array) -> Array:
+    def close(self, q: Array) -> Array:
         """Configurations (n, nq) moved onto the loops; unchanged if no closed configuration is found."""
-        found, left = self.closed.settled(q, CLOSED)
-        return np.where((left <= CLOSED)[:, None], found, q)
+        closed_q, gaps = self.closed.settled(q, MAX_CLOSED_GAP)
+        return np.where((gaps <= MAX_CLOSED_GAP)[:, None], closed_q, q)
 
-    def closed_starts(self, some: Array, inside: Callable[[Array], Array]) -> Array:
+    def closed_starts(self, starts: Array, inside: Callable[[Array], Array]) -> Array:
         """Configurations (n, nq) with closed loops inside the limits, from configurations that may be open.
 
         Those from which none is found are moved half and then a quarter of the way towards one from which one is found.
         """
         robot = self.closed.open()
 
-        def closed(q: Array) -> tuple[Array, Array]:
-            for _ in range(ROUNDS):
-                q = inside(self.settled(q))
-            found = self.settled(q)
-            return found, (inside(found) == found).all(axis=-1) & (self.open_by(found)[1] <= CLOSED)
+        def close_inside(q: Array) -> tuple[Array, Array]:
+            for _ in range(PROJECTION_ROUNDS):
+                q = inside(self.close(q))
+            q = self.close(q)
+            return q, (inside(q) == q).all(axis=-1) & (self.search_gaps(q)[1] <= MAX_CLOSED_GAP)
 
-        q, good = closed(some)
+        q, good = close_inside(starts)
         for part in (0.5, 0.25):
             if good.all() or not good.any():
                 break
             rows = np.flatnonzero(~good)
-            known = np.resize(np.flatnonzero(good), len(rows))
-            q[rows], good[rows] = closed(robot.add(q[known], part * robot.subtract(some[rows], q[known])))
+            closed_rows = np.resize(np.flatnonzero(good), len(rows))
+            step = part * robot.subtract(starts[rows], q[closed_rows])
+            q[rows], good[rows] = close_inside(robot.add(q[closed_rows], step))
         rows = np.flatnonzero(~good)
         if good.any():
             q[rows] = q[np.resize(np.flatnonzero(good), len(rows))]
         return inside(q)
 
-    def open_by(self, q: Array) -> tuple[Array, Array]:
+    def search_gaps(self, q: Array) -> tuple[Array, Array]:
         """Gaps of the search's rows (n, rows), and the largest gap relative to its unit (n,)."""
         gaps = self.closed.gaps(q)
         return gaps[:, self.rows.indices[0]], np.abs(gaps / self.units).max(axis=-1, initial=0.0)

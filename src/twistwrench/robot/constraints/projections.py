@@ -57,30 +57,30 @@ def forward_dynamics(
     friction: bool = False,
 ) -> ConstrainedMotion:
     """q̈ and λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of minimal norm if A loses rank."""
-    robot, held = closed.open(), closed._independent_constraints
+    robot, constraints = closed.open(), closed._independent_constraints
     q, dq, tau = finite_states(robot.model, "forward_dynamics", q=q, dq=dq, tau=tau)
     require_met(closed, q, dq)
     if friction:
         tau = robot.engine.call("torque_past_friction", dq, tau)
     by, on = wrench_by_robot, wrench_on_robot
-    if not held:
+    if not constraints:
         ddq = robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
         return ConstrainedMotion(ddq, np.zeros((*ddq.shape[:-1], len(closed.sizes)), ddq.dtype))
     rows, call = list(closed.independent), robot.engine.call_with_wrenches
     with np.errstate(all="ignore"):
-        ddq, some, pivots = call("constrained_dynamics", (q, dq, tau), by, on, None, constraints=held)
-    lam = np.zeros((*some.shape[:-1], len(closed.sizes)), some.dtype)
-    lam[..., rows] = some
-    again = needs_singular_values(pivots, closed.sizes[rows])
-    if len(rows) < len(closed.sizes) and not again.all():
-        usual = np.broadcast_to(q, (*again.shape, closed.nq))[~again]
-        lam[~again] = (closed._projector(usual)[1].range @ lam[~again][..., None])[..., 0]
-    if again.any():  # pseudo-inverse from singular values: valid for any rank of A
+        ddq, independent_lam, pivots = call("constrained_dynamics", (q, dq, tau), by, on, None, constraints=constraints)
+    lam = np.zeros((*independent_lam.shape[:-1], len(closed.sizes)), independent_lam.dtype)
+    lam[..., rows] = independent_lam
+    singular = needs_singular_values(pivots, closed.sizes[rows])
+    if len(rows) < len(closed.sizes) and not singular.all():
+        regular_q = np.broadcast_to(q, (*singular.shape, closed.nq))[~singular]
+        lam[~singular] = (closed._projector(regular_q)[1].range @ lam[~singular][..., None])[..., 0]
+    if singular.any():  # pseudo-inverse from singular values: valid for any rank of A
         h = call("bias_forces", (q, dq), by, on, None)
-        q, dq, force = (np.broadcast_to(x, (*again.shape, x.shape[-1]))[again] for x in (q, dq, tau - h))
+        q, dq, force = (np.broadcast_to(x, (*singular.shape, x.shape[-1]))[singular] for x in (q, dq, tau - h))
         _, projector = closed._projector(q)
         warn_of_singular(projector.rank, len(rows))
-        ddq[again], lam[again] = projector.constrained_acceleration(force, closed.constraint_bias(q, dq))
+        ddq[singular], lam[singular] = projector.constrained_acceleration(force, closed.constraint_bias(q, dq))
     return ConstrainedMotion(ddq, lam)
 
 
@@ -108,8 +108,9 @@ def inverse_dynamics(
         f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", closed.nv
     )
     A, projector = closed._projector(q)
-    lam, left = balance(f, projector.range @ A, closed.sizes, driven)  # projection: λ of immovable rows is arbitrary
-    require_made(closed, left, f, driven)
+    # projection: λ of immovable rows is arbitrary
+    lam, residual = balance(f, projector.range @ A, closed.sizes, driven)
+    require_balanced(closed, residual, f, driven)
     tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
     lam = (projector.range @ lam[..., None])[..., 0]
     return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
@@ -119,8 +120,8 @@ def holding_torques(
     closed: ConstrainedRobot, q: ArrayLike, actuated: Iterable[str] | None = None, **wrenches: Any
 ) -> ConstrainedTorques:
     """:func:`inverse_dynamics` at rest, τ = g + A'λ + Σ J'F_by - Σ J'F_on."""
-    rest = np.zeros(closed.nv)
-    return inverse_dynamics(closed, q, rest, rest, actuated, **wrenches)
+    zero = np.zeros(closed.nv)
+    return inverse_dynamics(closed, q, zero, zero, actuated, **wrenches)
 
 
 def joint_wrenches(
@@ -133,10 +134,11 @@ def joint_wrenches(
 ) -> Array:
     """Wrenches across the joints of the open robot under λ of :func:`inverse_dynamics`, on both links of a closure."""
     robot, lam = closed.open(), inverse_dynamics(closed, q, dq, ddq, actuated, **wrenches).lam
-    found, free = (robot.joint_wrenches(q, dq, ddq, **more) for more in (wrenches, {}))
-    for frame, F in applied(closed, np.asarray(q, float), lam):  # a frame may occur in several constraints
-        found = found + (robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F}) - free)
-    return found
+    total = robot.joint_wrenches(q, dq, ddq, **wrenches)
+    unloaded = robot.joint_wrenches(q, dq, ddq)
+    for frame, F in link_wrenches(closed, np.asarray(q, float), lam):  # a frame may occur in several constraints
+        total = total + (robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F}) - unloaded)
+    return total
 
 
 def explanation(
@@ -157,8 +159,8 @@ def explanation(
     (q,) = finite_states(robot.model, "explain", q=q)
     A = closed.constraint_jacobian(q)[..., None, None, :, :]
     lam, _ = balance(why.parts, A, closed.sizes, driven)
-    pressed = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
-    return replace(why, parts=np.where(driven, why.parts + pressed, 0.0))
+    constraint_torques = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
+    return replace(why, parts=np.where(driven, why.parts + constraint_torques, 0.0))
 
 
 def inverse_dynamics_derivatives(
@@ -170,7 +172,7 @@ def inverse_dynamics_derivatives(
     **wrenches: Any,
 ) -> ConstrainedDerivatives:
     """Derivatives of the motor torques by the motors' q, dq and ddq, along motions that satisfy the constraints."""
-    robot, held = closed.open(), closed._independent_constraints
+    robot, constraints = closed.open(), closed._independent_constraints
     driven = motor_mask(robot, actuated)
     q, dq, ddq = (x.astype(float) for x in finite_states(robot.model, "derivatives", q=q, dq=dq, ddq=ddq))
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, dq, ddq)))
@@ -183,8 +185,8 @@ def inverse_dynamics_derivatives(
     A, A_by_q, b_by_q, b_by_dq = empty, empty[..., None] * np.zeros(closed.nv), empty, empty
     if rows:
         A = closed.constraint_jacobian(q)[..., rows, :]
-        A_by_q = robot.kernel("constraint_jacobian", constraints=held, by="q")(q)
-        b_by_q, b_by_dq = robot.kernel("constraint_bias", constraints=held, by=("q", "dq"))(q, dq)
+        A_by_q = robot.kernel("constraint_jacobian", constraints=constraints, by="q")(q)
+        b_by_q, b_by_dq = robot.kernel("constraint_bias", constraints=constraints, by=("q", "dq"))(q, dq)
     slopes = Slopes(A, A_by_q, b_by_q, b_by_dq, f, f_by_q, f_by_dq, robot.mass_matrix(q))
     return constrained_derivatives(slopes, dq, ddq, driven)
 
@@ -197,38 +199,46 @@ def inverse_dynamics_derivatives(
 #     by the robot at {b}:  (R'm, R'f),        by the robot at {a}:  -(R_ac (m + p × f) + p_ac × R_ac f, R_ac f)
 
 
-def applied(closed: ConstrainedRobot, q: Array, lam: Array) -> list[tuple[str, Array]]:
+def link_wrenches(closed: ConstrainedRobot, q: Array, lam: Array) -> list[tuple[str, Array]]:
     """Pairs (frame, (..., 6)): wrenches by the robot equivalent to λ (..., k) on its links; none for the ground."""
-    found: list[tuple[str, Array]] = []
+    pairs: list[tuple[str, Array]] = []
     poses: Iterator[Array] = iter(())
     if any(isinstance(c, Closure) for c in closed.constraints):
         T = closed.open().engine.call("closure_poses", q, constraints=closed.constraints)
         poses = iter(np.moveaxis(T, -3, 0))
     for name, c in zip(names(closed.constraints), closed.constraints, strict=True):
         F = closed.wrenches(lam)[name]
-        if isinstance(c, Rolling):  # at the point and along the axes of the Jacobian's kind
-            T = closed.open().forward_kinematics(q, c.frame)
-            F = _moved(np.eye(3), -T[..., :3, 3], F) if c.kind == "space" else F
-            found.append((c.frame, F if c.kind == "body" else _turned(np.swapaxes(T[..., :3, :3], -1, -2), F)))
+        if isinstance(c, Rolling):
+            pairs.append((c.frame, _body_wrench(c.kind, closed.open().forward_kinematics(q, c.frame), F)))
             continue
         T_cb = next(poses)
         R = np.swapaxes(T_cb[..., :3, :3], -1, -2)
         if place_of(closed.open().model, c.frame_b).body != BASE:
-            found.append((c.frame_b, _turned(R, F)))
+            pairs.append((c.frame_b, _rotate(R, F)))
         if place_of(closed.open().model, c.frame_a).body != BASE:
-            found.append((c.frame_a, -_moved(c.T_ac[:3, :3], c.T_ac[:3, 3], _moved(np.eye(3), T_cb[..., :3, 3], F))))
-    return found
+            F_c = _transform(np.eye(3), T_cb[..., :3, 3], F)
+            pairs.append((c.frame_a, -_transform(c.T_ac[:3, :3], c.T_ac[:3, 3], F_c)))
+    return pairs
 
 
-def _turned(R: Array, F: Array) -> Array:
+def _body_wrench(kind: str, T: Array, F: Array) -> Array:
+    """Wrench in a frame with the pose T, from one at the point and along the axes of a kind of Jacobian."""
+    if kind == "body":
+        return F
+    if kind == "space":
+        F = _transform(np.eye(3), -T[..., :3, 3], F)
+    return _rotate(np.swapaxes(T[..., :3, :3], -1, -2), F)
+
+
+def _rotate(R: Array, F: Array) -> Array:
     m, f = ((R @ x[..., None])[..., 0] for x in (F[..., :3], F[..., 3:]))
     return np.concatenate([m, f], axis=-1)
 
 
-def _moved(R: Array, p: Array, F: Array) -> Array:
+def _transform(R: Array, p: Array, F: Array) -> Array:
     """Wrench transformed to another frame, in which the original frame has the pose (R, p)."""
-    turned = _turned(R, F)
-    return np.concatenate([turned[..., :3] + np.cross(p, turned[..., 3:]), turned[..., 3:]], axis=-1)
+    rotated = _rotate(R, F)
+    return np.concatenate([rotated[..., :3] + np.cross(p, rotated[..., 3:]), rotated[..., 3:]], axis=-1)
 
 
 # ── Joints with a motor, and torques that they can make
@@ -237,13 +247,16 @@ def _moved(R: Array, p: Array, F: Array) -> Array:
 def motor_mask(robot: Robot, actuated: Iterable[str] | None) -> Array:
     """Mask of the velocities of the named joints (None: all with a motor, see :func:`motor_joints`); (nv,)."""
     leaders = {b.joint.name: b for b in robot.model.leaders}
-    names = motor_joints(robot) if actuated is None else [actuated] if isinstance(actuated, str) else list(actuated)
-    found = np.zeros(robot.nv, bool)
-    for name in names:
+    if actuated is None:
+        actuated = motor_joints(robot)
+    elif isinstance(actuated, str):
+        actuated = [actuated]
+    mask = np.zeros(robot.nv, bool)
+    for name in actuated:
         if name not in leaders:
             raise UnknownNameError.from_choices("joint", name, leaders)
-        found[leaders[name].v_index : leaders[name].v_index + leaders[name].joint.nv] = True
-    return found
+        mask[leaders[name].v_index : leaders[name].v_index + leaders[name].joint.nv] = True
+    return mask
 
 
 def motor_joints(robot: Robot) -> list[str]:
@@ -269,35 +282,35 @@ def _is_planar_base(body: Body) -> bool:
     return body.parent == BASE and isinstance(body.joint, Planar)
 
 
-def require_made(closed: ConstrainedRobot, left: Array, f: Array, driven: Array) -> None:
-    """Raise an error if residual torques ``left`` (..., n) at joints without motors exceed rounding errors of f (..., nv)."""
-    rest = np.abs(left).max(axis=-1, initial=0.0)
+def require_balanced(closed: ConstrainedRobot, residual: Array, f: Array, driven: Array) -> None:
+    """Raise an error if residual torques (..., n) at joints without motors exceed rounding errors of f (..., nv)."""
+    largest = np.abs(residual).max(axis=-1, initial=0.0)
     allowed = MAX_RESIDUAL_TORQUE * np.abs(f).max(axis=-1, initial=0.0)
-    if (rest <= allowed).all():
+    if (largest <= allowed).all():
         return
-    worst = int((rest - allowed).argmax())
-    idle, moving = (joints(closed.open(), which) for which in (~driven, driven))
+    worst = int((largest - allowed).argmax())
+    idle, moving = joints(closed.open(), ~driven), joints(closed.open(), driven)
     bases = {b.joint.name for b in closed.open().model.leaders if b.parent == BASE and not b.joint.driven}
-    loose = [name for name in idle if name in bases]
-    remedy = (
-        f"Nothing drives {', '.join(loose)}, and the closures cannot hold it: close with the ground what else holds it, such "
-        "as another foot, or give the missing force as wrench_on_robot."
-        if loose
-        else f"Degrees of freedom: {closed.nv - len(closed.independent)}; name as many joints that move them."
-    )
+    if loose := [name for name in idle if name in bases]:
+        remedy = (
+            f"Nothing drives {', '.join(loose)}, and the closures cannot hold it: close with the ground what else holds it, "
+            "such as another foot, or give the missing force as wrench_on_robot."
+        )
+    else:
+        remedy = f"Degrees of freedom: {closed.nv - len(closed.independent)}; name as many joints that move them."
     raise ConstraintError(
         f"joints {', '.join(idle)} have no motor, and no torques at {', '.join(moving) or 'no joint'} make this motion: "
-        f"{printed(rest.flat[worst], 3)} N m or N is left over{place_in_batch(worst, rest.shape)}. {remedy}"
+        f"{printed(largest.flat[worst], 3)} N m or N is left over{place_in_batch(worst, largest.shape)}. {remedy}"
     )
 
 
 def require_independent(closed: ConstrainedRobot, q: Array, driven: Array) -> None:
     """Raise an error unless the joints ``driven`` (nv,) determine all others and match the degrees of freedom in number."""
-    free, named = closed.nv - len(closed.independent), int(driven.sum())
-    mine = ", ".join(joints(closed.open(), driven)) or "no joint"
-    if named != free:
+    free, count = closed.nv - len(closed.independent), int(driven.sum())
+    names = ", ".join(joints(closed.open(), driven)) or "no joint"
+    if count != free:
         raise ConstraintError(
-            f"{mine}: {named} velocities, and there are {free} degrees of freedom. Name joints of as many velocities, the "
+            f"{names}: {count} velocities, and there are {free} degrees of freedom. Name joints of as many velocities, the "
             "independent ones."
         )
     if not closed.independent or not (~driven).any():
@@ -305,10 +318,10 @@ def require_independent(closed: ConstrainedRobot, q: Array, driven: Array) -> No
     rows = list(closed.independent)
     A = closed.constraint_jacobian(q)[..., rows, :][..., ~driven] / closed.sizes[rows, None]
     sigma = np.linalg.svd(A, compute_uv=False)
-    part = sigma[..., -1] / sigma[..., 0]
-    if not (part > SINGULAR_VALUE).all():
-        worst = int(np.argmin(part))
+    condition = sigma[..., -1] / sigma[..., 0]
+    if not (condition > SINGULAR_VALUE).all():
+        worst = int(np.argmin(condition))
         raise ConstraintError(
-            f"{mine} do not determine the other joints{place_in_batch(worst, part.shape)}: a dead centre, or a singular "
+            f"{names} do not determine the other joints{place_in_batch(worst, condition.shape)}: a dead centre, or a singular "
             "configuration. Choose other joints, or go round it."
         )

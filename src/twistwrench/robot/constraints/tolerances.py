@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,12 +24,12 @@ if TYPE_CHECKING:
 
 # ── Scales of rows, and tolerances of gaps
 
-SHORTEST = 1e-4
+MIN_LEVER_OF_LENGTH = 1e-4
 """Fraction of the robot's length: for shorter levers, single-precision rounding errors of positions exceed the largest
 allowed gap."""
-LONGEST = 1.0
+MAX_LENGTH = 1.0
 """m: loops of larger robots are closed to the same absolute gap as those of this size."""
-ROUNDED = 4e-3
+GAP_LENGTH_SHARE = 4e-3
 """Fraction of a robot's whole length: 1e-12 of it is 18 units in the last place of positions, the smallest tolerance used."""
 
 
@@ -36,36 +37,35 @@ def row_sizes(closed: ConstrainedRobot, new: Constraint) -> tuple[Array, Array]:
     """Typical sizes of the rows of A, scaled by the mass matrix, and their spans, with one more constraint appended."""
     sizes, rows = six_sizes(closed.open(), new), list(new.rows)
     length = robot_length(closed.open().model)
-    spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], SHORTEST * length, LONGEST)], 3)
+    spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], MIN_LEVER_OF_LENGTH * length, MAX_LENGTH)], 3)
     return np.concatenate([closed.sizes, sizes[rows]]), np.concatenate([closed.spans, spans[rows]])
 
 
 def robot_length(model: Model) -> float:
-    """Length in m that scales gaps: distance that links can have from the base, at most :data:`LONGEST`."""
-    return min(_whole_length(model), LONGEST)
+    """Length in m that scales gaps: distance that links can have from the base, at most :data:`MAX_LENGTH`."""
+    return min(_whole_length(model), MAX_LENGTH)
 
 
 def _whole_length(model: Model) -> float:
     """Sum of the levers along the longest chain with the strokes of sliding joints, in m; scale of rounding errors."""
     reach: list[float] = []
     for body in model.bodies:
-        sliding = body.joint.axes[:, 3:].any(axis=1)
-        most = 0.0
-        if sliding.any():
-            k = body.v_index
-            way = [max(abs(model.limits.lower[k + n]), abs(model.limits.upper[k + n])) for n in np.flatnonzero(sliding)]
-            most = float(sum(x if np.isfinite(x) else LONGEST for x in way))
-        before = 0.0 if body.parent == BASE else reach[body.parent]
-        reach.append(before + float(np.linalg.norm(body.placement[:3, 3])) + abs(body.ratio) * most)
-    frames = [
-        (0.0 if f.body == BASE else reach[f.body]) + float(np.linalg.norm(f.pose[:3, 3])) for f in model.frames.values()
-    ]
-    return max([*reach, *frames], default=0.0) or LONGEST
+        sliding = np.flatnonzero(body.joint.axes[:, 3:].any(axis=1))
+        limits = model.limits.lower[body.v_index + sliding], model.limits.upper[body.v_index + sliding]
+        strokes = np.maximum(*np.abs(limits))
+        stroke = float(sum(np.where(np.isfinite(strokes), strokes, MAX_LENGTH)))
+        base_reach = 0.0 if body.parent == BASE else reach[body.parent]
+        reach.append(base_reach + float(np.linalg.norm(body.placement[:3, 3])) + abs(body.ratio) * stroke)
+    lengths = list(reach)
+    for frame in model.frames.values():
+        base_reach = 0.0 if frame.body == BASE else reach[frame.body]
+        lengths.append(base_reach + float(np.linalg.norm(frame.pose[:3, 3])))
+    return max(lengths, default=0.0) or MAX_LENGTH
 
 
 def gap_length(model: Model) -> float:
     """Length in m that corresponds to a relative gap of 1."""
-    return max(robot_length(model), ROUNDED * _whole_length(model))
+    return max(robot_length(model), GAP_LENGTH_SHARE * _whole_length(model))
 
 
 def gap_units(closed: ConstrainedRobot) -> Array:
@@ -82,9 +82,9 @@ def all_rows(constraint: Constraint) -> Constraint:
 def six_sizes(robot: Robot, constraint: Constraint) -> Array:
     """Typical sizes of the six rows of a constraint, scaled by the mass matrix; (6,)."""
     robot.engine.require_invertible()
-    some = robot.random_configuration(0, 8)
-    J = np.stack([robot.reference("constraint_jacobian", q, constraints=(all_rows(constraint),)) for q in some])
-    return usual_sizes(J, robot.mass_matrix(some))
+    samples = robot.random_configuration(0, 8)
+    J = np.stack([robot.reference("constraint_jacobian", q, constraints=(all_rows(constraint),)) for q in samples])
+    return usual_sizes(J, robot.mass_matrix(samples))
 
 
 def rate_units(closed: ConstrainedRobot) -> Array:
@@ -95,41 +95,42 @@ def rate_units(closed: ConstrainedRobot) -> Array:
 
 # ── States that meet the constraints
 
-OPEN, ASTRAY = 1e-2, 0.1
-"""Largest gap of the loops (rad, and fraction of their span), and largest fraction of a rate that may violate the
-constraints, in constrained dynamics. Intermediate stages of an integrator have small errors: gaps grow with the square
-of the step, rates with the step."""
-STILL = 1e-3
+MAX_GAP_OF_SPAN = 1e-2
+"""Largest gap of the loops in constrained dynamics, rad, and fraction of their span. Intermediate stages of an integrator
+have small errors: gaps grow with the square of the step, rates with the step."""
+MAX_RATE_VIOLATION = 0.1
+"""Largest fraction of a rate that may violate the constraints, for the same reason."""
+REST_SPEED = 1e-3
 """rad/s, and fraction of the robot's length per s: slower joints count as at rest. Where a motion reverses, velocities are as
 small as integration errors, so that any fraction of them may violate the constraints."""
-FADED = 1e-2
+SINGULAR_RESPONSE = 1e-2
 """Rows whose response to a motion is below this fraction of its typical size are near a singular configuration; rounding and
 integration errors dominate them."""
 
 
-def require_found(closed: ConstrainedRobot, left: Array, tolerance: float, batch: tuple[int, ...]) -> None:
-    """Raise ConstraintError that names the start with the largest gap of ``left`` (n,), if it exceeds ``tolerance``."""
-    if not (left > tolerance).any():
+def require_closed(closed: ConstrainedRobot, gaps: Array, tolerance: float, batch: tuple[int, ...]) -> None:
+    """Raise ConstraintError that names the start with the largest of its ``gaps`` (n,), if it exceeds ``tolerance``."""
+    if not (gaps > tolerance).any():
         return
-    worst = int(left.argmax())
+    worst = int(gaps.argmax())
     raise ConstraintError(
-        f"no configuration with closed loops found from here: a gap of {printed(left[worst], 3)} ({in_units(closed)}) is left"
-        f"{place_in_batch(worst, batch)}, allowed {printed(tolerance)}. Start nearer to one, or allow more: "
+        f"no configuration with closed loops found from here: a gap of {printed(gaps[worst], 3)} ({gap_unit_text(closed)}) is "
+        f"left{place_in_batch(worst, batch)}, allowed {printed(tolerance)}. Start nearer to one, or allow more: "
         "consistent(q, tolerance=…)."
     )
 
 
-def warn_of_far(robot: Robot, q: Array, found: Array, within: float) -> None:
-    """Warn if a joint moved further than ``within`` from q to ``found`` (..., nq); names the joint that moved furthest."""
-    moved = np.abs(robot.subtract(found, q))
-    if not (moved > within).any():
+def warn_of_far(robot: Robot, q: Array, result: Array, within: float) -> None:
+    """Warn if a joint moved further than ``within`` from q to ``result`` (..., nq); names the joint that moved furthest."""
+    displacement = np.abs(robot.subtract(result, q))
+    if not (displacement > within).any():
         return
-    *row, k = np.unravel_index(int(moved.argmax()), moved.shape)
+    *row, k = np.unravel_index(int(displacement.argmax()), displacement.shape)
     (joint,) = joints(robot, np.arange(robot.nv) == k)
     warnings.warn(
-        f"the closed configuration found is not near: joint {joint!r} moved by {printed(moved.max(), 3)} (rad or m)"
-        f"{_in_words(row)}, and {printed(within)} is called near. robot.subtract(found, q) is how far each one went; start "
-        "nearer to the configuration meant, or allow more: consistent(q, within=…).",
+        f"the closed configuration found is not near: joint {joint!r} moved by {printed(displacement.max(), 3)} (rad or m)"
+        f"{_batch_row_text(row)}, and {printed(within)} is called near. robot.subtract(found, q) is how far each one went; "
+        "start nearer to the configuration meant, or allow more: consistent(q, within=…).",
         ConstraintWarning,
         stacklevel=frames_to_user(),
     )
@@ -137,9 +138,10 @@ def warn_of_far(robot: Robot, q: Array, found: Array, within: float) -> None:
 
 def warn_of_singular(rank: Array, usual: int) -> None:
     """Warn of states at which the rank of the constraints is lower than usual."""
-    if (lost := rank < usual).any():
+    singular = rank < usual
+    if singular.any():
         warnings.warn(
-            f"singular configuration: {lost.sum()} of these states hold the constraints by {rank.min()} "
+            f"singular configuration: {singular.sum()} of these states hold the constraints by {rank.min()} "
             f"directions, not {usual}; λ is the one of least norm.",
             ConstraintWarning,
             stacklevel=frames_to_user(),
@@ -148,13 +150,13 @@ def warn_of_singular(rank: Array, usual: int) -> None:
 
 def require_met(closed: ConstrainedRobot, q: Array, dq: Array, ddq: Array | None = None) -> None:
     """Raise ConstraintError with the constraint violation of a state, if it is too large."""
-    mine = with_gaps(closed.constraints)
-    gap, allowed = np.abs(closed.gaps(q)), OPEN * closed.spans[mine]
+    rows_with_gaps = with_gaps(closed.constraints)
+    gap, allowed = np.abs(closed.gaps(q)), MAX_GAP_OF_SPAN * closed.spans[rows_with_gaps]
     if not (gap <= allowed).all():
         *row, k = np.unravel_index(int((gap / allowed).argmax()), gap.shape)
-        name = [name for name, has in zip(row_names(closed.constraints), mine, strict=True) if has][k]
+        name = row_names(closed.constraints)[np.flatnonzero(rows_with_gaps)[k]]
         raise ConstraintError(
-            f"q leaves loops open by {printed(gap[(*row, k)], 3)} (rad or m) in {name!r}{_in_words(row)}, allowed "
+            f"q leaves loops open by {printed(gap[(*row, k)], 3)} (rad or m) in {name!r}{_batch_row_text(row)}, allowed "
             f"{printed(allowed[k], 3)}: begin with closed.consistent(q)."
         )
     A = closed.constraint_jacobian(q)
@@ -165,25 +167,25 @@ def require_met(closed: ConstrainedRobot, q: Array, dq: Array, ddq: Array | None
 
 
 def _require_rate(closed: ConstrainedRobot, q: Array, name: str, A: Array, v: Array, b: Array, remedy: str) -> None:
-    rate = (np.abs((A @ v[..., None])[..., 0] + b) / closed.sizes).max(axis=-1, initial=0.0)
-    terms = (np.abs(A) @ (np.abs(v) + STILL * rate_units(closed))[..., None])[..., 0] + np.abs(b)
-    usual = (terms / closed.sizes).max(axis=-1, initial=0.0)
-    if (rate <= ASTRAY * usual).all():
+    violation = (np.abs((A @ v[..., None])[..., 0] + b) / closed.sizes).max(axis=-1, initial=0.0)
+    terms = (np.abs(A) @ (np.abs(v) + REST_SPEED * rate_units(closed))[..., None])[..., 0] + np.abs(b)
+    usual_rate = (terms / closed.sizes).max(axis=-1, initial=0.0)
+    if (violation <= MAX_RATE_VIOLATION * usual_rate).all():
         return
     # Scaled by the mass matrix, a row of typical size is 1; this is the typical response of rows to such a motion.
-    seen = np.sqrt(np.maximum((v * (closed.open().mass_matrix(q) @ v[..., None])[..., 0]).sum(axis=-1), 0.0))
-    usual = np.maximum(usual, FADED * seen)
-    if (rate <= ASTRAY * usual).all():
+    response = np.sqrt(np.maximum((v * (closed.open().mass_matrix(q) @ v[..., None])[..., 0]).sum(axis=-1), 0.0))
+    usual_rate = np.maximum(usual_rate, SINGULAR_RESPONSE * response)
+    if (violation <= MAX_RATE_VIOLATION * usual_rate).all():
         return
-    part = np.divide(rate, usual, out=np.zeros_like(rate), where=usual > 0)
-    worst = int(part.argmax())
+    share = np.divide(violation, usual_rate, out=np.zeros_like(violation), where=usual_rate > 0)
+    worst = int(share.argmax())
     raise ConstraintError(
-        f"{name} breaks the constraints by {printed(part.flat[worst], 3)} of its size{place_in_batch(worst, part.shape)}, "
-        f"allowed {printed(ASTRAY)}. Take the nearest that meets them: {remedy}."
+        f"{name} breaks the constraints by {printed(share.flat[worst], 3)} of its size{place_in_batch(worst, share.shape)}, "
+        f"allowed {printed(MAX_RATE_VIOLATION)}. Take the nearest that meets them: {remedy}."
     )
 
 
-def in_units(closed: ConstrainedRobot) -> str:
+def gap_unit_text(closed: ConstrainedRobot) -> str:
     """Units of a gap in words."""
     length = gap_length(closed.open().model)
     return "rad or m" if length == 1.0 else f"rad, or part of {printed(length, 3)} m"
@@ -191,10 +193,10 @@ def in_units(closed: ConstrainedRobot) -> str:
 
 def place_in_batch(flat: int, batch: tuple[int, ...]) -> str:
     """Clause with the row of a batch; empty for one state."""
-    return _in_words(np.unravel_index(flat, batch))
+    return _batch_row_text(np.unravel_index(flat, batch))
 
 
-def _in_words(row: Iterable[Any]) -> str:
+def _batch_row_text(row: Iterable[Any]) -> str:
     numbers = ", ".join(map(str, row))
     return f" (row {numbers} of the batch)" if numbers else ""
 
@@ -202,4 +204,4 @@ def _in_words(row: Iterable[Any]) -> str:
 def joints(robot: Robot, which: Array) -> list[str]:
     """Joints of the velocities selected by the mask ``which`` (nv,)."""
     names = [b.joint.name for b in robot.model.leaders for _ in range(b.joint.nv)]
-    return list(dict.fromkeys(name for name, yes in zip(names, which, strict=True) if yes))
+    return list(dict.fromkeys(compress(names, which)))

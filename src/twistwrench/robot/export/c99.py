@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...compiler.ir.program import FUSED, TensorSpec
+from ...compiler.ir.program import FUSED, Program, TensorSpec
 from ...compiler.printers.c99 import FUSED_MACROS, PRECISIONS, identifier
 from ...compiler.printers.cuda import CudaFunction
 from ...core.errors import KernelError, ValueRangeError
@@ -71,7 +71,7 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
         '#ifdef __cplusplus\nextern "C" {\n#endif',
         f"/* Entries of q, and of dq, ddq and tau. */\n"
         f"#define {prefix.upper()}_NQ {robot.nq}\n#define {prefix.upper()}_NV {robot.nv}",
-        *(f"{comment(about_request(robot, request))}\n{request.function.prototype};" for request in requests),
+        *(f"{comment(comment_lines(robot, request))}\n{request.function.prototype};" for request in requests),
         f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {guard} */",
     ]
     return "\n\n".join(parts) + "\n"
@@ -95,9 +95,8 @@ def source(robot: Robot, requests: Sequence[Request], stem: str) -> str:
 def comment(lines: Sequence[str]) -> str:
     """Block comment; names from robot files cannot end it or hide in it."""
     safe = "\n".join(lines).replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
-    plain = (
-        "".join(c if c.isprintable() or c == "\n" else "?" for c in safe).encode("ascii", "backslashreplace").decode()
-    )
+    printable = "".join(c if c.isprintable() or c == "\n" else "?" for c in safe)
+    plain = printable.encode("ascii", "backslashreplace").decode()
     body = "\n".join(f" * {line}".rstrip() for line in plain.split("\n"))
     return f"/*\n{body}\n */"
 
@@ -106,22 +105,22 @@ def entries(robot: Robot) -> Iterator[str]:
     """Entries of q and dq, with their units."""
     yield "Entries of q:"
     names = robot.coordinate_names
-    wide = max(map(len, names))
+    width = max(map(len, names))
     units = [unit for b in robot.model.leaders for unit in b.joint.coordinate_units]
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
-        yield f"  {k:3}  {name:{wide}}  {unit}"
+        yield f"  {k:3}  {name:{width}}  {unit}"
     yield "Entries of dq, ddq and tau (a joint of several: its twist in the frame of its child, angular part first):"
     k = 0
     for b in robot.model.leaders:
         for turns in b.joint.turning:
-            said = ", ".join(unit_of(part, turns) for part in ("dq", "ddq", "tau")).replace("²", "^2")  # ASCII, as C is
-            yield f"  {k:3}  {b.joint.name:{wide}}  {said}"
+            units_text = ", ".join(unit_of(part, turns) for part in ("dq", "ddq", "tau"))
+            yield f"  {k:3}  {b.joint.name:{width}}  {units_text.replace('²', '^2')}"  # ASCII, as C is
             k += 1
     if robot.model.quaternions:
         yield "A quaternion (qw, qx, qy, qz) may have any length but zero."
 
 
-def about_request(robot: Robot, request: Request) -> list[str]:
+def comment_lines(robot: Robot, request: Request) -> list[str]:
     """Comment lines of one function."""
     function, full = request.function, request.full
     program = function.program
@@ -138,20 +137,28 @@ def about_request(robot: Robot, request: Request) -> list[str]:
         lines.append(f"Not itself: its derivative ({derivative.form}) by {', '.join(derivative.by)}.")
     if constraints := full.get("constraints"):
         lines.append(f"Constraints: {', '.join(c.name for c in constraints)}.")
-    shaped = [
-        f"{name} {' x '.join(map(str, port.shape)) or '1'}"
-        for name, port in zip(function.parameters, (*program.inputs, *program.outputs), strict=True)
-    ]
-    made = len(program.inputs)
-    lines.append(f"In: {', '.join(shaped[:made])}. Out: {', '.join(shaped[made:])}.")
-    counts = program.counts()
-    named = [(sum(counts.get(op, 0) for op in ops), label) for label, ops in _COUNTED.items()]
-    lines.append(f"{', '.join(f'{n} {label}' for n, label in named if n) or 'No operation'}.")
+    parameters = []
+    for name, port in zip(function.parameters, (*program.inputs, *program.outputs), strict=True):
+        parameters.append(f"{name} {' x '.join(map(str, port.shape)) or '1'}")
+    count = len(program.inputs)
+    lines.append(f"In: {', '.join(parameters[:count])}. Out: {', '.join(parameters[count:])}.")
+    lines.append(f"{_operations_text(program)}.")
     if names := full.get("parameters"):
-        usual, wide = nominal(robot.model), max(map(len, names))
+        values, width = nominal(robot.model), max(map(len, names))
         lines.append("Entries of parameters, and the robot's own numbers:")
-        lines += [f"  {k:3}  {name:{wide}}  {file_number(usual[name])}" for k, name in enumerate(names)]
+        lines += [f"  {k:3}  {name:{width}}  {file_number(values[name])}" for k, name in enumerate(names)]
     return lines
+
+
+def _operations_text(program: Program) -> str:
+    """Numbers of operations of each kind."""
+    counts = program.counts()
+    parts = []
+    for label, operations in _COUNTED.items():
+        total = sum(counts.get(operation, 0) for operation in operations)
+        if total:
+            parts.append(f"{total} {label}")
+    return ", ".join(parts) or "No operation"
 
 
 # ── Export of quantities as C99 (header, source and test) and as CUDA source; files are written together
@@ -201,12 +208,13 @@ def export_c(
     paths = {".h": plain.with_suffix(".h"), ".c": plain}
     if test:
         paths["_test.c"] = plain.with_name(f"{plain.stem}_test.c")
-    written = {label: plain, **{f"{label} (its {end})": p for end, p in paths.items() if p is not plain}}
-    check_outputs(written, {"the robot": file_of(robot), **(inputs or {})})
-    wanted = requests(robot, quantities, precision, prefix)
-    texts = {".h": header(robot, wanted, plain.stem, prefix), ".c": source(robot, wanted, plain.stem)}
+    outputs = {label: plain}
+    outputs |= {f"{label} (its {end})": file for end, file in paths.items() if file is not plain}
+    check_outputs(outputs, {"the robot": file_of(robot), **(inputs or {})})
+    exports = requests(robot, quantities, precision, prefix)
+    texts = {".h": header(robot, exports, plain.stem, prefix), ".c": source(robot, exports, plain.stem)}
     if test:
-        texts["_test.c"] = self_test(robot, wanted, plain.stem)
+        texts["_test.c"] = self_test(robot, exports, plain.stem)
     with replacing_together(list(paths.values())) as scratch:
         for end, file in zip(paths, scratch, strict=True):
             file.write_text(texts[end], encoding="utf-8", newline="\n")
@@ -235,15 +243,19 @@ def export_cuda(
     ...     [path.name for path in export_cuda(tw.robots.pendulum(), ["mass_matrix", "gravity_forces"], folder)]
     ['pendulum_mass_matrix.cu', 'pendulum_gravity_forces.cu']
     """
-    wanted, given = requests(robot, quantities, precision, prefix_of(robot, prefix)), Path(path)
-    if not given.is_dir() and (given.suffix != ".cu" or len(wanted) > 1):
+    exports = requests(robot, quantities, precision, prefix_of(robot, prefix))
+    target = Path(path)
+    if target.is_dir():
+        files = [target / f"{request.function.name}.cu" for request in exports]
+    elif target.suffix == ".cu" and len(exports) == 1:
+        files = [target]
+    else:
         raise ValueRangeError(
             f"path {str(path)!r} is neither a folder that exists nor a name that ends in .cu, for one kernel. "
             "Make the folder first: each kernel is a file of its own."
         )
-    files = [given / f"{request.function.name}.cu" if given.is_dir() else given for request in wanted]
     check_outputs({f"path ({file.name})": file for file in files}, {"the robot": file_of(robot)})
-    texts = [_cuda_source(robot, request) for request in wanted]
+    texts = [_cuda_source(robot, request) for request in exports]
     with replacing_together(files) as scratch:
         for file, text in zip(scratch, texts, strict=True):
             file.write_text(text, encoding="utf-8", newline="\n")
@@ -271,19 +283,19 @@ def _cuda_source(robot: Robot, request: Request) -> str:
 
 def _source_path(path: str | Path, prefix: str, label: str) -> Path:
     """Path of the .c file: the given one, or one with the robot's name in a folder."""
-    given = Path(path)
-    if given.is_dir():
-        return given / f"{prefix}.c"
-    if given.suffix != ".c":
+    file = Path(path)
+    if file.is_dir():
+        return file / f"{prefix}.c"
+    if file.suffix != ".c":
         raise ValueRangeError(
             f"{label} {str(path)!r} is neither a folder that exists nor a name that ends in .c. "
             f"Make the folder first, or name the source, such as {prefix}.c; the header goes beside it."
         )
-    if not given.name.isprintable() or any(c in given.name for c in '"\\'):
+    if not file.name.isprintable() or any(c in file.name for c in '"\\'):
         raise ValueRangeError(
             f"{label} {str(path)!r} cannot stand in an #include. Give a name without quotes and backslashes."
         )
-    return given
+    return file
 
 
 def file_of(robot: Robot) -> str | None:
@@ -355,31 +367,31 @@ def _test_of(robot: Robot, request: Request) -> tuple[str, str]:
     function = request.function
     program, precision = function.program, function.precision
     dtype = np.float32 if precision == "float" else np.float64
-    made = len(program.inputs)
+    count = len(program.inputs)
     inputs = inputs_at_states(robot, request, dtype)
-    wanted, allowed = results_at_states(robot, request, inputs, robot.kernel(request.quantity, **request.options))
+    expected, tolerances = results_at_states(robot, request, inputs, robot.kernel(request.quantity, **request.options))
     ports = (*program.inputs, *program.outputs)
-    names = [f"{function.name}_{name}" for name in function.parameters]
-    numbers = [np.reshape(x, (STATES, port.size)) for port, x in zip(ports, (*inputs, *wanted), strict=True)]
-    data = "\n".join(_array(name, values, precision) for name, values in zip(names, numbers, strict=True))
+    tables = [f"{function.name}_{name}" for name in function.parameters]
+    numbers = [np.reshape(x, (STATES, port.size)) for port, x in zip(ports, (*inputs, *expected), strict=True)]
+    data = "\n".join(_array(table, values, precision) for table, values in zip(tables, numbers, strict=True))
     f = PRECISIONS[precision]
     lines = [f"static int test_{function.name}(void)", "{", "    int passed = 1;"]
-    results = function.parameters[made:]
+    results = function.parameters[count:]
     for name, port in zip(results, program.outputs, strict=True):
         lines += [f"    {precision} {name}[{port.size}];", f"    {precision} worst_{name} = 0.0{f};"]
-    arguments = ", ".join([*(f"{name}[k]" for name in names[:made]), *results])
+    arguments = ", ".join([*(f"{table}[k]" for table in tables[:count]), *results])
     lines += [f"    for (int k = 0; k < {STATES}; k++) {{", f"        {function.name}({arguments});"]
-    for name, its, values in zip(results, names[made:], numbers[made:], strict=True):
+    for name, table, values in zip(results, tables[count:], numbers[count:], strict=True):
         size = _hex(largest_entry(values), precision)
         lines += [
             "        {",
-            f"            const {precision} apart = gap({name}, {its}[k], {values.shape[1]}, {size});",
+            f"            const {precision} apart = gap({name}, {table}[k], {values.shape[1]}, {size});",
             f"            if (worst_{name} >= 0.0{f} && !(apart <= worst_{name}))",
             f"                worst_{name} = apart;",
             "        }",
         ]
     lines.append("    }")
-    for name, tolerance in zip(results, allowed, strict=True):
+    for name, tolerance in zip(results, tolerances, strict=True):
         lines.append(f'    passed &= check("{function.name}, {name}", worst_{name}, {_hex(tolerance, precision)});')
     return data, "\n".join([*lines, "    return passed;", "}"])
 
@@ -404,26 +416,30 @@ def results_at_states(
     The deviation is the difference of single- and double-precision kernels, which grows with the condition of the
     state. In double precision it is smaller by the ratio of the precisions.
     """
-    several = len(request.function.program.outputs) > 1
-    rounded = [a.astype(np.float32) for a in inputs]
+    ports, precision = request.function.program.outputs, request.function.precision
+
+    def results(arrays: Sequence[Array]) -> list[Array]:
+        returned = kernel(*arrays)
+        if len(ports) == 1:
+            returned = (returned,)
+        return [np.asarray(a) for a in returned]
+
+    float32_inputs = [a.astype(np.float32) for a in inputs]
     with np.errstate(all="ignore"):
-        found = [kernel(*arrays) for arrays in (rounded, [a.astype(np.float64) for a in rounded], inputs)]
-    single, double, given = found if several else [(x,) for x in found]
-    wanted, allowed = [np.asarray(a) for a in given], []
-    for name, port_single, port_double, port in zip(
-        request.function.program.outputs, single, double, wanted, strict=True
-    ):
-        if not (np.isfinite(port).all() and np.isfinite(port_single).all()):
+        single = results(float32_inputs)
+        double = results([a.astype(np.float64) for a in float32_inputs])
+        expected = results(inputs)
+    tolerances = []
+    for port, in_single, in_double, values in zip(ports, single, double, expected, strict=True):
+        if not (np.isfinite(values).all() and np.isfinite(in_single).all()):
             raise KernelError(
-                f"{request.quantity}: {name.name} is not finite at every configuration of robot {robot.name!r}, so no "
+                f"{request.quantity}: {port.name} is not finite at every configuration of robot {robot.name!r}, so no "
                 "number can be checked. Ask for a quantity that is, or pass "
                 f"{argument('test', False, option='no-test-program')}."
             )
-        size = largest_entry(np.asarray(port_double))
-        rounding = float(np.abs(port_single - port_double).max()) / size
-        precision = request.function.precision
-        allowed.append(_MARGIN * max(rounding, _EPS["float"]) * _EPS[precision] / _EPS["float"])
-    return wanted, allowed
+        rounding = float(np.abs(in_single - in_double).max()) / largest_entry(in_double)
+        tolerances.append(_MARGIN * max(rounding, _EPS["float"]) * _EPS[precision] / _EPS["float"])
+    return expected, tolerances
 
 
 def largest_entry(values: Array) -> float:
@@ -432,8 +448,12 @@ def largest_entry(values: Array) -> float:
 
 
 def _array(name: str, values: Array, precision: str) -> str:
-    rows = ",\n".join("    {" + ", ".join(_hex(x, precision) for x in row) + "}" for row in values)
-    return f"static const {precision} {name}[{STATES}][{values.shape[1]}] = {{\n{rows}\n}};"
+    rows = []
+    for row in values:
+        literals = ", ".join(_hex(x, precision) for x in row)
+        rows.append(f"    {{{literals}}}")
+    data = ",\n".join(rows)
+    return f"static const {precision} {name}[{STATES}][{values.shape[1]}] = {{\n{data}\n}};"
 
 
 def _hex(value: float, precision: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import islice
 from typing import Any
 
 from ...compiler.ir.program import FUSED, TensorSpec
@@ -24,32 +26,40 @@ def javascript_module(quantity: BridgedQuantity) -> str:
     program = quantity.program
     names = [_name(port.name) for port in program.inputs]
     results = [_name(port.name) for port in program.outputs]
-    lines: list[str] = []
-    elements = [f"{name}[{k}]" for name, port in zip(names, program.inputs, strict=True) for k in range(port.size)]
-    read = {e: f"{e[:-1].replace('[', '_')}_" for e in elements}  # read all inputs before writing any output
-    used = sorted({int(i.value) for i in program.instructions if i.op == "input"})
-    lines += [f"const {read[elements[k]]} = {elements[k]};" for k in used]
-    found = iter(evaluated(program, [read[e] for e in elements], _functions(lines)))
-    alone = len(results) == 1
-    for name, port in zip(results, program.outputs, strict=True):
-        place = "out" if alone else f"out.{name}"
-        lines += [f"{place}[{k}] = {_number(next(found))};" for k in range(port.size)]
-    made = ", ".join(f"{n}: new Float64Array({p.size})" for n, p in zip(results, program.outputs, strict=True))
-    fresh = f"new Float64Array({program.outputs[0].size})" if alone else f"{{ {made} }}"
-    shapes = [
-        f"{n} {list(p.shape)}" for n, p in zip((*names, *results), (*program.inputs, *program.outputs), strict=True)
-    ]
-    inside, outside = ", ".join(shapes[: len(names)]), ", ".join(shapes[len(names) :])
+    elements = _elements(names, program.inputs)
+    copies = [f"{element[:-1].replace('[', '_')}_" for element in elements]
+    numbers = sorted({int(i.value) for i in program.instructions if i.op == "input"})
+    lines = [f"const {copies[k]} = {elements[k]};" for k in numbers]  # inputs are read before outputs are written
+    values = evaluated(program, copies, _functions(lines))
+    if len(results) == 1:
+        targets = _elements(["out"], program.outputs)
+        default = f"new Float64Array({program.outputs[0].size})"
+    else:
+        targets = _elements([f"out.{name}" for name in results], program.outputs)
+        arrays = [f"{name}: new Float64Array({p.size})" for name, p in zip(results, program.outputs, strict=True)]
+        default = f"{{ {', '.join(arrays)} }}"
+    for target, value in zip(targets, values, strict=True):
+        lines.append(f"{target} = {_number(value)};")
+    shapes = f"{_shapes_text(names, program.inputs)} to {_shapes_text(results, program.outputs)}"
     return "\n".join(
         [
-            f"// {quantity.name} of {' '.join(quantity.engine.model.name.split())}: {inside} to {outside}; SI units.",
-            f"export function {_name(quantity.name)}({', '.join([*names, f'out = {fresh}'])}) {{",
+            f"// {quantity.name} of {' '.join(quantity.engine.model.name.split())}: {shapes}; SI units.",
+            f"export function {_name(quantity.name)}({', '.join([*names, f'out = {default}'])}) {{",
             *(f"  {line}" for line in lines),
             "  return out;",
             "}",
             "",
         ]
     )
+
+
+def _elements(names: Sequence[str], ports: Sequence[TensorSpec]) -> list[str]:
+    """Elements of arrays, one after the other."""
+    return [f"{name}[{k}]" for name, port in zip(names, ports, strict=True) for k in range(port.size)]
+
+
+def _shapes_text(names: Sequence[str], ports: Sequence[TensorSpec]) -> str:
+    return ", ".join(f"{name} {list(port.shape)}" for name, port in zip(names, ports, strict=True))
 
 
 def _functions(lines: list[str]) -> dict[str, Any]:
@@ -73,7 +83,9 @@ def _functions(lines: list[str]) -> dict[str, Any]:
 
 def _number(value: Any) -> str:
     """Names are unchanged; constants are written with enough digits to read back exactly."""
-    return value if isinstance(value, str) else f"({float(value)!r})" if value < 0 else repr(float(value))
+    if isinstance(value, str):
+        return value
+    return f"({float(value)!r})" if value < 0 else repr(float(value))
 
 
 def _name(text: str) -> str:
@@ -96,11 +108,12 @@ def casadi_function(quantity: BridgedQuantity) -> Any:
     program = quantity.program
     symbols = [casadi.SX.sym(port.name, max(port.size, 0)) for port in program.inputs]
     elements = [symbol[k] for symbol, port in zip(symbols, program.inputs, strict=True) for k in range(port.size)]
-    found = iter(evaluated(program, elements, functions_of(casadi, casadi.if_else)))
-    results = [_matrix(casadi, [next(found) for _ in range(port.size)], port) for port in program.outputs]
-    labels = [[identifier(port.name) for port in ports] for ports in (program.inputs, program.outputs)]
-    names_out = [f"{name}_out" if name in labels[0] else name for name in labels[1]]
-    return casadi.Function(identifier(quantity.name), symbols, results, labels[0], names_out)
+    values = iter(evaluated(program, elements, functions_of(casadi, casadi.if_else)))
+    results = [_matrix(casadi, list(islice(values, port.size)), port) for port in program.outputs]
+    input_names = [identifier(port.name) for port in program.inputs]
+    output_names = [identifier(port.name) for port in program.outputs]
+    output_names = [f"{name}_out" if name in input_names else name for name in output_names]
+    return casadi.Function(identifier(quantity.name), symbols, results, input_names, output_names)
 
 
 def _matrix(casadi: Any, elements: list[Any], port: TensorSpec) -> Any:

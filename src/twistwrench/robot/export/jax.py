@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from ctypes import POINTER, Structure, c_char_p, c_int, c_int32, c_int64, c_size_t, c_uint32, c_void_p
 from functools import cache, partial
-from itertools import accumulate
+from itertools import islice
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -114,8 +114,8 @@ def _callback(name: str, kernel: Callable[..., Any], count: int, version: tuple[
                 kernel(*_arrays(frame.args)[:count], out=tuple(_arrays(frame.rets)))
         except Exception as error:  # exceptions must not propagate through C
             failure = _ErrorCreate(ctypes.sizeof(_ErrorCreate), message=f"{name}: {error}".encode(), code=_INTERNAL)
-            found: int | None = _CREATE(frame.api.contents.error_create)(ctypes.byref(failure))
-            return found
+            address: int | None = _CREATE(frame.api.contents.error_create)(ctypes.byref(failure))
+            return address
         return None
 
     return _HANDLER(run)
@@ -167,16 +167,16 @@ class JaxOperation:
         """True if the version in JAX operations runs on the CPU: small batches of kernels that enter Python."""
         return prod(batch_shape(arrays, self.quantity.program)) < BATCH and not is_compiled(self.quantity.kernel)
 
-    def at_once(self, *arrays: Any) -> tuple[Any, ...]:
+    def evaluate(self, *arrays: Any) -> tuple[Any, ...]:
         """Evaluation outside of jit; JAX operations that run once are not compiled by XLA."""
         import jax
 
-        given = [jax.numpy.asarray(a) for a in arrays]
-        if all(device.platform == "cpu" for device in given[0].devices()) and self.runs_plain(given):
-            return self.plain(*given)
-        return tuple(jax.jit(self)(*given))
+        inputs = [jax.numpy.asarray(a) for a in arrays]
+        if all(device.platform == "cpu" for device in inputs[0].devices()) and self.runs_plain(inputs):
+            return self.plain(*inputs)
+        return tuple(jax.jit(self)(*inputs))
 
-    def on_processor(self, *arrays: Any) -> tuple[Any, ...]:
+    def call_kernel(self, *arrays: Any) -> tuple[Any, ...]:
         """Kernel as an XLA call."""
         import jax
 
@@ -198,7 +198,7 @@ def _primitive() -> Any:
     from jax.extend.core import Primitive
     from jax.interpreters import mlir
 
-    def shaped(*arrays: Any, operation: JaxOperation) -> list[Any]:
+    def result_shapes(*arrays: Any, operation: JaxOperation) -> list[Any]:
         program = operation.quantity.program
         batch = batch_shape(arrays, program)
         return [jax.core.ShapedArray((*batch, *port.shape), arrays[0].dtype) for port in program.outputs]
@@ -206,16 +206,16 @@ def _primitive() -> Any:
     def plain(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
         return operation.plain(*arrays)
 
-    def on_processor(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
-        return operation.on_processor(*arrays)
+    def kernel_call(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
+        return operation.call_kernel(*arrays)
 
-    made = Primitive("twistwrench")
-    made.multiple_results = True
-    made.def_impl(lambda *arrays, operation: operation.at_once(*arrays))
-    made.def_abstract_eval(shaped)
-    mlir.register_lowering(made, mlir.lower_fun(plain, multiple_results=True))
-    mlir.register_lowering(made, mlir.lower_fun(on_processor, multiple_results=True), platform="cpu")
-    return made
+    primitive = Primitive("twistwrench")
+    primitive.multiple_results = True
+    primitive.def_impl(lambda *arrays, operation: operation.evaluate(*arrays))
+    primitive.def_abstract_eval(result_shapes)
+    mlir.register_lowering(primitive, mlir.lower_fun(plain, multiple_results=True))
+    mlir.register_lowering(primitive, mlir.lower_fun(kernel_call, multiple_results=True), platform="cpu")
+    return primitive
 
 
 # ── A quantity as a function of JAX arrays for jit, vmap and differentiation: the program in JAX operations
@@ -239,12 +239,12 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
 
     def function(*arrays: Any) -> Any:
         dtype = _dtype(jax, jnp, precision)
-        given = [jnp.asarray(a) for a in quantity.brought("to_jax", arrays, jax.Array)]
-        quantity.require_shapes("to_jax", [a.shape for a in given])
-        for a, port in zip(given, inputs, strict=True):
+        converted = [jnp.asarray(a) for a in quantity.brought("to_jax", arrays, jax.Array)]
+        quantity.require_shapes("to_jax", [a.shape for a in converted])
+        for a, port in zip(converted, inputs, strict=True):
             if jnp.issubdtype(a.dtype, jnp.complexfloating):
                 raise ValueRangeError(f"to_jax {quantity.name}: {port.name} is {a.dtype}, real numbers wanted.")
-        return values(*(a.astype(dtype) for a in given))
+        return values(*(a.astype(dtype) for a in converted))
 
     function.__name__ = function.__qualname__ = quantity.name
     listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
@@ -258,113 +258,116 @@ class _Differentiable:
     def __init__(self, jax: Any, quantity: BridgedQuantity) -> None:
         self.jax, self.quantity, self.inputs, self.outputs = jax, quantity, quantity.inputs, quantity.program.outputs
         self.names = [port.name for port in self.inputs]
-        self.rates = _on_arrays(jax.numpy, quantity.velocities()) if quantity.curved else None
+        self.rates = _array_function(jax.numpy, quantity.velocities()) if quantity.curved_inputs else None
         self._jacobians: dict[tuple[str, ...], Any] = {}
         self._hessians: dict[tuple[str, ...], Any] = {}
-        self.values = jax.custom_jvp(_compiled(jax, quantity))
+        self.values = jax.custom_jvp(_device_function(jax, quantity))
         self.values.defjvp(self.along, symbolic_zeros=True)
 
     def with_jacobian(self, by: tuple[str, ...]) -> Callable[..., Any]:
         """Values and J with respect to some inputs, with their own derivatives."""
         if by not in self._jacobians:
-            found = self._jacobians[by] = self.jax.custom_jvp(
-                _compiled(self.jax, self.quantity.derivative(by, values=True))
-            )
-            found.defjvp(partial(self.along_again, by), symbolic_zeros=True)
+            function = self.jax.custom_jvp(_device_function(self.jax, self.quantity.derivative(by, values=True)))
+            function.defjvp(partial(self.along_again, by), symbolic_zeros=True)
+            self._jacobians[by] = function
         return self._jacobians[by]
 
     def hessian(self, by: tuple[str, ...]) -> Callable[..., Any]:
         """H with respect to some inputs."""
         if by not in self._hessians:
-            self._hessians[by] = _compiled(self.jax, self.quantity.derivative(by, "hessian"))
+            self._hessians[by] = _device_function(self.jax, self.quantity.derivative(by, "hessian"))
         return self._hessians[by]
 
     def along(self, primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
         """Values and df = J B dx for the inputs with tangents."""
-        moved, curved, count = _moved(self.jax, tangents), self.quantity.curved, len(self.outputs)
-        by = tuple(self.names[k] for k in moved)
-        found = self.with_jacobian(by)(*primals)
-        slopes = found[count:]
-        steps = [
-            self.rates(primals[k], tangents[k]) if self.rates and self.names[k] in curved else tangents[k]
-            for k in moved
-        ]
-        ranks = [1 if self.names[k] in curved else len(self.inputs[k].shape) for k in moved]
-        changes = [
-            sum(
-                _contracted(self.jax.numpy, J, v, rank, port.shape)
-                for J, v, rank in zip(slopes[r * len(by) : (r + 1) * len(by)], steps, ranks, strict=True)
-            )
-            for r, port in enumerate(self.outputs)
-        ]
-        return _alone(found[:count]), _alone(tuple(changes))
+        moving, count = _inputs_with_tangents(self.jax, tangents), len(self.outputs)
+        by = tuple(self.names[k] for k in moving)
+        values_and_jacobians = self.with_jacobian(by)(*primals)
+        jacobians = iter(values_and_jacobians[count:])
+        steps = []
+        for k in moving:
+            if self.rates and self.names[k] in self.quantity.curved_inputs:
+                steps.append((self.rates(primals[k], tangents[k]), 1))
+            else:
+                steps.append((tangents[k], len(self.inputs[k].shape)))
+        changes = []
+        for port in self.outputs:
+            change: Any = 0
+            for step, rank in steps:
+                change = change + _contract(self.jax.numpy, next(jacobians), step, rank, port.shape)
+            changes.append(change)
+        return _alone(values_and_jacobians[:count]), _alone(tuple(changes))
 
     def along_again(
         self, by: tuple[str, ...], primals: Sequence[Any], tangents: Sequence[Any]
     ) -> tuple[Any, tuple[Any, ...]]:
         """Values and J with respect to some inputs, with df = J dx and dJ = H dx for the inputs with tangents."""
         jax, jnp, quantity, names, outputs = self.jax, self.jax.numpy, self.quantity, self.names, self.outputs
-        moved = _moved(jax, tangents)
-        every = tuple(name for k, name in enumerate(names) if name in by or k in moved)
-        if not compiles() or any(name in quantity.curved for name in every):
-            plain = _on_arrays(jnp, quantity.derivative(by, values=True).program)
-            whole = [t if k in moved else jnp.zeros(t.shape, t.dtype) for k, t in enumerate(tangents)]
-            derived: tuple[Any, Any] = jax.jvp(plain, tuple(primals), tuple(whole))
-            return derived
-        sizes = {port.name: port.size for port in self.inputs if port.name in every}
-        ends = dict(zip(sizes, accumulate(sizes.values()), strict=True))
-        part = {name: slice(end - sizes[name], end) for name, end in ends.items()}
-        given, found = self.with_jacobian(every)(*primals), self.with_jacobian(by)(*primals)
-        hessians = _listed(self.hessian(every)(*primals))
-        slopes, changes, bends = given[len(outputs) :], [], []
+        moving = _inputs_with_tangents(jax, tangents)
+        involved = tuple(name for k, name in enumerate(names) if name in by or k in moving)
+        if not compiles() or any(name in quantity.curved_inputs for name in involved):
+            plain = _array_function(jnp, quantity.derivative(by, values=True).program)
+            dense = [t if k in moving else jnp.zeros(t.shape, t.dtype) for k, t in enumerate(tangents)]
+            derivatives: tuple[Any, Any] = jax.jvp(plain, tuple(primals), tuple(dense))
+            return derivatives
+        columns = {}
+        first = 0
+        for port in self.inputs:
+            if port.name in involved:
+                columns[port.name] = slice(first, first + port.size)
+                first += port.size
+        jacobians = self.with_jacobian(involved)(*primals)[len(outputs) :]
+        results = self.with_jacobian(by)(*primals)
+        hessians = _result_tuple(self.hessian(involved)(*primals))
+        changes, jacobian_changes = [], []
         for r, (port, H) in enumerate(zip(outputs, hessians, strict=True)):
-            J = dict(zip(every, slopes[r * len(every) :], strict=False))
+            J = dict(zip(involved, jacobians[r * len(involved) :], strict=False))
             change: Any = 0.0
-            bend: Any = 0.0
-            for k in moved:
+            jacobian_change: Any = 0.0
+            for k in moving:
                 step, rank = tangents[k], len(self.inputs[k].shape)
-                change += _contracted(jnp, J[names[k]], step, rank, port.shape)
+                change += _contract(jnp, J[names[k]], step, rank, port.shape)
                 flat = step.reshape((*step.shape[: step.ndim - rank], self.inputs[k].size))
-                bend += _contracted(jnp, H[..., part[names[k]]], flat, 1, (*port.shape, H.shape[-1]))
+                jacobian_change += _contract(jnp, H[..., columns[names[k]]], flat, 1, (*port.shape, H.shape[-1]))
             changes.append(change)
-            bends += [bend[..., part[name]].reshape(J[name].shape) for name in by]
-        return found, (*changes, *bends)
+            jacobian_changes += [jacobian_change[..., columns[name]].reshape(J[name].shape) for name in by]
+        return results, (*changes, *jacobian_changes)
 
 
-def _compiled(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
+def _device_function(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
     """Program in JAX operations, or its kernel, by device and batch size; JAX differentiates it."""
     import jax.numpy as jnp
 
     program = quantity.program
-    plain = _on_arrays(jnp, program)
-    operation = JaxOperation(quantity, lambda *arrays: _listed(plain(*arrays)))
+    plain = _array_function(jnp, program)
+    operation = JaxOperation(quantity, lambda *arrays: _result_tuple(plain(*arrays)))
 
     @jax.custom_batching.custom_vmap  # type: ignore[untyped-decorator]
     def run(*arrays: Any) -> Any:
         return _alone(operation(*arrays))
 
     @run.def_vmap  # type: ignore[untyped-decorator]
-    def batched(size: int, mapped: Sequence[bool], *arrays: Any) -> tuple[Any, Any]:
+    def run_batch(size: int, mapped: Sequence[bool], *arrays: Any) -> tuple[Any, Any]:
         """Single call for the whole batch: the new axis precedes the batch axes of all inputs."""
         ranks = [a.ndim - len(p.shape) - m for a, p, m in zip(arrays, program.inputs, mapped, strict=True)]
-        wide = [
-            a.reshape((size, *(1,) * (max(ranks) - rank), *a.shape[1:])) if m else a
-            for a, rank, m in zip(arrays, ranks, mapped, strict=True)
-        ]
+        wide = list(arrays)
+        for k, (a, rank, is_mapped) in enumerate(zip(arrays, ranks, mapped, strict=True)):
+            if is_mapped:
+                wide[k] = a.reshape((size, *(1,) * (max(ranks) - rank), *a.shape[1:]))
         return run(*wide), True if len(program.outputs) == 1 else (True,) * len(program.outputs)
 
-    found = jax.custom_jvp(run)
-    found.defjvp(lambda primals, tangents: jax.jvp(plain, primals, tangents))
-    result: Callable[..., Any] = found
+    function: Any = jax.custom_jvp(run)
+    function.defjvp(lambda primals, tangents: jax.jvp(plain, primals, tangents))
+    result: Callable[..., Any] = function
     return result
 
 
-def _moved(jax: Any, tangents: Sequence[Any]) -> list[int]:
+def _inputs_with_tangents(jax: Any, tangents: Sequence[Any]) -> list[int]:
     """Inputs with tangents other than symbolic zeros."""
     return [k for k, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)]
 
 
-def _on_arrays(jnp: Any, program: Program) -> Callable[..., Any]:
+def _array_function(jnp: Any, program: Program) -> Callable[..., Any]:
     """Program on arrays whose last axes are those of its inputs."""
     functions = functions_of(jnp, jnp.where)
 
@@ -374,15 +377,15 @@ def _on_arrays(jnp: Any, program: Program) -> Callable[..., Any]:
         for a, port in zip(arrays, program.inputs, strict=True):
             flat = a.reshape((*a.shape[: a.ndim - len(port.shape)], port.size))
             elements += [flat[..., k] for k in range(port.size)]
-        found = iter(evaluated(program, elements, functions))
+        values = iter(evaluated(program, elements, functions))
         dtype = jnp.result_type(*arrays)
-        results = [_stacked(jnp, [next(found) for _ in range(p.size)], batch, p, dtype) for p in program.outputs]
+        results = [_stack(jnp, list(islice(values, port.size)), batch, port, dtype) for port in program.outputs]
         return _alone(tuple(results))
 
     return run
 
 
-def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: TensorSpec, dtype: Any) -> Any:
+def _stack(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: TensorSpec, dtype: Any) -> Any:
     """Stack the elements of one result, some of which may be constants."""
     if not elements:
         return jnp.zeros((*batch, *port.shape), dtype)
@@ -390,7 +393,7 @@ def _stacked(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: Te
     return whole.reshape((*batch, *port.shape))
 
 
-def _contracted(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> Any:
+def _contract(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> Any:
     """J v for a result of that shape: contracts the last ``rank`` axes of J with those of v; batch shapes broadcast."""
     split = J.ndim - rank
     size = prod(J.shape[split:])
@@ -400,8 +403,8 @@ def _contracted(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> 
     return jnp.sum(rows * steps, axis=-1)
 
 
-def _listed(found: Any) -> tuple[Any, ...]:
-    return found if isinstance(found, tuple) else (found,)
+def _result_tuple(results: Any) -> tuple[Any, ...]:
+    return results if isinstance(results, tuple) else (results,)
 
 
 def _alone(results: tuple[Any, ...]) -> Any:

@@ -47,8 +47,8 @@ def prefix_of(robot: Robot, prefix: str | None) -> str:
     Raises ValueRangeError for an invalid prefix.
     """
     if prefix is None:
-        found = identifier(robot.name)
-        return found if re.match(r"[A-Za-z]", found) else f"robot_{found}".strip("_")
+        name = identifier(robot.name)
+        return name if re.match(r"[A-Za-z]", name) else f"robot_{name}".strip("_")
     if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
         raise ValueRangeError(
             f"{argument('prefix', prefix)} cannot begin a name in C. Use letters, digits and underscores, a letter first."
@@ -67,34 +67,34 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
         raise UnknownNameError.from_choices("precision", precision, PRECISIONS)
     if robot.nv == 0:
         raise KernelError(f"robot {robot.name!r} has no joint that moves: there is no function of q to export.")
-    found: list[Request] = []
-    for name, options in named(quantities):
+    checked: list[Request] = []
+    for name, options in name_option_pairs(quantities):
         full = checked_options(robot.model, name, options)
         _require_program(robot, name, full)
         function = CFunction("_".join([prefix, name, *_words(full)]), program_of(robot.model, name, full), precision)
         if any(port.size == 0 for port in (*function.program.inputs, *function.program.outputs)):
             raise KernelError(f"{name} of robot {robot.name!r} has no entry: there is nothing to export.")
-        if twins := [r for r in found if r.function.name == function.name]:
+        if twins := [request for request in checked if request.function.name == function.name]:
             raise ValueRangeError(
                 f"{function.name} would be there twice, for {name} {dict(options)} and {twins[0].quantity} "
                 f"{dict(twins[0].options)}. Name each once, or export them to files of different prefixes."
             )
-        found.append(Request(name, options, full, function))
-    if not found:
+        checked.append(Request(name, options, full, function))
+    if not checked:
         raise ValueRangeError(f"no quantity is named. Choose from {', '.join(sorted(QUANTITIES))}.")
-    return found
+    return checked
 
 
-def named(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def name_option_pairs(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Pairs (name, options) from one name, a mapping, or names with or without options."""
-    given: list[Any]
-    if isinstance(quantities, str):
-        given = [quantities]
+    entries: list[Any]
+    if isinstance(quantities, str) or not isinstance(quantities, Iterable):
+        entries = [quantities]  # what is no text either is rejected below
     elif isinstance(quantities, Mapping):
-        given = list(quantities.items())
+        entries = list(quantities.items())
     else:
-        given = list(quantities) if isinstance(quantities, Iterable) else [quantities]  # others are rejected below
-    for entry in given:
+        entries = list(quantities)
+    for entry in entries:
         if isinstance(entry, str):
             yield entry, {}
         elif isinstance(entry, tuple | list) and len(entry) == 2 and isinstance(entry[1], Mapping):
@@ -124,7 +124,8 @@ def _words(full: Mapping[str, Any]) -> Iterator[str]:
         yield identifier(frame)
     if kind := full.get("kind"):
         yield kind
-    if (rows := full.get("rows")) and rows != tuple(range(6)):
+    rows = full.get("rows")
+    if rows and rows != tuple(range(6)):
         yield from (TWIST[k] for k in rows)
     for frame in full.get("wrenches", ()):
         sign = ["on", "robot"] if frame in full.get("on_robot", ()) else []
@@ -164,9 +165,9 @@ class BridgedQuantity:
                 f"{what} {name}: by={options['by']!r} is for robot.kernel. What is given here is differentiated by the package "
                 "it goes to."
             )
-        found = cls(robot, name, options)
-        _ = found.program
-        return found
+        quantity = cls(robot, name, options)
+        _ = quantity.program
+        return quantity
 
     @property
     def engine(self) -> Engine:
@@ -187,8 +188,8 @@ class BridgedQuantity:
         """Derivative with respect to some inputs; for configurations along :meth:`twistwrench.Robot.add`."""
         key = tuple(by), form, values
         if key not in self._derivatives:
-            asked = {**self.options, "by": tuple(by), "form": form, "values": values}
-            self._derivatives[key] = BridgedQuantity(self.robot, self.name, asked)
+            options = {**self.options, "by": tuple(by), "form": form, "values": values}
+            self._derivatives[key] = BridgedQuantity(self.robot, self.name, options)
         return self._derivatives[key]
 
     @property
@@ -196,16 +197,18 @@ class BridgedQuantity:
         """Names and shapes of the inputs."""
         return self.program.inputs
 
-    def brought(self, what: str, given: Sequence[Any], theirs: type) -> list[Any]:
+    def brought(self, what: str, values: Sequence[Any], array_type: type) -> list[Any]:
         """Keep arrays of the other package and convert all else to real arrays. Raises ShapeError and ValueRangeError."""
         ports = self.inputs
-        if len(given) != len(ports):
+        if len(values) != len(ports):
             names = ", ".join(port.name for port in ports)
-            raise ShapeError(f"{what} {self.name}: {len(given)} arrays given, {names} wanted.")
-        return [
-            x if isinstance(x, theirs) else arguments.real(x, f"{what} {self.name}: {port.name}", *port.shape)
-            for x, port in zip(given, ports, strict=True)
-        ]
+            raise ShapeError(f"{what} {self.name}: {len(values)} arrays given, {names} wanted.")
+        arrays = []
+        for value, port in zip(values, ports, strict=True):
+            if not isinstance(value, array_type):
+                value = arguments.real(value, f"{what} {self.name}: {port.name}", *port.shape)
+            arrays.append(value)
+        return arrays
 
     def require_shapes(self, what: str, shapes: Sequence[tuple[int, ...]]) -> None:
         """Raise ShapeError unless the shapes end in the inputs' shapes and the batch shapes broadcast."""
@@ -215,19 +218,21 @@ class BridgedQuantity:
                 wanted = ", ".join(["…", *map(str, port.shape)])
                 raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
         batches = [shape[: len(shape) - len(port.shape)] for shape, port in zip(shapes, ports, strict=True)]
-        if len(several := set(batches)) <= 1:
+        distinct = set(batches)
+        if len(distinct) <= 1:
             return
         try:
-            np.broadcast_shapes(*several)
+            np.broadcast_shapes(*distinct)
         except ValueError:
             listed = ", ".join(f"{port.name} {batch}" for port, batch in zip(ports, batches, strict=True))
             raise ShapeError(f"{what} {self.name}: batch shapes {listed} do not broadcast.") from None
 
     @property
-    def curved(self) -> tuple[str, ...]:
+    def curved_inputs(self) -> tuple[str, ...]:
         """Inputs whose rates differ from velocities: configurations with quaternions or other angles."""
-        plain = all(body.joint.plain_rates for body in self.engine.model.leaders)
-        return () if plain else tuple(port.name for port in self.inputs if port.name in CONFIGURATIONS)
+        if all(body.joint.plain_rates for body in self.engine.model.leaders):
+            return ()
+        return tuple(port.name for port in self.inputs if port.name in CONFIGURATIONS)
 
     def velocities(self) -> Program:
         """(q, coordinate rates) -> joint velocities, linear in the rates; the radial rate of a quaternion gives zero."""

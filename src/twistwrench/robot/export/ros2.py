@@ -378,47 +378,52 @@ def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A0
             f"joints {', '.join(wide)} of robot {robot.name!r} have several coordinates, and the vectors of the ROS interface "
             "have one for each joint. Lock them, or fix the base."
         )
-    wanted = requests(robot, _QUANTITIES, "double", name)
+    exports = requests(robot, _QUANTITIES, "double", name)
     joints, payloads = [b.joint.name for b in robot.model.leaders], robot.model.payloads
-    carried = {link: sum(p.mass for frame, p in payloads if frame == link) for link in robot.model.link_inertias}
-    masses = {link: float(x.mass - carried[link]) for link, x in robot.model.link_inertias.items()}
+    masses = {}
+    for link, inertia in robot.model.link_inertias.items():
+        payload_mass = sum(payload.mass for frame, payload in payloads if frame == link)
+        masses[link] = float(inertia.mass - payload_mass)
     words = {
         "NAME": name,
         "ROBOT": escape("".join(c for c in robot.name if c.isprintable())),
         "VERSION": version("twistwrench"),
         "LICENSE": escape(license),
-        "JOINTS": ", ".join(map(_quoted, joints)),
+        "JOINTS": ", ".join(map(_cpp_string, joints)),
         "ORDER": ", ".join(joints),
         "SIZE": str(robot.nv),
         "STATES": str(STATES),
         "GRAVITY": ", ".join(f"{number(g)}" for g in robot.gravity),
         "CARRIED": "".join(f"; it carries {number(p.mass)} kg at {frame}" for frame, p in payloads),
-        "MASSES": ",\n".join(f"  {{{_quoted(link)}, {x!r}}}" for link, x in masses.items()),
+        "MASSES": ",\n".join(f"  {{{_cpp_string(link)}, {mass!r}}}" for link, mass in masses.items()),
         "DATA": _data(robot),
     }
 
-    def filled(template: str) -> str:
-        return re.sub(r"@([A-Z]+)@", lambda found: words[found[1]], template)
+    def fill(template: str) -> str:
+        return re.sub(r"@([A-Z]+)@", lambda match: words[match[1]], template)
 
     return {
-        "package.xml": filled(_PACKAGE),
-        "CMakeLists.txt": filled(_CMAKE),
-        "plugin.xml": filled(_PLUGIN),
-        f"include/{name}/solver.hpp": filled(_HEADER),
-        "src/solver.cpp": filled(_SOURCE),
-        "src/dynamics.h": header(robot, wanted, "dynamics", name),
-        "src/dynamics.c": source(robot, wanted, "dynamics"),
-        "test/test_solver.cpp": filled(_TEST),
-        "README.md": filled(_README),
+        "package.xml": fill(_PACKAGE),
+        "CMakeLists.txt": fill(_CMAKE),
+        "plugin.xml": fill(_PLUGIN),
+        f"include/{name}/solver.hpp": fill(_HEADER),
+        "src/solver.cpp": fill(_SOURCE),
+        "src/dynamics.h": header(robot, exports, "dynamics", name),
+        "src/dynamics.c": source(robot, exports, "dynamics"),
+        "test/test_solver.cpp": fill(_TEST),
+        "README.md": fill(_README),
     }
 
 
-def _quoted(name: str) -> str:
+def _cpp_string(text: str) -> str:
     """C++ string literal in ASCII."""
-    return '"' + "".join(c if c.isascii() and c.isprintable() and c not in '"\\?' else _octal(c) for c in name) + '"'
+    return f'"{"".join(map(_cpp_character, text))}"'
 
 
-def _octal(character: str) -> str:
+def _cpp_character(character: str) -> str:
+    """A character of a C++ string literal; octal if it is not plain."""
+    if character.isascii() and character.isprintable() and character not in '"\\?':
+        return character
     return "".join(f"\\{byte:03o}" for byte in character.encode())
 
 
@@ -440,8 +445,12 @@ def _data(robot: Robot) -> str:
 
 
 def _table(name: str, values: Array) -> str:
-    rows = ",\n".join("  {" + ", ".join(float(x).hex() for x in row) + "}" for row in values)
-    return f"const double {name}[{STATES}][{values.shape[1]}] = {{\n{rows}}};"
+    rows = []
+    for row in values:
+        literals = ", ".join(float(x).hex() for x in row)
+        rows.append(f"  {{{literals}}}")
+    data = ",\n".join(rows)
+    return f"const double {name}[{STATES}][{values.shape[1]}] = {{\n{data}}};"
 
 
 complete(globals())

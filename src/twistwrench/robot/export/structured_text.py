@@ -29,8 +29,8 @@ from ...mechanics.algorithms.inverse_dynamics import drive_torques, driven_veloc
 from ...mechanics.model.actuators import STANDING
 from ...mechanics.model.couplings import motor_torques, motor_velocities
 from ..programs import inputs_of
-from .c99 import about_request, comment, entries, file_of, inputs_at_states, largest_entry, results_at_states
-from .request import Quantities, Request, named, prefix_of, requests
+from .c99 import comment, comment_lines, entries, file_of, inputs_at_states, largest_entry, results_at_states
+from .request import Quantities, Request, name_option_pairs, prefix_of, requests
 from .written import Written
 
 if TYPE_CHECKING:
@@ -69,18 +69,20 @@ memory of the instance, not of the stack. Products and sums are rounded apart.""
 class Names:
     """Names in one scope: unique regardless of case, and not reserved."""
 
-    def __init__(self, taken: Sequence[str] = ()) -> None:
-        self._taken = set(map(str.lower, taken))
+    def __init__(self, names: Sequence[str] = ()) -> None:
+        self._used = set(map(str.lower, names))
 
     def free(self, wanted: str) -> str:
         """Unused identifier for a name: ``dt``, a type, becomes ``dt_value``, and a second ``m`` beside ``M`` ``m_2``."""
         base = identifier(wanted)
-        base = base if base[:1].isalpha() else f"x_{base}".strip("_")
-        base = f"{base}_value" if base.lower() in RESERVED else base
+        if not base[:1].isalpha():
+            base = f"x_{base}".strip("_")
+        if base.lower() in RESERVED:
+            base = f"{base}_value"
         name, k = base, 2
-        while name.lower() in self._taken:
+        while name.lower() in self._used:
             name, k = f"{base}_{k}", k + 1
-        self._taken.add(name.lower())
+        self._used.add(name.lower())
         return name
 
 
@@ -92,42 +94,46 @@ def real_literal(value: float, precision: str = "double") -> str:
     >>> real_literal(1e-05), real_literal(-2.0), real_literal(0.1, "float")
     ('1.0E-05', '(-2.0)', '0.1')
     """
-    mantissa, e, exponent = literal(abs(value), precision).rstrip("f").partition("e")
-    text = f"{mantissa}{'' if '.' in mantissa else '.0'}{f'E{exponent}' if e else ''}"
+    mantissa, _, exponent = literal(abs(value), precision).rstrip("f").partition("e")
+    text = f"{mantissa}{'' if '.' in mantissa else '.0'}"
+    if exponent:
+        text += f"E{exponent}"
     return f"(-{text})" if np.signbit(value) and value else text
 
 
 def function_block(name: str, request: Request, about: Sequence[str]) -> str:
     """Declaration and statements of one block."""
     program, precision = request.function.program, request.function.precision
-    real, made = TYPES[precision], len(program.inputs)
+    real, count = TYPES[precision], len(program.inputs)
     scope = Names([name])
     ports = (*program.inputs, *program.outputs)
     names = [scope.free(parameter) for parameter in request.function.parameters]
     lines: list[str] = []
     locals_: list[str] = []
 
-    def written(value: Any) -> str:
+    def operand_text(value: Any) -> str:
         return value if isinstance(value, str) else real_literal(value, precision)
 
     def operation(pattern: str) -> Any:
         def write(*operands: Any) -> str:
             locals_.append(scope.free(f"t{len(locals_)}"))
-            lines.append(f"{locals_[-1]} := {pattern.format(*map(written, operands))};")
+            lines.append(f"{locals_[-1]} := {pattern.format(*map(operand_text, operands))};")
             return locals_[-1]
 
         return write
 
     functions = {op: operation(pattern) for op, pattern in _OPERATIONS.items()}
-    found = iter(evaluated(program, _elements(names[:made], program.inputs), functions))
-    lines += [f"{place} := {written(next(found))};" for place in _elements(names[made:], program.outputs)]
-    declared = [f"    {name} : {_type(port.size, real)};" for name, port in zip(names, ports, strict=True)]
+    values = evaluated(program, _elements(names[:count], program.inputs), functions)
+    for element, value in zip(_elements(names[count:], program.outputs), values, strict=True):
+        lines.append(f"{element} := {operand_text(value)};")
+    declarations = [f"    {name} : {_type(port.size, real)};" for name, port in zip(names, ports, strict=True)]
+    local_variables = ["VAR", *_wrap(locals_, f" : {real};"), "END_VAR"] if locals_ else []
     return "\n".join(
         [
             _comment(about),
             f"FUNCTION_BLOCK {name}",
-            *("VAR_INPUT", *declared[:made], "END_VAR", "VAR_OUTPUT", *declared[made:], "END_VAR"),
-            *(["VAR", *_wrapped(locals_, f" : {real};"), "END_VAR"] if locals_ else []),
+            *("VAR_INPUT", *declarations[:count], "END_VAR", "VAR_OUTPUT", *declarations[count:], "END_VAR"),
+            *local_variables,
             *lines,
             "END_FUNCTION_BLOCK",
         ]
@@ -152,7 +158,7 @@ def _type(size: int, real: str) -> str:
     return f"ARRAY[0..{size - 1}] OF {real}"
 
 
-def _wrapped(items: Sequence[str], end: str, *, each: bool = True) -> Iterator[str]:
+def _wrap(items: Sequence[str], end: str, *, each: bool = True) -> Iterator[str]:
     """Items wrapped into lines; ``end`` follows each line or, with commas between lines, only the last."""
     line = ""
     for item in items:
@@ -178,41 +184,47 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
     Raises KernelError for another quantity, and ModelError for a joint without an actuator.
     """
     model, full = robot.model, request.full
-    of_motors = spell(Argument("torque", "motor", option="torque-side"))
+    option = spell(Argument("torque", "motor", option="torque-side"))
     if request.quantity != "inverse_dynamics" or "derivative" in full or "parameters" in full:
         raise KernelError(
-            f"{of_motors} applies to inverse_dynamics, not to {request.function.name}. Export {request.quantity} by itself."
+            f"{option} applies to inverse_dynamics, not to {request.function.name}. Export {request.quantity} by itself."
         )
-    places, actuators = driven_velocities(model), list(model.actuators.values())
-    if missing := [name for k, name in enumerate(model.drive_names) if k not in places]:
+    driven, actuators = driven_velocities(model), list(model.actuators.values())
+    if missing := [name for k, name in enumerate(model.drive_names) if k not in driven]:
+        remedy = "robot.with_actuators(file)"
+        if in_the_shell():
+            remedy = spell(Argument("actuators", Placeholder("FILE")))
         raise ModelError(
-            f"{of_motors} needs an actuator at every joint; there is none at {', '.join(missing)}. Describe them: "
-            f"{spell(Argument('actuators', Placeholder('FILE'))) if in_the_shell() else 'robot.with_actuators(file)'}."
+            f"{option} needs an actuator at every joint; there is none at {', '.join(missing)}. Describe them: {remedy}."
         )
-    order = np.argsort(places)
-    ratio, efficiency, idle = (
-        np.array([getattr(actuators[k], name) for k in order]) for name in ("ratio", "efficiency", "no_load_torque")
-    )
+    actuators = [actuators[k] for k in np.argsort(driven)]
+    ratio = np.array([actuator.ratio for actuator in actuators])
+    efficiency = np.array([actuator.efficiency for actuator in actuators])
+    no_load_torque = np.array([actuator.no_load_torque for actuator in actuators])
     ports = inputs_of(model, "inverse_dynamics", full)
 
-    def at_motors(q: Array, dq: Array, ddq: Array, *rest: Array) -> Array:
-        given = dict(zip([label for label, _ in ports[3:]], rest, strict=True))
-        mine = replace(model, gravity=given.pop("gravity")) if "gravity" in given else model
-        signs = {f: -1.0 if f in full.get("on_robot", ()) else 1.0 for f in full.get("wrenches", ())}
-        carried, rotor = drive_torques(
-            mine, q, dq, ddq, {f: sign * given[f"wrench at {f}"] for f, sign in signs.items()}
-        )
+    def torques(q: Array, dq: Array, ddq: Array, *more: Array) -> Array:
+        inputs = dict(zip([label for label, _ in ports[3:]], more, strict=True))
+        wrenches = {}
+        for frame in full.get("wrenches", ()):
+            sign = -1.0 if frame in full.get("on_robot", ()) else 1.0
+            wrenches[frame] = sign * inputs[f"wrench at {frame}"]
+        own_model = replace(model, gravity=inputs["gravity"]) if "gravity" in inputs else model
+        carried, rotor = drive_torques(own_model, q, dq, ddq, wrenches)
         if full.get("friction"):
             carried = carried + friction_forces(model, dq, carried + rotor)
         carried, rotor = motor_torques(model, carried), motor_torques(model, rotor)
-        ways = np.array([positive(w - STANDING) - positive(-w - STANDING) for w in motor_velocities(model, dq)], object)
-        braking = [positive(-(force * way)) for force, way in zip(carried, ways, strict=True)]
+        speeds = motor_velocities(model, dq)
+        directions = np.array([positive(w - STANDING) - positive(-w - STANDING) for w in speeds], object)
+        braking = [positive(-(force * direction)) for force, direction in zip(carried, directions, strict=True)]
         share = np.array([either(b, e, 1.0 / e) for b, e in zip(braking, efficiency, strict=True)], object)
         torque = (carried * share + rotor) / ratio
-        return torque + idle * np.sign(ratio) * ways if idle.any() else torque
+        if not no_load_torque.any():
+            return torque
+        return torque + no_load_torque * np.sign(ratio) * directions
 
     name = request.function.name.replace("inverse_dynamics", "motor_torques")
-    return replace(request, function=replace(request.function, name=name, program=trace(at_motors, ports, ["tau"])))
+    return replace(request, function=replace(request.function, name=name, program=trace(torques, ports, ["tau"])))
 
 
 # ── The file
@@ -257,50 +269,53 @@ def export_st(
     """
     arguments.choice(style, "export_st: style", STYLES)
     arguments.choice(torque, "export_st: torque", ("joint", "motor"))
-    prefix, given = prefix_of(robot, prefix), Path(path)
-    file = given / f"{prefix}.st" if given.is_dir() else given
+    prefix, file = prefix_of(robot, prefix), Path(path)
+    if file.is_dir():
+        file = file / f"{prefix}.st"
     if file.suffix.lower() not in (".st", ".exp", ".txt", ".scl"):
         raise ValueRangeError(
             f"{label} {str(path)!r} is neither a folder that exists nor a name that ends in .st. Name it {prefix}.st."
         )
     check_outputs({label: file}, {"the robot": file_of(robot), **(inputs or {})})
-    asked = list(named(quantities))
+    pairs = list(name_option_pairs(quantities))
     if style == "codesys":
-        if [name for name, _ in asked] != ["inverse_dynamics"]:
+        if [name for name, _ in pairs] != ["inverse_dynamics"]:
             raise KernelError(
                 f"{argument('style', 'codesys')} writes inverse_dynamics alone, which its interface is about."
             )
-        asked = [(name, {**options, "gravity": "input"}) for name, options in asked]
-    wanted = requests(robot, asked, precision, prefix)
+        pairs = [(name, {**options, "gravity": "input"}) for name, options in pairs]
+    exports = requests(robot, pairs, precision, prefix)
     if torque == "motor":
-        wanted = [with_motor_torques(robot, request) for request in wanted]
+        exports = [with_motor_torques(robot, request) for request in exports]
     scope = Names()
-    named_requests = [(scope.free(request.function.name), request) for request in wanted]
-    parts = [_header(robot, wanted, torque)]
-    parts += [function_block(name, request, _about(robot, request, torque)) for name, request in named_requests]
+    blocks = [(scope.free(request.function.name), request) for request in exports]
+    parts = [_header(robot, exports, torque)]
+    parts += [function_block(name, request, _about(robot, request, torque)) for name, request in blocks]
     if style == "codesys":
-        parts.append(_codesys(scope.free(f"{prefix}_dynamics"), *named_requests[0]))
+        parts.append(_codesys(scope.free(f"{prefix}_dynamics"), *blocks[0]))
     if test:
-        parts.append(_test(robot, scope.free(f"{prefix}_TEST"), named_requests))
+        parts.append(_test(robot, scope.free(f"{prefix}_TEST"), blocks))
     with replacing(file) as scratch:
         scratch.write_text("\n\n".join(parts) + "\n", encoding="ascii", newline="\n")
     return Written([file], file, robot.name)
 
 
-def _header(robot: Robot, wanted: Sequence[Request], torque: str) -> str:
-    digests = ", ".join(f"{request.function.program.digest[:12]}" for request in wanted)
+def _header(robot: Robot, exports: Sequence[Request], torque: str) -> str:
+    digests = ", ".join(f"{request.function.program.digest[:12]}" for request in exports)
     gx, gy, gz = map(file_number, robot.gravity)
-    order = f"order {', '.join(robot.model.drive_names)}" if robot.model.couplings else "order of the joints"
-    shafts = [f"tau of motor_torques: N m at the shafts of the motors, in the {order}."]
+    shafts = []
+    if torque == "motor":
+        order = f"order {', '.join(robot.model.drive_names)}" if robot.model.couplings else "order of the joints"
+        shafts = [f"tau of motor_torques: N m at the shafts of the motors, in the {order}."]
     return _comment(
         [
             f"Dynamics of the robot {robot.name} in Structured Text (IEC 61131-3), numbers of type "
-            f"{TYPES[wanted[0].function.precision]}.",
+            f"{TYPES[exports[0].function.precision]}.",
             f"Written by twistwrench {version('twistwrench')}. Hash of the equations: {digests}.",
             "",
             *_CONVENTIONS.split("\n"),
             f"Gravity is ({gx}, {gy}, {gz}) m/s^2 in the base frame, unless it is an input.",
-            *(shafts if torque == "motor" else []),
+            *shafts,
             "",
             *entries(robot),
         ]
@@ -308,7 +323,7 @@ def _header(robot: Robot, wanted: Sequence[Request], torque: str) -> str:
 
 
 def _about(robot: Robot, request: Request, torque: str) -> list[str]:
-    lines = about_request(robot, request)
+    lines = comment_lines(robot, request)
     if torque == "motor":
         lines[0] = (
             "Motor torques: inverse dynamics at the shafts of the motors, (torque through the gear at its efficiency + rotor) "
@@ -322,12 +337,12 @@ def _test(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]) -> str
     scope = Names([name, *(block for block, _ in blocks), "Passed", "Worst"])
     real = TYPES[blocks[0][1].function.precision]
     k, i, apart = (scope.free(x) for x in ("k", "i", "apart"))
-    declared = [f"    {k}, {i} : DINT;", f"    {apart} : {real};"]
+    declarations = [f"    {k}, {i} : DINT;", f"    {apart} : {real};"]
     lines = ["Passed := TRUE;", "Worst := 0.0;"]
     for block, request in blocks:
-        more, steps = _test_of(robot, block, request, scope, (k, i, apart))
-        declared += more
-        lines += steps
+        own_declarations, statements = _test_of(robot, block, request, scope, (k, i, apart))
+        declarations += own_declarations
+        lines += statements
     return "\n".join(
         [
             _comment([
@@ -336,7 +351,7 @@ def _test(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]) -> str
             ]),
             f"PROGRAM {name}",
             *("VAR_OUTPUT", "    Passed : BOOL;", f"    Worst : {real};", "END_VAR"),
-            *("VAR", *declared, "END_VAR"),
+            *("VAR", *declarations, "END_VAR"),
             *lines,
             "END_PROGRAM",
         ]
@@ -353,32 +368,33 @@ def _test_of(
     instance, own = scope.free(f"{block}_1"), Names([block])
     ports = [own.free(parameter) for parameter in parameters]
     inputs = inputs_at_states(robot, request, np.float32 if precision == "float" else np.float64, STATES)
-    wanted, allowed = results_at_states(robot, request, inputs, NumpyKernel(program, block, ""))
-    allowances = iter(allowed)
-    declared, loads, checks = [f"    {instance} : {block};"], [], []
-    held: list[str] = []
-    for port, spec, values in zip(ports, (*program.inputs, *program.outputs), (*inputs, *wanted), strict=True):
+    results, tolerances = results_at_states(robot, request, inputs, NumpyKernel(program, block, ""))
+    remaining_tolerances = iter(tolerances)
+    declarations, loads, checks = [f"    {instance} : {block};"], [], []
+    arrays: list[str] = []
+    for port, spec, values in zip(ports, (*program.inputs, *program.outputs), (*inputs, *results), strict=True):
         table = scope.free(f"{block}_{port}_data")
         numbers = [real_literal(float(x), precision).strip("()") for x in np.ravel(values)]
-        declared += [f"    {table} : {_type(STATES * spec.size, real)} := [", *_wrapped(numbers, "];", each=False)]
-        loop, given = f"    FOR {i} := 0 TO {spec.size - 1} DO", f"{table}[{spec.size} * {k} + {i}]"
-        if len(held) < len(program.inputs):
-            held.append(scope.free(f"{block}_{port}"))
-            declared.append(f"    {held[-1]} : {_type(spec.size, real)};")
-            loads += [loop, f"        {held[-1]}[{i}] := {given};", "    END_FOR;"]
+        declarations += [f"    {table} : {_type(STATES * spec.size, real)} := [", *_wrap(numbers, "];", each=False)]
+        loop, entry = f"    FOR {i} := 0 TO {spec.size - 1} DO", f"{table}[{spec.size} * {k} + {i}]"
+        if len(arrays) < len(program.inputs):
+            arrays.append(scope.free(f"{block}_{port}"))
+            declarations.append(f"    {arrays[-1]} : {_type(spec.size, real)};")
+            loads += [loop, f"        {arrays[-1]}[{i}] := {entry};", "    END_FOR;"]
             continue
-        most = real_literal(largest_entry(np.asarray(values)) * next(allowances), precision)
+        allowed = real_literal(largest_entry(np.asarray(values)) * next(remaining_tolerances), precision)
         checks += [
             loop,
-            f"        {apart} := ABS({instance}.{port}[{i}] - {given}) / {most};",
+            f"        {apart} := ABS({instance}.{port}[{i}] - {entry}) / {allowed};",
             f"        IF NOT ({apart} <= 1.0) THEN",
             "            Passed := FALSE;",
             "        END_IF;",
             f"        Worst := MAX(Worst, {apart});",
             "    END_FOR;",
         ]
-    call = f"    {instance}({', '.join(f'{port} := {array}' for port, array in zip(ports, held, strict=False))});"
-    return declared, [f"FOR {k} := 0 TO {STATES - 1} DO", *loads, call, *checks, "END_FOR;"]
+    assignments = ", ".join(f"{port} := {array}" for port, array in zip(ports, arrays, strict=False))
+    call = f"    {instance}({assignments});"
+    return declarations, [f"FOR {k} := 0 TO {STATES - 1} DO", *loads, call, *checks, "END_FOR;"]
 
 
 def _codesys(name: str, block: str, request: Request) -> str:
@@ -387,7 +403,7 @@ def _codesys(name: str, block: str, request: Request) -> str:
         f"    {parameter} : {_type(port.size, 'LREAL')};"
         for parameter, port in zip(request.function.parameters, request.function.program.inputs, strict=False)
     ]
-    passed = ", ".join(f"{x} := {x}" for x in request.function.parameters[: len(inputs)])
+    assignments = ", ".join(f"{x} := {x}" for x in request.function.parameters[: len(inputs)])
     (output,) = request.function.program.outputs
     return "\n".join(
         [
@@ -408,7 +424,7 @@ def _codesys(name: str, block: str, request: Request) -> str:
             "METHOD AxesStateToTorque",
             *("VAR_INPUT", *inputs, "END_VAR"),
             *("VAR_OUTPUT", f"    tau : {_type(output.size, 'LREAL')};", "END_VAR"),
-            f"block({passed});",
+            f"block({assignments});",
             "tau := block.tau;",
             "END_METHOD",
         ]

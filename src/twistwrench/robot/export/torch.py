@@ -13,6 +13,7 @@ only.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from ...compiler.ir.program import Program
@@ -32,11 +33,11 @@ def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
     listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
 
     def function(*tensors: Any) -> Any:
-        given = [torch.as_tensor(t) for t in quantity.brought("to_torch", tensors, torch.Tensor)]
-        quantity.require_shapes("to_torch", [tuple(t.shape) for t in given])
-        if not all(t.is_cpu and t.dtype is torch.float64 and t.layout is torch.strided for t in given):
-            given = _of_one_kind(torch, quantity, given)
-        return compute(*given)
+        tensors = tuple(torch.as_tensor(t) for t in quantity.brought("to_torch", tensors, torch.Tensor))
+        quantity.require_shapes("to_torch", [tuple(t.shape) for t in tensors])
+        if not all(t.is_cpu and t.dtype is torch.float64 and t.layout is torch.strided for t in tensors):
+            tensors = _convert_to_common_type(torch, quantity, tensors)
+        return compute(*tensors)
 
     function.__name__ = function.__qualname__ = quantity.name
     function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of PyTorch's tensors: {listed}."
@@ -48,37 +49,40 @@ class _Differentiable:
 
     def __init__(self, torch: Any, quantity: BridgedQuantity) -> None:
         self.torch, self.quantity, self.names = torch, quantity, [port.name for port in quantity.inputs]
-        self.curved = quantity.curved
-        self.slopes = quantity.slopes() if self.curved else None
-        self._made: dict[Any, Any] = {}
+        self.curved_inputs = quantity.curved_inputs
+        self.slopes = quantity.slopes() if self.curved_inputs else None
+        self._functions: dict[Any, Any] = {}
         self.apply = _function(torch, quantity, self.backward)
 
     def backward(self, tensors: Sequence[Any], weights: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
         """Gradients dx = d(w . f)/dx of the needed inputs, by their entries."""
         by = tuple(name for name, needs in zip(self.names, needed, strict=True) if needs)
         gradient = self.quantity.derivative(by, "weighted")
-        weighed = weights if len(gradient.inputs) > len(tensors) else ()  # a scalar result has its weight factored out
-        if self.curved and self.torch.is_grad_enabled():
-            found = _on_tensors(self.torch, gradient.program, [*tensors, *weighed])
+        takes_weights = len(gradient.inputs) > len(tensors)  # a scalar result has its weight factored out
+        inputs = [*tensors, *weights] if takes_weights else [*tensors]
+        if self.curved_inputs and self.torch.is_grad_enabled():
+            gradients = _evaluate_program(self.torch, gradient.program, inputs)
         else:
-            found = _several(self._gradient(by)(*tensors, *weighed))
-        if not weighed:
-            found = [g * weights[0].reshape(weights[0].shape + (1,) * (g.ndim - weights[0].ndim)) for g in found]
-        rest, dx = iter(found), []
-        for name, tensor, needs in zip(self.names, tensors, needed, strict=True):
-            slope = next(rest) if needs else None
-            if needs and name in self.curved:
+            gradients = _result_list(self._gradient(by)(*inputs))
+        if not takes_weights:
+            (weight,) = weights
+            gradients = [g * weight.reshape(weight.shape + (1,) * (g.ndim - weight.ndim)) for g in gradients]
+        gradient_of = dict(zip(by, gradients, strict=True))
+        dx = []
+        for name, tensor in zip(self.names, tensors, strict=True):
+            slope = gradient_of.get(name)
+            if slope is not None and name in self.curved_inputs:
                 assert self.slopes is not None
-                (slope,) = _on_tensors(self.torch, self.slopes, [tensor, slope])
+                (slope,) = _evaluate_program(self.torch, self.slopes, [tensor, slope])
             dx.append(slope)
         return dx
 
     def _gradient(self, by: tuple[str, ...]) -> Callable[..., Any]:
         """G of some inputs, as a function with its own backward."""
-        if by not in self._made:
+        if by not in self._functions:
             gradient = self.quantity.derivative(by, "weighted")
-            self._made[by] = _function(self.torch, gradient, lambda *given: self._backward_again(by, *given))
-        return self._made[by]
+            self._functions[by] = _function(self.torch, gradient, partial(self._backward_again, by))
+        return self._functions[by]
 
     def _backward_again(
         self, by: tuple[str, ...], tensors: Sequence[Any], v: Sequence[Any], needed: Sequence[bool]
@@ -88,23 +92,26 @@ class _Differentiable:
         steps = dict(zip(by, v, strict=True))
         second = self.quantity.derivative(self.names, "hessian_along")
         along = [steps.get(name, self.torch.zeros_like(t)) for name, t in zip(self.names, x, strict=True)]
-        found = _several(self._last(second)(*x, *w, *along))
+        gradients = _result_list(self._last(second)(*x, *w, *along))
         if w:
             first = self.quantity.derivative(by, "along")
-            found += _several(self._last(first)(*x, *v))
-        return [g if needs else None for g, needs in zip(found, needed, strict=True)]
+            gradients += _result_list(self._last(first)(*x, *v))
+        return [g if needs else None for g, needs in zip(gradients, needed, strict=True)]
 
     def _last(self, derivative: BridgedQuantity) -> Callable[..., Any]:
         """Kernel of a derivative that PyTorch differentiates further."""
-        if derivative not in self._made:
+        if derivative not in self._functions:
             torch = self.torch
 
+            def results(*x: Any) -> tuple[Any, ...]:
+                return tuple(_evaluate_program(torch, derivative.program, x))
+
             def backward(tensors: Sequence[Any], weights: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
-                _, pull = torch.func.vjp(lambda *x: tuple(_on_tensors(torch, derivative.program, x)), *tensors)
+                _, pull = torch.func.vjp(results, *tensors)
                 return [g if needs else None for g, needs in zip(pull(tuple(weights)), needed, strict=True)]
 
-            self._made[derivative] = _function(torch, derivative, backward)
-        return self._made[derivative]
+            self._functions[derivative] = _function(torch, derivative, backward)
+        return self._functions[derivative]
 
 
 def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., list[Any]]) -> Callable[..., Any]:
@@ -121,13 +128,14 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
         )
 
     def gradients(ctx: Any, *weights: Any) -> Any:
-        found = backward(ctx.saved_tensors, weights, ctx.needs_input_grad)
-        return tuple(g if g is None else _summed(g, t) for g, t in zip(found, ctx.saved_tensors, strict=True))
+        tensors = ctx.saved_tensors
+        raw = backward(tensors, weights, ctx.needs_input_grad)
+        return tuple(None if g is None else _sum_to_shape(g, t) for g, t in zip(raw, tensors, strict=True))
 
     class Transformed(torch.autograd.Function):  # type: ignore[misc]
         """Variant for torch.func, with the context set up separately; PyTorch inspects the signature in every call."""
 
-        forward = staticmethod(lambda *tensors: _called(torch, quantity, tensors))
+        forward = staticmethod(lambda *tensors: _call_kernel(torch, quantity, tensors))
         setup_context = staticmethod(save)
         backward, jvp = staticmethod(gradients), staticmethod(forward_mode)
 
@@ -140,8 +148,8 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
                 if d is not None:
                     first = t.movedim(d, 0)
                     wide[k] = first.reshape((first.shape[0], *(1,) * (max(ranks) - rank), *first.shape[1:]))
-            found = Transformed.apply(*wide)
-            return found, tuple(0 for _ in found) if isinstance(found, tuple) else 0
+            results = Transformed.apply(*wide)
+            return results, (0,) * len(results) if isinstance(results, tuple) else 0
 
     class Plain(torch.autograd.Function):  # type: ignore[misc]
         """Variant without torch.func: takes a third of the time for one state."""
@@ -149,7 +157,7 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
         @staticmethod
         def forward(ctx: Any, *tensors: Any) -> Any:
             ctx.save_for_backward(*tensors)
-            return _called(torch, quantity, tensors)
+            return _call_kernel(torch, quantity, tensors)
 
         backward, jvp = staticmethod(gradients), staticmethod(forward_mode)
 
@@ -158,20 +166,19 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
     return lambda *tensors: (transformed if transforms() else plain)(*tensors)
 
 
-def _called(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> Any:
+def _call_kernel(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> Any:
     """Kernel results in the tensors' memory; on a GPU, results of the program in PyTorch operations."""
     if tensors[0].device.type == "cuda":
-        found = _on_tensors(torch, quantity.program, tensors)
-        return tuple(found) if len(found) > 1 else found[0]
-    found = quantity.kernel(
-        *(t.numpy(force=True) for t in tensors)
-    )  # the memory of a lazy conjugate has the wrong imaginary part
-    if isinstance(found, tuple):
-        return tuple(torch.as_tensor(x) for x in found)
-    return torch.as_tensor(found)
+        results = _evaluate_program(torch, quantity.program, tensors)
+        return tuple(results) if len(results) > 1 else results[0]
+    # force: the memory of a lazy conjugate has the wrong imaginary part
+    arrays = quantity.kernel(*(t.numpy(force=True) for t in tensors))
+    if isinstance(arrays, tuple):
+        return tuple(torch.as_tensor(x) for x in arrays)
+    return torch.as_tensor(arrays)
 
 
-def _on_tensors(torch: Any, program: Program, tensors: Sequence[Any]) -> list[Any]:
+def _evaluate_program(torch: Any, program: Program, tensors: Sequence[Any]) -> list[Any]:
     """Program in PyTorch operations, which PyTorch can differentiate."""
     batch = batch_shape(tensors, program)
     flat = [
@@ -182,25 +189,25 @@ def _on_tensors(torch: Any, program: Program, tensors: Sequence[Any]) -> list[An
     def where(condition: Any, a: Any, b: Any) -> Any:
         return torch.where(condition, torch.as_tensor(a).to(tensors[0]), torch.as_tensor(b).to(tensors[0]))
 
-    found = iter(evaluated(program, elements, functions_of(torch, where)))
+    entries = iter(evaluated(program, elements, functions_of(torch, where)))
     results = []
     for port in program.outputs:
-        parts = [torch.as_tensor(next(found)).to(tensors[0]).expand(batch) for _ in range(port.size)]
+        parts = [torch.as_tensor(next(entries)).to(tensors[0]).expand(batch) for _ in range(port.size)]
         whole = torch.stack(parts, dim=-1) if parts else tensors[0].new_zeros((*batch, 0))
         results.append(whole.reshape((*batch, *port.shape)))
     return results
 
 
-def _several(found: Any) -> list[Any]:
-    return list(found) if isinstance(found, tuple) else [found]
+def _result_list(results: Any) -> list[Any]:
+    return list(results) if isinstance(results, tuple) else [results]
 
 
-def _summed(gradient: Any, tensor: Any) -> Any:
+def _sum_to_shape(gradient: Any, tensor: Any) -> Any:
     """Gradient summed over broadcast axes to the shape of the tensor."""
     return gradient.sum_to_size(tensor.shape) if gradient.shape != tensor.shape else gradient
 
 
-def _of_one_kind(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> list[Any]:
+def _convert_to_common_type(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> tuple[Any, ...]:
     """Tensors in a common type: float32 if all are, else float64. Raises ValueRangeError, naming the invalid input."""
     ports = quantity.inputs
     for t, port in zip(tensors, ports, strict=True):
@@ -209,7 +216,7 @@ def _of_one_kind(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) 
         listed = ", ".join(f"{port.name} on {t.device}" for t, port in zip(tensors, ports, strict=True))
         raise ValueRangeError(f"to_torch {quantity.name}: {listed}. Move all to one device.")
     dtype = torch.float32 if all(t.dtype == torch.float32 for t in tensors) else torch.float64
-    return [t.to(dtype) for t in tensors]
+    return tuple(t.to(dtype) for t in tensors)
 
 
 def _require_computable(torch: Any, name: str, tensor: Any, label: str) -> None:

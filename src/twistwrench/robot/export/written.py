@@ -146,7 +146,9 @@ class Saved(list[str], _Files):
 
     @property
     def _loss(self) -> str:
-        return f"The format cannot represent {len(self)} propert{'y' if len(self) == 1 else 'ies'}" if self else ""
+        if not self:
+            return ""
+        return f"The format cannot represent {len(self)} propert{'y' if len(self) == 1 else 'ies'}"
 
     def blocks(self) -> Iterator[Block]:
         """Verdict with the file, and the lost properties.
