@@ -176,9 +176,8 @@ class LinkPairs:
         if not len(pairs):
             return all_pairs
         always = all_pairs._always_in_contact()
-        link_pair_of = np.unique(capsules.links[pairs], axis=0, return_inverse=True)[
-            1
-        ].ravel()  # of two axes in NumPy 2.0
+        _, link_pair_of = np.unique(capsules.links[pairs], axis=0, return_inverse=True)
+        link_pair_of = link_pair_of.ravel()  # of two axes in NumPy 2.0
         judged = link_pairs(pairs[~always[link_pair_of]])
         left_out = all_pairs.pair_texts(np.flatnonzero(always).tolist())
         return replace(judged, touching=left_out) if exact else replace(judged, undecided=left_out)

@@ -48,9 +48,8 @@ class _Operator(ABC):
             return NotImplemented  # its __rmatmul__ checks frames
         if hasattr(x, "moment_about_origin"):
             raise ShapeError(f"{self._name} @ G: it acts on twists and wrenches. Write {self._name} @ (G @ V).")
-        shape = np.shape(x)
-        if len(shape) == 2 and shape[0] == 6:
-            self._check_rows(shape[1])
+        if hasattr(x, "shape") and len(x.shape) == 2 and x.shape[0] == 6:
+            self._check_rows(x.shape[1])
         return self.apply(x)
 
     def __rmatmul__(self, x: Any) -> NoReturn:
