@@ -51,7 +51,7 @@ class SpatialInertia(metaclass=HintedClass):
         self.parameters.setflags(write=False)  # unpickled arrays are writable
 
     def __post_init__(self) -> None:
-        if np.shape(self.parameters) == (6, 6):
+        if getattr(self.parameters, "shape", None) == (6, 6):
             raise ShapeError(
                 "SpatialInertia takes ten parameters, got a matrix (6, 6). Write SpatialInertia.from_matrix(G)."
             )
