@@ -394,6 +394,28 @@ def test_pointing_at_a_word_lights_its_arrow_and_the_reverse(article):
     assert "momentum" in page.run("window.lit")
 
 
+def test_a_word_stays_lit_after_a_tap_until_the_next_one(article):
+    page = article()
+    page.call("Emulation.setTouchEmulationEnabled", enabled=True)
+    page.run(
+        "window.lit = []; const draw = View.prototype.draw; View.prototype.draw = function (...a) { window.lit.push(a[3]); draw.apply(this, a); }; 0"
+    )
+    page.run("document.querySelector('#body').scrollIntoView()")
+
+    def tap(element: str) -> None:
+        box = page.run(
+            f"(() => {{ const b = {element}.getBoundingClientRect(); return [b.x + 5, b.y + b.height / 2]; }})()"
+        )
+        page.call("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": box[0], "y": box[1]}])
+        page.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        frames(page)
+
+    tap("document.querySelector('#body .word.momentum')")
+    assert page.run("window.lit.at(-1)") == "momentum"
+    tap("document.querySelector('#body h2')")
+    assert page.run("window.lit.at(-1)") is None
+
+
 def test_nothing_runs_out_of_sight_or_at_rest(article):
     page = article()
     page.run(

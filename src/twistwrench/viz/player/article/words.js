@@ -1,4 +1,4 @@
-// Coloured words and their arrows: pointing at one lights the other.
+// Coloured words and their arrows: pointing at one lights the other; after a tap it stays lit until the next one.
 "use strict";
 
 class Words {
@@ -7,8 +7,11 @@ class Words {
     for (const word of this.words) {
       const light = (lit) => () => { for (const figure of figures()) figure.light(lit); };
       word.addEventListener("pointerenter", light(word.dataset.arrow));
-      word.addEventListener("pointerleave", light(null));
+      word.addEventListener("pointerleave", (event) => { if (event.pointerType !== "touch") light(null)(); });
     }
+    document.addEventListener("pointerdown", (event) => {
+      if (event.pointerType === "touch" && !event.target.closest(".word")) for (const figure of figures()) figure.light(null);
+    });
   }
 
   light(name) {
