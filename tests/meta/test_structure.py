@@ -32,7 +32,6 @@ WRAPPERS: set[str] = set()
 SCREEN = 60
 """Lines of a function without its docstring."""
 LONG_FUNCTIONS = {
-    "formats/__init__.py:load_model",
     "simulation/preparation.py:build_run",
     "viz/page.py:viewer_page",
 }

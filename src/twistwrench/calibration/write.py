@@ -17,7 +17,7 @@ from ..core.numbers import number
 from ..core.text import argument
 from ..core.typing import Array
 from ..core.version import __version__
-from ..formats.edit import TextChanges, encoded
+from ..formats.edit import TextChanges, encode_as
 from ..formats.robot_file import file_of
 from ..formats.robot_text import text_of
 from ..mechanics.lie import se3
@@ -72,7 +72,7 @@ def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | P
         )
     target = as_path(path)
     with replacing(target) as scratch:
-        scratch.write_bytes(encoded(text, file.data))
+        scratch.write_bytes(encode_as(text, file.data))
     return target
 
 

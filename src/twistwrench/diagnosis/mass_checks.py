@@ -10,7 +10,7 @@ from ..core.numbers import number, percent, printed
 from ..core.text import Argument, listed, spell
 from ..core.typing import Array
 from ..formats.edit import Edit
-from ..formats.robot_text import WrittenInertia, about_com
+from ..formats.robot_text import WrittenInertia, inertia_about_com
 from ..formats.sdf import assumed_text
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.model.inertia_checks import massless_links, reasons
@@ -211,7 +211,7 @@ def _evidence(pair: SymmetricLinks) -> str:
 
 def mirrored(inertia: SpatialInertia, D: Array) -> SpatialInertia:
     """Inertia of the mirrored body; D (3, 3) maps its points."""
-    return about_com(inertia.mass, D @ inertia.com, D @ inertia.moment_about_com @ D.T)
+    return inertia_about_com(inertia.mass, D @ inertia.com, D @ inertia.moment_about_com @ D.T)
 
 
 def _differences(given: SpatialInertia, image: SpatialInertia) -> tuple[list[str], dict[str, float]]:
@@ -276,7 +276,7 @@ def check_com(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         away = float(np.linalg.norm(written.com - inside))
         if away <= _MARGIN[0] * link.shapes.diagonal + _MARGIN[1]:
             continue
-        moved = about_com(written.mass, inside, written.inertia.moment_about_com)
+        moved = inertia_about_com(written.mass, inside, written.inertia.moment_about_com)
         effect = robot.effects.evaluate({link.name: moved})
         regrouped = identified(written) and away <= _REGROUPED * robot.span
         matters = effect.reaches(MATTERS) and not regrouped and not reasons(written.inertia)
@@ -334,7 +334,7 @@ def _far_com(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span:
     away = float(np.linalg.norm(written.com))
     if away <= (max(_BEYOND * span, _BEYOND) if span > 0 else _LARGEST) or link.shapes.complete:
         return
-    wanted = about_com(written.mass, 1e-3 * written.com, written.inertia.moment_about_com)
+    wanted = inertia_about_com(written.mass, 1e-3 * written.com, written.inertia.moment_about_com)
     if span > 0 and 1e-3 * away <= span:
         repair = FileRepair(
             "slip", "in millimetres, for metres: divide it by 1000", {link.name: wanted}, written.edits(wanted)
@@ -359,7 +359,7 @@ def _grams(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, span: f
     compact = compact and not (no_tensor(written) or placeholder(written) or link.shapes.complete)
     if times < _GRAMS and not compact:
         return
-    wanted = about_com(1e-3 * written.mass, written.com, written.inertia.moment_about_com)
+    wanted = inertia_about_com(1e-3 * written.mass, written.com, written.inertia.moment_about_com)
     alike = len(others) > 1 and 1e-3 * written.mass <= max(others) and written.mass >= _GRAMS * np.median(others)
     if alike:
         repair = FileRepair(

@@ -273,7 +273,7 @@ def _parsed(root: Element, model: Model, reader: SolidReader, path: Path | None)
             if form == "mjcf":
                 written = _compiled(written, model.link_inertias[name], element)
             solids = partial(_solids, text, name, reader)
-            links[name] = ParsedLink(name, element.line, element.file, written, text.assumed(name), solids)
+            links[name] = ParsedLink(name, element.line, element.file, written, text.assumed_parts(name), solids)
     changes = " of <compiler> change ", "settotalmass"
     changed = [one for one in model.defects if form == "mjcf" and (changes[0] in one or one.startswith(changes[1]))]
     return ParsedFile(model, form, links, text.joints, tuple(changed))
@@ -358,7 +358,9 @@ def read_subject(
         made = _loaded(given, floating_base, "follow", model, max_bodies)
     except ModelError as error:
         with suppress(ModelError):
-            problems = load_errors(parse(text, max_bodies=MOST_BODIES) if file is None else file.parsed(MOST_BODIES))
+            problems = load_errors(
+                parse(text, max_bodies=MOST_BODIES) if file is None else file.parse_root(MOST_BODIES)
+            )
         if not problems:
             raise
         if any(not problem.mimic for problem in problems):  # the loader's error is the first one

@@ -15,7 +15,7 @@ from ..core.errors import ValueRangeError
 from ..core.files import refuse_existing, replacing
 from ..core.glossary import complete
 from ..core.verdict import ExitCode, Verdict, Word
-from ..formats.edit import edited, encoded
+from ..formats.edit import apply_edits, encode_as
 from ..formats.xml import Place
 from ..motion import limits_file
 from ..robot import Robot, load
@@ -203,7 +203,7 @@ class DoctorReport(Answer):
             if finding.repair
             for edit in finding.repair.edits
         ]
-        return edited(self.contents.text, edits) if edits else self.contents.text
+        return apply_edits(self.contents.text, edits) if edits else self.contents.text
 
     def repaired(self) -> Robot:
         """Robot of the repaired file.
@@ -240,7 +240,7 @@ class DoctorReport(Answer):
         text = self.repaired_text()
         target = refuse_existing(path, overwrite=overwrite)
         with replacing(target) as scratch:
-            scratch.write_bytes(encoded(text, self.contents.data))
+            scratch.write_bytes(encode_as(text, self.contents.data))
         return self.repairs
 
 

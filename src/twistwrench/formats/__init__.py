@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from ..core.arguments import integer
 from ..core.errors import ModelError, RobotFileError, ValueRangeError
 from ..core.text import argument, bounded_message
+from ..mechanics.model.builder import ModelBuilder
 from ..mechanics.model.model import Model
 from ..mechanics.model.snapping import DEFAULT_SNAP
 from .robot_file import USD, RobotFile
@@ -55,56 +57,23 @@ def load_model(
         raise ValueRangeError(f"format={format!r} is not allowed. Choose from: {choices}, or None.")
     max_bodies = integer(max_bodies, "max_bodies")
     usd = usd_path(source)
-    arguments, folders_given = xacro_arguments(xacro), [Path(folder) for folder in include_paths]
+    arguments, folders = xacro_arguments(xacro), [Path(folder) for folder in include_paths]
     file = None if usd is not None or is_text(source) else RobotFile.from_path(source, data)
-    if file is not None:
-        text, origin = file.text, str(file)
-    else:
-        text, origin = ("", str(usd)) if usd is not None else read_robot_text(source)
-    home = None if is_text(source) else Path(source).parent
-    shown = origin
+    text, origin = _text_and_origin(source, usd, file)
+    options = _ReadOptions(source, folders, floating_base, keep, model, max_bodies, snap)
+    name_in_messages = origin
+    content: Path | Element
     try:
-        if usd is None:
-            root = parse(text, max_bodies=max_bodies) if file is None else file.parsed(max_bodies)
-            if (expanded := _expanded(source, text, root, arguments, folders_given)) is not None:
-                text, shown = expanded, f"{origin} (lines are those that xacro expands it to)"
-                root = parse(text, max_bodies=max_bodies)
-            found = _format_of(root)
-            said = f"{found.upper()} (<{root.tag}>, {root.place})"
-        else:
+        if usd is not None:
             bytes_of(usd)
-            found = said = "usd"
-        for option, value, own in (("keep", keep, ("mjcf",)), ("model", model, ("sdf", "usd"))):
-            if value is not None and found not in own:  # only formats whose files have several parts
-                formats = " and ".join(name.upper() for name in own)
-                raise ValueRangeError(
-                    f"{argument(option, value)} is of {formats} files, and this one is {found.upper()}."
-                )
-        if format not in (None, found):
-            raise RobotFileError(f"it is {said}, and format={format!r} was given.")
-        if usd is not None:  # import only the required reader
-            from .usd import read_usd
-
-            builder, floating = read_usd(
-                usd, origin, include_paths=folders_given, floating_base=floating_base,
-                model=model, max_bodies=max_bodies,
-            )  # fmt: skip
-        elif found == "mjcf":
-            from .mjcf import read_mjcf
-            from .mjcf.preprocess import Folders
-
-            folders = Folders(home, folders_given)
-            builder, floating = read_mjcf(
-                root, file or origin, folders, floating_base=floating_base, keep=keep, max_bodies=max_bodies
-            )
-        elif found == "sdf":
-            from .sdf import read_sdf
-
-            builder, floating = read_sdf(root, file or origin, floating_base=floating_base, model=model), False
+            content = usd
         else:
-            from .urdf import read_urdf
-
-            builder, floating = read_urdf(root, file or origin, snap), bool(floating_base)
+            content = parse(text, max_bodies=max_bodies) if file is None else file.parse_root(max_bodies)
+            expansion = _xacro_expansion(source, text, content, arguments, folders)
+            if expansion is not None:
+                name_in_messages = f"{origin} (lines are those that xacro expands it to)"
+                content = parse(expansion, max_bodies=max_bodies)
+        builder, floating = _read_content(content, file or origin, format, options)
         if floating_base is False:
             builder.mount()
         return builder.build(
@@ -113,7 +82,68 @@ def load_model(
         )  # fmt: skip
     except ModelError as error:
         # Only this function has the file's name.
-        raise type(error)(f"{shown}: {bounded_message(str(error))}") from None
+        raise type(error)(f"{name_in_messages}: {bounded_message(str(error))}") from None
+
+
+def _text_and_origin(source: str | os.PathLike[str], usd: Path | None, file: RobotFile | None) -> tuple[str, str]:
+    """Text of a robot file and its name in messages; the text of a USD file is not read."""
+    if file is not None:
+        return file.text, str(file)
+    return ("", str(usd)) if usd is not None else read_robot_text(source)
+
+
+@dataclass(frozen=True)
+class _ReadOptions:
+    """Options of :func:`load_model` that the readers of formats use."""
+
+    source: str | os.PathLike[str]
+    folders: Sequence[Path]
+    floating_base: bool | None
+    keep: str | None
+    model: str | None
+    max_bodies: int
+    snap: float
+
+    def check(self, kind: str) -> None:
+        """Raise ValueRangeError for options that a format does not have: only files with several parts have them."""
+        for option, value, formats in (("keep", self.keep, ("mjcf",)), ("model", self.model, ("sdf", "usd"))):
+            if value is not None and kind not in formats:
+                names = " and ".join(name.upper() for name in formats)
+                raise ValueRangeError(f"{argument(option, value)} is of {names} files, and this one is {kind.upper()}.")
+
+
+def _read_content(
+    content: Path | Element, origin: str, wanted_format: str | None, options: _ReadOptions
+) -> tuple[ModelBuilder, bool]:
+    """Builder of a robot, and True if its root floats; only the required reader is imported."""
+    kind = "usd" if isinstance(content, Path) else _format_of(content)
+    options.check(kind)
+    if wanted_format not in (None, kind):
+        seen_as = kind if isinstance(content, Path) else f"{kind.upper()} (<{content.tag}>, {content.place})"
+        raise RobotFileError(f"it is {seen_as}, and format={wanted_format!r} was given.")
+    if isinstance(content, Path):
+        from .usd import read_usd
+
+        return read_usd(
+            content, origin, include_paths=options.folders, floating_base=options.floating_base,
+            model=options.model, max_bodies=options.max_bodies,
+        )  # fmt: skip
+    if kind == "mjcf":
+        from .mjcf import read_mjcf
+        from .mjcf.preprocess import Folders
+
+        home = None if is_text(options.source) else Path(options.source).parent
+        return read_mjcf(
+            content, origin, Folders(home, options.folders), floating_base=options.floating_base, keep=options.keep,
+            max_bodies=options.max_bodies,
+        )  # fmt: skip
+    if kind == "sdf":
+        from .sdf import read_sdf
+
+        return read_sdf(content, origin, floating_base=options.floating_base, model=options.model), False
+    from .urdf import read_urdf
+
+    return read_urdf(content, origin, options.snap), bool(options.floating_base)
 
 
 def format_of_file(path: Path) -> str:
@@ -127,23 +157,24 @@ def usd_path(source: object) -> Path | None:
     """Path of a file with a USD suffix; otherwise None."""
     if not isinstance(source, str | os.PathLike) or is_text(source):
         return None
-    return path if (path := Path(source)).suffix.lower() in USD else None
+    path = Path(source)
+    return path if path.suffix.lower() in USD else None
 
 
 def _format_of(root: Element) -> str:
-    found = next((name for name, tag in FORMATS.items() if root.tag == tag), None)
+    kind = next((name for name, tag in FORMATS.items() if root.tag == tag), None)
     if root.tag == "mujocoinclude":
         raise RobotFileError(
             f"it is a part of a robot (<{root.tag}>, {root.place}). Load the MJCF file that includes it."
         )
-    if found is None:
+    if kind is None:
         raise RobotFileError(
             f"its root element is <{root.tag}> ({root.place}), expected <robot> (URDF), <mujoco> (MJCF) or <sdf>."
         )
-    return found
+    return kind
 
 
-def _expanded(
+def _xacro_expansion(
     source: str | os.PathLike[str],
     text: str,
     root: Element,
@@ -156,14 +187,14 @@ def _expanded(
     Raises RobotFileError for xacro in other files.
     """
     path = None if is_text(source) else Path(source)
-    found, ending = xacro_in(text, root), path is not None and path.suffix.lower() == ENDING
+    marker = xacro_in(text, root)
+    ending = path is not None and path.suffix.lower() == ENDING
     if ending or (arguments is not None and is_marked(text)):
-        return expand_xacro(text, path, arguments or {}, folders, found)
-    if found:
+        return expand_xacro(text, path, arguments or {}, folders, marker)
+    if marker:
         raise RobotFileError(
-            f"{found}, which is expanded only on request in files that do not end in .xacro. Load it with "
-            f"{argument('xacro', True)}, or run "
-            f"{EXPAND} and load robot.urdf."
+            f"{marker}, which is expanded only on request in files that do not end in .xacro. Load it with "
+            f"{argument('xacro', True)}, or run {EXPAND} and load robot.urdf."
         )
     if arguments:
         raise ValueRangeError(

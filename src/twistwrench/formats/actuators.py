@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,7 +18,7 @@ from ..mechanics.model.couplings import Coupling, with_couplings, without_coupli
 from ..mechanics.model.edit import with_armature
 from ..mechanics.model.limits import BEARING_UNITS, BEARINGS
 from ..mechanics.model.model import Model
-from .yaml import Section, Source, plain_number, read_yaml, shown
+from .yaml import Section, Source, plain_number, read_yaml, short_text
 
 _PER_METRE: dict[str, Callable[[float], float]] = {
     "rad/m": lambda x: x,
@@ -33,21 +33,21 @@ def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
     if sliding and isinstance(value, str):
         for unit, per_metre in _PER_METRE.items():
             if value.rstrip().endswith(unit):
-                problem = f"{where} is {shown(value)}, expected a number before {unit}."
+                problem = f"{where} is {short_text(value)}, expected a number before {unit}."
                 number = plain_number(value.rstrip()[: -len(unit)], problem)
                 if number == 0:
                     raise ModelError(problem)
                 return float(per_metre(number))
     units = f", or with one of {', '.join(_PER_METRE)}" if sliding else ", or 101:1"
-    problem = f"{where} is {shown(value)}, expected a number such as 101{units}."
-    turns, colon, per = value.partition(":") if isinstance(value, str) else (value, "", "")
-    divisor = plain_number(per, problem) if colon else 1.0
+    problem = f"{where} is {short_text(value)}, expected a number such as 101{units}."
+    if not isinstance(value, str):
+        return plain_number(value, problem)
+    turns, colon, turns_out = value.partition(":")
+    divisor = plain_number(turns_out, problem) if colon else 1.0
     if divisor == 0:
         raise ModelError(problem)
     return plain_number(turns, problem) / divisor
 
-
-# ── Reader of actuator files: motors, gears, rotors, elastic joints, friction laws
 
 _THERMAL = {
     "winding_housing": "thermal resistance", "housing_ambient": "thermal resistance", "winding_time": "time",
@@ -96,7 +96,7 @@ class ActuatorFile:
     def entries(self) -> dict[str, Any]:
         """Entries as mappings of text. Raises ModelError if the file is a list or a number."""
         if not isinstance(self.content, Mapping):
-            raise ModelError(f"{self.origin} is {shown(self.content)}, expected entries 'name: value'.")
+            raise ModelError(f"{self.origin} is {short_text(self.content)}, expected entries 'name: value'.")
         return dict(self.content)
 
 
@@ -106,128 +106,145 @@ def add_actuators(model: Model, source: Source | ActuatorFile, *, stiff: bool = 
     Raises :class:`~twistwrench.NotFoundError`, and :class:`~twistwrench.ModelError` with the file and the entry.
     """
     with ActuatorFile.from_source(source).section() as file:
-        return _added(model, file, stiff)
+        return _add_from_section(model, file, stiff)
 
 
-def _added(model: Model, file: Section, stiff: bool) -> Model:
+def _sliding_joints(model: Model) -> set[str]:
+    """Joints of one degree that slide."""
+    return {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
+
+
+def _section_or_empty(parent: Section, key: str) -> Section:
+    """Section of an optional entry; empty if it is not given."""
+    return parent.section(key) if key in parent.content else Section({}, key)
+
+
+def _positive_number(entry: Section, key: str, kind: str, unit: str) -> float:
+    """Limit of an actuator. Raises ModelError unless it is above 0."""
+    limit = entry.number(key, kind)
+    if not limit > 0:
+        raise ModelError(f"{entry.where(key)} is {printed(limit)} {unit}; it must be above 0.")
+    return limit
+
+
+def _add_from_section(model: Model, file: Section, stiff: bool) -> Model:
     check_entries(model, file)
     motors = _motors(file)
     model = with_couplings(model, read_couplings(model, file))
     if "actuators" not in file.content:
         raise ModelError("it has no entry 'actuators:' with the joints below it.")
     joints = file.section("actuators")
-    sliding = {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
+    sliding = _sliding_joints(model)
     actuators: list[Actuator] = []
     armature: dict[str, float] = {}
     effort = model.limits.effort.copy()
     bearings = {kind: getattr(model.limits, kind).copy() for kind in BEARINGS}
-    laws: dict[str, dict[str, float]] = {}
-    of_links: dict[str, dict[str, float]] = {}
+    joint_friction: dict[str, dict[str, float]] = {}
+    link_friction: dict[str, dict[str, float]] = {}
     for name in joints.content:
         entry, k = joints.section(name), model.drive_index(name)
         if name in model.drive_names and name not in model.velocity_names:
             entry.only(*_COUPLED)
             if "effort" in entry.content:
-                effort[k] = most = entry.number("effort", "torque")
-                if not most > 0:
-                    raise ModelError(f"{entry.where('effort')} is {printed(most)} N m; it must be above 0.")
+                effort[k] = _positive_number(entry, "effort", "torque", "N m")
         else:
             entry.only(*_ACTUATOR, *BEARINGS)
-            for kind in set(BEARINGS) & set(entry.content):
-                bearings[kind][k] = most = entry.number(kind, "torque" if kind == "tilting" else "force")
-                if not most > 0:
-                    raise ModelError(
-                        f"{entry.where(kind)} is {printed(most)} {BEARING_UNITS[kind]}; it must be above 0."
-                    )
+            for kind in BEARINGS:
+                if kind in entry.content:
+                    unit_kind = "torque" if kind == "tilting" else "force"
+                    bearings[kind][k] = _positive_number(entry, kind, unit_kind, BEARING_UNITS[kind])
         kinds = _SLIDING if name in sliding else {}
         actuators.append(_actuator(name, entry, motors, kinds))
         if "reflected_inertia" in entry.content:
             armature[name] = entry.number("reflected_inertia", kinds.get("inertia", "inertia"))
-        for key, found in (("friction", laws), ("link_friction", of_links)):
-            if key in entry.content:
-                found[name] = _law(entry.section(key), kinds)
-        if name in of_links:
-            laws.setdefault(name, {})  # either entry replaces the friction of the robot file
-    if stiff and (elastic := [a.joint for a in actuators if np.isfinite(a.stiffness)]):
-        warnings.warn(f"the elastic gears of {', '.join(elastic)} are taken to be stiff.", ModelWarning, stacklevel=2)
+        if "friction" in entry.content:
+            joint_friction[name] = _friction_law(entry.section("friction"), kinds)
+        if "link_friction" in entry.content:
+            link_friction[name] = _friction_law(entry.section("link_friction"), kinds)
+            joint_friction.setdefault(name, {})  # either entry replaces the friction of the robot file
+    elastic_joints = [actuator.joint for actuator in actuators if np.isfinite(actuator.stiffness)]
+    if stiff and elastic_joints:
+        names = ", ".join(elastic_joints)
+        warnings.warn(f"the elastic gears of {names} are taken to be stiff.", ModelWarning, stacklevel=2)
         actuators = [replace(actuator, stiffness=np.inf) for actuator in actuators]
     model = replace(model, limits=replace(model.limits, effort=effort, **bearings))
-    model = with_armature(with_friction(model, laws), armature)
-    return with_link_friction(with_actuators(model, actuators), of_links)
+    model = with_armature(with_friction(model, joint_friction), armature)
+    return with_link_friction(with_actuators(model, actuators), link_friction)
 
 
 def check_entries(model: Model, file: Section) -> None:
     """Raise ModelError for unknown entries, or if the file is for another robot."""
     file.only("robot", "motors", "couplings", "actuators", "log")
     if file.content.get("robot", model.name) != model.name:
-        raise ModelError(f"it is for robot {shown(file.content['robot'])}, and this one is {model.name!r}.")
+        raise ModelError(f"it is for robot {short_text(file.content['robot'])}, and this one is {model.name!r}.")
 
 
 def read_couplings(model: Model, file: Section) -> list[Coupling]:
     """Couplings in a file. Raises ModelError for a matrix that is not square, is singular or is malformed."""
-    found, sliding = [], {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
-    listed = file.section("couplings") if "couplings" in file.content else Section({}, "couplings")
-    for name in listed.content:
-        entry = listed.section(name)
-        entry.only(*_COUPLING)
-        motors, joints = (_names(entry, key) for key in ("motors", "joints"))
-        given = [key for key in _COUPLING[2:] if key in entry.content]
-        if len(given) != 1:
-            raise ModelError(
-                f"{entry.path} has {'both motor_per_joint and' if given else 'neither motor_per_joint nor'} joint_per_motor. "
-                "Give one of them: q̇_m = motor_per_joint q̇_j."
-            )
-        rows = entry.content[given[0]]
-        where = entry.where(given[0])
-        if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
-            raise ModelError(f"{where} is {shown(rows)}, expected rows of numbers such as [[1, 1], [1, -1]].")
-        if len({*map(len, rows)}) > 1:
-            raise ModelError(
-                f"{where} has rows of {', '.join(str(len(row)) for row in rows)} numbers. Give equally many."
-            )
-        direct = given[0] == "motor_per_joint"
-        A = np.array(
-            [
-                [
-                    gear_ratio(x, where, sliding=joints[k] in sliding)
-                    if direct and k < len(joints)
-                    else plain_number(x, f"{where} has {shown(x)}, expected a plain number.")
-                    for k, x in enumerate(row)
-                ]
-                for row in rows
-            ]
-        )
-        found.append(Coupling(str(name), motors, joints, A, inverted=not direct))
-    return found
+    sliding = _sliding_joints(model)
+    section = _section_or_empty(file, "couplings")
+    return [_coupling(str(name), section.section(name), sliding) for name in section.content]
+
+
+def _coupling(name: str, entry: Section, sliding: set[str]) -> Coupling:
+    """Coupling of motors and joints from its entry."""
+    entry.only(*_COUPLING)
+    motors, joints = _names(entry, "motors"), _names(entry, "joints")
+    directions = [key for key in _COUPLING[2:] if key in entry.content]
+    if len(directions) != 1:
+        which = "both motor_per_joint and" if directions else "neither motor_per_joint nor"
+        raise ModelError(f"{entry.path} has {which} joint_per_motor. Give one of them: q̇_m = motor_per_joint q̇_j.")
+    direction = directions[0]
+    rows = entry.content[direction]
+    where = entry.where(direction)
+    if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
+        raise ModelError(f"{where} is {short_text(rows)}, expected rows of numbers such as [[1, 1], [1, -1]].")
+    if len({*map(len, rows)}) > 1:
+        lengths = ", ".join(str(len(row)) for row in rows)
+        raise ModelError(f"{where} has rows of {lengths} numbers. Give equally many.")
+    motor_per_joint = direction == "motor_per_joint"
+    matrix = []
+    for row in rows:
+        numbers = []
+        for k, value in enumerate(row):
+            if motor_per_joint and k < len(joints):
+                numbers.append(gear_ratio(value, where, sliding=joints[k] in sliding))
+            else:
+                numbers.append(plain_number(value, f"{where} has {short_text(value)}, expected a plain number."))
+        matrix.append(numbers)
+    return Coupling(name, motors, joints, np.array(matrix), inverted=not motor_per_joint)
 
 
 def _names(entry: Section, key: str) -> tuple[str, ...]:
     """List of names under a key."""
     names = entry.content.get(key)
     if not isinstance(names, list | tuple) or not names or not all(isinstance(name, str) for name in names):
-        raise ModelError(f"{entry.where(key)} is {shown(names)}, expected names in brackets such as [m5, m6].")
+        raise ModelError(f"{entry.where(key)} is {short_text(names)}, expected names in brackets such as [m5, m6].")
     return tuple(names)
 
 
-def _law(section: Section, kinds: Mapping[str, str]) -> dict[str, float]:
+def _friction_law(section: Section, kinds: Mapping[str, str]) -> dict[str, float]:
     section.only(*_FRICTION)
-    return {
-        key: section.number(key, kinds.get(kind, kind)) for key, kind in _FRICTION.items() if key in section.content
-    }
+    coefficients = {}
+    for key, kind in _FRICTION.items():
+        if key in section.content:
+            coefficients[key] = section.number(key, kinds.get(kind, kind))
+    return coefficients
 
 
 def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Mapping[str, str]) -> Actuator:
-    given: dict[str, Any] = {}
-    given |= _ratio(entry, sliding=bool(kinds))
+    properties: dict[str, Any] = {}
+    properties |= _ratio(entry, sliding=bool(kinds))
     if "efficiency" in entry.content:
-        given["efficiency"] = plain_share(entry.content["efficiency"], entry.where("efficiency"))
-    given |= entry.optional("no_load_torque", entry.number, "torque")
-    given |= entry.optional("stiffness", entry.number, kinds.get("stiffness", "stiffness"))
-    if (motor := _motor_of(entry, motors)) is not None:
-        given["motor"] = motor
+        properties["efficiency"] = plain_share(entry.content["efficiency"], entry.where("efficiency"))
+    properties |= entry.optional("no_load_torque", entry.number, "torque")
+    properties |= entry.optional("stiffness", entry.number, kinds.get("stiffness", "stiffness"))
+    motor = _motor_of(entry, motors)
+    if motor is not None:
+        properties["motor"] = motor
     if "rotor" in entry.content:
-        given["rotor"] = _rotor(entry.section("rotor"))
-    return Actuator(joint, **given)
+        properties["rotor"] = _rotor(entry.section("rotor"))
+    return Actuator(joint, **properties)
 
 
 def _ratio(entry: Section, *, sliding: bool) -> dict[str, float]:
@@ -236,16 +253,20 @@ def _ratio(entry: Section, *, sliding: bool) -> dict[str, float]:
 
 
 def _motors(file: Section) -> dict[str, Motor]:
-    listed = file.section("motors") if "motors" in file.content else Section({}, "motors")
-    return {name: read_motor(listed.section(name)) for name in listed.content}
+    section = _section_or_empty(file, "motors")
+    return {name: read_motor(section.section(name)) for name in section.content}
 
 
 def _motor_of(entry: Section, motors: Mapping[str, Motor]) -> Motor | None:
     """Motor of an actuator, by name or by an inline description; None without a motor."""
     motor = entry.content.get("motor")
-    if isinstance(motor, str) and motor not in motors:
+    if motor is None:
+        return None
+    if not isinstance(motor, str):
+        return read_motor(entry.section("motor"))
+    if motor not in motors:
         raise UnknownNameError.from_choices(f"motor (below 'motors:', wanted by {entry.path})", motor, motors)
-    return None if motor is None else motors[motor] if isinstance(motor, str) else read_motor(entry.section("motor"))
+    return motors[motor]
 
 
 def read_motor(section: Section, *others: str) -> Motor:
@@ -254,14 +275,15 @@ def read_motor(section: Section, *others: str) -> Motor:
     if "torque_constant" not in section.content:
         raise ModelError(f"{section.path} has no torque_constant, without which no current follows from a torque.")
     thermal = _thermal(section.section("thermal")) if "thermal" in section.content else None
-    given = {key: section.number(key, row.kind) for key, row in RATINGS.items() if key in section.content}
-    return Motor(**given, thermal=thermal)
+    ratings = {key: section.number(key, row.kind) for key, row in RATINGS.items() if key in section.content}
+    return Motor(**ratings, thermal=thermal)
 
 
 def _thermal(section: Section) -> Thermal:
     section.only(*_THERMAL)
-    if lacking := [key for key in ("housing_ambient", "housing_time") if key not in section.content]:
-        raise ModelError(f"{section.path} has no {lacking[0]}, without which no temperature follows.")
+    for key in ("housing_ambient", "housing_time"):
+        if key not in section.content:
+            raise ModelError(f"{section.path} has no {key}, without which no temperature follows.")
     return Thermal(**{key: section.number(key, _THERMAL[key]) for key in section.content})
 
 
@@ -269,31 +291,28 @@ def _rotor(section: Section) -> Rotor:
     section.only(*_ROTOR)
     if "inertia" not in section.content:
         raise ModelError(f"{section.path} has no inertia, which is all there is to a rotor.")
-    said = section.content.get("extra", False)
-    if not isinstance(said, str | bool) or str(said).lower() not in ("true", "false"):
-        raise ModelError(f"{section.where('extra')} is {shown(said)}, expected true or false.")
-    extra = str(said).lower() == "true"
+    extra_entry = section.content.get("extra", False)
+    if not isinstance(extra_entry, str | bool) or str(extra_entry).lower() not in ("true", "false"):
+        raise ModelError(f"{section.where('extra')} is {short_text(extra_entry)}, expected true or false.")
+    extra = str(extra_entry).lower() == "true"
     if "mass" in section.content and not extra:
         raise ModelError(
             f"{section.where('mass')} is of no use unless the rotor is extra: the link has weighed it already."
         )
     link = section.content.get("link")
     if link is not None and not isinstance(link, str):
-        raise ModelError(f"{section.where('link')} is {shown(link)}, expected the name of a link.")
-    more = section.optional("axis", section.vector, "") | section.optional("place", section.vector, "length")
+        raise ModelError(f"{section.where('link')} is {short_text(link)}, expected the name of a link.")
+    placement = section.optional("axis", section.vector, "") | section.optional("place", section.vector, "length")
     mass = section.optional("mass", section.number, "mass")
-    return Rotor(inertia=section.number("inertia", "inertia"), extra=extra, link=link, **mass, **more)
+    return Rotor(inertia=section.number("inertia", "inertia"), extra=extra, link=link, **mass, **placement)
 
 
 def plain_share(value: object, where: str) -> float:
     """Parse a plain number or a percentage."""
-    problem = f"{where} is {shown(value)}, expected a number such as 0.75, or 75 %."
+    problem = f"{where} is {short_text(value)}, expected a number such as 0.75, or 75 %."
     if isinstance(value, str) and value.rstrip().endswith("%"):
         return plain_number(value.rstrip()[:-1], problem) / 100
     return plain_number(value, problem)
-
-
-# ── Log columns of an actuator file
 
 
 @dataclass(frozen=True)
@@ -328,47 +347,92 @@ def read_log_side(model: Model, source: Source | ActuatorFile) -> LogSide:
 def _log_side(model: Model, file: Section) -> LogSide:
     check_entries(model, file)
     couplings = tuple(read_couplings(model, file))
-    together = {motor for c in couplings for motor in c.motors}
-    coupled = {joint for c in couplings for joint in c.joints}
     with_couplings(without_couplings(model), couplings)  # raises an error for missing joints
-    names = (*model.velocity_names, *sorted(together))
-    sliding = {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
-    listed, motors = (
-        file.section("actuators") if "actuators" in file.content else Section({}, "actuators"),
-        _motors(file),
-    )
-    entries = {name: listed.section(name) for name, entry in listed.content.items() if isinstance(entry, Mapping)}
-    given_ratios = {name: _ratio(entry, sliding=name in sliding) for name, entry in entries.items()}
-    ratios = {name: found["ratio"] for name, found in given_ratios.items() if found}
-    constants = {name: motor.torque_constant for name, entry in entries.items() if (motor := _motor_of(entry, motors))}
-    log = file.section("log") if "log" in file.content else Section({}, "log")
+    sliding = _sliding_joints(model)
+    ratios, constants = _ratios_and_torque_constants(file, sliding)
+    log = _section_or_empty(file, "log")
     log.only("side", "joints")
     side = log.content.get("side", "joint")
     if side not in ("joint", "motor"):
-        raise ModelError(f"log → side is {shown(side)}, expected joint or motor.")
+        raise ModelError(f"log → side is {short_text(side)}, expected joint or motor.")
     joints = log.section("joints") if "joints" in log.content else Section({}, "log → joints")
-    given: dict[str, dict[str, Any]] = {"coupled": {}, "zero": {}, "sign": {}, "gain": {}}
+    columns = _LogColumns(side, sliding, couplings, model.velocity_names)
     for name in joints.content:
-        if name not in names:
-            raise UnknownNameError.from_choices("joint", name, names)
+        columns.read(name, joints)
+    torque_per_ampere = {}
+    for name, constant in constants.items():
+        ratio = 1.0 if side == "motor" else ratios.get(name, 1.0)
+        torque_per_ampere[name] = constant * ratio
+    return LogSide(
+        side == "motor", ratios, columns.coupled, columns.zero, columns.sign, columns.gain,
+        of_currents=torque_per_ampere | columns.gain, couplings=couplings,
+    )  # fmt: skip
+
+
+def _ratios_and_torque_constants(file: Section, sliding: set[str]) -> tuple[dict[str, float], dict[str, float]]:
+    """Gear ratios, and torque constants of motors [N m/A], by joint; joints without one are left out."""
+    motors = _motors(file)
+    actuators = _section_or_empty(file, "actuators")
+    entries = {name: actuators.section(name) for name, entry in actuators.content.items() if isinstance(entry, Mapping)}
+    ratios, constants = {}, {}
+    for name, entry in entries.items():
+        ratio = _ratio(entry, sliding=name in sliding)
+        if ratio:
+            ratios[name] = ratio["ratio"]
+    for name, entry in entries.items():
+        motor = _motor_of(entry, motors)
+        if motor is not None:
+            constants[name] = motor.torque_constant
+    return ratios, constants
+
+
+class _LogColumns:
+    """Entries below ``log: joints:``, by joint."""
+
+    def __init__(self, side: str, sliding: set[str], couplings: Sequence[Coupling], joints: Sequence[str]) -> None:
+        self.side, self.sliding = side, sliding
+        self.coupled_motors = {motor for c in couplings for motor in c.motors}
+        self.coupled_joints = {joint for c in couplings for joint in c.joints}
+        self.names = (*joints, *sorted(self.coupled_motors))
+        self.coupled: dict[str, dict[str, float]] = {}
+        self.zero: dict[str, float] = {}
+        self.sign: dict[str, float] = {}
+        self.gain: dict[str, float] = {}
+
+    def read(self, name: str, joints: Section) -> None:
+        """Read the entry of one joint or coupled motor. Raises UnknownNameError and ModelError."""
+        if name not in self.names:
+            raise UnknownNameError.from_choices("joint", name, self.names)
         entry = joints.section(name)
-        entry.only(*(("sign", "gain") if name in together else ("zero",) if name in coupled else given))
-        if name in together and side == "joint":
+        entry.only(*self._keys(name))
+        if name in self.coupled_motors and self.side == "joint":
             raise ModelError(
                 f"{entry.path} is a coupled motor, and the log has the side of the joints. Say side: motor."
             )
         if "coupled" in entry.content:
-            others = entry.section("coupled")
-            for other in others.content:
-                if other not in names or other == name:
-                    raise UnknownNameError.from_choices("other joint", other, [n for n in names if n != name])
-            given["coupled"][name] = {
-                o: gear_ratio(others.content[o], others.where(o), sliding=o in sliding) for o in others.content
-            }
-        kinds = {"zero": "length" if name in sliding else "angle", "gain": "torque constant", "sign": ""}
-        for key, kind in kinds.items():
-            given[key] |= {name: entry.number(key, kind)} if key in entry.content else {}
-        if abs(sign := given["sign"].get(name, 1.0)) != 1.0:
-            raise ModelError(f"{entry.where('sign')} is {printed(sign)}, expected 1 or -1.")
-    geared = {name: k * (1.0 if side == "motor" else ratios.get(name, 1.0)) for name, k in constants.items()}
-    return LogSide(side == "motor", ratios, **given, of_currents=geared | given["gain"], couplings=couplings)
+            self.coupled[name] = self._ratios_to_others(name, entry.section("coupled"))
+        if "zero" in entry.content:
+            self.zero[name] = entry.number("zero", "length" if name in self.sliding else "angle")
+        if "gain" in entry.content:
+            self.gain[name] = entry.number("gain", "torque constant")
+        if "sign" in entry.content:
+            self.sign[name] = sign = entry.number("sign", "")
+            if abs(sign) != 1.0:
+                raise ModelError(f"{entry.where('sign')} is {printed(sign)}, expected 1 or -1.")
+
+    def _keys(self, name: str) -> tuple[str, ...]:
+        """Entries that a joint or motor may have."""
+        if name in self.coupled_motors:
+            return ("sign", "gain")
+        return ("zero",) if name in self.coupled_joints else ("coupled", "zero", "sign", "gain")
+
+    def _ratios_to_others(self, name: str, others: Section) -> dict[str, float]:
+        """Rotation of a joint's motor per rotation of other joints."""
+        choices = [choice for choice in self.names if choice != name]
+        for other in others.content:
+            if other not in choices:
+                raise UnknownNameError.from_choices("other joint", other, choices)
+        return {
+            other: gear_ratio(value, others.where(other), sliding=other in self.sliding)
+            for other, value in others.content.items()
+        }

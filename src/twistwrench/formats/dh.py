@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,16 +48,16 @@ def from_dh(
         raise UnknownNameError.from_choices("Denavit–Hartenberg convention", convention, CONVENTIONS)
     theta, d, a, alpha = _columns(table, columns)
     n = len(theta)
-    kinds = _one_each("joint_types", [joint_types] * n if isinstance(joint_types, str) else joint_types, n)
-    names = _one_each("joint_names", [f"joint{i + 1}" for i in range(n)] if joint_names is None else joint_names, n)
+    if isinstance(joint_types, str):
+        joint_types = [joint_types] * n
+    if joint_names is None:
+        joint_names = [f"joint{i + 1}" for i in range(n)]
+    kinds = _names_per_row("joint_types", joint_types, n)
+    names = _names_per_row("joint_names", joint_names, n)
     bodies = _inertias(n, masses, coms, moments_about_com)
     builder = ModelBuilder(name)
     for column, angles in (("theta", theta), ("alpha", alpha)):
-        if (big := np.flatnonzero(np.abs(angles) > TURN)).size:
-            builder.remark(
-                f"{column} of row {big[0] + 1} of the Denavit–Hartenberg table is {printed(angles[big[0]])}, more than a "
-                f"whole turn; angles are radians? If these are degrees: np.radians({column})"
-            )
+        _remark_on_degrees(builder, column, angles)
     builder.add_link("link0")
     for i in range(n):
         if kinds[i] not in _DH_TYPES:
@@ -80,10 +80,20 @@ def from_dh(
     return builder.build(tip=tip, gravity=gravity, inertia=inertia)
 
 
-def _one_each(what: str, given: Sequence[str], n: int) -> list[str]:
-    if isinstance(given, str) or not isinstance(given, Sequence) or len(given) != n:
-        raise ShapeError(f"{what} is {given!r}, but the table has {n} rows: give a list with one name for each row.")
-    return list(given)
+def _remark_on_degrees(builder: ModelBuilder, column: str, angles: Array) -> None:
+    """Add a note if an angle is more than a whole turn, as angles in degrees are."""
+    rows = np.flatnonzero(np.abs(angles) > TURN)
+    if rows.size:
+        builder.remark(
+            f"{column} of row {rows[0] + 1} of the Denavit–Hartenberg table is {printed(angles[rows[0]])}, more than a "
+            f"whole turn; angles are radians? If these are degrees: np.radians({column})"
+        )
+
+
+def _names_per_row(what: str, names: Sequence[str], n: int) -> list[str]:
+    if isinstance(names, str) or not isinstance(names, Sequence) or len(names) != n:
+        raise ShapeError(f"{what} is {names!r}, but the table has {n} rows: give a list with one name for each row.")
+    return list(names)
 
 
 def _screw(axis: int, angle: float, distance: float) -> Array:
@@ -93,34 +103,38 @@ def _screw(axis: int, angle: float, distance: float) -> Array:
 
 def _columns(table: Any, columns: Sequence[str] | None) -> list[Array]:
     """Columns theta, d, a, alpha, (n,) each."""
-    if isinstance(table, Mapping):
-        found = {name: arguments.finite(x, f"column {name!r} of the table") for name, x in _known(table).items()}
-        found = {name: x if x.ndim else x[None] for name, x in found.items()}
-    elif isinstance(table, Sequence) and len(table) and all(isinstance(row, Mapping) for row in table):
-        rows = [_known(row) for row in table]
-        found = {
-            name: arguments.finite([row.get(name, 0.0) for row in rows], f"column {name!r} of the table")
-            for name in COLUMNS
-        }
-    else:
-        found = _by_position(table, columns)
-    n = max((len(x) for x in found.values() if x.ndim == 1), default=0)
-    if n == 0 or any(x.shape != (n,) for x in found.values()):
-        listed = ", ".join(f"{name} {x.shape}" for name, x in found.items()) or "none"
+    named = _named_columns(table, columns)
+    n = max((len(x) for x in named.values() if x.ndim == 1), default=0)
+    if n == 0 or any(x.shape != (n,) for x in named.values()):
+        shapes = ", ".join(f"{name} {x.shape}" for name, x in named.items()) or "none"
         raise ShapeError(
-            f"the columns of a Denavit–Hartenberg table have as many numbers each, one at least: {listed}."
+            f"the columns of a Denavit–Hartenberg table have as many numbers each, one at least: {shapes}."
         )
-    return [np.asarray(found.get(name, np.zeros(n)), float) for name in COLUMNS]
+    return [np.asarray(named.get(name, np.zeros(n)), float) for name in COLUMNS]
 
 
-def _known(named: Mapping[str, Any]) -> Mapping[str, Any]:
-    for column in named:
+def _named_columns(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
+    """Columns by name, of a table of any of the three forms."""
+    if isinstance(table, Mapping):
+        _check_column_names(table)
+        values = dict(table)
+    elif isinstance(table, Sequence) and len(table) and all(isinstance(row, Mapping) for row in table):
+        for row in table:
+            _check_column_names(row)
+        values = {name: [row.get(name, 0.0) for row in table] for name in COLUMNS}
+    else:
+        return _columns_of_array(table, columns)
+    arrays = {name: arguments.finite(x, f"column {name!r} of the table") for name, x in values.items()}
+    return {name: x if x.ndim else x[None] for name, x in arrays.items()}
+
+
+def _check_column_names(names: Iterable[str]) -> None:
+    for column in names:
         if column not in COLUMNS:
             raise UnknownNameError.from_choices("column of a Denavit–Hartenberg table", column, COLUMNS)
-    return named
 
 
-def _by_position(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
+def _columns_of_array(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
     array = arguments.finite(table, "the Denavit–Hartenberg table")
     if array.ndim != 2 or array.shape[1] != len(COLUMNS):
         raise ShapeError(f"the Denavit–Hartenberg table has shape {array.shape}, expected (n, 4).")
@@ -129,7 +143,8 @@ def _by_position(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
             "the columns of an (n, 4) table are ambiguous, since books disagree: pass columns=('theta', 'd', 'a', 'alpha') "
             "in the order it has them, or the table as a dict of named columns."
         )
-    if sorted(_known(dict.fromkeys(columns))) != sorted(COLUMNS) or len(columns) != len(COLUMNS):
+    _check_column_names(columns)
+    if sorted(columns) != sorted(COLUMNS):
         raise ValueRangeError(f"columns={tuple(columns)!r}: each of {', '.join(COLUMNS)} must be there once.")
     return dict(zip(columns, array.T, strict=True))
 
@@ -153,9 +168,6 @@ def _inertia(link: str, build: Callable[..., SpatialInertia], *numbers: Any) -> 
         return build(*numbers)
     except InertiaError as problem:
         raise InertiaError(f"{link}: {problem}") from None
-
-
-# ── Serial chains from the book's screws and link frames. Modern Robotics chapters 4 and 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +239,9 @@ def from_screws(
             f"Slist {S.shape}, Mlist {steps.shape}, Glist {G.shape}: expected (6, n), (n + 1, 4, 4), (n, 6, 6). Screws are "
             "the columns of Slist; Mlist ends with the end-effector's pose in the last link."
         )
-    names = list(joint_names) if joint_names is not None else [f"joint{i + 1}" for i in range(n)]
+    if joint_names is None:
+        joint_names = [f"joint{i + 1}" for i in range(n)]
+    names = list(joint_names)
     if len(names) != n:
         raise ShapeError(f"{len(names)} joint names for {n} screws.")
     builder = ModelBuilder(name)

@@ -47,7 +47,7 @@ class _Tag:
     """End of the text after the tag."""
 
 
-def edited(
+def apply_edits(
     text: str,
     edits: Sequence[tuple[Edit, str]],
     *,
@@ -64,37 +64,40 @@ def edited(
     for edit, why in edits:
         by_element[edit.place.element].append((edit, why))
     changes: list[tuple[int, int, str]] = []
-    for element, mine in by_element.items():
+    for element, element_edits in by_element.items():
         tag = tags[element]
-        was = []
-        for edit, _ in mine:
+        old_values = []
+        for edit, _ in element_edits:
             change, before = _change(text, tag, edit)
-            was.append(before)
+            old_values.append(before)
             changes.append(change)
-        whys = dict.fromkeys(why for _, why in mine)
-        said = f"{signature}: {', '.join(was)}: {'; '.join(whys)}"
-        changes.append((tag.start, tag.start, _comment(text, tag.start, said)))
+        reasons = dict.fromkeys(why for _, why in element_edits)
+        comment = f"{signature}: {', '.join(old_values)}: {'; '.join(reasons)}"
+        changes.append((tag.start, tag.start, _comment(text, tag.start, comment)))
     for element, addition in (additions or {}).items():
-        tag = tags[element]
-        blank = text[tag.end : tag.content_end]
-        before = blank[: len(blank) - len(blank.lstrip())]
-        if text[tag.end - 2] == "/":  # an empty element such as <link name="tool"/> gets an end tag
-            name = re.split(r"[\s/>]", text[tag.start + 1 : tag.end], maxsplit=1)[0]
-            changes.append((tag.end - 2, tag.end, f">{addition}</{name}>"))
-        else:
-            changes.append((tag.end, tag.end, f"{before}{addition}"))
-    parts, at = [], 0
+        changes.append(_insertion(text, tags[element], addition))
+    parts, position = [], 0
     for start, end, new in sorted(changes):
-        if start < at:
+        if start < position:
             raise RobotFileError(
                 f"two repairs change the same number of the file. Repair one check at a time, with {argument('only')}."
             )
-        parts += [text[at:start], new]
-        at = end
-    return "".join([*parts, text[at:]])
+        parts += [text[position:start], new]
+        position = end
+    return "".join([*parts, text[position:]])
 
 
-def encoded(text: str, original: bytes) -> bytes:
+def _insertion(text: str, tag: _Tag, addition: str) -> tuple[int, int, str]:
+    """Change of the text (start, end, new) that adds text at the beginning of an element."""
+    if text[tag.end - 2] == "/":  # an empty element such as <link name="tool"/> gets an end tag
+        name = re.split(r"[\s/>]", text[tag.start + 1 : tag.end], maxsplit=1)[0]
+        return tag.end - 2, tag.end, f">{addition}</{name}>"
+    content = text[tag.end : tag.content_end]
+    blanks = content[: len(content) - len(content.lstrip())]
+    return tag.end, tag.end, f"{blanks}{addition}"
+
+
+def encode_as(text: str, original: bytes) -> bytes:
     """Encode a text as in the original file."""
     for encoding, mark in (
         ("utf-8", codecs.BOM_UTF8),
@@ -140,12 +143,12 @@ def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.Parse(data, True)
-    found: dict[int, _Tag] = {}
+    tags: dict[int, _Tag] = {}
     for element, place in places.items():
-        at = skipped + len(data[:place].decode("utf-8", "surrogatepass"))
-        stop = skipped + len(data[: ends[element]].decode("utf-8", "surrogatepass"))
-        found[element] = _Tag(at, _behind(text, at), stop)
-    return found
+        first = skipped + len(data[:place].decode("utf-8", "surrogatepass"))
+        last_of_content = skipped + len(data[: ends[element]].decode("utf-8", "surrogatepass"))
+        tags[element] = _Tag(first, _behind(text, first), last_of_content)
+    return tags
 
 
 def _behind(text: str, start: int) -> int:
@@ -161,20 +164,28 @@ def _change(text: str, tag: _Tag, edit: Edit) -> tuple[tuple[int, int, str], str
     place = edit.place
     match = _attribute(text, tag, place.attribute) if edit.how != "change" else None
     if edit.how == "put" and match is None:
-        at = tag.end - (2 if text[tag.end - 2] == "/" else 1)
-        at -= len(text[tag.start : at]) - len(text[tag.start : at].rstrip())
-        return (at, at, f' {place.attribute}="{edit.text}"'), f"{place.attribute} was not given"
+        position = tag.end - (2 if text[tag.end - 2] == "/" else 1)
+        position -= _trailing_blanks(text[tag.start : position])
+        return (position, position, f' {place.attribute}="{edit.text}"'), f"{place.attribute} was not given"
     start, end = _span(text, tag, edit)
     which = f"number {place.position + 1} of " if place.position >= 0 else ""
-    was = f"{which}{place.attribute or 'its text'} was {text[start:end].strip()}"
+    old_value = f"{which}{place.attribute or 'its text'} was {text[start:end].strip()}"
     if edit.how == "remove" and match is not None:
-        blanks = len(text[tag.start : match.start()]) - len(text[tag.start : match.start()].rstrip())
-        return (match.start() - blanks, match.end(), ""), was
-    return (start, end, edit.text), was
+        blanks = _trailing_blanks(text[tag.start : match.start()])
+        return (match.start() - blanks, match.end(), ""), old_value
+    return (start, end, edit.text), old_value
+
+
+def _trailing_blanks(text: str) -> int:
+    """Number of blanks at the end of a text."""
+    return len(text) - len(text.rstrip())
 
 
 def _attribute(text: str, tag: _Tag, name: str) -> re.Match[str] | None:
-    return next((m for m in _ATTRIBUTE.finditer(text, tag.start, tag.end) if m[1] == name), None)
+    for match in _ATTRIBUTE.finditer(text, tag.start, tag.end):
+        if match[1] == name:
+            return match
+    return None
 
 
 def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
@@ -196,19 +207,21 @@ def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
     return words[place.position].span()
 
 
-def _comment(text: str, at: int, said: str) -> str:
+def _comment(text: str, position: int, content: str) -> str:
     """Comment on a separate line with the element's indentation, or before the element if the line has other text."""
-    said = re.sub(r"-(?=-)", "- ", said).rstrip("-")
-    comment = f"<!-- {said} -->"
-    line = max(text.rfind("\n", 0, at), text.rfind("\r", 0, at)) + 1
-    indent = text[line:at]
+    content = re.sub(r"-(?=-)", "- ", content).rstrip("-")
+    comment = f"<!-- {content} -->"
+    line = max(text.rfind("\n", 0, position), text.rfind("\r", 0, position)) + 1
+    indent = text[line:position]
     if indent.strip(" \t"):
         return comment
-    newline = "\r\n" if text[max(0, line - 2) : line] == "\r\n" else text[line - 1 : line] if line else "\n"
+    newline = "\n"
+    if line > 0:
+        newline = text[line - 1 : line]
+    if text[max(0, line - 2) : line] == "\r\n":
+        newline = "\r\n"
     return f"{comment}{newline}{indent}"
 
-
-# ── Changes by element
 
 FOUND, ELSEWHERE = "identified from logs", "in none of the logs, or part of the link that carries it"
 """Reasons of a change."""
@@ -224,7 +237,8 @@ class TextChanges:
 
     def set(self, element: Element, attribute: str, value: str, why: str = FOUND) -> None:
         """Set or add an attribute, or the text if ``attribute`` is empty. Equal values keep their spelling."""
-        if _meaning(element.attributes.get(attribute, "") if attribute else element.content) == _meaning(value):
+        old_value = element.attributes.get(attribute, "") if attribute else element.content
+        if _meaning(old_value) == _meaning(value):
             return
         if not attribute and not element.content.strip():
             self.add(element, value)
@@ -250,7 +264,7 @@ class TextChanges:
 
     def apply(self, text: str) -> str:
         """Apply all changes to the file's text."""
-        return edited(text, list(self._edits.values()), additions=self._additions, signature=self._signature)
+        return apply_edits(text, list(self._edits.values()), additions=self._additions, signature=self._signature)
 
     def _edit(
         self, element: Element, attribute: str, value: str, why: str, how: Literal["change", "put", "remove"]

@@ -99,7 +99,7 @@ LEFT_OUT: Mapping[str, str] = {
 Most effects depend on several attributes, so the readers decide whether to add a note.
 """
 
-_MOST = 100
+_MAX_NAMES = 100
 """Largest number of names with separate notes."""
 
 
@@ -113,7 +113,7 @@ class Unread:
 
     def __init__(self, format_name: str) -> None:
         self.format, self.rows = format_name, KNOWN[format_name]
-        self._found: dict[tuple[str, str], tuple[str, str]] = {}
+        self._notes: dict[tuple[str, str], tuple[str, str]] = {}
         self._count: Counter[tuple[str, str]] = Counter()
 
     def row(self, tag: str, parent: str = "") -> Mapping[str, Entry]:
@@ -123,80 +123,88 @@ class Unread:
     @staticmethod
     def entry(row: Mapping[str, Entry], name: str) -> Entry | None:
         """Entry of a name in a row; None for unknown names."""
-        found = row.get(name) or row.get(OTHERS)
-        foreign = found is None and ":" in name and not name.startswith("physics:")  # prefix of USD itself
-        return NO_MECHANICS if foreign else found
+        entry = row.get(name) or row.get(OTHERS)
+        foreign = entry is None and ":" in name and not name.startswith("physics:")  # prefix of USD itself
+        return NO_MECHANICS if foreign else entry
 
-    def left_out(self, tag: str, name: str, entry: LeftOut, who: str) -> None:
+    def note_left_out(self, tag: str, name: str, entry: LeftOut, who: str) -> None:
         """Add a note on mechanics that is not read."""
         self._note(tag, name, who, lambda: f"not read; {entry.change}")
 
-    def unknown(self, tag: str, name: str, place: str) -> None:
+    def note_unknown(self, tag: str, name: str, place: str) -> None:
         """Add a note on an unknown name in a tag."""
-        self._note(tag, name, place, lambda: self._meant(tag, name))
+        self._note(tag, name, place, lambda: self._unknown_text(tag, name))
 
     def walk(self, element: Element) -> None:
         """Add notes on unread content of an element."""
         stack = [(element, "")]
         while stack:
-            at, parent = stack.pop()
-            row = self.row(at.tag, parent)
-            for name, text in at.attributes.items():
+            current, parent = stack.pop()
+            row = self.row(current.tag, parent)
+            for name, text in current.attributes.items():
                 entry = self.entry(row, name)
                 if entry is None:
-                    self.unknown(at.tag, name, at.place)
+                    self.note_unknown(current.tag, name, current.place)
                 elif isinstance(entry, LeftOut) and entry.acts([text]):
-                    self.left_out(at.tag, name, entry, f'{name}="{shorten(text)}" of {at}')
-            read = []
-            for child in at.children:
+                    self.note_left_out(current.tag, name, entry, f'{name}="{shorten(text)}" of {current}')
+            children = []
+            for child in current.children:
                 name = f"<{child.tag}>"
                 entry = self.entry(row, name)
                 if entry is READ:
-                    read.append((child, at.tag))
+                    children.append((child, current.tag))
                 elif entry is None:
-                    self.unknown(at.tag, name, child.place)
+                    self.note_unknown(current.tag, name, child.place)
                 elif isinstance(entry, LeftOut) and entry.acts(_texts(child)):
-                    self.left_out(at.tag, name, entry, str(child))
-            stack.extend(reversed(read))
+                    self.note_left_out(current.tag, name, entry, str(child))
+            stack.extend(reversed(children))
 
     @property
     def remarks(self) -> list[str]:
         """Notes as sentences, in order of first occurrence."""
-        more = {key: f" and {count - 1} more" if count > 1 else "" for key, count in self._count.items()}
-        found = [f"{who}{more[key]}: {said}" for key, (who, said) in self._found.items()]
-        rest = len(more) - len(found)
-        return [*found, f"{rest} more names are not read"] if rest else found
+        sentences = []
+        for key, (who, text) in self._notes.items():
+            repeats = self._count[key] - 1
+            others = f" and {repeats} more" if repeats else ""
+            sentences.append(f"{who}{others}: {text}")
+        without_note = len(self._count) - len(self._notes)
+        if without_note:
+            sentences.append(f"{without_note} more names are not read")
+        return sentences
 
-    def _note(self, tag: str, name: str, who: str, said: Callable[[], str]) -> None:
+    def _note(self, tag: str, name: str, who: str, text: Callable[[], str]) -> None:
         key = tag, name
         self._count[key] += 1
-        if self._count[key] == 1 and len(self._found) < _MOST:
-            self._found[key] = who, said()
+        if self._count[key] == 1 and len(self._notes) < _MAX_NAMES:
+            self._notes[key] = who, text()
 
-    def _meant(self, tag: str, name: str) -> str:
+    def _unknown_text(self, tag: str, name: str) -> str:
         """Sentence about an unknown name, with the closest known name."""
+        choices = self.row(tag)
         if not name.startswith("<"):
-            said, choices = f"{shorten(name)} is not an attribute of <{tag}> in {self.format}", self.row(tag)
+            text = f"{shorten(name)} is not an attribute of <{tag}> in {self.format}"
+            similar = [choice for choice in choices if not choice.startswith("<")]
         else:
-            homes = [f"<{home.rpartition('/')[2]}>" for home, names in self.rows.items() if name in names]
-            if homes:
-                return f"{name} is not an element of <{tag}> in {self.format}; it belongs into {' or '.join(homes[:3])}"
-            said, choices = f"{shorten(name)} is not an element of {self.format}", self.row(tag)
-        near = difflib.get_close_matches(
-            name[:_MOST], [one for one in choices if one.startswith("<") == name.startswith("<")], n=1
-        )
-        return f"{said}; did you mean {near[0]}?" if near else said
+            parents = [f"<{parent.rpartition('/')[2]}>" for parent, names in self.rows.items() if name in names]
+            if parents:
+                return (
+                    f"{name} is not an element of <{tag}> in {self.format}; it belongs into {' or '.join(parents[:3])}"
+                )
+            text = f"{shorten(name)} is not an element of {self.format}"
+            similar = [choice for choice in choices if choice.startswith("<")]
+        nearest = difflib.get_close_matches(name[:_MAX_NAMES], similar, n=1)
+        return f"{text}; did you mean {nearest[0]}?" if nearest else text
 
 
 def unread(format_name: str, *elements: Element) -> list[str]:
     """Notes on unread content of elements."""
-    found = Unread(format_name)
+    notes = Unread(format_name)
     for element in elements:
-        found.walk(element)
-    return found.remarks
+        notes.walk(element)
+    return notes.remarks
 
 
 def _texts(element: Element) -> list[str]:
     """Texts and ``value`` attributes in an element."""
-    inside = [text for one in element.walk() for text in (one.content, one.attributes.get("value", ""))]
-    return [text for text in inside if text.strip()]
+    texts = [text for one in element.walk() for text in (one.content, one.attributes.get("value", ""))]
+    return [text for text in texts if text.strip()]

@@ -67,7 +67,8 @@ class _File:
         """Notes on properties that a file cannot have."""
         _add(self.root, "compiler", angle="radian", inertiafromgeom="false")
         option = _add(self.root, "option", **{x: getattr(model.opt, x) for x in ("gravity", "density", "viscosity")})
-        disabled = _add(option, "flag", **dict.fromkeys(_disabled(model), "disable")).attributes
+        disabled = _disabled_features(model)
+        _add(option, "flag", **dict.fromkeys(disabled, "disable"))
         self.bodies = [new("worldbody", self.root)]
         self.joints = [""] * model.njnt
         """Joint names; the reader's names for unnamed joints."""
@@ -78,15 +79,23 @@ class _File:
             _add(body, "site", name=model.site(i).name, pos=model.site_pos[i], quat=model.site_quat[i])
         self._add_actuators(new("actuator", self.root))
         self._add_tendons(new("tendon", self.root))
-        if disabled.keys().isdisjoint(("equality", "constraint")):
+        if not {"equality", "constraint"} & set(disabled):
             self._add_equalities(new("equality", self.root))
-        keyframe, deformable = new("keyframe", self.root), new("deformable", self.root)
-        keys = {REFERENCE: model.qpos0} | {model.key(k).name or f"key{k}": model.key_qpos[k] for k in range(model.nkey)}
-        for name, qpos in keys.items() if model.nq else ():
-            _add(keyframe, "key", name=name, qpos=qpos)
+        self._add_keyframes(new("keyframe", self.root))
+        deformable = new("deformable", self.root)
         for f in range(getattr(model, "nflex", 0)):
             if not model.flex_rigid[f]:
                 new("flex", deformable, name=str(f))
+
+    def _add_keyframes(self, section: Element) -> None:
+        model = self.model
+        if not model.nq:
+            return
+        configurations = {REFERENCE: model.qpos0}
+        for k in range(model.nkey):
+            configurations[model.key(k).name or f"key{k}"] = model.key_qpos[k]
+        for name, q in configurations.items():
+            _add(section, "key", name=name, qpos=q)
 
     def _add_body(self, i: int) -> None:
         model, name = self.model, self.model.body(i).name or f"body{i}"
@@ -99,9 +108,10 @@ class _File:
             body, "inertial", pos=model.body_ipos[i], quat=model.body_iquat[i], mass=model.body_mass[i],
             diaginertia=model.body_inertia[i],
         )  # fmt: skip
-        for tag, there in (("geom", model.body_geomnum[i]), ("plugin", model.body_plugin[i] >= 0)):
-            if there:
-                new(tag, body)
+        if model.body_geomnum[i]:
+            new("geom", body)
+        if model.body_plugin[i] >= 0:
+            new("plugin", body)
         first, count = int(model.body_jntadr[i]), int(model.body_jntnum[i])
         for k in range(count):
             kind = _JOINTS[int(model.jnt_type[first + k])]
@@ -138,7 +148,7 @@ class _File:
                 self._add_other_drive(section, k, name)
                 continue
             # Actuators with several outputs or controls have several rows of gears and ranges.
-            gear, control = (int(_field(model, field, k, k)) for field in ("actuator_outadr", "actuator_ctrladr"))
+            gear, control = int(_field(model, "actuator_outadr", k, k)), int(_field(model, "actuator_ctrladr", k, k))
             plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
             controls = {}
             if control < len(model.actuator_ctrllimited):  # some actuators have no control
@@ -183,33 +193,30 @@ class _File:
                 springlength=np.ravel(model.tendon_lengthspring[t])[[0, -1]], damping=_polynomial(model, "tendon_damping", t),
                 frictionloss=_field(model, "tendon_frictionloss", t), armature=_field(model, "tendon_armature", t),
             )  # fmt: skip
-            for i in parts if fixed else ():
-                _add(tendon, "joint", joint=self.joints[int(model.wrap_objid[i])], coef=model.wrap_prm[i])
+            if fixed:
+                for i in parts:
+                    _add(tendon, "joint", joint=self.joints[int(model.wrap_objid[i])], coef=model.wrap_prm[i])
 
     def _add_equalities(self, section: Element) -> None:
         model, active = self.model, getattr(self.model, "eq_active0", None)
-        for n, k in enumerate(k for k in range(model.neq) if active is None or active[k]):
-            kind, a, b = (
-                _EQUALITIES.get(int(model.eq_type[k]), "flex"),
-                int(model.eq_obj1id[k]),
-                int(model.eq_obj2id[k]),
-            )
+        indices = [k for k in range(model.neq) if active is None or active[k]]
+        for n, k in enumerate(indices):
+            kind = _EQUALITIES.get(int(model.eq_type[k]), "flex")
+            a, b = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
             name = model.equality(k).name or f"{kind}{n}"
-            ends: dict[str, Any] = {}
+            attributes: dict[str, Any] = {}
             if kind == "joint":
                 leader = self.joints[b] if b >= 0 else ""
-                ends = {"joint1": self.joints[a], "joint2": leader, "polycoef": model.eq_data[k, :5]}
+                attributes = {"joint1": self.joints[a], "joint2": leader, "polycoef": model.eq_data[k, :5]}
             elif kind in ("connect", "weld"):
-                on_bodies = int(model.eq_objtype[k]) == _BODY
-                sites = (
-                    self._ends(name, kind, (a, b), model.eq_data[k])
-                    if on_bodies
-                    else [model.site(i).name for i in (a, b)]
-                )
+                if int(model.eq_objtype[k]) == _BODY:
+                    sites = self._ends(name, kind, (a, b), model.eq_data[k])
+                else:
+                    sites = [model.site(a).name, model.site(b).name]
                 if not all(sites):
                     continue
-                ends = dict(zip(("site1", "site2"), sites, strict=True))
-            _add(section, kind, name=name, **ends)
+                attributes = {"site1": sites[0], "site2": sites[1]}
+            _add(section, kind, name=name, **attributes)
 
     def _ends(self, name: str, kind: str, bodies: tuple[int, int], data: Any) -> list[str]:
         """Coinciding sites: the anchor in each body, or the second body's pose in the first, and the anchor there."""
@@ -228,8 +235,9 @@ def _add(parent: Element, tag: str, **values: Any) -> Element:
 
 
 def _set(element: Element, **values: Any) -> Element:
-    known = ((name, value) for name, value in values.items() if value is not None)
-    element.attributes |= {name: value if isinstance(value, str) else exact(value) for name, value in known}
+    for name, value in values.items():
+        if value is not None:
+            element.attributes[name] = value if isinstance(value, str) else exact(value)
     return element
 
 
@@ -245,12 +253,15 @@ def _field(model: Any, name: str, i: int, default: Any = None) -> Any:
 
 def _polynomial(model: Any, name: str, i: int) -> ArrayLike:
     """Linear coefficient of a damping or stiffness, and 1 if it also has higher orders (newer versions of MuJoCo)."""
-    linear, *more = [x for one in (name, f"{name}poly") for x in np.ravel(_field(model, one, i, ()))]
-    return (linear, 1.0) if any(more) else linear
+    linear, *higher = np.ravel(_field(model, name, i, ()))
+    higher.extend(np.ravel(_field(model, f"{name}poly", i, ())))
+    return (linear, 1.0) if any(higher) else linear
 
 
-def _disabled(model: Any) -> list[str]:
+def _disabled_features(model: Any) -> list[str]:
     """Disabled features; flag bits are those of the imported version of MuJoCo."""
     bits = getattr(sys.modules.get("mujoco"), "mjtDisableBit", None)
+    if bits is None:
+        return []
     flags = int(model.opt.disableflags)
-    return [x for x in _FLAGS if bits is not None and flags & int(getattr(bits, f"mjDSBL_{x.upper()}", 0))]
+    return [name for name in _FLAGS if flags & int(getattr(bits, f"mjDSBL_{name.upper()}", 0))]

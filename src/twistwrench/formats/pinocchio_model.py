@@ -19,14 +19,14 @@ from ..mechanics.model.description import Mimic, unused
 from ..mechanics.model.model import BASE, Model
 from ..mechanics.model.parts import disassemble
 from .urdf import known_limits
-from .writers.written import Losses, configurations_of, drive_of, moved, screw_of
+from .writers.written import Losses, configurations_of, drive_of, screw_of, translation
 
 UNIVERSE = "universe"
 _PREFIX = "JointModel"
 _FREE = "FreeFlyer"
-_WHOLE = {_FREE: "floating", "Spherical": "ball", "Planar": "planar"}
+_SINGLE_JOINTS = {_FREE: "floating", "Spherical": "ball", "Planar": "planar"}
 """Joints with several velocities that become one joint."""
-_ROWS = {"SphericalZYX": "revolute", "Translation": "prismatic", "Universal": "revolute"}
+_SEVERAL_JOINTS = {"SphericalZYX": "revolute", "Translation": "prismatic", "Universal": "revolute"}
 """Joints that become several joints of one degree."""
 _SITES = ("OP_FRAME", "SENSOR")
 
@@ -52,32 +52,32 @@ def read_pinocchio_model(model: Any, floating_base: bool | None = None) -> tuple
     Raises :class:`~twistwrench.ModelError` if the object lacks the attributes of a model, and for unsupported joints.
     """
     try:
-        held = _free_roots(model)
-        builder = _filled(model, held if floating_base is False else set())
+        free_roots = _free_roots(model)
+        builder = _fill_builder(model, free_roots if floating_base is False else set())
     except AttributeError as problem:
         raise ModelError(
             f"this is not a model of Pinocchio's: {type(model).__name__} lacks an attribute ({problem})."
         ) from None
     if floating_base is False:
         builder.mount()
-    return builder, bool(floating_base) and not held
+    return builder, bool(floating_base) and not free_roots
 
 
 def _free_roots(model: Any) -> set[int]:
     """Indices of the free joints to the universe."""
-    roots = (j for j in range(1, model.njoints) if int(model.parents[j]) == 0)
+    roots = [j for j in range(1, model.njoints) if int(model.parents[j]) == 0]
     return {j for j in roots if str(model.joints[j].shortname()).removeprefix(_PREFIX) == _FREE}
 
 
-def _filled(model: Any, held: Set[int]) -> ModelBuilder:
-    """Builder of a model whose joints ``held`` are fixed."""
+def _fill_builder(model: Any, fixed_joints: Set[int]) -> ModelBuilder:
+    """Builder of a model in which the joints ``fixed_joints`` do not move."""
     names = list(model.names)
     builder = ModelBuilder(str(model.name) or "robot")
     builder.gravity = np.array(model.gravity.linear, float).tolist()
     links = _links(model)
     builder.add_link(links[0], _inertia(model.inertias[0]))
     for j in range(1, model.njoints):
-        if j in held:
+        if j in fixed_joints:
             builder.add_link(links[j], _inertia(model.inertias[j]))
             builder.add_joint(
                 names[j], "fixed", links[0], links[j], placement=np.array(model.jointPlacements[j].homogeneous)
@@ -89,22 +89,23 @@ def _filled(model: Any, held: Set[int]) -> ModelBuilder:
     for item in configurations:
         q = np.array(item.data(), float)
         if q.shape == (model.nq,):
-            _add_configuration(builder, str(item.key()), q, model, names, held)
+            _add_configuration(builder, str(item.key()), q, model, names, fixed_joints)
     return builder
 
 
 def _links(model: Any) -> list[str]:
     """Link of each joint: the first body frame that coincides with the joint."""
-    found = [""] * model.njoints
-    for frame in model.frames:
+    names = [""] * model.njoints
+    bodies = [frame for frame in model.frames if _type(frame) == "BODY"]
+    for frame in bodies:
         j = int(frame.parentJoint)
-        if _type(frame) == "BODY" and not found[j] and np.array_equal(frame.placement.homogeneous, np.eye(4)):
-            found[j] = str(frame.name)
-    taken = {str(frame.name) for frame in model.frames if _type(frame) == "BODY"}
-    for j, name in enumerate(found):
+        if not names[j] and np.array_equal(frame.placement.homogeneous, np.eye(4)):
+            names[j] = str(frame.name)
+    used_names = {str(frame.name) for frame in bodies}
+    for j, name in enumerate(names):
         if not name:
-            found[j] = unused(UNIVERSE if j == 0 else f"{model.names[j]}.body", taken)
-    return found
+            names[j] = unused(UNIVERSE if j == 0 else f"{model.names[j]}.body", used_names)
+    return names
 
 
 def _type(frame: Any) -> str:
@@ -120,18 +121,23 @@ def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], 
     parent, T = links[int(model.parents[j])], np.array(model.jointPlacements[j].homogeneous)
     mimic = _mimic(model, j, names)
     steps = list(_steps(joint, name))
-    q_at, v_at = int(joint.idx_q), int(joint.idx_v)
+    q_index, v_index = int(joint.idx_q), int(joint.idx_v)
     for k, step in enumerate(steps):
-        child = links[j] if k == len(steps) - 1 else f"{links[j]}:{name}.{k}"
-        builder.add_link(child, _inertia(model.inertias[j]) if child == links[j] else None, hidden=child != links[j])
-        options: dict[str, Any] = {} if mimic else _numbers(model, q_at, v_at, step)
-        called, axis = name if len(steps) == 1 else f"{name}.{k}", (0.0, 0.0, 1.0) if step.axis is None else step.axis
-        builder.add_joint(called, step.kind, parent, child, placement=T @ step.T, axis=axis, mimic=mimic, **options)
+        if k == len(steps) - 1:
+            child = links[j]
+            builder.add_link(child, _inertia(model.inertias[j]))
+        else:
+            child = f"{links[j]}:{name}.{k}"
+            builder.add_link(child, hidden=True)
+        options: dict[str, Any] = {} if mimic else _numbers(model, q_index, v_index, step)
+        axis = (0.0, 0.0, 1.0) if step.axis is None else step.axis
+        step_name = name if len(steps) == 1 else f"{name}.{k}"
+        builder.add_joint(step_name, step.kind, parent, child, placement=T @ step.T, axis=axis, mimic=mimic, **options)
         if step.kind in ("floating", "planar") and options.get("armature"):
-            said = "has an armature, whose products of velocities Pinocchio leaves out, and which count here"
-            builder.note(f"joint {name!r}", said)
+            text = "has an armature, whose products of velocities Pinocchio leaves out, and which count here"
+            builder.note(f"joint {name!r}", text)
         parent, T = child, np.eye(4)
-        q_at, v_at = q_at + step.nq, v_at + step.nv
+        q_index, v_index = q_index + step.nq, v_index + step.nv
 
 
 def _mimic(model: Any, j: int, names: Sequence[str]) -> Mimic | None:
@@ -144,29 +150,28 @@ def _mimic(model: Any, j: int, names: Sequence[str]) -> Mimic | None:
 
 def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
     """Model joints for a Pinocchio joint, by its name and motion subspace."""
-    said = str(joint.shortname()).removeprefix(_PREFIX)
+    kind = str(joint.shortname()).removeprefix(_PREFIX)
     T = np.eye(4) if T is None else T
-    if said in _WHOLE:
-        yield _Step(_WHOLE[said], None, T, int(joint.nq), int(joint.nv))
-    elif said == "Composite":
-        own = joint.extract() if hasattr(joint, "extract") else joint
-        for part, place in zip(own.joints, own.jointPlacements, strict=True):
+    if kind in _SINGLE_JOINTS:
+        yield _Step(_SINGLE_JOINTS[kind], None, T, int(joint.nq), int(joint.nv))
+    elif kind == "Composite":
+        composite = joint.extract() if hasattr(joint, "extract") else joint
+        for part, place in zip(composite.joints, composite.jointPlacements, strict=True):
             yield from _steps(part, name, T @ np.array(place.homogeneous))
             T = np.eye(4)
-    elif said == "Mimic":
-        own = joint.extract()
-        S = _subspace(joint, np.zeros(1)) / float(own.scaling)
-        yield _Step(*_of_axis(S[:, 0], endless=False), T, 0, 0)
-    elif said in _ROWS:
+    elif kind == "Mimic":
+        S = _subspace(joint, np.zeros(1)) / float(joint.extract().scaling)
+        yield _Step(*_kind_and_axis(S[:, 0], endless=False), T, 0, 0)
+    elif kind in _SEVERAL_JOINTS:
         for column in _subspace(joint, np.zeros(int(joint.nq))).T:
-            yield _Step(*_of_axis(column, endless=False), T, 1, 1)
+            yield _Step(*_kind_and_axis(column, endless=False), T, 1, 1)
             T = np.eye(4)
     elif int(joint.nv) == 1:
         endless = int(joint.nq) == 2
         column = _subspace(joint, np.array([1.0, 0.0] if endless else [0.0]))[:, 0]
-        yield _Step(*_of_axis(column, endless=endless), T, int(joint.nq), 1)
+        yield _Step(*_kind_and_axis(column, endless=endless), T, int(joint.nq), 1)
     else:
-        raise ModelError(f"joint {name!r} of Pinocchio's model is a {_PREFIX}{said}, which is not read.")
+        raise ModelError(f"joint {name!r} of Pinocchio's model is a {_PREFIX}{kind}, which is not read.")
 
 
 def _subspace(joint: Any, q: Array) -> Array:
@@ -178,31 +183,32 @@ def _subspace(joint: Any, q: Array) -> Array:
     return np.concatenate([S[3:], S[:3]])
 
 
-def _of_axis(S: Array, *, endless: bool) -> tuple[str, Array]:
+def _kind_and_axis(S: Array, *, endless: bool) -> tuple[str, Array]:
     """Type and axis of a one-degree joint."""
     w, v = S[:3], S[3:]
     if not w.any():
         return "prismatic", S
-    kind = "helical" if abs(float(w @ v)) > 0 else "continuous" if endless else "revolute"
-    return kind, S
+    if abs(float(w @ v)) > 0:
+        return "helical", S
+    return ("continuous" if endless else "revolute"), S
 
 
-def _numbers(model: Any, q_at: int, v_at: int, step: _Step) -> dict[str, Any]:
+def _numbers(model: Any, q_index: int, v_index: int, step: _Step) -> dict[str, Any]:
     """Limits, friction and armature of a joint."""
-    at = slice(v_at, v_at + step.nv)
+    own_entries = slice(v_index, v_index + step.nv)
 
     def mean(field: str) -> float:
         values = getattr(model, field, None)
-        return 0.0 if values is None else float(np.mean(np.array(values)[at]))
+        return 0.0 if values is None else float(np.mean(np.array(values)[own_entries]))
 
-    found: dict[str, Any] = {"damping": mean("damping"), "friction": mean("friction"), "armature": mean("armature")}
+    numbers: dict[str, Any] = {"damping": mean("damping"), "friction": mean("friction"), "armature": mean("armature")}
     if step.nv > 1:
-        return found
-    most = {name: float(getattr(model, f"{name}Limit")[v_at]) for name in ("velocity", "effort")}
-    found |= known_limits(**{name: x for name, x in most.items() if x > 0})
+        return numbers
+    limits = {name: float(getattr(model, f"{name}Limit")[v_index]) for name in ("velocity", "effort")}
+    limits = {name: limit for name, limit in limits.items() if limit > 0}
     if step.nq == 1:
-        found |= known_limits(**{x: float(getattr(model, f"{x}PositionLimit")[q_at]) for x in ("lower", "upper")})
-    return found
+        limits |= {side: float(getattr(model, f"{side}PositionLimit")[q_index]) for side in ("lower", "upper")}
+    return numbers | known_limits(**limits)
 
 
 def _add_frames(builder: ModelBuilder, model: Any, links: Sequence[str]) -> None:
@@ -216,28 +222,26 @@ def _add_frames(builder: ModelBuilder, model: Any, links: Sequence[str]) -> None
 
 
 def _add_configuration(
-    builder: ModelBuilder, label: str, q: Array, model: Any, names: Sequence[str], held: Set[int]
+    builder: ModelBuilder, label: str, q: Array, model: Any, names: Sequence[str], fixed_joints: Set[int]
 ) -> None:
     from ..mechanics.joints import JOINT_TYPES
 
     positions: dict[str, Array] = {}
-    for j in sorted(set(range(1, model.njoints)) - held):
-        at, steps = int(model.joints[j].idx_q), list(_steps(model.joints[j], names[j]))
+    for j in sorted(set(range(1, model.njoints)) - fixed_joints):
+        first, steps = int(model.joints[j].idx_q), list(_steps(model.joints[j], names[j]))
         for k, step in enumerate(steps):
-            mine = q[at : at + step.nq]
-            at += step.nq
+            coordinates = q[first : first + step.nq]
+            first += step.nq
             if step.kind in ("ball", "floating"):
-                mine = JOINT_TYPES[step.kind]("", np.zeros((0, 6))).from_pinocchio(mine)
+                coordinates = JOINT_TYPES[step.kind]("", np.zeros((0, 6))).from_pinocchio(coordinates)
             elif step.nq > step.nv:  # angle stored as cosine and sine
-                mine = np.append(mine[:-2], math.atan2(mine[-1], mine[-2]))
+                coordinates = np.append(coordinates[:-2], math.atan2(coordinates[-1], coordinates[-2]))
             if step.nq:
-                positions[names[j] if len(steps) == 1 else f"{names[j]}.{k}"] = mine
+                positions[names[j] if len(steps) == 1 else f"{names[j]}.{k}"] = coordinates
     builder.add_configuration(label, positions)
 
 
-# ── Conversion to a Pinocchio model, joint by joint
-
-_WHOLE_of_pinocchio = {"floating": "JointModelFreeFlyer", "ball": "JointModelSpherical", "planar": "JointModelPlanar"}
+_NAMES_IN_PINOCCHIO = {"floating": "JointModelFreeFlyer", "ball": "JointModelSpherical", "planar": "JointModelPlanar"}
 
 
 def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
@@ -250,66 +254,68 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
         import pinocchio
     except ImportError:
         raise MissingExtraError.from_extra("pin", "peers", "A model of Pinocchio's") from None
-    found, losses = disassemble(model), Losses()
-    losses.note_couplings(found)
-    theirs = pinocchio.Model()
-    theirs.name = model.name
-    theirs.gravity.linear = np.array(model.gravity)
-    turned = {joint.name: joint for joint in found.joints}
-    at: dict[int, tuple[int, Array]] = {BASE: (0, np.eye(4))}
+    parts, losses = disassemble(model), Losses()
+    losses.note_couplings(parts)
+    pin_model = pinocchio.Model()
+    pin_model.name = model.name
+    pin_model.gravity.linear = np.array(model.gravity)
+    entries = {joint.name: joint for joint in parts.joints}
+    frames: dict[int, tuple[int, Array]] = {BASE: (0, np.eye(4))}
     """Pinocchio joint number of each body, and the pose of the body's frame in that joint."""
     numbers: dict[str, int] = {}
     for i, body in enumerate(model.bodies):
         if not body.joint.moves_body:
             continue
-        entry = turned.get(body.joint.name)
-        made, point = _joint(
-            pinocchio, body.joint, None if entry is None else screw_of(entry) if body.joint.nv == 1 else None
-        )
-        parent, T_parent = at[body.parent]
-        placement = T_parent @ body.placement @ moved(point)
-        j = theirs.addJoint(parent, made, _se3(pinocchio, placement), body.joint.name)
-        theirs.addJointFrame(j)
+        entry = entries.get(body.joint.name)
+        screw = screw_of(entry) if entry is not None and body.joint.nv == 1 else None
+        pin_joint, point = _joint(pinocchio, body.joint, screw)
+        parent, T_parent = frames[body.parent]
+        placement = T_parent @ body.placement @ translation(point)
+        j = pin_model.addJoint(parent, pin_joint, _se3(pinocchio, placement), body.joint.name)
+        pin_model.addJointFrame(j)
         numbers[body.joint.name] = j
-        at[i] = j, moved(-point)
-        G = found.whole[body.link].in_frame(at[i][1])
-        theirs.appendBodyToJoint(j, _inertia_of_pinocchio(pinocchio, G), pinocchio.SE3.Identity())
+        frames[i] = j, translation(-point)
+        G = parts.whole[body.link].in_frame(translation(-point))
+        pin_model.appendBodyToJoint(j, _inertia_of_pinocchio(pinocchio, G), pinocchio.SE3.Identity())
         if body.joint.nv > 1 and model.armature[body.places[1]].any():
-            losses.of_joint(body.joint.name, "has an armature, whose products of velocities Pinocchio leaves out")
+            losses.note_joint(body.joint.name, "has an armature, whose products of velocities Pinocchio leaves out")
         if body.follows:
-            losses.of_joint(body.joint.name, "follows another one here, and is a joint like any other there")
+            losses.note_joint(body.joint.name, "follows another one here, and is a joint like any other there")
     for name, frame in model.frames.items():
-        j, T = at[frame.body]
-        theirs.addBodyFrame(name, j, _se3(pinocchio, T @ frame.pose), 0)
+        j, T = frames[frame.body]
+        pin_model.addBodyFrame(name, j, _se3(pinocchio, T @ frame.pose), 0)
     for name, frame in model.sites.items():
-        j, T = at[frame.body]
+        j, T = frames[frame.body]
         kind = pinocchio.FrameType.OP_FRAME
-        theirs.addFrame(pinocchio.Frame(name.removeprefix("site:"), j, 0, _se3(pinocchio, T @ frame.pose), kind))
-    _add_numbers(theirs, model, numbers)
+        pin_model.addFrame(pinocchio.Frame(name.removeprefix("site:"), j, 0, _se3(pinocchio, T @ frame.pose), kind))
+    _add_limits(pin_model, model, numbers)
     for name in model.joint_names:
         if name in numbers:
-            _add_losses(theirs, numbers[name], drive_of(found, name, losses))
-    for name, positions in configurations_of(found).items():
-        theirs.referenceConfigurations[name] = _configuration(theirs, model, numbers, positions)
-    for what, several in (("spring", found.additions.springs), ("closure", found.additions.closures)):
-        if several:
-            losses.say(f"{len(several)} {what}{'s' * (len(several) > 1)} of the robot: Pinocchio's models have none")
-    return theirs, tuple(losses.found)
+            _add_losses(pin_model, numbers[name], drive_of(parts, name, losses))
+    for name, positions in configurations_of(parts).items():
+        pin_model.referenceConfigurations[name] = _configuration(pin_model, model, numbers, positions)
+    for noun, items in (("spring", parts.additions.springs), ("closure", parts.additions.closures)):
+        if items:
+            plural = "s" if len(items) > 1 else ""
+            losses.say(f"{len(items)} {noun}{plural} of the robot: Pinocchio's models have none")
+    return pin_model, tuple(losses.found)
 
 
 def _joint(pinocchio: Any, joint: Joint, axis: Any) -> tuple[Any, Array]:
     """Pinocchio joint, and the position of its axis in the frame of the model's joint."""
     joint.require_pinocchio()
-    if joint.kind in _WHOLE_of_pinocchio:
-        return getattr(pinocchio, _WHOLE_of_pinocchio[joint.kind])(), np.zeros(3)
-    letter = next((x for x, e in zip("XYZ", np.eye(3), strict=True) if np.array_equal(e, axis.direction)), None)
+    if joint.kind in _NAMES_IN_PINOCCHIO:
+        return getattr(pinocchio, _NAMES_IN_PINOCCHIO[joint.kind])(), np.zeros(3)
+    letters = [x for x, e in zip("XYZ", np.eye(3), strict=True) if np.array_equal(e, axis.direction)]
     if axis.pitch:
-        if letter is not None:
-            return getattr(pinocchio, f"JointModelH{letter}")(axis.pitch), axis.point
+        if letters:
+            return getattr(pinocchio, f"JointModelH{letters[0]}")(axis.pitch), axis.point
         return pinocchio.JointModelHelicalUnaligned(axis.direction, axis.pitch), axis.point
-    if letter is not None:
-        kind = "P" if not axis.turns else "RUB" if joint.wraps else "R"
-        return getattr(pinocchio, f"JointModel{kind}{letter}")(), axis.point
+    if letters:
+        kind = "P"
+        if axis.turns:
+            kind = "RUB" if joint.wraps else "R"
+        return getattr(pinocchio, f"JointModel{kind}{letters[0]}")(), axis.point
     kind = "Revolute" if axis.turns else "Prismatic"  # the unbounded joint type does not accept an axis in Python
     return getattr(pinocchio, f"JointModel{kind}Unaligned")(axis.direction), axis.point
 
@@ -322,47 +328,50 @@ def _inertia_of_pinocchio(pinocchio: Any, G: SpatialInertia) -> Any:
     return pinocchio.Inertia(float(G.mass), np.array(G.com), np.array(G.moment_about_com))
 
 
-def _add_numbers(theirs: Any, model: Model, numbers: dict[str, int]) -> None:
+def _add_limits(pin_model: Any, model: Model, numbers: dict[str, int]) -> None:
     """Set limits of position, velocity and effort; free bodies keep infinite limits."""
     limits = model.limits
     q = {"lowerPositionLimit": limits.lower, "upperPositionLimit": limits.upper}
     v = {"velocityLimit": limits.velocity, "effortLimit": joint_effort(model, limits.effort)}
-    arrays = {name: np.array(getattr(theirs, name), float) for name in (*q, *v)}
+    arrays = {name: np.array(getattr(pin_model, name), float) for name in (*q, *v)}
     for body in model.leaders:
         if body.joint.name not in numbers:
             continue
-        joint = theirs.joints[numbers[body.joint.name]]
+        joint = pin_model.joints[numbers[body.joint.name]]
+        own_entries = slice(joint.idx_v, joint.idx_v + joint.nv)
+        order = list(body.joint.pinocchio_order)
         for name, values in v.items():
-            arrays[name][joint.idx_v : joint.idx_v + joint.nv] = values[body.places[1]][
-                list(body.joint.pinocchio_order)
-            ]
+            arrays[name][own_entries] = values[body.places[1]][order]
         if joint.nq == 1:
             for name, values in q.items():
                 arrays[name][joint.idx_q] = values[body.v_index]
     for name, array in arrays.items():
-        setattr(theirs, name, array)
+        setattr(pin_model, name, array)
 
 
-def _add_losses(theirs: Any, j: int, drive: Any) -> None:
-    at = slice(theirs.joints[j].idx_v, theirs.joints[j].idx_v + theirs.joints[j].nv)
+def _add_losses(pin_model: Any, j: int, drive: Any) -> None:
+    own_entries = slice(pin_model.joints[j].idx_v, pin_model.joints[j].idx_v + pin_model.joints[j].nv)
     for name, value in (("damping", drive.damping), ("friction", drive.friction), ("armature", drive.armature)):
-        array = np.array(getattr(theirs, name), float)
-        array[at] = value
-        setattr(theirs, name, array)
+        array = np.array(getattr(pin_model, name), float)
+        array[own_entries] = value
+        setattr(pin_model, name, array)
 
 
-def _configuration(theirs: Any, model: Model, numbers: dict[str, int], positions: dict[str, Array]) -> Array:
-    found = np.zeros(theirs.nq)
+def _configuration(pin_model: Any, model: Model, numbers: dict[str, int], positions: dict[str, Array]) -> Array:
+    q = np.zeros(pin_model.nq)
     leaders = {body.v_index: body for body in model.leaders}
     for body in model.bodies:
         if body.joint.name not in numbers:
             continue
-        joint = theirs.joints[numbers[body.joint.name]]
-        leader = leaders[body.v_index].joint.name if body.follows else body.joint.name
-        mine = body.ratio * positions[leader] + body.offset if body.follows else positions[leader]
+        joint = pin_model.joints[numbers[body.joint.name]]
+        if body.follows:
+            leader = leaders[body.v_index].joint.name
+            coordinates = body.ratio * positions[leader] + body.offset
+        else:
+            coordinates = positions[body.joint.name]
         if body.joint.quaternion is not None:
-            mine = body.joint.to_pinocchio(mine)
+            coordinates = body.joint.to_pinocchio(coordinates)
         elif joint.nq > joint.nv:
-            mine = np.append(mine[:-1], [np.cos(mine[-1]), np.sin(mine[-1])])
-        found[joint.idx_q : joint.idx_q + joint.nq] = mine
-    return found
+            coordinates = np.append(coordinates[:-1], [np.cos(coordinates[-1]), np.sin(coordinates[-1])])
+        q[joint.idx_q : joint.idx_q + joint.nq] = coordinates
+    return q

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from ..mechanics.model.model import Model
-from .source import bytes_of, decoded, path_given
+from .source import bytes_of, decode_text, path_given
 from .xacro import xacro_in
 from .xml import MOST_BODIES, Element, parse
 
@@ -39,14 +39,14 @@ class RobotFile(str):
     @cached_property
     def text(self) -> str:
         """Text of the file."""
-        return decoded(self.data, str(self))
+        return decode_text(self.data, str(self))
 
     @cached_property
     def root(self) -> Element:
         """Root element; after loading, with the included files of MJCF in place."""
-        return self.parsed()
+        return self.parse_root()
 
-    def parsed(self, max_bodies: int = MOST_BODIES) -> Element:
+    def parse_root(self, max_bodies: int = MOST_BODIES) -> Element:
         """Root element, parsed now if it has not been before; the number of bodies is checked only then."""
         if "root" not in vars(self):
             self.root = parse(self.text, max_bodies=max_bodies)
@@ -67,5 +67,5 @@ def file_of(model: Model) -> RobotFile | None:
     file = source if isinstance(source, RobotFile) else RobotFile(source)
     if "root" in vars(file):
         return file
-    there = source and Path(source).suffix.lower() not in USD and Path(source).is_file()
-    return file if there else None
+    readable = source and Path(source).suffix.lower() not in USD and Path(source).is_file()
+    return file if readable else None

@@ -29,7 +29,7 @@ _ROTOR = "drake:rotor_inertia"
 _COMPILER = "so that inertias are as they are written"
 
 
-def about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
+def inertia_about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
     """Inertia about the origin; the tensor (3, 3) about the centre of mass is symmetrised."""
     return SpatialInertia.from_com(mass, com, 0.5 * (tensor + tensor.T))
 
@@ -65,35 +65,39 @@ class WrittenInertia:
 
     def with_tensor(self, tensor: Array) -> SpatialInertia:
         """Inertia about the link's origin, with another tensor about the centre of mass along the file's axes."""
-        return about_com(self.mass, self.com, self.R @ tensor @ self.R.T)
+        return inertia_about_com(self.mass, self.com, self.R @ tensor @ self.R.T)
 
     def tensor_edits(self, tensor: Array) -> tuple[tuple[Edit, ...], Array]:
         """Edits of the changed entries, and the resulting tensor; no edits if one of the entries has no place."""
-        found, written = [], self.tensor.copy()
+        edits, written = [], self.tensor.copy()
         scale = float(np.abs(tensor).max())
         for name, (i, j) in ENTRIES.items():
             if abs(tensor[i, j] - self.tensor[i, j]) <= 1e-12 * scale:
                 continue
             if name not in self.places:
                 return (), tensor
-            found.append(Edit(self.places[name], file_number(tensor[i, j])))
-            written[i, j] = written[j, i] = float(found[-1].text)
-        return tuple(found), written
+            edits.append(Edit(self.places[name], file_number(tensor[i, j])))
+            written[i, j] = written[j, i] = float(edits[-1].text)
+        return tuple(edits), written
 
     def edits(self, inertia: SpatialInertia) -> tuple[Edit, ...]:
         """Edits for another inertia, including mass and centre of mass; none if a number has no place."""
         moments = self.R.T @ inertia.moment_about_com @ self.R
-        size = float(np.abs(moments).max())
-        moments[np.abs(moments) < 1e-9 * size] = 0.0
-        found, _ = self.tensor_edits(moments)
-        if not found and np.abs(moments - self.tensor).max() > 1e-12 * size:
+        scale = float(np.abs(moments).max())
+        moments[np.abs(moments) < 1e-9 * scale] = 0.0
+        tensor_edits, _ = self.tensor_edits(moments)
+        if not tensor_edits and np.abs(moments - self.tensor).max() > 1e-12 * scale:
             return ()
-        wanted = {"mass": inertia.mass, **dict(zip("xyz", inertia.com.tolist(), strict=True))}
-        given = {"mass": self.mass, **dict(zip("xyz", self.com.tolist(), strict=True))}
-        more = [name for name in wanted if abs(wanted[name] - given[name]) > 1e-12 * max(1.0, abs(given[name]))]
-        if any(name not in self.places for name in more):
-            return ()
-        return (*found, *(Edit(self.places[name], file_number(wanted[name])) for name in more))
+        old_values = {"mass": self.mass, **dict(zip("xyz", self.com.tolist(), strict=True))}
+        new_values = {"mass": inertia.mass, **dict(zip("xyz", inertia.com.tolist(), strict=True))}
+        edits = list(tensor_edits)
+        for name, old_value in old_values.items():
+            if abs(new_values[name] - old_value) <= 1e-12 * max(1.0, abs(old_value)):
+                continue
+            if name not in self.places:
+                return ()
+            edits.append(Edit(self.places[name], file_number(new_values[name])))
+        return tuple(edits)
 
 
 def _products(moments: Array) -> dict[str, str]:
@@ -114,7 +118,7 @@ class RobotText:
         """Inertia of a link in the file."""
         raise NotImplementedError
 
-    def assumed(self, _name: str) -> tuple[str, ...]:
+    def assumed_parts(self, _name: str) -> tuple[str, ...]:
         """Missing parts of a link's inertia for which the format defines a value."""
         return ()
 
@@ -152,9 +156,9 @@ class UrdfText(RobotText):
         if inertial is None:
             return None
         mass, T, I = urdf.inertial_of(inertial)
-        tensor, origin = inertial.required("inertia", ""), inertial.child("origin")
+        tensor, origin = inertial.require_child("inertia", ""), inertial.child("origin")
         places = {name: tensor.locate(name) for name in ENTRIES}
-        places["mass"] = inertial.required("mass", "").locate("value")
+        places["mass"] = inertial.require_child("mass", "").locate("value")
         if origin is not None and "xyz" in origin.attributes:
             places |= {axis: origin.locate("xyz", k) for k, axis in enumerate("xyz")}
         return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, tensor.line)
@@ -178,17 +182,17 @@ class UrdfText(RobotText):
             else:
                 changes.set(place, "xyz", com)
             entries = _products(R.T @ inertia.moment_about_com @ R)
-        changes.set(inertial.required("mass", ""), "value", mass, why)
+        changes.set(inertial.require_child("mass", ""), "value", mass, why)
         for name, text in entries.items():
-            changes.set(inertial.required("inertia", ""), name, text, why)
+            changes.set(inertial.require_child("inertia", ""), name, text, why)
 
     def _joint_above(self, link: str) -> Element:
         """Joint whose child is a link."""
-        return next(j for j in self.joints.values() if j.required("child", "").text("link") == link)
+        return next(j for j in self.joints.values() if j.require_child("child", "").text("link") == link)
 
     def parent(self, link: str) -> str:
         """Link in whose frame a link is placed."""
-        return self._joint_above(link).required("parent", "").text("link")
+        return self._joint_above(link).require_child("parent", "").text("link")
 
     def write_pose(self, changes: TextChanges, link: str, T: Array, why: str) -> None:
         """Set the ``<origin>`` of the joint above a link."""
@@ -208,12 +212,12 @@ class UrdfText(RobotText):
         """Set the friction of a joint, ``viscous`` and ``coulomb``."""
         joint = self.joints[name]
         dynamics = joint.child("dynamics")
-        said = {_LAWS[kind]: exact([value]) for kind, value in values.items() if kind in _LAWS}
+        texts = {_LAWS[kind]: exact([value]) for kind, value in values.items() if kind in _LAWS}
         if dynamics is not None:
-            for attribute, text in said.items():
+            for attribute, text in texts.items():
                 changes.set(dynamics, attribute, text, why)
-        elif any(map(float, said.values())):
-            entries = " ".join(f'{attribute}="{text}"' for attribute, text in said.items())
+        elif any(map(float, texts.values())):
+            entries = " ".join(f'{attribute}="{text}"' for attribute, text in texts.items())
             changes.add(joint, f"<dynamics {entries}/>")
 
 
@@ -224,20 +228,20 @@ class SdfText(RobotText):
 
     def __init__(self, root: Element, model: str, _path: Path | None) -> None:
         try:
-            chosen, _ = sdf.chosen_model(root, None)
+            element, _ = sdf.chosen_model(root, None)
         except TwistWrenchError:
-            chosen, _ = sdf.chosen_model(root, model)
-        parts = sdf.unpacked(chosen)
+            element, _ = sdf.chosen_model(root, model)
+        parts = sdf.expand_model(element)
         self.links, self.joints = parts.links, parts.joints
         self._axes: dict[str, tuple[Element, Element]] = {}
         for name, joint in parts.joints.items():
-            double = joint.text("type") in sdf.TWO_AXES
-            for which in ("axis", "axis2") if double else ("axis",):
-                axis = joint.child(which)
-                if axis is not None:
-                    self._axes[f"{name}.{which}" if double else name] = (axis, joint)
+            if joint.text("type") in sdf.TWO_AXES:
+                axes = {f"{name}.axis": joint.child("axis"), f"{name}.axis2": joint.child("axis2")}
+            else:
+                axes = {name: joint.child("axis")}
+            self._axes |= {axis_name: (axis, joint) for axis_name, axis in axes.items() if axis is not None}
 
-    def assumed(self, name: str) -> tuple[str, ...]:
+    def assumed_parts(self, name: str) -> tuple[str, ...]:
         """Missing parts of a link's inertia for which the format defines a value."""
         return sdf.missing_of(self.links[name].child("inertial"))
 
@@ -247,9 +251,10 @@ class SdfText(RobotText):
         inertial = link.child("inertial")
         mass, T, I = sdf.inertial_of(inertial)
         tensor = inertial.child("inertia") if inertial is not None else None
-        found = {"mass": inertial.child("mass") if inertial is not None else None}
-        found |= {entry: tensor.child(entry) for entry in ENTRIES} if tensor is not None else {}
-        places = {entry: element.locate() for entry, element in found.items() if element is not None}
+        elements = {"mass": inertial.child("mass") if inertial is not None else None}
+        if tensor is not None:
+            elements |= {entry: tensor.child(entry) for entry in ENTRIES}
+        places = {entry: element.locate() for entry, element in elements.items() if element is not None}
         line = tensor.line if tensor is not None else link.line
         return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, line)
 
@@ -269,8 +274,8 @@ class SdfText(RobotText):
         if place is None:
             changes.add(inertial, f"<pose>{com} 0 0 0</pose>")
         elif not place.content.strip():
-            turned = "0 0 0 1" if place.attributes.get("rotation_format", "") == "quat_xyzw" else "0 0 0"
-            changes.set(place, "", f"{com} {turned}", why)
+            identity = "0 0 0 1" if place.attributes.get("rotation_format", "") == "quat_xyzw" else "0 0 0"
+            changes.set(place, "", f"{com} {identity}", why)
         else:
             changes.set(place, "", " ".join([com, *place.content.split()[3:]]), why)
         changes.set_child(inertial, "mass", mass, why)
@@ -284,13 +289,13 @@ class SdfText(RobotText):
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
         """Set the friction of a joint, and the inertia of its motor if the file has ``drake:rotor_inertia``."""
         axis, joint = self._axes[name]
-        given = {tag: values[kind] for kind, tag in _LAWS.items() if kind in values}
+        dynamics_values = {tag: values[kind] for kind, tag in _LAWS.items() if kind in values}
         dynamics = axis.child("dynamics")
         if dynamics is not None:
-            for tag, value in given.items():
+            for tag, value in dynamics_values.items():
                 changes.set_child(dynamics, tag, exact([value]), why)
-        elif any(given.values()):
-            text = "".join(f"<{tag}>{exact([value])}</{tag}>" for tag, value in given.items())
+        elif any(dynamics_values.values()):
+            text = "".join(f"<{tag}>{exact([value])}</{tag}>" for tag, value in dynamics_values.items())
             changes.add(axis, f"<dynamics>{text}</dynamics>")
         gear = sdf.number(joint, "drake:gear_ratio", 1.0)
         if "motor_inertia" in values and joint.child(_ROTOR) is not None and gear:
@@ -311,94 +316,99 @@ class MjcfText(RobotText):
         expand(root, folders, MOST_BODIES)
         self._root, self.settings, defaults = root, Settings.from_root(root), Defaults(root)
         self.meshes = Meshes(root, self.settings, defaults, folders)
-        found = mjcf.survey(root, self.settings, defaults)
-        self.bodies = {body.name: body for body in found[1:]}
-        self.links = {body.name: body.element for body in found[1:]}
-        taken = mjcf.names_given(found)
-        self.joints, self._surveyed = {}, found
+        self._world_and_bodies = mjcf.survey(root, self.settings, defaults)
+        bodies = self._world_and_bodies[1:]
+        self.bodies = {body.name: body for body in bodies}
+        self.links = {body.name: body.element for body in bodies}
+        names = mjcf.names_given(self._world_and_bodies)
+        self.joints = {}
         self._raw: dict[str, Element] = {}  # without class defaults
-        for body in found[1:]:
-            joints = mjcf.joints_of(body, self.settings, taken)
-            self.joints |= {joint.name: joint.element for joint in joints}
-            self._raw |= dict(zip((joint.name for joint in joints), _joints_in(body.element), strict=True))
+        for body in bodies:
+            joints = mjcf.joints_of(body, self.settings, names)
+            for joint, raw in zip(joints, _joints_in(body.element), strict=True):
+                self.joints[joint.name] = joint.element
+                self._raw[joint.name] = raw
 
     def inertia(self, name: str) -> WrittenInertia | None:
         """Inertia of a body in ``<inertial>``, regardless of compiler settings."""
-        given = self.bodies[name].inertial
-        if given is None:
+        inertial = self.bodies[name].inertial
+        if inertial is None:
             return None
-        element = given.element
+        element = inertial.element
         mass, T, I = mjcf.inertial_of(element, self.settings)
-        T = given.frame @ T
+        T = inertial.frame @ T
         places: dict[str, Place] = {}
         if not element.file:
-            entries = IN_MJCF if "fullinertia" in element.attributes else IN_MJCF[:3]
-            attribute = "fullinertia" if "fullinertia" in element.attributes else "diaginertia"
-            places = {entry: element.locate(attribute, k) for k, entry in enumerate(entries)}
-            places = {"mass": element.locate("mass"), **(places if attribute in element.attributes else {})}
+            full = "fullinertia" in element.attributes
+            attribute, entries = ("fullinertia", IN_MJCF) if full else ("diaginertia", IN_MJCF[:3])
+            places["mass"] = element.locate("mass")
+            if attribute in element.attributes:
+                places |= {entry: element.locate(attribute, k) for k, entry in enumerate(entries)}
         return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, element.line, element.file)
 
     def write_links(self, changes: TextChanges, wanted: Mapping[str, SpatialInertia]) -> None:
         """Set the inertias of bodies, each about its frame. Raises ModelError for bodies that are not in the file."""
         super().write_links(changes, wanted)
-        plainer = self._undone(wanted)
-        if not plainer:
+        neutral_settings = self._neutral_settings(wanted)
+        if not neutral_settings:
             return
         for compiler in self._root.all("compiler"):
-            for attribute, (_, _, text) in plainer.items():
+            for attribute, (_, _, text) in neutral_settings.items():
                 if attribute in compiler.attributes:
                     changes.set(compiler, attribute, text, _COMPILER)
-        without = replace(self.settings, **{field: value for field, value, _ in plainer.values()})
-        bodies = self._surveyed
-        before, after = (mjcf.inertias_of(bodies, settings, self.meshes).each for settings in (self.settings, without))
-        for body, was, would in zip(bodies, before, after, strict=True):
-            if body.name not in wanted and not np.array_equal(was.parameters, would.parameters):
-                self._write(changes, body.name, was, _COMPILER)
+        neutral = replace(self.settings, **{field: value for field, value, _ in neutral_settings.values()})
+        bodies = self._world_and_bodies
+        compiled = mjcf.inertias_of(bodies, self.settings, self.meshes).each
+        uncorrected = mjcf.inertias_of(bodies, neutral, self.meshes).each
+        for body, G, G_neutral in zip(bodies, compiled, uncorrected, strict=True):
+            if body.name not in wanted and not np.array_equal(G.parameters, G_neutral.parameters):
+                self._write(changes, body.name, G, _COMPILER)
 
-    def _undone(self, wanted: Mapping[str, SpatialInertia]) -> dict[str, tuple[str, Any, str]]:
+    def _neutral_settings(self, wanted: Mapping[str, SpatialInertia]) -> dict[str, tuple[str, Any, str]]:
         """Attributes of ``<compiler>`` that would change written inertias: setting, neutral value, and its text."""
-        settings, found = self.settings, dict[str, tuple[str, Any, str]]()
+        settings, neutral = self.settings, dict[str, tuple[str, Any, str]]()
         moments = np.array([np.linalg.eigvalsh(G.moment_about_com) for G in wanted.values()]).reshape(-1, 3)
         if settings.from_geoms == "true":
-            found["inertiafromgeom"] = ("from_geoms", "auto", "auto")
+            neutral["inertiafromgeom"] = ("from_geoms", "auto", "auto")
         if settings.total_mass > 0:
-            found["settotalmass"] = ("total_mass", -1.0, "-1")
+            neutral["settotalmass"] = ("total_mass", -1.0, "-1")
         if any(G.mass < settings.least_mass for G in wanted.values()):
-            found["boundmass"] = ("least_mass", 0.0, "0")
+            neutral["boundmass"] = ("least_mass", 0.0, "0")
         if (moments < settings.least_moment).any():
-            found["boundinertia"] = ("least_moment", 0.0, "0")
+            neutral["boundinertia"] = ("least_moment", 0.0, "0")
         if settings.balanced and (moments[:, 0] + moments[:, 1] < moments[:, 2]).any():
-            found["balanceinertia"] = ("balanced", False, "false")
-        return found
+            neutral["balanceinertia"] = ("balanced", False, "false")
+        return neutral
 
     def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
         body = self.bodies[name]
-        given = body.inertial
-        own = inertia if given is None else inertia.in_frame(np.asarray(se3.inverse(given.frame)))
+        inertial = body.inertial
+        own = inertia if inertial is None else inertia.in_frame(np.asarray(se3.inverse(inertial.frame)))
         I = 0.5 * (own.moment_about_com + own.moment_about_com.T)
-        some = bool(own.parameters.any())  # MuJoCo rejects a fullinertia of zeros
-        kept, other = ("fullinertia", "diaginertia") if some else ("diaginertia", "fullinertia")
-        said = {
-            "pos": exact(own.com) if some else "0 0 0",
-            "mass": exact([own.mass]),
-            kept: exact([I[ENTRIES[name]] for name in IN_MJCF]) if some else "0 0 0",
-        }
-        if given is None:
-            attributes = " ".join(f'{name}="{text}"' for name, text in said.items())
+        texts = {"pos": "0 0 0", "mass": exact([own.mass]), "diaginertia": "0 0 0"}
+        other = "fullinertia"
+        if own.parameters.any():  # MuJoCo rejects a fullinertia of zeros
+            entries = [I[ENTRIES[entry]] for entry in IN_MJCF]
+            texts = {"pos": exact(own.com), "mass": exact([own.mass]), "fullinertia": exact(entries)}
+            other = "diaginertia"
+        if inertial is None:
+            attributes = " ".join(f'{attribute}="{text}"' for attribute, text in texts.items())
             changes.add(body.element, f"<inertial {attributes}/>")
             return
-        for name, text in said.items():
-            changes.set(given.element, name, text, why)
-        for name in (other, *_TURNED):
-            if name in given.element.attributes:
-                changes.remove(given.element, name, why)
+        for attribute, text in texts.items():
+            changes.set(inertial.element, attribute, text, why)
+        for attribute in (other, *_TURNED):
+            if attribute in inertial.element.attributes:
+                changes.remove(inertial.element, attribute, why)
 
     def parent(self, link: str) -> str:
         """Body that contains a body; empty for the world."""
         element = self.links[link].parent
         while element is not None and element.tag not in ("body", "worldbody"):
             element = element.parent
-        return element.attributes.get("name", "") if element is not None and element.tag == "body" else ""
+        if element is None or element.tag != "body":
+            return ""
+        return element.attributes.get("name", "")
 
     def write_pose(self, changes: TextChanges, link: str, T: Array, why: str) -> None:
         """Set ``pos`` and ``quat`` of a body, in place of other forms of its orientation."""

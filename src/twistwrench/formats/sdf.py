@@ -42,8 +42,11 @@ def inertial_of(inertial: Element | None) -> tuple[float, Array, Array]:
 
     Default values of the format are 1 kg and 1 kg m² about every axis.
     """
-    tensor, place = (inertial.child(tag) if inertial is not None else None for tag in ("inertia", "pose"))
-    I = tensor_of(lambda name: number(tensor, name, float(name in ("ixx", "iyy", "izz"))))
+    if inertial is None:
+        tensor, place = None, None
+    else:
+        tensor, place = inertial.child("inertia"), inertial.child("pose")
+    I = tensor_of(lambda name: number(tensor, name, 1.0 if name in ("ixx", "iyy", "izz") else 0.0))
     return number(inertial, "mass", 1.0), pose(place), I
 
 
@@ -93,8 +96,6 @@ def pose(element: Element | None) -> Array:
     return T
 
 
-# ── Frame graph: pose reference and attached link of each frame
-
 MODEL = "__model__"
 WORLD = "world"
 _JOINTS = ("joint", "{drake}joint")
@@ -130,18 +131,18 @@ class SdfModel:
     def pose(self, name: str, asked: Element) -> Array:
         """Pose (4, 4) of a frame in the model's frame; raises for missing frames and circular references."""
         path: dict[str, None] = {}
-        at = name
-        while at not in self._poses and at != MODEL:
-            if at in path:
+        current = name
+        while current not in self._poses and current != MODEL:
+            if current in path:
                 raise RobotFileError(
-                    f"{asked}: the frames {listed([*path, at], between=' → ')} are given relative to each other."
+                    f"{asked}: the frames {listed([*path, current], between=' → ')} are given relative to each other."
                 )
-            path[at] = None
-            at = self.frame(at, asked).relative_to
-        T = self._poses.get(at, np.eye(4))
-        for one in reversed(path):
-            T = T @ self.frames[one].T
-            self._poses[one] = T
+            path[current] = None
+            current = self.frame(current, asked).relative_to
+        T = self._poses.get(current, np.eye(4))
+        for step in reversed(path):
+            T = T @ self.frames[step].T
+            self._poses[step] = T
         return T
 
     def link_of(self, name: str, asked: Element) -> str:
@@ -170,9 +171,9 @@ class SdfModel:
         return np.asarray(se3.inverse(self.pose(a, asked)) @ self.pose(b, asked))
 
 
-def unpacked(model: Element) -> SdfModel:
+def expand_model(model: Element) -> SdfModel:
     """Frames of a model and of its nested models, with names joined by ``::``."""
-    found = SdfModel()
+    expanded = SdfModel()
     stack = [(model, "")]
     while stack:
         element, scope = stack.pop()
@@ -183,37 +184,47 @@ def unpacked(model: Element) -> SdfModel:
             if child.tag not in ("link", "joint", "frame", "model"):
                 continue
             name = scope + child.text("name")
-            if name in found.frames:
-                raise child.error(f"has the name of {found.frames[name].element}. Rename one.")
-            place = child.child("pose")
+            if name in expanded.frames:
+                raise child.error(f"has the name of {expanded.frames[name].element}. Rename one.")
             default = own
             attached = name
             if child.tag == "joint":
                 default = scope + _end(child, "child")
                 attached = default
-                found.joints[name] = child
+                expanded.joints[name] = child
             elif child.tag == "frame":
-                said = child.attributes.get("attached_to", "").strip()
-                default = scope + said if said and said != MODEL else own
+                target = child.attributes.get("attached_to", "").strip()
+                default = scope + target if target and target != MODEL else own
                 attached = default
-                found.named[name] = child
+                expanded.named[name] = child
             elif child.tag == "link":
-                found.links[name] = child
+                expanded.links[name] = child
             else:
                 stack.append((child, f"{name}::"))
                 attached = f"{name}::{_canonical_link(child)}"
-            relative = place.attributes.get("relative_to", "").strip() if place is not None else ""
-            relative = (own if relative == MODEL else scope + relative) if relative else default
-            found.frames[name] = SdfFrame(child, scope, pose(place), relative, attached)
+            relative = _reference_frame(child, scope) or default
+            expanded.frames[name] = SdfFrame(child, scope, pose(child.child("pose")), relative, attached)
         if not scope:
-            found.frames[MODEL] = SdfFrame(element, "", np.eye(4), MODEL, _canonical_link(element))
-    return found
+            expanded.frames[MODEL] = SdfFrame(element, "", np.eye(4), MODEL, _canonical_link(element))
+    return expanded
+
+
+def _reference_frame(element: Element, scope: str) -> str:
+    """Frame that the pose of an element is relative to; empty if it is not given."""
+    place = element.child("pose")
+    frame = place.attributes.get("relative_to", "").strip() if place is not None else ""
+    if not frame:
+        return ""
+    return (scope[:-2] or MODEL) if frame == MODEL else scope + frame
 
 
 def _canonical_link(model: Element) -> str:
     """Name of the link to which the model's frame is fixed."""
-    named = model.attributes.get("canonical_link", "").strip()
-    return named or next((link.text("name") for link in model.all("link")), "")
+    name = model.attributes.get("canonical_link", "").strip()
+    if name:
+        return name
+    links = model.all("link")
+    return links[0].text("name") if links else ""
 
 
 def _end(joint: Element, which: str) -> str:
@@ -222,8 +233,6 @@ def _end(joint: Element, which: str) -> str:
         raise joint.error(f"has no <{which}>. Name the link.")
     return name
 
-
-# ── Conversion of SDF elements to the builder's links and joints
 
 TWO_AXES = ("universal", "revolute2")
 """Joint types with two axes of rotation."""
@@ -242,26 +251,27 @@ def read_sdf(
     fixed at the file's pose. Raises :class:`~twistwrench.RobotFileError` with element and line, and
     :class:`~twistwrench.UnknownNameError` for a missing model.
     """
-    chosen, world = chosen_model(root, model)
-    return _SdfReader(root, chosen, world, source, floating_base).read()
+    element, world = chosen_model(root, model)
+    return _SdfReader(root, element, world, source, floating_base).read()
 
 
 def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | None]:
     """Model of a file by name, by default the one that can move, and its world."""
-    worlds = root.all("world")
-    models = [(one, None) for one in root.all("model")] + [(one, w) for w in worlds for one in w.all("model")]
+    models: list[tuple[Element, Element | None]] = [(model, None) for model in root.all("model")]
+    for world in root.all("world"):
+        models += [(model, world) for model in world.all("model")]
     if name is not None:
-        by_name = {one.text("name"): (one, world) for one, world in models}
+        by_name = {model.text("name"): (model, world) for model, world in models}
         if name not in by_name:
             raise UnknownNameError.from_choices("model", name, by_name)
         return by_name[name]
-    moving = [pair for pair in models if not is_true(pair[0], "static")]
-    if len(moving) > 1:
-        names = listed(repr(one.text("name")) for one, _ in moving)
-        raise root.error(f"has {len(moving)} models that can move: {names}. Say which, {argument('model')}.")
+    movable = [pair for pair in models if not is_true(pair[0], "static")]
+    if len(movable) > 1:
+        names = listed(repr(model.text("name")) for model, _ in movable)
+        raise root.error(f"has {len(movable)} models that can move: {names}. Say which, {argument('model')}.")
     if not models:
         raise root.error("has no <model>.")
-    return (moving or models)[0]
+    return movable[0] if movable else models[0]
 
 
 class _SdfReader:
@@ -283,7 +293,7 @@ class _SdfReader:
             self.builder.note(
                 own, f"is relative to {reference!r}, which is not read: it is taken as relative to the world"
             )
-        self.parts: SdfModel = unpacked(model)
+        self.parts: SdfModel = expand_model(model)
 
     def read(self) -> ModelBuilder:
         """Read links in the file's order, then joints, then frames."""
@@ -294,12 +304,13 @@ class _SdfReader:
                 raise link.error("has the name of the world itself. Rename it.")
             shaped = bool(link.all("visual") or link.all("collision"))
             builder.add_link(name, self._inertia(link), where=link.place, shaped=shaped)
-        held = {self._add_joint(name, joint) for name, joint in self.parts.joints.items()}
-        for one in self.model.walk():
-            if one.tag == "drake:joint":
-                raise one.error("is an extension of Drake's, which is not read. Write it as a <joint>.")
-        self._add_roots(held)
-        if is_true(self.model, "static") or any(word(j, "parent") == WORLD for j in self.parts.joints.values()):
+        children = {self._add_joint(name, joint) for name, joint in self.parts.joints.items()}
+        for element in self.model.walk():
+            if element.tag == "drake:joint":
+                raise element.error("is an extension of Drake's, which is not read. Write it as a <joint>.")
+        self._add_roots(children)
+        parents = [word(joint, "parent") for joint in self.parts.joints.values()]
+        if is_true(self.model, "static") or WORLD in parents:
             builder.mount()
         for name, frame in self.parts.named.items():
             carrier = self.parts.link_of(name, frame)
@@ -307,8 +318,8 @@ class _SdfReader:
         builder.remark(*unread("SDF", *filter(None, (self.world, self.model))))
         return builder
 
-    def _add_roots(self, held: set[str]) -> None:
-        roots = [name for name in self.parts.links if name not in held]
+    def _add_roots(self, children: set[str]) -> None:
+        roots = [name for name in self.parts.links if name not in children]
         floats = bool(self.floating_base) and not is_true(self.model, "static")
         for name in roots:
             link = self.parts.links[name]
@@ -325,7 +336,8 @@ class _SdfReader:
         inertial = link.child("inertial")
         if inertial is not None and inertial.attributes.get("auto", "").strip() in ("true", "1"):
             raise inertial.error("requests inertia from shapes (auto), which is not computed. Write the numbers.")
-        if text := assumed_text(missing_of(inertial)):
+        text = assumed_text(missing_of(inertial))
+        if text:
             self.builder.note(link, f"has {text}")
         mass, T, I = inertial_of(inertial)
         R = T[:3, :3]
@@ -339,7 +351,7 @@ class _SdfReader:
         if kind not in _KINDS:
             raise joint.error(f"has the unknown type {kind!r}. Allowed: {', '.join(_KINDS)}.")
         frame = self.parts.frames[name]
-        parent, child = (self._end(joint, which, frame.scope) for which in ("parent", "child"))
+        parent, child = self._end(joint, "parent", frame.scope), self._end(joint, "child", frame.scope)
         if child == WORLD:
             raise joint.error("has the world as its child. Exchange parent and child.")
         T_parent = np.eye(4) if parent == WORLD else self.place @ self.parts.pose(parent, joint)
@@ -366,7 +378,7 @@ class _SdfReader:
         """Add a one-degree joint; T_cj is the pose of the file's joint in its child link."""
         joint, scope = frame.element, frame.scope
         kind = _KINDS[joint.text("type")]
-        axis = joint.required(which, f"<{which}><xyz>0 0 1</xyz></{which}>")
+        axis = joint.require_child(which, f"<{which}><xyz>0 0 1</xyz></{which}>")
         w = self._direction(axis, T_cj, scope, self._end(joint, "child", scope))
         length = float(np.linalg.norm(w))
         if not length:
@@ -381,9 +393,10 @@ class _SdfReader:
             where=joint.place, **_limits(axis), **_losses(axis),
         )  # fmt: skip
         dynamics = axis.child("dynamics")
-        if stiffness := number(dynamics, "spring_stiffness", 0.0):
-            rest = number(dynamics, "spring_reference", 0.0)
-            self.builder.add_spring({name: 1.0}, stiffness, rest, where=joint.place)
+        stiffness = number(dynamics, "spring_stiffness", 0.0)
+        if stiffness:
+            rest_position = number(dynamics, "spring_reference", 0.0)
+            self.builder.add_spring({name: 1.0}, stiffness, rest_position, where=joint.place)
 
     def _direction(self, axis: Element, T_cj: Array, scope: str, link: str) -> Array:
         """Joint axis in the frame of the child link."""
@@ -402,19 +415,22 @@ def add_ball(
 ) -> None:
     """Add a ball joint about a point of its child; T (4, 4) is the pose of the child in the parent."""
     below = child
-    there, back = (se3.pose(np.eye(3), sign * point) for sign in (1.0, -1.0))
+    to_point, back = se3.pose(np.eye(3), point), se3.pose(np.eye(3), -point)
     if point.any():
         below = f"{child}:{name}"
         builder.add_link(below, hidden=True)
         builder.add_joint(f"{name}.fixed", "fixed", below, child, placement=back, where=where)
-    builder.add_joint(name, "ball", parent, below, placement=T @ there, where=where, **losses)
+    builder.add_joint(name, "ball", parent, below, placement=T @ to_point, where=where, **losses)
 
 
 def _limits(axis: Element) -> dict[str, Any]:
     limit = axis.child("limit")
-    ends = {"lower": number(limit, "lower", -math.inf), "upper": number(limit, "upper", math.inf)}
-    most = {name: number(limit, name, -1.0) for name in ("velocity", "effort")}
-    return known_limits(**ends, **{name: x for name, x in most.items() if x > 0})
+    limits = {"lower": number(limit, "lower", -math.inf), "upper": number(limit, "upper", math.inf)}
+    for name in ("velocity", "effort"):
+        largest = number(limit, name, -1.0)
+        if largest > 0:
+            limits[name] = largest
+    return known_limits(**limits)
 
 
 def _losses(axis: Element | None) -> dict[str, Any]:

@@ -36,7 +36,7 @@ def read_robot_text(source: str | os.PathLike[str]) -> tuple[str, str]:
         _check_size(len(source), "the text given")
         return source, "the text given"
     path = path_given(source)
-    return decoded(bytes_of(path), str(path)), str(path)
+    return decode_text(bytes_of(path), str(path)), str(path)
 
 
 def path_given(source: object) -> Path:
@@ -47,8 +47,9 @@ def path_given(source: object) -> Path:
             f"a robot is loaded from a path or from XML text, not from {type(source).__name__}. {remedy}"
         )
     if isinstance(source, str) and (not source.strip() or "\n" in source):
-        beginning = f"it begins with {source.strip()[:20]!r}" if source.strip() else "it is empty"
-        raise RobotFileError(f"the text given is neither XML nor a path: {beginning}. XML text begins with '<'.")
+        raise RobotFileError(
+            f"the text given is neither XML nor a path: {_beginning(source)}. XML text begins with '<'."
+        )
     return Path(source)
 
 
@@ -60,24 +61,30 @@ def is_text(source: object) -> bool:
 def standard_input_text() -> str:
     """Robot description from standard input. Raises :class:`~twistwrench.RobotFileError`."""
     with third_party_errors(lambda reason: RobotFileError(f"cannot read standard input: {reason}.")):
-        text = decoded(read_standard_input(MAX_BYTES), "standard input")
+        text = decode_text(read_standard_input(MAX_BYTES), "standard input")
     if not text.lstrip("\ufeff \t\r\n").startswith("<"):
-        beginning = f"it begins with {text.strip()[:20]!r}" if text.strip() else "it is empty"
-        raise RobotFileError(f"standard input is no XML: {beginning}. XML text begins with '<'.")
+        raise RobotFileError(f"standard input is no XML: {_beginning(text)}. XML text begins with '<'.")
     return text
+
+
+def _beginning(text: str) -> str:
+    """First characters of a text, for messages."""
+    return f"it begins with {text.strip()[:20]!r}" if text.strip() else "it is empty"
 
 
 def bytes_of(path: Path) -> bytes:
     """Content of a file; raises as :func:`read_robot_text`."""
     name = str(path)
-    clipped = name if len(name) <= 200 else name[:200] + "…"
+    clipped = name
+    if len(name) > 200:
+        clipped = name[:200] + "…"
     # A name that file systems reject (too long, with a NUL) is probably text that was meant to be XML.
     advice = "Pass a path, or XML text that begins with '<'."
     with third_party_errors(lambda reason: RobotFileError(f"cannot read {clipped!r}: {reason}. {advice}")):
         if path.is_dir():
             raise RobotFileError(f"{clipped!r} is a folder. Pass the robot file in it{_offer(_robot_files(path))}.")
         if not path.exists():
-            raise NotFoundError(f"no file {clipped!r}. {_similar(path)}{_bundled(path)}")
+            raise NotFoundError(f"no file {clipped!r}. {_similar(path)}{_hint_on_names(path)}")
         if path.is_file():
             _check_size(path.stat().st_size, repr(name))
         return read_bytes(path, MAX_BYTES)
@@ -95,19 +102,23 @@ def _similar(path: Path) -> str:
     folder = path.parent
     if not folder.is_dir():
         return f"Its folder {str(folder)!r} is not there either; check the path."
-    here = sorted(entry.name for entry in folder.iterdir())
-    near = difflib.get_close_matches(path.name, here, n=3, cutoff=0.5)
-    names = near or _robot_files(folder)
-    return f"In its folder{_offer(names)}." if names else f"There is no robot file in {str(folder)!r}; check the path."
+    names = sorted(entry.name for entry in folder.iterdir())
+    similar = difflib.get_close_matches(path.name, names, n=3, cutoff=0.5)
+    offered = similar or _robot_files(folder)
+    if not offered:
+        return f"There is no robot file in {str(folder)!r}; check the path."
+    return f"In its folder{_offer(offered)}."
 
 
-def _bundled(path: Path) -> str:
+def _hint_on_names(path: Path) -> str:
     """Hint if the path is the name of a bundled robot."""
     name = path.stem.lower()
     if name.isidentifier() and (_BUNDLED_ROBOTS / f"{name}.urdf").is_file():
         return f" A robot of that name is bundled: twistwrench.robots.{name}()."
     # A single word is a name rather than a path.
-    return f" Robots are found by name with twistwrench.find({path.name!r})." if str(path) == path.stem else ""
+    if str(path) == path.stem:
+        return f" Robots are found by name with twistwrench.find({path.name!r})."
+    return ""
 
 
 def _robot_files(folder: Path) -> list[str]:
@@ -115,11 +126,18 @@ def _robot_files(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in kinds)
 
 
+_MAX_OFFERED_NAMES = 12
+"""Largest number of file names in a message."""
+
+
 def _offer(names: list[str]) -> str:
-    return f": {', '.join(names[:12])}{', …' if len(names) > 12 else ''}" if names else ""
+    if not names:
+        return ""
+    ending = ", …" if len(names) > _MAX_OFFERED_NAMES else ""
+    return f": {', '.join(names[:_MAX_OFFERED_NAMES])}{ending}"
 
 
-def decoded(data: bytes, name: str) -> str:
+def decode_text(data: bytes, name: str) -> str:
     """Decode by byte order mark, XML declaration, or UTF-8, in this order."""
     declared = DECLARED_ENCODING.match(data.removeprefix(b"\xef\xbb\xbf"))
     if data.startswith(b"\xef\xbb\xbf"):
@@ -144,8 +162,6 @@ def decoded(data: bytes, name: str) -> str:
             raise RobotFileError(unknown) from None
 
 
-# ── Mesh files of a robot file
-
 _PACKAGES = ("package://", "model://")
 _PACKAGE_FILES = ("package.xml", "manifest.xml")
 
@@ -160,39 +176,39 @@ def find_resource(uri: str, robot_file: Path) -> Path | None:
     from ..mechanics.bodies.mesh_files import SUFFIXES
 
     try:
-        for place, roots in _places(uri.strip(), robot_file):
+        for place, roots in _mesh_candidates(uri.strip(), robot_file):
             path = place.resolve()
-            named = all(name.suffix.lower() in SUFFIXES for name in (place, path))
+            named_as_mesh = all(name.suffix.lower() in SUFFIXES for name in (place, path))
             inside = roots is None or any(path.is_relative_to(root) for root in roots)
-            if named and inside and path.is_file():
+            if named_as_mesh and inside and path.is_file():
                 return place
     except (OSError, ValueError, RuntimeError):  # names that file systems reject; links in a circle
         return None
     return None
 
 
-def _places(uri: str, robot_file: Path) -> Iterator[tuple[Path, Sequence[Path] | None]]:
+def _mesh_candidates(uri: str, robot_file: Path) -> Iterator[tuple[Path, Sequence[Path] | None]]:
     """Places of a mesh, each with the folders that the file has to lie below once links are resolved; None: any.
 
     Packages that the user names by the environment may consist of links, as those of a workspace that is built with links do.
     """
     scheme = next((s for s in _PACKAGES if uri.startswith(s)), None)
-    around = _folders_around(robot_file)
+    folders_above = _folders_around(robot_file)
     if scheme is not None:
-        name, _, rest = unquote(uri[len(scheme) :]).lstrip("/").partition("/")
-        inside = Path(os.path.normpath(rest))
-        if not rest or name in ("", ".", "..") or inside.is_absolute() or ".." in inside.parts:
+        name, _, relative = unquote(uri[len(scheme) :]).lstrip("/").partition("/")
+        inside = Path(os.path.normpath(relative))
+        if not relative or name in ("", ".", "..") or inside.is_absolute() or ".." in inside.parts:
             return
-        for folder in around:
-            yield folder / name / rest, [folder]
+        for folder in folders_above:
+            yield folder / name / relative, [folder]
             if folder.name == name:
-                yield folder / rest, [folder]
+                yield folder / relative, [folder]
         for folder in _ros_folders():
-            yield folder / name / rest, None
+            yield folder / name / relative, None
     elif uri.startswith("file://"):
-        yield Path(unquote(uri.removeprefix("file://"))), [_own_folder(around), *_ros_folders()]
+        yield Path(unquote(uri.removeprefix("file://"))), [_own_folder(folders_above), *_ros_folders()]
     elif "://" not in uri and uri:
-        yield robot_file.parent / uri, [_own_folder(around), *_ros_folders()]
+        yield robot_file.parent / uri, [_own_folder(folders_above), *_ros_folders()]
 
 
 def _folders_around(robot_file: Path) -> list[Path]:
@@ -202,14 +218,17 @@ def _folders_around(robot_file: Path) -> list[Path]:
     return [own, *(folder for folder in above if folder != folder.parent and not home.is_relative_to(folder))]
 
 
-def _own_folder(around: Sequence[Path]) -> Path:
+def _own_folder(folders: Sequence[Path]) -> Path:
     """The package around a robot file; without one, the folder above the robot's own, which often has the meshes."""
-    package = next((folder for folder in around if any((folder / name).is_file() for name in _PACKAGE_FILES)), None)
-    return package or around[min(1, len(around) - 1)]
+    for folder in folders:
+        if any((folder / name).is_file() for name in _PACKAGE_FILES):
+            return folder
+    return folders[min(1, len(folders) - 1)]
 
 
 def _ros_folders() -> list[Path]:
     """Folders of packages by the environment variables of ROS."""
     packages = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return [*map(Path, filter(None, packages)), *(Path(prefix) / "share" for prefix in filter(None, prefixes))]
+    folders = [Path(package) for package in packages if package]
+    return folders + [Path(prefix) / "share" for prefix in prefixes if prefix]

@@ -42,8 +42,6 @@ def entries_of(I: Array) -> dict[str, float]:
     return {name: float(I[at]) for name, at in ENTRIES.items()}
 
 
-# ── Links and joints
-
 # https://wiki.ros.org/urdf/XML
 # Appearance, shapes, transmissions and simulator settings are skipped; mesh files are never opened.
 
@@ -51,7 +49,7 @@ _URDF_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 """Joint types of URDF."""
 LIMITS_OF_1_2 = ("acceleration", "deceleration", "jerk")
 """Limits defined since URDF 1.2; they are read for every ``version``."""
-ENDLESS = 1e15
+NO_LIMIT = 1e15
 """Limits above this value mean no limit: files have ±1e16, as the format requires a number."""
 
 _NOTHING = [0.0, 0.0, 0.0]
@@ -97,8 +95,8 @@ def _inertia(link: Element, snap: float) -> SpatialInertia | None:
 
 def inertial_of(inertial: Element) -> tuple[float, Array, Array]:
     """Mass [kg], pose (4, 4) of the centre of mass with the axes of the tensor, and tensor (3, 3) [kg m²]."""
-    mass = inertial.required("mass", '<mass value="1.0"/>').number("value")
-    tensor = inertial.required("inertia", '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>')
+    mass = inertial.require_child("mass", '<mass value="1.0"/>').number("value")
+    tensor = inertial.require_child("inertia", '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>')
     return mass, origin_of(inertial), tensor_of(tensor.number)
 
 
@@ -164,11 +162,11 @@ def onto(z: Array) -> Array:
 
 def direction(element: Element, attribute: str, vector: object) -> Array:
     """Normalised vector; raises for a zero vector."""
-    found = np.asarray(vector, float)
-    length = float(np.linalg.norm(found))
+    array = np.asarray(vector, float)
+    length = float(np.linalg.norm(array))
     if not length > 1e-14:
         raise element.error(f"has {attribute}={element.attributes.get(attribute, '')!r}, which is not a direction.")
-    return found / length
+    return array / length
 
 
 def add_joint(builder: ModelBuilder, joint: Element) -> None:
@@ -179,21 +177,22 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
             f"has the unknown type {kind!r}. Allowed: {', '.join(_URDF_TYPES)}. A ball joint can be written as "
             "three revolute joints with massless links between them."
         )
-    parent = joint.required("parent", '<parent link="base"/>').text("link")
-    child = joint.required("child", '<child link="arm"/>').text("link")
+    parent = joint.require_child("parent", '<parent link="base"/>').text("link")
+    child = joint.require_child("child", '<child link="arm"/>').text("link")
     if kind == "fixed" and parent == "world":
         builder.mount()
     moves = kind != "fixed"  # other attributes of a fixed joint are meaningless and not read
+    options: dict[str, Any] = {"placement": origin_of(joint), "axis": (1.0, 0.0, 0.0), "where": f"line {joint.line}"}
     axis = joint.child("axis") if moves and kind != "floating" else None
-    dynamics = joint.child("dynamics") if moves else None
-    numbers = _limits(builder, joint, kind) if moves else {}
-    if dynamics is not None:
-        numbers |= {name: dynamics.optional_number(name) or 0.0 for name in ("damping", "friction")}
-    builder.add_joint(
-        name, kind, parent, child, placement=origin_of(joint),
-        axis=(1.0, 0.0, 0.0) if axis is None else axis.values("xyz", 3), mimic=_mimic(joint) if moves else None,
-        where=f"line {joint.line}", **numbers,
-    )  # fmt: skip
+    if axis is not None:
+        options["axis"] = axis.values("xyz", 3)
+    if moves:
+        dynamics = joint.child("dynamics")
+        options |= _limits(builder, joint, kind)
+        if dynamics is not None:
+            options |= {name: dynamics.optional_number(name) or 0.0 for name in ("damping", "friction")}
+        options["mimic"] = _mimic(joint)
+    builder.add_joint(name, kind, parent, child, **options)
 
 
 def _limits(builder: ModelBuilder, joint: Element, kind: str) -> dict[str, Any]:
@@ -214,7 +213,7 @@ _SIDES = {"lower": -1.0, "upper": 1.0} | dict.fromkeys(("velocity", "effort", *L
 
 def known_limits(**given: float | None) -> dict[str, Any]:
     """Limits of a joint, without values that mean no limit."""
-    return {name: x for name, x in given.items() if x is not None and x * _SIDES[name] < ENDLESS}
+    return {name: x for name, x in given.items() if x is not None and x * _SIDES[name] < NO_LIMIT}
 
 
 _ROWS = {
@@ -226,32 +225,32 @@ _ENDS = ("parent", "child")
 
 def _add_closure(builder: ModelBuilder, constraint: Element) -> None:
     """Register the loop of a ``<constraint>`` as proposed for URDF (ros/urdfdom_headers#108); else add a note."""
-    name, said = (constraint.attributes.get(what, "").strip() for what in ("name", "type"))
-    links = [
-        end.attributes.get("link", "").strip() if (end := constraint.child(tag)) is not None else "" for tag in _ENDS
-    ]
-    kind = said.removesuffix("_joint")
+    name = constraint.attributes.get("name", "").strip()
+    kind = constraint.attributes.get("type", "").strip().removesuffix("_joint")
+    links = [_link_of(constraint.child(end)) for end in _ENDS]
     if not (name and all(links) and kind in _ROWS):
         builder.note(
             constraint,
             f"is left out, so its loop stays open: it needs a name, parent, child and a type of {', '.join(_ROWS)}",
         )
         return
-    axis, turn = constraint.child("parent_axis"), np.eye(3)
+    turn = np.eye(3)
     if kind in ("revolute", "prismatic"):
+        axis = constraint.child("parent_axis")
         along = (1.0, 0.0, 0.0) if axis is None else direction(axis, "xyz", axis.values("xyz", 3))
         turn = onto(np.asarray(along))
-    a, b = (
-        builder.add_site(
-            f"{name}:{link}",
-            link,
-            _pose(constraint.child(f"{end}_origin")) @ se3.pose(turn, (0, 0, 0)),
-            constraint.place,
-        )
-        for end, link in zip(_ENDS, links, strict=True)
-    )
+    sites = []
+    for end, link in zip(_ENDS, links, strict=True):
+        T = _pose(constraint.child(f"{end}_origin")) @ se3.pose(turn, (0, 0, 0))
+        sites.append(builder.add_site(f"{name}:{link}", link, T, constraint.place))
+    a, b = sites
     builder.add_closure(name, OfferedClosure(a, b, _ROWS[kind]))
     builder.remark(f"{constraint} is left open: robot.close({a!r}, {b!r}, {_ROWS[kind]!r}) closes it")
+
+
+def _link_of(end: Element | None) -> str:
+    """Link of one end of a constraint; empty without one."""
+    return "" if end is None else end.attributes.get("link", "").strip()
 
 
 def _mimic(joint: Element) -> Mimic | None:

@@ -9,7 +9,7 @@ drive gains are skipped.
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +36,7 @@ from .known_elements import LeftOut, Unread
 from .sdf import add_ball
 from .xml import MOST_BODIES
 
-_SINGLE = 1e-5
+_SINGLE_PRECISION = 1e-5
 """Error of rotations in single precision."""
 
 
@@ -49,12 +49,12 @@ def open_stage(path: Path, folders: Sequence[Path]) -> Any:
     allowed = [folder.resolve() for folder in folders]
     with (
         third_party_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
-        capture_stderr() as said,
+        capture_stderr() as library_messages,
     ):
-        layers = _checked_layers(path.resolve(), allowed)
+        layers = _check_and_open_layers(path.resolve(), allowed)
         stage = Usd.Stage.Open(str(path.resolve()))
-    if str(said):  # a missing layer is a warning of the library, but a missing part of the robot
-        raise RobotFileError(f"it cannot be read whole: {' '.join(str(said).split())[:300]}")
+    if str(library_messages):  # a missing layer is a warning of the library, but a missing part of the robot
+        raise RobotFileError(f"it cannot be read whole: {' '.join(str(library_messages).split())[:300]}")
     for layer in stage.GetUsedLayers():  # those too whose names are computed, by variables and variants
         if layer.realPath:
             _check_place(layer.realPath, allowed)
@@ -62,11 +62,11 @@ def open_stage(path: Path, folders: Sequence[Path]) -> Any:
     return stage
 
 
-_MOST_LAYERS = 1000
+_MAX_LAYERS = 1000
 """Largest number of layers of a stage."""
 
 
-def _checked_layers(path: Path, allowed: Sequence[Path]) -> list[Any]:
+def _check_and_open_layers(path: Path, allowed: Sequence[Path]) -> list[Any]:
     """Layers that a file names, itself or by its layers. Raises RobotFileError before one outside ``allowed`` is opened."""
     from pxr import Sdf
 
@@ -76,12 +76,13 @@ def _checked_layers(path: Path, allowed: Sequence[Path]) -> list[Any]:
         layers.append(layer)
         if layer is None:  # reported when the stage is opened
             continue
-        places = [layer.ComputeAbsolutePath(named) for named in layer.GetCompositionAssetDependencies()]
-        for place in places:
+        for named in layer.GetCompositionAssetDependencies():
+            place = layer.ComputeAbsolutePath(named)
             _check_place(place, allowed)
-        waiting.extend(place for place in dict.fromkeys(places) if place not in waiting)
-        if len(waiting) > _MOST_LAYERS:
-            raise RobotFileError(f"it has more than {_MOST_LAYERS} layers.")
+            if place not in waiting:
+                waiting.append(place)
+        if len(waiting) > _MAX_LAYERS:
+            raise RobotFileError(f"it has more than {_MAX_LAYERS} layers.")
     return layers
 
 
@@ -137,14 +138,14 @@ class Stage:
         self.default = stage.GetDefaultPrim()
         self.prim_at = stage.GetPrimAtPath
 
-    def placed(self, prim: Any) -> tuple[Array, Array]:
+    def pose_and_scale(self, prim: Any) -> tuple[Array, Array]:
         """Pose (4, 4) of a prim on the stage, and the scale (3,) of its content."""
         M = np.array(self.cache.GetLocalToWorldTransform(prim))
         scale = np.sqrt((M[:3, :3] ** 2).sum(axis=1))
         if not scale.min() > 0:
             raise RobotFileError(f"{who(prim)} is scaled to nothing.")
         R = (M[:3, :3] / scale[:, None]).T  # rows of the library's matrices are the images of the axes
-        if np.abs(R.T @ R - np.eye(3)).max() > _SINGLE or np.linalg.det(R) < 0:
+        if np.abs(R.T @ R - np.eye(3)).max() > _SINGLE_PRECISION or np.linalg.det(R) < 0:
             raise RobotFileError(
                 f"{who(prim)} is sheared or mirrored by its transforms, which no body can be. Apply them to its shapes."
             )
@@ -161,7 +162,7 @@ class Stage:
             else:
                 yield prim
 
-    def shaped(self, body: Any) -> bool:
+    def has_shape(self, body: Any) -> bool:
         """True if a body has a visual or a collider."""
         from pxr import UsdGeom
 
@@ -180,9 +181,9 @@ class Stage:
             return STRENGTH * down
         direction = vector_of(self.scenes[0], "physics:gravityDirection", (0.0, 0.0, 0.0))
         magnitude = number_of(self.scenes[0], "physics:gravityMagnitude", -math.inf)
-        size = STRENGTH if magnitude < 0 else magnitude * self.metre
+        strength = STRENGTH if magnitude < 0 else magnitude * self.metre
         length = float(np.linalg.norm(direction))
-        return size * (direction / length if length > 0 else down)
+        return strength * (direction / length if length > 0 else down)
 
     def end(self, joint: Any, which: int) -> End:
         """Body and joint frame at one side of a joint; the stage if the side has no body."""
@@ -195,7 +196,7 @@ class Stage:
             raise RobotFileError(f"{who(joint)} has body{which} at {targets[0]}, where nothing is.")
         scale = np.ones(3)
         if prim is not None:
-            T, scale = self.placed(prim)
+            T, scale = self.pose_and_scale(prim)
         local = vector_of(joint, f"physics:localPos{which}", (0.0, 0.0, 0.0)) * scale * self.metre
         turn = quaternion_of(joint, f"physics:localRot{which}")
         T = T @ pose_rows(quaternion.rotation(turn).tolist(), local.tolist())
@@ -203,7 +204,7 @@ class Stage:
             prim = prim.GetParent()
         if prim is None or not prim:
             return End(None, T)
-        return End(prim, np.asarray(se3.inverse(self.placed(prim)[0]) @ T))
+        return End(prim, np.asarray(se3.inverse(self.pose_and_scale(prim)[0]) @ T))
 
 
 def who(prim: Any) -> str:
@@ -301,12 +302,14 @@ class UsdTree:
     def __init__(self, stage: Stage, model: str | None) -> None:
         self.stage = stage
         self.ends = {joint.GetPath(): (stage.end(joint, 0), stage.end(joint, 1)) for joint in stage.joints}
-        self.root = self._chosen_root(model)
+        self.root = self._find_root(model)
 
-    def _chosen_root(self, model: str | None) -> Any:
+    def _find_root(self, model: str | None) -> Any:
         roots = self.stage.roots
         if model is not None:
-            by_name = {name: prim for prim in roots for name in (prim.GetName(), str(prim.GetPath()))}
+            by_name = {}
+            for prim in roots:
+                by_name[prim.GetName()] = by_name[str(prim.GetPath())] = prim
             if model not in by_name:
                 raise UnknownNameError.from_choices("articulation", model, by_name)
             return by_name[model]
@@ -315,80 +318,91 @@ class UsdTree:
             raise RobotFileError(f"it has {len(roots)} articulations: {paths}. Say which, {argument('model')}.")
         return roots[0] if roots else None
 
+    def _bodies_of(self, joint: Any) -> set[Any]:
+        """Paths of the bodies at both ends of a joint; None for the world."""
+        first, second = self.ends[joint.GetPath()]
+        return {first.path, second.path}
+
     def joints(self) -> tuple[list[TreeJoint], list[Any], Any]:
         """Joints ordered from the base, loop-closing joints, and the body without a joint to the world, if any."""
-        inside = [joint for joint in self.stage.joints if not _excluded(joint)]
-        tied: dict[Any, list[Any]] = {None: []}  # joints of each body, and of the world
+        inside = [joint for joint in self.stage.joints if not _is_excluded(joint)]
+        outside = [joint for joint in self.stage.joints if _is_excluded(joint)]
+        joints_of: dict[Any, list[Any]] = {None: []}  # by the path of a body, None for the world
         for joint in inside:
-            paths = {end.path for end in self.ends[joint.GetPath()]}
+            paths = self._bodies_of(joint)
             if len(paths) == 1:
                 raise RobotFileError(f"{who(joint)} has one body at both ends. Name another one.")
             for path in paths:
-                tied.setdefault(path, []).append(joint)
-        within = self._within(tied)
-        tied[None] = [joint for joint in tied[None] if within & {end.path for end in self.ends[joint.GetPath()]}]
-        start = None if tied[None] else self._first(within)
-        found: dict[Any, TreeJoint] = {}  # by the path of the joint
-        waiting = [None if start is None else start.GetPath()]
-        met = set(waiting)
-        for at in waiting:  # the list grows during the loop
-            for joint in tied.get(at, []):
-                if joint.GetPath() in found:
+                joints_of.setdefault(path, []).append(joint)
+        members = self._members(joints_of)
+        joints_of[None] = [joint for joint in joints_of[None] if members & self._bodies_of(joint)]
+        start = None if joints_of[None] else self._first(members)
+        tree, reached = self._walk(start, joints_of)
+        ordered = [tree[joint.GetPath()] for joint in inside if joint.GetPath() in tree]
+        closing = [joint for joint in outside if self._bodies_of(joint) <= reached | {None}]
+        return ordered, closing, start
+
+    def _walk(self, start: Any, joints_of: dict[Any, list[Any]]) -> tuple[dict[Any, TreeJoint], set[Any]]:
+        """Joints of the tree by path, breadth first from a body or the world, and the paths of the bodies reached."""
+        tree: dict[Any, TreeJoint] = {}
+        waiting = deque([None if start is None else start.GetPath()])
+        reached = set(waiting)
+        while waiting:
+            path = waiting.popleft()
+            for joint in joints_of.get(path, []):
+                if joint.GetPath() in tree:
                     continue
                 first, second = self.ends[joint.GetPath()]
-                near, far = (first, second) if first.path == at else (second, first)
-                if far.path in met:
-                    raise RobotFileError(_too_many(joint, near, far, found.values()))
-                met.add(far.path)
+                near, far = (first, second) if first.path == path else (second, first)
+                if far.path in reached:
+                    raise RobotFileError(_text_for_loop(joint, near, far, tree.values()))
+                reached.add(far.path)
                 waiting.append(far.path)
-                found[joint.GetPath()] = TreeJoint(joint, near, far, forward=near is first)
-        ordered = [found[joint.GetPath()] for joint in inside if joint.GetPath() in found]
-        outside = (joint for joint in self.stage.joints if _excluded(joint))
-        return (
-            ordered,
-            [joint for joint in outside if {end.path for end in self.ends[joint.GetPath()]} <= met | {None}],
-            start,
-        )
+                tree[joint.GetPath()] = TreeJoint(joint, near, far, forward=near is first)
+        return tree, reached
 
-    def _within(self, tied: dict[Any, list[Any]]) -> set[Any]:
+    def _members(self, joints_of: dict[Any, list[Any]]) -> set[Any]:
         """Bodies of the articulation: those connected by joints to a body below its root, or to its joint."""
         paths = [body.GetPath() for body in self.stage.bodies]
         if not paths:
             raise RobotFileError("it has no rigid body (PhysicsRigidBodyAPI). Is it a stage of looks only?")
         if self.root:
             root = self.root.GetPath()
-            joints = [joint for joint in self.stage.joints if joint.GetPath().HasPrefix(root)]
-            found = {path for path in paths if path.HasPrefix(root)}
-            found |= {end.path for joint in joints for end in self.ends[joint.GetPath()]} - {None}
+            members = {path for path in paths if path.HasPrefix(root)}
+            for joint in self.stage.joints:
+                if joint.GetPath().HasPrefix(root):
+                    members |= self._bodies_of(joint) - {None}
         else:
-            found = {next((path for path in paths if path in tied), paths[0])}
-        if not found:
+            members = {next((path for path in paths if path in joints_of), paths[0])}
+        if not members:
             raise RobotFileError(f"{who(self.root)} is the root of an articulation without a body.")
-        waiting = list(found)
-        for path in waiting:
-            new = {end.path for joint in tied.get(path, []) for end in self.ends[joint.GetPath()]} - found - {None}
-            found |= new
-            waiting.extend(new)
-        return found
+        waiting = list(members)
+        while waiting:
+            path = waiting.pop()
+            for joint in joints_of.get(path, []):
+                neighbours = self._bodies_of(joint) - members - {None}
+                members |= neighbours
+                waiting.extend(neighbours)
+        return members
 
-    def _first(self, within: set[Any]) -> Any:
+    def _first(self, members: set[Any]) -> Any:
         """Floating body: the articulation's root if it is a body, otherwise the first that is not a joint's body1."""
-        mine = [body for body in self.stage.bodies if body.GetPath() in within]
-        if self.root and self.root.GetPath() in within:
+        if self.root and self.root.GetPath() in members:
             return self.root
-        carried = {end.path for _, end in self.ends.values()}
-        return next((body for body in mine if body.GetPath() not in carried), mine[0])
+        bodies = [body for body in self.stage.bodies if body.GetPath() in members]
+        children = {second.path for _, second in self.ends.values()}
+        return next((body for body in bodies if body.GetPath() not in children), bodies[0])
 
 
-def _excluded(joint: Any) -> bool:
+def _is_excluded(joint: Any) -> bool:
     return bool(value_of(joint, "physics:excludeFromArticulation", default=False))
 
 
-def _too_many(joint: Any, near: End, far: End, found: Iterable[TreeJoint]) -> str:
+def _text_for_loop(joint: Any, near: End, far: End, tree: Iterable[TreeJoint]) -> str:
     """Error message for a joint between two links that are already joined."""
-    twin = next((one.joint for one in found if {one.near.path, one.far.path} == {near.path, far.path}), None)
-    if twin is not None:
-        return f"{who(joint)} and {who(twin)} join the same two bodies. {HOW_TO_SPLIT}."
+    for other in tree:
+        if {other.near.path, other.far.path} == {near.path, far.path}:
+            return f"{who(joint)} and {who(other.joint)} join the same two bodies. {HOW_TO_SPLIT}."
     return f"{who(joint)} closes a loop. Cut it open there with excludeFromArticulation; robot.close closes it."
 
 
@@ -398,7 +412,7 @@ def _too_many(joint: Any, near: End, far: End, found: Iterable[TreeJoint]) -> st
 # MassAPI, that of its material, or 1000 kg/m³, in this order. A given mass of the body is distributed over the
 # colliders, which keeps the shape of the inertia. Meshes and planes have no mass.
 
-_WATER = 1000.0
+_WATER_DENSITY = 1000.0
 """Default density of the format [kg/m³]."""
 _ADVICE = "Give the body a PhysicsMassAPI with mass, centerOfMass, diagonalInertia and principalAxes"
 _TURNS = (
@@ -418,21 +432,21 @@ def inertia_of_shapes(stage: Stage, body: Any, mass: float) -> SpatialInertia:
     if not colliders:
         missing = "physics:diagonalInertia" if mass > 0 else "physics:mass"
         raise RobotFileError(f"{who(body)} has no {missing}, and no collider that could give it. {_ADVICE}.")
-    T_sb = stage.placed(body)[0]
+    T_sb = stage.pose_and_scale(body)[0]
     for prim in colliders:
-        T_sc, scale = stage.placed(prim)
+        T_sc, scale = stage.pose_and_scale(prim)
         total = total + _solid(stage, prim, body, scale).in_frame(se3.inverse(T_sb) @ T_sc)
     return total if mass <= 0 else SpatialInertia.from_parameters(mass / total.mass * total.parameters)
 
 
 def _solid(stage: Stage, prim: Any, body: Any, scale: Array) -> SpatialInertia:
     """Inertia of a collider in its frame."""
-    given = _mass_or_density(stage, prim, body)
+    mass_or_density = _mass_or_density(stage, prim, body)
     kind, metres = str(prim.GetTypeName()), scale * stage.metre
     if kind == "Cube":
-        return SpatialInertia.box(number_of(prim, "size", 2.0) * metres, **given)
+        return SpatialInertia.box(number_of(prim, "size", 2.0) * metres, **mass_or_density)
     if kind == "Sphere":
-        return SpatialInertia.ellipsoid(number_of(prim, "radius", 1.0) * metres, **given)
+        return SpatialInertia.ellipsoid(number_of(prim, "radius", 1.0) * metres, **mass_or_density)
     if kind not in ("Cylinder", "Capsule"):
         raise RobotFileError(f"{who(prim)} is a {kind}, whose mass is not computed. {_ADVICE}.")
     k = axis_of(prim, "axis", default="Z")
@@ -441,16 +455,20 @@ def _solid(stage: Stage, prim: Any, body: Any, scale: Array) -> SpatialInertia:
         raise RobotFileError(f"{who(prim)} is a {kind} scaled to another shape, whose mass is not computed. {_ADVICE}.")
     size, build = (1.0, SpatialInertia.cylinder) if kind == "Cylinder" else (0.5, SpatialInertia.capsule)
     radius, height = number_of(prim, "radius", size), number_of(prim, "height", 2.0 * size)
-    return build(float(radius * across[0]), float(height * along), **given).in_frame(se3.pose(_TURNS[k], np.zeros(3)))
+    return build(float(radius * across[0]), float(height * along), **mass_or_density).in_frame(
+        se3.pose(_TURNS[k], np.zeros(3))
+    )
 
 
 def _mass_or_density(stage: Stage, prim: Any, body: Any) -> dict[str, float]:
     mass = number_of(prim, "physics:mass") * stage.kilogram
     if mass > 0:
         return {"mass": mass}
-    said = (number_of(one, "physics:density") for one in (prim, body, _material(prim)) if one)
-    density = next((x for x in said if x > 0), 0.0)
-    return {"density": density * stage.kilogram / stage.metre**3 if density > 0 else _WATER}
+    for owner in (prim, body, _material(prim)):
+        density = number_of(owner, "physics:density") if owner else 0.0
+        if density > 0:
+            return {"density": density * stage.kilogram / stage.metre**3}
+    return {"density": _WATER_DENSITY}
 
 
 def _material(prim: Any) -> Any:
@@ -488,22 +506,22 @@ def read_usd(
     Raises :class:`~twistwrench.MissingExtraError`, :class:`~twistwrench.RobotFileError` with the path of the prim, and
     :class:`~twistwrench.UnknownNameError` for a missing articulation.
     """
-    asked = path, source, include_paths, floating_base, model, max_bodies
+    request = path, source, include_paths, floating_base, model, max_bodies
     if sandboxed():
         run_in_child(
-            "twistwrench.formats.usd:rehearse", *asked, limits=ChildLimits(_SECONDS, _MEMORY),
+            "twistwrench.formats.usd:rehearse", *request, limits=ChildLimits(_SECONDS, _MEMORY),
             error_of=lambda reason: RobotFileError(f"it cannot be read as USD: {reason}."),
         )  # fmt: skip
-    return _read(*asked)
+    return _read(*request)
 
 
 _SECONDS, _MEMORY = 30.0, 1 << 30
 """Largest processor time [s] and memory [bytes] of reading a stage in a child process."""
 
 
-def rehearse(*asked: Any) -> None:
+def rehearse(*request: Any) -> None:
     """Read a stage in a child process, which ends at damage that crashes the library or takes all memory."""
-    _read(*asked)
+    _read(*request)
 
 
 def _read(
@@ -514,11 +532,11 @@ def _read(
     model: str | None,
     max_bodies: int,
 ) -> tuple[ModelBuilder, bool]:
-    opened = open_stage(path, [path.parent, *include_paths])
+    stage = open_stage(path, [path.parent, *include_paths])
     from pxr import Tf
 
     try:  # the library reads on demand, so its errors come from any of its calls
-        return _Reader(Stage(opened, max_bodies), source, floating_base, model).read()
+        return _Reader(Stage(stage, max_bodies), source, floating_base, model).read()
     except (Tf.ErrorException, UnicodeError) as problem:
         raise RobotFileError(f"it cannot be read as USD: {reason_of(problem)}.") from problem
 
@@ -537,13 +555,15 @@ class _Reader:
     def read(self) -> tuple[ModelBuilder, bool]:
         """Read the articulation; returns the builder, and True if its root floats."""
         tree, closing, start = self.tree.joints()
-        members = {link.far.path for link in tree} | ({start.GetPath()} if start is not None else set())
+        members = {link.far.path for link in tree}
+        if start is not None:
+            members.add(start.GetPath())
+        bodies = [body for body in self.stage.bodies if body.GetPath() in members]
         self.builder.add_link(WORLD)
-        for body in self.stage.bodies:
-            if body.GetPath() in members:
-                self.builder.add_link(
-                    self._name(body), self._inertia(body), where=str(body.GetPath()), shaped=self.stage.shaped(body)
-                )
+        for body in bodies:
+            self.builder.add_link(
+                self._name(body), self._inertia(body), where=str(body.GetPath()), shaped=self.stage.has_shape(body)
+            )
         if start is not None:
             self._hold(start)
         else:
@@ -552,17 +572,14 @@ class _Reader:
             self._add(link)
         for joint in closing:
             self._offer(joint)
-        left = [body for body in self.stage.bodies if body.GetPath() not in members]
-        if left:
+        separate = [body for body in self.stage.bodies if body.GetPath() not in members]
+        if separate:
             self.builder.remark(
-                f"{who(left[0])} and {len(left) - 1} other bodies are not joined to the robot, and are left out"
+                f"{who(separate[0])} and {len(separate) - 1} other bodies are not joined to the robot, and are left out"
             )
         unread = Unread("USD")
-        for kind, prims in (
-            ("scene", self.stage.scenes[:1]),
-            ("body", [body for body in self.stage.bodies if body.GetPath() in members]),
-            ("joint", [link.joint for link in tree]),
-        ):
+        prims_by_kind = {"scene": self.stage.scenes[:1], "body": bodies, "joint": [link.joint for link in tree]}
+        for kind, prims in prims_by_kind.items():
             for prim in prims:
                 _note_unread(unread, kind, prim)
         self.builder.remark(*unread.remarks)
@@ -573,8 +590,12 @@ class _Reader:
         return WORLD if prim is None else self.names[str(prim.GetPath())]
 
     def _hold(self, body: Any) -> None:
-        kind, T = ("fixed", self.stage.placed(body)[0]) if self.floating_base is False else ("floating", None)
-        self.builder.add_joint(ROOT_JOINT, kind, WORLD, self._name(body), placement=T, where=str(body.GetPath()))
+        where = str(body.GetPath())
+        if self.floating_base is False:
+            T = self.stage.pose_and_scale(body)[0]
+            self.builder.add_joint(ROOT_JOINT, "fixed", WORLD, self._name(body), placement=T, where=where)
+        else:
+            self.builder.add_joint(ROOT_JOINT, "floating", WORLD, self._name(body), where=where)
 
     def _add(self, link: TreeJoint) -> None:
         joint, T_far = link.joint, link.far.T
@@ -599,7 +620,7 @@ class _Reader:
         force = self.stage.kilogram * self.stage.metre ** (2 if turns else 1)
         drive = "drive:angular" if turns else "drive:linear"
         inertia = self.stage.kilogram * (self.stage.metre**2 if turns else 1.0)
-        given = {
+        values = {
             "lower": unit * number_of(joint, "physics:lowerLimit", -math.inf),
             "upper": unit * number_of(joint, "physics:upperLimit", math.inf),
             "effort": force * number_of(joint, f"{drive}:physics:maxForce", math.inf),
@@ -608,7 +629,7 @@ class _Reader:
             "damping": force / unit * number_of(joint, "newton:damping"),
             "friction": force * number_of(joint, "newton:friction"),
         }
-        return {name: x for name, x in given.items() if math.isfinite(x) and abs(x) < 1e30}
+        return {name: x for name, x in values.items() if math.isfinite(x) and abs(x) < 1e30}
 
     def _offer(self, joint: Any) -> None:
         """Register a joint outside the articulation as a closure of two frames."""
@@ -619,10 +640,9 @@ class _Reader:
         axis = "xyz"[axis_of(joint)]
         free = {"ball": TWIST[:3], "revolute": (f"w{axis}",), "prismatic": (f"v{axis}",)}.get(_KINDS[kind], ())
         rows = " ".join(row for row in TWIST if row not in free)
-        frames = [
-            self.builder.add_site(f"{name}:{k}", self._name(end.body), end.T, where=who(joint))
-            for k, end in enumerate(self.tree.ends[joint.GetPath()])
-        ]
+        frames = []
+        for k, end in enumerate(self.tree.ends[joint.GetPath()]):
+            frames.append(self.builder.add_site(f"{name}:{k}", self._name(end.body), end.T, where=who(joint)))
         self.builder.add_closure(name, OfferedClosure(frames[0], frames[1], rows))
         self.builder.remark(f"{who(joint)} is left open: robot.close({frames[0]!r}, {frames[1]!r}, {rows!r}) closes it")
 
@@ -633,39 +653,50 @@ class _Reader:
         com = vector_of(body, "physics:centerOfMass", (-math.inf,) * 3)
         moments = vector_of(body, "physics:diagonalInertia", (0.0, 0.0, 0.0))
         R = quaternion.rotation(quaternion_of(body, "physics:principalAxes"))
-        com, I = com * self.stage.placed(body)[1] * metre, R @ np.diag(moments * kilogram * metre**2) @ R.T
+        com, I = com * self.stage.pose_and_scale(body)[1] * metre, R @ np.diag(moments * kilogram * metre**2) @ R.T
         has_com, has_moments = bool(np.isfinite(com).all()), bool(moments.any())
         if mass > 0 and has_moments and not has_com and not self.stage.colliders(body):
             com, has_com = np.zeros(3), True
         if not (mass > 0 and has_moments and has_com):
             G = inertia_of_shapes(self.stage, body, mass)
-            mass, com, I = G.mass, com if has_com else G.com, I if has_moments else G.moment_about_com
+            mass = G.mass
+            if not has_com:
+                com = G.com
+            if not has_moments:
+                I = G.moment_about_com
         return SpatialInertia.from_com(mass, com, I)
 
 
 def _note_unread(unread: Unread, kind: str, prim: Any) -> None:
     """Add notes on unread attributes and schemas of a prim."""
     row = unread.row(kind)
-    written = {one.GetName(): one for one in prim.GetAuthoredAttributes() if ":" in one.GetName() and one.HasValue()}
-    for name, attribute in written.items():
+    authored = {attribute.GetName(): attribute for attribute in prim.GetAuthoredAttributes() if attribute.HasValue()}
+    names = [name for name in authored if ":" in name]
+    for name in names:
         entry = unread.entry(row, name)
         if entry is None:
-            unread.unknown(kind, name, who(prim))
-        elif isinstance(entry, LeftOut) and entry.acts(
-            [] if attribute.GetTypeName().isArray else [str(attribute.Get())]
-        ):
-            if name.replace("mjc:", "newton:").removesuffix("loss") in written and name.startswith("mjc:"):
+            unread.note_unknown(kind, name, who(prim))
+        elif isinstance(entry, LeftOut) and entry.acts(_values_as_text(authored[name])):
+            in_newton = name.replace("mjc:", "newton:").removesuffix("loss")
+            if name.startswith("mjc:") and in_newton in names:
                 continue  # converters write both; Newton's is read
-            unread.left_out(kind, name, entry, f"{name} of {who(prim)}")
+            unread.note_left_out(kind, name, entry, f"{name} of {who(prim)}")
     for schema in prim.GetPrimTypeInfo().GetAppliedAPISchemas():  # including those without a plugin
         entry = unread.entry(row, f"<{schema.partition(':')[0]}>")
         if isinstance(entry, LeftOut):
-            unread.left_out(kind, schema, entry, f"{schema} of {who(prim)}")
+            unread.note_left_out(kind, schema, entry, f"{schema} of {who(prim)}")
 
 
-def _names(prims: Sequence[Any], *taken: str) -> dict[str, str]:
+def _values_as_text(attribute: Any) -> list[str]:
+    """Value of an attribute as text; empty for an array, which may have any size."""
+    return [] if attribute.GetTypeName().isArray else [str(attribute.Get())]
+
+
+def _names(prims: Sequence[Any], *reserved: str) -> dict[str, str]:
     """Name of each prim by path: its name if unique, otherwise its path."""
-    count = Counter([*taken, *(prim.GetName() for prim in prims)])
-    return {
-        str(prim.GetPath()): prim.GetName() if count[prim.GetName()] == 1 else str(prim.GetPath()) for prim in prims
-    }
+    count = Counter([*reserved, *(prim.GetName() for prim in prims)])
+    names = {}
+    for prim in prims:
+        path, name = str(prim.GetPath()), prim.GetName()
+        names[path] = name if count[name] == 1 else path
+    return names

@@ -18,8 +18,8 @@ from ..core.typing import Array
 _WORD = r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
 _NUMBER = re.compile(_WORD)
 _NUMBERS = re.compile(rf"{_WORD}(?:\s++{_WORD})*+")
-_LARGEST = 1e60  # far above realistic values; products of five such numbers are still finite
-_SHORT = 60
+_MAX_NUMBER = 1e60  # far above realistic values; products of five such numbers are still finite
+_MIN_CHARACTERS_OF_LARGE = 60
 """Texts with fewer characters and no exponent cannot contain numbers above the limit."""
 _NAMES = {"name", "reference"}
 """Attributes that distinguish elements of one tag; Gazebo elements reference a link or joint."""
@@ -61,7 +61,13 @@ class Element:
     @property
     def place(self) -> str:
         """Position for messages: ``line 12`` or ``common/parts.xml, line 12``; empty if not from a file."""
-        return f"{self.file}, line {self.line}" if self.file else f"line {self.line}" if self.line else ""
+        if self.file:
+            return f"{self.file}, line {self.line}"
+        return f"line {self.line}" if self.line else ""
+
+    def children_in(self, tag: str) -> list[Element]:
+        """Children of all children with a tag, such as the actuators of all sections ``<actuator>``."""
+        return [child for section in self.children if section.tag == tag for child in section.children]
 
     def __str__(self) -> str:
         """Name for messages: ``<mass> of link 'arm' (line 12)``."""
@@ -104,25 +110,25 @@ class Element:
 
     def child(self, tag: str) -> Element | None:
         """Child with a tag, or None; raises if there are several."""
-        found = None
+        child = None
         for element in self.children:
             if element.tag == tag:
-                if found is not None:
+                if child is not None:
                     raise self._several(tag)
-                found = element
-        return found
+                child = element
+        return child
 
     def _several(self, tag: str) -> RobotFileError:
-        found = self.all(tag)
-        lines = listed(element.line for element in found)
-        return self.error(f"has {len(found)} <{tag}> elements (lines {lines}); one is allowed. Remove the others.")
+        children = self.all(tag)
+        lines = listed(element.line for element in children)
+        return self.error(f"has {len(children)} <{tag}> elements (lines {lines}); one is allowed. Remove the others.")
 
-    def required(self, tag: str, example: str) -> Element:
+    def require_child(self, tag: str, example: str) -> Element:
         """Child with a tag; raises an error with ``example`` if there is none."""
-        found = self.child(tag)
-        if found is None:
+        child = self.child(tag)
+        if child is None:
             raise self.error(f"has no <{tag}>. Add one, such as {example}.")
-        return found
+        return child
 
     def text(self, attribute: str) -> str:
         """Text of an attribute without leading and trailing blanks; raises if it is absent or empty."""
@@ -134,8 +140,10 @@ class Element:
     def number(self, attribute: str) -> float:
         """Attribute as a finite number; raises if it is absent or invalid."""
         text = self.attributes.get(attribute, "")
-        if _NUMBER.fullmatch(text) and abs(x := float(text)) <= _LARGEST:
-            return x
+        if _NUMBER.fullmatch(text):
+            number = float(text)
+            if abs(number) <= _MAX_NUMBER:
+                return number
         return self.values(attribute, 1)[0]  # with blanks around it, or raises an error
 
     def optional_number(self, attribute: str) -> float | None:
@@ -181,23 +189,23 @@ class Element:
         """Copy of the element with other attributes."""
         return Element(self.tag, attributes, self.line, self.parent, self.children, self.file, self.content, self.index)
 
-    def copied(self) -> Element:
+    def deep_copy(self) -> Element:
         """Copy of the element and its descendants, whose changes leave the original as it is."""
-        found = self.with_attributes(dict(self.attributes))
-        found.children = [child.copied() for child in self.children]
-        return found
+        copy = self.with_attributes(dict(self.attributes))
+        copy.children = [child.deep_copy() for child in self.children]
+        return copy
 
     def _numbers(self, attribute: str, text: str) -> list[float]:
         if _NUMBERS.fullmatch(text):
             values = list(map(float, text.split()))
-            short = len(text) < _SHORT and "e" not in text and "E" not in text
-            if short or max(map(abs, values)) <= _LARGEST:
+            short = len(text) < _MIN_CHARACTERS_OF_LARGE and "e" not in text and "E" not in text
+            if short or max(map(abs, values)) <= _MAX_NUMBER:
                 return values
         return [self._number(attribute, word) for word in text.split()]  # raises an error for the invalid word
 
     def _number(self, attribute: str, word: str) -> float:
         value = float(word) if _NUMBER.fullmatch(word) else None
-        if value is not None and abs(value) <= _LARGEST:
+        if value is not None and abs(value) <= _MAX_NUMBER:
             return value
         shown = repr(shorten(word))
         if value is not None:
@@ -210,8 +218,6 @@ class Element:
             problem = f"{shown} is not a number. Write digits with one decimal point at most, as in 0.5 or -1.2e-3"
         raise RobotFileError(f'{self} has {attribute}="{shorten(self.attributes[attribute].strip())}": {problem}.')
 
-
-# ── Safe parser of XML text into elements
 
 BLANK = "\ufeff \t\r\n"
 """Characters allowed before the first element."""
@@ -328,11 +334,9 @@ class _TreeMaker:
 
 def without_loose_declaration(body: str) -> str:
     """Replace a declaration that newer versions of expat reject by blanks; positions are unchanged."""
-    return (
-        _VERSION_ONE.sub(lambda found: re.sub(r"\S", " ", found[0]), body, count=1)
-        if body.startswith("<?xml")
-        else body
-    )
+    if not body.startswith("<?xml"):
+        return body
+    return _VERSION_ONE.sub(lambda declaration: re.sub(r"\S", " ", declaration[0]), body, count=1)
 
 
 def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
@@ -352,10 +356,12 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
         )
     skipped = text[: len(text) - len(body)].count("\n")
     body = without_loose_declaration(body)
-    most = _ELEMENTS * max(max_bodies, MOST_BODIES)
-    if (count := body.count("<") - body.count("</")) > most:
+    max_elements = _ELEMENTS * max(max_bodies, MOST_BODIES)
+    count = body.count("<") - body.count("</")
+    if count > max_elements:
         raise RobotFileError(
-            f"it has about {count:,} elements; more than {most:,} are refused. Raise the limit, max_bodies=, if that is meant."
+            f"it has about {count:,} elements; more than {max_elements:,} are refused. Raise the limit, max_bodies=, if that "
+            "is meant."
         )
     maker = _TreeMaker(skipped, file, max_bodies)
     maker.parse(body)
@@ -363,8 +369,6 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
         raise RobotFileError("it has no elements. A robot file begins with <robot name=…>.")
     return maker.root
 
-
-# ── XML text of elements: indentation by two blanks, exact numbers
 
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 
@@ -403,19 +407,20 @@ def xml_text(root: Element) -> str:
         if element is None:
             lines.append(f"{pad}{closing}")
             continue
-        said = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
+        attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
         if element.children:
-            lines.append(f"{pad}<{element.tag}{said}>")
+            lines.append(f"{pad}<{element.tag}{attributes}>")
             stack.append((None, f"</{element.tag}>", depth))
             stack.extend((child, "", depth + 1) for child in reversed(element.children))
         elif element.content:
-            lines.append(f"{pad}<{element.tag}{said}>{escape(element.content)}</{element.tag}>")
+            lines.append(f"{pad}<{element.tag}{attributes}>{escape(element.content)}</{element.tag}>")
         else:
-            lines.append(f"{pad}<{element.tag}{said}/>")
+            lines.append(f"{pad}<{element.tag}{attributes}/>")
     text = "\n".join(lines) + "\n"
-    if bad := _FORBIDDEN.search(text):
-        line = text[: bad.start()].rpartition("\n")[2] + text[bad.start() :].partition("\n")[0]
+    forbidden = _FORBIDDEN.search(text)
+    if forbidden:
+        line = text[: forbidden.start()].rpartition("\n")[2] + text[forbidden.start() :].partition("\n")[0]
         raise ModelError(
-            f"no XML file can hold the character {bad[0]!r}, which is in {line.strip()[:100]!r}. Rename that."
+            f"no XML file can hold the character {forbidden[0]!r}, which is in {line.strip()[:100]!r}. Rename that."
         )
     return text

@@ -70,23 +70,23 @@ def in_si(value: object, kind: str, where: str) -> float:
     first = si_unit(kind)
     if isinstance(value, int | float) and not isinstance(value, bool):
         raise ModelError(
-            f"{where} is {printed(value)} without a unit. Write {printed(value)} {first}, or one of {_listed(known)}."
+            f"{where} is {printed(value)} without a unit. Write {printed(value)} {first}, or one of {_unit_names(known)}."
         )
-    found = _NUMBER.fullmatch(value) if isinstance(value, str) else None
-    if found is None:
+    match = _NUMBER.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
         raise ModelError(f"{where} is {value!r}, expected a number with a unit, such as 1.5 {first}.")
     factors = {_plain(unit): factor for unit, factor in known.items()}
-    unit = _plain(found[2])
+    unit = _plain(match[2])
     if unit not in factors:
-        given = f"the unit {found[2].strip()!r}" if unit else "no unit"
-        raise ModelError(f"{where} is {value!r}, with {given}. Known here: {_listed(known)}.")
-    number = float(found[1]) * factors[unit]
+        given = f"the unit {match[2].strip()!r}" if unit else "no unit"
+        raise ModelError(f"{where} is {value!r}, with {given}. Known here: {_unit_names(known)}.")
+    number = float(match[1]) * factors[unit]
     if not math.isfinite(number):
         raise ModelError(f"{where} is {value!r}, which is not a finite number.")
     return float(f"{number:.15g}")  # decimal rounding: 33.3 g cm² is 3.33e-6 kg m²
 
 
-def _listed(known: dict[str, float]) -> str:
+def _unit_names(known: dict[str, float]) -> str:
     return ", ".join(known)
 
 
@@ -98,7 +98,7 @@ def _plain(unit: str) -> str:
 # ── Mapping with the path of its keys, and numbers with units
 
 
-def shown(value: object) -> str:
+def short_text(value: object) -> str:
     """Text of a value, shortened: aliases can make it very long."""
     short = reprlib.Repr()
     short.maxlevel, short.maxstring, short.maxother = 2, 60, 60
@@ -115,7 +115,9 @@ class Section:
 
     def __post_init__(self) -> None:
         if not isinstance(self.content, Mapping):
-            raise ModelError(f"{self.path or 'the file'} is {shown(self.content)}, expected entries 'name: value'.")
+            raise ModelError(
+                f"{self.path or 'the file'} is {short_text(self.content)}, expected entries 'name: value'."
+            )
 
     def where(self, key: str) -> str:
         """Key path of an entry."""
@@ -136,13 +138,13 @@ class Section:
         value = self.content[key]
         if kind:
             return in_si(value, kind, self.where(key))
-        return plain_number(value, f"{self.where(key)} is {shown(value)}, expected a plain number.")
+        return plain_number(value, f"{self.where(key)} is {short_text(value)}, expected a plain number.")
 
     def vector(self, key: str, kind: str) -> Any:
         """Three numbers (3,), each with a unit."""
         values = self.content[key]
         if isinstance(values, str | Mapping) or np.ndim(np.asarray(values, object)) != 1 or len(values) != 3:
-            raise ModelError(f"{self.where(key)} is {shown(values)}, expected three entries in brackets.")
+            raise ModelError(f"{self.where(key)} is {short_text(values)}, expected three entries in brackets.")
         items = Section({str(k): v for k, v in zip("xyz", values, strict=True)}, self.where(key))
         return np.array([items.number(k, kind) for k in "xyz"])
 
@@ -168,12 +170,12 @@ def plain_number(value: object, problem: str) -> float:
 
 Source = str | os.PathLike[str] | Mapping[str, Any]
 
-_MOST_BYTES = 2**18
+_MAX_BYTES = 2**18
 """Largest accepted file: parsing is slow, and a robot with a hundred motors takes 40 kB."""
 
 _BELOW = {"actuators": "joints", "motors": "motors of the catalogue", "kinematics": "six links of a UR"}
 
-_MOST_LEVELS = 50
+_MAX_LEVELS = 50
 """Largest nesting depth: an actuator file needs five levels, and parsing time grows quadratically."""
 
 
@@ -196,18 +198,18 @@ def read_yaml(source: Source, what: str = "actuator file", entry: str = "actuato
             )
         origin = str(path)
         with third_party_errors(lambda reason: ModelError(f"cannot read {origin!r}: {reason}.")):
-            text = read_text(path, _MOST_BYTES)
-    return _parsed(text, origin), origin
+            text = read_text(path, _MAX_BYTES)
+    return _parse(text, origin), origin
 
 
-def _parsed(text: str, origin: str) -> object:
+def _parse(text: str, origin: str) -> object:
     """Mappings, lists and strings of the text, without number conversion: YAML would read 101:1 as base sixty."""
     import yaml
 
     def no_deeper(levels: int) -> None:
-        if levels > _MOST_LEVELS:
+        if levels > _MAX_LEVELS:
             raise ModelError(
-                f"{origin} nests its entries more than {_MOST_LEVELS} deep. An actuator file needs five levels."
+                f"{origin} nests its entries more than {_MAX_LEVELS} deep. An actuator file needs five levels."
             )
 
     class Loader(yaml.BaseLoader):
@@ -221,7 +223,8 @@ def _parsed(text: str, origin: str) -> object:
 
         def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
             keys = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
-            if twice := sorted(key for key, count in keys.items() if count > 1):
+            twice = sorted(key for key, count in keys.items() if count > 1)
+            if twice:
                 line = node.start_mark.line + 1
                 raise ModelError(f"{origin}, line {line}: {', '.join(twice)} given twice. Keep one of them.")
             return super().construct_mapping(node, deep)

@@ -17,7 +17,7 @@ from ..core.text import argument
 from ..core.verdict import Word
 from ..core.version import __version__
 from ..diagnosis.parsed_file import Subject, read_subject
-from ..formats.edit import TextChanges, encoded
+from ..formats.edit import TextChanges, encode_as
 from ..formats.robot_text import TEXTS
 from ..formats.xml import Element
 from ..mechanics.bodies.inertia import SpatialInertia
@@ -159,7 +159,7 @@ def written_robot(original: Robot, found: ConsistentRobot, said: str) -> Written
             f"what was written does not come back: torques differ by {number(difference, 2)} of the largest. Please report it."
         )
     folder = subject.path.resolve().parent if subject.path is not None and _names_files(root) else None
-    return WrittenRobot(text, encoded(text, subject.data), difference, tuple(folded), missing, folder)
+    return WrittenRobot(text, encode_as(text, subject.data), difference, tuple(folded), missing, folder)
 
 
 def _names_files(root: Element) -> bool:

@@ -165,7 +165,7 @@ def robot_description(model: Model, *, local: bool = False) -> Element:
         return robot
     robot.children = [*own.all("material"), *robot.children]
     for link in own.all("link"):
-        for shape in [one.copied() for one in (*link.all("visual"), *link.all("collision"))]:
+        for shape in [one.deep_copy() for one in (*link.all("visual"), *link.all("collision"))]:
             meshes = [element for element in shape.walk() if element.tag == "mesh"]
             found = [find_resource(mesh.attributes.get("filename", ""), Path(file)) for mesh in meshes]
             if link.attributes.get("name") not in links or (local and None in found):
@@ -209,7 +209,7 @@ class _Drawn:
         names, T = list(self.robot.link_names), np.asarray(self.robot.link_poses(q)) if bodies else q
         for body in bodies:
             joint = self.joints.get(body.joint.name) or self.joints[f"{body.joint.name}.x"]
-            parent, child = (joint.required(end, "").text("link") for end in ("parent", "child"))
+            parent, child = (joint.require_child(end, "").text("link") for end in ("parent", "child"))
             pose = T[:, names.index(body.link)]
             if parent in names:  # excludes the world of a floating base
                 pose = se3.inverse(T[:, names.index(parent)]) @ pose

@@ -35,13 +35,16 @@ from .reader import read_shapes
 if TYPE_CHECKING:
     from .solids import LinkSolids, Solid
 
-_WORTH = 0.6
+_MAX_VOLUME_RATIO = 0.6
 """Volume ratio above which one capsule around all shapes replaces the overlapping capsules around single shapes."""
-_FACETS = 0.015  # gap between facets and the round surface, as a share of the radius; 0.012 at most
-_STEPS = 200  # iterations of the volume minimisation
-_THICK, _THICKEST = 0.25, 0.08  # assumed radius: share of the longest distance between joints, and the maximum [m]
-_BESIDE = 0.5  # distance between the joint and the start of its link, as a share of the radius
-_SAME = 1e-6  # m: origins closer than this coincide
+_FACET_GAP_OF_RADIUS = 0.015  # gap between facets and the round surface, as a share of the radius; 0.012 at most
+_MAX_ITERATIONS = 200  # iterations of the volume minimisation
+_RADIUS_OF_LENGTH, _MAX_ASSUMED_RADIUS = (
+    0.25,
+    0.08,
+)  # assumed radius: share of the longest distance between joints, and the maximum [m]
+_START_OF_RADIUS = 0.5  # distance between the joint and the start of its link, as a share of the radius
+_MAX_GAP_OF_ORIGINS = 1e-6  # m: origins closer than this coincide
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,17 +67,24 @@ class LinkCapsules:
     def from_solids(cls, robot: Robot, solids: Sequence[Sequence[Solid]], lacking: Sequence[str] = ()) -> LinkCapsules:
         """Build capsules around the shapes of each link; assume them for bodies with a link in ``lacking``."""
         names, frames = robot.link_names, robot.model.frames
-        found = [
-            (k, segment, radius)
-            for k, mine in enumerate(solids)
-            for segment, radius in _of_solids(mine) or [(np.zeros((2, 3)), 0.0)]
-        ]
-        seen = {frames[name].body for name, mine in zip(names, solids, strict=True) if mine}
-        bodies = {frames[name].body for name in lacking if frames[name].body != BASE}
-        made = _assumed(robot, bodies if BASE in seen else bodies | {BASE}) if bodies else []
-        links, ends, radii = (np.array(x) for x in zip(*found, *made, strict=True))
+        capsules: list[tuple[int, Array, float]] = []
+        described_bodies = set()
+        for k, (name, own_solids) in enumerate(zip(names, solids, strict=True)):
+            segments = _capsules_of(own_solids) or [(np.zeros((2, 3)), 0.0)]
+            capsules += [(k, segment, radius) for segment, radius in segments]
+            if own_solids:
+                described_bodies.add(frames[name].body)
         moving = tuple(name for name in lacking if frames[name].body != BASE)
-        return cls(links, ends, radii, moving, made[0][2] if made else 0.0)
+        bodies = {frames[name].body for name in moving}
+        thickness = 0.0
+        if bodies:
+            if BASE not in described_bodies:
+                bodies.add(BASE)
+            assumed = _assumed_capsules(robot, bodies)
+            thickness = assumed[0][2]
+            capsules += assumed
+        links, ends, radii = (np.array(column) for column in zip(*capsules, strict=True))
+        return cls(links, ends, radii, moving, thickness)
 
     @property
     def assumption(self) -> str:
@@ -96,7 +106,7 @@ class LinkCapsules:
         apart = (bodies[i] != bodies[j]) & (parents[i] != bodies[j]) & (parents[j] != bodies[i])
         return np.stack([i, j], axis=1)[apart & (self.radii[i] > 0) & (self.radii[j] > 0)]
 
-    def placed(self, poses: Array) -> Array:
+    def ends_in_base(self, poses: Array) -> Array:
         """End points of the capsules in the base frame (2, 3, n, k), from poses of all links (n, links, 4, 4)."""
         used, columns = self._columns
         rows = np.moveaxis(poses[:, used, :3, :], 2, 0).reshape(3 * len(poses), -1)
@@ -105,11 +115,12 @@ class LinkCapsules:
     @cached_property
     def _columns(self) -> tuple[Array, Array]:
         """Links with capsules (u,), and homogeneous end points (4 u, 2 k), each in the rows of its link."""
-        used, mine = np.unique(self.links, return_inverse=True)
-        found = np.zeros((len(used), 4, 2, len(mine)))
-        found[mine, :3, :, np.arange(len(mine))] = np.swapaxes(self.ends, 1, 2)
-        found[mine, 3, :, np.arange(len(mine))] = 1.0
-        return used, found.reshape(-1, 2 * len(mine))
+        links, link_of_capsule = np.unique(self.links, return_inverse=True)
+        count = len(link_of_capsule)
+        columns = np.zeros((len(links), 4, 2, count))
+        columns[link_of_capsule, :3, :, np.arange(count)] = np.swapaxes(self.ends, 1, 2)
+        columns[link_of_capsule, 3, :, np.arange(count)] = 1.0
+        return links, columns.reshape(-1, 2 * count)
 
 
 def link_solids(robot: Robot) -> tuple[list[list[Solid]], list[str]]:
@@ -120,73 +131,83 @@ def link_solids(robot: Robot) -> tuple[list[list[Solid]], list[str]]:
     model = robot.model
     reader = SolidReader(MeshFiles(Path(model.source) if model.source else None))
     described = {shapes.link: shapes for shapes in read_shapes(model)}
-    known, solids, lacking = described if described else model.link_inertias, [], []
+    links_with_mass = described or model.link_inertias
+    solids, lacking = [], []
     for name in robot.link_names:
         shapes = reader.read(described[name]) if name in described else LinkSolids()
-        solids.append(_looked_at(shapes))
-        heavy = name not in known or model.link_inertias[name].mass > 0
+        solids.append(_solids_of_one_role(shapes))
+        heavy = name not in links_with_mass or model.link_inertias[name].mass > 0
         if heavy and not (solids[-1] and shapes.complete):
             lacking.append(name)
     return solids, lacking
 
 
-def _assumed(robot: Robot, bodies: set[int]) -> list[tuple[int, Array, float]]:
+def _assumed_capsules(robot: Robot, bodies: set[int]) -> list[tuple[int, Array, float]]:
     """Capsules (link, ends in its frame, radius) of bodies without shapes."""
-    names, model, poses = robot.link_names, robot.model, robot.link_poses(robot.neutral)
+    model, poses = robot.model, robot.link_poses(robot.neutral)
     links = dict[int, list[int]]()
-    for k, name in enumerate(names):
+    for k, name in enumerate(robot.link_names):
         links.setdefault(model.frames[name].body, []).append(k)
-    rods = dict[int, list[tuple[Array, Array]]]()
-    for body, mine in links.items():
-        next_ones = [links[b][0] for b in links if b != BASE and model.bodies[b].parent == body]
-        inverse = np.linalg.inv(poses[mine[0]])
-        places = [(inverse @ poses[k])[:3, 3] for k in (*mine, *next_ones)]
-        if body != BASE and np.ptp(places, axis=0).max() <= _SAME and not next_ones:
-            places.append(2.0 * np.asarray(model.bodies[body].inertia.com))  # a rod to twice the centre of mass
-        origins = [places[0]]
-        rods[body] = []
-        for place in sorted(places[1:], key=lambda x: float(np.linalg.norm(x))):
-            near = min(origins, key=lambda x: float(np.linalg.norm(x - place)))
-            if np.linalg.norm(place - near) > _SAME:
-                origins.append(place)
-                rods[body].append((near, place))
-        rods[body] = rods[body] or [(places[0], places[0])]
-    longest = max(float(np.linalg.norm(b)) for body in rods.values() for _, b in body)
-    radius = min(_THICKEST, _THICK * longest)
-    found = list[tuple[int, Array, float]]()
+    rods = {body: _rods(robot, body, links, poses) for body in links}
+    longest = max(float(np.linalg.norm(end)) for own_rods in rods.values() for _, end in own_rods)
+    radius = min(_MAX_ASSUMED_RADIUS, _RADIUS_OF_LENGTH * longest)
+    capsules = list[tuple[int, Array, float]]()
     for body in sorted(bodies):
         k = links[body][0]
-        for near, far in rods[body]:
-            length = float(np.linalg.norm(far - near))
-            begin = near if body == BASE or not length else near + min(1.0, _BESIDE * radius / length) * (far - near)
-            found.append((k, np.array([begin, far]), radius))
+        for start, end in rods[body]:
+            length = float(np.linalg.norm(end - start))
+            if body != BASE and length:
+                start = start + min(1.0, _START_OF_RADIUS * radius / length) * (end - start)
+            capsules.append((k, np.array([start, end]), radius))
         if body != BASE and model.bodies[body].inertia.mass > 0:
-            found.append((k, np.array(2 * [model.bodies[body].inertia.com]), radius))
-    return found
+            capsules.append((k, np.array(2 * [model.bodies[body].inertia.com]), radius))
+    return capsules
 
 
-def _looked_at(shapes: LinkSolids) -> list[Solid]:
+def _rods(robot: Robot, body: int, links: dict[int, list[int]], poses: Array) -> list[tuple[Array, Array]]:
+    """Segments between the origins of a body's links and of the next joints, each to the nearest one before it."""
+    model = robot.model
+    children = [links[child][0] for child in links if child != BASE and model.bodies[child].parent == body]
+    inverse = np.linalg.inv(poses[links[body][0]])
+    places = [(inverse @ poses[k])[:3, 3] for k in (*links[body], *children)]
+    if body != BASE and np.ptp(places, axis=0).max() <= _MAX_GAP_OF_ORIGINS and not children:
+        places.append(2.0 * np.asarray(model.bodies[body].inertia.com))  # a rod to twice the centre of mass
+    origins = [places[0]]
+    rods = []
+    for place in sorted(places[1:], key=lambda x: float(np.linalg.norm(x))):
+        distances = [float(np.linalg.norm(origin - place)) for origin in origins]
+        nearest = origins[int(np.argmin(distances))]
+        if min(distances) > _MAX_GAP_OF_ORIGINS:
+            origins.append(place)
+            rods.append((nearest, place))
+    return rods or [(places[0], places[0])]
+
+
+def _solids_of_one_role(shapes: LinkSolids) -> list[Solid]:
     """Collision shapes of a link, or its visual shapes if it has none."""
-    roles = ([s for s in shapes.solids if s.shape.role == role] for role in ("collision", "visual"))
-    return next((mine for mine in roles if mine), [])
+    collision = [solid for solid in shapes.solids if solid.shape.role == "collision"]
+    return collision or [solid for solid in shapes.solids if solid.shape.role == "visual"]
 
 
-def _of_solids(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
+def _capsules_of(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
     """One capsule per shape, or one around all shapes if it is hardly larger in volume."""
-    each = [_around(solid) for solid in solids]
-    if len(each) < 2:
-        return each
+    capsules = [_capsule_of(solid) for solid in solids]
+    if len(capsules) < 2:
+        return capsules
     ends, radius = capsule_around(np.concatenate([solid.points for solid in solids]))
-    whole = ends, radius + max(_bulge(solid) for solid in solids)
-    return [whole] if _volume(*whole) <= _WORTH * sum(_volume(*one) for one in each) else each
+    radius += max(_bulge(solid) for solid in solids)
+    single_volumes = sum(_volume(*capsule) for capsule in capsules)
+    if _volume(ends, radius) <= _MAX_VOLUME_RATIO * single_volumes:
+        return [(ends, radius)]
+    return capsules
 
 
 def _bulge(solid: Solid) -> float:
     """Largest distance between a round surface and its facets [m]."""
-    return 0.0 if solid.shape.kind in ("box", "mesh") else _FACETS * max(solid.shape.sizes)
+    return 0.0 if solid.shape.kind in ("box", "mesh") else _FACET_GAP_OF_RADIUS * max(solid.shape.sizes)
 
 
-def _around(solid: Solid) -> tuple[Array, float]:
+def _capsule_of(solid: Solid) -> tuple[Array, float]:
     """Segment (2, 3) and radius of the capsule around one shape."""
     shape = solid.shape
     if shape.kind in ("sphere", "capsule"):
@@ -214,24 +235,26 @@ def capsule_around(points: Array) -> tuple[Array, float]:
         u /= np.linalg.norm(u)
         c = middle + size * (x[2] * frame[1] + x[3] * frame[2])
         t = (points - c) @ u
-        away = np.linalg.norm(points - c - np.outer(t, u), axis=1)
-        r = float(away.max())
-        reach = np.sqrt(np.maximum(r**2 - away**2, 0.0))
+        rho = np.linalg.norm(points - c - np.outer(t, u), axis=1)
+        r = float(rho.max())
+        reach = np.sqrt(np.maximum(r**2 - rho**2, 0.0))
         low, high = float((t + reach).min()), float((t - reach).max())
         if low > high:
             low = high = 0.5 * (low + high)
             r = float(np.linalg.norm(points - c - low * u, axis=1).max())
         return np.array([c + low * u, c + high * u]), r
 
-    found = list[tuple[Array, float]]()
-    for frame in (np.roll(axes, -k, axis=0) for k in range(3)):
+    def volume(x: Array, frame: Array) -> float:
+        return _volume(*capsule(x, frame))
 
-        def volume(x: Array, frame: Array = frame) -> float:
-            return _volume(*capsule(x, frame))
-
-        best = minimize(volume, np.zeros(4), method="Nelder-Mead", options={"maxiter": _STEPS})
-        found.append(capsule(np.asarray(best.x), frame))
-    return min(found, key=lambda one: _volume(*one))
+    capsules = list[tuple[Array, float]]()
+    for k in range(3):
+        frame = np.roll(axes, -k, axis=0)
+        optimum = minimize(
+            volume, np.zeros(4), args=(frame,), method="Nelder-Mead", options={"maxiter": _MAX_ITERATIONS}
+        )
+        capsules.append(capsule(np.asarray(optimum.x), frame))
+    return min(capsules, key=lambda ends_and_radius: _volume(*ends_and_radius))
 
 
 # ── Distances between moving capsules, and their gradients by the joints
@@ -249,9 +272,9 @@ Pullback = Callable[[Array], Array]
 """Function from weights of the results to the gradient of their weighted sum."""
 ALWAYS = 0.95
 """Share of random configurations in contact above which a pair (of capsules, or capsule and floor) counts as always near."""
-_STILL = 1e-9
-_POINT = 1e-14  # m²: shorter segments count as points
-_PARALLEL = 1e-12
+_MAX_HEIGHT_CHANGE = 1e-9
+_MIN_LENGTH_SQUARED = 1e-14  # m²: shorter segments count as points
+_MIN_DETERMINANT = 1e-12
 
 
 def nearest_points(a: Array, b: Array) -> tuple[Array, Array]:
@@ -260,14 +283,26 @@ def nearest_points(a: Array, b: Array) -> tuple[Array, Array]:
     dd, ee, de, dr, er = _dot(d, d), _dot(e, e), _dot(d, e), _dot(d, r), _dot(e, r)
     det = dd * ee - de**2
     with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.where(det > _PARALLEL * dd * ee, np.clip((de * er - dr * ee) / det, 0.0, 1.0), 0.0)
-        t = np.where(ee > _POINT, np.clip((de * s + er) / ee, 0.0, 1.0), 0.0)
-        s = np.where(dd > _POINT, np.clip((de * t - dr) / dd, 0.0, 1.0), 0.0)
+        s = np.where(det > _MIN_DETERMINANT * dd * ee, np.clip((de * er - dr * ee) / det, 0.0, 1.0), 0.0)
+        t = np.where(ee > _MIN_LENGTH_SQUARED, np.clip((de * s + er) / ee, 0.0, 1.0), 0.0)
+        s = np.where(dd > _MIN_LENGTH_SQUARED, np.clip((de * t - dr) / dd, 0.0, 1.0), 0.0)
     return s, t
 
 
 def _dot(a: Array, b: Array) -> Array:
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def _split_by_floor(robot: Robot, capsules: LinkCapsules, q: Array, floor: float) -> tuple[Array, Array]:
+    """Capsules whose height changes, and capsules that stay near the floor because their link keeps its height."""
+    poses = robot.link_poses(q)
+    heights = capsules.ends_in_base(poses)[:, 2].min(axis=0)
+    changes_height = np.ptp(heights, axis=0) > _MAX_HEIGHT_CHANGE
+    keeps_height = np.ptp(poses[:, capsules.links, 2, 3], axis=0) <= _MAX_HEIGHT_CHANGE
+    always_near = (heights - capsules.radii - floor < MARGIN).mean(axis=0) >= ALWAYS
+    low = keeps_height & always_near
+    bodies = np.array([robot.model.frames[robot.link_names[k]].body for k in capsules.links], int)
+    return np.flatnonzero(changes_height & ~low), np.flatnonzero((bodies != BASE) & low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,29 +327,25 @@ class CapsuleDistances:
         Capsules that are always near the floor, on a link with an origin of constant height, are also left out.
         """
         names = robot.link_names
-        bodies = np.array([robot.model.frames[names[k]].body for k in capsules.links], int)
         pairs = capsules.separable_pairs(robot) if itself else np.zeros((0, 2), int)
-        q, none = robot.random_configuration(0, _SAMPLES), np.zeros(0, int)
-        every = cls(robot, capsules, pairs, none, None, none, itself)
-        apart = every.evaluate(q)[0]
-        near = (apart < MARGIN).mean(axis=0) >= ALWAYS
-        built = near if capsules.assumed else (apart <= 0.0).mean(axis=0) >= ALWAYS
-        margins = np.where(near, 0.0, MARGIN)[~built]  # pairs near by construction: their true shapes must not touch
-        poses = robot.link_poses(q)
-        heights = capsules.placed(poses)[:, 2].min(axis=0)
-        above = low = none
+        q, no_capsules = robot.random_configuration(0, _SAMPLES), np.zeros(0, int)
+        all_pairs = cls(robot, capsules, pairs, no_capsules, None, no_capsules, itself)
+        distances = all_pairs.evaluate(q)[0]
+        always_near = (distances < MARGIN).mean(axis=0) >= ALWAYS
+        by_construction = always_near if capsules.assumed else (distances <= 0.0).mean(axis=0) >= ALWAYS
+        # Pairs near by construction: their true shapes must not touch.
+        margins = np.where(always_near, 0.0, MARGIN)[~by_construction]
+        near_links = {(names[capsules.links[a]], names[capsules.links[b]]) for a, b in pairs[by_construction]}
+        remarks = [
+            f"capsules around {a} and {b} are near each other wherever the joints are" for a, b in sorted(near_links)
+        ]
+        above = no_capsules
         if floor is not None:
-            moves = np.ptp(heights, axis=0) > _STILL
-            fixed = np.ptp(poses[:, capsules.links, 2, 3], axis=0) <= _STILL
-            near = (heights - capsules.radii - floor < MARGIN).mean(axis=0) >= ALWAYS
-            moving = bodies != BASE
-            above, low = np.flatnonzero(moves & ~(fixed & near)), np.flatnonzero(moving & fixed & near)
-        over = sorted({(names[capsules.links[a]], names[capsules.links[b]]) for a, b in pairs[built]})
-        said = [f"capsules around {a} and {b} are near each other wherever the joints are" for a, b in over]
-        if low.size:
-            under = ", ".join(dict.fromkeys(names[capsules.links[k]] for k in low))
-            said.append(f"the floor is too near {under} wherever the joints are, at a fixed height")
-        return cls(robot, capsules, pairs[~built], above, floor, margins, itself, tuple(said))
+            above, low = _split_by_floor(robot, capsules, q, floor)
+            if low.size:
+                low_names = ", ".join(dict.fromkeys(names[capsules.links[k]] for k in low))
+                remarks.append(f"the floor is too near {low_names} wherever the joints are, at a fixed height")
+        return cls(robot, capsules, pairs[~by_construction], above, floor, margins, itself, tuple(remarks))
 
     @property
     def count(self) -> int:
@@ -334,22 +365,26 @@ class CapsuleDistances:
         distances : (n, m + 2 k) array
         pullback : function of weights (n, m + 2 k) that returns the gradient (n, nv) of the weighted sum
         """
-        ends, (i, j), r = self.capsules.placed(self.robot.link_poses(q)), self.pairs.T, self.capsules.radii
+        ends = self.capsules.ends_in_base(self.robot.link_poses(q))
+        (i, j), r = self.pairs.T, self.capsules.radii
         middle, count = 0.5 * (ends[0] + ends[1]), len(self.pairs)
         half = r + 0.5 * np.linalg.norm(self.capsules.ends[:, 1] - self.capsules.ends[:, 0], axis=1)
         d = middle[..., j] - middle[..., i]
-        found, at = np.sqrt(_dot(d, d)) - half[i] - half[j], np.full((2, len(q), count), 0.5)
-        rows, which = np.nonzero(found < near)
+        distances, fractions = np.sqrt(_dot(d, d)) - half[i] - half[j], np.full((2, len(q), count), 0.5)
+        rows, which = np.nonzero(distances < near)
         a, b = ends[:, :, rows, i[which]], ends[:, :, rows, j[which]]
-        at[:, rows, which] = s, t = nearest_points(a, b)
+        s, t = nearest_points(a, b)
+        fractions[:, rows, which] = s, t
         d = b[0] + t * (b[1] - b[0]) - a[0] - s * (a[1] - a[0])
-        found[rows, which] = np.sqrt(_dot(d, d)) - r[i[which]] - r[j[which]]
+        distances[rows, which] = np.sqrt(_dot(d, d)) - r[i[which]] - r[j[which]]
         if self.floor is not None:
-            found = np.concatenate([found, *(ends[:, 2][..., self.above] - r[self.above] - self.floor)], axis=1)
+            heights = ends[:, 2][..., self.above] - r[self.above] - self.floor
+            distances = np.concatenate([distances, *heights], axis=1)
 
         def pullback(weights: Array) -> Array:
             rows, which = np.nonzero(weights[:, :count])
-            (a, b), (s, t) = (ends[:, :, rows, k[which]] for k in (i, j)), at[:, rows, which]
+            a, b = ends[:, :, rows, i[which]], ends[:, :, rows, j[which]]
+            s, t = fractions[:, rows, which]
             a, b = a[0] + s * (a[1] - a[0]), b[0] + t * (b[1] - b[0])
             n = (b - a) * weights[rows, which] / np.maximum(np.linalg.norm(b - a, axis=0), 1e-12)
             low, end = np.nonzero(weights[:, count:])
@@ -360,16 +395,16 @@ class CapsuleDistances:
             links = self.capsules.links[np.concatenate([i[which], j[which], above])]
             return self._joint_forces(q, np.concatenate([rows, rows, low]), links, points, forces)
 
-        return found, pullback
+        return distances, pullback
 
     def _joint_forces(self, q: Array, rows: Array, links: Array, points: Array, forces: Array) -> Array:
         """Σ J' F (n, nv) of forces (3, p) at points (3, p); each force acts on one link in one configuration of q."""
-        found = np.zeros((len(q), self.robot.nv))
+        joint_forces = np.zeros((len(q), self.robot.nv))
         wrenches = np.concatenate([np.cross(points, forces, axis=0), forces]).T  # about the base origin
         for link in np.unique(links):
-            mine = links == link
+            on_link = links == link
             total = np.zeros((len(q), 6))
-            np.add.at(total, rows[mine], wrenches[mine])
+            np.add.at(total, rows[on_link], wrenches[on_link])
             J = self.robot.jacobian(q, frame=self.robot.link_names[link], kind="space")
-            found += (J * total[:, :, None]).sum(axis=1)
-        return found
+            joint_forces += (J * total[:, :, None]).sum(axis=1)
+        return joint_forces

@@ -22,30 +22,32 @@ class MeshFiles:
     """The robot's file, relative to which meshes are searched; None without a file."""
     folders: Sequence[Path] = ()
     """Additional search folders; meshes are found by name or by their path within the package."""
-    _known: dict[str, Parts | TwistWrenchError | OSError] = field(default_factory=dict)
+    _meshes: dict[str, Parts | TwistWrenchError | OSError] = field(default_factory=dict)
 
     def read(self, name: str) -> Parts:
         """Surfaces of a mesh, one a colour, in the units of the mesh; raises ModelError, MissingExtraError and OSError."""
-        if name not in self._known:
+        if name not in self._meshes:
             try:
-                self._known[name] = self._read(name)
+                self._meshes[name] = self._read(name)
             except (TwistWrenchError, OSError) as error:
-                self._known[name] = error
-        found = self._known[name]
-        if isinstance(found, Exception):
-            raise found
-        return found
+                self._meshes[name] = error
+        mesh = self._meshes[name]
+        if isinstance(mesh, Exception):
+            raise mesh
+        return mesh
 
     def _read(self, name: str) -> Parts:
-        if (path := self._find(name)) is None:
+        path = self._find(name)
+        if path is None:
             raise ModelError("is not in its package, nor in ROS_PACKAGE_PATH")
         return read_mesh(path)
 
     def _find(self, name: str) -> Path | None:
-        found = None if self.path is None else find_resource(name, self.path)
-        if found is not None:
-            return found
-        parts = [part for part in name.partition("://")[2].split("/") or [name] if part] or name.split("/")
+        if self.path is not None:
+            path = find_resource(name, self.path)
+            if path is not None:
+                return path
+        parts = [part for part in name.partition("://")[2].split("/") if part] or name.split("/")
         if ".." in parts:
             return None
         for folder in self.folders:

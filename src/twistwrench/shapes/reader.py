@@ -75,8 +75,8 @@ def read_shapes(model: Model, role: Role | None = None) -> tuple[LinkShapes, ...
 
 def link_shapes(text: RobotText, link: str, role: Role | None = None) -> LinkShapes:
     """Shapes of one link; planes, height fields and empty elements are left out."""
-    found = _mjcf_shapes(text, link) if isinstance(text, MjcfText) else _shapes(text, link)
-    return LinkShapes(link, tuple(shape for shape in found if role in (None, shape.role)))
+    shapes = _mjcf_shapes(text, link) if isinstance(text, MjcfText) else _shapes(text, link)
+    return LinkShapes(link, tuple(shape for shape in shapes if role in (None, shape.role)))
 
 
 def _shapes(text: RobotText, link: str) -> Iterator[ShapeSpec]:
@@ -84,20 +84,22 @@ def _shapes(text: RobotText, link: str) -> Iterator[ShapeSpec]:
     roles: tuple[Role, ...] = ("visual", "collision")
     for role in roles:
         for part in text.links[link].all(role):
-            found = _urdf_shape(part, role, text) if isinstance(text, UrdfText) else _sdf_shape(part, role)
-            if found is not None:
-                yield found
+            shape = _urdf_shape(part, role, text) if isinstance(text, UrdfText) else _sdf_shape(part, role)
+            if shape is not None:
+                yield shape
 
 
 def _urdf_shape(part: Element, role: Role, text: UrdfText) -> ShapeSpec | None:
     """Shape of a ``<visual>`` or ``<collision>`` of URDF; None for an empty geometry."""
     try:
-        geometry = part.required("geometry", _GEOMETRY)
+        geometry = part.require_child("geometry", _GEOMETRY)
         if not geometry.children:
             return None
         shape = geometry.children[0]
         mesh = shape.text("filename") if shape.tag == "mesh" else ""
-        sizes = [x for name, count in _SIZES.get(shape.tag, ()) for x in shape.values(name, count)]
+        sizes: list[float] = []
+        for name, count in _SIZES.get(shape.tag, ()):
+            sizes += shape.values(name, count)
         if mesh:
             sizes = shape.values("scale", 3) if "scale" in shape.attributes else [1.0, 1.0, 1.0]
         T = origin_of(part)
@@ -119,8 +121,11 @@ def _colour(part: Element, text: UrdfText) -> Colour | None:
     material = part.child("material")
     if material is None:
         return None
+    own_colour = _rgb(material)
+    if own_colour is not None:
+        return own_colour
     named = text.materials.get(material.attributes.get("name", ""))
-    return _rgb(material) or (None if named is None else _rgb(named))
+    return None if named is None else _rgb(named)
 
 
 def _rgb(material: Element) -> Colour | None:
@@ -144,9 +149,12 @@ def _sdf_shape(part: Element, role: Role) -> ShapeSpec | None:
         shape, place = geometry.children[0], part.child("pose")
         if place is not None and place.attributes.get("relative_to", "").strip():
             return unknown
-        T, mesh = pose(place), word(shape, "uri") if shape.tag == "mesh" else ""
-        sizes = [x for name, count in _SIZES.get(shape.tag, ()) for x in _values(shape, name, count)]
+        T, mesh = pose(place), ""
+        sizes: list[float] = []
+        for name, count in _SIZES.get(shape.tag, ()):
+            sizes += _values(shape, name, count)
         if shape.tag == "mesh":
+            mesh = word(shape, "uri")
             sizes = _values(shape, "scale", 3) if shape.child("scale") is not None else [1.0, 1.0, 1.0]
     except RobotFileError:
         return unknown
@@ -154,7 +162,7 @@ def _sdf_shape(part: Element, role: Role) -> ShapeSpec | None:
 
 
 def _values(shape: Element, name: str, count: int) -> list[float]:
-    return with_text(shape.required(name, f"<{name}>")).values("text", count)
+    return with_text(shape.require_child(name, f"<{name}>")).values("text", count)
 
 
 def _mjcf_shapes(text: MjcfText, body: str) -> Iterator[ShapeSpec]:
@@ -169,14 +177,16 @@ def _mjcf_shape(part: PlacedElement, kind: str, text: MjcfText) -> ShapeSpec:
     geom = part.element
     try:
         if "mesh" in geom.attributes:
-            file, scale = text.meshes.named(geom.text("mesh"))
+            file, scale = text.meshes.file_and_scale(geom.text("mesh"))
             # MuJoCo moves a mesh to its centre of mass and back, so the geom's frame is also the mesh's.
-            known = "mesh" if kind == "mesh" else "fitted"
-            return ShapeSpec(known, scale, part.frame @ placement(geom, text.settings), file)
+            kind_of_mesh = "mesh" if kind == "mesh" else "fitted"
+            return ShapeSpec(kind_of_mesh, scale, part.frame @ placement(geom, text.settings), file)
         T, half = shape_of(geom, kind, text.settings)
     except RobotFileError:
         return ShapeSpec("unknown", (), IDENTITY)
     sizes = list(half)
-    if kind in ("box", "capsule", "cylinder"):
-        sizes = [2.0 * x for x in half] if kind == "box" else [half[0], 2.0 * half[1]]
+    if kind == "box":
+        sizes = [2.0 * x for x in half]
+    elif kind in ("capsule", "cylinder"):
+        sizes = [half[0], 2.0 * half[1]]
     return ShapeSpec(kind, tuple(sizes), part.frame @ T, role="collision")

@@ -86,14 +86,14 @@ class SolidReader:
     def read(self, link: LinkShapes) -> LinkSolids:
         """Solids of a link; shapes that cannot be read have none."""
         shapes = [shape for shape in link.parts if shape.kind]
-        found = [self._solid(shape) for shape in shapes]
-        return LinkSolids(tuple(shapes), tuple(solid for solid in found if solid is not None))
+        solids = [self._solid(shape) for shape in shapes]
+        return LinkSolids(tuple(shapes), tuple(solid for solid in solids if solid is not None))
 
     def _solid(self, shape: ShapeSpec) -> Solid | None:
-        known = self._mesh(shape) if shape.kind == "mesh" else _simple(shape.kind, shape.sizes)
-        if known is None:
+        solid = self._mesh(shape) if shape.kind == "mesh" else _simple(shape.kind, shape.sizes)
+        if solid is None:
             return None
-        corners, inertia, walls = known
+        corners, inertia, walls = solid
         points = corners @ shape.pose[:3, :3].T + shape.pose[:3, 3]
         return Solid(shape, points, None if inertia is None else inertia.in_frame(shape.pose), walls)
 
@@ -101,10 +101,10 @@ class SolidReader:
         """Corners (n, 3) and hull of a mesh; None if it is missing or cannot be read."""
         if shape.mesh not in self._hulls:
             self._hulls[shape.mesh] = self._hull(shape.mesh)
-        known = self._hulls[shape.mesh]
-        if known is None:
+        hull = self._hulls[shape.mesh]
+        if hull is None:
             return None
-        walls, corners = known
+        walls, corners = hull
         corners = corners * np.asarray(shape.sizes)
         return corners, hull_solid(corners), walls
 
@@ -159,9 +159,9 @@ METRICS = {
     "entropic": "log-det divergence from the tensor of its shapes",
 }
 """Metrics with their full names."""
-_THINNEST = 1e-4
+_MIN_SHARE_OF_MOMENT = 1e-4
 """Smallest second moment relative to their sum, so that rounding to ten digits does not make it negative."""
-_WEIGHT = 0.01
+_DIVERGENCE_WEIGHT = 0.01
 """Weight of the divergence relative to the squared distance."""
 
 
@@ -176,17 +176,19 @@ def nearest(tensor: Array, metric: str = "frobenius", reference: Array | None = 
     if metric not in METRICS:
         raise ValueRangeError(f"metric={metric!r} is not allowed. Choose from: {', '.join(map(repr, METRICS))}.")
     S = second_moments(tensor)
-    return rotational_inertia(clip_eigenvalues(S, _THINNEST) if metric == "frobenius" else _drawn_in(S, reference))
+    return rotational_inertia(
+        clip_eigenvalues(S, _MIN_SHARE_OF_MOMENT) if metric == "frobenius" else _drawn_in(S, reference)
+    )
 
 
 def _drawn_in(S: Array, reference: Array | None) -> Array:
     size = max(abs(float(S.trace())), float(np.abs(S).max()), 1e-300)
     shape = np.eye(3) * size / 3.0 if reference is None else second_moments(reference)
-    L = np.linalg.cholesky(clip_eigenvalues(shape, _THINNEST))
+    L = np.linalg.cholesky(clip_eigenvalues(shape, _MIN_SHARE_OF_MOMENT))
     back = np.linalg.inv(L)
     x, axes = np.linalg.eigh(back @ S @ back.T)
     # x - x_0 + w (1 - 1/x) = 0
-    b = x - _WEIGHT
-    x = np.maximum(0.5 * (b + np.sqrt(b * b + 4.0 * _WEIGHT)), _THINNEST)
+    b = x - _DIVERGENCE_WEIGHT
+    x = np.maximum(0.5 * (b + np.sqrt(b * b + 4.0 * _DIVERGENCE_WEIGHT)), _MIN_SHARE_OF_MOMENT)
     half = L @ axes
     return np.asarray((half * x) @ half.T)

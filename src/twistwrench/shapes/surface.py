@@ -17,11 +17,11 @@ from ..mechanics.bodies.mesh_files import read_parts
 
 Colour = tuple[float, float, float]
 
-_CREASE = np.cos(np.radians(38.0))
+_COS_OF_CREASE = np.cos(np.radians(38.0))
 """Cosine of the crease angle; faces that meet at a smaller angle are shaded smoothly."""
-_AROUND = 32
+_CORNERS_OF_CIRCLE = 32
 """Number of corners of a circle."""
-_PACKED = np.array([1 << 42, 1 << 21, 1])
+_PACKING_WEIGHTS = np.array([1 << 42, 1 << 21, 1])
 """Weights that pack three integers below 2²¹ into one, since integers sort faster than rows."""
 
 
@@ -49,13 +49,13 @@ class Surface:
         faces, so that an edge never has more than two faces. If no such edge is left, more triangles remain. Source:
         Hoppe and others, Mesh Optimization, SIGGRAPH 1993; errors as in Garland and Heckbert, SIGGRAPH 1997.
         """
-        found, size = self, len(self.faces) + 1
-        while most < len(found.faces) < size:
-            size = len(found.faces)
-            found = found._collapsed((size - most + 1) // 2)
-        return found
+        surface, previous_count = self, len(self.faces) + 1
+        while most < len(surface.faces) < previous_count:
+            previous_count = len(surface.faces)
+            surface = surface._collapse_edges((previous_count - most + 1) // 2)
+        return surface
 
-    def _collapsed(self, count: int) -> Surface:
+    def _collapse_edges(self, count: int) -> Surface:
         """Surface after the collapse of at most ``count`` edges that are not near each other."""
         from scipy.sparse import coo_array
 
@@ -64,29 +64,30 @@ class Surface:
         edges, faces = np.unique(sides @ np.array([n, 1]), return_counts=True)
         a, b = edges // n, edges % n
         border, tangled = np.zeros(n, bool), np.zeros(n, bool)
-        for flag, which in ((border, faces == 1), (tangled, faces > 2)):
-            flag[a[which]] = flag[b[which]] = True
+        for flag, marked_edges in ((border, faces == 1), (tangled, faces > 2)):
+            flag[a[marked_edges]] = flag[b[marked_edges]] = True
         middle = np.where(
             (border[a] & ~border[b])[:, None], self.vertices[a], 0.5 * (self.vertices[a] + self.vertices[b])
         )
         middle = np.where((border[b] & ~border[a])[:, None], self.vertices[b], middle)
-        may = ~tangled[a] & ~tangled[b] & ~((faces == 2) & border[a] & border[b])
-        order = np.argsort(np.where(may, self._errors(a, b, middle), np.inf), kind="stable")[
-            : max(int(may.sum()) // 2, 1)
-        ]
+        collapsible = ~tangled[a] & ~tangled[b] & ~((faces == 2) & border[a] & border[b])
+        errors = np.where(collapsible, self._errors(a, b, middle), np.inf)
+        order = np.argsort(errors, kind="stable")[: max(int(collapsible.sum()) // 2, 1)]
         touching = coo_array((np.ones(2 * len(a), np.int8), (np.r_[a, b], np.r_[b, a])), shape=(n, n)).tocsr()
         shared: Array = np.asarray((touching[a[order]] * touching[b[order]]).sum(axis=1)).ravel()
-        order = order[(shared == faces[order]) & may[order]]
-        chosen, near, taken = [], np.split(touching.indices, touching.indptr[1:-1]), np.zeros(n, bool)
-        for edge, one, other in zip(order.tolist(), a[order].tolist(), b[order].tolist(), strict=True):
-            if not (taken[one] or taken[other]):
-                taken[near[one]] = taken[near[other]] = True
-                chosen.append(edge)
-                if len(chosen) == count:
+        order = order[(shared == faces[order]) & collapsible[order]]
+        edges_to_collapse = []
+        neighbours, blocked = np.split(touching.indices, touching.indptr[1:-1]), np.zeros(n, bool)
+        for edge, first, second in zip(order.tolist(), a[order].tolist(), b[order].tolist(), strict=True):
+            if not (blocked[first] or blocked[second]):
+                blocked[neighbours[first]] = blocked[neighbours[second]] = True
+                edges_to_collapse.append(edge)
+                if len(edges_to_collapse) == count:
                     break
-        to, vertices = np.arange(n), self.vertices.copy()
-        to[b[chosen]], vertices[a[chosen]] = a[chosen], middle[chosen]
-        return _without_slivers(Surface(vertices, to[F]))
+        renumbered, vertices = np.arange(n), self.vertices.copy()
+        renumbered[b[edges_to_collapse]] = a[edges_to_collapse]
+        vertices[a[edges_to_collapse]] = middle[edges_to_collapse]
+        return _without_slivers(Surface(vertices, renumbered[F]))
 
     def _errors(self, a: Array, b: Array, middle: Array) -> Array:
         """Area-weighted squared distances of points from the planes of the faces at a and b, plus a small length term."""
@@ -113,12 +114,13 @@ class Surface:
         a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
         at_a, at_b = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
         swap = a > b
-        a, b, at_a, at_b = (np.where(swap, y, x) for x, y in ((a, b), (b, a), (at_a, at_b), (at_b, at_a)))
+        a, b = np.where(swap, b, a), np.where(swap, a, b)
+        at_a, at_b = np.where(swap, at_b, at_a), np.where(swap, at_a, at_b)
         order = np.lexsort((b, a))
         one, other = order[:-1], order[1:]
         same = (a[one] == a[other]) & (b[one] == b[other])
         one, other = one[same], other[same]
-        smooth = np.abs(np.einsum("ij,ij->i", normals[one // 3], normals[other // 3])) > _CREASE
+        smooth = np.abs(np.einsum("ij,ij->i", normals[one // 3], normals[other // 3])) > _COS_OF_CREASE
         one, other = one[smooth], other[smooth]
         rows, columns = np.concatenate([at_a[one], at_b[one]]), np.concatenate([at_a[other], at_b[other]])
         links = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(3 * count, 3 * count))
@@ -155,12 +157,12 @@ def joined(surfaces: list[Surface]) -> Surface:
 def revolved(profile: ArrayLike) -> Surface:
     """Surface of revolution of (radius, z) pairs (n, 2), from bottom to top, about the z axis."""
     profile = np.asarray(profile, float)
-    turn = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    turn = 2 * np.pi * np.arange(_CORNERS_OF_CIRCLE) / _CORNERS_OF_CIRCLE
     r, z = profile[:, :1], profile[:, 1:]
     rings = np.stack(np.broadcast_arrays(r * np.cos(turn), r * np.sin(turn), z), axis=-1).reshape(-1, 3)
-    i, k = np.meshgrid(np.arange(len(profile) - 1), np.arange(_AROUND), indexing="ij")
-    here, beside = i * _AROUND + k, i * _AROUND + (k + 1) % _AROUND
-    above, across = here + _AROUND, beside + _AROUND
+    i, k = np.meshgrid(np.arange(len(profile) - 1), np.arange(_CORNERS_OF_CIRCLE), indexing="ij")
+    here, beside = i * _CORNERS_OF_CIRCLE + k, i * _CORNERS_OF_CIRCLE + (k + 1) % _CORNERS_OF_CIRCLE
+    above, across = here + _CORNERS_OF_CIRCLE, beside + _CORNERS_OF_CIRCLE
     halves = ((here, beside, across), (here, across, above))
     faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in halves])
     unique, group = np.unique(np.round(rings, 12), axis=0, return_inverse=True)
@@ -192,7 +194,9 @@ def box(size: ArrayLike) -> Surface:
     """Box with edges ``size`` (3,) along x, y, z, centred at the origin."""
     corners = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
     squares = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    faces = [t for a, b, c, d in squares for t in ((a, b, c), (a, c, d))]
+    faces = []
+    for a, b, c, d in squares:
+        faces += [(a, b, c), (a, c, d)]
     return Surface(corners * np.asarray(size, float), np.array(faces))
 
 
@@ -211,23 +215,26 @@ def read_mesh(path: Path) -> list[tuple[Surface, Colour | None]]:
     parts: dict[Colour | None, list[Surface]] = {}
     for part in read_parts(path):
         parts.setdefault(part.colour, []).append(Surface(part.vertices, part.faces))
-    found = [(_merged(joined(surfaces)), colour) for colour, surfaces in parts.items()]
-    found = [(surface, colour) for surface, colour in found if len(surface.faces)]
-    if not found:
+    merged: list[tuple[Surface, Colour | None]] = []
+    for colour, surfaces in parts.items():
+        surface = _merge_vertices(joined(surfaces))
+        if len(surface.faces):
+            merged.append((surface, colour))
+    if not merged:
         raise ModelError("holds no triangles")
-    return found
+    return merged
 
 
-def _merged(surface: Surface) -> Surface:
+def _merge_vertices(surface: Surface) -> Surface:
     """Surface with vertices repeated across faces and smoothing groups merged, and faces with NaN removed."""
     finite = np.asarray(np.isfinite(surface.vertices).all(axis=1))
     faces = surface.faces[finite[surface.faces].all(axis=1)]
-    known = surface.vertices[finite]
-    if not len(known):
-        return Surface(known, np.zeros((0, 3), int))
-    low, size = known.min(axis=0), float(np.ptp(known, axis=0).max()) or 1.0
+    finite_vertices = surface.vertices[finite]
+    if not len(finite_vertices):
+        return Surface(finite_vertices, np.zeros((0, 3), int))
+    low, size = finite_vertices.min(axis=0), float(np.ptp(finite_vertices, axis=0).max()) or 1.0
     grid = np.round(np.where(finite[:, None], surface.vertices - low, 0.0) / (1e-6 * size)).astype(np.int64)
-    _, first, group = np.unique(grid @ _PACKED, return_index=True, return_inverse=True)
+    _, first, group = np.unique(grid @ _PACKING_WEIGHTS, return_index=True, return_inverse=True)
     return _without_slivers(Surface(surface.vertices[first], group[faces]))
 
 
@@ -276,10 +283,10 @@ class Decimation:
         peak = np.zeros(len(bins), bool)
         group = np.cumsum(np.r_[0, np.diff(bins) != 0])
         for extreme in (np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)):
-            at, column = np.nonzero(values == extreme[group])
+            row, column = np.nonzero(values == extreme[group])
             # Index of the first row of each bin and column with the extreme value: rows are in order.
-            _, first = np.unique(group[at] * values.shape[1] + column, return_index=True)
-            peak[at[first]] = True
+            _, first = np.unique(group[row] * values.shape[1] + column, return_index=True)
+            peak[row[first]] = True
         near = np.diff(self._index) == 1
         keep = (self._index % self._step == 0) | peak
         keep[1:] |= peak[:-1] & near

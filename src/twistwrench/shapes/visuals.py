@@ -48,13 +48,14 @@ def read_visuals(model: Model, role: Role = "visual") -> tuple[list[Visual], lis
     except (ModelError, NotFoundError, OSError, ValueError):  # the file has changed since the robot was loaded
         return [], [f"{model.source} cannot be read again, so the robot is drawn from its inertia"]
     surfaces = _Surfaces(MeshFiles(Path(file)))
-    found = [
-        Visual(link.link, surface, shape.pose, colour or shape.colour or GREY)
-        for link in links
-        for shape in link.parts
-        for surface, colour in surfaces.of(shape)
-    ]
-    return found, surfaces.remarks()
+    visuals = []
+    for link in links:
+        for shape in link.parts:
+            visuals += [
+                Visual(link.link, surface, shape.pose, colour or shape.colour or GREY)
+                for surface, colour in surfaces.of(shape)
+            ]
+    return visuals, surfaces.remarks()
 
 
 class _Surfaces:
@@ -68,13 +69,13 @@ class _Surfaces:
 
     def of(self, shape: ShapeSpec) -> _Parts:
         """Surfaces of one shape, in its own frame."""
-        parts = self._of_mesh(shape) if shape.kind == "mesh" else []
+        parts = self._scaled_mesh(shape) if shape.kind == "mesh" else []
         if shape.problem:
             self.problems[shape.element] = shape.problem
             return []
         return parts if shape.kind == "mesh" else [(SIMPLE[shape.kind](*shape.sizes), None)]
 
-    def _of_mesh(self, shape: ShapeSpec) -> _Parts:
+    def _scaled_mesh(self, shape: ShapeSpec) -> _Parts:
         key = shape.mesh, shape.sizes
         if key not in self.scaled:
             self.scaled[key] = [(s.scaled(shape.sizes), colour) for s, colour in self._mesh(shape.mesh)]
@@ -91,16 +92,16 @@ class _Surfaces:
 
     def remarks(self) -> list[str]:
         """One sentence about meshes, one about other problems."""
-        found = []
+        remarks = []
         if self.lost:
             name, problem = next(iter(self.lost.items()))
-            wanted = len({mesh for mesh, _ in self.scaled})
-            found.append(
-                f"{len(self.lost)} of {wanted} meshes cannot be drawn, for example {name}: it {problem}. "
+            mesh_count = len({mesh for mesh, _ in self.scaled})
+            remarks.append(
+                f"{len(self.lost)} of {mesh_count} meshes cannot be drawn, for example {name}: it {problem}. "
                 "Bodies left without one are drawn from their inertia"
             )
         if self.problems:
-            rest = list(self.problems.values())
-            more = f", and {len(rest) - 1} more" if len(rest) > 1 else ""
-            found.append(f"Not shown of the file's appearance: {rest[0].rstrip('.')}{more}")
-        return found
+            first, *others = self.problems.values()
+            more = f", and {len(others)} more" if others else ""
+            remarks.append(f"Not shown of the file's appearance: {first.rstrip('.')}{more}")
+        return remarks

@@ -10,7 +10,7 @@ from typing import Any
 from ..core.errors import ModelError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed
 from ..formats.actuators import gear_ratio, plain_share, read_motor
-from ..formats.yaml import Section, Source, read_yaml, shown
+from ..formats.yaml import Section, Source, read_yaml, short_text
 from ..mechanics.model.actuators import Actuator, Motor, check_actuator
 from ..mechanics.model.limits import BEARINGS
 from .drives import KINDS, CatalogMotor, Gear
@@ -175,10 +175,10 @@ def _above_zero(numbers: Mapping[str, float], section: Section, *, zero: bool) -
 def _pairs(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Iterator[Pair]:
     listed = file.content["pairs"]
     if isinstance(listed, str | Mapping) or not hasattr(listed, "__iter__"):
-        raise ModelError(f"pairs is {shown(listed)}, expected pairs such as [[B, G], [C, G]].")
+        raise ModelError(f"pairs is {short_text(listed)}, expected pairs such as [[B, G], [C, G]].")
     for pair in listed:
         if isinstance(pair, str) or not hasattr(pair, "__len__") or len(pair) != 2:
-            raise ModelError(f"pairs has {shown(pair)}, expected a motor and a gear, such as [B, G].")
+            raise ModelError(f"pairs has {short_text(pair)}, expected a motor and a gear, such as [B, G].")
         yield _checked_pair(str(pair[0]), str(pair[1]), motors, gears)
 
 

@@ -27,52 +27,49 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 def placement(element: Element, settings: Settings) -> Array:
     """Pose (4, 4) of an element by ``pos`` and an orientation, by default the identity."""
-    said = element.attributes
-    if _PLACED.isdisjoint(said):
+    attributes = element.attributes
+    if _PLACED.isdisjoint(attributes):
         return IDENTITY
-    R = UPRIGHT if _TURNED.isdisjoint(said) else rotation(element, settings).tolist()
+    R = UPRIGHT if _TURNED.isdisjoint(attributes) else rotation(element, settings).tolist()
     return pose_rows(R, element.floats("pos", (0.0, 0.0, 0.0)))
 
 
 def rotation(element: Element, settings: Settings) -> Array:
     """Orientation (3, 3) of an element by quat, axisangle, xyaxes, zaxis or euler."""
-    said = element.attributes
-    ways = [way for way in ("axisangle", "xyaxes", "zaxis", "euler") if way in said]
-    if len(ways) > 1:
-        raise element.error(f"gives its orientation in {len(ways)} ways: {', '.join(ways)}. Keep one.")
-    if not ways:
-        return _by_quaternion(element) if "quat" in said else np.eye(3)
-    if ways[0] == "axisangle":
+    forms = [form for form in ("axisangle", "xyaxes", "zaxis", "euler") if form in element.attributes]
+    if len(forms) > 1:
+        raise element.error(f"gives its orientation in {len(forms)} ways: {', '.join(forms)}. Keep one.")
+    if not forms:
+        return _rotation_of_quaternion(element) if "quat" in element.attributes else np.eye(3)
+    if forms[0] == "axisangle":
         *axis, angle = element.numbers("axisangle", 4).tolist()
-        return _turned(direction(element, "axisangle", axis), angle * settings.angle)
-    if ways[0] == "xyaxes":
+        return _rotation_about(direction(element, "axisangle", axis), angle * settings.angle)
+    if forms[0] == "xyaxes":
         values = element.numbers("xyaxes", 6)
         x = direction(element, "xyaxes", values[:3])
         y = direction(element, "xyaxes", values[3:] - (x @ values[3:]) * x)
         return np.column_stack([x, y, so3.cross(x, y)])
-    if ways[0] == "zaxis":
+    if forms[0] == "zaxis":
         return onto(direction(element, "zaxis", element.numbers("zaxis", 3)))
     R = np.eye(3)
     angles = element.numbers("euler", 3) * settings.angle
     for letter, angle in zip(settings.euler_sequence, angles, strict=True):
-        turn = _turned(np.array(_AXES[letter.lower()]), float(angle))
+        turn = _rotation_about(np.array(_AXES[letter.lower()]), float(angle))
         R = R @ turn if letter.islower() else turn @ R  # about axes that turn along, or that stand still
     return R
 
 
-def _by_quaternion(element: Element) -> Array:
+def _rotation_of_quaternion(element: Element) -> Array:
     values = element.floats("quat", (1.0, 0.0, 0.0, 0.0))
     if not any(values):
         raise element.error("has a quaternion of zeros, which is not a rotation. The identity is 1 0 0 0.")
     return quaternion.rotation(values)
 
 
-def _turned(axis: Array, angle: float) -> Array:
+def _rotation_about(axis: Array, angle: float) -> Array:
     """Rotation about a unit vector."""
     return np.asarray(so3.exp(axis * angle))
 
-
-# ── Bodies of an MJCF file in MuJoCo's order, with frames multiplied out
 
 WORLD = "world"
 """Name of the link of the worldbody."""
@@ -94,11 +91,11 @@ class PlacedElement:
     element: Element
     frame: Array
 
-    def turned(self, x: Array) -> Array:
+    def direction_in_body(self, x: Array) -> Array:
         """A direction (3,) of the frame, in the body."""
         return x if self.frame is IDENTITY else self.frame[:3, :3] @ x
 
-    def moved(self, x: Array) -> Array:
+    def point_in_body(self, x: Array) -> Array:
         """A point (3,) of the frame, in the body."""
         return x if self.frame is IDENTITY else self.frame[:3, :3] @ x + self.frame[:3, 3]
 
@@ -126,55 +123,62 @@ def survey(root: Element, settings: Settings, defaults: Defaults) -> list[MjcfBo
 
     Raises :class:`~twistwrench.RobotFileError` for elements that make bodies by a recipe.
     """
-    found = [MjcfBody(root, WORLD, 0, IDENTITY)]
+    bodies = [MjcfBody(root, WORLD, 0, IDENTITY)]
     worlds = root.all("worldbody")
-    if not worlds and (lost := next((e for e in root.walk() if e.tag == "body"), None)):
-        raise lost.error("stands outside a <worldbody>, and the file has none. Put its bodies into one.")
-    classes = [world.attributes.get("childclass", "").strip() for world in worlds]
-    stack = [(iter(w.children), 0, IDENTITY, name) for w, name in zip(worlds[::-1], classes[::-1], strict=True)]
-    taken = {e.attributes.get("name", "") for world in worlds for e in world.walk() if e.tag == "body"}
-    taken.add(WORLD)
+    if not worlds:
+        for element in root.walk():
+            if element.tag == "body":
+                raise element.error("stands outside a <worldbody>, and the file has none. Put its bodies into one.")
+    stack = []
+    names = {WORLD}
+    for world in reversed(worlds):
+        stack.append((iter(world.children), 0, IDENTITY, world.attributes.get("childclass", "").strip()))
+        names |= {element.attributes.get("name", "") for element in world.walk() if element.tag == "body"}
     while stack:
-        children, at, frame, around = stack[-1]
+        children, k, frame, class_name = stack[-1]
         child = next(children, None)
         if child is None:
             stack.pop()
             continue
-        body = found[at]
-        if child.tag in ("joint", "freejoint"):
-            if not at:
-                raise child.error("stands in the worldbody, which does not move. Put it into a <body>.")
-            # A free joint written short has no defaults.
-            one = defaults.apply(child, around) if child.tag == "joint" else child
-            body.joints.append(PlacedElement(one, frame))
-            body.moves = True
-        elif child.tag == "geom":
-            body.geoms.append(PlacedElement(defaults.apply(child, around), frame))
-        elif child.tag == "site":
-            body.sites.append(PlacedElement(defaults.apply(child, around), frame))
-        elif child.tag == "inertial":
-            if body.inertial is not None:
-                raise child.error(f"is the second one of its body, after {body.inertial.element}. Keep one.")
-            body.inertial = PlacedElement(child, frame)
-        elif child.tag in ("body", "frame"):
+        body = bodies[k]
+        if child.tag in ("body", "frame"):
             T = product(frame, placement(child, settings))
-            named = child.attributes.get("childclass")
-            inner = around if named is None else defaults.check(child, named.strip())
+            own_class = child.attributes.get("childclass")
+            inner = class_name if own_class is None else defaults.check(child, own_class.strip())
             if child.tag == "frame":
-                stack.append((iter(child.children), at, T, inner))
+                stack.append((iter(child.children), k, T, inner))
                 continue
-            given = child.attributes.get("name", "").strip()
-            name = child.text("name") if given else unused(f"body{len(found)}", taken)
-            found.append(MjcfBody(child, name, at, T, moves=body.moves))
-            stack.append((iter(child.children), len(found) - 1, IDENTITY, inner))
-        elif child.tag in REFUSED:
-            raise child.error(f"is not read: {REFUSED[child.tag]}. Use it there, and {_EXPANDED}.")
-        elif child.tag == "plugin":
-            body.plugins.append(child)
-    return found
+            named = bool(child.attributes.get("name", "").strip())
+            name = child.text("name") if named else unused(f"body{len(bodies)}", names)
+            bodies.append(MjcfBody(child, name, k, T, moves=body.moves))
+            stack.append((iter(child.children), len(bodies) - 1, IDENTITY, inner))
+        else:
+            if k == 0 and child.tag in ("joint", "freejoint"):
+                raise child.error("stands in the worldbody, which does not move. Put it into a <body>.")
+            _add_part(body, child, frame, class_name, defaults)
+    return bodies
 
 
-# ── Joints of a body: name, type and parameters
+def _add_part(body: MjcfBody, child: Element, frame: Array, class_name: str, defaults: Defaults) -> None:
+    """Add a joint, geom, site, inertial or plugin to its body, in a frame (4, 4) with a class of defaults."""
+    if child.tag in ("joint", "freejoint"):
+        # A free joint written short has no defaults.
+        joint = defaults.apply(child, class_name) if child.tag == "joint" else child
+        body.joints.append(PlacedElement(joint, frame))
+        body.moves = True
+    elif child.tag == "geom":
+        body.geoms.append(PlacedElement(defaults.apply(child, class_name), frame))
+    elif child.tag == "site":
+        body.sites.append(PlacedElement(defaults.apply(child, class_name), frame))
+    elif child.tag == "inertial":
+        if body.inertial is not None:
+            raise child.error(f"is the second one of its body, after {body.inertial.element}. Keep one.")
+        body.inertial = PlacedElement(child, frame)
+    elif child.tag in REFUSED:
+        raise child.error(f"is not read: {REFUSED[child.tag]}. Use it there, and {_EXPANDED}.")
+    elif child.tag == "plugin":
+        body.plugins.append(child)
+
 
 KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "floating"}
 """Joint types of MJCF and of the model."""
@@ -207,7 +211,9 @@ class MjcfJoint:
     def who(self) -> str:
         """Name in messages."""
         place = self.element.place
-        return str(self.element) if place and "name" in self.element.attributes else label("joint", self.name, place)
+        if place and "name" in self.element.attributes:
+            return str(self.element)
+        return label("joint", self.name, place)
 
     @property
     def screw(self) -> Array:
@@ -222,13 +228,13 @@ class MjcfJoint:
 
 def names_given(bodies: list[MjcfBody]) -> set[str]:
     """The names that joints have in the file."""
-    found = (part.element.attributes.get("name", "").strip() for body in bodies for part in body.joints)
-    return {name for name in found if name}
+    names = {part.element.attributes.get("name", "").strip() for body in bodies for part in body.joints}
+    return names - {""}
 
 
-def joints_of(body: MjcfBody, settings: Settings, taken: set[str]) -> list[MjcfJoint]:
-    """Joints of a body in the file's order; unnamed ones get names that are not ``taken``."""
-    joints = [_joint(body, k, part, settings, taken) for k, part in enumerate(body.joints)]
+def joints_of(body: MjcfBody, settings: Settings, names: set[str]) -> list[MjcfJoint]:
+    """Joints of a body in the file's order; unnamed ones get names that are not among ``names``."""
+    joints = [_joint(body, k, part, settings, names) for k, part in enumerate(body.joints)]
     free = [joint for joint in joints if joint.kind == "floating"]
     if free and body.parent != 0:
         raise free[0].element.error(
@@ -239,17 +245,17 @@ def joints_of(body: MjcfBody, settings: Settings, taken: set[str]) -> list[MjcfJ
     return joints
 
 
-def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, taken: set[str]) -> MjcfJoint:
+def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, names: set[str]) -> MjcfJoint:
     e = part.element
-    said = "free" if e.tag == "freejoint" else e.word("type", tuple(KINDS), "hinge")
-    kind = KINDS[said]
-    given = e.attributes.get("name", "").strip()
-    name = given or unused(f"{body.name}.{said}" + (str(k) if len(body.joints) > 1 else ""), taken)
+    kind_in_file = "free" if e.tag == "freejoint" else e.word("type", tuple(KINDS), "hinge")
+    kind = KINDS[kind_in_file]
+    number = str(k) if len(body.joints) > 1 else ""
+    name = e.attributes.get("name", "").strip() or unused(f"{body.name}.{kind_in_file}{number}", names)
     unit = settings.angle if kind in ("revolute", "ball") else 1.0
     joint = MjcfJoint(
         e, name, kind,
-        point=part.moved(np.array(e.floats("pos", (0.0, 0.0, 0.0)))),
-        axis=part.turned(direction(e, "axis", e.floats("axis", (0.0, 0.0, 1.0)))),
+        point=part.point_in_body(np.array(e.floats("pos", (0.0, 0.0, 0.0)))),
+        axis=part.direction_in_body(direction(e, "axis", e.floats("axis", (0.0, 0.0, 1.0)))),
         reference=unit * e.floats("ref", (0.0,))[0], rest=unit * e.floats("springref", (0.0,))[0],
         stiffness=e.floats("stiffness", (0.0, 0.0, 0.0))[0], damping=e.floats("damping", (0.0, 0.0, 0.0))[0],
         friction=e.floats("frictionloss", (0.0,))[0], armature=e.floats("armature", (0.0,))[0],
@@ -262,7 +268,7 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, take
             joint.remarks.append(LEFT_OUT[f"joint/{attribute}"])
     if e.floats("springyield", (0.0,))[0]:
         joint.remarks.append(LEFT_OUT["joint/springyield"])
-    if kind != "floating" and limited(e, "limited", "range", settings):
+    if kind != "floating" and has_active_range(e, "limited", "range", settings):
         if joint.single:
             joint.lower, joint.upper = (unit * x for x in e.floats("range", (0.0, 0.0)))
         else:
@@ -274,15 +280,13 @@ def _joint(body: MjcfBody, k: int, part: PlacedElement, settings: Settings, take
     return joint
 
 
-def limited(element: Element, flag: str, values: str, settings: Settings) -> bool:
+def has_active_range(element: Element, flag: str, values: str, settings: Settings) -> bool:
     """True if a range is active: by its flag, or with ``auto`` if there is a range."""
-    said = element.word(flag, ("true", "false", "auto"), "auto")
-    return said == "true" or (said == "auto" and settings.auto_limits and values in element.attributes)
+    activity = element.word(flag, ("true", "false", "auto"), "auto")
+    return activity == "true" or (activity == "auto" and settings.auto_limits and values in element.attributes)
 
 
-# ── Inertia of geoms: uniform solids of a shape, mass before density
-
-_WATER = 1000.0
+_WATER_DENSITY = 1000.0
 """kg/m³, the format's density."""
 WITHOUT_SHAPE = ("plane", "hfield")
 """Types without a shape of their own; a plane has no mass either."""
@@ -294,20 +298,20 @@ _ALONG = ("capsule", "cylinder", "ellipsoid", "box")
 
 def weighs(geom: Element, settings: Settings) -> bool:
     """True if a geom has inertia, by its group, its mass or density, and its shape."""
-    solid = _selected(geom, settings) and geom.word("type", _TYPES, "sphere") != "plane"
+    solid = _is_in_groups(geom, settings) and geom.word("type", _TYPES, "sphere") != "plane"
     return solid and any(_mass_or_density(geom).values())
 
 
 def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> SpatialInertia:
     """Inertia about the body's origin, in its axes."""
     geom = part.element
-    kind, given = geom.word("type", _TYPES, "sphere"), _mass_or_density(geom)
+    kind, mass_or_density = geom.word("type", _TYPES, "sphere"), _mass_or_density(geom)
     if kind == "sdf":
         raise geom.error("is a signed distance field, whose mass is not computed. Give its body an <inertial>.")
     if geom.flag("shellinertia", default=False):
         raise geom.error("is a shell (shellinertia), whose inertia is not computed. Give its body an <inertial>.")
     if kind == "mesh":
-        return meshes.inertia(geom, **given).in_frame(product(part.frame, placement(geom, settings)))
+        return meshes.inertia(geom, **mass_or_density).in_frame(product(part.frame, placement(geom, settings)))
     if "mesh" in geom.attributes:
         raise geom.error(
             "is a shape that MuJoCo fits to a mesh. Give its size in place of the mesh, or its body an <inertial>."
@@ -316,8 +320,8 @@ def inertia_of_geom(part: PlacedElement, settings: Settings, meshes: Meshes) -> 
     if kind == "hfield":
         kind, size = "box", meshes.half_sizes_of_hfield(geom)
     if min(size) <= 0:
-        raise geom.error(f"is a {kind} of size {' '.join(f'{printed(x)}' for x in size)}; sizes are above zero.")
-    return _solid(kind, size, given).in_frame(product(part.frame, T))
+        raise geom.error(f"is a {kind} of size {' '.join(map(printed, size))}; sizes are above zero.")
+    return _solid(kind, size, mass_or_density).in_frame(product(part.frame, T))
 
 
 def shape_of(element: Element, kind: str, settings: Settings) -> tuple[Array, list[float]]:
@@ -334,27 +338,23 @@ def shape_of(element: Element, kind: str, settings: Settings) -> tuple[Array, li
 
 def _mass_or_density(geom: Element) -> dict[str, float]:
     if "mass" in geom.attributes:
-        given = {"mass": geom.number("mass")}
+        quantity, value = "mass", geom.number("mass")
     else:
-        given = {"density": geom.floats("density", (_WATER,))[0]}
-    for what, value in given.items():
-        if value < 0:
-            raise geom.error(f"has a negative {what}, {printed(value)}.")
-    return given
+        quantity, value = "density", geom.floats("density", (_WATER_DENSITY,))[0]
+    if value < 0:
+        raise geom.error(f"has a negative {quantity}, {printed(value)}.")
+    return {quantity: value}
 
 
-def _solid(kind: str, size: list[float], given: dict[str, float]) -> SpatialInertia:
+def _solid(kind: str, size: list[float], mass_or_density: dict[str, float]) -> SpatialInertia:
     if kind == "sphere":
-        return SpatialInertia.sphere(size[0], **given)
+        return SpatialInertia.sphere(size[0], **mass_or_density)
     if kind == "ellipsoid":
-        return SpatialInertia.ellipsoid(size, **given)
+        return SpatialInertia.ellipsoid(size, **mass_or_density)
     if kind == "box":
-        return SpatialInertia.box([2.0 * x for x in size], **given)
-    make = SpatialInertia.capsule if kind == "capsule" else SpatialInertia.cylinder
-    return make(size[0], 2.0 * size[1], **given)
-
-
-# ── Inertia of bodies: given or from geoms, then corrected by the settings of ``<compiler>``
+        return SpatialInertia.box([2.0 * x for x in size], **mass_or_density)
+    build = SpatialInertia.capsule if kind == "capsule" else SpatialInertia.cylinder
+    return build(size[0], 2.0 * size[1], **mass_or_density)
 
 
 @dataclass(frozen=True)
@@ -368,26 +368,31 @@ class Inertias:
 def inertias_of(bodies: Sequence[MjcfBody], settings: Settings, meshes: Meshes) -> Inertias:
     """Inertias of the bodies; the world has none."""
     remarks: list[str] = []
-    given = ((body, _inertia(body, settings, meshes, remarks)) for body in bodies[1:])
-    found = [SpatialInertia.zero(), *(_corrected(G, body, settings, remarks) for body, G in given)]
+    inertias = [SpatialInertia.zero()]
+    for body in bodies[1:]:
+        G = _inertia(body, settings, meshes, remarks)
+        inertias.append(_correct_inertia(G, body, settings, remarks))
     if settings.total_mass > 0:
-        total = sum(G.mass for G in found)
+        total = sum(G.mass for G in inertias)
         if total > 0:
             factor = settings.total_mass / total
-            found = [SpatialInertia.from_parameters(factor * G.parameters) for G in found]
+            inertias = [SpatialInertia.from_parameters(factor * G.parameters) for G in inertias]
             remarks.append(
                 f"settotalmass={printed(settings.total_mass)}: all masses and inertias are multiplied by {printed(factor)}"
             )
-    return Inertias(found, remarks)
+    return Inertias(inertias, remarks)
 
 
 def _inertia(body: MjcfBody, settings: Settings, meshes: Meshes, remarks: list[str]) -> SpatialInertia:
     from_geoms = settings.from_geoms == "true" or (settings.from_geoms == "auto" and body.inertial is None)
-    counted = [part for part in body.geoms if from_geoms and weighs(part.element, settings)]
-    if body.inertial is not None and not (from_geoms and any(_selected(g.element, settings) for g in body.geoms)):
-        return _given(body.inertial, settings)
+    if not from_geoms:
+        return _given_inertia(body.inertial, settings) if body.inertial is not None else SpatialInertia.zero()
+    geoms = [part for part in body.geoms if weighs(part.element, settings)]
+    in_groups = any(_is_in_groups(part.element, settings) for part in body.geoms)
+    if body.inertial is not None and not in_groups:
+        return _given_inertia(body.inertial, settings)
     total = SpatialInertia.zero()
-    for part in counted:
+    for part in geoms:
         try:
             total = total + inertia_of_geom(part, settings, meshes)
         except RobotFileError as error:
@@ -397,29 +402,29 @@ def _inertia(body: MjcfBody, settings: Settings, meshes: Meshes, remarks: list[s
     return total
 
 
-def _selected(geom: Element, settings: Settings) -> bool:
+def _is_in_groups(geom: Element, settings: Settings) -> bool:
     """True if a geom is in the groups that have inertia."""
     first, last = settings.groups
     return first <= geom.floats("group", (0.0,))[0] <= last
 
 
-def _given(given: PlacedElement, settings: Settings) -> SpatialInertia:
+def _given_inertia(inertial: PlacedElement, settings: Settings) -> SpatialInertia:
     """Inertia about the body's origin, in its axes."""
-    mass, T, moments = inertial_of(given.element, settings)
+    mass, T, moments = inertial_of(inertial.element, settings)
     R = T[:3, :3]
     G = SpatialInertia.from_com(mass, T[:3, 3], R @ moments @ R.T)
-    return G if is_identity(given.frame) else G.in_frame(given.frame)
+    return G if is_identity(inertial.frame) else G.in_frame(inertial.frame)
 
 
 def inertial_of(inertial: Element, settings: Settings) -> tuple[float, Array, Array]:
     """Mass [kg], pose (4, 4) of the centre of mass with the axes of the tensor, and tensor (3, 3) [kg m²]."""
     T, mass = placement(inertial, settings), inertial.number("mass")
-    said = [name for name in ("diaginertia", "fullinertia") if name in inertial.attributes]
-    if len(said) > 1:
+    forms = [name for name in ("diaginertia", "fullinertia") if name in inertial.attributes]
+    if len(forms) > 1:
         raise inertial.error("has both diaginertia and fullinertia. Keep one.")
-    if not said:
+    if not forms:
         moments = np.zeros((3, 3))
-    elif said[0] == "diaginertia":
+    elif forms[0] == "diaginertia":
         moments = np.diag(inertial.numbers("diaginertia", 3))
     else:
         entries = dict(zip(IN_MJCF, inertial.numbers("fullinertia", 6).tolist(), strict=True))
@@ -429,23 +434,26 @@ def inertial_of(inertial: Element, settings: Settings) -> tuple[float, Array, Ar
     return mass, T, moments
 
 
-def _corrected(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: list[str]) -> SpatialInertia:
+def _correct_inertia(G: SpatialInertia, body: MjcfBody, settings: Settings, remarks: list[str]) -> SpatialInertia:
     """The inertia with the least mass and moments of ``<compiler>``, balanced if that is set."""
     if not (settings.least_mass > 0 or settings.least_moment > 0 or settings.balanced):
         return G
     mass = max(G.mass, settings.least_mass)
     moments, axes = np.linalg.eigh(G.moment_about_com)
-    wanted = np.maximum(moments, settings.least_moment)
-    said = [f"boundmass={printed(settings.least_mass)}"] if mass > G.mass else []
-    said += [f"boundinertia={printed(settings.least_moment)}"] if (wanted > moments).any() else []
-    if settings.balanced and wanted[0] + wanted[1] < wanted[2]:
-        wanted = np.full(3, wanted.mean())
-        said.append("balanceinertia")
-    if not said:
+    corrected = np.maximum(moments, settings.least_moment)
+    causes = []
+    if mass > G.mass:
+        causes.append(f"boundmass={printed(settings.least_mass)}")
+    if (corrected > moments).any():
+        causes.append(f"boundinertia={printed(settings.least_moment)}")
+    if settings.balanced and corrected[0] + corrected[1] < corrected[2]:
+        corrected = np.full(3, corrected.mean())
+        causes.append("balanceinertia")
+    if not causes:
         return G
     remarks.append(
-        f"{' and '.join(said)} of <compiler> change body {body.name!r} ({body.element.place}): mass {printed(G.mass)} to "
-        f"{printed(mass)} kg, principal moments {moments.round(12).tolist()} to {wanted.round(12).tolist()} kg m²"
+        f"{' and '.join(causes)} of <compiler> change body {body.name!r} ({body.element.place}): mass {printed(G.mass)} to "
+        f"{printed(mass)} kg, principal moments {moments.round(12).tolist()} to {corrected.round(12).tolist()} kg m²"
     )
     com = G.com if G.mass else np.zeros(3)
-    return SpatialInertia.from_com(mass, com, (axes * wanted) @ axes.T)
+    return SpatialInertia.from_com(mass, com, (axes * corrected) @ axes.T)

@@ -106,24 +106,23 @@ def gravity_of(root: Element) -> list[float]:
 
 def fluid_of(root: Element) -> Element | None:
     """The ``<option>`` that gives the medium a density or a viscosity."""
-    found = None
+    fluid = None
     for option in root.all("option"):
-        if any(option.floats(name, (0.0,))[0] for name in ("density", "viscosity")):
-            found = option
-    return found
+        if option.floats("density", (0.0,))[0] or option.floats("viscosity", (0.0,))[0]:
+            fluid = option
+    return fluid
 
 
-# ── ``<include>``, restricted to the folder of the file and ``include_paths``
-
-_DEEPEST = 16
+_MAX_DEPTH_OF_INCLUDES = 16
 _ROOTS = ("mujoco", "mujocoinclude")
 
 
 class Folders:
     """Folders from which a robot file may read other files; none for a robot given as text."""
 
-    def __init__(self, home: Path | None, more: Sequence[Path] = ()) -> None:
-        self.allowed = [folder.resolve() for folder in ([home] if home is not None else []) + list(more)]
+    def __init__(self, home: Path | None, others: Sequence[Path] = ()) -> None:
+        folders = [*others] if home is None else [home, *others]
+        self.allowed = [folder.resolve() for folder in folders]
 
     def find(self, name: str, asked: Element, near: Path | None = None) -> Path:
         """Find the file ``name`` in the robot's folder, beside the including file, then in the other folders.
@@ -138,15 +137,15 @@ class Folders:
                 f"names the file {name[:200]!r}, and a robot given as text has no folder. Load it from its path, or "
                 "pass include_paths=[folder]."
             )
+        folders = [self.allowed[0], *self.allowed[1:]] if near is None else [self.allowed[0], near, *self.allowed[1:]]
         try:
-            folders = [self.allowed[0], *([near] if near is not None else []), *self.allowed[1:]]
             places = [(folder / name).resolve() for folder in folders]
             within = [path for path in places if any(path.is_relative_to(folder) for folder in self.allowed)]
-            found = next((path for path in within if path.is_file()), None)
+            files = [path for path in within if path.is_file()]
         except (OSError, RuntimeError):  # a link to itself is a RuntimeError before Python 3.13
-            within, found = [Path(name)], None
-        if found is not None:
-            return found
+            within, files = [Path(name)], []
+        if files:
+            return files[0]
         if not within:
             raise asked.error(
                 f"names the file {name[:200]!r}, which lies outside the robot's folder. If it is to be read, pass "
@@ -160,7 +159,7 @@ def expand(root: Element, folders: Folders, max_bodies: int) -> None:
 
     Raises :class:`~twistwrench.RobotFileError` for files outside the folders, files included twice, and too many of them.
     """
-    seen: dict[Path, Element] = {}
+    included: dict[Path, Element] = {}
     total = 0
     stack: list[tuple[Element, int, Path | None]] = [(root, 0, None)]
     while stack:
@@ -175,19 +174,21 @@ def expand(root: Element, folders: Folders, max_bodies: int) -> None:
                 if child.children:
                     stack.append((child, level, folder))
                 continue
-            if level == _DEEPEST:
-                raise child.error(f"is the {_DEEPEST + 1}th include inside includes; {_DEEPEST} are allowed.")
-            path = folders.find(child.text("file"), child, folder)
-            if path in seen:
+            if level == _MAX_DEPTH_OF_INCLUDES:
                 raise child.error(
-                    f"includes {child.text('file')!r} again, after {seen[path]}. Each file may be included once."
+                    f"is the {_MAX_DEPTH_OF_INCLUDES + 1}th include inside includes; {_MAX_DEPTH_OF_INCLUDES} are allowed."
                 )
-            seen[path] = child
+            path = folders.find(child.text("file"), child, folder)
+            if path in included:
+                raise child.error(
+                    f"includes {child.text('file')!r} again, after {included[path]}. Each file may be included once."
+                )
+            included[path] = child
             total += path.stat().st_size
             if total > MAX_BYTES:
                 raise RobotFileError(f"{child}: the included files have more than {MAX_BYTES // 2**20} MiB together.")
             part = _part(path, child, max_bodies)
-            waiting.extend((one, level + 1, path.parent) for one in reversed(part.children))
+            waiting.extend((element, level + 1, path.parent) for element in reversed(part.children))
         element.children = children
 
 
@@ -203,8 +204,6 @@ def _part(path: Path, asked: Element, max_bodies: int) -> Element:
         )
     return part
 
-
-# ── Default classes
 
 # A class begins as a copy of the class it stands in, whatever the order in the file. An element takes the class it names, else
 # the ``childclass`` of the nearest body or frame around it, else the outermost class, ``main``.
@@ -224,7 +223,9 @@ class Defaults:
         stack = [(element, "") for element in reversed(root.all("default"))]
         while stack:
             element, parent = stack.pop()
-            name = element.attributes.get("class", "").strip() or ("" if parent else _MAIN)
+            name = element.attributes.get("class", "").strip()
+            if not name and not parent:
+                name = _MAIN
             if not name:
                 raise element.error(f"lies in the class {parent!r} and has no name of its own. Give it class=….")
             if parent and name in self._classes:
@@ -232,12 +233,12 @@ class Defaults:
             if not parent and name != _MAIN:
                 raise element.error(f"is called {name!r}; the outermost class is {_MAIN!r}. Put it into that one.")
             start = self._classes.get(parent or name, {})
-            mine = {tag: dict(attributes) for tag, attributes in start.items()}
+            defaults = {tag: dict(attributes) for tag, attributes in start.items()}
             for child in element.children:
                 if child.tag != "default":
                     key = _key(child.tag)
-                    mine[key] = merged(mine.get(key, {}), child)
-            self._classes[name] = mine
+                    defaults[key] = merge_defaults(defaults.get(key, {}), child)
+            self._classes[name] = defaults
             stack.extend((child, name) for child in reversed(element.all("default")))
 
     def apply(self, element: Element, around: str = "", kind: str = "") -> Element:
@@ -248,7 +249,9 @@ class Defaults:
         name = element.attributes.get("class", "").strip() or around or _MAIN
         self._check(element, name, "is of the class")
         default = self._classes[name].get(kind or _key(element.tag))
-        return element.with_attributes(merged(default, element)) if default or element.tag in ACTUATORS else element
+        if not default and element.tag not in ACTUATORS:
+            return element
+        return element.with_attributes(merge_defaults(default, element))
 
     def check(self, element: Element, name: str) -> str:
         """``name`` if there is such a class, or where it is empty."""
@@ -262,23 +265,21 @@ class Defaults:
             raise element.error(f"{verb} {name!r}, which no <default> describes. Known: {known}.")
 
 
-def merged(default: dict[str, str] | None, element: Element) -> dict[str, str]:
+def merge_defaults(default: dict[str, str] | None, element: Element) -> dict[str, str]:
     """Attributes of an element over those of a class; an orientation, written in five ways, replaces all of them."""
     own = element.attributes
-    found = dict(default or {})
+    attributes = dict(default or {})
     if not own.keys().isdisjoint(_TURNED):
-        found = {name: value for name, value in found.items() if name not in _TURNED}
+        attributes = {name: value for name, value in attributes.items() if name not in _TURNED}
     if element.tag in ACTUATORS:
-        shortcut = element.tag if element.tag != "general" else found.get(SHORTCUT, "general")
-        return {**found, **own, SHORTCUT: shortcut}
-    return {**found, **own}
+        shortcut = element.tag if element.tag != "general" else attributes.get(SHORTCUT, "general")
+        return {**attributes, **own, SHORTCUT: shortcut}
+    return {**attributes, **own}
 
 
 def _key(tag: str) -> str:
     return "actuator" if tag in ACTUATORS else tag
 
-
-# ── Meshes for inertia, opened only if needed and only inside the folder of the robot
 
 _MODES = ("legacy", "exact", "convex", "shell")
 
@@ -291,18 +292,19 @@ class Meshes:
         self._meshes: dict[str, Element] = {}
         self._doubled: dict[str, Element] = {}
         self._hfields: dict[str, Element] = {}
-        for one in (one for asset in root.all("asset") for one in asset.children):
-            name = one.attributes.get("name", "").strip() or Path(one.attributes.get("file", "")).stem
-            if one.tag == "hfield":
-                self._hfields[name] = one
-            elif one.tag == "mesh":
+        for asset in root.children_in("asset"):
+            name = asset.attributes.get("name", "").strip() or Path(asset.attributes.get("file", "")).stem
+            if asset.tag == "hfield":
+                self._hfields[name] = asset
+            elif asset.tag == "mesh":
                 if name in self._meshes:
-                    self._doubled[name] = one
-                self._meshes[name] = defaults.apply(one)
+                    self._doubled[name] = asset
+                self._meshes[name] = defaults.apply(asset)
 
-    def named(self, name: str) -> tuple[str, tuple[float, ...]]:
+    def file_and_scale(self, name: str) -> tuple[str, tuple[float, ...]]:
         """File and scale of a mesh; an empty name if it is not in the assets or has no file."""
-        if (element := self._meshes.get(name)) is None:
+        element = self._meshes.get(name)
+        if element is None:
             return "", (1.0, 1.0, 1.0)
         file = element.attributes.get("file", "").strip()
         return self._file(file) if file else "", tuple(element.floats("scale", (1.0, 1.0, 1.0)))
@@ -310,7 +312,8 @@ class Meshes:
     def _file(self, name: str) -> str:
         """Path of a mesh file by the folder settings."""
         name = name.replace("\\", "/")
-        name = name.rpartition("/")[2] if self._settings.plain_names else name
+        if self._settings.plain_names:
+            name = name.rpartition("/")[2]
         folder = self._settings.mesh_folder.replace("\\", "/").rstrip("/")
         return f"{folder}/{name}" if folder else name
 
@@ -344,13 +347,13 @@ class Meshes:
         if mode == "convex":
             faces = _hull(vertices, element)
         if mode == "legacy":
-            volume, found = _legacy(vertices[faces])
+            volume, parameters = _legacy(vertices[faces])
         else:
-            volume, found = _solid(vertices[faces], np.zeros(3), signed=True)
+            volume, parameters = _solid(vertices[faces], np.zeros(3), signed=True)
         if not volume > 0:
             raise element.error(f"encloses no volume. Give the body of {geom} an <inertial>.")
         weight = mass if mass is not None else volume * float(density or 0.0)
-        return SpatialInertia.from_parameters(found * (weight / volume))
+        return SpatialInertia.from_parameters(parameters * (weight / volume))
 
     def _surface(self, element: Element, geom: Element) -> tuple[Array, Array]:
         """Vertices (n, 3) [m] in the frame that geoms place, and triangles (k, 3)."""
@@ -363,13 +366,13 @@ class Meshes:
             raise element.error(f"has neither a file nor vertices, so the mass of {geom} is not known.")
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise element.error("has faces of vertices that are not there.")
-        place, turn = element.floats("refpos", (0.0, 0.0, 0.0)), element.floats("refquat", (1.0, 0.0, 0.0, 0.0))
+        place, Q = element.floats("refpos", (0.0, 0.0, 0.0)), element.floats("refquat", (1.0, 0.0, 0.0, 0.0))
         vertices = vertices.astype(np.float32).astype(float)  # as MuJoCo keeps them
-        moved = (vertices - place) @ quaternion.rotation(turn)
+        in_reference = (vertices - place) @ quaternion.rotation(Q)
         scale = element.floats("scale", (1.0, 1.0, 1.0))
         if np.prod(scale) < 0:  # a mirror image has its inside outside
             faces = faces[:, [0, 2, 1]]
-        return np.asarray(moved * scale), faces
+        return np.asarray(in_reference * scale), faces
 
     def _read(self, element: Element, geom: Element) -> tuple[Array, Array]:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence, Set
 
 import numpy as np
@@ -72,14 +73,15 @@ class _Reader:
         self.names = names_given(self.bodies)
         self.joints = [joints_of(body, self.settings, self.names) for body in self.bodies]
         self.by_name: dict[str, MjcfJoint] = {}
-        for joint in (joint for mine in self.joints for joint in mine):
-            if (first := self.by_name.setdefault(joint.name, joint)) is not joint:
+        for joint in itertools.chain.from_iterable(self.joints):
+            first = self.by_name.setdefault(joint.name, joint)
+            if first is not joint:
                 raise joint.element.error(f"has the name of {first.element}. Each joint needs a name of its own.")
         self.poses = [IDENTITY]
         """Poses of all bodies in the world, joints at their reference."""
         for body in self.bodies[1:]:
             self.poses.append(product(self.poses[body.parent], body.T))
-        self.kept = _kept(self.bodies, keep)
+        self.kept = _bodies_to_read(self.bodies, keep)
         self.disabled = disabled_by(root)
 
     def read(self) -> tuple[ModelBuilder, bool]:
@@ -87,7 +89,8 @@ class _Reader:
         builder, root = self.builder, self.root
         free = {joint.name for joint in self.by_name.values() if joint.kind == "floating"}
         kept = {joint.name for k in self.kept for joint in self.joints[k]}
-        kept -= free if self.floating_base is False else set()
+        if self.floating_base is False:
+            kept -= free
         constraints = [] if "equality" in self.disabled else constraints_of(root, self.defaults)
         inertias = inertias_of(self.bodies, self.settings, self.meshes)
         builder.remark(*inertias.remarks)
@@ -103,10 +106,12 @@ class _Reader:
             add_tendons(builder, root, self.by_name, kept, self.defaults)
         add_closures(builder, constraints, self.bodies, self.poses, {0, *self.kept})
         self._add_configurations(kept)
-        if (fluid := fluid_of(root)) is not None:
+        fluid = fluid_of(root)
+        if fluid is not None:
             builder.note(fluid, LEFT_OUT["option/density"])
-        for flex in (flex for section in root.all("deformable") for flex in section.all("flex")):
-            builder.note(flex, LEFT_OUT["deformable/flex"])
+        for element in root.children_in("deformable"):
+            if element.tag == "flex":
+                builder.note(element, LEFT_OUT["deformable/flex"])
         builder.remark(*unread("MJCF", root))
         return builder, bool(self.floating_base) and not kept & free
 
@@ -137,7 +142,7 @@ class _Reader:
             last = joint is joints[-1]
             before, after = IDENTITY, IDENTITY
             if joint.kind == "ball" and joint.point.any():  # turns about its point, and the body's frame goes with it
-                before, after = (se3.pose(np.eye(3), sign * joint.point) for sign in (1.0, -1.0))
+                before, after = se3.pose(np.eye(3), joint.point), se3.pose(np.eye(3), -joint.point)
                 last = False
             elif joint.single and joint.reference:
                 before = np.asarray(screw_motion(joint.screw, -joint.reference), float)
@@ -172,16 +177,20 @@ class _Reader:
     def _add_sites(self, body: MjcfBody) -> None:
         for part in body.sites:
             element = part.element
-            if name := element.attributes.get("name", "").strip():
+            name = element.attributes.get("name", "").strip()
+            if name:
                 T, _ = shape_of(element, element.attributes.get("type", "sphere").strip(), self.settings)
                 self.builder.add_site(name, body.name, product(part.frame, T), where=element.place)
 
     def _add_configurations(self, kept: Set[str]) -> None:
         """``qpos0`` and the keyframes."""
-        references = (_reference(j, T) for mine, T in zip(self.joints, self.poses, strict=True) for j in mine)
-        start = np.concatenate([np.zeros(0), *references])
+        references = [np.zeros(0)]
+        for joints, T in zip(self.joints, self.poses, strict=True):
+            references += [_reference(joint, T) for joint in joints]
+        start = np.concatenate(references)
         self._add_keyframe(REFERENCE, start, kept)
-        for k, key in enumerate(key for section in self.root.all("keyframe") for key in section.all("key")):
+        keys = [element for element in self.root.children_in("keyframe") if element.tag == "key"]
+        for k, key in enumerate(keys):
             if "qpos" not in key.attributes:
                 continue
             q = key.numbers("qpos", len(key.text("qpos").split()))
@@ -191,16 +200,16 @@ class _Reader:
 
     def _add_keyframe(self, name: str, q: Array, kept: Set[str]) -> None:
         positions: dict[str, Array] = {}
-        at = 0
+        first = 0
         for joint in self.by_name.values():
-            mine = q[at : at + COORDINATES[joint.kind]]
-            at += len(mine)
+            coordinates = q[first : first + COORDINATES[joint.kind]]
+            first += len(coordinates)
             if joint.name in kept:
                 if joint.kind == "floating":
-                    mine = np.concatenate([mine[3:], mine[:3]])
-                if not joint.single and not mine[:4].any():
-                    mine = np.concatenate([[1.0], mine[1:]])
-                positions[joint.name] = mine
+                    coordinates = np.concatenate([coordinates[3:], coordinates[:3]])
+                if not joint.single and not coordinates[:4].any():
+                    coordinates = np.concatenate([[1.0], coordinates[1:]])
+                positions[joint.name] = coordinates
         self.builder.add_configuration(name, positions)
 
 
@@ -213,15 +222,15 @@ def _reference(joint: MjcfJoint, T: Array) -> Array:
     return np.concatenate([T[:3, 3], quaternion.from_matrix(T[:3, :3])])
 
 
-def _kept(bodies: Sequence[MjcfBody], keep: str | None) -> dict[int, None]:
+def _bodies_to_read(bodies: Sequence[MjcfBody], keep: str | None) -> dict[int, None]:
     """Numbers of the bodies to read, in order, without the world."""
     if keep is None:
         return dict.fromkeys(range(1, len(bodies)))
     numbers = {body.name: k for k, body in enumerate(bodies) if k}
     if keep not in numbers:
         raise UnknownNameError.from_choices("body to keep", keep, numbers)
-    found = {numbers[keep]: None}
+    kept = {numbers[keep]: None}
     for k in range(numbers[keep] + 1, len(bodies)):  # parents come first
-        if bodies[k].parent in found:
-            found[k] = None
-    return found
+        if bodies[k].parent in kept:
+            kept[k] = None
+    return kept

@@ -20,18 +20,18 @@ from ..urdf import ENTRIES, IN_MJCF, LIMITS_OF_1_2
 from ..xml import Element, figures, new, xml_text
 from .written import Losses, RobotDocument, configurations_of, drive_of, screw_of
 
-_FAR = 1e10
+_NO_LIMIT = 1e10
 """Number for no limit on one side, as the format requires two."""
 
 
 class MjcfJoints:
     """The joints of one file, in the order in which they are written."""
 
-    def __init__(self, found: ModelParts, equality: Element, losses: Losses) -> None:
-        self.found, self.equality, self.losses = found, equality, losses
+    def __init__(self, parts: ModelParts, equality: Element, losses: Losses) -> None:
+        self.found, self.equality, self.losses = parts, equality, losses
         self.elements: dict[str, Element] = {}
         """By the names of joints."""
-        self._names = {joint.name for joint in found.joints} | {ROOT_JOINT}
+        self._names = {joint.name for joint in parts.joints} | {ROOT_JOINT}
         self._order: list[tuple[str, JointEntry]] = []
         """(form of its coordinates, joint) in the order of MuJoCo's qpos, without the root's."""
 
@@ -68,7 +68,7 @@ class MjcfJoints:
             self._axis(body, slide, "slide", direction)
             self._follow(slide, entry.name, axis.pitch, 0.0)
             self._order.append(("pitch", entry))
-            self.losses.of_joint(
+            self.losses.note_joint(
                 entry.name, "is helical; it is written as a hinge and a slide that an equality joins, softly in MuJoCo"
             )
         if entry.mimic is not None:
@@ -84,13 +84,13 @@ class MjcfJoints:
     def add_planar(self, entry: JointEntry, body: Element) -> None:
         """Two slides and a hinge."""
         w, e1, e2 = entry.joint.axes[0, :3], entry.joint.axes[1, 3:], entry.joint.axes[2, 3:]
-        parts = [
-            self._axis(body, unused(f"{entry.name}.{letter}", self._names), kind, direction)
-            for letter, kind, direction in (("x", "slide", e1), ("y", "slide", e2), ("theta", "hinge", w))
-        ]
-        self._drive(entry.name, parts)
+        joints = []
+        for letter, kind, direction in (("x", "slide", e1), ("y", "slide", e2), ("theta", "hinge", w)):
+            name = unused(f"{entry.name}.{letter}", self._names)
+            joints.append(self._axis(body, name, kind, direction))
+        self._drive(entry.name, joints)
         self._order.append(("planar", entry))
-        self.losses.of_joint(
+        self.losses.note_joint(
             entry.name,
             "is planar; it is written as two slides and a hinge, whose velocities are those of x, y and theta",
         )
@@ -102,10 +102,10 @@ class MjcfJoints:
         limits = entry.limits
         ends = np.array([limits.lower[0], limits.upper[0]])
         if np.isfinite(ends).any():
-            joint.attributes["range"] = figures(np.clip(ends, -_FAR, _FAR))
+            joint.attributes["range"] = figures(np.clip(ends, -_NO_LIMIT, _NO_LIMIT))
             if not np.isfinite(ends).all():
-                self.losses.of_joint(
-                    entry.name, f"has a limit on one side only; the other one is written as {printed(_FAR)}"
+                self.losses.note_joint(
+                    entry.name, f"has a limit on one side only; the other one is written as {printed(_NO_LIMIT)}"
                 )
         if np.isfinite(limits.effort[0]):
             joint.attributes["actuatorfrcrange"] = figures([-limits.effort[0], limits.effort[0]])
@@ -113,32 +113,33 @@ class MjcfJoints:
 
     def _drive(self, name: str, joints: list[Element]) -> None:
         drive = drive_of(self.found, name, self.losses)
-        said = {"damping": drive.damping, "frictionloss": drive.friction, "armature": drive.armature}
+        values = {"damping": drive.damping, "frictionloss": drive.friction, "armature": drive.armature}
+        attributes = {name: figures(value) for name, value in values.items() if value}
         for joint in joints:
-            joint.attributes |= {what: figures(value) for what, value in said.items() if value}
+            joint.attributes |= attributes
 
     def qpos(self, positions: Mapping[str, Array]) -> Iterator[Array]:
         """The coordinates of each joint as MuJoCo has them."""
         if self.found.floating:
-            yield _placed_first(positions[ROOT_JOINT])
+            yield _position_first(positions[ROOT_JOINT])
         for form, entry in self._order:
             leader, ratio, offset = entry.mimic or (entry.name, 1.0, 0.0)
             q = ratio * positions[leader] + offset
             if form == "floating":
-                yield _placed_first(q)
+                yield _position_first(q)
+            elif form == "pitch":
+                yield screw_of(entry).pitch * q
             else:
-                yield screw_of(entry).pitch * q if form == "pitch" else q
+                yield q
 
 
-def _placed_first(q: Array) -> Array:
+def _position_first(q: Array) -> Array:
     """(x, y, z, qw, qx, qy, qz) of (qw, qx, qy, qz, x, y, z)."""
     return np.concatenate([q[4:], q[:4]])
 
 
-# ── Writer of MJCF text
-
 WORLD = "world"
-_LEAST = 1e-14
+_MIN_INERTIA = 1e-14
 """MuJoCo's least moment of a body, and mass of one that moves."""
 _ROUNDING = 4e-15
 """Rounding of principal moments, relative to the largest."""
@@ -152,24 +153,25 @@ def write_mjcf(model: Model) -> RobotDocument:
 class _MjcfWriter:
     """Writer of one model."""
 
-    def __init__(self, found: ModelParts) -> None:
-        self.found, self.losses = found, Losses()
-        self.losses.note_couplings(found)
-        self.root = new("mujoco", model=found.name)
+    def __init__(self, parts: ModelParts) -> None:
+        self.found, self.losses = parts, Losses()
+        self.losses.note_couplings(parts)
+        self.root = new("mujoco", model=parts.name)
         new("compiler", self.root, angle="radian", inertiafromgeom="false")
-        new("option", self.root, gravity=figures(found.gravity))
+        new("option", self.root, gravity=figures(parts.gravity))
         self.world = new("worldbody", self.root)
-        self.equality, self.tendon, self.keyframe = (
-            Element(tag, {}, 0, self.root) for tag in ("equality", "tendon", "keyframe")
-        )
-        self.joints = MjcfJoints(found, self.equality, self.losses)
+        self.equality = Element("equality", {}, 0, self.root)
+        self.tendon = Element("tendon", {}, 0, self.root)
+        self.keyframe = Element("keyframe", {}, 0, self.root)
+        self.joints = MjcfJoints(parts, self.equality, self.losses)
         self.bodies: dict[str, Element] = {}
         self.children: dict[str, list[JointEntry]] = {}
-        for joint in found.joints:
+        for joint in parts.joints:
             self.children.setdefault(joint.parent, []).append(joint)
-        closed = (frame for c in found.additions.closures.values() for frame in (c.frame_a, c.frame_b))
-        self.named = {*(site.link for site in found.additions.sites.values()), *closed}
+        self.named = {site.link for site in parts.additions.sites.values()}
         """Links that sites and closures are at."""
+        for closure in parts.additions.closures.values():
+            self.named |= {closure.frame_a, closure.frame_b}
         self.standing: set[str] = set()
         """Links that do not move and keep an inertia of their own, as the world has none."""
 
@@ -218,10 +220,10 @@ class _MjcfWriter:
         return entry.joint.nv == 1
 
     def _body(self, name: str, parent: Element, T: Array, inertia: SpatialInertia | None) -> Element:
-        called = name if name != WORLD else unused(name, {WORLD, *self.found.links})
-        if called != name:
-            self.losses.say(f"link {name!r} is written as {called!r}, for the world itself has its name")
-        body = new("body", parent, name=called)
+        name_in_file = name if name != WORLD else unused(name, {WORLD, *self.found.links})
+        if name_in_file != name:
+            self.losses.say(f"link {name!r} is written as {name_in_file!r}, for the world itself has its name")
+        body = new("body", parent, name=name_in_file)
         body.attributes |= _pose(T)
         moves = self.found.floating or (name != self.found.root and name not in self.standing)
         if inertia is not None and (moves or inertia.parameters.any()):
@@ -232,19 +234,20 @@ class _MjcfWriter:
         """Write the inertial of a body; a loss if MuJoCo does not compile it."""
         I = inertia.moment_about_com
         small, middle, large = np.linalg.eigvalsh(I)
-        flat = small + middle - large
-        if abs(flat) <= _ROUNDING * large:  # exactly flat in exact numbers, but perhaps not to MuJoCo's last digit
+        surplus = small + middle - large  # of the triangle inequality; zero for a flat body
+        if abs(surplus) <= _ROUNDING * large:  # exactly flat in exact numbers, but perhaps not to MuJoCo's last digit
             I = I + _ROUNDING * large * np.eye(3)
-        refused = (
-            "has no mass" if inertia.mass < _LEAST
-            else "has a mass without inertia about some axis" if small < _LEAST
-            else "has physically impossible moments of inertia" if flat < -_ROUNDING * large
-            else ""
-        )  # fmt: skip
-        if refused and moves:
-            self.losses.note("link", link, f"moves and {refused}: MuJoCo does not compile the file")
-        elif refused:
-            self.losses.note("link", link, f"stands still and {refused}: its inertia is left out")
+        defect = ""
+        if inertia.mass < _MIN_INERTIA:
+            defect = "has no mass"
+        elif small < _MIN_INERTIA:
+            defect = "has a mass without inertia about some axis"
+        elif surplus < -_ROUNDING * large:
+            defect = "has physically impossible moments of inertia"
+        if defect and moves:
+            self.losses.note("link", link, f"moves and {defect}: MuJoCo does not compile the file")
+        elif defect:
+            self.losses.note("link", link, f"stands still and {defect}: its inertia is left out")
             return
         if inertia.parameters.any():
             full = [I[ENTRIES[name]] for name in IN_MJCF]
@@ -254,20 +257,20 @@ class _MjcfWriter:
         """A body with its joints, the last of which is that of its link."""
         first, last = entries[0], entries[-1]
         parent, kind = self.bodies[first.parent], last.joint.kind
-        after = [np.eye(4)]  # of the body's frame in each joint's child, all coordinates at zero
+        poses = [np.eye(4)]  # of the body's frame in each joint's child, all coordinates at zero
         for entry in reversed(entries):
-            after.insert(0, np.asarray(entry.placement @ after[0]))
+            poses.insert(0, np.asarray(entry.placement @ poses[0]))
         inertia = self._inertia(last)
         if kind == "floating":
-            if parent is not self.world or not np.array_equal(after[0], np.eye(4)):
+            if parent is not self.world or not np.array_equal(poses[0], np.eye(4)):
                 raise ModelError(
                     f"joint {last.name!r} floats away from the world's origin, and MJCF has no joint for that. Lock it."
                 )
             self.bodies[last.child] = self._body(last.child, parent, np.eye(4), inertia)
             self.joints.add_free(self.bodies[last.child], last)
             return
-        body = self.bodies[last.child] = self._body(last.child, parent, after[0], inertia)
-        for entry, T in zip(entries, after[1:], strict=True):
+        body = self.bodies[last.child] = self._body(last.child, parent, poses[0], inertia)
+        for entry, T in zip(entries, poses[1:], strict=True):
             if entry.fixed:
                 continue
             if entry.joint.kind == "ball":
@@ -314,28 +317,29 @@ class _MjcfWriter:
             new("key", self.keyframe, name=name, qpos=figures(qpos))
 
     def _add_closures(self) -> None:
-        sites = self.found.additions.sites
         tags = {rows: tag for tag, rows in ROWS.items()}
         for name, closure in self.found.additions.closures.items():
             if closure.rows not in tags:
                 self.losses.note("closure", name, f"holds {closure.rows}, which the format cannot represent")
                 continue
-            ends = [
-                frame.removeprefix("site:") if frame in sites else self._site(frame)
-                for frame in (closure.frame_a, closure.frame_b)
-            ]
-            new(tags[closure.rows], self.equality, name=name, site1=ends[0], site2=ends[1])
+            site1, site2 = self._site_at(closure.frame_a), self._site_at(closure.frame_b)
+            new(tags[closure.rows], self.equality, name=name, site1=site1, site2=site2)
 
-    def _site(self, link: str) -> str:
-        """Site at a link, for elements that refer to sites only."""
-        name = unused(f"{link}.site", {site.removeprefix("site:") for site in self.found.additions.sites})
-        new("site", self.bodies[link], name=name)
+    def _site_at(self, frame: str) -> str:
+        """Site of a frame, new for a link, for elements that refer to sites only."""
+        sites = self.found.additions.sites
+        if frame in sites:
+            return frame.removeprefix("site:")
+        name = unused(f"{frame}.site", {site.removeprefix("site:") for site in sites})
+        new("site", self.bodies[frame], name=name)
         return name
 
 
 def _pose(T: Array) -> dict[str, str]:
     """Attributes of position and orientation, without identities."""
-    found = {"pos": figures(T[:3, 3])} if T[:3, 3].any() else {}
+    attributes = {}
+    if T[:3, 3].any():
+        attributes["pos"] = figures(T[:3, 3])
     if not np.array_equal(T[:3, :3], np.eye(3)):
-        found["quat"] = figures(quaternion.from_matrix(T[:3, :3]))
-    return found
+        attributes["quat"] = figures(quaternion.from_matrix(T[:3, :3]))
+    return attributes

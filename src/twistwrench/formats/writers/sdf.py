@@ -20,7 +20,7 @@ from ..xml import Element, figures, new, xml_text
 from .written import Losses, RobotDocument, drive_of, screw_of
 
 WORLD = "world"
-_NONE = 1e16
+_NO_LIMIT = 1e16
 """Number for no limit."""
 
 
@@ -32,17 +32,20 @@ def write_sdf(model: Model) -> RobotDocument:
 class _SdfWriter:
     """Writer of one model."""
 
-    def __init__(self, found: ModelParts) -> None:
-        self.found, self.losses = found, Losses()
-        self.losses.note_couplings(found)
-        self.root = new("sdf", version=_version(found))
-        self.model = Element("model", {"name": found.name}, 0, self.root)
-        moving = [joint.name for joint in found.joints if not joint.fixed]
+    def __init__(self, parts: ModelParts) -> None:
+        self.found, self.losses = parts, Losses()
+        self.losses.note_couplings(parts)
+        self.root = new("sdf", version=_version(parts))
+        self.model = Element("model", {"name": parts.name}, 0, self.root)
         self.names = {WORLD}
-        self.joints = {name: self._name("joint", name) for name in moving}  # first: motions go by the names of joints
-        still = not found.floating and found.root == WORLD
-        self.called = {name: WORLD if still and name == WORLD else self._name("link", name) for name in found.links}
-        self.carriers = {found.root: found.root}
+        # Joints first: motions go by the names of joints.
+        self.joints = {joint.name: self._name("joint", joint.name) for joint in parts.joints if not joint.fixed}
+        self.called: dict[str, str] = {}
+        """Name of each link in the file."""
+        for name in parts.links:
+            is_world = name == WORLD and parts.root == WORLD and not parts.floating
+            self.called[name] = WORLD if is_world else self._name("link", name)
+        self.carriers = {parts.root: parts.root}
         """Link that carries each link: itself, or the one it is a frame of."""
 
     def write(self) -> RobotDocument:
@@ -56,8 +59,8 @@ class _SdfWriter:
         self._begin()
         for entry in found.joints:
             self._add(entry)
-        standing = (joint for joint in found.joints if joint.fixed and joint.parent == found.root)
-        beside = next(standing, None)
+        standing = [joint for joint in found.joints if joint.fixed and joint.parent == found.root]
+        beside = standing[0] if standing else None
         for site in found.additions.sites.values():
             if self.called[site.link] == WORLD and beside is not None:  # no frame is of the world
                 T = np.asarray(se3.inverse(beside.placement) @ site.pose)
@@ -71,12 +74,12 @@ class _SdfWriter:
             self.root.attributes["xmlns:drake"] = "http://drake.mit.edu"
         return RobotDocument(xml_text(self.root), tuple(self.losses.found))
 
-    def _name(self, what: str, name: str) -> str:
+    def _name(self, kind: str, name: str) -> str:
         """Unused name: links, joints and frames share one scope, and ``::`` separates models."""
-        found = unused(name.replace("::", "."), self.names)
-        if found != name:
-            self.losses.note(what, name, f"is written as {found!r}: the format keeps its name for others")
-        return found
+        unique = unused(name.replace("::", "."), self.names)
+        if unique != name:
+            self.losses.note(kind, name, f"is written as {unique!r}: the format keeps its name for others")
+        return unique
 
     def _begin(self) -> None:
         """The root link: the world itself, fixed to it, or free."""
@@ -89,18 +92,22 @@ class _SdfWriter:
             self._joint(self._name("joint", f"{found.root}.fixed"), "fixed", WORLD, found.root)
             return
         if any(drive_of(found, ROOT_JOINT, self.losses)):
-            self.losses.of_joint(ROOT_JOINT, "has damping, friction or armature, which the format cannot represent")
+            self.losses.note_joint(ROOT_JOINT, "has damping, friction or armature, which the format cannot represent")
 
     def _add(self, entry: JointEntry) -> None:
-        found, kind = self.found, entry.joint.kind
+        kind = entry.joint.kind
         carrier = self.carriers[entry.parent]
-        if entry.fixed and self.called[carrier] != WORLD and not found.links[entry.child].inertia.parameters.any():
+        massless = not self.found.links[entry.child].inertia.parameters.any()
+        if entry.fixed and self.called[carrier] != WORLD and massless:
             self.carriers[entry.child] = carrier
             self._frame(self.called[entry.child], entry.parent, entry.placement)
             return
         self.carriers[entry.child] = entry.child
-        if kind in ("floating", "planar"):
-            (self._add_floating if kind == "floating" else self._add_planar)(entry)
+        if kind == "floating":
+            self._add_floating(entry)
+            return
+        if kind == "planar":
+            self._add_planar(entry)
             return
         self._link(entry.child, entry.parent, entry.placement)
         name = self._name("joint", entry.name) if entry.fixed else self.joints[entry.name]
@@ -119,7 +126,7 @@ class _SdfWriter:
         self._link(entry.child, None, np.eye(4))
         drive_of(self.found, entry.name, self.losses)
         if entry.name != ROOT_JOINT:
-            self.losses.of_joint(
+            self.losses.note_joint(
                 entry.name, "floats, which the format expresses by the absence of a joint: its name is lost"
             )
 
@@ -136,15 +143,21 @@ class _SdfWriter:
             joint = self._joint(self._name("joint", f"{entry.name}.{letter}"), kind, carrier, child)
             self._drive(entry.name, joint, self._axis(joint, direction))
             parent, carrier, T = child, self.called[child], np.eye(4)
-        self.losses.of_joint(
+        self.losses.note_joint(
             entry.name,
             "is planar; it is written as two sliding joints and a turning one, whose velocities are those of x, y, theta",
         )
 
     def _add_screw(self, name: str, entry: JointEntry, parent: str) -> None:
         axis, limits = screw_of(entry), entry.limits
-        endless = not np.isfinite([limits.lower[0], limits.upper[0]]).any()
-        kind = "screw" if axis.pitch else "prismatic" if not axis.turns else "continuous" if endless else "revolute"
+        if axis.pitch:
+            kind = "screw"
+        elif not axis.turns:
+            kind = "prismatic"
+        elif np.isfinite([limits.lower[0], limits.upper[0]]).any():
+            kind = "revolute"
+        else:
+            kind = "continuous"
         joint = self._joint(name, kind, parent, entry.child)
         if axis.point.any():
             new("pose", joint, figures([*axis.point, 0, 0, 0]))
@@ -157,8 +170,8 @@ class _SdfWriter:
             for what, value in (("multiplier", ratio), ("offset", offset), ("reference", 0.0)):
                 new(what, mimic, figures(value))
         limit = new("limit", element)
-        new("lower", limit, figures(max(limits.lower[0], -_NONE)))
-        new("upper", limit, figures(min(limits.upper[0], _NONE)))
+        new("lower", limit, figures(max(limits.lower[0], -_NO_LIMIT)))
+        new("upper", limit, figures(min(limits.upper[0], _NO_LIMIT)))
         for what, value in (("effort", limits.effort[0]), ("velocity", limits.velocity[0])):
             if np.isfinite(value):
                 new(what, limit, figures(value))
@@ -168,26 +181,27 @@ class _SdfWriter:
     def _drive(self, name: str, joint: Element, axis: Element | None) -> None:
         """Friction, springs and armature of a joint into its elements."""
         drive = drive_of(self.found, name, self.losses)
-        said = {"damping": drive.damping, "friction": drive.friction}
+        values = {"damping": drive.damping, "friction": drive.friction}
         for spring in self.found.additions.springs:
             (first, weight), *others = spring.terms
             if axis is not None and first == name and not others:
-                if "spring_stiffness" in said:
-                    self.losses.of_joint(name, "has a second spring, which is left out")
+                if "spring_stiffness" in values:
+                    self.losses.note_joint(name, "has a second spring, which is left out")
                     continue
-                said |= {"spring_reference": spring.rest / weight, "spring_stiffness": spring.stiffness * weight**2}
-        if any(said.values()):
-            dynamics = new("dynamics", axis if axis is not None else self._axis(joint, np.array([0.0, 0.0, 1.0])))
-            for what, value in said.items():
+                values |= {"spring_reference": spring.rest / weight, "spring_stiffness": spring.stiffness * weight**2}
+        if any(values.values()):
+            owner = self._axis(joint, np.array([0.0, 0.0, 1.0])) if axis is None else axis
+            dynamics = new("dynamics", owner)
+            for tag, value in values.items():
                 if value:
-                    new(what, dynamics, figures(value))
+                    new(tag, dynamics, figures(value))
         if drive.armature and axis is not None:
             new("drake:rotor_inertia", joint, figures(drive.armature))
-            self.losses.of_joint(
+            self.losses.note_joint(
                 name, "has an armature, which is written as drake:rotor_inertia, an extension of Drake's"
             )
         elif drive.armature:
-            self.losses.of_joint(name, "has an armature, which the format cannot represent")
+            self.losses.note_joint(name, "has an armature, which the format cannot represent")
 
     def _joint(self, name: str, kind: str, parent: str, child: str) -> Element:
         joint = new("joint", self.model, name=name, type=kind)
@@ -218,9 +232,11 @@ class _SdfWriter:
         self._pose(frame, None, T)
 
     def _pose(self, element: Element, parent: str | None, T: Array) -> None:
-        relative = {"relative_to": self.called[parent]} if parent and self.called[parent] != WORLD else {}
-        if relative or not np.array_equal(T, np.eye(4)):
-            new("pose", element, figures([*T[:3, 3], *rpy_of_rotation(T[:3, :3])]), **relative)
+        attributes = {}
+        if parent and self.called[parent] != WORLD:
+            attributes["relative_to"] = self.called[parent]
+        if attributes or not np.array_equal(T, np.eye(4)):
+            new("pose", element, figures([*T[:3, 3], *rpy_of_rotation(T[:3, :3])]), **attributes)
 
     def _note_others(self) -> None:
         for spring in self.found.additions.springs:

@@ -13,9 +13,9 @@ from ...mechanics.model.model import Model
 from ...mechanics.model.parts import ModelParts, disassemble
 from ..urdf import LIMITS_OF_1_2, entries_of, rpy_of_rotation
 from ..xml import Element, figures, new, xml_text
-from .written import Losses, RobotDocument, drive_of, moved, screw_of
+from .written import Losses, RobotDocument, drive_of, screw_of, translation
 
-_NONE = 1e16
+_NO_LIMIT = 1e16
 """Number for no limit, as the format requires one."""
 
 
@@ -27,12 +27,12 @@ def write_urdf(model: Model) -> RobotDocument:
 class _UrdfWriter:
     """Writer of one model."""
 
-    def __init__(self, found: ModelParts) -> None:
-        self.found, self.losses = found, Losses()
-        self.losses.note_couplings(found)
-        self.robot = new("robot", name=found.name)
-        self.names = {*found.links}
-        self.joint_names = {joint.name for joint in found.joints}
+    def __init__(self, parts: ModelParts) -> None:
+        self.found, self.losses = parts, Losses()
+        self.losses.note_couplings(parts)
+        self.robot = new("robot", name=parts.name)
+        self.names = {*parts.links}
+        self.joint_names = {joint.name for joint in parts.joints}
         self.parts: list[Element] = []
         """Elements of joints, which come after those of links."""
 
@@ -73,7 +73,7 @@ class _UrdfWriter:
             new("origin", joint, xyz=figures(T[:3, 3]), rpy=figures(rpy_of_rotation(T[:3, :3])))
         return joint
 
-    def _hidden(self, name: str) -> str:
+    def _add_massless_link(self, name: str) -> str:
         """A new link without mass."""
         name = unused(name, self.names)
         self._link(name, SpatialInertia.zero())
@@ -96,11 +96,13 @@ class _UrdfWriter:
         axis, limits, name = screw_of(entry), entry.limits, entry.name
         child, T, beside = entry.child, entry.placement, ""
         if axis.point.any():  # the format has axes through the child's origin
-            child, T = self._hidden(f"{entry.child}:{name}"), T @ moved(axis.point)
+            child, T = self._add_massless_link(f"{entry.child}:{name}"), T @ translation(axis.point)
             beside = unused(f"{name}.fixed", self.joint_names)
-        middle = self._hidden(f"{entry.child}:{name}:slide") if axis.pitch else child
+        middle = self._add_massless_link(f"{entry.child}:{name}:slide") if axis.pitch else child
         free = limits.lower[0] == -np.inf and limits.upper[0] == np.inf
-        kind = ("continuous" if free else "revolute") if axis.turns else "prismatic"
+        kind = "prismatic"
+        if axis.turns:
+            kind = "continuous" if free else "revolute"
         joint = self._joint(name, kind, entry.parent, middle, T)
         new("axis", joint, xyz=figures(axis.direction))
         self._limit(joint, limits)
@@ -110,37 +112,39 @@ class _UrdfWriter:
         if axis.pitch:
             slide = self._joint(unused(f"{name}.slide", self.joint_names), "prismatic", middle, child, np.eye(4))
             new("axis", slide, xyz=figures(axis.direction))
-            self._limit(slide, Limits(*(np.full(1, x) for x in (-np.inf, np.inf, np.inf, np.inf))))
+            unlimited = np.full(1, np.inf)
+            self._limit(slide, Limits(-unlimited, unlimited, unlimited, unlimited))
             self._mimic(slide, name, axis.pitch, 0.0)
-            self.losses.of_joint(
+            self.losses.note_joint(
                 name, "is helical; it is written as a revolute joint and a prismatic one that mimics it"
             )
         if beside:
-            self._joint(beside, "fixed", child, entry.child, moved(-axis.point))
+            self._joint(beside, "fixed", child, entry.child, translation(-axis.point))
 
     def _add_ball(self, entry: JointEntry) -> None:
         parent, T = entry.parent, entry.placement
         for k, letter in enumerate("xyz"):
             name = unused(f"{entry.name}.{letter}", self.joint_names)
-            child = entry.child if k == 2 else self._hidden(f"{entry.child}:{name}")
+            child = entry.child if k == 2 else self._add_massless_link(f"{entry.child}:{name}")
             joint = self._joint(name, "continuous", parent, child, T)
             new("axis", joint, xyz=figures(np.eye(3)[k]))
             if k == 0:
                 self._losses_of(joint, entry.name)
             parent, T = child, np.eye(4)
-        self.losses.of_joint(entry.name, "is a ball joint; it is written as three revolute joints about x, y and z")
+        self.losses.note_joint(entry.name, "is a ball joint; it is written as three revolute joints about x, y and z")
 
     def _limit(self, joint: Element, limits: Limits) -> None:
         values = {name: float(getattr(limits, name)[0]) for name in ("lower", "upper", "velocity", "effort")}
-        since = {name: float(getattr(limits, name)[0]) for name in LIMITS_OF_1_2}
-        since = {name: x for name, x in since.items() if np.isfinite(x)}
         if joint.attributes["type"] == "continuous":
             del values["lower"], values["upper"]
-            if not since and not np.isfinite(list(values.values())).any():
-                return
-        if since:
+        newer = {name: float(getattr(limits, name)[0]) for name in LIMITS_OF_1_2}
+        newer = {name: limit for name, limit in newer.items() if np.isfinite(limit)}
+        if newer:
             self.robot.attributes["version"] = "1.2"
-        new("limit", joint, **{name: figures(np.clip(x, -_NONE, _NONE)) for name, x in (values | since).items()})
+        elif joint.attributes["type"] == "continuous" and not np.isfinite(list(values.values())).any():
+            return
+        texts = {name: figures(np.clip(limit, -_NO_LIMIT, _NO_LIMIT)) for name, limit in (values | newer).items()}
+        new("limit", joint, **texts)
 
     def _mimic(self, joint: Element, leader: str, ratio: float, offset: float) -> None:
         new("mimic", joint, joint=leader, multiplier=figures(ratio), offset=figures(offset))
@@ -151,11 +155,11 @@ class _UrdfWriter:
         if drive.damping or drive.friction:
             new("dynamics", element, damping=figures(drive.damping), friction=figures(drive.friction))
         if drive.armature:
-            self.losses.of_joint(name, "has an armature, which the format cannot represent")
+            self.losses.note_joint(name, "has an armature, which the format cannot represent")
 
     def _add_sites(self) -> None:
         for site in self.found.additions.sites.values():
-            name = self._hidden(site.name)
+            name = self._add_massless_link(site.name)
             beside = unused(f"{name}.fixed", self.joint_names)
             self._joint(beside, "fixed", site.link, name, site.pose)
             self.losses.note("site", site.name, "is written as a fixed link without mass")

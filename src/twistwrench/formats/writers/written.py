@@ -38,14 +38,15 @@ class Losses:
         """Note the loss of a link, joint or other named part."""
         self.found.append(ModelNote(f"{kind} {name!r}", text))
 
-    def of_joint(self, name: str, text: str) -> None:
+    def note_joint(self, name: str, text: str) -> None:
         """Note the loss of a joint."""
         self.note("joint", name, text)
 
     def note_limits(self, joint: str, limits: Limits, *kinds: str) -> None:
         """Note the loss of limits of a joint that are given."""
-        if given := [kind for kind in kinds if np.isfinite(getattr(limits, kind)[0])]:
-            self.of_joint(joint, f"has a limit of {listed(given)}, which the format cannot represent")
+        finite = [kind for kind in kinds if np.isfinite(getattr(limits, kind)[0])]
+        if finite:
+            self.note_joint(joint, f"has a limit of {listed(finite)}, which the format cannot represent")
 
     def say(self, text: str) -> None:
         """Note the loss of the robot."""
@@ -56,19 +57,20 @@ class Losses:
         if found.links[found.root].inertia.mass:
             self.say("the mass of what stands still is left out, where the base is the world itself")
 
-    def note_couplings(self, found: ModelParts) -> None:
+    def note_couplings(self, parts: ModelParts) -> None:
         """Note coupled drives, which the formats do not have, and take them out of the parts."""
-        coupled = {joint: c for c in found.couplings for joint in c.joints}
-        for name, c in coupled.items():
-            self.of_joint(
-                name, f"is moved by coupled motors {listed(c.motors)}; their inertia, friction and efforts are left out"
+        coupled_joints = {joint: coupling for coupling in parts.couplings for joint in coupling.joints}
+        motors = {motor for coupling in parts.couplings for motor in coupling.motors}
+        for name, coupling in coupled_joints.items():
+            names = listed(coupling.motors)
+            self.note_joint(
+                name, f"is moved by coupled motors {names}; their inertia, friction and efforts are left out"
             )
-            found.friction[name], found.armature[name] = Friction.plain(np.zeros(1), np.zeros(1)), np.zeros(1)
-        found.joints = [
-            replace(j, limits=replace(j.limits, effort=np.full(1, np.inf))) if j.name in coupled else j
-            for j in found.joints
-        ]
-        found.actuators = [a for a in found.actuators if not any(a.joint in c.motors for c in found.couplings)]
+            parts.friction[name], parts.armature[name] = Friction.plain(np.zeros(1), np.zeros(1)), np.zeros(1)
+        for k, joint in enumerate(parts.joints):
+            if joint.name in coupled_joints:
+                parts.joints[k] = replace(joint, limits=replace(joint.limits, effort=np.full(1, np.inf)))
+        parts.actuators = [actuator for actuator in parts.actuators if actuator.joint not in motors]
 
     def note_unwritten(self, found: ModelParts) -> None:
         """Note what formats other than MJCF do not have: named configurations and closures."""
@@ -110,7 +112,7 @@ def screw_of(joint: JointEntry) -> Screw:
     return Screw(w, point, pitch if abs(pitch) > 1e-15 else 0.0, True)
 
 
-def moved(point: Array) -> Array:
+def translation(point: Array) -> Array:
     """The pose (4, 4) of a frame at a point."""
     return se3.pose(np.eye(3), point)
 
@@ -123,41 +125,42 @@ class AlongJoint(NamedTuple):
     armature: float = 0.0
 
 
-def drive_of(found: ModelParts, joint: str, losses: Losses) -> AlongJoint:
+def drive_of(parts: ModelParts, joint: str, losses: Losses) -> AlongJoint:
     """Damping, Coulomb friction and armature of a joint; losses are noted."""
-    law = found.friction.get(joint)
-    if law is None:  # the drive of a mimic joint is written with its leader
+    friction = parts.friction.get(joint)
+    if friction is None:  # the drive of a mimic joint is written with its leader
         return AlongJoint()
-    laws = [law, *(found.friction[motor] for motor in (f"{joint}.motor",) if motor in found.friction)]
-    for one in laws:
-        if (one.static > one.coulomb).any():
-            losses.of_joint(joint, "has static and Stribeck friction, of which the Coulomb friction alone is written")
-        if one.load.any():
-            losses.of_joint(joint, "has friction that grows with the load, which is left out")
-    armature = found.armature[joint].copy()
-    for actuator in found.actuators:
+    laws = [friction]
+    if f"{joint}.motor" in parts.friction:
+        laws.append(parts.friction[f"{joint}.motor"])
+    for law in laws:
+        if (law.static > law.coulomb).any():
+            losses.note_joint(joint, "has static and Stribeck friction, of which the Coulomb friction alone is written")
+        if law.load.any():
+            losses.note_joint(joint, "has friction that grows with the load, which is left out")
+    armature = parts.armature[joint].copy()
+    for actuator in parts.actuators:
         if actuator.joint == joint and actuator.rotor is not None:
             armature += actuator.ratio**2 * actuator.rotor.inertia
-            losses.of_joint(joint, "has a rotor, which is written as armature: what it does to other joints is lost")
+            losses.note_joint(joint, "has a rotor, which is written as armature: what it does to other joints is lost")
             if np.isfinite(actuator.stiffness):
-                losses.of_joint(joint, "has an elastic gear, which is written as a rigid one")
-    viscous, coulomb = (np.sum([getattr(one, name) for one in laws], axis=0) for name in ("viscous", "coulomb"))
+                losses.note_joint(joint, "has an elastic gear, which is written as a rigid one")
+    viscous = np.sum([law.viscous for law in laws], axis=0)
+    coulomb = np.sum([law.coulomb for law in laws], axis=0)
     along = {"damping": viscous, "friction": coulomb, "armature": armature}
-    for what, values in along.items():
+    for quantity, values in along.items():
         if np.ptp(values) > 0:
-            losses.of_joint(joint, f"has another {what} in each direction, of which the mean is written")
-    return AlongJoint(**{what: float(np.mean(values)) for what, values in along.items()})
+            losses.note_joint(joint, f"has another {quantity} in each direction, of which the mean is written")
+    return AlongJoint(**{quantity: float(np.mean(values)) for quantity, values in along.items()})
 
 
-def configurations_of(found: ModelParts) -> dict[str, dict[str, Array]]:
+def configurations_of(parts: ModelParts) -> dict[str, dict[str, Array]]:
     """Named configurations by joint, without a neutral ``qpos0``."""
-    neutral = {joint.name: joint.joint.neutral for joint in found.joints} | {ROOT_JOINT: np.r_[1.0, np.zeros(6)]}
-    given = {
-        name: {joint: np.asarray(q, float) for joint, q in positions.items()}
-        for name, positions in found.additions.configurations.items()
-    }
-    return {
-        name: positions
-        for name, positions in given.items()
-        if name != REFERENCE or any(not np.array_equal(q, neutral[joint]) for joint, q in positions.items())
-    }
+    neutral = {joint.name: joint.joint.neutral for joint in parts.joints} | {ROOT_JOINT: np.r_[1.0, np.zeros(6)]}
+    configurations = {}
+    for name, positions in parts.additions.configurations.items():
+        arrays = {joint: np.asarray(q, float) for joint, q in positions.items()}
+        if name == REFERENCE and all(np.array_equal(q, neutral[joint]) for joint, q in arrays.items()):
+            continue
+        configurations[name] = arrays
+    return configurations

@@ -6,6 +6,7 @@ import importlib.util
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ...core.errors import MissingExtraError, RobotFileError, UnknownNameError, ValueRangeError
@@ -43,25 +44,25 @@ def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"])
     if not is_marked(text):
         return ""
     root = parse(text) if root is None else root
-    stack = [(root, rows.get(root.tag, {}))] if root.tag == "robot" else []
+    if root.tag != "robot":
+        return ""
+    stack = [(root, rows.get(root.tag, {}))]
     while stack:
         element, row = stack.pop()
         if element.tag.startswith(_ELEMENT):
             return f"{element} is unexpanded xacro"
         for name, value in element.attributes.items():
-            if row.get(name) is READ and any(mark in value for mark in _EXPRESSIONS):
-                shown = (
-                    "" if name == "name" else f": {shorten(f'{name}={value!r}')}"
-                )  # a name stands in that of the element
-                return f"{element} is unexpanded xacro{shown}"
-        stack.extend(
-            (child, _row_of(child, element, rows)) for child in reversed(element.children) if _is_read(child, row)
-        )
+            if row.get(name) is READ and _has_expression(value):
+                # A name stands in that of the element.
+                text_of_attribute = "" if name == "name" else f": {shorten(f'{name}={value!r}')}"
+                return f"{element} is unexpanded xacro{text_of_attribute}"
+        children = [c for c in element.children if c.tag.startswith(_ELEMENT) or row.get(f"<{c.tag}>") is READ]
+        stack.extend((child, _row_of(child, element, rows)) for child in reversed(children))
     return ""
 
 
-def _is_read(child: Element, row: Mapping[str, Entry]) -> bool:
-    return child.tag.startswith(_ELEMENT) or row.get(f"<{child.tag}>") is READ
+def _has_expression(value: str) -> bool:
+    return any(mark in value for mark in _EXPRESSIONS)
 
 
 def _row_of(element: Element, parent: Element, rows: Rows) -> Mapping[str, Entry]:
@@ -72,15 +73,21 @@ def xacro_arguments(arguments: Mapping[str, Any] | bool | None) -> Mapping[str, 
     """Arguments of a xacro file; empty for True, None without expansion. Raises ValueRangeError."""
     if arguments is None or arguments is False:
         return None
-    given = {} if arguments is True else arguments
-    plain = isinstance(given, Mapping) and all(
-        isinstance(name, str) and isinstance(value, str | int | float) for name, value in given.items()
+    values = {} if arguments is True else arguments
+    if not isinstance(values, Mapping) or not all(isinstance(value, str | int | float) for value in values.values()):
+        raise _wrong_arguments(arguments)
+    texts = {}
+    for name, value in values.items():
+        if not isinstance(name, str):
+            raise _wrong_arguments(arguments)
+        texts[name] = str(value).lower() if isinstance(value, bool) else str(value)
+    return texts
+
+
+def _wrong_arguments(arguments: object) -> ValueRangeError:
+    return ValueRangeError(
+        f"xacro={shorten(repr(arguments))}: give the arguments by name, as xacro={{'hand': 'true'}}, or xacro=True."
     )
-    if not plain:
-        raise ValueRangeError(
-            f"xacro={shorten(repr(arguments))}: give the arguments by name, as xacro={{'hand': 'true'}}, or xacro=True."
-        )
-    return {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in given.items()}
 
 
 def expand_xacro(
@@ -99,51 +106,50 @@ def expand_xacro(
             f"{advice}. Or run {EXPAND} first, and load robot.urdf."
         )
 
-    def failed(reason: str) -> RobotFileError:
-        known = f" It declares the arguments {listed(declared)}." if declared else ""
-        return RobotFileError(
-            f"xacro cannot expand it: {reason}.{known} Folders of packages that are not above the file, and of other files "
-            f"that it reads, go into {spell(Argument('include_paths', option='include-path'))} or ROS_PACKAGE_PATH."
-        )
-
-    declared: dict[str, None] = {}
     from ...core.child_process import ChildLimits, run_in_child
 
     limits = ChildLimits(SECONDS, MEMORY, 8 * MOST_BYTES)
     request = _request(text, path, arguments, folders)
-    answer = run_in_child("twistwrench.formats.xacro.expander:expand", request, limits=limits, error_of=failed)
-    declared |= dict.fromkeys(answer["declared"])
+    answer = run_in_child(
+        "twistwrench.formats.xacro.expander:expand", request, limits=limits, error_of=_expansion_error
+    )
+    declared = dict.fromkeys(answer["declared"])
     if "text" not in answer:
-        raise failed(answer["reason"])
+        raise _expansion_error(answer["reason"], declared)
     for name in arguments:
         if name not in declared:
-            raise UnknownNameError.from_choices(
-                f"xacro argument of {path.name if path else 'the text'}", name, declared
-            )
+            owner = path.name if path else "the text"
+            raise UnknownNameError.from_choices(f"xacro argument of {owner}", name, declared)
     return str(answer["text"])
 
 
+def _expansion_error(reason: str, declared: Mapping[str, None] = MappingProxyType({})) -> RobotFileError:
+    """Error for a file that xacro cannot expand, with the arguments it declares, if they are known."""
+    arguments = f" It declares the arguments {listed(declared)}." if declared else ""
+    return RobotFileError(
+        f"xacro cannot expand it: {reason}.{arguments} Folders of packages that are not above the file, and of other files "
+        f"that it reads, go into {spell(Argument('include_paths', option='include-path'))} or ROS_PACKAGE_PATH."
+    )
+
+
 def _request(text: str, path: Path | None, arguments: Mapping[str, Any], folders: Sequence[Path]) -> dict[str, Any]:
-    home = [] if path is None else [path.resolve().parent, *_package_around(path)]
-    of_ros = [
-        Path(folder)
-        for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
-        for folder in os.environ.get(name, "").split(os.pathsep)
-        if folder
-    ]
+    allowed = [] if path is None else [path.resolve().parent, *_package_around(path)]
+    allowed += folders
+    for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
+        allowed += [Path(folder) for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
     return {
         "text": text,
         "file": None if path is None else str(path),
         "arguments": dict(arguments),
         "include_paths": [str(folder) for folder in folders],
-        "folders": [str(folder.resolve()) for folder in (*home, *folders, *of_ros)],
+        "folders": [str(folder.resolve()) for folder in allowed],
         "bytes": MOST_BYTES,
     }
 
 
 def _package_around(path: Path) -> list[Path]:
     """The nearest folder above a file that is a package of ROS, if any."""
-    around = path.resolve().parents
-    return [folder for folder in around if any((folder / name).is_file() for name in ("package.xml", "manifest.xml"))][
-        :1
-    ]
+    for folder in path.resolve().parents:
+        if (folder / "package.xml").is_file() or (folder / "manifest.xml").is_file():
+            return [folder]
+    return []

@@ -35,7 +35,7 @@ def expand(request: Mapping[str, Any]) -> dict[str, Any]:
     import xacro.substitution_args as substitution
     from xacrodoc import packages
 
-    bounds, arguments = _audited(), Arguments(request["arguments"])
+    bounds, arguments = _install_audit_hook(), Arguments(request["arguments"])
     packages.reset()
     if request["include_paths"]:
         packages.look_in(list(request["include_paths"]))
@@ -59,7 +59,7 @@ def expand(request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @cache
-def _audited() -> Bounds:
+def _install_audit_hook() -> Bounds:
     """Bounds that this process keeps to, set once; what is imported later otherwise is imported before."""
     import xml.dom.expatbuilder
     import xml.dom.minidom
@@ -76,6 +76,10 @@ def _audited() -> Bounds:
     return bounds
 
 
+_MAX_REASON = 300
+"""Largest number of characters of a reason."""
+
+
 def reason_of(problem: BaseException) -> str:
     """Text of an error in one line: the cause, and the places in which it occurred, each once."""
     chain: list[Any] = [problem]
@@ -86,12 +90,15 @@ def reason_of(problem: BaseException) -> str:
         return "its macros, elements or expressions are nested too deeply"
     if isinstance(inner, MemoryError):
         return "it needs more memory than is allowed"
-    messages = [str(error.args[0]) for error in chain[:-1] if error.args and error.args[0]]
-    plain = [message for message in messages if not message.startswith("<class")]  # that repeats the cause
-    suffixes = [str(error.suffix) for error in reversed(chain) if getattr(error, "suffix", None)]
-    parts = [*plain, _cause(inner), *suffixes]
+    parts = []
+    for error in chain[:-1]:
+        message = str(error.args[0]) if error.args and error.args[0] else ""
+        if message and not message.startswith("<class"):  # that repeats the cause
+            parts.append(message)
+    parts.append(_cause(inner))
+    parts += [str(error.suffix) for error in reversed(chain) if getattr(error, "suffix", None)]
     text = " ".join(" ".join(dict.fromkeys(parts)).split()).rstrip(".")
-    return f"{text[:300]}{'…' * (len(text) > 300)}"
+    return text if len(text) <= _MAX_REASON else f"{text[:_MAX_REASON]}…"
 
 
 def _cause(inner: Any) -> str:
@@ -100,7 +107,8 @@ def _cause(inner: Any) -> str:
         return str(inner.msg)
     if isinstance(inner, KeyError):
         return f"there is no {str(inner.args[0])!r}" if inner.args else "a name is missing"
-    return str(inner.args[0] if hasattr(inner, "suffix") and inner.args else inner) or "an expression fails"
+    message = inner.args[0] if hasattr(inner, "suffix") and inner.args else inner
+    return str(message) or "an expression fails"
 
 
 class Arguments(dict[str, str]):
@@ -184,10 +192,11 @@ class PackageFinder:
     def _around(self, name: str) -> Path | None:
         """Folder above the file whose package file has the name; None without one."""
         folders = Path(self.file).resolve().parents if self.file else ()
-        found = next((folder for folder in folders if package_name(folder) == name), None)
-        if found is not None:
-            self.bounds.folders = [*self.bounds.folders, found]
-        return found
+        for folder in folders:
+            if package_name(folder) == name:
+                self.bounds.folders = [*self.bounds.folders, folder]
+                return folder
+        return None
 
 
 def package_name(folder: Path) -> str | None:
@@ -216,14 +225,14 @@ def guarded_parse(source: str | None, filename: str | None = None) -> Any:
     return xml.dom.minidom.parseString(data)
 
 
-_seen: list[str] = []
+_evaluated_texts: list[str] = []
 """Expressions evaluated so far, which show that the replacements of :func:`replace_evaluation` are in use."""
 
 
 def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arguments: Arguments) -> None:
     """Replace the functions of xacro that evaluate expressions, read the environment, and find packages."""
     symbols = xacro._global_symbols
-    _seen.clear()
+    _evaluated_texts.clear()
     spaces = [symbols, *(space for space in symbols.values() if isinstance(space, dict))]
     for space in spaces:
         for name in _NOT_FUNCTIONS:
@@ -231,7 +240,7 @@ def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arg
     functions = {id(value) for space in spaces for value in dict.values(space) if callable(value)}
 
     def safe_eval(text: str, names: Mapping[str, Any], _locals: Any = None) -> Any:
-        _seen.append(text)
+        _evaluated_texts.append(text)
         return evaluate(text, names, functions)
 
     def environment(name: str, *_: Any) -> str:
@@ -242,15 +251,23 @@ def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arg
     def argument(name: str) -> Any:
         return substitution.convert_value(substitution._eval_arg(name, args=arguments), "auto")
 
-    of_eval = {"arg": argument, "find": finder, "env": environment, "optenv": lambda _name, default="": default}
-    of_eval |= {name: getattr(builtins, name) for name in ("list", "dict", "map", "str", "float", "int")}
-    of_eval |= {name: value for name, value in symbols["math"].items() if not name.startswith("_")}
-    functions_of_eval = {id(value) for value in of_eval.values() if callable(value)}
+    functions_and_constants = {
+        "arg": argument,
+        "find": finder,
+        "env": environment,
+        "optenv": lambda _name, default="": default,
+    }
+    functions_and_constants |= {
+        name: getattr(builtins, name) for name in ("list", "dict", "map", "str", "float", "int")
+    }
+    functions_and_constants |= {name: value for name, value in symbols["math"].items() if not name.startswith("_")}
+    functions_of_eval = {id(value) for value in functions_and_constants.values() if callable(value)}
 
     def eval_substitution(text: str, _context: Any) -> str:
-        _seen.append(text)
-        given = {name: substitution.convert_value(value, "auto") for name, value in arguments.items()}
-        return str(evaluate(text, {"true": True, "false": False, **given, **of_eval}, functions_of_eval))
+        _evaluated_texts.append(text)
+        names = {"true": True, "false": False}
+        names |= {name: substitution.convert_value(value, "auto") for name, value in arguments.items()}
+        return str(evaluate(text, names | functions_and_constants, functions_of_eval))
 
     xacro.safe_eval = safe_eval
     substitution._eval = eval_substitution
@@ -263,5 +280,5 @@ def check_evaluation(xacro: Any) -> None:
     """Raise Refused if this version of xacro evaluates expressions by another function than those replaced."""
     table = xacro.Table(xacro._global_symbols)
     for text, inside, value in (("${1 + 1}", "1 + 1", 2), ("$(eval 1 + 2)", "1 + 2", "3")):
-        if xacro.eval_text(text, table) != value or _seen[-1:] != [inside]:
+        if xacro.eval_text(text, table) != value or _evaluated_texts[-1:] != [inside]:
             raise Refused("this version of xacro is not supported: it evaluates expressions in another way")

@@ -92,25 +92,25 @@ class _Evaluator:
         """Value of a node."""
         match node:
             case ast.Constant(value=str() | int() | float() | complex() | None as value):
-                return self._allowed(value)
+                return self._check_value(value)
             case ast.Name(id=name):
-                return self._allowed(self._named(name))
+                return self._check_value(self._value_of_name(name))
             case ast.BinOp(left=left, op=op, right=right):
                 a, b = self.value(left), self.value(right)
                 _check_growth(op, a, b)
-                return self._allowed(_BINARY[type(op)](a, b)) if type(op) in _BINARY else _refuse(op)
+                return self._check_value(_BINARY[type(op)](a, b)) if type(op) in _BINARY else _refuse(op)
             case ast.UnaryOp(op=op, operand=operand):
-                return self._allowed(_UNARY[type(op)](self.value(operand)))
+                return self._check_value(_UNARY[type(op)](self.value(operand)))
             case ast.BoolOp(op=op, values=values):
-                return self._combined(values, until=isinstance(op, ast.Or))
+                return self._value_of_and_or(values, until=isinstance(op, ast.Or))
             case ast.Compare(left=left, ops=ops, comparators=others):
-                return self._compared(self.value(left), ops, others)
+                return self._comparison(self.value(left), ops, others)
             case ast.IfExp(test=test, body=body, orelse=other):
                 return self.value(body) if self.value(test) else self.value(other)
             case ast.Attribute(value=owner, attr=name):
                 return self._attribute(self.value(owner), name)
             case ast.Subscript(value=owner, slice=place):
-                return self._allowed(self.value(owner)[self.value(place)])
+                return self._check_value(self.value(owner)[self.value(place)])
             case ast.Slice(lower=lower, upper=upper, step=step):
                 return slice(*(None if part is None else self.value(part) for part in (lower, upper, step)))
             case ast.List(elts=items):
@@ -123,10 +123,10 @@ class _Evaluator:
                 return {self.value(key): self.value(item) for key, item in zip(keys, values, strict=True) if key}
             case ast.Call(func=function, args=args, keywords=words) if all(word.arg for word in words):
                 given = {word.arg: self.value(word.value) for word in words if word.arg}
-                return self._called(self.value(function), [self.value(arg) for arg in args], given)
+                return self._result_of_call(self.value(function), [self.value(arg) for arg in args], given)
         return _refuse(node)
 
-    def _named(self, name: str) -> Any:
+    def _value_of_name(self, name: str) -> Any:
         _check_name(name)
         if name not in self.names:
             raise NameError(f"name {name!r} is not defined")
@@ -136,19 +136,19 @@ class _Evaluator:
         _check_name(name)
         namespace = isinstance(owner, dict) and type(owner) is not dict  # also entries of YAML files
         if namespace and name in owner:
-            return self._allowed(owner[name])
+            return self._check_value(owner[name])
         if any(isinstance(owner, kind) and name in methods for kind, methods in _METHODS.items()):
             return getattr(owner, name)
         raise Refused(f"the attribute {name[:40]!r} is not allowed in an expression of a robot file. {_ALLOWED}")
 
-    def _called(self, function: Any, args: list[Any], given: Mapping[str, Any]) -> Any:
+    def _result_of_call(self, function: Any, args: list[Any], keywords: Mapping[str, Any]) -> Any:
         name = getattr(function, "__name__", "")
-        numbers = [x for x in (*args, *given.values()) if isinstance(x, int)]
+        numbers = [x for x in (*args, *keywords.values()) if isinstance(x, int)]
         if name in _SIZED and any(abs(x) > MOST_ITEMS for x in numbers):
             raise Refused(f"{name} of a number above {MOST_ITEMS:,} is not allowed in a robot file")
-        return self._allowed(function(*args, **given))
+        return self._check_value(function(*args, **keywords))
 
-    def _combined(self, nodes: list[ast.expr], *, until: bool) -> Any:
+    def _value_of_and_or(self, nodes: list[ast.expr], *, until: bool) -> Any:
         """First value that decides an ``and`` or ``or``, else the last."""
         value = None
         for node in nodes:
@@ -157,7 +157,7 @@ class _Evaluator:
                 break
         return value
 
-    def _compared(self, a: Any, ops: list[ast.cmpop], others: list[ast.expr]) -> bool:
+    def _comparison(self, a: Any, ops: list[ast.cmpop], others: list[ast.expr]) -> bool:
         for op, other in zip(ops, others, strict=True):
             b = self.value(other)
             if not _COMPARED[type(op)](a, b):
@@ -165,7 +165,7 @@ class _Evaluator:
             a = b
         return True
 
-    def _allowed(self, value: Any) -> Any:
+    def _check_value(self, value: Any) -> Any:
         """Check that a value is of bounded size, and a known function if it can be called."""
         if callable(value) and id(value) not in self.functions:
             raise Refused(f"{getattr(value, '__name__', type(value).__name__)} is not a function of robot files")

@@ -21,7 +21,7 @@ from ...core.text import listed
 from ...core.verdict import Word
 from ...core.version import __version__
 from ...diagnosis.parsed_file import Subject, read_subject
-from ...formats.edit import TextChanges, encoded
+from ...formats.edit import TextChanges, encode_as
 from ...formats.robot_text import MjcfText
 from ...mechanics.joints.units import unit_of
 from ...robot import Robot, load, save
@@ -86,7 +86,7 @@ def mjcf_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.ndarray
     changes.add(root, f"<!-- {head.replace('--', '- -')} -->\n  <actuator>\n{''.join(actuators)}  </actuator>\n")
     text = changes.apply(subject.text)
     _check(text, subject, found, written)
-    return encoded(text, subject.data)
+    return encode_as(text, subject.data)
 
 
 def _in_mjcf(robot: Robot) -> Subject:
