@@ -262,7 +262,7 @@ def test_no_real_shapes_touch_and_none_is_below_the_floor(run, tmp_path, name):
     asked = ("--duration", 20, "--harmonics", 5, "--share", 0.9, "--acceleration", 10, "--floor", 0.1)
     code, said = run("excite", name, *asked, "--csv", "m.csv")
     assert code == 1 and said.startswith("UNSURE: ")
-    assert ("near each other wherever the joints are" in said) == (name == "ur5")
+    assert ("base_link and upper_arm_link are near each other wherever" in said) == (name == "ur5")
     robot = getattr(tw.robots, name)()
     motion, path = tw.Motion.from_file(tmp_path / "m.csv", robot), str(FILES[file])
     t = np.linspace(motion.time[0], motion.time[-1], 1001)
