@@ -420,7 +420,7 @@ class _MeasurementFile:
         reading = Reading(self.path, self.columns, degrees=self.degrees)
         found = Assignment(cells, str(self.path), coordinates, reading)
         found.names = {part: tuple(coordinates.names[k] for k in needed) if part == "q" else () for part in found.names}
-        for (part, k), choice in found.requested(self.columns).items():
+        for (part, k), choice in found.requested_choices(self.columns).items():
             found.assign(part, k, choice)
         found.assign_by_exact_name()
         found.assign_by_words()
@@ -428,7 +428,7 @@ class _MeasurementFile:
             found.assign_by_rules([])
         if missing := [coordinates.names[k] for place, k in enumerate(needed) if place not in found.given["q"]]:
             raise TrajectoryError(
-                f"{self.path}: no column for {listed(missing)} on the way to the tip; {found.found()}"
+                f"{self.path}: no column for {listed(missing)} on the way to the tip; {found.found_text()}"
             )
         q = np.tile(self.robot.model.neutral, (count, 1))
         for place, choice in found.given["q"].items():

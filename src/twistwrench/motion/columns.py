@@ -41,15 +41,15 @@ from .matching import (
     candidates,
     command_candidates,
     counts_rows,
-    most_by_prefix,
+    match_most_by_prefix,
     rising_columns,
     series,
     varying_columns,
 )
 from .readers.csv_reader import is_number
 
-_FEW = 4
-_MOST_BESIDE = 12
+_MAX_LISTED_JOINTS = 4
+_MAX_JOINTS_BESIDE = 12
 """Most joints beside an arm that an error message lists."""
 ORDER = "#"
 """Prefix of keys for columns listed in the order of the coordinates: ``#1``, ``#2`` …"""
@@ -59,9 +59,6 @@ def _joint(coordinate: str) -> str:
     """Joint of a coordinate; coordinates of planar and floating joints have a suffix."""
     base, dot, suffix = coordinate.rpartition(".")
     return base if dot and suffix in ("x", "y", "z", "theta", "qw", "qx", "qy", "qz") else coordinate
-
-
-# ── Assignment of columns: by request, by exact name, by logger names, by number
 
 
 @dataclass(frozen=True)
@@ -74,7 +71,7 @@ class Choice:
     """Torque per unit of a current column."""
 
 
-_NONE = Choice(-1)
+_NO_COLUMN = Choice(-1)
 """Column of a joint without one."""
 
 
@@ -117,11 +114,8 @@ class Assignment:
     def __init__(self, cells: Sequence[str], where: str, coordinates: Coordinates, reading: Reading) -> None:
         self.cells, self.where, self.reading, self.arms = cells, where, reading, coordinates.arms
         self.names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
-        motors = {*coordinates.drive_names} - {*coordinates.velocity_names}
-        named = [*(split_unit(cell)[0] for cell in cells), *(reading.columns or {})]
-        keys = {f"{motor}{ending}" for motor in motors for ending in ("", f".{CURRENT}", *READ["tau"])}
-        self.motors = motors
-        self.of_motors = bool(motors) and any(name.rpartition(":")[2] in keys for name in named)
+        self.motors = {*coordinates.drive_names} - {*coordinates.velocity_names}
+        self.of_motors = self._names_motors()
         """True if torques of coupled joints are motor torques, according to the column names."""
         if self.of_motors:
             self.names["tau"] = coordinates.drive_names
@@ -142,6 +136,17 @@ class Assignment:
         self.extra: list[str] = []
         """Columns without a known meaning."""
 
+    def _names_motors(self) -> bool:
+        """True if a column, or an entry of the option ``columns``, has the name of a coupled motor."""
+        endings = ("", f".{CURRENT}", *READ["tau"])
+        names = [split_unit(cell)[0] for cell in self.cells]
+        names += self.reading.columns or {}
+        for name in names:
+            own_name = name.rpartition(":")[2]
+            if any(own_name.endswith(ending) and own_name.removesuffix(ending) in self.motors for ending in endings):
+                return True
+        return False
+
     @classmethod
     def from_header(
         cls,
@@ -156,33 +161,43 @@ class Assignment:
         ``look`` returns the first numbers of a column.
         """
         check_header(cells, where)
-        found = cls(cells, where, coordinates, reading)
-        requested = found.requested(reading.columns or {})
-        found.time = found.assign_time(requested.pop(("time", 0), None), reading.rate, look)
+        assignment = cls(cells, where, coordinates, reading)
+        requested = assignment.requested_choices(reading.columns or {})
+        assignment.time = assignment.assign_time(requested.pop(("time", 0), None), reading.rate, look)
         for (part, k), choice in requested.items():
-            found.assign(part, k, choice)
-            found.requested_names[part].add(k)
-        found.assign_by_exact_name()
-        found.assign_by_words()
-        found.assign_by_rules([*reading.locked, *(follower.name for follower in coordinates.mimic_joints)])
-        found.take_currents()
-        found.time = found.time or found.rising_time(look)
-        for follower in coordinates.mimic_joints:
-            own = [c for c in found.free if found.split[c][0] == follower.name]
-            found.mimic_joints += [(follower, Choice(c, found.split[c][1])) for c in own[:1]]
-        mimic = [choice.column for _, choice in found.mimic_joints]
-        of_locked = [k for k in found.free if belongs(found.split[k][0], reading.locked)]
-        if len(found.given["tau"]) < len(found.names["tau"]):
+            assignment.assign(part, k, choice)
+            assignment.requested_names[part].add(k)
+        assignment.assign_by_exact_name()
+        assignment.assign_by_words()
+        assignment.assign_by_rules([*reading.locked, *(follower.name for follower in coordinates.mimic_joints)])
+        assignment.take_currents()
+        assignment.time = assignment.time or assignment.rising_time(look)
+        assignment.assign_mimic_joints(coordinates.mimic_joints)
+        assignment.sort_out_unread(reading.locked)
+        assignment.check_complete(look)
+        unnamed = [str(k + 1) for k, cell in enumerate(cells) if not cell]
+        if unnamed:
+            assignment.notes.append(f"Columns without a name are ignored: {', '.join(unnamed)}.")
+        return assignment
+
+    def assign_mimic_joints(self, followers: Sequence[MimicJoint]) -> None:
+        """Assign columns with the names of mimic joints, which are compared with their leaders."""
+        for follower in followers:
+            columns = [k for k in self.free if self.split[k][0] == follower.name]
+            if columns:
+                self.mimic_joints.append((follower, Choice(columns[0], self.split[columns[0]][1])))
+
+    def sort_out_unread(self, locked: Sequence[str]) -> None:
+        """Sort the columns that are not read into those of locked joints and those without a known meaning."""
+        mimic = {choice.column for _, choice in self.mimic_joints}
+        of_locked = {k for k in self.free if belongs(self.split[k][0], locked)}
+        self.of_locked = [self.cells[k] for k in self.free if k in of_locked]
+        if len(self.given["tau"]) < len(self.names["tau"]):
             # Torques are only compared with others, so some joints may lack them.
-            found.free += [choice.column for choice in found.given["tau"].values()]
-            found.given["tau"] = {}
-        unread = [k for k in sorted(found.free) if k not in of_locked and k not in mimic]
-        found.of_locked = [cells[k] for k in of_locked]
-        found.extra = [cells[k] for k in unread if not (is_result(cells[k]) or is_command(cells[k]))]
-        found.check_complete(look)
-        if unnamed := [str(k + 1) for k, cell in enumerate(cells) if not cell]:
-            found.notes.append(f"Columns without a name are ignored: {', '.join(unnamed)}.")
-        return found
+            self.free += [choice.column for choice in self.given["tau"].values()]
+            self.given["tau"] = {}
+        unread = [self.cells[k] for k in sorted(self.free) if k not in of_locked | mimic]
+        self.extra = [cell for cell in unread if not (is_result(cell) or is_command(cell))]
 
     def factor(self, choice: Choice, part: str, angular: bool) -> float:
         """Factor from a column to SI units: by its unit or gain, otherwise by the common unit of angles."""
@@ -192,24 +207,27 @@ class Assignment:
             return unit_factor(choice.unit, part, angular, f"{self.where}, column {self.cells[choice.column]!r}")
         return math.radians(1.0) if self.degrees and angular and part != "tau" else 1.0
 
-    def found(self) -> str:
+    def found_text(self) -> str:
         """List of the column names, for the end of an error message."""
         return f"found: {listed([cell or '(no name)' for cell in self.cells])}."
 
     def column(self, name: str, given: Argument) -> Choice:
         """Column by name, with or without its unit; errors name the argument that was given."""
         base, unit = split_unit(name)
-        exact = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
-        alike = exact or [k for k, (text, _) in enumerate(self.split) if text == base]
-        if not alike:
-            near = difflib.get_close_matches(name, [c for c in self.cells if c], n=1, cutoff=0.6)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
-            raise TrajectoryError(f"{self.where}: no column {name!r}, which {{0}} names.{hint} {self.found()}", given)
-        if len(alike) > 1:
-            raise self.repeated(name.strip(), len(alike))
-        return Choice(alike[0], unit or self.split[alike[0]][1])
+        matches = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
+        if not matches:
+            matches = [k for k, (text, _) in enumerate(self.split) if text == base]
+        if not matches:
+            similar = difflib.get_close_matches(name, list(filter(None, self.cells)), n=1, cutoff=0.6)
+            hint = f" Did you mean {similar[0]!r}?" if similar else ""
+            raise TrajectoryError(
+                f"{self.where}: no column {name!r}, which {{0}} names.{hint} {self.found_text()}", given
+            )
+        if len(matches) > 1:
+            raise self.repetition_error(name.strip(), len(matches))
+        return Choice(matches[0], unit or self.split[matches[0]][1])
 
-    def repeated(self, name: str, count: int) -> TrajectoryError:
+    def repetition_error(self, name: str, count: int) -> TrajectoryError:
         """Error for a column that occurs more than once."""
         return TrajectoryError(f"{self.where}: column {name!r} is there {count} times. Keep one of them.")
 
@@ -218,50 +236,56 @@ class Assignment:
         self.given[part][k] = choice
         self.free = [c for c in self.free if c != choice.column]
 
-    def requested(self, columns: Mapping[str, str]) -> dict[tuple[str, int], Choice]:
+    def requested_choices(self, columns: Mapping[str, str]) -> dict[tuple[str, int], Choice]:
         """Columns of the option ``columns``, by part and coordinate index."""
-        suffixes = {
-            ".pos": "q",
-            f".{CURRENT}": "tau",
-            **{suffix: part for part, endings in READ.items() for suffix in endings},
-        }
-        known = {f"{n}{suffix}": (part, k) for suffix, part in suffixes.items() for k, n in enumerate(self.names[part])}
-        known["time"] = ("time", 0)
-        found: dict[tuple[str, int], Choice] = {}
-        for key, name in self.in_order(self.of_this_log(columns, known)).items():
-            if key not in known:
+        entries = self._known_entries()
+        choices: dict[tuple[str, int], Choice] = {}
+        for key, name in self.replace_numbers(self.entries_for_log(columns, entries)).items():
+            if key not in entries:
                 raise UnknownNameError.from_choices(
                     f"coordinate (of {argument('columns')})", key, ["time", *self.names["q"]]
                 )
-            if known[key] in found:
+            if entries[key] in choices:
                 raise TrajectoryError(
                     f"{self.where}: {{0}} assigns {key!r} twice. Keep one of them.", Argument("columns")
                 )
             choice = self.column(name, Argument("columns", {key: name}))
-            found[known[key]] = replace(choice, unit=choice.unit or "A") if key.endswith(f".{CURRENT}") else choice
-        return found
+            if key.endswith(f".{CURRENT}") and not choice.unit:
+                choice = replace(choice, unit="A")
+            choices[entries[key]] = choice
+        return choices
 
-    def in_order(self, columns: Mapping[str, str]) -> dict[str, str]:
+    def _known_entries(self) -> dict[str, tuple[str, int]]:
+        """Part and coordinate index of each key that the option ``columns`` may have."""
+        suffixes = {".pos": "q", f".{CURRENT}": "tau"}
+        for part, endings in READ.items():
+            suffixes |= dict.fromkeys(endings, part)
+        entries: dict[str, tuple[str, int]] = {}
+        for suffix, part in suffixes.items():
+            entries |= {f"{name}{suffix}": (part, k) for k, name in enumerate(self.names[part])}
+        return entries | {"time": ("time", 0)}
+
+    def replace_numbers(self, columns: Mapping[str, str]) -> dict[str, str]:
         """Replace ``#1``, ``#2`` … in ``columns`` by the joints' names."""
-        names, listing = self.names["q"], [key for key in columns if key.startswith(ORDER) and key[1:].isdigit()]
-        if listing and len(listing) != len(names):
+        names, numbered = self.names["q"], [key for key in columns if key.startswith(ORDER) and key[1:].isdigit()]
+        if numbered and len(numbered) != len(names):
             raise TrajectoryError(
-                f"{self.where}: {{0}} lists {len(listing)} columns, and the robot has {len(names)} coordinates: "
+                f"{self.where}: {{0}} lists {len(numbered)} columns, and the robot has {len(names)} coordinates: "
                 f"{listed(names)}. List one for each, or name the joint of each.",
                 Argument("columns"),
             )
-        return {names[int(key[1:]) - 1] if key in listing else key: column for key, column in columns.items()}
+        return {names[int(key[1:]) - 1] if key in numbered else key: column for key, column in columns.items()}
 
-    def of_this_log(self, columns: Mapping[str, str], known: Collection[str]) -> dict[str, str]:
+    def entries_for_log(self, columns: Mapping[str, str], known: Collection[str]) -> dict[str, str]:
         """Entries of ``columns`` for this log; entries with its path or name as prefix override general ones."""
-        found, own = dict[str, str](), dict[str, str]()
+        general, own = dict[str, str](), dict[str, str]()
         for key, column in columns.items():
-            rest = max((name for name in known if key.endswith(f":{name}")), key=len, default="")
-            if key in known or not rest:
-                found[key] = column
-            elif key.removesuffix(f":{rest}") in (str(self.reading.path), self.reading.path.name):
-                own[rest] = column
-        return found | own
+            coordinate = max((name for name in known if key.endswith(f":{name}")), key=len, default="")
+            if key in known or not coordinate:
+                general[key] = column
+            elif key.removesuffix(f":{coordinate}") in (str(self.reading.path), self.reading.path.name):
+                own[coordinate] = column
+        return general | own
 
     def take_currents(self) -> None:
         """Convert currents in torque columns by the gains; raises TrajectoryError if the unit is that of a torque."""
@@ -284,57 +308,86 @@ class Assignment:
 
     def assign_time(self, requested: Choice | None, rate: float | None, look: Callable[[int], Array]) -> Choice | None:
         """Time column by name or unit; None if there is none. With a ``rate``, it may only have row numbers."""
-        ranked = sorted((rank[0], k) for k in self.free if (rank := time_meaning(self.split[k][0])) is not None)
-        if others := [(rank, k) for rank, k in ranked if self.cells[k] not in self.names["q"]]:
-            ranked = others  # a joint may be named t
-        first = [k for rank, k in ranked if rank == ranked[0][0]]
+        named = self._columns_named_time()
         if rate is not None:
-            if not requested and not first:
+            return self._row_numbers(requested, named, look)
+        if requested is None and not named:
+            with_unit = [k for k in self.free if time_factor(self.split[k][1] or "") is not None]
+            rising = rising_columns({k: self.cells[k] for k in with_unit}, look)
+            if len(rising) != 1:
                 return None
-            column = requested.column if requested else first[0]
-            if (requested is None or requested.unit is None) and counts_rows(look(column)):
-                self.notes.append(f"Column {self.cells[column]!r} is read as the number of a row, by its numbers.")
-                self.free = [k for k in self.free if k != column]
-                return Choice(column)
+            requested = Choice(rising[0], self.split[rising[0]][1])
+        if requested is None and len(named) > 1:
             raise TrajectoryError(
-                f"{self.where}: {{0}} is given, and column {self.cells[column]!r} is time. Leave out one of them.",
-                Argument("rate"),
-            )
-        if requested is None and not first:
-            timed = [k for k in self.free if time_factor(self.split[k][1] or "") is not None]
-            timed = rising_columns({k: self.cells[k] for k in timed}, look)
-            if len(timed) != 1:
-                return None
-            requested = Choice(timed[0], self.split[timed[0]][1])
-        if requested is None and len(first) > 1:
-            raise TrajectoryError(
-                f"{self.where}: two time columns, {listed([self.cells[k] for k in first])}. Keep one of them, or choose: "
+                f"{self.where}: two time columns, {listed([self.cells[k] for k in named])}. Keep one of them, or choose: "
                 "{0}.",
-                Argument("columns", {"time": self.cells[first[0]]}),
+                Argument("columns", {"time": self.cells[named[0]]}),
             )
-        choice = requested or Choice(
-            first[0], self.split[first[0]][1] or (time_meaning(self.split[first[0]][0]) or (0, None))[1]
-        )
-        noted = False
-        if choice.unit is None and self.split[choice.column][0] == ROS_TIME:
-            whole = ros_nanoseconds(look(choice.column))
-            kind = "whole numbers, so time is read in ns" if whole else "no whole nanoseconds, so time is read in s"
-            self.notes.append(f"Column {ROS_TIME!r} has {kind}.")
-            choice, noted = Choice(choice.column, "ns" if whole else None), True
-        if choice.unit is None and not noted and (unit := unit_since_1970(look(choice.column))) is not None:
-            self.notes.append(
-                f"Time is read in {unit} since 1970 from column {self.cells[choice.column]!r}, by its numbers."
-            )
-            choice, noted = Choice(choice.column, unit), True
-        if choice.unit is not None and time_factor(choice.unit) is None:
+        choice = requested or self._named_time(named[0])
+        unit_by_numbers = self._time_unit_by_numbers(choice, look)
+        if unit_by_numbers is not None:
+            choice = unit_by_numbers
+        elif choice.unit is not None and time_factor(choice.unit) is None:
             raise TrajectoryError(
                 f"{self.where}, column {self.cells[choice.column]!r}: {choice.unit!r} is not a unit of time. Known: s, ms, us, "
                 "ns, min."
             )
-        if choice.unit is not None and time_factor(choice.unit) != 1.0 and not noted:
+        elif choice.unit is not None and time_factor(choice.unit) != 1.0:
             self.notes.append(ReadingNote(f"Time is read in {choice.unit} from column {self.cells[choice.column]!r}."))
         self.free = [k for k in self.free if k != choice.column]
         return choice
+
+    def _columns_named_time(self) -> list[int]:
+        """Unassigned columns with the most certain name for time; several if they have the same rank."""
+        ranks = {}
+        for k in self.free:
+            meaning = time_meaning(self.split[k][0])
+            if meaning is not None:
+                ranks[k] = meaning[0]
+        others = {k: rank for k, rank in ranks.items() if self.cells[k] not in self.names["q"]}
+        ranks = others or ranks  # a joint may be named t
+        return sorted(k for k, rank in ranks.items() if rank == min(ranks.values()))
+
+    def _named_time(self, column: int) -> Choice:
+        """Time column with its unit: after its name, or in it."""
+        name, unit = self.split[column]
+        meaning = time_meaning(name)
+        if not unit and meaning is not None:
+            unit = meaning[1]
+        return Choice(column, unit)
+
+    def _row_numbers(
+        self, requested: Choice | None, named: Sequence[int], look: Callable[[int], Array]
+    ) -> Choice | None:
+        """Column of row numbers of a file whose rate is given; raises TrajectoryError for a column of time."""
+        if not requested and not named:
+            return None
+        column = requested.column if requested else named[0]
+        if (requested is None or requested.unit is None) and counts_rows(look(column)):
+            self.notes.append(f"Column {self.cells[column]!r} is read as the number of a row, by its numbers.")
+            self.free = [k for k in self.free if k != column]
+            return Choice(column)
+        raise TrajectoryError(
+            f"{self.where}: {{0}} is given, and column {self.cells[column]!r} is time. Leave out one of them.",
+            Argument("rate"),
+        )
+
+    def _time_unit_by_numbers(self, choice: Choice, look: Callable[[int], Array]) -> Choice | None:
+        """Time column without a unit, with the unit that its numbers show, which is noted; None without one."""
+        if choice.unit is not None:
+            return None
+        if self.split[choice.column][0] == ROS_TIME:
+            whole = ros_nanoseconds(look(choice.column))
+            kind = "whole numbers, so time is read in ns" if whole else "no whole nanoseconds, so time is read in s"
+            self.notes.append(f"Column {ROS_TIME!r} has {kind}.")
+            return Choice(choice.column, "ns" if whole else None)
+        unit = unit_since_1970(look(choice.column))
+        if unit is None:
+            return None
+        self.notes.append(
+            f"Time is read in {unit} since 1970 from column {self.cells[choice.column]!r}, by its numbers."
+        )
+        return Choice(choice.column, unit)
 
     def assign_by_exact_name(self) -> None:
         """Assign columns with the names used in written files."""
@@ -346,41 +399,31 @@ class Assignment:
                 for ending in READ[part]:
                     columns = by_text.get(f"{name}{ending}", [])
                     if len(columns) > 1 and k not in self.given[part]:
-                        raise self.repeated(f"{name}{ending}", len(columns))
+                        raise self.repetition_error(f"{name}{ending}", len(columns))
                     if columns and k not in self.given[part]:
                         self.assign(part, k, Choice(columns[0], self.split[columns[0]][1]))
 
     def assign_by_words(self) -> None:
         """Assign columns whose names contain a joint's name and words for a quantity."""
-        readers = {part: NamedJoints(self.names[part]) for part in ("q", "dq")}
-        driven = NamedJoints(self.names["tau"])
-        found: dict[tuple[str, int], list[int]] = {}
-        units: dict[int, str | None] = {}
-        for k in self.free:
-            text, unit = self.split[k]
-            for kind, reader in readers.items():
-                meant = reader.meaning(text)
-                if self.of_motors and kind == "dq" and (meant is None or meant.part in ("tau", CURRENT)):
-                    meant = driven.meaning(text)
-                if meant is not None and meant.part == "command" and not self.reading.commands:
-                    continue
-                if meant is not None and (meant.part == "q") == (kind == "q"):
-                    found.setdefault((meant.part, meant.name), []).append(k)
-                    units[k] = unit or meant.unit or ("A" if meant.part == CURRENT else None)
-                    break
+        columns_of, units = self._columns_by_words()
         assigned = []
-        for (meant_part, k), columns in sorted(found.items(), key=lambda item: item[0][0] == CURRENT):
-            part, gains = ("tau", self.reading.gain) if meant_part == CURRENT else (meant_part, {})
-            if gains and self.names[part][k] in gains:
-                self.free += [choice.column for choice in [self.given[part].pop(k, None)] if choice]
-            if k in self.given[part] or (meant_part == CURRENT and not gains):
+        for (meaning_part, k), columns in sorted(columns_of.items(), key=lambda item: item[0][0] == CURRENT):
+            is_current = meaning_part == CURRENT
+            part = "tau" if is_current else meaning_part
+            name = self.names[part][k]
+            if is_current:
+                if not self.reading.gain:
+                    continue
+                if name in self.reading.gain and k in self.given[part]:
+                    self.free.append(self.given[part].pop(k).column)
+            if k in self.given[part]:
                 continue
-            key = self.names[part][k] + ("" if part == "q" else READ[part][0])
+            key = name if part == "q" else f"{name}{READ[part][0]}"
             if len(columns) > 1:
-                shown = [self.cells[column] for column in columns]
+                cells = [self.cells[column] for column in columns]
                 raise TrajectoryError(
-                    f"{self.where}: {listed(shown)} may all be {key}. Say which: {{0}}.",
-                    Argument("columns", {key: shown[0]}),
+                    f"{self.where}: {listed(cells)} may all be {key}. Say which: {{0}}.",
+                    Argument("columns", {key: cells[0]}),
                 )
             self.assign(part, k, Choice(columns[0], units[columns[0]]))
             assigned.append((self.cells[columns[0]], key))
@@ -388,45 +431,64 @@ class Assignment:
             others = f", and {len(assigned) - 1} more likewise" if len(assigned) > 1 else ""
             self.notes.append(ReadingNote(f"Column {assigned[0][0]!r} is taken to be {assigned[0][1]}{others}."))
 
+    def _columns_by_words(self) -> tuple[dict[tuple[str, int], list[int]], dict[int, str | None]]:
+        """Unassigned columns by part and coordinate index, as the words of their names mean, and their units."""
+        readers = {part: NamedJoints(self.names[part]) for part in ("q", "dq")}
+        drives = NamedJoints(self.names["tau"])
+        columns_of: dict[tuple[str, int], list[int]] = {}
+        units: dict[int, str | None] = {}
+        for k in self.free:
+            text, unit = self.split[k]
+            for kind, reader in readers.items():
+                meaning = reader.meaning(text)
+                if self.of_motors and kind == "dq" and (meaning is None or meaning.part in ("tau", CURRENT)):
+                    meaning = drives.meaning(text)
+                if meaning is None or (meaning.part == "command" and not self.reading.commands):
+                    continue
+                if (meaning.part == "q") == (kind == "q"):
+                    columns_of.setdefault((meaning.part, meaning.name), []).append(k)
+                    units[k] = unit or meaning.unit or ("A" if meaning.part == CURRENT else None)
+                    break
+        return columns_of, units
+
     def assign_by_rules(self, others: Sequence[str]) -> None:
         """Assign columns by the first rule that matches all joints; ``others`` are joints without a coordinate."""
         texts = {k: self.split[k][0] for k in self.free}
-        for meant, found in candidates(texts).items():
-            if meant == CURRENT and not self.reading.gain:
+        for part, group in candidates(texts).items():
+            if part == CURRENT and not self.reading.gain:
                 continue
-            cells = self.assign_group(meant, found, others)
-            if meant == "q" and not self.degrees and are_in_degrees(cells):
+            cells = self.assign_group(part, group, others)
+            if part == "q" and not self.degrees and are_in_degrees(cells):
                 self.degrees = True
                 self.notes.append(f"Columns named {cells[0]} … {cells[-1]} are in degrees, as their maker writes them.")
         if self.reading.commands:
-            for group in command_candidates({k: text for k, text in texts.items() if k in self.free}):
-                self.assign_group("command", group, others)
+            free_texts = {k: text for k, text in texts.items() if k in self.free}
+            for commands in command_candidates(free_texts):
+                self.assign_group("command", commands, others)
 
-    def assign_group(self, meant: str, found: Sequence[Candidate], others: Sequence[str]) -> list[str]:
+    def assign_group(self, meaning: str, group: Sequence[Candidate], others: Sequence[str]) -> list[str]:
         """Assign columns of one quantity by the first rule that matches all joints; returns their names, or none.
 
         Joints whose columns the caller named are left out of the rule.
         """
-        part = "tau" if meant == CURRENT else meant
+        part = "tau" if meaning == CURRENT else meaning
         if self.given[part].keys() - self.requested_names[part]:
             return []
         remaining = [k for k in range(len(self.names[part])) if k not in self.given[part]]
         names = [self.names[part][k] for k in remaining]
-        chosen = ((rule, columns) for rule, of in RULES.items() if (columns := of(found, names, others)))
-        rule, columns = next(chosen, ("", []))
-        for k, (column, _, unit) in zip(remaining, columns, strict=bool(columns)):
-            self.assign(part, k, Choice(column, self.split[column][1] or unit or ("A" if meant == CURRENT else None)))
-        cells = [self.cells[c.column] for c in columns]
+        rule, columns = _match_by_rules(group, names, others)
+        if not columns:
+            return []
+        for k, (column, _, unit) in zip(remaining, columns, strict=True):
+            default_unit = "A" if meaning == CURRENT else None
+            self.assign(part, k, Choice(column, self.split[column][1] or unit or default_unit))
+        cells = [self.cells[column.column] for column in columns]
         if len(cells) > 1:
-            pairs = listed(
-                [
-                    f"{cell} is {name}{SUFFIX[part] * (part == 'command')}"
-                    for cell, name in zip(cells, names, strict=True)
-                ]
-            )
+            suffix = SUFFIX[part] if part == "command" else ""
+            pairs = listed([f"{cell} is {name}{suffix}" for cell, name in zip(cells, names, strict=True)])
             note = f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {pairs}."
             self.notes.append(ReadingNote(note) if rule.startswith("by ") else note)  # their order is a guess
-        elif cells:
+        else:
             self.notes.append(f"Column {cells[0]!r} is taken to be that of {names[0]}, the only joint.")
         return cells
 
@@ -447,51 +509,65 @@ class Assignment:
         """Hint for the error message: usual sampling rate of recordings without a time column."""
         return " (ALOHA records 50)" if any("observations/qpos" in cell for cell in self.cells) else ""
 
+    def choices(self) -> dict[str, list[Choice]]:
+        """Columns of each part of the motion in the order of the coordinates; joints without a command have none."""
+        choices = {part: [given[k] for k in sorted(given)] for part, given in self.given.items()}
+        commands = self.given["command"]
+        if commands:
+            choices["command"] = [commands.get(k, _NO_COLUMN) for k in range(len(self.names["command"]))]
+        return choices
+
     def without_columns(
         self, missing: Sequence[str], look: Callable[[int], Array], *, timeless: bool
     ) -> TrajectoryError:
         """Error for coordinates without a column, with arguments to copy."""
         all_missing = len(missing) == len(self.names["q"])
         varying = set(varying_columns(self.cells, self.extra, look))
-        may_be = [cell for cell in self.extra if cell in varying]
-        if found := self.of_arms(missing, unused=may_be):
-            return found
-        in_order = series(may_be, len(missing)) if all_missing else []
-        near = dict(zip(missing, in_order, strict=True)) if in_order else alike(missing, self.extra)
+        unused = [cell for cell in self.extra if cell in varying]
+        error_of_arms = self.arm_error(missing, unused)
+        if error_of_arms:
+            return error_of_arms
+        in_order = series(unused, len(missing)) if all_missing else []
+        if in_order:
+            return self._error_for_series(missing, in_order, look, timeless=timeless)
+        similar = alike(missing, self.extra)
         hint = ""
-        if in_order:
-            hint = f" Columns {in_order[0]} … {in_order[-1]} match no joint by name. If they are the joints in order:"
-        elif all_missing and 2 * len(near) < len(missing) and len(self.extra) > len(near):
+        if all_missing and 2 * len(similar) < len(missing) and len(self.extra) > len(similar):
             hint = " No column has the name of a joint of this robot: the file seems to be a log of another one."
-            near = {}
-        elif near:
-            name, cell = next(iter(near.items()))
+            similar = {}
+        elif similar:
+            name, cell = next(iter(similar.items()))
             hint = f" Column {cell!r} is not a joint of this robot. Did you mean {name!r}?"
-        told = {"time": "COLUMN"} if timeless else {}
-        which = Argument("columns", told | {name: near.get(name, "COLUMN") for name in missing})
-        if in_order:
-            spans = [np.abs(look(self.cells.index(cell))).max() for cell in in_order]
-            degrees = " {1}" if max(spans) > math.tau and not self.degrees else ""
-            no_time = f", and {{2}}{self.usual_rate()} in place of the column of time if there is none"
-            ways = f"{{0}}{degrees}{no_time if timeless else ''}"
-            return TrajectoryError(
-                f"{self.where}: no column for {listed(missing)}.{hint} {ways}; {self.found()}",
-                which,
-                Argument("degrees", True),
-                Argument("rate", Placeholder("HZ")),
-            )
         joints = list(dict.fromkeys(_joint(name) for name in missing))
-        few = dict.fromkeys(joints if len(joints) <= _FEW and not all_missing else ["PATTERN*"], 0)
-        held = "; or hold joints still that never move, when the robot is loaded: {1}"
+        locked = joints if len(joints) <= _MAX_LISTED_JOINTS and not all_missing else ["PATTERN*"]
+        remedy = "; or hold joints still that never move, when the robot is loaded: {1}"
         if any(name not in missing for name in joints):  # a joint of several coordinates, which no option holds still
-            held = "; if the pose of the base was not logged, load the robot with its base fixed"
-        if not all_missing and may_be:
-            held = f" (columns that vary and are not used: {listed(may_be)})"
+            remedy = "; if the pose of the base was not logged, load the robot with its base fixed"
+        if not all_missing and unused:
+            remedy = f" (columns that vary and are not used: {listed(unused)})"
         return TrajectoryError(
-            f"{self.where}: no column for {listed(missing)}.{hint} Expected: {listed(self.names['q'])}; {self.found()} "
-            f"Say which they are: {{0}}{held}.",
-            which,
-            Argument("lock", few),
+            f"{self.where}: no column for {listed(missing)}.{hint} Expected: {listed(self.names['q'])}; {self.found_text()} "
+            f"Say which they are: {{0}}{remedy}.",
+            _columns_argument(missing, similar, timeless=timeless),
+            Argument("lock", dict.fromkeys(locked, 0)),
+        )
+
+    def _error_for_series(
+        self, missing: Sequence[str], in_order: Sequence[str], look: Callable[[int], Array], *, timeless: bool
+    ) -> TrajectoryError:
+        """Error for joints without a column in a file with as many columns that differ by a number."""
+        hint = f" Columns {in_order[0]} … {in_order[-1]} match no joint by name. If they are the joints in order:"
+        largest = max(np.abs(look(self.cells.index(cell))).max() for cell in in_order)
+        options = "{0}"
+        if largest > math.tau and not self.degrees:
+            options += " {1}"
+        if timeless:
+            options += f", and {{2}}{self.usual_rate()} in place of the column of time if there is none"
+        return TrajectoryError(
+            f"{self.where}: no column for {listed(missing)}.{hint} {options}; {self.found_text()}",
+            _columns_argument(missing, dict(zip(missing, in_order, strict=True)), timeless=timeless),
+            Argument("degrees", True),
+            Argument("rate", Placeholder("HZ")),
         )
 
     def logged_arm(self, unused: Sequence[str]) -> list[str]:
@@ -500,36 +576,45 @@ class Assignment:
         Columns fit by name, if no ``unused`` one may be another joint's, or by a rule that matches all joints of one arm.
         """
         names = self.names["q"]
-        groups = [[names[k] for k in arm] for arm in self.arms]
-        every = [name for group in groups for name in group]
-        fitting = [group for group in groups if len(group) < len(names) and self.has_columns_of(group, unused)]
-        if not fitting and len(groups) > 1 and len(every) < len(names) and self.has_columns_of(every, unused):
-            fitting = [every]
-        beside = [name for name in names if fitting and name not in fitting[0]]
-        if len(fitting) != 1 or len(beside) > _MOST_BESIDE or any(_joint(name) != name for name in beside):
+        group = self._fitting_arms([[names[k] for k in arm] for arm in self.arms], unused)
+        if group is None:
             return []
-        return fitting[0]
+        beside = [name for name in names if name not in group]
+        if len(beside) > _MAX_JOINTS_BESIDE or any(_joint(name) != name for name in beside):
+            return []
+        return list(group)
 
-    def of_arms(self, missing: Sequence[str], unused: Sequence[str]) -> TrajectoryError | None:
+    def arm_error(self, missing: Sequence[str], unused: Sequence[str]) -> TrajectoryError | None:
         """Error for a log of an arm, or of all arms, of a robot that has joints beside them; None for other logs."""
         group = self.logged_arm(unused)
         if not group:
             return None
-        arms = [self.names["q"][k] for arm in self.arms for k in arm]
         beside = [name for name in self.names["q"] if name not in group]
-        which = f"the arm{'s' if len(group) == len(arms) > len(self.arms[0]) else ''}"
-        if len(group) < len(arms):
+        count = sum(len(arm) for arm in self.arms)
+        if len(group) < count:
             which = f"one arm, {group[0]} to {group[-1]}"
+        else:
+            which = "the arms" if count > len(self.arms[0]) else "the arm"
         have = "has" if len(beside) == 1 else "have"
-        rest = " and ".join([", ".join(beside[:-1]), beside[-1]] if len(beside) > 1 else beside)
+        others = beside[-1] if len(beside) == 1 else f"{', '.join(beside[:-1])} and {beside[-1]}"
+        columns = dict.fromkeys(missing, "COLUMN") if len(missing) == len(beside) else {"JOINT": "COLUMN"}
         return TrajectoryError(
-            f"{self.where}: {len(group)} columns fit the {len(group)} joints of {which}; {rest} {have} none: load the robot "
-            f"with {{0}}. If there are columns for more of them, name these: {{1}}; {self.found()}",
+            f"{self.where}: {len(group)} columns fit the {len(group)} joints of {which}; {others} {have} none: load the robot "
+            f"with {{0}}. If there are columns for more of them, name these: {{1}}; {self.found_text()}",
             Argument("lock", dict.fromkeys(beside, 0)),
-            Argument(
-                "columns", dict.fromkeys(missing, "COLUMN") if len(missing) == len(beside) else {"JOINT": "COLUMN"}
-            ),
+            Argument("columns", columns),
         )
+
+    def _fitting_arms(self, arms: Sequence[Sequence[str]], unused: Sequence[str]) -> Sequence[str] | None:
+        """Joints of the only arm, or of all arms, whose columns the log has; None without one, or without other joints."""
+        count = len(self.names["q"])
+        fitting = [arm for arm in arms if len(arm) < count and self.has_columns_of(arm, unused)]
+        if len(fitting) == 1:
+            return fitting[0]
+        all_arms = [name for arm in arms for name in arm]
+        if not fitting and len(arms) > 1 and len(all_arms) < count and self.has_columns_of(all_arms, unused):
+            return all_arms
+        return None
 
     def has_columns_of(self, group: Sequence[str], unused: Sequence[str]) -> bool:
         """True if the columns are those of the positions of a group of joints, by name or by a rule that matches all."""
@@ -549,21 +634,44 @@ class Assignment:
         if timeless:
             raise TrajectoryError(
                 f"{self.where}: no time column. Name one 'time' (or 't'), in seconds; or give {{0}}, or "
-                f"the rows per second, {{1}}{self.usual_rate()}; {self.found()}",
+                f"the rows per second, {{1}}{self.usual_rate()}; {self.found_text()}",
                 Argument("columns", {"time": "COLUMN"}),
                 Argument("rate", Placeholder("HZ")),
             )
         for part in ("dq", "ddq"):
             absent = [f"{name}{SUFFIX[part]}" for k, name in enumerate(self.names[part]) if k not in self.given[part]]
             if absent and len(absent) < len(self.names[part]):
-                alike = [c[0] for name in self.extra if (c := difflib.get_close_matches(name, absent, n=1, cutoff=0.6))]
-                hint = f" Did you mean {alike[0]!r}?" if alike else ""
                 raise TrajectoryError(
-                    f"{self.where}: no column {listed(absent)}, although others of its kind are there.{hint} "
+                    f"{self.where}: no column {listed(absent)}, although others of its kind are there.{self._hint_at(absent)} "
                     f"Give them for every joint, or for none: then they are derived. Or assign it: {{0}}; "
-                    f"{self.found()}",
+                    f"{self.found_text()}",
                     Argument("columns", {absent[0]: "COLUMN"}),
                 )
+
+    def _hint_at(self, absent: Sequence[str]) -> str:
+        """Hint at the first absent name that is similar to an unread column; empty without one."""
+        for cell in self.extra:
+            similar = difflib.get_close_matches(cell, absent, n=1, cutoff=0.6)
+            if similar:
+                return f" Did you mean {similar[0]!r}?"
+        return ""
+
+
+def _columns_argument(missing: Sequence[str], columns: Mapping[str, str], *, timeless: bool) -> Argument:
+    """Option ``columns`` with a column for each missing coordinate, and for the time if there is none."""
+    entries = {"time": "COLUMN"} if timeless else {}
+    return Argument("columns", entries | {name: columns.get(name, "COLUMN") for name in missing})
+
+
+def _match_by_rules(
+    group: Sequence[Candidate], names: Sequence[str], others: Sequence[str]
+) -> tuple[str, list[Candidate]]:
+    """First rule that matches all joints, and their columns; empty if there is none."""
+    for rule, match in RULES.items():
+        columns = match(group, names, others)
+        if columns:
+            return rule, columns
+    return "", []
 
 
 def belongs(text: str, locked: Sequence[str]) -> bool:
@@ -579,23 +687,20 @@ def absent_joints(
     path: Path,
 ) -> tuple[str, ...]:
     """Joints without a position column in this header, by name or by ``columns``."""
-    found = Assignment(cells, "", coordinates, Reading(path))
-    names = list(found.names["q"])
-    for key in found.of_this_log(columns, {*names, *(f"{name}.pos" for name in names)}):
+    assignment = Assignment(cells, "", coordinates, Reading(path))
+    names = list(assignment.names["q"])
+    for key in assignment.entries_for_log(columns, {*names, *(f"{name}.pos" for name in names)}):
         if key.removesuffix(".pos") in names:
-            found.given["q"][names.index(key.removesuffix(".pos"))] = Choice(0)
-    found.assign_by_exact_name()
-    found.assign_by_words()
-    present = {names[k] for k in found.given["q"]}
+            assignment.given["q"][names.index(key.removesuffix(".pos"))] = Choice(0)
+    assignment.assign_by_exact_name()
+    assignment.assign_by_words()
+    present = {names[k] for k in assignment.given["q"]}
     if not present:
-        texts = {k: found.split[k][0] for k in found.free}
-        by_prefix = most_by_prefix(candidates(texts).get("q", []), names)
-        present = {name for name, column in zip(names, by_prefix, strict=True) if column is not None}
-    present = present or {*found.logged_arm(unused=())}
-    return tuple(j for j in joints if not any(n == j or n.startswith(f"{j}.") for n in present))
-
-
-# ── Columns of a motion file and their factors
+        texts = {k: assignment.split[k][0] for k in assignment.free}
+        matches = match_most_by_prefix(candidates(texts).get("q", []), names)
+        present = {name for name, column in zip(names, matches, strict=True) if column is not None}
+    present = present or {*assignment.logged_arm(unused=())}
+    return tuple(joint for joint in joints if not any(n == joint or n.startswith(f"{joint}.") for n in present))
 
 
 class MimicJointColumn(NamedTuple):
@@ -606,6 +711,13 @@ class MimicJointColumn(NamedTuple):
     """Index in the table."""
     factor: float
     """Factor to SI units."""
+
+
+def _is_angular(part: str, coordinates: Coordinates, *, of_motors: bool) -> list[bool]:
+    """True for each coordinate, velocity or drive of a part of the motion that is an angle or a torque."""
+    if part == "tau" and of_motors:
+        return list(coordinates.drive_turns)
+    return (coordinates.angular if part == "q" else coordinates.angular_velocity).tolist()
 
 
 @dataclass(frozen=True, eq=False)
@@ -660,62 +772,60 @@ class Columns:
 
         ``look`` returns the first numbers of a column, used if its name does not specify the unit.
         """
-        found = Assignment.from_header(header, coordinates, where, reading, look)
-        parts = {part: [given[k] for k in sorted(given)] for part, given in found.given.items()}
-        if commands := found.given["command"]:
-            parts["command"] = [commands.get(k, _NONE) for k in range(len(found.names["command"]))]
-        used = [
-            *([found.time.column] if found.time else []),
-            *(choice.column for choices in parts.values() for choice in choices if choice is not _NONE),
-            *(choice.column for _, choice in found.mimic_joints),
-        ]
-        counted, unit = found.time is None, None if found.time is None else found.time.unit
-        place = {column: k + counted for k, column in enumerate(used)} | {_NONE.column: _NONE.column}
+        assignment = Assignment.from_header(header, coordinates, where, reading, look)
+        choices_of = assignment.choices()
+        used = [] if assignment.time is None else [assignment.time.column]
+        for choices in choices_of.values():
+            used += [choice.column for choice in choices if choice is not _NO_COLUMN]
+        used += [choice.column for _, choice in assignment.mimic_joints]
+        counted, unit = assignment.time is None, None if assignment.time is None else assignment.time.unit
+        position = {column: k + counted for k, column in enumerate(used)} | {_NO_COLUMN.column: _NO_COLUMN.column}
+        places: dict[str, Array | None] = {}
         factors = {}
-        for part, choices in parts.items():
-            angular = (coordinates.angular if part == "q" else coordinates.angular_velocity).tolist()
-            angular = list(coordinates.drive_turns) if part == "tau" and found.of_motors else angular
-            each = zip(choices or [_NONE] * len(angular), angular, strict=True)
-            factors[part] = np.array([found.factor(choice, part, turns) for choice, turns in each])
+        for part, choices in choices_of.items():
+            places[part] = np.array([position[choice.column] for choice in choices], int) if choices else None
+            angular = _is_angular(part, coordinates, of_motors=assignment.of_motors)
+            all_choices = choices or [_NO_COLUMN] * len(angular)
+            pairs = zip(all_choices, angular, strict=True)
+            factors[part] = np.array([assignment.factor(choice, part, turns) for choice, turns in pairs])
+        seconds = (time_factor(unit) or 1.0) if unit else 1.0
+        if reading.rate:
+            seconds = 1.0 / reading.rate
+        mimic_joints = []
+        for follower, choice in assignment.mimic_joints:
+            factor = assignment.factor(choice, "q", follower.angular)
+            mimic_joints.append(MimicJointColumn(follower, position[choice.column], factor))
+        q_positions = np.array([position[choice.column] for choice in choices_of["q"]], int)
         return cls(
             header=(*["time"] * counted, *(header[k] for k in used)),
             used=tuple(used),
             time=0,
-            seconds=1.0 / reading.rate if reading.rate else (time_factor(unit) or 1.0) if unit else 1.0,
+            seconds=seconds,
             counted=counted,
             time_stated=reading.rate is not None or unit is not None,
-            places={p: np.array([place[c.column] for c in cs], int) if cs else None for p, cs in parts.items()},
+            places=places,
             factors=factors,
             angle=np.where(coordinates.angular, factors["q"], 1.0),
-            angle_stated=np.array([choice.unit is not None for choice in parts["q"]], bool),
-            of_locked=tuple(found.of_locked),
-            extra=tuple(found.extra),
-            quaternions=tuple(
-                np.array([place[choice.column] for choice in parts["q"][part]], int) for part in coordinates.quaternions
-            ),
-            notes=tuple(found.notes),
-            of_motors=found.of_motors,
+            angle_stated=np.array([choice.unit is not None for choice in choices_of["q"]], bool),
+            of_locked=tuple(assignment.of_locked),
+            extra=tuple(assignment.extra),
+            quaternions=tuple(q_positions[part] for part in coordinates.quaternions),
+            notes=tuple(assignment.notes),
+            of_motors=assignment.of_motors,
             listed=any(key.rpartition(":")[2].startswith(ORDER) for key in reading.columns or ()),
-            mimic_joints=tuple(
-                MimicJointColumn(
-                    follower,
-                    place[choice.column],
-                    found.factor(choice, "q", follower.angular),
-                )
-                for follower, choice in found.mimic_joints
-            ),
+            mimic_joints=tuple(mimic_joints),
         )
 
     @property
-    def in_degrees(self) -> bool:
+    def has_degrees(self) -> bool:
         """True if the file has angles in degrees."""
         return bool((self.angle == math.radians(1.0)).any())
 
-    def in_si(self, table: Array, part: str) -> Any:
+    def si_values(self, table: Array, part: str) -> Any:
         """Columns of ``part`` of a table (n, columns) in SI units, NaN for joints without a command; None if absent."""
         where = self.places[part]
         if where is None:
             return None
-        found = table[:, where] * self.factors[part]
-        found[:, where == _NONE.column] = np.nan
-        return found
+        values = table[:, where] * self.factors[part]
+        values[:, where == _NO_COLUMN.column] = np.nan
+        return values

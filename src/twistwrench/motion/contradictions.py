@@ -24,15 +24,14 @@ if TYPE_CHECKING:
     from .motion import Motion
     from .motion_log import LogRows
 
-# ── Angles in another unit
 
-_FAR, _MANY_TURNS = 3.0, 4 * math.pi
+_MAX_REACH_RATIO, _MANY_TURNS = 3.0, 4 * math.pi
 """Multiple of the reach of a joint's limits (or of a full turn) and angle [rad] that indicate another unit."""
-_WITHIN = 1.1
+_REACH_TOLERANCE = 1.1
 """Multiple of its reach up to which a joint may turn in the right unit."""
 _FULL_TURN, _SURE_MOVE = math.tau, 0.3
 """Angle in radians that no joint with limits exceeds, and angle that a moving joint certainly exceeds."""
-_FEWEST = 3
+_MIN_JOINTS_IN_DEGREES = 3
 """Minimum number of joints that indicates a wrong unit: three joints rarely all stay within six degrees of zero."""
 _DEGREE = math.radians(1.0)
 
@@ -52,27 +51,26 @@ def angle_doubts(
     """
     size, reach = np.abs(extent).max(axis=0), np.maximum(np.abs(limits[0]), np.abs(limits[1]))
     bounded = np.isfinite(reach) & (reach > 0) & (factor == 1.0) & ~known
-    far = bounded & (size > _FAR * np.maximum(np.where(bounded, reach, 1.0), _FULL_TURN / _FAR))
+    far = bounded & (size > _MAX_REACH_RATIO * np.maximum(np.where(bounded, reach, 1.0), _FULL_TURN / _MAX_REACH_RATIO))
     wound = size > _MANY_TURNS
     degrees, written = (factor == _DEGREE) & ~known, size / factor
     moves = np.ptp(extent, axis=0) / factor > _SURE_MOVE
     small = degrees.any() and (written[degrees] <= _FULL_TURN).all() and moves[degrees].any()
     if far.any() and 2 * far.sum() >= bounded.sum() and 2 * (far & wound).sum() > far.sum():
         return [_too_far(names, size, limits, reach, far)]
-    if beyond := _beyond_stops(names, extent, limits, (factor == 1.0) & ~known, origin):
-        return beyond
-    if not (small and degrees.sum() >= _FEWEST):
+    beyond_stops = _stop_doubts(names, extent, limits, (factor == 1.0) & ~known, origin)
+    if beyond_stops:
+        return beyond_stops
+    if not (small and degrees.sum() >= _MIN_JOINTS_IN_DEGREES):
         if 2 * wound.sum() > len(names) and not known.any() and (factor == 1.0).all():
             return [_too_far(names, size, limits, reach, wound, level="note")]
         if far.any():
             return [_too_far(names, size, limits, reach, far, level="note")]
     if not small:
         return []
-    level: Any = None if degrees.sum() >= _FEWEST else "note"
+    level: Any = None if degrees.sum() >= _MIN_JOINTS_IN_DEGREES else "note"
     return [doubt("degrees-option", level=level, angle=printed(written[degrees].max(), 3))]
 
-
-# ── Joints beyond their stops: robots do not move so, but units, zeros and directions of a file differ
 
 _BEYOND_STOP = math.radians(20.0)
 """Angle beyond a stop that play, elasticity and the tolerance of a stop do not explain."""
@@ -81,7 +79,7 @@ _MILLI, _STROKES = 1e-3, 10.0
 stroke. Nearer ones are those of another zero."""
 
 
-def _beyond_stops(
+def _stop_doubts(
     names: Sequence[str], extent: Array, limits: tuple[Array, Array], radians: Array, origin: str
 ) -> list[Doubt]:
     """Doubt about angles far beyond the stops of joints that have two, or about joints that are wound by a turn."""
@@ -94,17 +92,19 @@ def _beyond_stops(
     middle = np.where(stopped, 0.5 * (lower + upper), 0.0)
     turns = np.sign(middle - extent.mean(axis=0)) * math.tau
     within = (extent[0] + turns >= lower) & (extent[1] + turns <= upper)
-    wound, turned = beyond & within, extent * _DEGREE
-    inside = ~stopped | ((turned[0] >= lower - _BEYOND_STOP) & (turned[1] <= upper + _BEYOND_STOP))
-    said = names_of(names, beyond & ~wound if (beyond & ~wound).any() else beyond)
+    wound, read_as_degrees = beyond & within, extent * _DEGREE
+    least, largest = read_as_degrees
+    inside = ~stopped | ((least >= lower - _BEYOND_STOP) & (largest <= upper + _BEYOND_STOP))
+    unexplained = beyond & ~wound
+    joints = names_of(names, unexplained if unexplained.any() else beyond)
     words = _stop_words(names, extent, limits, past)
     words |= {"past": f"{printed(math.degrees(past.max()), 3)} degrees", "unit": "rad"}
-    if (wound == beyond).all():
+    if not unexplained.any():
         level: Any = "note" if origin == "log" else "unsure"
-        return [doubt("wound", said, joints_=listed(said, 6), level=level)]
+        return [doubt("wound", joints, joints_=listed(joints, 6), level=level)]
     if beyond.sum() > 1 and inside.all():
-        return [doubt("degrees-inside", said, count=f"{beyond.sum()}", **words)]
-    return [doubt("zero-or-direction", said, **words)]
+        return [doubt("degrees-inside", joints, count=f"{beyond.sum()}", **words)]
+    return [doubt("zero-or-direction", joints, **words)]
 
 
 def length_doubts(names: Sequence[str], extent: Array, limits: tuple[Array, Array], origin: str) -> list[Doubt]:
@@ -116,12 +116,13 @@ def length_doubts(names: Sequence[str], extent: Array, limits: tuple[Array, Arra
     beyond = past > range_
     if origin == "plan" or not beyond.any():
         return []
-    small = extent * _MILLI
-    inside = ~stopped | ((small[0] >= lower - 0.1 * range_) & (small[1] <= upper + 0.1 * range_))
-    said, words = names_of(names, beyond), _stop_words(names, extent, limits, past)
+    least, largest = extent * _MILLI
+    inside = ~stopped | ((least >= lower - 0.1 * range_) & (largest <= upper + 0.1 * range_))
+    words = _stop_words(names, extent, limits, past)
     words |= {"past": f"{printed(past.max(), 3)} m", "unit": "m"}
-    far = (past[beyond] > _STROKES * range_[beyond]).any()
-    return [doubt("millimetres-inside" if far and inside.all() else "zero-or-direction", said, **words)]
+    many_strokes = (past[beyond] > _STROKES * range_[beyond]).any()
+    kind = "millimetres-inside" if many_strokes and inside.all() else "zero-or-direction"
+    return [doubt(kind, names_of(names, beyond), **words)]
 
 
 def names_of(names: Sequence[str], which: Array) -> list[str]:
@@ -141,50 +142,50 @@ def _too_far(
     names: Sequence[str], size: Array, limits: tuple[Array, Array], reach: Array, far: Array, **level: Any
 ) -> Doubt:
     """Doubt about joints whose angles are ``far`` (k,) too large."""
-    k = int(np.flatnonzero(far)[(size / np.where(np.isfinite(reach), reach, 1.0))[far].argmax()])
-    lower, upper = (printed(limit[k], 3) for limit in limits)
-    degrees, others = bool((size[far] * _DEGREE <= _WITHIN * reach[far]).all()), int(far.sum()) - 1
+    ratios = size / np.where(np.isfinite(reach), reach, 1.0)
+    k = int(np.flatnonzero(far)[ratios[far].argmax()])
+    limit, more, question, counts = "", "", "Are", ", or counts of an encoder"
+    if np.isfinite(reach[k]):
+        limit = f", and its limits are at {printed(limits[0][k], 3)} and {printed(limits[1][k], 3)}"
+    others = int(far.sum()) - 1
+    if others:
+        verb = "s are" if others > 1 else " is"
+        more = f", and {others} more joint{verb} as far out"
+    if (size[far] * _DEGREE <= _REACH_TOLERANCE * reach[far]).all():
+        question, counts = f"Did you mean {spell(Argument('degrees', True))}? Or are", ""
     return doubt(
-        "angle-unit",
-        [names[k]],
-        joint=names[k],
-        angle=printed(size[k], 4),
-        limit=f", and its limits are at {lower} and {upper}" if np.isfinite(reach[k]) else "",
-        more=f", and {others} more joint{'s are' if others > 1 else ' is'} as far out" if others else "",
-        question=f"Did you mean {spell(Argument('degrees', True))}? Or are" if degrees else "Are",
-        counts="" if degrees else ", or counts of an encoder",
-        **level,
-    )
+        "angle-unit", [names[k]], joint=names[k], angle=printed(size[k], 4), limit=limit, more=more,
+        question=question, counts=counts, **level,
+    )  # fmt: skip
 
 
-# ── Rows with a single wrong number or a wrong time stamp
-
-_LISTED = 3
+_MAX_LISTED_TIMES = 3
 
 
 def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: bool = False) -> list[Doubt]:
     """Doubts about glitches of each joint and wrong time stamps; notes if the rows are ``left_out``."""
-    said = []
-    for k, found in glitches.result():
-        wrong = [g for g in found if not g.late]
-        if wrong:
-            size = printed(math.degrees(wrong[0].size) if glitches.turns[k] else wrong[0].size, 3)
-            when = listed((f"{seconds(g.time, 4)} s" for g in wrong), _LISTED)
-            words = {"joint": names[k], "size": f"{size} {'degrees' if glitches.turns[k] else 'm'}", "when": when}
-            said.append(_row_doubt("single-row", [names[k]], words, left_out=left_out))
-    return [*said, *stamp_doubts(glitches.stamps(), left_out=left_out)]
+    doubts = []
+    for k, joint_glitches in glitches.result():
+        positions = [glitch for glitch in joint_glitches if not glitch.late]
+        if positions:
+            size = positions[0].size
+            text = f"{printed(math.degrees(size), 3)} degrees" if glitches.turns[k] else f"{printed(size, 3)} m"
+            when = listed((f"{seconds(glitch.time, 4)} s" for glitch in positions), _MAX_LISTED_TIMES)
+            words = {"joint": names[k], "size": text, "when": when}
+            doubts.append(_row_doubt("single-row", [names[k]], words, left_out=left_out))
+    return [*doubts, *stamp_doubts(glitches.stamps(), left_out=left_out)]
 
 
 def stamp_doubts(stamps: Mapping[float, float], *, left_out: bool = False) -> list[Doubt]:
     """Doubt about wrong time stamps, given as a mapping from time to delay [s]; empty if there are none."""
     if not stamps:
         return []
-    late = max(stamps.values(), key=abs)
+    delay = max(stamps.values(), key=abs)
     words = {
-        "rows": f"{len(stamps)} row{'s' if len(stamps) > 1 else ''}",
-        "when": listed((f"{seconds(time, 4)} s" for time in stamps), _LISTED),
-        "late": seconds(abs(late)),
-        "way": "late" if late > 0 else "early",
+        "rows": f"{len(stamps)} rows" if len(stamps) > 1 else "1 row",
+        "when": listed((f"{seconds(time, 4)} s" for time in stamps), _MAX_LISTED_TIMES),
+        "late": seconds(abs(delay)),
+        "way": "late" if delay > 0 else "early",
     }
     return [_row_doubt("stamp", [], words, left_out=left_out)]
 
@@ -196,66 +197,62 @@ def _row_doubt(kind: str, joints: Sequence[str], words: Mapping[str, Any], *, le
     return doubt("rows-left-out", joints, what=doubt_table()[kind].sentence.format(**words).rstrip(":"))
 
 
-# ── Scale of a rate against the slope of the integrated quantity
-
-_DEGREES, _RPM, _NEAR = math.degrees(1.0), 30 / math.pi, 0.1
+_DEGREES_PER_RADIAN, _RPM, _FACTOR_TOLERANCE = math.degrees(1.0), 30 / math.pi, 0.1
 """Factors between units, and relative tolerance of a match."""
 _CLOCKS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
-_NOTHING = 0.02
+_NEGLIGIBLE_GAIN = 0.02
 
 
 def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
     """Text on a rate column by its scale against the slope of ``base``; ``per`` is the suffix of the unit, such as /s."""
     slope = f"the slope of the {base}"
-    name = f"name the unit, as in 'JOINT [deg{per}]'"
-    known = [(printed(factor), factor, f"time seems to be in {unit}") for factor, unit in _CLOCKS.items()]
-    known.append(("1/1000", 1e-3, "time, or the column, seems to be in another unit"))
+    factors = [(printed(factor), factor, f"time seems to be in {unit}") for factor, unit in _CLOCKS.items()]
+    factors.append(("1/1000", 1e-3, "time, or the column, seems to be in another unit"))
     if angular:
-        known.append(("57.3", _DEGREES, f"it seems to be in deg{per}; {name}"))
-        known.append(
-            ("1/57.3", 1 / _DEGREES, "the positions seem to be in degrees; name the unit, as in 'JOINT [deg]'")
-        )
-        known += [("9.55", _RPM, "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'")] * (per == "/s")
+        in_degrees = f"it seems to be in deg{per}; name the unit, as in 'JOINT [deg{per}]'"
+        base_in_degrees = "the positions seem to be in degrees; name the unit, as in 'JOINT [deg]'"
+        factors.append(("57.3", _DEGREES_PER_RADIAN, in_degrees))
+        factors.append(("1/57.3", 1 / _DEGREES_PER_RADIAN, base_in_degrees))
+        if per == "/s":
+            factors.append(("9.55", _RPM, "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"))
     else:
-        known[0] = ("1000", 1e3, f"time seems to be in ms, or the column in mm{per}")
-    for shown, factor, reason in known:
-        if _near(gain, factor):
-            return f"is {shown} times {slope}: {reason}"
+        factors[0] = ("1000", 1e3, f"time seems to be in ms, or the column in mm{per}")
+    for text, factor, reason in factors:
+        if _is_about(gain, factor):
+            return f"is {text} times {slope}: {reason}"
     if math.isinf(gain):
         return f"moves, and the {base} stand"
-    if abs(gain) < _NOTHING:
+    if abs(gain) < _NEGLIGIBLE_GAIN:
         return f"is next to nothing, and the {base} move: leave the column out, then it is derived"
-    if _near(gain, -1.0):
+    if _is_about(gain, -1.0):
         return f"has the opposite sign of {slope}"
     return f"is not {slope}, but some {printed(gain, 2)} times it"
 
 
-def _near(gain: float, factor: float) -> bool:
-    return abs(gain / factor - 1.0) < _NEAR
+def _is_about(gain: float, factor: float) -> bool:
+    return abs(gain / factor - 1.0) < _FACTOR_TOLERANCE
 
 
-# ── Rates against positions, jumps, omitted turns and time steps
-
-_ALLOWED = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
+_ALLOWED_GAINS = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
 """Allowed ratios of a measured rate to the slope of the integrated quantity. Filters and delays reduce it little (measured
 velocities of real logs: 0.94 to 1.02); a wrong unit, ratio or clock changes it more."""
-_WRAP = (1.5 * math.pi, 2.5 * math.pi)
+_STEP_OF_TURN = (1.5 * math.pi, 2.5 * math.pi)
 """Step of an angle [rad] that counts as a turn omitted by the log, if the log stays within one turn."""
-_SPILL = 0.01 * math.pi
+_TURN_TOLERANCE = 0.01 * math.pi
 TOO_FAST = 3.0
 """Multiple of a velocity limit that no robot reaches, as drives are stopped long before; without a limit, of the largest speed
 elsewhere for a step over half a turn."""
 _LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_ROWS = 1.0, 0.1, 0.05, 20
 """Minimum time step [s], and maximum displacement per step [rad, m], of a log in ms: otherwise the sampling would be far too
 fine for so slow a motion."""
-_BEYOND, _NO_ROBOT = 1.5, 30.0
+_MAX_SPEED_OF_LIMIT, _MAX_SPEED = 1.5, 30.0
 """Multiple of the velocity limit, and speed [rad/s, m/s] without a limit, that excludes a unit of time as too fast."""
 _SLOWEST_RATE = 10.0
 """Rate [Hz] from which logs are recorded whose time may count rows."""
 _SLOW_STEP, _SLOW_SHARE = 0.1, 1 / 300
 """Minimum time step [s], and maximum share of the velocity limits, of a log in ms: robots are built for their limits, and
 loggers for steps of 0.1 ms and more."""
-_SPIKES = 0.01
+_MAX_SHARE_OF_SPIKES = 0.01
 """Share of rows with spikes from which a doubt is raised."""
 
 
@@ -315,11 +312,11 @@ class Contradictions:
         t, q = t[max(0, before - 1) :], q[max(0, before - 1) :]
         h, moved = np.diff(t), np.diff(q, axis=0)
         size = np.abs(moved)
-        wraps = (size > _WRAP[0]) & (size < _WRAP[1]) & self._bounded
+        wraps = (size > _STEP_OF_TURN[0]) & (size < _STEP_OF_TURN[1]) & self._bounded
         turned = self._turned + np.cumsum(np.pad(np.where(wraps, -np.sign(moved), 0.0), ((1, 0), (0, 0))), axis=0)
         self._turned = turned[-1]
-        for kept, x in ((self._range, q), (self._unwrapped, q + math.tau * turned)):
-            kept[:] = np.minimum(kept[0], x.min(axis=0)), np.maximum(kept[1], x.max(axis=0))
+        for extent, x in ((self._range, q), (self._unwrapped, q + math.tau * turned)):
+            extent[:] = np.minimum(extent[0], x.min(axis=0)), np.maximum(extent[1], x.max(axis=0))
         if not len(h):
             return
         self._steps += len(h)
@@ -330,39 +327,35 @@ class Contradictions:
         self._move = np.maximum(self._move, np.where(over, 0.0, size).max(axis=0))
         self._wraps += wraps.sum(axis=0)
         for row, k in np.argwhere(over & self._bounded).tolist():
-            found = float(size[row, k] / h[row]), float(t[row]), float(moved[row, k])
+            speed, start, step = float(size[row, k] / h[row]), float(t[row]), float(moved[row, k])
             if wraps[row, k]:
-                self._wrapped.setdefault(k, found)
-            elif k not in self._jumps or found[0] > self._jumps[k][0]:
-                self._jumps[k] = found
+                self._wrapped.setdefault(k, (speed, start, step))
+            elif k not in self._jumps or speed > self._jumps[k][0]:
+                self._jumps[k] = speed, start, step
 
     def doubts(self, limits: Limits | None = None, *, glitches: bool = True, origin: str = "either") -> list[Doubt]:
         """All doubts and notes; velocity limits distinguish a jump from a fast motion. ``origin``: plan, log or either."""
-        time, angles = self.of_time(limits), [*self._of_angles(limits, origin), *self._of_lengths(limits, origin)]
-        misread = any(found.refuses for found in angles)
-        paths = [] if misread else [*self._of_jumps(limits), *self._of_turns(limits)]
-        if glitches and not misread:
-            paths += row_doubts(self.glitches, self._own)
-        delays = np.zeros(len(self._single)) if time else self._delays
-        rates = self.of_rates(time_doubted=bool(time), late=delays != 0.0)
-        return [
-            *time,
-            *angles,
-            *paths,
-            *rates,
-            *self._of_delays(delays),
-            *([] if time else self._of_steps(limits, origin)),
-            *self._sampling,
-        ]
+        doubts = time_doubts = self.time_doubts(limits)
+        doubts = doubts + self._angle_doubts(limits, origin) + self._length_doubts(limits, origin)
+        if not any(found.refuses for found in doubts[len(time_doubts) :]):
+            doubts += [*self._jump_doubts(limits), *self._turn_doubts(limits)]
+            if glitches:
+                doubts += row_doubts(self.glitches, self._own)
+        delays = np.zeros(len(self._single)) if time_doubts else self._delays
+        doubts += self.rate_doubts(time_doubted=bool(time_doubts), late=delays != 0.0)
+        doubts += self._delay_doubts(delays)
+        if not time_doubts:
+            doubts += self._step_doubts(limits, origin)
+        return doubts + self._sampling
 
-    def _of_lengths(self, limits: Limits | None, origin: str) -> list[Doubt]:
+    def _length_doubts(self, limits: Limits | None, origin: str) -> list[Doubt]:
         k = self._single[~self._turns]
         if limits is None or not k.size:
             return []
         names = [self._names[j] for j in k.tolist()]
         return length_doubts(names, self._range[:, ~self._turns], (limits.lower[k], limits.upper[k]), origin)
 
-    def _of_angles(self, limits: Limits | None, origin: str) -> list[Doubt]:
+    def _angle_doubts(self, limits: Limits | None, origin: str) -> list[Doubt]:
         turns = self._turns
         k, places, bounded = self._single[turns], self.places[turns], self._bounded[turns]
         lower = np.where(bounded, -np.inf if limits is None else limits.lower[k], -np.inf)
@@ -371,13 +364,17 @@ class Contradictions:
         stated = self._stated[places]
         return angle_doubts(names, self._range[:, turns], (lower, upper), self._factor[places], stated, origin)
 
-    def of_time(self, limits: Limits | None) -> list[Doubt]:
+    def time_doubts(self, limits: Limits | None) -> list[Doubt]:
         """Doubt about the unit of time, if time steps are too long for the displacements in them."""
         step = self._usual_step
         moving = self._range[1] - self._range[0] > _SOME_MOVE
         if self._time_stated or self._steps + 1 < _FEWEST_ROWS or not moving.any():
             return []
-        unit, factor = ("ms", 1e3) if step < 500 else ("us", 1e6) if step < 5e5 else ("ns", 1e9)
+        unit, factor = "ns", 1e9
+        if step < 500:
+            unit, factor = "ms", 1e3
+        elif step < 5e5:
+            unit, factor = "us", 1e6
         velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
         velocity = known_velocities(velocity, self._turns)
         if not self._keeps_speed(factor, limits):
@@ -396,7 +393,7 @@ class Contradictions:
             doubt("time-unit", why=why, unit=unit, rate=rate, column=Argument("columns", {"time": f"COLUMN [{unit}]"}))
         ]
 
-    def _of_steps(self, limits: Limits | None, origin: str) -> list[Doubt]:
+    def _step_doubts(self, limits: Limits | None, origin: str) -> list[Doubt]:
         """Doubt about a time that may count rows, or note on long steps: seconds of a slow log look alike.
 
         Time is in seconds if velocities were logged, whose scale is compared with it, or if ten rows per second would need more
@@ -405,12 +402,8 @@ class Contradictions:
         if self._time_stated or self._usual_step < _LONG_STEP:
             return []
         confirmed = origin == "plan" or any(rows.dq is not None for rows in self.runs)
-        if (
-            self._counts_rows
-            and self._steps + 1 >= _FEWEST_ROWS
-            and not confirmed
-            and self._keeps_speed(_SLOWEST_RATE, limits)
-        ):
+        counts_rows = self._counts_rows and self._steps + 1 >= _FEWEST_ROWS and not confirmed
+        if counts_rows and self._keeps_speed(_SLOWEST_RATE, limits):
             return [doubt("row-numbers", rows=self._steps + 1)]
         return [doubt("time-step", step=printed(self._usual_step, 4))]
 
@@ -418,165 +411,203 @@ class Contradictions:
         """True if no joint is faster than a robot's can be when its speeds are multiplied by ``factor``."""
         velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
         velocity = known_velocities(velocity, self._turns)
-        return bool((factor * self._speed <= np.where(np.isfinite(velocity), _BEYOND * velocity, _NO_ROBOT)).all())
+        return bool(
+            (factor * self._speed <= np.where(np.isfinite(velocity), _MAX_SPEED_OF_LIMIT * velocity, _MAX_SPEED)).all()
+        )
 
     @property
     def _usual_step(self) -> float:
         return float(np.median(self._usual)) if self._usual else 0.0
 
-    def _within_a_turn(self) -> Array:
+    def _stays_in_a_turn(self) -> Array:
         least, most = self._range
-        about_zero = (least >= -math.pi - _SPILL) & (most <= math.pi + _SPILL)
-        return np.asarray(about_zero | ((least >= -_SPILL) & (most <= math.tau + _SPILL)))
+        about_zero = (least >= -math.pi - _TURN_TOLERANCE) & (most <= math.pi + _TURN_TOLERANCE)
+        return np.asarray(about_zero | ((least >= -_TURN_TOLERANCE) & (most <= math.tau + _TURN_TOLERANCE)))
 
-    def _of_jumps(self, limits: Limits | None) -> Iterator[Doubt]:
-        whole = self._within_a_turn()
+    def _jump_doubts(self, limits: Limits | None) -> Iterator[Doubt]:
+        in_a_turn = self._stays_in_a_turn()
         for k, joint in enumerate(self._single.tolist()):
-            jump = self._jumps.get(k) or (None if whole[k] else self._wrapped.get(k))
+            jump = self._jumps.get(k)
+            if jump is None and not in_a_turn[k]:
+                jump = self._wrapped.get(k)
             if jump is None:
                 continue
-            known, (speed, when, size) = float(limits.velocity[joint]) if limits is not None else math.inf, jump
-            if speed > TOO_FAST * (known if math.isfinite(known) else float(self._speed[k])):
-                said: dict[str, Any] = {"angle": printed(size, 4), "time": seconds(when, 4), "speed": printed(speed, 3)}
-                yield doubt("jump", [self._own[k]], joint=self._own[k], **said)
+            speed, time, size = jump
+            usual_speed = float(self._speed[k])
+            if limits is not None and math.isfinite(limits.velocity[joint]):
+                usual_speed = float(limits.velocity[joint])
+            if speed > TOO_FAST * usual_speed:
+                words: dict[str, Any] = {
+                    "angle": printed(size, 4),
+                    "time": seconds(time, 4),
+                    "speed": printed(speed, 3),
+                }
+                yield doubt("jump", [self._own[k]], joint=self._own[k], **words)
 
-    def _of_turns(self, limits: Limits | None) -> Iterator[Doubt]:
+    def _turn_doubts(self, limits: Limits | None) -> Iterator[Doubt]:
         """Notes on added turns, and doubts about joints that exceed their limits with any number of turns."""
-        for k in np.flatnonzero((self._wraps > 0) & self._within_a_turn()).tolist():
-            name, times = self._own[k], f"{self._wraps[k]} time{'s' if self._wraps[k] > 1 else ''}"
-            yield doubt("turned-on", [name], joint=name, count=times, time=seconds(self._wrapped[k][1], 4))
-            low, high = self._unwrapped[:, k].tolist()
+        for k in np.flatnonzero((self._wraps > 0) & self._stays_in_a_turn()).tolist():
+            name, count = self._own[k], f"{self._wraps[k]} times" if self._wraps[k] > 1 else "1 time"
+            yield doubt("turned-on", [name], joint=name, count=count, time=seconds(self._wrapped[k][1], 4))
             if limits is None:
                 continue
-            lower, upper, slack = (float(x[self._single[k]]) for x in (limits.lower, limits.upper, limits.tolerance))
+            joint = self._single[k]
+            lower, upper, slack = float(limits.lower[joint]), float(limits.upper[joint]), float(limits.tolerance[joint])
             if not (math.isfinite(lower) and math.isfinite(upper)):
                 continue
+            low, high = self._unwrapped[:, k].tolist()
             if high + math.tau * math.ceil((lower - slack - low) / math.tau) > upper + slack:
-                angle, ends = printed(high - low, 4), (printed(lower, 4), printed(upper, 4))
-                yield doubt("wrapped", [name], joint=name, angle=angle, lower=ends[0], upper=ends[1])
-
-    # ── rates
+                words: dict[str, Any] = {
+                    "angle": printed(high - low, 4),
+                    "lower": printed(lower, 4),
+                    "upper": printed(upper, 4),
+                }
+                yield doubt("wrapped", [name], joint=name, **words)
 
     @cached_property
     def _curves(self) -> list[Array]:
         """Positions (n, k) of each run, with omitted turns added."""
-        found = [rows.q[:, self.places] for rows in self.runs]
-        for curves in found:
+        all_curves = [rows.q[:, self.places] for rows in self.runs]
+        for curves in all_curves:
             curves[:, self._turns] = np.unwrap(curves[:, self._turns], axis=0)
-        return found
+        return all_curves
 
     def _beside(self, rate: str) -> list[tuple[Array, Array, Array]]:
         """Time, curves and rates of each run with these rates; ``derived``: accelerations with positions but no velocities."""
-        found = []
+        runs_with_rates = []
         for rows, curves in zip(self.runs, self._curves, strict=True):
             if rate == "velocity" and rows.dq is not None:
-                found.append((rows.time, curves, rows.dq[:, self._single]))
+                runs_with_rates.append((rows.time, curves, rows.dq[:, self._single]))
             elif rate == "acceleration" and rows.dq is not None and rows.ddq is not None:
-                found.append((rows.time, rows.dq, rows.ddq))
+                runs_with_rates.append((rows.time, rows.dq, rows.ddq))
             elif rate == "derived" and rows.dq is None and rows.ddq is not None and len(curves) > 1:
-                found.append((rows.time, np.gradient(curves, rows.time, axis=0), rows.ddq[:, self._single]))
-        return found
+                runs_with_rates.append((rows.time, np.gradient(curves, rows.time, axis=0), rows.ddq[:, self._single]))
+        return runs_with_rates
 
     @cached_property
     def _delays(self) -> Array:
         return rate_delays(self._beside("velocity"), len(self._single))
 
-    def _of_delays(self, delays: Array) -> Iterator[Doubt]:
-        for way, found in (("late", delays > 0.0), ("early", delays < 0.0)):
-            if found.any():
-                names, late = [self._own[k] for k in np.flatnonzero(found).tolist()], np.abs(delays[found])
-                size = seconds(late.min()) + (f" to {seconds(late.max())}" if np.ptp(late) > 5e-4 else "")
-                yield doubt("rate-late", names, late=size, way=way)
+    def _delay_doubts(self, delays: Array) -> Iterator[Doubt]:
+        for direction, shifted in (("late", delays > 0.0), ("early", delays < 0.0)):
+            if shifted.any():
+                sizes = np.abs(delays[shifted])
+                text = seconds(sizes.min())
+                if np.ptp(sizes) > 5e-4:
+                    text += f" to {seconds(sizes.max())}"
+                yield doubt("rate-late", names_of(self._own, shifted), late=text, way=direction)
 
     @cached_property
     def _scales(self) -> list[tuple[str, str, list[str], Array, Array]]:
         """Name of each kind of rates, name of the integrated quantity, joints, True for revolute joints, and scales."""
-        every, found = np.arange(len(self._names)), []
+        all_joints, scales = np.arange(len(self._names)), []
         for kind, joints, base in (
             ("velocity", self._single, "positions"),
-            ("acceleration", every, "velocities"),
+            ("acceleration", all_joints, "velocities"),
             ("derived", self._single, "positions' velocities"),
         ):
             angular, rate = self._angular[joints], "velocity" if kind == "velocity" else "acceleration"
             names = [self._names[k] for k in joints.tolist()]
-            found.append((rate, base, names, angular, rate_scales(self._beside(kind), angular)))
-        return found
+            scales.append((rate, base, names, angular, rate_scales(self._beside(kind), angular)))
+        return scales
 
-    def of_rates(self, *, time_doubted: bool = False, late: Array | None = None) -> list[Doubt]:
+    def rate_doubts(self, *, time_doubted: bool = False, late: Array | None = None) -> list[Doubt]:
         """Doubts about rates that differ from the slope of the integrated quantity.
 
         ``late`` (k,) bool: True if the velocity is shifted in time, so that its scale is not compared.
         """
-        found = []
+        doubts = []
         for rate, base, names, angular, scales in self._scales:
             gains = np.where(late, 1.0, scales) if rate == "velocity" and late is not None else scales
-            said: dict[str, list[str]] = {}
-            least, most = _ALLOWED[rate]
-            for k in np.flatnonzero(~((gains > least) & (gains < most))).tolist():
-                if time_doubted and math.isfinite(gains[k]) and any(_near(gains[k], f) for f in _CLOCKS):
+            per = "/s" if rate == "velocity" else "/s^2"
+            least, largest = _ALLOWED_GAINS[rate]
+            joints_of: dict[str, list[str]] = {}  # by the text on their gain
+            for k in np.flatnonzero(~((gains > least) & (gains < largest))).tolist():
+                explained_by_time = math.isfinite(gains[k]) and any(_is_about(gains[k], f) for f in _CLOCKS)
+                if time_doubted and explained_by_time:
                     continue
-                per = "/s" if rate == "velocity" else "/s^2"
-                said.setdefault(scale_words(float(gains[k]), bool(angular[k]), base, per), []).append(names[k])
-            found += [doubt("rate", which, rate=rate, what=what) for what, which in said.items()]
-        return found
-
-    # ── sampling
+                text = scale_words(float(gains[k]), bool(angular[k]), base, per)
+                joints_of.setdefault(text, []).append(names[k])
+            doubts += [doubt("rate", joints, rate=rate, what=text) for text, joints in joints_of.items()]
+        return doubts
 
     @cached_property
     def _sampling(self) -> list[Doubt]:
         """Doubts about repeated rows, or else deviations from the paths, and about spikes."""
         times = [rows.time for rows in self.runs]
-        rows = [new for curves in self._curves if curves.size and (new := new_rows(curves)) is not None]
-        if 2 * len(rows) > len(times):
-            step = float(np.median(np.concatenate([np.diff(t) for t in times])))
-            apart = step * float(np.median(np.concatenate([np.diff(np.flatnonzero(new)) for new in rows])))
-            rates, told = [number(1 / x, 3) for x in (apart, step)], {"value": 1 / apart, "unit": "Hz"}
-            repeated = doubt("repeated", rate=rates[0], rows=rates[1], apart=seconds(apart, 3), found=told)
-            return [repeated, *self._of_torques()]
-        found = [gap for t, q in zip(times, self._curves, strict=True) for gap in gaps(t, q)]
-        return [*_of_gaps(found, times), *self._of_torques()]
+        new_rows_of_runs = []
+        for curves in self._curves:
+            rows = new_rows(curves) if curves.size else None
+            if rows is not None:
+                new_rows_of_runs.append(rows)
+        if 2 * len(new_rows_of_runs) > len(times):
+            return [self._repetition_doubt(times, new_rows_of_runs), *self._torque_doubts()]
+        deviations: list[Gap] = []
+        for time, curves in zip(times, self._curves, strict=True):
+            deviations += gaps(time, curves)
+        return [*_gap_doubts(deviations, times), *self._torque_doubts()]
 
-    def _of_torques(self) -> Iterator[Doubt]:
+    def _repetition_doubt(self, times: Sequence[Array], new_rows_of_runs: Sequence[Array]) -> Doubt:
+        """Doubt about positions that repeat in several rows, from the masks (n,) of rows with new ones."""
+        step = float(np.median(np.concatenate([np.diff(time) for time in times])))
+        rows_apart = np.concatenate([np.diff(np.flatnonzero(rows)) for rows in new_rows_of_runs])
+        apart = step * float(np.median(rows_apart))
+        return doubt(
+            "repeated", rate=number(1 / apart, 3), rows=number(1 / step, 3), apart=seconds(apart, 3),
+            found={"value": 1 / apart, "unit": "Hz"},
+        )  # fmt: skip
+
+    def _torque_doubts(self) -> Iterator[Doubt]:
         """Doubts about torques with spikes, or with a constant value for a while."""
-        off = [spikes(rows.tau) for rows in self.runs if rows.tau is not None]
-        held = dict[int, tuple[float, float]]()
-        for one, curves in zip(self.runs, self._curves, strict=True):
-            tau = np.zeros((0, len(self._single))) if one.tau is None else one.tau[:, self._single]
-            out = dropouts(one.time, tau, curves)
-            for k in np.flatnonzero(out.any(axis=0)).tolist():
-                begin, length = held.get(k, (float(one.time[out[:, k].argmax()]), 0.0))
-                held[k] = begin, length + float(np.diff(one.time)[out[1:, k]].sum())
-        for k, (begin, length) in held.items():
-            said: dict[str, Any] = {"from_": seconds(begin, 4), "length": number(length, 3)}
-            yield doubt("dropout", [self._own[k]], found={"value": length, "unit": "s"}, **said)
-        rows, total = sum(int(one.any(axis=1).sum()) for one in off), sum(map(len, off))
+        for k, (begin, length) in self._dropouts().items():
+            words: dict[str, Any] = {"from_": seconds(begin, 4), "length": number(length, 3)}
+            yield doubt("dropout", [self._own[k]], found={"value": length, "unit": "s"}, **words)
+        spiky = [spikes(rows.tau) for rows in self.runs if rows.tau is not None]
+        rows, total = sum(int(mask.any(axis=1).sum()) for mask in spiky), sum(map(len, spiky))
         if rows:
-            joint = self._names[int(np.sum([one.sum(axis=0) for one in off], axis=0).argmax())]
-            level: Any = "unsure" if rows > _SPIKES * total else "note"
-            told = {"value": float(rows), "unit": "rows"}
-            yield doubt("spikes", [joint], level=level, rows=percent(rows / total, 2), joint=joint, found=told)
+            spikes_of_joints = np.sum([mask.sum(axis=0) for mask in spiky], axis=0)
+            joint = self._names[int(spikes_of_joints.argmax())]
+            level: Any = "unsure" if rows > _MAX_SHARE_OF_SPIKES * total else "note"
+            value = {"value": float(rows), "unit": "rows"}
+            yield doubt("spikes", [joint], level=level, rows=percent(rows / total, 2), joint=joint, found=value)
+
+    def _dropouts(self) -> dict[int, tuple[float, float]]:
+        """Begin [s] and duration [s] of constant torques, by index among the checked joints."""
+        durations = dict[int, tuple[float, float]]()
+        for run, curves in zip(self.runs, self._curves, strict=True):
+            tau = np.zeros((0, len(self._single))) if run.tau is None else run.tau[:, self._single]
+            constant = dropouts(run.time, tau, curves)
+            for k in np.flatnonzero(constant.any(axis=0)).tolist():
+                begin, length = durations.get(k, (float(run.time[constant[:, k].argmax()]), 0.0))
+                durations[k] = begin, length + float(np.diff(run.time)[constant[1:, k]].sum())
+        return durations
 
 
-def _of_gaps(found: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
+def _gap_doubts(deviations: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
     """Doubts about simultaneous deviations of all joints from their paths: buffered or missing rows."""
-    if not found:
+    if not deviations:
         return
-    first = seconds(found[0].time, 4)
-    if len(times) == 1 and (turns := late_by_turns(found, times[0][0], times[0][-1])) is not None:
-        late, share = turns
-        told = {"value": 1e3 * late, "unit": "ms"}
-        said: dict[str, Any] = {"late": number(1e3 * late, 3), "count": len(found), "time": first}
-        yield doubt("buffered", found=told, share=percent(share, 2), **said)
+    turns = late_by_turns(deviations, times[0][0], times[0][-1]) if len(times) == 1 else None
+    if turns is not None:
+        delay, share = turns
+        yield doubt(
+            "buffered", found={"value": 1e3 * delay, "unit": "ms"}, share=percent(share, 2), late=number(1e3 * delay, 3),
+            count=len(deviations), time=seconds(deviations[0].time, 4),
+        )  # fmt: skip
         return
-    if held := [gap for gap in found if gap.held]:
-        said = {"when": listed((f"{seconds(gap.time, 4)} s" for gap in held), 3), "rows": max(gap.held for gap in held)}
-        yield doubt("held", found={"value": float(said["rows"]), "unit": "rows"}, **said)
-    found = [gap for gap in found if not gap.held]
-    if not found:
+    repeated = [gap for gap in deviations if gap.held]
+    if repeated:
+        rows = max(gap.held for gap in repeated)
+        yield doubt("held", found={"value": float(rows), "unit": "rows"}, when=_times_text(repeated), rows=rows)
+    pauses = [gap for gap in deviations if not gap.held]
+    if not pauses:
         return
-    when = listed((f"{seconds(gap.time, 4)} s" for gap in found), 3)
-    back = [1e3 * gap.late for gap in found if gap.late > 0]  # excludes missing rows
+    delays = [1e3 * gap.late for gap in pauses if gap.late > 0]  # excludes missing rows
     why = "rows are missing there, and the stamps were closed up"
-    if len(back) == len(found):
-        why = f"positions are {number(back[0], 2)} ms late from there on: a clock was shifted"
-    yield doubt("pause", when=when, why=why, found={"value": found[0].time, "unit": "s"})
+    if len(delays) == len(pauses):
+        why = f"positions are {number(delays[0], 2)} ms late from there on: a clock was shifted"
+    yield doubt("pause", when=_times_text(pauses), why=why, found={"value": pauses[0].time, "unit": "s"})
+
+
+def _times_text(deviations: Sequence[Gap]) -> str:
+    return listed((f"{seconds(gap.time, 4)} s" for gap in deviations), 3)

@@ -87,10 +87,11 @@ class Coordinates:
         -------
         headers : list of str
         """
-        q = part == "q"
-        names, turning = (self.names, self.angular) if q else (self.velocity_names, self.angular_velocity)
-        said = f" [{DEGREES[part]}]" if degrees and part in DEGREES else ""
-        return [f"{n}{SUFFIX[part]}{said if t else ''}" for n, t in zip(names, turning, strict=True)]
+        names, turning = self.velocity_names, self.angular_velocity
+        if part == "q":
+            names, turning = self.names, self.angular
+        unit = f" [{DEGREES[part]}]" if degrees and part in DEGREES else ""
+        return [f"{name}{SUFFIX[part]}{unit if turns else ''}" for name, turns in zip(names, turning, strict=True)]
 
     @classmethod
     def from_model(cls, model: Model) -> Coordinates:
@@ -100,34 +101,41 @@ class Coordinates:
         -------
         coordinates : Coordinates
         """
-        found = _CACHE.get(model)
-        if found is not None:
-            return found
-        joints = [b.joint for b in model.leaders]
-        endless = np.array([k in j.wraps for j in joints for k in range(j.nq)], bool)
+        cached = _CACHE.get(model)
+        if cached is not None:
+            return cached
+        angular: list[bool] = []
+        angular_velocity: list[bool] = []
+        endless_angles: list[bool] = []
         position_of = np.full(model.nv, -1)
         for b in model.leaders:
+            angular += [unit == "rad" for unit in b.joint.coordinate_units]
+            angular_velocity += map(bool, b.joint.turning)
+            endless_angles += [k in b.joint.wraps for k in range(b.joint.nq)]
             if b.joint.nv == 1:
                 position_of[b.v_index] = b.q_index
-        found = _CACHE[model] = cls(
+        endless = np.array(endless_angles, bool)
+        mimic_joints = []
+        for b in model.bodies:
+            if b.follows and not endless[b.q_index]:
+                turns = bool(b.joint.turning[0])
+                mimic_joints.append(MimicJoint(b.joint.name, b.q_index, b.ratio, b.offset, turns))
+        coordinates = cls(
             names=model.coordinate_names,
             velocity_names=model.velocity_names,
-            angular=np.array([unit == "rad" for j in joints for unit in j.coordinate_units], bool),
-            angular_velocity=np.array([turns for j in joints for turns in j.turning], bool),
+            angular=np.array(angular, bool),
+            angular_velocity=np.array(angular_velocity, bool),
             position_of=position_of,
             endless=endless,
             quaternions=model.quaternions,
-            mimic_joints=tuple(
-                MimicJoint(b.joint.name, b.q_index, b.ratio, b.offset, bool(b.joint.turning[0]))
-                for b in model.bodies
-                if b.follows and not endless[b.q_index]
-            ),
+            mimic_joints=tuple(mimic_joints),
             drive_names=model.drive_names if model.couplings else (),
             drive_turns=tuple(drive_turns(model)) if model.couplings else (),
             coupled=model.coupled,
             arms=serial_arms(model),
         )
-        return found
+        _CACHE[model] = coordinates
+        return coordinates
 
     @property
     def torque_units(self) -> tuple[str, ...]:
@@ -135,7 +143,7 @@ class Coordinates:
         return units_of("tau", self.angular_velocity)
 
 
-_ARM = 4
+_MIN_JOINTS_OF_ARM = 4
 """Least number of joints of an arm."""
 
 
@@ -153,19 +161,19 @@ def serial_arms(model: Model) -> tuple[tuple[int, ...], ...]:
     runs: dict[int, list[int]] = {}
     for i, b in enumerate(model.bodies):  # parents come before their children
         if turns[i]:
-            goes_on = b.parent in runs and branches[b.parent] == 1
-            runs[i] = runs[b.parent] if goes_on else []
+            continues = b.parent in runs and branches[b.parent] == 1
+            runs[i] = runs[b.parent] if continues else []
             runs[i].append(b.q_index)
-    found = {id(run): tuple(run) for run in runs.values() if len(run) >= _ARM}
-    return tuple(found.values())
+    arms = {id(run): tuple(run) for run in runs.values() if len(run) >= _MIN_JOINTS_OF_ARM}
+    return tuple(arms.values())
 
 
 def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[Array, Array]:
     """Joint velocities and accelerations (n, nv) from rates of q (n, nq); planar and floating joints: child's frame."""
     velocities, accelerations = [np.zeros((len(q), 0))], [np.zeros((len(q), 0))]
     for b in model.leaders:
-        here = b.places[0]
-        v, a = b.joint.velocities(q[:, here], dq_dt[:, here], d2q_dt2[:, here])
+        columns = b.places[0]
+        v, a = b.joint.velocities(q[:, columns], dq_dt[:, columns], d2q_dt2[:, columns])
         velocities.append(v)
         accelerations.append(a)
     return np.concatenate(velocities, axis=1), np.concatenate(accelerations, axis=1)
@@ -175,11 +183,9 @@ _CACHE: WeakKeyDictionary[Model, Coordinates] = WeakKeyDictionary()
 """Cache by model, as every simulation needs the coordinates."""
 
 
-# ── Continuous curves: unwrapped angles, quaternions of constant sign
-
-_FULL = 0.75
+_MIN_STEP_OF_TURN = 0.75
 """Smallest step, as a fraction of a turn, that counts as an omitted turn of a bounded joint."""
-_SPILL = 0.01
+_TURN_TOLERANCE = 0.01
 """Relative excess over half a turn due to rounding to two decimals (3.15 for π)."""
 
 
@@ -202,34 +208,32 @@ class Continuity:
     def from_parts(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float | Array = math.tau) -> Continuity:
         """Find the jumps from excerpts of q (n, nq); ``turn``, () or (nq,), is a full turn in the excerpts' units."""
         least = np.min([x.min(axis=0, initial=math.inf) for x in parts], axis=0)
-        most = np.max([x.max(axis=0, initial=-math.inf) for x in parts], axis=0)
-        half, spill = 0.5 * np.asarray(turn), _SPILL * 0.5 * np.asarray(turn)
-        about_zero = (least >= -half - spill) & (most <= half + spill)
-        from_zero = (least >= -spill) & (most <= turn + spill)
+        largest = np.max([x.max(axis=0, initial=-math.inf) for x in parts], axis=0)
+        half, spill = 0.5 * np.asarray(turn), _TURN_TOLERANCE * 0.5 * np.asarray(turn)
+        about_zero = (least >= -half - spill) & (largest <= half + spill)
+        from_zero = (least >= -spill) & (largest <= turn + spill)
         within = about_zero | from_zero
         bounded = coordinates.angular & ~coordinates.endless
         return cls(coordinates.endless & within, coordinates.quaternions, bounded & within)
 
     def curves(self, q: Array, turn: float | Array = math.tau) -> Array:
         """Consecutive rows of q (n, nq) without the jumps; each column keeps its first value."""
-        found, turns = q.copy(), np.broadcast_to(np.asarray(turn, float), q.shape[1:])
+        continuous, turns = q.copy(), np.broadcast_to(np.asarray(turn, float), q.shape[1:])
         for k in np.flatnonzero(self.wrapped):
-            found[:, k] = np.unwrap(q[:, k], period=turns[k])
+            continuous[:, k] = np.unwrap(q[:, k], period=turns[k])
         for k in np.flatnonzero(self.left_out):
             # np.unwrap does not change steps below ``discont``.
-            found[:, k] = np.unwrap(q[:, k], period=turns[k], discont=_FULL * turns[k])
+            continuous[:, k] = np.unwrap(q[:, k], period=turns[k], discont=_MIN_STEP_OF_TURN * turns[k])
         for place in self.quaternions:
             p = q[:, place]
             same = np.sum(p[1:] * p[:-1], axis=1) >= 0
-            found[:, place] = p * np.cumprod(np.r_[1.0, np.where(same, 1.0, -1.0)])[:, None]
-        return found
+            continuous[:, place] = p * np.cumprod(np.r_[1.0, np.where(same, 1.0, -1.0)])[:, None]
+        return continuous
 
-
-# ── Configurations and rates that a user gives
 
 ConfigurationGiven: TypeAlias = ArrayLike | str | Mapping[str, ArrayLike] | Sequence[str] | None
 """Coordinates, positions by joint, the name of a configuration, or texts as typed in a shell."""
-_PLAINLY_DEGREES = 3 * math.tau
+_MIN_DEGREES = 3 * math.tau
 """Magnitude [rad] above which a coordinate is taken for degrees: three turns are rare, 19 degrees are not."""
 
 _AT = Argument("at")
@@ -272,13 +276,16 @@ def configuration_of(
         return q
     if not (isinstance(texts, Sequence) and all(isinstance(text, str) for text in texts)):
         return configuration(robot, cast("ArrayLike", texts), name) * unit
-    wholes = [text for text in texts if "=" not in text]
-    if len(wholes) > 1:
-        both = " and ".join(f"{name} {text!r}" for text in wholes[:2])
-        raise ValueRangeError(f"{both} both set all coordinates. Keep one of them; others are JOINT=VALUE.")
-    for text in wholes:
-        q = _all_coordinates(robot, text, name, unit)
-    for body, numbers in _named(robot, [text for text in texts if "=" in text], name, velocities=False):
+    configurations = [text for text in texts if "=" not in text]
+    positions = [text for text in texts if "=" in text]
+    if len(configurations) > 1:
+        first, second = configurations[:2]
+        raise ValueRangeError(
+            f"{name} {first!r} and {name} {second!r} both set all coordinates. Keep one of them; others are JOINT=VALUE."
+        )
+    if configurations:
+        q = _all_coordinates(robot, configurations[0], name, unit)
+    for body, numbers in _numbers_by_joint(robot, positions, name, velocities=False):
         here = body.places[0]
         q[here] = np.array(numbers) * unit[here]
     return q
@@ -286,21 +293,26 @@ def configuration_of(
 
 def configuration(robot: Robot, q: ArrayLike, name: str) -> Array:
     """Finite copy of q (nq,)."""
-    found = arguments.finite(q, name, robot.nq, names=robot.coordinate_names)
-    return np.array(arguments.one(found, name, robot.nq))
+    finite_q = arguments.finite(q, name, robot.nq, names=robot.coordinate_names)
+    return np.array(arguments.one(finite_q, name, robot.nq))
 
 
 def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array:
-    known = robot.configurations
-    if text in known:
-        return np.array(known[text])
-    names = robot.coordinate_names
-    form = f"{robot.nq} numbers, {','.join(names[:8])}{',…' if len(names) > 8 else ''}; or JOINT=VALUE, as {_example(robot)}"
-    if not known:
+    configurations = robot.configurations
+    if text in configurations:
+        return np.array(configurations[text])
+    form = f"{robot.nq} numbers, {_first_names(robot.coordinate_names, ',')}; or JOINT=VALUE, as {_example(robot)}"
+    if not configurations:
         form += "; the file names no configuration"
     else:
-        form += f"; or a configuration of the file: {', '.join(list(known)[:8])}{', …' if len(known) > 8 else ''}"
+        form += f"; or a configuration of the file: {_first_names(list(configurations), ', ')}"
     return np.array(arguments.parse_numbers(text, option, form, robot.nq)) * unit
+
+
+def _first_names(names: Sequence[str], separator: str) -> str:
+    """At most eight names, with an ellipsis for others."""
+    ending = f"{separator}…" if len(names) > 8 else ""
+    return f"{separator.join(names[:8])}{ending}"
 
 
 def _example(robot: Robot) -> str:
@@ -319,7 +331,7 @@ def degrees_hint(robot: Robot, q: Array) -> str:
     ''
     """
     angular = np.where(Coordinates.from_model(robot.model).angular, np.abs(q), 0.0)
-    if angular.max(initial=0.0) < _PLAINLY_DEGREES:
+    if angular.max(initial=0.0) < _MIN_DEGREES:
         return ""
     k = int(np.argmax(angular))
     name = robot.coordinate_names[k]
@@ -332,22 +344,24 @@ def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: boo
 
     Raises ValueRangeError and UnknownNameError.
     """
-    found = np.zeros(robot.nv)
-    for body, numbers in _named(robot, texts, option, velocities=True):
+    rates = np.zeros(robot.nv)
+    for body, numbers in _numbers_by_joint(robot, texts, option, velocities=True):
         here = body.places[1]
         turning = np.any(body.joint.axes[:, :3] != 0, axis=1)
-        found[here] = np.where(turning & degrees, np.radians(numbers), numbers)
-    return found
+        rates[here] = np.where(turning & degrees, np.radians(numbers), numbers)
+    return rates
 
 
-def _named(robot: Robot, texts: Iterable[str], option: str, *, velocities: bool) -> list[tuple[Body, list[float]]]:
-    found = []
+def _numbers_by_joint(
+    robot: Robot, texts: Iterable[str], option: str, *, velocities: bool
+) -> list[tuple[Body, list[float]]]:
+    numbers_of = []
     for joint, value in arguments.assignments(texts, option, f"JOINT=VALUE, for example {_example(robot)}").items():
         body = _joint(robot, joint)
         count = body.joint.nv if velocities else body.joint.nq
         form = f"{count} number{'s' if count > 1 else ''}"
-        found.append((body, arguments.parse_numbers(value, f"{option} {joint}", form, count)))
-    return found
+        numbers_of.append((body, arguments.parse_numbers(value, f"{option} {joint}", form, count)))
+    return numbers_of
 
 
 def _joint(robot: Robot, name: str) -> Body:

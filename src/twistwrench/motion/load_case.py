@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from ..robot.explanation import Explanation
 
-LOADED = 1e-6
+MIN_SHARE_OF_LARGEST = 1e-6
 """Fraction of the largest torque above which a joint counts as loaded; smaller torques are rounding errors."""
 _BUNDLED = Path(__file__).parent.parent / "robots"
 
@@ -54,17 +54,25 @@ def limits_remedy(robot: str = "ROBOT") -> str:
     path = Path(robot or "ROBOT")
     bundled, unknown = path.parent == _BUNDLED, not robot or "site-packages" in path.parts
     if in_the_shell():
-        name = path.stem if bundled else "ROBOT" if unknown else shlex.quote(str(path))
+        name = shlex.quote(str(path))
+        if bundled:
+            name = path.stem
+        elif unknown:
+            name = "ROBOT"
         quote = '"' if "'" in name else "'"
         command = f"{quote}twistwrench info {name} {spell(Argument('csv', 'limits.csv'))}{quote}"
     else:
-        of = repr(path.stem) if bundled else "robot" if unknown else repr(str(path))
-        command = f"tw.info({of}).to_csv('limits.csv')"
+        argument = repr(str(path))
+        if bundled:
+            argument = repr(path.stem)
+        elif unknown:
+            argument = "robot"
+        command = f"tw.info({argument}).to_csv('limits.csv')"
     return f"write a table with {command}, fill in its efforts, and add {spell(Argument('limits', 'limits.csv'))}"
 
 
-_LISTED = 6
 _OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
+_MAX_LISTED_NAMES = 6
 
 
 def confirmed_efforts(model: Model, *, of: str = "the robot") -> str:
@@ -80,10 +88,10 @@ def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
     for motor, actuator in model.actuators.items():
         if motor != actuator.joint:
             size[entry[motor]] = np.maximum(size[entry[motor]], size[entry[actuator.joint]])
-    return driven_entries(model) & (size > LOADED * size.max(initial=0.0))
+    return driven_entries(model) & (size > MIN_SHARE_OF_LARGEST * size.max(initial=0.0))
 
 
-def unlimited(model: Model, effort: ArrayLike, peaks: ArrayLike) -> list[str]:
+def drives_without_limit(model: Model, effort: ArrayLike, peaks: ArrayLike) -> list[str]:
     """Names of the drives that are loaded by ``peaks`` (nv,) and have no limit in ``effort`` (nv,)."""
     missing = loaded_entries(model, peaks) & ~np.isfinite(effort)
     return [name for name, none in zip(model.drive_labels, missing, strict=True) if none]
@@ -98,14 +106,15 @@ def without_velocity_limit(model: Model, limits: Limits) -> list[str]:
 
 def placeholder_doubt(robot: Robot, limits: Limits) -> str:
     """Sentence on torque limits that are probably not those of motors, with its remedy; empty if none."""
-    if not (found := placeholder_limits(robot, limits)):
+    text = placeholder_limits(robot, limits)
+    if not text:
         return ""
-    typed = isinstance(limits, StatedLimits) and limits.stated.any()
-    if typed:
+    from_table = isinstance(limits, StatedLimits) and limits.stated.any()
+    if from_table:
         remedy = confirmed_efforts(robot.model, of="the table")
     else:
         remedy = f"{limits_remedy(robot.model.source)}; {confirmed_efforts(robot.model)}"
-    return Reason(f"{found}; {remedy}", remedy)
+    return Reason(f"{text}; {remedy}", remedy)
 
 
 def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
@@ -114,22 +123,27 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
     ``peaks`` (nv,) are the largest torques of a motion or pose. Limits given with their unit are not doubted.
     """
     sentences, model = list[str](), robot.model
-    if missing := unlimited(model, limits.effort, peaks):
-        count = int(loaded_entries(model, peaks).sum())
-        named = "" if len(missing) == count else f" ({listed(missing, _LISTED)})"
-        some = sentence("some", count=str(len(missing)), all=str(count), named=named)
-        joints = some if count > 1 else sentence("one", joint=missing[0])
-        remedy = (
-            _OF_MOTORS if {*missing} & {*model.drive_labels} - {*model.velocity_names} else limits_remedy(model.source)
-        )
+    loaded = loaded_entries(model, peaks)
+    missing = drives_without_limit(model, limits.effort, peaks)
+    if missing:
+        coupled_motors = {*model.drive_labels} - {*model.velocity_names}
+        remedy = _OF_MOTORS if coupled_motors & {*missing} else limits_remedy(model.source)
+        joints = _joints_text(missing, int(loaded.sum()))
         sentences.append(Reason(sentence("unlimited", joints=joints, remedy=remedy), remedy))
-    unconfirmed = loaded_entries(model, peaks) & ~limits.has_unit("effort")
-    if unconfirmed.any() and (doubt := placeholder_doubt(robot, limits)):
+    unconfirmed = loaded & ~limits.has_unit("effort")
+    doubt = placeholder_doubt(robot, limits) if unconfirmed.any() else ""
+    if doubt:
         sentences.append(doubt)
     return sentences
 
 
-# ── Payload and wrenches, and the split of torques into causes
+def _joints_text(missing: Sequence[str], count: int) -> str:
+    """Joints without a limit, of ``count`` that are loaded."""
+    if count == 1:
+        return sentence("one", joint=missing[0])
+    names = "" if len(missing) == count else f" ({listed(missing, _MAX_LISTED_NAMES)})"
+    return sentence("some", count=str(len(missing)), all=str(count), named=names)
+
 
 TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "friction")
 """Causes of a torque: M ddq, c, g, springs, all terms of the payload, -J' F_on of wrenches, joint friction and damping."""
@@ -154,8 +168,10 @@ _NO_LEVER = 1e-6
 
 def least_torque_per_kilogram(model: Model) -> float:
     """Torque per kilogram [N m/kg] below which a joint does not carry the payload: 1e-6 of the robot's reach times gravity."""
-    most = reach(model)
-    return _NO_LEVER * float(np.linalg.norm(model.gravity)) * (most if 0 < most < np.inf else 1.0)
+    lever = reach(model)
+    if not 0 < lever < np.inf:
+        lever = 1.0
+    return _NO_LEVER * float(np.linalg.norm(model.gravity)) * lever
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +207,7 @@ def no_tip_for_payload(model: Model, mass: float) -> str:
 
 
 _MAX_TIPS = 12
-_HEAVY, _FEWEST_GRAMS = 10.0, 10.0
+_MIN_RATIO_OF_GRAMS, _MIN_GRAMS = 10.0, 10.0
 """Multiple of the robot's moving mass from which a payload may be in grams, and least number of grams."""
 
 
@@ -204,7 +220,7 @@ def _grams(mass: float, robot: float) -> str:
     ('', '', '')
     """
     share = mass / robot if robot > 0 else 0.0
-    if not _HEAVY < share <= 1000.0 or mass < _FEWEST_GRAMS:
+    if not _MIN_RATIO_OF_GRAMS < share <= 1000.0 or mass < _MIN_GRAMS:
         return ""
     times, kilograms = number(share, 3), printed(mass / 1000)
     return (
@@ -251,13 +267,17 @@ class LoadCase:
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Doubts about payloads that are not where a robot carries them."""
-        most = reach(self.robot.model)
-        return tuple(d for p in self.payloads for d in credible_load(p.mass, p.place, p.frame, self.robot, most))
+        doubts: list[Doubt] = []
+        robot_reach = reach(self.robot.model)
+        for load in self.payloads:
+            doubts += credible_load(load.mass, load.place, load.frame, self.robot, robot_reach)
+        return tuple(doubts)
 
     @property
     def unit_hints(self) -> tuple[str, ...]:
         """Sentences on payloads far heavier than the robot, which a thousandth would not be."""
-        return tuple(hint for load in self.payloads if (hint := _grams(load.mass, self.robot.model.moving_mass)))
+        hints = [_grams(load.mass, self.robot.model.moving_mass) for load in self.payloads]
+        return tuple(filter(None, hints))
 
     @property
     def contradictions(self) -> tuple[str, ...]:
@@ -278,12 +298,12 @@ class LoadCase:
         """Loads (n, nv) of the bearings by kind; zero at joints that have none."""
         model = self.with_load.model
         F = np.asarray(self.with_load.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s)))
-        found = {kind: np.zeros((len(s), model.nv)) for kind in BEARINGS}
+        loads_by_kind = {kind: np.zeros((len(s), model.nv)) for kind in BEARINGS}
         for kind, loads in bearing_loads(model, F).items():
             for k, body in enumerate(model.bodies):
                 if body.joint.nv == 1 and not body.follows:
-                    found[kind][:, body.v_index] = np.nan_to_num(loads[:, k])
-        return found
+                    loads_by_kind[kind][:, body.v_index] = np.nan_to_num(loads[:, k])
+        return loads_by_kind
 
     def _wrenches(self, s: MotionSamples) -> dict[str, Array] | None:
         return {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
@@ -316,14 +336,14 @@ class LoadCase:
         tau = np.sum(list(terms.values()), axis=0)
         return {**terms, "friction": self._friction(s, tau) if self.friction else zero}
 
-    def at_drives(self, tau: Array) -> Array:
+    def drive_torques(self, tau: Array) -> Array:
         """Drive torques from joint torques, (..., nv)."""
         return np.asarray(motor_torques(self.with_load.model, tau))
 
     def mass_matrix(self, q: Array) -> Array:
         """Drive torques per joint acceleration, (..., nv, nv); M if no joints are coupled."""
         M = np.asarray(self.with_load.mass_matrix(q))
-        return np.swapaxes(self.at_drives(M), -1, -2) if self.with_load.model.couplings else M
+        return np.swapaxes(self.drive_torques(M), -1, -2) if self.with_load.model.couplings else M
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -337,15 +357,14 @@ class LoadCase:
         model = self.with_load.model
         if not model.couplings:
             return why
-        return replace(why, joints=model.drive_labels, units=self.units, parts=self.at_drives(why.parts))
+        return replace(why, joints=model.drive_labels, units=self.units, parts=self.drive_torques(why.parts))
 
     def motor_loads(self, s: MotionSamples) -> MotorLoads:
         """Motor loads of the robot with its payloads, (n, actuators) each."""
         carried, rotor = self.with_load.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         friction = self._friction(s, carried + rotor) if self.friction else 0.0
-        moving = np.where(
-            s.stationary, 0.0, s.dq
-        )  # at rest, noise must not determine the direction of power through a gear
+        # At rest, noise must not determine the direction of power through a gear.
+        moving = np.where(s.stationary, 0.0, s.dq)
         return motor_loads(self.with_load.model, moving, carried + friction, rotor)
 
     def _friction(self, s: MotionSamples, carried: Array) -> Array:
@@ -363,7 +382,8 @@ class LoadCase:
 
     def follower_payload_torques(self, s: MotionSamples) -> Array:
         """Contribution of the payloads to :meth:`follower_torques`, (n, k)."""
-        F, alone = (np.asarray(robot.joint_wrenches(s.q, s.dq, s.ddq)) for robot in (self.with_load, self.robot))
+        F = np.asarray(self.with_load.joint_wrenches(s.q, s.dq, s.ddq))
+        alone = np.asarray(self.robot.joint_wrenches(s.q, s.dq, s.ddq))
         return follower_torques(self.robot.model, F - alone)
 
 
@@ -389,12 +409,13 @@ def reach(model: Model) -> float:
             travel = abs(body.ratio) * float(np.maximum(np.abs(model.limits.lower[k]), np.abs(model.limits.upper[k])))
         before = 0.0 if body.parent == BASE else lengths[body.parent]
         lengths.append(before + float(np.linalg.norm(body.placement[:3, 3])) + travel)
-    ends = [
-        (0.0 if frame.body == BASE else lengths[frame.body]) + float(np.linalg.norm(frame.pose[:3, 3]))
-        for frame in model.frames.values()
-    ]
+    ends = []
+    for frame in model.frames.values():
+        length = 0.0 if frame.body == BASE else lengths[frame.body]
+        ends.append(length + float(np.linalg.norm(frame.pose[:3, 3])))
     for body, length in zip(model.bodies, lengths, strict=True):
-        if (G := body.inertia).mass > 0.0:
+        G = body.inertia
+        if G.mass > 0.0:
             half = float(np.sqrt(1.5 * max(np.trace(G.moment_about_com), 0.0) / G.mass))  # of a uniform rod
             place = float(np.linalg.norm(G.com))
             ends.append(length + place + min(place, half))
@@ -434,10 +455,15 @@ def payloads_of(given: LoadsGiven, tip: str | None = None) -> tuple[Payload, ...
         return (Payload.from_inertia(given, tip),)
     if isinstance(given, str):
         return (parse_payload(given, tip),)
+    payloads: list[Payload] = []
     if isinstance(given, Mapping):
-        return tuple(load for frame, loads in given.items() for load in payloads_of(loads, frame))
+        for frame, loads in given.items():
+            payloads += payloads_of(loads, frame)
+        return tuple(payloads)
     if isinstance(given, Sequence):
-        return tuple(load for one in given for load in payloads_of(one, tip))
+        for load in given:
+            payloads += payloads_of(load, tip)
+        return tuple(payloads)
     mass = number_of(given, "payload")
     if not 0 <= mass < math.inf:
         raise ValueRangeError(f"payload {printed(mass)} cannot be a mass. Give kilograms, at least 0.")
@@ -447,16 +473,13 @@ def payloads_of(given: LoadsGiven, tip: str | None = None) -> tuple[Payload, ...
 def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
     """Read texts ``FRAME:m,m,m,f,f,f``, summing those on one frame; raises ValueRangeError with the expected form."""
     form = "FRAME:m,m,m,f,f,f (moment, then force, in that frame), for example tool0:0,0,0,0,0,-20"
-    found: dict[str, Array] = {}
+    wrenches: dict[str, Array] = {}
     for text in texts:
         frame, _, numbers = (part.strip() for part in text.rpartition(":"))
         if not frame:
             raise ValueRangeError(f"wrench {text!r} names no frame. Write {form}.")
-        found[frame] = found.get(frame, 0.0) + np.array(parse_numbers(numbers, f"wrench on {frame}", form, 6))
-    return found
-
-
-# ── Payload margin along a motion: torques are linear in the payload's mass
+        wrenches[frame] = wrenches.get(frame, 0.0) + np.array(parse_numbers(numbers, f"wrench on {frame}", form, 6))
+    return wrenches
 
 
 @dataclass(frozen=True)
@@ -532,15 +555,16 @@ def payload_margin(load: LoadCase, effort: Array, shares: PayloadShares) -> Payl
     model, nv = load.robot.model, load.robot.nv
     share, time = -shares.greatest.value, shares.greatest.time
     joint = min(range(len(share)), key=lambda k: (share[k], time[k]))
-    if not shares.within or not math.isfinite(share[joint]) or unlimited(model, effort[:nv], shares.carried[:nv]):
+    if (
+        not shares.within
+        or not math.isfinite(share[joint])
+        or drives_without_limit(model, effort[:nv], shares.carried[:nv])
+    ):
         return None
     names = (*model.drive_labels, *(model.bodies[i].joint.name for i in model.limited_followers))
     payload = load.payloads[0]
     frame = payload.frame or model.tip or ""
     return PayloadMargin(float(share[joint]) * payload.mass, names[joint], float(time[joint]), frame)
-
-
-# ── Locked joints: names or patterns such as ``*wheel*``
 
 
 def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> dict[str, float]:
@@ -550,7 +574,7 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
     :class:`~twistwrench.ValueRangeError` for positions beyond a joint's limits and for contradictory patterns.
     """
     bodies = {b.joint.name: b for b in model.bodies}
-    found: dict[str, float] = {}
+    positions: dict[str, float] = {}
     origin: dict[str, str] = {}
     for name in sorted(lock, key=lambda n: not _is_pattern(n, bodies)):
         if not _is_pattern(name, bodies):
@@ -562,27 +586,26 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
                 raise UnknownNameError.from_choices("joint that fits the pattern", name, leaders)
         for joint in matches:
             value = lock[name]
-            if joint in bodies:
-                turns = bodies[joint].joint.turning[0]
-                value = math.radians(value) if degrees and turns else value
-            if _is_pattern(name, bodies) and joint in found and found[joint] != value:
+            if degrees and joint in bodies and bodies[joint].joint.turning[0]:
+                value = math.radians(value)
+            if _is_pattern(name, bodies) and joint in positions and positions[joint] != value:
                 raise ValueRangeError(
                     f"{{0}}: {origin[joint]!r} and {name!r} both hold {joint!r}. Keep one of them.", Argument("lock")
                 )
-            found[joint], origin[joint] = value, name
+            positions[joint], origin[joint] = value, name
     for b in model.leaders:
-        if b.joint.name in found and b.joint.nv == 1:
+        if b.joint.name in positions and b.joint.nv == 1:
             name = origin[b.joint.name]
-            given = float(lock[name])
-            shown = int(given) if given.is_integer() else given
-            _check(model, b, found[b.joint.name], Argument("lock", {name: shown}), degrees=degrees)
-    return found
+            value = float(lock[name])
+            argument = Argument("lock", {name: int(value) if value.is_integer() else value})
+            _check(model, b, positions[b.joint.name], argument, degrees=degrees)
+    return positions
 
 
 def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
     """Joints outside the chain between two frames; raises UnknownNameError, and ValueRangeError if the chain has no joint."""
-    ends = (model.ancestors(model.frame(frame).body) for frame in (base, tip))
-    between = {model.bodies[k].q_index for k in set.symmetric_difference(*ends)}
+    above_base, above_tip = model.ancestors(model.frame(base).body), model.ancestors(model.frame(tip).body)
+    between = {model.bodies[k].q_index for k in above_base ^ above_tip}
     if not between:
         raise ValueRangeError(
             "{0}: no joint moves one of these frames from the other. Name two others.", Argument("chain", (base, tip))
@@ -594,20 +617,20 @@ def _is_pattern(name: str, joints: Mapping[str, object]) -> bool:
     return name not in joints and any(c in name for c in "*?[")
 
 
-def _check(model: Model, body: Body, value: float, given: Argument, *, degrees: bool) -> None:
+def _check(model: Model, body: Body, value: float, argument: Argument, *, degrees: bool) -> None:
     low, high = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
-    most = float(model.limits.tolerance[body.v_index])
-    if low - most <= value <= high + most:
+    tolerance = float(model.limits.tolerance[body.v_index])
+    if low - tolerance <= value <= high + tolerance:
         return
     turns = body.joint.turning[0]
-    unit, shown = math.degrees(1.0) if degrees and turns else 1.0, unit_of("q", turns, degrees=degrees)
-    joint = "" if isinstance(given.value, Mapping) and body.joint.name in given.value else f" {body.joint.name}"
+    unit, unit_name = math.degrees(1.0) if degrees and turns else 1.0, unit_of("q", turns, degrees=degrees)
+    joint = "" if isinstance(argument.value, Mapping) and body.joint.name in argument.value else f" {body.joint.name}"
     hint = ""
     if turns and not degrees and low <= math.radians(value) <= high:
         hint = f" If {printed(value)} are degrees, add {{1}}, or write {number(math.radians(value), 6)}."
-    least, greatest = (quantity(unit * x, shown, 6) for x in (low, high))
+    least, greatest = (quantity(unit * x, unit_name, 6) for x in (low, high))
     raise ValueRangeError(
         f"{{0}} is outside the joint's limits,{joint} {least} to {greatest}. Hold it within them.{hint}",
-        given,
+        argument,
         Argument("degrees", True),
     )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,10 +18,10 @@ from ..core.errors import TrajectoryError
 from ..core.typing import Array
 from .column_names import COMMANDS, JOINT, NEUTRAL, PART_OF, UNITS, split_unit
 
-_FEW = 4
-_LIKE = 0.6
+_MAX_CANDIDATES = 4
+_MIN_SIMILARITY = 0.6
 """Smallest similarity of two names for a suggestion."""
-_STILL = 1e-6
+_MIN_VARIATION = 1e-6
 """Smallest relative variation of the column of a moving joint."""
 _ANGLES_AND_LENGTHS = ("rad", "deg", "degrees", "radians", "°", "m", "mm", "cm")
 _OTHER = re.compile(
@@ -32,33 +33,38 @@ _COUNTED = re.compile(r"temp|volt|energy|count|index|seq|cycle|step|dist|odom|ti
 """Words in names of columns that may increase in every row and are not the time."""
 
 
-_MOST_LOOKED_AT = 256
+_MAX_COLUMNS_READ = 256
 """Columns whose numbers are looked at for a hint; a look at a column of a foreign format takes up to 0.1 s."""
 
 
 def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[int], Array]) -> list[str]:
     """Columns of ``extra`` that may be joint positions: varying, without the name or unit of another quantity.
 
-    Of a file with thousands of columns the first :data:`_MOST_LOOKED_AT` are looked at.
+    Of a file with thousands of columns the first :data:`_MAX_COLUMNS_READ` are looked at.
     """
-    found, among, looked_at = [], set(extra), 0
-    for k, cell in enumerate(cells):
-        name, unit = split_unit(cell)
-        if cell not in among or _OTHER.search(name.lower()) or (unit is not None and unit not in _ANGLES_AND_LENGTHS):
-            continue
-        looked_at += 1
-        if looked_at > _MOST_LOOKED_AT:
-            break
+    candidate_cells = set(extra)
+    columns = [k for k, cell in enumerate(cells) if cell in candidate_cells and _may_be_position(cell)]
+    varying = []
+    for k in columns[:_MAX_COLUMNS_READ]:
         try:
             numbers = look(k)
         except TrajectoryError:  # not numbers
             continue
-        if numbers.size and np.isfinite(numbers).all() and np.ptp(numbers) > _STILL * (1 + np.abs(numbers).max()):
-            found.append(cell)
-    return found
+        if not numbers.size or not np.isfinite(numbers).all():
+            continue
+        if np.ptp(numbers) > _MIN_VARIATION * (1 + np.abs(numbers).max()):
+            varying.append(cells[k])
+    return varying
 
 
-_SEVERAL = 2
+def _may_be_position(cell: str) -> bool:
+    """True unless a column has the name or unit of another quantity."""
+    name, unit = split_unit(cell)
+    return not _OTHER.search(name.lower()) and (unit is None or unit in _ANGLES_AND_LENGTHS)
+
+
+_MIN_SHARED = 2
+"""Number of missing names from which a column whose name is a part of them is none of them."""
 
 
 def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
@@ -71,30 +77,34 @@ def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
     >>> alike(["shoulder_pan", "shoulder_lift"], ["shoulder"])
     {}
     """
-    columns = [cell for cell in columns if sum(cell.lower() in name.lower() for name in missing) < _SEVERAL]
-    pairs = [
-        (difflib.SequenceMatcher(None, cell, name).ratio(), name, cell)
-        for name in missing
-        for cell in difflib.get_close_matches(name, columns, n=_FEW, cutoff=_LIKE)
-    ]
-    found: dict[str, str] = {}
+    specific = []
+    for cell in columns:
+        containing = [name for name in missing if cell.lower() in name.lower()]
+        if len(containing) < _MIN_SHARED:
+            specific.append(cell)
+    pairs = []
+    for name in missing:
+        similar = difflib.get_close_matches(name, specific, n=_MAX_CANDIDATES, cutoff=_MIN_SIMILARITY)
+        pairs += [(difflib.SequenceMatcher(None, cell, name).ratio(), name, cell) for cell in similar]
+    matches: dict[str, str] = {}
     for _, name, cell in sorted(pairs, key=lambda pair: -pair[0]):
-        if name not in found and cell not in found.values():
-            found[name] = cell
-    return {name: found[name] for name in missing if name in found}
+        if name not in matches and cell not in matches.values():
+            matches[name] = cell
+    return {name: matches[name] for name in missing if name in matches}
 
 
 def rising_columns(cells: Mapping[int, str], look: Callable[[int], Array]) -> list[int]:
     """Columns that increase in every row and are not row numbers; ``look`` returns a column's first numbers."""
-    found, named = [], {k: cell for k, cell in cells.items() if not _COUNTED.search(cell.lower())}
-    for k in [*named][:_MOST_LOOKED_AT]:
+    columns = [k for k, cell in cells.items() if not _COUNTED.search(cell.lower())]
+    rising = []
+    for k in columns[:_MAX_COLUMNS_READ]:
         try:
             steps = np.diff(look(k))
         except TrajectoryError:  # not numbers
             continue
         if len(steps) and (steps > 0).all() and not (steps == 1).all():
-            found.append(k)
-    return found
+            rising.append(k)
+    return rising
 
 
 def counts_rows(first: Array) -> bool:
@@ -115,12 +125,10 @@ def series(cells: Sequence[str], count: int) -> list[str]:
     groups: dict[tuple[str, ...], list[tuple[list[int], str]]] = {}
     for cell in cells:
         words = _words(split_unit(cell)[0])
-        groups.setdefault(_pattern(words), []).append(([int(w) for w in words if w.isdigit()], cell))
+        numbers = [int(word) for word in words if word.isdigit()]
+        groups.setdefault(_pattern(words), []).append((numbers, cell))
     fitting = [sorted(group) for group in groups.values() if len(group) == count and group[0][0]]
     return [cell for _, cell in fitting[0]] if len(fitting) == 1 else []
-
-
-# ── Joint names combined with words for quantities, as used by loggers
 
 
 @dataclass(frozen=True)
@@ -135,21 +143,23 @@ class Meaning:
     """Unit suffix of the name, as in ``elbow_pos_deg``."""
 
 
+_SAID_JOINT = re.compile(r"(_joint$|^joint_)", re.IGNORECASE)
+"""Word for a joint at the beginning or end of its name."""
+
+
 class NamedJoints:
     """Joint names that columns may contain once; case matters only if two names differ by nothing else."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        folded = [name.casefold() for name in names]
-        self._fold = len(set(folded)) == len(folded)
-        known = {self._key(name): k for k, name in enumerate(names)}
-        for k, name in enumerate(names):  # elbow for elbow_joint, unless another joint has that name
-            short = re.sub(r"(_joint$|^joint_)", "", name, flags=re.IGNORECASE)
-            others = [
-                n for n in names if n != name and re.sub(r"(_joint$|^joint_)", "", n, flags=re.IGNORECASE) == short
-            ]
-            if len(short) > 2 and not short.isdigit() and not others:
-                known.setdefault(self._key(short), k)
-        self._known = sorted(known.items(), key=lambda item: -len(item[0]))
+        folded_names = [name.casefold() for name in names]
+        self._fold = len(set(folded_names)) == len(folded_names)
+        indices = {self._key(name): k for k, name in enumerate(names)}
+        short_names = [_SAID_JOINT.sub("", name) for name in names]
+        count = Counter(short_names)
+        for k, short in enumerate(short_names):  # elbow for elbow_joint, unless another joint has that name
+            if len(short) > 2 and not short.isdigit() and count[short] == 1:
+                indices.setdefault(self._key(short), k)
+        self._indices = sorted(indices.items(), key=lambda item: -len(item[0]))
 
     def meaning(self, text: str) -> Meaning | None:
         """Meaning of a column's name (without unit in brackets); None if uncertain.
@@ -163,28 +173,31 @@ class NamedJoints:
         True
         """
         key = self._key(text)
-        for name, k in self._known:
-            at = _place(name, key)
-            if at is None:
+        for name, k in self._indices:
+            position = _position(name, key)
+            if position is None:
                 continue
-            rest = key[:at] + " " + key[at + len(name) :]
-            found = _part_of(_words(rest))
-            if found is not None:
-                return Meaning(k, *found)
+            other_words = _words(key[:position] + " " + key[position + len(name) :])
+            part_and_unit = _part_of(other_words)
+            if part_and_unit is not None:
+                return Meaning(k, *part_and_unit)
         return None
 
     def _key(self, text: str) -> str:
         return text.casefold() if self._fold else text
 
 
-def _place(name: str, text: str) -> int | None:
+def _position(name: str, text: str) -> int | None:
     """Position of the name in the text as a separate word; None if absent."""
-    at = text.find(name)
-    while at >= 0:
-        before, after = text[at - 1 : at] if at else "", text[at + len(name) : at + len(name) + 1]
+    position = text.find(name)
+    while position >= 0:
+        before, after = (
+            text[position - 1 : position] if position else "",
+            text[position + len(name) : position + len(name) + 1],
+        )
         if not (before.isalnum() or after.isalnum()):
-            return at
-        at = text.find(name, at + 1)
+            return position
+        position = text.find(name, position + 1)
     return None
 
 
@@ -194,12 +207,12 @@ def _words(text: str) -> list[str]:
 
 def _part_of(words: list[str]) -> tuple[str, str | None] | None:
     """Quantity and unit of the words beside a joint's name; no words mean a position, and a word for commands a command."""
-    rest = [w for w in words if w not in COMMANDS]
-    if len(rest) < len(words):
-        meant = _part_of(rest)
-        return ("command", meant[1]) if meant is not None and meant[0] == "q" else None
-    units = [w for w in words if w in UNITS]
-    kinds = [w for w in words if w not in UNITS and w not in NEUTRAL]
+    measured = [word for word in words if word not in COMMANDS]
+    if len(measured) < len(words):
+        meaning = _part_of(measured)
+        return ("command", meaning[1]) if meaning is not None and meaning[0] == "q" else None
+    units = [word for word in words if word in UNITS]
+    kinds = [word for word in words if word not in UNITS and word not in NEUTRAL]
     if units and kinds[-1:] == ["s"]:  # deg_s
         kinds = kinds[:-1]
         units = [f"{units[0]}/s"]
@@ -208,9 +221,6 @@ def _part_of(words: list[str]) -> tuple[str, str | None] | None:
     if len(kinds) != 1 or kinds[0] not in PART_OF or len(units) > 1:
         return None
     return PART_OF[kinds[0]], units[0] if units else None
-
-
-# ── Columns of one quantity, without the words for the quantity
 
 
 class Candidate(NamedTuple):
@@ -228,18 +238,27 @@ def candidates(texts: Mapping[int, str]) -> dict[str, list[Candidate]]:
     >>> candidates({3: "fer_joint1_velocity", 4: "actual_q_0"})
     {'dq': [Candidate(column=3, words=('fer', 'joint', '1'), unit=None)], 'q': [Candidate(column=4, words=('0',), unit=None)]}
     """
-    found: dict[str, list[Candidate]] = {}
+    groups: dict[str, list[Candidate]] = {}
     for column, text in texts.items():
-        words = _words(text)
-        said = [
-            w in PART_OF or w in UNITS or (w in NEUTRAL and w not in JOINT) or (w == "s" and words[k - 1] in UNITS)
-            for k, w in enumerate(words)
-        ]
-        meant = _part_of([w for w, one in zip(words, said, strict=True) if one])
-        if meant is not None:
-            rest = tuple(w for w, one in zip(words, said, strict=True) if not one)
-            found.setdefault(meant[0], []).append(Candidate(column, rest, meant[1]))
-    return found
+        quantity_words, other_words = _split_words(_words(text))
+        meaning = _part_of(quantity_words)
+        if meaning is not None:
+            part, unit = meaning
+            groups.setdefault(part, []).append(Candidate(column, tuple(other_words), unit))
+    return groups
+
+
+def _split_words(words: list[str]) -> tuple[list[str], list[str]]:
+    """Words for quantities and units, and the other words of a name."""
+    quantity_words, other_words = [], []
+    for k, word in enumerate(words):
+        per_second = word == "s" and words[k - 1] in UNITS
+        neutral = word in NEUTRAL and word not in JOINT
+        if word in PART_OF or word in UNITS or neutral or per_second:
+            quantity_words.append(word)
+        else:
+            other_words.append(word)
+    return quantity_words, other_words
 
 
 def command_candidates(texts: Mapping[int, str]) -> list[list[Candidate]]:
@@ -248,120 +267,150 @@ def command_candidates(texts: Mapping[int, str]) -> list[list[Candidate]]:
     >>> command_candidates({1: "actual_q_0", 2: "target_q_0", 3: "target_qd_0", 4: "action1"})
     [[Candidate(column=4, words=('1',), unit=None)], [Candidate(column=2, words=('0',), unit=None)]]
     """
-    split = {column: _words(text) for column, text in texts.items()}
-    by_word = [
-        {k: " ".join(w for w in words if w != word) for k, words in split.items() if word in words} for word in COMMANDS
-    ]
-    found = [candidates(of_word).get("q", []) for of_word in by_word]
-    return [group for group in found if group]
+    words_of = {column: _words(text) for column, text in texts.items()}
+    groups = []
+    for command in COMMANDS:
+        others = {}
+        for column, words in words_of.items():
+            if command in words:
+                others[column] = " ".join(word for word in words if word != command)
+        group = candidates(others).get("q", [])
+        if group:
+            groups.append(group)
+    return groups
 
 
 def _pattern(words: Iterable[str]) -> tuple[str, ...]:
     return tuple("#" if w.isdigit() else w for w in words)
 
 
-def _left_over(
-    taken: Iterable[Sequence[str]], all_words: Iterable[Sequence[str]], known: Iterable[Sequence[str]]
+def _has_unmatched(
+    matched: Iterable[Sequence[str]], all_words: Iterable[Sequence[str]], known: Iterable[Sequence[str]]
 ) -> bool:
-    """True if there are unknown columns whose names differ from those taken only by a number."""
-    patterns, own = {_pattern(w) for w in taken}, {tuple(w) for w in [*taken, *known]}
-    return any(_pattern(w) in patterns and tuple(w) not in own for w in all_words)
+    """True if there are unknown columns whose names differ from those matched only by a number."""
+    patterns = {_pattern(words) for words in matched}
+    known_words = {tuple(words) for words in [*matched, *known]}
+    return any(_pattern(words) in patterns and tuple(words) not in known_words for words in all_words)
 
-
-# ── Rules that match all joints or none
 
 Rule = Callable[[Sequence[Candidate], Sequence[str], Sequence[str]], "list[Candidate] | None"]
 """Rule: candidates, joint names, and names of joints without a coordinate of their own → columns of the joints."""
 
 
-def by_prefix(found: Sequence[Candidate], names: Sequence[str], others: Sequence[str] = ()) -> list[Candidate] | None:
+def match_by_prefix(
+    found: Sequence[Candidate], names: Sequence[str], others: Sequence[str] = ()
+) -> list[Candidate] | None:
     """Match columns with the joints' names up to a common prefix: ``fer_joint1`` for ``panda_joint1``.
 
     >>> fer = candidates(dict(enumerate(["fer_joint2", "fer_joint1", "fer_tool_temp"])))["q"]
-    >>> [c.column for c in by_prefix(fer, ["panda_joint1", "panda_joint2"])]
+    >>> [c.column for c in match_by_prefix(fer, ["panda_joint1", "panda_joint2"])]
     [1, 0]
     """
-    ways = _prefix_ways(found, names, others)
-    whole = [way for way, alone in ways.items() if alone and None not in way]
-    if len(whole) != 1:
+    matches = _matches_by_prefix(found, names, others)
+    complete = [match for match, exclusive in matches.items() if exclusive and None not in match]
+    if len(complete) != 1:
         return None
-    columns = [c for c in whole[0] if c]
-    rivals = (way for way in ways if not set(way) <= {*columns, None} and 2 * way.count(None) <= len(names))
-    return None if any(rivals) else columns
+    columns = [column for column in complete[0] if column]
+    for match in matches:
+        has_other_columns = not set(match) <= {*columns, None}
+        if has_other_columns and 2 * match.count(None) <= len(names):
+            return None
+    return columns
 
 
-def most_by_prefix(found: Sequence[Candidate], names: Sequence[str]) -> Sequence[Candidate | None]:
+def match_most_by_prefix(found: Sequence[Candidate], names: Sequence[str]) -> Sequence[Candidate | None]:
     """Columns by a common prefix, None for joints without one; all None if several prefixes match equally many."""
-    ways = sorted(_prefix_ways(found, names, ()), key=lambda way: way.count(None))
-    if (
-        not ways
-        or (len(ways) > 1 and ways[0].count(None) == ways[1].count(None))
-        or len(names) - ways[0].count(None) < 2
-    ):
+    matches = sorted(_matches_by_prefix(found, names, ()), key=lambda match: match.count(None))
+    if not matches:
         return [None] * len(names)
-    return ways[0]
+    ambiguous = len(matches) > 1 and matches[0].count(None) == matches[1].count(None)
+    if ambiguous or len(names) - matches[0].count(None) < 2:
+        return [None] * len(names)
+    return matches[0]
 
 
-def _prefix_ways(
+def _matches_by_prefix(
     found: Sequence[Candidate], names: Sequence[str], others: Sequence[str]
 ) -> dict[tuple[Candidate | None, ...], bool]:
-    """Ways to replace a prefix of the columns by a prefix of the joints; None for joints without a column.
+    """Matches by a prefix of the columns in place of a prefix of the joints; None for joints without a column.
 
     The value is False if other columns with the same prefix and pattern remain.
     """
-    own, ways = [tuple(_words(name)) for name in names], dict[tuple[Candidate | None, ...], bool]()
-    words_of = [tuple(_words(name)) for name in others]
-    for cut in range(min(map(len, own), default=0)):
-        rests = [w[cut:] for w in own]
-        if len({w[:cut] for w in own}) > 1 or any(all(x.isdigit() for x in rest) for rest in rests):
+    matches = dict[tuple[Candidate | None, ...], bool]()
+    joints = [tuple(_words(name)) for name in names]
+    other_joints = [tuple(_words(name)) for name in others]
+    for cut in range(min(map(len, joints), default=0)):
+        endings = [words[cut:] for words in joints]
+        only_numbers = any(all(word.isdigit() for word in ending) for ending in endings)
+        if len({words[:cut] for words in joints}) > 1 or only_numbers:
             break
-        known = [*(w[cut:] for w in words_of if w[:cut] == own[0][:cut]), *words_of]
-        for prefix in {c.words[: -len(r)] for r in set(rests) for c in found if c.words[-len(r) :] == r}:
-            inside: dict[tuple[str, ...], list[Candidate]] = {}
-            for c in found:
-                if c.words[: len(prefix)] == prefix:
-                    inside.setdefault(c.words[len(prefix) :], []).append(c)
-            way = tuple(inside[rest][0] if len(inside.get(rest, ())) == 1 else None for rest in rests)
+        joint_prefix = joints[0][:cut]
+        known = [words[cut:] for words in other_joints if words[:cut] == joint_prefix] + other_joints
+        for prefix in _column_prefixes(found, endings):
+            columns: dict[tuple[str, ...], list[Candidate]] = {}
+            for column in found:
+                if column.words[: len(prefix)] == prefix:
+                    columns.setdefault(column.words[len(prefix) :], []).append(column)
+            match = tuple(_only(columns.get(ending, [])) for ending in endings)
             if not _OTHER.search("_".join(prefix)):
-                ways.setdefault(way, not _left_over(rests, inside, known))
-    return ways
+                matches.setdefault(match, not _has_unmatched(endings, columns, known))
+    return matches
 
 
-def by_ending(found: Sequence[Candidate], names: Sequence[str], others: Sequence[str] = ()) -> list[Candidate] | None:
+def _column_prefixes(found: Sequence[Candidate], endings: Sequence[tuple[str, ...]]) -> set[tuple[str, ...]]:
+    """Words before the endings, in the names of columns."""
+    prefixes = set()
+    for ending in set(endings):
+        prefixes |= {column.words[: -len(ending)] for column in found if column.words[-len(ending) :] == ending}
+    return prefixes
+
+
+def _only(columns: Sequence[Candidate]) -> Candidate | None:
+    """The column, if there is exactly one."""
+    return columns[0] if len(columns) == 1 else None
+
+
+def match_by_ending(
+    found: Sequence[Candidate], names: Sequence[str], others: Sequence[str] = ()
+) -> list[Candidate] | None:
     """Match columns by unique name endings, of the joint's or the column's name: ``A1`` for ``joint_a1``.
 
     >>> kuka = candidates(dict(enumerate(["A1", "A2", "E1"])))["q"]
-    >>> [c.column for c in by_ending(kuka, ["joint_a1", "joint_a2"])]
+    >>> [c.column for c in match_by_ending(kuka, ["joint_a1", "joint_a2"])]
     [0, 1]
     """
-    taken, prefixes = list[Candidate](), set[tuple[str, ...]]()
+    matches, prefixes = list[Candidate](), set[tuple[str, ...]]()
     for name in names:
         words = tuple(_words(name))
-        fitting = [c for c in found if _ends(c.words, words)]
+        fitting = [column for column in found if _ends(column.words, words)]
         if len(fitting) != 1:
             return None
-        taken += fitting
-        prefixes |= {c.words[: -len(words)] for c in fitting if len(c.words) > len(words)}
+        match = fitting[0]
+        matches.append(match)
+        if len(match.words) > len(words):
+            prefixes.add(match.words[: -len(words)])
     if len(prefixes) > 1:  # columns of several robots
         return None
-    known = [c.words for c in found if any(_ends(c.words, tuple(_words(name))) for name in others)]
-    if len({c.column for c in taken}) < len(taken) or _left_over(
-        [c.words for c in taken], [c.words for c in found], known
-    ):
+    if len({match.column for match in matches}) < len(matches):
         return None
-    return taken
+    other_joints = [tuple(_words(name)) for name in others]
+    all_words = [column.words for column in found]
+    known = [words for words in all_words if any(_ends(words, joint) for joint in other_joints)]
+    if _has_unmatched([match.words for match in matches], all_words, known):
+        return None
+    return matches
 
 
 def _ends(column: tuple[str, ...], joint: tuple[str, ...]) -> bool:
     """True if one name ends the other and is more than a letter, a number or the word for a joint."""
     short, long = sorted((column, joint), key=len)
-    telling = [w for w in short if w not in JOINT and not w.isdigit()]
-    if long[-len(short) :] != short or not telling or (len(short) == 1 and len(short[0]) < 3):
+    distinctive = [word for word in short if word not in JOINT and not word.isdigit()]
+    if long[-len(short) :] != short or not distinctive or (len(short) == 1 and len(short[0]) < 3):
         return False
     return len(column) <= len(joint) or not _OTHER.search("_".join(column[: -len(joint)]))
 
 
-def by_number(
+def match_by_number(
     found: Sequence[Candidate],
     names: Sequence[str],
     others: Sequence[str] = (),  # noqa: ARG001  signature of the rules
@@ -371,26 +420,27 @@ def by_number(
     For a single joint, a column without a number also matches.
 
     >>> ur = candidates(dict(enumerate(["actual_q_1", "actual_q_0", "target_q_0"])))["q"]
-    >>> [c.column for c in by_number(ur, ["shoulder", "elbow"])]
+    >>> [c.column for c in match_by_number(ur, ["shoulder", "elbow"])]
     [1, 0]
     """
-    counting = [
-        (int(digits[0]) if digits else -1, c)
-        for c in found
-        if len(digits := [w for w in c.words if w.isdigit()]) < 2
-        and all(w in JOINT or (w.isdigit() and len(w) < 4) for w in c.words)
-    ]
-    numbers = sorted(counting, key=lambda each: each[:1])
-    first = numbers[0][0] if numbers else 0
-    in_turn = [n for n, _ in numbers] == list(range(first, first + len(numbers))) and first in (-1, 0, 1)
-    if len(numbers) != len(names) or not in_turn or (first == -1 and len(numbers) > 1):
+    numbered = []
+    for column in found:
+        digits = [word for word in column.words if word.isdigit()]
+        others_allowed = all(word in JOINT or (word.isdigit() and len(word) < 4) for word in column.words)
+        if len(digits) < 2 and others_allowed:
+            numbered.append((int(digits[0]) if digits else -1, column))
+    numbered.sort(key=lambda pair: pair[0])
+    numbers = [number for number, _ in numbered]
+    first = numbers[0] if numbers else 0
+    consecutive = numbers == list(range(first, first + len(numbers))) and first in (-1, 0, 1)
+    if len(numbers) != len(names) or not consecutive or (first == -1 and len(numbers) > 1):
         return None
-    return [c for _, c in numbers]
+    return [column for _, column in numbered]
 
 
 RULES: Mapping[str, Rule] = {
-    "by their names, a common prefix aside": by_prefix,
-    "by the ends of their names": by_ending,
-    "in their order": by_number,
+    "by their names, a common prefix aside": match_by_prefix,
+    "by the ends of their names": match_by_ending,
+    "in their order": match_by_number,
 }
 """Rules by their description in notes, in the order of application."""

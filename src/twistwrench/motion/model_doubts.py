@@ -20,7 +20,7 @@ from .load_case import Payload, without_velocity_limit
 
 SHARE = 0.05
 """Fraction of the robot's weight explained by errors of masses and derived accelerations."""
-WEIGHTLESS = 0.001
+SHARE_OF_WEIGHT_ON_EARTH = 0.001
 """Fraction of the robot's weight on earth explained by rounding and noise under weak gravity."""
 SURE_FORCE = 5.0
 """Standard deviations subtracted from a force."""
@@ -45,11 +45,12 @@ def base_velocities(model: Model) -> list[int]:
 
 def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
     """Largest external force that a floating base needs [N]; 0 if negligible or without a floating base."""
-    rows = [joints[k] for k in base_velocities(model)]
-    forces = [max(abs(j.peak) - SURE_FORCE * j.uncertainty, 0.0) for j in rows if j.unit == "N"]
-    largest = max(forces, default=0.0)
-    least = max(SHARE * _weight(model), WEIGHTLESS * STRENGTH * model.moving_mass)
-    return largest if largest > least else 0.0
+    largest = 0.0
+    for k in base_velocities(model):
+        if joints[k].unit == "N":
+            largest = max(largest, abs(joints[k].peak) - SURE_FORCE * joints[k].uncertainty)
+    negligible = max(SHARE * _weight(model), SHARE_OF_WEIGHT_ON_EARTH * STRENGTH * model.moving_mass)
+    return largest if largest > negligible else 0.0
 
 
 def force_in_words(model: Model, force: float) -> str:
@@ -61,9 +62,8 @@ def force_in_words(model: Model, force: float) -> str:
 
 def force_remark(model: Model, joints: Sequence[PeakTorque]) -> str:
     """Meaning and remedy of a missing force; empty without one."""
-    if not (force := missing_force(model, joints)):
-        return ""
-    return sentence("contact", words=force_in_words(model, force))
+    force = missing_force(model, joints)
+    return sentence("contact", words=force_in_words(model, force)) if force else ""
 
 
 def _weight(model: Model) -> float:
@@ -76,11 +76,11 @@ BaseRemedy = Literal["hanging", "hanging, feet", "hangs, payload"]
 
 def base_doubts(model: Model, remedy: BaseRemedy = "hanging") -> list[str]:
     """Sentence on a legged robot whose base nothing holds, without a full stop; the first reason to be unsure of torques."""
-    found = hanging_base(model)
-    if found is None:
+    base = hanging_base(model)
+    if base is None:
         return []
     words = sentence(remedy)
-    return [Reason(sentence("held", base=found.link, remedy=words), words)]
+    return [Reason(sentence("held", base=base.link, remedy=words), words)]
 
 
 def as_it_hangs(excess: str) -> str:
@@ -93,35 +93,38 @@ def with_open_loops(excess: str) -> str:
     return sentence("opened", word=str(Word.OVER_LIMIT), excess=excess)
 
 
-# ── Warnings of the model: missing masses and contacts
-
-_APART = 1e-3
+_MIN_DISTANCE_OF_TIPS = 1e-3
 """Distance [m] between tips above which the choice of the tip with the payload matters."""
 
 
 def open_loop_joints(model: Model) -> list[str]:
     """Names of the velocities between the frames that closures of the file join: the closure's force moves their torques."""
-    ends = [(model.frame(c.frame_a).body, model.frame(c.frame_b).body) for c in model.closures.values()]
-    moved = {k for a, b in ends for k in model.ancestors(a) ^ model.ancestors(b)}
-    entries = {model.bodies[k].v_index + i for k in moved for i in range(model.bodies[k].joint.nv)}
+    entries = set()
+    for closure in model.closures.values():
+        a, b = model.frame(closure.frame_a).body, model.frame(closure.frame_b).body
+        for k in model.ancestors(a) ^ model.ancestors(b):
+            body = model.bodies[k]
+            entries |= set(range(body.v_index, body.v_index + body.joint.nv))
     return [model.velocity_names[k] for k in sorted(entries)]
 
 
 def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]:
     """Sentences without a full stop; ``joints`` are the peaks of all velocities if the base may float."""
     clauses = []
-    if massless := massless_links(model):
+    massless = massless_links(model)
+    if massless:
         have, their = ("have", "their") if len(massless) > 1 else ("has", "its")
         clauses.append(f"{listed(massless, 4)} {have} no mass, so {their} weight is missing from the torques")
-    if joints and (force := missing_force(model, joints)):
+    force = missing_force(model, joints) if joints else 0.0
+    if force:
         words = force_in_words(model, force)
         clauses.append(sentence("no contact", words=f"{words[0].lower()}{words[1:]}"))
-    if joints_of_loops := open_loop_joints(model):
-        first, *more = model.closures.items()
-        others = f" and {len(more)} more" if more else ""
-        given = ", ".join(repr(each) for each in (first[1].frame_a, first[1].frame_b, first[1].rows))
-        names = listed(joints_of_loops, 4)
-        clauses.append(sentence("open loops", loops=first[0] + others, joints=names, given=given))
+    loop_joints = open_loop_joints(model)
+    if loop_joints:
+        (name, closure), *others = model.closures.items()
+        more = f" and {len(others)} more" if others else ""
+        arguments = f"{closure.frame_a!r}, {closure.frame_b!r}, {closure.rows!r}"
+        clauses.append(sentence("open loops", loops=name + more, joints=listed(loop_joints, 4), given=arguments))
     return clauses
 
 
@@ -138,22 +141,17 @@ def assumptions(
     ``friction`` is False if left out on request. Acceleration and jerk limits in ``unjudged`` are listed. ``mass`` is the
     text of the payload's mass, for a page that sets it; default its number.
     """
-    clauses = []
-    if unjudged and (unknown := without_velocity_limit(model, unjudged)):
-        named = "" if len(unknown) == len(model.velocity_names) else f" of {listed(unknown, 4)}"
-        clauses.append(f"no velocity limit{named} is known")
-    kinds = [kind for kind in ("acceleration", "jerk") if unjudged and np.isfinite(getattr(unjudged, kind)).any()]
-    if kinds:
-        clauses.append(f"limits of {' and '.join(kinds)} are not judged")
+    clauses = _limit_clauses(model, unjudged) if unjudged else []
     if model.locked:
         joints = len(model.leaders) + len(model.locked)
         clauses.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(model.locked, 4)} held still")
-    if any(p.mass and p.frame is None for p in payloads) and model.tip is not None:
+    at_tip = [payload.mass for payload in payloads if payload.frame is None]
+    if any(at_tip) and model.tip is not None:
         tip = model.frame(model.tip)
         ends = [model.frames[name] for name in model.leaves if model.frames[name].body == tip.body]
-        apart = [f for f in ends if np.linalg.norm(f.pose[:3, 3] - tip.pose[:3, 3]) > _APART]
-        if apart:
-            mass = mass or number(sum(p.mass for p in payloads if p.frame is None))
+        distances = [np.linalg.norm(end.pose[:3, 3] - tip.pose[:3, 3]) for end in ends]
+        if max(distances, default=0.0) > _MIN_DISTANCE_OF_TIPS:
+            mass = mass or number(sum(at_tip))
             clauses.append(f"{mass} kg at {model.tip} (one of {len(ends)} tips; {spell(Argument('tip'))})")
     weightless = [name for name in model.leaves if name in model.shaped and _without_mass(model, name)]
     if weightless:
@@ -161,6 +159,19 @@ def assumptions(
         clauses.append(f"{listed(weightless, 4)} {have} and no mass, so no weight")
     if not friction and model.friction.any:
         clauses.append("joint friction is left out")
+    return clauses
+
+
+def _limit_clauses(model: Model, unjudged: Limits) -> list[str]:
+    """Clauses on joints without a velocity limit, and on limits that are not judged."""
+    clauses = []
+    unlimited = without_velocity_limit(model, unjudged)
+    if unlimited:
+        names = "" if len(unlimited) == len(model.velocity_names) else f" of {listed(unlimited, 4)}"
+        clauses.append(f"no velocity limit{names} is known")
+    kinds = [kind for kind in ("acceleration", "jerk") if np.isfinite(getattr(unjudged, kind)).any()]
+    if kinds:
+        clauses.append(f"limits of {' and '.join(kinds)} are not judged")
     return clauses
 
 
@@ -174,9 +185,9 @@ def assumed_words(clauses: Sequence[str]) -> str:
     """Text with the number of :func:`assumptions` and the first; empty if there are none."""
     if not clauses:
         return ""
-    return (
-        f". Assumption: {clauses[0]}" if len(clauses) == 1 else f". {len(clauses)} assumptions, the first: {clauses[0]}"
-    )
+    if len(clauses) == 1:
+        return f". Assumption: {clauses[0]}"
+    return f". {len(clauses)} assumptions, the first: {clauses[0]}"
 
 
 def friction_words(model: Model, *, counted: bool) -> str:

@@ -147,7 +147,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
         tally = Contradictions(self.coordinates, time_stated=False, runs=[self])
         if not given:
             tally.add(t, q)
-        doubts = tally.of_rates() if given else tally.of_time(self.robot.limits)  # the latter is fast
+        doubts = tally.rate_doubts() if given else tally.time_doubts(self.robot.limits)  # the latter is fast
         for doubt in doubts:
             warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
         if doubts:

@@ -62,27 +62,31 @@ class JoinedFile:
             )
         parts = tuple(reader(name) for name in names)
         stamps = tuple(_time_of(part.header) for part in parts)
-        with_time = [s is not None for s in stamps]
-        if any(with_time) and not all(with_time):
-            bare = parts[with_time.index(False)]
+        without_time = [part for part, stamp in zip(parts, stamps, strict=True) if stamp is None]
+        if without_time and len(without_time) < len(parts):
             raise TrajectoryError(
-                f"{bare.path}: has no column of time, and the file it is joined with has one. Both need one, or neither."
+                f"{without_time[0].path}: has no column of time, and the file it is joined with has one. Both need one, or "
+                "neither."
             )
-        places = [(k, c) for k, part in enumerate(parts) for c in range(len(part.header)) if k == 0 or c != stamps[k]]
-        cells = [parts[k].header[c] for k, c in places]
-        twice = {cell for cell, count in Counter(filter(None, cells)).items() if count > 1}
-        header = [
-            _distinct(cell, parts[k].path) if cell in twice else cell
-            for cell, (k, _) in zip(cells, places, strict=True)
-        ]
+        places = []
+        for k, part in enumerate(parts):
+            places += [(k, column) for column in range(len(part.header)) if k == 0 or column != stamps[k]]
+        cells = [parts[k].header[column] for k, column in places]
+        count = Counter(cells)
+        header = []
+        for cell, (k, _) in zip(cells, places, strict=True):
+            repeated = cell and count[cell] > 1
+            header.append(_distinct(cell, parts[k].path) if repeated else cell)
         size, notes = sum(part.size for part in parts), tuple(note for part in parts for note in part.notes)
         return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, notes)
 
     def check_columns(self) -> None:
         """Raise TrajectoryError if all files have the same columns, which means several logs of one robot."""
         first, *others = ({*part.header} for part in self.parts)
-        meant = any(":" not in _distinct(cell, part.path) for part in self.parts for cell in first)
-        if all(other == first for other in others) and not meant:
+        if any(other != first for other in others):
+            return
+        quantity_in_name = any(":" not in _distinct(cell, part.path) for part in self.parts for cell in first)
+        if not quantity_in_name:
             names = [str(part.path) for part in self.parts]
             raise TrajectoryError(
                 f"{self.path}: the files have the same columns, as several logs have. '+' joins the columns of one motion. "
@@ -91,29 +95,26 @@ class JoinedFile:
 
     def table(self, used: Sequence[int]) -> Array:
         """Table (n, len(used)) of the given columns, resampled at the stamps of the first file if stamps differ."""
-        wanted = [self.places[k] for k in used]
+        requested = [self.places[k] for k in used]
         tables, times = list[Array](), list[Array | None]()
         for k, (part, stamp) in enumerate(zip(self.parts, self.stamps, strict=True)):
-            own = [c for file, c in wanted if file == k]
-            whole = part.table(own if stamp is None else [*own, stamp])
-            times.append(None if stamp is None else whole[:, -1] * _seconds(part.header[stamp], whole[:, -1]))
-            tables.append(whole[:, : len(own)])
-        rows, columns, first = self._matched(tables, times), _in_order(wanted), times[0]
-        alike = [
-            first is None or t is None or (len(t) == len(first) and bool(np.abs(t - first).max() <= _SAME_STAMPS))
-            for t in times
-        ]
+            columns = [column for file, column in requested if file == k]
+            if stamp is None:
+                times.append(None)
+                tables.append(part.table(columns))
+            else:
+                table = part.table([*columns, stamp])
+                times.append(table[:, -1] * _seconds(part.header[stamp], table[:, -1]))
+                tables.append(table[:, :-1])
+        rows, order, first = self._common_rows(tables, times), _requested_order(requested), times[0]
+        other_stamps = [None if _same_stamps(t, first) else t for t in times]
 
         def portions() -> Iterator[Array]:
             for s in slices(len(rows)):
-                kept = np.arange(s.start, s.stop)[rows[s]]
-                if not kept.size:
-                    continue
-                found = [
-                    table[kept] if same or t is None or first is None else _resampled(table, t, first[kept])
-                    for table, t, same in zip(tables, times, alike, strict=True)
-                ]
-                yield np.concatenate(found, axis=1)[:, columns]
+                selected = np.arange(s.start, s.stop)[rows[s]]
+                if selected.size:
+                    parts = [_rows_at(table, t, first, selected) for table, t in zip(tables, other_stamps, strict=True)]
+                    yield np.concatenate(parts, axis=1)[:, order]
 
         return table_of(portions(), len(used), self.path)
 
@@ -126,64 +127,85 @@ class JoinedFile:
         """Description of a row's place, ``row 3``."""
         return f"row {row + 1}"
 
-    def _matched(self, tables: list[Array], times: list[Array | None]) -> Array:
+    def _common_rows(self, tables: list[Array], times: list[Array | None]) -> Array:
         """Mask (n,) of rows of the first file within the times of all others; raises TrajectoryError on mismatch."""
         first = times[0]
         if first is None:
             counts = [len(table) for table in tables]
             if len(set(counts)) > 1:
-                said = ", ".join(f"{part.path.name} {n}" for part, n in zip(self.parts, counts, strict=True))
+                rows = ", ".join(f"{part.path.name} {n}" for part, n in zip(self.parts, counts, strict=True))
                 raise TrajectoryError(
-                    f"{self.path}: files without a time are joined row by row, and their rows differ: {said}. Cut them alike, "
+                    f"{self.path}: files without a time are joined row by row, and their rows differ: {rows}. Cut them alike, "
                     "or give each a column of time."
                 )
             return np.ones(counts[0], bool)
-        begin = max(float(t[0]) for t in times if t is not None and len(t))
-        end = min(float(t[-1]) for t in times if t is not None and len(t))
-        kept = (first >= begin) & (first <= end)
-        if not kept.any():
+        stamps = [t for t in times if t is not None and len(t)]
+        begin = max(float(t[0]) for t in stamps)
+        end = min(float(t[-1]) for t in stamps)
+        common = (first >= begin) & (first <= end)
+        if not common.any():
             raise TrajectoryError(
                 f"{self.path}: the stamps of the files do not overlap, so they are not one recording."
             )
-        return np.asarray(kept)
+        return np.asarray(common)
 
 
-def _resampled(table: Array, time: Array, at: Array) -> Array:
+def _rows_at(table: Array, time: Array | None, first: Array | None, selected: Array) -> Array:
+    """Rows of a file at selected stamps of the first file: interpolated, or as they are if it has no other stamps."""
+    if time is None or first is None:
+        return table[selected]
+    return _resample(table, time, first[selected])
+
+
+def _same_stamps(time: Array | None, first: Array | None) -> bool:
+    """True if stamps are equal within their tolerance, or if there are none."""
+    if time is None or first is None:
+        return True
+    return len(time) == len(first) and bool(np.abs(time - first).max() <= _SAME_STAMPS)
+
+
+def _resample(table: Array, time: Array, new_times: Array) -> Array:
     """Interpolate a table (n, k) with stamps (n,) at increasing times (m,)."""
-    near = slice(max(0, int(np.searchsorted(time, at[0])) - 1), int(np.searchsorted(time, at[-1], side="right")) + 1)
-    return np.array([np.interp(at, time[near], x) for x in table[near].T]).reshape(-1, len(at)).T
+    begin = max(0, int(np.searchsorted(time, new_times[0])) - 1)
+    end = int(np.searchsorted(time, new_times[-1], side="right")) + 1
+    columns = [np.interp(new_times, time[begin:end], x) for x in table[begin:end].T]
+    return np.array(columns).reshape(-1, len(new_times)).T
 
 
-def _in_order(wanted: Sequence[tuple[int, int]]) -> Array:
+def _requested_order(requested: Sequence[tuple[int, int]]) -> Array:
     """Permutation of columns from file order to the requested order."""
-    return np.argsort(np.argsort([file for file, _ in wanted], kind="stable"), kind="stable")
+    return np.argsort(np.argsort([file for file, _ in requested], kind="stable"), kind="stable")
 
 
 def _time_of(header: Sequence[str]) -> int | None:
     """Most certain time column of a file."""
-    ranked = sorted(
-        (rank[0], k) for k, cell in enumerate(header) if (rank := time_meaning(split_unit(cell)[0])) is not None
-    )
-    return ranked[0][1] if ranked else None
+    best = None
+    for k, cell in enumerate(header):
+        meaning = time_meaning(split_unit(cell)[0])
+        if meaning is not None and (best is None or (meaning[0], k) < best):
+            best = meaning[0], k
+    return None if best is None else best[1]
 
 
 def _seconds(cell: str, stamps: Array) -> float:
     """Factor of a time column to seconds, by its name, or by its numbers if they count from 1970."""
     name, unit = split_unit(cell)
-    said = unit or (time_meaning(name) or (0, None))[1] or unit_since_1970(stamps)
-    return (time_factor(said) or 1.0) if said else 1.0
+    meaning = time_meaning(name)
+    if not unit and meaning is not None:
+        unit = meaning[1]
+    unit = unit or unit_since_1970(stamps)
+    return (time_factor(unit) or 1.0) if unit else 1.0
 
 
 def _distinct(cell: str, path: Path) -> str:
     stem = path.name.split(".")[0]
-    said = {SUFFIX[_PART_OF[word]] for word in re.findall(r"[^\W\d_]+", stem.casefold()) if word in _PART_OF}
-    if len(said) != 1:
+    words = re.findall(r"[^\W\d_]+", stem.casefold())
+    suffixes = {SUFFIX[_PART_OF[word]] for word in words if word in _PART_OF}
+    if len(suffixes) != 1:
         return f"{stem}:{cell}"
     name, unit = split_unit(cell)
-    return f"{name}{said.pop()}" + (f" [{unit}]" if unit else "")
+    return f"{name}{suffixes.pop()}" + (f" [{unit}]" if unit else "")
 
-
-# ── Opening a file by its name and first bytes
 
 MotionFile = CsvFile | ArrayFile | JoinedFile
 
@@ -203,16 +225,16 @@ def open_motion_file(
         )
     ends = FileEnds.from_path(place)
     form = format_of(place, ends.start)
-    wanted = {"topic": topic, "command_topic": command_topic, "episode": episode}
-    given = {name: value for name, value in wanted.items() if value is not None}
-    for name in given:
+    options = {"topic": topic, "command_topic": command_topic, "episode": episode}
+    chosen_options = {name: value for name, value in options.items() if value is not None}
+    for name in chosen_options:
         if form is None or name not in form.options:
             raise TrajectoryError(f"{path}: {_PURPOSES[name]}, and this is none. Leave it out.", Argument(name))
     if form is None:
         return CsvFile.open(ends)
     module, function = form.opener.split(":")
     opener = getattr(import_module(f".readers.{module}", __package__), function)
-    opened: MotionFile = opener(ends, **given)
+    opened: MotionFile = opener(ends, **chosen_options)
     return opened
 
 
@@ -228,42 +250,51 @@ def text_columns(file: MotionFile) -> tuple[int, ...]:
     if isinstance(file, CsvFile):
         return file.text_columns()
     if isinstance(file, JoinedFile):
-        found = [text_columns(part) for part in file.parts]
-        return tuple(k for k, (part, column) in enumerate(file.places) if column in found[part])
+        columns_of = [text_columns(part) for part in file.parts]
+        return tuple(k for k, (part, column) in enumerate(file.places) if column in columns_of[part])
     return ()
 
 
 def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
     """Append the sums in ``columns``, such as ``J3+J2`` or ``J3-J2``, to the file's columns."""
-    plain = {split_unit(cell)[0]: k for k, cell in reversed([*enumerate(file.header)])}
-    sums: dict[str, list[tuple[int, float]]] = {}
+    sums = _sums(file, columns)
+    if not sums:
+        return file
+    terms_of = [[(k, 1.0)] for k in range(len(file.header))] + [list(terms) for terms in sums.values()]
+    header = list(file.header)
+    for name, terms in sums.items():
+        unit = split_unit(file.header[terms[0][0]])[1]
+        header.append(f"{name} [{unit}]" if unit else name)
+
+    def read(used: Sequence[int]) -> Iterator[Array]:
+        columns = sorted({k for column in used for k, _ in terms_of[column]})
+        table = file.table(columns)
+        for s in slices(len(table)):
+            rows = [sum(sign * table[s, columns.index(k)] for k, sign in terms_of[column]) for column in used]
+            yield np.stack(rows, axis=1)
+
+    if isinstance(file, ArrayFile):
+        return replace(file, header=tuple(header), read=read)
+    return ArrayFile(file.path, tuple(header), file.size, read, file.notes)
+
+
+def _sums(file: MotionFile, columns: Mapping[str, str]) -> dict[str, list[tuple[int, float]]]:
+    """Terms, column and sign, of each sum of columns. Raises TrajectoryError for columns of several units."""
+    indices: dict[str, int] = {}
+    for k, cell in enumerate(file.header):
+        indices.setdefault(split_unit(cell)[0], k)
+    sums = {}
     for name in columns.values():
-        parts = re.findall(r"(^|[+-])([^+-]+)", name)
-        terms = [(plain.get(split_unit(part)[0]), -1.0 if sign == "-" else 1.0) for sign, part in parts]
-        if split_unit(name)[0] in plain or len(terms) < 2 or any(k is None for k, _ in terms):
+        terms = []
+        for sign, part in re.findall(r"(^|[+-])([^+-]+)", name):
+            terms.append((indices.get(split_unit(part)[0]), -1.0 if sign == "-" else 1.0))
+        if split_unit(name)[0] in indices or len(terms) < 2 or any(k is None for k, _ in terms):
             continue
         sums[name] = [(k, sign) for k, sign in terms if k is not None]
         units = {split_unit(file.header[k])[1] for k, _ in sums[name]}
         if len(units) > 1:
             raise TrajectoryError(f"{file.path}: the columns of {name} have several units. Add columns of one unit.")
-    if not sums:
-        return file
-    own = len(file.header)
-    every = [*([(k, 1.0)] for k in range(own)), *sums.values()]
-    units_of = (split_unit(file.header[terms[0][0]])[1] for terms in sums.values())
-    labels = [f"{name} [{unit}]" if unit else name for name, unit in zip(sums, units_of, strict=True)]
-
-    def read(used: Sequence[int]) -> Iterator[Array]:
-        needed = sorted({k for column in used for k, _ in every[column]})
-        table = file.table(needed)
-        for s in slices(len(table)):
-            rows = [sum(sign * table[s, needed.index(k)] for k, sign in every[column]) for column in used]
-            yield np.stack(rows, axis=1)
-
-    header = (*file.header, *labels)
-    if isinstance(file, ArrayFile):
-        return replace(file, header=header, read=read)
-    return ArrayFile(file.path, header, file.size, read, file.notes)
+    return sums
 
 
 def moves_motors(path: str | Path | MotionFile) -> bool:

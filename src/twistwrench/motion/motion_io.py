@@ -19,8 +19,6 @@ from .column_names import time_meaning
 from .coordinates import Coordinates
 from .readers.array_files import ArrayFile
 
-# ── Motions as xarray datasets
-
 
 def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) -> Any:
     """Dataset (``xarray.Dataset``) of q and other quantities, each (..., n, nq) or (..., n, nv).
@@ -53,16 +51,13 @@ def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) ->
 def _units(name: str, kinds: Coordinates) -> str:
     """Common unit of all entries, or the units of the entries in order."""
     if name == "q":
-        quaternion = np.zeros(len(kinds.names), bool)
+        units = [unit_of("q", bool(turns)) for turns in kinds.angular]
         for part in kinds.quaternions:
-            quaternion[part] = True
-        each = ["1" if one else unit_of("q", bool(turns)) for one, turns in zip(quaternion, kinds.angular, strict=True)]
+            units[part] = ["1"] * len(units[part])
     else:
-        each = [unit.replace("²", "^2") for unit in units_of(name, kinds.angular_velocity)]
-    return each[0] if len(set(each)) == 1 else ", ".join(each)
+        units = [unit.replace("²", "^2") for unit in units_of(name, kinds.angular_velocity)]
+    return units[0] if len(set(units)) == 1 else ", ".join(units)
 
-
-# ── Motions from pandas DataFrames
 
 _NAME = "the DataFrame"
 
@@ -75,18 +70,18 @@ def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
             "for each joint."
         )
     timed = any(time_meaning(str(name)) is not None for name in frame.columns)
-    found, ignored = [], []
+    names = {str(name) for name in frame.columns}
+    columns = [index for index in _time(frame.index, timed=timed) if index[0].removesuffix(" [s]") not in names]
+    ignored = []
     for name, column in frame.items():
         try:
-            found.append(_column(str(name), column))
+            columns.append(_column(str(name), column))
         except (TypeError, ValueError):
             ignored.append(str(name))
-    named = {str(name) for name in frame.columns}
-    found = [index for index in _time(frame.index, timed=timed) if index[0].removesuffix(" [s]") not in named] + found
-    table = np.column_stack([x for _, x in found]) if found else np.zeros((len(frame), 0))
-    said = (f"Columns that are not numbers are ignored: {', '.join(ignored)}.",) if ignored else ()
-    file = ArrayFile.from_table(Path(_NAME), [name for name, _ in found], table, 8 * table.size)
-    return replace(file, advice="frame.dropna() leaves such rows out, frame.interpolate() fills them"), said
+    table = np.column_stack([x for _, x in columns]) if columns else np.zeros((len(frame), 0))
+    notes = (f"Columns that are not numbers are ignored: {', '.join(ignored)}.",) if ignored else ()
+    file = ArrayFile.from_table(Path(_NAME), [name for name, _ in columns], table, 8 * table.size)
+    return replace(file, advice="frame.dropna() leaves such rows out, frame.interpolate() fills them"), notes
 
 
 def _column(name: str, values: Any) -> tuple[str, Array]:

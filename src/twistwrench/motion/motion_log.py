@@ -397,7 +397,7 @@ class MotionLog:
         mimic = mimic_doubts(self.columns.mimic_joints, portions)
         steps = RecordedSteps(self.coordinates, [(run.time, run.q) for run in found.runs])
         for rows, inner in windows(len(table), log_table.ROWS, SURROUNDINGS):
-            steps.add(table[rows, 0], self.columns.in_si(table[rows], "q"), inner)
+            steps.add(table[rows, 0], self.columns.si_values(table[rows], "q"), inner)
         return _Decoded(table, duplicates, clock, stamps, found, steps, mimic, date, epoch)
 
     @cached_property
@@ -406,7 +406,7 @@ class MotionLog:
         runs = log_table.excerpts(self.table, *_RUNS)
         at = self.columns.places["q"]
         return origin_of(
-            [(run[:, at if at is not None else []], self.columns.in_si(run, "tau")) for run in runs], plan=self.plan
+            [(run[:, at if at is not None else []], self.columns.si_values(run, "tau")) for run in runs], plan=self.plan
         )
 
     @property
@@ -427,7 +427,7 @@ class MotionLog:
         for s in slices(len(table)):
             first = max(0, s.start - OVERLAP)
             rows = table[first : s.stop]
-            found.add(rows[:, 0], columns.in_si(rows, "q"), s.start - first)
+            found.add(rows[:, 0], columns.si_values(rows, "q"), s.start - first)
         return found
 
     def motion(self, table: Array) -> LogRows:
@@ -441,7 +441,7 @@ class MotionLog:
         -------
         rows : LogRows
         """
-        q, dq, ddq, tau, command = (self.columns.in_si(table, part) for part in PARTS)
+        q, dq, ddq, tau, command = (self.columns.si_values(table, part) for part in PARTS)
         if tau is not None and self.columns.of_motors:
             for at, A, _ in self.coordinates.coupled:
                 tau[:, at] = tau[:, at] @ A

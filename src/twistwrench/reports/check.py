@@ -198,7 +198,7 @@ def check(
     robot = question.robot_of(robot, motion, named, reading)
     motion = question.motion_of(robot, motion, at, degrees=degrees)
     log = log_of(motion, robot, named=named, degrees=degrees, plan=plan, **reading)
-    in_degrees = log.columns.in_degrees
+    in_degrees = log.columns.has_degrees
     loads = {"payloads": payloads_of(payload), "wrenches": _wrenches(wrench_on_robot), "friction": friction}
     case, log = question.case(robot, log, loads)
     robot = case.robot

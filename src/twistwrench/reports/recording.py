@@ -138,7 +138,7 @@ def _results(report: TorqueReport) -> Iterator[Portion]:
             if absent.get(name, True):
                 found[f"torque/{name}"] = JointStates(tau=values)
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.abs(load.at_drives(torques)) / limits.effort
+            share = np.abs(load.drive_torques(torques)) / limits.effort
         for at, A, _ in model.coupled:  # coupled joints: largest share of their motors
             share[:, at] = np.max(share[:, at, None] * (A != 0), axis=1)
         found["share"] = JointStates(tau=share)

@@ -23,8 +23,8 @@ from ..motion.credible_values import driven_entries
 from ..motion.load_case import LoadCase, Payload, PayloadMargin, cause_label
 from ..motion.model_doubts import (
     SHARE,
+    SHARE_OF_WEIGHT_ON_EARTH,
     SURE_FORCE,
-    WEIGHTLESS,
     assumed_words,
     assumptions,
     base_doubts,
@@ -229,8 +229,9 @@ def verdict_data(
             "remedy": load_case.limits_remedy(model.source),
         },
         "bounds": {
-            "tolerance": TOLERANCE, "loaded": load_case.LOADED, "zero": ZERO, "negligible": NEGLIGIBLE, "small": SMALL,
-            "near": NEAR_LIMIT, "interval": INTERVAL, "confidence": confidence(int(np.isfinite(limits.effort).sum())),
+            "tolerance": TOLERANCE, "loaded": load_case.MIN_SHARE_OF_LARGEST, "zero": ZERO,
+            "negligible": NEGLIGIBLE, "small": SMALL, "near": NEAR_LIMIT, "interval": INTERVAL,
+            "confidence": confidence(int(np.isfinite(limits.effort).sum())),
         },
         "driven": driven_entries(model).tolist(),
         "followers": [_follower(model, k) for k in model.limited_followers],
@@ -272,7 +273,7 @@ def _force_at_base(model: Model) -> dict[str, Any] | None:
     if not (rows := base_velocities(model)):
         return None
     strength = float(np.linalg.norm(model.gravity))
-    bounds = {"share": SHARE, "least": WEIGHTLESS * STRENGTH, "sure": SURE_FORCE}
+    bounds = {"share": SHARE, "least": SHARE_OF_WEIGHT_ON_EARTH * STRENGTH, "sure": SURE_FORCE}
     return {"rows": rows, "mass": model.moving_mass, "strength": strength, "question": MISSING_CONTACT, **bounds}
 
 

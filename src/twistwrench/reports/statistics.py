@@ -392,5 +392,5 @@ class PeakBootstrap:
         still = np.abs(dq) <= SURE * d.sigma_dq if d.derives_velocities else np.zeros(dq.shape, bool)
         time, none = np.repeat(motion.time[near], count), np.zeros((n * count, 0))
         torques = self.load.torques(MotionSamples(time, q, dq, ddq, q, still, none))
-        torques = self.load.at_drives(torques)
+        torques = self.load.drive_torques(torques)
         return torques.reshape(n, count, -1), dq.reshape(n, count, -1)

@@ -307,7 +307,7 @@ class MotionPass:
         """Figures of the rows from ``first`` on: states, torques (n, nv), and measured ones (n, nv)."""
         load, limits, count, rows = self.load, self.limits, len(self.time), slice(first, first + len(s))
         sigma = self._sigma(s) if self.estimating or measured is not None else np.zeros_like(torques)
-        alone = load.at_drives(load.unloaded_torques(s)) if load.carries else torques
+        alone = load.drive_torques(load.unloaded_torques(s)) if load.carries else torques
         followers = bool(load.with_load.model.limited_followers)
         borne = load.follower_torques(s) if followers else np.zeros((len(s), 0))
         whole = Extremes.from_states(load, limits, s, (s.time, torques, borne))
@@ -318,7 +318,7 @@ class MotionPass:
         edges = edges[(edges >= rows.start) & (edges < rows.stop)] - first
         margin = None
         if margin_determined(load):
-            added = load.at_drives(load.payload_torques(s))
+            added = load.drive_torques(load.payload_torques(s))
             every = np.hstack([added, load.follower_payload_torques(s)]) if followers else added
             margin = payload_shares(load, limits.effort, s.time, np.hstack([torques, borne]), every)
         return MotionFigures(
@@ -354,7 +354,7 @@ class MotionPass:
         """Comparisons with measured torques (n, nv), and the rows in which these are above their limits."""
         if measured is None:
             return {"compared": (), "above": np.zeros((len(time), 0), bool)}
-        tau = self.load.at_drives(measured)
+        tau = self.load.drive_torques(measured)
         compared = tuple(TorqueComparison.from_rows(time, each, tau, sigma, doubted) for each in computed)
         return {"compared": compared, "above": above_limits(tau, self.limits.effort, self._measured_noise)}
 
@@ -406,7 +406,7 @@ class MotionPass:
     def terms(self, found: MotionFigures) -> dict[str, Array]:
         """Causes (nv,) of the peak of each torque."""
         own = np.arange(len(found.at_peaks))
-        return {name: self.load.at_drives(x)[own, own] for name, x in self.load.terms(found.at_peaks).items()}
+        return {name: self.load.drive_torques(x)[own, own] for name, x in self.load.terms(found.at_peaks).items()}
 
     def around(self, found: MotionFigures, joint: int) -> MotionSamples:
         """States on either side of a joint's peak."""
@@ -496,7 +496,7 @@ class _Run:
         parts, first = list[MotionFigures](), 0
         for states, motion, inner in plan.surrounded_states(self.chunk, progress):
             s = states[inner]
-            torques = self.load.at_drives(self.load.torques(s))
+            torques = self.load.drive_torques(self.load.torques(s))
             _check_finite(torques, s)
             parts.append(passing.figures(first, s, torques, None if motion.tau is None else motion.tau[inner]))
             first += len(s)
@@ -639,7 +639,7 @@ def write_torques(report: TorqueReport, path: str | Path, *, split: bool) -> Pat
             columns += load.terms(s).values() if split else ()
             columns += [] if beside is None else [load.torques(beside.complete(motion)[inner])]
             further = [x[first : first + len(s), None] for x in more.values()]
-            table.numbers(np.concatenate([s.time[:, None], *map(load.at_drives, columns), *further], axis=1))
+            table.numbers(np.concatenate([s.time[:, None], *map(load.drive_torques, columns), *further], axis=1))
             first += len(s)
     return Path(path)
 

@@ -308,7 +308,7 @@ class TorqueReport(Answer):
     @property
     def in_degrees(self) -> bool:
         """True if angles are shown in degrees: the log has them, or the caller chose degrees."""
-        return self.degrees or self.differentiation.trajectory.columns.in_degrees
+        return self.degrees or self.differentiation.trajectory.columns.has_degrees
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -428,7 +428,7 @@ class TorqueReport(Answer):
         -------
         tau : (n, nv) array
         """
-        parts = [self.load.at_drives(self.load.torques(s)) for s in self.differentiation.states(_ROWS)]
+        parts = [self.load.drive_torques(self.load.torques(s)) for s in self.differentiation.states(_ROWS)]
         return np.concatenate(parts)
 
     def to_csv(self, path: str | Path, *, split: bool = False) -> Path:

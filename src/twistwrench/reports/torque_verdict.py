@@ -19,7 +19,7 @@ from ..mechanics.model.model import BASE
 from ..motion.coordinates import Coordinates
 from ..motion.credible_values import credible_limits
 from ..motion.limits_file import notes_on_limits
-from ..motion.load_case import cause_label, limit_doubts, limits_remedy, unlimited
+from ..motion.load_case import cause_label, drives_without_limit, limit_doubts, limits_remedy
 from ..motion.model_doubts import (
     PeakTorque,
     as_it_hangs,
@@ -494,7 +494,7 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
     elif floating and not missing_force(report.load.with_load.model, report.joints):  # otherwise the verdict has it
         yield f"Nothing drives {', '.join(floating)}: its rows are the wrench that contacts would have to give."
     model = report.load.with_load.model
-    missing = unlimited(model, report.limits.effort, [j.peak for j in report.joints])
+    missing = drives_without_limit(model, report.limits.effort, [j.peak for j in report.joints])
     if missing and report.verdict.word is not Word.UNSURE:  # otherwise among the reasons
         yield f"No torque limit is known for {listed(missing)}: {limits_remedy(model.source)}."
     if resting := [

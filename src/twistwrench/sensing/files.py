@@ -440,7 +440,7 @@ def orientations_by_joints(
     where = f"{file.path}: line {file.header_line}"
     columns = Columns.from_header(file.header, Coordinates.from_model(arm.model), where, reading, file.first)
     table = file.table(columns.used)
-    q = columns.in_si(np.column_stack([np.zeros(len(table)), table]) if columns.counted else table, "q")
+    q = columns.si_values(np.column_stack([np.zeros(len(table)), table]) if columns.counted else table, "q")
     return np.asarray(arm.forward_kinematics(q, frame))[:, :3, :3], tuple(columns.header)
 
 

@@ -26,7 +26,7 @@ from ..motion import limits_file
 from ..motion.coordinates import ConfigurationGiven, configuration_of
 from ..motion.credible_values import credible_limits, credible_load
 from ..motion.limits_file import robot_origin
-from ..motion.load_case import LoadCase, LoadsGiven, Payload, limit_doubts, payloads_of, reach, unlimited
+from ..motion.load_case import LoadCase, LoadsGiven, Payload, drives_without_limit, limit_doubts, payloads_of, reach
 from ..motion.model_doubts import assumed_words, assumptions, base_doubts, model_warnings
 from ..robot import Robot, load
 from .equilibrium import BeyondStop, joints_beyond_stops
@@ -121,7 +121,7 @@ class PayloadReport(Answer):
     @cached_property
     def judged(self) -> bool:
         """True if every joint that is loaded has a torque limit."""
-        return not unlimited(self.robot.model, self.limits.effort, self.loads)
+        return not drives_without_limit(self.robot.model, self.limits.effort, self.loads)
 
     @property
     def limiting(self) -> str | None:

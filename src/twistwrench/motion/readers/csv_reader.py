@@ -49,16 +49,17 @@ class Dialect:
     @classmethod
     def from_header(cls, header: str, row: str | None) -> Dialect:
         """Dialect for which the header and the row below it (None if absent) have the same number of cells."""
-        cut = {s: cls(s).cells(header) for s in _SEPARATORS}
-        many = {s: len(cells) for s, cells in cut.items() if len(cells) > 1}
-        if not many:  # one column
+        counts = {separator: len(cls(separator).cells(header)) for separator in _SEPARATORS}
+        counts = {separator: count for separator, count in counts.items() if count > 1}
+        if not counts:  # one column
             return cls(";") if row is not None and _DECIMAL_COMMA.fullmatch(row) else cls()
-        if set(many) == {None} and row is not None and len(row.split()) == 1:  # one column, with a blank in its name
+        if set(counts) == {None} and row is not None and len(row.split()) == 1:  # one column, with a blank in its name
             return cls()
-        for s, count in many.items():
-            if row is not None and len(cls(s).cells(row)) == count:
-                return cls(s)
-        return cls(next(s for s in (";", "\t", ",", None) if s in many))
+        if row is not None:
+            for separator, count in counts.items():
+                if len(cls(separator).cells(row)) == count:
+                    return cls(separator)
+        return cls(next(separator for separator in (";", "\t", ",", None) if separator in counts))
 
     def cells(self, line: str) -> list[str]:
         """Cells of a line, stripped of blanks; an unclosed quote is an ordinary character."""
@@ -90,9 +91,7 @@ class Dialect:
         return {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}[self.separator]
 
 
-# ── Errors of rows: the first faulty line
-
-_GAPS = ("nan", "inf", "infinity")
+_MISSING_NUMBERS = ("nan", "inf", "infinity")
 """Words for a missing number, with or without a sign."""
 
 
@@ -102,103 +101,107 @@ def blame(
     """Error for the first faulty line of ``text``; ``line`` is the file's line number at its start."""
     decimal_comma = dialect.has_decimal_commas(text)
     lines = text.decode("utf-8", "replace").split("\n")
+    names = [header[k] for k in used]
 
-    def gap(raw: str) -> str | None:
+    def missing_field(raw: str) -> str | None:
         cells = dialect.cells(raw)
-        if _passed_over(raw) or len(cells) != len(header):
+        if _is_skipped(raw) or len(cells) != len(header):
             return None
-        return _gap([cells[k] for k in used], [header[k] for k in used], decimal_comma=decimal_comma)
+        return _missing_field([cells[k] for k in used], names, decimal_comma=decimal_comma)
 
     for count, raw in enumerate(lines):
-        if _passed_over(raw):
+        if _is_skipped(raw):
             continue
-        if missing := gap(raw):
-            last = next((k for k in range(count + 1, len(lines)) if not gap(lines[k])), len(lines)) - 1
-            more = f", and so on to line {line + last}" if last > count else ""
-            these = "these rows" if more else "the row"
+        missing = missing_field(raw)
+        if missing:
+            last = count
+            while last + 1 < len(lines) and missing_field(lines[last + 1]):
+                last += 1
+            more, these = "", "the row"
+            if last > count:
+                more, these = f", and so on to line {line + last}", "these rows"
             return TrajectoryError(
                 f"{path}: line {line + count}{missing}{more}. Samples must be finite: fill or remove {these}."
             )
-        reason = _bytes_fault(raw) or _shape_fault(raw, header, dialect)
-        cells = dialect.cells(raw)
-        reason = reason or _number_fault(
-            [cells[k] for k in used], [header[k] for k in used], decimal_comma=decimal_comma
-        )
-        if reason:
-            return TrajectoryError(f"{path}: line {line + count}{reason}")
+        fault = _bytes_fault(raw) or _shape_fault(raw, header, dialect)
+        if not fault:
+            cells = dialect.cells(raw)
+            fault = _number_fault([cells[k] for k in used], names, decimal_comma=decimal_comma)
+        if fault:
+            return TrajectoryError(f"{path}: line {line + count}{fault}")
     return TrajectoryError(f"{path}: rows that cannot be read as numbers. Save it as plain CSV.")
 
 
-def _passed_over(raw: str) -> bool:
+def _is_skipped(raw: str) -> bool:
     """True if a line is blank or a comment."""
     return not raw.strip() or raw.lstrip(" \t").startswith("#")
 
 
-def _gap(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
+def _missing_field(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
     """First non-finite field, if all others are numbers; otherwise None."""
-    found = None
+    first = None
     for name, field in zip(names, fields, strict=True):
-        if field.lower().lstrip("+-") in _GAPS:
+        if field.lower().lstrip("+-") in _MISSING_NUMBERS:
             infinite = True
         elif is_number(field, decimal_comma=decimal_comma):
             infinite = not math.isfinite(float(field.replace(",", ".")))
         else:
             return None
-        if infinite and found is None:
-            found = f", column {name!r} is {field[:40]!r}"
-    return found
+        if infinite and first is None:
+            first = f", column {name!r} is {field[:40]!r}"
+    return first
 
 
 def _bytes_fault(raw: str) -> str | None:
     if "\ufffd" in raw:
-        return f" is not UTF-8 text: {_shown(raw)}. Save it as CSV in UTF-8."
-    odd = next((c for c in raw if (c < " " and c != "\t") or c == "\x7f"), None)
-    if odd is None:
-        return None
-    return f" has a control character, {odd!r}: {_shown(raw)}. The file may be damaged or binary; write the row again."
+        return f" is not UTF-8 text: {_clip(raw)}. Save it as CSV in UTF-8."
+    for character in raw:
+        if (character < " " and character != "\t") or character == "\x7f":
+            return (
+                f" has a control character, {character!r}: {_clip(raw)}. The file may be damaged or binary; write the row "
+                "again."
+            )
+    return None
 
 
 def _shape_fault(raw: str, header: Sequence[str], dialect: Dialect) -> str | None:
     fields = dialect.cells(raw)
     if raw.count('"') % 2:
-        return f" has a quote that never ends: {_shown(raw)}. Remove the quote."
+        return f" has a quote that never ends: {_clip(raw)}. Remove the quote."
     if len(fields) == len(header):
         return None
     if dialect.separator == "," and ";" in raw:
-        return f": semicolons between values: {_shown(raw)}, and commas in the header. Separate all rows as the header."
-    counted = f" has {len(fields)} values, and the header names {len(header)} columns: {_shown(raw)}."
+        return f": semicolons between values: {_clip(raw)}, and commas in the header. Separate all rows as the header."
+    counts = f" has {len(fields)} values, and the header names {len(header)} columns: {_clip(raw)}."
     if len(fields) < len(header):
-        return f"{counted} The row is cut short; complete or remove it."
+        return f"{counts} The row is cut short; complete or remove it."
     if dialect.separator == "," and len(fields) >= 2 * len(header) - 1:
         return (
-            f"{counted} If commas are decimal marks here, separate values by semicolons, or write decimals with a point "
+            f"{counts} If commas are decimal marks here, separate values by semicolons, or write decimals with a point "
             "(0.5, not 0,5)."
         )
-    return f"{counted} Remove the extra cells."
+    return f"{counts} Remove the extra cells."
 
 
 def _number_fault(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
     for name, field in zip(names, fields, strict=True):
-        shown = field[:40]
-        column = f", column {name!r}"
-        if is_number(field, decimal_comma=decimal_comma) or field.lower().lstrip("+-") in _GAPS:
+        if is_number(field, decimal_comma=decimal_comma) or field.lower().lstrip("+-") in _MISSING_NUMBERS:
             continue
+        column, value = f", column {name!r}", repr(field[:40])
         if "_" in field:
-            return f"{column} is {shown!r}. Numbers are written without underscores."
+            return f"{column} is {value}. Numbers are written without underscores."
         if decimal_comma and "." in field:
-            return f"{column} is {shown!r}, with a point where other rows have decimal commas. Write all of them alike."
+            return f"{column} is {value}, with a point where other rows have decimal commas. Write all of them alike."
         if "," in field and not decimal_comma and is_number(field, decimal_comma=True):
-            return f"{column} is {shown!r}. Where commas separate values, decimals are written with a point (0.5)."
-        said = "is blank" if not field else f"is {shown!r}, which is not a number"
-        return f"{column} {said}. Every row needs a number such as -0.25 in every column that is used."
+            return f"{column} is {value}. Where commas separate values, decimals are written with a point (0.5)."
+        fault = f"is {value}, which is not a number" if field else "is blank"
+        return f"{column} {fault}. Every row needs a number such as -0.25 in every column that is used."
     return None
 
 
-def _shown(raw: str) -> str:
+def _clip(raw: str) -> str:
     return repr(raw if len(raw) <= 60 else raw[:57] + "…")
 
-
-# ── Parsing of rows, in blocks of lines
 
 _CONTROL = bytes(k for k in range(32) if k not in (9, 10)) + b"\x7f"
 _COMMENTS = re.compile(rb"^[ \t]*(#[^\n]*)?$", re.MULTILINE)
@@ -218,8 +221,12 @@ def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]
     if dialect.has_decimal_commas(text):
         plain = plain and b"." not in text
         text = text.replace(b",", b".") if plain else text
-    table = _by_numpy(text, dialect, columns, used) if plain else None
-    return _by_cells(text, dialect, columns, used) if table is None else table
+    table = None
+    if plain:
+        table = _parse_with_numpy(text, dialect, columns, used)
+    if table is None:
+        table = _parse_cells(text, dialect, columns, used)
+    return table
 
 
 def normalise_newlines(text: bytes) -> bytes:
@@ -231,27 +238,28 @@ def normalise_newlines(text: bytes) -> bytes:
     return text if text.endswith(b"\n") else text + b"\n"
 
 
-def _by_numpy(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
+def _parse_with_numpy(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
     if not text.strip():
         return np.zeros((0, len(used)))
-    every = len(used) == columns
-    if not every and not _whole(text, dialect, columns):
+    all_columns = len(used) == columns
+    if not all_columns and not _has_equal_lines(text, dialect, columns):
         return None
     try:
         table = np.loadtxt(
             io.BytesIO(text),
             delimiter=dialect.separator,
             comments=None,
-            usecols=None if every else list(used),
+            usecols=None if all_columns else list(used),
             ndmin=2,
         )
     except (ValueError, IndexError, OverflowError):
         return None
-    table = table[:, list(used)] if every and table.shape[1] == columns else table
+    if all_columns and table.shape[1] == columns:
+        table = table[:, list(used)]
     return np.asarray(table) if table.shape[1] == len(used) and np.isfinite(table).all() else None
 
 
-def _whole(text: bytes, dialect: Dialect, columns: int) -> bool:
+def _has_equal_lines(text: bytes, dialect: Dialect, columns: int) -> bool:
     """True if every line has ``columns`` cells, except blank lines."""
     if dialect.separator is None:
         return all(len(line.split()) in (0, columns) for line in text.split(b"\n"))
@@ -261,7 +269,7 @@ def _whole(text: bytes, dialect: Dialect, columns: int) -> bool:
     return bool(((counts == columns - 1) | (raw[starts] == 10)).all())
 
 
-def _by_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
+def _parse_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
     """Parse cell by cell: handles quotes, text in unused columns, and mixed decimal commas and points."""
     try:
         lines = text.decode("utf-8").split("\n")
@@ -283,11 +291,9 @@ def _by_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) 
     return table if np.isfinite(table).all() else None
 
 
-# ── Decoding of a file in blocks of lines
-
-_BLOCK = 1 << 18  # bytes per read: the parsed block fits into the processor's cache
-_LONGEST_LINE = 1 << 22
-_LINES_ABOVE = 8
+_BYTES_OF_BLOCK = 1 << 18  # bytes per read: the parsed block fits into the processor's cache
+_MAX_BYTES_OF_LINE = 1 << 22
+_MIN_LINES_ABOVE = 8
 
 
 class EmptyTableError(TrajectoryError):
@@ -344,9 +350,8 @@ class CsvFile:
         if row is not None and any(_ROS_NAME.fullmatch(cell) for cell in cells):
             with source.open() as file:
                 file.seek(offset)
-                cells = _ros_header(
-                    cells, [dialect.cells(text) for text in islice(_rows(file), _LOOKED_AT)], source.path
-                )
+                rows = [dialect.cells(text) for text in islice(_rows(file), _MAX_ROWS_READ)]
+            cells = _ros_header(cells, rows, source.path)
         return cls(source, tuple(cells), line, offset, dialect, cut)
 
     @property
@@ -393,9 +398,11 @@ class CsvFile:
         """Columns with only words or blanks in the first rows, such as states (RUN)."""
         with self.source.open() as file:
             file.seek(self.data_offset)
-            rows = [self.dialect.cells(text) for text in islice(_rows(file), _LOOKED_AT)]
-        whole = [row for row in rows if len(row) == len(self.header)]
-        return tuple(k for k in range(len(self.header)) if whole and all(_is_word(row[k]) for row in whole))
+            rows = [self.dialect.cells(text) for text in islice(_rows(file), _MAX_ROWS_READ)]
+        complete = [row for row in rows if len(row) == len(self.header)]
+        if not complete:
+            return ()
+        return tuple(k for k, cells in enumerate(zip(*complete, strict=True)) if all(map(_is_word, cells)))
 
     def place(self, row: int) -> str:
         """Description of a row's place, ``line 12``."""
@@ -416,12 +423,12 @@ class CsvFile:
         """
         with self.source.open() as file:
             file.seek(self.data_offset)
-            text = file.read(_LONGEST_LINE + 1)
-        if len(text) > _LONGEST_LINE:
-            raise TrajectoryError(f"{self.path}: has more than {_LONGEST_LINE} bytes, too many for such a table.")
+            text = file.read(_MAX_BYTES_OF_LINE + 1)
+        if len(text) > _MAX_BYTES_OF_LINE:
+            raise TrajectoryError(f"{self.path}: has more than {_MAX_BYTES_OF_LINE} bytes, too many for such a table.")
         for line, raw in enumerate(normalise_newlines(text).split(b"\n"), self.header_line + 1):
             if _is_row(raw):
-                cells = self.dialect.cells(_decoded(raw, self.path, line))
+                cells = self.dialect.cells(_decode(raw, self.path, line))
                 if len(cells) != len(self.header):
                     raise blame(raw, self.path, line, self.header, (), self.dialect)
                 yield line, cells
@@ -429,7 +436,7 @@ class CsvFile:
 
 def _is_word(cell: str) -> bool:
     """True if a cell is blank or a word, and not a number that is missing or written otherwise."""
-    return not cell or (cell[0].isalpha() and cell.lower() not in _GAPS)
+    return not cell or (cell[0].isalpha() and cell.lower() not in _MISSING_NUMBERS)
 
 
 def _numeric(cell: str) -> bool:
@@ -442,9 +449,9 @@ def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, 
     The fourth value is the preceding comment: text, line number and offset of the next line; None without one.
     """
     comment, number = None, 0
-    while raw := file.readline(_LONGEST_LINE):
+    while raw := file.readline(_MAX_BYTES_OF_LINE):
         number += 1
-        text = _decoded(raw, path, number).strip(" \r\n")
+        text = _decode(raw, path, number).strip(" \r\n")
         if not text.strip():
             continue
         if not text.lstrip().startswith("#"):
@@ -457,44 +464,55 @@ def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, 
 
 def _rows(file: BinaryIO) -> Iterator[str]:
     """Yield lines that are neither blank nor comments."""
-    while raw := file.readline(_LONGEST_LINE):
+    while raw := file.readline(_MAX_BYTES_OF_LINE):
         text = raw.decode("utf-8", "replace").strip(" \r\n")
         if text.strip() and not text.lstrip().startswith("#"):
             yield text
 
 
 _ROS_NAME, _ROS_CELL = re.compile(r"field\.name(\d+)"), re.compile(r"field\.(position|velocity|effort)(\d+)")
-_LOOKED_AT = 1000
+_MAX_ROWS_READ = 1000
 """Number of rows inspected for constant joint names and for columns of text."""
 
 
 def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str]:
     """Replace the columns ``field.nameN`` of ``rostopic echo -p`` by a header with the joint names in their cells."""
-    at = {found[1]: k for k, cell in enumerate(cells) if (found := _ROS_NAME.fullmatch(cell))}
-    whole = [row for row in rows if len(row) == len(cells)]
-    names = {number: whole[0][k] for number, k in at.items()} if whole else {}
-    for row, of in enumerate(whole):
-        if other := next((of[k] for number, k in at.items() if of[k] != names[number]), None):
-            raise TrajectoryError(
-                f"{path}: row {row + 1} names a joint {other!r} where the first row names another, so that several programs "
-                "wrote joint states here. Record one of them: rostopic echo -p --filter."
-            )
-    meant = [(_ROS_CELL.fullmatch(cell), cell) for cell in cells]
-    return [f"{names[m[2]]}{SUFFIX[PART_OF[m[1]]]}" if m and names.get(m[2]) else cell for m, cell in meant]
+    rows = [row for row in rows if len(row) == len(cells)]
+    joint_of = {}  # by the number in the name of a column
+    for k, cell in enumerate(cells):
+        match = _ROS_NAME.fullmatch(cell)
+        if match is None or not rows:
+            continue
+        joint_of[match[1]] = rows[0][k]
+        for row, other_cells in enumerate(rows):
+            if other_cells[k] and other_cells[k] != rows[0][k]:
+                raise TrajectoryError(
+                    f"{path}: row {row + 1} names a joint {other_cells[k]!r} where the first row names another, so that "
+                    "several programs wrote joint states here. Record one of them: rostopic echo -p --filter."
+                )
+    header = []
+    for cell in cells:
+        match = _ROS_CELL.fullmatch(cell)
+        joint = joint_of.get(match[2]) if match else None
+        header.append(f"{joint}{SUFFIX[PART_OF[match[1]]]}" if match and joint else cell)
+    return header
 
 
 def _seems_cut(end: bytes, dialect: Dialect) -> bool:
     """True if the last bytes of a file end in a number with fewer decimals than those above."""
     lines = end.decode("utf-8", "replace").split("\n")[1:]
-    if len(lines) <= _LINES_ABOVE or not lines[-1].strip():
+    if len(lines) <= _MIN_LINES_ABOVE or not lines[-1].strip():
         return False
-    ends = [dialect.cells(line)[-1:] for line in lines[-_LINES_ABOVE - 1 :] if line.strip()]
-    digits = [len(re.split("[.,]", end[0])[-1]) if end and re.search("[.,]", end[0]) else 0 for end in ends]
+    digits = []
+    for line in lines[-_MIN_LINES_ABOVE - 1 :]:
+        if line.strip():
+            parts = re.split("[.,]", (dialect.cells(line) or [""])[-1])
+            digits.append(len(parts[-1]) if len(parts) > 1 else 0)
     return len(set(digits[:-1])) == 1 and digits[-1] < digits[0]
 
 
-def _decoded(raw: bytes, path: Path, number: int) -> str:
-    if len(raw) >= _LONGEST_LINE:
+def _decode(raw: bytes, path: Path, number: int) -> str:
+    if len(raw) >= _MAX_BYTES_OF_LINE:
         raise _long_line(path)
     try:
         return raw.decode("utf-8-sig" if number == 1 else "utf-8")
@@ -509,18 +527,18 @@ def _is_row(raw: bytes) -> bool:
 
 def _lines(file: BinaryIO, path: Path) -> Iterator[bytes]:
     """Yield blocks of whole lines."""
-    rest = b""
-    while text := file.read(_BLOCK):
-        text = rest + text
+    remainder = b""
+    while text := file.read(_BYTES_OF_BLOCK):
+        text = remainder + text
         cut = text.rfind(b"\n") + 1
-        if not cut and len(text) > _LONGEST_LINE:
+        if not cut and len(text) > _MAX_BYTES_OF_LINE:
             raise _long_line(path)
-        rest = text[cut:]
+        remainder = text[cut:]
         if cut:
             yield text[:cut]
-    if rest:
-        yield rest
+    if remainder:
+        yield remainder
 
 
 def _long_line(path: Path) -> TrajectoryError:
-    return TrajectoryError(f"{path}: a line of more than {_LONGEST_LINE} bytes. Rows must end in newlines.")
+    return TrajectoryError(f"{path}: a line of more than {_MAX_BYTES_OF_LINE} bytes. Rows must end in newlines.")

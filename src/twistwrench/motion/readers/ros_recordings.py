@@ -25,18 +25,19 @@ from .recording_bounds import BoundedFile, check_chunks, check_folder, recording
 
 STEP = 2e-3
 """Time step between the points of a plan [s]."""
-_MOST_ROWS = 1_000_000
+_MAX_ROWS = 1_000_000
 """Largest number of rows of a plan; longer plans have a larger step."""
 
 _CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
-_POINTS = "std_msgs/Header header\nstring[] joint_names\n"
+_HEADER_AND_NAMES = "std_msgs/Header header\nstring[] joint_names\n"
+_POINT = "trajectory_msgs/JointTrajectoryPoint"
 _DEFINITIONS = {
     "moveit_msgs/msg/RobotTrajectory": (
         "trajectory_msgs/JointTrajectory joint_trajectory\ntrajectory_msgs/MultiDOFJointTrajectory multi_dof_joint_trajectory",
     ),
-    _CONTROLLER: tuple(
-        _POINTS + "\n".join(f"trajectory_msgs/JointTrajectoryPoint {name}" for name in names.split())
-        for names in ("reference feedback error output", "desired actual error")
+    _CONTROLLER: (
+        _HEADER_AND_NAMES + "".join(f"{_POINT} {name}\n" for name in ("reference", "feedback", "error", "output")),
+        _HEADER_AND_NAMES + "".join(f"{_POINT} {name}\n" for name in ("desired", "actual", "error")),
     ),
 }
 """Message definitions for databases before ROS 2 Iron, which lack them."""
@@ -53,24 +54,22 @@ def ros_file(path: Path, topic: str | None = None, command_topic: str | None = N
     """
     if not path.exists():
         raise NotFoundError(f"no recording {str(path)!r}. Give the path of a .mcap, .bag or .db3, or a rosbag2 folder.")
-    read = _mcap if path.suffix.lower() == ".mcap" else _bag
-    if path.suffix.lower() == ".db3" or (path.suffix.lower() not in (".mcap", ".bag") and path.is_file()):
-        read = _database
-    chosen: list[str] = []
+    read = _reader_of(path)
+    chosen_topic: list[str] = []
     commands: list[Any] = []
 
     def choose(topics: Topics) -> str:
-        chosen[:] = _chosen(path, topics, topic, Argument("topic"))
-        return chosen[0]
+        chosen_topic[:] = _choose_topic(path, topics, topic, Argument("topic"))
+        return chosen_topic[0]
 
     def choose_commands(topics: Topics) -> str:
-        return _chosen(path, topics, command_topic, Argument("command_topic"))[0]
+        return _choose_topic(path, topics, command_topic, Argument("command_topic"))[0]
 
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
         if command_topic is not None:
             commands = list(read(path, choose_commands))
         messages = list(read(path, choose))
-        name, kind, part, *notes = chosen
+        name, kind, part, *notes = chosen_topic
         where = f"{path}, topic {name}"
         if not messages:
             raise TrajectoryError(f"{where}: has no messages.")
@@ -85,42 +84,54 @@ def ros_file(path: Path, topic: str | None = None, command_topic: str | None = N
             begin = messages[0].header.stamp if hasattr(messages[0], "header") else None
             header, table = _with_commands(header, table, commands, begin, f"{path}, topic {command_topic}")
     epoch = 0
-    if kind in ("JointState", "JointTrajectoryControllerState"):
+    recorded = kind in ("JointState", "JointTrajectoryControllerState")
+    if recorded:
         stamp = messages[0].header.stamp
         notes, epoch = [*notes, *date_note(_seconds(stamp))], _nanoseconds(stamp)
-    size = path.stat().st_size if path.is_file() else sum(p.stat().st_size for p in path.iterdir() if p.is_file())
-    plan = kind not in ("JointState", "JointTrajectoryControllerState") or bool(part)
-    return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch, plan=plan)
+    files = [path] if path.is_file() else [file for file in path.iterdir() if file.is_file()]
+    size = sum(file.stat().st_size for file in files)
+    return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch, plan=not recorded or bool(part))
 
 
-def _chosen(path: Path, topics: Topics, wanted: str | None, argument: Argument) -> list[str]:
+def _reader_of(path: Path) -> Callable[[Path, Callable[[Topics], str]], Iterator[Any]]:
+    """Reader of a recording, by the ending of its name."""
+    ending = path.suffix.lower()
+    if ending == ".mcap":
+        return _mcap
+    if ending == ".db3" or (ending != ".bag" and path.is_file()):
+        return _database
+    return _bag
+
+
+def _choose_topic(path: Path, topics: Topics, requested: str | None, argument: Argument) -> list[str]:
     """Name of the topic, its type, the selected part, and a note if other topics are possible."""
-    name, _, part = (wanted or "").partition(":")
-    known = {topic: kind.rpartition("/")[2] for topic, (kind, _) in topics.items()}
-    readable = [topic for topic, kind in known.items() if kind in _KINDS and topics[topic][1]]
-    shown = listed([f"{topic} ({kind})" for topic, (kind, _) in topics.items()]) or "none"
-    if wanted is None and not readable:
-        raise TrajectoryError(f"{path}: has no messages of the types {listed(_KINDS)}. Topics: {shown}.")
-    if wanted is not None and name not in readable:
-        raise TrajectoryError(f"{path}: has no motion in a topic {name!r}, {{0}}. Topics: {shown}.", argument)
-    if part and (part != "reference" or known[name] != "JointTrajectoryControllerState"):
+    name, _, part = (requested or "").partition(":")
+    kinds = {topic: kind.rpartition("/")[2] for topic, (kind, _) in topics.items()}
+    readable = [topic for topic, kind in kinds.items() if kind in _KINDS and topics[topic][1]]
+    topic_list = listed([f"{topic} ({kind})" for topic, (kind, _) in topics.items()]) or "none"
+    if requested is None and not readable:
+        raise TrajectoryError(f"{path}: has no messages of the types {listed(_KINDS)}. Topics: {topic_list}.")
+    if requested is not None and name not in readable:
+        raise TrajectoryError(f"{path}: has no motion in a topic {name!r}, {{0}}. Topics: {topic_list}.", argument)
+    if part and (part != "reference" or kinds[name] != "JointTrajectoryControllerState"):
         raise TrajectoryError(
             f"{path}: {{0}}: only :reference of a JointTrajectoryControllerState is known.",
-            Argument("topic", wanted),
+            Argument("topic", requested),
         )
-    best = name or max(readable, key=lambda topic: topics[topic][1])
-    others = [topic for topic in readable if topic != best]
-    note = f"Read from topic {best}, which has most messages; {spell(Argument('topic'))} chooses another: {listed(others)}."
-    return [best, known[best], part, *([note] if others and wanted is None else [])]
-
-
-# ── Messages as tables
+    largest = name or max(readable, key=lambda topic: topics[topic][1])
+    others = [topic for topic in readable if topic != largest]
+    notes = []
+    if others and requested is None:
+        option = spell(Argument("topic"))
+        notes.append(f"Read from topic {largest}, which has most messages; {option} chooses another: {listed(others)}.")
+    return [largest, kinds[largest], part, *notes]
 
 
 def _nanoseconds(stamp: Any) -> int:
     """Nanoseconds of a stamp or duration of ROS 1 or 2."""
-    sec, nano = ("sec" if hasattr(stamp, "sec") else "secs"), ("nanosec" if hasattr(stamp, "nanosec") else "nsecs")
-    return int(getattr(stamp, sec)) * 10**9 + int(getattr(stamp, nano))
+    if hasattr(stamp, "sec"):
+        return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+    return int(stamp.secs) * 10**9 + int(stamp.nsecs)
 
 
 def _seconds(stamp: Any, begin: Any = None) -> float:
@@ -131,17 +142,27 @@ def _seconds(stamp: Any, begin: Any = None) -> float:
 def _joint_states(messages: Sequence[Any], where: str) -> tuple[list[str], Array]:
     """Header and table of the messages with the same joints as the first; others are ignored."""
     names = list(messages[0].name)
-    mine = [m for m in messages if set(m.name) >= set(names)]
-    order = [[list(m.name).index(n) for n in names] for m in mine]
-    header, columns = ["time [s]"], [np.array([_seconds(m.header.stamp, mine[0].header.stamp) for m in mine])[:, None]]
+    states = [message for message in messages if set(message.name) >= set(names)]
+    begin = states[0].header.stamp
+    header, columns = ["time [s]"], [np.array([_seconds(state.header.stamp, begin) for state in states])[:, None]]
     for field, part in (("position", "q"), ("velocity", "dq"), ("effort", "tau")):
-        values = [np.asarray(getattr(m, field), float) for m in mine]
-        if all(len(v) == len(m.name) for v, m in zip(values, mine, strict=True)):
-            columns.append(np.array([v[o] for v, o in zip(values, order, strict=True)]))
-            header += [f"{n}{SUFFIX[part]}" for n in names]
+        rows = [_values_of(state, field, names) for state in states]
+        complete = [row for row in rows if row is not None]
+        if len(complete) == len(states):
+            columns.append(np.array(complete))
+            header += [f"{name}{SUFFIX[part]}" for name in names]
     if len(columns) == 1:
         raise TrajectoryError(f"{where}: its messages have neither positions nor efforts for their joints.")
     return header, np.concatenate(columns, axis=1)
+
+
+def _values_of(state: Any, field: str, names: Sequence[str]) -> Array | None:
+    """Values of a joint state in the order of the names; None unless it has one for each of its joints."""
+    values = np.asarray(getattr(state, field), float)
+    own_names = list(state.name)
+    if len(values) != len(own_names):
+        return None
+    return values[[own_names.index(name) for name in names]]
 
 
 def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[list[str], Array]:
@@ -149,17 +170,23 @@ def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[
     fields = ("reference", "desired") if part else ("feedback", "actual")
     field = fields[0] if hasattr(messages[0], fields[0]) else fields[1]
     names = list(messages[0].joint_names)
-    mine = [m for m in messages if list(m.joint_names) == names]
-    time = np.array([_seconds(m.header.stamp, mine[0].header.stamp) for m in mine])
-    q, dq, ddq, effort = _values([getattr(m, field) for m in mine], len(names), where)
-    rates = {"q": q, "dq": dq, "ddq": ddq if part else None, "tau": None if part else effort}
-    if not part:
-        wanted = "reference" if hasattr(messages[0], "reference") else "desired"
-        commands = [np.asarray(getattr(m, wanted).positions, float) for m in mine]
-        rates["command"] = np.array(commands) if all(len(x) == len(names) for x in commands) else None
-    found = {kind: x for kind, x in rates.items() if x is not None}
-    header = ["time [s]", *(f"{n}{SUFFIX[kind]}" for kind in found for n in names)]
-    return header, np.concatenate([time[:, None], *found.values()], axis=1)
+    states = [message for message in messages if list(message.joint_names) == names]
+    begin = states[0].header.stamp
+    time = np.array([_seconds(state.header.stamp, begin) for state in states])
+    q, dq, ddq, effort = _values([getattr(state, field) for state in states], len(names), where)
+    if part:
+        arrays = {"q": q, "dq": dq, "ddq": ddq}
+    else:
+        arrays = {"q": q, "dq": dq, "tau": effort}
+        command_field = "reference" if hasattr(messages[0], "reference") else "desired"
+        commands = [np.asarray(getattr(state, command_field).positions, float) for state in states]
+        if all(len(command) == len(names) for command in commands):
+            arrays["command"] = np.array(commands)
+    arrays = {kind: array for kind, array in arrays.items() if array is not None}
+    header = ["time [s]"]
+    for kind in arrays:
+        header += [f"{name}{SUFFIX[kind]}" for name in names]
+    return header, np.concatenate([time[:, None], *arrays.values()], axis=1)
 
 
 def _with_commands(
@@ -172,9 +199,10 @@ def _with_commands(
             "{0} must name such a topic.",
             Argument("command_topic"),
         )
-    names, time = list(messages[0].name), np.array([_seconds(m.header.stamp, begin) for m in messages])
-    mine = [m for m in messages if list(m.name) == names and len(m.position) == len(names)]
-    if len(mine) < len(messages) or (np.diff(time) < 0.0).any():
+    names = list(messages[0].name)
+    time = np.array([_seconds(message.header.stamp, begin) for message in messages])
+    valid = [m for m in messages if list(m.name) == names and len(m.position) == len(names)]
+    if len(valid) < len(messages) or (np.diff(time) < 0.0).any():
         raise TrajectoryError(
             f"{where}: each message needs a later stamp and one position for each of {listed(names)}. Record the topic of one "
             "controller."
@@ -183,60 +211,79 @@ def _with_commands(
     rows = latest >= 0
     if not rows.any():
         raise TrajectoryError(f"{where}: its first stamp is after the last one of the positions, on another clock.")
-    commands = np.array([np.asarray(m.position, float) for m in mine])[latest[rows]]
-    return [*header, *(f"{name}{SUFFIX['command']}" for name in names)], np.concatenate([table[rows], commands], axis=1)
+    commands = np.array([np.asarray(message.position, float) for message in valid])[latest[rows]]
+    header = header + [f"{name}{SUFFIX['command']}" for name in names]
+    return header, np.concatenate([table[rows], commands], axis=1)
 
 
 def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
     """Positions, velocities, accelerations and efforts (n, count) of points; None unless all points have them."""
-    fields = ("positions", "velocities", "accelerations", "effort")
-    parts = [[np.asarray(getattr(p, field), float) for p in points] for field in fields]
-    found = [np.array(part) if all(len(x) == count for x in part) else None for part in parts]
-    if found[0] is None:
+    arrays: list[Any] = []
+    for field in ("positions", "velocities", "accelerations", "effort"):
+        rows = [np.asarray(getattr(point, field), float) for point in points]
+        arrays.append(np.array(rows) if all(len(row) == count for row in rows) else None)
+    if arrays[0] is None:
         raise TrajectoryError(f"{where}: a point has not one position for each of the {count} joints that are named.")
-    return found
+    return arrays
 
 
 def _accelerations(points: Sequence[Any], count: int) -> tuple[Array, Array]:
     """Accelerations (n, count) of points, NaN where a point has none, and the mask (n,) of points that have them."""
-    parts = [np.asarray(point.accelerations, float) for point in points]
-    mine = np.array([len(x) == count for x in parts])
-    return np.array([x if own else np.full(count, np.nan) for x, own in zip(parts, mine, strict=True)]), mine
+    ddq = np.full((len(points), count), np.nan)
+    complete = np.zeros(len(points), bool)
+    for k, point in enumerate(points):
+        if len(point.accelerations) == count:
+            ddq[k], complete[k] = point.accelerations, True
+    return ddq, complete
 
 
 def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
     """Header and table of the longest plan, evaluated between its points, and a note on it."""
-    plans = [_points(m) for m in messages]
+    plans = [_points(message) for message in messages]
     names, points, time = max(plans, key=lambda plan: len(plan[1]))
     if len(time) < 2:
         raise TrajectoryError(f"{where}: a plan of {len(time)} points. A motion needs two or more.")
-    if (back := np.diff(time) <= 0).any():
-        k = int(back.argmax())
+    not_later = np.diff(time) <= 0
+    if not_later.any():
+        k = int(not_later.argmax())
         raise TrajectoryError(
             f"{where}: point {k + 2} at {number(time[k + 1])} s does not come after the one before, at {number(time[k])} s."
         )
     q, dq, _, _ = _values(points, len(names), where)
-    ddq, bent = _accelerations(points, len(names))
-    for name, x, mine in (("positions", q, True), ("velocities", dq, True), ("accelerations", ddq, bent[:, None])):
-        if x is not None and not (finite := np.isfinite(x) | ~np.asarray(mine)).all():
-            k = int((~finite).any(axis=1).argmax())
-            raise TrajectoryError(f"{where}: {name} of point {k + 1} are {x[k].tolist()}. They must be finite.")
-    said = "a quintic" if bent.all() else "a cubic"
-    if (bent[1:] & bent[:-1]).any() and not bent.all():
-        said = "a quintic where both have accelerations, else a cubic"
+    ddq, with_acceleration = _accelerations(points, len(names))
+    _check_finite("positions", q, where)
+    if dq is not None:
+        _check_finite("velocities", dq, where)
+    _check_finite("accelerations", np.where(with_acceleration[:, None], ddq, 0.0), where)
+    curve = "a quintic" if with_acceleration.all() else "a cubic"
+    if (with_acceleration[1:] & with_acceleration[:-1]).any() and not with_acceleration.all():
+        curve = "a quintic where both have accelerations, else a cubic"
     if dq is None:
         if len(time) < FEWEST:
             raise TrajectoryError(
                 f"{where}: {len(time)} points without velocities are too few to derive them from. Give at least {FEWEST}, or "
                 "velocities and accelerations at each point."
             )
-        (dq, ddq), said = spline_rates(time, q), "a quintic spline, as its points have no velocities"
+        dq, ddq = spline_rates(time, q)
+        curve = "a quintic spline, as its points have no velocities"
     several = f" The longest of {len(plans)} plans." if len(plans) > 1 else ""
-    step = max(STEP, (time[-1] - time[0]) / _MOST_ROWS)
-    every = f"evaluated every {number(1e3 * step)} ms"
-    note = f"Plan of {len(time)} points: between them each joint follows {said}, {every}.{several}"
-    header = ["time [s]", *(f"{n}{SUFFIX[part]}" for part in ("q", "dq", "ddq") for n in names)]
+    step = max(STEP, (time[-1] - time[0]) / _MAX_ROWS)
+    note = (
+        f"Plan of {len(time)} points: between them each joint follows {curve}, evaluated every {number(1e3 * step)} "
+        f"ms.{several}"
+    )
+    header = ["time [s]"]
+    for part in ("q", "dq", "ddq"):
+        header += [f"{name}{SUFFIX[part]}" for name in names]
     return header, between_points(time, q, dq, ddq, step), note
+
+
+def _check_finite(name: str, x: Array, where: str) -> None:
+    """Raise TrajectoryError for a point (row) with a number that is not finite."""
+    finite = np.isfinite(x).all(axis=1)
+    if not finite.all():
+        k = int((~finite).argmax())
+        raise TrajectoryError(f"{where}: {name} of point {k + 1} are {x[k].tolist()}. They must be finite.")
 
 
 def _points(message: Any) -> tuple[list[str], list[Any], Array]:
@@ -247,9 +294,9 @@ def _points(message: Any) -> tuple[list[str], list[Any], Array]:
         if list(part.joint_names) != names:
             continue
         begin = times[-1] if times else 0.0
-        own = [begin + _seconds(point.time_from_start) for point in part.points]
-        first = 1 if times and own and own[0] == begin else 0  # repeats the end of the previous part
-        points, times = points + list(part.points)[first:], times + own[first:]
+        own_times = [begin + _seconds(point.time_from_start) for point in part.points]
+        first = 1 if times and own_times and own_times[0] == begin else 0  # repeats the end of the previous part
+        points, times = points + list(part.points)[first:], times + own_times[first:]
     return names, points, np.array(times)
 
 
@@ -277,26 +324,26 @@ def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) ->
     """
     from scipy.interpolate import PPoly
 
-    h, way = np.diff(time)[:, None], np.diff(q, axis=0)
+    h, displacement = np.diff(time)[:, None], np.diff(q, axis=0)
     v0, v1 = h * dq[:-1], h * dq[1:]
-    b, c = 3 * way - 2 * v0 - v1, v0 + v1 - 2 * way  # of the cubic q_k + v0 s + b s² + c s³
-    bent = np.isfinite(ddq[:-1] + ddq[1:])
-    a0, a1 = np.where(bent, h * h * ddq[:-1], 2 * b), np.where(bent, h * h * ddq[1:], 2 * b + 6 * c)
-    e0, e1, e2 = way - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
+    b, c = 3 * displacement - 2 * v0 - v1, v0 + v1 - 2 * displacement  # of the cubic q_k + v0 s + b s² + c s³
+    with_acceleration = np.isfinite(ddq[:-1] + ddq[1:])
+    a0, a1 = (
+        np.where(with_acceleration, h * h * ddq[:-1], 2 * b),
+        np.where(with_acceleration, h * h * ddq[1:], 2 * b + 6 * c),
+    )
+    e0, e1, e2 = displacement - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     powers = [q[:-1], v0, 0.5 * a0, 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2]
     curve = PPoly(np.array([c / h**k for k, c in enumerate(powers)])[::-1], time)
     grid = np.arange(time[0], time[-1], step)
-    near = np.abs(time[np.clip(np.searchsorted(time, grid), 1, len(time) - 1)] - grid) < 0.01 * step
-    near |= np.abs(time[np.clip(np.searchsorted(time, grid) - 1, 0, None)] - grid) < 0.01 * step
-    t = np.sort(np.r_[time, grid[~near]])
+    close = np.abs(time[np.clip(np.searchsorted(time, grid), 1, len(time) - 1)] - grid) < 0.01 * step
+    close |= np.abs(time[np.clip(np.searchsorted(time, grid) - 1, 0, None)] - grid) < 0.01 * step
+    t = np.sort(np.r_[time, grid[~close]])
     return np.concatenate([t[:, None], *(curve.derivative(k)(t) for k in range(3))], axis=1)
 
 
 _KINDS = ("JointState", "JointTrajectory", "RobotTrajectory", "DisplayTrajectory", "JointTrajectoryControllerState")
 """Supported message types."""
-
-
-# ── Files: topics, and the messages of one
 
 
 def _mcap(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
@@ -313,9 +360,8 @@ def _mcap(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
         if summary is not None and summary.statistics is not None:
             for k, channel in summary.channels.items():
                 kinds[channel.topic] = summary.schemas[channel.schema_id].name if channel.schema_id else ""
-                counts[channel.topic] = counts.get(channel.topic, 0) + summary.statistics.channel_message_counts.get(
-                    k, 0
-                )
+                count = summary.statistics.channel_message_counts.get(k, 0)
+                counts[channel.topic] = counts.get(channel.topic, 0) + count
         else:
             for schema, channel, _ in reader.iter_messages():
                 kinds[channel.topic] = schema.name if schema is not None else ""
@@ -372,10 +418,10 @@ def _database(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
             texts = [str(text) for (text,) in database.execute(own, (kind,))] or texts
         rows = "select data from messages join topics on topics.id = topic_id where name = ? order by timestamp"
         data = values_within((raw for (raw,) in database.execute(rows, (topic,))), path)
-    yield from _deserialised(store, kind, texts, data)
+    yield from _deserialise(store, kind, texts, data)
 
 
-def _deserialised(store: Any, kind: str, texts: Sequence[str], data: Sequence[bytes]) -> list[Any]:
+def _deserialise(store: Any, kind: str, texts: Sequence[str], data: Sequence[bytes]) -> list[Any]:
     """Deserialise messages by the first matching definition, or by the store's if there is none."""
     from rosbags.serde import SerdeError
 

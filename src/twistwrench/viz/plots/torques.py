@@ -164,7 +164,7 @@ def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float,
 
 def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
     joint, states = report.joints[k], report.around
-    terms = {name: report.load.at_drives(values)[:, k] for name, values in report.load.terms(states).items()}
+    terms = {name: report.load.drive_torques(values)[:, k] for name, values in report.load.terms(states).items()}
     time, *parts = _broken(states.time, report.gaps.threshold, *terms.values())
     large = {
         name: x for name, x in zip(terms, parts, strict=True) if np.nanmax(np.abs(x), initial=0.0) > ZERO * report.scale
