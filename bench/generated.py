@@ -16,7 +16,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import casadi
 import numpy as np
 
 from bench import machine
@@ -24,6 +23,11 @@ from bench.cases import CASES, Case, States, difference
 from bench.ours import Ours
 from bench.peer_pinocchio_cpp import DOUBLES
 from bench.timing import ROUNDS, Contender, interleave
+
+try:
+    import casadi
+except ImportError:  # of the extra casadi: other sections run without it
+    casadi = None
 
 QUANTITIES = ("inverse_dynamics", "forward_dynamics")
 BLOCK = 8
@@ -43,6 +47,9 @@ def times(rounds: int = ROUNDS, cases: tuple[Case, ...] = CASES, size: int = 409
     where, robots = machine.describe(), {}
     if shutil.which("gcc") is None:
         return {"date": where["date"], "cpu": where["cpu"], "rounds": rounds, "missing": "no gcc: `apt install gcc`"}
+    if casadi is None:
+        missing = "no CasADi: `pip install -e '.[casadi]'`"
+        return {"date": where["date"], "cpu": where["cpu"], "rounds": rounds, "missing": missing}
     for case in cases:
         if not case.floating_base:
             with tempfile.TemporaryDirectory() as folder:
