@@ -639,9 +639,10 @@ def test_the_fastest_motion_is_not_ok_where_a_follower_is_over_its_limit(run, tm
     assert found == code and said.startswith("OVER LIMIT: fj: torque 22.8" if code else "OK: "), said
 
 
-def test_limits_that_the_user_gives_for_some_joints_leave_the_others_in_doubt(run, tmp_path):
+@pytest.mark.parametrize("header", ["effort", "effort [N m]"])
+def test_limits_that_the_user_gives_for_some_joints_leave_the_others_in_doubt(run, tmp_path, header):
     (tmp_path / "arm.urdf").write_text(small(35))
-    (tmp_path / "some.csv").write_text("joint,effort\nj1,35\n")
+    (tmp_path / "some.csv").write_text(f"joint,{header}\nj1,35\n")
     code, said = run("payload", "arm.urdf", "--limits", "some.csv")
     assert code == 1 and said.startswith("UNSURE: effort 35 on all 3 joints"), said
 
