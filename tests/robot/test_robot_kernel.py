@@ -104,7 +104,7 @@ def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(bundled, mon
     def fails(*_):
         raise tw.KernelError("on purpose")
 
-    monkeypatch.setattr("twistwrench.compiler.runtime.gufunc.compiled", fails)
+    monkeypatch.setattr("twistwrench.compiler.runtime.gufunc.compile_form", fails)
     out = np.zeros((5, 4), np.float32)[:, ::2]
     with pytest.raises(tw.KernelError, match="on purpose"):
         kernel(x, x, x, out)

@@ -590,7 +590,7 @@ def test_a_failed_compilation_of_the_float32_loop_is_never_a_number(monkeypatch)
         raise tw.KernelError("on purpose")
 
     x, dt, tau = np.ones((5, 2), np.float32), np.full(6, 1e-3, np.float32), np.zeros((6, 2), np.float32)
-    monkeypatch.setattr("twistwrench.compiler.runtime.gufunc.compiled", fails)
+    monkeypatch.setattr("twistwrench.compiler.runtime.gufunc.compile_form", fails)
     out = np.zeros((5, 4, 2), np.float32)
     with pytest.raises(tw.KernelError, match="on purpose"):
         kernel(x, x, dt, tau, out=(out[:, :3], np.empty((5, 3, 2), np.float32)))

@@ -174,9 +174,16 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
         actuators={joint: a for joint, a in model.actuators.items() if joint not in locked | motors},
         couplings=couplings,
         mounted=model.mounted or fixes_base,
-        locked={**model.locked, **mimicking},
+        locked=_in_file_order(model, {**model.locked, **mimicking}),
     )
     return fused if fused.tip is not None else replace(fused, tip=default_tip(fused))
+
+
+def _in_file_order(model: Model, locked: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Locked joints in the order of the file, whatever the order in which they were locked."""
+    joints = [joint for _, joint in model.mounts.values()]
+    places = {joint: place for place, joint in enumerate(joints)}
+    return dict(sorted(locked.items(), key=lambda item: places.get(item[0], len(places))))
 
 
 def _coordinates(joint: Joint, value: ArrayLike) -> Array:
