@@ -87,10 +87,10 @@ def times_opened(opened, folder, names):
 @pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
 def test_each_file_is_opened_and_parsed_once(folder, run, monkeypatch, words):
     parsed = []
-    parse_xml, parse_yaml = xml._TreeMaker.parse, yaml._parsed
+    parse_xml, parse_yaml = xml._TreeMaker.parse, yaml._parse
     texts = {path.read_text(): path.name for path in folder.iterdir() if path.suffix in (".urdf", ".srdf", ".yaml")}
     monkeypatch.setattr(xml._TreeMaker, "parse", lambda maker, text: (parsed.append(text), parse_xml(maker, text)))
-    monkeypatch.setattr(yaml, "_parsed", lambda text, origin: (parsed.append(text), parse_yaml(text, origin))[1])
+    monkeypatch.setattr(yaml, "_parse", lambda text, origin: (parsed.append(text), parse_yaml(text, origin))[1])
     code, said, opened = watched(run, words)
     assert code in (0, 1), said
     inputs = {word for word in words if word in texts.values()}

@@ -76,7 +76,7 @@ def test_an_error_speaks_python_and_the_shell_asks_for_its_own_words():
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("payload quadruped --fixed-base", "must be named: --frame FRAME"),
+        ("payload quadruped --fixed-base", "must be named: --frame FL_foot"),
         ("move planar_2r --to 1,0.5 --fastest --duration 2", "--fastest computes the duration, and --duration sets it"),
         ("move planar_2r", "Give --to for the joints, or --by for the tip"),
         ("move planar_2r --from 1,2,3 --to 1,0.5", "--from '1,2,3'"),
