@@ -253,7 +253,10 @@ def test_outputs_never_replace_inputs(run, weak_limits):
         ),
         (["quadruped", "--frame", "FL_foot", "--at", "1"], "JOINT=VALUE, as FL_hip_joint=0.5"),
         (["quadruped", "--frame", "FL_foot", "--at", "=1"], "JOINT=VALUE, for example FL_hip_joint=0.5"),
-        (["quadruped", "--fixed-base"], "the frame of the payload must be named: --frame FL_foot. It may be one of FL_foot, FR_foot"),
+        (
+            ["quadruped", "--fixed-base"],
+            "the frame of the payload must be named: --frame FL_foot. It may be one of FL_foot, FR_foot",
+        ),
         (["ur5", "--frame", "tool9"], "error: --frame: no frame named 'tool9'. Did you mean 'tool0'?"),
         (["nothing"], "no robot file"),
     ],
