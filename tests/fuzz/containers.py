@@ -70,7 +70,8 @@ def _put(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
 
     with warnings.catch_warnings():  # of a name that is there already
         warnings.simplefilter("ignore")
-        archive.writestr(name, content)
+        undated = zipfile.ZipInfo(name)  # a seed gives the same file at any hour
+        archive.writestr(undated, content, archive.compression)
 
 
 def _overwritten(data: bytes, dice: Dice) -> bytes:
