@@ -1,8 +1,8 @@
 """Run everything and write the report: `python -m bench [--rounds N] [--robots ur5,panda,talos]`.
 
-`--only SECTION` times one section alone and leaves the rest of the results as it is; `--render` times nothing; `--out FOLDER`
-writes both files there, and leaves those kept here alone. Both files are written after each section, so that a section which
-fails takes none of the others with it.
+`--only SECTION` times one section alone and leaves the rest of the results as it is; the page names the section and its
+machine at its head. `--render` times nothing; `--out FOLDER` writes both files there, and leaves those kept here alone.
+Both files are written after each section, so that a section which fails takes none of the others with it.
 """
 
 import argparse
@@ -11,6 +11,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+try:
+    import pinocchio  # noqa: F401  (robots and builds of every section are its own)
+except ImportError:
+    raise SystemExit('the benchmark needs its peers: pip install -e ".[peers]"') from None
 
 from bench import footprint, machine, peer_pinocchio_cpp, report
 from bench.cases import CASES, Case
@@ -46,6 +51,7 @@ def main() -> None:
         results = json.loads((kept if kept.exists() else HERE / "results.json").read_text())
         if options.only:
             results[options.only] = _part(options.only, options)
+            results.setdefault("timed_alone", {})[options.only] = {**machine.describe(), "rounds": options.rounds}
         _write(results, folder)
     else:
         for results in _measured(options):

@@ -30,7 +30,7 @@ def write(results: dict[str, Any]) -> str:
 
 
 def _head(results: dict[str, Any]) -> str:
-    m = results["machine"]
+    m, alone = results["machine"], results.get("timed_alone", {})
     core = "on one core" if m["core"] is not None else "each on one thread, wherever the system put it"
     lines = [
         "# Benchmark",
@@ -38,12 +38,20 @@ def _head(results: dict[str, Any]) -> str:
         f"Written by `make bench`; do not edit. All contenders ran in the same run, in turns, {core}, in float64,"
         f" {results['rounds']} rounds, unless a section says otherwise.",
         "",
-        f"- {m['date']}, {m['cpu']} ({m['family']}; {m['vectors']} side by side), {m['system']}, Python {m['python']}",
+        f"- {_where(m)}",
         "- " + ", ".join(f"{name} {number}" for name, number in m["versions"].items()),
         "- compilers: " + ("; ".join(sorted(set(results["compilers"].values()))) or "none"),
     ]
     lines += [f"- missing: **{name}**: {reason}" for name, reason in results["missing"].items()]
+    lines += [
+        f"- **{name.replace('_', ' ')}** alone: {_where(own)}, {own['rounds']} rounds" for name, own in alone.items()
+    ]
     return "\n".join(lines)
+
+
+def _where(m: dict[str, Any]) -> str:
+    """Date, processor, system and interpreter."""
+    return f"{m['date']}, {m['cpu']} ({m['family']}; {m['vectors']} side by side), {m['system']}, Python {m['python']}"
 
 
 def _required(results: dict[str, Any]) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -94,9 +96,20 @@ def test_only_one_body_leaves_the_other_results_alone(bench, monkeypatch, tmp_pa
     main.main()
     capsys.readouterr()
     found = json.loads((tmp_path / "results.json").read_text())
+    alone = found.pop("timed_alone")["one_body"]
     assert found.pop("one_body")["rounds"] == {"4096": 7}
     assert found == kept()
-    assert "7 rounds of 4,096 rows" in (tmp_path / "RESULTS.md").read_text("utf-8")
+    text = (tmp_path / "RESULTS.md").read_text("utf-8")
+    assert "7 rounds of 4,096 rows" in text
+    assert f"- **one body** alone: {alone['date']}, {alone['cpu']} (" in text.partition("\n## ")[0]
+
+
+def test_without_its_peers_the_benchmark_says_what_to_install():
+    """In a process whose search for packages finds no Pinocchio."""
+    hidden = "import sys; sys.modules['pinocchio'] = None; import runpy; runpy.run_module('bench', run_name='__main__')"
+    ended = subprocess.run([sys.executable, "-c", hidden], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert ended.stderr.strip() == 'the benchmark needs its peers: pip install -e ".[peers]"'
 
 
 # ── one call, and fresh results ──
