@@ -12,6 +12,7 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.text import words_of_the_shell
+from twistwrench.robots.finding import bundled_file
 
 UR5 = tw.robots.path_of("ur5")
 DEMO = UR5.with_name("ur5_demo.csv")
@@ -232,3 +233,12 @@ def test_the_short_name_of_an_answer_says_what_its_word_is_about():
     joint = answer.excesses[0].joint
     assert repr(answer) == f"<TorqueReport of ur5: OVER LIMIT, {joint}, velocity limit>"
     assert joint in answer.headline
+
+
+def test_a_file_of_drives_may_name_joints_that_are_held():
+    """Drives belong to the whole robot: locking a joint before or after changes nothing."""
+    held, at = {"wrist_3_joint": 0.3}, {"elbow_joint": 0.9}
+    drives = bundled_file("demo", "ur5", ".yaml", "actuator file")
+    by_hand = tw.check(tw.robots.ur5().with_actuators(drives, stiff=True).lock(held), at=at)
+    for robot in ("ur5", tw.robots.ur5()):
+        assert tw.check(robot, at=at, actuators="demo", lock=held).headline == by_hand.headline

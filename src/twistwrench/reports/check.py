@@ -225,17 +225,21 @@ def robot_of(
     given: Robot | str | Path, actuators: str | Path | ActuatorFile | None, lock: Mapping[str, ArrayLike] | None
 ) -> tuple[Robot, str]:
     """Robot with its drives, and the name by which files are bundled with it."""
-    if isinstance(given, Robot):
-        robot, name = given if lock is None else given.lock(cast("Any", lock)), given.name
-    else:
-        robot, name = load(given, lock=lock), str(given)
-    if actuators is None:
-        return robot, name
+    if actuators is None and not isinstance(given, Robot):
+        return load(given, lock=lock), str(given)
+    robot, name = (given, given.name) if isinstance(given, Robot) else (load(given), str(given))
+    if actuators is not None:
+        robot = _driven_robot(robot, name, actuators)
+    return robot if lock is None else robot.lock(cast("Any", lock)), name
+
+
+def _driven_robot(robot: Robot, name: str, actuators: str | Path | ActuatorFile) -> Robot:
+    """Robot with the drives of a file, which may name joints that are locked later."""
     from ..formats.actuators import ActuatorFile, add_actuators
 
     if not isinstance(actuators, ActuatorFile):
         actuators = ActuatorFile.from_source(bundled_file(str(actuators), name, ".yaml", "actuator file"))
-    return Robot(add_actuators(robot.model, actuators, stiff=True)), name
+    return Robot(add_actuators(robot.model, actuators, stiff=True))
 
 
 def log_of(motion: Any, robot: Robot, *, named: str = "", plan: bool = False, **reading: Any) -> MotionLog:
