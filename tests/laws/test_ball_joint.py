@@ -169,13 +169,13 @@ def test_mujoco_s_ball_agrees(seed, floating):
 def test_euler_angles_and_quaternions_describe_one_motion():
     """The chart of Lagrange's equations against differences along the motion."""
     ball = tw.Robot(random_builder(3, 1, ("ball",)).build())
-    chain = tw.symbolic.expanded_form.coordinates_of(ball.model)
+    chain = tw.symbolic.coordinates.coordinates_of(ball.model)
     assert [c.name for c in chain] == ["alpha_1", "beta_1", "gamma_1"]
     u, du, ddu = np.array([0.4, -0.3, 0.9]), np.array([0.2, 1.1, -0.7]), np.array([-0.5, 0.3, 0.8])
-    q, dq, ddq, N = tw.symbolic.expanded_form.to_robot(ball.model, u, du, ddu)
+    q, dq, ddq, N = tw.symbolic.coordinates.to_robot(ball.model, u, du, ddu)
     h = 1e-4
     places = {
-        k: tw.symbolic.expanded_form.to_robot(ball.model, u + k * h * du + 0.5 * (k * h) ** 2 * ddu, du, ddu)[0]
+        k: tw.symbolic.coordinates.to_robot(ball.model, u + k * h * du + 0.5 * (k * h) ** 2 * ddu, du, ddu)[0]
         for k in (-1, 1)
     }
     assert np.allclose(ball.subtract(places[1], places[-1]) / (2 * h), dq, atol=1e-7)

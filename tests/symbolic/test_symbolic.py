@@ -15,9 +15,8 @@ import twistwrench as tw
 from twistwrench.core.errors import MissingExtraError, ShapeError, UnknownNameError, ValueRangeError
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.symbolic import derivation as check
-from twistwrench.symbolic import derivation as derivation_size
-from twistwrench.symbolic import derive
-from twistwrench.symbolic.derivation import Evaluator
+from twistwrench.symbolic import derivation_size, derive
+from twistwrench.symbolic.derivation_check import Evaluator
 from twistwrench.testing import assert_close, random_robot
 
 # Of the largest torque: both sides round some hundred sums of terms of order one.

@@ -13,7 +13,7 @@ from twistwrench.core.errors import ValueRangeError
 from twistwrench.core.text import text_width
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.symbolic import derive, lagrange
-from twistwrench.symbolic.documents import break_lines
+from twistwrench.symbolic.line_breaks import break_lines
 from twistwrench.symbolic.names import shortest
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from .derivation import Derivation, DerivationCheck, derive
+from .derivation import Derivation, derive
+from .derivation_check import DerivationCheck
 from .equations import Equations, Step
 from .lagrange import lagrange
-from .names import Parameter
+from .parameters import Parameter
 
 __all__ = ["Derivation", "DerivationCheck", "Equations", "Parameter", "Step", "derive", "lagrange"]

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 from ..core.answers.blocks import Aligned, Block, Headline, Level, Line, More, Table, numbers, remarks, words
 from ..core.numbers import number
 from ..core.text import text_width
-from .documents import break_lines, heading
+from .documents import heading
 from .equations import Step
+from .line_breaks import break_lines
 from .names import Text, sympy
 
 if TYPE_CHECKING:
@@ -35,16 +36,19 @@ def derivation_view(derivation: Derivation) -> Iterator[Block]:
     """Blocks of a derivation, verdict first."""
     yield _headline(derivation)
     legend, steps = _legend(derivation), {step.name: _equations(step) for step in derivation.steps}
-    names = _MAIN if derivation.form == "expanded" else tuple(steps)
-    shown = [steps[name] for name in derivation.selected or names if name in steps]
+    names = derivation.selected
+    if not names:
+        names = _MAIN if derivation.form == "expanded" else tuple(steps)
+    shown = [steps[name] for name in names if name in steps]
     if derivation.selected is None and _height(legend) + sum(map(_height, shown)) + _FRAME > _MAX_LINES:
         yield from _overview(derivation, legend, steps)
     else:
         yield legend
         yield _steps(derivation, Level.PAGE)
         yield from shown
-        others = [block for block in steps.values() if block not in shown]
-        yield from (replace(block, level=Level.ALL) for block in others if derivation.selected is None)
+        if derivation.selected is None:
+            hidden = [block for block in steps.values() if block not in shown]
+            yield from (replace(block, level=Level.ALL) for block in hidden)
         yield from _check(derivation, Level.SHORT)
         if derivation.selected is None:
             yield More(f"All {len(steps)} steps")
@@ -55,9 +59,11 @@ def _headline(derivation: Derivation) -> Headline:
     verdict = derivation.verdict
     if not verdict.ok:
         return Headline.from_verdict(verdict)
+    text = f"equations of motion of {derivation.name}, {derivation.brief}"
     count = len(derivation.parameters)
-    named = f", {count} symbol{'s' * (count > 1)} with values" if count else ""
-    return Headline(verdict.word, f"equations of motion of {derivation.name}, {derivation.brief}{named}; checked.")
+    if count:
+        text += f", {count} symbol{'s' * (count > 1)} with values"
+    return Headline(verdict.word, f"{text}; checked.")
 
 
 def _overview(derivation: Derivation, legend: Aligned, steps: dict[str, Aligned]) -> Iterator[Block]:
@@ -74,7 +80,10 @@ def _overview(derivation: Derivation, legend: Aligned, steps: dict[str, Aligned]
         yield Line(f"{left} {right}")
     yield replace(legend, level=Level.ALL)
     for name, block in steps.items():
-        yield block if name in short else replace(block, level=Level.ALL)
+        if name in short:
+            yield block
+        else:
+            yield replace(block, level=Level.ALL)
     yield from _check(derivation, Level.ALL)
     yield More(f"All {_height(legend) + sum(map(_height, steps.values()))} lines of symbols and steps")
 
@@ -87,8 +96,9 @@ def _height(block: Aligned) -> int:
 
 def _legend(derivation: Derivation) -> Aligned:
     notation = Text()
-    named = [(p.name, f"{p.meaning}: {number(p.value, 6)}") for p in derivation.parameters]
-    rows = [(notation.symbol(name), meaning) for name, meaning in [*derivation.meanings, *named]]
+    meanings = [*derivation.meanings]
+    meanings += [(p.name, f"{p.meaning}: {number(p.value, 6)}") for p in derivation.parameters]
+    rows = [(notation.symbol(name), meaning) for name, meaning in meanings]
     return Aligned("", rows, wrap, gap="  ")
 
 
@@ -101,9 +111,6 @@ def _equations(step: Step) -> Aligned:
 def _check(derivation: Derivation, level: Level) -> Iterator[Block]:
     if derivation.check is not None:
         yield Aligned(str(derivation.check), (), wrap, level=level)
-
-
-# ── Table of the steps
 
 
 def _steps(derivation: Derivation, level: Level) -> Table:

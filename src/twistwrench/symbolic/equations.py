@@ -14,12 +14,16 @@ import numpy as np
 
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
-from .documents import Latex, html_page, latex_document, markdown_document
+from .c_source import c_source
+from .documents import Latex, latex_document, markdown_document
 from .expanded_form import Terms
 from .factored_form import EquationWriter
-from .names import Notation, Parameter, Text, sympy
-from .source_code import FUNCTIONS, c_source, constants, numpy_source
+from .names import Notation, Text, sympy
+from .numpy_source import numpy_source
+from .parameters import Parameter
+from .source_code import FUNCTIONS, constants
 from .trig_polynomial import TrigPolynomial
+from .web_page import html_page
 
 
 @dataclass(frozen=True)
@@ -127,15 +131,20 @@ class Equations:
     @property
     def centripetal(self) -> dict[tuple[int, int], Any]:
         """Non-zero coefficients of q̇_j² in c_i: Γ_ijj at (i, j), counted from 0."""
-        n = range(len(self.q))
-        return {(i, j): self.christoffel[i, j, j] for i in n for j in n if self.christoffel[i, j, j] != 0}
+        n, coefficients = len(self.q), {}
+        for i, j in np.ndindex(n, n):
+            if self.christoffel[i, j, j] != 0:
+                coefficients[i, j] = self.christoffel[i, j, j]
+        return coefficients
 
     @property
     def coriolis(self) -> dict[tuple[int, int, int], Any]:
         """Non-zero coefficients of q̇_j q̇_k, j < k, in c_i: 2 Γ_ijk at (i, j, k), counted from 0."""
-        n = range(len(self.q))
-        triples = ((i, j, k) for i in n for j in n for k in range(j + 1, len(self.q)))
-        return {t: 2 * self.christoffel[t] for t in triples if self.christoffel[t] != 0}
+        n, coefficients = len(self.q), {}
+        for i, j, k in np.ndindex(n, n, n):
+            if j < k and self.christoffel[i, j, k] != 0:
+                coefficients[i, j, k] = 2 * self.christoffel[i, j, k]
+        return coefficients
 
     @property
     def values(self) -> dict[Any, float]:
@@ -167,8 +176,11 @@ class Equations:
         -------
         steps : tuple of Step
         """
-        names = [steps] if isinstance(steps, str) or not isinstance(steps, Iterable | None) else steps
-        return self.steps if names is None else tuple(map(self.step, names))
+        if steps is None:
+            return self.steps
+        if isinstance(steps, str) or not isinstance(steps, Iterable):
+            return (self.step(steps),)
+        return tuple(map(self.step, steps))
 
     def text(self, steps: Iterable[str] | None = None) -> str:
         """Plain text with Greek letters.
@@ -180,8 +192,10 @@ class Equations:
         notation = Text()
         parts = []
         for step in self.chosen(steps):
-            lines = [f"  {label.write(notation)} = {notation.write(expr)}" for label, expr in step.lines]
-            parts.append("\n".join([f"{step.name}: {step.remark}".rstrip(": "), *lines]))
+            lines = [f"{step.name}: {step.remark}".rstrip(": ")]
+            for label, expr in step.lines:
+                lines.append(f"  {label.write(notation)} = {notation.write(expr)}")
+            parts.append("\n".join(lines))
         return "\n\n".join(parts)
 
     def latex(self, steps: Iterable[str] | None = None, *, document: bool = True) -> str:
@@ -294,7 +308,8 @@ def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., A
         for key in values:
             if key not in names:
                 raise UnknownNameError.from_choices("constant", key, names)
-        if missing := [key for key in names if key not in values]:
+        missing = [key for key in names if key not in values]
+        if missing:
             raise ValueRangeError(
                 f"parameters= of {function.__name__} has no number for {', '.join(missing)}. All are wanted: "
                 f"{', '.join(names)}."
@@ -328,6 +343,11 @@ def entry_name(letter: str, *indices: int) -> str:
     return f"{letter}_{apart.join(str(i + 1) for i in indices)}"
 
 
+def weighted_sum(coefficients: Iterable[Any], factors: Iterable[Any]) -> Any:
+    """Sum of the products of coefficients and factors, SymPy expressions."""
+    return sympy.Add(*map(operator.mul, coefficients, factors))
+
+
 def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     """Fields of :class:`~twistwrench.symbolic.equations.Equations` from K and P."""
     n, ring = len(terms.coordinates), terms.ring
@@ -349,31 +369,33 @@ def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
             result = result + total.diff(c.name) * v + total.diff(c.rate) * a
         return result
 
-    def weighted_sum(coefficients: Iterable[TrigPolynomial], factors: Iterable[TrigPolynomial]) -> TrigPolynomial:
+    def product_sum(coefficients: Iterable[TrigPolynomial], factors: Iterable[TrigPolynomial]) -> TrigPolynomial:
         return sum(map(operator.mul, coefficients, factors), terms.zero)
 
     M, gamma, g = terms.mass_matrix, terms.christoffel, terms.gravity_forces
-    C = [[weighted_sum(gamma[i, j], speed) for j in range(n)] for i in range(n)]
-    c = [weighted_sum(row, speed) for row in C]
+    C: Any = np.empty((n, n), object)
+    for i, j in np.ndindex(n, n):
+        C[i, j] = product_sum(gamma[i, j], speed)
+    c = [product_sum(C[i], speed) for i in range(n)]
     momenta = [L.diff(name) for name in rates]
     slopes = [L.diff(x.name) for x in terms.coordinates]
     matrix = sympy.ImmutableMatrix
     written_M = matrix(n, n, lambda i, j: writer.write_by_mass(M[min(i, j), max(i, j)]))
     written_gamma = sympy.ImmutableDenseNDimArray(list(map(writer.write_by_angle, gamma.flat)), gamma.shape)
-    written_C = matrix(n, n, lambda i, j: moving(C[i][j]))
-    written_c, written_g = matrix([moving(x) for x in c]), matrix([writer.write_by_angle(x) for x in g])
+    written_C = matrix(n, n, lambda i, j: moving(C[i, j]))
+    written_c, written_g = matrix(list(map(moving, c))), matrix(list(map(writer.write_by_angle, g)))
     ddq = [writer.symbols[x.acceleration] for x in terms.coordinates]
-    inertial = [sympy.Add(*map(operator.mul, written_M.row(i), ddq)) for i in range(n)]
     # Further parts of L besides ½ q̇'M q̇ and its potential: terms linear in the rates also produce forces.
-    further = []
-    for p, s, c_i, g_i, M_i in zip(momenta, slopes, c, g, M, strict=True):
-        further.append((rate(p) - s - weighted_sum(M_i, push) - c_i - g_i).without_dust(0.0))
-    tau = matrix([a + b + d + moving(e) for a, b, d, e in zip(inertial, written_c, written_g, further, strict=True)])
+    tau, split = [], True
+    for i in range(n):
+        further = (rate(momenta[i]) - slopes[i] - product_sum(M[i], push) - c[i] - g[i]).without_dust(0.0)
+        split &= not further.terms
+        tau.append(weighted_sum(written_M.row(i), ddq) + written_c[i] + written_g[i] + moving(further))
     fields = equation_fields(
-        [x.name for x in terms.coordinates], rates, written_M, written_gamma, written_C, written_c, written_g, tau,
-        [energetic(p) for p in momenta], [energetic(rate(p)) for p in momenta], [moving(s) for s in slopes],
+        [x.name for x in terms.coordinates], rates, written_M, written_gamma, written_C, written_c, written_g, matrix(tau),
+        [energetic(p) for p in momenta], [energetic(rate(p)) for p in momenta], list(map(moving, slopes)),
     )  # fmt: skip
-    return {**fields, "lagrangian": energetic(L), "split": all(not e.terms for e in further)}
+    return {**fields, "lagrangian": energetic(L), "split": split}
 
 
 def equation_fields(
@@ -393,21 +415,29 @@ def equation_fields(
     only: Iterable[str] = STEPS,
 ) -> dict[str, Any]:
     """Fields of :class:`Equations`, and the steps of :data:`STEPS` that have lines (only those in ``only``, if given)."""
+    lines: dict[str, list[Line]] = {name: [] for name in STEPS}
+    lines["explicit_time"] = list(explicit_time)
     n = len(q)
-    triples = [(i, j, k) for i in range(n) for j in range(n) for k in range(j, n) if gamma[i, j, k] != 0]
-    lines: dict[str, Sequence[Line]] = {
-        "momenta": [(Label("L", v), p) for v, p in zip(dq, momenta, strict=True)],
-        "explicit_time": explicit_time,
-        "momentum_rates": [(Label("L", v, rate=True), r) for v, r in zip(dq, rates, strict=True)],
-        "slopes": [(Label("L", x), s) for x, s in zip(q, slopes, strict=True)],
-        "mass_matrix": [(Label(entry_name("M", i, j)), M[i, j]) for i in range(n) for j in range(i, n)],
-        "christoffel": [(Label(entry_name("Gamma", *t)), gamma[t]) for t in triples],
-        "centripetal": [(Label(entry_name("b", i, j)), gamma[i, j, k]) for i, j, k in triples if j == k],
-        "coriolis": [(Label(entry_name("b", i, j, k)), 2 * gamma[i, j, k]) for i, j, k in triples if j < k],
-        "coriolis_matrix": [(Label(entry_name("C", *t)), C[t]) for t in np.ndindex(n, n) if C[t] != 0],
-        "gravity_forces": [(Label(entry_name("g", i)), g[i]) for i in range(n)],
-        "equations": [(Label(entry_name("tau", i)), tau[i]) for i in range(n)],
-    }
+    for i in range(n):
+        lines["momenta"].append((Label("L", dq[i]), momenta[i]))
+        lines["momentum_rates"].append((Label("L", dq[i], rate=True), rates[i]))
+        lines["slopes"].append((Label("L", q[i]), slopes[i]))
+        lines["gravity_forces"].append((Label(entry_name("g", i)), g[i]))
+        lines["equations"].append((Label(entry_name("tau", i)), tau[i]))
+    for i, j in np.ndindex(n, n):
+        if i <= j:
+            lines["mass_matrix"].append((Label(entry_name("M", i, j)), M[i, j]))
+        if C[i, j] != 0:
+            lines["coriolis_matrix"].append((Label(entry_name("C", i, j)), C[i, j]))
+    for i, j, k in np.ndindex(n, n, n):
+        if j > k or gamma[i, j, k] == 0:
+            continue
+        lines["christoffel"].append((Label(entry_name("Gamma", i, j, k)), gamma[i, j, k]))
+        if j == k:
+            lines["centripetal"].append((Label(entry_name("b", i, j)), gamma[i, j, k]))
+        else:
+            lines["coriolis"].append((Label(entry_name("b", i, j, k)), 2 * gamma[i, j, k]))
+    steps = [Step(name, STEPS[name], tuple(lines[name])) for name in STEPS if name in only and lines[name]]
     return {
         "mass_matrix": M,
         "christoffel": gamma,
@@ -415,7 +445,7 @@ def equation_fields(
         "coriolis_forces": c,
         "gravity_forces": g,
         "tau": tau,
-        "steps": tuple(Step(name, STEPS[name], tuple(lines[name])) for name in STEPS if name in only and lines[name]),
+        "steps": tuple(steps),
     }
 
 

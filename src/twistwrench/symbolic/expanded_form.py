@@ -1,6 +1,9 @@
-"""Lagrange's equations written out: kinematics, independent coordinates, and energies as sums of products.
+"""Lagrange's equations written out: kinematics, and energies as sums of products.
 
 Kinematics works with any arithmetic: sums of products in :mod:`.trig_polynomial`, SymPy expressions, floats.
+
+The recursive algorithms are not used. Positions come from the joints' placements and axes, and velocities are their
+derivatives. K = Σ ½ m v'v + ½ ω'I ω, and the rest is differentiation. Modern Robotics section 8.1.
 """
 
 from __future__ import annotations
@@ -16,7 +19,8 @@ import numpy as np
 from ..core.typing import Array
 from ..mechanics.joints.joint import CosineSine, exact, exact_rodrigues
 from ..mechanics.model.model import BASE, Body, Model
-from .names import BodyEntries, Entries, Entry, ModelEntries
+from .coordinates import Coordinate, Variable
+from .parameters import BodyEntries, Entries, Entry, ModelEntries
 from .trig_polynomial import Ring, TrigPolynomial
 
 
@@ -59,90 +63,16 @@ def chart_waves(arithmetic: Arithmetic, body: Body) -> CosineSine:
 def _screw(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
     w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
     k, rate = body.v_index, float(np.linalg.norm(w))
-    rate = 1.0 if abs(rate - 1.0) < 1e-15 else rate
+    if abs(rate - 1.0) < 1e-15:
+        rate = 1.0
     x = exact(body.ratio) * arithmetic.coordinate(k) + exact(body.offset)
     if rate == 0.0:
         return exact(np.eye(3)), exact(v) * x
     w = w / rate
     R = exact_rodrigues(w, *arithmetic.cosine_sine(k, rate * body.ratio, rate * body.offset))
-    at, pitch = numbers_of(arithmetic, entries.point), arithmetic.number(entries.pitch)
-    return R, at - R @ at + exact(w) * (pitch * (exact(rate) * x))
+    point, pitch = numbers_of(arithmetic, entries.point), arithmetic.number(entries.pitch)
+    return R, point - R @ point + exact(w) * (pitch * (exact(rate) * x))
 
-
-# ── Independent generalized coordinates and their names
-
-# Joints with one coordinate keep it. A planar joint has x, y and an angle. A floating joint has x, y, z and the ZYX
-# Euler angles of Modern Robotics appendix B.1.1, because the four numbers of a quaternion are not independent.
-
-
-@dataclass(frozen=True)
-class Variable:
-    """Variable of differentiation: symbols of a coordinate, its rate and acceleration."""
-
-    name: str
-    rate: str
-    acceleration: str
-
-
-@dataclass(frozen=True)
-class Coordinate:
-    """Coordinate: symbol, meaning, and True for an angle."""
-
-    name: str
-    angle: bool
-    meaning: str
-
-    @property
-    def rate(self) -> str:
-        """Symbol of its rate."""
-        return rate_symbol(self.name)
-
-    @property
-    def acceleration(self) -> str:
-        """Symbol of its second derivative."""
-        return rate_symbol(self.name, "ddot")
-
-
-def rate_symbol(name: str, mark: str = "dot") -> str:
-    """Symbol of a rate: theta_1 → thetadot_1, x → xdot.
-
-    >>> rate_symbol("theta_1"), rate_symbol("x", "ddot")
-    ('thetadot_1', 'xddot')
-    """
-    stem, line, index = name.partition("_")
-    return f"{stem}{mark}{line}{index}"
-
-
-def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
-    """Coordinates in the order of q, numbered by joints with their own coordinates."""
-    coordinates = []
-    for n, body in enumerate(model.leaders, 1):
-        for entry in body.joint.chart:
-            meaning = f"{entry.meaning.format(body.joint.name)} [{'rad' if entry.angle else 'm'}]"
-            coordinates.append(Coordinate(f"{entry.letter}_{n}", entry.angle, meaning))
-    return tuple(coordinates)
-
-
-def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Array, Array, Array]:
-    """State in these coordinates, (nv,) each, as the robot's q (nq,), dq and ddq (nv,), and N (nv, nv) with dq = N du.
-
-    Torques of the coordinates are N' tau.
-    """
-    q, dq, ddq = model.neutral, np.zeros(model.nv), np.zeros(model.nv)
-    N = np.zeros((model.nv, model.nv))
-    for body in model.leaders:
-        q_slice, v_slice = body.places
-        dx, ddx = du[v_slice], ddu[v_slice]
-        q[q_slice], B, dB = body.joint.from_chart(u[v_slice], dx)
-        N[v_slice, v_slice] = B
-        dq[v_slice], ddq[v_slice] = B @ dx, B @ ddx + dB @ dx
-    return q, dq, ddq, N
-
-
-# ── Positions, velocities, energies and their derivatives
-
-# The recursive algorithms are not used. Positions come from the joints' placements and axes, and velocities are their
-# derivatives. K = Σ ½ m v'v + ½ ω'I ω, and the rest is differentiation. Modern Robotics section 8.1.
 
 _DUST = 1e-14
 """Terms below this share of an energy's largest coefficient are rounding errors of cancelled terms."""
@@ -161,7 +91,9 @@ class SymbolicMotion:
         count = 0
         for v, w, I in zip(self.velocities, self.turning, inertias, strict=True):
             count += sum(len(x) ** 2 for x in v)
-            count += sum(len(w[a]) * len(w[b]) for a in range(3) for b in range(3) if I[a][b].value)
+            for a, b in np.ndindex(3, 3):
+                if I[a][b].value:
+                    count += len(w[a]) * len(w[b])
         return count
 
 
@@ -184,20 +116,28 @@ class RingArithmetic:
 
     def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[TrigPolynomial, TrigPolynomial]:
         """Cosine and sine of ``rate`` times coordinate k plus ``offset``."""
-        f: list[Any] = [0] * len(self._places)
-        exact = Fraction(rate)  # a float is a fraction, so sums of multiples are exact
-        f[self._places[self.coordinates[k].name]] = int(exact) if exact.denominator == 1 else exact
-        c, s = self.ring.wave("cos", f), self.ring.wave("sin", f)
+        multiples: list[Any] = [0] * len(self._places)
+        multiple: Any = Fraction(rate)  # a float is a fraction, so sums of multiples are exact
+        if multiple.denominator == 1:
+            multiple = int(multiple)
+        multiples[self._places[self.coordinates[k].name]] = multiple
+        c, s = self.ring.wave("cos", multiples), self.ring.wave("sin", multiples)
         if not offset:
             return c, s
-        co, so = (round(x) if abs(x - round(x)) < 1e-15 else x for x in (np.cos(offset), np.sin(offset)))
-        return c * co - s * so, s * co + c * so
+        c0, s0 = _without_round_off(np.cos(offset)), _without_round_off(np.sin(offset))
+        return c * c0 - s * s0, s * c0 + c * s0
+
+
+def _without_round_off(x: float) -> float:
+    """Nearest integer if a cosine or sine equals it but for rounding, else the number itself."""
+    return round(x) if abs(x - round(x)) < 1e-15 else x
 
 
 def ring_of(entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> Ring:
     """Ring of a robot: its parameters, coordinates and rates."""
     names = [p.name for p in entries.parameters]
-    names += [name for c in coordinates for name in (c.name, c.rate, c.acceleration)]
+    for c in coordinates:
+        names += [c.name, c.rate, c.acceleration]
     return Ring(names, [c.name for c in coordinates if c.angle])
 
 
@@ -218,26 +158,27 @@ def motion_of(
         return np.asarray(np.frompyfunc(lambda x: _rate(x, coordinates, ring), 1, 1)(array))
 
     zero = ring.number(0.0)
-    for body, own in zip(model.bodies, entries.bodies, strict=True):
-        R, p = joint_motion(arithmetic, body, own)
+    for body, numbers in zip(model.bodies, entries.bodies, strict=True):
+        R, p = joint_motion(arithmetic, body, numbers)
         if body.parent != BASE:
             R_p, p_p = poses[body.parent]
             R, p = R_p @ R, p_p + R_p @ p
         poses.append((R, p))
-        centre = p + R @ numbers_of(arithmetic, own.com)
+        centre = p + R @ numbers_of(arithmetic, numbers.com)
         if _terms(centre, ring) > largest_position or _terms(R.flat, ring) > largest_rotation:
             return None
         R = _sums(R, zero)
         spin = [zero] * 3
         if not body.joint.moves_body:  # rotates a frame of the same body
             rate = ring.symbol(coordinates[body.v_index].rate)
-            spin = [float(x) * arithmetic.number(own.ratio) * rate for x in body.joint.axes[0, :3]]
-        dR = rates_of(R)
-        W = R.T @ dR if any(len(x) for x in dR.flat) else dR  # [ω_b] = R'Ṙ, MR eq. 3.33
+            spin = [float(x) * arithmetic.number(numbers.ratio) * rate for x in body.joint.axes[0, :3]]
+        W = rates_of(R)
+        if W.any():
+            W = R.T @ W  # [ω_b] = R'Ṙ, MR eq. 3.33
+        omega = np.array([W[2, 1], W[0, 2], W[1, 0]], object) + np.array(spin, object)
         positions.append(_sums(centre, zero))
         velocities.append(rates_of(positions[-1]))
-        slopes = zip((W[2, 1], W[0, 2], W[1, 0]), spin, strict=True)
-        turning.append(np.array([(x + s).without_dust(_DUST) for x, s in slopes], object))
+        turning.append(np.array([x.without_dust(_DUST) for x in omega], object))
     return SymbolicMotion(tuple(positions), tuple(velocities), tuple(turning))
 
 
@@ -306,7 +247,7 @@ def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) 
         cosine = float((body.placement[:3, :3] @ body.joint.axes[0, :3]) @ parent.joint.axes[0, :3])
         if abs(abs(cosine) - 1.0) < 1e-12:
             j, i = columns[coordinates[body.v_index].name], columns[coordinates[parent.v_index].name]
-            sums[j] = sums[j] + (1 if cosine > 0 else -1) * sums[i]
+            sums[j] += int(np.sign(cosine)) * sums[i]
     return sums
 
 
@@ -343,10 +284,12 @@ class Terms:
         M: Any = self.mass_matrix
         dM = np.empty((n, n, n), object)
         for i, j, k in np.ndindex(n, n, n):
-            dM[i, j, k] = M[i, j].diff(self.coordinates[k].name) if i <= j else dM[j, i, k]
+            if i <= j:
+                dM[i, j, k] = dM[j, i, k] = M[i, j].diff(self.coordinates[k].name)
         gamma = np.empty((n, n, n), object)
         for i, j, k in np.ndindex(n, n, n):
-            gamma[i, j, k] = 0.5 * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i]) if j <= k else gamma[i, k, j]
+            if j <= k:
+                gamma[i, j, k] = gamma[i, k, j] = 0.5 * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i])
         return gamma
 
     @cached_property

@@ -7,10 +7,11 @@ sines and cosines, either of single joint angles or of angles along a chain of p
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
-from itertools import chain
+from itertools import chain, starmap
 from typing import Any
 
 import numpy as np
@@ -57,21 +58,20 @@ class EquationWriter:
         parts: list[Any] = []
         for common, rows in _groups(self._rows(total), lambda row: self._mass_part(row[1])).items():
             if not common or len(rows) == 1:
-                parts.extend(self._product(*row) for row in rows)
+                parts.extend(starmap(self._product, rows))
                 continue
-            share = _content([c for c, _, _ in rows])
-            inner = self._write_by_waves([(c / share, m - common, waves) for c, m, waves in rows])
-            parts.append(self._product(share, common, (), inner))
+            coefficients, _, _ = zip(*rows, strict=True)
+            content = _content(coefficients)
+            quotients = [(c / content, m - common, waves) for c, m, waves in rows]
+            parts.append(self._product(content, common, (), self._write_by_waves(quotients)))
         return sympy.Add(*parts)
 
     def write_by_angle(self, total: TrigPolynomial) -> Any:
         """Sum with terms of equal sines and cosines collected: (m_1 + m_2) L_1 g cos θ_1."""
         parts: list[Any] = []
-        for waves, rows in _groups(self._rows(total), lambda row: row[2]).items():
-            common = self._common([m for _, m, _ in rows])
-            share = _content([c for c, _, _ in rows])
-            inner = self._bracket([(c / share, m - common) for c, m, _ in rows])
-            parts.append(self._product(share, common, waves, inner))
+        for waves, terms in _terms_by_waves(self._rows(total)).items():
+            content, common, quotient = self._divide_by_content(terms)
+            parts.append(self._product(content, common, waves, self._bracket(quotient)))
         return sympy.Add(*parts)
 
     def _bracket(self, terms: list[Term]) -> Any:
@@ -83,19 +83,29 @@ class EquationWriter:
         parts: list[Any] = []
         for mass, members in groups.items():
             if not mass or len(members) == 1 or len(groups) == 1:
-                parts.extend(self._product(c, m, ()) for c, m in members)
+                parts.append(self._sum(members))
                 continue
-            common, share = self._common([m for _, m in members]), _content([c for c, _ in members])
-            quotient = [(c / share, m - common) for c, m in members]
+            content, common, quotient = self._divide_by_content(members)
             inner = self._factorize(quotient)
             if inner is None:
-                inner = sympy.Add(*(self._product(c, m, ()) for c, m in quotient))
-            parts.append(self._product(share, common, (), inner))
+                inner = self._sum(quotient)
+            parts.append(self._product(content, common, (), inner))
         return sympy.Add(*parts)
+
+    def _sum(self, terms: list[Term]) -> Any:
+        return sympy.Add(*[self._product(c, m, ()) for c, m in terms])
+
+    def _divide_by_content(self, terms: list[Term]) -> tuple[Any, int, list[Term]]:
+        """Number and monomial that divide all terms, and the quotients."""
+        coefficients, monomials = zip(*terms, strict=True)
+        content, common = _content(coefficients), self._common(monomials)
+        return content, common, [(c / content, m - common) for c, m in terms]
 
     def _factorize(self, terms: list[Term]) -> Any:
         """Polynomial of three or more terms as squares and products such as (L_2 + x_3)²; None if there are none."""
-        if not 3 <= len(terms) <= _MAX_FACTORED_TERMS or not all(float(64 * c).is_integer() for c, _ in terms):
+        if not 3 <= len(terms) <= _MAX_FACTORED_TERMS:
+            return None
+        if not all(float(64 * c).is_integer() for c, _ in terms):
             return None
         key = frozenset(terms)
         if key not in self._products:
@@ -105,17 +115,19 @@ class EquationWriter:
     def _factors(self, terms: list[Term]) -> Any:
         powers = [self.ring.exponents(m) for _, m in terms]
         names = sorted(set().union(*powers))
-        if len(names) > _MAX_FACTORED_NAMES or max(sum(p.values()) for p in powers) < 2:
+        if not 0 < len(names) <= _MAX_FACTORED_NAMES:
             return None
-        Symbol, QQ = sympy.Symbol, sympy.QQ
-        exponents = [tuple(p.get(name, 0) for name in names) for p in powers]
-        coefficients = {e: sympy.Rational(Fraction(c)) for e, (c, _) in zip(exponents, terms, strict=True)}
-        whole = sympy.Poly.from_dict(coefficients, *map(Symbol, names), domain=QQ)
-        content, factors = whole.factor_list()
-        if sum(k for _, k in factors) < 2:
+        coefficients = {}
+        for (c, _), p in zip(terms, powers, strict=True):
+            exponents = tuple(p.get(name, 0) for name in names)
+            coefficients[exponents] = sympy.Rational(Fraction(c))
+        polynomial = sympy.Poly.from_dict(coefficients, *map(sympy.Symbol, names), domain=sympy.QQ)
+        if polynomial.total_degree() < 2:
             return None
-        powers_of_factors = [self._expression(f, names) ** k for f, k in factors]
-        return sympy.Mul(content, *_factors_of(powers_of_factors))
+        content, factors = polynomial.factor_list()
+        if len(factors) == 1 and factors[0][1] == 1:
+            return None
+        return sympy.Mul(content, *_flat_factors(self._expression(f, names) ** power for f, power in factors))
 
     def _expression(self, polynomial: Any, names: list[str]) -> Any:
         symbols = [self.symbols[name] for name in names]
@@ -125,96 +137,119 @@ class EquationWriter:
     def write_by_motion(self, total: TrigPolynomial, motions: list[str], write: Callable[[TrigPolynomial], Any]) -> Any:
         """Sum sorted by products of rates and accelerations; terms with proportional coefficients are combined."""
         groups: list[tuple[TrigPolynomial, list[tuple[Any, int]]]] = []
-        for motion, coefficient in sorted(total.split(motions).items(), reverse=False):
-            for first, members in groups:
-                ratio = _ratio(coefficient, first) if motion and members[0][1] else None
-                if ratio is not None:
-                    members.append((ratio, motion))
-                    break
-            else:
+        for motion, coefficient in sorted(total.split(motions).items()):
+            members, ratio = _proportional_group(groups, coefficient) if motion else (None, None)
+            if members is None:
                 groups.append((coefficient, [(1, motion)]))
+            else:
+                members.append((ratio, motion))
         parts: list[Any] = []
         for coefficient, members in groups:
             if not members[0][1]:
                 parts.append(write(coefficient))
                 continue
-            scale = min(abs(ratio) for ratio, _ in members)
-            if 2 * sum(ratio > 0 for ratio, _ in members) < len(members):
+            ratios, _ = zip(*members, strict=True)
+            scale = min(map(abs, ratios))
+            if 2 * len([ratio for ratio in ratios if ratio > 0]) < len(ratios):
                 scale = -scale
-            inner = sympy.Add(*(sympy_number(r / scale) * self._power(motion) for r, motion in members))
-            sign = -1 if all(scale * c < 0 for c in coefficient.terms.values()) else 1
-            outer = sympy.Mul.make_args(write(coefficient * (sign * scale)))
-            parts.append(sympy.Mul(sign, *outer, *sympy.Mul.make_args(inner)))
+            sign = 1
+            if all(scale * c < 0 for c in coefficient.terms.values()):
+                sign = -1
+            inner = sympy.Add(*[sympy_number(ratio / scale) * self._power(motion) for ratio, motion in members])
+            outer = write(coefficient * (sign * scale))
+            parts.append(sympy.Mul(sign, *_flat_factors([outer, inner])))
         return sympy.Add(*parts)
 
     def _write_by_waves(self, rows: list[Row]) -> Any:
         """Sum with equal sines and cosines collected, as squares and products if possible, and common factors once."""
         parts: list[Any] = []
-        for waves, members in _groups(rows, lambda row: row[2]).items():
-            terms = [(c, m) for c, m, _ in members]
-            product = self._factorize(terms)
-            if product is not None:
-                parts.append(self._product(1, 0, waves, product))
-                continue
-            for group in self._disjoint_groups(terms):
+        for waves, terms in _terms_by_waves(rows).items():
+            groups = [terms]
+            if self._factorize(terms) is None:
+                groups = self._disjoint_groups(terms)
+            for group in groups:
                 product = self._factorize(group)
                 if product is not None:
                     parts.append(self._product(1, 0, waves, product))
                 else:
                     parts.extend(self._product(c, m, waves) for c, m in group)
-        args = [list(sympy.Mul.make_args(part)) for part in parts]
-        shared = [f for f in args[0] if f.is_Add]
-        for factors in args[1:]:
-            shared = [f for f in shared if f in factors]
-        quotients = [sympy.Mul(*filter(lambda f: f not in shared, factors)) for factors in args]
-        return sympy.Mul(*shared, *sympy.Mul.make_args(sympy.Add(*quotients)))
+        factor_lists = [list(sympy.Mul.make_args(part)) for part in parts]
+        shared = [factor for factor in factor_lists[0] if factor.is_Add]
+        for factors in factor_lists[1:]:
+            shared = [factor for factor in shared if factor in factors]
+
+        def quotient(factors: list[Any]) -> Any:
+            return sympy.Mul(*[factor for factor in factors if factor not in shared])
+
+        remainder = sympy.Add(*map(quotient, factor_lists))
+        return sympy.Mul(*shared, *sympy.Mul.make_args(remainder))
 
     def _disjoint_groups(self, terms: list[Term]) -> list[list[Term]]:
         """Groups of terms without common symbols: r² beside (L + x)²."""
         groups: list[tuple[set[str], list[Term]]] = []
         for term in terms:
             names, members = set(self.ring.exponents(term[1])), [term]
-            for group in [g for g in groups if g[0] & names]:
-                groups.remove(group)
-                names |= group[0]
-                members = group[1] + members
-            groups.append((names, members))
+            disjoint = []
+            for group_names, group_members in groups:
+                if group_names & names:
+                    names |= group_names
+                    members = group_members + members
+                else:
+                    disjoint.append((group_names, group_members))
+            groups = [*disjoint, (names, members)]
         return [members for _, members in groups]
 
     def _product(self, coefficient: Any, monomial: int, waves: Waves, inner: Any = 1) -> Any:
         factors = [sympy_number(coefficient), self._power(monomial), inner]
         factors += [self._wave(basis) ** power for basis, power in waves]
-        return sympy.Mul(*_factors_of(factors))
+        return sympy.Mul(*_flat_factors(factors))
 
     def _power(self, monomial: int) -> Any:
-        return sympy.Mul(*(self.symbols[name] ** power for name, power in self.ring.exponents(monomial).items()))
+        powers = self.ring.exponents(monomial)
+        return sympy.Mul(*[self.symbols[name] ** power for name, power in powers.items()])
 
     def _wave(self, basis: Basis) -> Any:
         if basis not in self._waves:
-            kind, f = basis
-            angles = (self.symbols[name] for name in self.ring.angles)
-            argument = sympy.Add(*(sympy_number(x) * angle for x, angle in zip(f, angles, strict=True)))
+            kind, multiples = basis
+            terms = []
+            for multiple, name in zip(multiples, self.ring.angles, strict=True):
+                terms.append(sympy_number(multiple) * self.symbols[name])
+            argument = sympy.Add(*terms)
             self._waves[basis] = getattr(sympy, kind)(argument, evaluate=False)
         return self._waves[basis]
 
     def _mass_part(self, monomial: int) -> int:
-        return self.ring.monomial({n: k for n, k in self.ring.exponents(monomial).items() if n in self._masses})
+        powers = self.ring.exponents(monomial)
+        return self.ring.monomial({name: power for name, power in powers.items() if name in self._masses})
 
-    def _common(self, monomials: list[int]) -> int:
-        powers = [self.ring.exponents(m) for m in monomials]
-        shared = set(powers[0]).intersection(*powers)
-        return self.ring.monomial({name: min(p[name] for p in powers) for name in shared})
+    def _common(self, monomials: Sequence[int]) -> int:
+        common, *others = map(self.ring.exponents, monomials)
+        for powers in others:
+            common = {name: min(power, powers[name]) for name, power in common.items() if name in powers}
+        return self.ring.monomial(common)
 
     def _rows(self, total: TrigPolynomial) -> list[Row]:
         by_monomial: dict[int, dict[Basis, Any]] = defaultdict(dict)
         for (monomial, base), value in total.terms.items():
             by_monomial[monomial][self.ring.bases[base]] = value
-        return [(c, m, waves) for m, terms in by_monomial.items() for waves, c in self._forms.shortest(terms).items()]
+        rows = []
+        for monomial, terms in by_monomial.items():
+            for waves, coefficient in self._forms.shortest(terms).items():
+                rows.append((coefficient, monomial, waves))
+        return rows
 
 
-def _factors_of(factors: Iterable[Any]) -> list[Any]:
+def _flat_factors(factors: Iterable[Any]) -> list[Any]:
     """Factors, with products among them taken apart."""
     return list(chain.from_iterable(sympy.Mul.make_args(sympy.sympify(factor)) for factor in factors))
+
+
+def _terms_by_waves(rows: Iterable[Row]) -> dict[Waves, list[Term]]:
+    """Coefficients and monomials of rows with equal sines and cosines, in order."""
+    terms: dict[Waves, list[Term]] = defaultdict(list)
+    for coefficient, monomial, waves in rows:
+        terms[waves].append((coefficient, monomial))
+    return terms
 
 
 def _groups(items: Iterable[Any], key: Callable[[Any], Any]) -> dict[Any, list[Any]]:
@@ -225,26 +260,43 @@ def _groups(items: Iterable[Any], key: Callable[[Any], Any]) -> dict[Any, list[A
     return groups
 
 
+def _proportional_group(groups: list[tuple[TrigPolynomial, list[Any]]], total: TrigPolynomial) -> tuple[Any, Any]:
+    """Members of the group to which a sum is proportional, and its ratio to the group's sum; None if there is none.
+
+    Groups of terms without rates (motion 0) are left out.
+    """
+    for first, members in groups:
+        ratio = _ratio(total, first) if members[0][1] else None
+        if ratio is not None:
+            return members, ratio
+    return None, None
+
+
 def _ratio(one: TrigPolynomial, other: TrigPolynomial) -> Any:
     """one / other if it is a number, else None."""
     if one.terms.keys() != other.terms.keys() or not one.terms:
         return None
     ratios = [one.terms[key] / other.terms[key] for key in one.terms]
-    return ratios[0] if all(abs(r - ratios[0]) <= 1e-12 * abs(ratios[0]) for r in ratios) else None
+    if all(abs(ratio - ratios[0]) <= 1e-12 * abs(ratios[0]) for ratio in ratios):
+        return ratios[0]
+    return None
 
 
-def _content(coefficients: list[Any]) -> Any:
+def _content(coefficients: Sequence[Any]) -> Any:
     """Largest simple number that divides all coefficients, with the majority sign; 1 for measured values."""
+    sign = -1 if all(c < 0 for c in coefficients) else 1
     if all(abs(c) == abs(coefficients[0]) for c in coefficients):
-        return -abs(coefficients[0]) if all(c < 0 for c in coefficients) else abs(coefficients[0])
+        return sign * abs(coefficients[0])
     fractions = [Fraction(c).limit_denominator(1 << 20) for c in coefficients]
-    if any(Fraction(c) != f or f.denominator > 64 for c, f in zip(coefficients, fractions, strict=True)):
+    if fractions != list(map(Fraction, coefficients)):
         return 1
-    denominator = int(np.lcm.reduce([f.denominator for f in fractions]))
-    numerator = int(np.gcd.reduce([int(f * denominator) for f in fractions]))
-    sign = -1 if all(f < 0 for f in fractions) else 1
-    share = Fraction(sign * numerator, denominator)
-    return share if isinstance(coefficients[0], Fraction) else float(share)
+    denominators = [fraction.denominator for fraction in fractions]
+    if max(denominators) > 64:
+        return 1
+    denominator = math.lcm(*denominators)
+    numerators = [int(fraction * denominator) for fraction in fractions]
+    content = Fraction(sign * math.gcd(*numerators), denominator)
+    return content if isinstance(coefficients[0], Fraction) else float(content)
 
 
 def sympy_number(value: Any) -> Any:

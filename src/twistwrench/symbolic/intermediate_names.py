@@ -9,9 +9,11 @@ import numpy as np
 from ..core.typing import Array
 from ..mechanics.joints.joint import exact
 from ..mechanics.model.model import BASE, Model
-from .equations import Label, Step, entry_name, equation_fields
-from .expanded_form import Coordinate, chart_waves, joint_motion, numbers_of
-from .names import BodyEntries, Entry, ModelEntries, sympy
+from .coordinates import Coordinate
+from .equations import Label, Step, entry_name, equation_fields, weighted_sum
+from .expanded_form import chart_waves, joint_motion, numbers_of
+from .names import sympy
+from .parameters import BodyEntries, Entry, ModelEntries
 
 AXES = "xyz"
 
@@ -89,18 +91,23 @@ class Definitions:
         """Names for the cosine and sine; for a coordinate itself they are c_k and s_k."""
         key = (k, rate, offset)
         if key not in self._waves:
-            again = sum(1 for other in self._waves if other[0] == k)
-            index = f"{self.q[k].name.partition('_')[2]}{'_' + str(again + 1) if again else ''}"
-            argument = exact_number(rate) * self.q[k] + exact_number(offset)
-            letter = "" if self.q[k].name.startswith("theta") else self.q[k].name.partition("_")[0]
-            self._waves[key] = (
-                self.name(f"c{letter}_{index}", sympy.cos(argument)),
-                self.name(f"s{letter}_{index}", sympy.sin(argument)),
-            )
-            c, s = self._waves[key]
-            if c in self._expr:  # their derivatives refer to each other
-                self._slopes[c, k], self._slopes[s, k] = -exact_number(rate) * s, exact_number(rate) * c
+            self._waves[key] = self._name_waves(k, rate, offset)
         return self._waves[key]
+
+    def _name_waves(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
+        letter, _, index = self.q[k].name.partition("_")
+        if letter.startswith("theta"):
+            letter = ""
+        earlier_waves = [key for key in self._waves if key[0] == k]
+        if earlier_waves:
+            index += f"_{len(earlier_waves) + 1}"
+        argument = exact_number(rate) * self.q[k] + exact_number(offset)
+        c = self.name(f"c{letter}_{index}", sympy.cos(argument))
+        s = self.name(f"s{letter}_{index}", sympy.sin(argument))
+        if c in self._expr:  # their derivatives refer to each other
+            self._slopes[c, k] = -exact_number(rate) * s
+            self._slopes[s, k] = exact_number(rate) * c
+        return c, s
 
 
 # ── The equations
@@ -115,32 +122,35 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     names = Definitions(coordinates, entries)
     n = len(coordinates)
     names.group("sines", "cosines and sines of the coordinates")
-    raw = [joint_motion(names, body, mine) for body, mine in zip(model.bodies, entries.bodies, strict=True)]
-    motions = _motions(names, [b.tag for b in entries.bodies], raw)
+    poses = [joint_motion(names, body, numbers) for body, numbers in zip(model.bodies, entries.bodies, strict=True)]
+    motions = _motions(names, entries, poses)
     velocities = _velocities(names, model, entries, motions)
     heights = _heights(names, model, entries, motions)
     names.group("mass_matrix", "M_jk = Σ m v_j·v_k + ω_j·I ω_k over the links: K = ½ q̇'M q̇")
     M = _mass_matrix(names, entries, velocities, n)
     names.group("potential_energy", "the sum of −m (gravity · p), and the energy of springs")
-    lifted = (names.number(b.mass) * y for b, y in zip(entries.bodies, heights, strict=True))
+    lifted = [names.number(body.mass) * height for body, height in zip(entries.bodies, heights, strict=True)]
     P = names.name("P", _springs(names, model, entries) + sympy.Add(*lifted))
     remark = "derivatives of M and P with respect to the coordinates (d…_qk), by the chain rule"
     names.group("slopes_of_energies", remark)
-    dM = [[[names.slope(M[min(i, j)][max(i, j)], k) for k in range(n)] for j in range(n)] for i in range(n)]
+    dM = np.empty((n, n, n), object)
     for i, j, k in np.ndindex(n, n, n):
         if i <= j:
-            dM[i][j][k] = names.name(f"d{entry_name('M', i, j)}_q{k + 1}", dM[i][j][k])
-    g = sympy.ImmutableMatrix([names.slope(P, k) for k in range(n)])
+            dM[i, j, k] = dM[j, i, k] = names.slope(M[i, j], k)
+    g = [names.slope(P, k) for k in range(n)]
     return {**_equations(names, coordinates, M, dM, g, P), "definitions": tuple(names.definitions), "form": "named"}
 
 
-def _motions(names: Definitions, tags: list[str], raw: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+def _motions(names: Definitions, entries: ModelEntries, poses: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+    """Poses of the links with names for their entries."""
     names.group("placements", "R_i and t_i: rotation and place of each link in the one before it")
-    found = []
-    for i, (R, p) in zip(tags, raw, strict=True):
-        rows = [[names.name(f"R_{i}_{AXES[a]}{AXES[b]}", R[a, b]) for b in range(3)] for a in range(3)]
-        found.append((np.array(rows, object), names.names(f"t_{i}_", p)))
-    return found
+    motions = []
+    for body, (R, p) in zip(entries.bodies, poses, strict=True):
+        named_R = np.empty((3, 3), object)
+        for a, b in np.ndindex(3, 3):
+            named_R[a, b] = names.name(f"R_{body.tag}_{AXES[a]}{AXES[b]}", R[a, b])
+        motions.append((named_R, names.names(f"t_{body.tag}_", p)))
+    return motions
 
 
 def _velocities(
@@ -151,39 +161,52 @@ def _velocities(
     names.group("velocities", remark)
     origins: list[dict[int, tuple[Array, Array]]] = []
     centres: list[dict[int, tuple[Array, Array]]] = []
-    for i, (body, mine) in enumerate(zip(model.bodies, entries.bodies, strict=True)):
-        R, p = motions[i]
+    for body, numbers, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
         columns: dict[int, tuple[Array, Array]] = {}
         if body.parent != BASE:
             for j, (w, u) in origins[body.parent].items():
                 columns[j] = (R.T @ w, R.T @ (u + _cross(w, p)))
         for k in range(body.v_index, body.v_index + body.joint.nv):
-            own = _own(names, R, k, body, mine)
-            old = columns.get(k)  # a follower also moves with its leader's rate
-            columns[k] = own if old is None else (old[0] + own[0], old[1] + own[1])
-        ends = {j: f"{mine.tag}_{j + 1}" for j in columns}
-        named = {j: (names.names(f"w_{ends[j]}", w), names.names(f"u_{ends[j]}", u)) for j, (w, u) in columns.items()}
-        com, massless = numbers_of(names, mine.com), not mine.mass.value
-        origins.append(named)
-        centre = {
-            j: (w, w * 0 if massless else names.names(f"v_{ends[j]}", u + _cross(w, com)))
-            for j, (w, u) in named.items()
-        }
-        centres.append(centre)
+            w, u = _joint_column(names, R, k, body, numbers)
+            if k in columns:  # a follower also moves with its leader's rate
+                leader_w, leader_u = columns[k]
+                w, u = leader_w + w, leader_u + u
+            columns[k] = (w, u)
+        for j, (w, u) in columns.items():
+            label = f"{numbers.tag}_{j + 1}"
+            columns[j] = (names.names(f"w_{label}", w), names.names(f"u_{label}", u))
+        origins.append(columns)
+        centres.append(_centre_velocities(names, columns, numbers))
     return centres
 
 
-def _own(names: Definitions, R: Array, k: int, body: Any, mine: BodyEntries) -> tuple[Array, Array]:
+def _centre_velocities(
+    names: Definitions, columns: dict[int, tuple[Array, Array]], numbers: BodyEntries
+) -> dict[int, tuple[Array, Array]]:
+    """(ω, v of the centre of mass) from (ω, v of the origin); v of a body without mass is zero."""
+    com = numbers_of(names, numbers.com)
+    centres = {}
+    for j, (w, u) in columns.items():
+        v = w * 0
+        if numbers.mass.value:
+            v = names.names(f"v_{numbers.tag}_{j + 1}", u + _cross(w, com))
+        centres[j] = (w, v)
+    return centres
+
+
+def _joint_column(names: Definitions, R: Array, k: int, body: Any, numbers: BodyEntries) -> tuple[Array, Array]:
     """Contribution of the joint itself: ω and v of the origin in child axes, per unit of the rate of coordinate k."""
     joint, number = body.joint, k - body.v_index
     if joint.nv > 1:
         R0 = body.placement[:3, :3]
         return joint.chart_column(number, lambda step: R.T @ exact(R0 @ step), chart_waves(names, body))
-    ratio = exact(body.ratio) if joint.moves_body else names.number(mine.ratio)
+    ratio = exact(body.ratio)
+    if not joint.moves_body:
+        ratio = names.number(numbers.ratio)
     w = ratio * exact(joint.axes[0, :3])
     if not joint.axes[0, :3].any():
         return w, exact(body.ratio) * exact(joint.axes[0, 3:])
-    return w, -_cross(w, numbers_of(names, mine.point)) + w * names.number(mine.pitch)
+    return w, -_cross(w, numbers_of(names, numbers.point)) + w * names.number(numbers.pitch)
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -200,84 +223,92 @@ def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: A
     directions: list[Array] = []
     origins: list[Any] = []
     centres = []
-    for i, (body, mine) in enumerate(zip(model.bodies, entries.bodies, strict=True)):
-        R, p = motions[i]
-        n, y = (up, 0) if body.parent == BASE else (directions[body.parent], origins[body.parent])
-        directions.append(names.names(f"n_{mine.tag}_", R.T @ n))
-        origins.append(names.name(f"eta_{mine.tag}", y + n @ p))
-        centres.append(names.name(f"zeta_{mine.tag}", origins[-1] + directions[-1] @ numbers_of(names, mine.com)))
+    for body, numbers, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
+        n, y = up, 0
+        if body.parent != BASE:
+            n, y = directions[body.parent], origins[body.parent]
+        directions.append(names.names(f"n_{numbers.tag}_", R.T @ n))
+        origins.append(names.name(f"eta_{numbers.tag}", y + n @ p))
+        centre = origins[-1] + directions[-1] @ numbers_of(names, numbers.com)
+        centres.append(names.name(f"zeta_{numbers.tag}", centre))
     return centres
 
 
 def _springs(names: Definitions, model: Model, entries: ModelEntries) -> Any:
     """Sum of ½ k (Σ weight · coordinate - rest)²."""
-    places = {body.joint.name: body.v_index for body in model.leaders}
+    v_indices = {body.joint.name: body.v_index for body in model.leaders}
     total = sympy.Integer(0)
     for spring, k in zip(model.springs, entries.springs, strict=True):
-        ends = (exact_number(weight) * names.q[places[joint]] for joint, weight in spring.terms)
-        stretch = sympy.Add(*ends) - exact_number(spring.rest)
+        displacements = [exact_number(weight) * names.q[v_indices[joint]] for joint, weight in spring.terms]
+        stretch = sympy.Add(*displacements) - exact_number(spring.rest)
         total += sympy.Rational(1, 2) * names.number(k) * stretch**2
     return total
 
 
-def _mass_matrix(names: Definitions, entries: ModelEntries, velocities: Any, n: int) -> list[list[Any]]:
-    M = [[sympy.Integer(0)] * n for _ in range(n)]
+def _mass_matrix(names: Definitions, entries: ModelEntries, velocities: Any, n: int) -> Array:
+    M = np.empty((n, n), object)
     for j in range(n):
         for k in range(j, n):
             total = sympy.Integer(0)
-            for mine, columns in zip(entries.bodies, velocities, strict=True):
+            for body, columns in zip(entries.bodies, velocities, strict=True):
                 if j in columns and k in columns:
                     (w, v), (x, u) = columns[j], columns[k]
-                    total += names.number(mine.mass) * (v @ u) + w @ (numbers_of(names, mine.inertia) @ x)
+                    total += names.number(body.mass) * (v @ u) + w @ (numbers_of(names, body.inertia) @ x)
             if j == k:
                 total += names.number(entries.armature[j])
-            M[j][k] = M[k][j] = names.name(entry_name("M", j, k), total)
+            M[j, k] = M[k, j] = names.name(entry_name("M", j, k), total)
     return M
 
 
-def _equations(names: Definitions, coordinates: Any, M: Any, dM: Any, g: Any, P: Any) -> dict[str, Any]:
+_SUMMARY_STEPS = (
+    "momenta", "momentum_rates", "slopes", "centripetal", "coriolis", "coriolis_matrix", "equations",
+)  # fmt: skip
+"""Steps that are written after the definitions, which already contain the others."""
+
+
+def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, g: Any, P: Any) -> dict[str, Any]:
     n = len(coordinates)
     dq = [sympy.Symbol(c.rate) for c in coordinates]
     ddq = [sympy.Symbol(c.acceleration) for c in coordinates]
-    half = sympy.Rational(1, 2)
-
-    def total(terms: Any) -> Any:
-        return sympy.Add(*terms)
-
-    gamma = [[[half * (dM[i][j][k] + dM[i][k][j] - dM[j][k][i]) for k in range(n)] for j in range(n)] for i in range(n)]
+    matrix = sympy.ImmutableMatrix
     names.group("christoffel", "Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j − ∂M_jk/∂q_i), those that are not zero, j ≤ k")
+    gamma = np.empty((n, n, n), object)
     for i, j, k in np.ndindex(n, n, n):
         if j <= k:
-            gamma[i][j][k] = gamma[i][k][j] = names.name(entry_name("Gamma", i, j, k), gamma[i][j][k])
-    matrix = sympy.ImmutableMatrix
-    C = matrix(n, n, lambda i, j: total(gamma[i][j][k] * dq[k] for k in range(n)))
-    pairs = [(j, k) for j in range(n) for k in range(j, n)]
-    c = matrix([total(gamma[i][j][k] * dq[j] * dq[k] * (1 if j == k else 2) for j, k in pairs) for i in range(n)])
+            value = sympy.Rational(1, 2) * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i])
+            gamma[i, j, k] = gamma[i, k, j] = names.name(entry_name("Gamma", i, j, k), value)
+    C = matrix(n, n, lambda i, j: weighted_sum(gamma[i, j], dq))
     names.group("gravity_forces", "g = ∂P/∂q, torques at rest")
     g = matrix([names.name(entry_name("g", i), x) for i, x in enumerate(g)])
-    tau = matrix([total(M[i][j] * ddq[j] for j in range(n)) + c[i] + g[i] for i in range(n)])
-    squares = total(half * M[i][i] * dq[i] ** 2 for i in range(n))
-    L = squares + total(M[i][j] * dq[i] * dq[j] for i, j in pairs if i < j) - P
-    momenta = [total(M[i][j] * dq[j] for j in range(n)) for i in range(n)]
-    rates = [
-        total(M[i][j] * ddq[j] + total(dM[i][j][k] * dq[k] for k in range(n)) * dq[j] for j in range(n))
-        for i in range(n)
-    ]
-    slopes = [total(dM[j][k][i] * dq[j] * dq[k] * (half if j == k else 1) for j, k in pairs) - g[i] for i in range(n)]
-    named = ("momenta", "momentum_rates", "slopes", "centripetal", "coriolis", "coriolis_matrix", "equations")
+    L = _quadratic_form(M / 2, dq) - P
+    c, tau, momenta, momentum_rates, slopes = [], [], [], [], []
+    for i in range(n):
+        c.append(_quadratic_form(gamma[i], dq))
+        tau.append(weighted_sum(M[i], ddq) + c[i] + g[i])
+        momenta.append(weighted_sum(M[i], dq))
+        dM_dt = [weighted_sum(row, dq) for row in dM[i]]
+        momentum_rates.append(weighted_sum(M[i], ddq) + weighted_sum(dM_dt, dq))
+        slopes.append(_quadratic_form(dM[:, :, i] / 2, dq) - g[i])
     fields = equation_fields(
-        [x.name for x in coordinates], [x.rate for x in coordinates], matrix(M), sympy.ImmutableDenseNDimArray(gamma),
-        C, c, g, tau, momenta, rates, slopes, only=named,
+        [x.name for x in coordinates], [x.rate for x in coordinates], matrix(M),
+        sympy.ImmutableDenseNDimArray(list(gamma.flat), gamma.shape), C, matrix(c), g, matrix(tau),
+        momenta, momentum_rates, slopes, only=_SUMMARY_STEPS,
     )  # fmt: skip
     first = Step("lagrangian", "K − P", ((Label("L"), L),))
     return {**fields, "lagrangian": L, "steps": (*_definition_steps(names), first, *fields["steps"])}
 
 
+def _quadratic_form(A: Array, x: list[Any]) -> Any:
+    """x' A x, written out."""
+    return sympy.Add(*[A[j, k] * x[j] * x[k] for j, k in np.ndindex(A.shape)])
+
+
 def _definition_steps(names: Definitions) -> list[Step]:
     """Definitions as steps."""
+    steps = []
     ends = [start for _, _, start in names.groups[1:]] + [len(names.definitions)]
-    return [
-        Step(name, remark, tuple((Label(symbol.name), expr) for symbol, expr in names.definitions[start:end]))
-        for (name, remark, start), end in zip(names.groups, ends, strict=True)
-        if end > start
-    ]
+    for (name, remark, start), end in zip(names.groups, ends, strict=True):
+        if end > start:
+            lines = [(Label(symbol.name), expr) for symbol, expr in names.definitions[start:end]]
+            steps.append(Step(name, remark, tuple(lines)))
+    return steps

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
@@ -13,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import ShapeError, ValueRangeError
-from .equations import Equations, Label, Step, assemble_equations, equation_fields
-from .expanded_form import Terms, Variable, rate_symbol
+from .coordinates import Variable, rate_symbol
+from .equations import Equations, Label, Step, assemble_equations, equation_fields, weighted_sum
+from .expanded_form import Terms
 from .factored_form import EquationWriter
 from .names import require_sympy, sympy
 from .trig_polynomial import HIGHEST, Ring, TrigPolynomial
@@ -48,25 +48,29 @@ def time_of(value: Any, moving: tuple[Any, ...]) -> Any:
 
 def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any) -> None:
     """Raise ValueRangeError for a symbol that looks like a rate but is not listed, and for an L without kinetic energy."""
-    if functions := L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative):
+    functions = L.atoms(sympy.core.function.AppliedUndef, sympy.Derivative)
+    if functions:
         raise ValueRangeError(
             f"L contains {_symbols_text(functions)}. Write coordinates and rates as symbols, theta and thetadot instead of "
             "theta(t) and its derivative: L.subs({theta(t).diff(t): thetadot}).subs({theta(t): theta})."
         )
-    known = {*q, *dq, *(() if time is None else (time,))}
-    others = L.free_symbols - known
-    names = {s.name for s in known}
-    if twins := {s for s in others if s.name in names}:
+    known = {symbol.name: symbol for symbol in (*q, *dq)}
+    if time is not None:
+        known[time.name] = time
+    others = L.free_symbols - set(known.values())
+    twins = {s for s in others if s.name in known}
+    if twins:
         raise ValueRangeError(
             f"L contains another {_symbols_text(twins)} than the coordinates, rates or time given: symbols of one name with "
             "different assumptions (real=True) differ in SymPy. Make each symbol once."
         )
     # By the naming rule (xdot, thetaddot_1) or a common other one (theta_1dot, x_dot).
-    if moving := {s for s in others if re.fullmatch(r"[^_]+dot(_.*)?|.+dot", s.name, flags=re.DOTALL)}:
+    unlisted_rates = {s for s in others if re.fullmatch(r"[^_]+dot(_.*)?|.+dot", s.name, flags=re.DOTALL)}
+    if unlisted_rates:
         raise ValueRangeError(
-            f"L contains {_symbols_text(moving)}, by name the rate of a coordinate that is not in q={_symbols_text(q)}, or a "
-            f"derivative of too high an order: L may depend on the rates {_symbols_text(dq)}. Add the coordinate to q, name "
-            "rates of other names in rates=[…], or give a constant a name that does not end in dot."
+            f"L contains {_symbols_text(unlisted_rates)}, by name the rate of a coordinate that is not in "
+            f"q={_symbols_text(q)}, or a derivative of too high an order: L may depend on the rates {_symbols_text(dq)}. Add "
+            "the coordinate to q, name rates of other names in rates=[…], or give a constant a name that does not end in dot."
         )
     clocks = {s for s in others if s.name == "t"}
     if time is None and clocks:
@@ -82,9 +86,6 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
 
 def _symbols_text(symbols: Any) -> str:
     return ", ".join(sorted(map(str, symbols)))
-
-
-# ── The function ``lagrange``
 
 
 def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str = "system") -> Equations:
@@ -160,15 +161,16 @@ def _expression(L: Any) -> Any:
 def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
     if rates is None:
         known = {s.name: s for s in L.free_symbols}
-        return tuple(known.get(rate_symbol(s.name), sympy.Symbol(rate_symbol(s.name))) for s in coordinates)
+        velocities = []
+        for coordinate in coordinates:
+            name = rate_symbol(coordinate.name)
+            velocities.append(known.get(name, sympy.Symbol(name)))
+        return tuple(velocities)
     symbols = symbols_of(rates, "rates")
     if len(symbols) != len(coordinates) or set(symbols) & set(coordinates):
         listed = ", ".join(map(str, coordinates))
         raise ShapeError(f"rates={rates!r}: one symbol for each of {listed}, and none of these.")
     return symbols
-
-
-# ── Lagrangians that are sums of products
 
 
 def _read_sums(
@@ -188,11 +190,10 @@ def _read_sums(
         return None
     coordinates = tuple(Variable(a.name, b.name, c.name) for a, b, c in zip(q, dq, ddq, strict=True))
     terms = Terms(ring, coordinates, total, ring.number(0))
-    for monomial, _ in total.terms:
-        exponents = ring.exponents(monomial)
-        if sum(exponents.get(rate.name, 0) for rate in dq) > 2:
+    for monomial in total.split([rate.name for rate in dq]):
+        if sum(ring.exponents(monomial).values()) > 2:
             return None
-    return terms, {name: atom for atom, name in atoms.items()}
+    return terms, dict(zip(atoms.values(), atoms, strict=True))
 
 
 def _collect(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
@@ -226,7 +227,9 @@ def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
         return max(_degree(x, atoms) for x in expr.args)
     if expr.is_Mul:
         return sum(_degree(x, atoms) for x in expr.args)
-    return int(expr.exp) * _degree(expr.base, atoms) if expr.is_Pow else 0
+    if expr.is_Pow:
+        return int(expr.exp) * _degree(expr.base, atoms)
+    return 0
 
 
 def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]) -> TrigPolynomial:
@@ -255,48 +258,52 @@ def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]
     return read(L)
 
 
-# ── Other Lagrangians: direct differentiation
-
-
 def _differentiate(
     L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...], time: Any = None
 ) -> dict[str, Any]:
-    n = len(q)
-    at_rest = dict.fromkeys(dq, 0)
+    """Fields of the equations by SymPy's derivatives; ``time`` is None if L does not depend on it."""
+    n, matrix = len(q), sympy.ImmutableMatrix
     momenta = [L.diff(v) for v in dq]
     slopes = [L.diff(x) for x in q]
-    M = sympy.ImmutableMatrix(n, n, lambda i, j: sympy.expand(momenta[i].diff(dq[j])))
+    M = matrix(n, n, lambda i, j: sympy.expand(momenta[i].diff(dq[j])))
     if M.free_symbols & set(dq):
         raise ValueRangeError(
             "L is not a polynomial of degree two in the rates, so its equations have no mass matrix of the coordinates alone. "
             "Use kinetic energies ½ q̇'M q̇."
         )
-    explicit = [sympy.Integer(0) if time is None else sympy.expand(p.diff(time)) for p in momenta]
-    rates = []
-    for p, e in zip(momenta, explicit, strict=True):
-        parts = [p.diff(x) * v + p.diff(v) * a for x, v, a in zip(q, dq, ddq, strict=True)]
-        rates.append(sympy.Add(e, *parts))
-    half = sympy.Rational(1, 2)
+    rates, explicit_time = [], []
+    for p, p_rate in zip(momenta, dq, strict=True):
+        chain_rule = [p.diff(x) * v + p.diff(v) * a for x, v, a in zip(q, dq, ddq, strict=True)]
+        explicit_rate = sympy.Integer(0)
+        if time is not None:
+            explicit_rate = sympy.expand(p.diff(time))
+        if explicit_rate != 0:
+            explicit_time.append((Label("L", p_rate.name, time=time.name), explicit_rate))
+        rates.append(sympy.Add(explicit_rate, *chain_rule))
+    gamma = _christoffel_symbols(M, q)
+    C = matrix(n, n, lambda i, j: weighted_sum(gamma[i, j], dq))
+    at_rest = dict.fromkeys(dq, 0)
+    c, g, tau, split = [], [], [], True
+    for i in range(n):
+        c.append(sympy.expand(weighted_sum(C.row(i), dq)))
+        g.append(-slopes[i].subs(at_rest))
+        tau.append(sympy.collect(sympy.expand(rates[i] - slopes[i]), (*ddq, *dq)))
+        standard_terms = sympy.Add(weighted_sum(M.row(i), ddq), c[i], g[i])
+        split &= bool(sympy.expand(tau[i] - standard_terms) == 0)
+    fields = equation_fields(
+        [s.name for s in q], [s.name for s in dq], M, gamma, C, matrix(c), matrix(g), matrix(tau), momenta, rates, slopes,
+        explicit_time=explicit_time,
+    )  # fmt: skip
+    return {**fields, "split": split}
+
+
+def _christoffel_symbols(M: Any, q: tuple[Any, ...]) -> Any:
+    """Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j - ∂M_jk/∂q_i) of a mass matrix, an ImmutableDenseNDimArray (n, n, n)."""
+    n = len(q)
     dM = np.empty((n, n, n), object)
     for i, j, k in np.ndindex(n, n, n):
         dM[i, j, k] = M[i, j].diff(q[k])
-
-    def christoffel(i: int, j: int, k: int) -> Any:
-        return sympy.expand(half * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i]))
-
-    def weighted_sum(row: Any, factors: Sequence[Any]) -> Any:
-        return sympy.Add(*map(operator.mul, row, factors))
-
-    gamma = sympy.ImmutableDenseNDimArray([christoffel(*ijk) for ijk in np.ndindex(n, n, n)], (n, n, n))
-    C = sympy.ImmutableMatrix(n, n, lambda i, j: weighted_sum(gamma[i, j], dq))
-    c = sympy.ImmutableMatrix([sympy.expand(weighted_sum(C.row(i), dq)) for i in range(n)])
-    g = sympy.ImmutableMatrix([-s.subs(at_rest) for s in slopes])
-    rates_and_slopes = zip(rates, slopes, strict=True)
-    tau = sympy.ImmutableMatrix([sympy.collect(sympy.expand(r - s), (*ddq, *dq)) for r, s in rates_and_slopes])
-    parts = [sympy.Add(weighted_sum(M.row(i), ddq), c[i], g[i]) for i in range(n)]
-    explicit_time = [(Label("L", v.name, time=time.name), e) for v, e in zip(dq, explicit, strict=True) if e != 0]
-    fields = equation_fields(
-        [s.name for s in q], [s.name for s in dq], M, gamma, C, c, g, tau, momenta, rates, slopes,
-        explicit_time=explicit_time,
-    )  # fmt: skip
-    return {**fields, "split": all(sympy.expand(t - part) == 0 for t, part in zip(tau, parts, strict=True))}
+    half, symbols = sympy.Rational(1, 2), []
+    for i, j, k in np.ndindex(n, n, n):
+        symbols.append(sympy.expand(half * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i])))
+    return sympy.ImmutableDenseNDimArray(symbols, (n, n, n))

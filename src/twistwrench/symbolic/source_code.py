@@ -1,18 +1,18 @@
-"""Equations as source code: straight-line routines in C99, and in a Python module that needs only NumPy."""
+"""Equations as straight-line routines: names, statements, and expressions in the operators shared by Python and C."""
 
 from __future__ import annotations
 
 import keyword
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..core.errors import ValueRangeError
-from ..core.text import visible
 from .documents import remarks_of
 from .names import sympy
 
@@ -66,7 +66,7 @@ def ordered_names(equations: Equations) -> dict[Any, str]:
     used: set[str] = set()
     names = {}
     moving = (*equations.q, *equations.dq, *equations.ddq)
-    for symbol in (*moving, *constants(equations), *(s for s, _ in equations.definitions)):
+    for symbol in (*moving, *constants(equations), *dict(equations.definitions)):
         name = re.sub(r"\W", "_", symbol.name, flags=re.ASCII)
         if not re.match(r"[A-Za-z]", name):
             name = f"v{name}"
@@ -81,54 +81,69 @@ def ordered_names(equations: Equations) -> dict[Any, str]:
 
 def constants(equations: Equations) -> list[Any]:
     """Symbols that are neither coordinates nor definitions, parameters first, in order."""
-    known = {*equations.q, *equations.dq, *equations.ddq, *(s for s, _ in equations.definitions)}
-    ordered = [s for s in equations.values if s not in known]
-    exprs = [*equations.tau, *equations.mass_matrix, *(e for _, e in equations.definitions)]
-    free = {s for e in exprs for s in e.free_symbols} - known - set(ordered)
-    return [*ordered, *sorted(free, key=str)]
+    definitions = dict(equations.definitions)
+    known = {*equations.q, *equations.dq, *equations.ddq, *definitions}
+    parameters = [symbol for symbol in equations.values if symbol not in known]
+    used = free_symbols([*equations.tau, *equations.mass_matrix, *definitions.values()])
+    return [*parameters, *sorted(used - known - set(parameters), key=str)]
+
+
+def free_symbols(exprs: Iterable[Any]) -> set[Any]:
+    """Symbols in some of the expressions."""
+    return set().union(*[expr.free_symbols for expr in exprs])
 
 
 def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
     """Statements of one function: its definitions, then common subexpressions of its results."""
-    safe = {symbol: sympy.Symbol(text) for symbol, text in names.items()}
     field, definitions = getattr(equations, _FIELDS.get(name, name)), equations.definitions
-    results = [field[place] for place in np.ndindex(tuple(int(n) for n in field.shape))]
+    shape = tuple(map(int, field.shape))
+    results = [field[place] for place in np.ndindex(shape)]
     if name == "bias_forces":
         at_rest = dict.fromkeys(equations.ddq, sympy.Integer(0))
-        results = [e.subs(at_rest) for e in results]
-        definitions = tuple((s, e.subs(at_rest)) for s, e in definitions)
+        results = [expr.subs(at_rest) for expr in results]
+        definitions = tuple((symbol, expr.subs(at_rest)) for symbol, expr in definitions)
     needed = _needed_definitions(definitions, results)
-    exprs = [e for _, e in needed] + results
-    exprs = [e.xreplace(safe) for e in exprs]
-    fresh = (s for s in sympy.numbered_symbols("k") if s.name not in set(names.values()))
+    safe_symbols = {symbol: sympy.Symbol(safe_name) for symbol, safe_name in names.items()}
+    results = [expr.xreplace(safe_symbols) for expr in results]
     if needed:  # the definitions are the common subexpressions
-        lines = [(names[s], e) for (s, _), e in zip(needed, exprs, strict=False)]
-        results = exprs[len(needed) :]
+        lines = [(names[symbol], expr.xreplace(safe_symbols)) for symbol, expr in needed]
     else:
-        shared, results = sympy.cse(exprs, symbols=fresh, order="none")
-        lines = [(s.name, e) for s, e in shared]
-    used = {s.name for e in [*(e for _, e in lines), *results] for s in e.free_symbols}
+        shared, results = sympy.cse(results, symbols=_unused_symbols(names), order="none")
+        lines = [(symbol.name, expr) for symbol, expr in shared]
+    used = set(map(str, free_symbols([*dict(lines).values(), *results])))
+    inputs = []
     arrays = {"q": equations.q, "dq": equations.dq, "ddq": equations.ddq, "p": constants(equations)}
-    inputs = [(a, k, names[s]) for a, symbols in arrays.items() for k, s in enumerate(symbols) if names[s] in used]
+    for array, symbols in arrays.items():
+        for k, symbol in enumerate(symbols):
+            if names[symbol] in used:
+                inputs.append((array, k, names[symbol]))
     return Routine(name, tuple(inputs), tuple(lines), tuple(results))
+
+
+def _unused_symbols(names: dict[Any, str]) -> Iterator[Any]:
+    """Symbols k0, k1, … without those whose names are used."""
+    used = set(names.values())
+    return (symbol for symbol in sympy.numbered_symbols("k") if symbol.name not in used)
 
 
 def _needed_definitions(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> list[tuple[Any, Any]]:
     """Definitions that the results depend on, in order."""
-    needed = {s for e in results for s in e.free_symbols}
-    kept = []
+    needed_symbols = free_symbols(results)
+    needed = []
     for symbol, expr in reversed(definitions):
-        if symbol in needed:
-            kept.append((symbol, expr))
-            needed |= expr.free_symbols
-    return kept[::-1]
+        if symbol in needed_symbols:
+            needed.append((symbol, expr))
+            needed_symbols |= expr.free_symbols
+    return needed[::-1]
 
 
 def header(equations: Equations) -> list[str]:
     """Sentences for the top of a source file."""
-    more = "h has terms besides c and g: terms linear in the rates, or due to time."
     lines = [f"Equations of motion of {equations.name}: {FUNCTIONS['inverse_dynamics'][3]}. SI units, radians."]
-    lines += ["h = c(q, dq) + g(q)." if equations.split else more]
+    if equations.split:
+        lines.append("h = c(q, dq) + g(q).")
+    else:
+        lines.append("h has terms besides c and g: terms linear in the rates, or due to time.")
     for array, symbols in (("q", equations.q), ("dq", equations.dq), ("ddq", equations.ddq)):
         lines.append(f"{array} = ({', '.join(s.name for s in symbols)})")
     lines += [f"{name}: {meaning}" for name, meaning in equations.meanings]
@@ -141,9 +156,8 @@ def unread_arrays(names: Iterable[str], function: Routine) -> list[str]:
     return [name for name in names if name not in read]
 
 
-# ── Operators shared by Python and C
-
-_WAVES = ("sin", "cos", "tan", "sinh", "cosh", "tanh")
+WAVES = ("sin", "cos", "tan", "sinh", "cosh", "tanh")
+"""Functions of C and NumPy, as are their inverses."""
 
 
 def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
@@ -158,7 +172,9 @@ def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
             return " + ".join(map(write, x.args)).replace("+ -", "- ")
         if x.is_Mul:
             coefficient, others = x.as_coeff_Mul()
-            return f"-{product(others)}" if coefficient == -1 else product(x)
+            if coefficient == -1:
+                return f"-{product(others)}"
+            return product(x)
         if x.is_Symbol:
             return str(x.name)
         if x.is_Number or x.is_NumberSymbol:
@@ -177,15 +193,18 @@ def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
                 divisor = f"({divisor})"
             return f"1.0/{divisor}"
         if abs(exponent) == sympy.Rational(1, 2):
-            return ("" if exponent > 0 else "1.0/") + call("sqrt", base)
+            root = call("sqrt", base)
+            return root if exponent > 0 else f"1.0/{root}"
         return call("pow", base, exponent)
 
     def product(x: Any) -> str:
         return "*".join(map(factor, sympy.Mul.make_args(x)))
 
     def factor(x: Any) -> str:
-        plain = x.is_Symbol or x.is_Function or x.is_NumberSymbol or (x.is_Number and not x.is_negative)
-        return write(x) if plain or (x.is_Pow and x.exp.is_Integer and int(x.exp) > 0) else f"({write(x)})"
+        is_atom = x.is_Symbol or x.is_Function or x.is_NumberSymbol or (x.is_Number and not x.is_negative)
+        if is_atom or (x.is_Pow and x.exp.is_Integer and int(x.exp) > 0):
+            return write(x)
+        return f"({write(x)})"
 
     def call(name: str, *args: Any) -> str:
         if name not in functions:
@@ -201,134 +220,15 @@ def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
 
 
 def _number(x: Any) -> str:
-    try:
-        value = float(x) if x.is_finite else math.inf
-    except OverflowError:
-        value = math.inf
+    value = math.inf
+    with suppress(OverflowError):
+        if x.is_finite:
+            value = float(x)
     if not math.isfinite(value):
         raise ValueRangeError(f"{str(x)[:40]} cannot be written as source: no double holds it. Scale the Lagrangian.")
-    whole = not x.is_Rational or x.is_Integer
-    if whole or max(abs(x.p), x.q) >= 1 << 1000 or (x.q & (x.q - 1) == 0 and abs(x.p) < 1 << 50):
+    if not x.is_Rational or x.is_Integer or max(abs(x.p), x.q) >= 1 << 1000:
+        return repr(value)
+    is_exact = x.q & (x.q - 1) == 0 and abs(x.p) < 1 << 50
+    if is_exact:
         return repr(value)
     return f"({x.p}.0/{x.q}.0)"
-
-
-# ── C99: functions of plain arrays, no allocation, only math.h
-
-# :mod:`..targets.c` prints recorded programs with one numbered operation a line and bit-exact kernel results. Equations
-# are printed here for reading: one formula a line with its own names, which programs do not keep.
-
-
-def c_source(equations: Equations, prefix: str | None = None) -> str:
-    """C file with names that begin with ``prefix`` or the robot's name.
-
-    Raises ValueRangeError if the prefix is not a C identifier, or for functions that math.h does not have.
-    """
-    if prefix is None:
-        prefix = re.sub(r"\W", "_", equations.name, flags=re.ASCII)
-        prefix = prefix if re.match(r"[A-Za-z]", prefix) else f"robot_{prefix}"
-    if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z]\w*", prefix, flags=re.ASCII):
-        raise ValueRangeError(f"prefix={prefix!r} cannot begin a name in C. Use letters, digits and underscores.")
-    names, symbols = ordered_names(equations), constants(equations)
-    n = len(equations.q)
-    about = [*header(equations)]
-    if symbols:
-        about.append(f"p = ({', '.join(s.name for s in symbols)})")
-    text = visible("\n".join(about)).replace("*/", "* /").replace("/*", "/ *")
-    comment = "\n".join(f" * {line}" for line in text.splitlines())
-    parts = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
-    signatures = {name: _signature(name, prefix, n, len(symbols)) for name in FUNCTIONS}
-    parts.append("\n".join(f"{signature};" for signature in signatures.values()))
-    values = {s: p.value for s, p in zip(equations.values, equations.parameters, strict=True)}
-    if symbols and all(s in values for s in symbols):
-        rows = "\n".join(f"    {float(values[s])!r}, /* {s.name} */" for s in symbols)
-        parts.append(
-            f"extern const double {prefix}_parameters[{len(symbols)}];\n"
-            f"const double {prefix}_parameters[{len(symbols)}] = {{\n{rows}\n}};"
-        )
-    parts += [_function(routine(equations, name, names), signatures[name], n, bool(symbols)) for name in FUNCTIONS]
-    return "\n\n".join(parts) + "\n"
-
-
-def _signature(name: str, prefix: str, n: int, parameters: int) -> str:
-    arrays, letter, axes, _ = FUNCTIONS[name]
-    inputs = [f"const double {a}[{n}]" for a in arrays]
-    inputs += [f"const double p[{parameters}]"] if parameters else []
-    return f"void {prefix}_{name}({', '.join(inputs)}, double {letter}[{n**axes}])"
-
-
-def _function(made: Routine, signature: str, n: int, has_parameters: bool) -> str:
-    arrays, letter, axes, meaning = FUNCTIONS[made.name]
-    lines = [f"/* {meaning}. */", signature, "{"]
-    lines += [f"    (void){name};" for name in unread_arrays((*arrays, *(["p"] if has_parameters else [])), made)]
-    lines += [f"    const double {name} = {array}[{k}];" for array, k, name in made.inputs]
-    lines += [f"    const double {name} = {expression_text(expr, _C)};" for name, expr in made.lines]
-    for k, (_, expr) in enumerate(zip(np.ndindex((n,) * axes), made.results, strict=True)):
-        lines.append(f"    {letter}[{k}] = {expression_text(expr, _C)};")
-    return "\n".join([*lines, "}"])
-
-
-_C = {
-    **{name: f"{name}({{}})" for name in (*_WAVES, "exp", "log", "sqrt")},
-    **{f"a{name}": f"a{name}({{}})" for name in _WAVES},
-    "atan2": "atan2({}, {})",
-    "Abs": "fabs({})",
-    "sign": "(double)((({0}) > 0.0) - (({0}) < 0.0))",
-    "pow": "pow({}, {})",
-}
-
-
-# ── Python with NumPy
-
-
-def numpy_source(equations: Equations) -> str:
-    """Text of the Python module."""
-    names = ordered_names(equations)
-    values = {s: p.value for s, p in zip(equations.values, equations.parameters, strict=True)}
-    symbols = constants(equations)
-    parts = ['"""' + "\n".join(header(equations)).replace("\\", "").replace('"', "'") + '\n"""\n\nimport numpy as np\n']
-    if all(s in values for s in symbols):
-        rows = [f"    {s.name!r}: {float(values[s])!r}," for s in symbols]
-        parts.append("\n".join(["PARAMETERS = {", *rows, "}\n"]))
-    else:
-        parts.append(f"# parameters = {{{', '.join(f'{s.name!r}: …' for s in symbols)}}}\n")
-    parts += [_numpy_function(equations, routine(equations, name, names)) for name in FUNCTIONS]
-    return "\n".join(parts)
-
-
-def _numpy_function(equations: Equations, made: Routine) -> str:
-    arrays, letter, axes, meaning = FUNCTIONS[made.name]
-    n = len(equations.q)
-    shape = ", ".join([str(n)] * axes)
-    symbols = constants(equations)
-    known = len(symbols) == len(equations.parameters)
-    lines = [f"\ndef {made.name}({', '.join(arrays)}, parameters{'=PARAMETERS' if known else ''}):"]
-    ins = ", ".join(f"{a} (..., {n})" for a in arrays)
-    lines.append(f'    """{meaning}; {ins} -> (..., {shape})."""')
-    lines.append(
-        f"    {', '.join(arrays)}{',' if len(arrays) == 1 else ''} = (np.asarray(x, float) for x in ({', '.join(arrays)},))"
-    )
-    for name in arrays:
-        wanted = f'f"{name} has shape {{{name}.shape}}, wanted (..., {n})"'
-        lines += [f"    if {name}.shape[-1:] != ({n},):", f"        raise ValueError({wanted})"]
-    for array, k, name in made.inputs:
-        lines.append(
-            f"    {name} = parameters[{symbols[k].name!r}]" if array == "p" else f"    {name} = {array}[..., {k}]"
-        )
-    lines += [f"    {name} = {expression_text(expr, _NUMPY)}" for name, expr in made.lines]
-    batch = ", ".join(f"{a}.shape[:-1]" for a in arrays)
-    lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({batch}), {shape}))")
-    for place, expr in zip(np.ndindex((n,) * axes), made.results, strict=True):
-        if expr != 0:
-            lines.append(f"    {letter}[..., {', '.join(map(str, place))}] = {expression_text(expr, _NUMPY)}")
-    lines.append(f"    return {letter}\n")
-    return "\n".join(lines)
-
-
-_NUMPY = {
-    **{name: f"np.{name}({{}})" for name in (*_WAVES, "exp", "log", "sqrt", "sign")},
-    **{f"a{name}": f"np.arc{name}({{}})" for name in _WAVES},
-    "atan2": "np.arctan2({}, {})",
-    "Abs": "np.abs({})",
-    "pow": "np.power({}, {})",
-}

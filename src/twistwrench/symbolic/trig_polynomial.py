@@ -48,30 +48,37 @@ class Ring:
 
     def number(self, value: Any) -> TrigPolynomial:
         """Constant."""
-        value = Fraction(value) if self.exact and not isinstance(value, float) else float(value)
-        return TrigPolynomial(self, {(0, 0): value} if value else {})
+        if not value:
+            return TrigPolynomial(self, {})
+        if self.exact and not isinstance(value, float):
+            return TrigPolynomial(self, {(0, 0): Fraction(value)})
+        return TrigPolynomial(self, {(0, 0): float(value)})
 
     def symbol(self, name: str) -> TrigPolynomial:
         """Symbol with the given name."""
-        one: Any = Fraction(1) if self.exact else 1.0
-        return TrigPolynomial(self, {(1 << (_BITS * self.place[name]), 0): one})
+        return TrigPolynomial(self, {(1 << (_BITS * self.place[name]), 0): self._coefficient(1)})
 
     def wave(self, kind: str, multiples: Sequence[Any]) -> TrigPolynomial:
         """Cosine or sine of a sum of multiples of the angles."""
         basis, sign = _canonical(kind, tuple(multiples))
-        one: Any = Fraction(sign) if self.exact else float(sign)
-        return TrigPolynomial(self, {(0, self._number(basis)): one} if sign else {})
+        if not sign:
+            return TrigPolynomial(self, {})
+        return TrigPolynomial(self, {(0, self._number(basis)): self._coefficient(sign)})
+
+    def _coefficient(self, value: Any) -> Any:
+        return Fraction(value) if self.exact else float(value)
 
     # ── monomials ──
 
     def exponents(self, monomial: int) -> dict[str, int]:
         """Map from symbols to non-zero exponents."""
-        found, k = {}, 0
+        exponents, k = {}, 0
         while monomial:
-            if power := monomial & _MASK:
-                found[self.symbols[k]] = power
+            power = monomial & _MASK
+            if power:
+                exponents[self.symbols[k]] = power
             monomial, k = monomial >> _BITS, k + 1
-        return found
+        return exponents
 
     def monomial(self, exponents: dict[str, int]) -> int:
         """Integer that encodes a product of powers."""
@@ -88,35 +95,52 @@ class Ring:
 
     def product(self, a: int, b: int) -> tuple[tuple[int, int], ...]:
         """Twice the product of two bases, as (base, sign) pairs."""
-        found = self._products.get((a, b))
-        if found is None:
-            (kind_a, f), (kind_b, g) = self.bases[a], self.bases[b]
-            plus, minus = tuple(map(operator.add, f, g)), tuple(map(operator.sub, f, g))
-            if kind_a == kind_b:  # cos cos = ½ (cos⁻ + cos⁺), sin sin = ½ (cos⁻ - cos⁺)
-                parts = [("cos", minus, 1), ("cos", plus, 1 if kind_a == "cos" else -1)]
-            else:  # sin f cos g = ½ (sin⁺ + sin⁻), cos f sin g = ½ (sin⁺ - sin⁻)
-                parts = [("sin", plus, 1), ("sin", minus, 1 if kind_a == "sin" else -1)]
-            waves = [(_canonical(kind, h), sign) for kind, h, sign in parts]
-            found = tuple((self._number(basis), own * sign) for (basis, own), sign in waves if own)
-            self._products[a, b] = self._products[b, a] = found
-        return found
+        terms = self._products.get((a, b))
+        if terms is None:
+            terms = self._products[a, b] = self._products[b, a] = tuple(self._expand_product(a, b))
+        return terms
+
+    def _expand_product(self, a: int, b: int) -> Iterable[tuple[int, int]]:
+        (kind_a, f), (kind_b, g) = self.bases[a], self.bases[b]
+        plus, minus = tuple(map(operator.add, f, g)), tuple(map(operator.sub, f, g))
+        if kind_a == kind_b == "cos":  # cos cos = ½ (cos⁻ + cos⁺)
+            parts = [("cos", minus, 1), ("cos", plus, 1)]
+        elif kind_a == kind_b:  # sin sin = ½ (cos⁻ - cos⁺)
+            parts = [("cos", minus, 1), ("cos", plus, -1)]
+        elif kind_a == "sin":  # sin f cos g = ½ (sin⁺ + sin⁻)
+            parts = [("sin", plus, 1), ("sin", minus, 1)]
+        else:  # cos f sin g = ½ (sin⁺ - sin⁻)
+            parts = [("sin", plus, 1), ("sin", minus, -1)]
+        for kind, multiples, sign in parts:
+            basis, basis_sign = _canonical(kind, multiples)
+            if basis_sign:
+                yield self._number(basis), basis_sign * sign
 
     def slope(self, base: int, angle: int) -> tuple[int, Any]:
         """d(base)/d(angle) as (base, factor)."""
-        found = self._slopes.get((base, angle))
-        if found is None:
-            kind, f = self.bases[base]
-            other = ("sin" if kind == "cos" else "cos", f)
-            found = self._number(other) if f[angle] else 0, -f[angle] if kind == "cos" else f[angle]
-            self._slopes[base, angle] = found
-        return found
+        slope = self._slopes.get((base, angle))
+        if slope is None:
+            slope = self._slopes[base, angle] = self._differentiate(base, angle)
+        return slope
+
+    def _differentiate(self, base: int, angle: int) -> tuple[int, Any]:
+        kind, multiples = self.bases[base]
+        factor = multiples[angle]
+        if not factor:
+            return 0, factor
+        if kind == "cos":
+            return self._number(("sin", multiples)), -factor
+        return self._number(("cos", multiples)), factor
 
 
 def _canonical(kind: str, multiples: tuple[Any, ...]) -> tuple[Basis, int]:
+    """Basis with a positive first multiple, and the factor 1, -1 or 0 (sin 0) that it takes."""
     first = next((x for x in multiples if x), 0)
     if first < 0:
-        return (kind, tuple(-x for x in multiples)), 1 if kind == "cos" else -1
-    return (kind, multiples), 0 if first == 0 and kind == "sin" else 1
+        opposite = tuple(-x for x in multiples)
+        return (kind, opposite), 1 if kind == "cos" else -1
+    is_zero = first == 0 and kind == "sin"
+    return (kind, multiples), 0 if is_zero else 1
 
 
 class TrigPolynomial:
@@ -165,9 +189,10 @@ class TrigPolynomial:
 
     def __mul__(self, other: Any) -> TrigPolynomial:
         if not isinstance(other, TrigPolynomial):
-            factor = Fraction(other) if self.ring.exact else float(other)
-            scaled = {key: factor * value for key, value in self.terms.items()} if factor else {}
-            return TrigPolynomial(self.ring, scaled)
+            factor = self.ring._coefficient(other)
+            if not factor:
+                return TrigPolynomial(self.ring, {})
+            return TrigPolynomial(self.ring, {key: factor * value for key, value in self.terms.items()})
         ring, terms = self.ring, dict[tuple[int, int], Any]()
         for (m, a), x in self.terms.items():
             for (n, b), y in other.terms.items():
@@ -190,13 +215,14 @@ class TrigPolynomial:
         angle = ring._angle_place.get(name)
         terms: dict[tuple[int, int], Any] = {}
         for (m, base), value in self.terms.items():
-            if power := (m >> shift) & _MASK:
+            power = (m >> shift) & _MASK
+            if power:
                 key = (m - (1 << shift), base)
                 terms[key] = terms.get(key, 0) + power * value
             if angle is not None and base:
                 other, factor = ring.slope(base, angle)
                 if factor:
-                    terms[m, other] = terms.get((m, other), 0) + (factor if ring.exact else float(factor)) * value
+                    terms[m, other] = terms.get((m, other), 0) + ring._coefficient(factor) * value
         return TrigPolynomial(ring, {key: value for key, value in terms.items() if value})
 
     def split(self, names: Sequence[str]) -> dict[int, TrigPolynomial]:
@@ -209,8 +235,8 @@ class TrigPolynomial:
 
     def without_dust(self, share: float) -> TrigPolynomial:
         """Sum without terms below a share of its largest term, which are rounding errors of cancelled terms."""
-        least = share * max((abs(value) for value in self.terms.values()), default=0.0)
-        return TrigPolynomial(self.ring, {key: value for key, value in self.terms.items() if abs(value) > least})
+        threshold = share * max(map(abs, self.terms.values()), default=0.0)
+        return TrigPolynomial(self.ring, {key: value for key, value in self.terms.items() if abs(value) > threshold})
 
 
 # ── Shortest forms: sums of angles, or products of single angles
@@ -218,7 +244,11 @@ class TrigPolynomial:
 Waves = tuple[tuple[Basis, int], ...]
 """Product of powers of sines and cosines."""
 
-_MAX_TERMS = 40  # maximum number of terms for which a short form is sought
+Powers = tuple[tuple[int, int], ...]
+"""Powers of the cosine and of the sine of each angle."""
+
+# Products are sought for sums of at most so many terms, angles involved, and multiples of one angle.
+_MAX_TERMS, _MAX_ANGLES, _MAX_MULTIPLE = 40, 4, 4
 
 
 class ShortestForms:
@@ -229,85 +259,111 @@ class ShortestForms:
 
     def __init__(self, families: list[Array]) -> None:
         self._families = families
-        self._found: dict[Any, dict[Waves, Any]] = {}
+        self._cache: dict[Any, dict[Waves, Any]] = {}
 
     def shortest(self, terms: dict[Basis, Any]) -> dict[Waves, Any]:
         """Sum of cosines and sines, unchanged or as products if those are shorter."""
         plain: dict[Waves, Any] = {_waves_of({basis: 1}): c for basis, c in terms.items()}
-        if len(terms) > _MAX_TERMS or (len(terms) == 1 and all(abs(x) <= 1 for x in next(iter(terms))[1])):
+        multiples = [x for _, f in terms for x in f]
+        if len(terms) > _MAX_TERMS or not all(isinstance(x, int) for x in multiples):
             return plain
-        if any(not isinstance(x, int) for _, f in terms for x in f):
+        if len(terms) == 1 and all(abs(x) <= 1 for x in multiples):
             return plain
         key = tuple(sorted(terms.items()))
-        if key not in self._found:
-            products = (form for sums in self._families for form in _products(terms, sums))
-            self._found[key] = min([plain, *products], key=_length)
-        return self._found[key]
+        if key not in self._cache:
+            forms = [plain]
+            for sums in self._families:
+                forms.extend(_products(terms, sums))
+            self._cache[key] = min(forms, key=_length)
+        return self._cache[key]
 
 
 def _length(form: dict[Waves, Any]) -> tuple[int, int, int, int]:
     """Sort key: number of terms, doubled angles, halves, factors."""
-    doubled = sum(1 for waves in form for (_, f), _ in waves if any(abs(x) > 1 for x in f))
-    halves = sum(1 for c in form.values() if float(2 * c).is_integer() and not float(c).is_integer())
-    return len(form), doubled, halves, sum(power for waves in form for _, power in waves)
+    doubled = factors = halves = 0
+    for waves, coefficient in form.items():
+        if float(2 * coefficient).is_integer() and not float(coefficient).is_integer():
+            halves += 1
+        for (_, multiples), power in waves:
+            factors += power
+            doubled += max(map(abs, multiples)) > 1
+    return len(form), doubled, halves, factors
 
 
 def _waves_of(powers: Mapping[Basis, int]) -> Waves:
-    return tuple(sorted((basis, power) for basis, power in powers.items() if power and any(basis[1])))
+    """Product of powers, without those that are 1: the power zero, and cos 0."""
+    waves = [(basis, power) for basis, power in powers.items() if power and any(basis[1])]
+    return tuple(sorted(waves))
 
 
 def _products(terms: dict[Basis, Any], sums: Array) -> Iterable[dict[Waves, Any]]:
     """Sum as polynomials in the cosines and sines of the angles in the rows of ``sums``, with reduced squares."""
+    polynomial = _angle_polynomial(terms, sums)
+    if polynomial is None:
+        return
+    exponents = np.array(list(polynomial), int).reshape(-1, len(sums), 2)
+    involved = np.flatnonzero(exponents.any(axis=(0, 2))).tolist()
+    if len(involved) > _MAX_ANGLES:
+        return
+    rows = [tuple(map(int, row)) for row in sums]
+    for remaining_squares in product((0, 1), repeat=len(involved)):  # squares of cosines (0) or sines (1)
+        form = dict(polynomial)
+        for j, square in zip(involved, remaining_squares, strict=True):
+            form = _reduce_squares(form, j, square)
+        threshold = 1e-14 * max(map(abs, form.values()), default=0)
+        waves_form = {}
+        for powers, coefficient in form.items():
+            if abs(coefficient) > threshold:
+                wave_powers = {}
+                for j in involved:
+                    wave_powers["cos", rows[j]], wave_powers["sin", rows[j]] = powers[j]
+                waves_form[_waves_of(wave_powers)] = coefficient
+        yield waves_form
+
+
+def _angle_polynomial(terms: dict[Basis, Any], sums: Array) -> dict[Powers, Any] | None:
+    """Sum as a polynomial in cosines and sines of the angles in the rows of ``sums``; None if its degree is too high."""
     inverse = np.rint(np.linalg.inv(sums)).astype(int)
-    n = len(sums)
-    whole: dict[tuple[tuple[int, int], ...], Any] = defaultdict(int)
+    polynomial: dict[Powers, Any] = defaultdict(int)
     for (kind, f), value in terms.items():
-        g = np.array(f, int) @ inverse
-        if np.abs(g).max(initial=0) > 4:
-            return
-        for powers, (real, imaginary) in _expansion(tuple(map(int, g))).items():
+        multiples = np.array(f, int) @ inverse
+        if np.abs(multiples).max(initial=0) > _MAX_MULTIPLE:
+            return None
+        for powers, (real, imaginary) in _expansion(tuple(map(int, multiples))).items():
             part = real if kind == "cos" else imaginary
             if part:
-                whole[powers] += part * value
-    involved = [j for j in range(n) if any(p[j][0] or p[j][1] for p in whole)]
-    if len(involved) > 4:
-        return
-    for keep in product((0, 1), repeat=len(involved)):  # keep squares of cosines (0) or sines (1)
-        form = dict(whole)
-        for j, kept in zip(involved, keep, strict=True):
-            form = _reduce_squares(form, j, kept)
-        least = 1e-14 * max((abs(c) for c in form.values()), default=0)
-        bases = [(j, s, (("cos", "sin")[s], tuple(int(x) for x in sums[j]))) for j in involved for s in (0, 1)]
-        yield {_waves_of({basis: p[j][s] for j, s, basis in bases}): c for p, c in form.items() if abs(c) > least}
+                polynomial[powers] += part * value
+    return polynomial
 
 
-def _expansion(g: tuple[int, ...]) -> dict[tuple[tuple[int, int], ...], tuple[int, int]]:
+def _expansion(multiples: tuple[int, ...]) -> dict[Powers, tuple[int, int]]:
     """exp(i Σ g_j ψ_j) = Π (cos ψ_j ± i sin ψ_j)^|g_j| as powers (of cos, sin) → (real, imaginary) coefficient."""
-    total: dict[tuple[tuple[int, int], ...], complex] = {((0, 0),) * len(g): 1}
-    for j, power in enumerate(g):
-        for _ in range(abs(power)):
-            grown: dict[tuple[tuple[int, int], ...], complex] = defaultdict(complex)
-            for p, c in total.items():
-                (a, b) = p[j]
-                grown[*p[:j], (a + 1, b), *p[j + 1 :]] += c
-                grown[*p[:j], (a, b + 1), *p[j + 1 :]] += c * (1j if power > 0 else -1j)
-            total = grown
-    return {p: (round(c.real), round(c.imag)) for p, c in total.items()}
+    total: dict[Powers, complex] = {((0, 0),) * len(multiples): 1}
+    for j, multiple in enumerate(multiples):
+        sine_factor = 1j if multiple > 0 else -1j
+        for _ in range(abs(multiple)):
+            expanded: dict[Powers, complex] = defaultdict(complex)
+            for powers, c in total.items():
+                cosines, sines = powers[j]
+                expanded[*powers[:j], (cosines + 1, sines), *powers[j + 1 :]] += c
+                expanded[*powers[:j], (cosines, sines + 1), *powers[j + 1 :]] += c * sine_factor
+            total = expanded
+    return {powers: (round(c.real), round(c.imag)) for powers, c in total.items()}
 
 
-def _reduce_squares(form: Mapping[Any, Any], j: int, kept: int) -> dict[Any, Any]:
-    """Replace sin² = 1 - cos² (kept 0) or cos² = 1 - sin² (kept 1) of angle j until none is left."""
-    todo, done = dict(form), defaultdict[Any, Any](int)
-    while todo:
-        p, c = todo.popitem()
-        if p[j][1 - kept] < 2:
-            done[p] += c
+def _reduce_squares(form: Mapping[Any, Any], j: int, square: int) -> dict[Any, Any]:
+    """Replace sin² = 1 - cos² (square 0) or cos² = 1 - sin² (square 1) of angle j until none is left."""
+    remaining, reduced = dict(form), defaultdict[Any, Any](int)
+    while remaining:
+        powers, c = remaining.popitem()
+        if powers[j][1 - square] < 2:
+            reduced[powers] += c
             continue
-        low, high = list(p[j]), list(p[j])
-        low[1 - kept] -= 2
-        high[1 - kept] -= 2
-        high[kept] += 2
-        for powers, sign in ((low, 1), (high, -1)):
-            q = (*p[:j], tuple(powers), *p[j + 1 :])
-            todo[q] = todo.get(q, 0) + sign * c
-    return dict(done)
+        low, high = list(powers[j]), list(powers[j])
+        low[1 - square] -= 2
+        high[1 - square] -= 2
+        high[square] += 2
+        for angle_powers, sign in ((low, 1), (high, -1)):
+            key = (*powers[:j], tuple(angle_powers), *powers[j + 1 :])
+            remaining[key] = remaining.get(key, 0) + sign * c
+    return dict(reduced)

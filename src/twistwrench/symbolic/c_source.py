@@ -1,0 +1,94 @@
+"""Equations as C99: functions of plain arrays, without allocation, that need only math.h."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core.errors import ValueRangeError
+from ..core.text import visible
+from .source_code import (
+    FUNCTIONS,
+    WAVES,
+    Routine,
+    constants,
+    expression_text,
+    header,
+    ordered_names,
+    routine,
+    unread_arrays,
+)
+
+if TYPE_CHECKING:
+    from .equations import Equations
+
+# :mod:`..targets.c` prints recorded programs with one numbered operation a line and bit-exact kernel results. Equations
+# are printed here for reading: one formula a line with its own names, which programs do not keep.
+
+
+def c_source(equations: Equations, prefix: str | None = None) -> str:
+    """C file with names that begin with ``prefix`` or the robot's name.
+
+    Raises ValueRangeError if the prefix is not a C identifier, or for functions that math.h does not have.
+    """
+    if prefix is None:
+        prefix = re.sub(r"\W", "_", equations.name, flags=re.ASCII)
+        if not re.match(r"[A-Za-z]", prefix):
+            prefix = f"robot_{prefix}"
+    if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z]\w*", prefix, flags=re.ASCII):
+        raise ValueRangeError(f"prefix={prefix!r} cannot begin a name in C. Use letters, digits and underscores.")
+    names, symbols = ordered_names(equations), constants(equations)
+    n = len(equations.q)
+    remarks = header(equations)
+    if symbols:
+        remarks.append(f"p = ({', '.join(symbol.name for symbol in symbols)})")
+    text = visible("\n".join(remarks)).replace("*/", "* /").replace("/*", "/ *")
+    comment = "\n".join(f" * {line}" for line in text.splitlines())
+    parts = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
+    signatures = {name: _signature(name, prefix, n, len(symbols)) for name in FUNCTIONS}
+    parts.append("\n".join(f"{signature};" for signature in signatures.values()))
+    values = equations.values
+    if symbols and values.keys() >= set(symbols):
+        rows = "\n".join(f"    {float(values[symbol])!r}, /* {symbol.name} */" for symbol in symbols)
+        parts.append(
+            f"extern const double {prefix}_parameters[{len(symbols)}];\n"
+            f"const double {prefix}_parameters[{len(symbols)}] = {{\n{rows}\n}};"
+        )
+    for name, signature in signatures.items():
+        parts.append(_function(routine(equations, name, names), signature, n, bool(symbols)))
+    return "\n\n".join(parts) + "\n"
+
+
+def _signature(name: str, prefix: str, n: int, parameters: int) -> str:
+    arrays, letter, axes, _ = FUNCTIONS[name]
+    inputs = [f"const double {a}[{n}]" for a in arrays]
+    if parameters:
+        inputs.append(f"const double p[{parameters}]")
+    return f"void {prefix}_{name}({', '.join(inputs)}, double {letter}[{n**axes}])"
+
+
+def _function(function: Routine, signature: str, n: int, has_parameters: bool) -> str:
+    arrays, letter, axes, meaning = FUNCTIONS[function.name]
+    if has_parameters:
+        arrays = (*arrays, "p")
+    lines = [f"/* {meaning}. */", signature, "{"]
+    lines += [f"    (void){name};" for name in unread_arrays(arrays, function)]
+    for array, k, name in function.inputs:
+        lines.append(f"    const double {name} = {array}[{k}];")
+    for name, expr in function.lines:
+        lines.append(f"    const double {name} = {expression_text(expr, _C)};")
+    for k, (_, expr) in enumerate(zip(np.ndindex((n,) * axes), function.results, strict=True)):
+        lines.append(f"    {letter}[{k}] = {expression_text(expr, _C)};")
+    return "\n".join([*lines, "}"])
+
+
+_C = {
+    **{name: f"{name}({{}})" for name in (*WAVES, "exp", "log", "sqrt")},
+    **{f"a{name}": f"a{name}({{}})" for name in WAVES},
+    "atan2": "atan2({}, {})",
+    "Abs": "fabs({})",
+    "sign": "(double)((({0}) > 0.0) - (({0}) < 0.0))",
+    "pow": "pow({}, {})",
+}

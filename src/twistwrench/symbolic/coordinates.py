@@ -1,0 +1,78 @@
+"""Independent generalized coordinates of a robot, and their names.
+
+Joints with one coordinate keep it. A planar joint has x, y and an angle. A floating joint has x, y, z and the ZYX
+Euler angles of Modern Robotics appendix B.1.1, because the four numbers of a quaternion are not independent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.typing import Array
+from ..mechanics.model.model import Model
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Variable of differentiation: symbols of a coordinate, its rate and acceleration."""
+
+    name: str
+    rate: str
+    acceleration: str
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """Coordinate: symbol, meaning, and True for an angle."""
+
+    name: str
+    angle: bool
+    meaning: str
+
+    @property
+    def rate(self) -> str:
+        """Symbol of its rate."""
+        return rate_symbol(self.name)
+
+    @property
+    def acceleration(self) -> str:
+        """Symbol of its second derivative."""
+        return rate_symbol(self.name, "ddot")
+
+
+def rate_symbol(name: str, mark: str = "dot") -> str:
+    """Symbol of a rate: theta_1 → thetadot_1, x → xdot.
+
+    >>> rate_symbol("theta_1"), rate_symbol("x", "ddot")
+    ('thetadot_1', 'xddot')
+    """
+    stem, line, index = name.partition("_")
+    return f"{stem}{mark}{line}{index}"
+
+
+def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
+    """Coordinates in the order of q, numbered by joints with their own coordinates."""
+    coordinates = []
+    for n, body in enumerate(model.leaders, 1):
+        for entry in body.joint.chart:
+            meaning = f"{entry.meaning.format(body.joint.name)} [{'rad' if entry.angle else 'm'}]"
+            coordinates.append(Coordinate(f"{entry.letter}_{n}", entry.angle, meaning))
+    return tuple(coordinates)
+
+
+def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Array, Array, Array]:
+    """State in these coordinates, (nv,) each, as the robot's q (nq,), dq and ddq (nv,), and N (nv, nv) with dq = N du.
+
+    Torques of the coordinates are N' tau.
+    """
+    q, dq, ddq = model.neutral, np.zeros(model.nv), np.zeros(model.nv)
+    N = np.zeros((model.nv, model.nv))
+    for body in model.leaders:
+        q_slice, v_slice = body.places
+        dx, ddx = du[v_slice], ddu[v_slice]
+        q[q_slice], B, dB = body.joint.from_chart(u[v_slice], dx)
+        N[v_slice, v_slice] = B
+        dq[v_slice], ddq[v_slice] = B @ dx, B @ ddx + dB @ dx
+    return q, dq, ddq, N

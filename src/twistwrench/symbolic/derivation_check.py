@@ -1,0 +1,131 @@
+"""Check of a derivation: comparison with Newton–Euler dynamics at random states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..core.numbers import residual
+from ..core.typing import Array
+from ..robot import Robot
+from .coordinates import to_robot
+from .equations import Equations
+
+
+class Evaluator:
+    """Evaluator of expressions, given values of their symbols; definitions are evaluated first, in order."""
+
+    def __init__(self, values: Mapping[Any, Any]) -> None:
+        self._values: dict[Any, Any] = dict(values)
+
+    @classmethod
+    def from_state(cls, equations: Equations, q: Array, dq: Array, ddq: Array) -> Evaluator:
+        """Evaluator at states (..., n), with parameters at their own values."""
+        values: dict[Any, Any] = dict(equations.values)
+        for symbols, array in ((equations.q, q), (equations.dq, dq), (equations.ddq, ddq)):
+            values |= zip(symbols, np.moveaxis(array, -1, 0), strict=True)
+        evaluator = cls(values)
+        for symbol, expr in equations.definitions:
+            evaluator._values[symbol] = evaluator(expr)
+        return evaluator
+
+    def __call__(self, expr: Any) -> Any:
+        """Value of one expression."""
+        value = self._values.get(expr)
+        if value is None:
+            value = self._values[expr] = self._evaluate(expr)
+        return value
+
+    def array(self, exprs: Any, batch: tuple[int, ...]) -> Array:
+        """Values of a matrix or array of expressions, (*batch, *its shape)."""
+        shape = tuple(map(int, exprs.shape))
+        entries = [np.broadcast_to(self(exprs[place]), batch) for place in np.ndindex(shape)]
+        return np.stack(entries, axis=-1).reshape(*batch, *shape)
+
+    def _evaluate(self, expr: Any) -> Any:
+        if expr.is_Number:
+            return float(expr)
+        if expr.is_Add:
+            return sum(map(self, expr.args))
+        if expr.is_Mul:
+            total = 1.0
+            for factor in expr.args:
+                total = total * self(factor)
+            return total
+        if expr.is_Pow and expr.exp.is_Integer:
+            return self(expr.base) ** int(expr.exp)
+        if expr.is_Pow:
+            return np.power(self(expr.base), self(expr.exp))
+        return getattr(np, expr.func.__name__)(*map(self, expr.args))
+
+
+TOLERANCE = 1e-12
+"""Tolerance relative to the largest torque, mass or force; both sides round sums of a few hundred terms of order one."""
+
+_STATES, _CHECK_SEED = 16, 8100
+"""Number of random states, and their seed."""
+
+
+@dataclass(frozen=True)
+class DerivationCheck:
+    """Check of a derivation: deviation from the compiled kernels, relative to the largest entry of each quantity."""
+
+    inverse_dynamics: float
+    """Relative deviation of τ."""
+    mass_matrix: float
+    """Relative deviation of M."""
+    coriolis_forces: float
+    """Relative deviation of c."""
+    gravity_forces: float
+    """Relative deviation of g."""
+    states: int
+    """Number of random states."""
+
+    @property
+    def worst(self) -> float:
+        """Largest of the deviations."""
+        return max(self.inverse_dynamics, self.mass_matrix, self.coriolis_forces, self.gravity_forces)
+
+    def __str__(self) -> str:
+        return (
+            f"checked against Newton–Euler at {self.states} random states: τ to {residual(self.inverse_dynamics)}, "
+            f"M to {residual(self.mass_matrix)}, c to {residual(self.coriolis_forces)}, g to "
+            f"{residual(self.gravity_forces)} of the largest entry"
+        )
+
+
+def check_derivation(equations: Equations, robot: Robot) -> DerivationCheck:
+    """Deviation from the kernels at random states."""
+    n, rng = robot.nv, np.random.default_rng(_CHECK_SEED)
+    u = rng.uniform(-1.5, 1.5, (_STATES, n))
+    du, ddu = rng.standard_normal((2, _STATES, n))
+    evaluator = Evaluator.from_state(equations, u, du, ddu)
+    quantities = ("inverse_dynamics", "mass_matrix", "coriolis_forces", "gravity_forces")
+    expected: dict[str, list[Array]] = {name: [] for name in quantities}
+    zero = np.zeros(n)
+
+    def torques_at_rest(q: Array) -> Array:
+        if robot.model.springs:  # without gravity, springs still produce torque
+            return robot.bias_forces(q, zero)
+        return robot.gravity_forces(q)
+
+    for x, dx, ddx in zip(u, du, ddu, strict=True):
+        q, dq, ddq, N = to_robot(robot.model, x, dx, ddx)
+        bias = ddq - N @ ddx  # dN/dt du: part of c due to the choice of coordinates
+        M = robot.mass_matrix(q)
+        expected["inverse_dynamics"].append(N.T @ robot.inverse_dynamics(q, dq, ddq))
+        expected["mass_matrix"].append(N.T @ M @ N)
+        expected["coriolis_forces"].append(N.T @ (robot.coriolis_forces(q, dq) + M @ bias))
+        expected["gravity_forces"].append(N.T @ torques_at_rest(q))
+    largest_torque = np.abs(expected["inverse_dynamics"]).max()
+    deviations = {}
+    for name, rows in expected.items():
+        exprs = equations.tau if name == "inverse_dynamics" else getattr(equations, name)
+        values = evaluator.array(exprs, (_STATES,)).reshape(np.shape(rows))
+        scale = np.abs(rows).max() if name == "mass_matrix" else largest_torque
+        # Without any torque, the deviation is absolute.
+        deviations[name] = float(np.abs(values - rows).max() / (scale or 1.0))
+    return DerivationCheck(**deviations, states=_STATES)

@@ -1,0 +1,154 @@
+"""Derivation as a web page with formulas in MathML."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import escape
+
+from ..core.numbers import printed
+from .documents import heading, remarks_of, sentence
+from .names import GREEK, Notation, name_parts
+
+if TYPE_CHECKING:
+    from .equations import Equations, Step
+
+
+class MathML(Notation):
+    """Presentation MathML, which browsers display without scripts."""
+
+    def symbol(self, name: str) -> str:
+        stem, mark, index = name_parts(name)
+        letter = f"<mi>{escape(GREEK.get(stem, stem))}</mi>"
+        if mark:
+            accent = {"dot": "˙", "ddot": "¨"}[mark]
+            letter = f'<mover accent="true">{letter}<mo>{accent}</mo></mover>'
+        if not index:
+            return letter
+        return f"<msub>{letter}<mi>{escape(index.replace('_', ','))}</mi></msub>"
+
+    def figure(self, digits: str) -> str:
+        mantissa, _, power = digits.partition("e")
+        if not power:
+            return f"<mn>{digits}</mn>"
+        exponent = str(int(power)).replace("-", "−")
+        return f"<mn>{mantissa}</mn><mo>·</mo><msup><mn>10</mn><mn>{exponent}</mn></msup>"
+
+    def function(self, name: str, argument: str, power: str = "") -> str:
+        head = f"<mi>{name}</mi>"
+        if power:
+            head = f"<msup>{head}<mn>{power}</mn></msup>"
+        return f"<mrow>{head}{self.bracket(argument)}</mrow>"
+
+    def superscript(self, base: str, power: str) -> str:
+        return f"<msup><mrow>{base}</mrow><mn>{power.replace('-', '−')}</mn></msup>"
+
+    def bracket(self, inner: str) -> str:
+        return f'<mo stretchy="false">(</mo>{inner}<mo stretchy="false">)</mo>'
+
+    def above(self, inner: str) -> str:
+        return inner
+
+    def fraction(self, top: str, bottom: str) -> str:
+        return f"<mfrac><mrow>{_element(top)}</mrow><mrow>{_element(bottom)}</mrow></mfrac>"
+
+    def times(self, factors: list[str]) -> str:
+        return '<mspace width="0.15em"/>'.join(factors)
+
+    def minus(self, inner: str) -> str:
+        return f'<mo form="prefix">−</mo>{inner}'
+
+    def between(self, sign: str) -> str:
+        return f"<mo>{self.operator(sign)}</mo>"
+
+    def matrix(self, rows: list[list[str]]) -> str:
+        lines = []
+        for row in rows:
+            cells = "".join(f"<mtd>{x}</mtd>" for x in row)
+            lines.append(f"<mtr>{cells}</mtr>")
+        # Brackets are drawn by the style sheet: stretched ones need a mathematical font, which many systems lack.
+        return f'<mtable class="matrix">{"".join(lines)}</mtable>'
+
+    def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
+        slope = f"<mfrac><mrow><mo>∂</mo>{top}</mrow><mrow><mo>∂</mo>{variable}</mrow></mfrac>"
+        if rate:
+            return f"<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>{slope}"
+        return slope
+
+    def partial(self, variable: str, inner: str) -> str:
+        return f"<mfrac><mo>∂</mo><mrow><mo>∂</mo>{variable}</mrow></mfrac>{inner}"
+
+    def other(self, expr: Any) -> str:
+        from sympy.printing.mathml import MathMLPresentationPrinter
+
+        return str(MathMLPresentationPrinter().doprint(expr))
+
+
+def _element(text: str) -> str:
+    """MathML element; bare digits become a number."""
+    return text if text.startswith("<") else f"<mn>{text}</mn>"
+
+
+_STYLE = """
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1.2rem; }
+h1 { font-size: 1.6rem; margin-bottom: .4rem; } h2 { font-size: 1.15rem; margin: 1.8rem 0 .2rem; }
+p.remark, p.check { margin: 0 0 .6rem; opacity: .75; }
+nav a { margin-right: .9rem; white-space: nowrap; }
+table.symbols { border-collapse: collapse; font-size: .92rem; margin: 1rem 0; }
+table.symbols td { padding: .15rem 1rem .15rem 0; border-bottom: 1px solid #8883; vertical-align: baseline; }
+table.symbols td:last-child { text-align: right; font-variant-numeric: tabular-nums; }
+.line { margin: .45rem 0 .45rem 2.5rem; text-indent: -2.5rem; line-height: 1.9; }
+math { text-indent: 0; font-size: 1.06rem; }
+mtable.matrix { border: solid currentColor; border-width: 0 1.5px; padding: .1em .25em; margin: 0 .15em;
+  background: linear-gradient(currentColor 0 0) 0 0, linear-gradient(currentColor 0 0) 100% 0,
+    linear-gradient(currentColor 0 0) 0 100%, linear-gradient(currentColor 0 0) 100% 100%;
+  background-size: .35em 1.5px; background-repeat: no-repeat; }
+"""
+
+
+def html_page(equations: Equations, steps: tuple[Step, ...]) -> str:
+    """HTML page; sums are split at their terms, so that browsers break lines there."""
+    notation = MathML()
+    title = f"Equations of motion of {escape(equations.name)}"
+    checks = [f'<p class="check">{escape(text)}</p>' for text in remarks_of(equations)]
+    links = [f'<a href="#{step.name}">{escape(heading(step))}</a>' for step in steps]
+    parts = [
+        "<!doctype html>",
+        '<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>{title}</title><style>{_STYLE}</style></head><body>",
+        f"<h1>{title}</h1>",
+        *checks,
+        f"<nav>{' '.join(links)}</nav>",
+        _symbol_table(equations, notation),
+    ]
+    for step in steps:
+        remark = f'<p class="remark">{escape(sentence(step.remark))}</p>'
+        parts.append(f'<section id="{step.name}"><h2>{escape(heading(step))}</h2>{remark}')
+        for label, expr in step.lines:
+            parts.append(_line(label.write(notation), expr, notation))
+        parts.append("</section>")
+    parts.append("</body></html>")
+    return "\n".join(filter(None, parts)) + "\n"
+
+
+def _symbol_table(equations: Equations, notation: MathML) -> str:
+    rows = [(name, meaning, "") for name, meaning in equations.meanings]
+    rows += [(p.name, p.meaning, printed(p.value)) for p in equations.parameters]
+    if not rows:
+        return ""
+    html = ""
+    for name, meaning, value in rows:
+        symbol = f"<math>{notation.symbol(name)}</math>"
+        html += f"<tr><td>{symbol}</td><td>{escape(meaning)}</td><td>{value}</td></tr>"
+    return f'<table class="symbols">{html}</table>'
+
+
+def _line(left: str, expr: Any, notation: MathML) -> str:
+    if not getattr(expr, "is_Add", False):
+        return f'<div class="line"><math>{left}<mo>=</mo>{notation.write(expr)}</math></div>'
+    (first_sign, first), *others = notation.terms(expr)
+    if first_sign == "-":
+        first = notation.minus(first)
+    pieces = [f"<math>{left}<mo>=</mo>{first}</math>"]
+    pieces += [f'<math><mo form="infix">{notation.operator(sign)}</mo>{term}</math>' for sign, term in others]
+    return f'<div class="line">{" ".join(pieces)}</div>'
