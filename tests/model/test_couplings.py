@@ -271,6 +271,15 @@ def test_forces_at_the_tip_are_limited_by_motors():
     assert any("motor m5 (wrist_2_joint and wrist_3_joint)" in side for side in polytope.sides)
 
 
+def test_a_motor_is_named_with_the_joints_that_it_loads():
+    """τ_j = A'τ_m: with A = [[1, 0], [1, 1]] the first motor loads the first joint alone, the second one both."""
+    coupling = {"motors": ["m5", "m6"], "joints": list(WRIST), "motor_per_joint": [[1, 0], [1, 1]]}
+    drives = {motor: {"effort": "28 N m"} for motor in coupling["motors"]}
+    robot = tw.robots.ur5().with_actuators({"couplings": {"wrist": coupling}, "actuators": drives})
+    names = statics.largest_payload(robot, robot.neutral).joint_names
+    assert names[4:] == ("motor m5 (wrist_2_joint)", "motor m6 (wrist_2_joint and wrist_3_joint)")
+
+
 @pytest.mark.parametrize("friction", [False, True])
 def test_the_fastest_motion_keeps_the_motors_within_their_limits(friction):
     """Largest share 1 up to what the search leaves free, on a grid that is not the search's; a motor limits part of it."""

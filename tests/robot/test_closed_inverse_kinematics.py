@@ -126,6 +126,17 @@ def test_redundant_rows_and_rows_of_velocity_change_nothing(linkage):
     assert moved.converged and moved.gap == 0.0
 
 
+def test_loops_at_other_places_of_one_arm_are_closed_where_they_are():
+    """Two closed robots of one arm whose loops differ in nothing but the pose of the pin."""
+    arm = tw.robots.planar_3r()
+    q = np.array([-0.6, 0.2, 2.2])
+    T = arm.forward_kinematics(arm.close("ground", arm.tip, rows="vx vz", pose=along(1.5)).consistent(q), "link2")
+    for x in (1.5, 1.2):
+        closed = arm.close("ground", arm.tip, rows="vx vz", pose=along(x))
+        found = closed.inverse_kinematics(T, "link2", q, rows="vx")
+        assert found.converged and np.abs(arm.forward_kinematics(found.q)[[0, 2], 3] - [x, 0.0]).max() < 1e-10
+
+
 def test_several_frames_and_several_starts_at_once(platform):
     closed, near = platform
     q = closed.consistent(

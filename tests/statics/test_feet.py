@@ -143,6 +143,19 @@ def test_the_stance_foot_of_a_biped_does_not_move_and_the_rates_of_its_base_are_
     assert_allclose(motion.ddq[2:-2][rows], change[rows], atol=2e-3 * np.abs(change).max())
 
 
+@pytest.mark.parametrize(("shape", "radius"), [("sphere", 0.03), ("sphere", 0.2), ("cylinder", 0.03)])
+def test_a_wheel_touches_the_ground_below_its_centre_at_its_radius(tmp_path, shape, radius):
+    """A ball caster, and a cylinder about y, which reaches as deep."""
+    length = "" if shape == "sphere" else 'length="0.02"'
+    path = tmp_path / "caster.urdf"
+    path.write_text(
+        f"""<robot name="caster"><link name="base"/><link name="wheel"><collision><origin rpy="1.5707963267948966 0 0"/>
+        <geometry><{shape} radius="{radius}" {length}/></geometry></collision></link><joint name="axle" type="continuous"><parent link="base"/>
+        <child link="wheel"/><axis xyz="0 1 0"/></joint></robot>"""
+    )
+    assert_allclose(statics.wheel(tw.load(path), "wheel", 0.0).radius, radius, rtol=1e-3)
+
+
 def test_four_feet_that_are_points_stand_together():
     free = tw.robots.quadruped()
     held = tw.load(tw.robots.path_of("quadruped"), floating_base=False)

@@ -288,6 +288,24 @@ def test_a_group_shares_its_force():
     assert_allclose(1.0 + found.payload, 2 * 0.5 * 60.0 / 9.81, rtol=1e-9)
 
 
+@pytest.mark.parametrize(("push", "stands"), [(0.51, True), (0.49, False)])
+def test_equal_pads_of_two_links_press_with_their_own_forces(push, stands):
+    """Two feet with the same corners and normal carry half of the weight each, so each must bear that, and not all of it."""
+    feet = "".join(
+        f"""<link name="{name}"/><joint name="to_{name}" type="fixed"><parent link="trunk"/><child link="{name}"/>
+        <origin xyz="0 {y} -0.3"/></joint>"""
+        for name, y in (("left", 0.1), ("right", -0.1))
+    )
+    inertia = '<mass value="10"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
+    text = f'<robot name="biped"><link name="trunk"><inertial>{inertia}</inertial></link>{feet}</robot>'
+    robot = tw.load(text, floating_base=True)
+    corners = [(x, y, 0.0) for x in (-0.05, 0.05) for y in (-0.02, 0.02)]
+    weight = 10 * np.linalg.norm(robot.gravity)
+    pads = [c for foot in ("left", "right") for c in statics.patch(foot, corners, (0, 0, 1), 0.5, push=push * weight)]
+    found = statics.support(robot, robot.neutral, np.zeros(6), np.zeros(6), pads)
+    assert bool(found.holds[0]) == stands
+
+
 def test_a_cup_pulls_off_at_its_vacuum_force_and_slides_at_friction_times_it():
     ring = [
         statics.Contact((0.02 * np.cos(a), 0.02 * np.sin(a), 0), (0, 0, -1), 0.5, pull=10.0)
