@@ -409,3 +409,14 @@ def test_slopes_of_torques_with_load_friction_are_those_of_central_differences()
         step[at] = 1e-6
         ends = [(constraints.evaluate(states + way * step, smooth=True)[0] * weights).sum() for way in (1.0, -1.0)]
         assert slope[at] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize(("coulomb", "kept"), [(5.0, True), (15.0, False)])
+def test_the_check_of_a_motion_counts_the_friction_of_the_robot(coulomb, kept):
+    """Weightless, at constant speed, torques are those of friction alone: within or beyond a limit of 10 N m."""
+    one = exciting_trajectory(PLANAR, 4.0, 1, acceleration=3.0, restarts=1)
+    weightless = with_friction(PLANAR.model, {"joint1": {"coulomb": coulomb}, "joint2": {}})
+    robot = tw.Robot(replace(weightless, gravity=np.zeros(3)))
+    limits = replace(one.constraints.bounds, effort=np.array([10.0, 10.0]))
+    states = np.array([[[0.0, 0.5]], [[0.1, 0.0]], [[0.0, 0.0]]])
+    assert (replace(one.constraints, robot=robot, bounds=limits).least(states) >= 0.0) == kept

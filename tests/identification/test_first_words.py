@@ -14,7 +14,7 @@ import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut, HeldOutRows
 from twistwrench.identification import identify
 from twistwrench.identification.cause_fit import CauseFit
-from twistwrench.identification.fit_doubts import _largest_at, _unit, left_unexplained
+from twistwrench.identification.fit_doubts import _largest_at, _residual_above_noise, _unit, left_unexplained
 from twistwrench.identification.hyperparameters import FitSettings, SettingRows
 from twistwrench.identification.views.identified_robot import _open_groups
 
@@ -157,6 +157,18 @@ def test_the_largest_residual_may_have_either_sign():
     measured = np.array([[0.0], [1.0], [-3.0], [0.5]])
     rows = HeldOutRows(np.arange(4.0), np.zeros(4, int), measured, np.zeros((4, 1)))
     assert _largest_at(HeldOut.from_rows("five-fold", rows, ["j"]), 0) == ", largest at t = 2.0000 s"
+
+
+@pytest.mark.parametrize(("times", "loud"), [(2.6, False), (3.4, True)])
+def test_a_residual_is_loud_from_three_times_the_noise_below_the_cut_off(times, loud):
+    """White noise of deviation 1 at the rate r has a part of deviation √(2 f / r) below the cut-off f; filters: to 10 %."""
+    cutoff, rate = 20.0, 200.0
+    noise = np.random.default_rng(0).normal(size=(20_000, 1))
+    residual = np.full((100, 1), times * np.sqrt(2 * cutoff / rate))
+    log = SimpleNamespace(samples=[SimpleNamespace(rate=rate, tau=noise)])
+    fit = {"W": np.zeros((100, 1, 1)), "x": np.zeros(1), "tau": residual, "dead": np.array([False]), "names": ("j",)}
+    seen = SimpleNamespace(settings=SimpleNamespace(cutoff=cutoff), logs=[log], **fit)
+    assert _residual_above_noise(seen) == loud
 
 
 def test_a_unit_of_torques_is_named_by_its_own_factor():

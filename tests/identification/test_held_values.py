@@ -50,14 +50,27 @@ def test_what_is_known_stays_and_is_a_group_of_its_own(planar, free):
     assert found.verdict.ok and found.to_dict()["held"] == pytest.approx(known)
 
 
-def test_what_is_known_makes_the_rest_no_less_sure(planar, free):
-    """Textbook's deviations, which only the equations decide."""
+@pytest.fixture(scope="module")
+def with_known_friction(planar):
     known = {"joint1.viscous": float(planar.drives["viscous"][0])}
-    found = identify(ARM, planar.motion, cutoff=10.0, known=known, method="ols", friction_speed=0.05, shift=0.0)
+    return identify(ARM, planar.motion, cutoff=10.0, known=known, method="ols", friction_speed=0.05, shift=0.0)
+
+
+def test_what_is_known_makes_the_rest_no_less_sure(planar, with_known_friction):
+    """Textbook's deviations, which only the equations decide."""
+    found = with_known_friction
     before = identify(ARM, planar.motion, cutoff=10.0, method="ols", friction_speed=0.05, shift=0.0)
     surer = found.covariance.textbook / before.covariance.textbook
     assert found.groups == before.groups and surer.max() < 1.01
     assert surer[found.groups.index("joint1.coulomb")] < 0.9  # which a slow motion confuses with it
+
+
+def test_each_group_stands_beside_its_own_value_in_the_file(with_known_friction):
+    found = with_known_friction
+    table = found.tables[f"{found.free_count} groups of parameters"].to_dict()
+    file = {name: parameter["prior"] for name, parameter in found.to_dict()["parameters"].items()}
+    assert table["file"] == [file[name] for name in table["group"]]
+    assert file.keys() - set(table["group"]) == {"joint1.viscous"}
 
 
 def test_a_wrong_value_is_held_all_the_same(planar):

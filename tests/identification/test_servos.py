@@ -12,10 +12,11 @@ from scipy import stats
 import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut
 from twistwrench.identification.servos.identify_servos import _limited, _sizes, _tracked
+from twistwrench.identification.servos.linear_start import scale_torques
 from twistwrench.identification.servos.output_error import OutputErrorFit, OutputErrorProblem
 from twistwrench.identification.servos.replay import ServoLog, _hermite
 from twistwrench.identification.servos.result import IdentifiedServos
-from twistwrench.identification.servos.result_view import _cells
+from twistwrench.identification.servos.result_view import _accuracy, _cells
 
 VALUES = {"armature": [0.5, 0.3], "damping": [4.0, 2.0], "coulomb": [0.6, 0.4], "kp": [120.0, 70.0]}
 
@@ -253,3 +254,29 @@ def test_a_model_with_more_unknowns_needs_more_evidence():
 def test_values_that_are_not_told_stand_in_parentheses():
     cells = _cells(np.array([2.0, 3.0]), np.array([0.01, 0.5]), np.array([True, False]), ["N m", "N m"])
     assert cells[0].startswith("2") and cells[1].startswith("(3") and cells[1].endswith(")")
+
+
+def test_the_share_of_friction_in_the_headline_is_that_of_the_worst_joint():
+    """Of joints with all four values: 5 % of the torque of the second; the third is not determined."""
+    width = {"kp": 0.01, "armature": 0.02, "damping": 0.03, "coulomb": 2.0}
+    found = SimpleNamespace(
+        whole=np.array([True, True, False]),
+        torque_shares={"coulomb": np.array([0.001, 0.05, 0.3])},
+        relative=lambda: {name: np.full(3, x) for name, x in width.items()},
+    )
+    assert _accuracy(found).endswith("friction ± 5 % of the joint's torque")
+
+
+def test_torques_that_armature_damping_and_friction_imitate_tell_no_scale():
+    """A body whose torque is 3 ddq + 2 dq + 1.5 sgn dq, up to the softened corner of the sign and the low-pass."""
+    t = np.arange(0.0, 20.0, 0.01)
+    log = ServoLog.from_arrays(t, 2.0 * np.sin(t)[:, None], np.zeros((len(t), 1)))
+
+    def robot(own):
+        def torques(q, dq, ddq):
+            return 3.0 * ddq + 2.0 * dq + 1.5 * np.tanh(dq / 0.02) + own * np.cos(2 * q)
+
+        return SimpleNamespace(nv=1, armature=np.zeros(1), inverse_dynamics=torques)
+
+    assert scale_torques(robot(0.0), [log])[0] < 0.1
+    assert scale_torques(robot(2.0), [log])[0] > 1.0
