@@ -458,6 +458,7 @@ def test_on_a_phone_nothing_scrolls_sideways_and_targets_are_large(article, sect
         (["--section", "5.44"], "Choose one of: 3.4"),
         (["--section", "8.2", "--payload", "3"], "Leave --payload out, or name ROBOT first."),
         ([], "Missing ROBOT"),
+        (["planar_2r", "--section", "8.1"], "no page with a robot: twistwrench view --section 8.1 --html page.html"),
     ],
 )
 def test_without_a_robot_the_command_writes_an_article_or_says_why_not(tmp_path, monkeypatch, arguments, message):

@@ -28,7 +28,7 @@ from ..viz.page import open_browser, write_page
 from ..viz.page_loops import closed_by_file
 from ..viz.page_motion import robot_of_motion
 from ..viz.scene import scene_of
-from ..viz.section_pages import section_panel
+from ..viz.section_pages import SECTIONS, section_panel
 from .main import note, option
 from .parameters import Question
 from .shared import LogOptions, RobotOptions
@@ -226,6 +226,11 @@ def _check_files(outputs: Outputs[Shown], log: LogOptions, section: str | None, 
         raise ValueRangeError("--embed and --control are about a page in a file. Add --html OUT.html.")
     if section is None:
         return
+    if section in ARTICLES and section not in SECTIONS:
+        raise ValueRangeError(
+            f"section {section} has an article, and no page with a robot: twistwrench view --section {section} "
+            f"--html page.html. Pages with a robot are on: {listed(SECTIONS, 20)}."
+        )
     section_panel(section)
     if "--html" not in outputs.flags:
         raise ValueRangeError(_NEEDS_FILE)
