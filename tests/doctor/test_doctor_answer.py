@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from click.testing import CliRunner
@@ -9,6 +10,7 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.text import words_of_the_shell
+from twistwrench.diagnosis import Finding, Severity
 
 RUNS = {
     "sound": ("ur5", {}, []),
@@ -79,3 +81,11 @@ def test_every_surface_has_the_word_and_the_counts(tmp_path):
     assert answer.summary in answer.headline
     assert answer.summary in re.sub(r"<[^>]+>", "", answer._repr_html_())
     assert json.loads(answer.to_json())["verdict"] == answer.verdict.word
+
+
+def test_the_worst_finding_is_in_the_short_form_however_long_it_is():
+    """A short form has 34 lines of findings; the sentence here takes 3,500 characters, 46 lines of 76."""
+    longest = Finding("impossible", Severity.ERROR, "link 'forearm'", 3, "word " * 700)
+    answer = replace(tw.doctor("ur5"), findings=(longest, *tw.doctor("ur5").findings))
+    assert "link 'forearm', line 3" in str(answer)
+    assert "friction" not in str(answer)

@@ -14,7 +14,7 @@ import twistwrench as tw
 from twistwrench import SpatialInertia
 from twistwrench.cli.main import main
 from twistwrench.diagnosis import Severity
-from twistwrench.diagnosis.parsed_file import load_errors
+from twistwrench.diagnosis.load_errors import load_errors
 from twistwrench.formats.xml import parse
 
 ARM = """<robot name="arm3"><link name="base"/>

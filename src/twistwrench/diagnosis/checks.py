@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from ..core.doubts import Doubt
 from ..core.numbers import file_number, margin, number, printed
 from ..core.text import listed
 from ..formats.edit import Edit
@@ -19,18 +18,19 @@ from ..motion.plausibility import BY_WEIGHT
 from ..robot import Robot
 from . import mass_checks as masses
 from . import tensor_checks as tensors
+from . import unit_checks as units
 from .findings import FileRepair, Finding, Severity
+from .options import Options
 from .parsed_file import ParsedFile
-from .tensor_checks import Options
+from .symmetry_checks import check_mirror
 
-__all__ = ["CHECKS", "Options"]
-
-_SINGLE = ("revolute", "continuous", "prismatic")
-_TURNS = 4.0 * math.pi
-_ENDLESS = 1000.0
+_SINGLE_AXIS_TYPES = ("revolute", "continuous", "prismatic")
+_TWO_TURNS = 4.0 * math.pi
+_MAX_LIMIT = 1000.0
 """Largest limit [rad or m]; larger ones mean no limit."""
-_STROKE = 5.0
-_NAMED = 6
+_MAX_STROKE = 5.0
+"""Largest usual stroke of a prismatic joint [m]."""
+_MAX_LISTED_JOINTS = 6
 
 
 def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -41,107 +41,128 @@ def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 def check_degrees(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Integer limits of revolute joints beyond ±2 turns: probably degrees; an error if no robot has such limits."""
-    refused = [found for found in _doubts_of_limits(robot) if found.kind == "limits-degrees"]
-    found = list(_whole_numbers(robot, Severity.ERROR if refused else Severity.WARNING))
-    yield from found
-    if refused and not found:
-        yield Finding("degrees", Severity.ERROR, f"joint {refused[0].joints[0]!r}", 0, str(refused[0]))
+    # Other commands refuse the same limits by these doubts.
+    limit_doubts = credible_limits(robot.model.limits, Robot(robot.model))
+    refusals = [doubt for doubt in limit_doubts if doubt.kind == "limits-degrees"]
+    if not refusals:
+        yield from _limits_in_degrees(robot, Severity.WARNING)
+        return
+    findings = list(_limits_in_degrees(robot, Severity.ERROR))
+    yield from findings
+    if not findings:
+        yield Finding("degrees", Severity.ERROR, f"joint {refusals[0].joints[0]!r}", 0, str(refusals[0]))
 
 
-def _whole_numbers(robot: ParsedFile, severity: Severity) -> Iterator[Finding]:
+def _limits_in_degrees(robot: ParsedFile, severity: Severity) -> Iterator[Finding]:
     """Limits of revolute joints that are whole numbers beyond two turns, and the edits of the file in radians."""
-    for joint in robot.joints.values() if robot.format == "urdf" else ():
+    for joint in _urdf_joints(robot).values():
         limit = joint.child("limit")
         if limit is None or joint.text("type") != "revolute":
             continue
-        limits = [limit.optional_number(name) or 0.0 for name in ("lower", "upper")]
-        if not _TURNS < max(map(abs, limits)) < _ENDLESS or not all(x.is_integer() for x in limits):
+        limits = {name: limit.optional_number(name) or 0.0 for name in ("lower", "upper")}
+        if not _TWO_TURNS < max(map(abs, limits.values())) < _MAX_LIMIT:
             continue
-        edits = tuple(
-            Edit(limit.locate(name), file_number(math.radians(x)))
-            for name, x in zip(("lower", "upper"), limits, strict=True)
-            if x
-        )
-        yield _finding(
+        if not all(angle.is_integer() for angle in limits.values()):
+            continue
+        edits = [Edit(limit.locate(name), file_number(math.radians(x))) for name, x in limits.items() if x]
+        yield _joint_finding(
             joint, "degrees", severity,
-            f"its limits, {printed(limits[0])} to {printed(limits[1])} rad, look like degrees",
-            {"lower": limits[0], "upper": limits[1]}, FileRepair("number", "the limits in radians", edits=edits),
+            f"its limits, {printed(limits['lower'])} to {printed(limits['upper'])} rad, look like degrees",
+            limits, FileRepair("number", "the limits in radians", edits=tuple(edits)),
         )  # fmt: skip
-
-
-def _doubts_of_limits(robot: ParsedFile) -> list[Doubt]:
-    """Doubts that other commands have about the same limits."""
-    return credible_limits(robot.model.limits, Robot(robot.model))
 
 
 def check_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Limits that exclude zero, and strokes of several metres."""
-    outside, long = [], []
+    without_zero, long_strokes = [], []
     model = robot.model
     for body in model.leaders:
         if body.joint.nv != 1:
             continue
         lower, upper = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
         if lower > 0 or upper < 0:
-            outside.append(body.joint.name)
-        if not body.joint.turning[0] and _STROKE < upper - lower < _ENDLESS:
-            long.append(body.joint.name)
-    said = "zero is outside the limits, so the robot cannot be in its neutral configuration"
-    yield from _of_several(robot, "limits", outside, said)
-    yield from _of_several(robot, "limits", long, f"the stroke is more than {printed(_STROKE)} m")
+            without_zero.append(body.joint.name)
+        if not body.joint.turning[0] and _MAX_STROKE < upper - lower < _MAX_LIMIT:
+            long_strokes.append(body.joint.name)
+    sentence = "zero is outside the limits, so the robot cannot be in its neutral configuration"
+    yield from _collective_finding(robot, "limits", without_zero, sentence)
+    sentence = f"the stroke is more than {printed(_MAX_STROKE)} m"
+    yield from _collective_finding(robot, "limits", long_strokes, sentence)
 
 
 def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Missing effort and velocity limits, and joints whose own weight exceeds their effort limit."""
+    if robot.format == "urdf":
+        for quantity in ("effort", "velocity"):
+            yield from _missing_limits(robot, quantity)
+    yield from _efforts_below_weight(robot)
+
+
+def _missing_limits(robot: ParsedFile, quantity: str) -> Iterator[Finding]:
+    """Joints without a limit of a quantity, and joints with a number that stands for none."""
     leaders = {body.joint.name for body in robot.model.leaders}
-    for what in ("effort", "velocity") if robot.format == "urdf" else ():
-        limits = {
-            name: _limit(robot, joint, what) for name, joint in robot.joints.items() if joint.text("type") in _SINGLE
-        }
-        none = [name for name, x in limits.items() if not x and name in leaders]
-        large = [name for name, x in limits.items() if x >= 1e4 or x == 1000.0]
-        arm = what == "effort" and len(arm_entries(robot.model)) > 1
-        said = ", so neither torques nor payloads can be judged" if arm else ""
-        severity = Severity.WARNING if arm else Severity.NOTE
-        yield from _of_several(robot, "effort", none, f"there is no limit of {what}{said}", severity)
-        yield from _of_several(robot, "effort", large, f"the limit of {what} stands for none")
-    efforts, torques = robot.model.limits.effort, np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
+    missing, symbolic = [], []
+    for name, joint in robot.joints.items():
+        if joint.text("type") not in _SINGLE_AXIS_TYPES:
+            continue
+        limit = _limit(robot, joint, quantity)
+        if not limit and name in leaders:
+            missing.append(name)
+        if limit >= 1e4 or limit == 1000.0:
+            symbolic.append(name)
+    sentence, severity = f"there is no limit of {quantity}", Severity.NOTE
+    if quantity == "effort" and len(arm_entries(robot.model)) > 1:
+        sentence += ", so neither torques nor payloads can be judged"
+        severity = Severity.WARNING
+    yield from _collective_finding(robot, "effort", missing, sentence, severity)
+    yield from _collective_finding(robot, "effort", symbolic, f"the limit of {quantity} stands for none")
+
+
+def _efforts_below_weight(robot: ParsedFile) -> Iterator[Finding]:
+    """Joints whose own weight exceeds their effort limit: a note, or from a multiple on a warning."""
+    efforts = robot.model.limits.effort
+    torques = np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
+    overloads = np.flatnonzero(torques > efforts + margin(efforts))
+    gross = [k for k in overloads if torques[k] > BY_WEIGHT * efforts[k] > 0]
     names = robot.model.velocity_names
-    weak = {names[k]: k for k in range(robot.model.nv) if torques[k] > efforts[k] + margin(efforts[k])}
-    crushed = [name for name, k in weak.items() if torques[k] > BY_WEIGHT * efforts[k] > 0]
-    said = "the robot's own weight takes more than the effort at some pose"
-    yield from _of_several(robot, "effort", [name for name in weak if name not in crushed], said)
-    most = max((torques[weak[name]] / efforts[weak[name]] for name in crushed), default=0.0)
-    said = (
-        f"the robot's own weight takes up to {number(most, 3)} times the effort: is a mass in grams, a centre of mass in "
-        "millimetres, or an effort that of the motor before the gear?"
+    sentence = "the robot's own weight takes more than the effort at some pose"
+    yield from _collective_finding(robot, "effort", [names[k] for k in overloads if k not in gross], sentence)
+    max_ratio = max((torques[k] / efforts[k] for k in gross), default=0.0)
+    sentence = (
+        f"the robot's own weight takes up to {number(max_ratio, 3)} times the effort: is a mass in grams, a centre of mass "
+        "in millimetres, or an effort that of the motor before the gear?"
     )
-    yield from _of_several(robot, "effort", crushed, said, Severity.WARNING)
+    yield from _collective_finding(robot, "effort", [names[k] for k in gross], sentence, Severity.WARNING)
 
 
 def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Effort limits that are probably placeholders: far above the torques due to weight."""
-    if said := placeholder_limits(Robot(robot.model), robot.model.limits):
-        remedy = f"{limits_remedy(robot.model.source)}; {confirmed_efforts(robot.model)}"
-        yield Finding(
-            "placeholder-limits", Severity.WARNING, f"robot {robot.model.name!r}", 0, said,
-            repair=FileRepair("advice", f"take the efforts from the data sheet, or {remedy}"),
-        )  # fmt: skip
+    sentence = placeholder_limits(Robot(robot.model), robot.model.limits)
+    if not sentence:
+        return
+    remedy = f"{limits_remedy(robot.model.source)}; {confirmed_efforts(robot.model)}"
+    yield Finding(
+        "placeholder-limits", Severity.WARNING, f"robot {robot.model.name!r}", 0, sentence,
+        repair=FileRepair("advice", f"take the efforts from the data sheet, or {remedy}"),
+    )  # fmt: skip
 
 
 def check_axis(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Axes without unit length; loading normalises them, but other programs may not."""
-    for joint in robot.joints.values() if robot.format == "urdf" else ():
-        axis = joint.child("axis") if joint.text("type") not in ("fixed", "floating") else None
-        direction = np.zeros(3) if axis is None else axis.numbers("xyz", 3)
+    for joint in _urdf_joints(robot).values():
+        if joint.text("type") in ("fixed", "floating"):
+            continue
+        axis = joint.child("axis")
+        if axis is None:
+            continue
+        direction = axis.numbers("xyz", 3)
         length = float(np.linalg.norm(direction))
-        if axis is None or length == 0 or abs(length - 1.0) < 1e-3:
+        if length == 0 or abs(length - 1.0) < 1e-3:
             continue
         text = " ".join(map(file_number, direction / length))
         repair = FileRepair("number", "the axis with unit length", edits=(Edit(axis.locate("xyz"), text),))
-        yield _finding(
-            joint, "axis", Severity.NOTE, f"its axis has the length {number(length)}, not 1", {"length": length}, repair
-        )
+        sentence = f"its axis has the length {number(length)}, not 1"
+        yield _joint_finding(joint, "axis", Severity.NOTE, sentence, {"length": length}, repair)
 
 
 def check_friction(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -154,39 +175,47 @@ def check_friction(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _limit(robot: ParsedFile, joint: Element, what: str) -> float:
+def _urdf_joints(robot: ParsedFile) -> Mapping[str, Element]:
+    """Joints of a URDF by name; empty for other formats."""
+    return robot.joints if robot.format == "urdf" else {}
+
+
+def _limit(robot: ParsedFile, joint: Element, quantity: str) -> float:
     """The limit in force, of the user's table if there is one, else of the file; 0 without any."""
     limits, name = robot.model.limits, joint.text("name")
     if isinstance(limits, StatedLimits) and name in robot.model.velocity_names:
-        value = float(getattr(limits, what)[robot.model.velocity_names.index(name)])
+        value = float(getattr(limits, quantity)[robot.model.velocity_names.index(name)])
         return value if math.isfinite(value) else 0.0
     limit = joint.child("limit")
-    return (limit.optional_number(what) if limit is not None else None) or 0.0
+    if limit is None:
+        return 0.0
+    return limit.optional_number(quantity) or 0.0
 
 
-def _finding(
+def _joint_finding(
     joint: Element, check: str, severity: Severity, sentence: str, numbers: dict[str, float], repair: FileRepair
 ) -> Finding:
+    """Finding about one joint, with its repair."""
     return Finding(
         check, severity, f"joint {joint.text('name')!r}", joint.line, sentence, numbers, repair=repair, file=joint.file
     )
 
 
-def _of_several(
+def _collective_finding(
     robot: ParsedFile, check: str, names: list[str], sentence: str, severity: Severity = Severity.NOTE
 ) -> Iterator[Finding]:
     """One finding for all joints with the same problem."""
     if not names:
         return
-    first = robot.joints.get(names[0])
+    line, file = 0, ""
+    if names[0] in robot.joints:
+        line, file = robot.joints[names[0]].line, robot.joints[names[0]].file
     noun = "joint" if len(names) == 1 else "joints"
     yield Finding(
-        check, severity, f"{noun} {listed(map(repr, names), _NAMED)}", first.line if first else 0,
-        sentence, {"joints": float(len(names))}, file=first.file if first else "", collective=True,
+        check, severity, f"{noun} {listed(map(repr, names), _MAX_LISTED_JOINTS)}", line, sentence,
+        {"joints": float(len(names))}, file=file, collective=True,
     )  # fmt: skip
 
-
-# ── All checks
 
 CHECKS: Mapping[str, Callable[[ParsedFile, Options], Iterator[Finding]]] = {
     "impossible": tensors.check_impossible,
@@ -197,11 +226,11 @@ CHECKS: Mapping[str, Callable[[ParsedFile, Options], Iterator[Finding]]] = {
     "no-mass": masses.check_no_mass,
     "massless": masses.check_massless,
     "assumed": masses.check_assumed,
-    "com-outside": masses.check_com,
+    "com-outside": units.check_com,
     "density": masses.check_density,
     "light": masses.check_light,
-    "units": masses.check_units,
-    "mirror": masses.check_mirror,
+    "units": units.check_units,
+    "mirror": check_mirror,
     "mimic": check_mimic,
     "degrees": check_degrees,
     "limits": check_limits,

@@ -34,8 +34,8 @@ class Severity(StrEnum):
     NOTE = "note"
 
 
-_ALL = 1e8
-"""Percentage above which a repair leaves a joint with almost no inertia."""
+_MAX_STATED_PERCENT = 1e8
+"""Percentage from which a repair leaves a joint with almost no inertia, so that the figure is not stated."""
 
 
 @dataclass(frozen=True)
@@ -65,15 +65,18 @@ class Effect:
     effort_joint: str = ""
 
     def __str__(self) -> str:
-        lost = self.inertia_percent >= _ALL
-        by = f"M of {self.inertia_joint} " + ("to next to nothing" if lost else f"by {_percent(self.inertia_percent)}")
-        said = [by] if self.inertia_joint else []
+        changes = []
+        if self.inertia_joint:
+            extent = f"by {_percent_text(self.inertia_percent)}"
+            if self.inertia_percent >= _MAX_STATED_PERCENT:
+                extent = "to next to nothing"
+            changes.append(f"M of {self.inertia_joint} {extent}")
         if self.torque_joint:
-            share = (
-                f", {_percent(self.effort_percent)} of the effort of {self.effort_joint}" if self.effort_joint else ""
-            )
-            said.append(f"g of {self.torque_joint} by {number(self.torque, 3)}{share}")
-        return "; ".join(said) or "none"
+            change = f"g of {self.torque_joint} by {number(self.torque, 3)}"
+            if self.effort_joint:
+                change += f", {_percent_text(self.effort_percent)} of the effort of {self.effort_joint}"
+            changes.append(change)
+        return "; ".join(changes) or "none"
 
     def reaches(self, percent: float, effort: float = 1.0) -> bool:
         """True if an entry of M or a gravity torque changes by at least the given percentage.
@@ -141,21 +144,34 @@ class Finding:
     collective: bool = False
 
     def __str__(self) -> str:
-        place = f" ({self.file + ', ' if self.file else ''}line {self.line})" if self.line else ""
-        return f"{self.severity}: {self.where}{place}: {self.sentence}"
+        line = line_text(self)
+        if line:
+            line = f" ({line})"
+        return f"{self.severity}: {self.where}{line}: {self.sentence}"
 
 
-def _percent(value: float) -> str:
-    return f"{number(value, 3)} %" if value < 1e4 else f"a factor of {number(value / 100.0, 2)}"
+def line_text(finding: Finding) -> str:
+    """Line of a finding, after the name of an included file; empty if the line is unknown."""
+    if not finding.line:
+        return ""
+    line = f"line {finding.line}"
+    return f"{finding.file}, {line}" if finding.file else line
+
+
+def _percent_text(percent: float) -> str:
+    """Percentage, or the factor from 10,000 % on."""
+    if percent < 1e4:
+        return f"{number(percent, 3)} %"
+    return f"a factor of {number(percent / 100.0, 2)}"
 
 
 # ── Effects over random configurations
 
 CONFIGURATIONS = 200
 """Number of random configurations for the largest effect."""
-_STEPS = 3_000_000
+_MAX_POSES = 3_000_000
 """Largest product of bodies, configurations and depth; above it, fewer configurations are used."""
-_TINY = 1e-9
+_MAX_ROUNDING_ERROR = 1e-9
 """Relative changes below this are rounding errors."""
 
 
@@ -164,21 +180,21 @@ class Effects:
 
     def __init__(self, model: Model, seed: int = 0, count: int = CONFIGURATIONS) -> None:
         self.model = model
-        depths: list[int] = []
-        for body in model.bodies:
-            depths.append(1 + (depths[body.parent] if body.parent != BASE else 0))
-        self.count = int(np.clip(_STEPS // max(1, sum(depths)), 1, count))
+        depths = {BASE: 0}
+        for i, body in enumerate(model.bodies):
+            depths[i] = 1 + depths[body.parent]
+        self.count = int(np.clip(_MAX_POSES // max(1, sum(depths.values())), 1, count))
         self.q = random_configuration(model, np.random.default_rng(seed), (self.count,))
-        self._screws: list[list[tuple[int, Array]] | None] = [None] * len(model.bodies)
+        self._screws_of: dict[int, list[tuple[int, Array]]] = {}
 
     def evaluate(self, changes: Mapping[str, SpatialInertia]) -> Effect:
         """Effect of changed inertias of links, each about its link's origin."""
         deltas: dict[int, Array] = {}
-        for link, wanted in changes.items():
+        for link, inertia in changes.items():
             frame = self.model.frames[link]
             if frame.body == BASE:
                 continue
-            change = (wanted - self.model.link_inertias[link]).in_frame(frame.pose)
+            change = (inertia - self.model.link_inertias[link]).in_frame(frame.pose)
             deltas[frame.body] = deltas.get(frame.body, 0.0) + change.pseudo_inertia
         if not deltas:
             return Effect()
@@ -190,21 +206,30 @@ class Effects:
         if not len(columns):
             return Effect()
         names = [self.model.velocity_names[k] for k in columns]
-        M, limit = self.diagonal[:, columns], self.model.limits.effort[columns]
-        new = np.maximum(M + dM, _TINY * np.maximum(np.abs(M), np.abs(dM)) + 1e-300)
-        share = 100.0 * (np.abs(dM) / new).max(axis=0)
-        torque = np.abs(dg).max(axis=0)
-        effort = np.where(np.isfinite(limit) & (limit > 0), 100.0 * torque / np.where(limit > 0, limit, 1.0), 0.0)
-        j, k, l = int(share.argmax()), int(torque.argmax()), int(effort.argmax())
-        found = Effect()
-        if share[j] > 100.0 * _TINY:
-            found = replace(found, inertia_percent=float(share[j]), inertia_joint=names[j])
-        if torque[k] > _TINY * np.abs(self.gravity_torques).max(initial=0.0):
-            most, joint = float(effort[l]), names[l] if effort[l] > 0 else ""
-            found = replace(
-                found, torque=float(torque[k]), torque_joint=names[k], effort_percent=most, effort_joint=joint
-            )
-        return found
+        effect = Effect()
+        M = self.diagonal[:, columns]
+        new = np.maximum(M + dM, _MAX_ROUNDING_ERROR * np.maximum(np.abs(M), np.abs(dM)) + 1e-300)
+        percents = 100.0 * (np.abs(dM) / new).max(axis=0)
+        j = int(percents.argmax())
+        if percents[j] > 100.0 * _MAX_ROUNDING_ERROR:
+            effect = replace(effect, inertia_percent=float(percents[j]), inertia_joint=names[j])
+        torques = np.abs(dg).max(axis=0)
+        k = int(torques.argmax())
+        if torques[k] > _MAX_ROUNDING_ERROR * np.abs(self.gravity_torques).max(initial=0.0):
+            effect = replace(effect, torque=float(torques[k]), torque_joint=names[k])
+            effort_percents = self._effort_percents(torques, columns)
+            l = int(effort_percents.argmax())
+            if effort_percents[l] > 0:
+                effect = replace(effect, effort_percent=float(effort_percents[l]), effort_joint=names[l])
+        return effect
+
+    def _effort_percents(self, torques: Array, columns: Array) -> Array:
+        """Torques (k,) in percent of the effort limits in the given columns; 0 without a limit."""
+        efforts = self.model.limits.effort[columns]
+        limited = np.isfinite(efforts) & (efforts > 0)
+        percents = np.zeros(len(columns))
+        percents[limited] = 100.0 * torques[limited] / efforts[limited]
+        return percents
 
     @cached_property
     def diagonal(self) -> Array:
@@ -219,49 +244,53 @@ class Effects:
     @cached_property
     def _totals(self) -> tuple[Array, Array]:
         M, g = np.zeros((self.count, self.model.nv)), np.zeros((self.count, self.model.nv))
-        columns, some, torques = self._sums({i: b.inertia.pseudo_inertia for i, b in enumerate(self.model.bodies)})
-        M[:, columns], g[:, columns] = some, torques
+        inertias = {i: body.inertia.pseudo_inertia for i, body in enumerate(self.model.bodies)}
+        columns, M[:, columns], g[:, columns] = self._sums(inertias)
         return M, g
 
     def _sums(self, inertias: Mapping[int, Array]) -> tuple[Array, Array, Array]:
         """Sums over bodies of tr([A] J [A]') and -g . ([A] J)_4, J in body frames: columns (k,), (count, k) each."""
-        found: dict[int, tuple[Array, Array]] = {}
-        zero = np.zeros(self.count)
+        M: dict[int, Array] = {}
+        g: dict[int, Array] = {}
         for i, inertia in inertias.items():
             T = self.poses[i]
             J = T @ inertia @ np.swapaxes(T, -1, -2)
             for column, A in self._twists(i):
                 AJ = A @ J
-                M, g = found.get(column, (zero, zero))
-                found[column] = M + np.einsum("cij,cij->c", AJ, A), g - AJ[:, :3, 3] @ self.model.gravity
-        columns = np.array(list(found), int)
-        M, g = (np.reshape([pair[k] for pair in found.values()], (-1, self.count)).T for k in (0, 1))
-        return columns, M, g
+                M[column] = M.get(column, 0.0) + np.einsum("cij,cij->c", AJ, A)
+                g[column] = g.get(column, 0.0) - AJ[:, :3, 3] @ self.model.gravity
+        shape = (-1, self.count)
+        return np.array(list(M), int), np.reshape([*M.values()], shape).T, np.reshape([*g.values()], shape).T
 
     def _twists(self, body: int) -> Iterator[tuple[int, Array]]:
         """Columns of the velocities that move a body, with the twist (count, 4, 4) of a unit velocity."""
-        found: dict[int, Array] = {}
+        twists: dict[int, Array] = {}
         for i in ancestors(self.model, body):
-            if self._screws[i] is None:
-                b, T = self.model.bodies[i], self.poses[i]
-                back = se3.inverse(T)
-                axes = enumerate(b.joint.axes, start=b.v_index)
-                self._screws[i] = [(column, T @ se3.hat(b.ratio * axis) @ back) for column, axis in axes]
-            for column, A in self._screws[i] or ():
-                found[column] = found[column] + A if column in found else A
-        yield from found.items()
+            for column, A in self._screws(i):
+                twists[column] = twists.get(column, 0.0) + A
+        yield from twists.items()
+
+    def _screws(self, body: int) -> list[tuple[int, Array]]:
+        """Columns of a body's joint, each with the joint's screw axis (count, 4, 4) in the base frame; kept."""
+        if body not in self._screws_of:
+            b, T = self.model.bodies[body], self.poses[body]
+            back = se3.inverse(T)
+            axes = enumerate(b.joint.axes, start=b.v_index)
+            self._screws_of[body] = [(column, T @ se3.hat(b.ratio * axis) @ back) for column, axis in axes]
+        return self._screws_of[body]
 
     @cached_property
     def poses(self) -> list[Array]:
         """Poses (count, 4, 4) of the bodies in the base frame."""
-        coordinates = [body.ratio * self.q[:, body.places[0]] + body.offset for body in self.model.bodies]
-        poses = [
-            se3.exp(q * body.joint.axes[0]) if body.joint.nq == 1 else np.stack([body.joint.pose(one) for one in q])
-            for body, q in zip(self.model.bodies, coordinates, strict=True)
-        ]
-        return base_poses(
-            self.model, [np.asarray(b.placement @ T) for b, T in zip(self.model.bodies, poses, strict=True)]
-        )
+        joint_poses = []
+        for body in self.model.bodies:
+            coordinates = body.ratio * self.q[:, body.places[0]] + body.offset
+            if body.joint.nq == 1:
+                T = se3.exp(coordinates * body.joint.axes[0])
+            else:
+                T = np.stack([body.joint.pose(q) for q in coordinates])
+            joint_poses.append(np.asarray(body.placement @ T))
+        return base_poses(self.model, joint_poses)
 
 
 complete(globals())

@@ -17,12 +17,14 @@ from ..core.glossary import complete
 from ..core.verdict import ExitCode, Verdict, Word
 from ..formats.edit import apply_edits, encode_as
 from ..formats.xml import Place
+from ..mechanics.bodies.inertia import SpatialInertia
 from ..motion import limits_file
 from ..robot import Robot, load
 from ..shapes.solids import METRICS
-from .checks import CHECKS, Options
-from .findings import Effect, Finding, Severity
-from .parsed_file import MOST_BODIES, Subject, read_subject
+from .checks import CHECKS
+from .findings import Effect, FileRepair, Finding, Severity
+from .options import Options
+from .subject import MOST_BODIES, Subject, read_subject
 
 if TYPE_CHECKING:
     from ..core.answers.blocks import Block
@@ -73,16 +75,16 @@ class DoctorReport(Answer):
     strict: bool = False
     call = "doctor"
 
-    # ── Answer
-
     @property
     def verdict(self) -> Verdict:
         """LOOK AGAIN with errors, UNSURE with warnings, and with notes if ``strict``; otherwise OK."""
-        worst = [f for f in self.findings if f.severity is Severity.ERROR]
-        word = Word.LOOK_AGAIN if worst else Word.UNSURE
-        worst = worst or [f for f in self.findings if self.strict or f.severity is Severity.WARNING]
-        sentences = dict.fromkeys(f"{f.where}: {f.sentence}".rstrip(".") for f in worst)
-        return Verdict(word, tuple(sentences)) if worst else Verdict(Word.OK)
+        errors = [f for f in self.findings if f.severity is Severity.ERROR]
+        if errors:
+            return Verdict(Word.LOOK_AGAIN, _verdict_sentences(errors))
+        doubts = [f for f in self.findings if self.strict or f.severity is Severity.WARNING]
+        if doubts:
+            return Verdict(Word.UNSURE, _verdict_sentences(doubts))
+        return Verdict(Word.OK)
 
     @property
     def robot_name(self) -> str:
@@ -119,24 +121,28 @@ class DoctorReport(Answer):
         """Findings of one check with one kind of repair together, worst first; those of several joints stand alone."""
         groups: dict[tuple[str, str, str, str], list[Finding]] = {}
         for finding in self.findings:
-            kind = "" if finding.repair is None else finding.repair.kind
-            alone = finding.sentence if finding.collective else ""
-            groups.setdefault((str(finding.severity), finding.check, kind, alone), []).append(finding)
+            repair_kind = "" if finding.repair is None else finding.repair.kind
+            own_sentence = finding.sentence if finding.collective else ""
+            key = (str(finding.severity), finding.check, repair_kind, own_sentence)
+            groups.setdefault(key, []).append(finding)
         return list(groups.values())
-
-    # ── Findings and repairs
 
     @property
     def effect(self) -> Effect:
         """Combined effect of all repairs."""
-        wanted = {link: G for f in reversed(self.findings) if f.repair for link, G in f.repair.inertias.items()}
-        return self.contents.robot.effects.evaluate(wanted) if wanted else Effect()
+        inertias: dict[str, SpatialInertia] = {}
+        for finding in reversed(self.findings):  # the worst finding determines a link
+            if finding.repair is not None:
+                inertias |= finding.repair.inertias
+        if not inertias:
+            return Effect()
+        return self.contents.robot.effects.evaluate(inertias)
 
     @property
     def summary(self) -> str:
         """Number of findings by severity, as text."""
         counts = Counter(finding.severity for finding in self.findings)
-        return ", ".join(f"{counts[s]} {s}{'s' if counts[s] != 1 else ''}" for s in Severity)
+        return ", ".join(f"{counts[s]} {s}" if counts[s] == 1 else f"{counts[s]} {s}s" for s in Severity)
 
     def exit_code(self, *, strict: bool = False) -> ExitCode:
         """Exit code of a command that prints the report: 1 for errors or warnings; with ``strict``, also for notes.
@@ -149,8 +155,10 @@ class DoctorReport(Answer):
         -------
         code : ExitCode
         """
-        bad = any(strict or finding.severity is not Severity.NOTE for finding in self.findings)
-        return ExitCode.NO if bad else ExitCode.FINE
+        counted = self.findings
+        if not strict:
+            counted = tuple(finding for finding in self.findings if finding.severity is not Severity.NOTE)
+        return ExitCode.NO if counted else ExitCode.FINE
 
     def to_dict(self) -> dict[str, Any]:
         """Data of the answer in SI units; findings of one check and one kind of repair are one, with all ``places``.
@@ -159,10 +167,11 @@ class DoctorReport(Answer):
         -------
         report : dict, which ``json.dumps`` accepts
         """
-        found = [
-            {**_finding(group[0]), "places": [_finding(finding) for finding in group]} for group in self.paragraphs
-        ]
-        return {**super().to_dict(), "source": self.source, "checks": list(self.checks), "findings": found}
+        findings = []
+        for group in self.paragraphs:
+            places = list(map(_finding_data, group))
+            findings.append({**places[0], "places": places})
+        return {**super().to_dict(), "source": self.source, "checks": list(self.checks), "findings": findings}
 
     @property
     def repairs(self) -> tuple[Finding, ...]:
@@ -171,17 +180,18 @@ class DoctorReport(Answer):
         Includes errors, warnings, impossible tensors, and parts to be mirrored if a side is given, provided that the
         file contains the numbers. Of several findings that change the same number, only the worst is included.
         """
-        found: list[Finding] = []
-        taken: set[Place] = set()
+        findings: list[Finding] = []
+        edited_places: set[Place] = set()
         for finding in self.findings:
-            repair = finding.repair
-            if repair is None or not repair.edits:
+            if finding.repair is None or not finding.repair.edits:
                 continue
-            places = {edit.place for edit in repair.edits}
-            if (finding.severity is not Severity.NOTE or finding.check in ALWAYS) and not places & taken:
-                found.append(finding)
-                taken |= places
-        return tuple(found)
+            if finding.severity is Severity.NOTE and finding.check not in ALWAYS:
+                continue
+            places = {edit.place for edit in finding.repair.edits}
+            if not places & edited_places:
+                findings.append(finding)
+                edited_places |= places
+        return tuple(findings)
 
     def repaired_text(self) -> str:
         """Text of the repaired file: only the affected numbers change, with a comment before each element.
@@ -197,13 +207,13 @@ class DoctorReport(Answer):
         """
         if not self.contents.text:
             raise ValueRangeError(f"robot {self.robot!r} was not read from a file, so there is none to edit.")
-        edits = [
-            (edit, finding.repair.sentence)
-            for finding in self.repairs
-            if finding.repair
-            for edit in finding.repair.edits
-        ]
-        return apply_edits(self.contents.text, edits) if edits else self.contents.text
+        edits = []
+        for finding in self.repairs:
+            if finding.repair is not None:
+                edits += [(edit, finding.repair.sentence) for edit in finding.repair.edits]
+        if not edits:
+            return self.contents.text
+        return apply_edits(self.contents.text, edits)
 
     def repaired(self) -> Robot:
         """Robot of the repaired file.
@@ -244,8 +254,13 @@ class DoctorReport(Answer):
         return self.repairs
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
-    effect, repair = finding.effect, finding.repair
+def _verdict_sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Place and sentence of each finding, without repetitions."""
+    return tuple(dict.fromkeys(f"{finding.where}: {finding.sentence}".rstrip(".") for finding in findings))
+
+
+def _finding_data(finding: Finding) -> dict[str, Any]:
+    """Data of a finding for JSON."""
     return {
         "check": finding.check,
         "severity": str(finding.severity),
@@ -253,28 +268,30 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "file": finding.file,
         "line": finding.line,
         "sentence": finding.sentence,
-        "numbers": {name: _known(value) for name, value in finding.numbers.items()},
-        "effect": {name: _known(value) for name, value in vars(effect).items()},
-        "repair": None
-        if repair is None
-        else {
-            "kind": repair.kind,
-            "sentence": repair.sentence,
-            "metric": repair.metric,
-            "inertias": {link: inertia.parameters.tolist() for link, inertia in repair.inertias.items()},
-            "written": bool(repair.edits),
-        },
+        "numbers": {name: _finite_or_none(value) for name, value in finding.numbers.items()},
+        "effect": {name: _finite_or_none(value) for name, value in vars(finding.effect).items()},
+        "repair": _repair_data(finding.repair),
     }
 
 
-def _known(value: Any) -> Any:
+def _repair_data(repair: FileRepair | None) -> dict[str, Any] | None:
+    """Data of a repair for JSON; None without a repair."""
+    if repair is None:
+        return None
+    return {
+        "kind": repair.kind,
+        "sentence": repair.sentence,
+        "metric": repair.metric,
+        "inertias": {link: inertia.parameters.tolist() for link, inertia in repair.inertias.items()},
+        "written": bool(repair.edits),
+    }
+
+
+def _finite_or_none(value: Any) -> Any:
     """Replace values that JSON cannot represent by None."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-# ── The checks
-
-_ORDER = list(Severity)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def doctor(
@@ -336,25 +353,42 @@ def doctor(
     >>> tw.doctor(tw.robots.path_of("ur5"), only="impossible").summary
     '0 errors, 0 warnings, 0 notes'
     """
-    names = list(CHECKS) if only is None else [only] if isinstance(only, str) else list(only)
-    for one in names:
-        arguments.choice(one, "doctor: only", list(CHECKS))
-    side = "" if mirror_from is None else arguments.choice(mirror_from, "doctor: mirror_from", ("left", "right"))
+    names = list(CHECKS)
+    if only is not None:
+        names = [only] if isinstance(only, str) else list(only)
+    for name in names:
+        arguments.choice(name, "doctor: only", list(CHECKS))
+    side = ""
+    if mirror_from is not None:
+        side = arguments.choice(mirror_from, "doctor: mirror_from", ("left", "right"))
     options = Options(arguments.choice(metric, "doctor: metric", list(METRICS)), side)
     subject = read_subject(robot, meshes=meshes, floating_base=floating_base, model=model, max_bodies=max_bodies)
     if limits is not None:
-        model_read = subject.robot.model
-        given = replace(model_read, limits=limits_file.limits_of(limits, model_read))
-        subject = replace(subject, robot=replace(subject.robot, model=given))
-    findings = [finding for one in names for finding in CHECKS[one](subject.robot, options)]
-    name = subject.robot.model.name
-    source = str(subject.path) if subject.path is not None else "the text given" if subject.text else name
-    return DoctorReport(name, source, tuple(sorted(findings, key=_rank)), tuple(names), subject, strict)
+        subject = _with_limits(subject, limits)
+    findings = [finding for name in names for finding in CHECKS[name](subject.robot, options)]
+    findings.sort(key=_rank)
+    robot_name = subject.robot.model.name
+    return DoctorReport(robot_name, _source_text(subject), tuple(findings), tuple(names), subject, strict)
+
+
+def _with_limits(subject: Subject, limits: limits_file.Given) -> Subject:
+    """Subject whose joints have other limits."""
+    model = subject.robot.model
+    model = replace(model, limits=limits_file.limits_of(limits, model))
+    return replace(subject, robot=replace(subject.robot, model=model))
+
+
+def _source_text(subject: Subject) -> str:
+    """Description of the input: the path, the text, or the robot's name."""
+    if subject.path is not None:
+        return str(subject.path)
+    return "the text given" if subject.text else subject.robot.model.name
 
 
 def _rank(finding: Finding) -> tuple[int, float]:
+    """Order of the report: by severity, then by effect."""
     effect = finding.effect
-    return _ORDER.index(finding.severity), -max(effect.inertia_percent, effect.effort_percent)
+    return list(Severity).index(finding.severity), -max(effect.inertia_percent, effect.effort_percent)
 
 
 complete(globals())

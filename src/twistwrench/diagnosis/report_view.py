@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import chain
 from typing import TYPE_CHECKING
 
 from ..core.answers.blocks import Block, Headline, Level, Line, More, remarks
 from ..core.answers.data import plain
 from ..core.colours import Style, strong
 from ..motion.model_doubts import base_doubts
-from .findings import Finding, Severity
+from .findings import Finding, Severity, line_text
 
 if TYPE_CHECKING:
     from .report import DoctorReport
 
 _COLOURS = {Severity.ERROR: strong(Style.OVER), Severity.WARNING: Style.NEAR, Severity.NOTE: Style.QUIET}
-_LINES, _WIDTH = 34, 76
+_MAX_LINES, _MIN_WIDTH = 34, 76
 """Lines of the paragraphs of the short form, and characters of a line in the narrowest terminal."""
-_PLACES = 6
+_MAX_PLACES = 6
 """Maximum number of places of a paragraph in the short form."""
 
 
@@ -31,43 +30,57 @@ def doctor_view(report: DoctorReport) -> Iterator[Block]:
     if str(report.effect) != "none":
         yield f"all repairs together change: {report.effect}"
     yield ""
-    left, short = _LINES, True
-    for group in report.paragraphs:
-        paragraph = _paragraph(group[0]) if len(group) == 1 else [_heading(group), *_paragraph(group[0])[1:]]
-        left -= sum(1 + len(plain(line)) // _WIDTH for line in paragraph)
-        short = short and (left >= 0 or group is report.paragraphs[0])
-        yield from _at(paragraph, Level.SHORT if short else Level.ALL)
-        yield from _at(chain.from_iterable(map(_paragraph, group[1:])), Level.ALL)
-    if not short or len(report.paragraphs) < len(report.findings):
+    paragraphs = report.paragraphs
+    remaining, level = _MAX_LINES, Level.SHORT
+    for group in paragraphs:
+        paragraph = _paragraph(group[0])
+        if len(group) > 1:
+            paragraph[0] = _heading(group)
+        remaining -= sum(1 + len(plain(line)) // _MIN_WIDTH for line in paragraph)
+        if remaining < 0 and group is not paragraphs[0]:
+            level = Level.ALL
+        yield from _lines_at(level, paragraph)
+        for finding in group[1:]:
+            yield from _lines_at(Level.ALL, _paragraph(finding))
+    if level is Level.ALL or len(paragraphs) < len(report.findings):
         yield More(f"All {len(report.findings)} findings with lines")
 
 
-def _at(lines: Sequence[Line] | Iterator[Line], level: Level) -> Iterator[Line]:
+def _lines_at(level: Level, lines: Sequence[Line]) -> Sequence[Line]:
+    """The lines, shown from a level on."""
     for line in lines:
         line.level = level
-        yield line
+    return lines
 
 
 def place_words(finding: Finding) -> str:
     """Part of the robot, with its file and line."""
-    line = f"{finding.file + ', ' if finding.file else ''}line {finding.line}" if finding.line else ""
-    return ", ".join(x for x in (finding.where, line) if x)
+    return ", ".join(filter(None, (finding.where, line_text(finding))))
 
 
 def _heading(group: Sequence[Finding]) -> Line:
     """Severity, check and places of a group."""
     first = group[0]
-    places = [f"{finding.where} (line {finding.line})" if finding.line else finding.where for finding in group]
-    named = [place for place in places[:_PLACES] if place]
-    more = len(places) - _PLACES
-    rest = f", and {more} more" if more > 0 else ""
-    where = f": {', '.join(named)}{rest}" if named else ""
-    return Line((str(first.severity), _COLOURS[first.severity]), f"  {first.check}, {len(group)} findings{where}")
+    text = f"  {first.check}, {len(group)} findings"
+    places = [_short_place(finding) for finding in group[:_MAX_PLACES]]
+    if any(places):
+        text += f": {', '.join(filter(None, places))}"
+        further = len(group) - _MAX_PLACES
+        if further > 0:
+            text += f", and {further} more"
+    return Line((str(first.severity), _COLOURS[first.severity]), text)
+
+
+def _short_place(finding: Finding) -> str:
+    """Part of the robot, with its line."""
+    if not finding.line:
+        return finding.where
+    return f"{finding.where} (line {finding.line})"
 
 
 def _paragraph(finding: Finding) -> list[Line]:
     """Severity, check and place; below them the sentence, the repair and its effect."""
-    head = ", ".join(x for x in (finding.check, place_words(finding)) if x)
+    head = ", ".join(filter(None, (finding.check, place_words(finding))))
     lines = [
         Line((str(finding.severity), _COLOURS[finding.severity]), f"  {head}"),
         Line(finding.sentence, indent=2),

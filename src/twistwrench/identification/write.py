@@ -16,7 +16,7 @@ from ..core.numbers import number, percent
 from ..core.text import argument
 from ..core.verdict import Word
 from ..core.version import __version__
-from ..diagnosis.parsed_file import Subject, read_subject
+from ..diagnosis.subject import Subject, read_subject
 from ..formats.edit import TextChanges, encode_as
 from ..formats.robot_text import TEXTS
 from ..formats.xml import Element

@@ -20,7 +20,7 @@ from ...core.numbers import number, quantity
 from ...core.text import listed
 from ...core.verdict import Word
 from ...core.version import __version__
-from ...diagnosis.parsed_file import Subject, read_subject
+from ...diagnosis.subject import Subject, read_subject
 from ...formats.edit import TextChanges, encode_as
 from ...formats.robot_text import MjcfText
 from ...mechanics.joints.units import unit_of

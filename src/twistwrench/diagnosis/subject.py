@@ -1,0 +1,174 @@
+"""Subject of the doctor: a robot file or a robot, read for the checks."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from ..core.errors import ModelError, ModelWarning, RobotFileError
+from ..core.files import as_path
+from ..core.text import bounded_message
+from ..formats import load_model, usd_path
+from ..formats.robot_file import RobotFile, file_of
+from ..formats.robot_text import WrittenInertia
+from ..formats.source import is_text
+from ..formats.xacro import EXPAND
+from ..formats.xml import Element, parse
+from ..mechanics.model.model import Model
+from ..robot import Robot
+from ..robot.load import is_name
+from ..robots.finding import robot_file
+from ..shapes.meshes import MeshFiles
+from ..shapes.solids import SolidReader
+from .load_errors import LoadError, load_errors
+from .parsed_file import ParsedFile, ParsedLink, parse_elements
+
+MOST_BODIES = 2_000
+"""Default of ``max_bodies``: a link takes some milliseconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """Robot to be checked, with the text of its file."""
+
+    robot: ParsedFile
+    text: str = ""
+    """Text of the file; empty for a robot without a file."""
+    path: Path | None = None
+    data: bytes = b""
+    """Bytes of the file."""
+    root: Element | None = None
+    """Root element of the file."""
+    floating_base: bool | None = None
+    model: str | None = None
+    """Name of the model in an SDF world."""
+
+
+def read_subject(
+    source: str | Path | Robot,
+    *,
+    meshes: bool | Sequence[str | Path] = True,
+    floating_base: bool | None = None,
+    model: str | None = None,
+    max_bodies: int = MOST_BODIES,
+) -> Subject:
+    """Read a file, accepting impossible inertias; raises NotFoundError, and ModelError if it is not a robot."""
+    name = None
+    if isinstance(source, Robot):
+        known_file = file_of(source.model)
+        if known_file is None or known_file.xacro:
+            return Subject(_parse_model(source.model))
+        name = source.model.name
+        floating_base = (source.model.base_inertia.mass == 0 and "root_joint" in source.model.joint_names) or None
+        source = known_file
+    if is_name(source):
+        source = robot_file(str(source))
+    path, file, text = None, None, str(source)
+    if not is_text(source):
+        path = as_path(source)
+        file = _readable_file(source, path)
+        text = file.text
+        if name is not None:
+            model = _model_in_world(file.root, name)
+    content = text if file is None else file
+    loaded, problems = _load_with_errors(content, floating_base, model, max_bodies)
+    root = parse(text) if file is None else file.root
+    parsed = replace(parse_elements(root, loaded, _solid_reader(path, meshes), path), load_errors=tuple(problems))
+    return Subject(parsed, text, path, b"" if file is None else file.data, root, floating_base, model)
+
+
+def _parse_model(model: Model) -> ParsedFile:
+    """Links of a robot without a file."""
+    links = {}
+    for name, inertia in model.link_inertias.items():
+        links[name] = ParsedLink(name, 0, written=WrittenInertia.from_inertia(inertia))
+    return ParsedFile(model, "", links)
+
+
+def _readable_file(source: str | Path, path: Path) -> RobotFile:
+    """File of a format that is examined; raises RobotFileError for USD and xacro."""
+    if usd_path(path) is not None:
+        raise RobotFileError(
+            f"{path} is USD, whose files are not examined. Examine the robot, twistwrench.doctor(twistwrench.load(path)), or "
+            "the URDF that `twistwrench convert` makes of it."
+        )
+    file = RobotFile.from_path(source)
+    if file.xacro:
+        raise RobotFileError(
+            f"{path}: {file.xacro}, and xacro files are not examined. Examine what {EXPAND} makes of it, or the robot: "
+            "twistwrench.doctor(twistwrench.load(path))."
+        )
+    return file
+
+
+def _solid_reader(path: Path | None, meshes: bool | Sequence[str | Path]) -> SolidReader:
+    """Reader of shapes, with mesh files of the given folders; without mesh files if ``meshes`` is False."""
+    if meshes is False:
+        return SolidReader(None)
+    folders = [] if meshes is True else [Path(folder) for folder in meshes]
+    return SolidReader(MeshFiles(path, folders))
+
+
+def _load_with_errors(
+    content: str, floating_base: bool | None, model: str | None, max_bodies: int
+) -> tuple[Model, list[LoadError]]:
+    """Model of a file, and its mimic joints without a leader; other load errors are raised together."""
+    load = partial(_load_quietly, content, floating_base=floating_base, model=model, max_bodies=max_bodies)
+    try:
+        return load(mimic="follow"), []
+    except ModelError as error:
+        problems = _load_errors_of(content)
+        if not problems:
+            raise
+        if not all(problem.mimic for problem in problems):  # the loader's error is the first one
+            message = _message_with_others(str(error), problems)
+            raise type(error)(bounded_message(message)) from None
+    return load(mimic="independent"), problems
+
+
+def _load_errors_of(content: str) -> list[LoadError]:
+    """All load errors of a file or a text; empty if it cannot be parsed."""
+    try:
+        if isinstance(content, RobotFile):
+            return load_errors(content.parse_root(MOST_BODIES))
+        return load_errors(parse(content, max_bodies=MOST_BODIES))
+    except ModelError:
+        return []
+
+
+def _load_quietly(content: str, *, floating_base: bool | None, mimic: str, model: str | None, max_bodies: int) -> Model:
+    """Model of a file or a text, without warnings; impossible inertias are accepted."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return load_model(
+            content, inertia="accept", floating_base=floating_base, mimic=mimic, model=model, max_bodies=max_bodies
+        )
+
+
+_MAX_OTHER_ERRORS = 12
+"""Largest number of listed errors beside the first one."""
+
+
+def _message_with_others(first: str, problems: Sequence[LoadError]) -> str:
+    """Message of the first error, and of the others in the file."""
+    texts = {str(problem): f"line {problem.line})" for problem in problems}
+    others = [text for text, line in texts.items() if line not in first and text.rstrip(".") not in first]
+    if not others:
+        return first
+    message = f"{first.rstrip('.')}. Besides: {' '.join(others[:_MAX_OTHER_ERRORS])}"
+    if len(others) > _MAX_OTHER_ERRORS:
+        message += f" And {len(others) - _MAX_OTHER_ERRORS} more."
+    return message
+
+
+def _model_in_world(root: Element, name: str) -> str | None:
+    """Model name in an SDF file with several models, found by the robot's name."""
+    models = root.all("model")
+    for world in root.all("world"):
+        models = [*models, *world.all("model")]
+    if len(models) > 1 and name in [model.text("name") for model in models]:
+        return name
+    return None

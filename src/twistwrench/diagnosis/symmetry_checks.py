@@ -1,0 +1,166 @@
+"""Check of left and right links whose frames are mirror images: their inertias should be, too."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.numbers import number, percent
+from ..core.typing import Array
+from ..formats.edit import Edit
+from ..formats.robot_text import WrittenInertia, inertia_about_com
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.model.inertia_checks import reasons
+from .findings import Effect, FileRepair, Finding, Severity
+from .options import Options
+from .parsed_file import ParsedFile, ParsedLink
+from .symmetric_links import SymmetricLinks, symmetric_links
+
+_MAX_MASS_DIFFERENCE, _MAX_COM_DISTANCE, _MAX_TENSOR_DIFFERENCE = 1e-3, 2e-3, 0.05
+"""Tolerances: fraction of the mass, metres, fraction of the trace."""
+_MIN_MASS_SHARE = 1e-3
+"""Smallest mass of either side as a fraction of the robot's mass."""
+_MIN_INERTIA_PERCENT, _MIN_EFFORT_PERCENT = 0.5, 0.2
+"""Percentages of M and of the effort limit above which a difference is relevant."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Copy:
+    """Repair by copying one side to the other, mirrored."""
+
+    side: str
+    """Side that is copied, left or right."""
+    link: ParsedLink
+    """Link whose inertia changes."""
+    inertia: SpatialInertia
+    effect: Effect
+
+
+def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
+    """Pairs of links with mirrored frames at zero, but without mirrored masses, centres of mass or tensors."""
+    for pair in symmetric_links(robot):
+        left, right = pair.left.written, pair.right.written
+        if left is None or right is None or not (left.mass > 0 and right.mass > 0):
+            continue
+        copied = mirror_inertia(left.inertia, pair.D)
+        differences, numbers = _differences(right.inertia, copied)
+        if not differences or _is_same_part(pair, left, right):
+            continue
+        to_right = _Copy("left", pair.right, copied, robot.effects.evaluate({pair.right.name: copied}))
+        copied = mirror_inertia(right.inertia, pair.D.T)
+        to_left = _Copy("right", pair.left, copied, robot.effects.evaluate({pair.left.name: copied}))
+        copy = _chosen_copy(to_right, to_left, options.mirror_from)
+        symmetric_parts = _parts_are_mirror_images(pair)
+        heavy = robot.heavy(pair.left, _MIN_MASS_SHARE) or robot.heavy(pair.right, _MIN_MASS_SHARE)
+        matters = symmetric_parts and heavy and copy.effect.reaches(_MIN_INERTIA_PERCENT, _MIN_EFFORT_PERCENT)
+        reservation = "" if symmetric_parts else "; one mesh serves both, or their shapes do not decide"
+        yield Finding(
+            "mirror", Severity.WARNING if matters else Severity.NOTE,
+            f"links {pair.left.name!r} and {pair.right.name!r}", left.line,
+            f"they mirror each other, and their inertias do not: {'; '.join(differences)}{reservation}", numbers,
+            copy.effect, _mirror_repair(pair, copy, options.mirror_from, symmetric_parts), left.file,
+        )  # fmt: skip
+
+
+def _is_same_part(pair: SymmetricLinks, left: WrittenInertia, right: WrittenInertia) -> bool:
+    """True if the same part is mounted on both sides: equal inertias and shapes."""
+    if not np.allclose(left.inertia.parameters, right.inertia.parameters, rtol=1e-3, atol=1e-9):
+        return False
+    return _sorted_shapes(pair.left) == _sorted_shapes(pair.right)
+
+
+def _chosen_copy(to_right: _Copy, to_left: _Copy, mirror_from: str) -> _Copy:
+    """Copy from the side that the user trusts; without one, the copy with the larger effect."""
+    if mirror_from:
+        return to_right if mirror_from == to_right.side else to_left
+    return max(to_right, to_left, key=lambda copy: copy.effect.inertia_percent + copy.effect.effort_percent)
+
+
+def _mirror_repair(pair: SymmetricLinks, copy: _Copy, mirror_from: str, symmetric_parts: bool) -> FileRepair:
+    """Repair by a copy; it is written to the file only if the user trusts a side and the parts are mirror images."""
+    edits: tuple[Edit, ...] = ()
+    if not mirror_from:
+        sentence = f"copy one side to the other, mirrored; {_evidence(pair)}"
+    elif reasons(copy.inertia):
+        sentence = f"the {copy.side} one, which cannot exist itself: repair it first"
+    else:
+        sentence = f"the {copy.side} one, mirrored"
+        if copy.link.written is not None and symmetric_parts:
+            edits = copy.link.written.edits(copy.inertia)
+    return FileRepair("mirror", sentence, {copy.link.name: copy.inertia}, edits)
+
+
+def _evidence(pair: SymmetricLinks) -> str:
+    """Sentence naming the side whose centre of mass is much nearer to the centre of its shapes."""
+    unknown = "the file does not determine which is meant"
+    left, right = _com_distance(pair.left), _com_distance(pair.right)
+    if left is None or right is None:
+        return unknown
+    nearer, farther = min(left, right), max(left, right)
+    if nearer > 0.5 * farther or farther - nearer < _MAX_COM_DISTANCE:
+        return unknown
+    side = "left" if left < right else "right"
+    distance = f"{number(1e3 * nearer, 2)} mm from theirs, not {number(1e3 * farther, 2)}"
+    return f"the shapes speak for the {side} one, whose centre of mass is {distance}"
+
+
+def _com_distance(link: ParsedLink) -> float | None:
+    """Distance of the centre of mass from that of the shapes as uniform solids [m]; None without such shapes."""
+    if link.written is None or not link.shapes.complete or link.shapes.uniform is None:
+        return None
+    return float(np.linalg.norm(link.written.com - link.shapes.uniform.com))
+
+
+def mirror_inertia(inertia: SpatialInertia, D: Array) -> SpatialInertia:
+    """Inertia of the mirrored body; D (3, 3) maps its points."""
+    return inertia_about_com(inertia.mass, D @ inertia.com, D @ inertia.moment_about_com @ D.T)
+
+
+def _differences(inertia: SpatialInertia, image: SpatialInertia) -> tuple[list[str], Mapping[str, float]]:
+    """Relevant differences of an inertia from the other side's mirror image, as text, and all differences."""
+    mass = abs(inertia.mass - image.mass) / max(inertia.mass, image.mass)
+    com = float(np.linalg.norm(inertia.com - image.com))
+    I, J = inertia.moment_about_com, image.moment_about_com
+    tensor = float(np.linalg.norm(I - J) / max(I.trace(), J.trace(), 1e-300))
+    texts = []
+    if mass > _MAX_MASS_DIFFERENCE:
+        texts.append(f"masses {number(image.mass)} and {number(inertia.mass)} kg")
+    if com > _MAX_COM_DISTANCE:
+        texts.append(f"centres of mass {number(1e3 * com, 3)} mm apart")
+    if tensor > _MAX_TENSOR_DIFFERENCE:
+        texts.append(f"tensors {percent(tensor, 2)} of their trace apart")
+    return texts, {"mass_share": mass, "com_distance": com, "tensor_share": tensor}
+
+
+def _parts_are_mirror_images(pair: SymmetricLinks) -> bool:
+    """True if the parts are mirror images: different mesh files on the sides, or a mesh with a negative scale.
+
+    If all shapes were read, their boxes must also be mirrored.
+    """
+    left, right = pair.left, pair.right
+    left_files, left_signs = _meshes(left)
+    right_files, right_signs = _meshes(right)
+    if not left_files or not right_files:
+        return False
+    if left_files == right_files and left_signs == right_signs:
+        return False
+    if not (left.shapes.complete and right.shapes.complete):
+        return True
+    image, points = left.shapes.points @ pair.D.T, right.shapes.points
+    tolerance = 0.05 * left.shapes.diagonal + 2e-3
+    low_gaps = np.abs(image.min(axis=0) - points.min(axis=0))
+    high_gaps = np.abs(image.max(axis=0) - points.max(axis=0))
+    return bool(max(low_gaps.max(), high_gaps.max()) <= tolerance)
+
+
+def _meshes(link: ParsedLink) -> tuple[set[str], set[float]]:
+    """Mesh files of a link, and the signs of their scales: -1 for a mirrored mesh."""
+    meshes = [shape for shape in link.shapes.shapes if shape.kind == "mesh"]
+    return {mesh.mesh for mesh in meshes}, {float(np.prod(np.sign(mesh.sizes))) for mesh in meshes}
+
+
+def _sorted_shapes(link: ParsedLink) -> list[tuple[str, tuple[float, ...], str]]:
+    """Kind, sizes and mesh file of each shape, in an order that is the same for equal parts."""
+    return sorted((shape.kind, shape.sizes, shape.mesh) for shape in link.shapes.shapes)
