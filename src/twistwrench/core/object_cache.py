@@ -180,7 +180,10 @@ def store(key: str, code: bytes) -> None:
 
 def _prune(place: Path) -> None:
     """Remove the oldest quarter of the entries if there are too many."""
-    entries = [p for p in place.iterdir() if _OURS.fullmatch(p.name) and p.is_file()]
+    entries = list(place.iterdir())
+    if len(entries) <= MOST_ENTRIES:  # usual after an entry is stored: no file is looked at
+        return
+    entries = [entry for entry in entries if _OURS.fullmatch(entry.name) and entry.is_file()]
     if len(entries) <= MOST_ENTRIES:
         return
     entries.sort(key=_written)
