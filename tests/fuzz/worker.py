@@ -35,6 +35,8 @@ _FORBIDDEN = (
 )  # fmt: skip
 _ARRAYS = (("numpy._core.numeric", "_frombuffer"), ("numpy.core.numeric", "_frombuffer"), ("numpy", "dtype"))
 """All that a child process of the library may send: arrays."""
+_QUESTIONS = (["uname", "-p"], ["lscpu"])
+"""Programs that libraries ask about the processor: Python's platform, and NumPy 2.0 when its tests are imported."""
 _CHANGES = (
     "os.remove",
     "os.rename",
@@ -107,7 +109,7 @@ class Guard:
             own = os.path.realpath(str(arguments[0])) == os.path.realpath(
                 sys.executable
             )  # a reader in a child of its own
-            if not own and arguments[1] != ["uname", "-p"]:  # which Python's platform.processor asks
+            if not own and arguments[1] not in _QUESTIONS:
                 self._note(event, arguments)
         elif event in _CHANGES:
             names = [name for name in arguments if isinstance(name, str | bytes)]

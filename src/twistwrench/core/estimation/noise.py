@@ -229,7 +229,7 @@ def _isolate_errors(times: Sequence[Array], parts: Sequence[Array], grid: float)
 
 def _split_variance(errors: Array, speed: Array, *, rounding: float) -> tuple[float, float]:
     """Nonnegative a and b of the variance a + rounding + b speed² of differences."""
-    from scipy.optimize import nnls
+    from scipy.optimize import lsq_linear
 
     group_count = max(1, min(_MAX_GROUPS, len(errors) // _MIN_ROWS_PER_GROUP))
     groups = np.array_split(np.argsort(np.abs(speed), kind="stable"), group_count)
@@ -242,6 +242,6 @@ def _split_variance(errors: Array, speed: Array, *, rounding: float) -> tuple[fl
     target, scale = np.maximum(variance - rounding, 0.0), np.maximum(variance, floor_of_scale)
     x = np.zeros(2)
     for _ in range(3):  # the error of a variance is proportional to it
-        x = nnls(table / scale[:, None], target / scale)[0]
+        x = lsq_linear(table / scale[:, None], target / scale, (0.0, math.inf), method="bvls").x
         scale = np.maximum(np.maximum(table @ x + rounding, 0.1 * variance), floor_of_scale)
     return float(x[0]), float(x[1] / top)

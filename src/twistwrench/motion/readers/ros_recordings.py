@@ -6,6 +6,7 @@ row every 2 ms and at each point.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -429,7 +430,7 @@ def _deserialise(store: Any, kind: str, texts: Sequence[str], data: Sequence[byt
         try:
             known = _with_definition(_typestore(), kind, text)
             return [known.deserialize_cdr(raw, kind) for raw in data]
-        except SerdeError:
+        except (SerdeError, struct.error):  # the second of versions before 0.11, for messages that end early
             continue
     known = _with_definition(store, kind, texts[-1]) if texts else store
     return [known.deserialize_cdr(raw, kind) for raw in data]
