@@ -62,6 +62,14 @@ def test_findings_of_one_check_and_one_repair_are_one_paragraph_with_all_places(
     assert f"All {len(answer.findings)} findings with lines: .print(every=True)" in text
 
 
+def test_each_place_in_the_heading_of_a_paragraph_has_its_own_line():
+    answer = tw.doctor(many_placeholders(4).replace("<link", "\n<link"))
+    several = next(group for group in answer.paragraphs if len(group) > 1)
+    places = [f"{finding.where} (line {finding.line})" for finding in several[:2]]
+    assert len({finding.line for finding in several}) == len(several)
+    assert ", ".join(places) in re.sub(r"\s+", " ", str(answer))
+
+
 def test_every_finding_is_in_the_full_form_and_on_the_page(tmp_path):
     import io
 

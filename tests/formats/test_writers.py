@@ -161,6 +161,16 @@ def test_what_a_format_cannot_say_is_listed(form):
     assert not [s for s in lost if not any(w in s for w in (*LOST[form], "link 'tool'", "site 'site:tool'"))]
 
 
+@pytest.mark.parametrize("side", ["friction", "link_friction"])
+@pytest.mark.parametrize("form", FORMS)
+def test_laws_of_friction_on_either_side_of_an_elastic_gear_are_listed(form, side):
+    law = {"coulomb": "2 N m", "static": "4 N m", "stribeck": "0.1 rad/s", "load": "0.1"}
+    entry = {"ratio": 50, "stiffness": "1000 N m/rad", "rotor": {"inertia": "1e-4 kg m^2", "extra": True}, side: law}
+    _, lost = written(tw.robots.planar_2r().with_actuators({"actuators": {"joint1": entry}}), form)
+    for words in ("static and Stribeck friction", "friction that grows with the load"):
+        assert any(words in sentence and "joint1" in sentence for sentence in lost), (words, lost)
+
+
 def test_mjcf_has_joints_springs_armature_keyframes_closures_and_gravity():
     robot = arm()
     other = again(robot, "mjcf")

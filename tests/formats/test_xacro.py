@@ -57,6 +57,14 @@ class TestWithExtra:
         assert given.frame_names == ("base", "rod", "hand") and given.model.moving_mass == 3.0
         assert tw.load(str(arm), xacro={"hand": "false"}).frame_names == plain.frame_names
 
+    def test_files_of_its_package_are_included_however_its_path_is_written(self, arm, monkeypatch):
+        package = arm.parents[1]
+        (arm.parent / "parts" / "rod.xacro").rename(package / "rod.xacro")
+        arm.write_text(ARM.replace("parts/rod.xacro", "../rod.xacro"))
+        for folder in (package.parent, package, arm.parent):
+            monkeypatch.chdir(folder)
+            assert tw.load(arm.relative_to(folder)).frame_names == ("base", "rod")
+
     def test_a_file_of_another_ending_is_expanded_on_request_only(self, arm, run):
         other = arm.with_name("arm.urdf")
         arm.rename(other)
@@ -71,6 +79,12 @@ class TestWithExtra:
         code, said = run("info", other, "--xacro")
         assert code == 0 and "mass 14 kg moving" in said, said
         assert run("doctor", other, "--xacro")[0] in (0, 1)
+
+    def test_an_impossible_inertia_of_an_expanded_file_is_a_finding_of_the_doctor(self, arm, run):
+        rod = arm.parent / "parts" / "rod.xacro"
+        rod.write_text(ROD.replace('izz="0.25"', 'izz="0.5"'))  # of no distribution of mass: 0.1 + 0.2 < 0.5
+        code, said = run("doctor", arm, "--only", "impossible")
+        assert code == 1 and "rod" in said, said
 
     def test_text_is_expanded_on_request_with_files_of_include_paths(self, arm):
         text = ARM.replace("parts/", f"{arm.parent}/parts/")

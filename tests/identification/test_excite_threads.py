@@ -31,10 +31,21 @@ def test_a_search_takes_the_processor_time_of_one_thread():
     assert processor <= 1.1 * wall
 
 
-def test_threads_of_blas_are_one_within_and_restored_after_the_last_of_several_calls():
-    before = blas_threads()
-    if not before:
+@pytest.fixture
+def two_threads():
+    """OpenBLAS on two threads: tests run on one, and what is restored would be what is set."""
+    libraries = _libraries()
+    if not libraries:
         pytest.skip("another BLAS")
+    before = [library.threads() for library in libraries]
+    for library in libraries:
+        library.set_threads(2)
+    yield libraries
+    for library, count in zip(libraries, before, strict=True):
+        library.set_threads(count)
+
+
+def test_threads_of_blas_are_one_within_and_restored_after_the_last_of_several_calls(two_threads):
     ready, leave = threading.Event(), threading.Event()
 
     def other():
@@ -46,25 +57,16 @@ def test_threads_of_blas_are_one_within_and_restored_after_the_last_of_several_c
     with one_blas_thread():
         thread.start()
         ready.wait(10)
-    assert blas_threads() == [1] * len(before)
+    assert blas_threads() == [1] * len(two_threads)
     leave.set()
     thread.join()
-    assert blas_threads() == before
+    assert blas_threads() == [2] * len(two_threads)
 
 
-def test_a_search_runs_on_one_thread_whatever_was_set(monkeypatch):
+def test_a_search_runs_on_one_thread_whatever_was_set(monkeypatch, two_threads):
     """Also where the environment allows more; afterwards the number is the one before. No motion is looked for here."""
-    libraries, seen = _libraries(), list[list[int]]()
-    if not libraries:
-        pytest.skip("another BLAS")
-    before = [library.threads() for library in libraries]
+    seen = list[list[int]]()
     monkeypatch.setattr(MotionSearch, "best", lambda *_: seen.append(blas_threads()))
-    try:
-        for library in libraries:
-            library.set_threads(2)
-        with pytest.raises(tw.ValueRangeError, match="no motion"):
-            times_of_a_search()
-        assert seen == [[1] * len(libraries)] and blas_threads() == [2] * len(libraries)
-    finally:
-        for library, count in zip(libraries, before, strict=True):
-            library.set_threads(count)
+    with pytest.raises(tw.ValueRangeError, match="no motion"):
+        times_of_a_search()
+    assert seen == [[1] * len(two_threads)] and blas_threads() == [2] * len(two_threads)

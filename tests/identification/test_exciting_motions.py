@@ -19,7 +19,7 @@ from twistwrench.core.verdict import Verdict, Word
 from twistwrench.identification import exciting_trajectory
 from twistwrench.identification.trajectory_search import LimitBarrier, MotionSearch, shared_bounds, typical_sizes
 from twistwrench.mechanics.model.actuation import with_friction
-from twistwrench.shapes.capsules import nearest_points
+from twistwrench.shapes.capsules import CapsuleDistances, LinkCapsules, nearest_points
 
 PLANAR = tw.robots.planar_2r()
 UR5 = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})
@@ -226,6 +226,24 @@ def test_nearest_points_of_segments_are_those_of_bounded_least_squares():
         A = np.column_stack([(a[1] - a[0])[:, k], (b[0] - b[1])[:, k]])
         wanted = lsq_linear(A, (b[0] - a[0])[:, k], (0.0, 1.0), tol=1e-14).cost
         assert found[k] == pytest.approx(np.sqrt(2.0 * wanted), abs=1e-6)
+
+
+def test_distances_are_exact_where_they_are_near_and_bounded_where_they_are_not(tmp_path):
+    """Two balls of radius 0.2 m, of which one slides away: 0.4 m less than their centres are apart."""
+    ball = '<visual><geometry><sphere radius="0.2"/></geometry></visual>'
+    slider = '<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{0}"/><axis xyz="1 0 0"/><limit lower="-2" upper="2"/></joint>'
+    text = f"""<robot name="balls"><link name="base">{ball}</link><link name="between"/><link name="ball">{ball}</link>
+    {slider.format("between", "base")}{slider.format("ball", "between")}</robot>"""
+    path = tmp_path / "balls.urdf"
+    path.write_text(text, encoding="utf-8")
+    robot = tw.load(path)
+    capsules = CapsuleDistances.from_capsules(robot, LinkCapsules.from_robot(robot), floor=None, itself=True)
+    x = np.array([0.45, 0.55, 0.7, 0.9, 1.5])
+    exact = capsules.evaluate(np.stack([0.4 * x, 0.6 * x], axis=1))[0]
+    near = capsules.evaluate(np.stack([0.4 * x, 0.6 * x], axis=1), near=0.2)[0]
+    assert (np.abs(exact - (x - 0.4)[:, None]) < 1e-12).all(axis=0).any()
+    np.testing.assert_allclose(near[exact <= 0.2], exact[exact <= 0.2], rtol=0, atol=1e-12)
+    assert (near <= exact + 1e-12).all()
 
 
 @pytest.mark.slow

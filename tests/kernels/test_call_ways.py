@@ -186,6 +186,17 @@ def test_frames_and_kinds_by_name_or_place(robot, direct):
         robot.jacobian(q, nothing=1)
 
 
+def test_an_option_that_is_left_out_has_its_default_whatever_was_asked_for_before():
+    robot = tw.robots.panda()
+    q = robot.random_configuration(3)
+    expected = {kind: robot.kernel("jacobian", frame=robot.tip, kind=kind)(q) for kind in ("body", "space")}
+    for _ in range(2):
+        warm(lambda: robot.jacobian(q, kind="space"))
+        same(robot.jacobian(q), expected["body"])
+        warm(lambda: robot.jacobian(q))
+        same(robot.jacobian(q, kind="space"), expected["space"])
+
+
 def test_more_ways_than_stand_in_a_row_still_work(monkeypatch):
     monkeypatch.setattr(dispatch, "MOST_IN_A_ROW", 4)
     robot = tw.robots.panda()

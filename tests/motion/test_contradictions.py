@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,11 +23,12 @@ HINGE = (
     '</link><joint name="{0}_joint" type="revolute"><parent link="{1}"/><child link="{0}"/><axis xyz="0 1 0"/>'
     '<origin xyz="0.5 0 0"/><limit lower="-6.2" upper="6.2" velocity="3" effort="50"/></joint>'
 )
+ARM = f'<robot name="arm"><link name="base"/>{HINGE.format("a", "base")}{HINGE.format("b", "a")}</robot>'
 
 
 @pytest.fixture(scope="module")
 def arm():
-    return tw.load(f'<robot name="arm"><link name="base"/>{HINGE.format("a", "base")}{HINGE.format("b", "a")}</robot>')
+    return tw.load(ARM)
 
 
 def said_of(arm, t, q, dq=None, ddq=None, portions=(), limits=None):
@@ -60,6 +62,17 @@ def test_a_long_step_that_the_velocity_limit_allows_is_no_jump(arm):
     q[30:, 1] += 3.6
     assert said_of(arm, t, q, limits=arm.limits) == ()
     (said,) = said_of(arm, t, q)
+    assert "b_joint jumps" in said
+
+
+def test_a_long_step_is_judged_by_the_limit_of_its_own_joint_on_a_floating_base_too(arm):
+    """The base comes first in dq, and has no limits."""
+    free = tw.load(ARM, floating_base=True)
+    t = np.arange(60.0)
+    q = np.column_stack([np.tile(free.neutral[:7], (60, 1)), 0.02 * t, 0.02 * t])
+    q[30:, -1] += 3.6
+    assert said_of(free, t, q, limits=free.limits) == ()
+    (said,) = said_of(free, t, q, limits=replace(free.limits, velocity=np.r_[np.full(6, np.inf), 0.1, 0.1]))
     assert "b_joint jumps" in said
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from standing_robots import LEGS, dog
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
+from twistwrench.reports.support.view import contact_tables
 from twistwrench.viz.page_layer import contact_layer
 
 HUMANOIDS = [
@@ -330,6 +332,25 @@ def test_a_robot_on_points_is_no_equilibrium_and_is_printed_so():
         assert "Forces of the ground" not in answer.tables
         assert f"NO EQUILIBRIUM: at {len(motion.time)} of {len(motion.time)} instants" in str(answer)
     assert "NO EQUILIBRIUM" not in str(tw.check(robot, motion, feet="auto", contact_friction=0.6))
+
+
+def test_the_least_force_of_a_foot_is_that_of_the_instants_that_balance():
+    """Forces of 100 N; at the second instant none balance."""
+    forces = np.zeros((3, 2, 3))
+    forces[:, :, 2] = [[40.0, 60.0], [0.0, 0.0], [70.0, 30.0]]
+    ground = SimpleNamespace(frames=("a", "b"), of_frame=lambda frame: np.array(["ab".index(frame)]), given=True)
+    found = SimpleNamespace(
+        balanced=np.array([True, False, True]),
+        balanced_forces=forces,
+        aground=np.ones(3, bool),
+        in_contact=np.ones((3, 2), bool),
+        contacts=(tw.statics.Contact(), tw.statics.Contact()),
+        time=np.arange(3.0),
+        ground=ground,
+    )
+    (table,) = contact_tables(found)
+    shown = {column.name: [*column.values] for column in table.columns}
+    assert (shown["least"], shown["pressing"], shown["when"]) == ([40.0, 30.0], [70.0, 60.0], [2.0, 0.0])
 
 
 def noisy(acceleration, noise, tmp_path, seed=1):

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from motions import report_of, write_motion, write_positions
 
-from twistwrench import ValueRangeError, load, robots
+from twistwrench import ModelWarning, ValueRangeError, load, robots
 from twistwrench.mechanics.model.inertia_checks import massless_links
 from twistwrench.motion.load_case import parse_payload, parse_wrenches
-from twistwrench.motion.model_doubts import missing_force
+from twistwrench.motion.model_doubts import missing_force, open_loop_joints
 from twistwrench.reports.torque_report import JointTorque
 
 pytest_plugins = ("torque_fixtures",)
@@ -409,6 +409,20 @@ def test_noise_of_a_base_is_no_missing_contact(noise, needed):
         assert missing_force(box.model, joints) == pytest.approx(6.0 - 5.0 * noise if needed else 0.0)
     turned = [JointTorque(f"j{i}", units[i], 600.0 * (i < 3), 0.0, 0.0, np.inf, {}, noise) for i in range(6)]
     assert missing_force(box.model, turned) == 0.0
+
+
+def test_the_force_of_a_loop_moves_the_torques_between_its_ends_alone():
+    """A shoulder carries the linkage, and feels its weight; its loop's force is within it."""
+    links = "".join(f'<link name="{name}"/>' for name in ("base", "arm", "crank", "coupler", "rocker"))
+    joints = "".join(
+        f'<joint name="to_{child}" type="continuous"><parent link="{parent}"/><child link="{child}"/><axis xyz="0 1 0"/></joint>'
+        for parent, child in (("base", "arm"), ("arm", "crank"), ("crank", "coupler"), ("arm", "rocker"))
+    )
+    loop = """<constraint name="loop" type="revolute"><parent link="coupler"/><parent_origin xyz="0.4 0 0"/>
+    <parent_axis xyz="0 1 0"/><child link="rocker"/><child_origin xyz="0 0 0.3"/></constraint>"""
+    with pytest.warns(ModelWarning):
+        robot = load(f'<robot name="gripper">{links}{joints}{loop}</robot>')
+    assert open_loop_joints(robot.model) == ["to_crank", "to_coupler", "to_rocker"]
 
 
 def test_a_base_that_slides_and_is_driven_needs_no_contact(run, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from twistwrench.sensing.fit import Problem, SensorState, Unknowns, fit, uncerta
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.poses import propose_poses
+from twistwrench.sensing.reading_doubts import departure
 
 
 def test_the_contact_point_is_found_on_planes_and_balls():
@@ -167,6 +169,31 @@ def test_a_constant_push_is_an_offset_of_its_own_size_and_no_drift(constant):
     assert not found.hits.any() and found.verdict.word == "LOOK AGAIN"
     said = re.search(r"fy ([\d.]+)", str(doubt))
     assert "drifts" not in str(doubt) and said and float(said[1]) == pytest.approx(6.0, abs=0.5), str(doubt)
+
+
+def test_an_offset_that_explains_nearly_all_is_named_before_a_drift_that_explains_all():
+    """Residuals of 6 N that rise by 0.2 N over the log: without the offset the first and last ones are beyond 0.09 N."""
+    log = dwells(np.random.default_rng(9), samples=2)
+    s = np.linspace(-0.5, 0.5, len(log))
+    rest, sigma = np.zeros((len(log), 6)), np.full((len(log), 6), 0.03)
+    rest[:, 4] = 6.0 + 0.2 * s
+    found = departure(log, AT_REST, rest, sigma, lambda x: np.abs(x[:, 4]) > 0.09)
+    assert found.kind == "sensor-file-offset" and "fy 6" in str(found), str(found)
+
+
+def test_a_bias_makes_no_error_of_the_load():
+    """A sensor whose bias is 1000 N more, and readings with it: the same readings are off, a push of ten times the noise."""
+    rng = np.random.default_rng(10)
+    file = identify(dwells(rng, samples=20))
+    log = dwells(rng, samples=20)
+    log.readings[60:90, 4] += 10 * SIX[4]
+    before = compensate(log, file.sensor, noise=file.noise, uncertainty=file.uncertainty)
+    more = np.array([0, 0, 0, 1000.0, 1000.0, 1000.0])
+    log.readings[:] += more
+    sensor = replace(file.sensor, bias=np.asarray(file.sensor.bias) + more)
+    after = compensate(log, sensor, noise=file.noise, uncertainty=file.uncertainty)
+    np.testing.assert_array_equal(after.off, before.off)
+    assert before.off.any() and after.verdict == before.verdict
 
 
 @pytest.mark.parametrize("channel", range(6))

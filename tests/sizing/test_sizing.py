@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from twistwrench.formats.yaml import in_si
 from twistwrench.mechanics.model.actuators import Thermal
 from twistwrench.sizing import catalog as catalogs
 from twistwrench.sizing import drives
+from twistwrench.sizing.sizing_view import worst_moment
 
 RPM = 2 * math.pi / 60
 UR5 = tw.robots.ur5().with_payload(tw.SpatialInertia.from_com(5.0), "tool0")
@@ -30,6 +32,19 @@ SETTINGS = {"pause": 0.8, "ambient": 40.0, "add_masses": False}
 @pytest.fixture(scope="module")
 def chosen():
     return tw.size_drives(UR5, MOTION, CATALOG, **SETTINGS)
+
+
+# ── The page ──
+
+
+def test_the_worst_moment_counts_from_the_first_row_of_the_log():
+    """A log that begins at 100 s, and a demand half a second later."""
+    cycle = tw.Motion(100.0 + MOTION.time, MOTION.q, robot=UR5)
+    demand = SimpleNamespace(what="torque", share=0.9, time=0.5)
+    joint = SimpleNamespace(joint="elbow_joint", tightest=("motor", demand))
+    q, marked, title = worst_moment(SimpleNamespace(motion=cycle, joints={"elbow_joint": joint}))
+    np.testing.assert_array_equal(q, MOTION.q[np.abs(MOTION.time - 0.5).argmin()])
+    assert title.endswith("at t = 100.500 s") and marked.joint == "elbow_joint"
 
 
 # ── Gears: worked examples of makers ──

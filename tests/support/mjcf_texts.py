@@ -105,6 +105,9 @@ TEXTS = {
     ),
     "geoms without mass": geoms('<geom size="0.1"/>', '<geom size="0.4" mass="0"/>', '<geom size="0.3" density="0"/>'),
     "groups": geoms('<geom size="0.1"/>', '<geom size="0.3" group="4"/>', head='<compiler inertiagrouprange="0 3"/>'),
+    "last group": geoms(
+        '<geom size="0.1"/>', '<geom size="0.3" group="3"/>', head='<compiler inertiagrouprange="0 3"/>'
+    ),
     "inertial before geoms": arm(inertial2=_MASS2 + '<geom size="0.3"/>'),
     "geoms before inertial": arm(head='<compiler inertiafromgeom="true"/>', inertial2=_MASS2 + '<geom size="0.3"/>'),
     "geoms before inertial, where there are any": arm(head='<compiler inertiafromgeom="true"/>', inertial2=_MASS2),
@@ -147,6 +150,9 @@ TEXTS = {
         joint1='<joint name="a" stiffness="3" springref="30" damping="0.4" armature="0.2" frictionloss="0.5"/>',
         joint2='<joint name="b" type="slide" stiffness="5" springref="0.2" ref="0.1"/>',
     ),
+    "springs behind a free body": """<mujoco><worldbody><body><freejoint/><geom size="0.1"/><body pos="0 0 0.3">
+    <joint name="a" axis="0 1 0" stiffness="3" springref="30"/><geom size="0.1" pos="0.1 0 0"/><body pos="0 0 0.3">
+    <joint name="b" axis="1 0 0" stiffness="5" springref="-20"/><geom size="0.1" pos="0 0.1 0"/></body></body></body></worldbody></mujoco>""",
     "tendon as a spring": arm(
         tail='<tendon><fixed stiffness="7" springlength="0.2"><joint joint="a" coef="2"/><joint joint="b" coef="-1"/></fixed>'
         '<fixed stiffness="4"><joint joint="b" coef="3"/></fixed></tendon>',

@@ -187,6 +187,21 @@ def test_trees_with_mimic_joints(seed, form):
     assert_agrees(equations, robot)
 
 
+@pytest.mark.parametrize("form", ["expanded", "named"])
+def test_a_sliding_follower_moves_by_its_ratio(form):
+    """Fingers of 1 kg, of which one moves against the other and twice as far: 1 + 2² kg."""
+    inertia = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    fingers = "".join(
+        f'<link name="{name}">{inertia}</link><joint name="to_{name}" type="prismatic"><parent link="palm"/><child link="{name}"/>'
+        f'<axis xyz="0 1 0"/><limit lower="-1" upper="1"/>{mimic}</joint>'
+        for name, mimic in (("left", ""), ("right", '<mimic joint="to_left" multiplier="-2"/>'))
+    )
+    robot = tw.load(f'<robot name="gripper"><link name="palm"/>{fingers}</robot>')
+    equations = derive(robot, form=form)
+    assert_agrees(equations, robot)
+    np.testing.assert_allclose(robot.mass_matrix([0.1]), [[5.0]], rtol=1e-12)
+
+
 def test_floating_base():
     equations = derive(tw.robots.floating_box())
     assert [s.name for s in equations.q] == ["x_1", "y_1", "z_1", "alpha_1", "beta_1", "gamma_1"]

@@ -85,6 +85,16 @@ def test_a_mass_is_driven_bang_bang(d, a):
     assert_extreme(motion)
 
 
+def test_a_motion_begins_with_full_force_and_ends_with_it_and_rests_before_and_after():
+    """Also the first and the last row of a table of it; a double integrator of 1 kg m² has 8 rad/s² at 8 N m."""
+    mass = tw.robots.pendulum().with_gravity([0, 0, 0])
+    motion = fastest(mass, joint_line(mass, [0], [2.0]), effort=8.0)
+    T = motion.duration
+    assert_allclose(motion([0.0, T])[2][:, 0], [8.0, -8.0], rtol=1e-6)
+    q, dq, ddq = motion([-0.1, T + 0.1])
+    assert_allclose(np.stack([q, dq, ddq])[..., 0], [[0.0, 2.0], [0.0, 0.0], [0.0, 0.0]], atol=1e-12)
+
+
 @pytest.mark.parametrize(("d", "a", "b"), [(2.0, 8.0, 2.0), (-0.3, 5.0, 40.0), (6.0, 1.0, 1.0)])
 def test_a_mass_that_slows_down_by_another_limit_than_it_speeds_up(d, a, b):
     """It gets to the speed v in v/a, and to rest in v/b: d = v²/2 (1/a + 1/b)."""

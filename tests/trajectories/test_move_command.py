@@ -116,10 +116,13 @@ def test_acceleration_limits_of_files_are_kept_and_their_source_is_named(run, tm
 def test_a_robot_too_weak_is_a_problem_found(run, tmp_path):
     limits = tmp_path / "limits.csv"
     limits.write_text("joint,effort\njoint1,20\njoint2,20\n")
-    code, output = run("move", "planar_2r", "--to", "1,0", "--fastest", "--limits", limits)
+    code, output = run(
+        "move", "planar_2r", "--to", "1,0", "--fastest", "--limits", limits, "--csv", tmp_path / "none.csv"
+    )
     assert code == 1
     assert "OVER LIMIT: the robot cannot hold itself on this path" in output
     assert "29.43 of 20" in output
+    assert not (tmp_path / "none.csv").exists()  # there is no motion to write
 
 
 @pytest.mark.parametrize("flags, over", [([], True), (["--no-friction"], False)])

@@ -82,6 +82,17 @@ def drawn(monkeypatch):
     return figures
 
 
+@pytest.mark.parametrize("friction", [False, True])
+def test_the_plot_of_a_motion_counts_friction_where_it_is_asked_for(drawn, friction):
+    drives = {name: {"friction": {"viscous": "3 N m s/rad"}} for name in ("joint1", "joint2")}
+    arm, t = tw.robots.planar_2r().with_actuators({"actuators": drives}), np.linspace(0.0, 1.0, 21)
+    motion = tw.Motion(t, np.sin(np.outer(t, [1.0, 2.0])), robot=arm)
+    motion.plot("motion.png", friction=friction)
+    shown = np.stack([line.get_ydata() for line in drawn[0].axes[1].lines[:2]], axis=1)
+    np.testing.assert_allclose(shown, motion.torques(friction=friction), atol=1e-12)
+    assert np.abs(motion.torques(friction=True) - motion.torques()).max() > 1.0
+
+
 def test_the_plot_of_an_identification_shows_what_was_measured(drawn):
     """As points over the curve of the prediction, which has the joint's colour."""
     arm, t = tw.robots.planar_2r(), np.arange(800) * 0.01

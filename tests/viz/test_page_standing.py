@@ -70,6 +70,21 @@ def test_an_arm_has_most_of_the_joints_or_of_the_mass_in_one_chain(held):
     assert np.all((q - low >= 0.0999 * (high - low)) & (high - q >= 0.0999 * (high - low)))  # clear of stops
 
 
+def test_followers_of_a_gripper_do_not_make_an_arm_less_of_one():
+    """Three joints and a finger are the four that move by themselves; seven heavy fingers follow."""
+    inertia = '<inertial><mass value="{}"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    parts, parent = ['<link name="base"/>'], "base"
+    for name in ("a", "b", "c", *(f"finger{k}" for k in range(8))):
+        mimic = '<mimic joint="to_finger0"/>' if name.startswith("finger") and name != "finger0" else ""
+        parts.append(
+            f'<link name="{name}">{inertia.format(1.0 if "finger" in name else 0.1)}</link><joint name="to_{name}" '
+            f'type="continuous"><parent link="{parent}"/><child link="{name}"/><axis xyz="0 1 0"/>{mimic}</joint>'
+        )
+        parent = parent if "finger" in name else name
+    robot = tw.load(f'<robot name="gripper">{"".join(parts)}</robot>')
+    assert robot.nv == 4 and is_arm(robot.model)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_legged_files_of_the_field_stand_within_a_millimetre(name, tmp_path):

@@ -18,11 +18,14 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.cli.main import main
+from twistwrench.core.answers.blocks import Style
+from twistwrench.core.answers.page import MarkedJoint
 from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports import drawn_motion as motion_module
 from twistwrench.viz import energies, film, motion_of, movie, plot_phase, plot_power, plot_split, read_motion, scene_of
-from twistwrench.viz.movie import Camera, Painter
+from twistwrench.viz.movie import Camera, Painter, still
+from twistwrench.viz.pictures import robot_picture
 
 T = np.linspace(0.0, 2.0, 401)
 
@@ -517,3 +520,14 @@ def test_without_a_browser_the_path_is_printed(monkeypatch):
     assert "Open the file in one" in result.stderr
     assert Path(result.stdout.removeprefix("wrote ").strip()).exists()
     assert run("view", "pendulum", "--no-browser").stderr == ""
+
+
+@pytest.mark.parametrize("mark", [Style.OVER, Style.POINTED])
+def test_a_marked_joint_has_the_colour_that_the_caption_names(mark):
+    robot, q = tw.robots.planar_2r(), [0.3, 0.5]
+    found = robot_picture(robot, q, MarkedJoint("joint2", "joint2, 111 % of its limit", mark), "planar_2r")
+    wanted = {
+        style: still(robot, q, "joint2", "joint2, 111 % of its limit", mark=style)
+        for style in (Style.OVER, Style.POINTED)
+    }
+    assert found.content == wanted[mark] and wanted[Style.OVER] != wanted[Style.POINTED]
