@@ -14,7 +14,8 @@ import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut, HeldOutRows
 from twistwrench.identification import identify
 from twistwrench.identification.cause_fit import CauseFit
-from twistwrench.identification.fit_doubts import _largest_at, _residual_above_noise, _unit, left_unexplained
+from twistwrench.identification.common_gain import unit_doubts
+from twistwrench.identification.fit_doubts import _largest_at, _residual_above_noise, left_unexplained
 from twistwrench.identification.hyperparameters import FitSettings, SettingRows
 from twistwrench.identification.views.identified_robot import _open_groups
 
@@ -174,9 +175,9 @@ def test_a_residual_is_loud_from_three_times_the_noise_below_the_cut_off(times, 
 def test_a_unit_of_torques_is_named_by_its_own_factor():
     """1 N m is 0.73756 lbf ft; torques that are larger by the inverse are N m, converted from N m once more."""
     for gain, said in ((0.73756, "look like lbf ft"), (1.35582, "look like N m if they were in lbf ft")):
-        (doubt,) = _unit(SimpleNamespace(names=("j",)), gain)
+        (doubt,) = unit_doubts(SimpleNamespace(names=("j",)), gain)
         assert said in doubt.sentence, doubt.sentence
-    assert _unit(SimpleNamespace(names=("j",)), 1.2) == []
+    assert unit_doubts(SimpleNamespace(names=("j",)), 1.2) == []
 
 
 def test_the_speed_at_which_static_friction_fades_is_the_one_that_was_given():

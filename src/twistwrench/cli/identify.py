@@ -14,6 +14,7 @@ from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.third_party import workers_of
 from ..core.verdict import Word
 from ..formats.actuators import read_log_side
+from ..identification.actuator_text import OF_COUPLED_MOTORS
 from ..identification.exciting_trajectory import ExcitingMotion, excite
 from ..identification.identify import identify, log_paths
 from ..identification.parameters import PARAMETER_UNITS
@@ -22,7 +23,6 @@ from ..identification.result import IdentifiedRobot
 from ..identification.servos.identify_servos import identify_servos
 from ..identification.servos.replay import SERVO_UNITS
 from ..identification.servos.result import IdentifiedServos
-from ..identification.write import OF_COUPLED_MOTORS
 from ..mechanics.model.couplings import with_couplings
 from ..motion.motion import Motion
 from ..motion.motion_file import joints_without_column, open_motion_file

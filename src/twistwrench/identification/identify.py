@@ -29,7 +29,8 @@ from .assumed import AssumedCauses, begin_settings, fit_covariance, wanted_cause
 from .cause_fit import log_fit
 from .consistent import check_strength
 from .diagnosis import WantedCause, cause_doubts, diagnose, doubt_of_cause, law_changes, laws_of_the_robot
-from .fit_doubts import LEFT_OUT, FittedLog, doubts_of, sorted_doubts
+from .fit_doubts import LEFT_OUT, doubts_of, sorted_doubts
+from .fitted_log import FittedLog
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .log_windows import Log, LogSource, ReadLog, read_logs, steady_samples
 from .parameters import (

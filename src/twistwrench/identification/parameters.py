@@ -58,6 +58,12 @@ PARAMETER_UNITS = {
 """SI units of each kind of parameter: revolute joints first, then prismatic joints."""
 
 
+def parameter_unit(kind: str, *, turning: bool) -> str:
+    """SI unit of a kind of parameter, at a revolute or a prismatic joint."""
+    units = PARAMETER_UNITS[kind]
+    return units[0] if turning else units[-1]
+
+
 def uncoupled(robot: Robot) -> Robot:
     """Robot without its coupled motors; the same robot if no motors are coupled."""
     return Robot(without_couplings(robot.model)) if robot.model.couplings else robot

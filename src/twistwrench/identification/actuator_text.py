@@ -1,0 +1,93 @@
+"""Actuator files with identified friction and motor inertias."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..core.numbers import number
+from ..core.typing import Array
+from ..mechanics.joints.units import unit_of
+from ..mechanics.model.model import Model
+from ..robot import Robot
+from .consistent import ConsistentRobot
+from .parameters import DRIVE, parameter_unit
+
+OF_COUPLED_MOTORS = (
+    "coupled motors have friction beside that of their joints here, which actuator files do not represent"
+)
+"""Reason why coupled motors get no actuator file."""
+SIGNATURE = "twistwrench identify"
+"""Beginning of comments in written files."""
+
+
+def actuator_text(
+    model: Model,
+    found: ConsistentRobot,
+    given: Mapping[str, object] | None = None,
+    load: Mapping[str, float] | None = None,
+) -> str:
+    """Actuator file with identified friction and motor inertias; other entries of ``given`` are kept.
+
+    ``load`` is the load friction of joints, as a share of the carried torque. If the ratio is known, the motor inertia
+    is written as an additional rotor, Ia / ratio²; otherwise as reflected inertia.
+    """
+    import yaml
+
+    content: dict[str, Any] = {"robot": model.name, **dict(given or {})}
+    entries: dict[str, dict[str, Any]] = {name: dict(x) for name, x in (content.get("actuators") or {}).items()}
+    values = {kind: found.of_joints(kind) for kind in DRIVE}
+    for body in model.leaders:
+        name, turns = body.joint.name, bool(body.joint.turning[0])
+        entry = entries.setdefault(name, {})
+        if name in values["motor_inertia"]:
+            entry.pop("rotor", None)
+            inertia = values["motor_inertia"][name]
+            entry["reflected_inertia"] = f"{inertia!r} {parameter_unit('motor_inertia', turning=turns)}"
+        law = _friction_law(name, values, found.base.unknown.stribeck_speed, turning=turns)
+        if load and name in load:
+            law["load"] = repr(load[name])
+        if law:
+            entry["friction"] = law
+    content["actuators"] = entries
+    head = f"# {SIGNATURE}: friction and motor inertias, reflected to the joints\n"
+    for name, value in values["offset"].items():
+        head += f"# offset of the measured torque of {name}, not read: {number(value, 6)}\n"
+    for name, value in found.of_several_joints.items():
+        head += f"# of several joints, not read: {name} {value!r}\n"
+    return head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+
+
+def _friction_law(
+    joint: str, values: Mapping[str, Mapping[str, float]], stribeck_speed: float, *, turning: bool
+) -> dict[str, str]:
+    """Entry ``friction:`` of a joint, from ``values`` by kind and joint."""
+    viscous, coulomb, stribeck = (values[kind] for kind in ("viscous", "coulomb", "stribeck"))
+    law: dict[str, str] = {}
+    if joint in viscous:
+        law["viscous"] = f"{viscous[joint]!r} {parameter_unit('viscous', turning=turning)}"
+    if joint in coulomb:
+        law["coulomb"] = f"{coulomb[joint]!r} {unit_of('tau', turning)}"
+    if joint in stribeck:
+        law["static"] = f"{coulomb.get(joint, 0.0) + stribeck[joint]!r} {unit_of('tau', turning)}"
+        law["stribeck"] = f"{stribeck_speed!r} {unit_of('dq', turning)}"
+    return law
+
+
+def same_actuators(text: str, found: ConsistentRobot) -> float:
+    """Largest difference of friction and armature after reading an actuator file back, as a share of the largest value."""
+    import yaml
+
+    model = found.base.unknown.model
+    bare = replace(model, armature=np.zeros(model.nv))
+    has = _drive_values(Robot(bare).with_actuators(yaml.safe_load(text)).model)
+    wanted = _drive_values(found.robot.model)
+    return float(np.abs(has - wanted).max() / max(np.abs(wanted).max(), 1e-300))
+
+
+def _drive_values(model: Model) -> Array:
+    """(4 nv,) armatures and friction of the joints."""
+    return np.concatenate([model.armature, model.friction.viscous, model.friction.coulomb, model.friction.static])

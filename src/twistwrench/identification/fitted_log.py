@@ -1,0 +1,104 @@
+"""Rows of logs with the fit to them: what doubts about a fit are judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core.doubts import Doubt
+from ..core.estimation.cross_validation import HeldOut
+from ..core.estimation.least_squares import NormalEquations, Prior
+from ..core.typing import Array
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+    from .hyperparameters import FitSettings
+    from .log_windows import ReadLog
+    from .parameters import BaseParameters
+
+_MOTION_STATES = 200
+"""Number of states of another motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedLog:
+    """Rows (m, nv, r) and torques (m, nv) at the chosen settings, with the fit to them."""
+
+    base: BaseParameters
+    logs: Sequence[ReadLog]
+    W: Array
+    tau: Array
+    settings: FitSettings
+    prior: Prior
+    x: Array
+    covariance: Array
+    held_out: HeldOut
+    trained: HeldOut
+    fifths: Sequence[NormalEquations]
+    """Normal equations of the weighted rows of each fifth of the time, joint by joint, in units of the residuals."""
+    speed: Array
+    acceleration: Array
+    rate: float
+    dead: Array
+    causes: Sequence[Doubt] = ()
+    """Doubts about the causes of the residual."""
+    payload_only: bool = False
+    """True if only a payload is identified; the file lacks it, so torques may differ from the file's."""
+
+    @property
+    def deviations(self) -> Array:
+        """(r,) standard deviations of the groups."""
+        return np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.base.unknown.model.velocity_names
+
+    @cached_property
+    def q(self) -> Array:
+        """(n, nq) positions of all rows of the logs."""
+        return np.concatenate([log.q for log in self.logs])
+
+    def joints(self, indices: Iterable[int]) -> list[str]:
+        """Names of some joints."""
+        return [self.names[k] for k in indices]
+
+    def first_parameters(self, groups: Iterable[int]) -> str:
+        """First parameter of each of some groups, separated by semicolons."""
+        return "; ".join(self.base.names[k].split(" ")[0] for k in groups)
+
+    @cached_property
+    def other_motion(self) -> Array:
+        """(n, nv, r) columns of another motion, as fast as the logs and as wide as the limits."""
+        rng = np.random.default_rng(0)
+        q = rng.uniform(*_reach(self.base.unknown.robot, self.q), (_MOTION_STATES, self.q.shape[1]))
+        dq = rng.normal(size=(_MOTION_STATES, self.speed.shape[1])) * rms(self.speed)
+        ddq = rng.normal(size=(_MOTION_STATES, self.acceleration.shape[1])) * rms(self.acceleration)
+        return self.base.unknown.columns(self.base.kept, q, dq, ddq, self.settings.friction_speed)
+
+    @cached_property
+    def torque_shares(self) -> Array:
+        """(nv, r) changes of another motion's torques by a deviation of each group, as shares of a joint's torque (rms)."""
+        W = self.other_motion
+        size = np.sqrt(((W @ self.x) ** 2).mean(axis=0))
+        shares = np.sqrt((W**2).mean(axis=0)) * self.deviations / np.maximum(size, 1e-300)[:, None]
+        return np.asarray(np.where(self.dead[:, None] | self.base.held, 0.0, shares))
+
+
+def rms(x: Array) -> Array:
+    """(n,) rms values of columns (m, n)."""
+    return np.sqrt((x**2).mean(axis=0))
+
+
+def _reach(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Ranges of positions (nv,): limits, at most half a turn; for joints without limits or motion, the logs' range."""
+    low, high = q.min(axis=0), q.max(axis=0)
+    turn = np.where([bool(body.joint.turning[0]) for body in robot.model.leaders], np.pi, np.inf)
+    lower, upper = np.maximum(robot.limits.lower, -turn), np.minimum(robot.limits.upper, turn)
+    known = (high > low) & np.isfinite(lower) & np.isfinite(upper)
+    return np.where(known, np.minimum(lower, low), low), np.where(known, np.maximum(upper, high), high)
