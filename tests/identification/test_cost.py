@@ -13,9 +13,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 import twistwrench as tw
 from twistwrench.core.estimation.filters import REACH, lagged, low_pass, low_pass_at
 from twistwrench.core.estimation.single_row_glitches import SingleRowGlitches
-from twistwrench.identification.cause_fit import CauseFit, log_fit, screened
-from twistwrench.identification.causes import LogStates, continuous_causes
+from twistwrench.identification.cause_fit import CauseFit, log_fit, screen_causes
+from twistwrench.identification.causes import continuous_causes
 from twistwrench.identification.hyperparameters import FitSettings
+from twistwrench.identification.log_states import LogStates
 from twistwrench.identification.parameters import UnknownParameters
 from twistwrench.identification.rows import SteadySamples
 
@@ -52,12 +53,14 @@ def _states_of_a_log(seconds=30.0):
 
 def test_columns_of_a_low_pass_are_low_passed_columns(monkeypatch):
     """Whatever the length of the portions; gains are applied to torques alone."""
-    s = _states_of_a_log().states.changed(lag=0.08, gain=np.array([2.0, -1.0]))
+    s = _states_of_a_log().states.with_fields(lag=0.08, gain=np.array([2.0, -1.0]))
     x = np.random.default_rng(2).normal(size=s.base.count)
-    assert_allclose(s.predicted(x), s.gain * (s.columns @ x), rtol=1e-10, atol=1e-10)
-    monkeypatch.setattr("twistwrench.identification.causes._PORTION", 100)
-    assert_allclose(s.changed(lag=0.08 + 0.0 * s.lag).columns, s.columns, rtol=0, atol=1e-12 * np.abs(s.columns).max())
-    every = s.changed(lag=0.0, rows=np.arange(len(s.time))).columns
+    assert_allclose(s.predicted_torques(x), s.gain * (s.columns @ x), rtol=1e-10, atol=1e-10)
+    monkeypatch.setattr("twistwrench.identification.log_states.PORTION", 100)
+    assert_allclose(
+        s.with_fields(lag=0.08 + 0.0 * s.lag).columns, s.columns, rtol=0, atol=1e-12 * np.abs(s.columns).max()
+    )
+    every = s.with_fields(lag=0.0, rows=np.arange(len(s.time))).columns
     (piece,) = s.pieces
     expected = lagged(every[piece], s.lag * float(s.rate[0]))[s.rows]
     assert_allclose(s.columns, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
@@ -78,7 +81,7 @@ def test_fits_of_distant_starts_do_not_outlive_their_screening(monkeypatch):
         return found
 
     monkeypatch.setattr(CauseFit, "refit", counted)
-    found = screened(fit, continuous_causes(fit.states, wide=True))
+    found = screen_causes(fit, continuous_causes(fit.states, wide=True))
     assert len(alive) > 10 and most <= 2
     assert len(found) == sum(len(cause.starts) for cause in continuous_causes(fit.states, wide=True))
 

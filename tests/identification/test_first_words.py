@@ -57,7 +57,7 @@ def test_load_friction_that_held_out_rows_confirm_is_fitted():
 def test_a_law_that_held_out_rows_do_not_confirm_is_a_note(monkeypatch):
     """The same log under a bound that nothing reaches."""
     _, loaded = with_load_friction(0.1)
-    monkeypatch.setattr(importlib.import_module("twistwrench.identification.identify"), "_WORTH_A_LAW", 0.99)
+    monkeypatch.setattr(importlib.import_module("twistwrench.identification.identify"), "_MIN_DECREASE", 0.99)
     found = identify(ARM, loaded, **GIVEN)
     assert not found.settings.assumed
     assert "Not fitted: load-friction, which would leave 2.44 %" in found.notes[-1]

@@ -13,7 +13,7 @@ import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.identification import BaseParameters, UnknownParameters, identify
 from twistwrench.identification.consistent import PositivePrior, PositiveProblem
-from twistwrench.identification.hyperparameters import _order
+from twistwrench.identification.essential_groups import _elimination_order
 from twistwrench.identification.parameters import FRICTION
 from twistwrench.identification.payload import known_but_for, payload_from, unknown_of
 from twistwrench.mechanics.model.actuation import with_friction
@@ -189,4 +189,4 @@ def test_a_body_keeps_a_known_mass_where_the_rows_tell_nothing():
 def test_the_group_that_explains_least_is_left_out_first():
     """0.1² · 100 = 1 is explained by the first, 0.5² · 1 = 0.25 by the second, although its value is larger."""
     N, x = np.diag([100.0, 1.0]), np.array([0.1, 0.5])
-    assert _order((N, N @ x, 2.0), np.full(2, 1e3), np.zeros(2, bool)).tolist() == [1, 0]
+    assert _elimination_order((N, N @ x, 2.0), np.full(2, 1e3), np.zeros(2, bool)).tolist() == [1, 0]

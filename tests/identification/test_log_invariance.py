@@ -11,7 +11,8 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.identification import identify
-from twistwrench.identification.causes import Law, jump_of, side_in_play
+from twistwrench.identification.causes import Law, side_in_play
+from twistwrench.identification.log_states import jump_of
 
 ARM = tw.robots.planar_2r()
 LOG = known_log(ARM, 1)

@@ -8,13 +8,13 @@ import numpy as np
 import twistwrench as tw
 from twistwrench.core.doubts import undetermined_table
 from twistwrench.identification import BaseParameters, UnknownParameters, identify
-from twistwrench.identification.parameters import undetermined
+from twistwrench.identification.undetermined import undetermined_quantities
 
 LEFT = 0.02
 
 
 def told_of(robot, **options):
-    return undetermined(BaseParameters.from_unknowns(UnknownParameters(robot, **options)), LEFT)
+    return undetermined_quantities(BaseParameters.from_unknowns(UnknownParameters(robot, **options)), LEFT)
 
 
 def test_zeros_of_the_last_joint_and_of_a_vertical_first_one():
@@ -43,7 +43,8 @@ def test_known_values_tell_what_they_are_said_to():
 
 def test_no_residual_is_asked_about():
     base = BaseParameters.from_unknowns(UnknownParameters(tw.robots.pendulum()))
-    assert "0.02 % of them" in undetermined(base, 2e-4)["fed-forward"] and "fed-forward" not in undetermined(base, 2e-3)
+    near, far = undetermined_quantities(base, 2e-4), undetermined_quantities(base, 2e-3)
+    assert "0.02 % of them" in near["fed-forward"] and "fed-forward" not in far
 
 
 def test_json_and_report_list_them(tmp_path):

@@ -6,8 +6,9 @@ from ..core.doubts import Doubt
 from ..core.estimation.covariance import GroupCovariance
 from ..core.estimation.cross_validation import HeldOut, HeldOutRows
 from .consistent import ConsistentRobot
+from .essential_groups import EssentialGroups
 from .exciting_trajectory import ExcitingMotion, exciting_trajectory
-from .hyperparameters import EssentialGroups, FitSettings
+from .hyperparameters import FitSettings
 from .identify import identify, measured_causes
 from .parameters import BaseParameters, UnknownParameters
 from .payload import IdentifiedPayload, MotorSide, motor_side, read_motion

@@ -49,9 +49,9 @@ def _least_squares(fit: FittedLog, columns: Array, sigma: Array) -> tuple[Array,
     """Coefficients (k,) of columns (m, nv, k) in the live torques, in units of ``sigma`` (nv,), and the sum of squares left."""
     y = (fit.tau / sigma)[:, ~fit.dead].ravel()
     A = (columns / sigma[:, None])[:, ~fit.dead].reshape(len(y), columns.shape[2])
-    x = np.zeros(0)
-    if columns.size:
     x: Array = np.zeros(0)
+    if columns.size:
+        x = np.linalg.lstsq(A, y, rcond=None)[0]
     return x, float(((y - A @ x) ** 2).sum())
 
 

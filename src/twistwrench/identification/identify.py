@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core.doubts import Doubt, doubt
 from ..core.errors import ModelError, ShapeError, TrajectoryError, UnknownNameError, ValueRangeError
+from ..core.estimation.covariance import GroupCovariance
 from ..core.estimation.cross_validation import FOLDS, HeldOut, HeldOutRows
 from ..core.estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..core.estimation.sampling import moves
@@ -26,9 +27,10 @@ from ..robot import Robot, load
 from ..robot.task_space_methods import require_robot
 from ..robots.finding import bundled_file
 from .assumed import AssumedCauses, begin_settings, fit_covariance, wanted_causes
+from .cause_doubts import cause_doubts, doubt_of_cause, laws_of_the_robot
 from .cause_fit import log_fit
 from .consistent import check_strength
-from .diagnosis import WantedCause, cause_doubts, diagnose, doubt_of_cause, law_changes, laws_of_the_robot
+from .diagnosis import WantedCause, diagnose, law_changes
 from .fit_doubts import LEFT_OUT, doubts_of, sorted_doubts
 from .fitted_log import FittedLog
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
@@ -40,7 +42,7 @@ from .parameters import (
     FrictionLaws,
     UnknownParameters,
     check_speed,
-    uncoupled,
+    without_coupled_motors,
 )
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot, without_links
@@ -54,7 +56,7 @@ KnownValues: TypeAlias = Mapping[str, float]
 """Values of parameters by name."""
 PriorWeight: TypeAlias = float
 ObserverGain: TypeAlias = float
-_DEAD = 0.8  # share of rows with one constant torque, from which a measured torque is dead
+_MAX_CONSTANT_ROWS = 0.8  # share of rows with one constant torque, from which a measured torque is dead
 
 
 def identify(
@@ -162,18 +164,19 @@ def identify(
     >>> print(tw.identify("planar_2r", "demo").headline)
     OK: predicts torques to 1.74 % (worst joint joint1, 1.77 %), in 5-fold cross-validation over time.
     """
-    loaded = require_robot(load(robot) if isinstance(robot, str | Path) else robot, "identify")
-    bundled = str(robot) if isinstance(robot, str | Path) else loaded.name
+    loaded, bundled = _robot_with_name(robot)
     robot = without_links(loaded, without)
     check_strength(keep_close)
     logs, test = log_paths(logs, bundled), log_paths(test, bundled)
     if method not in METHODS:
         raise UnknownNameError.from_choices("method", method, METHODS)
-    asked, own = fit_options(cutoff, friction_speed, shift), assume not in ("none", ["none"], ("none",))
-    wanted = wanted_causes(assume, robot.model.velocity_names) if own else ()
+    options = fit_options(cutoff, friction_speed, shift)
+    may_fit_laws = assume not in ("none", ["none"], ("none",))
+    wanted = wanted_causes(assume, robot.model.velocity_names) if may_fit_laws else ()
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "side": motor_side}
     reading |= {"topic": topic, "episode": episode}
-    sources, tests = (log_sources(robot, given, what, reading) for given, what in ((logs, "logs"), (test, "test")))
+    sources = log_sources(robot, logs, "logs", reading)
+    tests = log_sources(robot, test, "test", reading)
     if not sources:
         raise ShapeError("identify: there is no log. Give one with torques at least.")
     unknown = unknown_of(
@@ -183,17 +186,22 @@ def identify(
     tell = progress or (lambda _share: None)
     read = read_logs((*sources, *tests), Workers.from_client(client), lambda share: tell(0.2 * share))
     trained, tested = _readable(read[: len(sources)]), _readable(read[len(sources) :])
-    lost = [
-        doubt("left-out", path=source.path, reason=one.reason)
-        for source, one in zip((*sources, *tests), read, strict=True)
-        if isinstance(one, Failure)
-    ]
-    fit = partial(_identified, unknown, robot, trained, tested, method=method, payload_only=payload_only, lost=lost)
-    found, laws = fit(asked, wanted, tell=lambda share: tell(0.2 + 0.5 * share))
-    if own and laws and not payload_only:
-        found = _better_with(laws, found, fit(_at_cutoff(asked, found), (*wanted, *laws), tell=tell)[0])
+    lost = _unreadable((*sources, *tests), read)
+    fit = partial(_identify_once, unknown, robot, trained, tested, method=method, payload_only=payload_only, lost=lost)
+    found, laws = fit(options, wanted, tell=lambda share: tell(0.2 + 0.5 * share))
+    if may_fit_laws and laws and not payload_only:
+        with_laws, _ = fit(_options_at_cutoff(options, found), (*wanted, *laws), tell=tell)
+        found = _better_with(laws, found, with_laws)
     tell(1.0)
     return _with_thresholds(replace(found, strength=keep_close, logs=_files(*logs, *test)), trained, thresholds)
+
+
+def _robot_with_name(robot: Robot | str | Path) -> tuple[Robot, str]:
+    """Robot, read if it is a path or a name, and the name under which logs are bundled with it."""
+    if isinstance(robot, str | Path):
+        return require_robot(load(robot), "identify"), str(robot)
+    robot = require_robot(robot, "identify")
+    return robot, robot.name
 
 
 def _files(*logs: Log) -> tuple[str, ...]:
@@ -220,7 +228,7 @@ def log_paths(given: Log | Sequence[Log], robot: str) -> list[Log]:
     if not isinstance(given, Iterable | Motion | Path):
         raise ShapeError(f"logs={given!r}: give a tw.Motion with torques, the path of a log, or a list of them.")
     found = list[Log]()
-    for log in (given,) if isinstance(given, Motion | str | Path) else given:
+    for log in _sequence(given):
         if isinstance(log, str | Path):
             found += expanded_paths(bundled_file(str(log), robot, "_log.csv", "log"))
         else:
@@ -228,12 +236,17 @@ def log_paths(given: Log | Sequence[Log], robot: str) -> list[Log]:
     return found
 
 
+def _sequence(given: Log | Sequence[Log]) -> Sequence[Log]:
+    """Logs as a sequence, also if only one is given."""
+    return [given] if isinstance(given, Motion | str | Path) else given
+
+
 def log_sources(
     robot: Robot, given: Log | Sequence[Log], what: str, reading: Mapping[str, Any]
 ) -> tuple[LogSource, ...]:
     """Sources of logs; raises ShapeError and TrajectoryError for motions without torques or of another robot."""
-    logs = (given,) if isinstance(given, Motion | str | Path) else tuple(given)
-    return tuple(LogSource.from_log(robot, log, f"{what} number {k}", reading) for k, log in enumerate(logs, 1))
+    logs = enumerate(_sequence(given), 1)
+    return tuple(LogSource.from_log(robot, log, f"{what} number {k}", reading) for k, log in logs)
 
 
 def _readable(logs: Sequence[ReadLog | Failure]) -> tuple[ReadLog, ...]:
@@ -245,12 +258,21 @@ def _readable(logs: Sequence[ReadLog | Failure]) -> tuple[ReadLog, ...]:
     return found
 
 
-def _identified(
+def _unreadable(sources: Sequence[LogSource], logs: Sequence[ReadLog | Failure]) -> list[Doubt]:
+    """Doubts about logs that could not be read."""
+    doubts: list[Doubt] = []
+    for source, log in zip(sources, logs, strict=True):
+        if isinstance(log, Failure):
+            doubts.append(doubt("left-out", path=source.path, reason=log.reason))
+    return doubts
+
+
+def _identify_once(
     unknown: UnknownParameters,
     robot: Robot,
     trained: Sequence[ReadLog],
     tested: Sequence[ReadLog],
-    asked: FitOptions,
+    options: FitOptions,
     wanted: Sequence[WantedCause],
     *,
     method: Method,
@@ -259,36 +281,34 @@ def _identified(
     tell: Callable[[float], None],
 ) -> tuple[IdentifiedRobot, tuple[WantedCause, ...]]:
     """Identify from logs that were read, and laws that the residual shows; ``lost`` are doubts about the other logs."""
-    samples, dead, asked = *_rows_of(trained, asked), _without_delay(asked, wanted)
-    source, sizes, prior, assumed, settings, without = _settings(
-        unknown, samples, dead, asked, method, wanted, lambda share: tell(0.2 + 0.5 * share), among=not tested
+    samples, dead = _rows_of(trained, options)
+    options = _without_delay(options, wanted)
+    fit = _settings(
+        unknown, samples, dead, options, method, wanted, lambda share: tell(0.2 + 0.5 * share), among=not tested
     )
+    source, prior = fit.source, fit.prior
     source.release()
-    base, unknown, trial = source.base, source.base.unknown, Trial(source, settings)
-    rows, fold = trial.rows, trial.fold
+    base, trial = source.base, Trial(source, fit.settings)
     x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
-    E = np.zeros((*trial.tau.shape, 0)) if assumed is None else assumed.columns(MOST_ROWS)
-    covariance = fit_covariance(trial, E, x, sigma, weights, prior)
-    if assumed is not None:
-        settings = replace(settings, assumed=assumed.found(covariance))
-        covariance = covariance.of_first(base.count)
-    among = _five_fold(source, prior, method, without)
-    held_out = _predicted(source, tested, settings, x, assumed) if tested else among
+    settings, covariance = _with_covariance(fit, trial, x, sigma, weights)
+    among = _five_fold(source, prior, method, fit.without_fifth)
+    held_out = _predict_tests(source, tested, settings, x, fit.assumed) if tested else among
     tell(0.8)
-    begin = replace(settings, shift=asked.shift or 0.0)  # a chosen delay may have another cause
+    begin = replace(settings, shift=options.shift or 0.0)  # a chosen delay may have another cause
     causes, laws = list[Doubt](), tuple[WantedCause, ...]()
     of_noise = covariance.matrix  # doubts are judged by the covariance of noise and states alone
     if not payload_only:
-        causes, laws, changes = _diagnosed(source, begin, settings.shift, wanted)
+        causes, laws, changes = _diagnosis(source, begin, settings.shift, wanted)
         covariance = covariance.widened(changes @ base.grouping.T)
-    logs, fifths = (*trained, *tested), tuple(_weighted(trial, sigma, weights, fold == b) for b in range(FOLDS))
-    seen = FittedLog(
-        base, logs, trial.W, trial.tau, settings, prior, x, of_noise, held_out, among, fifths,
-        rows.speed, rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,
+    logs = (*trained, *tested)
+    fifths = tuple(_normal_equations(trial, sigma, weights, trial.fold == b) for b in range(FOLDS))
+    fitted = FittedLog(
+        base, logs, trial.W, trial.tau, settings, prior, x, of_noise, held_out, among, fifths, trial.rows.speed,
+        trial.rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
     found = IdentifiedRobot(
-        original=uncoupled(robot),
+        original=without_coupled_motors(robot),
         base=base,
         values=x,
         covariance=covariance,
@@ -296,85 +316,119 @@ def _identified(
         settings=settings,
         held_out=held_out,
         trained=among,
-        doubts=sorted_doubts([*lost, *doubts_of(seen)]),
+        doubts=sorted_doubts([*lost, *doubts_of(fitted)]),
         prior=prior,
         method=method,
-        sizes=sizes,
+        sizes=fit.sizes,
         _fifths=fifths,
         payload_frame=payload_only,
         notes=(*(f"Assumed: {one}." for one in settings.assumed), *_remarks(logs)),
-        torque_shares=seen.torque_shares,
+        torque_shares=fitted.torque_shares,
     )
     return found, laws
 
 
-def _diagnosed(
+def _with_covariance(
+    fit: _Settings, trial: Trial, x: Array, sigma: Array, weights: Array
+) -> tuple[FitSettings, GroupCovariance]:
+    """Settings with the values of the assumed causes, and covariance of the groups."""
+    if fit.assumed is None:
+        no_columns = np.zeros((*trial.tau.shape, 0))
+        return fit.settings, fit_covariance(trial, no_columns, x, sigma, weights, fit.prior)
+    covariance = fit_covariance(trial, fit.assumed.columns(MOST_ROWS), x, sigma, weights, fit.prior)
+    settings = replace(fit.settings, assumed=fit.assumed.values(covariance))
+    return settings, covariance.of_first(fit.source.base.count)
+
+
+def _diagnosis(
     source: SettingRows, begin: FitSettings, shift: float, wanted: Sequence[WantedCause]
 ) -> tuple[list[Doubt], tuple[WantedCause, ...], Array]:
     """Doubts about causes that are not assumed, laws of the robot, and changes (k, p) of the parameters by laws left out."""
     unknown = source.base.unknown
-    told, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
-    told = [cause for cause in told if not any(one.stands_for(cause) for one in wanted)]
-    doubts = cause_doubts(unknown.model.velocity_names, told, shift)
-    return doubts, laws_of_the_robot(told), law_changes(before)
+    found, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
+    for assumed in wanted:
+        found = [cause for cause in found if not assumed.stands_for(cause)]
+    doubts = cause_doubts(unknown.model.velocity_names, found, shift)
+    return doubts, laws_of_the_robot(found), law_changes(before)
 
 
-_WORTH_A_LAW = 0.05
+_MIN_DECREASE = 0.05
 """Share of itself by which the residual of rows held out falls if a law of the robot is fitted unasked."""
 
 
-def _at_cutoff(asked: FitOptions, found: IdentifiedRobot) -> FitOptions:
+def _options_at_cutoff(options: FitOptions, found: IdentifiedRobot) -> FitOptions:
     """The same options at the cut-off of a fit, so that residuals are comparable."""
-    return replace(asked, cutoff=found.settings.cutoff)
+    return replace(options, cutoff=found.settings.cutoff)
 
 
 def _better_with(laws: Sequence[WantedCause], without: IdentifiedRobot, found: IdentifiedRobot) -> IdentifiedRobot:
     """Fit with laws of the robot if rows held out confirm them; else the fit without them, with a note."""
     left, before = found.held_out.all, without.held_out.all
-    kinds = listed([one.kind for one in laws])
-    if left > (1.0 - _WORTH_A_LAW) * before:
+    kinds = [one.kind for one in laws]
+    if left > (1.0 - _MIN_DECREASE) * before:
         shares = f"{percent(left, 3)} of the torques in rows held out, in place of {percent(before, 3)}"
-        said = f"Not fitted: {kinds}, which would leave {shares}."
-        return replace(without, notes=(*without.notes, said))
-    mine = {one.kind for one in laws}
-    fitted = [one for one in found.settings.assumed if one.kind in mine]
-    notes = [note for note in found.notes if note not in {f"Assumed: {one}." for one in fitted}]
-    why = f"as it leaves {percent(left, 3)} in place of {percent(before, 3)} in rows held out"
-    told = [f"Fitted: {one}, {why}." for one in fitted]
-    return replace(found, notes=(*told, *notes))
+        note = f"Not fitted: {listed(kinds)}, which would leave {shares}."
+        return replace(without, notes=(*without.notes, note))
+    reason = f"as it leaves {percent(left, 3)} in place of {percent(before, 3)} in rows held out"
+    notes = list(found.notes)
+    fitted: list[str] = []
+    for one in found.settings.assumed:
+        if one.kind in kinds:
+            notes.remove(f"Assumed: {one}.")
+            fitted.append(f"Fitted: {one}, {reason}.")
+    return replace(found, notes=(*fitted, *notes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Settings:
+    """Rows, sizes of the unknowns, weak prior, assumed causes, and chosen settings; ``without_fifth``: those without each."""
+
+    source: SettingRows
+    sizes: Array
+    prior: Prior
+    assumed: AssumedCauses | None
+    settings: FitSettings
+    without_fifth: Sequence[FitSettings]
 
 
 def _settings(
     unknown: UnknownParameters,
     samples: Sequence[SteadySamples],
     dead: Array,
-    asked: FitOptions,
+    options: FitOptions,
     method: Method,
     wanted: Sequence[WantedCause],
     progress: Callable[[float], None],
     *,
     among: bool,
-) -> tuple[SettingRows, Array, Prior, AssumedCauses | None, FitSettings, list[FitSettings]]:
-    """Rows, sizes of the unknowns, weak prior, assumed causes, and chosen settings; those without each fifth if ``among``."""
+) -> _Settings:
+    """Choose settings, after assumed causes are removed; those without each fifth of the time are equal if not ``among``."""
 
     def build(base: BaseParameters, samples: Sequence[SteadySamples]) -> tuple[SettingRows, Array, Prior]:
-        source = SettingRows(base, samples, asked, dead)
+        source = SettingRows(base, samples, options, dead)
         sizes = base.unknown.scales(*source.typical())
         return source, sizes, Prior(base.project(base.unknown.file_values), base.weak_sizes(sizes))
 
-    whole, without = range(FOLDS), [[b for b in range(FOLDS) if b != block] for block in range(FOLDS)]
+    fifths = list(range(FOLDS))
+    others = [fifths[:k] + fifths[k + 1 :] for k in fifths]
     if wanted:
-        begin = begin_settings(unknown.model.nv, samples, asked)
-        start = AssumedCauses.estimated(unknown, samples, wanted, begin, dead)
-        assumed, settings, (source, sizes, prior) = start.refined(build, method, MOST_ROWS)
-        each = source.choose(prior, without, progress) if among else [settings] * FOLDS
-        return source, sizes, prior, assumed, settings, each
+        begin = begin_settings(unknown.model.nv, samples, options)
+        start = AssumedCauses.from_logs(unknown, samples, wanted, begin, dead)
+        assumed, settings, (source, sizes, prior) = start.refine(build, method, MOST_ROWS)
+        without_fifth = [settings] * FOLDS
+        if among:
+            without_fifth = source.choose(prior, others, progress)
+        return _Settings(source, sizes, prior, assumed, settings, without_fifth)
     source, sizes, prior = build(BaseParameters.from_unknowns(unknown), samples)
-    settings, *each = source.choose(prior, [whole, *without] if among else [whole], progress)
-    return source, sizes, prior, None, settings, each if among else [settings] * FOLDS
+    if among:
+        settings, *without_fifth = source.choose(prior, [fifths, *others], progress)
+    else:
+        (settings,) = source.choose(prior, [fifths], progress)
+        without_fifth = [settings] * FOLDS
+    return _Settings(source, sizes, prior, None, settings, without_fifth)
 
 
-_HIGHEST, _FEWEST_ROWS = 5.0, 2.0
+_MAX_SEARCH_CUTOFF, _MIN_ROWS_OF_GROUP = 5.0, 2.0
 """Maximum cut-off [Hz] of the search for causes without a choice of settings; minimum equations of a joint per group."""
 _USUAL_SPEED = 0.03
 """Initial Coulomb smoothing speed of that search [rad/s, m/s]."""
@@ -411,23 +465,24 @@ def measured_causes(robot: Robot, logs: Log | Sequence[Log]) -> tuple[Doubt, ...
         read = _readable(read_logs(log_sources(robot, logs, "logs", {}), Workers(), lambda _share: None))
     except (ModelError, TrajectoryError):
         return ()
-    samples, dead, nv = steady_samples(read), _dead(read), robot.nv
-    cutoff = min(_HIGHEST, 0.1 * min(s.rate for s in samples))
+    samples, dead = steady_samples(read), _dead_torques(read)
+    cutoff = min(_MAX_SEARCH_CUTOFF, 0.1 * min(s.rate for s in samples))
     rows = ROW_RATE * cutoff * sum(s.seconds for s in samples)
     still = not any(moves(log.q).any() for log in read)
-    if still or dead.all() or rows < _FEWEST_ROWS * BaseParameters.from_unknowns(unknown).count:
+    if still or dead.all() or rows < _MIN_ROWS_OF_GROUP * BaseParameters.from_unknowns(unknown).count:
         return ()
-    settings = FitSettings(cutoff, np.full(nv, _USUAL_SPEED), 0.0)
+    settings = FitSettings(cutoff, np.full(robot.nv, _USUAL_SPEED), 0.0)
     causes, _ = diagnose(log_fit(unknown, samples, settings, dead))
     return tuple(doubt_of_cause(unknown.model.velocity_names, cause) for cause in causes)
 
 
-def _rows_of(trained: Sequence[ReadLog], asked: FitOptions) -> tuple[list[SteadySamples], Array]:
+def _rows_of(trained: Sequence[ReadLog], options: FitOptions) -> tuple[list[SteadySamples], Array]:
     """Samples of the logs, and (nv,) bool, True for joints without a torque."""
     samples = steady_samples(trained)
-    if asked.cutoff is not None:  # checks for pieces that are too short for the cut-off
-        samples = [s for s in samples if s.seconds * asked.cutoff >= 1.0 or not s.cut] or samples
-    dead = _dead(trained)
+    cutoff = options.cutoff
+    if cutoff is not None:  # checks for pieces that are too short for the cut-off
+        samples = [s for s in samples if s.seconds * cutoff >= 1.0 or not s.cut] or samples
+    dead = _dead_torques(trained)
     if dead.all():
         raise TrajectoryError(
             "identify: the torques of all joints are constant throughout, so nothing can be identified."
@@ -435,34 +490,40 @@ def _rows_of(trained: Sequence[ReadLog], asked: FitOptions) -> tuple[list[Steady
     return samples, dead
 
 
-def _without_delay(asked: FitOptions, wanted: Sequence[WantedCause]) -> FitOptions:
+def _without_delay(options: FitOptions, wanted: Sequence[WantedCause]) -> FitOptions:
     """Options of a fit that assumes ``late``: the delay is then one of the causes. Raises ValueRangeError."""
     if not any(one.kind == "late" for one in wanted):
-        return asked
-    if asked.shift is not None:
+        return options
+    if options.shift is not None:
         raise ValueRangeError("a shift is given, and late is assumed, which estimates it. Leave one of them out.")
-    return replace(asked, shift=0.0)
+    return replace(options, shift=0.0)
 
 
 def fit_options(cutoff: float | None, friction_speed: float | None, shift: float | None) -> FitOptions:
     """Settings fixed by the caller; raises ValueRangeError for invalid frequencies, speeds and times."""
-    if shift is not None and not np.isfinite(shift):
-        raise ValueRangeError(f"shift {shift!r} is not a time. Give seconds, such as -0.002.")
-    return FitOptions(
-        None if cutoff is None else check_speed(cutoff),
-        None if friction_speed is None else check_speed(friction_speed),
-        None if shift is None else float(shift),
-    )
+    if shift is not None:
+        if not np.isfinite(shift):
+            raise ValueRangeError(f"shift {shift!r} is not a time. Give seconds, such as -0.002.")
+        shift = float(shift)
+    if cutoff is not None:
+        cutoff = check_speed(cutoff)
+    if friction_speed is not None:
+        friction_speed = check_speed(friction_speed)
+    return FitOptions(cutoff, friction_speed, shift)
 
 
 def _remarks(logs: Sequence[ReadLog]) -> tuple[str, ...]:
     """Notes on rows left out of the logs, on their gaps, and on the windows of long logs."""
-    said = [one.sentence for log in logs for one in log.doubts if one.kind == LEFT_OUT]
-    used, total = sum(log.count for log in logs), sum(log.checks.count for log in logs)
+    notes: list[str] = []
+    used, total, windows = 0, 0, 0
+    for log in logs:
+        notes += [one.sentence for one in log.doubts if one.kind == LEFT_OUT]
+        used += log.count
+        total += log.checks.count
+        windows += len(log.windows)
     if used < total:
-        count = sum(len(log.windows) for log in logs)
-        said.append(f"{_three_digits(used)} of {_three_digits(total)} samples, in {count} windows.")
-    return (*said, *gap_notes(np.concatenate([log.gaps for log in logs])))
+        notes.append(f"{_three_digits(used)} of {_three_digits(total)} samples, in {windows} windows.")
+    return (*notes, *gap_notes(np.concatenate([log.gaps for log in logs])))
 
 
 def _three_digits(count: int) -> str:
@@ -470,12 +531,12 @@ def _three_digits(count: int) -> str:
     return f"{round(count, 3 - len(str(count))):,}"
 
 
-def _dead(logs: Sequence[ReadLog]) -> Array:
+def _dead_torques(logs: Sequence[ReadLog]) -> Array:
     """(nv,) bool, True if the torque is constant in nearly all rows, as for a disconnected channel."""
     tau = np.concatenate([log.tau for log in logs])
-    moved = np.any([np.any(np.diff(log.q, axis=0) != 0, axis=0) for log in logs], axis=0)
+    moved = np.any([(np.diff(log.q, axis=0) != 0).any(axis=0) for log in logs], axis=0)
     share = (tau == np.median(tau, axis=0)).mean(axis=0)
-    return np.asarray((np.ptp(tau, axis=0) == 0) | (moved & (share > _DEAD)))
+    return np.asarray((np.ptp(tau, axis=0) == 0) | (moved & (share > _MAX_CONSTANT_ROWS)))
 
 
 def _five_fold(source: SettingRows, prior: Prior, method: Method, settings: Sequence[FitSettings]) -> HeldOut:
@@ -494,18 +555,19 @@ def _five_fold(source: SettingRows, prior: Prior, method: Method, settings: Sequ
     return reduce(operator.add, found)
 
 
-def _predicted(
+def _predict_tests(
     source: SettingRows, tested: Sequence[ReadLog], settings: FitSettings, x: Array, assumed: AssumedCauses | None
 ) -> HeldOut:
     """Predict separate test logs with the settings of the training logs and the assumed causes."""
     samples = steady_samples(tested)
-    samples = samples if assumed is None else assumed.of_other_logs(samples)
+    if assumed is not None:
+        samples = assumed.correct_other_logs(samples)
     options = FitOptions(settings.cutoff, source.asked.friction_speed, settings.shift)
     trial = Trial(SettingRows(source.base, samples, options, source.dead), settings)
     rows = HeldOutRows(trial.rows.time, trial.rows.log, trial.tau, trial.W @ x)
     return HeldOut.from_rows("test", rows, source.base.unknown.model.velocity_names)
 
 
-def _weighted(trial: Trial, sigma: Array, weights: Array, rows: Array | slice = slice(None)) -> NormalEquations:
+def _normal_equations(trial: Trial, sigma: Array, weights: Array, rows: Array | slice = slice(None)) -> NormalEquations:
     """Normal equations of weighted rows, in units of the residuals."""
     return NormalEquations.from_rows(trial.W, trial.tau, trial.felt, np.sqrt(weights) / sigma, rows)

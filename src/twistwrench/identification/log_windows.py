@@ -31,14 +31,14 @@ from ..motion.motion_log import LogRows, MotionLog
 from ..motion.smoothing import continuous
 from ..robot import Robot
 from .payload import MotorSide, open_log, sided_doubts
-from .rows import FEWEST, SteadySamples, pause_lengths
+from .rows import MIN_SAMPLES, SteadySamples, pause_lengths
 
 MOST_STATES = 200_000
 """Maximum number of samples of all logs that are fitted."""
 WINDOW = 4096
 """Samples per window of a longer log."""
-_WRONG = 0.01  # maximum share of single-row glitches that are removed from a log
-_CLOSED = 0.06, 6.0  # pause with closed-up time stamps: minimum [s], and minimum in usual steps
+_MAX_WRONG_ROWS = 0.01  # maximum share of single-row glitches that are removed from a log
+_MIN_CLOSED_PAUSE = 0.06, 6.0  # pause with closed-up time stamps: minimum [s], and minimum in usual steps
 _PORTION = MOST_STATES  # rows that are checked together
 _HAS_COMMANDS = (
     "no torque for every joint; the log has commands: {0} identifies gains, friction and armature from them. If it has "
@@ -92,17 +92,18 @@ class LogSource:
     @property
     def log(self) -> MotionLog:
         """Log of the file, decoded once per process; raises the errors of :meth:`MotionLog.open`."""
-        told, gain = (tuple(sorted((x or {}).items())) for x in (self.columns, self.gain))
+        columns, gain = sorted((self.columns or {}).items()), sorted((self.gain or {}).items())
         file = Path(self.path)
         written = file.stat().st_mtime_ns if file.is_file() else 0
         options = self._options
         motors = () if self.side is None else self.side.names
-        key = (self.path, written, self.robot.model.drive_names, motors, told, gain, *options.values())
+        drives = self.robot.model.drive_names
+        key = (self.path, written, drives, motors, tuple(columns), tuple(gain), *options.values())
         if key not in _OPENED:
             options |= {"columns": self.columns, "gain": self.gain}
             log = open_log(self.path, self.robot.model, self.side, **options)
-            most = _MOST_OPENED - log.table.nbytes  # a log that cannot be decoded raises here
-            while _OPENED and sum(one.table.nbytes for one in _OPENED.values()) > most:
+            room = _MAX_BYTES_OPENED - log.table.nbytes  # a log that cannot be decoded raises here
+            while _OPENED and sum(one.table.nbytes for one in _OPENED.values()) > room:
                 _OPENED.pop(next(iter(_OPENED)))
             _OPENED[key] = log
         return _OPENED[key]
@@ -146,7 +147,7 @@ class LogSource:
             return self.log.doubts(self.robot.limits)
         return sided_doubts(self.log, self.side, self.robot.limits)
 
-    def of_window(self, window: slice) -> tuple[LogSource, slice]:
+    def part_for_window(self, window: slice) -> tuple[LogSource, slice]:
         """Source to send to a worker, with the range of its rows: a motion without its other rows."""
         if self.motion is None or len(self.motion) == window.stop - window.start:
             return self, window
@@ -155,7 +156,7 @@ class LogSource:
 
 _OPENED: dict[Any, MotionLog] = {}
 """Logs last decoded in this process, which their windows share."""
-_MOST_OPENED = 1 << 28
+_MAX_BYTES_OPENED = 1 << 28
 """Maximum size of their tables [bytes]; the last one is kept whatever its size."""
 
 
@@ -179,17 +180,14 @@ def checks_of(log: LogSource) -> LogChecks:
         rows = log.rows(slice(first, s.stop))
         glitches.add(rows.time, rows.q[:, at])
     wrong = glitches.times()
-    if 0 < len(wrong) <= max(1.0, _WRONG * count):
+    if 0 < len(wrong) <= max(1.0, _MAX_WRONG_ROWS * count):
         names = [log.robot.model.velocity_names[k] for k in np.flatnonzero(c.position_of >= 0)]
-        others = (one for one in doubts if one.kind not in ("single-row", "stamp"))
+        others = [one for one in doubts if one.kind not in ("single-row", "stamp")]
         doubts = (*others, *row_doubts(glitches, names, left_out=True))
     else:
         wrong = wrong[:0]
     time = log.log.table[:, 0] if log.motion is None else log.motion.time
     return LogChecks(count, doubts, wrong, pause_lengths(time))
-
-
-# ── Windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,24 +207,34 @@ def rows_of_window(log: LogSource, window: slice, checks: LogChecks) -> WindowRo
     The result depends on the arguments alone.
     """
     rows, model = log.rows(window), log.robot.model
-    whole, found = len(rows.time) == checks.count, {one.kind for one in checks.doubts}
+    whole = len(rows.time) == checks.count
+    doubts = {one.kind for one in checks.doubts}
     time, q, tau = rows.time, continuous(model, rows.q), np.asarray(rows.tau)
     kept = ~spikes(tau).any(axis=1) & ~np.isin(time, checks.wrong)
-    if "repeated" in found and (new := new_rows(q)) is not None:
-        kept &= new
-    if "pause" in found:
-        length = max(_CLOSED[0], _CLOSED[1] * float(np.median(np.diff(time))))
-        time = time + length * np.searchsorted([gap.time for gap in gaps(time, q) if not gap.held], time)
-    if "held" in found:
+    if "repeated" in doubts:
+        new = new_rows(q)
+        if new is not None:
+            kept &= new
+    if "pause" in doubts:
+        time = _with_pauses(time, q)
+    if "held" in doubts:
         kept &= ~held_rows(rows.time, gaps(rows.time, q))
-    if "dropout" in found:
+    if "dropout" in doubts:
         kept &= ~dropouts(time, tau, q).any(axis=1)
     time, q, tau = time[kept], rows.q[kept], tau[kept]
-    if not whole and len(time) < FEWEST:
+    if not whole and len(time) < MIN_SAMPLES:
         return WindowRows(time, q, tau, (), len(kept))
-    pieces = SteadySamples.pieces(time, continuous(model, q), tau, log.path)
-    samples = pieces if whole else [replace(piece, cut=True) for piece in pieces]
+    samples = SteadySamples.pieces(time, continuous(model, q), tau, log.path)
+    if not whole:
+        samples = [replace(piece, cut=True) for piece in samples]
     return WindowRows(time, q, tau, tuple(samples), len(kept))
+
+
+def _with_pauses(time: Array, q: Array) -> Array:
+    """Times (n,) with the pauses that were closed up, where positions q (n, nv) are not held."""
+    length = max(_MIN_CLOSED_PAUSE[0], _MIN_CLOSED_PAUSE[1] * float(np.median(np.diff(time))))
+    moving_gaps = [gap.time for gap in gaps(time, q) if not gap.held]
+    return time + length * np.searchsorted(moving_gaps, time)
 
 
 def spread_windows(counts: Sequence[int]) -> list[list[slice]]:
@@ -237,10 +245,12 @@ def spread_windows(counts: Sequence[int]) -> list[list[slice]]:
     """
     if sum(counts) <= MOST_STATES:
         return [[slice(0, n)] for n in counts]
-    most = -(-MOST_STATES // WINDOW)
-    chosen = set(np.linspace(0, len(counts) - 1, min(most, len(counts))).astype(int).tolist())
-    total = sum(counts[k] for k in chosen)
-    shares = [max(1, round(most * n / total)) if k in chosen else 0 for k, n in enumerate(counts)]
+    most_windows = -(-MOST_STATES // WINDOW)
+    logs = np.unique(np.linspace(0, len(counts) - 1, min(most_windows, len(counts))).astype(int)).tolist()
+    total = sum(counts[k] for k in logs)
+    shares = [0] * len(counts)
+    for k in logs:
+        shares[k] = max(1, round(most_windows * counts[k] / total))
     return [spread_rows(n, share, MOST_STATES // sum(shares)) for n, share in zip(counts, shares, strict=True)]
 
 
@@ -298,23 +308,39 @@ def read_logs(
     sound = {k: one for k, one in enumerate(checks) if not isinstance(one, Failure)}
     calls, owners = list[Callable[[], WindowRows]](), list[int]()
     for k, windows in zip(sound, spread_windows([one.count for one in sound.values()]), strict=True):
-        calls += [partial(rows_of_window, *sources[k].of_window(window), sound[k]) for window in windows]
+        calls += [partial(rows_of_window, *sources[k].part_for_window(window), sound[k]) for window in windows]
         owners += [k] * len(windows)
-    rows = list(team.results(operator.call, calls, lambda share: progress(0.5 + 0.5 * share)))
+    rows = team.results(operator.call, calls, lambda share: progress(0.5 + 0.5 * share))
+    windows_of: list[list[WindowRows | Failure]] = [[] for _ in sources]
+    for k, window in zip(owners, rows, strict=True):
+        windows_of[k].append(window)
     _OPENED.clear()
     files = sum(source.motion is None for source in sources)
-    found = list[ReadLog | Failure]()
-    for k, (source, check) in enumerate(zip(sources, checks, strict=True)):
-        mine = [window for owner, window in zip(owners, rows, strict=True) if owner == k]
+    logs = list[ReadLog | Failure]()
+    for source, check, windows in zip(sources, checks, windows_of, strict=True):
         name = source.path if files > 1 and source.motion is None else ""
-        failure = next((one for one in (check, *mine) if isinstance(one, Failure)), None)
-        own = tuple(window for window in mine if isinstance(window, WindowRows))
-        found.append(failure or ReadLog(name, sound[k], own))
-    return found
+        logs.append(_read_log(name, check, windows))
+    return logs
+
+
+def _read_log(name: str, checks: LogChecks | Failure, windows: Sequence[WindowRows | Failure]) -> ReadLog | Failure:
+    """Log from its checks and windows; the first failure if one of them failed."""
+    if isinstance(checks, Failure):
+        return checks
+    read = list[WindowRows]()
+    for window in windows:
+        if isinstance(window, Failure):
+            return window
+        read.append(window)
+    return ReadLog(name, checks, tuple(read))
 
 
 def steady_samples(logs: Sequence[ReadLog]) -> list[SteadySamples]:
     """Samples of all logs; each has the number of its log if logs have times in common."""
     spans = sorted((float(log.time[0]), float(log.time[-1])) for log in logs if len(log.time))
     common = any(after[0] <= before[1] for before, after in pairwise(spans))
-    return [replace(piece, log=k if common else 0) for k, log in enumerate(logs, 1) for piece in log.samples]
+    samples = list[SteadySamples]()
+    for k, log in enumerate(logs, 1):
+        number = k if common else 0
+        samples += [replace(piece, log=number) for piece in log.samples]
+    return samples

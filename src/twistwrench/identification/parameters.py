@@ -15,18 +15,17 @@ fv_k s_k·dq + fc_k tanh(s_k·dq / v_0)) to the torques of these joints.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..core.doubts import undetermined_table
 from ..core.errors import ModelError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
-from ..core.numbers import number, percent
-from ..core.text import argument, listed, spell_out
+from ..core.numbers import number
+from ..core.text import argument
 from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
 from ..mechanics.joints.units import units_of
@@ -64,16 +63,26 @@ def parameter_unit(kind: str, *, turning: bool) -> str:
     return units[0] if turning else units[-1]
 
 
-def uncoupled(robot: Robot) -> Robot:
+def without_coupled_motors(robot: Robot) -> Robot:
     """Robot without its coupled motors; the same robot if no motors are coupled."""
-    return Robot(without_couplings(robot.model)) if robot.model.couplings else robot
+    if not robot.model.couplings:
+        return robot
+    return Robot(without_couplings(robot.model))
 
 
 def group_units(groups: Sequence[str], model: Model) -> tuple[str, ...]:
     """SI units of groups of parameters: those of their first parameters."""
-    kinds = [name.split(" ")[0].rpartition(".") for name in groups]
     sliding = {body.joint.name for body in model.bodies if not any(body.joint.turning)}
-    return tuple(PARAMETER_UNITS[kind][-1 if owner in sliding else 0] for owner, _, kind in kinds)
+    units: list[str] = []
+    for name in first_parameters(groups):
+        owner, _, kind = name.rpartition(".")
+        units.append(parameter_unit(kind, turning=owner not in sliding))
+    return tuple(units)
+
+
+def first_parameters(groups: Sequence[str]) -> list[str]:
+    """First parameter of each of some groups, by their names."""
+    return [name.split(" ")[0] for name in groups]
 
 
 _BODY = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "mcx", "mcy", "mcz", "m")
@@ -131,19 +140,7 @@ class UnknownParameters:
             if name not in DRIVE[1:]:
                 raise UnknownNameError.from_choices("friction column", name, DRIVE[1:])
         check_speed(self.stribeck_speed)
-        wide = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
-        if wide:
-            raise ModelError(
-                f"joint {wide[0]!r} of {robot.name!r} has several degrees of freedom, whose forces no motor measures. Identify "
-                "the robot on a stand: load it without a floating base."
-            )
-        if robot.nv == 0:
-            raise ModelError(f"robot {robot.name!r} has no joint that moves, so there is nothing to identify.")
-        if any(actuator.rotor is not None for actuator in robot.actuators.values()):
-            raise ModelError(
-                f"robot {robot.name!r} has actuators already, and motor inertia and friction are what is sought. Give the "
-                f"robot without them, and their file as {argument('actuators')}."
-            )
+        _check_identifiable(robot)
         if robot.model.couplings:
             if self.motor_side is not None and len(self.motor_side.coupled_rates):
                 raise ModelError("couplings are in the robot's model and in motor_side. Give them once.")
@@ -174,25 +171,29 @@ class UnknownParameters:
     @cached_property
     def coupled(self) -> Array:
         """(k, nv) rate of each motor that turns with several joints, per rate of each joint; 1 for its own."""
-        nv = self.model.nv
-        return np.zeros((0, nv)) if self.motor_side is None else self.motor_side.coupled_rates
+        if self.motor_side is None:
+            return np.zeros((0, self.model.nv))
+        return self.motor_side.coupled_rates
 
     @cached_property
     def _entries(self) -> tuple[tuple[str, str, int], ...]:
         """Name, kind and index (column of the regressor, joint or coupled motor) of each parameter."""
-        model, found = self.model, list[tuple[str, str, int]]()
-        drive = (["motor_inertia"] if self.motor_inertia else []) + [f for f in DRIVE[1:] if f in self.friction]
+        model, entries = self.model, list[tuple[str, str, int]]()
+        drive = [kind for kind in DRIVE[1:] if kind in self.friction]
+        if self.motor_inertia:
+            drive.insert(0, "motor_inertia")
         for i, body in enumerate(model.bodies):
             if i in self.bodies:
-                found += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY]
+                entries += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY]
             if not body.follows:
-                found += [(f"{body.joint.name}.{kind}", kind, body.v_index) for kind in drive]
+                entries += [(f"{body.joint.name}.{kind}", kind, body.v_index) for kind in drive]
         names = model.velocity_names
         for k, rates in enumerate(self.coupled):
-            own = [] if self.motor_side is None else self.motor_side.coupled_motors
-            who = own[k] or "+".join(names[j] for j in np.flatnonzero(rates))
-            found += [(f"{who}.{kind}", f"coupled {kind}", k) for kind in drive if kind != "offset"]
-        return tuple(found)
+            motor = self.motor_side.coupled_motors[k] if self.motor_side is not None else ""
+            if not motor:
+                motor = "+".join(names[j] for j in np.flatnonzero(rates))
+            entries += [(f"{motor}.{kind}", f"coupled {kind}", k) for kind in drive if kind != "offset"]
+        return tuple(entries)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -207,15 +208,15 @@ class UnknownParameters:
     @cached_property
     def of_bodies(self) -> Array:
         """(p,) column of the regressor of each parameter; -1 for parameters of drives."""
-        return np.array([place if kind in PARAMETER_NAMES else -1 for _, kind, place in self._entries])
+        return np.array([column if kind in PARAMETER_NAMES else -1 for _, kind, column in self._entries])
 
     @cached_property
     def file_values(self) -> Array:
         """(p,) values of the robot file, 0 for drives; known values replace them."""
-        own = self.robot.parameters
-        found = np.where(self.of_bodies >= 0, own[self.of_bodies], 0.0)
-        found[self.held] = [self.known[name] for name in np.array(self.names)[self.held]]
-        return found
+        values = np.where(self.of_bodies >= 0, self.robot.parameters[self.of_bodies], 0.0)
+        for k in np.flatnonzero(self.held):
+            values[k] = self.known[self.names[k]]
+        return values
 
     @cached_property
     def held(self) -> Array:
@@ -228,8 +229,8 @@ class UnknownParameters:
         model = self.model
         reach = np.zeros(len(model.bodies))
         for i, body in enumerate(model.bodies):
-            base = 0.0 if body.parent == BASE else reach[body.parent]
-            reach[i] = base + (float(np.linalg.norm(body.placement[:3, 3])) if body.parent != BASE else 0.0)
+            if body.parent != BASE:
+                reach[i] = reach[body.parent] + float(np.linalg.norm(body.placement[:3, 3]))
         coms = [float(np.linalg.norm(body.inertia.com)) for body in model.bodies]
         length = float(max((reach + coms).max(), _SMALLEST_LENGTH))
         mass = model.moving_mass
@@ -247,7 +248,7 @@ class UnknownParameters:
         scales : (p,) array
         """
         mass, length = self.lengths
-        by_kind = {"m": mass, **dict.fromkeys(("mcx", "mcy", "mcz"), mass * length)}
+        of_body = {"m": mass, **dict.fromkeys(("mcx", "mcy", "mcz"), mass * length)}
         of_drive = {
             "motor_inertia": torque / acceleration,
             "viscous": torque / speed,
@@ -255,16 +256,16 @@ class UnknownParameters:
             "stribeck": torque,
             "offset": torque,
         }
-        found = []
-        for _, kind, place in self._entries:
-            plain = kind.removeprefix("coupled ")
-            if plain not in DRIVE:
-                found.append(by_kind.get(kind, mass * length**2))
-            elif plain != kind:
-                found.append(float(of_drive[plain][self.coupled[place] != 0].max()))
+        scales = []
+        for _, kind, index in self._entries:
+            plain_kind = kind.removeprefix("coupled ")
+            if plain_kind not in DRIVE:
+                scales.append(of_body.get(kind, mass * length**2))
+            elif plain_kind != kind:
+                scales.append(float(of_drive[plain_kind][self.coupled[index] != 0].max()))
             else:
-                found.append(float(of_drive[plain][place]))
-        return np.array(found)
+                scales.append(float(of_drive[plain_kind][index]))
+        return np.array(scales)
 
     def columns(
         self,
@@ -281,16 +282,16 @@ class UnknownParameters:
         -------
         W : (n, nv, k) array
         """
+        if gravity is None:
+            gravity = self.model.gravity
         W = np.zeros((*dq.shape, len(which)))
-        places = self.of_bodies[which]
-        mine = np.flatnonzero(places >= 0)
-        if mine.size:
-            W[:, :, mine] = self.regressor(q, dq, ddq, self.model.gravity if gravity is None else gravity)[
-                ..., places[mine]
-            ]
-        of_drives = np.flatnonzero(places < 0)
-        factors = self.drives(which[of_drives], dq, ddq, friction_speed)
-        W[:, :, of_drives] = factors[:, None] * self.shares[which[of_drives]].T
+        body_columns = self.of_bodies[which]
+        bodies = np.flatnonzero(body_columns >= 0)
+        if bodies.size:
+            W[:, :, bodies] = self.regressor(q, dq, ddq, gravity)[..., body_columns[bodies]]
+        drives = np.flatnonzero(body_columns < 0)
+        factors = self.drives(which[drives], dq, ddq, friction_speed)
+        W[:, :, drives] = factors[:, None] * self.shares[which[drives]].T
         return W
 
     @cached_property
@@ -307,21 +308,23 @@ class UnknownParameters:
         """
         found = []
         for c, k in enumerate(which):
-            _, kind, place = self._entries[int(k)]
+            _, kind, index = self._entries[int(k)]
             if kind in _DRY:
-                found.append((c, np.arange(self.model.nv) == place))
+                found.append((c, np.arange(self.model.nv) == index))
             elif kind.removeprefix("coupled ") in _DRY:
-                found.append((c, self.coupled[place] != 0))
+                found.append((c, self.coupled[index] != 0))
         return found
 
     @cached_property
     def shares(self) -> Array:
         """(p, nv) column of a drive's parameter at each joint, per unit of its factor; 0 for parameters of bodies."""
-        found = np.zeros((len(self._entries), self.model.nv))
-        for row, (_, kind, place) in zip(found, self._entries, strict=True):
-            if kind.removeprefix("coupled ") in DRIVE:
-                row[:] = self.coupled[place] if kind.startswith("coupled ") else np.arange(self.model.nv) == place
-        return found
+        shares = np.zeros((len(self._entries), self.model.nv))
+        for row, (_, kind, index) in zip(shares, self._entries, strict=True):
+            if kind in DRIVE:
+                row[index] = 1.0
+            elif kind.startswith("coupled "):
+                row[:] = self.coupled[index]
+        return shares
 
     def drives(self, which: Sequence[int] | Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
         """Factors of the columns of some drive parameters; the columns are factors times :attr:`shares`.
@@ -336,15 +339,32 @@ class UnknownParameters:
         """
         which = np.asarray(which, int)
         kinds, shares = np.array(self.kinds)[which], self.shares[which]
-        found, rates = np.ones((len(dq), len(which))), dq @ shares.T
-        motor, viscous, dry, fading = (
-            np.flatnonzero(np.isin(kinds, kind)) for kind in ("motor_inertia", "viscous", _DRY, "stribeck")
+        factors, rates = np.ones((len(dq), len(which))), dq @ shares.T
+        motor, viscous, fading = (np.flatnonzero(kinds == kind) for kind in ("motor_inertia", "viscous", "stribeck"))
+        dry = np.flatnonzero(np.isin(kinds, _DRY))
+        speeds = friction_speed[[speed_owner(shares[k]) for k in dry]]
+        factors[:, motor] = ddq @ shares[motor].T
+        factors[:, viscous] = rates[:, viscous]
+        factors[:, dry] = np.tanh(rates[:, dry] / speeds)
+        factors[:, fading] *= np.exp(-((rates[:, fading] / self.stribeck_speed) ** 2))
+        return factors
+
+
+def _check_identifiable(robot: Robot) -> None:
+    """Raise ModelError if a robot has no joints, joints of several degrees of freedom, or rotors already."""
+    for body in robot.model.leaders:
+        if body.joint.nv != 1:
+            raise ModelError(
+                f"joint {body.joint.name!r} of {robot.name!r} has several degrees of freedom, whose forces no motor measures. "
+                "Identify the robot on a stand: load it without a floating base."
+            )
+    if robot.nv == 0:
+        raise ModelError(f"robot {robot.name!r} has no joint that moves, so there is nothing to identify.")
+    if any(actuator.rotor is not None for actuator in robot.actuators.values()):
+        raise ModelError(
+            f"robot {robot.name!r} has actuators already, and motor inertia and friction are what is sought. Give the "
+            f"robot without them, and their file as {argument('actuators')}."
         )
-        found[:, motor] = ddq @ shares[motor].T
-        found[:, viscous] = rates[:, viscous]
-        found[:, dry] = np.tanh(rates[:, dry] / friction_speed[[speed_owner(shares[k]) for k in dry]])
-        found[:, fading] *= np.exp(-((rates[:, fading] / self.stribeck_speed) ** 2))
-        return found
 
 
 def speed_owner(joints: Array) -> int:
@@ -370,10 +390,10 @@ def check_speed(value: float) -> float:
 # rank is determined on random states with an absolute scale, because in a log, columns of rounding errors look like any
 # other.
 
-_NOTHING = 1e-9  # unspanned share of a column's length, or of the longest's, below which it is rounding error
+_MAX_ROUNDING = 1e-9  # unspanned share of a column's length, or of the longest's, below which it is rounding error
 _ROWS_PER_COLUMN = 3
-_HELD = 1e-7  # allowed error of a known value, as a share of its size
-_EXACT = 1e-7  # coefficients below this are rounding errors, in units of the columns' lengths
+_KNOWN_ERROR = 1e-7  # allowed error of a known value, as a share of its size
+_MIN_COEFFICIENT = 1e-7  # coefficients below this are rounding errors, in units of the columns' lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -433,7 +453,9 @@ class BaseParameters:
         kept, found = _independent_columns((W * scale)[..., free].reshape(states * nv, len(free)))
         # W S z with x = S z: z_b + B z_d is the group, in units of x its kept parameter's.
         grouping = np.eye(p)  # a known parameter is a group by itself
-        grouping[np.ix_(free[kept], free)] = _rounded(found) * scale[free[kept]][:, None] / scale[None, free]
+        grouping[np.ix_(free[kept], free)] = (
+            _without_rounding_errors(found) * scale[free[kept]][:, None] / scale[None, free]
+        )
         kept = np.sort(np.concatenate([free[kept], np.flatnonzero(unknown.held)]))
         return cls(unknown, kept, grouping[kept], (W[..., kept] != 0).any(axis=0))
 
@@ -454,7 +476,7 @@ class BaseParameters:
         -------
         sizes : (r,) array
         """
-        return np.sqrt(self.grouping**2 @ sizes**2) * np.where(self.held, _HELD, 1.0)
+        return np.sqrt(self.grouping**2 @ sizes**2) * np.where(self.held, _KNOWN_ERROR, 1.0)
 
     @property
     def count(self) -> int:
@@ -476,15 +498,25 @@ class BaseParameters:
         return np.asarray(self.grouping @ values)
 
     def _name(self, row: int) -> str:
-        names, text = self.unknown.names, ""
+        """Name of a group, the kept parameter first."""
         first = int(self.kept[row])
-        order = [first, *(k for k in np.flatnonzero(self.grouping[row]).tolist() if k != first)]
-        for k in order:
+        others = np.flatnonzero(self.grouping[row]).tolist()
+        if first in others:
+            others.remove(first)
+        value = float(self.grouping[row, first])
+        text = "-" if value < 0 else ""
+        text += self._term(row, first)
+        for k in others:
             value = float(self.grouping[row, k])
-            size = "" if abs(abs(value) - 1.0) < 1e-6 else f"{number(abs(value), 6)} "
-            sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
-            text += f"{sign}{size}{names[k]}"
+            text += (" - " if value < 0 else " + ") + self._term(row, k)
         return text
+
+    def _term(self, row: int, k: int) -> str:
+        """Magnitude of a coefficient, left out if it is 1, and the name of its parameter."""
+        size = abs(float(self.grouping[row, k]))
+        if abs(size - 1.0) < 1e-6:
+            return self.unknown.names[k]
+        return f"{number(size, 6)} {self.unknown.names[k]}"
 
 
 def _independent_columns(W: Array) -> tuple[Array, Array]:
@@ -498,87 +530,25 @@ def _independent_columns(W: Array) -> tuple[Array, Array]:
     Q = np.zeros((rows, p))
     kept: list[int] = []
     for k in range(p):
-        if lengths[k] <= _NOTHING * longest:
+        if lengths[k] <= _MAX_ROUNDING * longest:
             continue
-        rest = W[:, k].copy()
+        remainder = W[:, k].copy()
         for _ in range(2):
-            rest -= Q[:, : len(kept)] @ (Q[:, : len(kept)].T @ rest)
-        size = float(np.linalg.norm(rest))
-        if size > 1e3 * _NOTHING * lengths[k]:
-            Q[:, len(kept)] = rest / size
+            remainder -= Q[:, : len(kept)] @ (Q[:, : len(kept)].T @ remainder)
+        size = float(np.linalg.norm(remainder))
+        if size > 1e3 * _MAX_ROUNDING * lengths[k]:
+            Q[:, len(kept)] = remainder / size
             kept.append(k)
-    which = np.array(kept, int)
-    solved = np.linalg.lstsq(W[:, which], W, rcond=None)[0] if kept else np.zeros((0, p))
-    relative = lengths[None, :] / np.maximum(lengths[which][:, None], 1e-300)
-    solved[np.abs(solved) < _EXACT * np.maximum(relative, 1e-6)] = 0.0
-    solved[:, which] = np.eye(len(which))
-    return which, solved
+    columns = np.array(kept, int)
+    coefficients = np.linalg.lstsq(W[:, columns], W, rcond=None)[0] if kept else np.zeros((0, p))
+    relative = lengths[None, :] / np.maximum(lengths[columns][:, None], 1e-300)
+    coefficients[np.abs(coefficients) < _MIN_COEFFICIENT * np.maximum(relative, 1e-6)] = 0.0
+    coefficients[:, columns] = np.eye(len(columns))
+    return columns, coefficients
 
 
-def _rounded(grouping: Array) -> Array:
+def _without_rounding_errors(grouping: Array) -> Array:
     return np.where(np.abs(grouping) < 1e-12, 0.0, grouping)
-
-
-# ── Quantities that no log determines
-
-_FED_FORWARD, _SPANNED = 1e-3, 1e-6
-"""Residual, as a share of the torques, below that of any sensor; share of torques not spanned by other columns."""
-_TURN, _GAIN = 0.3, 1.2
-
-
-def undetermined(base: BaseParameters, left: float) -> dict[str, str]:
-    """Sentences by name on quantities that no log determines; ``left`` is the residual as a share of the torques."""
-    unknown, names = base.unknown, base.unknown.model.velocity_names
-    kinds, held = np.array(unknown.kinds), unknown.held
-    gain, zeros, signs = _spanned(base)
-    here = {
-        "gain-of-all": gain,
-        "zero": bool(zeros),
-        "clock-rate": bool(((kinds == "motor_inertia") & ~held).any()),
-        "sign-of-both": bool(signs),
-        "base-about-vertical": bool(np.any(unknown.model.gravity)),
-        "asymmetric-friction": {"coulomb", "offset"} <= set(kinds[~held].tolist()),
-        "fed-forward": left < _FED_FORWARD,
-    }
-    joints = {name: listed([names[k] for k in which]) for name, which in (("zero", zeros), ("sign-of-both", signs))}
-    return {
-        name: " ".join(spell_out(text).format(joints=joints.get(name), left=percent(left, 2)) for text in texts if text)
-        for name, texts in undetermined_table().items()
-        if here[name]
-    }
-
-
-def _spanned(base: BaseParameters) -> tuple[bool, list[int], list[int]]:
-    """Errors of logs that other parameters of the robot can fully explain: a common gain, zeros, signs of position and torque.
-
-    Torques of random states with such an error lie in the span of the columns without it; for signs, after a half turn
-    of a joint.
-    """
-    unknown, model, free = base.unknown, base.unknown.model, ~base.held
-    turning = [k for k in range(model.nv) if model.leaders[k].joint.turning[0]]
-    rng, unit, speed = np.random.default_rng(0), np.eye(model.nv), np.ones(model.nv)
-    q, dq, ddq = rng.normal(size=(3, 20 + 3 * base.count // model.nv, model.nv))
-    x = np.where(free, rng.normal(size=base.count), base.project(unknown.file_values))
-
-    def columns(turn: Array, sign: Array = speed) -> Array:
-        return unknown.columns(base.kept, sign * q + turn, sign * dq, sign * ddq, speed)
-
-    def spans(W: Array) -> Callable[[Array], bool]:
-        known = W[:, :, ~free] @ x[~free]
-        basis = np.linalg.qr(W[:, :, free].reshape(known.size, -1))[0]
-
-        def spanned(tau: Array) -> bool:
-            rest = (tau - known).ravel()
-            return bool(np.linalg.norm(rest - basis @ (basis.T @ rest)) < _SPANNED * np.linalg.norm(tau))
-
-        return spanned
-
-    W = columns(0.0 * speed)
-    as_it_is, halves = spans(W), [spans(columns(np.pi * unit[k])) for k in turning]
-    zeros = [k for k in turning if as_it_is(columns(_TURN * unit[k]) @ x)]
-    turned = {k: speed - 2.0 * unit[k] for k in turning}
-    signs = [k for k, s in turned.items() if any(half(s * (columns(0.0 * s, s) @ x)) for half in halves)]
-    return as_it_is(_GAIN * (W @ x)), zeros, signs
 
 
 complete(globals())

@@ -31,9 +31,11 @@ from ..motion.limits_file import robot_origin
 from ..robot import Robot
 from .body_changes import BodyChanges, body_changes
 from .consistent import ConsistentRobot, ModelResiduals, check_strength, consistent_robot, model_residuals
-from .hyperparameters import EssentialGroups, FitSettings, essential_groups
-from .parameters import BaseParameters, group_units, undetermined
+from .essential_groups import EssentialGroups, essential_groups
+from .hyperparameters import FitSettings
+from .parameters import BaseParameters, group_units
 from .payload import IdentifiedPayload, payload_from
+from .undetermined import undetermined_quantities
 
 if TYPE_CHECKING:
     from ..control.residual_threshold import ResidualThreshold
@@ -281,7 +283,7 @@ class IdentifiedRobot(Answer):
     @cached_property
     def undetermined(self) -> dict[str, str]:
         """Sentences on quantities that such logs cannot determine, by name; empty if only a payload is identified."""
-        return {} if self.payload_frame is not None else undetermined(self.base, self.held_out.all)
+        return {} if self.payload_frame is not None else undetermined_quantities(self.base, self.held_out.all)
 
     @property
     def poorly_determined(self) -> tuple[str, ...]:

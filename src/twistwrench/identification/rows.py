@@ -10,33 +10,30 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from ..compiler.ir.tracer import trace
 from ..core.doubts import doubt
 from ..core.errors import TrajectoryError
 from ..core.estimation.filters import REACH, UniformSpline, low_pass, low_pass_at
 from ..core.estimation.sampling import GAP, pauses
 from ..core.numbers import number
 from ..core.typing import Array
-from ..mechanics.algorithms.inverse_dynamics import regressor
 from ..motion.log_table import slices
-from ..robot.engine import compile_form
+from .base_columns import BaseColumns
 from .parameters import BaseParameters, speed_owner
 
 STATE_RATE, ROW_RATE = 20.0, 2.5
 """Samples per period of the cut-off, of computed states and of rows of equations."""
-STEADY = 1e-3
+MAX_CLOCK_DEVIATION = 1e-3
 """Largest deviation of time stamps from a steady clock, as a share of the step, without resampling."""
 PAUSE = 0.05
 """Minimum pause [s]: a log is split at steps that exceed it and five usual steps; gaps are never filled."""
 _CUT_BORDER = 2  # periods of the cut-off at a pause, in which filters have not settled
-_SHORT = 0.1  # minimum length of a piece, as a share of the longest piece
-FEWEST = 60
+_MIN_PIECE_SHARE = 0.1  # minimum length of a piece, as a share of the longest piece
+MIN_SAMPLES = 60
 """Minimum number of samples for an identification."""
-_FIRST = 1 << 20
+_ROWS_OF_USUAL_STEP = 1 << 20
 """Number of first rows whose steps of time are the usual ones."""
 
 
@@ -56,30 +53,28 @@ class SteadySamples:
     def pieces(cls, time: Array, q: Array, tau: Array, where: str) -> list[SteadySamples]:
         """Split a log at its pauses and resample each piece on its own steady clock; pieces that are too short are left out."""
         edges = [0, *(pauses(time, PAUSE) + 1).tolist(), len(time)]
-        rows = [slice(a, b) for a, b in pairwise(edges) if b - a >= FEWEST]
-        if len(rows) < 2:
-            rows = rows or [slice(None)]
-            return [replace(cls.from_arrays(time[s], q[s], tau[s], where), cut=len(edges) > 2) for s in rows]
-        found = [replace(cls.from_arrays(time[s], q[s], tau[s], where), cut=True) for s in rows]
-        longest = max(piece.seconds for piece in found)
-        return [piece for piece in found if piece.seconds >= _SHORT * longest]
+        is_cut = len(edges) > 2
+        rows = [slice(a, b) for a, b in pairwise(edges) if b - a >= MIN_SAMPLES] or [slice(None)]
+        pieces = [replace(cls.from_arrays(time[s], q[s], tau[s], where), cut=is_cut) for s in rows]
+        longest = max(piece.seconds for piece in pieces)
+        return [piece for piece in pieces if piece.seconds >= _MIN_PIECE_SHARE * longest]
 
     @classmethod
     def from_arrays(cls, time: Array, q: Array, tau: Array, where: str) -> SteadySamples:
         """Resample at a steady rate: positions by a cubic spline, torques linearly between their time stamps."""
-        if len(time) < FEWEST:
+        if len(time) < MIN_SAMPLES:
             raise TrajectoryError(
-                f"{where}: {len(time)} rows are too few to identify a robot from. Give {FEWEST} at least."
+                f"{where}: {len(time)} rows are too few to identify a robot from. Give {MIN_SAMPLES} at least."
             )
         steps = np.diff(time)
         mean = float((time[-1] - time[0]) / (len(time) - 1))
         step = float(steps[steps <= GAP * mean].mean())  # step of the clock itself, without gaps
         count = round((time[-1] - time[0]) / step) + 1
         steady = time[0] + step * np.arange(count)
-        if len(time) == count and np.abs(time - steady).max() <= STEADY * step:
+        if len(time) == count and np.abs(time - steady).max() <= MAX_CLOCK_DEVIATION * step:
             return cls(float(time[0]), 1.0 / step, q, tau)
         moved = float(np.mean(np.abs(steps - step) > 0.1 * step))
-        return cls(float(time[0]), 1.0 / step, *_resampled(time, q, tau, steady), moved)
+        return cls(float(time[0]), 1.0 / step, *_resample(time, q, tau, steady), moved)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -96,23 +91,25 @@ def pause_lengths(time: Array) -> Array:
     >>> pause_lengths(np.array([0.0, 0.5, 1.0, 5.0, 5.5])).tolist()
     [4.0]
     """
-    first, found = np.diff(time[:_FIRST]), list[Array]()
-    longest = max(PAUSE, GAP * float(np.median(first))) if len(first) else PAUSE
+    longest_step, pauses = PAUSE, list[Array]()
+    first_steps = np.diff(time[:_ROWS_OF_USUAL_STEP])
+    if len(first_steps):
+        longest_step = max(PAUSE, GAP * float(np.median(first_steps)))
     for s in slices(len(time)):
         steps = np.diff(time[s.start : s.stop + 1])
-        found.append(steps[steps > longest])
-    return np.concatenate(found)
+        pauses.append(steps[steps > longest_step])
+    return np.concatenate(pauses)
 
 
 def gap_notes(lengths: Array) -> tuple[str, ...]:
     """Sentence on pauses of these lengths (k,) [s], at which logs are split; empty without pauses."""
     if not len(lengths):
         return ()
-    count = f"{len(lengths)} gap{'s' if len(lengths) > 1 else ''}"
+    count = "1 gap" if len(lengths) == 1 else f"{len(lengths)} gaps"
     return (doubt("gap", count=count, seconds=number(float(np.sum(lengths)), 3)).sentence,)
 
 
-def _resampled(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Array]:
+def _resample(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Array]:
     """Interpolate positions by a cubic spline and torques linearly, at times clamped to the range of the log."""
     from scipy.interpolate import CubicSpline
 
@@ -179,87 +176,15 @@ def border_of(rate: float, cutoff: float, count: int, *, cut: bool) -> int:
 
 def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
     """Candidate cut-offs [Hz] with at least ``rows`` rows, at most 1/3 decade apart, up to a tenth of the rate."""
-    most = 0.1 * min(s.rate for s in samples)
-    whole = min((s.seconds for s in samples if not s.cut), default=np.inf)
-    pieces = 0.5 * max((s.seconds for s in samples if s.cut), default=np.inf)  # shorter pieces then have no rows
-    least = max(4.0 / min(whole, pieces), rows / (ROW_RATE * sum(s.seconds for s in samples)))
+    highest = 0.1 * min(s.rate for s in samples)
+    duration = min((s.seconds for s in samples if not s.cut), default=np.inf)
+    pieces = [s.seconds for s in samples if s.cut]
+    if pieces:
+        duration = min(duration, 0.5 * max(pieces))  # shorter pieces then have no rows
+    lowest = max(4.0 / duration, rows / (ROW_RATE * sum(s.seconds for s in samples)))
     steps = [base * 10.0**power for power in range(-1, 3) for base in (1.0, 2.0, 3.0, 5.0, 7.0)]
-    found = tuple(f for f in steps if least <= f <= most)
-    return found or (most,)
+    return tuple(f for f in steps if lowest <= f <= highest) or (highest,)
 
-
-# ── Entries of the rows
-
-
-@dataclass(frozen=True, eq=False)
-class BaseColumns:
-    """Nonzero entries of rows of equations, with their positions: 214 of 483 for seven joints with 69 groups.
-
-    One kernel returns the entries of the bodies, with constants folded; columns of drives are appended.
-    """
-
-    base: BaseParameters
-    groups: tuple[Array, ...]  # groups with nonzero columns at each joint
-    slices: tuple[slice, ...]  # position of each joint's entries in a row
-
-    @classmethod
-    def from_parameters(cls, base: BaseParameters) -> BaseColumns:
-        """Entries of all groups."""
-        groups = tuple(np.flatnonzero(felt) for felt in base.felt)
-        ends = np.cumsum([0, *(len(g) for g in groups)]).tolist()
-        return cls(base, groups, tuple(slice(a, b) for a, b in pairwise(ends)))
-
-    @property
-    def count(self) -> int:
-        """Number of entries of a row."""
-        return self.slices[-1].stop if self.slices else 0
-
-    def rows(self, q: Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
-        """Entries of the columns at given states."""
-        unknown, kept = self.base.unknown, self.base.kept
-        found = np.empty((len(q), self.count))
-        bodies = np.concatenate(
-            [
-                s.start + np.flatnonzero(unknown.of_bodies[kept[g]] >= 0)
-                for g, s in zip(self.groups, self.slices, strict=True)
-            ]
-        ).astype(int)
-        if bodies.size:
-            found[:, bodies] = self._kernel(q, dq, ddq)
-        factors = unknown.drives(kept[self.base.drives], dq, ddq, friction_speed)
-        for k, factor in zip(self.base.drives.tolist(), factors.T, strict=True):
-            for j in np.flatnonzero(self.base.felt[:, k]).tolist():
-                place = self.slices[j].start + int(np.searchsorted(self.groups[j], k))
-                found[:, place] = factor * unknown.shares[kept[k], j]
-        return found
-
-    @property
-    def _kernel(self) -> Any:
-        """Kernel of the entries of the bodies, as a function of the states."""
-        unknown, kept = self.base.unknown, self.base.kept
-        pairs = [
-            (j, int(unknown.of_bodies[kept[k]]))
-            for j, g in enumerate(self.groups)
-            for k in g
-            if unknown.of_bodies[kept[k]] >= 0
-        ]
-        rows, columns = np.array(pairs, int).reshape(-1, 2).T
-
-        def build() -> Any:
-            model = unknown.model
-
-            def entries(q: Any, dq: Any, ddq: Any) -> Any:
-                return regressor(model, q, dq, ddq)[rows, columns]
-
-            inputs = [("q", (model.nq,)), ("dq", (model.nv,)), ("ddq", (model.nv,))]
-            return compile_form(
-                trace(entries, inputs, ["entries"]), "base_columns", f"Columns of the groups of {model.name}."
-            )
-
-        return unknown.robot.engine.cache(("base columns", tuple(pairs)), build)
-
-
-# ── Filtered rows of logs
 
 # An equation stays valid if both sides are filtered alike, for any columns (Gautier's parallel decimation, "Dynamic
 # identification of robots with power model", ICRA 1997).
@@ -323,22 +248,15 @@ class FilteredRows:
         W, known, times, logs = list[Array](), list[Array](), list[Array](), list[Array]()
         parts = list[_LogRows]()
         for k, (_, s, rows) in enumerate(states_with_rows(samples, cutoff, most)):
-            w, fixed = _columns(base, s, rows, cutoff, friction_speed)
-            W.append(w)
-            known.append(fixed)
+            columns, springs = _columns(base, s, rows, cutoff, friction_speed)
+            W.append(columns)
+            known.append(springs)
             times.append(s.time[rows])
-            logs.append(np.full(len(w), k))
-            of_rows, tau = (s.q[rows].copy(), s.dq.copy(), s.ddq[rows].copy()), low_pass(s.tau, cutoff, s.rate)
-            parts.append(_LogRows(s.time, s.rate, rows, *of_rows, tau))
-        return cls(
-            base,
-            cutoff,
-            _joined(W),
-            np.concatenate(times),
-            np.concatenate(logs),
-            np.concatenate(known),
-            parts,
-        )
+            logs.append(np.full(len(columns), k))
+            tau = low_pass(s.tau, cutoff, s.rate)
+            parts.append(_LogRows(s.time, s.rate, rows, s.q[rows].copy(), s.dq.copy(), s.ddq[rows].copy(), tau))
+        whole = _concatenate_and_empty(W)
+        return cls(base, cutoff, whole, np.concatenate(times), np.concatenate(logs), np.concatenate(known), parts)
 
     def torques(self, shift: float) -> Array:
         """(m, nv) torques, ``shift`` seconds later in the log than the rows' positions, without the torques of springs."""
@@ -356,13 +274,14 @@ class FilteredRows:
         return self._coulomb[key]
 
     def _coulomb_column(self, column: int, joints: Array, friction_speed: Array) -> Array:
-        k, unknown, found = int(self.base.kept[column]), self.base.unknown, list[Array]()
+        k, unknown = int(self.base.kept[column]), self.base.unknown
+        parts = list[Array]()
         for log in self.logs:
             factor = unknown.drives([k], log.dq, log.dq, friction_speed)  # independent of the acceleration
-            w = np.zeros((len(log.acceleration), len(joints)))
-            w[:, joints] = low_pass(factor, self.cutoff, log.rate)[log.rows] * unknown.shares[k, joints]
-            found.append(w)
-        whole = np.concatenate(found)
+            part = np.zeros((len(log.acceleration), len(joints)))
+            part[:, joints] = low_pass(factor, self.cutoff, log.rate)[log.rows] * unknown.shares[k, joints]
+            parts.append(part)
+        whole = np.concatenate(parts)
         if self.dead is not None:
             whole[:, self.dead] = 0.0
         return whole
@@ -383,7 +302,7 @@ class FilteredRows:
         return np.concatenate([log.acceleration for log in self.logs])
 
 
-def _joined(parts: list[Array]) -> Array:
+def _concatenate_and_empty(parts: list[Array]) -> Array:
     """Concatenate arrays and empty the list, releasing each part at once to limit memory."""
     if len(parts) == 1:
         return parts.pop()
@@ -414,8 +333,10 @@ def filtered_portions(
         span = slice(max(0, begin - margin), min(len(s.time), begin + _PORTION + margin))
         states, at = (s.q[span], s.dq[span], s.ddq[span]), wanted[here] - span.start
         entries = low_pass_at(columns.rows(*states, friction_speed), cutoff, s.rate, at)
-        springs = base.unknown.model.springs
-        yield here, entries, low_pass_at(of_springs(base, *states), cutoff, s.rate, at) if springs else 0.0
+        springs: Array | float = 0.0
+        if base.unknown.model.springs:
+            springs = low_pass_at(spring_torques(base, *states), cutoff, s.rate, at)
+        yield here, entries, springs
 
 
 def _columns(
@@ -432,7 +353,7 @@ def _columns(
     return W, known
 
 
-def of_springs(base: BaseParameters, q: Array, dq: Array, ddq: Array) -> Array:
+def spring_torques(base: BaseParameters, q: Array, dq: Array, ddq: Array) -> Array:
     """(n, nv) torques of springs at given states."""
     robot = base.unknown.robot
     if not base.unknown.model.springs:
@@ -457,12 +378,11 @@ class JudgedStates:
     ) -> JudgedStates:
         """States at the same times for every cut-off."""
         total = sum(s.seconds for s in samples)
-        parts = [states_below(s, cutoff, _JUDGED_ROWS / total) for s in samples]
-        columns = [base.unknown.columns(base.kept, s.q, s.dq, s.ddq, friction_speed) for s in parts]
-        return cls(
-            np.concatenate(columns),
-            np.concatenate([of_springs(base, s.q, s.dq, s.ddq) for s in parts]),
-            np.repeat(np.arange(len(parts)), [len(s.time) for s in parts]),
-            np.concatenate([s.time for s in parts]),
-            parts,
-        )
+        states = [states_below(s, cutoff, _JUDGED_ROWS / total) for s in samples]
+        W, known, logs = list[Array](), list[Array](), list[Array]()
+        for k, s in enumerate(states):
+            W.append(base.unknown.columns(base.kept, s.q, s.dq, s.ddq, friction_speed))
+            known.append(spring_torques(base, s.q, s.dq, s.ddq))
+            logs.append(np.full(len(s.time), k))
+        times = np.concatenate([s.time for s in states])
+        return cls(np.concatenate(W), np.concatenate(known), np.concatenate(logs), times, states)

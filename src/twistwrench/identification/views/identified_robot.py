@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ...control.residual_threshold import threshold_table
 from ...core.answers.blocks import Block, Column, Headline, Level, Line, More, Table, numbers, words
 from ...core.colours import Style
@@ -16,9 +18,11 @@ from ...core.verdict import Word
 from ...mechanics.joints.units import heading_unit
 from ...motion.coordinates import Coordinates
 from ..body_changes import BodyChanges
+from ..parameters import first_parameters
 
 if TYPE_CHECKING:
     from ...control.residual_threshold import ResidualThreshold
+    from ..payload import IdentifiedPayload
     from ..result import IdentifiedRobot
 
 _KINDS = {"test": "in the test logs", "five-fold": "in 5-fold cross-validation over time"}
@@ -31,25 +35,20 @@ _LAWS = {"coulomb": "Coulomb", "viscous": "viscous", "stribeck": "static excess"
 
 def identification_view(found: IdentifiedRobot) -> Iterator[Block]:
     """Verdict, doubts, bodies and joints; settings, groups and what no log determines in the full form."""
-    unsure = found.verdict.word is Word.LOOK_AGAIN
-    level = Level.ALL if unsure or found.payload is not None else Level.SHORT
+    must_look = found.verdict.word is Word.LOOK_AGAIN
+    level = Level.ALL if must_look or found.payload is not None else Level.SHORT
     changes = found.body_changes if found.base.unknown.bodies else None
-    further = [Line(tool_sentence(changes))] if changes is not None and changes.tool is not None and not unsure else []
+    further: list[Line] = []
+    if changes is not None and changes.tool is not None and not must_look:
+        further = [Line(tool_sentence(changes))]
     yield Headline(found.verdict.word, _headline(found), further=further)
-    told = [Line((f"• {doubt.sentence}", Style.OVER if doubt.refuses else "")) for doubt in found.doubts]
-    told += [Line(note) for note in found.notes]
-    for k, line in enumerate(told):
-        line.level = Level.SHORT if k < _MOST_DOUBTS else Level.ALL
-        yield line
-    if len(told) > _MOST_DOUBTS:
-        yield More(f"{len(told) - _MOST_DOUBTS} more doubts and notes")
-    if (payload := found.payload) is not None:
-        com = ", ".join(plus_minus(x, d) for x, d in zip(payload.com, payload.com_deviations, strict=True))
-        mass = plus_minus(payload.mass, payload.mass_deviation)
-        yield f"payload at {payload.frame}: {mass} kg, centre of mass ({com}) m in its frame"
-        if payload.unidentifiable:
-            yield f"not determined by the torques, taken from the file: {', '.join(payload.unidentifiable)}"
-    rows = _rows_that_fit(told[:_MOST_DOUBTS])
+    remarks = _remarks(found)
+    yield from remarks
+    if len(remarks) > _MOST_DOUBTS:
+        yield More(f"{len(remarks) - _MOST_DOUBTS} more doubts and notes")
+    if found.payload is not None:
+        yield from _payload(found.payload)
+    rows = _rows_that_fit(remarks[:_MOST_DOUBTS])
     if changes is not None:
         yield _bodies(changes, level, rows)
     yield _joints(found, rows)
@@ -65,16 +64,37 @@ def identification_view(found: IdentifiedRobot) -> Iterator[Block]:
     yield from _details(found)
 
 
+def _remarks(found: IdentifiedRobot) -> list[Line]:
+    """Doubts and notes; the short form has the first four."""
+    lines: list[Line] = []
+    for doubt in found.doubts:
+        style = Style.OVER if doubt.refuses else ""
+        lines.append(Line((f"• {doubt.sentence}", style)))
+    lines += [Line(note) for note in found.notes]
+    for line in lines[_MOST_DOUBTS:]:
+        line.level = Level.ALL
+    return lines
+
+
+def _payload(payload: IdentifiedPayload) -> Iterator[str]:
+    """Mass and centre of mass of a payload, and what the torques do not determine of it."""
+    com = ", ".join(map(plus_minus, payload.com, payload.com_deviations))
+    mass = plus_minus(payload.mass, payload.mass_deviation)
+    yield f"payload at {payload.frame}: {mass} kg, centre of mass ({com}) m in its frame"
+    if payload.unidentifiable:
+        yield f"not determined by the torques, taken from the file: {', '.join(payload.unidentifiable)}"
+
+
 def _headline(found: IdentifiedRobot) -> str:
     """Share of the torques that the robot predicts, and the worst joint."""
-    left, where = percent(found.held_out.all, 3), _KINDS[found.held_out.kind]
-    worst = found.worst
-    joint = (
-        "" if worst is None or len(found.held_out.joints) == 1 else f" (worst joint {worst[0]}, {percent(worst[1], 3)})"
-    )
+    share, where = percent(found.held_out.all, 3), _KINDS[found.held_out.kind]
+    joint = ""
+    if found.worst is not None and len(found.held_out.joints) > 1:
+        name, worst_share = found.worst
+        joint = f" (worst joint {name}, {percent(worst_share, 3)})"
     if found.verdict.ok:
-        return f"predicts torques to {left}{joint}, {where}."
-    return f"{left} of the torques unexplained{joint}, {where}."
+        return f"predicts torques to {share}{joint}, {where}."
+    return f"{share} of the torques unexplained{joint}, {where}."
 
 
 _MOTIONS = {
@@ -89,14 +109,15 @@ _MOTIONS = {
 
 def _open_groups(found: IdentifiedRobot) -> str:
     """Sentence on groups that leave torques of another motion open, and the motion for the largest; empty without."""
-    if not (groups := found.open_for_torques):
+    groups = found.open_for_torques
+    if not groups:
         return ""
-    (name, (joint, share)), count = next(iter(groups.items())), len(groups)
-    first = name.split(" ")[0]
-    way = _MOTIONS.get(first.rpartition(".")[2], "far and fast")
-    said = "1 group leaves" if count == 1 else f"{count} groups leave"
-    most = f"most {first} ({percent(share, 2)} at {joint})"
-    return f"{said} more than 2 % of another motion's torques open, {most}: move {joint} {way}."
+    name, (joint, share) = next(iter(groups.items()))
+    parameter = name.split(" ")[0]
+    motion = _MOTIONS.get(parameter.rpartition(".")[2], "far and fast")
+    count = "1 group leaves" if len(groups) == 1 else f"{len(groups)} groups leave"
+    largest = f"most {parameter} ({percent(share, 2)} at {joint})"
+    return f"{count} more than 2 % of another motion's torques open, {largest}: move {joint} {motion}."
 
 
 def tool_sentence(changes: BodyChanges) -> str:
@@ -107,10 +128,13 @@ def tool_sentence(changes: BodyChanges) -> str:
     return f"{tool.link} weighs {number(abs(tool.mass), 2)} kg {way} than in the file: {question}"
 
 
-def _rows_that_fit(told: Sequence[Line]) -> int:
+def _rows_that_fit(lines: Sequence[Line]) -> int:
     """Rows of each of two tables that the short form has room for, beside these lines."""
-    taken = sum(-(-sum(len(piece) for piece in _texts(line)) // _WIDTH) for line in told)
-    return max(_FEWEST_ROWS, min(_MOST_ROWS, (_LINES - _OTHER_LINES - taken) // 2))
+    printed_lines = 0
+    for line in lines:
+        length = sum(map(len, _texts(line)))
+        printed_lines += -(-length // _WIDTH)
+    return max(_FEWEST_ROWS, min(_MOST_ROWS, (_LINES - _OTHER_LINES - printed_lines) // 2))
 
 
 def _texts(line: Line) -> list[str]:
@@ -120,30 +144,26 @@ def _texts(line: Line) -> list[str]:
 def _thresholds(found: ResidualThreshold) -> Iterator[Block]:
     """Thresholds of a residual, and reasons to doubt them."""
     yield Line(found.sentence)
-    yield from (Line(f"• {doubt.sentence}") for doubt in found.doubts)
+    for doubt in found.doubts:
+        yield Line(f"• {doubt.sentence}")
     yield threshold_table(found)
-
-
-# ── Bodies and joints
 
 
 def _bodies(changes: BodyChanges, level: Level, rows: int) -> Table:
     """Masses in the file and identified, and moves of the centres of mass; sure changes have a mark."""
     masses = [*changes.masses.tolist(), float(changes.masses.sum())]
-    sure = [*changes.is_heavier.tolist(), changes.is_sum_heavier]
+    is_sure = [*changes.is_heavier.tolist(), changes.is_sum_heavier]
+    measured = [_change(m, _kilograms(m), is_sure=s) for m, s in zip(masses, is_sure, strict=True)]
     moved = [_change(1e3 * x, is_sure=bool(s)) for x, s in zip(changes.moved, changes.is_moved, strict=True)]
-    by = [abs(after - before) for after, before in zip(changes.masses, changes.before, strict=True)]
     return Table(
         "",
         words("link", [*changes.links, "all"]),
         numbers("file", [*changes.before.tolist(), float(changes.before.sum())], _kilograms, "kg"),
-        numbers(
-            "measured", [_change(m, _kilograms(m), is_sure=s) for m, s in zip(masses, sure, strict=True)], unit="kg"
-        ),
+        numbers("measured", measured, unit="kg"),
         numbers("centre moved", [*moved, MISSING], unit="mm"),
         level=level,
         most=rows,
-        by=[*by, math.inf],
+        by=[*np.abs(changes.masses - changes.before).tolist(), math.inf],
         of_limits=False,
     )
 
@@ -166,17 +186,12 @@ def _joints(found: IdentifiedRobot, rows: int) -> Table:
     turning = Coordinates.from_model(found.original.model).angular_velocity
     columns: list[Column] = []
     if found.payload is None:
-        of_laws = {law: found.consistent.of_joints(law) for law in _LAWS}
-        kinds = {"viscous": "tau/dq"}
-        columns = [
-            numbers(
-                _LAWS[law],
-                [of.get(name, MISSING) for name in names],
-                unit=_unit(kinds.get(law, "tau"), turning),
-            )
-            for law, of in of_laws.items()
-            if of
-        ]
+        for law, title in _LAWS.items():
+            friction = found.consistent.of_joints(law)
+            if friction:
+                quantity = "tau/dq" if law == "viscous" else "tau"
+                values = [friction.get(name, MISSING) for name in names]
+                columns.append(numbers(title, values, unit=_unit(quantity, turning)))
     if found.offsets:
         offsets = [found.offsets.get(name) or MISSING for name in names]  # 0 has its interval around it
         columns.append(numbers("offset", offsets, unit=_unit("tau", turning)))
@@ -186,7 +201,7 @@ def _joints(found: IdentifiedRobot, rows: int) -> Table:
         *columns,
         numbers("unexplained", shares.values(), lambda share: percent(share, 3)),
         most=rows,
-        by=[0.0 if math.isnan(share) else share for share in shares.values()],
+        by=np.nan_to_num(list(shares.values()), posinf=math.inf).tolist(),
         of_limits=False,
     )
 
@@ -195,11 +210,12 @@ def _unit(quantity: str, turning: Any) -> str:
     """Unit of a torque, or of a torque by a speed."""
     if quantity == "tau":
         return heading_unit("tau", turning)
-    kinds = ("N m s/rad", "N s/m")
-    return ", ".join(kind for kind, has in zip(kinds, (turning.any(), (~turning).any()), strict=True) if has)
-
-
-# ── The full form
+    units = []
+    if turning.any():
+        units.append("N m s/rad")
+    if not turning.all():
+        units.append("N s/m")
+    return ", ".join(units)
 
 
 def _details(found: IdentifiedRobot) -> Iterator[Block]:
@@ -213,44 +229,50 @@ def _details(found: IdentifiedRobot) -> Iterator[Block]:
 
 def _full_form(found: IdentifiedRobot) -> Iterator[str | Table]:
     yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
+    torque_unit = heading_unit("tau", Coordinates.from_model(found.original.model).angular_velocity)
     yield Table(
         "Unexplained share of the torques, in rows held out",
         words("joint", found.held_out.joints),
         numbers("held out", found.held_out.joints.values(), lambda share: percent(share, 3)),
-        numbers(
-            "size", found.sigma, unit=heading_unit("tau", Coordinates.from_model(found.original.model).angular_velocity)
-        ),
+        numbers("size", found.sigma, unit=torque_unit),
         level=Level.ALL,
     )
     yield _groups_table(found)
-    if any(".mc" in name.split(" ")[0] for name in found.groups):
+    if any(".mc" in name for name in first_parameters(found.groups)):
         yield "mcx, mcy, mcz: mass times the coordinates of the centre of mass. A sum has the unit of its first term."
     if found.base.held.any():
         yield f"{int(found.base.held.sum())} parameters were held at known values"
-    if listed_groups := found.poorly_determined:
-        names = listed((name.split(" ")[0] for name in listed_groups), _MOST_NAMES, "; ")
-        count = f"{len(listed_groups)} of {found.free_count} groups"
-        yield f"Poorly determined, standard deviation above 30 %: {count}, {names}"
+    poor = first_parameters(found.poorly_determined)
+    if poor:
+        names = listed(poor, _MOST_NAMES, "; ")
+        yield f"Poorly determined, standard deviation above 30 %: {len(poor)} of {found.free_count} groups, {names}"
     yield _essential(found)
     yield from bodies_view(found)
     if found.undetermined:
         yield "Not determined by this log:"
-        yield from (f"• {sentence}" for sentence in found.undetermined.values())
+        for sentence in found.undetermined.values():
+            yield f"• {sentence}"
 
 
 def _groups_table(found: IdentifiedRobot) -> Table:
-    free = ~found.base.held
+    """Row for each group that is not held at a known value."""
+    free = np.flatnonzero(~found.base.held)
     values, deviations = found.values[free], found.standard_deviations[free]
-    pairs = list(map(estimate, values, deviations))
+    value_cells: list[Line] = []
+    deviation_cells: list[Line] = []
+    for value, deviation in zip(values, deviations, strict=True):
+        value_text, deviation_text = estimate(value, deviation)
+        value_cells.append(Line(value_text, value=value))
+        deviation_cells.append(Line(deviation_text, value=deviation))
     low, high = found.interval()[free].T
-    units = [unit.replace("^2", "²") for unit, kept in zip(found.units, free, strict=True) if kept]
+    units = [found.units[k].replace("^2", "²") for k in free]
     column = partial(numbers, unit=", ".join(dict.fromkeys(units)), headed=False)
     return Table(
-        f"{int(free.sum())} groups of parameters",
-        words("group", [name for name, kept in zip(found.groups, free, strict=True) if kept]),
+        f"{len(free)} groups of parameters",
+        words("group", [found.groups[k] for k in free]),
         words("unit", units, fold=False),
-        column("value", [Line(text, value=x) for (text, _), x in zip(pairs, values, strict=True)]),
-        column("deviation", [Line(text, value=x) for (_, text), x in zip(pairs, deviations, strict=True)]),
+        column("value", value_cells),
+        column("deviation", deviation_cells),
         column("95 % from", low),
         column("to", high),
         column("file", found.prior.mean[free]),
@@ -260,12 +282,11 @@ def _groups_table(found: IdentifiedRobot) -> Table:
 
 def _essential(found: IdentifiedRobot) -> str:
     one = found.essential
-    names = "; ".join(
-        f"{name.split(' ')[0]} {number(value)}" for name, value in zip(one.names, one.values, strict=True)
-    )
+    values = [f"{name} {number(x)}" for name, x in zip(first_parameters(one.names), one.values, strict=True)]
     return (
         f"{len(one.names)} essential groups of {found.free_count} predict rows held out to "
-        f"{percent(one.held_out, 3)}, all to {percent(one.curve[0][1], 3)} (in units of each joint's residuals): {names}"
+        f"{percent(one.held_out, 3)}, all to {percent(one.curve[0][1], 3)} (in units of each joint's residuals): "
+        f"{'; '.join(values)}"
     )
 
 
@@ -276,12 +297,21 @@ def bodies_view(found: IdentifiedRobot) -> Iterator[str | Table]:
         f"Weight of the prior γ = {number(consistent.fit.strength)}: {percent(consistent.held_out, 3)} unexplained in 5-fold "
         f"cross-validation, weighted; by the file's own bodies with friction {percent(consistent.of_file, 3)}."
     )
-    pairs = [(unknown.model.bodies[i], consistent.inertias[i]) for i in unknown.bodies]
+    links: list[str] = []
+    masses: list[float] = []
+    file_masses: list[float] = []
+    centres: list[str] = []
+    for i in unknown.bodies:
+        body, G = unknown.model.bodies[i], consistent.inertias[i]
+        links.append(body.link)
+        masses.append(float(G.mass))
+        file_masses.append(float(body.inertia.mass))
+        centres.append(", ".join(map(number, G.com)))
     yield Table(
         "Physically consistent bodies",
-        words("link", [body.link for body, _ in pairs]),
-        numbers("mass", [float(G.mass) for _, G in pairs], unit="kg"),
-        numbers("in the file", [float(body.inertia.mass) for body, _ in pairs], unit="kg"),
-        words("centre of mass [m]", [", ".join(number(x) for x in G.com) for _, G in pairs]),
+        words("link", links),
+        numbers("mass", masses, unit="kg"),
+        numbers("in the file", file_masses, unit="kg"),
+        words("centre of mass [m]", centres),
         level=Level.ALL,
     )
