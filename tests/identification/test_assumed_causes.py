@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from quick import mostly_slow
+from twistwrench.identification.diagnosis.diagnose.causes import laws, time_scale
 
 import twistwrench as tw
 from twistwrench import SpatialInertia
 from twistwrench.cli.main import main
 from twistwrench.core.errors import UnknownNameError, ValueRangeError
 from twistwrench.identification.assumed import JOINTS_OF_CAUSE, WantedCause, wanted_causes
-from twistwrench.identification.causes import laws, time_scale
-from twistwrench.identification.diagnosis import _is_part
+from twistwrench.identification.diagnosis.diagnose import _is_part
 
 ARM = tw.robots.planar_2r()
 NAMES = ARM.model.velocity_names
@@ -133,7 +133,7 @@ def test_each_of_two_causes_has_its_own_interval(log):
 TIME = np.linspace(0.0, 4.0, 401)
 SWINGING = SimpleNamespace(
     gain=np.ones(1), time=TIME, dq=np.sin(np.pi * TIME)[:, None], ddq=np.pi * np.cos(np.pi * TIME)[:, None],
-    friction_speed=np.array([0.01]), slope=lambda x: np.gradient(x, TIME, axis=0), changed=dict,
+    friction_speed=np.array([0.01]), slope=lambda x: np.gradient(x, TIME, axis=0), with_fields=dict,
 )  # fmt: skip
 """A joint that swings at 0.5 Hz for 4 s."""
 

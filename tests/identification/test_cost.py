@@ -9,14 +9,14 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from twistwrench.identification.diagnosis.diagnose.cause_fit import CauseFit, log_fit, screen_causes
+from twistwrench.identification.diagnosis.diagnose.causes import continuous_causes
 
 import twistwrench as tw
 from twistwrench.core.estimation.filters import REACH, lagged, low_pass, low_pass_at
 from twistwrench.core.estimation.single_row_glitches import SingleRowGlitches
-from twistwrench.identification.cause_fit import CauseFit, log_fit, screen_causes
-from twistwrench.identification.causes import continuous_causes
+from twistwrench.identification.diagnosis.log_states import LogStates
 from twistwrench.identification.hyperparameters import FitSettings
-from twistwrench.identification.log_states import LogStates
 from twistwrench.identification.parameters import UnknownParameters
 from twistwrench.identification.rows import SteadySamples
 
@@ -56,7 +56,7 @@ def test_columns_of_a_low_pass_are_low_passed_columns(monkeypatch):
     s = _states_of_a_log().states.with_fields(lag=0.08, gain=np.array([2.0, -1.0]))
     x = np.random.default_rng(2).normal(size=s.base.count)
     assert_allclose(s.predicted_torques(x), s.gain * (s.columns @ x), rtol=1e-10, atol=1e-10)
-    monkeypatch.setattr("twistwrench.identification.log_states.PORTION", 100)
+    monkeypatch.setattr("twistwrench.identification.diagnosis.log_states.PORTION", 100)
     assert_allclose(
         s.with_fields(lag=0.08 + 0.0 * s.lag).columns, s.columns, rtol=0, atol=1e-12 * np.abs(s.columns).max()
     )

@@ -9,7 +9,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.core.blas_threads import _libraries, blas_threads, one_blas_thread
-from twistwrench.identification.trajectory_search import MotionSearch
+from twistwrench.identification.excitation.trajectory_search import MotionSearch
 
 
 def times_of_a_search():

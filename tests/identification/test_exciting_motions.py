@@ -17,7 +17,8 @@ from twistwrench.cli.main import main
 from twistwrench.core.numbers import number
 from twistwrench.core.verdict import Verdict, Word
 from twistwrench.identification import exciting_trajectory
-from twistwrench.identification.trajectory_search import LimitBarrier, MotionSearch, shared_bounds, typical_sizes
+from twistwrench.identification.excitation.trajectory_constraints import shared_bounds
+from twistwrench.identification.excitation.trajectory_search import LimitBarrier, MotionSearch, typical_sizes
 from twistwrench.mechanics.model.actuation import with_friction
 from twistwrench.shapes.capsules import CapsuleDistances, LinkCapsules, nearest_points
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from identification_logs import known_log
 from scipy import stats
+from twistwrench.identification.diagnosis.diagnose.cause_fit import CauseFit
 
 import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut, HeldOutRows
 from twistwrench.identification import identify
-from twistwrench.identification.cause_fit import CauseFit
-from twistwrench.identification.common_gain import unit_doubts
-from twistwrench.identification.fit_doubts import _largest_at, _residual_above_noise, left_unexplained
+from twistwrench.identification.doubts.common_gain import unit_doubts
+from twistwrench.identification.doubts.fit_doubts import _largest_at, _residual_above_noise, left_unexplained
 from twistwrench.identification.hyperparameters import FitSettings, SettingRows
 from twistwrench.identification.views.identified_robot import _open_groups
 
@@ -90,8 +90,9 @@ def test_groups_that_leave_torques_open_are_told_with_the_motion_that_tells_them
 
 def test_laws_widen_intervals_by_what_is_uncertain_of_them():
     """A law that is certain is fitted or told, and one below two deviations of its own is noise."""
-    from twistwrench.identification.cause_fit import log_fit
-    from twistwrench.identification.diagnosis import law_changes
+    from twistwrench.identification.diagnosis.diagnose.cause_fit import log_fit
+
+    from twistwrench.identification.diagnosis.diagnose import law_changes
     from twistwrench.identification.hyperparameters import FitSettings
     from twistwrench.identification.parameters import UnknownParameters
     from twistwrench.identification.rows import SteadySamples
@@ -125,7 +126,7 @@ def test_the_more_causes_are_tried_the_surer_each_must_be():
     """Bonferroni: of eleven blocks of time, Student's t at 1 % over the number of causes, on both sides."""
     fit = SimpleNamespace(blocks=np.zeros(11))
     for tried in (1, 50):
-        assert CauseFit.sure(fit, tried) == pytest.approx(stats.t.isf(0.005 / tried, 10))
+        assert CauseFit.critical_t(fit, tried) == pytest.approx(stats.t.isf(0.005 / tried, 10))
 
 
 def test_fifths_of_the_time_go_through_all_logs():

@@ -11,8 +11,12 @@ from scipy import stats
 
 import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut
+<<<<<<< HEAD
 from twistwrench.identification.servos.identify_servos import _limited, _sizes, _tracked
 from twistwrench.identification.servos.linear_start import scale_torques
+=======
+from twistwrench.identification.servos.identify_servos import _first_rows, _sizes, _sums_of_squares
+>>>>>>> 0219b414 (identification: causes, doubts and excitation in folders; one helper for durations, rates and consecutive slices)
 from twistwrench.identification.servos.output_error import OutputErrorFit, OutputErrorProblem
 from twistwrench.identification.servos.replay import ServoLog, _hermite
 from twistwrench.identification.servos.result import IdentifiedServos
@@ -69,7 +73,7 @@ def test_derivatives_along_the_scale_of_a_joint_are_those_of_its_positions(found
     p, free = found.fit.p, np.ones(len(found.fit.p), bool)
     problem = OutputErrorProblem.from_logs(found.fit.replay, p, free)
     scale = np.r_[np.zeros(4), np.ones(4), 0.0]
-    _, J = problem.linearised(p)
+    _, J = problem.linearise(p)
     before, after = problem.flat(np.stack([p, p + 1e-3 * scale]))
     right = (before - after) / 1e-3
     assert np.linalg.norm(J @ scale - right) < 1e-6 * np.linalg.norm(right)
@@ -191,8 +195,8 @@ def servos_of(covariance, sizes=1.0):
 def test_a_held_command_is_the_one_before_and_a_straight_one_lies_between():
     log = log_of(np.array([0.0, 1.0, 5.0]), rate=1.0)
     begin = np.array([0.25, 0.75, 1.25])
-    np.testing.assert_allclose(log.commanded(begin, 0.5, "zero")[:, 0], [0.0, 0.5, 1.0], atol=1e-12)
-    np.testing.assert_allclose(log.commanded(begin, 0.5, "linear")[:, 0], [0.5, 1.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(log.mean_command(begin, 0.5, "zero")[:, 0], [0.0, 0.5, 1.0], atol=1e-12)
+    np.testing.assert_allclose(log.mean_command(begin, 0.5, "linear")[:, 0], [0.5, 1.0, 3.0], atol=1e-12)
 
 
 def test_a_position_that_follows_its_command_late_has_no_tracking_error():
@@ -201,14 +205,14 @@ def test_a_position_that_follows_its_command_late_has_no_tracking_error():
     log = log_of(2.0 * time, 2.0 * (time - 0.02))
     log = replace(log, q=np.tile(log.q, 2), command=np.tile(log.command, 2))
     fit = replace(fit_of(np.eye(9), np.append(np.zeros(8), 0.02)), residuals=[np.zeros((800, 2))])
-    squares, sizes = _tracked([log], [np.arange(100, 900)], fit)
+    squares, sizes = _sums_of_squares([log], [np.arange(100, 900)], fit)
     assert (squares == 0.0).all() and (np.sqrt(sizes / 800) <= 2.0 * RATE).all()
 
 
 def test_what_short_logs_do_not_need_goes_to_long_ones():
     """Of 120 s, logs of 20, 300 and 400 s get 20, 50 and 50 s."""
     logs = [log_of(np.zeros(seconds + 1), rate=1.0) for seconds in (300, 20, 400)]
-    assert [float(log.time[-1]) for log in _limited(logs)] == [50.0, 20.0, 50.0]
+    assert [float(log.time[-1]) for log in _first_rows(logs)] == [50.0, 20.0, 50.0]
 
 
 def test_sizes_are_those_of_acceleration_and_speed():

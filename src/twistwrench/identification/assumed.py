@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -22,14 +21,15 @@ from ..core.estimation.covariance import GroupCovariance, group_covariance
 from ..core.estimation.cross_validation import FOLDS
 from ..core.estimation.least_squares import Method, NormalEquations, Prior, weighted_fit
 from ..core.typing import Array
-from . import causes
-from .cause_fit import CauseFit, law_columns, log_fit
-from .causes import Cause, FittedTorques
-from .diagnosis import FoundCause, WantedCause, estimate_cause
+from .base_columns import consecutive_slices
+from .diagnosis import causes
+from .diagnosis.cause_fit import CauseFit, law_columns, log_fit
+from .diagnosis.causes import Cause, FittedTorques
+from .diagnosis.diagnose import FoundCause, WantedCause, estimate_cause
+from .diagnosis.log_states import LogStates
 from .hyperparameters import AssumedCause, FitOptions, FitSettings, SettingRows, Trial
-from .log_states import LogStates
 from .parameters import BaseParameters, UnknownParameters
-from .rows import SteadySamples, spring_torques
+from .rows import SteadySamples, lowest_rate, spring_torques
 
 Built = tuple[SettingRows, Array, Prior]
 """Rows of samples, largest plausible sizes of the unknown parameters, and weak prior of their groups."""
@@ -244,8 +244,7 @@ class AssumedCauses:
 
     def _slices(self) -> list[slice]:
         """Places of the values of each cause among those of all."""
-        ends = np.cumsum([0, *(len(one.beta) for one in self.causes)]).tolist()
-        return [slice(a, b) for a, b in pairwise(ends)]
+        return consecutive_slices(len(one.beta) for one in self.causes)
 
     def with_step(self, step: Array) -> AssumedCauses:
         """Causes with values changed by ``step`` (k,)."""
@@ -288,7 +287,7 @@ class AssumedCauses:
 
 def begin_settings(nv: int, samples: Sequence[SteadySamples], asked: FitOptions) -> FitSettings:
     """Initial settings of the search, before settings are chosen."""
-    cutoff = asked.cutoff or _CUTOFF_SHARE * min(one.rate for one in samples)
+    cutoff = asked.cutoff or _CUTOFF_SHARE * lowest_rate(samples)
     return FitSettings(cutoff, np.full(nv, asked.friction_speed or _USUAL_SPEED), asked.shift or 0.0)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,19 @@ from ..core.typing import Array
 from ..mechanics.algorithms.inverse_dynamics import regressor
 from ..robot.engine import compile_form
 from .parameters import BaseParameters
+
+
+def consecutive_slices(lengths: Iterable[int]) -> list[slice]:
+    """Slices of given lengths, one after another.
+
+    >>> consecutive_slices([2, 3])
+    [slice(0, 2, None), slice(2, 5, None)]
+    """
+    slices, begin = list[slice](), 0
+    for length in lengths:
+        slices.append(slice(begin, begin + length))
+        begin += length
+    return slices
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +42,8 @@ class BaseColumns:
     @classmethod
     def from_parameters(cls, base: BaseParameters) -> BaseColumns:
         """Entries of all groups."""
-        groups = tuple(np.flatnonzero(felt) for felt in base.felt)
-        ends = np.cumsum([0, *(len(g) for g in groups)]).tolist()
-        return cls(base, groups, tuple(slice(a, b) for a, b in pairwise(ends)))
+        groups = tuple(map(np.flatnonzero, base.felt))
+        return cls(base, groups, tuple(consecutive_slices(map(len, groups))))
 
     @property
     def count(self) -> int:

@@ -27,11 +27,11 @@ from .consistent import STRENGTHS, PositivePrior, PositiveProblem
 if TYPE_CHECKING:
     from .result import IdentifiedRobot
 
-_SURE = 2.0
+_MIN_DEVIATIONS = 2.0
 """Deviations from which a change of a mass is sure."""
-_SURE_OF_THREE = 7.81
+_MIN_SQUARED_DEVIATIONS = 7.81
 """Squared deviations from which a change of three coordinates is as sure: 95 % of χ² with three degrees of freedom."""
-_TOOL, _TOOL_SHARE, _EXCESS_SHARE = 5.0, 0.03, 0.95
+_MIN_TOOL_DEVIATIONS, _MIN_TOOL_MASS, _MIN_EXCESS_SHARE = 5.0, 0.03, 0.95
 """A tool: least change of mass in deviations and as a share of the moving mass, and least share of the excess explained."""
 _MC = [PARAMETER_NAMES.index(name) for name in ("mcx", "mcy", "mcz")]
 _M = PARAMETER_NAMES.index("m")
@@ -86,13 +86,13 @@ class BodyChanges:
     @property
     def is_heavier(self) -> Array:
         """(n,) bool array, True if the change of the mass is sure."""
-        return np.asarray(np.abs(self.masses - self.before) > _SURE * self.deviations)
+        return np.asarray(np.abs(self.masses - self.before) > _MIN_DEVIATIONS * self.deviations)
 
     @property
     def is_sum_heavier(self) -> bool:
         """True if the change of the sum of the masses is sure."""
         change = float((self.masses - self.before).sum())
-        return abs(change) > _SURE * math.sqrt(max(float(self.covariance.sum()), 0.0))
+        return abs(change) > _MIN_DEVIATIONS * math.sqrt(max(float(self.covariance.sum()), 0.0))
 
     def to_list(self) -> list[dict[str, Any]]:
         """Plain data of each body, in SI units.
@@ -107,14 +107,14 @@ class BodyChanges:
         >>> one.to_list()[0]["mass_changed"], one.is_sum_heavier
         (True, True)
         """
-        columns = (self.before, self.masses, self.deviations, self.is_heavier, self.moved, self.is_moved)
-        return [
-            {
-                "link": link, "file_mass": float(before), "mass": float(mass), "deviation": float(deviation),
-                "mass_changed": bool(heavier), "com_moved": float(moved), "com_changed": bool(is_moved),
-            }
-            for link, before, mass, deviation, heavier, moved, is_moved in zip(self.links, *columns, strict=True)
-        ]  # fmt: skip
+        bodies, deviations, is_heavier = [], self.deviations, self.is_heavier
+        for k, link in enumerate(self.links):
+            bodies.append({
+                "link": link, "file_mass": float(self.before[k]), "mass": float(self.masses[k]),
+                "deviation": float(deviations[k]), "mass_changed": bool(is_heavier[k]),
+                "com_moved": float(self.moved[k]), "com_changed": bool(self.is_moved[k]),
+            })  # fmt: skip
+        return bodies
 
 
 def body_changes(found: IdentifiedRobot) -> BodyChanges:
@@ -132,7 +132,7 @@ def body_changes(found: IdentifiedRobot) -> BodyChanges:
         J = np.column_stack([np.eye(3), -c])  # a mass added at the centre does not move it
         own = at[[*_MC, _M]]
         change, cov = J @ (new - old)[[*_MC, _M]], J @ C[np.ix_(own, own)] @ J.T
-        is_moved.append(float(change @ np.linalg.pinv(cov, hermitian=True) @ change) > _SURE_OF_THREE)
+        is_moved.append(float(change @ np.linalg.pinv(cov, hermitian=True) @ change) > _MIN_SQUARED_DEVIATIONS)
         moved.append(float(np.linalg.norm(new[_MC] / new[_M] - c)) if old[_M] > 0 else math.nan)
     m = place[:, _M]
     links = [unknown.model.bodies[i].link for i in unknown.bodies]
@@ -153,7 +153,7 @@ class _Fit:
 
     @cached_property
     def parts(self) -> list[Information]:
-        return [part for fifth in self.found._fifths if (part := fifth.together())[2] > 0]
+        return [part for part in self.found._information() if part[2] > 0]
 
     @cached_property
     def covariance(self) -> Array:
@@ -162,7 +162,7 @@ class _Fit:
         prior = PositivePrior.from_values(found.base, found.values, found.sizes)
         problem = PositiveProblem(found.base, prior, *sum_of(self.parts), found.sizes)
         stronger = [strength for strength in STRENGTHS if strength > fit.strength]
-        weak = problem.path([*stronger, *(share * fit.strength for share in (1.0, 0.1, 0.01))])[-1]
+        weak = problem.path([*stronger, fit.strength, 0.1 * fit.strength, 0.01 * fit.strength])[-1]
         return problem.covariance(fit, found.covariance.matrix) + _square(weak.values - fit.values)
 
     def lone_change(self, link: str) -> LoneChange:
@@ -172,21 +172,23 @@ class _Fit:
         drives = (unknown.of_bodies < 0) & ~unknown.held
         free = np.flatnonzero(drives | ((owners == link) & ~unknown.held))
         start = np.where(drives, 0.0, unknown.file_values)
-        others, K = base.project(start), base.grouping[:, free]
+        x_start, K = base.project(start), base.grouping[:, free]
         solver = Prior(np.zeros(len(free)), sizes[free])
 
-        def solved(rows: Information) -> Array:
+        def solve(rows: Information) -> Array:
             N, c, _ = rows
-            return solver.solve(K.T @ N @ K, K.T @ (c - N @ others))
+            return solver.solve(K.T @ N @ K, K.T @ (c - N @ x_start))
 
         N, _, y = total = sum_of(self.parts)
-        left = sum(squares_of(part, others + K @ solved(rest)) for part, rest in left_out(self.parts))
+        squares = 0.0
+        for part, training in left_out(self.parts):
+            squares += squares_of(part, x_start + K @ solve(training))
         m = int(np.flatnonzero(free == unknown.names.index(f"{link}.m"))[0])
         by_groups = N @ K @ solver.solve(K.T @ N @ K, np.eye(len(free))[m])  # derivative of the mass by the groups
         values = start.copy()
-        values[free] += solved(total)
+        values[free] += solve(total)
         deviation = math.sqrt(max(float(by_groups @ self.found.covariance.matrix @ by_groups), 0.0))
-        return LoneChange(link, float(values[free[m]] - start[free[m]]), deviation, math.sqrt(left / y), values)
+        return LoneChange(link, float(values[free[m]] - start[free[m]]), deviation, math.sqrt(squares / y), values)
 
     @property
     def held_out_with_gain(self) -> float:
@@ -198,10 +200,10 @@ class _Fit:
         gain = base.project(np.where(of_bodies & ~unknown.held, unknown.file_values, 0.0))
         K = np.column_stack([gain, base.grouping[:, drives]])
         solver = Prior(np.zeros(1 + len(drives)), np.append(1.0, self.found.sizes[drives]))
-        left = 0.0
+        squares = 0.0
         for part, (N, c, _) in left_out(self.parts):
-            left += squares_of(part, others + K @ solver.solve(K.T @ N @ K, K.T @ (c - N @ others)))
-        return math.sqrt(left / sum_of(self.parts)[2])
+            squares += squares_of(part, others + K @ solver.solve(K.T @ N @ K, K.T @ (c - N @ others)))
+        return math.sqrt(squares / sum_of(self.parts)[2])
 
     @property
     def tool(self) -> LoneChange | None:
@@ -214,11 +216,15 @@ class _Fit:
         excess = of_file - found.consistent.held_out**2
         carriers = {body.parent for body in bodies}
         ends = [i for i in unknown.bodies if i not in carriers and f"{bodies[i].link}.m" not in unknown.known]
-        change = min((self.lone_change(bodies[i].link) for i in ends), key=lambda one: one.held_out, default=None)
-        if change is None or of_file - change.held_out**2 < _EXCESS_SHARE * excess:
+        if not ends:
             return None
-        if of_file - self.held_out_with_gain**2 >= _EXCESS_SHARE * excess:
+        change = min((self.lone_change(bodies[i].link) for i in ends), key=lambda one: one.held_out)
+        if of_file - change.held_out**2 < _MIN_EXCESS_SHARE * excess:
+            return None
+        if of_file - self.held_out_with_gain**2 >= _MIN_EXCESS_SHARE * excess:
             return None
         moving = sum(float(bodies[i].inertia.mass) for i in unknown.bodies)
-        large = abs(change.mass) > _TOOL_SHARE * moving and abs(change.mass) > _TOOL * change.deviation
+        large = (
+            abs(change.mass) > _MIN_TOOL_MASS * moving and abs(change.mass) > _MIN_TOOL_DEVIATIONS * change.deviation
+        )
         return change if large else None

@@ -14,7 +14,7 @@ all J_i positive definite; in X the Hessian of the divergence is γ times the un
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,14 +41,14 @@ from .parameters import DRIVE, BaseParameters
 STRENGTHS = tuple(10.0**k for k in range(5, -3, -1))
 """Available weights γ of the divergence, in units of the squared residuals, from large to small."""
 MOST_STEPS = 50
-_BETWEEN = 3  # intermediate steps per decade of γ
-_DONE = 1e-10
-_THIN, _LIGHT, _RADIUS = 1e-3, 1e-3, 0.05
+_STEPS_OF_DECADE = 3  # intermediate steps per decade of γ
+_MAX_DECREMENT = 1e-10
+_MIN_MOMENT_SHARE, _MIN_MASS_SHARE, _RADIUS_SHARE = 1e-3, 1e-3, 0.05
 """Lower bounds of a prior body: share of its own second moments, share of the robot's mass, share of its reach as radius."""
-_SMALL_DRIVE = 1e-3
-_ROUNDING = 1e-13  # ratio of the eigenvalues of a pseudo-inertia below which it has no Cholesky factor
-_FILE = 25.0  # largest weight of the prior in covariances: deviations of 20 % from the file
-_HOLD = 1e6  # weight of known values, in units of the residuals, per plausible size
+_MIN_DRIVE_SHARE = 1e-3
+_MIN_EIGENVALUE_RATIO = 1e-13  # ratio of the eigenvalues of a pseudo-inertia below which it has no Cholesky factor
+_MAX_FILE_WEIGHT = 25.0  # largest weight of the prior in covariances: deviations of 20 % from the file
+_WEIGHT_OF_KNOWN = 1e6  # weight of known values, in units of the residuals, per plausible size
 
 
 _PAIRS = np.array([(i, j) for i in range(4) for j in range(i, 4)])
@@ -90,36 +90,38 @@ class PositivePrior:
         model = base.unknown.model
         mass, length = base.unknown.lengths
         bodies, repaired = [], []
-        for body in (model.bodies[i] for i in base.unknown.bodies):
-            J, changed = _thickened(body.inertia, mass, length)
+        for i in base.unknown.bodies:
+            body = model.bodies[i]
+            J, changed = _thicken(body.inertia, mass, length)
             bodies.append(J)
             if changed:
                 repaired.append(body.link)
         kinds = np.array(base.unknown.kinds)
         positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb", "stribeck"))
-        drives = np.where(positive, _SMALL_DRIVE * sizes, 1.0)
+        drives = np.where(positive, _MIN_DRIVE_SHARE * sizes, 1.0)
         lacking = values - base.project(base.unknown.file_values)  # part of the groups that the drives must provide
         for k in np.flatnonzero(positive):
             rows = np.flatnonzero(base.grouping[:, k])
             if rows.size:
                 drives[k] = max(drives[k], float(lacking[rows[0]] / base.grouping[rows[0], k]))
         known = positive & base.unknown.held
-        drives[known] = np.maximum(base.unknown.file_values[known], _SMALL_DRIVE * _SMALL_DRIVE * sizes[known])
+        drives[known] = np.maximum(base.unknown.file_values[known], _MIN_DRIVE_SHARE * _MIN_DRIVE_SHARE * sizes[known])
         return cls(np.array(bodies), drives, positive, tuple(repaired))
 
 
-def _thickened(G: SpatialInertia, mass: float, length: float) -> tuple[Array, bool]:
+def _thicken(G: SpatialInertia, mass: float, length: float) -> tuple[Array, bool]:
     """Positive definite pseudo-inertia near that of a body, and True if it was changed."""
     m = float(G.mass)
     changed = not m > 1e-9 * mass
     if changed:
-        m, c, S = _LIGHT * mass, np.zeros(3), np.zeros((3, 3))
+        m, c, S = _MIN_MASS_SHARE * mass, np.zeros(3), np.zeros((3, 3))
     else:
         c = G.com
         S = G.second_moment - m * np.outer(c, c)
-    least = m * min((_RADIUS * length) ** 2, _THIN * max(float(np.trace(S)) / m, (_RADIUS * length) ** 2 / _THIN))
+    radius_2 = (_RADIUS_SHARE * length) ** 2
+    least = m * min(radius_2, _MIN_MOMENT_SHARE * max(float(np.trace(S)) / m, radius_2 / _MIN_MOMENT_SHARE))
     moments, axes = np.linalg.eigh(0.5 * (S + S.T))
-    floor = max(_THIN * float(moments.max(initial=0.0)), 1e-3 * least)
+    floor = max(_MIN_MOMENT_SHARE * float(moments.max(initial=0.0)), 1e-3 * least)
     if moments.min() < floor:
         changed = True
         moments = np.maximum(moments, floor if moments.max() > least else least)
@@ -135,7 +137,7 @@ class PositiveProblem:
         K = base.grouping
         self.H, self.g = K.T @ N @ K, K.T @ c
         held = np.flatnonzero(base.unknown.held)
-        weight = (_HOLD / sizes[held]) ** 2
+        weight = (_WEIGHT_OF_KNOWN / sizes[held]) ** 2
         known = base.unknown.file_values[held]
         self.H[held, held] += weight
         self.g[held] += weight * known
@@ -155,7 +157,7 @@ class PositiveProblem:
         found = []
         last = max(strengths)
         for strength in strengths:
-            ways = max(1, math.ceil(_BETWEEN * math.log10(last / strength)))
+            ways = max(1, math.ceil(_STEPS_OF_DECADE * math.log10(last / strength)))
             for k in range(1, ways):
                 J, x, *_ = self._minimum(J, x, last * (strength / last) ** (k / ways))
             J, x, cost, steps, above = self._minimum(J, x, strength)
@@ -171,7 +173,9 @@ class PositiveProblem:
         """
         J = np.einsum("nk,kij->nij", fit.values[self._bodies], _TO_PSEUDO)
         T = self._tangents(np.linalg.cholesky(J), fit.values)
-        P = np.where(np.arange(T.shape[1]) < T.shape[1] - len(self._free), 1.0 / min(fit.strength, _FILE), 1.0)
+        P = np.where(
+            np.arange(T.shape[1]) < T.shape[1] - len(self._free), 1.0 / min(fit.strength, _MAX_FILE_WEIGHT), 1.0
+        )
         A = self.base.grouping @ T
         S = (A * P) @ A.T + C
         size = np.sqrt(S.diagonal())
@@ -189,7 +193,11 @@ class PositiveProblem:
         relative, share = self._inverse @ J, x[self._drives] / self.prior.drives[self._drives]
         sign, size = np.linalg.slogdet(relative)
         eigenvalues = np.linalg.eigvalsh(J)
-        if (sign <= 0).any() or (eigenvalues[:, 0] <= _ROUNDING * eigenvalues[:, -1]).any() or (share <= 0).any():
+        if (
+            (sign <= 0).any()
+            or (eigenvalues[:, 0] <= _MIN_EIGENVALUE_RATIO * eigenvalues[:, -1]).any()
+            or (share <= 0).any()
+        ):
             return math.inf
         divergence = float((np.trace(relative, axis1=1, axis2=2) - size - 4.0).sum())
         divergence += float((share - np.log(share) - 1.0).sum())
@@ -215,11 +223,11 @@ class PositiveProblem:
             hessian[np.diag_indices_from(hessian)] += np.where(np.arange(len(gradient)) < free, strength, 1.0)
             direction = -solve_positive(hessian, gradient)
             fall = -float(gradient @ direction)
-            if fall <= _DONE * max(abs(cost), strength, 1e-300):
+            if fall <= _MAX_DECREMENT * max(abs(cost), strength, 1e-300):
                 return J, x, cost, step, fall / 2
             scale = 1.0
             while True:
-                J_new, x_new = self._moved(L, x, scale * direction)
+                J_new, x_new = self._take_step(L, x, scale * direction)
                 new = self.cost(J_new, x_new, strength)
                 if new <= cost - 1e-4 * scale * fall or scale < 1e-10:
                     break
@@ -240,7 +248,7 @@ class PositiveProblem:
         T[self._free, np.arange(free, T.shape[1])] = self._size[self._free]
         return T
 
-    def _moved(self, L: Array, x: Array, step: Array) -> tuple[Array, Array]:
+    def _take_step(self, L: Array, x: Array, step: Array) -> tuple[Array, Array]:
         n = 10 * len(L)
         X = np.einsum("na,aij->nij", step[:n].reshape(-1, 10), _E)
         J = L @ (np.eye(4) + X) @ L.transpose(0, 2, 1)
@@ -252,7 +260,7 @@ class PositiveProblem:
 
 # ── Robot with physically consistent bodies, near the file's
 
-_NEAR_BEST = 1.01  # ratio to the least held-out residual up to which a stronger prior is preferred
+_MAX_RATIO_TO_BEST = 1.01  # ratio to the least held-out residual up to which a stronger prior is preferred
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,11 +338,12 @@ class ConsistentRobot:
         numbers : {joint: number}
         """
         names = self.base.unknown.names
-        return {
-            joint: float(self.fit.values[names.index(f"{joint}.{kind}")])
-            for joint in self.base.unknown.model.velocity_names
-            if f"{joint}.{kind}" in names
-        }
+        values: dict[str, float] = {}
+        for joint in self.base.unknown.model.velocity_names:
+            name = f"{joint}.{kind}"
+            if name in names:
+                values[joint] = self.value(name)
+        return values
 
     def outside(self, interval: Array, deviations: Array) -> list[str]:
         """Report groups that the weight of the prior moves out of their intervals.
@@ -351,7 +360,8 @@ class ConsistentRobot:
         low, high = interval.T
         values = self.base.project(self.fit.values)
         out = np.maximum(values - high, low - values) / np.maximum(deviations, 1e-300)
-        worst = [int(k) for k in np.argsort(-out) if out[k] > 0]
+        order = np.argsort(-out)
+        worst = order[out[order] > 0].tolist()
         if not worst:
             return []
         groups = [f"{self.base.names[k]} {number(values[k])} ({number(low[k])} to {number(high[k])})" for k in worst]
@@ -365,9 +375,13 @@ class ConsistentRobot:
     def of_several_joints(self) -> dict[str, float]:
         """Friction and motor inertia of motors that turn several joints, by name; robot files cannot store these."""
         unknown = self.base.unknown
-        of_joints = [f"{joint}.{kind}" for joint in unknown.model.velocity_names for kind in DRIVE]
-        pairs = zip(unknown.names, unknown.kinds, self.fit.values.tolist(), strict=True)
-        return {name: value for name, kind, value in pairs if kind in DRIVE and name not in of_joints}
+        joints = unknown.model.velocity_names
+        values: dict[str, float] = {}
+        for k, (name, kind) in enumerate(zip(unknown.names, unknown.kinds, strict=True)):
+            owner = name.removesuffix(f".{kind}")
+            if kind in DRIVE and owner not in joints:
+                values[name] = float(self.fit.values[k])
+        return values
 
     @property
     def robot(self) -> Robot:
@@ -377,10 +391,15 @@ class ConsistentRobot:
         viscous, coulomb, stribeck, inertia = map(self.of_joints, ("viscous", "coulomb", "stribeck", "motor_inertia"))
         laws: dict[str, dict[str, float]] = {}
         for joint in model.velocity_names:
-            laws[joint] = {law: of[joint] for law, of in (("viscous", viscous), ("coulomb", coulomb)) if joint in of}
+            law: dict[str, float] = {}
+            if joint in viscous:
+                law["viscous"] = viscous[joint]
+            if joint in coulomb:
+                law["coulomb"] = coulomb[joint]
             if joint in stribeck:
                 static = coulomb.get(joint, 0.0) + stribeck[joint]
-                laws[joint] |= {"static": static, "stribeck": self.base.unknown.stribeck_speed}
+                law |= {"static": static, "stribeck": self.base.unknown.stribeck_speed}
+            laws[joint] = law
         armature = np.array([inertia.get(joint, 0.0) for joint in model.velocity_names])
         return Robot(with_friction(replace(model, bodies=bodies, armature=armature), laws))
 
@@ -408,36 +427,36 @@ def consistent_robot(
     prior = PositivePrior.from_values(base, values, sizes)
     parts = [fold for fold in folds if fold[2] > 0]
     total = sum_of(parts)
-    strengths = (
-        STRENGTHS
-        if strength is None
-        else tuple(sorted({*(s for s in STRENGTHS if s > strength), strength}, reverse=True))
-    )
-    left = np.zeros(len(strengths))
+    strengths = STRENGTHS if strength is None else _path_to(strength)
+    squares = np.zeros(len(strengths))
     of_file = 0.0
-    for part, rest in left_out(parts):
-        fits = PositiveProblem(base, prior, *rest, sizes).path(strengths)
-        left += [squares_of(part, base.project(fit.values)) for fit in fits]
-        of_file += squares_of(part, file_with_drives(base, rest, weak))
-    shares = np.sqrt(left / total[2])
-    chosen = len(strengths) - 1 if strength is not None else int(np.argmax(shares <= _NEAR_BEST * shares.min()))
+    for part, training in left_out(parts):
+        fits = PositiveProblem(base, prior, *training, sizes).path(strengths)
+        squares += [squares_of(part, base.project(fit.values)) for fit in fits]
+        of_file += squares_of(part, file_with_drives(base, training, weak))
+    shares = np.sqrt(squares / total[2])
+    chosen = len(strengths) - 1
+    if strength is None:
+        chosen = int(np.argmax(shares <= _MAX_RATIO_TO_BEST * shares.min()))
     fit = PositiveProblem(base, prior, *total, sizes).path(strengths[: chosen + 1])[-1]
     curve = tuple(zip(strengths, shares.tolist(), strict=True))
     return ConsistentRobot(base, fit, curve, float(np.sqrt(of_file / total[2])), prior.repaired)
 
 
-def file_with_drives(base: BaseParameters, rest: Information, weak: Prior) -> Array:
-    """Groups of the file's bodies with fitted drives."""
+def _path_to(strength: float) -> tuple[float, ...]:
+    """Available weights of the prior above a given one, from large to small, and the given one."""
+    return (*(s for s in STRENGTHS if s > strength), strength)
+
+
+def file_with_drives(base: BaseParameters, training: Information, weak: Prior) -> Array:
+    """Groups of the file's bodies with drives fitted to training rows."""
     x = base.project(base.unknown.file_values)
     drives = base.drives
     if drives.size:
-        N, c, _ = rest
+        N, c, _ = training
         solver = Prior(np.zeros(len(drives)), weak.size[drives])
         x[drives] += solver.solve(N[np.ix_(drives, drives)], (c - N @ x)[drives])
     return x
-
-
-# ── Residuals of four models: the file, the file with friction, the groups, the consistent robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -467,17 +486,17 @@ def model_residuals(
     strength: float,
 ) -> ModelResiduals:
     """Predict each fifth from the others by all four."""
-    near = PositivePrior.from_values(base, values, sizes)
-    strengths = (*(s for s in STRENGTHS if s > strength), strength)
-    models: tuple[Callable[[tuple[Array, Array, float]], Array], ...] = (
-        lambda _: base.project(base.unknown.file_values),
-        lambda rest: file_with_drives(base, rest, weak),
-        lambda rest: weak.solve(rest[0], rest[1]),
-        lambda rest: base.project(PositiveProblem(base, near, *rest, sizes).path(strengths)[-1].values),
-    )
+    prior = PositivePrior.from_values(base, values, sizes)
+    strengths = _path_to(strength)
     parts = [fold for fold in folds if fold.y.sum() > 0]
-    left = np.zeros((len(models), base.unknown.model.nv))
-    for part, (_, rest) in zip(parts, left_out([part.together() for part in parts]), strict=True):
-        left += [part.squares(model(rest)) for model in models]
-    torques = np.sum([part.y for part in parts], axis=0)
-    return ModelResiduals(*np.sqrt(left / np.where(torques > 0, torques, np.inf)))
+    file = base.project(base.unknown.file_values)
+    squares, torques = np.zeros((4, base.unknown.model.nv)), np.zeros(base.unknown.model.nv)
+    for part, (_, training) in zip(parts, left_out([part.together() for part in parts]), strict=True):
+        N, c, _ = training
+        consistent = PositiveProblem(base, prior, *training, sizes).path(strengths)[-1]
+        squares[0] += part.squares(file)
+        squares[1] += part.squares(file_with_drives(base, training, weak))
+        squares[2] += part.squares(weak.solve(N, c))
+        squares[3] += part.squares(base.project(consistent.values))
+        torques += part.y
+    return ModelResiduals(*np.sqrt(squares / np.where(torques > 0, torques, np.inf)))

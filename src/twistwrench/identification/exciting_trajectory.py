@@ -30,25 +30,17 @@ from ..robot import Robot, load
 from ..robot.doors import clearance_along
 from ..robot.task_space_methods import require_robot
 from ..shapes.capsules import CapsuleDistances, LinkCapsules
+from .excitation.fourier_series import WindowedFourierSeries
+from .excitation.motion_information import CRITERIA, Criterion, MotionInformation
+from .excitation.trajectory_constraints import MAX_CHECK_STEP, Clear, TrajectoryConstraints, shared_bounds
+from .excitation.trajectory_search import MotionSearch, typical_sizes
 from .parameters import FRICTION, BaseParameters, FrictionLaws, UnknownParameters, check_speed
-from .trajectory_search import (
-    CRITERIA,
-    DENSE,
-    Clear,
-    Criterion,
-    MotionInformation,
-    MotionSearch,
-    TrajectoryConstraints,
-    WindowedFourierSeries,
-    shared_bounds,
-    typical_sizes,
-)
 
 if TYPE_CHECKING:
     from ..core.answers.page import Picture, Setting, Viewer
     from ..statics.clearance import PathClearance
 
-_JUDGED = 2001  # minimum number of instants of the final check
+_MIN_CHECKED_INSTANTS = 2001  # minimum number of instants of the final check
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -124,7 +116,7 @@ class ExcitingMotion(Answer):
 
     @cached_property
     def _rows(self) -> Array:
-        return self.information.rows(*self(np.linspace(0.0, self.duration, _JUDGED)))
+        return self.information.rows(*self(np.linspace(0.0, self.duration, _MIN_CHECKED_INSTANTS)))
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -160,18 +152,31 @@ class ExcitingMotion(Answer):
     @cached_property
     def peaks(self) -> dict[str, Array]:
         """Largest ``velocity``, ``acceleration`` and ``torque`` (nv,) each, and ``lower`` and ``upper`` positions."""
-        q, dq, ddq = self(np.linspace(0.0, self.duration, _JUDGED))
+        q, dq, ddq = self(np.linspace(0.0, self.duration, _MIN_CHECKED_INSTANTS))
         tau = np.asarray(self.robot.inverse_dynamics(q, dq, ddq, friction=True))
-        found = {name: np.abs(x).max(axis=0) for name, x in (("velocity", dq), ("acceleration", ddq), ("torque", tau))}
-        return {"lower": q.min(axis=0), "upper": q.max(axis=0), **found}
+        return {
+            "lower": q.min(axis=0),
+            "upper": q.max(axis=0),
+            "velocity": np.abs(dq).max(axis=0),
+            "acceleration": np.abs(ddq).max(axis=0),
+            "torque": np.abs(tau).max(axis=0),
+        }
 
     @cached_property
     def clearances(self) -> dict[str, float]:
         """Least distances [m] of the capsules from the ``floor`` and from each other (``itself``), if they were checked."""
-        instants, capsules = max(_JUDGED, int(np.ceil(self.duration / DENSE)) + 1), self.constraints.capsules
-        found, _ = capsules.evaluate(self(np.linspace(0.0, self.duration, instants))[0])
-        parts = dict(zip(("itself", "floor"), np.split(found, [len(capsules.pairs)], axis=1), strict=True))
-        return {name: float(part.min()) for name, part in parts.items() if part.size}
+        instants, capsules = (
+            max(_MIN_CHECKED_INSTANTS, int(np.ceil(self.duration / MAX_CHECK_STEP)) + 1),
+            self.constraints.capsules,
+        )
+        distances, _ = capsules.evaluate(self(np.linspace(0.0, self.duration, instants))[0])
+        of_links, of_floor = np.split(distances, [len(capsules.pairs)], axis=1)
+        least: dict[str, float] = {}
+        if of_links.size:
+            least["itself"] = float(of_links.min())
+        if of_floor.size:
+            least["floor"] = float(of_floor.min())
+        return least
 
     @property
     def unwatched(self) -> tuple[str, ...]:
@@ -190,8 +195,10 @@ class ExcitingMotion(Answer):
         if capsules.assumed and (self.clearances or self.unwatched):
             unsure.append(capsules.assumption)
         unsure += [f"not looked at: {sentence}" for sentence in self.unwatched]
-        near = [(name.replace("floor", "the floor"), 1000.0 * x) for name, x in self.clearances.items() if x <= 0.0]
-        unsure += [f"it comes to {number(mm)} mm from {name}" for name, mm in near]
+        for name, distance in self.clearances.items():
+            if distance <= 0.0:
+                obstacle = name.replace("floor", "the floor")
+                unsure.append(f"it comes to {number(1000.0 * distance)} mm from {obstacle}")
         own = Verdict.from_reasons(unsure=unsure)
         return own if self.clearance is None else own.joined(self.clearance.verdict)
 

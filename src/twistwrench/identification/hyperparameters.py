@@ -16,7 +16,16 @@ from ..core.numbers import number
 from ..core.text import listed
 from ..core.typing import Array
 from .parameters import BaseParameters, speed_owner
-from .rows import MOST_ROWS, FilteredRows, JudgedStates, SteadySamples, cutoffs, torques_below
+from .rows import (
+    MOST_ROWS,
+    FilteredRows,
+    JudgedStates,
+    SteadySamples,
+    cutoffs,
+    interpolate,
+    torques_below,
+    total_seconds,
+)
 
 
 @dataclass(frozen=True)
@@ -147,8 +156,8 @@ class Trial:
 SPEEDS = (0.003, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Candidate Coulomb smoothing speeds [rad/s, m/s]."""
 _USUAL_SPEED = 0.05
-_MILLISECONDS = (1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90, 130, 200, 300)
-_SHIFTS = tuple(1e-3 * s for s in sorted({0, *_MILLISECONDS, *(-s for s in _MILLISECONDS)}))
+_MILLISECONDS = np.array([1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90, 130, 200, 300])
+_SHIFTS = (*(-1e-3 * _MILLISECONDS[::-1]).tolist(), 0.0, *(1e-3 * _MILLISECONDS).tolist())
 _MIN_ROWS_OF_GROUP = 10.0  # minimum number of equations per group at a cut-off
 _BYTES = 64 * 2**20
 """Cache size for rows at several cut-offs with their states, and for normal equations at several settings; the least
@@ -309,7 +318,7 @@ class SettingRows:
 
     def _better(self, first: FitSettings, other: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
         """Return the other settings if their gain is significant; short logs need a larger gain."""
-        independent = 2.0 * first.cutoff * sum(s.seconds for s in self.samples)
+        independent = 2.0 * first.cutoff * total_seconds(self.samples)
         worth = max(_MIN_GAIN * len(self.dead), _MAX_CHANCE_GAIN / independent)
         gain = self._score(first, prior, blocks) - self._score(other, prior, blocks)
         return other if gain > worth else first
@@ -341,8 +350,7 @@ class SettingRows:
         """(m, nv) torques of the states on which a cut-off is scored, ``shift`` seconds later."""
         parts = list[Array]()
         for s, (time, tau) in zip(self._judged(cutoff).states, self._torques, strict=True):
-            shifted = [np.interp(s.time + shift, time, x) for x in tau.T]
-            parts.append(np.stack(shifted, axis=1))
+            parts.append(interpolate(s.time + shift, time, tau))
         return np.concatenate(parts)
 
     def _best_cutoffs(

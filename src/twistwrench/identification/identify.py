@@ -27,12 +27,12 @@ from ..robot import Robot, load
 from ..robot.task_space_methods import require_robot
 from ..robots.finding import bundled_file
 from .assumed import AssumedCauses, begin_settings, fit_covariance, wanted_causes
-from .cause_doubts import cause_doubts, doubt_of_cause, laws_of_the_robot
-from .cause_fit import log_fit
 from .consistent import check_strength
-from .diagnosis import WantedCause, diagnose, law_changes
-from .fit_doubts import LEFT_OUT, doubts_of, sorted_doubts
-from .fitted_log import FittedLog
+from .diagnosis.cause_doubts import cause_doubts, doubt_of_cause, laws_of_the_robot
+from .diagnosis.cause_fit import log_fit
+from .diagnosis.diagnose import WantedCause, diagnose, law_changes
+from .doubts.fit_doubts import LEFT_OUT, doubts_of, sorted_doubts
+from .doubts.fitted_log import FittedLog
 from .hyperparameters import FitOptions, FitSettings, SettingRows, Trial
 from .log_windows import Log, LogSource, ReadLog, read_logs, steady_samples
 from .parameters import (
@@ -46,7 +46,7 @@ from .parameters import (
 )
 from .payload import MotorSide, unknown_of
 from .result import IdentifiedRobot, without_links
-from .rows import MOST_ROWS, ROW_RATE, SteadySamples, gap_notes
+from .rows import MOST_ROWS, ROW_RATE, SteadySamples, gap_notes, lowest_rate, total_seconds
 
 METHODS = ("irls", "wls", "ols")
 Causes: TypeAlias = str | Sequence[str]
@@ -251,11 +251,16 @@ def log_sources(
 
 def _readable(logs: Sequence[ReadLog | Failure]) -> tuple[ReadLog, ...]:
     """Logs that could be read; raises TrajectoryError if there are logs, and none could."""
-    found = tuple(log for log in logs if isinstance(log, ReadLog))
-    if logs and not found:
-        first = next(log for log in logs if isinstance(log, Failure))
+    readable, failures = list[ReadLog](), list[Failure]()
+    for log in logs:
+        if isinstance(log, Failure):
+            failures.append(log)
+        else:
+            readable.append(log)
+    if failures and not readable:
+        first = failures[0]
         raise TrajectoryError(first.reason) if first.problem is None else TrajectoryError(*first.problem.args)
-    return found
+    return tuple(readable)
 
 
 def _unreadable(sources: Sequence[LogSource], logs: Sequence[ReadLog | Failure]) -> list[Doubt]:
@@ -304,7 +309,7 @@ def _identify_once(
     fifths = tuple(_normal_equations(trial, sigma, weights, trial.fold == b) for b in range(FOLDS))
     fitted = FittedLog(
         base, logs, trial.W, trial.tau, settings, prior, x, of_noise, held_out, among, fifths, trial.rows.speed,
-        trial.rows.acceleration, min(s.rate for s in source.samples), source.dead, causes, payload_only is not None,
+        trial.rows.acceleration, lowest_rate(source.samples), source.dead, causes, payload_only is not None,
     )  # fmt: skip
     tell(1.0)
     found = IdentifiedRobot(
@@ -466,8 +471,8 @@ def measured_causes(robot: Robot, logs: Log | Sequence[Log]) -> tuple[Doubt, ...
     except (ModelError, TrajectoryError):
         return ()
     samples, dead = steady_samples(read), _dead_torques(read)
-    cutoff = min(_MAX_SEARCH_CUTOFF, 0.1 * min(s.rate for s in samples))
-    rows = ROW_RATE * cutoff * sum(s.seconds for s in samples)
+    cutoff = min(_MAX_SEARCH_CUTOFF, 0.1 * lowest_rate(samples))
+    rows = ROW_RATE * cutoff * total_seconds(samples)
     still = not any(moves(log.q).any() for log in read)
     if still or dead.all() or rows < _MIN_ROWS_OF_GROUP * BaseParameters.from_unknowns(unknown).count:
         return ()

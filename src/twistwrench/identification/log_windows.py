@@ -317,9 +317,9 @@ def read_logs(
     _OPENED.clear()
     files = sum(source.motion is None for source in sources)
     logs = list[ReadLog | Failure]()
-    for source, check, windows in zip(sources, checks, windows_of, strict=True):
+    for source, check, results in zip(sources, checks, windows_of, strict=True):
         name = source.path if files > 1 and source.motion is None else ""
-        logs.append(_read_log(name, check, windows))
+        logs.append(_read_log(name, check, results))
     return logs
 
 

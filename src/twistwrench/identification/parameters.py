@@ -70,6 +70,11 @@ def without_coupled_motors(robot: Robot) -> Robot:
     return Robot(without_couplings(robot.model))
 
 
+def turning_joints(model: Model) -> Array:
+    """(nv,) bool, True for joints that turn."""
+    return np.array([body.joint.turning[0] for body in model.leaders], bool)
+
+
 def group_units(groups: Sequence[str], model: Model) -> tuple[str, ...]:
     """SI units of groups of parameters: those of their first parameters."""
     sliding = {body.joint.name for body in model.bodies if not any(body.joint.turning)}
@@ -227,12 +232,11 @@ class UnknownParameters:
     def lengths(self) -> tuple[float, float]:
         """Typical mass [kg] and length [m] of the whole robot, for weak priors and scales."""
         model = self.model
-        reach = np.zeros(len(model.bodies))
+        reach, length = np.zeros(len(model.bodies)), _SMALLEST_LENGTH
         for i, body in enumerate(model.bodies):
             if body.parent != BASE:
                 reach[i] = reach[body.parent] + float(np.linalg.norm(body.placement[:3, 3]))
-        coms = [float(np.linalg.norm(body.inertia.com)) for body in model.bodies]
-        length = float(max((reach + coms).max(), _SMALLEST_LENGTH))
+            length = max(length, float(reach[i] + np.linalg.norm(body.inertia.com)))
         mass = model.moving_mass
         return max(mass, _SMALLEST_MASS) if mass > 0 else 1.0, length
 
@@ -340,8 +344,8 @@ class UnknownParameters:
         which = np.asarray(which, int)
         kinds, shares = np.array(self.kinds)[which], self.shares[which]
         factors, rates = np.ones((len(dq), len(which))), dq @ shares.T
-        motor, viscous, fading = (np.flatnonzero(kinds == kind) for kind in ("motor_inertia", "viscous", "stribeck"))
-        dry = np.flatnonzero(np.isin(kinds, _DRY))
+        motor, viscous = np.flatnonzero(kinds == "motor_inertia"), np.flatnonzero(kinds == "viscous")
+        dry, fading = np.flatnonzero(np.isin(kinds, _DRY)), np.flatnonzero(kinds == "stribeck")
         speeds = friction_speed[[speed_owner(shares[k]) for k in dry]]
         factors[:, motor] = ddq @ shares[motor].T
         factors[:, viscous] = rates[:, viscous]
@@ -443,7 +447,7 @@ class BaseParameters:
         rng = np.random.default_rng(seed)
         states = -(-_ROWS_PER_COLUMN * p // nv) + 8
         q = robot.random_configuration(rng, states)
-        turning = np.array([b.joint.turning[0] for b in unknown.model.leaders])
+        turning = turning_joints(unknown.model)
         q = np.where(turning, rng.uniform(-np.pi, np.pi, q.shape), q)
         dq, ddq = rng.normal(size=(2, states, nv)) * 2.0
         ones = np.ones(nv)
@@ -486,7 +490,7 @@ class BaseParameters:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the groups, such as ``link_2.mcx + 0.225 link_3.m``, with the kept parameter first."""
-        return tuple(self._name(k) for k in range(self.count))
+        return tuple(map(self._name, range(self.count)))
 
     def project(self, values: Array) -> Array:
         """Values of the groups for given parameters.

@@ -107,19 +107,19 @@ class MotorSide:
         Rows of A for named motors; otherwise rows of R, scaled to 1 for their own joint.
         """
         if self.rates is not None:
-            return self.rates[self._together]
-        rows = [self.ratios[j] / (self.ratios[j, j] or np.abs(self.ratios[j]).max()) for j in self._together]
+            return self.rates[self._coupled_indices]
+        rows = [self.ratios[j] / (self.ratios[j, j] or np.abs(self.ratios[j]).max()) for j in self._coupled_indices]
         return np.array(rows).reshape(-1, len(self.ratios))
 
     @property
     def coupled_motors(self) -> list[str]:
         """Names of the motors that turn with several joints; empty if only joints have names."""
-        return [self.names[j] if self.names else "" for j in self._together]
+        return [self.names[j] if self.names else "" for j in self._coupled_indices]
 
     @property
-    def _together(self) -> list[int]:
+    def _coupled_indices(self) -> list[int]:
         """Indices of the motors that turn with several joints."""
-        return [j for j, row in enumerate(self.ratios) if np.count_nonzero(row) > 1]
+        return np.flatnonzero(np.count_nonzero(self.ratios, axis=1) > 1).tolist()
 
     def joint_positions(self, q: Array) -> Array:
         """Positions of the joints.
@@ -158,12 +158,14 @@ class MotorSide:
         -------
         rows : LogRows
         """
-        rates = {
-            name: None if x is None else np.linalg.solve(self.ratios, x.T).T
-            for name, x in (("dq", rows.dq), ("ddq", rows.ddq))
-        }
-        given: dict[str, Any] = {**rates, "tau": None if rows.tau is None else self.joint_torques(rows.tau)}
-        return replace(rows, q=self.joint_positions(rows.q), **given)
+        dq, ddq, tau = rows.dq, rows.ddq, rows.tau
+        if dq is not None:
+            dq = np.linalg.solve(self.ratios, dq.T).T
+        if ddq is not None:
+            ddq = np.linalg.solve(self.ratios, ddq.T).T
+        if tau is not None:
+            tau = self.joint_torques(tau)
+        return replace(rows, q=self.joint_positions(rows.q), dq=dq, ddq=ddq, tau=tau)
 
 
 def motor_side(model: Model, source: Source | ActuatorFile) -> MotorSide:
@@ -185,24 +187,23 @@ def motor_side(model: Model, source: Source | ActuatorFile) -> MotorSide:
     >>> motor_side(tw.robots.planar_2r().model, said).ratios.tolist()
     [[50.0, 0.0], [0.0, -20.0]]
     """
-    said = read_log_side(model, source)
-    place = {name: k for k, name in enumerate(model.velocity_names)}
-    driven = with_couplings(without_couplings(model), said.couplings)
-    R, zero, gain = np.eye(len(place)), np.zeros(len(place)), np.ones(len(place))
-    for name, k in place.items():
-        zero[k] = said.zero.get(name, 0.0)
-    if said.of_motors:
+    side = read_log_side(model, source)
+    index = {name: k for k, name in enumerate(model.velocity_names)}
+    driven = with_couplings(without_couplings(model), side.couplings)
+    R, gain = np.eye(len(index)), np.ones(len(index))
+    zero = np.array([side.zero.get(name, 0.0) for name in model.velocity_names])
+    if side.of_motors:
         R = motor_velocities(driven, R).T
     for k, name in enumerate(driven.drive_names):
-        if said.of_motors:
-            R[k] *= said.ratios.get(name, 1.0)
-            for other, value in said.coupled.get(name, {}).items():
-                R[k, place[other]] = value
-        R[k] *= said.sign.get(name, 1.0)
-        gain[k] = said.gain.get(name, 1.0)
-    if not (said.of_motors and said.couplings):
+        if side.of_motors:
+            R[k] *= side.ratios.get(name, 1.0)
+            for other, value in side.coupled.get(name, {}).items():
+                R[k, index[other]] = value
+        R[k] *= side.sign.get(name, 1.0)
+        gain[k] = side.gain.get(name, 1.0)
+    if not (side.of_motors and side.couplings):
         return MotorSide(R + 0.0, zero, gain)
-    return MotorSide(R + 0.0, zero, gain, driven.drive_names, motor_velocities(driven, np.eye(len(place))).T)
+    return MotorSide(R + 0.0, zero, gain, driven.drive_names, motor_velocities(driven, np.eye(len(index))).T)
 
 
 def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: Any) -> MotionLog:
@@ -226,12 +227,19 @@ def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: 
     if side is not None and side.names:
         motors = {*side.names} - {*model.velocity_names}
         header = open_motion_file(path, reading.get("topic"), reading.get("episode")).header
-        if any(cell.partition(".")[0].partition(" ")[0] in motors for cell in header):
-            bodies = [
-                b if b.follows else replace(b, joint=replace(b.joint, name=side.names[b.v_index])) for b in model.bodies
-            ]
-            model = replace(model, bodies=tuple(bodies), actuators={}, springs=())
+        owners = {cell.partition(".")[0].partition(" ")[0] for cell in header}
+        if not motors.isdisjoint(owners):
+            model = _named_after_motors(model, side.names)
     return MotionLog.open(path, model, **reading)
+
+
+def _named_after_motors(model: Model, names: Sequence[str]) -> Model:
+    """Model whose joints have the names of their motors, without actuators and springs."""
+    bodies = list(model.bodies)
+    for i, body in enumerate(bodies):
+        if not body.follows:
+            bodies[i] = replace(body, joint=replace(body.joint, name=names[body.v_index]))
+    return replace(model, bodies=tuple(bodies), actuators={}, springs=())
 
 
 def read_motion(
@@ -357,40 +365,45 @@ def payload_body(robot: Robot, frame: str) -> str:
 
 def known_but_for(robot: Robot, link: str) -> dict[str, float]:
     """Values of the file for all parameters except the ten of one moving body and the offsets of the joints."""
-    model, own = robot.model, robot.parameters
-    known = {
-        f"{body.link}.{name}": float(own[10 * i + k])
-        for i, body in enumerate(model.bodies)
-        if body.link != link and body.link in model.link_inertias
-        for k, name in enumerate(PARAMETER_NAMES)
-    }
+    model = robot.model
+    known: dict[str, float] = {}
+    for body, values in zip(model.bodies, robot.parameters.reshape(-1, len(PARAMETER_NAMES)).tolist(), strict=True):
+        if body.link != link and body.link in model.link_inertias:
+            names = [f"{body.link}.{name}" for name in PARAMETER_NAMES]
+            known |= dict(zip(names, values, strict=True))
     drives: Mapping[str, Array] = {
         "motor_inertia": np.broadcast_to(model.armature, robot.nv),
         "viscous": model.friction.viscous,
         "coulomb": model.friction.coulomb,
     }
-    for kind, values in drives.items():
-        known |= {f"{name}.{kind}": float(v) for name, v in zip(model.velocity_names, values, strict=True)}
+    for kind, of_joints in drives.items():
+        names = [f"{name}.{kind}" for name in model.velocity_names]
+        known |= dict(zip(names, np.asarray(of_joints, float).tolist(), strict=True))
     return known
 
 
 def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, covariance: Array) -> IdentifiedPayload:
     """Payload: difference between the groups and the file in the ten parameters of the carrying body."""
     place, names = robot.model.frames[frame], list(base.unknown.names)
-    ten = [f"{payload_body(robot, frame)}.{name}" for name in PARAMETER_NAMES]
-    beyond = values - base.project(base.unknown.file_values)
+    body = payload_body(robot, frame)
+    difference = values - base.project(base.unknown.file_values)
     S = np.zeros((10, base.count))  # undetermined parameters keep the values of the file
-    for k, name in enumerate(ten):
+    undetermined: list[str] = []
+    for k, parameter in enumerate(PARAMETER_NAMES):
+        name = f"{body}.{parameter}"
         S[k, base.kept == names.index(name)] = 1.0
+        if not S[k].any():
+            undetermined.append(name)
     T = np.linalg.inv(place.pose)
-    A = np.stack([SpatialInertia.from_parameters(e).in_frame(T).parameters for e in np.eye(10)], axis=1) @ S
-    G = SpatialInertia.from_parameters(A @ beyond)
+    in_frame = [SpatialInertia.from_parameters(e).in_frame(T).parameters for e in np.eye(10)]
+    A = np.stack(in_frame, axis=1) @ S
+    G = SpatialInertia.from_parameters(A @ difference)
     C = A @ covariance @ A.T
-    m, mc = (PARAMETER_NAMES.index(name) for name in ("m", "mcx"))
+    m, mc = PARAMETER_NAMES.index("m"), PARAMETER_NAMES.index("mcx")
     J = np.zeros((3, 10))  # c = (m c) / m
     J[:, mc : mc + 3], J[:, m] = np.eye(3) / G.mass, -np.asarray(G.com) / G.mass
-    lacking = tuple(name for name, row in zip(ten, S, strict=True) if not row.any())
-    return IdentifiedPayload(frame, G, float(np.sqrt(C[m, m])), np.sqrt((J @ C @ J.T).diagonal()), lacking)
+    com_deviations = np.sqrt((J @ C @ J.T).diagonal())
+    return IdentifiedPayload(frame, G, float(np.sqrt(C[m, m])), com_deviations, tuple(undetermined))
 
 
 def unknown_of(

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from .exciting_trajectory import ExcitingMotion
     from .result import IdentifiedRobot
 
-_BAND, _FAR = 1.96, 4.0
+_BAND, _MIN_OUTLIER = 1.96, 4.0
 """Standard deviations: half-width of a 95 % band, and threshold of marked residuals."""
-_SPEEDS, _USUAL = 201, 2.0
+_SPEEDS, _DEFAULT_SPEED = 201, 2.0
 """Number of points of a curve, and its maximum speed for joints without a limit [rad/s, m/s]."""
 _BAR = 0.2
 """Width of each of the four bars of a joint, which has unit width."""
@@ -35,8 +35,12 @@ _LAWS = ("viscous", "coulomb", "stribeck", "offset")
 
 def frictional(found: IdentifiedRobot) -> list[int]:
     """Joints with identified friction."""
-    names = found.original.velocity_names
-    return [k for k, name in enumerate(names) if any(f"{name}.{law}" in found.groups for law in _LAWS[:3])]
+    joints: list[int] = []
+    for k, name in enumerate(found.original.velocity_names):
+        laws = {f"{name}.{law}" for law in _LAWS[:3]}
+        if not laws.isdisjoint(found.groups):
+            joints.append(k)
+    return joints
 
 
 def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
@@ -44,15 +48,21 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
     kinds, model = Coordinates.from_model(found.original.model), found.original.model
     for axes, k in zip(grid, frictional(found), strict=True):
         name, turns = found.original.velocity_names[k], bool(kinds.angular_velocity[k])
-        most = float(model.limits.velocity[k])
-        dq = np.linspace(-1, 1, _SPEEDS) * (most if np.isfinite(most) else _USUAL)
+        max_speed = float(model.limits.velocity[k])
+        if not np.isfinite(max_speed):
+            max_speed = _DEFAULT_SPEED
+        dq = np.linspace(-1, 1, _SPEEDS) * max_speed
         eased = np.tanh(dq / found.settings.friction_speed[k])
         fading = np.exp(-((dq / found.base.unknown.stribeck_speed) ** 2))
-        laws = dict(zip(_LAWS, (dq, eased, fading * eased, np.ones_like(dq)), strict=True))
-        kept = {law: x for law, x in laws.items() if f"{name}.{law}" in found.groups}
-        at, columns = [found.groups.index(f"{name}.{law}") for law in kept], np.stack(list(kept.values()), axis=1)
-        torque = columns @ found.values[at]
-        variance = np.einsum("ni,ij,nj->n", columns, found.covariance.matrix[np.ix_(at, at)], columns)
+        groups: list[int] = []
+        parts: list[Any] = []
+        for law, part in zip(_LAWS, (dq, eased, fading * eased, np.ones_like(dq)), strict=True):
+            if f"{name}.{law}" in found.groups:
+                groups.append(found.groups.index(f"{name}.{law}"))
+                parts.append(part)
+        columns = np.stack(parts, axis=1)
+        torque = columns @ found.values[groups]
+        variance = np.einsum("ni,ij,nj->n", columns, found.covariance.matrix[np.ix_(groups, groups)], columns)
         half = _BAND * np.sqrt(np.maximum(variance, 0.0))
         axes.fill_between(dq, torque - half, torque + half, color=style.PALE, linewidth=0, label="95 %")
         axes.plot(dq, torque, color=style.LINE, linewidth=1.2, label="identified")
@@ -74,7 +84,7 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
         axes.axhspan(-_BAND * sigma, _BAND * sigma, color=style.PALE, linewidth=0, label="95 % of training rows")
         for rows in found.held_out.rows:
             left = rows.measured[:, j] - rows.predicted[:, j]
-            far = np.abs(left) > _FAR * sigma
+            far = np.abs(left) > _MIN_OUTLIER * sigma
             axes.plot(rows.time, left, ".", color=style.QUIET, markersize=1.5)
             axes.plot(rows.time[far], left[far], ".", color=style.VERMILION, markersize=2.5)
         axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
@@ -138,7 +148,9 @@ def excitation_plots(found: ExcitingMotion) -> Mapping[str, Plot]:
 
 def pictures_of_plots(plots: Mapping[str, Plot]) -> Iterable[Picture]:
     """Each plot as a picture of a page; none if matplotlib is not installed."""
-    return [] if find_spec("matplotlib") is None else [drawn(kind, plot) for kind, plot in plots.items()]
+    if find_spec("matplotlib") is None:
+        return []
+    return [drawn(kind, plot) for kind, plot in plots.items()]
 
 
 def plot_identification(found: IdentifiedRobot, path: Any) -> Path:
@@ -159,8 +171,10 @@ def identification_pictures(found: IdentifiedRobot) -> list[Picture]:
     """Pictures of the report: robot, torques, residuals, friction, groups, the weight of the prior, and bodies."""
     if find_spec("matplotlib") is None:
         return []
-    worst = found.worst
-    marked = None if worst is None else MarkedJoint(worst[0], f"{worst[0]}, the largest share left unexplained")
+    marked = None
+    if found.worst is not None:
+        name, _ = found.worst
+        marked = MarkedJoint(name, f"{name}, the largest share left unexplained")
     still = robot_picture(found.original, None, marked, found.original.name)
     return [still, *_plots_of_report(found)]
 

@@ -17,7 +17,7 @@ from ..core.doubts import Doubt, verdict_from_doubts
 from ..core.errors import UnknownNameError
 from ..core.estimation.covariance import GroupCovariance
 from ..core.estimation.cross_validation import HeldOut
-from ..core.estimation.least_squares import NormalEquations, Prior
+from ..core.estimation.least_squares import Information, NormalEquations, Prior
 from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.numbers import percent
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from ..core.answers.page import Picture, Setting
     from ..motion.motion import Motion
 
-_OPEN = 0.02  # share of a joint's torque in another motion that the deviation of a group leaves open
-_POOR = 0.3  # relative deviation from which a group is poorly determined
+_MIN_OPEN_SHARE = 0.02  # share of a joint's torque in another motion that the deviation of a group leaves open
+_MIN_POOR_DEVIATION = 0.3  # relative deviation from which a group is poorly determined
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -157,8 +157,10 @@ class IdentifiedRobot(Answer):
     def worst(self) -> tuple[str, float] | None:
         """Joint with the largest unexplained share of its torque in rows held out, and that share; None without torques."""
         known = {name: share for name, share in self.held_out.joints.items() if math.isfinite(share)}
-        name = max(known, key=lambda joint: known[joint], default=None)
-        return None if name is None else (name, known[name])
+        if not known:
+            return None
+        name = max(known, key=lambda joint: known[joint])
+        return name, known[name]
 
     @property
     def free_count(self) -> int:
@@ -168,13 +170,13 @@ class IdentifiedRobot(Answer):
     @property
     def offsets(self) -> Mapping[str, float]:
         """Offset of the torque of each joint that has a group of its own; 0 if 0 is inside its interval."""
-        names = [f"{joint}.offset" for joint in self.original.model.velocity_names]
         low, high = self.interval().T
-        at = {name: self.groups.index(name) for name in names if name in self.groups}
-        return {
-            name.removesuffix(".offset"): 0.0 if low[k] <= 0.0 <= high[k] else float(self.values[k])
-            for name, k in at.items()
-        }
+        offsets: dict[str, float] = {}
+        for joint in self.original.model.velocity_names:
+            if f"{joint}.offset" in self.groups:
+                k = self.groups.index(f"{joint}.offset")
+                offsets[joint] = 0.0 if low[k] <= 0.0 <= high[k] else float(self.values[k])
+        return offsets
 
     def consistent_at(self, strength: float | None) -> ConsistentRobot:
         """Consistent robot for a given weight of the prior.
@@ -193,8 +195,11 @@ class IdentifiedRobot(Answer):
             The strength is not one of the available weights.
         """
         check_strength(strength)
-        fifths = [fifth.together() for fifth in self._fifths]
-        return consistent_robot(self.base, self.values, self.sizes, fifths, self.prior, strength)
+        return consistent_robot(self.base, self.values, self.sizes, self._information(), self.prior, strength)
+
+    def _information(self) -> list[Information]:
+        """Normal equations of each fifth of the time, of all joints together."""
+        return [fifth.together() for fifth in self._fifths]
 
     @property
     def robot(self) -> Robot:
@@ -241,9 +246,12 @@ class IdentifiedRobot(Answer):
     @property
     def load_friction(self) -> Mapping[str, float]:
         """Load friction by joint, as a share of the carried torque, if it was assumed and its estimate is positive."""
-        names = self.original.model.velocity_names
-        assumed = [one for one in self.settings.assumed if one.kind == "load-friction" and (one.value or 0.0) > 0.0]
-        return {joint: 0.01 * (one.value or 0.0) for one in assumed for joint in one.joints or names}
+        friction: dict[str, float] = {}
+        for one in self.settings.assumed:
+            value = one.value or 0.0
+            if one.kind == "load-friction" and value > 0.0:
+                friction |= dict.fromkeys(one.joints or self.original.model.velocity_names, 0.01 * value)
+        return friction
 
     @cached_property
     def payload(self) -> IdentifiedPayload | None:
@@ -255,8 +263,7 @@ class IdentifiedRobot(Answer):
     @cached_property
     def essential(self) -> EssentialGroups:
         """Smallest set of groups that predicts held-out rows as well as all groups."""
-        fifths = [fifth.together() for fifth in self._fifths]
-        return essential_groups(self.groups, fifths, self.prior.size, self.base.held, self.values)
+        return essential_groups(self.groups, self._information(), self.prior.size, self.base.held, self.values)
 
     @cached_property
     def residuals(self) -> ModelResiduals:
@@ -290,16 +297,21 @@ class IdentifiedRobot(Answer):
         """Names of the groups whose standard deviation exceeds 30 % of their value, largest share first."""
         share = self.standard_deviations / np.maximum(np.abs(self.values), 1e-300)
         order = np.argsort(-share)
-        return tuple(self.groups[k] for k in order if share[k] > _POOR and not self.base.held[k])
+        is_poor = (share > _MIN_POOR_DEVIATION) & ~self.base.held
+        return tuple(self.groups[k] for k in order[is_poor[order]])
 
     @property
     def open_for_torques(self) -> dict[str, tuple[str, float]]:
         """Groups whose deviation changes torques of another motion by over 2 % of a joint's, with the joint and the share."""
-        by_joint = np.zeros((1, len(self.groups))) if self.torque_shares is None else self.torque_shares
-        shares, joints = by_joint.max(axis=0), by_joint.argmax(axis=0).tolist()
-        order = [k for k in np.argsort(-shares).tolist() if shares[k] > _OPEN]
+        if self.torque_shares is None:
+            return {}
         names = self.original.model.velocity_names
-        return {self.groups[k]: (names[joints[k]], float(shares[k])) for k in order}
+        largest, joints = self.torque_shares.max(axis=0), self.torque_shares.argmax(axis=0)
+        groups: dict[str, tuple[str, float]] = {}
+        for k in np.argsort(-largest):
+            if largest[k] > _MIN_OPEN_SHARE:
+                groups[self.groups[k]] = (names[joints[k]], float(largest[k]))
+        return groups
 
     @property
     def parameters(self) -> Mapping[str, tuple[float, float]]:
@@ -454,8 +466,6 @@ class IdentifiedRobot(Answer):
         -------
         findings : dict, compatible with ``json.dumps``
         """
-        names = self.original.model.velocity_names
-        speeds = dict(zip(names, self.settings.friction_speed.tolist(), strict=True))
         own = {
             "doubts": [doubt.to_dict() for doubt in self.doubts],
             "notes": list(self.notes),
@@ -464,23 +474,8 @@ class IdentifiedRobot(Answer):
             "base_parameters": self.base.count,
             "held_out": {"kind": self.held_out.kind, "all": self.held_out.all, "joints": self.held_out.joints},
             "training": {"all": self.trained.all, "joints": self.trained.joints},
-            "settings": {
-                "method": self.method,
-                "cutoff": self.settings.cutoff,
-                "friction_speed": speeds,
-                "shift": self.settings.shift,
-                "block": self.covariance.block,
-            },
-            "parameters": {
-                name: {"value": value, "deviation": deviation, "interval": interval, "prior": before}
-                for name, (value, deviation), interval, before in zip(
-                    self.groups,
-                    self.parameters.values(),
-                    self.interval().tolist(),
-                    self.prior.mean.tolist(),
-                    strict=True,
-                )
-            },
+            "settings": self._settings_to_dict(),
+            "parameters": self._parameters_to_dict(),
             "poorly_determined": list(self.poorly_determined),
             "held": {self.groups[k]: float(self.values[k]) for k in np.flatnonzero(self.base.held)},
             "essential": dict(zip(self.essential.names, self.essential.values.tolist(), strict=True)),
@@ -488,16 +483,42 @@ class IdentifiedRobot(Answer):
             "payload": None if self.payload is None else self.payload.to_dict(),
             "thresholds": None if self.thresholds is None else self.thresholds.to_dict(),
         }
-        return {**super().to_dict(), **_known(own)}
+        return {**super().to_dict(), **_without_infinities(own)}
+
+    def _settings_to_dict(self) -> dict[str, Any]:
+        """Settings of the fit."""
+        names = self.original.model.velocity_names
+        return {
+            "method": self.method,
+            "cutoff": self.settings.cutoff,
+            "friction_speed": dict(zip(names, self.settings.friction_speed.tolist(), strict=True)),
+            "shift": self.settings.shift,
+            "block": self.covariance.block,
+        }
+
+    def _parameters_to_dict(self) -> dict[str, dict[str, Any]]:
+        """Value, deviation, interval and file value of each group, by name."""
+        intervals, file_values = self.interval().tolist(), self.prior.mean.tolist()
+        parameters: dict[str, dict[str, Any]] = {}
+        for k, (name, (value, deviation)) in enumerate(self.parameters.items()):
+            parameters[name] = {
+                "value": value,
+                "deviation": deviation,
+                "interval": intervals[k],
+                "prior": file_values[k],
+            }
+        return parameters
 
 
-def _known(data: Any) -> Any:
+def _without_infinities(data: Any) -> Any:
     """Replace numbers that JSON cannot represent by None."""
     if isinstance(data, dict):
-        return {name: _known(value) for name, value in data.items()}
+        return {name: _without_infinities(value) for name, value in data.items()}
     if isinstance(data, list | tuple):
-        return [_known(value) for value in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data
+        return [_without_infinities(value) for value in data]
+    if isinstance(data, float) and not math.isfinite(data):
+        return None
+    return data
 
 
 # ── Robot without some of its links

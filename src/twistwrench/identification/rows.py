@@ -85,6 +85,21 @@ class SteadySamples:
         return (len(self) - 1) / self.rate
 
 
+def total_seconds(samples: Sequence[SteadySamples]) -> float:
+    """Duration of several logs together [s]."""
+    return sum(log.seconds for log in samples)
+
+
+def lowest_rate(samples: Sequence[SteadySamples]) -> float:
+    """Lowest sampling rate of several logs [Hz]."""
+    return min(log.rate for log in samples)
+
+
+def interpolate(at: Array, time: Array, x: Array) -> Array:
+    """(k, n) values at times (k,) of columns x (m, n), straight between times (m,)."""
+    return np.stack([np.interp(at, time, column) for column in x.T], axis=1)
+
+
 def pause_lengths(time: Array) -> Array:
     """Lengths (k,) [s] of the pauses of time stamps (n,), at which logs are split.
 
@@ -115,7 +130,7 @@ def _resample(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Arra
 
     local = time - time[0]
     at = np.clip(at - time[0], 0.0, local[-1])
-    return CubicSpline(local, q)(at), np.stack([np.interp(at, local, x) for x in tau.T], axis=1)
+    return CubicSpline(local, q)(at), interpolate(at, local, tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +177,7 @@ def states_with_rows(
     samples: Sequence[SteadySamples], cutoff: float, most: float, *, whole: bool = False
 ) -> Iterator[tuple[SteadySamples, Filtered, slice]]:
     """States of each log below a cut-off (all samples if ``whole``), and its rows, at most ``most`` of all logs."""
-    total = sum(log.seconds for log in samples)
+    total = total_seconds(samples)
     for log in samples:
         s = states_below(log, cutoff, log.rate if whole else None)
         yield log, s, kept_rows(s, cutoff, max(1.0, most * log.seconds / total), cut=log.cut)
@@ -176,12 +191,17 @@ def border_of(rate: float, cutoff: float, count: int, *, cut: bool) -> int:
 
 def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
     """Candidate cut-offs [Hz] with at least ``rows`` rows, at most 1/3 decade apart, up to a tenth of the rate."""
-    highest = 0.1 * min(s.rate for s in samples)
-    duration = min((s.seconds for s in samples if not s.cut), default=np.inf)
-    pieces = [s.seconds for s in samples if s.cut]
-    if pieces:
-        duration = min(duration, 0.5 * max(pieces))  # shorter pieces then have no rows
-    lowest = max(4.0 / duration, rows / (ROW_RATE * sum(s.seconds for s in samples)))
+    shortest_log, longest_piece = math.inf, 0.0
+    for s in samples:
+        if s.cut:
+            longest_piece = max(longest_piece, s.seconds)
+        else:
+            shortest_log = min(shortest_log, s.seconds)
+    duration = shortest_log
+    if longest_piece:
+        duration = min(shortest_log, 0.5 * longest_piece)  # shorter pieces then have no rows
+    lowest = max(4.0 / duration, rows / (ROW_RATE * total_seconds(samples)))
+    highest = 0.1 * lowest_rate(samples)
     steps = [base * 10.0**power for power in range(-1, 3) for base in (1.0, 2.0, 3.0, 5.0, 7.0)]
     return tuple(f for f in steps if lowest <= f <= highest) or (highest,)
 
@@ -377,12 +397,12 @@ class JudgedStates:
         cls, base: BaseParameters, samples: Sequence[SteadySamples], cutoff: float, friction_speed: Array
     ) -> JudgedStates:
         """States at the same times for every cut-off."""
-        total = sum(s.seconds for s in samples)
-        states = [states_below(s, cutoff, _JUDGED_ROWS / total) for s in samples]
-        W, known, logs = list[Array](), list[Array](), list[Array]()
+        rate = _JUDGED_ROWS / total_seconds(samples)
+        states = [states_below(s, cutoff, rate) for s in samples]
+        W, known, logs, times = list[Array](), list[Array](), list[Array](), list[Array]()
         for k, s in enumerate(states):
+            times.append(s.time)
             W.append(base.unknown.columns(base.kept, s.q, s.dq, s.ddq, friction_speed))
             known.append(spring_torques(base, s.q, s.dq, s.ddq))
             logs.append(np.full(len(s.time), k))
-        times = np.concatenate([s.time for s in states])
-        return cls(np.concatenate(W), np.concatenate(known), np.concatenate(logs), times, states)
+        return cls(np.concatenate(W), np.concatenate(known), np.concatenate(logs), np.concatenate(times), states)

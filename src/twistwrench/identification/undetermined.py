@@ -10,7 +10,7 @@ from ..core.doubts import undetermined_table
 from ..core.numbers import percent
 from ..core.text import listed, spell_out
 from ..core.typing import Array
-from .parameters import BaseParameters
+from .parameters import BaseParameters, turning_joints
 
 _MAX_FED_FORWARD, _MAX_UNSPANNED_SHARE = 1e-3, 1e-6
 """Residual, as a share of the torques, below that of any sensor; share of torques not spanned by other columns."""
@@ -35,9 +35,8 @@ def undetermined_quantities(base: BaseParameters, left: float) -> dict[str, str]
     sentences: dict[str, str] = {}
     for name, texts in undetermined_table().items():
         if is_undetermined[name]:
-            templates = [spell_out(text) for text in texts if text]
             words = {"joints": joints.get(name), "left": percent(left, 2)}
-            sentences[name] = " ".join(template.format(**words) for template in templates)
+            sentences[name] = " ".join(spell_out(text).format(**words) for text in texts if text)
     return sentences
 
 
@@ -55,7 +54,7 @@ def _explained_errors(base: BaseParameters) -> tuple[bool, list[int], list[int]]
     def columns(turn: Array, sign: Array = speed) -> Array:
         return unknown.columns(base.kept, sign * q + turn, sign * dq, sign * ddq, speed)
 
-    turning = [k for k in range(model.nv) if model.leaders[k].joint.turning[0]]
+    turning = np.flatnonzero(turning_joints(model)).tolist()
     W = columns(0.0 * speed)
     whole = _Span.from_columns(W, x, free)
     zeros = [k for k in turning if whole.contains(columns(_TURN * unit[k]) @ x)]

@@ -99,21 +99,28 @@ def _without_stored_part(
     drives: Mapping[str, Mapping[str, float]], deviations: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
     """Values of joints less the part of actuators, which the file stores separately and which reading adds."""
-    wanted: dict[str, dict[str, float]] = {}
-    for kind, values in drives.items():
-        stored = deviations.get(kind, {})
-        wanted[kind] = {joint: max(0.0, x - max(0.0, stored.get(joint, 0.0))) for joint, x in values.items()}
+    wanted = {kind: dict(values) for kind, values in drives.items()}
+    for kind, of_kind in deviations.items():
+        for joint, stored in of_kind.items():
+            if stored > 0.0:
+                wanted[kind][joint] = max(0.0, wanted[kind][joint] - stored)
     return wanted
 
 
 def _names_files(root: Element) -> bool:
     """True if the file refers to others by relative paths: includes, meshes, textures."""
-    elements = list(root.walk())
-    if any(element.file for element in elements):
-        return True
-    names = [element.attributes.get(key, "") for element in elements for key in ("file", "filename")]
-    names += [element.content.strip() for element in elements if element.tag == "uri"]
-    return any(name and "://" not in name and not name.startswith("/") for name in names)
+    for element in root.walk():
+        names = [element.attributes.get("file", ""), element.attributes.get("filename", "")]
+        if element.tag == "uri":
+            names.append(element.content.strip())
+        if element.file or any(map(_is_relative, names)):
+            return True
+    return False
+
+
+def _is_relative(name: str) -> bool:
+    """True for a relative path, not an address, a package or an absolute path."""
+    return bool(name) and "://" not in name and not name.startswith("/")
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +138,12 @@ class _ChangedFile:
         model = self.found.base.unknown.model
         file = TEXTS[self.subject.robot.format](self.root, model.name, self.subject.path)
         file.write_links(changes, self._changed_inertias())
-        for joint in model.velocity_names:
-            file.write_joint(changes, joint, {kind: x[joint] for kind, x in drives.items() if joint in x})
+        values_of: dict[str, dict[str, float]] = {joint: {} for joint in model.velocity_names}
+        for kind, of_kind in drives.items():
+            for joint, value in of_kind.items():
+                values_of[joint][kind] = value
+        for joint, values in values_of.items():
+            file.write_joint(changes, joint, values)
         for body in model.bodies:
             if body.follows:
                 zeros = dict.fromkeys(drives, 0.0)
@@ -241,11 +252,16 @@ def _difference(model: Model, found: ConsistentRobot) -> float:
             bodies[frame.body] = bodies[frame.body] + model.link_inertias[link].in_frame(frame.pose).parameters
     rng = np.random.default_rng(0)
     robot = found.base.unknown.robot
-    q = np.stack([robot.random_configuration(rng) for _ in range(_STATES)])
+    q = _random_configurations(robot, rng)
     dq, ddq = rng.normal(size=(2, _STATES, robot.nv))
     Y = robot.regressor(q, dq, ddq)
     wanted = Y @ np.concatenate([G.parameters for G in found.inertias])
     return float(np.abs(Y @ np.concatenate(bodies) - wanted).max() / max(np.abs(wanted).max(), 1e-300))
+
+
+def _random_configurations(robot: Robot, rng: np.random.Generator) -> Array:
+    """(200, nq) random configurations, drawn one by one."""
+    return np.stack([robot.random_configuration(rng) for _ in range(_STATES)])
 
 
 def check_written(found: ConsistentRobot) -> list[str]:
@@ -259,10 +275,8 @@ def check_written(found: ConsistentRobot) -> list[str]:
         defects = G.defects() if body.link in model.link_inertias else []
         if defects:
             raise ValueRangeError(f"the body of {body.link!r} cannot exist: {'; '.join(defects)}. Nothing is written.")
-    robot = found.robot
-    rng = np.random.default_rng(0)
-    q = np.stack([robot.random_configuration(rng) for _ in range(_STATES)])
-    if np.linalg.eigvalsh(robot.mass_matrix(q)).min() <= 0:
+    q = _random_configurations(found.robot, np.random.default_rng(0))
+    if np.linalg.eigvalsh(found.robot.mass_matrix(q)).min() <= 0:
         raise ValueRangeError("the mass matrix is not positive at some configuration. Nothing is written.")
     if found.held_out > max(_MAX_RATIO_TO_FILE * found.of_file, found.of_file + _MAX_INCREASE):
         raise ValueRangeError(
@@ -272,8 +286,10 @@ def check_written(found: ConsistentRobot) -> list[str]:
     remarks = []
     if found.held_out > found.of_file:
         remarks.append("the file's own bodies with friction explain rows held out as well")
-    mass = sum(float(G.mass) for G in found.inertias)
-    before = sum(float(body.inertia.mass) for body in model.bodies)
+    mass, before = 0.0, 0.0
+    for body, G in zip(model.bodies, found.inertias, strict=True):
+        mass += float(G.mass)
+        before += float(body.inertia.mass)
     if before > 0 and abs(mass / before - 1.0) > 0.2:
         remarks.append(f"the moving bodies weigh {number(mass)} kg, in the file {number(before)} kg")
     if found.repaired:

@@ -21,21 +21,21 @@ from ...motion.motion import Motion
 from ...robot import Robot, load
 from ...robot.task_space_methods import require_robot
 from .linear_start import linear_start, scale_torques
-from .output_error import OutputErrorFit, OutputErrorProblem, position_errors, probability, widened
+from .output_error import OutputErrorFit, OutputErrorProblem, position_errors, probability, with_model_changes
 from .replay import LAWS, QUANTITIES, Hold, ServoLog, ServoReplay
 from .result import IdentifiedServos
 from .servo_doubts import command_doubts, fit_doubts, moving_joints
 
 Log = Motion | str | Path
-_TRAINED = 0.8
+_TRAINING_SHARE = 0.8
 """Share of each log that predicts its rest, if there is no test log."""
-_LONGEST = 120.0
+_MAX_SECONDS = 120.0
 """Largest total duration [s] of logs that are replayed; the begin of each longer one is used."""
-_UNKNOWN_SCALE = 3.0
+_MAX_SCALE = 3.0
 """Largest deviation of the logarithm of a scale."""
 _HELD = 10.0
 """Odds of held commands before a log is seen: a bus holds them."""
-_SHORTEST = 12
+_MIN_ROWS = 12
 """Least number of rows of a log."""
 
 
@@ -55,7 +55,7 @@ def identify_servos(
     robot : Robot, path or name
         Robot on a fixed base whose joints have one degree of freedom. Masses and inertias are those of its file.
     logs : Motion, path, or sequence of them
-        Logs with positions and commanded positions: columns ``JOINT.command``, or ``Motion(..., command=...)``. Torques are
+        Logs with positions and mean_command positions: columns ``JOINT.command``, or ``Motion(..., command=...)``. Torques are
         ignored.
     test : Motion, path, or sequence of them, optional
         Test logs that are not used for the fit. Without test logs, the last fifth of each log is predicted from the rest.
@@ -101,8 +101,8 @@ def identify_servos(
     tell = progress or (lambda _share: None)
     live = moving_joints(trained)
     with one_blas_thread():
-        fit, problem, by_hold = _fitted(arm, trained, hold, _fixed(arm, known or {}), tell)
-        wide = widened(fit, [by_hold, *_model_changes(arm, problem, fit)])
+        fit, problem, by_hold = _fit_with_hold(arm, trained, hold, _known_logarithms(arm, known or {}), tell)
+        wide = with_model_changes(fit, [by_hold, *_model_changes(arm, problem, fit)])
         tell(0.8)
         held_out, kind = _held_out(problem, fit, tested)
     tell(1.0)
@@ -110,7 +110,7 @@ def identify_servos(
         original=arm,
         fit=wide,
         held_out=_shares(arm, kind, *held_out),
-        trained=_shares(arm, "used rows", *_tracked(fit.replay.logs, problem.used, fit)),
+        trained=_shares(arm, "used rows", *_sums_of_squares(fit.replay.logs, problem.used, fit)),
         sizes=_sizes(trained),
         live=live,
         known=dict(known or {}),
@@ -127,55 +127,60 @@ def _suitable(robot: Robot) -> Robot:
             f"robot {robot.name!r} has actuators already, and their armature and friction are what is sought. Give the "
             "robot without them."
         )
-    several = [body.joint.name for body in model.leaders if body.joint.nv != 1]
-    if several:
-        raise ModelError(
-            f"joint {several[0]!r} of robot {robot.name!r} has several degrees of freedom, and a servo moves one. Hold the "
-            "base, or lock this joint."
-        )
+    for body in model.leaders:
+        if body.joint.nv != 1:
+            raise ModelError(
+                f"joint {body.joint.name!r} of robot {robot.name!r} has several degrees of freedom, and a servo moves one. "
+                "Hold the base, or lock this joint."
+            )
     return robot
 
 
 def servo_logs(robot: Robot, given: Log | Sequence[Log], what: str) -> list[ServoLog]:
     """Logs with commands; raises ShapeError and ValueRangeError for logs without them."""
-    motions = (given,) if isinstance(given, Motion | str | Path) else tuple(given)
-    found = []
-    for k, one in enumerate(motions, 1):
-        motion, name = one if isinstance(one, Motion) else Motion.from_file(one, robot), f"{what} number {k}"
+    given = [given] if isinstance(given, Motion | str | Path) else given
+    logs = []
+    for k, one in enumerate(given, 1):
+        name = f"{what} number {k}"
+        motion = one if isinstance(one, Motion) else Motion.from_file(one, robot)
         if motion.robot.coordinate_names != robot.coordinate_names:
             raise ShapeError(f"identify_servos: {name} is of robot {motion.robot.name!r}, whose joints differ.")
         if motion.command is None:
             raise ShapeError(
-                f"identify_servos: {name} has no commands. Give columns JOINT.command, or commanded positions, "
+                f"identify_servos: {name} has no commands. Give columns JOINT.command, or mean_command positions, "
                 "Motion(…, command=…)."
             )
-        if missing := [n for n, c in zip(robot.model.velocity_names, motion.command.T, strict=True) if np.isnan(c[0])]:
+        missing = [robot.model.velocity_names[j] for j in np.flatnonzero(np.isnan(motion.command[0]))]
+        if missing:
             raise ShapeError(
                 f"identify_servos: {name} has no commands of {listed(missing, 6)}. Lock these joints, or give their commands."
             )
-        if len(motion) < _SHORTEST:
-            raise ValueRangeError(f"identify_servos: {name} has {len(motion)} rows. Give at least {_SHORTEST}.")
+        if len(motion) < _MIN_ROWS:
+            raise ValueRangeError(f"identify_servos: {name} has {len(motion)} rows. Give at least {_MIN_ROWS}.")
         if (motion.command == motion.q).all():
             raise ValueRangeError(f"identify_servos: the command of {name} is its position. Give measured positions.")
-        found.append(ServoLog.from_arrays(motion.time, motion.q, motion.command))
-    return _limited(found)
+        logs.append(ServoLog.from_arrays(motion.time, motion.q, motion.command))
+    return _first_rows(logs)
 
 
-def _limited(logs: Sequence[ServoLog]) -> list[ServoLog]:
+def _first_rows(logs: Sequence[ServoLog]) -> list[ServoLog]:
     """Logs of which at most 120 s are replayed in total."""
-    left, found = _LONGEST, list[ServoLog]()
+    left = _MAX_SECONDS
     by_length = sorted(range(len(logs)), key=lambda k: float(logs[k].time[-1]))
     ends = dict[int, float]()
     for count, k in enumerate(by_length):
         ends[k] = min(float(logs[k].time[-1]), left / (len(logs) - count))
         left -= ends[k]
+    shortened = list[ServoLog]()
     for k, log in enumerate(logs):
         rows = log.time <= ends[k]
-        found.append(log if rows.all() else replace(log, time=log.time[rows], q=log.q[rows], command=log.command[rows]))
-    return found
+        if not rows.all():
+            log = replace(log, time=log.time[rows], q=log.q[rows], command=log.command[rows])
+        shortened.append(log)
+    return shortened
 
 
-def _fixed(robot: Robot, known: Mapping[str, float]) -> dict[int, float]:
+def _known_logarithms(robot: Robot, known: Mapping[str, float]) -> dict[int, float]:
     """Logarithms of known values by their place among the unknowns; raises UnknownNameError, ValueRangeError."""
     names = [f"{joint}.{name}" for joint in robot.model.velocity_names for name in QUANTITIES]
     found = dict[int, float]()
@@ -186,7 +191,7 @@ def _fixed(robot: Robot, known: Mapping[str, float]) -> dict[int, float]:
     return found
 
 
-def _fitted(
+def _fit_with_hold(
     robot: Robot, logs: Sequence[ServoLog], hold: str, fixed: Mapping[int, float], tell: Callable[[float], None]
 ) -> tuple[OutputErrorFit, OutputErrorProblem, Array]:
     """Fit with the more probable course of commands, and the change of the unknowns by the other one.
@@ -197,10 +202,10 @@ def _fitted(
     first: Hold = "linear" if hold == "linear" else "zero"
     start, _ = linear_start(robot, logs, first)
     free = np.ones(len(start), bool)
+    count = len(QUANTITIES)
     for k, value in fixed.items():
-        shift = value - start[k] if k % len(QUANTITIES) == len(QUANTITIES) - 1 else 0.0
-        joint = slice(k - k % len(QUANTITIES), k - k % len(QUANTITIES) + len(QUANTITIES))
-        start[joint] += shift  # ratios to kp are told better than scales
+        if k % count == count - 1:  # kp: ratios to it are told better than scales
+            start[k + 1 - count : k + 1] += value - start[k]
         start[k], free[k] = value, False
     tell(0.1)
     replay = ServoReplay(robot, logs, first, ServoReplay.step_of(start))
@@ -216,7 +221,9 @@ def _fitted(
     tell(0.7)
     odds = fit.evidence(fit.cost, other.cost) - np.log(_HELD)
     change = np.sqrt(probability(-abs(odds))) * (other.p - fit.p)
-    return (other, straight, change) if odds > 0.0 else (fit, problem, change)
+    if odds > 0.0:
+        return other, straight, change
+    return fit, problem, change
 
 
 def _model_changes(robot: Robot, problem: OutputErrorProblem, fit: OutputErrorFit) -> list[Array]:
@@ -227,15 +234,15 @@ def _model_changes(robot: Robot, problem: OutputErrorProblem, fit: OutputErrorFi
     of time, and the scale by its mean over all blocks.
     """
     half = replace(fit.replay, step=0.5 * fit.replay.step)
-    r, J = problem.linearised(fit.p)
+    r, J = problem.linearise(fit.p)
     changes = [problem.change(fit, half), *(problem.law_change(fit, law, r, J) for law in LAWS)]
-    squares, _ = _tracked(fit.replay.logs, problem.used, fit)
+    squares, _ = _sums_of_squares(fit.replay.logs, problem.used, fit)
     rows = sum(len(e) for e in fit.residuals)
     excess = np.maximum(squares - rows * fit.sigma**2, 0.0)
     kp = np.exp(fit.p[:-1].reshape(-1, len(QUANTITIES))[:, -1])
     unexplained = kp * np.sqrt(excess / rows / (fit.freedom + 1.0))
     scale = unexplained / np.maximum(scale_torques(robot, fit.replay.logs), 1e-12)
-    return [*changes, *problem.scale_changes(fit, J, np.minimum(scale, _UNKNOWN_SCALE))]
+    return [*changes, *problem.scale_changes(fit, J, np.minimum(scale, _MAX_SCALE))]
 
 
 def _held_out(
@@ -243,31 +250,25 @@ def _held_out(
 ) -> tuple[tuple[Array, Array], str]:
     """Sums of squares (nv,) of residuals and of the tracking error, in test logs or the last fifth of each log."""
     if tested:
-        sigma = position_errors(tested)
-        judged = replace(
-            OutputErrorProblem.from_logs(replace(fit.replay, logs=tested), fit.p, problem.free), sigma=sigma
-        )
-        return _tracked(tested, judged.used, replace(fit, residuals=_residuals(judged, fit.p))), "test"
-    early = [
-        rows[log.time[rows] <= _TRAINED * log.time[-1]] for log, rows in zip(fit.replay.logs, problem.used, strict=True)
-    ]
-    late = [
-        rows[log.time[rows] > _TRAINED * log.time[-1]] for log, rows in zip(fit.replay.logs, problem.used, strict=True)
-    ]
+        replay = replace(fit.replay, logs=tested)
+        judged = replace(OutputErrorProblem.from_logs(replay, fit.p, problem.free), sigma=position_errors(tested))
+        residuals = judged.residuals_at(fit.p)
+        return _sums_of_squares(tested, judged.used, replace(fit, residuals=residuals)), "test"
+    early, late = list[Array](), list[Array]()
+    for log, rows in zip(fit.replay.logs, problem.used, strict=True):
+        is_early = log.time[rows] <= _TRAINING_SHARE * log.time[-1]
+        early.append(rows[is_early])
+        late.append(rows[~is_early])
     p = replace(problem, used=early).solve(fit.p).p
-    left = _residuals(replace(problem, used=late), p)
-    return _tracked(fit.replay.logs, late, replace(fit, residuals=left)), "last fifth"
+    residuals = replace(problem, used=late).residuals_at(p)
+    return _sums_of_squares(fit.replay.logs, late, replace(fit, residuals=residuals)), "last fifth"
 
 
-def _residuals(problem: OutputErrorProblem, p: Array) -> list[Array]:
-    return [e[0] for e in problem.residuals(p[None])]
-
-
-def _tracked(logs: Sequence[ServoLog], used: Sequence[Array], fit: OutputErrorFit) -> tuple[Array, Array]:
+def _sums_of_squares(logs: Sequence[ServoLog], used: Sequence[Array], fit: OutputErrorFit) -> tuple[Array, Array]:
     """Sums of squares (nv,) of the fit's residuals, and of c(t - δ) - q in the same rows."""
     squares, sizes = np.zeros(len(fit.sigma)), np.zeros(len(fit.sigma))
     for log, rows, left in zip(logs, used, fit.residuals, strict=True):
-        c = log.commanded(log.time[rows] - fit.p[-1], fit.replay.step, fit.replay.hold)
+        c = log.mean_command(log.time[rows] - fit.p[-1], fit.replay.step, fit.replay.hold)
         squares += (left**2).sum(axis=0)
         sizes += ((c - log.q[rows]) ** 2).sum(axis=0)
     return squares, sizes
@@ -279,9 +280,13 @@ def _shares(robot: Robot, kind: str, squares: Array, sizes: Array) -> HeldOut:
 
 def _sizes(logs: Sequence[ServoLog]) -> Array:
     """(nv, 3) rms acceleration and speed of the commands, and 1."""
-    dq = [np.gradient(log.command, log.time, axis=0) for log in logs]
-    ddq = [np.gradient(x, log.time, axis=0) for x, log in zip(dq, logs, strict=True)]
-    rms = [np.sqrt((np.concatenate(x) ** 2).mean(axis=0)) for x in (ddq, dq)]
+    speeds, accelerations = list[Array](), list[Array]()
+    for log in logs:
+        dq = np.gradient(log.command, log.time, axis=0)
+        speeds.append(dq)
+        accelerations.append(np.gradient(dq, log.time, axis=0))
+    ddq, dq = np.concatenate(accelerations), np.concatenate(speeds)
+    rms = [np.sqrt((x**2).mean(axis=0)) for x in (ddq, dq)]
     return np.stack([*rms, np.ones(len(rms[0]))], axis=1)
 
 

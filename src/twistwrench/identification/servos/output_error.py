@@ -27,29 +27,30 @@ from ...core.estimation.noise import noise, quantum
 from ...core.typing import Array
 from .replay import QUANTITIES, ServoLog, ServoReplay
 
-WITHIN = 0.1
+MAX_WIDTH_DETERMINED = 0.1
 """Half width of the 95 % interval of a logarithm up to which a value counts as determined."""
-_SETTLED = 0.5
+_TIME_TO_SETTLE = 0.5
 """Time [s] from the begin of a log in which rows are not used: its initial state is not exact."""
-_ROWS = 20_000
+_MAX_RESIDUALS = 20_000
 """Largest number of residuals; every k-th row of longer logs is used."""
 _DIFFERENCE, _DELAY_DIFFERENCE = 1e-3, 2e-4
 _DAMPING = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 1e1)
 _MORE_DAMPING, _TRIES = 1e3, 2
-_STEPS, _CONVERGED = 25, 0.3
+_MAX_STEPS, _MIN_DECREASE = 25, 0.3
 """Largest number of steps, and predicted decrease of the last one, in σ²: the unknowns are half a deviation from it at most."""
-_PRIOR = 1.5
+_PRIOR_OF_ARMATURE = 1.5
 """Standard deviation of the logarithm of an armature about its initial value."""
-_LONGEST = 2.0
+_MAX_CHANGE = 2.0
 """Largest change of a logarithm in one step."""
-_TRIAL = 2
+_TRIAL_STEPS = 2
 """Steps after which a fit is compared with the cost of another one."""
 _DELAY_SIZE = 0.02
 """Standard deviation [s] of the prior of the delay, for logs that do not determine it."""
-_WIDE = 3.0
-_KNOWN_SCALE = 0.3
+_PRIOR_OF_OTHERS = 3.0
+"""Standard deviation of the logarithms of damping, friction and stiffness about their initial values."""
+_MAX_KNOWN_SCALE = 0.3
 """Deviation of the logarithm of a scale from which it is unknown."""
-_LEAST_COST, _CERTAIN = 1e-3, 500.0
+_MIN_COST_SHARE, _MAX_EVIDENCE = 1e-3, 500.0
 """Smallest part of Σ r² that another law may leave by a linear prediction; largest logarithm of odds."""
 _LAW_DIFFERENCE = 0.02
 """Coefficient of another law of friction in its finite differences."""
@@ -108,17 +109,25 @@ class OutputErrorProblem:
     @classmethod
     def from_logs(cls, replay: ServoReplay, start: Array, free: Array, until: float = 1.0) -> OutputErrorProblem:
         """Problem on rows after the begin of each log, up to a share of its time."""
-        most = max(1, _ROWS // (replay.robot.nv * len(replay.logs)))
+        most = max(1, _MAX_RESIDUALS // (replay.robot.nv * len(replay.logs)))
         used = []
         for log in replay.logs:
-            rows = np.flatnonzero((log.time >= min(_SETTLED, 0.2 * log.time[-1])) & (log.time <= until * log.time[-1]))
+            duration = log.time[-1]
+            is_used = (log.time >= min(_TIME_TO_SETTLE, 0.2 * duration)) & (log.time <= until * duration)
+            rows = np.flatnonzero(is_used)
             used.append(rows[:: max(1, len(rows) // most)])
         return cls(replay, position_errors(replay.logs), start, free, used)
 
     def residuals(self, p: Array) -> list[Array]:
         """Residuals (S, m, nv) of the used rows of each log, for unknowns p (S, 4 nv + 1)."""
-        found = self.replay.positions(p)
-        return [log.q[rows] - q[:, rows] for log, rows, q in zip(self.replay.logs, self.used, found, strict=True)]
+        residuals = list[Array]()
+        for log, rows, q in zip(self.replay.logs, self.used, self.replay.positions(p), strict=True):
+            residuals.append(log.q[rows] - q[:, rows])
+        return residuals
+
+    def residuals_at(self, p: Array) -> list[Array]:
+        """Residuals (m, nv) of the used rows of each log, for unknowns p (4 nv + 1,)."""
+        return [e[0] for e in self.residuals(p[None])]
 
     def flat(self, p: Array) -> Array:
         """(S, M) residuals in units of their expected size; motions that are not finite give a large residual."""
@@ -129,9 +138,9 @@ class OutputErrorProblem:
     def precision(self) -> Array:
         """(4 nv + 1,) precision of the prior: of armatures, and nearly none of others."""
         nv = self.replay.robot.nv
-        return np.append(np.tile([_PRIOR, *[_WIDE] * 3], (nv, 1)), _DELAY_SIZE) ** -2.0
+        return np.append(np.tile([_PRIOR_OF_ARMATURE, *[_PRIOR_OF_OTHERS] * 3], (nv, 1)), _DELAY_SIZE) ** -2.0
 
-    def linearised(self, p: Array) -> tuple[Array, Array]:
+    def linearise(self, p: Array) -> tuple[Array, Array]:
         """r (M,) and J (M, P) = ∂q̂/∂p of the free unknowns."""
         size = np.append(np.full(len(p) - 1, _DIFFERENCE), _DELAY_DIFFERENCE)[self.free]
         moved, B = np.tile(p, (len(size) + 1, 1)), self.directions
@@ -167,25 +176,25 @@ class OutputErrorProblem:
 
     def solve(self, p: Array, hopeless: float = np.inf) -> OutputErrorFit:
         """Fit from initial unknowns p (4 nv + 1,); left early if its cost is above a ``hopeless`` one after some steps."""
-        for k in range(_STEPS):
-            r, J = self.linearised(p)
+        for k in range(_MAX_STEPS):
+            r, J = self.linearise(p)
             H, g, s2 = self.normal_equations(p, r, J)
-            now = float(self.cost(p[None], r[None], s2)[0])
-            better = self._stepped(p, H, g, s2, now)
-            if better is None:
+            cost = float(self.cost(p[None], r[None], s2)[0])
+            trial = self._best_trial(p, H, g, s2, cost)
+            if trial is None:
                 break
-            p, least = better
-            if g @ np.linalg.solve(H, g) < _CONVERGED * s2 or (k >= _TRIAL and least > hopeless):
+            p, cost = trial
+            if g @ np.linalg.solve(H, g) < _MIN_DECREASE * s2 or (k >= _TRIAL_STEPS and cost > hopeless):
                 break
         return self._result(p, k + 1)
 
-    def _stepped(self, p: Array, H: Array, g: Array, s2: float, now: float) -> tuple[Array, float] | None:
+    def _best_trial(self, p: Array, H: Array, g: Array, s2: float, now: float) -> tuple[Array, float] | None:
         """Best of six trial steps, and its cost; None if none improves, also with more damping."""
         for more in range(_TRIES):
             trials = np.tile(p, (len(_DAMPING), 1))
             for trial, damping in zip(trials, np.array(_DAMPING) * _MORE_DAMPING**more, strict=True):
                 change = np.linalg.solve(H + damping * np.diag(H.diagonal()), g)
-                trial[self.free] += np.clip(change, -_LONGEST, _LONGEST)
+                trial[self.free] += np.clip(change, -_MAX_CHANGE, _MAX_CHANGE)
                 trial[-1] = np.clip(trial[-1], 0.0, 10.0 * _DELAY_SIZE)
             costs = self.cost(trials, self.flat(trials), s2)
             if costs.min() < now:
@@ -193,20 +202,20 @@ class OutputErrorProblem:
         return None
 
     def _result(self, p: Array, steps: int) -> OutputErrorFit:
-        r, J = self.linearised(p)
+        r, J = self.linearise(p)
         H, _, s2 = self.normal_equations(p, r, J)
         inverse = np.linalg.inv(H)
         scores, blocks = self._block_scores(r, J)
-        own = scores.T @ scores * blocks / max(1, blocks - 1)
-        prior = np.diag(s2**2 * self.precision[self.free])
-        C = inverse @ (own + prior) @ inverse
-        white = s2 * inverse
-        grown = np.sqrt(np.maximum(1.0, white.diagonal() / C.diagonal()))
-        C = grown[:, None] * C * grown
+        of_scores = scores.T @ scores * blocks / max(1, blocks - 1)
+        of_prior = np.diag(s2**2 * self.precision[self.free])
+        C = inverse @ (of_scores + of_prior) @ inverse
+        of_white_noise = s2 * inverse
+        growth = np.sqrt(np.maximum(1.0, of_white_noise.diagonal() / C.diagonal()))
+        C = growth[:, None] * C * growth
         covariance = np.zeros((len(p), len(p)))
         covariance[np.ix_(self.free, self.free)] = C
-        left = [e[0] for e in self.residuals(p[None])]
-        return OutputErrorFit(self.replay, p, covariance, max(1.0, blocks - 1.0), left, self.sigma, float(r @ r), steps)
+        freedom, residuals = max(1.0, blocks - 1.0), self.residuals_at(p)
+        return OutputErrorFit(self.replay, p, covariance, freedom, residuals, self.sigma, float(r @ r), steps)
 
     def _block_scores(self, r: Array, J: Array) -> tuple[Array, int]:
         """Scores Σ J' r (B, P) of blocks of time, and their number."""
@@ -225,7 +234,7 @@ class OutputErrorProblem:
 
     def change(self, fit: OutputErrorFit, replay: ServoReplay) -> Array:
         """(4 nv + 1,) change of the unknowns, by one step, if the logs were replayed otherwise."""
-        r, J = replace(self, replay=replay).linearised(fit.p)
+        r, J = replace(self, replay=replay).linearise(fit.p)
         H, g, _ = self.normal_equations(fit.p, r, J)
         found = np.zeros(len(fit.p))
         found[self.free] = np.linalg.solve(H, g)
@@ -236,20 +245,22 @@ class OutputErrorProblem:
 
         All values of a joint change alike; if the scale is unknown, such that the logs are replayed as well with another kp.
         """
-        H, found = J.T @ J, list[Array]()
+        H, changes = J.T @ J, list[Array]()
         H += 1e-9 * np.diag(H.diagonal() + 1e-300)
-        places = np.flatnonzero(self.free)
+        unknowns = np.flatnonzero(self.free)
+        joint_of = np.arange(len(fit.p)) // len(QUANTITIES)
         for j, size in enumerate(scale.tolist()):
-            if size < _KNOWN_SCALE:
-                found.append(np.where(np.arange(len(fit.p)) // len(QUANTITIES) == j, size * self.free, 0.0))
+            if size < _MAX_KNOWN_SCALE:
+                changes.append(np.where(joint_of == j, size * self.free, 0.0))
                 continue
-            mine = places == len(QUANTITIES) * j + len(QUANTITIES) - 1
+            is_kp = unknowns == len(QUANTITIES) * j + len(QUANTITIES) - 1
             change = np.zeros(len(fit.p))
-            if mine.any():
-                change[places[mine]] = size
-                change[places[~mine]] = -size * np.linalg.solve(H[np.ix_(~mine, ~mine)], H[np.ix_(~mine, mine)][:, 0])
-            found.append(change)
-        return found
+            if is_kp.any():
+                by_kp = np.linalg.solve(H[np.ix_(~is_kp, ~is_kp)], H[np.ix_(~is_kp, is_kp)][:, 0])
+                change[unknowns[is_kp]] = size
+                change[unknowns[~is_kp]] = -size * by_kp
+            changes.append(change)
+        return changes
 
     def law_change(self, fit: OutputErrorFit, law: str, r: Array, J: Array) -> Array:
         """(4 nv + 1,) change of the unknowns, by one step, if friction followed another law, fitted joint by joint.
@@ -267,22 +278,24 @@ class OutputErrorProblem:
         step, found = np.linalg.solve(whole, right), np.zeros(len(fit.p))
         found[self.free] = step[: len(g)]
         cost = float(r @ r)
-        less = max(cost - float(right @ step - g @ np.linalg.solve(H, g)), _LEAST_COST * cost)
+        less = max(cost - float(right @ step - g @ np.linalg.solve(H, g)), _MIN_COST_SHARE * cost)
         return found * np.sqrt(probability(fit.evidence(cost, less, nv)))
 
 
 def probability(evidence: float) -> float:
     """Probability of a model by the logarithm of its odds."""
-    return float(1.0 / (1.0 + np.exp(-np.clip(evidence, -_CERTAIN, _CERTAIN))))
+    return float(1.0 / (1.0 + np.exp(-np.clip(evidence, -_MAX_EVIDENCE, _MAX_EVIDENCE))))
 
 
-def widened(fit: OutputErrorFit, changes: Sequence[Array]) -> OutputErrorFit:
+def with_model_changes(fit: OutputErrorFit, changes: Sequence[Array]) -> OutputErrorFit:
     """Fit whose covariance includes changes of the model."""
     return replace(fit, covariance=fit.covariance + sum(np.outer(c, c) for c in changes))
 
 
 def position_errors(logs: Sequence[ServoLog]) -> Array:
     """(nv,) expected size of position errors [rad, m]: the larger of noise and quantum/√12."""
-    times, parts = [log.time for log in logs], [log.q for log in logs]
-    quanta = np.array([quantum([x[:, j] for x in parts]) for j in range(parts[0].shape[1])])
-    return np.asarray(np.maximum(np.maximum(noise(times, parts, quanta), quanta / np.sqrt(12.0)), 1e-7))
+    times, positions = [log.time for log in logs], [log.q for log in logs]
+    quanta = np.empty(positions[0].shape[1])
+    for j in range(len(quanta)):
+        quanta[j] = quantum([q[:, j] for q in positions])
+    return np.asarray(np.maximum(np.maximum(noise(times, positions, quanta), quanta / np.sqrt(12.0)), 1e-7))

@@ -19,6 +19,7 @@ from ...core.typing import Array
 from ...mechanics.joints.units import units_of
 from ...robot import Robot
 from ...simulation.torque_laws import BatchPD
+from ..rows import interpolate
 
 Hold = Literal["zero", "linear"]
 """Course of a command between its samples: held, or straight."""
@@ -31,13 +32,21 @@ SERVO_UNITS = {
     "kp": ("N m/rad", "N/m"),
 }
 """SI units of each value of a joint: turning joints first, then sliding ones."""
+
+
+def servo_unit(quantity: str, *, turning: bool) -> str:
+    """SI unit of a value of a turning or a sliding joint."""
+    of_turning, of_sliding = SERVO_UNITS[quantity]
+    return of_turning if turning else of_sliding
+
+
 LAWS = {"stribeck": 0.1, "presliding": 0.01, "falling": 1.0, "load": 0.0}
 """Other laws of friction, with their Stribeck speeds [rad/s, m/s]: peaks, presliding, and friction of the carried torque."""
-_STORED = 2.5e-3
+_MAX_STATE_STEP = 2.5e-3
 """Longest time between stored states [s]; positions between them are cubic."""
-_LONGEST_STEP, _SHORTEST_STEP, _PART = 5e-4, 5e-5, 20.0
+_MAX_STEP, _MIN_STEP, _STEPS_OF_PERIOD = 5e-4, 5e-5, 20.0
 """Bounds of the integrator's step [s], and steps per √(armature/kp)."""
-_OF_DECAY, _LEAST_ARMATURE = 0.5, 0.1
+_MAX_SHARE_OF_DECAY, _MIN_ARMATURE_SHARE = 0.5, 0.1
 """Longest step as a share of armature/damping, and least armature of steps as a share of the servo's."""
 _BYTES = 96 * 2**20
 """Largest size of the references of one batch."""
@@ -68,16 +77,15 @@ class ServoLog:
         """Median time between rows [s]."""
         return float(np.median(np.diff(self.time)))
 
-    def commanded(self, begin: Array, width: float, hold: Hold) -> Array:
+    def mean_command(self, begin: Array, width: float, hold: Hold) -> Array:
         """(k, nv) mean of the command over [begin, begin + width], which is smooth in a delay also if it is held."""
         if hold == "linear":
-            return np.stack([np.interp(begin + 0.5 * width, self.time, c) for c in self.command.T], axis=1)
+            return interpolate(begin + 0.5 * width, self.time, self.command)
         knots = np.concatenate([[-_LONG_BEFORE], self.time[1:], [self.time[-1] + _LONG_BEFORE]])
-        integral = np.concatenate([np.zeros((1, self.q.shape[1])), np.diff(knots)[:, None] * self.command]).cumsum(
-            axis=0
-        )
-        ends = (np.stack([np.interp(begin + w, knots, F) for F in integral.T], axis=1) for w in (width, 0.0))
-        return np.asarray(np.subtract(*ends) / width)
+        increments = np.diff(knots)[:, None] * self.command
+        integral = np.concatenate([np.zeros((1, self.q.shape[1])), increments]).cumsum(axis=0)
+        at_end, at_begin = interpolate(begin + width, knots, integral), interpolate(begin + 0.0, knots, integral)
+        return np.asarray((at_end - at_begin) / width)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,19 +107,24 @@ class ServoReplay:
     def step_of(p: Array) -> float:
         """Step [s] that is short enough for unknowns p (4 nv + 1,)."""
         x = np.exp(p[:-1].reshape(-1, len(QUANTITIES)))
-        longest = min(np.sqrt(x[:, 0] / x[:, 3]).min() / _PART, _OF_DECAY * (x[:, 0] / x[:, 1]).min())
-        return float(np.clip(longest, _SHORTEST_STEP, _LONGEST_STEP))
+        longest = min(
+            np.sqrt(x[:, 0] / x[:, 3]).min() / _STEPS_OF_PERIOD, _MAX_SHARE_OF_DECAY * (x[:, 0] / x[:, 1]).min()
+        )
+        return float(np.clip(longest, _MIN_STEP, _MAX_STEP))
 
     def positions(self, p: Array) -> list[Array]:
         """Positions (S, n, nv) of the rows of each log, for unknowns p (S, 4 nv + 1)."""
-        return [self._of_log(log, p) for log in self.logs]
+        return [self._positions_of(log, p) for log in self.logs]
 
-    def _of_log(self, log: ServoLog, p: Array) -> Array:
-        every = max(1, int(_STORED / self.step))
+    def _positions_of(self, log: ServoLog, p: Array) -> Array:
+        every = max(1, int(_MAX_STATE_STEP / self.step))
         steps = every * int(np.ceil(log.time[-1] / (every * self.step)) + 1)
         most = max(1, _BYTES // (8 * steps * self.robot.nv))
         share = np.zeros((len(p), self.robot.nv)) if self.share is None else self.share
-        parts = [self._batch(log, p[k : k + most], share[k : k + most], steps, every) for k in range(0, len(p), most)]
+        parts = list[Array]()
+        for k in range(0, len(p), most):
+            batch = slice(k, k + most)
+            parts.append(self._batch(log, p[batch], share[batch], steps, every))
         return np.concatenate(parts)
 
     def _batch(self, log: ServoLog, p: Array, share: Array, steps: int, every: int) -> Array:
@@ -119,8 +132,9 @@ class ServoReplay:
         x, h = np.exp(p[:, :-1].reshape(len(p), -1, len(QUANTITIES))), self.step
         begin = h * np.arange(steps)
         delays, which = np.unique(p[:, -1], return_inverse=True)
-        reference = np.stack([log.commanded(begin - delay, h, self.hold) for delay in delays])[which]
-        armature, damping = self._of_steps(x)
+        commands = np.stack([log.mean_command(begin - delay, h, self.hold) for delay in delays])
+        reference = commands[which]
+        armature, damping = self._stepped_values(x)
         law = BatchPD(reference, x[:, None, :, 3], damping[:, None], gravity=False)
         found = self.robot.rollout(
             np.broadcast_to(log.q[0], (len(p), len(log.q[0]))), log.begin_velocity, law, dt=h, steps=steps, every=every,
@@ -128,27 +142,27 @@ class ServoReplay:
         )  # fmt: skip
         return _hermite(found.q, found.dq, log.time, every * h)
 
-    def _of_steps(self, x: Array) -> tuple[Array, Array]:
+    def _stepped_values(self, x: Array) -> tuple[Array, Array]:
         """Armature and damping (S, nv) with which steps of length h move as a servo with values x does.
 
         Steps take the stiffness half a step early and the damping half a step late, kp (q - ½ h dq) and d (dq + ½ h ddq).
         """
         damping = x[:, :, 1] + 0.5 * self.step * x[:, :, 3]
         armature = x[:, :, 0] - 0.5 * self.step * damping
-        return np.maximum(armature, _LEAST_ARMATURE * x[:, :, 0]), damping
+        return np.maximum(armature, _MIN_ARMATURE_SHARE * x[:, :, 0]), damping
 
     def _parameters(self, armature: Array, coulomb: Array, share: Array) -> dict[str, Array | float]:
         """Armature and friction by name; damping is in the law."""
-        names = self.robot.model.drive_names
-        given: dict[str, Array | float] = {f"{name}.armature": armature[:, j] for j, name in enumerate(names)}
-        given |= {f"{name}.coulomb": coulomb[:, j] for j, name in enumerate(names)}
-        given |= {f"{name}.{law}": 0.0 for name in names for law in ("viscous", "load")}
-        if self.law == "load":
-            return given | {f"{name}.load": share[:, j] for j, name in enumerate(names)}
-        if self.law:
-            given |= {f"{name}.static": coulomb[:, j] * (1.0 + share[:, j]) for j, name in enumerate(names)}
-            given |= {f"{name}.stribeck": LAWS[self.law] for name in names}
-        return given
+        parameters: dict[str, Array | float] = {}
+        for j, name in enumerate(self.robot.model.drive_names):
+            parameters[f"{name}.armature"] = armature[:, j]
+            parameters[f"{name}.coulomb"] = coulomb[:, j]
+            parameters[f"{name}.viscous"] = 0.0
+            parameters[f"{name}.load"] = share[:, j] if self.law == "load" else 0.0
+            if self.law and self.law != "load":
+                parameters[f"{name}.static"] = coulomb[:, j] * (1.0 + share[:, j])
+                parameters[f"{name}.stribeck"] = LAWS[self.law]
+        return parameters
 
 
 def _hermite(q: Array, dq: Array, time: Array, h: float) -> Array:

@@ -19,10 +19,10 @@ from ...core.typing import Array
 from ...core.verdict import Verdict
 from ...mechanics.model.actuation import with_friction
 from ...robot import Robot
-from .output_error import WITHIN, OutputErrorFit
+from .output_error import MAX_WIDTH_DETERMINED, OutputErrorFit
 from .replay import QUANTITIES
 
-_UNKNOWN = 10.0
+_MAX_WIDTH = 10.0
 """Largest half width of a logarithm; a value that wide is unknown."""
 NEGLIGIBLE_SHARE = 0.02
 """Share of a joint's torque (rms) up to which a half width of damping or friction does not matter."""
@@ -126,7 +126,7 @@ class IdentifiedServos(Answer):
     def _half_widths(self, level: float = 0.95) -> dict[str, Array]:
         """(nv,) half widths of logarithms of the values and of their ratios to kp."""
         unit = np.eye(len(QUANTITIES))
-        combined = {name: unit[k] for k, name in enumerate(QUANTITIES)}
+        combined = dict(zip(QUANTITIES, unit, strict=True))
         combined |= {name: unit[k] - unit[_KP] for k, name in enumerate(RATIOS)}
         return {name: self._half_widths_along(weights, level) for name, weights in combined.items()}
 
@@ -148,7 +148,7 @@ class IdentifiedServos(Answer):
         -------
         widths : {name: (nv,) array}, of the values and of their ratios to kp; 10 at most, which is unknown
         """
-        return {name: np.minimum(width, _UNKNOWN) for name, width in self._half_widths(level).items()}
+        return {name: np.minimum(width, _MAX_WIDTH) for name, width in self._half_widths(level).items()}
 
     def interval(self, level: float = 0.95) -> dict[str, Array]:
         """Intervals of the values of each joint.
@@ -161,7 +161,7 @@ class IdentifiedServos(Answer):
         -------
         bounds : {name: (nv, 2) array}
         """
-        return self._bounds({name: self.values[:, k] for k, name in enumerate(QUANTITIES)}, level)
+        return self._bounds(dict(zip(QUANTITIES, self.values.T, strict=True)), level)
 
     def ratio_interval(self, level: float = 0.95) -> dict[str, Array]:
         """Intervals of the ratios to kp.
@@ -178,29 +178,30 @@ class IdentifiedServos(Answer):
 
     def _bounds(self, values: Mapping[str, Array], level: float) -> dict[str, Array]:
         width = self.relative(level)
-        return {
-            name: np.stack([x * np.exp(-width[name]), x * np.exp(width[name])], axis=1) for name, x in values.items()
-        }
+        bounds: dict[str, Array] = {}
+        for name, x in values.items():
+            factor = np.exp(width[name])
+            bounds[name] = np.stack([x * np.exp(-width[name]), x * factor], axis=1)
+        return bounds
 
     @cached_property
     def determined(self) -> dict[str, Array]:
         """(nv,) bool for each value: within 10 %; damping and friction also within 2 % of the joint's torque."""
         width = self.relative()
-        told = {name: self.live & (width[name] <= WITHIN) for name in QUANTITIES}
+        determined = {name: self.live & (width[name] <= MAX_WIDTH_DETERMINED) for name in QUANTITIES}
         for name, share in self.torque_shares.items():
-            told[name] |= told["kp"] & (share <= NEGLIGIBLE_SHARE)
-        return told
+            determined[name] |= determined["kp"] & (share <= NEGLIGIBLE_SHARE)
+        return determined
 
     @property
     def torque_shares(self) -> dict[str, Array]:
         """(nv,) half widths of ``damping`` and ``coulomb`` as shares of the joint's rms torque; inf without torque."""
         width, torques, loaded = self._half_widths(), self.values[:, :_KP] * self.sizes, self.rms_torques > 0.0
-        return {
-            name: np.divide(
-                width[name] * torques[:, k], self.rms_torques, out=np.full(len(loaded), np.inf), where=loaded
-            )
-            for k, name in _FRICTION.items()
-        }
+        shares: dict[str, Array] = {}
+        for k, name in _FRICTION.items():
+            shares[name] = np.full(len(loaded), np.inf)
+            np.divide(width[name] * torques[:, k], self.rms_torques, out=shares[name], where=loaded)
+        return shares
 
     @property
     def whole(self) -> Array:
@@ -211,11 +212,14 @@ class IdentifiedServos(Answer):
     def only_ratios(self) -> Array:
         """(nv,) bool, True if kp is not determined, but all ratios to it are."""
         width = self._half_widths()
-        told = {name: width[name] <= WITHIN for name in RATIOS}
-        for k in _FRICTION:
-            torques = width[RATIOS[k]] * self.values[:, k] * self.sizes[:, k]
-            told[RATIOS[k]] |= torques <= NEGLIGIBLE_SHARE * self.rms_torques
-        return np.asarray(self.live & ~self.determined["kp"] & np.all(list(told.values()), axis=0))
+        all_ratios = np.ones(len(self.live), bool)
+        for k, name in enumerate(RATIOS):
+            is_known = width[name] <= MAX_WIDTH_DETERMINED
+            if k in _FRICTION:
+                torques = width[name] * self.values[:, k] * self.sizes[:, k]
+                is_known |= torques <= NEGLIGIBLE_SHARE * self.rms_torques
+            all_ratios &= is_known
+        return np.asarray(self.live & ~self.determined["kp"] & all_ratios)
 
     @property
     def rms_torques(self) -> Array:
@@ -234,8 +238,8 @@ class IdentifiedServos(Answer):
     @cached_property
     def robot(self) -> Robot:
         """Robot with the identified armature and Coulomb friction; damping is left to the servo."""
-        names, model = self.original.model.drive_names, self.original.model
-        laws = {name: {"coulomb": float(x)} for name, x in zip(names, self.coulomb, strict=True)}
+        model = self.original.model
+        laws = {name: {"coulomb": x} for name, x in zip(model.drive_names, self.coulomb.tolist(), strict=True)}
         return Robot(with_friction(replace(model, armature=self.armature.copy()), laws))
 
     def write(
@@ -308,25 +312,29 @@ class IdentifiedServos(Answer):
         -------
         data : dict
         """
-        bounds, ratio_bounds = self.interval(), self.ratio_interval()
-        servos = {
-            joint: {
-                name: {"value": float(self.values[j, k]), "interval": bounds[name][j].tolist(),
-                       "determined": bool(self.determined[name][j])}
-                for k, name in enumerate(QUANTITIES)
-            }
-            | {"ratios": {name: {"value": float(x[j]), "interval": ratio_bounds[name][j].tolist()}
-                          for name, x in self.ratios.items()}}
-            for j, joint in enumerate(self.joints)
-        }  # fmt: skip
         half = self.delay_half_width
         return super().to_dict() | {
             "doubts": [doubt.to_dict() for doubt in self.doubts],
-            "servos": servos,
+            "servos": {joint: self._servo_to_dict(j) for j, joint in enumerate(self.joints)},
             "delay": {"value": self.delay, "interval": [self.delay - half, self.delay + half]},
             "held_out": {"all": self.held_out.all, "joints": self.held_out.joints, "kind": self.held_out.kind},
             "position_error": self.position_error,
         }
+
+    def _servo_to_dict(self, j: int) -> dict[str, Any]:
+        """Values of a joint and their ratios to kp, with intervals."""
+        bounds, ratio_bounds = self.interval(), self.ratio_interval()
+        servo: dict[str, Any] = {}
+        for k, name in enumerate(QUANTITIES):
+            servo[name] = {
+                "value": float(self.values[j, k]),
+                "interval": bounds[name][j].tolist(),
+                "determined": bool(self.determined[name][j]),
+            }
+        ratios: dict[str, Any] = {}
+        for name, x in self.ratios.items():
+            ratios[name] = {"value": float(x[j]), "interval": ratio_bounds[name][j].tolist()}
+        return servo | {"ratios": ratios}
 
 
 complete(globals())

@@ -6,14 +6,16 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ...core.answers.blocks import Block, Headline, Line, Table, remarks, words
 from ...core.colours import Style
 from ...core.numbers import number, percent, quantity
 from ...core.text import listed
 from ...core.typing import Array
 from ...core.verdict import Word
-from .output_error import WITHIN
-from .replay import QUANTITIES, SERVO_UNITS
+from .output_error import MAX_WIDTH_DETERMINED
+from .replay import QUANTITIES, servo_unit
 
 if TYPE_CHECKING:
     from .result import IdentifiedServos
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 _MILLI = 1e3
 _FACTOR = math.log(10.0)
 _SHOWN = ("kp", "damping", "coulomb", "armature")
-_MOST = 12
+_MAX_ROWS = 12
 
 
 def servo_view(found: IdentifiedServos) -> Iterator[Block]:
@@ -56,14 +58,15 @@ def _headline(found: IdentifiedServos) -> Headline:
     """Word and reasons; for OK the accuracy and the joints with ratios only."""
     if found.verdict.word is not Word.OK:
         return Headline.from_verdict(found.verdict)
-    count, ratios = int(found.whole.sum()), [j for j, only in zip(found.joints, found.only_ratios, strict=True) if only]
-    said = f"kp, damping, armature and friction of {count} of {len(found.joints)} joints"
+    count = int(found.whole.sum())
+    text = f"kp, damping, armature and friction of {count} of {len(found.joints)} joints"
     if count:
-        said += f", {_accuracy(found)}"
-    said += f", delay {quantity(_MILLI * found.delay, 'ms', 2, decimals=1)}"
+        text += f", {_accuracy(found)}"
+    text += f", delay {quantity(_MILLI * found.delay, 'ms', 2, decimals=1)}"
+    ratios = [found.joints[j] for j in np.flatnonzero(found.only_ratios)]
     if ratios:
-        said += f"; {listed(ratios, 4)}: only ratios are known (hold one of the values with known=)"
-    return Headline(Word.OK, f"{said}.")
+        text += f"; {listed(ratios, 4)}: only ratios are known (hold one of the values with known=)"
+    return Headline(Word.OK, f"{text}.")
 
 
 def _accuracy(found: IdentifiedServos) -> str:
@@ -72,7 +75,7 @@ def _accuracy(found: IdentifiedServos) -> str:
     widest = {name: float(width[name][found.whole].max(initial=0.0)) for name in QUANTITIES}
     texts = [f"kp and armature {relative_width(max(widest['kp'], widest['armature']))}"]
     for name, noun in (("damping", "damping"), ("coulomb", "friction")):
-        if widest[name] <= WITHIN:
+        if widest[name] <= MAX_WIDTH_DETERMINED:
             texts.append(f"{noun} {relative_width(widest[name])}")
         else:
             share = float(found.torque_shares[name][found.whole].max())
@@ -87,10 +90,10 @@ def _values(found: IdentifiedServos) -> Table:
     turning = [any(body.joint.turning) for body in found.original.model.leaders]
     for name in _SHOWN:
         values = found.values[:, QUANTITIES.index(name)]
-        units = [SERVO_UNITS[name][0 if turns else 1].replace("^2", "²") for turns in turning]
+        units = [servo_unit(name, turning=turns).replace("^2", "²") for turns in turning]
         columns.append(words(name, _cells(values, width[name], found.determined[name], units), fold=False))
-    kind = ["all" if w else "ratios" if r else "–" for w, r in zip(found.whole, found.only_ratios, strict=True)]
-    return Table("Servos", *columns, words("known", kind, fold=False), most=_MOST)
+    known = np.where(found.whole, "all", np.where(found.only_ratios, "ratios", "–")).tolist()
+    return Table("Servos", *columns, words("known", known, fold=False), most=_MAX_ROWS)
 
 
 def relative_width(width: float) -> str:

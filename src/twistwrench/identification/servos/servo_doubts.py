@@ -19,46 +19,47 @@ from .result_view import relative_width
 if TYPE_CHECKING:
     from .result import IdentifiedServos
 
-_STILL = 20.0
+_MIN_RANGE = 20.0
 """Range of a joint's positions, in deviations of its error, below which it does not move."""
-_ALIKE, _HALF = 0.6, 0.5
+_MIN_CORRELATION, _MAX_RATIO_TO_OTHER = 0.6, 0.5
 """Correlation from which positions follow a command; ratio of the own one to that of another joint if exchanged."""
-_LEAST, _MOST = 0.4, 2.5
+_MIN_SLOPE, _MAX_SLOPE = 0.4, 2.5
 """Bounds of the slope of positions by commands; weak servos sag and overshoot."""
 _DELAYS = np.linspace(0.0, 0.12, 7)
-_SECONDS, _ROWS = 5.0, 20
+_MIN_SECONDS, _MIN_ROWS_OF_UNKNOWN = 5.0, 20
 """Least duration [s], and rows per unknown."""
-_UNEXPLAINED, _NOTHING, _GROWS = 0.2, 0.6, 1.5
+_UNSURE_ERROR, _LOOK_AGAIN_ERROR, _MAX_GROWTH = 0.2, 0.6, 1.5
 """Held-out error as a share of the tracking error: UNSURE, LOOK AGAIN; and its ratio to that of used rows."""
-_SMALL = 2.0
+_MAX_SMALL_ERROR = 2.0
 """Held-out error, in sizes of the position error, below which it does not matter."""
 
 
 def moving_joints(logs: Sequence[ServoLog]) -> Array:
     """(nv,) bool, False for joints that do not move beyond their error."""
     extent = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0)
-    return np.asarray(extent > _STILL * position_errors(logs))
+    return np.asarray(extent > _MIN_RANGE * position_errors(logs))
 
 
 def command_doubts(robot: Robot, logs: Sequence[ServoLog]) -> Iterator[Doubt]:
     """Commands of another joint, with the other sign, or in another unit."""
     names, (alike, slopes) = robot.model.velocity_names, _likeness(logs)
     for j in np.flatnonzero(moving_joints(logs)):
-        own, other = alike[j, j], int(np.argmax(np.where(np.arange(len(names)) == j, -1.0, alike[j])))
-        if alike[j, other] > _ALIKE and own < _HALF * alike[j, other]:
+        own = alike[j, j]
+        other = int(np.argmax(np.where(np.arange(len(names)) == j, -1.0, alike[j])))
+        if alike[j, other] > _MIN_CORRELATION and own < _MAX_RATIO_TO_OTHER * alike[j, other]:
             yield doubt("servo-exchanged", [names[j]], other=names[other], share=number(float(alike[j, other]), 3))
-        elif own < -_ALIKE:
+        elif own < -_MIN_CORRELATION:
             yield doubt("servo-sign", [names[j]])
-        elif own > _ALIKE and not _LEAST < slopes[j] < _MOST:
+        elif own > _MIN_CORRELATION and not _MIN_SLOPE < slopes[j] < _MAX_SLOPE:
             yield doubt("servo-unit", [names[j]], ratio=number(float(slopes[j]), 3), found={"value": float(slopes[j])})
 
 
 def _likeness(logs: Sequence[ServoLog]) -> tuple[Array, Array]:
     """Correlations (nv, nv) of positions with commands at the delay of their largest size, and slopes (nv,) by the own one."""
-    q = np.concatenate([_centred(log.q) for log in logs])
+    q = np.concatenate([_without_mean(log.q) for log in logs])
     found = list[Array]()
     for delay in _DELAYS:
-        c = np.concatenate([_centred(log.commanded(log.time - delay, log.period, "zero")) for log in logs])
+        c = np.concatenate([_without_mean(log.mean_command(log.time - delay, log.period, "zero")) for log in logs])
         sizes = np.linalg.norm(q, axis=0)[:, None], np.linalg.norm(c, axis=0)
         found.append(q.T @ c / np.maximum(sizes[0] * sizes[1], 1e-300))
     every = np.stack(found)
@@ -67,7 +68,7 @@ def _likeness(logs: Sequence[ServoLog]) -> tuple[Array, Array]:
     return alike, np.diagonal(alike) * ratio
 
 
-def _centred(x: Array) -> Array:
+def _without_mean(x: Array) -> Array:
     return np.asarray(x - x.mean(axis=0))
 
 
@@ -76,31 +77,33 @@ def fit_doubts(found: IdentifiedServos, logs: Sequence[ServoLog]) -> Iterator[Do
     names, live = np.array(found.joints), found.live
     if not live.all():
         yield doubt("servo-still", names[~live].tolist())
-    seconds, rows = sum(float(log.time[-1]) for log in logs), sum(len(log.time) for log in logs)
-    if seconds < _SECONDS or rows < _ROWS * len(QUANTITIES):
+    seconds, rows = 0.0, 0
+    for log in logs:
+        seconds += float(log.time[-1])
+        rows += len(log.time)
+    if seconds < _MIN_SECONDS or rows < _MIN_ROWS_OF_UNKNOWN * len(QUANTITIES):
         yield doubt("servo-short", seconds=number(seconds, 3), rows=rows)
-    yield from _unexplained(found)
+    yield from _error_doubts(found)
     if not found.whole.any() and not found.known:
         yield doubt("servo-no-scale")
     wide = live & ~found.whole & ~found.only_ratios
     if wide.any():
-        yield doubt(
-            "servo-wide", names[wide].tolist(), widths=listed([_widest(found, int(j)) for j in np.flatnonzero(wide)], 4)
-        )
+        widths = [_widest(found, j) for j in np.flatnonzero(wide).tolist()]
+        yield doubt("servo-wide", names[wide].tolist(), widths=listed(widths, 4))
 
 
-def _unexplained(found: IdentifiedServos) -> Iterator[Doubt]:
+def _error_doubts(found: IdentifiedServos) -> Iterator[Doubt]:
     """Held-out error above a share of the tracking error, or above that of the used rows."""
     held, live = np.array(list(found.held_out.joints.values())), found.live
     size = np.array(list(found.position_error.values()))
-    large = live & (held > _UNEXPLAINED) & (size > _SMALL * found.fit.sigma)
+    large = live & (held > _UNSURE_ERROR) & (size > _MAX_SMALL_ERROR * found.fit.sigma)
     if large.any():
         worst = int(np.argmax(np.where(large, held, 0.0)))
         yield doubt(
             "servo-unexplained", [found.joints[worst]], share=percent(float(held[worst]), 2),
-            level="refuse" if held[worst] > _NOTHING else "unsure", found={"value": float(held[worst])},
+            level="refuse" if held[worst] > _LOOK_AGAIN_ERROR else "unsure", found={"value": float(held[worst])},
         )  # fmt: skip
-    elif found.held_out.all > _GROWS * found.trained.all and found.held_out.all > 0.5 * _UNEXPLAINED:
+    elif found.held_out.all > _MAX_GROWTH * found.trained.all and found.held_out.all > 0.5 * _UNSURE_ERROR:
         yield doubt(
             "servo-drifts", share=percent(found.held_out.all, 2), used=percent(found.trained.all, 2),
             found={"value": found.held_out.all},

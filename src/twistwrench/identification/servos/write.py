@@ -23,8 +23,8 @@ from ...core.version import __version__
 from ...diagnosis.subject import Subject, read_subject
 from ...formats.edit import TextChanges, encode_as
 from ...formats.robot_text import MjcfText
-from ...mechanics.joints.units import unit_of
 from ...robot import Robot, load, save
+from .replay import QUANTITIES, servo_unit
 
 if TYPE_CHECKING:
     from .result import IdentifiedServos
@@ -33,7 +33,7 @@ SIGNATURE = "twistwrench identify"
 """Beginning of comments in written files."""
 _QUICK = "0.002 1"
 """``solreffriction`` of MuJoCo: friction turns within 2 ms of an impact; the default of 20 ms creeps."""
-_SAME = 1e-9
+_MAX_DIFFERENCE = 1e-9
 """Largest relative difference of values that are read back."""
 
 
@@ -51,24 +51,29 @@ def write_servos(
         )
     if path is not None and as_path(path).suffix.lower() not in (".xml", ".mjcf"):
         raise ValueRangeError(f"servos are written as MJCF, and {str(path)!r} does not end in .xml.")
-    left = [name for name, kept in zip(found.joints, written, strict=True) if not kept]
-    text = None if path is None else mjcf_of_servos(found, written)
-    table = None if actuators is None else actuators_of_servos(found, written)
-    if path is not None and text is not None:
+    mjcf, table = b"", ""  # both are made before one is written
+    if path is not None:
+        mjcf = mjcf_of_servos(found, written)
+    if actuators is not None:
+        table = actuators_of_servos(found, written)
+    if path is not None:
         with replacing(path) as scratch:
-            scratch.write_bytes(text)
-    if actuators is not None and table is not None:
+            scratch.write_bytes(mjcf)
+    if actuators is not None:
         with replacing(actuators) as scratch:
             scratch.write_text(table, encoding="utf-8")
-    late = (
+    notes = [
         f"commands reach the servos {quantity(1e3 * found.delay, 'ms', 3)} late, which no file represents: delay them"
-    )
-    return (late, *([f"values of {listed(left, 6)} are not determined, and not written"] if left else []))
+    ]
+    not_written = [found.joints[j] for j in np.flatnonzero(~np.asarray(written, bool))]
+    if not_written:
+        notes.append(f"values of {listed(not_written, 6)} are not determined, and not written")
+    return tuple(notes)
 
 
 def mjcf_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.ndarray) -> bytes:
     """MJCF file with position actuators, armature and friction of some joints; raises ValueRangeError if it cannot be."""
-    subject = _in_mjcf(found.original)
+    subject = _mjcf_subject(found.original)
     root, model = subject.root, found.original.model
     if root is None:
         raise ValueRangeError(f"robot {found.robot_name!r} cannot be written as MJCF.")
@@ -89,7 +94,7 @@ def mjcf_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.ndarray
     return encode_as(text, subject.data)
 
 
-def _in_mjcf(robot: Robot) -> Subject:
+def _mjcf_subject(robot: Robot) -> Subject:
     """Text of the robot's MJCF file, or of one that is made of it without its armature and friction."""
     subject = read_subject(robot, meshes=False)
     if subject.root is not None and subject.robot.format == "mjcf":
@@ -108,7 +113,7 @@ def _check(text: str, subject: Subject, found: IdentifiedServos, written: Sequen
     for j in np.flatnonzero(written).tolist():
         k = place[found.joints[j]]
         pairs = (again.armature[k], found.armature[j]), (again.friction.coulomb[k], found.coulomb[j])
-        if any(abs(has - right) > _SAME * right for has, right in pairs):
+        if any(abs(has - right) > _MAX_DIFFERENCE * right for has, right in pairs):
             raise ValueRangeError(f"what was written of {found.joints[j]} does not come back. Please report it.")
 
 
@@ -116,16 +121,19 @@ def actuators_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.nd
     """Actuator file with armature and Coulomb friction; stiffness and damping of the servos are comments."""
     import yaml
 
-    entries, said = dict[str, Any](), list[str]()
-    turning = [bool(body.joint.turning[0]) for body in found.original.model.leaders]
+    entries, comments = dict[str, Any](), ""
+    leaders = found.original.model.leaders
     for j in np.flatnonzero(written).tolist():
-        name, turns, (armature, damping, coulomb, kp) = found.joints[j], turning[j], found.values[j].tolist()
+        name, (armature, damping, coulomb, kp) = found.joints[j], found.values[j].tolist()
+        turning = bool(leaders[j].joint.turning[0])
+        units = {one: servo_unit(one, turning=turning) for one in QUANTITIES}
         entries[name] = {
-            "reflected_inertia": f"{armature!r} {'kg m^2' if turns else 'kg'}",
-            "friction": {"coulomb": f"{coulomb!r} {unit_of('tau', turns)}"},
+            "reflected_inertia": f"{armature!r} {units['armature']}",
+            "friction": {"coulomb": f"{coulomb!r} {units['coulomb']}"},
         }
-        units = ("N m/rad", "N m s/rad") if turns else ("N/m", "N s/m")
-        said.append(f"# servo of {name}: kp {kp!r} {units[0]}, kd {damping!r} {units[1]}, with the joint's damping\n")
+        comments += (
+            f"# servo of {name}: kp {kp!r} {units['kp']}, kd {damping!r} {units['damping']}, with the joint's damping\n"
+        )
     head = f"# {SIGNATURE}: servos from commands and positions; delay of the commands {found.delay!r} s\n"
     content: Mapping[str, Any] = {"robot": found.original.model.name, "actuators": entries}
-    return head + "".join(said) + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+    return head + comments + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)

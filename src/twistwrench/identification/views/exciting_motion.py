@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _MOST_ROWS = 12
 _MOST_REASONS = 4
-_WELL, _ROUNDING = 0.1, 1e-9
+_MAX_GOOD_DEVIATION, _ROUNDING = 0.1, 1e-9
 """Deviation of a well determined group as a share of its value, and values that are 0, as a share of the plausible size."""
 
 
@@ -49,8 +49,8 @@ def excitation_view(found: ExcitingMotion) -> Iterator[Block]:
 
 def _verdict(found: ExcitingMotion) -> Iterator[Block]:
     """Verdict with the least distances or its reasons, one per line."""
-    what = {"itself": "of capsules around links from each other", "floor": "from the floor"}
-    least = [f"{number(1000.0 * value)} mm {what[name]}" for name, value in found.clearances.items()]
+    obstacles = {"itself": "of capsules around links from each other", "floor": "from the floor"}
+    least = [f"{number(1000.0 * value)} mm {obstacles[name]}" for name, value in found.clearances.items()]
     distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"
     first, *others = found.verdict.reasons or (distances,)
     yield Headline(found.verdict.word, f"{first}.")
@@ -62,16 +62,23 @@ def _verdict(found: ExcitingMotion) -> Iterator[Block]:
         yield f"{distances[0].upper()}{distances[1:]}."
 
 
+def _shares(peaks: Array, limits: Array) -> list[float | None]:
+    """Peaks (nv,) as shares of their limits; None without a limit."""
+    shares: list[float | None] = []
+    for peak, limit in zip(peaks, limits, strict=True):
+        has_limit = math.isfinite(limit) and limit > 0
+        shares.append(peak / limit if has_limit else None)
+    return shares
+
+
 def _joints(found: ExcitingMotion) -> Table:
     robot, peaks, degrees = found.robot, found.peaks, found.degrees
     turning = Coordinates.from_model(robot.model).angular_velocity
     factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
     place, speed, rate, torque = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "ddq", "tau"))
 
-    def shares(part: str, limits: Array) -> list[float | None]:
-        return [v / m if math.isfinite(m) and m > 0 else None for v, m in zip(peaks[part], limits, strict=True)]
-
-    of_velocity, of_torque = shares("velocity", robot.limits.velocity), shares("torque", robot.limits.effort)
+    of_velocity = _shares(peaks["velocity"], robot.limits.velocity)
+    of_torque = _shares(peaks["torque"], robot.limits.effort)
     return Table(
         "",
         words("joint", robot.model.velocity_names, fold=False),
@@ -99,11 +106,12 @@ def _information(found: ExcitingMotion) -> Iterator[Line]:
     worst = int(shares.argmax())
     how = "not at all" if shares[worst] > 1.0 else f"to {percent(shares[worst], 2)}"
     beside = f"; {len(values) - count} groups are 0 there" if count < len(values) else ""
+    good_count = int((shares[known] < _MAX_GOOD_DEVIATION).sum())
     yield Line(
-        f"A log of it determines {int((shares[known] < _WELL).sum())} of {count} groups to better than 10 % of the file's value"
+        f"A log of it determines {good_count} of {count} groups to better than 10 % of the file's value"
         f"{beside}. Worst: {found.groups[worst]} ({how})."
     )
-    if shares[worst] > _WELL:
+    if shares[worst] > _MAX_GOOD_DEVIATION:
         yield Line("→ A longer duration, or several logs of the motion, determine more.")
 
 

@@ -12,21 +12,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
 
-from ..core.estimation.covariance import autocorrelation_length, student_quantile
-from ..core.estimation.cross_validation import FOLDS
-from ..core.estimation.least_squares import NormalEquations, Prior
-from ..core.typing import Array
+from ...core.estimation.covariance import autocorrelation_length, student_quantile
+from ...core.estimation.cross_validation import FOLDS
+from ...core.estimation.least_squares import NormalEquations, Prior
+from ...core.typing import Array
+from ..hyperparameters import FitSettings
+from ..parameters import BaseParameters, UnknownParameters
+from ..rows import SteadySamples
 from . import causes
 from .causes import Cause, FittedTorques, Law
-from .hyperparameters import FitSettings
 from .log_states import LogStates
-from .parameters import BaseParameters, UnknownParameters
-from .rows import SteadySamples
 
 LEAST_S = 0.25
 """S from which a cause is reported: no S of 56 clean logs exceeded 0.19."""
@@ -70,11 +70,10 @@ class CauseFit:
         self.tau = tau
         size = np.sqrt((tau**2).mean(axis=0))
         felt = states.base.felt
-        if laws:
-            law_sizes = np.array([float(size.max() / max(np.abs(e).max(), 1e-9)) for e in laws])
-            prior = Prior(np.append(prior.mean, 0.0 * law_sizes), np.append(prior.size, 1e2 * law_sizes))
-            felt_laws = [(e != 0.0).any(axis=0) for e in laws]
-            felt = np.concatenate([felt, np.stack(felt_laws, axis=1)], axis=1)
+        for e in laws:
+            law_size = float(size.max() / max(np.abs(e).max(), 1e-9))
+            prior = Prior(np.append(prior.mean, 0.0), np.append(prior.size, 1e2 * law_size))
+            felt = np.column_stack([felt, (e != 0.0).any(axis=0)])
         edges = np.linspace(0, len(tau), FOLDS + 1).astype(int).tolist()
         self.folds = [slice(a, b) for a, b in pairwise(edges)]
         parts = [NormalEquations.from_rows(W, tau, felt, rows=fold) for fold in self.folds]
@@ -397,7 +396,7 @@ def _best_begins(fit: CauseFit, columns: Sequence[Array]) -> list[tuple[float, A
     rows, step = np.arange(m)[:, None, None], m // _LOG_PARTS
     best = [(-np.inf, np.zeros(0), 0)] * len(columns)
     begins = (step * np.arange(1, _LOG_PARTS)).tolist()
-    trials = [(c, begin) for c in range(len(columns)) for begin in begins]
+    trials = list(product(range(len(columns)), begins))
     while trials:
         gains = fit.gains_of_sets([columns[c] * (rows >= begin) for c, begin in trials])
         for (c, begin), (S, beta) in zip(trials, gains, strict=True):

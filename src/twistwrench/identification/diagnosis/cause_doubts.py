@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from ..core.doubts import Doubt, DoubtKind, Level, doubt, doubt_table
-from ..core.numbers import number, percent, seconds
-from ..core.text import Argument, Placeholder, listed, spell
+from ...core.doubts import Doubt, DoubtKind, Level, doubt, doubt_table
+from ...core.numbers import number, percent, seconds
+from ...core.text import Argument, Placeholder, listed, spell
 from .cause_fit import CauseFit
-from .diagnosis import FoundCause, WantedCause
+from .diagnose import FoundCause, WantedCause
 
 _LOOK_AGAIN_EFFECT, _UNSURE_EFFECT = 0.05, 0.01
 """Changes of predicted torques, as shares of a joint's torque, from which a cause makes the verdict LOOK AGAIN or UNSURE."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.doubts import Doubt, doubt
-from ..core.gravity import STRENGTH
-from ..core.numbers import number
-from ..core.typing import Array
+from ...core.doubts import Doubt, doubt
+from ...core.gravity import STRENGTH
+from ...core.numbers import number
+from ...core.typing import Array
 from .fitted_log import FittedLog
 
 _GAIN_OF_FILE = 0.25, 4.0

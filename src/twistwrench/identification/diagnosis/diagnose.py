@@ -21,14 +21,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, pairwise
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from ..core.estimation.covariance import student_quantile
-from ..core.estimation.least_squares import MAD
-from ..core.typing import Array
+from ...core.estimation.covariance import student_quantile
+from ...core.estimation.least_squares import MAD
+from ...core.typing import Array
+from ..base_columns import consecutive_slices
+from ..hyperparameters import SPEEDS
 from . import causes
 from .cause_fit import (
     LEAST_S,
@@ -41,7 +43,6 @@ from .cause_fit import (
     screen_laws,
 )
 from .causes import Cause, FittedTorques, Law
-from .hyperparameters import SPEEDS
 from .log_states import LogStates
 
 _ROUNDS = 3
@@ -232,8 +233,8 @@ def _estimate_together(start: CauseFit, found: list[FoundCause]) -> list[FoundCa
             corrections[k] = correct_one
     if len(corrections) < 2 or not values:
         return found
-    ends = np.cumsum([0, *map(len, values.values())]).tolist()
-    parts = {k: slice(a, b) for k, (a, b) in zip(values, pairwise(ends), strict=True)}
+    parts = dict(zip(values, consecutive_slices(map(len, values.values())), strict=True))
+    beta = np.concatenate(list(values.values()))
 
     def correct(s: LogStates, beta: Array) -> LogStates:
         for k, correct_one in corrections.items():
@@ -243,8 +244,8 @@ def _estimate_together(start: CauseFit, found: list[FoundCause]) -> list[FoundCa
     last = found[-1].fit
     s = start.states.with_fields(rows=last.states.rows, friction_speed=last.states.friction_speed)
     step = min(found[k].step for k in values)
-    cause = Cause("", (), correct, step, ends[-1])
-    refined = refine_cause(last.refit(s), cause, np.concatenate(list(values.values())))
+    cause = Cause("", (), correct, step, len(beta))
+    refined = refine_cause(last.refit(s), cause, beta)
     for k, part in parts.items():
         value, deviation = np.asarray(refined.value)[part], np.asarray(refined.deviation)[part]
         found[k] = replace(found[k], value=value, deviation=deviation, correct=partial(corrections[k], beta=value))
@@ -294,8 +295,8 @@ def law_changes(fit: CauseFit) -> Array:
     law, 1 / (1 + exp(-n S / 2)) for n blocks of time: a law that is certain is fitted or reported.
     """
     base = fit.states.base
-    by_strength = sorted((one for one in fit.joint_causes if one.S > 0), key=lambda one: -one.S)
-    laws = [one for one in by_strength if _is_plausible(fit, one)]
+    laws = [one for one in fit.joint_causes if one.S > 0 and _is_plausible(fit, one)]
+    laws.sort(key=lambda one: -one.S)
     strongest: dict[tuple[int, ...], ScreenedCause] = {}
     for one in reversed(laws):
         if len(one.cause.joints) == 1 or one is laws[0]:

@@ -31,10 +31,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.typing import Array
-from ..mechanics.bodies.inertia import SpatialInertia
-from ..mechanics.lie import so3
-from ..mechanics.model.model import BASE
+from ...core.typing import Array
+from ...mechanics.bodies.inertia import SpatialInertia
+from ...mechanics.lie import so3
+from ...mechanics.model.model import BASE
+from ..parameters import turning_joints
 from .log_states import PORTION, LogStates
 
 MIN_NEGATIVE_PART, _MIN_ROWS_OF_SIGN = 0.2, 0.1
@@ -282,7 +283,7 @@ class Law:
 
 def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
     """Signs, units and exchanges of columns, zeros by quarters of a turn, mountings and units of time."""
-    turning = _turning_joints(s)
+    turning = turning_joints(s.base.unknown.model)
     for k in suspects:
         yield Cause("torque-sign", (k,), partial(gain, k=k, g=-1.0))
         yield Cause("position-sign", (k,), partial(positions_times, k=k, factor=-1.0))
@@ -305,11 +306,6 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
         yield Cause("time-scale", (), partial(time_scale, factor=factor), number=factor)
 
 
-def _turning_joints(s: LogStates) -> list[bool]:
-    """True for each joint that turns."""
-    return [bool(body.joint.turning[0]) for body in s.base.unknown.model.leaders]
-
-
 def _exchanges(s: LogStates, j: int, k: int) -> Iterator[Cause]:
     """Exchanged columns of two joints: positions, torques, and both."""
     order = np.arange(len(s.gain))
@@ -330,10 +326,11 @@ def _mountings(s: LogStates) -> Iterator[Cause]:
 
 def continuous_causes(s: LogStates, *, wide: bool) -> Iterator[Cause]:
     """Gain, scale and zero of each joint, tilt of the base, delay and low-pass; with distant starts if ``wide``."""
-    gains, delays = ((0.0,), (0.0,))
+    gains: tuple[float, ...] = (0.0,)
+    delays: tuple[float, ...] = (0.0,)
     if wide:
         gains, delays = _GAINS, _DELAYS
-    for k, is_turning in enumerate(_turning_joints(s)):
+    for k, is_turning in enumerate(turning_joints(s.base.unknown.model)):
         yield Cause("gain", (k,), lambda s, beta, k=k: gain(s, k, _factor(beta)), 1e-3, 1, gains)
         yield Cause("position-scale", (k,), lambda s, beta, k=k: positions_times(s, k, 1.0 / _factor(beta)), 1e-3)
         if is_turning:

@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.doubts import Doubt
-from ..core.estimation.cross_validation import HeldOut
-from ..core.estimation.least_squares import NormalEquations, Prior
-from ..core.typing import Array
+from ...core.doubts import Doubt
+from ...core.estimation.cross_validation import HeldOut
+from ...core.estimation.least_squares import NormalEquations, Prior
+from ...core.typing import Array
+from ..parameters import turning_joints
 
 if TYPE_CHECKING:
-    from ..robot import Robot
-    from .hyperparameters import FitSettings
-    from .log_windows import ReadLog
-    from .parameters import BaseParameters
+    from ...robot import Robot
+    from ..hyperparameters import FitSettings
+    from ..log_windows import ReadLog
+    from ..parameters import BaseParameters
 
 _MOTION_STATES = 200
 """Number of states of another motion."""
@@ -98,7 +99,7 @@ def rms(x: Array) -> Array:
 def _reach(robot: Robot, q: Array) -> tuple[Array, Array]:
     """Ranges of positions (nv,): limits, at most half a turn; for joints without limits or motion, the logs' range."""
     low, high = q.min(axis=0), q.max(axis=0)
-    turn = np.where([bool(body.joint.turning[0]) for body in robot.model.leaders], np.pi, np.inf)
+    turn = np.where(turning_joints(robot.model), np.pi, np.inf)
     lower, upper = np.maximum(robot.limits.lower, -turn), np.minimum(robot.limits.upper, turn)
     known = (high > low) & np.isfinite(lower) & np.isfinite(upper)
     return np.where(known, np.minimum(lower, low), low), np.where(known, np.maximum(upper, high), high)

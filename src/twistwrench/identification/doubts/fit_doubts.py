@@ -12,21 +12,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.doubts import Doubt, Level, doubt, doubt_table
-from ..core.estimation.cross_validation import HeldOut
-from ..core.estimation.filters import low_pass
-from ..core.estimation.least_squares import Prior
-from ..core.numbers import percent, plus_minus, seconds
-from ..core.text import listed
-from ..core.typing import Array
-from ..mechanics.bodies.inertia import SpatialInertia
-from ..mechanics.model.model import BASE
+from ...core.doubts import Doubt, Level, doubt, doubt_table
+from ...core.estimation.cross_validation import HeldOut
+from ...core.estimation.filters import low_pass
+from ...core.estimation.least_squares import Prior
+from ...core.numbers import percent, plus_minus, seconds
+from ...core.text import listed
+from ...core.typing import Array
+from ...mechanics.bodies.inertia import SpatialInertia
+from ...mechanics.model.model import BASE
 from .column_doubts import column_doubts
 from .common_gain import gain_of_all
 from .fitted_log import FittedLog, rms
 
 if TYPE_CHECKING:
-    from .parameters import BaseParameters
+    from ..parameters import BaseParameters
 
 _MAX_UNEXPLAINED = 0.35
 """Held-out residual, as a share of the torques, from which the logs are rejected."""
@@ -354,11 +354,16 @@ def _residual_above_noise(fit: FittedLog) -> bool:
 
 def _largest_at(held: HeldOut, joint: int) -> str:
     """Words for the time at which the residual of a joint is largest; empty for several logs."""
-    time = np.concatenate([rows.time for rows in held.rows])
-    if any(rows.log.any() for rows in held.rows) or not len(time):
-        return ""
-    residual = np.concatenate([np.abs(rows.measured - rows.predicted)[:, joint] for rows in held.rows])
-    return f", largest at t = {seconds(float(time[residual.argmax()]), 4)} s"
+    largest, text = -1.0, ""
+    for rows in held.rows:
+        if rows.log.any():
+            return ""
+        if len(rows.time):
+            residual = np.abs(rows.measured - rows.predicted)[:, joint]
+            k = int(residual.argmax())
+            if residual[k] > largest:
+                largest, text = float(residual[k]), f", largest at t = {seconds(float(rows.time[k]), 4)} s"
+    return text
 
 
 def _poorly_predicted(fit: FittedLog) -> list[str]:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..core.estimation.filters import UniformSpline, lagged, low_pass
-from ..core.typing import Array
-from .parameters import BaseParameters
-from .rows import SteadySamples, spring_torques, states_with_rows
+from ...core.estimation.filters import UniformSpline, lagged, low_pass
+from ...core.typing import Array
+from ..parameters import BaseParameters
+from ..rows import SteadySamples, spring_torques, states_with_rows
 
 PORTION = 2048
 """Number of states whose columns are computed together, to limit memory."""

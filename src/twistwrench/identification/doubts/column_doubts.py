@@ -7,11 +7,11 @@ from itertools import combinations
 
 import numpy as np
 
-from ..core.doubts import Doubt, doubt
-from ..core.estimation.noise import quantum
-from ..core.estimation.sampling import cut_off, moves
-from ..core.numbers import number, percent, printed
-from ..core.typing import Array
+from ...core.doubts import Doubt, doubt
+from ...core.estimation.noise import quantum
+from ...core.estimation.sampling import cut_off, moves
+from ...core.numbers import number, percent, printed
+from ...core.typing import Array
 from .fitted_log import FittedLog
 
 _MAX_GRID_NOISE = 0.15

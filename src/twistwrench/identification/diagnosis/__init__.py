@@ -1,0 +1,1 @@
+"""Causes of a fit's residual: candidates, search and doubts."""

@@ -1,0 +1,1 @@
+"""Doubts about the logs of a fit."""

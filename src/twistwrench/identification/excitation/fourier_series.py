@@ -1,0 +1,71 @@
+"""Windowed Fourier series with rest at both ends.
+
+With ω = 2π / T and k = 1 … N, each joint moves as
+
+    q(t) = q_0 + Σ_k a_k (sin kωt - p_k(t)) + b_k (cos kωt - r_k(t))
+
+where p_k and r_k are fifth-order polynomials with the value, rate and acceleration of the sine or cosine at 0 and T.
+So q = q_0 and dq = ddq = 0 at both ends.
+
+Source: Swevers et al., "Optimal robot excitation and identification", IEEE T-RA 13(5), 1997, for the series; Park,
+"Fourier-based optimal excitation trajectories for the dynamic identification of robots", Robotica 24(5), 2006, for the ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from ...core.typing import Array
+
+_ORDER = 5  # order of the polynomials: six conditions, three at each end
+
+
+@dataclass(frozen=True)
+class WindowedFourierSeries:
+    """Basis functions of the motion of every joint: 1, then N sines and N cosines without their ends."""
+
+    duration: float  # T [s]
+    harmonics: int  # N
+
+    @property
+    def count(self) -> int:
+        """Number of functions, 1 + 2 N."""
+        return 1 + 2 * self.harmonics
+
+    @cached_property
+    def _rates(self) -> Array:
+        """(N,) angular frequencies k ω T with respect to x = t / T."""
+        return 2.0 * np.pi * np.arange(1, self.harmonics + 1)
+
+    @cached_property
+    def _ends(self) -> Array:
+        """(6, 2 N) coefficients of p_k and r_k in x = t / T."""
+        w, n = self._rates, self.harmonics
+        powers = np.eye(_ORDER + 1)
+        derivatives = [powers, polynomial.polyder(powers, 1), polynomial.polyder(powers, 2)]
+        conditions = np.array([polynomial.polyval(x, d) for x in (0.0, 1.0) for d in derivatives])
+        wanted = np.zeros((6, 2 * n))
+        wanted[[1, 4], :n] = w
+        wanted[[0, 3], n:] = 1.0
+        wanted[[2, 5], n:] = -(w**2)
+        return np.linalg.solve(conditions, wanted)
+
+    def basis(self, t: Array) -> Array:
+        """Functions and their first and second derivatives at given times."""
+        t = np.asarray(t, float)
+        x, w = np.clip(t / self.duration, 0.0, 1.0), self._rates
+        sin, cos = np.sin(np.outer(x, w)), np.cos(np.outer(x, w))
+        basis = np.zeros((3, len(x), self.count))
+        basis[0, :, 0] = 1.0
+        waves = ((sin, cos), (cos * w, -sin * w), (-sin * w**2, -cos * w**2))
+        ends = self._ends
+        for m, (of_sine, of_cosine) in enumerate(waves):
+            basis[m, :, 1:] = np.concatenate([of_sine, of_cosine], axis=1) - polynomial.polyval(x, ends).T
+            basis[m] /= self.duration**m
+            ends = polynomial.polyder(ends)
+        basis[:, (t <= 0.0) | (t >= self.duration), 1:] = 0.0
+        return basis
