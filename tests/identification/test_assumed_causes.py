@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from quick import mostly_slow
-from twistwrench.identification.diagnosis.diagnose.causes import laws, time_scale
 
 import twistwrench as tw
 from twistwrench import SpatialInertia
 from twistwrench.cli.main import main
 from twistwrench.core.errors import UnknownNameError, ValueRangeError
 from twistwrench.identification.assumed import JOINTS_OF_CAUSE, WantedCause, wanted_causes
+from twistwrench.identification.diagnosis.causes import laws, time_scale
 from twistwrench.identification.diagnosis.diagnose import _is_part
 
 ARM = tw.robots.planar_2r()

@@ -9,12 +9,12 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from twistwrench.identification.diagnosis.diagnose.cause_fit import CauseFit, log_fit, screen_causes
-from twistwrench.identification.diagnosis.diagnose.causes import continuous_causes
 
 import twistwrench as tw
 from twistwrench.core.estimation.filters import REACH, lagged, low_pass, low_pass_at
 from twistwrench.core.estimation.single_row_glitches import SingleRowGlitches
+from twistwrench.identification.diagnosis.cause_fit import CauseFit, log_fit, screen_causes
+from twistwrench.identification.diagnosis.causes import continuous_causes
 from twistwrench.identification.diagnosis.log_states import LogStates
 from twistwrench.identification.hyperparameters import FitSettings
 from twistwrench.identification.parameters import UnknownParameters

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from identification_logs import known_log
 from scipy import stats
-from twistwrench.identification.diagnosis.diagnose.cause_fit import CauseFit
 
 import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut, HeldOutRows
 from twistwrench.identification import identify
+from twistwrench.identification.diagnosis.cause_fit import CauseFit
 from twistwrench.identification.doubts.common_gain import unit_doubts
 from twistwrench.identification.doubts.fit_doubts import _largest_at, _residual_above_noise, left_unexplained
 from twistwrench.identification.hyperparameters import FitSettings, SettingRows
@@ -90,8 +90,7 @@ def test_groups_that_leave_torques_open_are_told_with_the_motion_that_tells_them
 
 def test_laws_widen_intervals_by_what_is_uncertain_of_them():
     """A law that is certain is fitted or told, and one below two deviations of its own is noise."""
-    from twistwrench.identification.diagnosis.diagnose.cause_fit import log_fit
-
+    from twistwrench.identification.diagnosis.cause_fit import log_fit
     from twistwrench.identification.diagnosis.diagnose import law_changes
     from twistwrench.identification.hyperparameters import FitSettings
     from twistwrench.identification.parameters import UnknownParameters

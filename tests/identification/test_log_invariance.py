@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from identification_logs import known_log
 from quick import mostly_slow
-from twistwrench.identification.diagnosis.diagnose.causes import Law, side_in_play
 
 import twistwrench as tw
 from twistwrench.identification import identify
+from twistwrench.identification.diagnosis.causes import Law, side_in_play
 from twistwrench.identification.diagnosis.log_states import jump_of
 
 ARM = tw.robots.planar_2r()

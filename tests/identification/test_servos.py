@@ -11,12 +11,8 @@ from scipy import stats
 
 import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut
-<<<<<<< HEAD
-from twistwrench.identification.servos.identify_servos import _limited, _sizes, _tracked
-from twistwrench.identification.servos.linear_start import scale_torques
-=======
 from twistwrench.identification.servos.identify_servos import _first_rows, _sizes, _sums_of_squares
->>>>>>> 0219b414 (identification: causes, doubts and excitation in folders; one helper for durations, rates and consecutive slices)
+from twistwrench.identification.servos.linear_start import scale_torques
 from twistwrench.identification.servos.output_error import OutputErrorFit, OutputErrorProblem
 from twistwrench.identification.servos.replay import ServoLog, _hermite
 from twistwrench.identification.servos.result import IdentifiedServos
