@@ -19,7 +19,7 @@ from twistwrench.robot.derivatives import DerivativeMethods
 from twistwrench.robot.quantities import QUANTITIES
 from twistwrench.robot.quantity_methods import QuantityMethods
 from twistwrench.simulation.preparation import build_run
-from twistwrench.simulation.rollout_inputs import cleaned
+from twistwrench.simulation.rollout_inputs import validate_inputs
 
 SOURCE = Path(tw.__file__).parent
 FILES = sorted(SOURCE.rglob("*.py"))
@@ -120,7 +120,7 @@ def test_options_of_simulations_stand_once():
     assert [*taken] == ["robot", *[*asked][1:], "loops"]
     assert all(p.default is p.empty for p in taken.values())
     rolled = [*inspect.signature(tw.Robot.rollout).parameters][1:]
-    taken = inspect.signature(cleaned).parameters
+    taken = inspect.signature(validate_inputs).parameters
     assert [*taken] == ["robot", *(name for name in rolled if name not in ("gradients", "out")), "step_of"]
     assert [name for name, p in taken.items() if p.default is not p.empty] == ["step_of"]
 

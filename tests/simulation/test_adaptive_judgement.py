@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.simulation.adaptive import Stiffness
+from twistwrench.simulation.methods.stiffness import Stiffness
 
 RATE = 300.0
 """1/s, of the wheel's damping over its inertia."""

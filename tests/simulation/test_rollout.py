@@ -16,7 +16,7 @@ from twistwrench.compiler.lowering.target_machine import DOUBLE, choices, host
 from twistwrench.compiler.runtime.gufunc import make_ufunc, owner_of
 from twistwrench.mechanics.lie import quaternion
 from twistwrench.simulation import BatchComputedTorque, BatchPD
-from twistwrench.simulation import rollout_gradient as rollout_kernel
+from twistwrench.simulation import rollout_steps as rollout_kernel
 from twistwrench.simulation.compiled_steps import StepPlan
 from twistwrench.simulation.torque_laws import GivenTorque
 from twistwrench.testing import random_robot, random_state
@@ -369,7 +369,7 @@ def test_parts_and_threads_change_no_bit(monkeypatch):
     q0, dq0 = some_states(robot, 99)
     wanted = robot.rollout(q0, dq0, steps=8)
     crossed = robot.rollout(q0[:40, None], dq0[:3], steps=8)
-    monkeypatch.setattr(rollout_kernel, "IN_ONE_CALL", 1.0)
+    monkeypatch.setattr(rollout_kernel, "OPERATIONS_PER_CALL", 1.0)
     try:
         for threads in (1, 2):
             tw.set_threads(threads)

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 import twistwrench as tw
 from twistwrench.simulation import JointStops, Plane
-from twistwrench.simulation.contact import ContactDurations
+from twistwrench.simulation.accuracy.contact_durations import ContactDurations
 
 
 @pytest.fixture(scope="module")

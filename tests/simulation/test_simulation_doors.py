@@ -18,8 +18,8 @@ from twistwrench.cli.main import main
 from twistwrench.core.verdict import ExitCode
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.simulation import Event, JointStops, Plane, SimulationResult
-from twistwrench.simulation.adaptive import Stepper
 from twistwrench.simulation.forces import System
+from twistwrench.simulation.methods.adaptive import Stepper
 from twistwrench.simulation.run import Run
 from twistwrench.testing import random_robot, random_state
 

@@ -13,7 +13,8 @@ import twistwrench as tw
 from twistwrench.mechanics.bodies.inertia import COMPOSITIONS
 from twistwrench.simulation import METHODS, Partitioned, Tableau
 from twistwrench.simulation.forces import Manifold, System
-from twistwrench.simulation.schemes import (
+from twistwrench.simulation.methods.schemes import scheme_of
+from twistwrench.simulation.methods.tableaus import (
     DORMAND_PRINCE,
     EULER,
     IMPLICIT_EULER,
@@ -22,7 +23,6 @@ from twistwrench.simulation.schemes import (
     SEMI_IMPLICIT_EULER,
     density,
     order,
-    scheme_of,
     trees,
 )
 from twistwrench.testing import random_robot, random_state

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import twistwrench as tw
 from twistwrench.simulation import METHODS, JointStops, Plane
-from twistwrench.simulation.accuracy import sampled_steps
+from twistwrench.simulation.accuracy.step_doubling import sample_steps
 from twistwrench.testing import random_robot, random_state
 
 FIXED = [m for m in METHODS if m != "dopri5"]
@@ -56,7 +56,7 @@ def test_the_error_of_a_fall_by_eulers_steps_is_estimated_exactly(n):
     robot = tw.load(f"{text}</worldbody></mujoco>")
     h, g = 1.0 / n, float(np.linalg.norm(robot.gravity))
     found = robot.simulate([0.0], [0.0], 1.0, h, method="euler")
-    assert len(sampled_steps(n)) < n or n == 20
+    assert len(sample_steps(n)) < n or n == 20
     fallen = -found.q[-1, 0]
     assert fallen == pytest.approx(0.5 * g - n * g * h**2 / 2, rel=1e-12)
     assert found.relative_error == pytest.approx(n * g * h**2 / 2 / fallen, rel=1e-9)
@@ -303,7 +303,8 @@ def test_smooth_functions_cost_no_step_and_no_remark(pendulum, monkeypatch, meth
     found = pendulum.simulate([1.0], None, 1.0, dt, method=method, tau=LAWS[kind])
     assert not said(found, UNSEEN)
     monkeypatch.setattr(
-        "twistwrench.simulation.accuracy.ForceQuadrature.impulses", lambda self, t, *_: np.zeros((*np.shape(t), 1))
+        "twistwrench.simulation.accuracy.missed_impulses.ForceQuadrature.impulses",
+        lambda self, t, *_: np.zeros((*np.shape(t), 1)),
     )
     without = pendulum.simulate([1.0], None, 1.0, dt, method=method, tau=LAWS[kind])
     np.testing.assert_array_equal(found.q, without.q)
@@ -399,7 +400,7 @@ def test_the_estimate_is_the_same_every_time(box):
 @pytest.mark.parametrize("n", [1, 2, 20, 31, 400, 5000, 10**6])
 def test_few_steps_are_probed_but_never_none(n):
     """All of a short run, the first ones closely, then 2 % and at most 2000; no gap is longer than two blocks."""
-    probed = list(sampled_steps(n))
+    probed = list(sample_steps(n))
     assert probed[0] == 0
     assert probed == sorted(set(probed))
     assert probed[-1] < n

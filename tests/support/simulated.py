@@ -6,7 +6,7 @@ import numpy as np
 
 from twistwrench.mechanics.lie import quaternion
 from twistwrench.simulation.forces import System
-from twistwrench.simulation.schemes import scheme_of
+from twistwrench.simulation.methods.schemes import scheme_of
 
 
 def rates(robot, q, dq):

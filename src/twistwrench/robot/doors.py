@@ -237,9 +237,9 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         >>> len(swing), swing.stopped, swing.relative_drift < 1e-7
         (2001, 'reached the end, 2 s', True)
         """
-        from ..simulation.preparation import simulated
+        from ..simulation.preparation import simulate_robot
 
-        result: Any = simulated(
+        result: Any = simulate_robot(
             cast("Robot", self), q0, dq0, duration, dt, method=method, tau=tau, controller=controller,
             wrench_on_robot=wrench_on_robot, friction=friction, creep=creep, contacts=contacts, limits=limits,
             events=events, rtol=rtol, atol=atol, max_step=max_step, every=every, progress=progress,
@@ -309,9 +309,9 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         >>> many.q.shape, bool(many.unstable.any())
         ((100, 21, 2), False)
         """
-        from ..simulation.rollout import rolled_out
+        from ..simulation.rollout import roll_out
 
-        result: Any = rolled_out(
+        result: Any = roll_out(
             cast("Robot", self), q0, dq0, tau, dt=dt, steps=steps, duration=duration, every=every, method=method,
             wrench_on_robot=wrench_on_robot, parameters=parameters, friction=friction, torque_limits=torque_limits,
             torques=torques, gradients=gradients, out=out,
@@ -343,7 +343,7 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
         >>> len(swings), bool(swings.completed.all()), swings[1].q[0]
         (2, True, array([2.]))
         """
-        from ..simulation.preparation import simulate_batch
+        from ..simulation.batch import simulate_batch
 
         return simulate_batch(cast("Robot", self), *start, **options)
 

@@ -9,11 +9,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from ..robot.doors import RobotDoors
+from .batch import SimulationBatch
 from .contact import JointStops, Plane
 from .events import Event, Happening
-from .preparation import SimulationBatch
+from .methods.schemes import METHODS
+from .methods.tableaus import Partitioned, Tableau
 from .result import SimulationResult
-from .schemes import METHODS, Partitioned, Tableau
 from .torque_laws import BatchComputedTorque, BatchPD
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ checked once. A whole step can therefore be compiled without branches.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -30,7 +31,7 @@ from ..mechanics.model.parameters import moves_joints, regrouped, with_symbolic_
 from ..robot.engine import compile_form
 from .contact import RobotContact
 from .forces import WORKS, ControlLaw, System
-from .schemes import EULER, RK4, Tableau
+from .methods.tableaus import EULER, RK4, Tableau
 from .torque_laws import GivenTorque, TorqueLaw
 
 TABLEAUS = {"euler": EULER, "rk4": RK4}
@@ -40,7 +41,8 @@ COMPILED_METHODS = ("semi_implicit", *TABLEAUS)
 
 Ports = list[tuple[str, tuple[int, ...]]]
 
-_TRACE = 1e-30
+_WEIGHT_OF_REST = 1e-30
+"""Weight of coordinates and works in the peak of a state."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class StepPlan:
     """Frames at which wrenches act on the robot."""
     parameters: tuple[str, ...] = ()
     friction: bool = False
-    says_torques: bool = False
+    returns_torques: bool = False
     works: bool = False
     """True in simulations."""
     contacts: tuple[RobotContact, ...] = ()
@@ -76,15 +78,25 @@ class StepPlan:
     @property
     def key(self) -> tuple[Any, ...]:
         """Cache key: plans of one robot with equal keys share a program."""
-        options = self.method, self.limited, self.frames, self.parameters, self.friction, self.says_torques
+        options = self.method, self.limited, self.frames, self.parameters, self.friction, self.returns_torques
         contacts = tuple(contact.key for contact in self.contacts)
         return "simulated step" if self.works else "rollout", *self.law.key, *options, contacts
 
     @property
     def state(self) -> Ports:
         """Names and shapes of the parts of the state passed between steps."""
-        work: Ports = [("work", (len(WORKS),))]
-        return [("q", (self.model.nq,)), ("dq", (self.model.nv,)), *work * self.works]
+        ports: Ports = [("q", (self.model.nq,)), ("dq", (self.model.nv,))]
+        if self.works:
+            ports.append(("work", (len(WORKS),)))
+        return ports
+
+    @property
+    def _state_names(self) -> list[str]:
+        """Names of the outputs that are the next state, and of its peak in simulations."""
+        names = [name for name, _ in self.state]
+        if self.works:
+            names.append("peak")
+        return names
 
     @property
     def eases(self) -> bool:
@@ -97,69 +109,82 @@ class StepPlan:
         return len(TABLEAUS[self.method].b) if self.method in TABLEAUS else 1
 
     @property
-    def given(self) -> Ports:
+    def inputs(self) -> Ports:
         """Names and shapes of the inputs of each step, in the kernel's order: those of contacts last."""
         nq, nv = self.model.nq, self.model.nv
         ports: Ports = [("dt", ())]
-        ports += [(name, (nq,) if name == "q_des" else (nv,)) for name in self.law.names]
-        ports += [("torque limits", (nv,))] * self.limited
+        ports += [(name, (nq if name == "q_des" else nv,)) for name in self.law.names]
+        if self.limited:
+            ports.append(("torque limits", (nv,)))
         ports += [(f"wrench at {frame}", (6,)) for frame in self.frames]
-        ports += [("creep", (nv,))] * self.eases
-        ports += [("parameters", (len(self.parameters),))] * bool(self.parameters)
+        if self.eases:
+            ports.append(("creep", (nv,)))
+        if self.parameters:
+            ports.append(("parameters", (len(self.parameters),)))
         for k, contact in enumerate(self.contacts):
-            ports += [(f"{name} of contact {k}", x.shape) for name, x in contact.numbers.items()]
+            for name, x in contact.numbers.items():
+                ports.append((f"{name} of contact {k}", x.shape))
         return ports
 
     def recurrence(self) -> Scan:
-        """Loop over whole steps. In simulations, a peak with arbitrary initial value follows the state: see :meth:`_ended`."""
+        """Loop over whole steps. In simulations a peak, arbitrary at first, follows the state: see :meth:`_with_peak`."""
         if self.method in TABLEAUS:
-            program, fed = self._staged()
+            program, sources = self._trace_stage()
             table, hidden = stages(TABLEAUS[self.method]), len(self.state)
-            return Scan(program, fed, visible=len(self.state) + self.works, hidden=hidden, table=table)
-        names = [*(name for name, _ in self.state), *["peak"] * self.works, *self._reports]
-        program = trace(self._semi_implicit, [("angles", self.state[0][1]), *self.state, *self.given], names)
-        fed = (*self._fed, *[Source("given")] * len(self.given))
-        return Scan(program, fed, visible=len(self.state) + self.works)
+            return Scan(program, sources, visible=len(self.state) + self.works, hidden=hidden, table=table)
+        ports = [("angles", self.state[0][1]), *self.state, *self.inputs]
+        program = trace(self._semi_implicit, ports, [*self._state_names, *self._reports])
+        sources = (*self._state_sources, *[Source("given")] * len(self.inputs))
+        return Scan(program, sources, visible=len(self.state) + self.works)
 
     def one_stage(self) -> Scan:
         """Loop over Runge–Kutta stages: sums are states; start of the step and row of the tableau are inputs."""
-        program, fed = self._staged()
-        sources = tuple(source if source.kind == "state" else Source("given") for source in fed)
-        return Scan(program, sources, visible=2 * len(self.state) + self.works)
+        program, stage_sources = self._trace_stage()
+        sources = [source if source.kind == "state" else Source("given") for source in stage_sources]
+        return Scan(program, tuple(sources), visible=2 * len(self.state) + self.works)
 
-    def _staged(self) -> tuple[Program, tuple[Source, ...]]:
+    def _trace_stage(self) -> tuple[Program, tuple[Source, ...]]:
         """Program of a stage, and the sources of its inputs."""
         state, n = self.state, len(self.state)
-        start, sums = ([(f"{name} {when}", shape) for name, shape in state] for when in ("at start", "sum"))
-        inputs: Ports = [("angles", state[0][1]), *state, *start, *sums, ("stage", (5,)), *self.given]
-        fed = [*self._fed, *(Source("start", k) for k in range(n))]
-        fed += [Source("state", n + self.works + k) for k in range(n)]
-        fed += [Source("stage"), *[Source("given")] * len(self.given)]
-        names = [name for name, _ in state] + ["peak"] * self.works + [name for name, _ in sums] + self._reports
-        return trace(self._stage, inputs, names), tuple(fed)
+        start: Ports = [(f"{name} at start", shape) for name, shape in state]
+        sums: Ports = [(f"{name} sum", shape) for name, shape in state]
+        ports: Ports = [("angles", state[0][1]), *state, *start, *sums, ("stage", (5,)), *self.inputs]
+        sources = [*self._state_sources]
+        sources += [Source("start", k) for k in range(n)]
+        sources += [Source("state", n + self.works + k) for k in range(n)]
+        sources += [Source("stage"), *[Source("given")] * len(self.inputs)]
+        names = [*self._state_names, *dict(sums), *self._reports]
+        return trace(self._stage, ports, names), tuple(sources)
 
     @property
-    def _fed(self) -> list[Source]:
+    def _state_sources(self) -> list[Source]:
         """Sources of the state of a program: angles and coordinates are one array."""
         return [Source("state", 0), *(Source("state", k) for k in range(len(self.state)))]
 
     @property
     def _reports(self) -> list[str]:
         """Names of the outputs at the start of a step."""
-        return ["ddq"] * self.works + ["gaps"] * bool(self.contacts) + ["tau"] * self.says_torques
-
-    # ── on symbols ──
+        names = []
+        if self.works:
+            names.append("ddq")
+        if self.contacts:
+            names.append("gaps")
+        if self.returns_torques:
+            names.append("tau")
+        return names
 
     def step(self, angles: Array, q: Array, dq: Array, h: Any, *given: Array) -> tuple[Array, ...]:
         """State of a rollout after a step with all its stages, and the applied torques if requested."""
         if self.method == "semi_implicit":
             return self._semi_implicit(angles, q, dq, h, *given)
-        found: tuple[Array, ...] = q, dq, zeros(self.model.nq), zeros(self.model.nv)
+        results: tuple[Array, ...] = q, dq, zeros(self.model.nq), zeros(self.model.nv)
         torques: list[Array] = []
         for row in stages(RK4):
-            found = self._stage(angles, *found[:2], q, dq, *found[2:4], np.array(row), h, *given)
-            angles, torques = found[0], [*torques, *found[4:]]
-        return (*found[:2], *torques[:1])
+            state, sums = results[:2], results[2:4]
+            results = self._stage(angles, *state, q, dq, *sums, np.array(row), h, *given)
+            angles = results[0]
+            torques += results[4:]
+        return (*results[:2], *torques[:1])
 
     def _semi_implicit(self, angles: Array, q: Array, dq: Array, *rest: Any) -> tuple[Array, ...]:
         """dq1 by :func:`~twistwrench.mechanics.algorithms.contact.velocity_step`, then q1 = q ⊕ h dq1.
@@ -168,30 +193,30 @@ class StepPlan:
         """
         work, (h, *given) = rest[: self.works], rest[self.works :]
         known, plant, inputs = self._models(given)
-        wanted = [inputs[name] for name in self.law.names]
+        references = [inputs[name] for name in self.law.names]
         if hasattr(self.law, "torques_of_step"):
-            tau, gains = self.law.torques_of_step(known, angles, q, dq, h, *wanted)
+            tau, gains = self.law.torques_of_step(known, angles, q, dq, h, *references)
         else:  # laws of the caller are used unchanged
-            tau, gains = self.law.torques(known, angles, q, dq, *wanted), None
-        push, gaps = self._touched(plant, angles, dq, inputs)
+            tau, gains = self.law.torques(known, angles, q, dq, *references), None
+        push, gaps = self._contact_torques(plant, angles, dq, inputs)
         middle, start, share = angles, q, h
         if self.friction:
             middle = start = integration.halfway(self.model, q, h * dq, angles)
             share = 0.5 * h
         if self.works and not self.friction:
-            ddq = self._accelerations(plant, angles, dq, tau if push is None else tau + push, inputs)
+            ddq = self._accelerations(plant, angles, dq, _add_push(tau, push), inputs)
             dq1, mean, lost = dq + h * ddq, dq, zeros(plant.nv)
         else:
             dq1, tau, lost = velocity_step(
-                plant, middle, dq, h, tau, gains=gains, limits=inputs["torque limits"] if self.limited else None,
-                friction=self.friction, push=push, wrenches=self._pushed(inputs),
+                plant, middle, dq, h, tau, gains=gains, limits=inputs.get("torque limits"),
+                friction=self.friction, push=push, wrenches=self._robot_wrenches(inputs),
             )  # fmt: skip
             ddq, mean = (dq1 - dq) / h, 0.5 * (dq + dq1)
-        q1, reports = integration.add_at_angles(self.model, start, share * dq1, middle), [tau] * self.says_torques
+        q1, reports = integration.add_at_angles(self.model, start, share * dq1, middle), [tau] * self.returns_torques
         if not work:
             return q1, dq1, *reports
         powers = self._powers(plant, middle, mean, tau, lost, inputs, push)
-        return *self._ended(q1, dq1, work[0] + h * powers), ddq, *gaps, *reports
+        return *self._with_peak(q1, dq1, work[0] + h * powers), ddq, *gaps, *reports
 
     def _stage(self, angles: Array, *rest: Any) -> tuple[Array, ...]:
         """One stage of a Runge–Kutta method, by its row of :func:`stages`."""
@@ -203,12 +228,15 @@ class StepPlan:
         after = [
             x0 + h * (last * rate + all_of_them * total) for x0, rate, total in zip(start, rates, sums, strict=True)
         ]
-        after = self._ended(integration.normalise_quaternions(self.model, after[0], ends), *after[1:])
-        return *after, *sums, *[rates[1]] * self.works, *gaps, *[tau] * self.says_torques
+        after = self._with_peak(integration.normalise_quaternions(self.model, after[0], ends), *after[1:])
+        return *after, *sums, *[rates[1]] * self.works, *gaps, *[tau] * self.returns_torques
 
-    def _ended(self, q: Array, dq: Array, *work: Array) -> list[Any]:
+    def _with_peak(self, q: Array, dq: Array, *work: Array) -> list[Any]:
         """State and, in simulations, its peak: squared velocities plus tiny multiples of the rest, NaN if any entry is."""
-        return [q, dq, *work, *[dq @ dq + _TRACE * (q @ q + w @ w) for w in work]]
+        if not work:
+            return [q, dq]
+        peak = dq @ dq + _WEIGHT_OF_REST * (q @ q + work[0] @ work[0])
+        return [q, dq, work[0], peak]
 
     def _rates(
         self, angles: Array, q: Array, dq: Array, given: Sequence[Array]
@@ -216,43 +244,46 @@ class StepPlan:
         """Rates of the state with smoothed dry friction, torques, and gaps of contacts, if any."""
         known, plant, inputs = self._models(given)
         tau = self.law.torques(known, angles, q, dq, *(inputs[name] for name in self.law.names))
-        tau = force = clip_torques(tau, inputs["torque limits"]) if self.limited else tau
-        push, gaps = self._touched(plant, angles, dq, inputs)
+        if self.limited:
+            tau = clip_torques(tau, inputs["torque limits"])
+        force = tau
+        push, gaps = self._contact_torques(plant, angles, dq, inputs)
         if self.friction:
             force = torque_past_eased_friction(
                 plant, dq, tau, sliding_share(motor_velocities(plant, dq), inputs["creep"])
             )
-        ddq = self._accelerations(plant, angles, dq, force if push is None else force + push, inputs)
+        ddq = self._accelerations(plant, angles, dq, _add_push(force, push), inputs)
         rates = [integration.coordinate_rates(self.model, angles) @ dq, ddq]
         if self.works:
             rates.append(self._powers(plant, angles, dq, tau, force - tau, inputs, push))
         return rates, tau, gaps
 
     def _accelerations(self, plant: Model, angles: Array, dq: Array, force: Array, inputs: dict[str, Array]) -> Array:
-        return forward_dynamics(plant, angles, dq, force, wrenches=self._pushed(inputs))
+        return forward_dynamics(plant, angles, dq, force, wrenches=self._robot_wrenches(inputs))
 
     def _models(self, given: Sequence[Array]) -> tuple[Model, Model, dict[str, Array]]:
         """Model in the control law, model of the plant, and the inputs of the step by name."""
-        inputs = dict(zip([name for name, _ in self.given[1:]], given, strict=True))
+        inputs = dict(zip(dict(self.inputs[1:]), given, strict=True))
         known = regrouped(self.model)
-        plant = known if not moves_joints(self.model, self.parameters) else self.model
+        plant = self.model if moves_joints(self.model, self.parameters) else known
         if self.parameters:
             plant = with_symbolic_parameters(plant, self.parameters, list(inputs["parameters"]))
         return known, plant, inputs
 
-    def _pushed(self, inputs: dict[str, Array]) -> dict[str, Array] | None:
+    def _robot_wrenches(self, inputs: dict[str, Array]) -> dict[str, Array] | None:
         """Wrenches applied by the robot."""
         return {frame: -inputs[f"wrench at {frame}"] for frame in self.frames} or None
 
-    def _touched(
+    def _contact_torques(
         self, plant: Model, angles: Array, dq: Array, inputs: dict[str, Array]
     ) -> tuple[Array | None, tuple[Array, ...]]:
         """Contact torques (nv,) and the gap of each contact; empty without contacts."""
         if not self.contacts:
             return None, ()
         push, gaps = zeros(plant.nv), zeros(len(self.contacts))
-        for k, one in enumerate(self.contacts):
-            tau, depths = one.traced(plant, angles, dq, *(inputs[f"{name} of contact {k}"] for name in one.numbers))
+        for k, contact in enumerate(self.contacts):
+            numbers = [inputs[f"{name} of contact {k}"] for name in contact.numbers]
+            tau, depths = contact.symbolic_torques(plant, angles, dq, *numbers)
             push, gaps[k] = push + tau, -largest(depths)
         return push, (gaps,)
 
@@ -276,6 +307,11 @@ class StepPlan:
         return np.asarray(powers)
 
 
+def _add_push(force: Array, push: Array | None) -> Array:
+    """Joint torques plus those of contacts, if any."""
+    return force if push is None else force + push
+
+
 def stages(tableau: Tableau) -> tuple[tuple[float, ...], ...]:
     """A row for each stage of a method in which each stage depends only on the previous one.
 
@@ -284,38 +320,38 @@ def stages(tableau: Tableau) -> tuple[tuple[float, ...], ...]:
     """
     a, b, _, _, _ = tableau.numbers
     last = len(b) - 1
-    rows = [(float(i > 0), b[i], a[i + 1][i], 0.0, 0.0) for i in range(last)]
-    return (*(tuple(map(float, row)) for row in rows), (float(last > 0), float(b[last]), 0.0, 1.0, 1.0))
+    rows = [(float(i > 0), float(b[i]), float(a[i + 1][i]), 0.0, 0.0) for i in range(last)]
+    return (*rows, (float(last > 0), float(b[last]), 0.0, 1.0, 1.0))
 
 
-# ── Blocks of compiled steps without callbacks
-
-_IN_ONE_CALL = 5e8
+MAX_OPERATIONS_PER_CALL = 5e8
 """Operations between two checks for a keyboard interrupt: a few hundredths of a second."""
-_TOUCHING = 64
+MAX_CONTACT_POINTS = 64
 """Largest number of contact points and joint stops in compiled steps; each is unrolled."""
-_NUMBERS = 2_000_000
+MAX_ENTRIES_PER_CALL = 2_000_000
 """Largest number of entries of the states of one call."""
 
 
-def acts_by_itself(system: System) -> bool:
+def can_compile_steps(system: System) -> bool:
     """True if forces, apart from callbacks, depend on the state only and steps can be compiled."""
-    gained = system.dry_friction is not None and system.dry_friction.gained
-    touching = sum(contact.size for contact in system.contacts)
-    return not gained and touching <= _TOUCHING and compiles()
+    has_gains = system.dry_friction is not None and system.dry_friction.has_gains
+    contact_points = sum(contact.size for contact in system.contacts)
+    return not has_gains and contact_points <= MAX_CONTACT_POINTS and compiles()
 
 
 def constants(system: System, plan: StepPlan) -> dict[str, Array]:
     """Constant inputs of a step, by the names of the plan."""
-    nothing = np.zeros(0)
-    given = {
-        f"wrench at {frame}": law(0.0, nothing, nothing) for frame, law in system.wrenches.items() if not law.varies
-    }
+    no_state = np.zeros(0)
+    values = {}
+    for frame, law in system.wrenches.items():
+        if not law.varies:
+            values[f"wrench at {frame}"] = law(0.0, no_state, no_state)
     if plan.eases and system.friction is not None:
-        given["creep"] = system.friction.creep
+        values["creep"] = system.friction.creep
     for k, contact in enumerate(plan.contacts):
-        given |= {f"{name} of contact {k}": x for name, x in contact.numbers.items()}
-    return given
+        for name, x in contact.numbers.items():
+            values[f"{name} of contact {k}"] = x
+    return values
 
 
 class CompiledSteps:
@@ -327,9 +363,10 @@ class CompiledSteps:
         self.system, self.plan, self.order, self.h, self.kernel = system, plan, order, h, kernel
         self.stages = plan.stages
         """Evaluations of forward dynamics in a step."""
-        self.most = max(1, int(min(_IN_ONE_CALL / (cost * self.stages), _NUMBERS / (system.size + system.nv))))
+        calls_by_cost = MAX_OPERATIONS_PER_CALL / (cost * self.stages)
+        self.most = max(1, int(min(calls_by_cost, MAX_ENTRIES_PER_CALL / (system.size + system.nv))))
         """Largest number of steps in one call."""
-        self.names = [name for name, _ in plan.given[1:]]
+        self.names = list(dict(plan.inputs[1:]))
         """Names of the inputs of a step except its length."""
         self.constants = constants(system, plan)
         self.cuts = slice(0, system.nq), system.moving, slice(system.nq + system.nv, system.size)
@@ -342,7 +379,7 @@ class CompiledSteps:
     @classmethod
     def build(cls, system: System, method: str, order: int, h: float) -> CompiledSteps | None:
         """Compiled steps of a system; None if compilation is impossible."""
-        if method not in COMPILED_METHODS or not acts_by_itself(system):
+        if method not in COMPILED_METHODS or not can_compile_steps(system):
             return None
         return cls._with_kernel(system, StepPlan.from_system(system, method), order, h, scalar=True)
 
@@ -366,6 +403,12 @@ class CompiledSteps:
         """These steps compiled for a batch; results of a state do not depend on its neighbours."""
         return self._with_kernel(self.system, self.plan, self.order, self.h, scalar=False) or self
 
+    def under(self, held: Array) -> Self:
+        """Same steps of a copy of the system, under these torques of the controller."""
+        copied = copy(self)
+        copied.system = self.system.under(held)
+        return copied
+
     @staticmethod
     def recurrence(plan: StepPlan) -> Scan:
         """Compiled loop over whole steps."""
@@ -380,40 +423,45 @@ class CompiledSteps:
 
     def inputs(self) -> list[Array]:
         """Inputs of a step except its length, if there are no callbacks."""
-        given = {"tau": self.system.held, **self.constants}
-        return [given[name] for name in self.names]
+        values = {"tau": self.system.held, **self.constants}
+        return [values[name] for name in self.names]
 
-    def advance_with(self, y: Array, steps: int, h: float, given: Sequence[Array]) -> tuple[Array, Array, Array]:
-        """Take steps with inputs ``given`` (..., n) that are constant over all of them."""
+    def parts(self, states: Array) -> list[Array]:
+        """Parts of states (..., size): coordinates, velocities and works."""
+        return [states[..., cut] for cut in self.cuts]
+
+    def advance_with(self, y: Array, steps: int, h: float, inputs: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """Take steps with inputs (..., n) that are constant over all of them."""
         s = self.system
         Y, ddq = np.empty((*y.shape[:-1], steps + 1, s.size)), np.empty((*y.shape[:-1], steps, s.nv))
         Y[..., 0, :] = y
         after = Y[..., 1:, :]
-        rows = [x[..., None, :] for x in given]
+        rows = [x[..., None, :] for x in inputs]
         if steps > 1:
             rows = [np.broadcast_to(x, (*x.shape[:-2], steps, x.shape[-1])) for x in rows]
-        before, ends = ([x[..., cut] for cut in self.cuts] for x in (y, after))
         gaps = np.empty((*ddq.shape[:-1], len(s.contacts)))
-        said = (ddq, gaps) if s.contacts else (ddq,)
-        self.kernel(*before, 0.0, np.full(steps, h), *rows, out=(*ends, np.empty(ddq.shape[:-1]), *said))
+        out = [*self.parts(after), np.empty(ddq.shape[:-1]), ddq]
+        if s.contacts:
+            out.append(gaps)
+        self.kernel(*self.parts(y), 0.0, np.full(steps, h), *rows, out=tuple(out))
         s.evaluations += self.stages * steps
         return Y, ddq, gaps
 
     def after(self, t: Any, y: Array, h: float) -> Array:
         """States a time h after states (..., size) at times t."""
-        return self.stepped(t, y, h, self.stages)[0]
+        return self.take_stages(t, y, h, self.stages)[0]
 
-    def begun(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
+    def step_and_accelerations(self, t: Any, y: Array, h: float) -> tuple[Array, Array]:
         """States a time h later, and accelerations (..., nv) at the given states."""
         if self.system.dry_friction is not None:  # accelerations are those of a step of the usual length
             return self.after(t, y, h), self.accelerations(t, y)
-        return self.stepped(t, y, h, self.stages)
+        return self.take_stages(t, y, h, self.stages)
 
     def accelerations(self, t: Any, y: Array) -> Array:
         """Accelerations (..., nv) at the start of steps from states (..., size) at times t."""
-        return self.stepped(t, y, self.h, 1)[1]
+        return self.take_stages(t, y, self.h, 1)[1]
 
-    def stepped(self, _t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
+    def take_stages(self, _t: Any, y: Array, h: float, count: int) -> tuple[Array, Array]:
         """States after at least the first ``count`` stages of a step, and accelerations at its start."""
         Y, ddq, _ = self.advance(y, 1, h)
         self.system.evaluations += count - self.stages  # only the requested stages count

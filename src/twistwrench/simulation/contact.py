@@ -1,4 +1,4 @@
-"""Compliant contacts with a plane and with joint stops, damped by the Hunt–Crossley law, and their durations.
+"""Compliant contacts with a plane and with joint stops, damped by the Hunt–Crossley law.
 
 If a point penetrates to a depth d > 0 at the rate d', the repulsive force is
 
@@ -16,13 +16,12 @@ damping in vibroimpact", J. Applied Mechanics 42, 1975; the equation for e is th
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..compiler.ir.tracer import trace
 from ..core import arguments
@@ -102,9 +101,9 @@ class JointStops:
 
     def __post_init__(self) -> None:
         _check_law("JointStops", self.stiffness, self.exponent, self.dissipation)
-        given: object = self.joints
-        if isinstance(given, str):
-            object.__setattr__(self, "joints", (given,))
+        joints: object = self.joints
+        if isinstance(joints, str):
+            object.__setattr__(self, "joints", (joints,))
 
 
 def _check_law(what: str, stiffness: float, exponent: float, dissipation: float) -> None:
@@ -114,70 +113,9 @@ def _check_law(what: str, stiffness: float, exponent: float, dissipation: float)
     positive(dissipation, f"{what}: dissipation", zero=True)
 
 
-# ── Contact durations: contacts shorter than a step are not resolved
-
-_FEW = 2
-"""Largest number of consecutive step ends with a closed contact for which the contact counts as too short."""
-
-
-class ContactDurations:
-    """Contact states of a run, step by step."""
-
-    def __init__(self, names: Sequence[str]) -> None:
-        self.names = tuple(names)
-        self._closed = np.zeros(len(self.names), bool)
-        self._since = np.zeros(len(self.names), int)
-        """Index of the step end at which each contact closed last."""
-        self._worked = False
-        self._steps = 0
-        self.short = 0
-        """Number of contacts that began and ended within three steps."""
-        self.first = ""
-        """First of them with its time, as text."""
-
-    def step(self, t: float, gaps: Sequence[float], *, worked: bool) -> bool:
-        """Record the gaps at the end t of a step, and whether contacts did work; returns True if the contact state changed."""
-        return bool(self.block(np.array([t]), np.array([gaps], float), np.array([worked]))[0])
-
-    def block(self, times: Array, gaps: Array, worked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Record m steps that end at times (m,) with gaps (m, contacts); mask (m,) of changes of contact state."""
-        if not self.names:
-            return np.zeros(len(times), bool)
-        closed = np.concatenate([self._closed[None], gaps < 0.0])
-        works = np.concatenate([[self._worked], worked])
-        changed = (closed[1:] != closed[:-1]).any(axis=1) | (works[1:] != works[:-1])
-        for k in np.flatnonzero(changed).tolist():
-            t, before, now = float(times[k]), closed[k], closed[k + 1]
-            step = self._steps + k + 1
-            for j in np.flatnonzero(before & ~now).tolist():
-                if step - self._since[j] <= _FEW:
-                    self._short(self.names[j], t)
-            self._since[now & ~before] = step
-            if works[k + 1] and not works[k] and not before.any() and not now.any():
-                self._short("a contact", t)
-        self._closed, self._worked, self._steps = closed[-1], bool(works[-1]), self._steps + len(times)
-        return np.asarray(changed)
-
-    def remark(self, h: float) -> str:
-        """Remark on contacts for which steps of h are too long; empty if there are none."""
-        if not self.short:
-            return ""
-        times = "once" if self.short == 1 else f"{self.short} times"
-        return (
-            f"{times} a contact was over within three steps of {printed(h, 3)} s, which is too short to be computed; the "
-            f"first was {self.first}: take a smaller dt"
-        )
-
-    def _short(self, name: str, t: float) -> None:
-        self.short += 1
-        self.first = self.first or f"{name!r} before {printed(t)} s"
-
-
-# ── Contacts of a robot: traced law and its parameters
-
-_PRESSED = 3.0
+MAX_WEIGHTS_ON_POINT = 3.0
 """Multiple of the robot's weight on a point at the start above which the point counts as buried."""
-_NOTHING = 1e-9
+MIN_FORCE = 1e-9
 """Force that counts as zero, for robots without weight [N]."""
 
 
@@ -196,10 +134,10 @@ class RobotContact(ABC):
         """Inputs in parts (m, ...), evaluated as a batch; the torques of the parts are added."""
 
     @abstractmethod
-    def traced(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
+    def symbolic_torques(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
         """Joint torques (nv,) and penetration of each point or joint (m,), on symbols."""
 
-    def touched(self, q: Array, dq: Array) -> tuple[Array, Array]:
+    def torques_and_depths(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Joint torques (..., nv) and penetration of each point or joint (..., m)."""
         if all(x.ndim == 1 for x in self.parts.values()):
             tau, depths = self._kernel(q, dq, *self.parts.values())
@@ -213,11 +151,11 @@ class RobotContact(ABC):
 
     def gaps(self, q: Array) -> Array:
         """Gaps (...) of configurations (..., nq)."""
-        return np.asarray(-self.touched(q, np.zeros(self.robot.nv))[1].max(axis=-1))
+        return np.asarray(-self.torques_and_depths(q, np.zeros(self.robot.nv))[1].max(axis=-1))
 
     def torques(self, q: Array, dq: Array) -> Array | None:
         """Joint torques, (..., nv); None without contact."""
-        tau, depths = self.touched(q, dq)
+        tau, depths = self.torques_and_depths(q, dq)
         return tau if (depths > 0.0).any() else None
 
     @cached_property
@@ -225,9 +163,9 @@ class RobotContact(ABC):
         robot = self.robot
 
         def build() -> Any:
-            rest = [(name, x.shape[-1:]) for name, x in self.parts.items()]
-            inputs = [("q", (robot.nq,)), ("dq", (robot.nv,)), *rest]
-            program = trace(partial(self.traced, robot.model), inputs, ["tau", "depths"])
+            inputs = [("q", (robot.nq,)), ("dq", (robot.nv,))]
+            inputs += [(name, x.shape[-1:]) for name, x in self.parts.items()]
+            program = trace(partial(self.symbolic_torques, robot.model), inputs, ["tau", "depths"])
             return compile_form(program, "contact", f"Contact torques of {robot.name}, compiled.")
 
         return robot.engine.cache(("contact", *self.key), build)
@@ -245,18 +183,19 @@ class PlaneContact(RobotContact):
         super().__init__(robot, f"{plane.frame} touches the plane", key, len(points), numbers, points=points)
         self.plane = plane
 
-    def traced(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
+    def symbolic_torques(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
         """Joint torques and penetrations by :func:`.plane_contact`."""
         points, normal, law = numbers
         return plane_contact(model, q, dq, self.plane.frame, self.plane.exponent, points.reshape(-1, 3), normal, law)
 
-    def buried(self, q: Array) -> str:
+    def remark_at_start(self, q: Array) -> str:
         """Remark on an initial state in which a point penetrates deeper than under the robot's weight; empty if none does."""
         plane, model = self.plane, self.robot.model
-        depths = self.touched(q, np.zeros(self.robot.nv))[1]
-        worst, weight = int(depths.argmax()), sum(b.inertia.mass for b in model.bodies) * np.linalg.norm(model.gravity)
+        depths = self.torques_and_depths(q, np.zeros(self.robot.nv))[1]
+        worst = int(depths.argmax())
+        weight = sum(b.inertia.mass for b in model.bodies) * np.linalg.norm(model.gravity)
         depth = max(float(depths[worst]), 0.0)
-        if not plane.stiffness * depth**plane.exponent > max(_PRESSED * float(weight), _NOTHING):
+        if not plane.stiffness * depth**plane.exponent > max(MAX_WEIGHTS_ON_POINT * float(weight), MIN_FORCE):
             return ""
         stored = float(plane.stiffness * (np.maximum(depths, 0.0) ** (plane.exponent + 1)).sum() / (plane.exponent + 1))
         x, y, z = np.asarray(plane.points)[worst]
@@ -271,22 +210,25 @@ class StopContact(RobotContact):
     """Robot and its joint stops."""
 
     def __init__(self, robot: Robot, stops: JointStops) -> None:
-        limits, known = robot.limits, {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
-        names = known if stops.joints is None else stops.joints
+        limits, bodies = robot.limits, {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
+        has_limit = np.isfinite(limits.lower) | np.isfinite(limits.upper)
+        names = tuple(bodies) if stops.joints is None else stops.joints
+        rows = []
         for name in names:
-            if name not in known:
-                raise UnknownNameError.from_choices("joint with one degree of freedom", name, known)
-        rows = [(known[n].q_index, known[n].v_index) for n in names]
-        rows = [(i, k) for i, k in rows if np.isfinite(limits.lower[k]) or np.isfinite(limits.upper[k])]
+            if name not in bodies:
+                raise UnknownNameError.from_choices("joint with one degree of freedom", name, bodies)
+            if has_limit[bodies[name].v_index]:
+                rows.append((bodies[name].q_index, bodies[name].v_index))
         if not rows:
             raise ValueRangeError(f"robot {robot.name!r} has no limits of position there, so JointStops has no stops.")
-        self.stops, self.places, mine = stops, tuple(rows), [k for _, k in rows]
+        self.stops, self.places = stops, tuple(rows)
         """Indices in q and in dq of the joints that have stops."""
         law = np.array([stops.stiffness, stops.dissipation], float)
-        numbers = {"lower": limits.lower[mine], "upper": limits.upper[mine], "law": law}
+        velocities = [k for _, k in rows]
+        numbers = {"lower": limits.lower[velocities], "upper": limits.upper[velocities], "law": law}
         super().__init__(robot, "a joint touches its stop", (self.places, stops.exponent), len(rows), numbers)
 
-    def traced(self, _model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
+    def symbolic_torques(self, _model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
         """Joint torques and penetrations by :func:`.stop_contact`."""
         lower, upper, law = numbers
         return stop_contact(q, dq, self.places, self.stops.exponent, lower, upper, law)

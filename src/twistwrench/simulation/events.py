@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from ..robot import Robot
     from .contact import RobotContact
 
-# ── Position limits as events, one margin per joint and side
-
 
 @dataclass(frozen=True, eq=False)
 class PositionLimits:
@@ -46,14 +44,14 @@ class PositionLimits:
     @classmethod
     def from_robot(cls, robot: Robot) -> PositionLimits:
         """Limits of a robot; raises ValueRangeError if it has none."""
-        given = robot.limits
-        joints = [(b.joint, b.q_index, b.v_index) for b in robot.model.leaders if b.joint.nv == 1]
-        rows = [
-            (joint.name, joint.coordinate_units[0], side, limits[k], given.tolerance[k], i, k)
-            for joint, i, k in joints
-            for side, limits in ((-1, given.lower), (1, given.upper))
-            if np.isfinite(limits[k])
-        ]
+        limits, rows = robot.limits, []
+        for b in robot.model.leaders:
+            if b.joint.nv != 1:
+                continue
+            k, unit = b.v_index, b.joint.coordinate_units[0]
+            for side, limit in ((-1, limits.lower[k]), (1, limits.upper[k])):
+                if np.isfinite(limit):
+                    rows.append((b.joint.name, unit, side, limit, limits.tolerance[k], b.q_index, k))
         if not rows:
             raise ValueRangeError(f"limits='stop': robot {robot.name!r} has no limits of position. Leave limits out.")
         names, units, *numbers = zip(*rows, strict=True)
@@ -65,29 +63,31 @@ class PositionLimits:
 
     def outside(self, q: Array) -> str:
         """Joint farthest beyond a limit, as text; empty if none is beyond."""
-        share = -self.margins(q) / self.tolerances
-        worst = int(share.argmax())
-        if share[worst] <= 1.0:
+        excess = -self.margins(q) / self.tolerances
+        worst = int(excess.argmax())
+        if excess[worst] <= 1.0:
             return ""
         place = f"{printed(q[self.coordinates[worst]])} {self.units[worst]}"
         return f"joint {self.names[worst]!r} is at {place}, beyond {self.limit(worst)}"
 
     def limit(self, k: int) -> str:
         """Limit k as text."""
-        return f"its {'lower' if self.sides[k] < 0 else 'upper'} limit {printed(self.limits[k])} {self.units[k]}"
+        side = "lower" if self.sides[k] < 0 else "upper"
+        return f"its {side} limit {printed(self.limits[k])} {self.units[k]}"
 
     def level(self, k: int, before: float) -> float:
         """Margin at which an event happens, for a joint with the margin ``before``."""
         return 0.0 if before > self.tolerances[k] else -float(self.tolerances[k])
 
-    def passed(self, before: Array, after: Array) -> NDArray[np.bool_]:
+    def mark_passings(self, before: Array, after: Array) -> NDArray[np.bool_]:
         """Mask of joints that reach their limits or leave through them, by the margins (..., m) before and after."""
         leaves = (after < -self.tolerances) & (-self.tolerances <= before)
         return np.where(before > self.tolerances, after <= 0.0, leaves)
 
     def words(self, k: int, before: float) -> str:
         """Event text of limit k."""
-        return f"joint {self.names[k]!r} {'reaches' if before > self.tolerances[k] else 'moves beyond'} {self.limit(k)}"
+        verb = "reaches" if before > self.tolerances[k] else "moves beyond"
+        return f"joint {self.names[k]!r} {verb} {self.limit(k)}"
 
     def leaving(self, q: Array, dq: Array, later: Array, h: float) -> int | None:
         """Limit through which a joint at that limit leaves immediately; of several joints, the fastest one.
@@ -95,20 +95,19 @@ class PositionLimits:
         A joint leaves if it moves outward, or if it is at rest and moves outward ``h`` s later, at the velocities
         ``later`` (nv). Its speed or acceleration must take it past the tolerance within a second.
         """
-        speed, gained = (self.sides * v[self.velocities] for v in (dq, later - dq))
+        speed = self.sides * dq[self.velocities]
+        speed_change = self.sides * (later - dq)[self.velocities]
         rests = np.abs(speed) <= self.tolerances
-        out = (speed > self.tolerances) | (rests & (gained > h * self.tolerances))
-        out &= np.abs(self.margins(q)) <= self.tolerances
-        if not out.any():
+        leaves = (speed > self.tolerances) | (rests & (speed_change > h * self.tolerances))
+        leaves &= np.abs(self.margins(q)) <= self.tolerances
+        if not leaves.any():
             return None
-        return int(np.where(out, speed + gained, -np.inf).argmax())
+        return int(np.where(leaves, speed + speed_change, -np.inf).argmax())
 
 
-# ── Zero crossings of functions of the state
-
-_NEAR = 1e-4
+_SLOPE_INTERVAL = 1e-4
 """Fraction of a step over which the slope of an event is measured."""
-_STEEPER = 3.0
+MAX_SLOPE_RATIO = 3.0
 """Ratio of an event's slope to that of a straight line, above which several zeros in a step are possible."""
 _DIRECTIONS = {"both": 0, "up": 1, "down": -1}
 
@@ -173,8 +172,9 @@ class EventDetector:
         contacts: Sequence[RobotContact] = (),
     ) -> None:
         # The start of a contact is a non-terminal event.
-        touches = [Event(lambda _t, q, _dq, c=c: c.gap(q), c.name, direction="down") for c in contacts]  # type: ignore[misc]
-        self.watched, self.events, self.contacts = len(events), (*events, *touches), contacts
+        contact_events = [Event(lambda _t, q, _dq, c=c: c.gap(q), c.name, direction="down") for c in contacts]  # type: ignore[misc]
+        self.watched, self.events, self.contacts = len(events), (*events, *contact_events), contacts
+        """Number of events of the caller; these and those of contacts."""
         self.split, self.limits = split, limits
         self.laws = [ControlLaw(e.function, f"event {e.name!r}", (), ", one number") for e in self.events]
         self.before: list[float] = []
@@ -189,8 +189,10 @@ class EventDetector:
     def values(self, t: float, y: Array) -> tuple[list[float], Array]:
         """Value g of each event, and margin of each limit."""
         q, dq = self.split(y)
-        found = [law.number(t, q, dq) for law in self.laws]
-        return found, self.margins if self.limits is None else self.limits.margins(q)
+        values = [law.number(t, q, dq) for law in self.laws]
+        if self.limits is None:
+            return values, self.margins
+        return values, self.limits.margins(q)
 
     @property
     def gaps(self) -> list[float]:
@@ -205,20 +207,18 @@ class EventDetector:
     def passings(self, states: Array, gaps: Array) -> Iterator[int]:
         """Steps between states (m + 1, size) in which a contact begins or a joint passes a limit, ready to be located."""
         margins = self._margins(states)
-        passed, m = self._passing(gaps, margins), len(states) - 1
-        for k in (*np.flatnonzero(passed).tolist(), None):
-            last = m if k is None else k
-            self.stand(gaps[last], margins[last])
-            if k is not None:
-                yield k
+        for k in np.flatnonzero(self._begins_or_passes(gaps, margins)).tolist():
+            self.stand(gaps[k], margins[k])
+            yield k
+        self.stand(gaps[-1], margins[-1])
 
-    def passed(self, states: Array) -> tuple[NDArray[np.bool_], Array, Array]:
+    def mark_passings(self, states: Array) -> tuple[NDArray[np.bool_], Array, Array]:
         """Mask (m,) of states before which a contact begins or a joint passes a limit, with gaps and margins (m + 1, ...)."""
         q = self.split(states.T)[0].T
         after = np.array([contact.gaps(q) for contact in self.contacts]).reshape(-1, len(states)).T
         gaps = np.concatenate([np.array([self.before]), after])
         margins = np.concatenate([self.margins[None], self._margins(states)])
-        return self._passing(gaps, margins), gaps, margins
+        return self._begins_or_passes(gaps, margins), gaps, margins
 
     def stand(self, gaps: Array, margins: Array) -> None:
         """Store gaps and margins of a checked state."""
@@ -226,14 +226,16 @@ class EventDetector:
 
     def _margins(self, states: Array) -> Array:
         """Margins of the position limits, (m, limits)."""
-        return np.zeros((len(states), 0)) if self.limits is None else self.limits.margins(self.split(states.T)[0].T)
+        if self.limits is None:
+            return np.zeros((len(states), 0))
+        return self.limits.margins(self.split(states.T)[0].T)
 
-    def _passing(self, gaps: Array, margins: Array) -> NDArray[np.bool_]:
+    def _begins_or_passes(self, gaps: Array, margins: Array) -> NDArray[np.bool_]:
         """Mask (m,): a contact begins or a joint passes a limit between states (m + 1)."""
-        found = ((gaps[:-1] > 0.0) & (gaps[1:] <= 0.0)).any(axis=1)
+        mask = ((gaps[:-1] > 0.0) & (gaps[1:] <= 0.0)).any(axis=1)
         if self.limits is not None:
-            found |= self.limits.passed(margins[:-1], margins[1:]).any(axis=1)
-        return np.asarray(found)
+            mask |= self.limits.mark_passings(margins[:-1], margins[1:]).any(axis=1)
+        return np.asarray(mask)
 
     def begin(self, t: float, y: Array) -> None:
         """Store the values of the first state."""
@@ -246,39 +248,46 @@ class EventDetector:
             return None
         q, dq = self.split(y)
         k = self.limits.leaving(q, dq, self.split(later)[1], h)
-        return None if k is None else Happening(self.limits.words(k, 0.0), 0.0, q.copy(), dq.copy())
+        if k is None:
+            return None
+        return Happening(self.limits.words(k, 0.0), 0.0, q.copy(), dq.copy())
 
     def look(self, t: float, points: Sequence[tuple[float, Array]], at: Step) -> tuple[list[Happening], float | None]:
         """Events in a step from t through ``points``, and the time of the one that ends the run."""
-        happened, s0 = [], 0.0
+        events, s0 = [], 0.0
         for s1, y1 in points:
             after, margins = self.values(t + s1, y1)
             self._note_several(t + s1, s1 - s0, y1, after)
             pairs = list(zip(self.before, after, strict=True))
-            crossed = [k for k, pair in enumerate(pairs) if self._passed(k, *pair)]
+            crossed = [k for k, (g0, g1) in enumerate(pairs) if self._crosses(k, g0, g1)]
             if self.limits is not None and not (margins > self.limits.tolerances).all():
                 pairs += zip(self.margins.tolist(), margins.tolist(), strict=True)
-                crossed += (len(after) + np.flatnonzero(self.limits.passed(self.margins, margins))).tolist()
-            for s, k in sorted((self._moment(k, t, (s0, pairs[k][0]), (s1, pairs[k][1]), at), k) for k in crossed):
+                crossed += (len(after) + np.flatnonzero(self.limits.mark_passings(self.margins, margins))).tolist()
+            moments = []
+            for k in crossed:
+                g0, g1 = pairs[k]
+                moments.append((self._moment(k, t, (s0, g0), (s1, g1), at), k))
+            for s, k in sorted(moments):
                 q, dq = self.split(at(s))
-                happened.append(Happening(self._name(k), t + s, q.copy(), dq.copy()))
+                events.append(Happening(self._name(k), t + s, q.copy(), dq.copy()))
                 if k >= len(self.events) or self.events[k].terminal:
-                    return happened, s
+                    return events, s
             self.before, self.margins, s0 = after, margins, s1
-        return happened, None
+        return events, None
 
     def _note_several(self, t: float, h: float, y: Array, after: Sequence[float]) -> None:
         """Add remarks on events whose slope at t, after a step of h, allows more zeros than sign changes show."""
         if self.state is not None and h > 0.0:
-            y0 = y + _NEAR * (self.state - y)
+            y0 = y + _SLOPE_INTERVAL * (self.state - y)
             for k, event in enumerate(self.events[: self.watched]):
                 if event.name in self.several:
                     continue
-                slope = (after[k] - self._value(k, t - _NEAR * h, y0)) / _NEAR
+                slope = (after[k] - self._value(k, t - _SLOPE_INTERVAL * h, y0)) / _SLOPE_INTERVAL
                 ends = abs(self.before[k]) + abs(after[k])
-                seen = min(self.before[k], after[k]) <= 0.0 <= max(self.before[k], after[k])
-                jumps = abs(slope) * _NEAR > 0.5 * ends
-                if abs(slope) > (_STEEPER if seen else 1.0) * ends and not jumps:
+                changes_sign = min(self.before[k], after[k]) <= 0.0 <= max(self.before[k], after[k])
+                max_slope = MAX_SLOPE_RATIO * ends if changes_sign else ends
+                jumps = abs(slope) * _SLOPE_INTERVAL > 0.5 * ends
+                if abs(slope) > max_slope and not jumps:
                     self.several[event.name] = (
                         f"event {event.name!r} may pass zero more often than was seen: in the step to {number(t, 6)} s its "
                         f"slope is {number(abs(slope) / h, 3)} 1/s, and its values are {number(self.before[k], 3)} and "
@@ -286,9 +295,10 @@ class EventDetector:
                     )
         self.state = y.copy()
 
-    def _passed(self, k: int, g0: float, g1: float) -> bool:
-        way = _DIRECTIONS[self.events[k].direction]
-        return (way >= 0 and g0 < 0.0 <= g1) or (way <= 0 and g0 > 0.0 >= g1)
+    def _crosses(self, k: int, g0: float, g1: float) -> bool:
+        """True if event k crosses zero in its direction from g0 to g1."""
+        direction = _DIRECTIONS[self.events[k].direction]
+        return (direction >= 0 and g0 < 0.0 <= g1) or (direction <= 0 and g0 > 0.0 >= g1)
 
     def _name(self, k: int) -> str:
         if self.limits is not None and k >= len(self.events):
@@ -313,6 +323,10 @@ class EventDetector:
             return s1
 
         def g(s: float) -> float:
-            return (g0 if s == s0 else g1 if s == s1 else self._value(k, t + s, at(s))) - level
+            if s == s0:
+                return g0 - level
+            if s == s1:
+                return g1 - level
+            return self._value(k, t + s, at(s)) - level
 
         return float(brentq(g, s0, s1, xtol=4e-16 * max(t, s1), rtol=1e-15, maxiter=200))

@@ -8,13 +8,14 @@ method keeps its order. Source: Hairer, Lubich and Wanner, Geometric Numerical I
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, partial
 from glob import escape
 from inspect import signature
 from math import isfinite
 from types import FunctionType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -67,32 +68,30 @@ class Manifold:
 
     def normalise(self, q: Array) -> None:
         """Bring the quaternions to unit length, in place."""
-        for mine in self.model.quaternions:
-            q[mine] /= np.linalg.norm(q[mine])
+        for quaternion in self.model.quaternions:
+            q[quaternion] /= np.linalg.norm(q[quaternion])
 
-    def errors(self, off: Array) -> Array:
+    def errors(self, coordinate_errors: Array) -> Array:
         """Errors of the joints (nv,) [rad or m] that correspond to errors of the coordinates (nq,)."""
-        found = np.zeros(self.model.nv)
+        joint_errors = np.zeros(self.model.nv)
         for body in self.model.leaders:
-            place, mine = body.places
-            found[mine] = body.joint.bound(off[place])
-        return found
+            coordinates, velocities = body.places
+            joint_errors[velocities] = body.joint.bound(coordinate_errors[coordinates])
+        return joint_errors
 
     @cached_property
     def groups(self) -> tuple[tuple[slice, Array, Array], ...]:
         """Joints whose directions do not commute: velocities, mask of angular ones, and c (n, n²) with ad(V) = V c."""
         constants = brackets(self.model)
-        found = []
+        groups = []
         for body in self.model.leaders:
-            mine = body.places[1]
-            c = constants[mine, mine, mine]
+            velocities = body.places[1]
+            c = constants[velocities, velocities, velocities]
             if c.any():
                 turning = np.array(body.joint.turning, bool)
-                found.append((mine, turning, c.transpose(0, 2, 1).reshape(len(c), -1).copy()))
-        return tuple(found)
+                groups.append((velocities, turning, c.transpose(0, 2, 1).reshape(len(c), -1).copy()))
+        return tuple(groups)
 
-
-# ── Validation of numbers and callbacks (t, q, dq)
 
 Function = Callable[[float, Array, Array], Any]
 """Function of the time [s], q (nq) and dq (nv)."""
@@ -117,14 +116,16 @@ class ControlLaw:
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Validated value of the function."""
-        return self.checked(t, self._evaluated(t, q, dq))
+        return self.require_finite(t, self._evaluate(t, q, dq))
 
     def number(self, t: float, q: Array, dq: Array) -> float:
         """Value of a function that returns one number."""
-        found = self._evaluated(t, q, dq)
-        return float(found) if isinstance(found, float) and isfinite(found) else float(self.checked(t, found))
+        value = self._evaluate(t, q, dq)
+        if isinstance(value, float) and isfinite(value):
+            return float(value)
+        return float(self.require_finite(t, value))
 
-    def _evaluated(self, t: float, q: Array, dq: Array) -> Any:
+    def _evaluate(self, t: float, q: Array, dq: Array) -> Any:
         try:
             return self.function(t, q.copy(), dq.copy())  # copies: the function may store or change them
         except Exception as problem:
@@ -134,37 +135,38 @@ class ControlLaw:
         """Error for an exception raised in the function."""
         return SimulationError(f"{self.what} failed at t = {printed(t, 9)} s with {type(problem).__name__}: {problem}")
 
-    def checked(self, t: float, given: Any) -> Array:
+    def require_finite(self, t: float, value: Any) -> Array:
         """Value as a new array of floats; raises SimulationError if it is invalid."""
         try:
-            found = arguments.plain(given, self.what)  # a table would be read by position
+            array = arguments.plain(value, self.what)  # a table would be read by position
         except Exception as problem:
             raise self.failure(t, problem) from problem
         kinds = "biuf" if self.shape else "iuf"
-        if found.dtype.kind in kinds and found.shape == self.shape and np.isfinite(found).all():
-            return found.astype(float)
-        at, expected = f"at t = {printed(t, 9)} s", f"{self.shape}{self.meaning}."
-        if found.dtype.kind not in "biuf":
-            given, fault = repr(found.tolist()), f", expected real numbers of shape {expected}"
-        elif found.shape != self.shape:
-            given, fault = f"an array of shape {found.shape}", f", expected {expected}"
-        elif found.dtype.kind not in kinds:
-            given = str(bool(found))
+        if array.dtype.kind in kinds and array.shape == self.shape and np.isfinite(array).all():
+            return array.astype(float)
+        expected = f"{self.shape}{self.meaning}."
+        if array.dtype.kind not in "biuf":
+            text, fault = repr(array.tolist()), f", expected real numbers of shape {expected}"
+        elif array.shape != self.shape:
+            text, fault = f"an array of shape {array.shape}", f", expected {expected}"
+        elif array.dtype.kind not in kinds:
+            text = str(bool(array))
             fault = ", and takes a number whose sign changes where it happens: q[0] - 0.5, not q[0] > 0.5."
+        elif self.shape:
+            text, fault = str(array), f", not finite at place {int(np.flatnonzero(~np.isfinite(array))[0])}."
         else:
-            where = "" if not self.shape else f" at place {int(np.flatnonzero(~np.isfinite(found))[0])}"
-            given, fault = str(found), f", not finite{where}."
-        raise SimulationError(f"{self.what} gave {given} {at}{fault}")
+            text, fault = str(array), ", not finite."
+        raise SimulationError(f"{self.what} gave {text} at t = {printed(t, 9)} s{fault}")
 
     def values(self, t: Array, q: Array, dq: Array) -> Array:
         """Values of the function at times (m,) and states (m, nq), (m, nv), validated together."""
         rows = list(zip(t.tolist(), q, dq, strict=True))
         try:
-            found = np.array([self.function(*row) for row in rows], float)
+            values = np.array([self.function(*row) for row in rows], float)
         except Exception:  # raised with its time below
-            found = np.zeros(0)
-        if found.shape == (len(rows), *self.shape) and np.isfinite(found).all():
-            return found
+            values = np.zeros(0)
+        if values.shape == (len(rows), *self.shape) and np.isfinite(values).all():
+            return values
         return np.array([self(*row) for row in rows])
 
 
@@ -173,36 +175,35 @@ def require_three(function: Any, what: str) -> None:
     require_arguments(function, what, ("the time [s]", "q (nq)", "dq (nv)"), "t, q, dq")
 
 
-def require_arguments(function: Any, what: str, taken: Sequence[str], names: str = "share") -> None:
-    """Raise ValueRangeError unless the argument is a function with these parameters, named by ``taken``."""
+def require_arguments(function: Any, what: str, parameters: Sequence[str], names: str = "share") -> None:
+    """Raise ValueRangeError unless the argument is a function with these parameters."""
     if not callable(function) or isinstance(function, type):
         raise ValueRangeError(f"{what} is {arguments.value_text(function)}, and must be a function of ({names}).")
-    code = function.__code__ if isinstance(function, FunctionType) else None
-    if code is not None and code.co_argcount == len(taken) and not code.co_kwonlyargcount:
-        return  # checking a signature takes longer than many steps
+    if isinstance(function, FunctionType):
+        code = function.__code__
+        if code.co_argcount == len(parameters) and not code.co_kwonlyargcount:
+            return  # checking a signature takes longer than many steps
     try:
-        signed = signature(function)
+        own_signature = signature(function)
     except (TypeError, ValueError):  # some C functions have no signature
         return
     try:
-        signed.bind(*[None] * len(taken))
+        own_signature.bind(*[None] * len(parameters))
     except TypeError as problem:
-        listed = " and ".join(filter(None, [", ".join(taken[:-1]), taken[-1]]))
+        listed = " and ".join(filter(None, [", ".join(parameters[:-1]), parameters[-1]]))
         raise ValueRangeError(
-            f"{what} is a function of {signed}, and is called with {listed}: {problem}. Write lambda {names}: …"
+            f"{what} is a function of {own_signature}, and is called with {listed}: {problem}. Write lambda {names}: …"
         ) from None
 
 
-# ── Regularised dry friction for smooth methods, and its error
-
-CREEP = 1e-3
+MIN_CREEP = 1e-3
 """rad/s or m/s, smallest speed below which dry friction is smoothed."""
 
 
 def creep_speeds(M: Array, dry: Array, h: float) -> Array:
     """Speeds (..., nv) below which dry friction is smoothed: at least its largest change of velocity in a step h."""
-    light = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1)
-    return np.asarray(np.maximum(CREEP, h * dry * light))
+    mobilities = np.diagonal(np.linalg.inv(M), axis1=-2, axis2=-1)
+    return np.asarray(np.maximum(MIN_CREEP, h * dry * mobilities))
 
 
 def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str, Array]) -> Array:
@@ -225,15 +226,16 @@ def creep_of_samples(robot: Robot, q0: Array, h: float, parameters: Mapping[str,
 def _dry_friction(robot: Robot, parameters: Mapping[str, Array]) -> Array:
     """Largest dry friction of each joint without load, (..., nv)."""
     friction = robot.model.friction
-    most = np.maximum(friction.static, friction.coulomb)
-    most = np.broadcast_to(most, (*np.broadcast_shapes(*(x.shape for x in parameters.values())), robot.nv)).copy()
+    shape = np.broadcast_shapes(*(x.shape for x in parameters.values()))
+    largest = np.broadcast_to(np.maximum(friction.static, friction.coulomb), (*shape, robot.nv)).copy()
     for body in robot.model.leaders:
         if body.joint.nv == 1:
-            k, laws = body.v_index, {"static": friction.static, "coulomb": friction.coulomb}
+            k = body.v_index
             drive = robot.model.drive_names[k]
-            given = [parameters.get(f"{drive}.{law}", x[k]) for law, x in laws.items()]
-            most[..., k] = np.maximum(*given)
-    return most
+            static = parameters.get(f"{drive}.static", friction.static[k])
+            coulomb = parameters.get(f"{drive}.coulomb", friction.coulomb[k])
+            largest[..., k] = np.maximum(static, coulomb)
+    return largest
 
 
 class EasedFriction:
@@ -244,78 +246,77 @@ class EasedFriction:
     """
 
     def __init__(self, robot: Robot, creep: Array) -> None:
-        self.robot, self.creep, self.dry = robot, creep, rubs_dry(robot.model)
+        self.robot, self.creep, self.dry = robot, creep, has_dry_friction(robot.model)
 
     @cached_property
     def _kernel(self) -> Any:
         robot = self.robot
 
-        def left(dq: Array, tau: Array, share: Array) -> tuple[Array]:
+        def net_torques(dq: Array, tau: Array, share: Array) -> tuple[Array]:
             return (torque_past_eased_friction(robot.model, dq, tau, share),)
 
         def build() -> Any:
-            program = trace(left, [(name, (robot.nv,)) for name in ("dq", "tau", "share")], ["left"])
+            program = trace(net_torques, [(name, (robot.nv,)) for name in ("dq", "tau", "share")], ["left"])
             return compile_form(
                 program, "eased friction", f"Torques minus smoothed friction of {robot.name}, compiled."
             )
 
         return robot.engine.cache("eased friction", build)
 
-    def left(self, dq: Array, tau: Array) -> Array:
+    def net_torques(self, dq: Array, tau: Array) -> Array:
         """Torques tau minus friction, (nv)."""
         return np.asarray(self._kernel(dq, tau, sliding_share(motor_velocities(self.robot.model, dq), self.creep)))
 
 
-def rubs_dry(model: Model) -> Array:
+def has_dry_friction(model: Model) -> Array:
     """Mask of joints with dry friction, (nv,)."""
     return np.asarray((model.friction.static > 0) | (model.friction.coulomb > 0) | (model.friction.load > 0))
 
 
 def easing_remark(model: Model, creep: Array) -> str | None:
     """Remark on the effect of smoothed friction on a motion; None without dry friction."""
-    dry = rubs_dry(model)
+    dry = has_dry_friction(model)
     if not dry.any():
         return None
-    most = np.where(dry, creep, 0.0).reshape(-1, len(dry)).max(axis=0)
-    worst = int(np.argmax(most))
+    speeds = np.where(dry, creep, 0.0).reshape(-1, len(dry)).max(axis=0)
+    worst = int(np.argmax(speeds))
     return (
         "dry friction is eased off at low speeds: joints that it would hold creep, at up to about "
-        f"{printed(most[worst], 2)} rad/s or m/s (most of all {model.drive_labels[worst]!r}), and one that moves as "
+        f"{printed(speeds[worst], 2)} rad/s or m/s (most of all {model.drive_labels[worst]!r}), and one that moves as "
         "slowly keeps three quarters of its friction; semi-implicit steps ease nothing"
     )
-
-
-# ── Velocity step of rollouts as a kernel for simulations with callbacks
 
 
 class DryFrictionStep:
     """:func:`~twistwrench.mechanics.algorithms.contact.velocity_step` of one robot, compiled."""
 
     def __init__(self, robot: Robot, usual: float, *, friction: bool, gains: Array | None) -> None:
-        self.usual, self.friction, self.gained = usual, friction, gains is not None
+        self.usual, self.friction, self.has_gains = usual, friction, gains is not None
         """Default length of a step [s]; True with friction; True with velocity gains."""
-        self.dry = rubs_dry(robot.model) & friction
+        self.dry = has_dry_friction(robot.model) & friction
         """Joints with dry friction, (nv,)."""
-        self.gains = np.zeros(robot.nv) if gains is None else gains
+        self.gains = np.zeros(robot.nv)
+        if gains is not None:
+            self.gains = gains
         self._robot = robot
 
     @cached_property
     def kernel(self) -> Any:
         """Kernel from (q, dq, h, tau, push, gains) to velocities, applied and friction torques; compiled at first use."""
-        robot, friction, gained = self._robot, self.friction, self.gained
+        robot, friction, has_gains = self._robot, self.friction, self.has_gains
         model = regrouped(robot.model)
 
         def step(q: Array, dq: Array, h: Any, tau: Array, push: Array, gains: Array) -> tuple[Array, Array, Array]:
-            return velocity_step(model, q, dq, h, tau, gains=gains if gained else None, friction=friction, push=push)
+            return velocity_step(model, q, dq, h, tau, gains=gains if has_gains else None, friction=friction, push=push)
 
         def build() -> Any:
             robot.engine.require_invertible()
-            rest = [(name, (robot.nv,)) for name in ("tau", "push", "gains")]
-            inputs = [("q", (robot.nq,)), ("dq", (robot.nv,)), ("h", ()), *rest]
+            inputs: list[tuple[str, tuple[int, ...]]] = [("q", (robot.nq,)), ("dq", (robot.nv,)), ("h", ())]
+            inputs += [(name, (robot.nv,)) for name in ("tau", "push", "gains")]
             program = trace(step, inputs, ["v", "applied", "friction"])
             return compile_form(program, "braked step", f"Velocities of {robot.name} after a step, compiled.")
 
-        return robot.engine.cache(("braked step", friction, gained), build)
+        return robot.engine.cache(("braked step", friction, has_gains), build)
 
     def middle(self, manifold: Manifold, q: Array, dq: Array, h: float) -> Array:
         """Coordinates at which velocities change, (nq,): at the midpoint with friction, at the start without."""
@@ -325,8 +326,6 @@ class DryFrictionStep:
         """Coordinates at the end of the step, (nq,)."""
         return manifold.move(middle, (0.5 * h if self.friction else h) * v)
 
-
-# ── Forces on the robot and rates of its state
 
 # The state is one vector y = (q, dq, W): coordinates, velocities, and the work done so far by joint torques, friction,
 # wrenches and contacts. Works are integrated by the same method as the motion, so that
@@ -343,7 +342,7 @@ class System:
     """Robot and the forces on it: y' = f(t, y)."""
 
     takes_many = True
-    """True if :meth:`of_many` is available."""
+    """True if :meth:`batch_accelerations` is available."""
 
     def __init__(
         self,
@@ -375,6 +374,12 @@ class System:
         """True if there is friction."""
         return self.friction is not None or (self.dry_friction is not None and self.dry_friction.friction)
 
+    def under(self, held: Array) -> Self:
+        """Copy under these torques of the controller; it counts its own evaluations."""
+        copied = copy(self)
+        copied.held = held
+        return copied
+
     def split(self, y: Array) -> tuple[Array, Array]:
         """q and dq of a state."""
         return y[: self.nq], y[self.moving]
@@ -389,7 +394,7 @@ class System:
         self.applied, total = tau, tau
         powers[0] = tau @ dq
         if self.friction is not None:
-            total = self.friction.left(dq, tau)
+            total = self.friction.net_torques(dq, tau)
             powers[1] = total @ dq - powers[0]
         for k, push in self._pushes(t, q, dq, q):
             total = total + push
@@ -423,11 +428,13 @@ class System:
         def pushes(frame: str, law: ControlLaw, times: Array, states: Array) -> Array:
             return self.robot.wrench_torques(states[:, : self.nq], values(law, times, states), frame)
 
-        found: list[tuple[str, Callable[[Array, Array], Array]]] = []
+        functions: list[tuple[str, Callable[[Array, Array], Array]]] = []
         if self.tau is not None:
-            found.append(("tau", partial(values, self.tau)))
-        found += [(f"the wrench at {f!r}", partial(pushes, f, law)) for f, law in self.wrenches.items() if law.varies]
-        return found
+            functions.append(("tau", partial(values, self.tau)))
+        for frame, law in self.wrenches.items():
+            if law.varies:
+                functions.append((f"the wrench at {frame!r}", partial(pushes, frame, law)))
+        return functions
 
     def _torques(self, t: float, q: Array, dq: Array) -> Array:
         """Torques of the controller and of ``tau``, (nv,)."""
@@ -438,9 +445,9 @@ class System:
         for frame, law in self.wrenches.items():
             yield 2, self.robot.wrench_torques(at, law(t, q, dq), frame)
         for contact in self.contacts:
-            touched = contact.torques(q, dq)
-            if touched is not None:
-                yield 3, touched
+            push = contact.torques(q, dq)
+            if push is not None:
+                yield 3, push
 
     def rates(self, t: float, y: Array, out: Array) -> None:
         """Write f(t, y) into ``out``."""
@@ -455,7 +462,7 @@ class System:
         force = self.forces(t, q, dq, powers)
         out[self.moving] = self.robot.forward_dynamics(q, dq, force)
 
-    def of_many(self, times: Array, states: Array) -> tuple[Array, Array]:
+    def batch_accelerations(self, times: Array, states: Array) -> tuple[Array, Array]:
         """Accelerations and joint torques, (m, nv), at times (m,) and states (m, size); open robots only."""
         self.evaluations += len(states)
         q, dq = states[:, : self.nq], states[:, self.moving]
@@ -466,15 +473,17 @@ class System:
 
     def total(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
         """Torques tau (m, nv) minus friction, plus those of wrenches and contacts."""
-        found = tau if self.friction is None else self.friction.left(dq, tau)
+        total = tau
+        if self.friction is not None:
+            total = self.friction.net_torques(dq, tau)
         for frame, law in self.wrenches.items():
             F = law.values(times, q, dq) if law.varies else law(0.0, q, dq)
-            found = found + self.robot.wrench_torques(q, F, frame)
+            total = total + self.robot.wrench_torques(q, F, frame)
         for contact in self.contacts:
-            touched = contact.torques(q, dq)
-            if touched is not None:
-                found = found + touched
-        return found
+            push = contact.torques(q, dq)
+            if push is not None:
+                total = total + push
+        return total
 
     def accelerations(self, t: float, y: Array) -> Array:
         """Accelerations (nv,) of a state."""
@@ -498,14 +507,14 @@ def wrench_laws(robot: Robot, wrenches: Any) -> dict[str, ControlLaw]:
         return {}
     if not isinstance(wrenches, Mapping):
         raise ShapeError("wrench_on_robot is a dict {frame: (m, f) or a function of (t, q, dq)}.")
-    found = {}
-    for frame, given in wrenches.items():
+    laws = {}
+    for frame, wrench in wrenches.items():
         robot.model.frame(frame)
         what = f"the wrench at {frame!r}"
-        if callable(given) and not isinstance(given, Wrench):
-            found[frame] = ControlLaw.from_function(given, what, (6,), ", (m, f), moment first")
+        if callable(wrench) and not isinstance(wrench, Wrench):
+            laws[frame] = ControlLaw.from_function(wrench, what, (6,), ", (m, f), moment first")
         else:
-            labelled = wrench_at(robot.model, frame, given)  # validates a label
+            labelled = wrench_at(robot.model, frame, wrench)  # validates a label
             F = np.array(arguments.finite(arguments.one(labelled, what, 6), what, 6), float)
-            found[frame] = ControlLaw(lambda _t, _q, _dq, F=F: F, what, (6,), varies=False)  # type: ignore[misc]
-    return found
+            laws[frame] = ControlLaw(lambda _t, _q, _dq, F=F: F, what, (6,), varies=False)  # type: ignore[misc]
+    return laws

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import chain
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -33,7 +34,7 @@ class MotionClearance(Protocol):
         """Sentences on the nearest links."""
 
 
-PASSED = {
+VERBS_AND_MEANINGS = {
     "position": ("is at", "Nothing held the joint: {stop} ends where a limit is reached"),
     "torque": (
         "is given",
@@ -47,17 +48,17 @@ PASSED = {
 def _meaning(kind: str) -> str:
     """Meaning of an exceeded limit, and what to do."""
     stop = Argument("limits", "stop", option="stop-at-limits", alone=True)
-    return PASSED[kind][1].format(stop=spell(stop), tau=spell(Argument("tau", option="torque")))
+    return VERBS_AND_MEANINGS[kind][1].format(stop=spell(stop), tau=spell(Argument("tau", option="torque")))
 
 
 def verdict_with_clearance(result: SimulationResult) -> Verdict:
     """Verdict on the motion, and on the distance between links if it was checked."""
-    judged, clearance = simulation_verdict(result), result.clearance
+    verdict, clearance = simulation_verdict(result), result.clearance
     if clearance is None:
-        return judged
+        return verdict
     if not clearance.verdict.ok:
-        return Verdict(clearance.verdict.word, clearance.verdict.reasons + judged.reasons)
-    return Verdict(Word.OK) if judged.ok else judged
+        return Verdict(clearance.verdict.word, clearance.verdict.reasons + verdict.reasons)
+    return Verdict(Word.OK) if verdict.ok else verdict
 
 
 def simulation_verdict(result: SimulationResult) -> Verdict:
@@ -67,13 +68,14 @@ def simulation_verdict(result: SimulationResult) -> Verdict:
     """
     if not result.completed:
         return Verdict(Word.STOPPED, (_reason_of_end(result),))
-    passed = [v for mine in _violations(result).values() for v in mine]
-    if not result.driven or not passed:
+    violations = list(chain.from_iterable(_violations(result).values()))
+    if not result.driven or not violations:
         return Verdict(Word.DONE)
-    more = f"; {len(passed) - 1} more limit{'s are' if len(passed) > 2 else ' is'} passed" if len(passed) > 1 else ""
-    return Verdict(
-        Word.OVER_LIMIT, (f"{_in_words(passed[0], degrees=result.degrees)}{more}. {_meaning(passed[0].kind)}",)
-    )
+    first, others = violations[0], len(violations) - 1
+    sentence = _violation_text(first, degrees=result.degrees)
+    if others:
+        sentence += f"; {others} more limit{'s are' if others > 1 else ' is'} passed"
+    return Verdict(Word.OVER_LIMIT, (f"{sentence}. {_meaning(first.kind)}",))
 
 
 def _reason_of_end(result: SimulationResult) -> str:
@@ -84,7 +86,9 @@ def _reason_of_end(result: SimulationResult) -> str:
     limits, x = robot.limits, robot.model.positions(result.events[-1].q)[k]
     side = "upper" if limits.upper[k] - x < x - limits.lower[k] else "lower"
     turns = bool(Coordinates.from_model(robot.model).angular_velocity[k])
-    limit = getattr(limits, side)[k] * (math.degrees(1.0) if result.degrees and turns else 1.0)
+    limit = getattr(limits, side)[k]
+    if result.degrees and turns:
+        limit *= math.degrees(1.0)
     unit = unit_of("q", turns, degrees=result.degrees)
     return f"{robot.model.velocity_names[k]} reached its {side} position limit, {number(limit, 5)} {unit}"
 
@@ -100,11 +104,13 @@ def _joint_at_limit(result: SimulationResult) -> int | None:
     return k if margins[k] <= 1.0 else None
 
 
-def _in_words(violation: Violation, *, degrees: bool) -> str:
-    shown = violation.in_degrees() if degrees else violation
-    verb, value = PASSED[shown.kind][0], f"{number(shown.value, 5)} {shown.unit}"
-    limit = shown.limit if shown.kind == "position" else abs(shown.limit)
-    return f"{shown.joint} {verb} {value} at t = {seconds(shown.time)} s, limit {number(limit, 5)}"
+def _violation_text(violation: Violation, *, degrees: bool) -> str:
+    """Joint, value, time and limit of an exceeded limit."""
+    if degrees:
+        violation = violation.in_degrees()
+    verb, value = VERBS_AND_MEANINGS[violation.kind][0], f"{number(violation.value, 5)} {violation.unit}"
+    limit = violation.limit if violation.kind == "position" else abs(violation.limit)
+    return f"{violation.joint} {verb} {value} at t = {seconds(violation.time)} s, limit {number(limit, 5)}"
 
 
 def _violations(result: SimulationResult) -> dict[str, list[Violation]]:
@@ -113,9 +119,11 @@ def _violations(result: SimulationResult) -> dict[str, list[Violation]]:
         return {}
     check = LimitCheck(result.simulated.model, bounds_of(result.simulated))
     check.add(result.times, result.q, result.dq, None, result.tau)
-    passed = check.violations()
-    found = {kind: [violation for violation in passed if violation.kind == kind] for kind in PASSED}
-    return {kind: mine for kind, mine in found.items() if mine}
+    violations_of: dict[str, list[Violation]] = {kind: [] for kind in VERBS_AND_MEANINGS}
+    for violation in check.violations():
+        if violation.kind in violations_of:
+            violations_of[violation.kind].append(violation)
+    return {kind: violations for kind, violations in violations_of.items() if violations}
 
 
 def worst_moment(result: SimulationResult) -> tuple[Array, MarkedJoint | None, str]:
@@ -125,9 +133,10 @@ def worst_moment(result: SimulationResult) -> tuple[Array, MarkedJoint | None, s
     if k is not None:
         joint = result.velocity_names[k]
         return result.q[-1], MarkedJoint(joint, f"{joint}, at its limit", Style.NEAR), end
-    worst = next((mine[0] for mine in _violations(result).values()), None)
-    if worst is None:
+    violations_of = _violations(result)
+    if not violations_of:
         return result.q[-1], None, end
+    worst = next(iter(violations_of.values()))[0]
     row, label = int(np.abs(result.times - worst.time).argmin()), f"{worst.joint}, {worst.kind} over its limit"
     return result.q[row], MarkedJoint(worst.joint, label, Style.OVER), f"{result.robot} at t = {seconds(worst.time)} s"
 
@@ -135,8 +144,9 @@ def worst_moment(result: SimulationResult) -> tuple[Array, MarkedJoint | None, s
 def limits_passed(result: SimulationResult) -> list[str]:
     """Sentences on exceeded limits, one per kind."""
     sentences = []
-    for kind, mine in _violations(result).items():
-        more = len(mine) - 1
-        others = f", and {more} more joint{'s pass' if more > 1 else ' passes'} theirs" if more else ""
-        sentences.append(f"{_in_words(mine[0], degrees=result.degrees)}{others}. {_meaning(kind)}.")
+    for kind, violations in _violations(result).items():
+        sentence, others = _violation_text(violations[0], degrees=result.degrees), len(violations) - 1
+        if others:
+            sentence += f", and {others} more joint{'s pass' if others > 1 else ' passes'} theirs"
+        sentences.append(f"{sentence}. {_meaning(kind)}.")
     return sentences

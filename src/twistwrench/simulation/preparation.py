@@ -1,11 +1,9 @@
-"""Argument validation and start of simulations, of one state or of many."""
+"""Argument validation and start of a simulation of one state."""
 
 from __future__ import annotations
 
-import inspect
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
@@ -14,16 +12,14 @@ from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.arguments import positive, whole
-from ..core.errors import ShapeError, SimulationError, TwistWrenchError, ValueRangeError
-from ..core.numbers import printed, residual
+from ..core.errors import ShapeError, SimulationError, ValueRangeError
+from ..core.numbers import printed
 from ..core.quadrature import probe_spacing
 from ..core.text import argument
 from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..mechanics.model.limits import NONE_GIVEN
-from ..robot.task_space_methods import require_robot
-from .adaptive import Stepper, TrialSteps, run_adaptive
-from .callback_steps import CallbackSteps, use_block
+from .callback_steps import CallbackSteps
 from .compiled_steps import CompiledSteps
 from .contact import JointStops, Plane, PlaneContact, StopContact
 from .events import Event, EventDetector, PositionLimits
@@ -39,16 +35,18 @@ from .forces import (
     torque_law,
     wrench_laws,
 )
+from .methods.adaptive import Stepper, run_adaptive
+from .methods.schemes import ADAPTIVE, Scheme, SemiImplicit, scheme_of
+from .methods.trial_steps import TrialSteps
 from .result import SimulationResult
 from .run import Run
-from .schemes import ADAPTIVE, Scheme, SemiImplicit, scheme_of
 
 if TYPE_CHECKING:
     from ..robot import Robot
     from ..robot.doors import ConstrainedRobot
-    from .closed import Loops
+    from .methods.closed_steps import Loops
 
-_MOST = 10**8
+MAX_STATES = 10**8
 
 
 def build_run(
@@ -82,21 +80,17 @@ def build_run(
     h = end / n
     held, law = torque_law(tau, robot.nv)
     surfaces = _contacts(robot, contacts)
-    acting: dict[str, Any] = {"tau": law, "wrenches": wrench_laws(robot, wrench_on_robot), "contacts": surfaces}
-    system = System(robot, **acting) if loops is None else loops.system_under(**acting)
+    forces: dict[str, Any] = {"tau": law, "wrenches": wrench_laws(robot, wrench_on_robot), "contacts": surfaces}
+    system = System(robot, **forces) if loops is None else loops.system_under(**forces)
     system.held = held
     scheme = scheme_of(method, system)
     y0 = _start(robot, system, q0, dq0)
     if loops is not None:
         scheme = loops.scheme_on(scheme)
         loops.begin(y0)
-    remarks = []
-    if abs(h - dt) > 1e-9 * dt:
-        remarks.append(f"states {printed(h)} s apart, not {printed(dt)} s, so that a whole number fills it")
-    planes = [contact for contact in surfaces if isinstance(contact, PlaneContact)]
-    remarks += [buried for plane in planes if (buried := plane.buried(y0[: robot.nq]))]
+    remarks = _remarks_at_start(surfaces, y0[: robot.nq], h, dt)
     friction = arguments.flag(friction, "friction")
-    remarks += _friction(system, scheme, method, y0, h, tau, friction=friction, creep=creep, loops=loops)
+    remarks += _set_friction(system, scheme, y0, h, method=method, tau=tau, friction=friction, creep=creep, loops=loops)
     watched, stops = _events(events), _limits(robot, limits, y0)
     run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
     run.friction = friction
@@ -106,22 +100,39 @@ def build_run(
         meaning = ", a torque for each velocity"
         run.controller = ControlLaw.from_function(controller, "the controller", (robot.nv,), meaning)
         run.constant = held
-    tolerances, longest = (positive(rtol, "rtol"), positive(atol, "atol")), h if surfaces else np.inf
-    if max_step is not None:
-        longest = positive(max_step, "max_step", "s", infinite=True)
-        if method != ADAPTIVE and longest < h * (1.0 - 1e-9):
-            raise ValueRangeError(
-                f"max_step is {printed(longest)} s, and steps of method {method!r} are {printed(h)} s each. Take a smaller "
-                f"dt, and {argument('every')} to keep fewer states; max_step is for {argument('method', ADAPTIVE)}."
-            )
+    tolerances = positive(rtol, "rtol"), positive(atol, "atol")
+    longest = _longest_step(max_step, method, h, h if surfaces else np.inf)
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))
         run.tick = lambda t: progress(min(t / end, 1.0))
-    run.go = partial(_go, run, tolerances, longest, loops)
+    run.go = partial(_take_steps, run, tolerances, longest, loops)
     return run
 
 
-def _go(run: Run, tolerances: tuple[float, float], longest: float, loops: Loops | None) -> None:
+def _remarks_at_start(surfaces: list[PlaneContact | StopContact], q0: Array, h: float, dt: float) -> list[str]:
+    """Remarks on a step h other than dt, and on contact points that start in the ground."""
+    remarks = []
+    if abs(h - dt) > 1e-9 * dt:
+        remarks.append(f"states {printed(h)} s apart, not {printed(dt)} s, so that a whole number fills it")
+    planes = [contact for contact in surfaces if isinstance(contact, PlaneContact)]
+    remarks += [plane.remark_at_start(q0) for plane in planes]
+    return list(filter(None, remarks))
+
+
+def _longest_step(max_step: float | None, method: str, h: float, default: float) -> float:
+    """Largest step of the adaptive method [s]; raises ValueRangeError if it is below the step h of another method."""
+    if max_step is None:
+        return default
+    longest = positive(max_step, "max_step", "s", infinite=True)
+    if method != ADAPTIVE and longest < h * (1.0 - 1e-9):
+        raise ValueRangeError(
+            f"max_step is {printed(longest)} s, and steps of method {method!r} are {printed(h)} s each. Take a smaller "
+            f"dt, and {argument('every')} to keep fewer states; max_step is for {argument('method', ADAPTIVE)}."
+        )
+    return longest
+
+
+def _take_steps(run: Run, tolerances: tuple[float, float], longest: float, loops: Loops | None) -> None:
     """Take all steps of a run, compiled as far as possible."""
     system, options = run.system, (*tolerances, longest, probe_spacing(run.h, run.end), run.end)
     if run.method == ADAPTIVE and loops is not None:
@@ -129,34 +140,38 @@ def _go(run: Run, tolerances: tuple[float, float], longest: float, loops: Loops 
     elif run.method == ADAPTIVE:
         run_adaptive(run, Stepper(system, *options, trials=TrialSteps.build(system, tolerances)))
     else:
-        steps: type[CompiledSteps] | None = CallbackSteps if system.functions else CompiledSteps
-        if loops is not None:
-            steps = loops.steps if run.detector is None and run.controller is None else None
-        run.compiled = None if steps is None else steps.build(system, run.method, run.scheme.order, run.h)
-        run.fixed()
+        run.compiled = _compile_steps(run, loops)
+        run.take_fixed_steps()
 
 
-def _friction(
+def _compile_steps(run: Run, loops: Loops | None) -> CompiledSteps | None:
+    """Compiled steps of a run; None if compilation is impossible, or constrained steps are observed."""
+    steps: type[CompiledSteps] = CompiledSteps
+    if loops is not None:
+        if run.detector is not None or run.controller is not None:
+            return None
+        steps = loops.steps
+    elif run.system.functions:
+        steps = CallbackSteps
+    return steps.build(run.system, run.method, run.scheme.order, run.h)
+
+
+def _set_friction(
     system: System,
     scheme: Scheme,
-    method: str,
     y0: Array,
     h: float,
-    tau: Any,
     *,
+    method: str,
+    tau: Any,
     friction: bool,
     creep: float | None,
     loops: Loops | None,
 ) -> list[str]:
     """Set the system's friction in the form that the method requires; returns remarks on it."""
     robot = system.robot
-    rubs, remarks = friction and robot.model.friction.any, []
-    gains = getattr(tau, "rate_gains", None) if callable(tau) else None
-    if gains is not None:
-        given = arguments.one(gains, "rate_gains", robot.nv)
-        gains = np.array(arguments.finite(given, "rate_gains", robot.nv), float)
-    if friction and not rubs:
-        remarks.append(NONE_GIVEN)
+    rubs, gains = friction and robot.model.friction.any, _rate_gains(tau, robot.nv)
+    remarks = [NONE_GIVEN] if friction and not rubs else []
     if isinstance(scheme, SemiImplicit):
         if rubs:
             refuse_couplings(robot.model, f"friction by method {method!r}")
@@ -174,95 +189,122 @@ def _friction(
             robot.engine.require_invertible()
             speeds = creep_of_samples(robot, y0[: robot.nq], 0.0 if method == ADAPTIVE else h, {})
         system.friction = EasedFriction(robot, speeds)
-        if eased := easing_remark(robot.model, speeds):
-            # Semi-implicit steps of closed robots are smoothed too.
-            remarks.append(eased if loops is None else eased.rpartition("; ")[0])
+        remark = easing_remark(robot.model, speeds)
+        if remark and loops is not None:
+            remark = remark.rpartition("; ")[0]  # semi-implicit steps of closed robots are smoothed too
+        if remark:
+            remarks.append(remark)
     return remarks
+
+
+def _rate_gains(tau: Any, nv: int) -> Array | None:
+    """Velocity gains (nv,) of a torque law that has them, to be treated implicitly."""
+    gains = getattr(tau, "rate_gains", None) if callable(tau) else None
+    if gains is None:
+        return None
+    return np.array(arguments.finite(arguments.one(gains, "rate_gains", nv), "rate_gains", nv), float)
 
 
 def _steps(duration: float, dt: float, every: int) -> tuple[int, float]:
     """Number of steps and the duration."""
     length, h = positive(duration, "duration", "s"), positive(dt, "dt", "s")
-    if not length / h < _MOST * every:
+    if not length / h < MAX_STATES * every:
         raise ValueRangeError(
             f"a duration of {printed(length)} s with a dt of {printed(h)} s, one in {every} kept, makes more than "
-            f"{printed(_MOST, 1)} states. Take a larger dt, or keep fewer with every."
+            f"{printed(MAX_STATES, 1)} states. Take a larger dt, or keep fewer with every."
         )
     n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
     return n, length
 
 
 def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | None) -> Array:
+    """First state, with unit quaternions."""
     y = np.zeros(system.size)
-    for name, given, place, n in (("q0", q0, slice(0, robot.nq), robot.nq), ("dq0", dq0, system.moving, robot.nv)):
-        if given is None:
-            y[place] = robot.neutral if name == "q0" else 0.0
-            continue
-        try:
-            shape = np.shape(given) if isinstance(given, np.ndarray | list | tuple) else ()
-        except ValueError:  # ragged; reported below
-            shape = ()
-        if len(shape) > 1:
-            raise ShapeError(
-                f"{name} has shape {shape}; a simulation starts from one state, shape ({n},). robot.simulate_batch takes many."
-            )
-        names = robot.coordinate_names if name == "q0" else robot.model.velocity_names
-        y[place] = arguments.finite(arguments.one(given, name, n, names=names), name, n)
-    for mine in robot.model.quaternions:
-        largest = float(np.abs(y[mine]).max())
+    y[: robot.nq] = robot.neutral
+    if q0 is not None:
+        y[: robot.nq] = _initial_values(q0, "q0", robot.coordinate_names)
+    if dq0 is not None:
+        y[system.moving] = _initial_values(dq0, "dq0", robot.model.velocity_names)
+    for quaternion in robot.model.quaternions:
+        largest = float(np.abs(y[quaternion]).max())
         if largest == 0.0:
             raise ValueRangeError(
                 "q0 has a quaternion of zeros, which is not a rotation; the identity is (1, 0, 0, 0)."
             )
-        y[mine] /= largest  # scaled first: the square may overflow or underflow
+        y[quaternion] /= largest  # scaled first: the square may overflow or underflow
     system.manifold.normalise(y[: robot.nq])
     return y
 
 
-def _contacts(robot: Robot, given: Any) -> list[PlaneContact | StopContact]:
-    listed = [given] if isinstance(given, Plane | JointStops) else given
-    if isinstance(listed, str) or not isinstance(listed, Iterable):
-        raise ValueRangeError(f"contacts is {given!r}, and must be a Plane, JointStops, or a list of them.")
-    found = list(listed)
-    for one in found:
-        if not isinstance(one, Plane | JointStops):
-            raise ValueRangeError(f"contacts has {one!r}, and takes tw.simulation.Plane and tw.simulation.JointStops.")
-    return [PlaneContact(robot, one) if isinstance(one, Plane) else StopContact(robot, one) for one in found]
-
-
-def _events(given: Any) -> list[Event]:
-    listed = [given] if isinstance(given, Event) or callable(given) else given
-    if isinstance(listed, str) or not isinstance(listed, Iterable):
-        raise ValueRangeError(
-            f"events is {given!r}, and must be an Event, a function of (t, q, dq), or a list of them."
+def _initial_values(values: ArrayLike, name: str, names: tuple[str, ...]) -> Array:
+    """Finite q0 or dq0 of one state, (n,)."""
+    n = len(names)
+    try:
+        shape = np.shape(values) if isinstance(values, np.ndarray | list | tuple) else ()
+    except ValueError:  # ragged; reported below
+        shape = ()
+    if len(shape) > 1:
+        raise ShapeError(
+            f"{name} has shape {shape}; a simulation starts from one state, shape ({n},). robot.simulate_batch takes many."
         )
-    return [e if isinstance(e, Event) else Event(e, getattr(e, "__name__", "event")) for e in listed]
+    return arguments.finite(arguments.one(values, name, n, names=names), name, n)
 
 
-def _limits(robot: Robot, given: str | None, y0: Array) -> PositionLimits | None:
-    if given is None:
-        return None
-    if not isinstance(given, str) or given != "stop":
+def _contacts(robot: Robot, contacts: Any) -> list[PlaneContact | StopContact]:
+    """Contacts of the robot."""
+    if isinstance(contacts, Plane | JointStops):
+        contacts = [contacts]
+    if isinstance(contacts, str) or not isinstance(contacts, Iterable):
+        raise ValueRangeError(f"contacts is {contacts!r}, and must be a Plane, JointStops, or a list of them.")
+    surfaces = list(contacts)
+    for surface in surfaces:
+        if not isinstance(surface, Plane | JointStops):
+            raise ValueRangeError(
+                f"contacts has {surface!r}, and takes tw.simulation.Plane and tw.simulation.JointStops."
+            )
+    of_robot: list[PlaneContact | StopContact] = []
+    for surface in surfaces:
+        if isinstance(surface, Plane):
+            of_robot.append(PlaneContact(robot, surface))
+        else:
+            of_robot.append(StopContact(robot, surface))
+    return of_robot
+
+
+def _events(events: Any) -> list[Event]:
+    """Events; a function becomes one with its name."""
+    if isinstance(events, Event) or callable(events):
+        events = [events]
+    if isinstance(events, str) or not isinstance(events, Iterable):
         raise ValueRangeError(
-            f"limits is {arguments.value_text(given)}; choose 'stop', which ends the simulation where a joint reaches "
+            f"events is {events!r}, and must be an Event, a function of (t, q, dq), or a list of them."
+        )
+    return [e if isinstance(e, Event) else Event(e, getattr(e, "__name__", "event")) for e in events]
+
+
+def _limits(robot: Robot, limits: str | None, y0: Array) -> PositionLimits | None:
+    """Position limits that end the simulation, if any."""
+    if limits is None:
+        return None
+    if not isinstance(limits, str) or limits != "stop":
+        raise ValueRangeError(
+            f"limits is {arguments.value_text(limits)}; choose 'stop', which ends the simulation where a joint reaches "
             "a limit, or None. For stops that push back, contacts=tw.simulation.JointStops(stiffness=…)."
         )
-    found = PositionLimits.from_robot(robot)
-    if outside := found.outside(y0[: robot.nq]):
+    position_limits = PositionLimits.from_robot(robot)
+    outside = position_limits.outside(y0[: robot.nq])
+    if outside:
         raise ValueRangeError(f"limits='stop', and q0 is outside already: {outside}. Start inside.")
-    return found
+    return position_limits
 
 
-# ── One simulation: preparation, run, and the result for any kind of end
-
-
-def simulated(robot: Robot | ConstrainedRobot, *start: Any, **given: Any) -> SimulationResult:
+def simulate_robot(robot: Robot | ConstrainedRobot, *start: Any, **options: Any) -> SimulationResult:
     """Result of :meth:`twistwrench.Robot.simulate`; steps of robots with constraints end on them."""
     if robot.constraints:
         from .closed import simulate_closed
 
-        return simulate_closed(cast("ConstrainedRobot", robot), *start, **given)
-    return run_to_end(build_run(cast("Robot", robot), *start, **given, loops=None))
+        return simulate_closed(cast("ConstrainedRobot", robot), *start, **options)
+    return run_to_end(build_run(cast("Robot", robot), *start, **options, loops=None))
 
 
 def run_to_end(run: Run) -> SimulationResult:
@@ -280,114 +322,3 @@ def run_to_end(run: Run) -> SimulationResult:
         interrupt.result = run.result("interrupted", completed=False)  # type: ignore[attr-defined]
         raise
     return run.result(run.stopped or f"reached the end, {printed(run.end)} s", completed=not run.stopped)
-
-
-# ── Simulations from many states, batched if there are no callbacks
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SimulationBatch:
-    """Simulations from a batch of states, each of its own length. Printing it shows how many reached the end."""
-
-    results: tuple[SimulationResult, ...]
-    """One result for each state, in the order of the flattened batch."""
-    shape: tuple[int, ...]
-    """Shape of the batch."""
-
-    def __getitem__(self, index: int | tuple[int, ...]) -> SimulationResult:
-        places = index if isinstance(index, tuple) else (index,)
-        if len(places) != len(self.shape):
-            raise ValueRangeError(f"the batch has shape {self.shape}; give one index for each of its axes.")
-        return self.results[int(np.arange(len(self.results)).reshape(self.shape)[places])]
-
-    def __len__(self) -> int:
-        return len(self.results)
-
-    def __iter__(self) -> Iterator[SimulationResult]:
-        return iter(self.results)
-
-    @property
-    def completed(self) -> Array:
-        """True for simulations that reached the end of their duration, (...) bool."""
-        return np.array([found.completed for found in self.results]).reshape(self.shape)
-
-    @property
-    def ends(self) -> Array:
-        """Time of the last state of each simulation, (...) s."""
-        return np.array([found.times[-1] for found in self.results]).reshape(self.shape)
-
-    def __repr__(self) -> str:
-        if not self.results:
-            return "<SimulationBatch: no simulations>"
-        first, done = self.results[0], int(self.completed.sum())
-        said = [f"{len(self)} simulations, {done} reached the end"]
-        if done < len(self):
-            k = int(np.argmin(self.completed.ravel()))
-            where = ", ".join(map(str, np.unravel_index(k, self.shape))) if self.shape else ""
-            said.append(f"the first of the others, [{where}]: {self.results[k].stopped}")
-        said.append(f"drift of energy at most {residual(np.max([found.relative_drift for found in self.results]))}")
-        remarks = dict.fromkeys(remark for found in self.results for remark in found.remarks)
-        said += [f"note: {remark}" for remark in list(remarks)[:3]]
-        return f"<SimulationBatch of {first.robot!r}, {first.method}: {'; '.join(said)}>"
-
-
-def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch:
-    """Simulations from many states; see :meth:`twistwrench.Robot.simulate_batch`."""
-    require_robot(robot, "simulate_batch")
-    bound = inspect.signature(robot.simulate).bind(*start, **options)
-    bound.apply_defaults()
-    given = bound.arguments
-    q, dq, shape = _starts(robot, given.pop("q0"), given.pop("dq0"))
-    progress = given.pop("progress")
-    if progress is not None:
-        require_arguments(progress, "progress", ("the share done, from 0 to 1",))
-    runs = []
-    for place, one, rates in zip(np.ndindex(shape), q, dq, strict=True):
-        try:
-            runs.append(build_run(robot, one, rates, **given, progress=None, loops=None))
-        except TwistWrenchError as problem:
-            if place == (0,) * len(shape) or "q0" not in str(problem):
-                raise
-            raise type(problem)(f"simulation {list(place)} of the batch: {problem}") from None
-    with np.errstate(all="ignore"):  # overflow in unstable steps is detected and reported
-        _advance(runs)
-    results: list[SimulationResult] = []
-    for run in runs:
-        try:
-            results.append(run_to_end(run))
-        except SimulationError as problem:  # recorded in its result; the others continue
-            results.append(cast("SimulationResult", problem.result))
-        if progress is not None:
-            progress(len(results) / len(runs))
-    return SimulationBatch(tuple(results), shape)
-
-
-def _starts(robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None) -> tuple[Array, Array, tuple[int, ...]]:
-    """Configurations (n, nq) and velocities (n, nv) of all simulations, and the shape of the batch."""
-    q = robot.neutral if q0 is None else arguments.finite(q0, "q0", robot.nq, names=robot.coordinate_names)
-    dq = np.zeros(robot.nv) if dq0 is None else arguments.finite(dq0, "dq0", robot.nv, names=robot.model.velocity_names)
-    try:
-        shape = np.broadcast_shapes(q.shape[:-1], dq.shape[:-1])
-    except ValueError:
-        raise ShapeError(f"q0 has shape {q.shape} and dq0 {dq.shape}, whose batch shapes do not go together.") from None
-    every = (np.broadcast_to(x, (*shape, x.shape[-1])).reshape(-1, x.shape[-1]) for x in (q, dq))
-    return *every, shape  # type: ignore[return-value]
-
-
-def _advance(runs: list[Run]) -> None:
-    """Take the steps of all runs side by side while they are compiled, stable and not ended; then each continues alone."""
-    if len(runs) < 2 or runs[0].method == ADAPTIVE or not runs[0].without_callbacks:
-        return
-    first = runs[0]
-    made = [CompiledSteps.build(run.system, run.method, run.scheme.order, run.h) for run in runs]
-    going = [(run, steps) for run, steps in zip(runs, made, strict=True) if steps is not None]
-    for run, _ in going:
-        run.begin()
-    wide = going[0][1].side_by_side() if going else None
-    while wide is not None and going and (left := first.n - going[0][0].steps):
-        counted = first.system.evaluations
-        given = [np.array(given) for given in zip(*(steps.inputs() for _, steps in going), strict=True)]
-        states = np.array([run.last[1] for run, _ in going])
-        found = wide.advance_with(states, min(max(1, wide.most // len(going)), left), first.h, given)
-        first.system.evaluations = counted
-        going = [both for both, *mine in zip(going, *found, strict=True) if use_block(*both, *mine)]

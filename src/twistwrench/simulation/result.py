@@ -291,7 +291,7 @@ def _largest(x: Array) -> float:
 
 # ── Preallocated record of a run
 
-_AT_FIRST = 1_000_000
+MAX_INITIAL_ROWS = 1_000_000
 """Largest number of states for which memory is allocated at the start."""
 
 
@@ -302,7 +302,7 @@ class Record:
         self.count = 0
         """Number of stored states."""
         self.events: list[Happening] = []
-        rows = min(rows, _AT_FIRST)
+        rows = min(rows, MAX_INITIAL_ROWS)
         self._parts = np.empty(rows), np.empty((rows, size)), np.empty((rows, nv)), np.empty((rows, nv))
 
     @property
@@ -320,8 +320,8 @@ class Record:
         k = self.count
         if k == len(self._parts[0]):
             self._grow(k + 1)
-        given: tuple[Any, ...] = (t, y, ddq, tau)
-        for part, value in zip(self._parts, given, strict=True):
+        values: tuple[Any, ...] = (t, y, ddq, tau)
+        for part, value in zip(self._parts, values, strict=True):
             part[k] = value
         self.count = k + 1
 
@@ -330,8 +330,8 @@ class Record:
         first, end = self.count, self.count + len(times)
         if end > len(self._parts[0]):
             self._grow(end)
-        for room, given in zip(self._parts, (times, states, accelerations, tau), strict=True):
-            room[first:end] = given
+        for part, values in zip(self._parts, (times, states, accelerations, tau), strict=True):
+            part[first:end] = values
         self.count = end
 
     def result(self, robot: Robot, works: tuple[str, ...], **more: Any) -> SimulationResult:
@@ -339,11 +339,14 @@ class Record:
         times, Y, accelerations, torques = (x[: self.count] for x in self._parts)
         if self.count < len(self._parts[0]) - 2:  # releases memory after an early end
             times, accelerations, torques = times.copy(), accelerations.copy(), torques.copy()
-        q, dq, W = (np.ascontiguousarray(x) for x in np.split(Y, [robot.nq, robot.nq + robot.nv], axis=1))
+        q, dq, W = map(np.ascontiguousarray, np.split(Y, [robot.nq, robot.nq + robot.nv], axis=1))
         with np.errstate(all="ignore"):  # the last states before a failure may overflow
             kinetic, potential = robot.kinetic_energy(q, dq), robot.potential_energy(q)
             momentum = robot.momentum(q, dq)
-        more["coordinate_units"] = tuple(u for b in robot.model.leaders for u in b.joint.coordinate_units)
+        units: list[str] = []
+        for body in robot.model.leaders:
+            units += body.joint.coordinate_units
+        more["coordinate_units"] = tuple(units)
         return SimulationResult(
             robot.name, robot.coordinate_names, robot.model.velocity_names, times, q, dq, accelerations, torques,
             np.asarray(kinetic), np.asarray(potential), {name: x.copy() for name, x in zip(works, W.T, strict=True)},

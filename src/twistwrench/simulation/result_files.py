@@ -9,7 +9,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from .result import SimulationResult
 
 _MARK = "twistwrench simulation 1"
 _ARRAYS = ("times", "q", "dq", "ddq", "tau", "kinetic_energy", "potential_energy", "momentum")
-_SAID = {
+_TEXT_FIELDS = {
     "robot": str,
     "coordinate_names": list,
     "velocity_names": list,
@@ -44,7 +44,7 @@ _SAID = {
     "coordinate_units": list,
 }
 """Text fields and their types; lists hold text. Events are stored separately."""
-_ADDED: dict[str, Any] = {"relative_error": math.nan, "coordinate_units": []}
+_LATER_FIELDS: dict[str, Any] = {"relative_error": math.nan, "coordinate_units": []}
 """Fields missing in older files, with the value for unknown."""
 
 
@@ -53,20 +53,20 @@ def write_csv(result: SimulationResult, path: str | Path, *, degrees: bool = Fal
     header = _header(result.coordinate_names, result.velocity_names)
     factors: dict[str, Array] = {}
     if degrees:
-        header, factors = _in_degrees(result, header)
-    turned, turning = factors.get("q", 1.0), factors.get("dq", 1.0)
-    columns = [result.times, result.q * turned, result.dq * turning, result.ddq * turning, result.tau]
+        header, factors = _header_and_factors_in_degrees(result, header)
+    q_factor, dq_factor = factors.get("q", 1.0), factors.get("dq", 1.0)
+    columns = [result.times, result.q * q_factor, result.dq * dq_factor, result.ddq * dq_factor, result.tau]
     columns += [result.kinetic_energy, result.potential_energy, *(result.work[w] for w in WORKS), result.momentum]
     path = as_path(path)
     with replacing(path) as scratch, scratch.open("wb") as file:
-        file.write(f"# {_MARK}\n# {_said(result)}\n".encode())
+        file.write(f"# {_MARK}\n# {_text_fields(result)}\n".encode())
         writer = CsvWriter(file)
         writer.row(header)
         writer.numbers(np.column_stack(columns))
     return path
 
 
-def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str], dict[str, Array]]:
+def _header_and_factors_in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str], dict[str, Array]]:
     """Header in degrees, and the factors of coordinates and velocities."""
     if result.simulated is None:
         raise ValueRangeError(
@@ -74,35 +74,45 @@ def _in_degrees(result: SimulationResult, header: list[str]) -> tuple[list[str],
             "result.with_robot(robot).to_csv(…)."
         )
     names = Coordinates.from_model(result.simulated.model)
-    said = [header for part in ("q", "dq", "ddq") for header in names.headers(part, degrees=True)]
-    turning = {"q": names.angular, "dq": names.angular_velocity}
-    factors = {part: np.where(angular, np.degrees(1.0), 1.0) for part, angular in turning.items()}
-    return [header[0], *said, *header[1 + len(said) :]], factors
+    states = [
+        *names.headers("q", degrees=True),
+        *names.headers("dq", degrees=True),
+        *names.headers("ddq", degrees=True),
+    ]
+    factors = {
+        "q": np.where(names.angular, np.degrees(1.0), 1.0),
+        "dq": np.where(names.angular_velocity, np.degrees(1.0), 1.0),
+    }
+    return [header[0], *states, *header[1 + len(states) :]], factors
 
 
 def _to_radians(header: list[str], expected: list[str]) -> Array | None:
     """Conversion factor of each column to SI units, (n,); None if the columns are not the expected ones."""
-    degree, units = np.radians(1.0), tuple(f" [{unit}]" for unit in DEGREES.values())
     if len(header) != len(expected):
         return None
-    in_degrees = [name in [wanted + unit for unit in units] for name, wanted in zip(header, expected, strict=True)]
-    if any(name != wanted and not turned for name, wanted, turned in zip(header, expected, in_degrees, strict=True)):
-        return None
-    return np.where(in_degrees, degree, 1.0)
+    factors = np.ones(len(header))
+    for k, (name, si_name) in enumerate(zip(header, expected, strict=True)):
+        if name in [f"{si_name} [{unit}]" for unit in DEGREES.values()]:
+            factors[k] = np.radians(1.0)
+        elif name != si_name:
+            return None
+    return factors
 
 
 def _header(coordinates: Sequence[str], v: Sequence[str]) -> list[str]:
     header = [time_column(coordinates), *coordinates]
-    header += [f"{n}{SUFFIX[part]}" for part in ("dq", "ddq", "tau") for n in v]
+    for part in ("dq", "ddq", "tau"):
+        header += [f"{name}{SUFFIX[part]}" for name in v]
     return [*header, *ENERGIES, *(f"{WORK}{w}" for w in WORKS), *MOMENTUM]
 
 
 def write_npz(result: SimulationResult, path: str | Path) -> Path:
     """Write one array for each numeric field, and the text fields as JSON in another."""
-    arrays = {name: getattr(result, name) for name in _ARRAYS} | {f"work_{w}": result.work[w] for w in WORKS}
+    arrays = {name: getattr(result, name) for name in _ARRAYS}
+    arrays |= {f"work_{w}": result.work[w] for w in WORKS}
     path = as_path(path)
     with replacing(path) as scratch, scratch.open("wb") as file:
-        np.savez_compressed(file, format=np.array(_MARK), said=np.array(_said(result)), **arrays)
+        np.savez_compressed(file, format=np.array(_MARK), said=np.array(_text_fields(result)), **arrays)
     return path
 
 
@@ -133,7 +143,7 @@ def _read(path: Path) -> SimulationResult:
             raise TrajectoryError("an archive of NumPy, but not of a simulation.")
         arrays = {name: archive[name] for name in _ARRAYS}
         work = {w: archive[f"work_{w}"] for w in WORKS}
-        return _result(_words(json.loads(str(archive["said"]))), arrays, work)
+        return _result(_validated_fields(json.loads(str(archive["said"]))), arrays, work)
 
 
 def _read_csv(data: bytes) -> SimulationResult:
@@ -143,8 +153,8 @@ def _read_csv(data: bytes) -> SimulationResult:
             f"does not begin with '# {_MARK}', so it is not the file of a simulation. A motion of another kind is "
             "what twistwrench torques reads."
         )
-    words = _words(json.loads(lines.readline()[1:]))
-    coordinates, velocities = words["coordinate_names"], words["velocity_names"]
+    fields = _validated_fields(json.loads(lines.readline()[1:]))
+    coordinates, velocities = fields["coordinate_names"], fields["velocity_names"]
     header = [unescape_cell(cell) for cell in next(csv.reader(lines), [])]
     factors = _to_radians(header, _header(coordinates, velocities))
     if factors is None:
@@ -158,64 +168,75 @@ def _read_csv(data: bytes) -> SimulationResult:
     if table.shape[1] != sum(sizes):
         raise TrajectoryError(f"rows of {table.shape[1]} numbers, {sum(sizes)} wanted.")
     parts = [part.copy() for part in np.split(table * factors, np.cumsum(sizes)[:-1], axis=1)]
-    times, q, dq, ddq, tau, kinetic, potential, *work, momentum = parts
+    times, q, dq, ddq, tau, kinetic, potential, *works, momentum = parts
     arrays = dict(zip(_ARRAYS, (times[:, 0], q, dq, ddq, tau, kinetic[:, 0], potential[:, 0], momentum), strict=True))
-    return _result(words, arrays, {w: x[:, 0] for w, x in zip(WORKS, work, strict=True)})
+    return _result(fields, arrays, {name: x[:, 0] for name, x in zip(WORKS, works, strict=True)})
 
 
-def _said(result: SimulationResult) -> str:
+def _text_fields(result: SimulationResult) -> str:
+    """Text fields and events as JSON."""
     events = [{"name": e.name, "time": e.time, "q": e.q.tolist(), "dq": e.dq.tolist()} for e in result.events]
-    words = {name: getattr(result, name) for name in _SAID}
-    return json.dumps({**words, "error_estimate": result.error_estimate.tolist(), "events": events})
+    fields = {name: getattr(result, name) for name in _TEXT_FIELDS}
+    return json.dumps({**fields, "error_estimate": result.error_estimate.tolist(), "events": events})
 
 
-def _words(said: Any) -> dict[str, Any]:
+def _validated_fields(content: Any) -> dict[str, Any]:
     """Text fields of the file, each of its type."""
-    if not isinstance(said, dict):
+    if not isinstance(content, dict):
         raise _other_kind("a text field")
-    said = {**_ADDED, **said}
-    for name, kind in _SAID.items():
-        if not _has_type(said.get(name), kind):
+    content = {**_LATER_FIELDS, **content}
+    fields: dict[str, Any] = {}
+    for name, kind in _TEXT_FIELDS.items():
+        value = content.get(name)
+        if not _has_type(value, kind):
             raise _other_kind(repr(name))
-    if not isinstance(said.get("events"), list):
+        fields[name] = tuple(value) if kind is list else value
+    if not isinstance(content.get("events"), list):
         raise _other_kind("'events'")
-    words: dict[str, Any] = {n: tuple(said[n]) if kind is list else said[n] for n, kind in _SAID.items()}
-    nq, nv = len(words["coordinate_names"]), len(words["velocity_names"])
-    if len(words["coordinate_units"]) not in (0, nq):
+    nq, nv = len(fields["coordinate_names"]), len(fields["velocity_names"])
+    if len(fields["coordinate_units"]) not in (0, nq):
         raise _other_kind("'coordinate_units'")
-    off = _numbers("'error_estimate'", said.get("error_estimate", [math.nan] * nv), (nv,))
+    error = _numbers("'error_estimate'", content.get("error_estimate", [math.nan] * nv), (nv,))
     events = []
-    for event in said["events"]:
+    for event in content["events"]:
         if not isinstance(event, dict) or not isinstance(event.get("name"), str):
             raise _other_kind("an event")
-        parts = (("time", ()), ("q", (nq,)), ("dq", (nv,)))
-        time, q, dq = (_numbers(f"an event's {part}", event.get(part), n) for part, n in parts)
+        time = _numbers("an event's time", event.get("time"), ())
+        q = _numbers("an event's q", event.get("q"), (nq,))
+        dq = _numbers("an event's dq", event.get("dq"), (nv,))
         events.append(Happening(event["name"], float(time), q, dq))
-    return {**words, "error_estimate": off, "events": tuple(events)}
+    return {**fields, "error_estimate": error, "events": tuple(events)}
 
 
 def _has_type(value: object, kind: type) -> bool:
-    if kind in (int, float):
-        return isinstance(value, (float, int) if kind is float else int) and not isinstance(value, bool)
-    return isinstance(value, kind) and (kind is not list or all(isinstance(part, str) for part in cast("Any", value)))
+    """True if a value of the file has a type; lists are of text, and integers are floats too."""
+    if isinstance(value, bool):
+        return kind is bool
+    if kind is float:
+        return isinstance(value, (float, int))
+    if kind is list:
+        return isinstance(value, list) and all(isinstance(part, str) for part in value)
+    return isinstance(value, kind)
 
 
 def _numbers(what: str, x: Any, shape: tuple[int, ...]) -> Array:
-    found = np.asarray(x)
-    if found.dtype.kind not in "iuf" or found.shape != shape:
+    """Array of real numbers of a shape."""
+    array = np.asarray(x)
+    if array.dtype.kind not in "iuf" or array.shape != shape:
         raise _other_kind(what)
-    return found.astype(float)
+    return array.astype(float)
 
 
 def _other_kind(what: str) -> TrajectoryError:
     return TrajectoryError(f"the file of a simulation has {what} of another kind or size. Write it again, whole.")
 
 
-def _result(words: Mapping[str, Any], arrays: Mapping[str, Array], work: Mapping[str, Array]) -> SimulationResult:
-    n, nq, nv = np.size(arrays["times"]), len(words["coordinate_names"]), len(words["velocity_names"])
+def _result(fields: Mapping[str, Any], arrays: Mapping[str, Array], work: Mapping[str, Array]) -> SimulationResult:
+    """Result from the content of a file, after a check of its shapes."""
+    n, nq, nv = np.size(arrays["times"]), len(fields["coordinate_names"]), len(fields["velocity_names"])
     widths: dict[str, tuple[int, ...]] = {"q": (nq,), "dq": (nv,), "ddq": (nv,), "tau": (nv,), "momentum": (6,)}
     if not n:
         raise TrajectoryError("the file of a simulation has no state.")
-    found = {name: _numbers(repr(name), x, (n, *widths.get(name, ()))) for name, x in arrays.items()}
-    done = {name: _numbers(f"the work of {name}", x, (n,)) for name, x in work.items()}
-    return SimulationResult(**{**words, **found}, work=done, friction=bool(np.any(done["friction"])))
+    checked_arrays = {name: _numbers(repr(name), x, (n, *widths.get(name, ()))) for name, x in arrays.items()}
+    works = {name: _numbers(f"the work of {name}", x, (n,)) for name, x in work.items()}
+    return SimulationResult(**{**fields, **checked_arrays}, work=works, friction=bool(np.any(works["friction"])))

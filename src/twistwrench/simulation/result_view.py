@@ -22,9 +22,9 @@ from .judgement import limits_passed, simulation_verdict
 if TYPE_CHECKING:
     from .result import SimulationResult
 
-_MOST, _MOST_SHORT = 20, 3
+MAX_EVENTS, MAX_EVENTS_IN_SHORT = 20, 3
 """Maximum number of listed events; in the short form."""
-_MOST_ROWS = 8
+MAX_ROWS_IN_SHORT = 8
 """Maximum number of rows of a table in the short form."""
 _ROUNDING = 12
 """Decimals of coordinates, velocities and energies; smaller values are rounding errors."""
@@ -48,30 +48,34 @@ def simulation_view(result: SimulationResult) -> Iterator[Block]:
 
 def _headlines(result: SimulationResult) -> Iterator[Block]:
     """Verdicts on links that come too near and on the motion, and the closest links."""
-    judged, clearance = simulation_verdict(result), result.clearance
+    verdict, clearance = simulation_verdict(result), result.clearance
     drift = f"Energy drift {residual(result.relative_drift)} of the energy exchanged."
+    end = f"{number(result.times[-1], 6)} s"
     near = clearance is not None and not clearance.verdict.ok
     if clearance is not None and near:
         yield Headline.from_verdict(clearance.verdict)
-    if near and judged.ok:
-        yield f"Simulated {number(result.times[-1], 6)} s. {drift}"
-    elif judged.ok:
-        word = judged.word if clearance is None else Word.OK
-        yield Headline(word, f"simulated {number(result.times[-1], 6)} s. {drift}")
+    if near and verdict.ok:
+        yield f"Simulated {end}. {drift}"
+    elif verdict.ok:
+        word = verdict.word if clearance is None else Word.OK
+        yield Headline(word, f"simulated {end}. {drift}")
     else:
-        at = "" if judged.word is Word.OVER_LIMIT else f" at t = {number(result.times[-1], 6)} s"
-        yield Headline(judged.word, f"{judged.reasons[0]}. {drift}", at)
-    yield from () if clearance is None else clearance.lines
+        time = "" if verdict.word is Word.OVER_LIMIT else f" at t = {end}"
+        yield Headline(verdict.word, f"{verdict.reasons[0]}. {drift}", time)
+    if clearance is not None:
+        yield from clearance.lines
 
 
 def _heading(result: SimulationResult) -> Line:
-    friction = (
-        "" if result.simulated is None else f"  ·  {friction_words(result.simulated.model, counted=result.friction)}"
-    )
+    rejected = friction = ""
+    if result.rejected:
+        rejected = f", {result.rejected} rejected"
+    if result.simulated is not None:
+        friction = f"  ·  {friction_words(result.simulated.model, counted=result.friction)}"
     return Line(
         (result.robot, Style.STRONG),
         f"  ·  {result.method}  ·  {len(result)} states to {number(result.times[-1], 6)} s  ·  {result.steps} steps",
-        f", {result.rejected} rejected" if result.rejected else "",
+        rejected,
         friction,
     )
 
@@ -86,15 +90,15 @@ def _scale(result: SimulationResult, entries: Literal["angular", "angular_veloci
 def _coordinates(result: SimulationResult) -> Table:
     q = result.q * _scale(result, "angular")
     unit = heading_unit("q", (True, False), degrees=result.degrees)
-    places = partial(numbers, show=_rounded, unit=unit, headed=False)
+    column = partial(numbers, show=_rounded_text, unit=unit, headed=False)
     return Table(
         f"Coordinates [{unit}]",
         words("coordinate", result.coordinate_names),
-        places("start", q[0]),
-        places("end", q[-1]),
-        places("lowest", q.min(axis=0)),
-        places("highest", q.max(axis=0)),
-        most=_MOST_ROWS,
+        column("start", q[0]),
+        column("end", q[-1]),
+        column("lowest", q.min(axis=0)),
+        column("highest", q.max(axis=0)),
+        most=MAX_ROWS_IN_SHORT,
     )
 
 
@@ -102,7 +106,7 @@ def _velocities(result: SimulationResult) -> Table:
     dq = result.dq * _scale(result, "angular_velocity")
     peaks = np.abs(dq).argmax(axis=0)
     unit = heading_unit("dq", (True, False), degrees=result.degrees)
-    speeds = partial(numbers, show=_rounded, unit=unit, headed=False)
+    speeds = partial(numbers, show=_rounded_text, unit=unit, headed=False)
     return Table(
         f"Velocities [{unit}]",
         words("velocity", result.velocity_names),
@@ -110,29 +114,32 @@ def _velocities(result: SimulationResult) -> Table:
         speeds("end", dq[-1]),
         speeds("fastest", dq[peaks, np.arange(len(peaks))]),
         numbers("at", result.times[peaks], seconds, "s"),
-        most=_MOST_ROWS,
+        most=MAX_ROWS_IN_SHORT,
     )
 
 
 def _energies(result: SimulationResult) -> Table:
     energies = {"kinetic": result.kinetic_energy, "potential": result.potential_energy, "both": result.energy}
     energies |= {f"work of {name}": work for name, work in result.work.items() if np.any(work)}
-    rows = {name: x[[0, -1, int(np.abs(x).argmax())]] for name, x in energies.items()}
+    rows = []
+    for x in energies.values():
+        row = x[[0, -1, int(np.abs(x).argmax())]]
+        rows.append([Line(_rounded_text(value), value=value) for value in row])
     drift = result.drift
-    last = [Line(residual(x), value=x) for x in (0.0, drift[-1], drift[np.abs(drift).argmax()])]
-    cells = zip(*([Line(_rounded(x), value=x) for x in row] for row in rows.values()), last, strict=True)
-    heads = ("start", "end", "largest")
-    columns = [numbers(head, column, unit="J", headed=False) for head, column in zip(heads, cells, strict=True)]
-    return Table("Energies [J]", words("", [*rows, "drift"]), *columns)
+    rows.append([Line(residual(value), value=value) for value in (0.0, drift[-1], drift[np.abs(drift).argmax()])])
+    start, end, largest = zip(*rows, strict=True)
+    joules = partial(numbers, unit="J", headed=False)
+    names = words("", [*energies, "drift"])
+    return Table("Energies [J]", names, joules("start", start), joules("end", end), joules("largest", largest))
 
 
 def _events(result: SimulationResult) -> Iterator[Block]:
     """The first events, and the number of all if there are more."""
-    for k, event in enumerate(result.events[:_MOST]):
-        yield Line(f"· {event}", level=Level.SHORT if k < _MOST_SHORT else Level.ALL)
-    if len(result.events) > _MOST_SHORT:
+    for k, event in enumerate(result.events[:MAX_EVENTS]):
+        yield Line(f"· {event}", level=Level.SHORT if k < MAX_EVENTS_IN_SHORT else Level.ALL)
+    if len(result.events) > MAX_EVENTS_IN_SHORT:
         yield f"· … {len(result.events)} events in all"
 
 
-def _rounded(value: float) -> str:
+def _rounded_text(value: float) -> str:
     return number(value, decimals=_ROUNDING)

@@ -15,9 +15,10 @@ from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.typing import Array
-from .callback_steps import FASTEST
-from .rollout_gradient import RolloutGradient, computed, gradient, kept_for_gradients, linearized, room_for
-from .rollout_inputs import Inputs, cleaned
+from .methods.schemes import MAX_SPEED
+from .rollout_gradient import RolloutGradient, copy_inputs, gradient, linearize_steps
+from .rollout_inputs import Inputs, validate_inputs
+from .rollout_steps import room_for, take_all_steps
 
 if TYPE_CHECKING:
     from ..motion.motion import Motion
@@ -114,7 +115,9 @@ class Rollout:
         """
         from ..motion.motion_io import labelled_dataset
 
-        arrays = {"q": self.q, "dq": self.dq, **({} if self.tau is None else {"tau": self.tau})}
+        arrays = {"q": self.q, "dq": self.dq}
+        if self.tau is not None:
+            arrays["tau"] = self.tau
         return labelled_dataset(self._robot().model, self.times, arrays)
 
     def gradient(self, q: ArrayLike = 0.0, dq: ArrayLike = 0.0, tau: ArrayLike = 0.0) -> RolloutGradient:
@@ -130,11 +133,13 @@ class Rollout:
         -------
         gradient : RolloutGradient
         """
-        given = self._given()
-        if not given.plan.says_torques and np.any(tau):
+        inputs = self._require_inputs()
+        slopes = {"q": q, "dq": dq}
+        if inputs.plan.returns_torques:
+            slopes["tau"] = tau
+        elif np.any(tau):
             raise ValueRangeError("gradient: this rollout returns no torques. Make it with torques=True, too.")
-        slopes = {"q": q, "dq": dq, **({"tau": tau} if given.plan.says_torques else {})}
-        return gradient(self._robot(), given, self.q, self.dq, slopes)
+        return gradient(self._robot(), inputs, self.q, self.dq, slopes)
 
     def linearize(self) -> tuple[Array, Array]:
         """Linearised steps: A and B of small deviations from each state, x[k + 1] = A[k] x[k] + B[k] u[k].
@@ -148,17 +153,17 @@ class Rollout:
         -----
         δ are deviations along robot.add, as in :meth:`twistwrench.Robot.linearize`, its continuous-time counterpart.
         """
-        given = self._given()
-        if given.kept != given.steps:
+        inputs = self._require_inputs()
+        if inputs.kept != inputs.steps:
             raise ValueRangeError("linearize: every step wants the state at its beginning. Roll out with every=1.")
-        if "tau" not in given.plan.law.names:
+        if "tau" not in inputs.plan.law.names:
             raise ValueRangeError(
                 "linearize: the torques follow a law, and B is by torques that are given. Roll out with those that the law "
                 "applied: torques=True returns them."
             )
-        return linearized(self._robot(), given, self.q, self.dq)
+        return linearize_steps(self._robot(), inputs, self.q, self.dq)
 
-    def _given(self) -> Inputs:
+    def _require_inputs(self) -> Inputs:
         if self.given is None:
             raise ValueRangeError("this rollout did not keep what went in: make it with gradients=True.")
         return self.given
@@ -176,37 +181,41 @@ class Rollout:
     @cached_property
     def unstable(self) -> Array:
         """Mask (...) of motions whose end is not finite or faster than 1e6 rad/s or m/s."""
-        return _meaningless(self.q[..., -1, :], self.dq[..., -1, :])
+        return _is_unstable(self.q[..., -1, :], self.dq[..., -1, :])
 
     @cached_property
     def unstable_from(self) -> Array:
         """First stored time at which each motion is unstable, (...) s; inf for stable motions."""
-        found = np.full(self.batch, np.inf)
+        times = np.full(self.batch, np.inf)
         for sample in map(tuple, np.argwhere(self.unstable)):
-            found[sample] = self.times[np.argmax(_meaningless(self.q[sample], self.dq[sample]))]
-        return found
+            times[sample] = self.times[np.argmax(_is_unstable(self.q[sample], self.dq[sample]))]
+        return times
 
     def __len__(self) -> int:
         return len(self.times)
 
     def __repr__(self) -> str:
-        many = f"{math.prod(self.batch)} motions" if self.batch else "a motion"
-        said = [f"{many} of {self.steps} steps of {printed(self.dt)} s, {len(self)} states each"]
-        bad = int(np.count_nonzero(self.unstable))
-        if bad:
-            first = np.unravel_index(np.argmin(self.unstable_from), self.batch)
-            where = f", first {tuple(map(int, first))}" if self.batch else ""
-            begun = self.unstable_from[first] > 0
-            advice = "take a smaller dt" if begun else "look at its q0 and dq0"
-            said.append(f"{bad} unstable{where} at {printed(self.unstable_from[first])} s: {advice}")
-        said += [f"note: {remark}" for remark in self.remarks]
-        return f"<Rollout of {self.robot!r}, {self.method}: {'; '.join(said)}>"
+        motions = f"{math.prod(self.batch)} motions" if self.batch else "a motion"
+        parts = [f"{motions} of {self.steps} steps of {printed(self.dt)} s, {len(self)} states each"]
+        if self.unstable.any():
+            parts.append(self._remark_on_unstable())
+        parts += [f"note: {remark}" for remark in self.remarks]
+        return f"<Rollout of {self.robot!r}, {self.method}: {'; '.join(parts)}>"
+
+    def _remark_on_unstable(self) -> str:
+        """Number of unstable motions, the first of them, and what to do."""
+        first = np.unravel_index(np.argmin(self.unstable_from), self.batch)
+        index = f", first {tuple(map(int, first))}" if self.batch else ""
+        began_stable = self.unstable_from[first] > 0
+        advice = "take a smaller dt" if began_stable else "look at its q0 and dq0"
+        count = int(np.count_nonzero(self.unstable))
+        return f"{count} unstable{index} at {printed(self.unstable_from[first])} s: {advice}"
 
 
 Result = TypeVar("Result", bound=Rollout)
 
 
-def rolled_out(robot: Robot | ConstrainedRobot, *start: Any, **options: Any) -> Rollout:
+def roll_out(robot: Robot | ConstrainedRobot, *start: Any, **options: Any) -> Rollout:
     """Result of :meth:`twistwrench.Robot.rollout`; steps of robots with constraints end on them."""
     if robot.constraints:
         from .closed import rollout_closed
@@ -219,12 +228,14 @@ def rollout_of_tree(
     robot: Robot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **options: Any
 ) -> Rollout:
     """Motions from q0 (..., nq) and dq0 (..., nv) without constraints."""
-    given = cleaned(robot, *start, **options)
-    for_gradients = kept_for_gradients(given, out) if arguments.flag(gradients, "gradients") else None
-    q, dq, *tau = computed(robot, given, room_for(given, out))
-    if for_gradients is not None:
+    inputs = validate_inputs(robot, *start, **options)
+    copied_inputs = None
+    if arguments.flag(gradients, "gradients"):
+        copied_inputs = copy_inputs(inputs, out)
+    q, dq, *tau = take_all_steps(robot, inputs, room_for(inputs, out))
+    if copied_inputs is not None:
         q.flags.writeable = dq.flags.writeable = False
-    return build_rollout(Rollout, robot, given, q, dq, tau, given=for_gradients)
+    return build_rollout(Rollout, robot, inputs, q, dq, tau, given=copied_inputs)
 
 
 def build_rollout(
@@ -248,9 +259,9 @@ def build_rollout(
     )
 
 
-def _meaningless(q: Array, dq: Array) -> Array:
+def _is_unstable(q: Array, dq: Array) -> Array:
     with np.errstate(invalid="ignore"):
-        return np.asarray(~(np.isfinite(q).all(axis=-1) & (np.abs(dq) < FASTEST).all(axis=-1)))
+        return np.asarray(~(np.isfinite(q).all(axis=-1) & (np.abs(dq) < MAX_SPEED).all(axis=-1)))
 
 
 complete(globals())

@@ -31,7 +31,10 @@ def torque_limits_of(robot: Robot, given: Any) -> list[tuple[str, Array, int]]:
     if given is None or given is False:
         return []
     refuse_couplings(robot.model, "torque_limits")
-    limits = robot.limits.effort if given is True else _real(given, "torque_limits", robot.model.velocity_names)
+    if given is True:
+        limits = robot.limits.effort
+    else:
+        limits = _real(given, "torque_limits", robot.model.velocity_names)
     if limits.shape[-1:] != (robot.nv,) and limits.ndim:
         raise ShapeError(
             f"torque_limits has shape {limits.shape}, but robot {robot.name!r} wants {robot.nv} in the last axis, one number "
@@ -68,7 +71,8 @@ def _real(x: Any, what: str, names: Sequence[str] = ()) -> Array:
 
 def state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
     """Part of a state, q0 or dq0, with the right length; quaternions must not be zero."""
-    x = _real(given, what, robot.coordinate_names if what == "q0" else robot.model.velocity_names)
+    names = robot.coordinate_names if what == "q0" else robot.model.velocity_names
+    x = _real(given, what, names)
     if x.shape[-1:] != (size,):
         raise ShapeError(f"{what} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
     if what == "q0":
@@ -80,22 +84,24 @@ def state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
     return x
 
 
-def given_by(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
+def law_inputs(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
     """Inputs of a law by name, with the length of the last axis."""
-    found = []
+    inputs = []
     for name in law.names:
-        size, given = robot.nq if name == "q_des" else robot.nv, getattr(law, name)
-        none = given is None and isinstance(law, GivenTorque)
         names = robot.coordinate_names if name == "q_des" else robot.model.velocity_names
-        x = _real(0.0 if none else given, name, names)
-        one_for_all = none or name not in ("tau", "q_des")
+        size, value = len(names), getattr(law, name)
+        no_torque = value is None and isinstance(law, GivenTorque)
+        if no_torque:
+            value = 0.0
+        x = _real(value, name, names)
+        one_for_all = no_torque or name not in ("tau", "q_des")
         if x.shape[-1:] != (size,) and not (one_for_all and x.ndim == 0):
-            more = ", or one number for all" if one_for_all else ""
+            alternative = ", or one number for all" if one_for_all else ""
             raise ShapeError(
-                f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis{more}."
+                f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis{alternative}."
             )
-        found.append((name, x, size))
-    return found
+        inputs.append((name, x, size))
+    return inputs
 
 
 def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Array]]:
@@ -116,11 +122,9 @@ def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Ar
     return tuple(values), list(values.values())
 
 
-# ── Inputs in the shapes of the kernel
-
 ROLLOUT_METHODS = ("semi_implicit", "rk4")
 """Methods of rollouts, by their names in simulations."""
-MOST_STEPS = 10**9
+MAX_STEPS = 10**9
 LAWS_OF_FRICTION = (".viscous", ".coulomb", ".static", ".load")
 
 
@@ -141,7 +145,7 @@ class Inputs:
     """Number of states stored after the first."""
     remarks: tuple[str, ...] = ()
     """Remarks on the motions before any is computed."""
-    own: Mapping[str, tuple[int, ...] | None] = field(default_factory=dict)
+    argument_shapes: Mapping[str, tuple[int, ...] | None] = field(default_factory=dict)
     """Shapes of the caller's arguments, by name; None for torques that are not given."""
 
     @property
@@ -152,12 +156,13 @@ class Inputs:
     @property
     def shapes(self) -> list[tuple[int, ...]]:
         """Shapes of the results: q, dq, the other parts of the state, and the torques if requested."""
-        rows, begun = (*self.batch, self.kept + 1), (*self.batch, self.kept)
-        states = [(*rows, *shape) for _, shape in self.plan.state]
-        return [*states, *[(*begun, self.plan.model.nv)] * self.plan.says_torques]
+        shapes: list[tuple[int, ...]] = [(*self.batch, self.kept + 1, *shape) for _, shape in self.plan.state]
+        if self.plan.returns_torques:
+            shapes.append((*self.batch, self.kept, self.plan.model.nv))
+        return shapes
 
 
-def cleaned(
+def validate_inputs(
     robot: Robot, q0: Any, dq0: Any, tau: Any, *, dt: Any, steps: Any, duration: Any, every: Any, method: Any,
     wrench_on_robot: Any, parameters: Any, friction: Any, torque_limits: Any, torques: Any,
     step_of: Callable[[StepPlan], StepPlan] = lambda plan: plan,
@@ -166,13 +171,15 @@ def cleaned(
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to roll out: robot {robot.name!r} has no joint that moves.")
     if hasattr(tau, "batch_law") and not isinstance(tau, type):  # a controller of one motion
-        n, h, _ = _counted_steps(dt, steps, duration, 1, [])
+        n, h, _ = _count_steps(dt, steps, duration, 1, [])
         tau = tau.batch_law(robot, h * np.arange(n))
     law = law_of(tau)
     law.check(robot.model)
-    torque_limits = bool(torque_limits) if isinstance(torque_limits, np.bool_) else torque_limits
+    if isinstance(torque_limits, np.bool_):
+        torque_limits = bool(torque_limits)
     friction = arguments.flag(friction, "friction")
-    limits, wrenches = torque_limits_of(robot, torque_limits), {} if wrench_on_robot is None else wrench_on_robot
+    limits = torque_limits_of(robot, torque_limits)
+    wrenches = {} if wrench_on_robot is None else wrench_on_robot
     if not isinstance(wrenches, Mapping):
         raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, since a wrench needs its frame.")
     frames = {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
@@ -180,47 +187,64 @@ def cleaned(
     rubs = friction and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names))
     if rubs and method == "semi_implicit":
         refuse_couplings(robot.model, f"friction by method {method!r}")
-    said = arguments.flag(torques, "torques")
+    returns_torques = arguments.flag(torques, "torques")
     if not isinstance(method, str) or method not in ROLLOUT_METHODS:
         raise UnknownNameError.from_choices("method", method, ROLLOUT_METHODS)
-    plan = step_of(StepPlan(robot.model, law, method, bool(limits), tuple(frames), names, rubs, said))
-    given = [*given_by(robot, law), *limits, *((f"the wrench at {frame!r}", F, 6) for frame, F in frames.items())]
+    plan = step_of(StepPlan(robot.model, law, method, bool(limits), tuple(frames), names, rubs, returns_torques))
+    given = [*law_inputs(robot, law), *limits]
+    given += [(f"the wrench at {frame!r}", F, 6) for frame, F in frames.items()]
     states = [state_of(robot, "q0", q0, robot.nq), state_of(robot, "dq0", dq0, robot.nv)]
-    numbers = [x for label, x, _ in given if label != "torque_limits" or torque_limits is not True]
-    single = all(x.dtype == np.float32 or x.ndim == 0 for x in (*states, *numbers, *values))
-    n, h, kept = _counted_steps(dt, steps, duration, every, given)
-    labelled = [(label, _stepped(label, x, size, n)) for label, x, size in given]
-    batches = [("q0", states[0].shape[:-1]), ("dq0", states[1].shape[:-1])]
-    batches += [(label, x.shape[:-2]) for label, x in labelled]
-    batches += [(name, x.shape) for name, x in zip(names, values, strict=True)]
-    try:
-        batch = np.broadcast_shapes(*(shape for _, shape in batches))
-    except ValueError:
-        listed = ", ".join(f"{label} {shape}" for label, shape in batches)
-        raise ShapeError(f"the batch shapes do not broadcast: {listed}.") from None
-    rest = [x for _, x in labelled]
+    n, h, kept = _count_steps(dt, steps, duration, every, given)
+    by_step = {label: _with_step_axis(label, x, size, n) for label, x, size in given}
+    parameter_of = dict(zip(names, values, strict=True))
+    batch = _batch_shape(states, by_step, parameter_of)
+    step_inputs = list(by_step.values())
     remarks: tuple[str, ...] = (NONE_GIVEN,) if friction and not plan.friction else ()
     if plan.eases:
-        creep = creep_of_samples(robot, states[0], h, dict(zip(names, values, strict=True)))
-        rest.append(creep[..., None, :])
-        if creep.size and (eased := easing_remark(robot.model, creep)):
-            remarks = (eased,)
+        creep = creep_of_samples(robot, states[0], h, parameter_of)
+        step_inputs.append(creep[..., None, :])
+        remark = easing_remark(robot.model, creep) if creep.size else None
+        if remark:
+            remarks = (remark,)
     if names:
-        rest.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :])
-    dtype: Any = np.float32 if single else np.float64
-    arrays = [_flat(x.astype(dtype, copy=False), 1, batch) for x in states] + [np.broadcast_to(np.asarray(h, dtype), n)]
-    for x in rest:
-        once = _flat(x.astype(dtype, copy=False), 2, batch)
-        arrays.append(once if once.shape[-2] == n else np.broadcast_to(once, (*once.shape[:-2], n, once.shape[-1])))
-    own: dict[str, tuple[int, ...] | None] = {"q0": states[0].shape, "dq0": states[1].shape}
-    own |= {label: x.shape for label, x, _ in given}
-    own |= {f"parameter {name}": x.shape for name, x in zip(names, values, strict=True)}
+        step_inputs.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :])
+    numbers = [x for label, x, _ in given if label != "torque_limits" or torque_limits is not True]
+    dtype = _common_dtype([*states, *numbers, *values])
+    arrays = [_with_batch_axis(x.astype(dtype, copy=False), 1, batch) for x in states]
+    arrays.append(np.broadcast_to(np.asarray(h, dtype), n))
+    for x in step_inputs:
+        array = _with_batch_axis(x.astype(dtype, copy=False), 2, batch)
+        if array.shape[-2] != n:
+            array = np.broadcast_to(array, (*array.shape[:-2], n, array.shape[-1]))
+        arrays.append(array)
+    shapes: dict[str, tuple[int, ...] | None] = {"q0": states[0].shape, "dq0": states[1].shape}
+    shapes |= {label: x.shape for label, x, _ in given}
+    shapes |= {f"parameter {name}": x.shape for name, x in parameter_of.items()}
     if isinstance(law, GivenTorque) and law.tau is None:
-        own["tau"] = None
-    return Inputs(plan, arrays, [1, 1, 1, *[2] * len(rest)], batch, dtype, n, h, kept, remarks, own)
+        shapes["tau"] = None
+    return Inputs(plan, arrays, [1, 1, 1, *[2] * len(step_inputs)], batch, dtype, n, h, kept, remarks, shapes)
 
 
-def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
+def _batch_shape(states: list[Array], by_step: dict[str, Array], parameter_of: dict[str, Array]) -> tuple[int, ...]:
+    """Shape of the batch of all inputs; raises ShapeError if they do not broadcast."""
+    shapes = [("q0", states[0].shape[:-1]), ("dq0", states[1].shape[:-1])]
+    shapes += [(label, x.shape[:-2]) for label, x in by_step.items()]
+    shapes += [(name, x.shape) for name, x in parameter_of.items()]
+    try:
+        return np.broadcast_shapes(*(shape for _, shape in shapes))
+    except ValueError:
+        listed = ", ".join(f"{label} {shape}" for label, shape in shapes)
+        raise ShapeError(f"the batch shapes do not broadcast: {listed}.") from None
+
+
+def _common_dtype(arrays: list[Array]) -> Any:
+    """float32 if all arrays are of that type; single numbers do not count."""
+    if all(x.dtype == np.float32 or x.ndim == 0 for x in arrays):
+        return np.float32
+    return np.float64
+
+
+def _with_batch_axis(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
     """Array with one axis for the whole batch, or none if it is constant over the batch."""
     own, core = x.shape[: x.ndim - rank], x.shape[x.ndim - rank :]
     if math.prod(own) == 1:
@@ -235,39 +259,43 @@ def _flat(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
         ) from None
 
 
-def _counted_steps(
+def _count_steps(
     dt: Any, steps: Any, duration: Any, every: Any, given: list[tuple[str, Array, int]]
 ) -> tuple[int, float, int]:
     """Number of steps, their length, and the number of states stored after the first."""
-    h, each = positive(dt, "dt", "s"), whole(every, "every")
+    h, interval = positive(dt, "dt", "s"), whole(every, "every")
     if steps is not None and duration is not None:
         raise ValueRangeError("both steps and duration are given: leave one out.")
     if steps is not None:
         n = whole(steps, "steps")
     elif duration is not None:
         length = positive(duration, "duration", "s")
-        if not length / h < MOST_STEPS:
+        if not length / h < MAX_STEPS:
             raise ValueRangeError(
-                f"a duration of {printed(length)} s with a dt of {printed(h)} s makes more than {printed(MOST_STEPS, 1)} steps."
+                f"a duration of {printed(length)} s with a dt of {printed(h)} s makes more than {printed(MAX_STEPS, 1)} steps."
             )
         n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
         h = length / n
     else:
-        axes = [x.shape[-2] for _, x, _ in given if x.ndim > 1 and x.shape[-2] != 1]
-        if not axes or not axes[0]:
+        lengths = [x.shape[-2] for _, x, _ in given if x.ndim > 1 and x.shape[-2] != 1]
+        if not lengths or not lengths[0]:
             raise ValueRangeError("how long? Give steps, duration, or torques with axes (..., steps, nv).")
-        n = axes[0]
-    if n > MOST_STEPS:
-        raise ValueRangeError(f"steps is {printed(n, 3)}, and more than {printed(MOST_STEPS, 1)} are refused.")
-    if n % each:
-        raise ValueRangeError(f"every={each} does not divide {n} steps: the last state would not be among those kept.")
-    return n, h, n // each
+        n = lengths[0]
+    if n > MAX_STEPS:
+        raise ValueRangeError(f"steps is {printed(n, 3)}, and more than {printed(MAX_STEPS, 1)} are refused.")
+    if n % interval:
+        raise ValueRangeError(
+            f"every={interval} does not divide {n} steps: the last state would not be among those kept."
+        )
+    return n, h, n // interval
 
 
-def _stepped(label: str, x: Array, size: int, n: int) -> Array:
+def _with_step_axis(label: str, x: Array, size: int, n: int) -> Array:
     """Array with an axis of steps before the last, of length n or 1."""
-    if x.ndim < 2:
-        return x[None] if x.ndim else np.full((1, size), x)
+    if x.ndim == 0:
+        return np.full((1, size), x)
+    if x.ndim == 1:
+        return x[None]
     if x.shape[-2] not in (1, n):
         raise ShapeError(
             f"{label} has shape {x.shape}, and the axis before the last counts the steps: {n} of them, or 1 for what stays. "

@@ -14,15 +14,17 @@ from ..core.numbers import printed
 from ..core.quadrature import probe_spacing
 from ..core.text import argument
 from ..core.typing import Array
-from .accuracy import Accuracy, Extent, ForceCheck, ForceQuadrature, StepDoubling
-from .adaptive import Stepper
-from .callback_steps import FASTEST, run_callback_blocks, run_compiled_blocks
+from .accuracy.contact_durations import ContactDurations
+from .accuracy.missed_impulses import ForceCheck, ForceQuadrature
+from .accuracy.relative_error import Accuracy, Extent
+from .accuracy.step_doubling import StepDoubling
+from .blocks import run_callback_blocks, run_compiled_blocks
 from .compiled_steps import CompiledSteps
-from .contact import ContactDurations
 from .events import EventDetector
 from .forces import WORKS, ControlLaw, System
+from .methods.adaptive import Stepper
+from .methods.schemes import ADAPTIVE, MAX_SPEED, OneByOne, Scheme
 from .result import Record, SimulationResult
-from .schemes import ADAPTIVE, OneByOne, Scheme
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 def instability(run: Run, t0: float, t1: float, y: Array) -> str:
     """Error message for an unstable step from t0 to t1: joint, speed and remedy."""
     speeds = y[run.system.moving]
-    bad = int(np.argmax(np.where(np.isfinite(speeds), np.abs(speeds), np.inf)))
+    fastest = int(np.argmax(np.where(np.isfinite(speeds), np.abs(speeds), np.inf)))
     advice = f"Take a smaller dt than {printed(run.h)} s, or {argument('method', ADAPTIVE)}."
     if run.method == ADAPTIVE:
         advice = "Its error is within the tolerance: look for torques or wrenches that push the way it moves already."
@@ -42,11 +44,8 @@ def instability(run: Run, t0: float, t1: float, y: Array) -> str:
             )
     return (
         f"the step from {printed(t0, 9)} s to {printed(t1, 9)} s is unstable: joint "
-        f"{run.robot.model.velocity_names[bad]!r} moves at {printed(speeds[bad], 3)} rad/s or m/s after it. {advice}"
+        f"{run.robot.model.velocity_names[fastest]!r} moves at {printed(speeds[fastest], 3)} rad/s or m/s after it. {advice}"
     )
-
-
-# ── Run loop: fixed or adaptive steps, events, controller samples
 
 
 class Run:
@@ -77,7 +76,7 @@ class Run:
         self.tick: Callable[[float], None] | None = None
         self.compiled: CompiledSteps | None = None
         """Compiled steps, if no Python function returns a force or observes a step."""
-        self.go: Callable[[], None] = self.fixed
+        self.go: Callable[[], None] = self.take_fixed_steps
         """Function that takes all steps."""
         self.stopped = ""
         self.steps = self.rejected = 0
@@ -90,7 +89,7 @@ class Run:
         self.last: tuple[float, Array] = (0.0, start.copy())
         """Last stable state, stored or not; initially the first state."""
 
-    def fixed(self) -> None:
+    def take_fixed_steps(self) -> None:
         """Take fixed steps."""
         y = self.begin()
         if self.stopped:
@@ -110,8 +109,10 @@ class Run:
             if k % self.every == 0:
                 self.keep(t, y)
             t1 = self.time(k + 1)
-            y1 = self.checked(t, t1, self.scheme.step(t, y, self.h, self.rate))
-            if (k == 0 and self.leaves_at_once(y, y1, self.h)) or self.ended(t, y, [(self.h, y1)]):
+            y1 = self.stable_state(t, t1, self.scheme.step(t, y, self.h, self.rate))
+            if k == 0 and self.leaves_at_once(y, y1, self.h):
+                return
+            if self.end_at_event(t, y, [(self.h, y1)]):
                 return
             changed = self._changes(t1, y, y1)
             self.doubling.note(t, y, y1, self.system.held, self.rate[self.system.moving], changed=changed)
@@ -136,28 +137,29 @@ class Run:
         remarks = (*self.remarks, *filter(None, [self.contact_durations.remark(self.h)]))
         if self.detector is not None:
             remarks = (*remarks, *self.detector.several.values())
-        found = self.record.result(self.robot, WORKS, **end, **counts, **errors, remarks=remarks)
-        more = self.accuracy.remarks(self.method, found.relative_drift)
-        return replace(found, remarks=(*remarks, *more)) if more else found
+        result = self.record.result(self.robot, WORKS, **end, **counts, **errors, remarks=remarks)
+        accuracy_remarks = self.accuracy.remarks(self.method, result.relative_drift)
+        if not accuracy_remarks:
+            return result
+        return replace(result, remarks=(*remarks, *accuracy_remarks))
 
     def judge(self) -> None:
         """Estimate the error of the steps so far."""
         if not self.record.count:
             return
         extent = Extent.from_states(self.robot, self.record.states)
+        error: Array | None = None
         if self.stepper is not None:
-            error: Array | None = self.stepper.judged(extent.spans)
-        else:
+            error = self.stepper.total_error(extent.spans)
+        elif self.doubling.steps:
             flow = self.compiled or OneByOne(self.system, self.scheme)
-            error = self.doubling.errors(self.system, flow, extent.spans) if self.doubling.steps else None
+            error = self.doubling.errors(flow, extent.spans)
         if error is not None:
             self.accuracy = Accuracy.from_error(extent, error)
-        left_out = self.force_check.error(extent, self.last[0])
-        if left_out is not None and Accuracy.from_error(extent, left_out).remarkable:
+        missed = self.force_check.error(extent, self.last[0])
+        if missed is not None and Accuracy.from_error(extent, missed).remarkable:
             self.remarks.append(self.force_check.remark())
-            self.accuracy = Accuracy.from_error(extent, np.fmax(self.accuracy.error, left_out))
-
-    # ── parts of a step ──
+            self.accuracy = Accuracy.from_error(extent, np.fmax(self.accuracy.error, missed))
 
     @property
     def without_callbacks(self) -> bool:
@@ -178,11 +180,13 @@ class Run:
 
     def leaves_at_once(self, y: Array, y1: Array, h: float) -> bool:
         """True if a joint starts at a limit and moves beyond it; the stored first state is then the last."""
-        happened = None if self.detector is None else self.detector.leaves_at_once(y, y1, h)
-        if happened is None:
+        if self.detector is None:
             return False
-        self.record.events.append(happened)
-        self.stopped = str(happened)
+        event = self.detector.leaves_at_once(y, y1, h)
+        if event is None:
+            return False
+        self.record.events.append(event)
+        self.stopped = str(event)
         return True
 
     def sample(self, t: float, y: Array) -> None:
@@ -192,12 +196,12 @@ class Run:
 
     def _changes(self, t: float, y: Array, y1: Array) -> bool:
         """True if a contact begins or ends in the step to y1 at t, or dry friction stops, releases or reverses a joint."""
-        braked, moving, changes = self.system.dry_friction, self.system.moving, False
+        dry_friction, moving, changes = self.system.dry_friction, self.system.moving, False
         if self.detector is not None and self.contact_durations.names:
             changes = self.contact_durations.step(t, self.detector.gaps, worked=bool(y1[-1] != y[-1]))
-        if braked is None or changes:
+        if dry_friction is None or changes:
             return changes
-        return bool((np.sign(y1[moving]) != np.sign(y[moving]))[braked.dry].any())
+        return bool((np.sign(y1[moving]) != np.sign(y[moving]))[dry_friction.dry].any())
 
     def advance(self, t: float, y: Array) -> None:
         """Record a stable step to y at t."""
@@ -219,12 +223,12 @@ class Run:
     def keep_all(self, times: Array, states: Array) -> None:
         """Store states (m, size)."""
         if len(times) and self.system.takes_many:
-            self.record.keep_block(times, states, *self.system.of_many(times, states))
+            self.record.keep_block(times, states, *self.system.batch_accelerations(times, states))
             return
         for t, y in zip(times.tolist(), states, strict=True):
             self.keep_at(t, y)
 
-    def checked(self, t0: float, t1: float, y: Array) -> Array:
+    def stable_state(self, t0: float, t1: float, y: Array) -> Array:
         """State with unit quaternions; raises SimulationError after an unstable step."""
         self.system.manifold.normalise(y[: self.system.nq])
         self.require_stable(t0, t1, y)
@@ -233,13 +237,13 @@ class Run:
     def require_stable(self, t0: float, t1: float, y: Array) -> None:
         """Raise SimulationError after an unstable step, by the state after it."""
         speed = np.abs(y[self.system.moving])
-        if not (speed.max() < FASTEST and np.isfinite(y).all()):
+        if not (speed.max() < MAX_SPEED and np.isfinite(y).all()):
             raise SimulationError(instability(self, t0, t1, y))
 
-    def ended(
+    def end_at_event(
         self, t: float, y: Array, points: Sequence[tuple[float, Array]], kept: Sequence[tuple[float, Array]] = ()
     ) -> bool:
-        """Locate events in a step from t; stores the state of a terminal event, and those before it."""
+        """Locate events in a step from t; True if one ends the run, whose state and those before it are then stored."""
         at = self.along(t, y)
         end = self.locate_event(t, points, at)
         if end is None:
@@ -256,9 +260,9 @@ class Run:
         rate = self.rate.copy()
 
         def state(s: float) -> Array:
-            found = self.scheme.step(t, y, s, rate)
-            self.system.manifold.normalise(found[: self.system.nq])
-            return found
+            y1 = self.scheme.step(t, y, s, rate)
+            self.system.manifold.normalise(y1[: self.system.nq])
+            return y1
 
         return state
 
@@ -268,8 +272,8 @@ class Run:
         """Locate events in a step from t; returns the time after t of a terminal one. ``at``: state at a time after t."""
         if self.detector is None:
             return None
-        happened, end = self.detector.look(t, points, at)
-        self.record.events += happened
+        events, end = self.detector.look(t, points, at)
+        self.record.events += events
         return end
 
     def finish(self, t: float, end: float, at: Callable[[float], Array]) -> None:

@@ -119,10 +119,10 @@ class BatchPD(TorqueLaw):
         """Torques of the law, on symbols."""
         tau = proportional_derivative(model, q, dq, *given)
         if self.gravity:
-            held = holding_torques(model, angles)
+            gravity_torques = holding_torques(model, angles)
             for body in model.leaders:
                 if body.joint.nv == 1:
-                    tau[body.v_index] = tau[body.v_index] + held[body.v_index]
+                    tau[body.v_index] = tau[body.v_index] + gravity_torques[body.v_index]
         return tau
 
     def torques_of_step(
@@ -170,7 +170,8 @@ class BatchComputedTorque(TorqueLaw):
         >>> import twistwrench as tw
         >>> BatchComputedTorque([0, 0], kp=1.0, kd=1.0).check(tw.robots.planar_2r().model)
         """
-        if names := multi_dof_joints(model):
+        names = multi_dof_joints(model)
+        if names:
             raise ValueRangeError(
                 f"computed torque wants a torque for every velocity, and {', '.join(names)} is not a joint of one degree of "
                 "freedom. tw.simulation.BatchPD drives the others and leaves it alone."

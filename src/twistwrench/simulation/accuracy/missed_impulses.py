@@ -1,0 +1,149 @@
+"""Impulses of torque and wrench callbacks that steps miss between their stages, by quadrature."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import SimulationError
+from ...core.numbers import printed
+from ...core.quadrature import ProbeRule, left_out
+from ...core.typing import Array
+from ..forces import System
+from .relative_error import Extent
+from .step_doubling import decay_times
+
+Path = Callable[[Array], Array]
+"""Function from fractions (m,) of steps to states (..., m, size)."""
+
+MAX_STORED_STEPS = 100_000
+"""Number of steps stored for a check at the end of the run; of longer runs, the first steps are checked earlier."""
+BATCH_SIZE = 256
+"""Number of steps that are evaluated together."""
+
+
+class ForceQuadrature:
+    """Callbacks of a run, evaluated at the times of :class:`~twistwrench.core.quadrature.ProbeRule`."""
+
+    def __init__(self, system: System, times: Array, weights: Array, spacing: float) -> None:
+        self.system, self.rule = system, ProbeRule(times, weights, spacing)
+
+    def impulses(self, t: Any, h: float, path: Path) -> Array:
+        """Impulses of the callbacks missed by steps from times t (...), (..., nv) [N m s or N s]."""
+        t, missing = np.asarray(t), np.zeros((*np.shape(t), self.system.nv))
+        if not self.system.functions or not self.rule.needed(h):
+            return missing
+        shares, weights = self.rule.shares(h)
+        times, states = t[..., None] + h * shares, path(shares)
+        for _, forces in self.system.functions:
+            values = forces(times.ravel(), states.reshape(-1, states.shape[-1])).reshape(*times.shape, -1)
+            missing += left_out(weights, values)
+        return h * missing
+
+    def change(self, q: Array, dq: Array, impulse: Array) -> Array:
+        """Changes of velocity (..., nv) due to impulses (..., nv)."""
+        forward = self.system.robot.forward_dynamics
+        return np.asarray(forward(q, dq, impulse) - forward(q, dq, np.zeros_like(impulse)))
+
+    def furthest(self, t: float, h: float, path: Path) -> tuple[str, float]:
+        """Name of the callback with the largest deviation from its median in a step from t, and the time [s]."""
+        shares, _ = self.rule.shares(h)
+        states, furthest = path(shares), (-1.0, "", t)
+        for name, forces in self.system.functions:
+            values = forces(t + h * shares, states)
+            deviations = np.abs(values - np.median(values, axis=0)).max(axis=1)
+            k = int(deviations.argmax())
+            furthest = max(furthest, (float(deviations[k]), name, t + h * float(shares[k])))
+        return furthest[1:]
+
+
+class ForceCheck:
+    """Sum of missed impulses over all steps of length ``h``; evaluated at the end of the run, like step doubling."""
+
+    def __init__(self, probes: ForceQuadrature, h: float) -> None:
+        self.probes, self.h = probes, h
+        self._sum = np.zeros(probes.system.nv)
+        """Sum of the missed changes of velocity (nv,)."""
+        self._blocks: list[tuple[Array, ...]] = []
+        """Times (m,), states before and after, and controller torques, (m, ...)."""
+        self._count = 0
+        self._worst: tuple[Array, tuple[float, Array, Array, Array]] | None = None
+        """Largest missed change of velocity, with time, states before and after, and controller torques of its step."""
+
+    def note(self, t: float, y: Array, after: Array) -> None:
+        """Record a step from y at t to the state after it."""
+        if self.probes.system.functions:
+            self._keep(np.array([t]), y[None], after[None], self.probes.system.held[None])
+
+    def note_block(self, times: Array, states: Array, held: Array) -> None:
+        """Record n steps from times (n,), with states (n + 1, size) and controller torques (nv,) or (n, nv)."""
+        if self.probes.system.functions:
+            kept, torques = states.copy(), np.broadcast_to(held, (len(times), held.shape[-1])).copy()
+            self._keep(times, kept[:-1], kept[1:], torques)
+
+    def _keep(self, *steps: Array) -> None:
+        self._blocks.append(steps)
+        self._count += len(steps[0])
+        if self._count >= MAX_STORED_STEPS:
+            self._add_up()
+
+    def error(self, extent: Extent, end: float) -> Array | None:
+        """Error of a run to ``end`` [s], (nv,) rad or m; None if no impulse is missed.
+
+        Velocity changes decay as in step doubling; for a joint that does not move they last to the end.
+        """
+        self._add_up()
+        if self._worst is None:
+            return None
+        change, (t, _, after, held) = self._worst
+        system = self.probes.system.under(held)
+        try:
+            times = decay_times(system, system.moving, t + self.h, after, change)
+        except SimulationError:
+            times = np.array(np.inf)
+        return np.asarray(np.minimum(np.where(extent.rests, end, extent.spans), times) * self._sum)
+
+    def remark(self) -> str:
+        """Remark on callbacks for which the steps are too long."""
+        if self._worst is None:
+            return ""
+        t, y, after, _ = self._worst[1]
+        what, time = self.probes.furthest(t, self.h, _straight_path(y, after))
+        return (
+            f"{what} changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all about "
+            f"t = {printed(time)} s: take a smaller dt"
+        )
+
+    def _add_up(self) -> None:
+        """Add the missed changes of velocity of the stored steps."""
+        if not self._count:
+            return
+        system = self.probes.system
+        t, y, after, held = map(np.concatenate, zip(*self._blocks, strict=True))
+        self._blocks, self._count = [], 0
+        batches = [slice(k, k + BATCH_SIZE) for k in range(0, len(t), BATCH_SIZE)]
+        missing = np.concatenate([self._impulses(t[batch], y[batch], after[batch]) for batch in batches])
+        rows = np.flatnonzero(missing.any(axis=1))
+        if not len(rows):
+            return
+        change = self.probes.change(y[rows, : system.nq], y[rows, system.moving], missing[rows])
+        self._sum += np.abs(change).sum(axis=0)
+        largest = int(np.abs(change).max(axis=1).argmax())
+        if self._worst is None or np.abs(change[largest]).max() > np.abs(self._worst[0]).max():
+            k = rows[largest]
+            self._worst = change[largest], (float(t[k]), y[k], after[k], held[k])
+
+    def _impulses(self, t: Array, y: Array, after: Array) -> Array:
+        """Missed impulses of steps, (n, nv); zero if a callback fails at times between those of the run."""
+        try:
+            return self.probes.impulses(t, self.h, _straight_path(y, after))
+        except SimulationError:
+            if len(t) == 1:
+                return np.zeros((1, self.probes.system.nv))
+            return np.concatenate([self._impulses(t[k : k + 1], y[k : k + 1], after[k : k + 1]) for k in range(len(t))])
+
+
+def _straight_path(y: Array, after: Array) -> Path:
+    return lambda shares: y[..., None, :] + shares[:, None] * (after - y)[..., None, :]

@@ -1,0 +1,102 @@
+"""Error of a simulation relative to its motion, with remarks on large errors and drift."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.numbers import percent
+from ...core.typing import Array
+from ..methods.schemes import ADAPTIVE
+
+if TYPE_CHECKING:
+    from ...robot import Robot
+
+MIN_REPORTED_DRIFT = 0.01
+"""Energy drift that triggers a remark, as a fraction of the energy exchanged."""
+MIN_REPORTED_ERROR = 0.05
+"""Smallest error reported, as a fraction of the motion. Errors are added without sign; smaller values mean little."""
+MIN_TRAVEL = 1e-9
+"""rad or m: smaller displacements count as rest."""
+MAX_PRINTED_RATIO = 1e4
+_ABOVE_MAX_RATIO = "more than 10 000 times"
+"""Text for an error above this multiple of the motion."""
+MAX_ROWS = 2000
+"""Largest number of states of which the travel is computed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Extent:
+    """Travel of the joints in a run and its duration, over all revolute and over all prismatic velocities."""
+
+    travels: Array
+    """Largest displacement of each joint (nv,) [rad or m]."""
+    spans: Array
+    """Travel divided by peak speed (nv,) [s]."""
+
+    @property
+    def rests(self) -> Array:
+        """Mask (nv,) of joints that do not move."""
+        return np.asarray(self.travels < MIN_TRAVEL)
+
+    @classmethod
+    def from_states(cls, robot: Robot, states: Array) -> Extent:
+        """Extent of the states (n, nq + nv or more)."""
+        rows: Any = slice(None)
+        if len(states) > MAX_ROWS:
+            rows = np.linspace(0, len(states) - 1, MAX_ROWS).round().astype(int)
+        displacements = np.ascontiguousarray(robot.subtract(states[rows, : robot.nq], states[0, : robot.nq]).T)
+        rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)  # contiguous rows are faster
+        joint_travels = displacements.max(axis=1) - displacements.min(axis=1)
+        speeds = np.maximum(rates.max(axis=1), -rates.min(axis=1))
+        travels, spans = np.zeros(robot.nv), np.zeros(robot.nv)
+        angular = np.array([turns for body in robot.model.leaders for turns in body.joint.turning], bool)
+        for group in (angular, ~angular):
+            if group.any():
+                travels[group], peak = joint_travels[group].max(), speeds[group].max()
+                if peak > 0.0:
+                    spans[group] = travels[group] / peak
+        return cls(travels, spans)
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """Error of each coordinate, and of the motion as a whole."""
+
+    error: Array
+    """(nv,) rad or m, NaN if unknown."""
+    relative: float
+
+    @classmethod
+    def from_error(cls, extent: Extent, error: Array) -> Accuracy:
+        """Accuracy from an error (nv,), relative to the motion."""
+        return cls(error, float(np.max(error / np.maximum(extent.travels, MIN_TRAVEL))))
+
+    @property
+    def remarkable(self) -> bool:
+        """True if the relative error is large enough to be reported."""
+        return self.relative > MIN_REPORTED_ERROR
+
+    def remarks(self, method: str, relative_drift: float) -> list[str]:
+        """Remarks on large errors and drift."""
+        option = "rtol" if method == ADAPTIVE else "dt"
+        remarks = []
+        if self.remarkable:
+            ratio = f"about {_percent(self.relative)} of"
+            if self.relative >= MAX_PRINTED_RATIO:
+                ratio = _ABOVE_MAX_RATIO
+            remarks.append(f"the errors of its steps add up to {ratio} the motion: take a smaller {option}")
+        if relative_drift > MIN_REPORTED_DRIFT:
+            remarks.append(
+                f"the energy drift is {_percent(relative_drift)} of the energy exchanged: the motion, or the recorded "
+                f"work, is wrong: take a smaller {option}"
+            )
+        return remarks
+
+
+def _percent(ratio: float) -> str:
+    if not ratio < MAX_PRINTED_RATIO:
+        return _ABOVE_MAX_RATIO
+    return percent(ratio, 2 if ratio < 1.0 else None)

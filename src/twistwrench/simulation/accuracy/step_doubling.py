@@ -1,0 +1,269 @@
+"""Step errors by halving sampled steps.
+
+For a method of order p, the states after a step of length h and after two steps of h/2 differ by (1 - 2^-p) of the
+step's error. Friction, contacts and callbacks act in the half steps as in the step. Source: Hairer, Nørsett and Wanner,
+Solving Ordinary Differential Equations I, section II.4, "Richardson extrapolation".
+
+Half steps are taken after the run and do not affect it, even with stateful callbacks. A controller is not called again:
+its torque is that of the step.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from functools import lru_cache
+from typing import Any, NamedTuple, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import SimulationError
+from ...core.typing import Array
+from ..forces import System
+
+MIN_SAMPLES = 32
+"""Smallest number of sampled steps of a run, if it has as many."""
+MAX_SPACING = 50
+"""Spacing of sampled steps in a long run. A sample costs 2.5 steps, or 6 for a method with one evaluation."""
+MAX_SAMPLES = 2000
+"""Largest number of sampled steps of a run, and of additional steps in which a contact begins or ends."""
+_ROUNDING = 1e-14
+"""Rounding error of a state, relative to its largest entry."""
+
+
+class SampledSteps(NamedTuple):
+    """Steps of a run, either m along an axis or a single one."""
+
+    numbers: Any
+    t: Any
+    y: Array
+    after: Array
+    held: Array
+    """Torques of the controller."""
+    accelerations: Array
+    """Accelerations at the start of the steps."""
+
+    def pick(self, which: Any) -> SampledSteps:
+        """Selected steps, or a single one."""
+        return SampledSteps(*(x[which] for x in self))
+
+    @classmethod
+    def join(cls, parts: list[SampledSteps]) -> SampledSteps:
+        """Concatenate several samples."""
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+@lru_cache(maxsize=16)
+def sample_steps(n: int) -> tuple[int, ...]:
+    """Indices of the sampled steps among n: dense at first, then one in each block, without a period.
+
+    >>> sample_steps(3000)[:9]
+    (0, 1, 2, 4, 8, 16, 32, 80, 111)
+    """
+    spacing = max(min(n // MIN_SAMPLES, MAX_SPACING), n // MAX_SAMPLES, 1)
+    indices, k = [], 0
+    while k < min(spacing, n):
+        indices.append(k)
+        k = max(2 * k, 1)
+    for block in range(1, -(-n // spacing)):
+        k = block * spacing + int(spacing * (block * 0.6180339887498949 % 1.0))  # golden-section sequence
+        if k < n:
+            indices.append(k)
+    return tuple(sorted(indices))
+
+
+class Flow(Protocol):
+    """Steps of one method, one at a time or batched."""
+
+    system: System
+
+    @property
+    def order(self) -> int:
+        """Order of the method."""
+
+    @property
+    def takes_many(self) -> bool:
+        """True if states and times may have a batch axis."""
+
+    def under(self, held: Array) -> Self:
+        """Same steps of a copy of the system, under these torques of the controller."""
+
+    def after(self, t: float, y: Array, h: float, /) -> Array:
+        """State a time h later, with unit quaternions."""
+
+    def step_and_accelerations(self, t: float, y: Array, h: float, /) -> tuple[Array, Array]:
+        """State a time h later, and accelerations (nv,) at the given state."""
+
+    def accelerations(self, t: float, y: Array, /) -> Array:
+        """Accelerations (nv,) of a state (size,)."""
+
+
+class StepDoubling:
+    """Sampled steps of a run, and their errors by step doubling."""
+
+    def __init__(self, n: int, h: float, *, lagging: bool) -> None:
+        self.h, self.lagging = h, lagging
+        """True if velocities lag half a step behind coordinates: see :meth:`_halve_with_lag`."""
+        self._ordered = sample_steps(n)
+        self._due = frozenset(self._ordered)
+        self._spread: list[SampledSteps] = []
+        self._changed: list[SampledSteps] = []
+        self.steps = self._changes = 0
+        self._last: SampledSteps | None = None
+        """Last step, unless it is among the changed ones."""
+
+    def note(self, t: float, y: Array, after: Array, held: Array, accelerations: Array, *, changed: bool) -> None:
+        """Record the next step; ``changed``: a contact begins or ends in it, or dry friction changes direction."""
+        if changed or self.steps in self._due:
+            self.note_block(np.array([t]), np.array([y, after]), held, accelerations[None], np.array([changed]))
+        else:
+            self._last = SampledSteps(self.steps, t, y, after, held, accelerations.copy())
+            self.steps += 1
+
+    def note_block(
+        self, times: Array, states: Array, held: Array, accelerations: Array, changed: NDArray[np.bool_]
+    ) -> None:
+        """Record the next m steps, by states (m + 1, size); the step before a changed one also counts as changed."""
+        first, m = self.steps, len(times)
+        numbers, held = np.arange(first, first + m), np.broadcast_to(held, accelerations.shape)
+        steps = SampledSteps(numbers, times, states[:-1], states[1:], held, accelerations)
+        k = bisect_left(self._ordered, first)
+        due = self._ordered[k : bisect_left(self._ordered, first + m, k)]
+        if due:
+            self._spread.append(steps.pick(np.array(due) - first))
+        marked = changed.copy()
+        if changed.any():
+            if changed[0] and self._last is not None:
+                self._mark(SampledSteps(*(np.asarray(x)[None] for x in self._last)))
+            marked[:-1] |= changed[1:]
+            self._mark(steps.pick(np.flatnonzero(marked)))
+        self._last = None
+        if not marked[-1]:
+            self._last = SampledSteps(*(x[-1].copy() for x in steps))
+        self.steps = first + m
+
+    def _mark(self, steps: SampledSteps) -> None:
+        """Count changed steps, and store them as samples up to the largest number."""
+        if self._changes < MAX_SAMPLES:
+            self._changed.append(steps.pick(slice(MAX_SAMPLES - self._changes)))
+        self._changes += len(steps.t)
+
+    def errors(self, flow: Flow, spans: Array) -> Array | None:
+        """Sum of absolute errors of all steps (nv,) [rad or m]; velocity errors times ``spans`` [s] or their decay time."""
+        spread_parts = self._spread
+        if self._changed:
+            changed_numbers = SampledSteps.join(self._changed).numbers
+            spread_parts = [part.pick(~np.isin(part.numbers, changed_numbers)) for part in self._spread]
+        spread = self._sampled_errors(flow, spread_parts, spans)
+        changed = self._sampled_errors(flow, self._changed, spans)
+        if spread is None and changed is None:
+            return None
+        total = self._initial_lag(flow, spans)
+        if spread is not None:
+            total += (1.0 - self._changes / self.steps) * _integral(*spread, self.steps)
+        if changed is not None:
+            total += self._changes * changed[1].mean(axis=0)
+        return total
+
+    def _sampled_errors(self, flow: Flow, parts: list[SampledSteps], spans: Array) -> tuple[Array, Array] | None:
+        """Indices (m,) of the steps that could be halved, and their errors (m, nv)."""
+        parts = [part for part in parts if len(part.t)]
+        if not parts:
+            return None
+        halved_parts = self._halve_all(flow, SampledSteps.join(parts))
+        if not halved_parts:
+            return None
+        numbers, whole, halved, times = map(np.concatenate, zip(*halved_parts, strict=True))
+        finite = np.isfinite(halved).all(axis=1)
+        if not finite.any():
+            return None
+        numbers, whole, halved, times = numbers[finite], whole[finite], halved[finite], times[finite]
+        robot, q, v = flow.system.robot, slice(0, flow.system.nq), flow.system.moving
+        position_differences = _above_rounding(robot.subtract(whole[:, q], halved[:, q]), whole[:, q])
+        velocity_differences = _above_rounding(whole[:, v] - halved[:, v], whole[:, v])
+        position_errors = position_differences + np.minimum(spans, times[:, None]) * velocity_differences
+        return numbers, position_errors / (1.0 - 0.5**flow.order)
+
+    def _halve_all(self, flow: Flow, steps: SampledSteps) -> list[tuple[Array, Array, Array, Array]]:
+        """Results of :meth:`_halve` for all steps together if possible, otherwise for each that can be halved."""
+        if flow.takes_many:
+            try:
+                return [self._halve(flow, steps)]
+            except SimulationError:  # a callback fails at times between those of the run: each step by itself
+                pass
+        halved_parts = []
+        for k in range(len(steps.t)):
+            try:
+                halved_parts.append(self._halve(flow, steps.pick(k)))
+            except SimulationError:
+                continue
+        return halved_parts
+
+    def _halve(self, flow: Flow, step: SampledSteps) -> tuple[Array, Array, Array, Array]:
+        """Indices (m,), states (m, size) after the step and after two halves, and decay times (m,) of the difference [s]."""
+        flow = flow.under(step.held)
+        v, accelerations = flow.system.moving, None
+        if self.lagging:
+            halved, accelerations = self._halve_with_lag(flow, step)
+        else:
+            halved = self._half_steps(flow, step)
+        change = (halved - step.after)[..., v]
+        times = decay_times(flow, v, step.t + self.h, step.after, change, accelerations)
+        return np.atleast_1d(step.numbers), np.atleast_2d(step.after), np.atleast_2d(halved), np.atleast_1d(times)
+
+    def _initial_lag(self, flow: Flow, spans: Array) -> Array:
+        """Effect of a lagging method's initial velocities, given at the start rather than half a step before it."""
+        if not self.lagging:
+            return np.zeros(flow.system.nv)
+        first = self._spread[0].pick(0)
+        flow = flow.under(first.held)
+        velocity_error = 0.5 * self.h * first.accelerations
+        times = decay_times(flow, flow.system.moving, first.t, first.y, velocity_error, first.accelerations)
+        return np.asarray(np.minimum(spans, times) * np.abs(velocity_error))
+
+    def _half_steps(self, flow: Flow, step: SampledSteps) -> Array:
+        """State after two steps of half the length."""
+        half = 0.5 * self.h
+        return flow.after(step.t + half, flow.after(step.t, step.y, half), half)
+
+    def _halve_with_lag(self, flow: Flow, step: SampledSteps) -> tuple[Array, Array]:
+        """State after two half steps whose velocities lag by h/2, as after the step, and accelerations after the step.
+
+        Velocities lag by h/2 after a step, and by h/4 after half steps. Taken as errors, these lags would add up over a
+        run, although they cancel. Velocities are therefore shifted in time before and after the half steps, using
+        accelerations over half a step. A shifted velocity violates constraints because their directions change; this
+        violation is not an error and is removed.
+        """
+        v, start, end, half = (..., flow.system.moving), step.y.copy(), step.after, 0.5 * self.h
+        start[v] += 0.5 * half * step.accelerations
+        halved = self._half_steps(flow, step._replace(y=start))
+        later, accelerations = flow.step_and_accelerations(step.t + self.h, end, half)
+        halved[v] -= 0.5 * (later[v] - end[v])
+        halved[v] = flow.system.allowed_velocities(halved)
+        return halved, accelerations
+
+
+def decay_times(
+    flow: Flow | System, moving: slice, t: Any, y: Array, change: Array, accelerations: Array | None = None
+) -> Array:
+    """Approximate decay time (...) [s] of velocity changes (..., nv), by their effect on accelerations; inf if undamped."""
+    moved = y.copy()
+    moved[..., moving] += change
+    moved_accelerations = flow.accelerations(t, moved)
+    if accelerations is None:
+        accelerations = flow.accelerations(t, y)
+    damped = -np.vecdot(change, moved_accelerations - accelerations)
+    with np.errstate(all="ignore"):
+        return np.where(damped > 0.0, np.vecdot(change, change) / damped, np.inf)
+
+
+def _above_rounding(differences: Array, values: Array) -> Array:
+    """Magnitudes of differences (m, nv) of numbers (m, k), with rounding errors set to zero."""
+    above = np.abs(differences) > _ROUNDING * np.abs(values).max(axis=1, keepdims=True)
+    return np.where(above, np.abs(differences), 0.0)
+
+
+def _integral(numbers: Array, errors: Array, n: int) -> Array:
+    """Sum over steps 0 … n - 1 of values known at some of them, linearly interpolated; (m,), (m, k) → (k,)."""
+    edges = np.concatenate([[-0.5], 0.5 * (numbers[1:] + numbers[:-1]), [n - 0.5]])
+    return np.asarray(np.diff(edges) @ errors)

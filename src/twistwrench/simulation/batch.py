@@ -1,0 +1,156 @@
+"""Simulations from many states, batched if there are no callbacks."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.errors import ShapeError, SimulationError, TwistWrenchError, ValueRangeError
+from ..core.numbers import residual
+from ..core.typing import Array
+from ..robot.task_space_methods import require_robot
+from .blocks import use_block
+from .compiled_steps import CompiledSteps
+from .forces import require_arguments
+from .methods.schemes import ADAPTIVE
+from .preparation import build_run, run_to_end
+from .result import SimulationResult
+from .run import Run
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulationBatch:
+    """Simulations from a batch of states, each of its own length. Printing it shows how many reached the end."""
+
+    results: tuple[SimulationResult, ...]
+    """One result for each state, in the order of the flattened batch."""
+    shape: tuple[int, ...]
+    """Shape of the batch."""
+
+    def __getitem__(self, index: int | tuple[int, ...]) -> SimulationResult:
+        places = index if isinstance(index, tuple) else (index,)
+        if len(places) != len(self.shape):
+            raise ValueRangeError(f"the batch has shape {self.shape}; give one index for each of its axes.")
+        return self.results[int(np.arange(len(self.results)).reshape(self.shape)[places])]
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    def __iter__(self) -> Iterator[SimulationResult]:
+        return iter(self.results)
+
+    @property
+    def completed(self) -> Array:
+        """True for simulations that reached the end of their duration, (...) bool."""
+        return np.array([result.completed for result in self.results]).reshape(self.shape)
+
+    @property
+    def ends(self) -> Array:
+        """Time of the last state of each simulation, (...) s."""
+        return np.array([result.times[-1] for result in self.results]).reshape(self.shape)
+
+    def __repr__(self) -> str:
+        if not self.results:
+            return "<SimulationBatch: no simulations>"
+        first, completed = self.results[0], int(self.completed.sum())
+        parts = [f"{len(self)} simulations, {completed} reached the end"]
+        if completed < len(self):
+            k = int(np.argmin(self.completed.ravel()))
+            index = ", ".join(map(str, np.unravel_index(k, self.shape))) if self.shape else ""
+            parts.append(f"the first of the others, [{index}]: {self.results[k].stopped}")
+        drift = np.max([result.relative_drift for result in self.results])
+        parts.append(f"drift of energy at most {residual(drift)}")
+        remarks: dict[str, None] = {}
+        for result in self.results:
+            remarks |= dict.fromkeys(result.remarks)
+        parts += [f"note: {remark}" for remark in list(remarks)[:3]]
+        return f"<SimulationBatch of {first.robot!r}, {first.method}: {'; '.join(parts)}>"
+
+
+def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch:
+    """Simulations from many states; see :meth:`twistwrench.Robot.simulate_batch`."""
+    require_robot(robot, "simulate_batch")
+    bound = inspect.signature(robot.simulate).bind(*start, **options)
+    bound.apply_defaults()
+    options = bound.arguments
+    q, dq, shape = _starts(robot, options.pop("q0"), options.pop("dq0"))
+    progress = options.pop("progress")
+    if progress is not None:
+        require_arguments(progress, "progress", ("the share done, from 0 to 1",))
+    runs = []
+    for index, q0, dq0 in zip(np.ndindex(shape), q, dq, strict=True):
+        try:
+            runs.append(build_run(robot, q0, dq0, **options, progress=None, loops=None))
+        except TwistWrenchError as problem:
+            if index == (0,) * len(shape) or "q0" not in str(problem):
+                raise
+            raise type(problem)(f"simulation {list(index)} of the batch: {problem}") from None
+    with np.errstate(all="ignore"):  # overflow in unstable steps is detected and reported
+        _advance_together(runs)
+    results: list[SimulationResult] = []
+    for run in runs:
+        try:
+            results.append(run_to_end(run))
+        except SimulationError as problem:  # recorded in its result; the others continue
+            results.append(cast("SimulationResult", problem.result))
+        if progress is not None:
+            progress(len(results) / len(runs))
+    return SimulationBatch(tuple(results), shape)
+
+
+def _starts(robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None) -> tuple[Array, Array, tuple[int, ...]]:
+    """Configurations (n, nq) and velocities (n, nv) of all simulations, and the shape of the batch."""
+    q, dq = robot.neutral, np.zeros(robot.nv)
+    if q0 is not None:
+        q = arguments.finite(q0, "q0", robot.nq, names=robot.coordinate_names)
+    if dq0 is not None:
+        dq = arguments.finite(dq0, "dq0", robot.nv, names=robot.model.velocity_names)
+    try:
+        shape = np.broadcast_shapes(q.shape[:-1], dq.shape[:-1])
+    except ValueError:
+        raise ShapeError(f"q0 has shape {q.shape} and dq0 {dq.shape}, whose batch shapes do not go together.") from None
+    all_q = np.broadcast_to(q, (*shape, robot.nq)).reshape(-1, robot.nq)
+    all_dq = np.broadcast_to(dq, (*shape, robot.nv)).reshape(-1, robot.nv)
+    return all_q, all_dq, shape
+
+
+def _advance_together(runs: list[Run]) -> None:
+    """Take the steps of all runs side by side while they are compiled, stable and not ended; then each continues alone."""
+    if len(runs) < 2 or runs[0].method == ADAPTIVE or not runs[0].without_callbacks:
+        return
+    first = runs[0]
+    running = []
+    for run in runs:
+        steps = CompiledSteps.build(run.system, run.method, run.scheme.order, run.h)
+        if steps is not None:
+            running.append((run, steps))
+    for run, _ in running:
+        run.begin()
+    if not running:
+        return
+    wide = running[0][1].side_by_side()
+    while running:
+        remaining = first.n - running[0][0].steps
+        if not remaining:
+            return
+        evaluations = first.system.evaluations
+        inputs = [steps.inputs() for _, steps in running]
+        stacked_inputs = [np.array(values) for values in zip(*inputs, strict=True)]
+        states = np.array([run.last[1] for run, _ in running])
+        block = min(max(1, wide.most // len(running)), remaining)
+        results = wide.advance_with(states, block, first.h, stacked_inputs)
+        first.system.evaluations = evaluations
+        unended = []
+        for (run, steps), *own_results in zip(running, *results, strict=True):
+            if use_block(run, steps, *own_results):
+                unended.append((run, steps))
+        running = unended

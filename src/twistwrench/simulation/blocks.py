@@ -1,0 +1,194 @@
+"""Blocks of compiled steps in a run, with and without callbacks: their results are stored up to an event or the end."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core.typing import Array
+from .callback_steps import CallbackRows
+from .compiled_steps import CompiledSteps
+from .methods.schemes import MAX_SPEED
+
+if TYPE_CHECKING:
+    from .run import Run
+
+MIN_PROGRESS_REPORTS = 100
+"""Smallest number of progress reports of a run."""
+
+
+def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
+    """Take the steps of a run while they are stable; the rest is left to single steps."""
+    system, block = run.system, steps.most
+    if run.tick is not None:
+        block = min(block, max(1, run.n // MIN_PROGRESS_REPORTS))
+    while run.steps < run.n:
+        evaluations = system.evaluations
+        states, ddq, gaps = steps.advance(run.last[1], min(block, run.n - run.steps))
+        system.evaluations = evaluations
+        if not use_block(run, steps, states, ddq, gaps):
+            return
+    t, y = run.last
+    run.record.keep(t, y, steps.accelerations(t, y), system.held)
+
+
+def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: Array) -> bool:
+    """Store the next m steps of a run, by states (m + 1, size), up to an unstable one or the end; True if all are stored."""
+    m = _stable_steps(run, states)
+    stable = m == len(ddq)
+    states = states[: m + 1]
+    gaps = _gaps(run, gaps[:m], states[-1])
+    if run.detector is not None:
+        gaps[0] = run.detector.gaps  # as at the last check: rounding errors do not begin a contact
+    used, end = m, None
+    if m:
+        used, end = _first_end(run, steps, states, gaps)
+    run.system.evaluations += steps.stages * (used + (end is not None))
+    keep_steps(run, states[: used + 1], ddq[:used], run.system.held, run.system.held, gaps[: used + 1])
+    if end is not None:
+        end_in_step(run, steps, end, ddq[used], run.system.held)
+    elif run.tick is not None and m:
+        run.tick(run.last[0])
+    return end is None and stable
+
+
+def _stable_steps(run: Run, states: Array) -> int:
+    """Number of steps before an unstable one, by their states (m + 1, size)."""
+    after, speeds = states[1:], states[1:, run.system.moving]
+    if speeds.max() < MAX_SPEED and speeds.min() > -MAX_SPEED and np.isfinite(after).all():  # cheaper than by row
+        return len(after)
+    stable = np.isfinite(after).all(axis=1) & (np.abs(speeds).max(axis=1) < MAX_SPEED)
+    return int(stable.argmin())
+
+
+def _first_end(run: Run, steps: CompiledSteps, states: Array, gaps: Array) -> tuple[int, float | None]:
+    """Number of steps before one that ends the run, and time of the end in that step; all and None if no event does."""
+    first, m = run.steps, len(states) - 1
+    if run.detector is None:
+        return m, None
+    if first == 0 and run.leaves_at_once(states[0], states[1], run.h):
+        return 0, 0.0
+    for k in run.detector.passings(states, gaps):
+        end = locate_event(run, steps, (first + k) * run.h, states[k], states[k + 1])
+        if end is not None:
+            return k, end
+    return m, None
+
+
+def locate_event(run: Run, steps: CompiledSteps, t: float, y: Array, after: Array) -> float | None:
+    """Locate events in a step from y at t; returns the time after t at which one ends the run, or None."""
+    if t == 0.0 and run.leaves_at_once(y, after, run.h):
+        return 0.0
+    return run.locate_event(t, [(run.h, after)], partial(steps.after, t, y))
+
+
+def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Array) -> None:
+    """End a run in its next step at a time ``end`` after its start, where its values are ``ddq`` and ``tau``."""
+    t, y = run.last
+    if run.steps % run.every == 0:
+        run.record.keep(t, y, ddq, tau)
+    if not run.stopped:
+        run.finish(t, end, partial(steps.after, t, y))
+
+
+def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gaps: Array) -> None:
+    """Store and record the next m steps of a run, by their states (m + 1, size).
+
+    Torques, and torques ``held`` for a controller, are (nv,) for all or (m, nv); gaps are (m + 1, contacts).
+    """
+    system, first, m = run.system, run.steps, len(ddq)
+    if not m:
+        return
+    numbers = np.arange(first, first + m + 1)
+    times = np.asarray(numbers * run.h, float)
+    if numbers[-1] == run.n:
+        times[-1] = run.end
+    kept = slice(-first % run.every, m, run.every)
+    if tau.ndim > 1:
+        tau = tau[kept]
+    run.record.keep_block(times[kept], states[kept], ddq[kept], tau)
+    changed = run.contact_durations.block(times[1:], gaps[1:], states[1:, -1] != states[:-1, -1])
+    if system.dry_friction is not None:
+        signs = np.sign(states[:, system.moving])
+        changed |= (signs[1:] != signs[:-1])[:, system.dry_friction.dry].any(axis=1)
+    run.doubling.note_block(times[:-1], states, held, ddq, changed)
+    run.force_check.note_block(times[:-1], states, held)
+    run.steps, run.last = first + m, (float(times[-1]), states[-1].copy())
+
+
+def run_callback_blocks(run: Run, steps: CompiledSteps) -> None:
+    """Take all steps of a run, to its end or to an event that ends it; raises SimulationError if a callback fails."""
+    system = run.system
+    with CallbackRows.from_pool(steps, run.controller, run.constant, run.n) as rows:
+        while run.steps < run.n:
+            if _take_block(run, steps, rows):
+                return
+    t, y = run.last
+    system.rates(t, y, run.rate)
+    run.keep(t, y)
+
+
+def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
+    """Take one block of steps, or the remaining ones; True if an event ended the run."""
+    first, h, system = run.steps, run.h, run.system
+    watched, tick = run.detector is not None, run.tick
+    states = rows.states[:: rows.calls_per_step]
+    states[0] = run.last[1]
+    call, sole, max_squared_speed = rows.call, rows.sole, MAX_SPEED**2
+    function = None if sole is None else sole.function
+    done = sampled = 0
+    end: float | None = None
+    try:
+        for stages in rows.steps[: run.n - first]:
+            begin = (first + done) * h
+            for share, k, q, dq, evaluations in stages:
+                t = begin + share * h
+                for law, row, base in evaluations:
+                    row[...] = law(t, q, dq) if base is None else base + law(t, q, dq)
+                if function is None or sole is None:
+                    peak = call(k)
+                else:
+                    try:
+                        torques = function(t, q.copy(), dq.copy())
+                    except Exception as problem:
+                        raise sole.failure(t, problem) from problem
+                    peak = call(k, torques)
+                    if peak is None:  # not a plain array
+                        peak = call(k, sole.require_finite(t, torques))
+                    if not peak < max_squared_speed:  # NaN from torques that are not finite fails too
+                        sole.require_finite(t, rows.given[k])
+            if not peak < max_squared_speed:
+                sampled = done + 1
+                run.require_stable(begin, run.time(first + done + 1), states[done + 1])
+            if watched:
+                sampled, system.held = done + 1, rows.held[done].copy()
+                end = locate_event(run, steps, begin, states[done], states[done + 1])
+                if end is not None:
+                    break
+            done += 1
+            if tick is not None:
+                tick(run.time(first + done))
+    finally:
+        _keep_block(run, steps, rows, done, max(sampled, done))
+    if end is not None:
+        end_in_step(run, steps, end, rows.ddq[done * rows.calls_per_step], rows.tau[done])
+    return end is not None
+
+
+def _keep_block(run: Run, steps: CompiledSteps, rows: CallbackRows, done: int, sampled: int) -> None:
+    """Store the steps that are done, and the last torques of the controller, which may be of a step that failed."""
+    if sampled:
+        run.system.held = rows.held[sampled - 1].copy()
+    run.system.evaluations += steps.stages * sampled
+    n = rows.calls_per_step
+    states, ddq = rows.states[::n], rows.ddq[::n]
+    gaps = _gaps(run, rows.gaps[::n][:done], states[done])
+    keep_steps(run, states[: done + 1], ddq[:done], rows.tau[:done], rows.held[:done], gaps)
+
+
+def _gaps(run: Run, initial_gaps: Array, last: Array) -> Array:
+    """Gaps of the contacts at the start of each of m steps and after the last one, (m + 1, contacts)."""
+    q = run.system.split(last)[0]
+    return np.concatenate([initial_gaps, [[contact.gap(q) for contact in run.system.contacts]]])

@@ -1,0 +1,392 @@
+"""Steps of closed robots: constrained dynamics, integration and projection, compiled in one program or one by one.
+
+q̈ and λ of  τ = M q̈ + h + A'λ,  A q̈ + (dA/dt) dq = 0       (MR section 8.7)
+
+determine the acceleration only. After each step q and dq are projected: see
+:mod:`twistwrench.mechanics.algorithms.loop_closure`. Simulations and rollouts take the same steps. The state consists of q
+and dq, the constraint errors removed so far, and, in simulations, the works done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...compiler.ir.loops import Scan, Source
+from ...compiler.ir.tracer import trace
+from ...compiler.runtime.gufunc import owner_of
+from ...core.errors import SimulationError, ValueRangeError
+from ...core.numbers import printed
+from ...core.typing import Array
+from ...mechanics.algorithms.constraints import Constraint, constrained_dynamics, independent_constraints
+from ...mechanics.algorithms.friction import largest, positive, smallest
+from ...mechanics.algorithms.kinematics import add
+from ...mechanics.algorithms.loop_closure import MIN_PIVOT, LoopRows, needs_singular_values, project_state
+from ...mechanics.model.model import Model
+from ...robot.constraint_methods import MAX_CLOSED_GAP
+from ...robot.constraints.tolerances import gap_units, require_met
+from ...robot.engine import compile_form
+from ..compiled_steps import COMPILED_METHODS, TABLEAUS, CompiledSteps, Ports, StepPlan, can_compile_steps
+from ..forces import WORKS, System
+from .adaptive import Stepper
+from .schemes import Scheme
+
+if TYPE_CHECKING:
+    from ...robot.doors import ConstrainedRobot
+
+LARGEST_GAP, LARGEST_RATE, REMAINING_GAP, PIVOT, ON_CONSTRAINTS = range(5)
+"""Loop-closure state passed between steps with q and dq: largest gap [rad or m] and gap rate before projection, largest
+gap after it, smallest relative pivot of A M⁻¹ A', and 1 as long as all steps end on the constraints."""
+LOOP_STATE_SIZE = 5
+SMALL_PIVOT, MIN_PIVOT_RATIO = 1e-2, 0.25
+"""Relative pivot that counts as small; and ratio to the previous pivot at which its root has halved, so that another such
+step would reach or pass the singular configuration."""
+
+
+@dataclass(frozen=True)
+class ClosedStep(StepPlan):
+    """Step on constraints, without numerical values."""
+
+    loops: LoopRows = field(default_factory=lambda: LoopRows((), ()))
+    typical_pivots: tuple[float, ...] = ()
+    """Typical size of each pivot of A M⁻¹ A'."""
+    allowed_gaps: tuple[float, ...] = ()
+    """Largest gap of each position row after a step, rad or m."""
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Cache key: plans of one robot with equal keys share a program."""
+        return "closed step", super().key, self.loops
+
+    @property
+    def state(self) -> Ports:
+        """Names and shapes of the parts of the state."""
+        q, dq, *work = super().state
+        return [q, dq, ("kept", (LOOP_STATE_SIZE,)), *work]
+
+    @property
+    def eases(self) -> bool:
+        """True: every method smooths friction."""
+        return self.friction
+
+    @cached_property
+    def _independent_constraints(self) -> tuple[Constraint, ...]:
+        return independent_constraints(self.loops.constraints, self.loops.independent)
+
+    def recurrence(self) -> Scan:
+        """Loop of steps, and the sources of its inputs."""
+        n = len(self.state)
+        program = trace(self._step, [*self.state, *self.inputs], [*dict(self.state), *self._reports])
+        sources = [Source("state", k) for k in range(n)]
+        sources += [Source("given")] * len(self.inputs)
+        return Scan(program, tuple(sources), visible=n)
+
+    def _step(self, q: Array, dq: Array, loop_state: Array, *rest: Any) -> tuple[Array, ...]:
+        """One step by :class:`.schemes.RungeKutta` or :class:`.schemes.SemiImplicit`, and projection onto the constraints."""
+        start, (h, *given) = (q, dq, *rest[: self.works]), rest[self.works :]
+        first, tau, _ = self._rates(q, q, dq, given)
+        if self.method in TABLEAUS:
+            a, b, _, _, _ = TABLEAUS[self.method].numbers
+            stages = [first]
+            for i in range(1, len(b)):
+                q_i, dq_i = _add_stages(start[:2], h, a[i], stages)
+                stages.append(self._rates(q_i, q_i, dq_i, given)[0])
+            q1, dq1, *work = _add_stages(start, h, b, stages)
+        else:
+            dq1, *work = [x + h * rate for x, rate in zip(start[1:], first[1:], strict=True)]
+            q1 = add(self.model, q, h * dq1)
+        _, plant, _ = self._models(given)
+        q1, dq1, *errors = project_state(plant, q1, dq1, self.loops.constraints, self.loops.independent)
+        reports = [*[first[1]] * self.works, *[tau] * self.returns_torques]
+        return q1, dq1, self._next_loop_state(loop_state, *errors), *work, *reports
+
+    def _accelerations(self, plant: Model, angles: Array, dq: Array, force: Array, inputs: dict[str, Array]) -> Array:
+        return constrained_dynamics(
+            plant, angles, dq, force, self._robot_wrenches(inputs), self._independent_constraints
+        )[0]
+
+    def _next_loop_state(self, before: Array, gaps: Array, rates: Array, after: Array, pivots: Array) -> Array:
+        """Loop-closure state for the next step; :func:`loses_rank` evaluates it."""
+        pivot: Any = smallest(pivots / np.array(self.typical_pivots), np.inf)
+        relative_gaps = after
+        if self.allowed_gaps:
+            relative_gaps = after / np.array(self.allowed_gaps)
+        keeps_rank = (1.0 - positive(SMALL_PIVOT - pivot) * positive(MIN_PIVOT_RATIO * before[PIVOT] - pivot)) * (
+            1.0 - positive(MIN_PIVOT - pivot)
+        )
+        on_constraints = before[ON_CONSTRAINTS] * keeps_rank * (1.0 - positive(largest(relative_gaps, 0.0) - 1.0))
+        loop_state = (
+            largest(gaps, before[LARGEST_GAP]),
+            largest(rates, before[LARGEST_RATE]),
+            largest(after, before[REMAINING_GAP]),
+            pivot,
+            on_constraints,
+        )
+        return np.array(loop_state, object)
+
+
+def _add_stages(start: Sequence[Array], h: Any, weights: Array, stages: Sequence[Sequence[Array]]) -> list[Array]:
+    """Step x + h Σ w_i k_i of each part of the state."""
+    end = []
+    for part, x in enumerate(start):
+        rates = [float(w) * stage[part] for w, stage in zip(weights, stages, strict=False) if w]
+        end.append(x + h * sum(rates))
+    return end
+
+
+def loses_rank(pivot: Array, earlier: Array | float) -> Array:
+    """True if the constraints lose rank after a step or in the next, by the smallest pivots after and before it."""
+    return ~(pivot >= MIN_PIVOT) | ((pivot < SMALL_PIVOT) & (pivot < MIN_PIVOT_RATIO * earlier))
+
+
+class Loops:
+    """Constraints of a closed robot in a simulation, and the constraint errors that its steps left."""
+
+    def __init__(self, closed: ConstrainedRobot) -> None:
+        self.closed, robot = closed, closed.open()
+        self._nq = robot.nq
+        self._moving = slice(robot.nq, robot.nq + robot.nv)
+        self._units = gap_units(closed)
+        self._sizes = closed.sizes[list(closed.independent)] ** 2
+        key = "projection", closed.constraints, closed.independent
+        self._project = robot.engine.cache(key, self._compile_projection)
+        independent = independent_constraints(closed.constraints, closed.independent)
+        self.dynamics = robot.kernel("constrained_dynamics", constraints=independent)
+        self.largest_gap = self.largest_rate = 0.0
+        """Largest gap [rad or m] and largest gap rate [rad/s, m/s] after a step, before projection."""
+        self.system: ClosedSystem
+        """Forces on the robot, set later."""
+
+    steps: type[CompiledSteps]
+    """Compiled steps on the constraints."""
+
+    def system_under(self, **acting: Any) -> ClosedSystem:
+        """Closed system under torques, wrenches and contacts."""
+        return ClosedSystem(self, **acting)
+
+    def scheme_on(self, scheme: Scheme) -> ClosedScheme:
+        """One-step method whose steps end on the constraints."""
+        return ClosedScheme(scheme, self)
+
+    def stepper(self, *options: float) -> ClosedStepper:
+        """Adaptive method whose steps end on the constraints."""
+        return ClosedStepper(self, *options)
+
+    def _compile_projection(self) -> Any:
+        closed, robot = self.closed, self.closed.open()
+
+        def program(q: Array, dq: Array) -> tuple[Array, ...]:
+            return project_state(robot.model, q, dq, closed.constraints, closed.independent)
+
+        names = ["q", "dq", "before", "rates", "after", "pivots"]
+        doc = f"States of {robot.name} near its constraints, brought onto them, compiled."
+        return compile_form(trace(program, [("q", (robot.nq,)), ("dq", (robot.nv,))], names), "projection", doc)
+
+    def operations(self, stages: int) -> float:
+        """Approximate operations of a step with this number of stages; inf if nothing is compiled."""
+        projection, dynamics = owner_of(self._project), owner_of(self.dynamics)
+        if not projection or not dynamics:
+            return np.inf
+        return projection.cost + stages * dynamics.cost
+
+    def begin(self, y: Array) -> None:
+        """Project the first state onto the constraints, in place; raises ConstraintError if it is far from them."""
+        q, dq = y[: self._nq], y[self._moving]
+        require_met(self.closed, q, dq)
+        with np.errstate(all="ignore"):  # the inverse may not exist
+            pivot = self.smallest_pivot(y)
+        if not pivot >= MIN_PIVOT:
+            raise ValueRangeError(
+                "q0 is a singular configuration: the constraints lose rank there, and no motion goes on from it in one way "
+                f"only. closed.rank(q0) is {int(self.closed.rank(q))}, usually {len(self.closed.independent)}: start elsewhere."
+            )
+        self.onto(0.0, y)
+        self.largest_gap = self.largest_rate = 0.0
+
+    def smallest_pivot(self, y: Array) -> Array:
+        """Smallest relative pivot of A M⁻¹ A', of states (..., size); 0 if the constraints lose rank."""
+        return np.asarray(self.project(y[..., : self._nq], y[..., self._moving])[-1])
+
+    def project(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Projected q (..., nq) and dq (..., nv), and the smallest relative pivot (...)."""
+        q, dq, *_, pivots = self._project(q, dq)
+        return q, dq, (pivots / self._sizes).min(axis=-1, initial=np.inf)
+
+    def step(self, t: float, h: float, y: Array, y1: Array) -> None:
+        """Project the state after a step from y at t onto the constraints, in place."""
+        if not np.isfinite(y1).all():  # reported by the check of the step
+            return
+        pivot = self.onto(t + h, y1)
+        if not pivot >= SMALL_PIVOT and loses_rank(np.array(pivot), self.smallest_pivot(y)):
+            raise SimulationError(
+                f"at t = {printed(t + h, 9)} s the constraints lose rank: {', '.join(self.closed.row_names)} hold the "
+                "robot in fewer directions at a singular configuration, from which the motion may go on in several ways. "
+                "Change the mechanism or the motion so that it stays away, or take a smaller dt where it only comes near."
+            )
+
+    def step_of(self, plan: StepPlan) -> ClosedStep:
+        """Step of a plan, on the constraints."""
+        options = {option.name: getattr(plan, option.name) for option in fields(StepPlan)}
+        return ClosedStep(
+            **options,
+            loops=LoopRows(self.closed.constraints, self.closed.independent),
+            typical_pivots=tuple(self._sizes.tolist()),
+            allowed_gaps=tuple((MAX_CLOSED_GAP * self._units).tolist()),
+        )
+
+    def note(self, gap: float, rate: float) -> None:
+        """Record the largest gap and gap rate that a step left."""
+        self.largest_gap, self.largest_rate = max(self.largest_gap, float(gap)), max(self.largest_rate, float(rate))
+
+    def onto(self, t: float, y: Array) -> float:
+        """Project a state onto the constraints, in place; returns the smallest relative pivot."""
+        q, dq, before, rates, after, pivots = self._project(y[: self._nq], y[self._moving])
+        gap = float(np.abs(before).max(initial=0.0))
+        if not np.abs(after / self._units).max(initial=0.0) <= MAX_CLOSED_GAP:
+            closed_q, remaining = self.closed.settled(y[None, : self._nq], MAX_CLOSED_GAP)
+            if not (remaining[0] <= MAX_CLOSED_GAP and gap <= 1.0):
+                raise SimulationError(
+                    f"at t = {printed(t, 9)} s the loops cannot be closed again: the step left a gap of {printed(gap, 3)} "
+                    f"(rad or m), and {printed(remaining[0], 3)} remains. Take a smaller dt."
+                )
+            q, dq, _, rates, _, pivots = self._project(closed_q[0], y[self._moving])
+        y[: self._nq], y[self._moving] = q, dq
+        self.note(gap, np.abs(rates).max(initial=0.0))
+        return float((pivots / self._sizes).min(initial=np.inf))
+
+
+class ClosedSystem(System):
+    """Closed robot and the forces on it: y' = f(t, y)."""
+
+    takes_many = False
+
+    def __init__(self, loops: Loops, **acting: Any) -> None:
+        super().__init__(loops.closed.open(), **acting)
+        self.done = slice(self.size - len(WORKS), self.size)
+        """Slice of the works in a state."""
+        self.loops, loops.system = loops, self
+
+    def rates(self, t: float, y: Array, out: Array) -> None:
+        """Write f(t, y) into ``out``."""
+        self.evaluations += 1
+        q, dq, powers = y[: self.nq], y[self.moving], out[-4:]
+        powers[:] = 0.0
+        self.manifold.rates(q, dq, out[: self.nq])
+        out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]
+
+    def allowed_velocities(self, y: Array) -> Array:
+        """Velocities (..., nv) projected onto the constraints, as at the end of a step."""
+        with np.errstate(all="ignore"):  # states may be NaN
+            return self.loops.project(y[..., : self.nq], y[..., self.moving])[1]
+
+    def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
+        """Multipliers λ (n, k) of states under torques tau and all other forces; wrench callbacks are called again."""
+        if not len(times):
+            return np.zeros((0, len(self.loops.closed.sizes)))
+        total = self.total(times, q, dq, tau)
+        _, lam, pivots = self.loops.dynamics(q, dq, total)
+        closed = self.loops.closed
+        if len(closed.independent) == len(closed.sizes) and not needs_singular_values(pivots, closed.sizes).any():
+            return np.asarray(lam)
+        return np.asarray(closed.forward_dynamics(q, dq, total).lam)
+
+
+class ClosedScheme:
+    """One-step method whose steps end on the constraints."""
+
+    def __init__(self, scheme: Scheme, loops: Loops) -> None:
+        self.scheme, self.loops = scheme, loops
+        self.order, self.quadrature, self.lagging = scheme.order, scheme.quadrature, scheme.lagging
+
+    def on(self, system: System) -> ClosedScheme:
+        """Same method for a copy of its system."""
+        return ClosedScheme(self.scheme.on(system), self.loops)
+
+    def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
+        """State a time ``h`` later."""
+        y1 = self.scheme.step(t, y, h, rate)
+        self.loops.step(t, h, y, y1)
+        return y1
+
+
+class ClosedStepper(Stepper):
+    """Dormand–Prince method whose steps and dense output are projected onto the constraints."""
+
+    def __init__(self, loops: Loops, *rest: float) -> None:
+        super().__init__(loops.system, *rest)
+        self.loops = loops
+
+    def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
+        """Time and state after one accepted step, not beyond ``until``."""
+        t1, y1 = super().step(t, y, rate, until)
+        self.loops.step(t, t1 - t, y, y1)
+        return t1, y1
+
+    def between(self, times: Array) -> Array:
+        """States (m, size) at times (m,) within the last step."""
+        states = super().between(times)
+        for t, y in zip(times.tolist(), states, strict=True):
+            self.loops.onto(t, y)
+        return states
+
+
+MAX_OPERATIONS = 30_000
+"""Largest number of operations of a compiled step; compilation takes a second or two, more than most simulations."""
+STEPS_PER_CALL = 2000
+"""Steps between two checks for a keyboard interrupt: about 10 ms."""
+
+
+class ClosedSteps(CompiledSteps):
+    """Steps of one method under the constant torques and wrenches of a closed system."""
+
+    loops: Loops
+
+    @classmethod
+    def build(cls, system: System, method: str, order: int, h: float) -> ClosedSteps | None:
+        """Compiled steps; None if there are callbacks or contacts, or a step is too long to compile."""
+        if not isinstance(system, ClosedSystem) or method not in COMPILED_METHODS:
+            return None
+        if system.functions or system.contacts or not can_compile_steps(system):
+            return None
+        loops, robot = system.loops, system.robot
+        plan = loops.step_of(StepPlan.from_system(system, method))
+        operations = loops.operations(plan.stages)
+        if not operations <= MAX_OPERATIONS:
+            return None
+        doc = f"Steps of {robot.name} on its constraints, compiled: {method}."
+        kernel = robot.engine.cache(plan.key, lambda: compile_form(plan.recurrence(), "closed steps", doc))
+        steps = cls(system, plan, order, h, kernel, operations)
+        steps.most, steps.loops = STEPS_PER_CALL, loops
+        return steps
+
+    def advance(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
+        """Advance as :meth:`.CompiledSteps.advance`; states are NaN from the first step that ends off the constraints."""
+        s, loops = self.system, self.loops
+        lengths = np.full(steps, self.h if h is None else h)
+        batch = (*y.shape[:-1], steps)
+        states = np.empty((*y.shape[:-1], steps + 1, s.size))
+        loop_states, ddq = np.empty((*batch, LOOP_STATE_SIZE)), np.empty((*batch, s.nv))
+        states[..., 0, :] = y
+        Y = states[..., 1:, :]
+        first = np.zeros((*y.shape[:-1], LOOP_STATE_SIZE))
+        first[..., PIVOT], first[..., ON_CONSTRAINTS] = loops.smallest_pivot(y), 1.0
+        inputs = [np.broadcast_to(x[..., None, :], (*x.shape[:-1], steps, x.shape[-1])) for x in self.inputs()]
+        q, dq, work = self.parts(y)
+        q_after, dq_after, work_after = self.parts(Y)
+        out = q_after, dq_after, loop_states, work_after, ddq
+        with np.errstate(all="ignore"):
+            self.kernel(q, dq, first, work, lengths, *inputs, out=out)
+        on_constraints = loop_states[..., ON_CONSTRAINTS] > 0.5
+        Y[~on_constraints] = np.nan
+        if h is None and on_constraints.any():
+            last = loop_states[int(on_constraints.sum()) - 1]
+            loops.note(last[LARGEST_GAP], last[LARGEST_RATE])
+        s.evaluations += self.stages * steps
+        return states, ddq, np.empty((*batch, 0))
+
+
+Loops.steps = ClosedSteps

@@ -1,0 +1,72 @@
+"""Stiff equations: trial steps limited by stability, and the error that ends such a run.
+
+The last two stages of the Dormand–Prince method are at the end of the step, at two states z and y1. The difference of
+their rates divided by the difference of the states estimates the largest eigenvalue λ; the method is stable up to h λ
+≈ 3.3. Source: Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.errors import SimulationError
+from ...core.numbers import printed, residual
+from ...core.text import argument
+from ...core.typing import Array
+from ..forces import System
+from .trial_steps import FunctionTrials, TrialSteps
+
+STABILITY_LIMIT = 3.25
+"""Value of h λ above which stability limits the step."""
+CHECK_INTERVAL = 3000
+"""Number of trial steps between two checks of the progress: a few seconds."""
+MAX_LIMITED_SHARE = 0.1
+"""Fraction of steps limited by stability above which the equations count as stiff."""
+MAX_REMAINING_STEPS = 100_000
+"""Estimated number of remaining steps above which a stiff run is ended: more than a minute."""
+
+
+class Stiffness:
+    """Trial steps since the last check, and the number limited by stability."""
+
+    def __init__(self, system: System, trials: TrialSteps | FunctionTrials, duration: float) -> None:
+        self.system, self.trials, self.duration = system, trials, duration
+        self._trials = self._limited = 0
+        """Trial steps since the last check; those limited by stability."""
+        self._begin = 0.0
+
+    def note(self, t: float, h: float, steepness: float, distance: float) -> None:
+        """Record two states at a distance, whose rates differ by ``steepness`` / h."""
+        self._trials += 1
+        self._limited += steepness > STABILITY_LIMIT * distance > 0.0
+        if self._trials < CHECK_INTERVAL:
+            return
+        mean_step = (t - self._begin) / self._trials
+        stiff = self._limited > MAX_LIMITED_SHARE * self._trials
+        if stiff and self.duration - t > MAX_REMAINING_STEPS * mean_step:
+            K = self.trials.rates[self.trials.count]
+            raise SimulationError(self._message(t, h, mean_step, (K[-1] - K[-2])[self.system.moving]))
+        self._trials, self._limited, self._begin = 0, 0, t
+
+    def _message(self, t: float, h: float, mean_step: float, change: Array) -> str:
+        """Error message for a stiff run: joint, step and remedy."""
+        names, friction = self.system.robot.model.velocity_names, self.system.friction
+        worst = int(np.argmax(np.abs(change)))
+        remaining = "endlessly many"
+        if mean_step > 0.0:
+            remaining = f"some {printed((self.duration - t) / mean_step, 1)}"
+        problem = (
+            f"at t = {printed(t)} s the equations are stiff: stability needs steps of {residual(h)} s, {remaining} more to "
+            "the end"
+        )
+        if friction is not None and friction.dry[worst]:
+            return (
+                f"{problem}. Dry friction of joint {names[worst]!r} is eased off below {printed(friction.creep[worst], 2)} "
+                f"rad/s or m/s, which is steep for so light a joint. Take {argument('method', 'semi_implicit')}, in whose "
+                "steps friction stops joints and holds them; or, in Python, a larger creep=."
+            )
+        return (
+            f"{problem}, most of all in joint {names[worst]!r}: a torque, a wrench or a contact there is steep for so light a "
+            f"joint. Take less gain or stiffness, or {argument('method', 'semi_implicit')}, which takes "
+            "viscous friction, and the kd of a tw.control.PD given as tau=, at the end of its steps."
+        )

@@ -1,0 +1,256 @@
+"""Runge–Kutta tableaus with orders verified by rooted trees.
+
+Order conditions: the expansion of the exact solution of y' = f(y) has one term for each rooted tree, and so has that of
+a step. They agree to order p if they agree on all trees with at most p nodes. Source: Butcher, Numerical Methods for
+Ordinary Differential Equations, 3rd ed., section 31; Hairer, Nørsett and Wanner, Solving Ordinary Differential
+Equations I, section II.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache, cached_property
+from itertools import product
+from math import prod
+
+import numpy as np
+
+from ...core.errors import ValueRangeError
+from ...core.typing import Array
+
+Tree = tuple["Tree", ...]
+"""Subtrees of a root, sorted."""
+Row = tuple[Fraction, ...]
+
+
+@cache
+def trees(nodes: int) -> tuple[Tree, ...]:
+    """Rooted trees with a given number of nodes: 1, 1, 2, 4, 9, 20, 48 and so on.
+
+    >>> [len(trees(n)) for n in range(1, 7)]
+    [1, 1, 2, 4, 9, 20]
+    """
+    return tuple(sorted(_forests(nodes - 1, nodes - 1)))
+
+
+def _forests(nodes: int, largest: int) -> set[Tree]:
+    """Collections of trees with a given total number of nodes, none with more than ``largest``."""
+    if nodes == 0:
+        return {()}
+    forests: set[Tree] = set()
+    for size in range(1, min(nodes, largest) + 1):
+        for first, others in product(trees(size), _forests(nodes - size, size)):
+            forests.add(tuple(sorted((first, *others))))
+    return forests
+
+
+def order(tree: Tree) -> int:
+    """Number of nodes."""
+    return 1 + sum(map(order, tree))
+
+
+def density(tree: Tree) -> int:
+    """Density γ: product over all nodes of the sizes of their subtrees; 1/γ is the exact value of Σ bφ."""
+    return order(tree) * prod(map(density, tree))
+
+
+def elementary_weights(tree: Tree, matrix: Sequence[Row]) -> Row:
+    """Elementary weight φ of every stage: product over the subtrees of Σ_j a_ij φ_j; (stages,)."""
+    weights = [Fraction(1)] * len(matrix)
+    for branch in tree:
+        branch_weights = elementary_weights(branch, matrix)
+        for i, row in enumerate(matrix):
+            weights[i] *= _dot(row, branch_weights)
+    return tuple(weights)
+
+
+# k_i = f(t + c_i h, y + h Σ a_ij k_j),        y(t + h) = y + h Σ b_i k_i
+#
+# A tableau must satisfy the conditions of all rooted trees up to its order, exactly, and violate one of the next order:
+# the stated order is neither too high nor too low.
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """Butcher tableau of a Runge–Kutta method, checked to have the stated order.
+
+    Examples
+    --------
+    >>> Tableau("Heun", 2, a=((0, 0), (1, 0)), b=(Fraction(1, 2), Fraction(1, 2))).c
+    (Fraction(0, 1), Fraction(1, 1))
+    >>> Tableau("wrong", 2, a=((0,),), b=(1,))
+    Traceback (most recent call last):
+    twistwrench.core.errors.ValueRangeError: tableau 'wrong' is not of order 2: tree ((),) gives 0, wanted 1/2.
+    """
+
+    name: str
+    """Name of the method."""
+    order: int
+    """Order of consistency."""
+    a: tuple[Row, ...]
+    """Coefficients of the stages (stages, stages)."""
+    b: Row
+    """Weights of the step (stages,)."""
+    embedded: Row = ()
+    """Weights (stages,) of an embedded step; its difference from the step estimates the error."""
+    embedded_order: int = 0
+    """Order of the embedded step."""
+    dense: tuple[Row, ...] = ()
+    """Weights of dense output (stages, degree): b_i(θ) = Σ_j dense[i][j] θ^(j+1) for 0 ≤ θ ≤ 1."""
+    dense_order: int = 0
+    """Order of dense output."""
+
+    def __post_init__(self) -> None:
+        for part in ("a", "dense"):
+            object.__setattr__(self, part, tuple(tuple(map(Fraction, row)) for row in getattr(self, part)))
+        for part in ("b", "embedded"):
+            object.__setattr__(self, part, tuple(map(Fraction, getattr(self, part))))
+        if len(self.b) != len(self.a) or any(len(row) != len(self.a) for row in self.a):
+            raise ValueRangeError(f"tableau {self.name!r}: a must be square, with a row for each entry of b.")
+        self._require(self.b, self.order, "is not")
+        if self.embedded:
+            self._require(self.embedded, self.embedded_order, "has no embedded step")
+        if not self.dense:
+            return
+        # Σ b_i(θ) φ_i = θ^nodes / γ, power by power of θ; for θ = 1 this is the step itself.
+        if tuple(sum(row, Fraction(0)) for row in self.dense) != self.b:
+            raise ValueRangeError(f"tableau {self.name!r}: the dense output does not end where the step does.")
+        for power, weights in enumerate(zip(*self.dense, strict=True), start=1):
+            for tree, value, wanted in self._conditions(weights, self.dense_order):
+                expected = wanted if order(tree) == power else 0
+                if value != expected:
+                    raise ValueRangeError(
+                        f"tableau {self.name!r} has no dense output of order {self.dense_order}: at θ^{power} tree "
+                        f"{tree} gives {value}."
+                    )
+
+    @cached_property
+    def c(self) -> Row:
+        """Times of the stages (stages,): row sums of a."""
+        return tuple(sum(row, Fraction(0)) for row in self.a)
+
+    @property
+    def explicit(self) -> bool:
+        """True if each stage depends only on earlier ones."""
+        return not any(x for i, row in enumerate(self.a) for x in row[i:])
+
+    @property
+    def first_same_as_last(self) -> bool:
+        """True if the last stage of a step is the first of the next."""
+        return self.explicit and len(self.b) > 1 and self.a[-1] == self.b
+
+    @property
+    def symplectic(self) -> bool:
+        """True if b_i a_ij + b_j a_ji = b_i b_j: quadratic invariants and volumes are preserved."""
+        return _preserves_products(self.b, self.a, self.b, self.a)
+
+    @cached_property
+    def numbers(self) -> tuple[tuple[Array, ...], Array, Array, Array, Array]:
+        """Rows of a up to the diagonal, b, c, b - embedded, dense, as float64."""
+        rows = tuple(np.array(row[:i], float) for i, row in enumerate(self.a))
+        b, c = np.array(self.b, float), np.array(self.c, float)
+        error = b - np.array(self.embedded, float) if self.embedded else np.zeros(0)
+        return rows, b, c, error, np.array(self.dense, float)
+
+    def _require(self, weights: Row, order: int, claim: str) -> None:
+        for tree, value, wanted in self._conditions(weights, order):
+            if value != wanted:
+                raise ValueRangeError(
+                    f"tableau {self.name!r} {claim} of order {order}: tree {tree} gives {value}, wanted {wanted}."
+                )
+        if all(value == wanted for _, value, wanted in self._conditions(weights, order + 1, order + 1)):
+            raise ValueRangeError(f"tableau {self.name!r} claims order {order} and has order {order + 1}.")
+
+    def _conditions(self, weights: Row, last: int, first: int = 1) -> Iterator[tuple[Tree, Fraction, Fraction]]:
+        """Tree, Σ b_i φ_i and 1/γ, for the trees with ``first`` to ``last`` nodes."""
+        for nodes in range(first, last + 1):
+            for tree in trees(nodes):
+                yield tree, _dot(weights, elementary_weights(tree, self.a)), Fraction(1, density(tree))
+
+
+@dataclass(frozen=True)
+class Partitioned:
+    """Partitioned Runge–Kutta method: separate tableaus for two parts of a state, such as velocities and positions."""
+
+    name: str
+    """Name of the method."""
+    order: int
+    """Order of consistency."""
+    velocities: Tableau
+    """Tableau of the velocities."""
+    positions: Tableau
+    """Tableau of the positions."""
+
+    def __post_init__(self) -> None:
+        v, p = self.velocities, self.positions
+        ends = all(sum(t.b) == 1 for t in (v, p))
+        # Trees with two nodes, by the colours of root and leaf: Σ b_i a_ij = ½ with b and a of either part.
+        pairs = all(_dot(s.b, t.c) == Fraction(1, 2) for s, t in product((v, p), repeat=2))
+        actual_order = 0
+        if ends:
+            actual_order = 2 if pairs else 1
+        if actual_order != self.order:
+            raise ValueRangeError(
+                f"partitioned tableau {self.name!r} claims order {self.order} and has order {actual_order}."
+            )
+
+    @property
+    def symplectic(self) -> bool:
+        """True if b_i â_ij + b̂_j a_ji = b_i b̂_j: the map preserves the symplectic form of H(q, p)."""
+        return _preserves_products(self.velocities.b, self.velocities.a, self.positions.b, self.positions.a)
+
+
+def _dot(weights: Sequence[Fraction], values: Sequence[Fraction]) -> Fraction:
+    return sum((w * x for w, x in zip(weights, values, strict=True)), Fraction(0))
+
+
+def _preserves_products(b: Row, a: tuple[Row, ...], b_hat: Row, a_hat: tuple[Row, ...]) -> bool:
+    """True if b_i â_ij + b̂_j a_ji = b_i b̂_j for all pairs of stages."""
+    pairs = product(range(len(b)), repeat=2)
+    return all(b[i] * a_hat[i][j] + b_hat[j] * a[j][i] == b[i] * b_hat[j] for i, j in pairs)
+
+
+def _fractions(*rows: str) -> tuple[Row, ...]:
+    return tuple(tuple(map(Fraction, row.split())) for row in rows)
+
+
+EULER = Tableau("Euler", 1, a=_fractions("0"), b=(Fraction(1),))
+IMPLICIT_EULER = Tableau("implicit Euler", 1, a=_fractions("1"), b=(Fraction(1),))
+MIDPOINT = Tableau("implicit midpoint", 2, a=_fractions("1/2"), b=(Fraction(1),))
+SEMI_IMPLICIT_EULER = Partitioned("semi-implicit Euler", 1, velocities=EULER, positions=IMPLICIT_EULER)
+RK4 = Tableau(
+    "Runge–Kutta 4",
+    4,
+    a=_fractions("0 0 0 0", "1/2 0 0 0", "0 1/2 0 0", "0 0 1 0"),
+    b=_fractions("1/6 1/3 1/3 1/6")[0],
+)
+DORMAND_PRINCE = Tableau(
+    "Dormand–Prince 5(4)",
+    5,
+    a=_fractions(
+        "0 0 0 0 0 0 0",
+        "1/5 0 0 0 0 0 0",
+        "3/40 9/40 0 0 0 0 0",
+        "44/45 -56/15 32/9 0 0 0 0",
+        "19372/6561 -25360/2187 64448/6561 -212/729 0 0 0",
+        "9017/3168 -355/33 46732/5247 49/176 -5103/18656 0 0",
+        "35/384 0 500/1113 125/192 -2187/6784 11/84 0",
+    ),
+    b=_fractions("35/384 0 500/1113 125/192 -2187/6784 11/84 0")[0],
+    embedded=_fractions("5179/57600 0 7571/16695 393/640 -92097/339200 187/2100 1/40")[0],
+    embedded_order=4,
+    dense=_fractions(
+        "1 -8048581381/2820520608 8663915743/2820520608 -12715105075/11282082432",
+        "0 0 0 0",
+        "0 131558114200/32700410799 -68118460800/10900136933 87487479700/32700410799",
+        "0 -1754552775/470086768 14199869525/1410260304 -10690763975/1880347072",
+        "0 127303824393/49829197408 -318862633887/49829197408 701980252875/199316789632",
+        "0 -282668133/205662961 2019193451/616988883 -1453857185/822651844",
+        "0 40617522/29380423 -110615467/29380423 69997945/29380423",
+    ),
+    dense_order=4,
+)
+"""Dormand and Prince, "A family of embedded Runge–Kutta formulae", J. Comp. Appl. Math. 6(1), 1980; dense output by
+Shampine, "Some practical Runge–Kutta formulas", Math. Comp. 46, 1986."""
