@@ -11,12 +11,14 @@ from scipy import special
 from twistwrench.formats.yaml import UNITS, in_si
 from twistwrench.motion.column_names import unit_factor
 from twistwrench.motion.differentiation import residual_spread
+from twistwrench.sensing.doubts.unit_doubts import MIXUPS
 from twistwrench.sensing.files import read_log
-from twistwrench.sensing.fit import Problem, Unknowns, fit
+from twistwrench.sensing.fit import Problem, fit
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.outliers import static_poses, touched_in_static_poses
+from twistwrench.sensing.outliers import touched_in_static_poses
 from twistwrench.sensing.poses import propose_poses
-from twistwrench.sensing.reading_doubts import MIXUPS
+from twistwrench.sensing.static_poses import static_poses
+from twistwrench.sensing.unknowns import Unknowns
 
 MILLI, CENTI, KILO, MICRO = 0.001, 0.01, 1000.0, 0.000001
 DEGREE, TURN_A_MINUTE = math.pi / 180, math.pi / 30

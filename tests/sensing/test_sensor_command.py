@@ -20,8 +20,8 @@ from twistwrench.sensing.compensation import compensate
 from twistwrench.sensing.files import read_log, read_sensor, read_sensor_file, write_log, write_sensor
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.poses import simulate
 from twistwrench.sensing.sensor import ForceTorqueSensor, rotations_to_gravity
+from twistwrench.sensing.simulated_logs import simulate
 
 SENSOR = ForceTorqueSensor(tw.SpatialInertia.from_com(3.0, (0.02, -0.01, 0.1)), [0.1, 0.2, -0.3, 5, -3, 8])
 READINGS = "mx,my,mz,fx,fy,fz"

@@ -10,11 +10,12 @@ from sensor_logs import AT_REST, NOISE, drifting
 from twistwrench.core.estimation.covariance import cluster_robust_covariance, variance_estimate_covariance
 from twistwrench.sensing.compensation import compensate
 from twistwrench.sensing.contact_detection import CollisionThreshold
-from twistwrench.sensing.fit import Problem, Unknowns, fit
+from twistwrench.sensing.fit import Problem, fit
 from twistwrench.sensing.identification import whiteness
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.outliers import static_poses
 from twistwrench.sensing.poses import propose_poses
+from twistwrench.sensing.static_poses import static_poses
+from twistwrench.sensing.unknowns import Unknowns
 
 
 def test_the_sandwich_is_unbiased_and_as_uncertain_as_its_degrees_of_freedom_say():

@@ -17,10 +17,11 @@ from sensor_logs import AT_REST, BIAS, COM, MASS, NOISE, TOOL, TRUTH, UNEQUAL, d
 import twistwrench as tw
 from twistwrench.core.verdict import Word
 from twistwrench.mechanics.lie import quaternion
-from twistwrench.sensing.fit import Problem, Unknowns, fit
+from twistwrench.sensing.fit import Problem, fit
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.poses import propose_poses
+from twistwrench.sensing.unknowns import Unknowns
 
 
 def covered(rng, trials, poses=12, samples=1, noise=NOISE, error=0.0):

@@ -17,8 +17,8 @@ from twistwrench.mechanics.lie import quaternion
 from twistwrench.sensing.compensation import log_doubt
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.poses import lively_motion, simulate
 from twistwrench.sensing.sensor import ForceTorqueSensor
+from twistwrench.sensing.simulated_logs import lively_motion, simulate
 
 COUNT = 150  # tools of each kind; a rate of 2 % would be missed by one run in twenty
 G = 9.80665

@@ -8,8 +8,8 @@ import pytest
 import twistwrench as tw
 from twistwrench.sensing.files import read_sensor, write_sensor
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.poses import lively_motion, simulate
 from twistwrench.sensing.sensor import ForceTorqueSensor
+from twistwrench.sensing.simulated_logs import lively_motion, simulate
 
 T, V, dV = (x[0] for x in lively_motion([0.4]))
 R = tw.so3.exp([0.3, -0.2, 0.5])

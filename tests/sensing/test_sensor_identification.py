@@ -13,8 +13,9 @@ from sensor_logs import NOISES as NOISE
 import twistwrench as tw
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.poses import propose_poses, simulate
+from twistwrench.sensing.poses import propose_poses
 from twistwrench.sensing.sensor import ForceTorqueSensor
+from twistwrench.sensing.simulated_logs import simulate
 
 
 @pytest.fixture(scope="module", params=[3.0, pytest.param(0.2, marks=pytest.mark.slow)], ids=["3kg", "0.2kg"])

@@ -12,8 +12,8 @@ from sensor_logs import tool
 import twistwrench as tw
 from twistwrench.sensing import identify, propose_poses, read_log, read_sensor, write_log, write_sensor
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.poses import simulate
 from twistwrench.sensing.sensor import rotations_to_gravity
+from twistwrench.sensing.simulated_logs import simulate
 
 
 def _log(**changes):

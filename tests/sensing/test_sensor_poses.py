@@ -11,7 +11,8 @@ from sensor_logs import tool
 
 import twistwrench as tw
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.poses import propose_poses, simulate
+from twistwrench.sensing.poses import propose_poses
+from twistwrench.sensing.simulated_logs import simulate
 
 
 def test_chosen_poses_tell_more_than_random_ones():

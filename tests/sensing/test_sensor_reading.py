@@ -10,8 +10,8 @@ import pytest
 from sensor_logs import BIAS, COM, tool
 
 import twistwrench as tw
-from twistwrench.sensing.poses import lively_motion, simulate
 from twistwrench.sensing.sensor import ForceTorqueSensor, gravity_in_frame, load_regressor, rotations_to_gravity
+from twistwrench.sensing.simulated_logs import lively_motion, simulate
 
 
 def test_hand_and_apple_to_the_last_digit():

@@ -7,8 +7,9 @@ import numpy as np
 import twistwrench as tw
 from twistwrench.mechanics.lie import quaternion
 from twistwrench.sensing.log import ReadingLog
-from twistwrench.sensing.poses import lively_motion, propose_poses
+from twistwrench.sensing.poses import propose_poses
 from twistwrench.sensing.sensor import ForceTorqueSensor, gravity_in_frame
+from twistwrench.sensing.simulated_logs import lively_motion
 
 BIAS = np.array([0.1, 0.2, -0.3, 5.0, -3.0, 8.0])
 COM = np.array([0.02, -0.01, 0.1])

@@ -13,9 +13,10 @@ from .contact_detection import (
 from .files import read_log, read_sensor, write_log, write_sensor
 from .identification import identify
 from .log import ReadingLog
-from .poses import PoseProposal, lively_motion, propose_poses, simulate
+from .poses import PoseProposal, propose_poses
 from .result import Identification
 from .sensor import ForceTorqueSensor, gravity_in_frame
+from .simulated_logs import lively_motion, simulate
 
 __all__ = [
     "CollisionThreshold",

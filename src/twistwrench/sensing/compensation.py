@@ -22,20 +22,22 @@ from ..core.text import Argument
 from ..core.typing import Array
 from ..core.verdict import Verdict, Word
 from .contact_detection import CollisionThreshold, checked_noise
+from .doubts.departure import departure
+from .doubts.reading_doubts import listed_bias, seems_moving
+from .doubts.unit_doubts import MIXUPS, Mixup
 from .files import SensorFile, read_sensor_file, readings_of, sensor_path, write_compensated
-from .fit import Uncertainty
 from .log import ReadingLog, ReadingsGiven
-from .reading_doubts import MIXUPS, Mixup, departure, listed_bias, seems_moving
 from .result import Identification
 from .sensor import ForceTorqueSensor
+from .uncertainty import Uncertainty
 
 SensorGiven: TypeAlias = ForceTorqueSensor | Identification | str | Path
 """Sensor, with the noise of its readings, or the path of its file."""
 
-_ALARM = 1e-6  # probability that noise alone makes a reading an outlier
-_SOME = 0.1  # fraction of unexplained moments that indicates an unknown inertia
+FALSE_ALARM_RATE = 1e-6  # probability that noise alone makes a reading an outlier
+MIN_SHARE_OF_UNKNOWN_INERTIA = 0.1  # fraction of unexplained moments that indicates an unknown inertia
 _NAMED = ("sensor-file-cause", "sensor-moving")  # doubts that name a cause
-_EXACT = 1e-3  # of the load's wrench: smallest model error, used as a lower bound of the noise
+MIN_MODEL_ERROR = 1e-3  # of the load's wrench: smallest model error, used as a lower bound of the noise
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,7 +84,9 @@ class Compensation(Answer):
     @property
     def brief(self) -> str:
         """Number of contacts, if there are any."""
-        return f"{self.hits.sum()} of {len(self.log)} readings" if self.verdict.word is Word.CONTACT else ""
+        if self.verdict.word is not Word.CONTACT:
+            return ""
+        return f"{self.hits.sum()} of {len(self.log)} readings"
 
     # ── What was found
 
@@ -106,7 +110,8 @@ class Compensation(Answer):
     @property
     def verdict(self) -> Verdict:
         """LOOK AGAIN if a doubt refuses the result; else CONTACT or OK."""
-        if (hits := int(self.hits.sum())) > 0:
+        hits = int(self.hits.sum())
+        if hits:
             return Verdict(Word.CONTACT, (f"{hits} of {len(self.log)} readings are more than noise explains",))
         return verdict_from_doubts(self.doubts)
 
@@ -202,76 +207,79 @@ def compensate(
     readings = readings_of(log, gravity, "compensate")
     if Path(readings.name).is_file():
         files = {"LOG": Path(readings.name), **files}
-    return _compensated(readings, known, false_alarms, files)
+    return _test_residuals(readings, known, false_alarms, files)
 
 
 def _known_sensor(
-    given: SensorGiven, noise: tuple[float, float] | None, uncertainty: Uncertainty | None
+    sensor: SensorGiven, noise: tuple[float, float] | None, uncertainty: Uncertainty | None
 ) -> tuple[SensorFile, dict[str, Path]]:
     """Sensor with the noise and the uncertainty of its readings, and its file."""
     files: dict[str, Path] = {}
-    if isinstance(given, ForceTorqueSensor):
+    if isinstance(sensor, ForceTorqueSensor):
         if noise is None:
             raise ValueRangeError("a sensor without a file needs the noise of its readings: {0}.", Argument("noise"))
-        return SensorFile(given, noise, uncertainty), files
-    if isinstance(given, Identification):
-        known = SensorFile(given.sensor, given.noise, given.uncertainty)
-    elif isinstance(given, str | Path):
-        path = sensor_path(given)
+        return SensorFile(sensor, noise, uncertainty), files
+    if isinstance(sensor, Identification):
+        known = SensorFile(sensor.sensor, sensor.noise, sensor.uncertainty)
+    elif isinstance(sensor, str | Path):
+        path = sensor_path(sensor)
         known, files = read_sensor_file(path), {"SENSOR": path}
     else:
         raise ShapeError(
-            f"compensate takes a ForceTorqueSensor, an Identification or the path of a sensor file, got {type(given).__name__}."
+            "compensate takes a ForceTorqueSensor, an Identification or the path of a sensor file, got "
+            f"{type(sensor).__name__}."
         )
     return SensorFile(known.sensor, noise or known.noise, uncertainty or known.uncertainty), files
 
 
-def _compensated(
+def _test_residuals(
     log: ReadingLog, known: SensorFile, false_alarms: float | None, files: Mapping[str, Path]
 ) -> Compensation:
     """Residuals of a log, tested by the uncertainty of its sensor."""
     sensor, noise, uncertainty = known.sensor, known.noise, known.uncertainty
     missing = sensor.missing_signals(log.V, log.dV)
-    judged = slice(3, 6) if missing else slice(0, 6)
-    S = np.diag(np.repeat(noise, 3) ** 2) if uncertainty is None else uncertainty.predictive(log, sensor)
-    freedom = None if uncertainty is None else uncertainty.noise_freedom
+    tested_axes = slice(3, 6) if missing else slice(0, 6)
     threshold, notes = None, []
-    if false_alarms is not None:
-        S = S if uncertainty is not None else np.diag(np.repeat(checked_noise(noise), 3) ** 2)
-        threshold = CollisionThreshold.predictive(S, freedom, false_alarms, axes=judged)
-        if uncertainty is None:
+    if uncertainty is None:
+        if false_alarms is not None:
             notes.append(doubt("sensor-file-covariance"))
+            checked_noise(noise)
+        S, freedom = np.diag(np.repeat(noise, 3) ** 2), None
+    else:
+        S, freedom = uncertainty.predictive(log, sensor), uncertainty.noise_freedom
+    if false_alarms is not None:
+        threshold = CollisionThreshold.predictive(S, freedom, false_alarms, axes=tested_axes)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)  # reported as a doubt
         rest = log.compensated(sensor)
-    own = (log.predicted(sensor) - np.asarray(sensor.bias)).reshape(-1, 2, 3)
-    load = np.sqrt((own**2).sum(axis=2).mean(axis=0))
-    level = np.maximum(np.hypot(noise, _EXACT * load), 1e-9)
-    inexact = np.diag(np.maximum(np.repeat(level, 3) ** 2 - np.repeat(noise, 3) ** 2, 0.0))
+    load_wrenches = (log.predicted(sensor) - np.asarray(sensor.bias)).reshape(-1, 2, 3)
+    load = np.sqrt((load_wrenches**2).sum(axis=2).mean(axis=0))
+    level = np.maximum(np.hypot(noise, MIN_MODEL_ERROR * load), 1e-9)
+    model_error = np.diag(np.maximum(np.repeat(level, 3) ** 2 - np.repeat(noise, 3) ** 2, 0.0))
     if uncertainty is None:
-        inexact, freedom, S = np.zeros((6, 6)), None, np.diag(np.repeat(level, 3) ** 2)
-    test = CollisionThreshold.predictive(S + inexact, freedom, _ALARM, axes=judged)
+        model_error, S = np.zeros((6, 6)), np.diag(np.repeat(level, 3) ** 2)
+    test = CollisionThreshold.predictive(S + model_error, freedom, FALSE_ALARM_RATE, axes=tested_axes)
     off = test(rest)
     if missing:
-        shows = CollisionThreshold.of_noise(tuple(level), _ALARM, axes=slice(0, 3))(rest).mean() > _SOME
+        is_outlier = CollisionThreshold.of_noise(tuple(level), FALSE_ALARM_RATE, axes=slice(0, 3))
+        shows = is_outlier(rest).mean() > MIN_SHARE_OF_UNKNOWN_INERTIA
         notes.append(doubt("sensor-file-inertia", level="refuse" if shows and threshold is None else None))
-    doubts = _unexplained(log, sensor, noise, rest, off, level, judged)
-    sigma = np.sqrt(np.broadcast_to(np.diagonal(S + inexact, axis1=-2, axis2=-1), rest.shape))
-    if cause := departure(log, sensor, rest, sigma, test if threshold is None else threshold):
-        doubts = doubts if any(found.kind in _NAMED for found in doubts) else [cause]
-    every = (*notes, *doubts, *log.motion_doubts())
-    return Compensation(log, sensor, noise, rest, off, every, threshold, files)
+    doubts = _mismatch_doubts(log, sensor, noise, rest, off=off, level=level, tested_axes=tested_axes)
+    sigma = np.sqrt(np.broadcast_to(np.diagonal(S + model_error, axis1=-2, axis2=-1), rest.shape))
+    cause = departure(log, sensor, rest, sigma, test if threshold is None else threshold)
+    if cause and {found.kind for found in doubts}.isdisjoint(_NAMED):
+        doubts = [cause]
+    all_doubts = (*notes, *doubts, *log.motion_doubts())
+    return Compensation(log, sensor, noise, rest, off, all_doubts, threshold, files)
 
 
-# ── Explanations of a log that the sensor's file does not fit
-
-_STRANGE = 5.0  # minimum residual over noise for a search, and minimum reduction of it by the cause
-_TURNS = 0.3  # spread of gravity directions above which a constant residual is a bias
+MIN_RATIO_TO_NOISE = 5.0  # minimum residual over noise for a search, and minimum reduction of it by the cause
+MIN_DIRECTION_SPREAD = 0.3  # spread of gravity directions above which a constant residual is a bias
 # Changes only the mass, so it is detected only if the mass is known.
 _ALL_KILOGRAMS = Mixup("forces are in kilograms and moments in kg m", KGF, KGF)
 
 
-class _Way(NamedTuple):
+class _Explanation(NamedTuple):
     cause: str
     cure: str
     rest: Array  # (n, 6) residual
@@ -284,81 +292,90 @@ def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, fl
     if sensor.missing_signals(log.V, log.dV):
         sigma[0] = np.inf  # the moments due to the inertia are unknown
 
-    def left(rest: Array) -> float:
+    def size(rest: Array) -> float:
         return float(np.median(np.linalg.norm(np.linalg.norm(rest.reshape(-1, 2, 3), axis=2) / sigma, axis=1)))
 
-    most = left(log.readings - predicted)
-    if most < _STRANGE:
+    given_size = size(log.readings - predicted)
+    if given_size < MIN_RATIO_TO_NOISE:
         return None
-    for ways in (_ways(log, sensor, predicted), _moved_bias(log, predicted)):
-        best = min(ways, key=lambda way: left(way.rest), default=None)
-        if best is not None and left(best.rest) <= most / _STRANGE:
+    for explanations in (_input_mistakes(log, sensor, predicted), _moved_bias(log, predicted)):
+        best = min(explanations, key=lambda explanation: size(explanation.rest), default=None)
+        if best is not None and size(best.rest) <= given_size / MIN_RATIO_TO_NOISE:
             return doubt("sensor-file-cause", cause=best.cause, cure=best.cure)
     return None
 
 
-def _ways(log: ReadingLog, sensor: ForceTorqueSensor, predicted: Array) -> list[_Way]:
-    r, other = log.readings, "by_sensor" if sensor.sign == "on_sensor" else "on_sensor"
-    up = sensor.predict(np.eye(3), log.V, log.dV, gravity=-log.gravity)
-    pointing = (
-        ("gx, gy, gz point up, as an accelerometer logs them", "negate them")
-        if log.by_gravity
-        else ("gravity points up", "orientations are of a world whose z points down")
-    )
-    sign = f"readings have the sign {other}", "change their signs, or identify the sensor from such a log"
-    swap = "forces and moments are swapped", "exchange mx, my, mz with fx, fy, fz"
-    units = (*MIXUPS, _ALL_KILOGRAMS)
-    return [
-        *(_Way(way.cause, way.cure, r * np.repeat([way.moment, way.force], 3) - predicted) for way in units),
-        _Way(*sign, -r - predicted),
-        _Way(*swap, np.roll(r, 3, 1) - predicted),
-        _Way(*pointing, r - up),
-    ]
+def _input_mistakes(log: ReadingLog, sensor: ForceTorqueSensor, predicted: Array) -> list[_Explanation]:
+    """Residuals with other units, signs, columns and direction of gravity."""
+    r, explanations = log.readings, []
+    for mixup in (*MIXUPS, _ALL_KILOGRAMS):
+        converted = r * np.repeat([mixup.moment, mixup.force], 3)
+        explanations.append(_Explanation(mixup.cause, mixup.cure, converted - predicted))
+    sign = "by_sensor" if sensor.sign == "on_sensor" else "on_sensor"
+    cause, cure = f"readings have the sign {sign}", "change their signs, or identify the sensor from such a log"
+    explanations.append(_Explanation(cause, cure, -r - predicted))
+    cause, cure = "forces and moments are swapped", "exchange mx, my, mz with fx, fy, fz"
+    explanations.append(_Explanation(cause, cure, np.roll(r, 3, 1) - predicted))
+    cause, cure = "gravity points up", "orientations are of a world whose z points down"
+    if log.by_gravity:
+        cause, cure = "gx, gy, gz point up, as an accelerometer logs them", "negate them"
+    upward = sensor.predict(np.eye(3), log.V, log.dV, gravity=-log.gravity)
+    explanations.append(_Explanation(cause, cure, r - upward))
+    return explanations
 
 
-def _moved_bias(log: ReadingLog, predicted: Array) -> list[_Way]:
+def _moved_bias(log: ReadingLog, predicted: Array) -> list[_Explanation]:
+    """Residuals without their median, as by a bias that has moved; empty if the log has one orientation."""
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
-    if np.ptp(unit, axis=0).max() < _TURNS:  # one orientation: a contact cannot be distinguished from a bias
+    if (
+        np.ptp(unit, axis=0).max() < MIN_DIRECTION_SPREAD
+    ):  # one orientation: a contact cannot be distinguished from a bias
         return []
     moved = np.median(log.readings - predicted, axis=0)
     cause = f"the bias has moved by {listed_bias(moved)} [N m, N], as sensors drift or are zeroed"
-    return [_Way(cause, "identify the sensor again", log.readings - moved - predicted)]
+    return [_Explanation(cause, "identify the sensor again", log.readings - moved - predicted)]
 
 
-_NEARLY_ALL = 0.75  # fraction of unexplained readings above which the file does not fit the log
-_NOISY = 5.0  # residual over noise above which an increase counts
+MIN_SHARE_OF_OUTLIERS = 0.75  # fraction of unexplained readings above which the file does not fit the log
+MIN_RATIO_OF_INCREASE = 5.0  # residual over noise above which an increase counts
 
 
-def _unexplained(
+def _mismatch_doubts(
     log: ReadingLog,
     sensor: ForceTorqueSensor,
     noise: tuple[float, float],
     rest: Array,
+    *,
     off: Array,
     level: Array,
-    judged: slice,
+    tested_axes: slice,
 ) -> list[Doubt]:
-    halves = [("moments", "N m", slice(0, 3), level[0]), ("forces", "N", slice(3, 6), level[1])]
-    more = []
-    for what, unit, part, sigma in halves[1 if judged.start else 0 :]:
-        before, after = (float(np.median(np.linalg.norm(x[:, part], axis=1))) for x in (log.readings, rest))
-        if after > before and after > _NOISY * sigma:
-            more.append(
+    """Doubt about a log that the sensor's file does not fit, with a cause if one is found; empty if it fits."""
+    halves = [("forces", "N", slice(3, 6), level[1])]
+    if not tested_axes.start:
+        halves.insert(0, ("moments", "N m", slice(0, 3), level[0]))
+    evidence = []
+    for what, unit, part, sigma in halves:
+        before = float(np.median(np.linalg.norm(log.readings[:, part], axis=1)))
+        after = float(np.median(np.linalg.norm(rest[:, part], axis=1)))
+        if after > before and after > MIN_RATIO_OF_INCREASE * sigma:
+            evidence.append(
                 f"the {what} are larger than before, {number(after, 3)} after {number(before, 3)} {unit} (medians)"
             )
-    if known := log_doubt(log, sensor, noise):
-        return [known]
-    if off.mean() >= _NEARLY_ALL:
-        more.insert(0, f"{off.sum()} of {len(log)} readings are off by more than its noise")
-    if not more:
+    cause = log_doubt(log, sensor, noise)
+    if cause:
+        return [cause]
+    if off.mean() >= MIN_SHARE_OF_OUTLIERS:
+        evidence.insert(0, f"{off.sum()} of {len(log)} readings are off by more than its noise")
+    if not evidence:
         return []
     if seems_moving(log):
-        return [doubt("sensor-moving", evidence=f"The sensor does not explain the log: {'; '.join(more)}")]
+        return [doubt("sensor-moving", evidence=f"The sensor does not explain the log: {'; '.join(evidence)}")]
     same = "" if log.V is None else " and, as V and dV, of the same instants as the readings"
-    return [doubt("sensor-file-other", why="; ".join(more), same=same)]
+    return [doubt("sensor-file-other", why="; ".join(evidence), same=same)]
 
 
-def left_over(rest: Array) -> tuple[float, float]:
+def rms_residuals(rest: Array) -> tuple[float, float]:
     """Root mean square per axis of the moments and the forces of compensated readings (n, 6); zero if empty."""
     if not len(rest):
         return 0.0, 0.0

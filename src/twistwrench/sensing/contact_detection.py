@@ -23,7 +23,8 @@ def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
         sigma = np.asarray(arguments.real(noise, "noise"), float)
     except TwistWrenchError:  # reported below
         sigma = np.empty(0)
-    if sigma.shape != (2,) or not np.isfinite(sigma).all() or (sigma < 0 if none_at_all else sigma <= 0).any():
+    too_small = sigma < 0 if none_at_all else sigma <= 0
+    if sigma.shape != (2,) or not np.isfinite(sigma).all() or too_small.any():
         what = "numbers from 0 on" if none_at_all else "positive numbers"
         raise ValueRangeError(f"noise {noise!r} is not two {what}: of moments [N m] and of forces [N].")
     return sigma
@@ -290,11 +291,9 @@ class CollisionThreshold:
         """
         from scipy import special
 
-        given = arguments.real(compensated, "compensated readings", 6)
-        r = (given - self.middle)[..., self.axes]
-        u = np.linalg.solve(np.linalg.cholesky(_definite(self.covariance[..., self.axes, self.axes])), r[..., None])[
-            ..., 0
-        ]
+        r = (arguments.real(compensated, "compensated readings", 6) - self.middle)[..., self.axes]
+        L = np.linalg.cholesky(_definite(self.covariance[..., self.axes, self.axes]))
+        u = np.linalg.solve(L, r[..., None])[..., 0]
         if self.freedom is not None:  # normal scores with the same tail probability as the Student variables
             u = -special.ndtri(special.stdtr(np.minimum(self.freedom[self.axes], 1e9), -np.abs(u)))
         return np.asarray((u * u).sum(-1))
@@ -308,14 +307,15 @@ class CollisionThreshold:
         from scipy import special
 
         S = self.covariance[..., self.axes, self.axes]
-        S = S if S.ndim == 2 else S[len(S) // 2]
-        times: Any = math.sqrt(self.limit)
+        if S.ndim == 3:
+            S = S[len(S) // 2]
+        factor: Any = math.sqrt(self.limit)
         if self.freedom is not None:
-            known = self.freedom[self.axes]
-            times = np.where(np.isinf(known), times, -special.stdtrit(np.minimum(known, 1e9), special.ndtr(-times)))
-        least = np.full(6, math.inf)
-        least[self.axes] = times / np.sqrt(np.diag(np.linalg.inv(_definite(S))))
-        return least
+            nu = self.freedom[self.axes]
+            factor = np.where(np.isinf(nu), factor, -special.stdtrit(np.minimum(nu, 1e9), special.ndtr(-factor)))
+        smallest = np.full(6, math.inf)
+        smallest[self.axes] = factor / np.sqrt(np.diag(np.linalg.inv(_definite(S))))
+        return smallest
 
 
 def _definite(S: Array) -> Array:

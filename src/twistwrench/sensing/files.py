@@ -8,6 +8,7 @@ import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -32,15 +33,15 @@ from ..motion.coordinates import Coordinates
 from ..motion.readers.csv_reader import CsvFile, table_errors
 from ..robot import Robot, load
 from .contact_detection import checked_noise
-from .fit import Uncertainty
-from .log import ReadingLog, ReadingsGiven, checked_log, late
+from .log import ReadingLog, ReadingsGiven, checked_log, first_late_row
 from .sensor import ForceTorqueSensor, gravity_in_frame, rotations_of_quaternions
+from .uncertainty import Uncertainty
 
 _ARRAYS = ("covariance", "freedom", "noise", "noise_freedom")
 
 _LOGS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
 _SENSORS = {"demo": "demo_sensor.json"}
-_MOST_BYTES = 2**20
+MAX_SENSOR_FILE_BYTES = 2**20
 
 
 def _advice() -> str:
@@ -56,7 +57,7 @@ def log_path(name: str | Path) -> Path:
     >>> log_path("demo").name, str(log_path("my.csv"))
     ('demo_poses.csv', 'my.csv')
     """
-    return _bundled(name, _LOGS)
+    return _path_or_bundled(name, _LOGS)
 
 
 def sensor_path(name: str | Path) -> Path:
@@ -65,11 +66,15 @@ def sensor_path(name: str | Path) -> Path:
     >>> sensor_path("demo").name
     'demo_sensor.json'
     """
-    return _bundled(name, _SENSORS)
+    return _path_or_bundled(name, _SENSORS)
 
 
-def _bundled(name: str | Path, files: Mapping[str, str]) -> Path:
-    return Path(__file__).with_name(files[str(name)]) if str(name) in files and not Path(name).is_file() else Path(name)
+def _path_or_bundled(name: str | Path, files: Mapping[str, str]) -> Path:
+    """Path of a bundled file if it has that name and no file of the user has."""
+    path = Path(name)
+    if str(name) in files and not path.is_file():
+        return Path(__file__).with_name(files[str(name)])
+    return path
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,7 @@ def write_sensor(
     if uncertainty is not None:
         content["uncertainty"] = {
             "unknowns": list(uncertainty.unknowns),
-            **{name: _plain(getattr(uncertainty, name)) for name in _ARRAYS},
+            **{name: _nested_lists(getattr(uncertainty, name)) for name in _ARRAYS},
         }
     with replacing(path) as scratch:
         scratch.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
@@ -154,8 +159,8 @@ def read_sensor(path: str | Path) -> tuple[ForceTorqueSensor, tuple[float, float
     >>> sensor.bias.tolist(), noise
     ([0.0, 0.0, 0.0, 5.0, 0.0, 0.0], (0.01, 0.3))
     """
-    found = read_sensor_file(path)
-    return found.sensor, found.noise
+    file = read_sensor_file(path)
+    return file.sensor, file.noise
 
 
 def read_sensor_file(path: str | Path) -> SensorFile:
@@ -172,8 +177,9 @@ def read_sensor_file(path: str | Path) -> SensorFile:
             load, content["bias"], content["sign"], content["mounting"], content.get("frame"), _inertia(content, load)
         )
         moment, force = checked_noise(content["noise"], none_at_all=True).tolist()
-        known = content.get("uncertainty")
-        uncertainty = None if known is None else _uncertainty(known)
+        uncertainty = None
+        if content.get("uncertainty") is not None:
+            uncertainty = _uncertainty(content["uncertainty"])
     except FileNotFoundError:
         raise NotFoundError(f"no sensor file {str(path)!r}. {_advice()}") from None
     except TwistWrenchError as problem:
@@ -183,21 +189,29 @@ def read_sensor_file(path: str | Path) -> SensorFile:
     return SensorFile(sensor, (moment, force), uncertainty)
 
 
-def _plain(x: Array) -> Any:
+def _nested_lists(x: Array) -> Any:
     """Convert to nested lists for JSON; infinities become null."""
-    return [_plain(row) for row in x] if x.ndim > 1 else [float(v) if np.isfinite(v) else None for v in x]
+    if x.ndim > 1:
+        return [_nested_lists(row) for row in x]
+    return [float(value) if np.isfinite(value) else None for value in x]
 
 
-def _uncertainty(known: dict[str, Any]) -> Uncertainty:
+def _uncertainty(entry: dict[str, Any]) -> Uncertainty:
+    """Uncertainty of a sensor file."""
     # NaN in a float array stands for infinity in the file; it is rejected where infinity is not allowed.
-    arrays = {name: np.array(known[name], float) for name in _ARRAYS}
-    return Uncertainty(tuple(known["unknowns"]), **{k: np.where(np.isnan(x), np.inf, x) for k, x in arrays.items()})
+    arrays = {}
+    for name in _ARRAYS:
+        x = np.array(entry[name], float)
+        arrays[name] = np.where(np.isnan(x), np.inf, x)
+    return Uncertainty(tuple(entry["unknowns"]), **arrays)
 
 
 def _content(path: Path) -> dict[str, Any]:
     with third_party_errors(lambda reason: ValueRangeError(f"is not a sensor file: {reason}. {_advice()}")):
         try:
-            content = json.loads(read_text(path, _MOST_BYTES), parse_int=float)  # no integers beyond the float range
+            content = json.loads(
+                read_text(path, MAX_SENSOR_FILE_BYTES), parse_int=float
+            )  # no integers beyond the float range
         except FileNotFoundError:
             raise NotFoundError(str(path)) from None
     if not isinstance(content, dict):
@@ -209,9 +223,11 @@ def _inertia(content: dict[str, Any], load: SpatialInertia) -> Any:
     """State of the rotational inertia in the file; "unknown" if the entry is missing and the load is a point mass."""
     if "inertia" in content:
         return content["inertia"]
-    point = SpatialInertia.from_com(load.mass, load.com) if load.mass else SpatialInertia.zero()
-    same = np.allclose(load.parameters, point.parameters, rtol=1e-9, atol=1e-12)
-    return "unknown" if same or load.defects() else "given"
+    point_mass = SpatialInertia.zero()
+    if load.mass:
+        point_mass = SpatialInertia.from_com(load.mass, load.com)
+    is_point_mass = np.allclose(load.parameters, point_mass.parameters, rtol=1e-9, atol=1e-12)
+    return "unknown" if is_point_mass or load.defects() else "given"
 
 
 # ── Logs of readings as CSV files
@@ -221,7 +237,7 @@ _MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
 _GRAVITY = ("gx", "gy", "gz")
 _DV = tuple(f"d{name}" for name in TWIST)
 _POSITION = ("px", "py", "pz")
-_KNOWN = ("time", *_QUATERNION, *_MATRIX, *_GRAVITY, *WRENCH, *TWIST, *_DV, *_POSITION)
+_COLUMNS = ("time", *_QUATERNION, *_MATRIX, *_GRAVITY, *WRENCH, *TWIST, *_DV, *_POSITION)
 _ALIASES = {"t": "time", "tx": "mx", "ty": "my", "tz": "mz"}
 _ANGLES = {"roll", "pitch", "yaw", "rx", "ry", "rz", "a", "b", "c", "alpha", "beta", "gamma", "phi", "theta", "psi"}
 _UNITS = {
@@ -289,49 +305,60 @@ def read_log(
     with table_errors(path, "log", f"a header ({', '.join(WRENCH)} and an orientation), then rows"):
         file = CsvFile.open(path)
         header = _names(file.header, f"{path}: line {file.header_line}")
-        names = [name for name in header if name in _KNOWN]
-        ignored = [name for name in header if name not in _KNOWN]
-        _check_complete(names, ignored, f"{path}: line {file.header_line}", posed=robot is not None)
-        table = file.table([k for k, name in enumerate(header) if name in _KNOWN])
-    rotations, of_joints = None, tuple[str, ...]()
+        names = [name for name in header if name in _COLUMNS]
+        ignored = [name for name in header if name not in _COLUMNS]
+        _check_complete(names, ignored, f"{path}: line {file.header_line}", by_robot=robot is not None)
+        table = file.table([k for k, name in enumerate(header) if name in _COLUMNS])
+    rotations, joint_columns = None, tuple[str, ...]()
     if robot is not None:
-        rotations, of_joints = orientations_by_joints(file, robot, frame, degrees=degrees)
+        rotations, joint_columns = orientations_by_joints(file, robot, frame, degrees=degrees)
     if not len(table):
         raise ValueRangeError(f"{path}: no readings after the header. Give at least one row.")
     columns = {name: table[:, k] for k, name in enumerate(names)}
-    if "time" in columns and (k := late(columns["time"])) is not None:
-        raise ValueRangeError(
-            f"{path}: {file.place(k)}: time {printed(columns['time'][k])} s is not after the "
-            f"{printed(columns['time'][k - 1])} s of the row before. Times must increase: sort the rows, or remove the column."
-        )
+    if "time" in columns:
+        _check_times(file, columns["time"])
     log = _log(path, columns, gravity, rotations)
-    return replace(log, notes=_notes([name for name in ignored if name not in of_joints]))
+    return replace(log, notes=_notes([name for name in ignored if name not in joint_columns]))
 
 
-def readings_of(log: ReadingsGiven, gravity: float, taker: str, **of_robot: Any) -> ReadingLog:
+def _check_times(file: CsvFile, times: Array) -> None:
+    """Raise ValueRangeError unless the times increase."""
+    k = first_late_row(times)
+    if k is not None:
+        raise ValueRangeError(
+            f"{file.path}: {file.place(k)}: time {printed(times[k])} s is not after the {printed(times[k - 1])} s of the "
+            "row before. Times must increase: sort the rows, or remove the column."
+        )
+
+
+def readings_of(log: ReadingsGiven, gravity: float, taker: str, **robot_options: Any) -> ReadingLog:
     """Log, or that of a file with gravity of this size [m/s²]; doubts about the log are left to the ``taker``'s report.
 
-    ``of_robot`` are the arguments of :func:`read_log` for a file with positions of a robot's joints.
+    ``robot_options`` are the arguments of :func:`read_log` for a file with positions of a robot's joints.
     """
     if not isinstance(log, str | Path):
         return checked_log(log, taker)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        return read_log(log_path(log), gravity=(0.0, 0.0, -checked_strength(gravity)), **of_robot)
+        return read_log(log_path(log), gravity=(0.0, 0.0, -checked_strength(gravity)), **robot_options)
 
 
 def _names(cells: Sequence[str], where: str) -> list[str]:
-    check_header(cells, where, f"{_listed(WRENCH)} and an orientation")
+    check_header(cells, where, f"{', '.join(WRENCH)} and an orientation")
     names = []
     for column in cells:
-        match = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", column.strip().strip('"'))
-        name = (match[1] if match else column).strip().lower()
+        plain_column, unit = column.strip().strip('"'), None
+        name = column
+        match = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", plain_column)
+        if match:
+            name, unit = match.groups()
+        name = name.strip().lower()
         name = _ALIASES.get(name, name)
-        if name in _KNOWN and match and match[2] is not None:
-            _check_unit(name, match[2], where)
-        names.append(name if name in _KNOWN else column.strip().strip('"'))
+        if name in _COLUMNS and unit is not None:
+            _check_unit(name, unit, where)
+        names.append(name if name in _COLUMNS else plain_column)
     for name in names:
-        if name in _KNOWN and names.count(name) > 1:
+        if name in _COLUMNS and names.count(name) > 1:
             raise ValueRangeError(f"{where}: column {name!r} is there {names.count(name)} times. Keep one of them.")
     return names
 
@@ -339,9 +366,11 @@ def _names(cells: Sequence[str], where: str) -> list[str]:
 def _notes(ignored: list[str]) -> tuple[str, ...]:
     if not ignored:
         return ()
-    meant = {name: difflib.get_close_matches(name.lower(), _KNOWN, n=1, cutoff=0.7) for name in ignored}
-    said = [f"{name!r} (did you mean {near[0]!r}?)" if near else repr(name) for name, near in meant.items()]
-    return (f"Columns that are not part of a reading are ignored: {_listed(said)}.",)
+    texts = []
+    for name in ignored:
+        similar = difflib.get_close_matches(name.lower(), _COLUMNS, n=1, cutoff=0.7)
+        texts.append(f"{name!r} (did you mean {similar[0]!r}?)" if similar else repr(name))
+    return (f"Columns that are not part of a reading are ignored: {', '.join(texts)}.",)
 
 
 def _check_unit(name: str, unit: str, where: str) -> None:
@@ -353,69 +382,78 @@ def _check_unit(name: str, unit: str, where: str) -> None:
         )
 
 
-def _check_complete(names: list[str], ignored: list[str], where: str, *, posed: bool) -> None:
-    if missing := [name for name in WRENCH if name not in names]:
+def _check_complete(names: list[str], ignored: list[str], where: str, *, by_robot: bool) -> None:
+    """Raise ValueRangeError unless there are all readings, and one orientation unless a robot has it, each whole."""
+    missing = [name for name in WRENCH if name not in names]
+    if missing:
         raise ValueRangeError(
-            f"{where}: no column for {_listed(missing)}. {_near(missing, ignored)}A reading has {_listed(WRENCH)}, the moments "
-            "perhaps as Tx, Ty, Tz."
+            f"{where}: no column for {', '.join(missing)}. {_suggestion(missing, ignored)}A reading has "
+            f"{', '.join(WRENCH)}, the moments perhaps as Tx, Ty, Tz."
         )
-    kinds = [kind for kind in (_QUATERNION, _MATRIX, _GRAVITY) if any(name in names for name in kind)]
-    if len(kinds) != 1 and not (posed and not kinds):
-        said = "no orientation" if not kinds else "more than one orientation"
-        angles = [name for name in ignored if re.sub(r"[^a-z]", "", name.lower()) in _ANGLES] if not kinds else []
-        hint = (
-            f"{_listed(angles)}: angles have many conventions, so none is guessed; convert them to a quaternion. "
-            if len(angles) > 1
-            else _near([*_QUATERNION, *_MATRIX, *_GRAVITY], ignored)
-        )
+    orientations = [kind for kind in (_QUATERNION, _MATRIX, _GRAVITY) if not set(kind).isdisjoint(names)]
+    if len(orientations) > 1 or not (orientations or by_robot):
+        problem = "more than one orientation"
+        hint = _suggestion([*_QUATERNION, *_MATRIX, *_GRAVITY], ignored)
+        if not orientations:
+            problem, hint = "no orientation", _hint_on_angles(ignored) or hint
         raise ValueRangeError(
-            f"{where}: {said}. {hint}Give one of: {_listed(_QUATERNION)}; r11, r12, …, r33; {_listed(_GRAVITY)} (gravity's "
-            "direction in the sensor's frame); or joint positions, and the robot: {0}.",
+            f"{where}: {problem}. {hint}Give one of: {', '.join(_QUATERNION)}; r11, r12, …, r33; {', '.join(_GRAVITY)} "
+            "(gravity's direction in the sensor's frame); or joint positions, and the robot: {0}.",
             Argument("robot", Placeholder("ROBOT")),
         )
-    moving = TWIST + _DV if any(name in names for name in TWIST + _DV) else ()
-    if missing := [name for name in (*(kinds[0] if kinds else ()), *moving) if name not in names]:
+    groups = [*orientations]
+    if not set(TWIST + _DV).isdisjoint(names):
+        groups.append(TWIST + _DV)
+    missing = [name for name in chain.from_iterable(groups) if name not in names]
+    if missing:
         raise ValueRangeError(
-            f"{where}: no column for {_listed(missing)}, although others of its kind are there. {_near(missing, ignored)}"
-            "Add it."
+            f"{where}: no column for {', '.join(missing)}, although others of its kind are there. "
+            f"{_suggestion(missing, ignored)}Add it."
         )
 
 
-def _near(missing: list[str], ignored: list[str]) -> str:
+def _hint_on_angles(ignored: list[str]) -> str:
+    """Hint on columns that look like angles of an orientation; empty if there are not two."""
+    angles = [name for name in ignored if re.sub(r"[^a-z]", "", name.lower()) in _ANGLES]
+    if len(angles) < 2:
+        return ""
+    return f"{', '.join(angles)}: angles have many conventions, so none is guessed; convert them to a quaternion. "
+
+
+def _suggestion(missing: list[str], ignored: list[str]) -> str:
     """Suggest an ignored column whose name resembles a missing one."""
     for name in ignored:
-        plain = re.sub(r"torque|moment|\bt(?=_)", "m", re.sub(r"force", "f", name.lower()))
-        if near := difflib.get_close_matches(re.sub(r"[^a-z0-9]", "", plain), missing, n=1, cutoff=0.7):
-            return f"Column {name!r} is not known: did you mean {near[0]!r}? "
+        letters = re.sub(r"torque|moment|\bt(?=_)", "m", re.sub(r"force", "f", name.lower()))
+        similar = difflib.get_close_matches(re.sub(r"[^a-z0-9]", "", letters), missing, n=1, cutoff=0.7)
+        if similar:
+            return f"Column {name!r} is not known: did you mean {similar[0]!r}? "
     return ""
 
 
 def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike, rotations: Array | None) -> ReadingLog:
     """Log of columns; ``rotations`` (n, 3, 3) are those of a robot's joints, used if the file has no orientations."""
 
-    def stacked(names: tuple[str, ...]) -> Array | None:
-        return np.stack([columns[n] for n in names], axis=1) if names[0] in columns else None
+    def stack(names: tuple[str, ...]) -> Array:
+        return np.stack([columns[n] for n in names], axis=1)
 
-    pose, direction, quaternion, matrix = None, gravity, stacked(_QUATERNION), stacked(_MATRIX)
-    if quaternion is not None:
-        pose = rotations_of_quaternions(quaternion, f"{path}: quaternion")
-    elif matrix is not None:
-        pose = matrix.reshape(-1, 3, 3)
-    elif (along := stacked(_GRAVITY)) is not None:
-        length = np.linalg.norm(along, axis=1, keepdims=True)
+    pose, log_gravity = rotations, gravity
+    if _QUATERNION[0] in columns:
+        pose = rotations_of_quaternions(stack(_QUATERNION), f"{path}: quaternion")
+    elif _MATRIX[0] in columns:
+        pose = stack(_MATRIX).reshape(-1, 3, 3)
+    elif _GRAVITY[0] in columns:
+        pose, directions = None, stack(_GRAVITY)
+        length = np.linalg.norm(directions, axis=1, keepdims=True)
         if not length.all():
             row = int(np.flatnonzero(length[:, 0] == 0)[0])
             raise ValueRangeError(f"{path}: gx, gy, gz of reading {row} are zero. Give the direction of gravity.")
-        direction = along / length * np.linalg.norm(np.asarray(gravity, float))
-    elif rotations is not None:
-        pose = rotations
-    readings = np.stack([columns[n] for n in WRENCH], axis=1)
+        log_gravity = directions / length * np.linalg.norm(np.asarray(gravity, float))
     log = ReadingLog.from_arrays(
-        readings,
+        stack(WRENCH),
         pose=pose,
-        gravity=direction,
-        V=stacked(TWIST),
-        dV=stacked(_DV),
+        gravity=log_gravity,
+        V=stack(TWIST) if TWIST[0] in columns else None,
+        dV=stack(_DV) if _DV[0] in columns else None,
         time=columns.get("time"),
         name=str(path),
     )
@@ -426,8 +464,8 @@ def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike, rotations: A
 
 def _angle_between(a: Array, b: Array) -> float:
     """Median angle [rad] between rows of two arrays (n, 3)."""
-    across, along = np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)
-    return float(np.median(np.arctan2(across, along)))
+    sines, cosines = np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)
+    return float(np.median(np.arctan2(sines, cosines)))
 
 
 def orientations_by_joints(
@@ -440,7 +478,9 @@ def orientations_by_joints(
     where = f"{file.path}: line {file.header_line}"
     columns = Columns.from_header(file.header, Coordinates.from_model(arm.model), where, reading, file.first)
     table = file.table(columns.used)
-    q = columns.si_values(np.column_stack([np.zeros(len(table)), table]) if columns.counted else table, "q")
+    if columns.counted:  # a column of times that the file does not have
+        table = np.column_stack([np.zeros(len(table)), table])
+    q = columns.si_values(table, "q")
     return np.asarray(arm.forward_kinematics(q, frame))[:, :3, :3], tuple(columns.header)
 
 
@@ -467,29 +507,27 @@ def write_log(log: ReadingLog, path: str | Path) -> None:
     if not isinstance(path, str | Path):
         raise ShapeError(f"write_log takes a path after the log, got a {type(path).__name__}.")
     unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
-    parts: list[tuple[tuple[str, ...], Array | None]] = [
-        (("time",), None if log.time is None else log.time[:, None]),
-        (_GRAVITY, unit),
-        (TWIST, log.V),
-        (_DV, log.dV),
-        (WRENCH, log.readings),
-    ]
-    present = [(names, values) for names, values in parts if values is not None]
-    with csv_table(path, [n for names, _ in present for n in names]) as table:
-        table.numbers(np.concatenate([values for _, values in present], axis=1))
+    header, columns = [*_GRAVITY], [unit]
+    if log.time is not None:
+        header, columns = ["time", *header], [log.time[:, None], *columns]
+    if log.V is not None:
+        header += TWIST
+        columns.append(log.V)
+    if log.dV is not None:
+        header += _DV
+        columns.append(log.dV)
+    with csv_table(path, [*header, *WRENCH]) as table:
+        table.numbers(np.concatenate([*columns, log.readings], axis=1))
 
 
 def write_compensated(log: ReadingLog, compensated: Array, path: str | Path) -> Path:
     """Write readings (n, 6) without bias and load, with the times of the log if it has them."""
-    head = [] if log.time is None else ["time"]
-    rows = compensated if log.time is None else np.column_stack([log.time, compensated])
-    with csv_table(path, [*head, *WRENCH]) as table:
+    header, rows = [*WRENCH], compensated
+    if log.time is not None:
+        header, rows = ["time", *header], np.column_stack([log.time, compensated])
+    with csv_table(path, header) as table:
         table.numbers(rows)
     return Path(path)
-
-
-def _listed(names: Any) -> str:
-    return ", ".join(names)
 
 
 complete(globals())

@@ -23,20 +23,20 @@ from .sensor import (
     checked_rotations,
     checked_sensor,
     gravity_in_frame,
+    plain_arrays,
     rotations_of_quaternions,
-    unlabelled,
 )
 
-_STRONG = 1100.0  # N; change of force when a 50 kg load is turned over, plus 10 %; exceeded by logs in grams
-_LONG_LEVER = 5.0  # m; the ratio of moments to forces is 1000 times too large if moments are in N mm
-_MOST = (  # faster than any arm, and slower than usual motions in degrees or millimetres
+MAX_FORCE = 1100.0  # N; change of force when a 50 kg load is turned over, plus 10 %; exceeded by logs in grams
+MAX_LEVER = 5.0  # m; the ratio of moments to forces is 1000 times too large if moments are in N mm
+_MOTION_LIMITS = (  # faster than any arm, and slower than usual motions in degrees or millimetres
     ("V", slice(0, 3), 50.0, "angular velocities", "rad/s", "are in degrees per second"),
     ("V", slice(3, 6), 30.0, "velocities", "m/s", "or the poses are in mm"),
     ("dV", slice(3, 6), 1000.0, "accelerations", "m/s²", "or the poses are in mm"),
 )
 _AFTER = "not after the {} s of the one before. Times must increase: sort the readings, or remove the column."
-_TURNED = np.radians(2.0)
-_GRAVITY = (1.5, 30.0)  # m/s²; covers the Moon and Jupiter, and excludes values in g or cm/s²
+MAX_TURN = np.radians(2.0)
+_GRAVITY_RANGE = (1.5, 30.0)  # m/s²; covers the Moon and Jupiter, and excludes values in g or cm/s²
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,8 +121,8 @@ class ReadingLog:
         >>> log.gravity.tolist()
         [[0.0, 0.0, -9.81]]
         """
-        labelled = unlabelled({"pose": pose, "V": V, "dV": dV})
-        pose, V, dV = labelled["pose"], labelled["V"], labelled["dV"]
+        plain = plain_arrays({"pose": pose, "V": V, "dV": dV})
+        pose, V, dV = plain["pose"], plain["V"], plain["dV"]
         r = np.array(arguments.real(readings, f"{name}: readings"), float)
         if r.size == 0:
             raise ValueRangeError(f"{name}: the log is empty. Give at least one reading.")
@@ -132,36 +132,30 @@ class ReadingLog:
             raise ValueRangeError(f"{name}: both pose and quaternion are given. Keep one of them.")
         if quaternion is not None:
             pose = rotations_of_quaternions(quaternion, f"{name}: quaternion")
-        g = (
-            np.array(arguments.real(gravity, f"{name}: gravity"), float)
-            if pose is None
-            else gravity_in_frame(pose, gravity)
-        )
-        arrays = {"gravity": (g, 3), "V": (V, 6), "dV": (dV, 6)}
-        checked = {key: _rows(value, len(r), width, f"{name}: {key}") for key, (value, width) in arrays.items()}
+        if pose is None:
+            g = np.array(arguments.real(gravity, f"{name}: gravity"), float)
+        else:
+            g = gravity_in_frame(pose, gravity)
+        gravity_rows = _rows(g, len(r), 3, f"{name}: gravity")
+        V_rows = None if V is None else _rows(V, len(r), 6, f"{name}: V")
+        dV_rows = None if dV is None else _rows(dV, len(r), 6, f"{name}: dV")
         if not np.isfinite(r).all():
-            row, column = (int(k[0]) for k in np.nonzero(~np.isfinite(r)))
+            row, column = np.argwhere(~np.isfinite(r))[0]
             raise ValueRangeError(
                 f"{name}: {WRENCH[column]} of reading {row} is {r[row, column]}. Readings must be finite: fill or remove it."
             )
-        if checked["gravity"] is None or not np.any(checked["gravity"], axis=1).all():
+        if not np.any(gravity_rows, axis=1).all():
             raise ValueRangeError(
                 f"{name}: gravity is zero in a reading, so nothing has a weight. Give {STRENGTH} m/s² of it."
             )
         if (V is None) != (dV is None):
             raise ValueRangeError(f"{name}: V and dV belong together. Give both, or neither for a sensor at rest.")
-        t = None if time is None else np.array(arguments.real(time, f"{name}: time"), float)
-        if t is not None and (t.shape != (len(r),) or not np.isfinite(t).all()):
-            raise ShapeError(f"{name}: time has shape {t.shape}, expected ({len(r)},) finite numbers [s].")
-        if t is not None and (k := late(t)) is not None:
-            raise ValueRangeError(
-                f"{name}: time of reading {k} is {printed(t[k])} s, {_AFTER.format(printed(t[k - 1]))}"
-            )
+        t = None if time is None else _increasing_times(time, len(r), name)
         by_gravity = pose is None and g.ndim == 2
         R = None if pose is None else np.broadcast_to(checked_rotations(pose), (len(r), 3, 3))
-        log = cls(r, checked["gravity"], checked["V"], checked["dV"], t, name, by_gravity=by_gravity, rotations=R)
-        for each in log.doubts():
-            warnings.warn(f"{name}: {each}", ModelWarning, stacklevel=2)
+        log = cls(r, gravity_rows, V_rows, dV_rows, t, name, by_gravity=by_gravity, rotations=R)
+        for log_doubt in log.doubts():
+            warnings.warn(f"{name}: {log_doubt}", ModelWarning, stacklevel=2)
         return log
 
     def __repr__(self) -> str:
@@ -195,9 +189,11 @@ class ReadingLog:
                 f"{self.name}: {arguments.value_text(which)} chooses no readings: {problem}. Give a slice, indices, or "
                 f"a mask of {len(self)}."
             ) from None
-        optional = {name: getattr(self, name) for name in ("V", "dV", "time", "rotations")}
-        chosen: dict[str, Any] = {name: None if x is None else x[which] for name, x in optional.items()}
-        return replace(self, readings=self.readings[which], gravity=self.gravity[which], **chosen)
+        selected: dict[str, Any] = {}
+        for name in ("readings", "gravity", "V", "dV", "time", "rotations"):
+            x = getattr(self, name)
+            selected[name] = None if x is None else x[which]
+        return replace(self, **selected)
 
     def doubts(self) -> list[Doubt]:
         """Doubts about the units of the log.
@@ -215,16 +211,17 @@ class ReadingLog:
         -------
         doubts : list of Doubt
         """
-        found = []
+        doubts = []
         centred = self.readings - np.median(self.readings, axis=0)  # removes the bias, which may have any size
-        moment, force = (float(np.abs(centred[:, k]).max()) for k in (slice(0, 3), slice(3, 6)))
-        if force > _STRONG:
-            mass, factor = number(force / STRENGTH, 2), printed(STRENGTH / 1000)
-            found.append(doubt("sensor-force-size", force=number(force), mass=mass, factor=factor))
-        spread_m, spread_f = (float(np.linalg.norm(centred[:, k])) for k in (slice(0, 3), slice(3, 6)))
-        if moment > 10 and spread_f and spread_m / spread_f > _LONG_LEVER:
-            found.append(doubt("sensor-lever-size", lever=number(spread_m / spread_f, 3)))
-        return found
+        moments, forces = centred[:, :3], centred[:, 3:]
+        largest_moment, largest_force = float(np.abs(moments).max()), float(np.abs(forces).max())
+        if largest_force > MAX_FORCE:
+            mass, factor = number(largest_force / STRENGTH, 2), printed(STRENGTH / 1000)
+            doubts.append(doubt("sensor-force-size", force=number(largest_force), mass=mass, factor=factor))
+        spread_m, spread_f = float(np.linalg.norm(moments)), float(np.linalg.norm(forces))
+        if largest_moment > 10 and spread_f and spread_m / spread_f > MAX_LEVER:
+            doubts.append(doubt("sensor-lever-size", lever=number(spread_m / spread_f, 3)))
+        return doubts
 
     def motion_doubts(self) -> list[Doubt]:
         """Doubts about the units of gravity and of the motion, by magnitude, and about orientations.
@@ -233,20 +230,24 @@ class ReadingLog:
         -------
         doubts : list of Doubt
         """
-        found = []
-        if self.turned > _TURNED:
-            found.append(
+        doubts = []
+        if self.turned > MAX_TURN:
+            doubts.append(
                 doubt("sensor-kinematics", angle=number(np.degrees(self.turned), 2), found={"value": self.turned})
             )
         strength = np.linalg.norm(self.gravity, axis=1)
-        if strength.min() < _GRAVITY[0] or strength.max() > _GRAVITY[1]:
-            worst = strength.min() if strength.min() < _GRAVITY[0] else strength.max()
-            found.append(doubt("sensor-gravity-size", gravity=number(worst), usual=STRENGTH))
-        for motion, part, most, what, unit, other in _MOST:
-            reached = 0.0 if getattr(self, motion) is None else float(np.abs(getattr(self, motion)[:, part]).max())
-            if reached > most:
-                found.append(doubt("sensor-motion-size", what=what, reached=f"{number(reached)} {unit}", other=other))
-        return found
+        least, largest = _GRAVITY_RANGE
+        if strength.min() < least:
+            doubts.append(doubt("sensor-gravity-size", gravity=number(strength.min()), usual=STRENGTH))
+        elif strength.max() > largest:
+            doubts.append(doubt("sensor-gravity-size", gravity=number(strength.max()), usual=STRENGTH))
+        for motion, part, limit, what, unit, other in _MOTION_LIMITS:
+            if getattr(self, motion) is None:
+                continue
+            reached = float(np.abs(getattr(self, motion)[:, part]).max())
+            if reached > limit:
+                doubts.append(doubt("sensor-motion-size", what=what, reached=f"{number(reached)} {unit}", other=other))
+        return doubts
 
     def predicted(self, sensor: ForceTorqueSensor) -> Array:
         """Predicted readings of a sensor for the poses and motions of the log.
@@ -288,15 +289,25 @@ def checked_log(log: Any, taker: str) -> ReadingLog:
     )
 
 
-def late(time: Array) -> int | None:
+def first_late_row(time: Array) -> int | None:
     """Index of the first time (n,) that does not exceed its predecessor; None if all increase."""
-    places = np.flatnonzero(np.diff(time) <= 0)
-    return int(places[0]) + 1 if places.size else None
+    late_rows = np.flatnonzero(np.diff(time) <= 0)
+    return int(late_rows[0]) + 1 if late_rows.size else None
 
 
-def _rows(value: ArrayLike | None, count: int, width: int, where: str) -> Any:
-    if value is None:
-        return None
+def _increasing_times(time: ArrayLike, count: int, name: str) -> Array:
+    """Finite times (n,) that increase."""
+    t = np.array(arguments.real(time, f"{name}: time"), float)
+    if t.shape != (count,) or not np.isfinite(t).all():
+        raise ShapeError(f"{name}: time has shape {t.shape}, expected ({count},) finite numbers [s].")
+    k = first_late_row(t)
+    if k is not None:
+        raise ValueRangeError(f"{name}: time of reading {k} is {printed(t[k])} s, {_AFTER.format(printed(t[k - 1]))}")
+    return t
+
+
+def _rows(value: ArrayLike, count: int, width: int, where: str) -> Array:
+    """A row for each reading, (n, width); one for all is repeated."""
     x = np.array(arguments.finite(value, where), float)
     if x.shape == (width,):
         x = np.tile(x, (count, 1))

@@ -22,9 +22,10 @@ from ..core.typing import Array
 from ..core.verdict import Verdict
 from ..mechanics.lie import so3
 from .files import write_compensated, write_sensor
-from .fit import Fit, Uncertainty, uncertainty_of
+from .fit import Fit
 from .log import ReadingLog
 from .sensor import ForceTorqueSensor, sign_factor
+from .uncertainty import Uncertainty, uncertainty_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,11 +74,11 @@ class Identification(Answer):
 
     def __repr__(self) -> str:
         halves = np.diff(self.com_intervals, axis=1)[:, 0] / 2
-        place = ", ".join(plus_minus(1e3 * x, 1e3 * half) for x, half in zip(self.sensor.load.com, halves, strict=True))
-        look = f"; {self.verdict.word}, see doubts" if self.doubtful else ""
+        com = ", ".join(plus_minus(1e3 * x, 1e3 * half) for x, half in zip(self.sensor.load.com, halves, strict=True))
+        word = f"; {self.verdict.word}, see doubts" if self.doubtful else ""
         return (
-            f"<Identification: {self.mass_text}, com ({place}) mm, noise {number(self.noise[1], 2)} N and "
-            f"{number(self.noise[0], 2)} N m{look}>"
+            f"<Identification: {self.mass_text}, com ({com}) mm, noise {number(self.noise[1], 2)} N and "
+            f"{number(self.noise[0], 2)} N m{word}>"
         )
 
     @property
@@ -123,8 +124,10 @@ class Identification(Answer):
         residuals : (n, 6) array, (m, f) [N m, N]
         """
         unknowns, factor = self.fit.unknowns, sign_factor(self.sensor.sign)
-        explained = unknowns.design(log, factor, self.fit.state) @ self.fit.estimate
-        return np.asarray(log.readings - explained - (0.0 if unknowns.bias else np.asarray(self.sensor.bias)))
+        residuals = log.readings - unknowns.design(log, factor, self.fit.state) @ self.fit.estimate
+        if not unknowns.bias:
+            residuals = residuals - np.asarray(self.sensor.bias)
+        return np.asarray(residuals)
 
     # ── The answer on every surface
 
@@ -297,10 +300,8 @@ def weakness(found: Identification) -> list[Doubt]:
     words: dict[str, Any] = {"confidence": percent(found.confidence, 3)}
     if fit.unknowns.inertia:
         size = float(load.moment_about_com.trace())
-        halves = (
-            (float(np.ptp(found.interval(name))) / 2, name) for name in fit.unknowns.names if name.startswith("I")
-        )
-        half, name = max(halves)
+        moments = [name for name in fit.unknowns.names if name.startswith("I")]
+        half, name = max((float(np.ptp(found.interval(name))) / 2, name) for name in moments)
         if half > 0.5 * abs(size):
             return [doubt("sensor-weak-inertia", name=name, half=number(half, 2), trace=number(size, 2), **words)]
     half = float(np.ptp(found.mass_interval)) / 2

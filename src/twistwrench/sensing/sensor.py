@@ -23,41 +23,45 @@ from ..mechanics.lie.twist_wrench import Pose, Twist, Wrench
 _KINDS: dict[str, type] = {"pose": Pose, "V": Twist, "dV": Twist}
 
 
-def unlabelled(given: dict[str, Any], frame: str | None = None, *, turned: bool = False) -> dict[str, Any]:
+def plain_arrays(given: dict[str, Any], frame: str | None = None, *, turned: bool = False) -> dict[str, Any]:
     """Check the frames of labelled arguments and return plain arrays; unlabelled arguments are unchanged.
 
     ``pose``, ``V`` and ``dV`` belong to {f}, named ``frame`` if known. Other arguments are wrenches in the sensor's
     axes {s}, which coincide with {f} unless the mounting is ``turned``.
     """
-    own: dict[str, str] = {} if frame is None else {"the sensor": frame}
-    read: dict[str, str] = {}
+    frames: dict[str, str] = {} if frame is None else {"the sensor": frame}
+    wrench_frames: dict[str, str] = {}
     plain = dict(given)
     for name, x in given.items():
         if not isinstance(x, Pose | Twist | Wrench):
             continue
-        if not isinstance(x, kind := _KINDS.get(name, Wrench)):
+        kind = _KINDS.get(name, Wrench)
+        if not isinstance(x, kind):
             raise FrameError(f"{name} is a {type(x).__name__}, expected a {kind.__name__} or plain numbers.")
-        plain[name] = x.matrix if isinstance(x, Pose) else x.values
-        (own if name in _KINDS else read)[name] = x.of if isinstance(x, Pose) else x.frame
+        if isinstance(x, Pose):
+            plain[name], frames[name] = x.matrix, x.of
+        elif isinstance(x, Twist):
+            plain[name], frames[name] = x.values, x.frame
+        else:
+            plain[name], wrench_frames[name] = x.values, x.frame
     if not turned:
-        own, read = own | read, {}
-    if len(set(own.values())) > 1:
-        listed = ", ".join(f"{'pose of' if name == 'pose' else f'{name} in'} {f!r}" for name, f in own.items())
+        frames, wrench_frames = frames | wrench_frames, {}
+    if len(set(frames.values())) > 1:
+        texts = [f"pose of {f!r}" if name == "pose" else f"{name} in {f!r}" for name, f in frames.items()]
         raise FrameError(
-            f"{listed}: a sensor's equation holds in one frame, that of the sensor. Move the others first, with a Pose."
+            f"{', '.join(texts)}: a sensor's equation holds in one frame, that of the sensor. Move the others first, with "
+            "a Pose."
         )
-    for name, there in read.items():
-        if there in own.values():
+    for name, wrench_frame in wrench_frames.items():
+        if wrench_frame in frames.values():
             raise FrameError(
-                f"{name} in {there!r}: readings are in the sensor's own axes, which the mounting turns against {there!r}. "
-                "Give them under a name of their own."
+                f"{name} in {wrench_frame!r}: readings are in the sensor's own axes, which the mounting turns against "
+                f"{wrench_frame!r}. Give them under a name of their own."
             )
     return plain
 
 
-# ── Orientations: checks, and gravity in the sensor's frame
-
-_OFF = 1e-3  # accepts numbers with four decimals and rejects wrong columns
+MAX_ROTATION_ERROR = 1e-3  # accepts numbers with four decimals and rejects wrong columns
 
 
 def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
@@ -66,9 +70,9 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
     if T.shape[-2:] not in ((3, 3), (4, 4)):
         raise ShapeError(f"{where} has shape {T.shape}, expected rotations (..., 3, 3) or poses (..., 4, 4).")
     R = np.asarray(arguments.finite(T[..., :3, :3], where), float)
-    off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
+    error = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
     wrong = "is not a rotation: RᵀR is {gap} off the identity, allowed {allowed}; check the order of its entries (row by row)"
-    arguments.refuse(off, _OFF, f"{where} {wrong} and its decimals")
+    arguments.refuse(error, MAX_ROTATION_ERROR, f"{where} {wrong} and its decimals")
     mirrored = np.maximum(-np.linalg.det(R), 0.0)[..., None, None]
     arguments.refuse(mirrored, 0.5, f"{where} mirrors: its determinant is -{{gap}}; the frame must be right-handed")
     return quaternion.rotation(quaternion.from_matrix(R))
@@ -77,11 +81,11 @@ def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
 def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Array:
     """Rotations (..., 3, 3) of unit quaternions (..., 4), scalar first."""
     quat = np.asarray(arguments.finite(quat, where, 4), float)
-    off = np.abs(np.linalg.norm(quat, axis=-1) - 1.0)[..., None, None]
+    error = np.abs(np.linalg.norm(quat, axis=-1) - 1.0)[..., None, None]
     wrong = (
         "is not of unit length: off from 1 by {gap}, allowed {allowed}; check which columns are qw, qx, qy, qz (qw is"
     )
-    arguments.refuse(off, _OFF, f"{where} {wrong} the scalar), or normalise them")
+    arguments.refuse(error, MAX_ROTATION_ERROR, f"{where} {wrong} the scalar), or normalise them")
     return quaternion.rotation(quat)
 
 
@@ -114,8 +118,6 @@ def rotations_to_gravity(directions: ArrayLike) -> Array:
     return quaternion.rotation(np.where(opposite, [0.0, 1.0, 0.0, 0.0], quat))
 
 
-# ── The sensor
-
 # The load obeys ``F = G dV - ad(V)' G V`` (Modern Robotics eq. 8.40) under its weight and the sensor's wrench, so its
 # wrench on the sensor is ``F_on = G (0, g) - G dV + ad(V)' G V``. Quantities are in {f}; wrenches are (m, f) in N m and
 # N, twists (omega, v).
@@ -123,7 +125,7 @@ def rotations_to_gravity(directions: ArrayLike) -> Array:
 Sign = Literal["on_sensor", "by_sensor"]
 Inertia = Literal["given", "accept", "unknown"]
 
-_TURNED = 1e-9  # largest entry of R_fs - 1 for which {s} and {f} coincide
+MIN_MOUNTING_TURN = 1e-9  # largest entry of R_fs - 1 for which {s} and {f} coincide
 
 
 def sign_factor(sign: str) -> float:
@@ -142,7 +144,8 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
     V = np.zeros(6) if V is None else np.asarray(V, float)
     dV = np.zeros(6) if dV is None else np.asarray(dV, float)
     shape = np.broadcast_shapes(g.shape[:-1], V.shape[:-1], dV.shape[:-1])
-    w, v, alpha = (np.broadcast_to(x, (*shape, 3)) for x in (V[..., :3], V[..., 3:], dV[..., :3]))
+    V = np.broadcast_to(V, (*shape, 6))
+    w, v, alpha = V[..., :3], V[..., 3:], np.broadcast_to(dV[..., :3], (*shape, 3))
     d = dV[..., 3:] + so3.cross(w, v) - g  # acceleration of the origin minus gravity
     W, Y = so3.hat(w), np.zeros((*shape, 6, 10))
     Y[..., 3:, 0] = -d  # force of the mass
@@ -237,14 +240,14 @@ class ForceTorqueSensor:
         FrameError
             A :class:`~twistwrench.Pose` or :class:`~twistwrench.Twist` has another frame than {f} or than the others.
         """
-        given = self._unlabelled(pose=pose, V=V, dV=dV)
-        V, dV = _six(given["V"], "V"), _six(given["dV"], "dV")
-        g = gravity_in_frame(given["pose"], gravity)
+        plain = self._plain_arrays(pose=pose, V=V, dV=dV)
+        V, dV = _six(plain["V"], "V"), _six(plain["dV"], "dV")
+        g = gravity_in_frame(plain["pose"], gravity)
         _broadcast(gravity=g, V=V, dV=dV)
         F_on = load_regressor(g, V, dV) @ self.load.parameters.astype(float)
         R = np.asarray(self.mounting)  # F_s = R_fs' F_f, origins coincide
-        turned = np.concatenate([F_on[..., :3] @ R, F_on[..., 3:] @ R], axis=-1)
-        return np.asarray(self.bias) + sign_factor(self.sign) * turned
+        F_s = np.concatenate([F_on[..., :3] @ R, F_on[..., 3:] @ R], axis=-1)
+        return np.asarray(self.bias) + sign_factor(self.sign) * F_s
 
     def compensate(
         self,
@@ -272,12 +275,12 @@ class ForceTorqueSensor:
         ModelWarning
             There is motion and the load's inertia is unknown.
         """
-        given = self._unlabelled(readings=readings, pose=pose, V=V, dV=dV)
-        read = np.asarray(arguments.real(given.pop("readings"), "readings", 6), float)
-        predicted = self.predict(**given, gravity=gravity)
-        self.warn_of_motion(given["V"], given["dV"])
-        _broadcast(readings=read, predicted=predicted)
-        return read - predicted
+        plain = self._plain_arrays(readings=readings, pose=pose, V=V, dV=dV)
+        plain_readings = np.asarray(arguments.real(plain.pop("readings"), "readings", 6), float)
+        predicted = self.predict(**plain, gravity=gravity)
+        self.warn_of_motion(plain["V"], plain["dV"])
+        _broadcast(readings=plain_readings, predicted=predicted)
+        return plain_readings - predicted
 
     def contact_wrench(self, compensated: ArrayLike) -> Array:
         """Contact wrench on the load, from compensated readings of either sign.
@@ -295,8 +298,8 @@ class ForceTorqueSensor:
         FrameError
             The sensor has a ``frame``, and a labelled wrench is in another.
         """
-        given = self._unlabelled(compensated=compensated)["compensated"]
-        F = sign_factor(self.sign) * np.asarray(arguments.real(given, "compensated", 6), float)
+        plain = self._plain_arrays(compensated=compensated)["compensated"]
+        F = sign_factor(self.sign) * np.asarray(arguments.real(plain, "compensated", 6), float)
         Rt = np.asarray(self.mounting).T
         return np.concatenate([F[..., :3] @ Rt, F[..., 3:] @ Rt], axis=-1)
 
@@ -307,8 +310,10 @@ class ForceTorqueSensor:
         -------
         text : str, or None if the compensation is complete
         """
-        turning = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))
-        return str(doubt("sensor-file-inertia")) if self.inertia == "unknown" and turning else None
+        turns = any(x is not None and np.any(np.asarray(x, float)[..., :3]) for x in (V, dV))
+        if self.inertia == "unknown" and turns:
+            return str(doubt("sensor-file-inertia"))
+        return None
 
     def warn_of_motion(self, V: ArrayLike | None, dV: ArrayLike | None) -> None:
         """Issue the text of :meth:`missing_signals` as a warning.
@@ -324,12 +329,13 @@ class ForceTorqueSensor:
         >>> sensor = ForceTorqueSensor(SpatialInertia.from_com(3.0, (0, 0, 0.1)), bias=[0, 0, 0, 5, 0, 0])
         >>> sensor.warn_of_motion(None, None)
         """
-        if said := self.missing_signals(V, dV):
-            warnings.warn(said, ModelWarning, stacklevel=3)
+        text = self.missing_signals(V, dV)
+        if text:
+            warnings.warn(text, ModelWarning, stacklevel=3)
 
-    def _unlabelled(self, **given: Any) -> dict[str, Any]:
-        turned = float(np.abs(np.asarray(self.mounting) - np.eye(3)).max()) > _TURNED
-        return unlabelled(given, self.frame, turned=turned)
+    def _plain_arrays(self, **given: Any) -> dict[str, Any]:
+        turned = float(np.abs(np.asarray(self.mounting) - np.eye(3)).max()) > MIN_MOUNTING_TURN
+        return plain_arrays(given, self.frame, turned=turned)
 
 
 def checked_sensor(sensor: Any, taker: str) -> ForceTorqueSensor:

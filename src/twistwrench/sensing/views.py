@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +19,16 @@ from ..core.verdict import Word
 from ..mechanics.joints.units import heading_unit, unit_of
 from ..mechanics.lie import so3
 from ..mechanics.lie.labelled import WRENCH
-from .compensation import Compensation, left_over
+from .compensation import Compensation, rms_residuals
+from .contact_detection import CollisionThreshold
 from .log import ReadingLog
-from .outliers import runs
 from .poses import POSE, PoseProposal
 from .result import Identification
+from .static_poses import runs
 
-_MOST_SPANS = 5
+MAX_SPANS = 5
 """Number of contacts in the first line."""
-_MOST_POSES = 30
+MAX_POSES_IN_SHORT = 30
 """Number of rows of the short form."""
 
 
@@ -34,22 +36,22 @@ def identification_view(found: Identification) -> Iterator[Block]:
     """Identified parameters with their intervals, and the compensated readings."""
     log = found.log
     reasons, others = _remarks(found, log.notes)
-    place = ", ".join(number(1e3 * x, decimals=1) for x in found.sensor.load.com)
-    where = f" at ({place}) mm." if found.mass_interval[0] > 0 else ", which may be nothing."
-    yield Headline(found.verdict.word, f"{found.mass_text}{where}")
+    com = ", ".join(number(1e3 * x, decimals=1) for x in found.sensor.load.com)
+    ending = f" at ({com}) mm." if found.mass_interval[0] > 0 else ", which may be nothing."
+    yield Headline(found.verdict.word, f"{found.mass_text}{ending}")
     yield from reasons
     yield ""
     yield _heading(log, found.sensor.sign)
     names, units, values, halves = zip(*_parameters(found), strict=True)
-    every = ", ".join(dict.fromkeys(units))
+    all_units = ", ".join(dict.fromkeys(units))
     yield Table(
         "Load and sensor",
         words("quantity", names, fold=False),
         words("unit", units, fold=False),
-        numbers("value", values, unit=every, headed=False),
-        numbers(f"± ({percent(found.confidence, 3)})", halves, unit=every, headed=False),
+        numbers("value", values, unit=all_units, headed=False),
+        numbers(f"± ({percent(found.confidence, 3)})", halves, unit=all_units, headed=False),
     )
-    yield _before_and_after(log, found.rest(log), found.kept)
+    yield _readings_table(log, found.rest(log), found.kept)
     yield f"Noise of a reading: {number(found.noise[0], 2)} N m, {number(found.noise[1], 2)} N (1 σ)."
     yield from others
 
@@ -63,41 +65,47 @@ def _parameters(found: Identification) -> Iterator[tuple[Any, ...]]:
 
     low, high = found.mass_interval
     yield "mass", "kg", *_estimate((high + low) / 2, (high - low) / 2)
-    for axis, place, (low, high) in zip("xyz", load.com, found.com_intervals, strict=True):
-        yield f"centre of mass {axis}", "mm", *_estimate(1e3 * place, 5e2 * (high - low))
-    for name in [n for n in unknowns.names if unknowns.inertia and n.startswith("I")]:
-        i, j = ("xyz".index(a) for a in name[1:])
-        yield f"{name} about the origin", "kg m²", *_estimate(load.moment_about_origin[i, j], half(name))
+    for axis, x, (low, high) in zip("xyz", load.com, found.com_intervals, strict=True):
+        yield f"centre of mass {axis}", "mm", *_estimate(1e3 * x, 5e2 * (high - low))
+    if unknowns.inertia:
+        for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):
+            name = f"I{'xyz'[i]}{'xyz'[j]}"
+            yield f"{name} about the origin", "kg m²", *_estimate(load.moment_about_origin[i, j], half(name))
     for axis, value in zip(WRENCH, np.asarray(found.sensor.bias), strict=True):
         name = f"bias {axis}"
-        yield name, _unit(axis), *(_estimate(value, half(name)) if name in unknowns.names else (value, "given"))
-    for k, axis in enumerate("xyz" if unknowns.turn else ""):
-        turn = _estimate(math.degrees(found.turn[k]), math.degrees(half(f"turn {axis}")))
-        yield f"mounting turned about {axis}", "°", *turn
+        if unknowns.bias:
+            yield name, _unit(axis), *_estimate(value, half(name))
+        else:
+            yield name, _unit(axis), value, "given"
+    if unknowns.turn:
+        for axis, turn in zip("xyz", found.turn, strict=True):
+            angle = _estimate(math.degrees(turn), math.degrees(half(f"turn {axis}")))
+            yield f"mounting turned about {axis}", "°", *angle
     per = "s" if found.log.time is not None else "reading"
-    for name in [n for n in unknowns.names if n.startswith("drift")]:
-        low, high = found.interval(name)
-        yield name, f"{_unit(name[6])}/{per}", *_estimate((low + high) / 2, (high - low) / 2)
+    if unknowns.drift:
+        for axis in WRENCH:
+            low, high = found.interval(f"drift {axis}")
+            yield f"drift {axis}", f"{_unit(axis)}/{per}", *_estimate((low + high) / 2, (high - low) / 2)
     if unknowns.tilt:
-        most = max(half(name) for name in unknowns.names if name.startswith("tilt"))
+        largest_half = max(half("tilt 1"), half("tilt 2"))
         tilt = math.degrees(np.linalg.norm(so3.log(state.tilt)))
-        yield "base tilted by", "°", *_estimate(tilt, math.degrees(most))
+        yield "base tilted by", "°", *_estimate(tilt, math.degrees(largest_half))
     if unknowns.delay:
         yield "readings are late by", "ms", *_estimate(1e3 * state.delay, 1e3 * half("delay"))
 
 
-def _estimate(value: float, sigma: float) -> Iterator[Line]:
-    return (Line(text, value=x) for text, x in zip(estimate(value, sigma), (value, sigma), strict=True))
+def _estimate(value: float, sigma: float) -> tuple[Line, Line]:
+    """Cells of a value and its half-width, rounded alike."""
+    value_text, sigma_text = estimate(value, sigma)
+    return Line(value_text, value=value), Line(sigma_text, value=sigma)
 
 
 def _remarks(found: Identification | Compensation, notes: tuple[str, ...]) -> tuple[list[Remark], list[Remark]]:
     """Split doubts into reasons of the verdict and remarks at the end of the report, which include notes on the log."""
-    reasons = [str(each) for each in found.doubts if str(each) in found.verdict.reasons]
-    others = [*notes, *(str(each) for each in found.doubts if str(each) not in reasons)]
-    return remarks(reasons), remarks(others)
-
-
-# ── Compensated readings
+    texts = [str(each) for each in found.doubts]
+    reasons = [text for text in texts if text in found.verdict.reasons]
+    others = [text for text in texts if text not in reasons]
+    return remarks(reasons), remarks([*notes, *others])
 
 
 def compensation_view(found: Compensation) -> Iterator[Block]:
@@ -108,37 +116,52 @@ def compensation_view(found: Compensation) -> Iterator[Block]:
     yield from reasons
     yield ""
     yield _heading(log, found.sensor.sign)
-    yield _before_and_after(log, found.rest, np.ones(len(log), bool))
+    yield _readings_table(log, found.rest, np.ones(len(log), bool))
     if found.threshold is not None:
-        moment, force = found.threshold.per_axis[:3], found.threshold.per_axis[3:]
-        least = [quantity(x.min(), _unit(axis)) for axis, x in (("m", moment), ("f", force)) if np.isfinite(x).all()]
-        yield (
-            f"Contact is what noise alone reaches once in {number(1 / found.threshold.false_alarms)} readings: from "
-            f"{' or '.join(least)} on{'; moments are not looked at' if found.inertia else ''}."
-        )
+        yield _threshold_sentence(found.threshold, forces_only=found.inertia is not None)
     yield from others
 
 
+def _threshold_sentence(threshold: CollisionThreshold, *, forces_only: bool) -> str:
+    """Smallest moment and force that count as a contact."""
+    smallest = []
+    for axis, x in (("m", threshold.per_axis[:3]), ("f", threshold.per_axis[3:])):
+        if np.isfinite(x).all():
+            smallest.append(quantity(x.min(), _unit(axis)))
+    note = "; moments are not looked at" if forces_only else ""
+    return (
+        f"Contact is what noise alone reaches once in {number(1 / threshold.false_alarms)} readings: from "
+        f"{' or '.join(smallest)} on{note}."
+    )
+
+
 def _outcome(found: Compensation) -> str:
+    """First line of the answer: contacts, or the share of the readings that is explained."""
     log, hits = found.log, found.hits
     if not found.explained:
         return "this sensor file does not explain this log."
-    moment, force = left_over(found.rest[~found.off])
+    moment, force = rms_residuals(found.rest[~found.off])
     noise = f"beside noise of {number(found.noise[1], 2)} N and {number(found.noise[0], 2)} N m"
     if hits.any():
-        spans = [_span(log, a, b) for a, b in runs(hits)]
+        spans = [_span(log, first, last) for first, last in runs(hits)]
         peak = np.linalg.norm(found.rest[hits][:, 3:], axis=1).max()
-        shown = "; ".join(spans[:_MOST_SPANS]) + ("; …" if len(spans) > _MOST_SPANS else "")
-        return f"{hits.sum()} of {len(log)} readings, {shown}; up to {number(peak)} N."
+        listed = "; ".join(spans[:MAX_SPANS])
+        if len(spans) > MAX_SPANS:
+            listed += "; …"
+        return f"{hits.sum()} of {len(log)} readings, {listed}; up to {number(peak)} N."
     if found.threshold is not None:
         return "no contact force; moments were not looked at." if found.inertia else "no contact."
     if found.inertia and found.inertia.refuses:
         return f"the load's inertia is left in the moments, {number(moment, 2)} N m {noise}."
-    good = int((~found.off).sum())
+    explained = int((~found.off).sum())
+    sentence = (
+        f"{explained} of {len(log)} readings are explained, with {number(force, 2)} N and {number(moment, 2)} N m left "
+        f"{noise}."
+    )
+    if explained == len(log):
+        return sentence
     contacts = spell(Argument("false_alarms", Placeholder("1e-6"), option="contacts"))
-    rest = "" if good == len(log) else f" In the others something else acts; {contacts} lists when."
-    left = f"{number(force, 2)} N and {number(moment, 2)} N m left {noise}"
-    return f"{good} of {len(log)} readings are explained, with {left}.{rest}"
+    return f"{sentence} In the others something else acts; {contacts} lists when."
 
 
 def _span(log: ReadingLog, first: int, last: int) -> str:
@@ -149,28 +172,25 @@ def _span(log: ReadingLog, first: int, last: int) -> str:
 
 def _heading(log: ReadingLog, sign: str) -> Line:
     motion = "at rest" if log.V is None else "in motion"
-    lasting = "" if log.time is None or len(log) < 2 else f" over {number(np.ptp(log.time))} s"
-    return Line((Path(log.name).name, Style.STRONG), f"  {len(log)} readings{lasting}, {motion}, sign {sign}")
+    duration = ""
+    if log.time is not None and len(log) > 1:
+        duration = f" over {number(np.ptp(log.time))} s"
+    return Line((Path(log.name).name, Style.STRONG), f"  {len(log)} readings{duration}, {motion}, sign {sign}")
 
 
-def _before_and_after(log: ReadingLog, compensated: Array, kept: Array) -> Table:
+def _readings_table(log: ReadingLog, compensated: Array, kept: Array) -> Table:
+    """Root mean squares of the kept readings before and after compensation."""
     rms = [np.sqrt(np.mean(values**2, axis=0)) for values in (log.readings[kept], compensated[kept])]
-    return Table(
-        f"Readings, root mean square [{heading_unit('tau', (True, False))}]",
-        words("", ["before", "after"], fold=False),
-        *(
-            numbers(axis, x, lambda value: number(value, decimals=4), _unit(axis), headed=False)
-            for axis, x in zip(WRENCH, np.transpose(rms), strict=True)
-        ),
-    )
+    columns = []
+    for axis, x in zip(WRENCH, np.transpose(rms), strict=True):
+        columns.append(numbers(axis, x, partial(number, decimals=4), _unit(axis), headed=False))
+    heading = f"Readings, root mean square [{heading_unit('tau', (True, False))}]"
+    return Table(heading, words("", ["before", "after"], fold=False), *columns)
 
 
 def _unit(axis: str) -> str:
     """Unit of a moment or a force."""
     return unit_of("tau", axis.startswith("m"))
-
-
-# ── Proposed poses
 
 
 def proposal_view(found: PoseProposal) -> Iterator[Block]:
@@ -180,20 +200,20 @@ def proposal_view(found: PoseProposal) -> Iterator[Block]:
         if not found.determines_mass:
             return
     else:
-        mass, place = found.intervals[-1]
-        sure = f"mass ± {number(mass, 2)} kg, centre of mass ± {number(1e3 * place, 2)} mm (95 %)"
-        yield Headline(Word.OK, f"{len(found.poses)} orientations determine a load of {number(found.mass)} kg: {sure}.")
+        mass, com = found.intervals[-1]
+        intervals = f"mass ± {number(mass, 2)} kg, centre of mass ± {number(1e3 * com, 2)} mm (95 %)"
+        load = f"a load of {number(found.mass)} kg"
+        yield Headline(Word.OK, f"{len(found.poses)} orientations determine {load}: {intervals}.")
     yield ""
+    show_coordinate, show_interval = partial(number, decimals=3), partial(number, digits=2)
+    columns = [numbers(head, x, show_coordinate) for head, x in zip(POSE, found.poses.T, strict=True)]
     yield Table(
         "Next poses",
         words("no.", range(1, len(found.poses) + 1), fold=False),
-        *(
-            numbers(head, x, lambda value: number(value, decimals=3))
-            for head, x in zip(POSE, found.poses.T, strict=True)
-        ),
-        numbers("mass ±", found.intervals[:, 0], lambda value: number(value, 2), "kg"),
-        numbers("centre ±", 1e3 * found.intervals[:, 1], lambda value: number(value, 2), "mm"),
-        most=_MOST_POSES,
+        *columns,
+        numbers("mass ±", found.intervals[:, 0], show_interval, "kg"),
+        numbers("centre ±", 1e3 * found.intervals[:, 1], show_interval, "mm"),
+        most=MAX_POSES_IN_SHORT,
         of_limits=False,
     )
     yield (

@@ -14,8 +14,8 @@ from ...core.typing import Array
 from ...mechanics.joints.units import torque_word
 from ...robot.explanation import MOTION_TERMS, Explanation, require_one_state
 from ...sensing.log import ReadingLog
-from ...sensing.outliers import runs
 from ...sensing.sensor import ForceTorqueSensor
+from ...sensing.static_poses import runs
 from .. import style
 
 _BODIES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)

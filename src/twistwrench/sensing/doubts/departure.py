@@ -1,0 +1,101 @@
+"""Departure of readings from a sensor's file: drift of the bias, gain and cross-talk in the residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.doubts import Doubt, doubt
+from ...core.numbers import number, percent
+from ...core.typing import Array
+from .reading_doubts import listed_bias
+
+if TYPE_CHECKING:
+    from ..log import ReadingLog
+    from ..sensor import ForceTorqueSensor
+
+MIN_OUTLIERS = 3  # minimum number of off readings for a search
+MAX_REMAINING_SHARE = 0.25  # largest fraction of off readings that may remain
+MAX_GAIN = 0.5  # of the load's wrench; above, the tool is another one
+MIN_READINGS_PER_COLUMN = 3  # minimum readings per column of an explanation
+_HUBER = 2.0  # residual over noise above which a reading loses weight
+
+
+def departure(
+    log: ReadingLog, sensor: ForceTorqueSensor, rest: Array, sigma: Array, off: Callable[[Array], Array]
+) -> Doubt | None:
+    """Cause of nearly all ``off`` readings in the residuals rest (n, 6) with noise sigma (n, 6); None if not found.
+
+    Each channel is fitted by columns X with Huber weights: 1 for a constant offset, 1, t, t² for a drifting bias, or 1 and
+    the six components of the load's wrench for a gain or cross-talk. None fits a temporary contact. An offset that
+    explains the readings is named before the others, which contain it.
+    """
+    before = int(off(rest).sum())
+    if before < MIN_OUTLIERS:
+        return None
+    t = log.clock
+    s = (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 0.5
+    load = log.predicted(sensor) - np.asarray(sensor.bias)
+    constant = np.ones((len(s), 1))
+    explanations = {
+        "offset": constant,
+        "drift": np.stack([s**k for k in range(3)], axis=1),
+        "gain": np.column_stack([constant, load]),
+    }
+    best: tuple[int, str, Array] | None = None
+    for name, X in explanations.items():
+        columns = X[:, X.any(axis=0)]
+        basis = orthonormal(columns / np.linalg.norm(columns, axis=0))
+        if len(s) < MIN_READINGS_PER_COLUMN * basis.shape[1]:
+            continue
+        explained = np.stack([_robust_fit(basis, rest[:, c], sigma[:, c]) for c in range(6)], axis=1)
+        after = int(off(rest - explained).sum())
+        if after <= MAX_REMAINING_SHARE * before and (best is None or after < best[0]):
+            best = (after, name, explained)
+            if name == "offset":
+                break
+    if best is None:
+        return None
+    after, name, explained = best
+    count: dict[str, Any] = {"count": before - after, "total": before}
+    if name == "offset":
+        return doubt("sensor-file-offset", bias=listed_bias(explained[0]), **count)
+    if name == "drift":
+        span = f"{number(t[-1] - t[0], 3)} s" if log.time is not None else f"the {len(t)} readings"
+        return doubt("sensor-file-drift", bias=listed_bias(explained[-1] - explained[0]), span=span, **count)
+    share = largest_share(explained, load)
+    if share > MAX_GAIN:
+        return None
+    return doubt("sensor-file-gain", share=percent(share, 2), **count)
+
+
+def largest_share(explained: Array, load: Array) -> float:
+    """Change of the explained part (n, 6) over the change of the load (n, 6); the larger of moments and forces."""
+    return float((_changes(explained) / np.maximum(_changes(load), 1e-12)).max())
+
+
+def _changes(wrenches: Array) -> Array:
+    """Standard deviations (2,) of moments and forces of wrenches (n, 6)."""
+    deviations = (wrenches - wrenches.mean(axis=0)).reshape(-1, 2, 3)
+    return np.sqrt((deviations**2).mean(axis=(0, 2)))
+
+
+def orthonormal(E: Array, basis: Array | None = None) -> Array:
+    """Orthonormal basis of the columns E (N, k) orthogonal to a basis (N, p), without directions at rounding level."""
+    if basis is not None:
+        E = E - basis @ (basis.T @ E)
+        E = E - basis @ (basis.T @ E)
+    U, values, _ = np.linalg.svd(E, full_matrices=False)
+    return np.asarray(U[:, values > 1e-6])
+
+
+def _robust_fit(X: Array, y: Array, sigma: Array) -> Array:
+    """Robust fit of y (n,) by columns X (n, k), with Huber's loss, which is convex."""
+    from scipy.optimize import least_squares
+
+    def residuals(x: Array) -> Array:
+        return np.asarray((X @ x - y) / sigma)
+
+    return np.asarray(X @ least_squares(residuals, np.zeros(X.shape[1]), loss="huber", f_scale=_HUBER).x)

@@ -1,0 +1,174 @@
+"""Unknowns that would explain the residuals of a fit: turn, drift, tilt, delay and gain."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..core.doubts import Doubt, doubt
+from ..core.numbers import number, percent
+from ..core.typing import Array
+from .doubts.departure import largest_share, orthonormal
+from .doubts.reading_doubts import listed_bias
+from .fit import Fit, Problem, fit
+from .observability import blind_spots
+from .outliers import least_rows, reject_outliers
+from .unknowns import SensorState
+
+SIGNIFICANCE = 1e-4  # significance level: probability of proposing a spurious unknown
+ROW_TEST_FACTOR = 0.1  # factor of the row-wise test, whose level is 1e-3: there are few rows
+MIN_FREEDOM = 4.0  # minimum number of residual degrees of freedom
+MIN_SHARE_OF_BEST = (
+    0.8  # fraction of the largest reduction; among candidates above it, the one with fewest columns is chosen
+)
+MIN_GAIN = 0.05  # of the load's wrench; smaller gains and cross-talk resemble pose errors of a degree or two
+
+
+def fit_unless_drift(problem: Problem, first_fit: Fit, kept: Array) -> tuple[Fit, Array]:
+    """Restore rejected rows if bias drift explains them; returns the fit and its mask (n,) of kept rows."""
+    with_drift = problem.with_unknowns(drift=True)
+    if kept.all() or problem.unknowns.drift or len(kept) <= least_rows(with_drift):
+        return first_fit, kept
+    if blind_spots(with_drift.log, with_drift.unknowns, with_drift.factor):
+        return first_fit, kept
+    _, kept_with_drift = reject_outliers(with_drift)
+    if kept_with_drift.sum() <= kept.sum():
+        return first_fit, kept
+    second_fit = fit(replace(problem, state=first_fit.state), keep=kept_with_drift)
+    if offers_drift(problem, second_fit, kept_with_drift):
+        return second_fit, kept_with_drift
+    return first_fit, kept
+
+
+def offers_drift(problem: Problem, fit: Fit, kept: Array) -> bool:
+    """True if a drift of the bias would explain the residuals of the kept rows (n,)."""
+    return any(offer.kind == "sensor-drift" for offer in offers(problem, fit, kept))
+
+
+def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
+    """Unknowns that would explain the residuals of the kept rows (n,), selected one by one, best first.
+
+    Each adds columns E to the whitened design. With P (rank r) the part of E orthogonal to it and to those before,
+    F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r)), e' = e - P P'e, with ν the degrees of freedom of the residuals e.
+    Drift and gain have separate columns for each channel. Their p-value is six times the smallest of the channels, as
+    each channel has its own variance. Candidates with p < 1e-4 are significant. Among those that explain nearly as much
+    as the best, the one with fewest columns is selected.
+    """
+    scale = fit.deviation[kept]
+    e = (fit.residuals[kept] / scale).ravel()
+
+    def unit_columns(columns: Array) -> Array:
+        x = (columns[kept] / scale[..., None]).reshape(e.size, -1)
+        size = np.linalg.norm(x, axis=0)
+        return np.asarray(x[:, size > 0] / size[size > 0])
+
+    basis = orthonormal(unit_columns(fit.design))
+    columns = _candidates(problem, fit)
+    candidates = {kind: unit_columns(of_kind) for kind, of_kind in columns.items()}
+    doubts: list[Doubt] = []
+    e = e - basis @ (basis.T @ e)
+    total = float(e @ e)
+    while candidates and float(e @ e) > 1e-20 * max(total, 1e-300):
+        significant = {}
+        for kind, E in candidates.items():
+            if _p_value(kind, E, e, basis) < SIGNIFICANCE:
+                P = orthonormal(E, basis)
+                significant[kind] = (P, float(((P.T @ e) ** 2).sum()))
+        if not significant:
+            break
+        kind = _simplest_kind(significant)
+        P, reduction = significant[kind]
+        candidates.pop(kind)
+        explained = (P @ (P.T @ e)).reshape(-1, 6) * scale
+        if kind != "gain" or largest_share(explained, _load_wrenches(fit)[kept]) > MIN_GAIN:
+            doubts.append(_offer(kind, reduction / total, columns[kind], fit, kept, explained))
+        e = e - P @ (P.T @ e)
+        basis = np.concatenate([basis, P], axis=1)
+    return doubts
+
+
+def _simplest_kind(significant: dict[str, tuple[Array, float]]) -> str:
+    """Candidate of fewest columns among those that explain nearly as much as the best, by basis and reduction."""
+    largest_reduction = max(reduction for _, reduction in significant.values())
+    good = [kind for kind, (_, reduction) in significant.items() if reduction >= MIN_SHARE_OF_BEST * largest_reduction]
+    return min(good, key=lambda kind: significant[kind][0].shape[1])
+
+
+def _p_value(kind: str, E: Array, e: Array, basis: Array) -> float:
+    """p-value of the columns E (N, k): the probability that noise alone gives as good a fit."""
+    from scipy import special
+
+    channel = np.arange(e.size) % 6
+    by_channel = kind in ("drift", "gain")
+    groups = [np.ones(e.size, bool)]
+    if by_channel:
+        groups = [channel == c for c in range(6)]
+    smallest = 1.0
+    for rows in groups:
+        P = orthonormal(E[:, E[rows].any(axis=0)], basis)
+        r, freedom = P.shape[1], float(rows.sum() - (basis[rows] ** 2).sum()) - P.shape[1]
+        before = float((e[rows] ** 2).sum())
+        after = float(((e - P @ (P.T @ e))[rows] ** 2).sum())
+        if r and freedom >= MIN_FREEDOM:
+            F = (before - after) / r / max(after / freedom, 1e-12 * before, 1e-300)
+            p = len(groups) * float(special.fdtrc(r, freedom, F))
+            if not by_channel:
+                p = max(p, ROW_TEST_FACTOR * _p_value_of_rows(P, e, freedom / 6))
+            smallest = min(smallest, p)
+    return smallest
+
+
+def _p_value_of_rows(P: Array, e: Array, freedom: float) -> float:
+    """p-value by Hotelling's test, for rows whose six channels share the error of their pose.
+
+    b = P'e is the sum of the rows' P_g'e_g; its covariance is Σ s_g s_g' n / ν, s_g = P_g'e'_g, of the residuals.
+    """
+    from scipy import special
+
+    r, b = P.shape[1], P.T @ e
+    if freedom < r:
+        return 1.0
+    s = (P * (e - P @ b)[:, None]).reshape(-1, 6, r).sum(axis=1)
+    T2 = float(b @ np.linalg.lstsq(s.T @ s * len(s) / freedom, b, rcond=None)[0])
+    return float(special.fdtrc(r, freedom - r + 1, T2 * (freedom - r + 1) / (freedom * r)))
+
+
+def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
+    """Design columns (n, 6, k) of each possible unknown; for a gain, one for each pair of channel and load component."""
+    log = problem.log
+    state = SensorState(fit.mounting, fit.state.tilt, fit.state.delay, fit.load, fit.state.middle)
+    possible = {"turn": True, "drift": True, "tilt": log.rotations is not None}
+    possible["delay"] = log.V is not None and problem.timed
+    columns = {}
+    for kind, is_possible in possible.items():
+        if is_possible and not getattr(fit.unknowns, kind):
+            unknowns = problem.with_unknowns(**{kind: True}).unknowns
+            columns[kind] = unknowns.design(log, problem.factor, state)[..., unknowns.part(kind)]
+    columns["gain"] = np.einsum("nk,cd->ncdk", _load_wrenches(fit), np.eye(6)).reshape(len(log), 6, 36)
+    return columns
+
+
+def _load_wrenches(fit: Fit) -> Array:
+    """Wrench (n, 6) of the load in the readings."""
+    part = fit.unknowns.load
+    return np.asarray(fit.design[..., part] @ fit.estimate[part])
+
+
+def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, explained: Array) -> Doubt:
+    """Doubt with the size of an unknown, from the explained residuals (n, 6), which are ``share`` of the squares."""
+    found: dict[str, Any] = {"share": share}
+    if kind in ("drift", "gain"):
+        change = listed_bias(explained[-1] - explained[0])
+        size = percent(largest_share(explained, _load_wrenches(fit)[kept]), 2)
+        return doubt(f"sensor-{kind}", bias=change, size=size, share=percent(share), found=found)
+    scale, k = fit.deviation[kept], columns.shape[-1]
+    A = np.concatenate([columns[kept], fit.design[kept]], axis=-1) / scale[..., None]
+    x = np.linalg.lstsq(A.reshape(6 * len(scale), -1), (fit.residuals[kept] / scale).ravel(), rcond=None)[0][:k]
+    value, unit = math.degrees(float(np.linalg.norm(x))), "°"
+    if kind == "delay":
+        value, unit = 1e3 * float(x[0]), "ms"
+    found |= {"value": value, "unit": unit}
+    return doubt(f"sensor-{kind}", size=number(value, 2), share=percent(share), found=found)
