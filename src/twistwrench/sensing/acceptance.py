@@ -40,11 +40,11 @@ _MAY_POINT_UP = (
     "then negate these three and keep the sign."
 )
 MAX_NOISE_RATIO = 1.5  # residual over given noise above which the noise is doubtful
-MIN_MISFIT = 0.05  # fraction of the change of forces above which residuals may be more than noise
 MIN_ORIENTATIONS, MIN_CHANNEL_FREEDOM = (
     10,
     6,
-)  # minimum orientations, and degrees of freedom per channel, for reliable intervals
+)  # orientations, and degrees of freedom per channel, for reliable intervals
+MIN_MISFIT = 0.05  # fraction of the change of forces above which residuals may be more than noise
 
 
 @dataclass(frozen=True, eq=False)

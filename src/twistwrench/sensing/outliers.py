@@ -16,9 +16,7 @@ from .observability import blind_spots
 from .static_poses import StaticPoses
 
 FALSE_ALARM_RATE = 3e-5  # probability that a clean log loses a reading; 1e-2 with pose errors of half a degree
-FALSE_ALARM_RATE_OF_DWELL = (
-    1e-9  # probability that a clean log loses a dwell, small so that whole orientations are rarely rejected
-)
+FALSE_ALARM_RATE_OF_DWELL = 1e-9  # probability that a clean log loses a dwell; a whole orientation is rarely rejected
 MIN_READINGS_OF_DWELL = 5  # minimum readings of a dwell
 SUSPECT_QUANTILE = 0.98  # quantile of clean readings above which a reading is suspect
 MAX_DEVIATION_RATIO = 2.0  # largest ratio by which rejection may widen any unknown's deviation
