@@ -10,7 +10,8 @@ from twistwrench import TrajectoryError
 from twistwrench.cli.main import main
 from twistwrench.motion.plausibility import TimeAbove
 from twistwrench.reports import log_quality
-from twistwrench.reports.log_quality import LogQuality, TorqueComparison
+from twistwrench.reports.log_quality import LogQuality
+from twistwrench.reports.measured_torque import TorqueComparison
 
 
 def test_blocks_say_what_the_whole_says(tmp_path, monkeypatch):

@@ -75,7 +75,7 @@ def test_the_points_of_a_long_motion_are_few_and_evenly_spread(robot):
     for rows in map(slice, edges[:-1], edges[1:]):
         speed = np.repeat(time[rows, None], 6, axis=1)
         parts.append(MotorFigures.from_rows(robot.model, rows, time, MotorLoads(*[speed] * 6)))
-    speed = MotorFigures.joined(parts).uses(robot.model)[0].speed
+    speed = MotorFigures.from_parts(parts).uses(robot.model)[0].speed
     assert 1000 < len(speed) <= 4096
     assert len(set(np.diff(speed).tolist())) == 1
     assert speed[0] == 0

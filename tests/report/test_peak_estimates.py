@@ -229,7 +229,7 @@ def test_late_stamps_do_not_keep_a_short_log_from_being_smoothed(late):
 def test_contenders_are_the_largest_of_each_run_of_rows_but_flanks(portion):
     """A run whose largest value is next to a larger one is the flank of its neighbour, and no contender."""
     values = np.random.default_rng(3).normal(size=(995, 2))
-    found = Runs.joined([Runs.from_rows(k, values[k : k + portion], 10) for k in range(0, 995, portion)])
+    found = Runs.from_parts([Runs.from_rows(k, values[k : k + portion], 10) for k in range(0, 995, portion)])
     runs = np.maximum.reduceat(values, np.arange(0, 995, 10))
     around = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
     after = around[[min(k + 11, 996) for k in range(0, 995, 10)]]

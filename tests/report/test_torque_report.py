@@ -239,7 +239,7 @@ def test_the_envelope_holds_every_value_in_few_bins(portion):
     for k in range(0, 5000, portion):
         rows = values[k : k + portion]
         parts.append(Bins.from_rows(k, np.arange(k, k + len(rows)) * 1.0, rows, rows, 5000, bins=50))
-    _, time, least, greatest = Bins.joined(parts)
+    _, time, least, greatest = Bins.from_parts(parts)
     assert 50 < len(time) <= 100
     size = int(time[1] - time[0])
     starts = np.arange(0, 5000, size)

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 DRAWS = 12
 """Number of equally likely motions."""
-_ROWS, _SEED = 8192, 0
+_ROWS = 8192
+"""Rows of a slice."""
 
 
 class LoadStates(NamedTuple):
@@ -43,11 +44,12 @@ class LoadStates(NamedTuple):
         plan, robot, motion = report.differentiation, report.load.robot, states_of(report)
         if not report.noisy:
             return cls(motion)
-        rng, draws = np.random.default_rng(_SEED), [list[MotionSamples]() for _ in range(DRAWS)]
+        rng = np.random.default_rng(0)
+        parts_of_draws: list[list[MotionSamples]] = [[] for _ in range(DRAWS)]
         for _, rows, inner in plan.surrounded_states(_ROWS):
-            for kept, states in zip(draws, _drawn(plan, rows, rng), strict=True):
-                kept.append(states[inner])
-        return cls(motion, tuple(_joined(parts, robot) for parts in draws))
+            for parts, states in zip(parts_of_draws, _draw_states(plan, rows, rng), strict=True):
+                parts.append(states[inner])
+        return cls(motion, tuple(_join_states(parts, robot) for parts in parts_of_draws))
 
     @classmethod
     def from_motion(cls, robot: Robot, motion: Motion, *, friction: bool = True) -> LoadStates:
@@ -61,17 +63,17 @@ class LoadStates(NamedTuple):
 
 def states_of(report: TorqueReport) -> Motion:
     """States of the analysis of a log; velocities of joints at rest within the noise are 0."""
-    return _joined(report.differentiation.states(_ROWS), report.load.robot)
+    return _join_states(report.differentiation.states(_ROWS), report.load.robot)
 
 
-def _joined(parts: Iterable[MotionSamples], robot: Robot) -> Motion:
+def _join_states(parts: Iterable[MotionSamples], robot: Robot) -> Motion:
     """Motion of consecutive states; joints at rest within the noise have no velocity."""
-    kept = [(s.time, s.q, np.where(s.stationary, 0.0, s.dq), s.ddq) for s in parts]
-    time, q, dq, ddq = (np.concatenate(x) for x in zip(*kept, strict=True))
+    rows = [(s.time, s.q, np.where(s.stationary, 0.0, s.dq), s.ddq) for s in parts]
+    time, q, dq, ddq = map(np.concatenate, zip(*rows, strict=True))
     return Motion(time, q, dq, ddq, robot=robot, in_seconds=True)
 
 
-def _drawn(plan: Differentiation, rows: LogRows, rng: np.random.Generator) -> list[MotionSamples]:
+def _draw_states(plan: Differentiation, rows: LogRows, rng: np.random.Generator) -> list[MotionSamples]:
     """States of random logs of the smoothed motion, each smoothed as the log is."""
     curve = plan.smooth(rows.time, plan.curves(rows))
     logs: Array = plan.errors.drawn(rng, curve, spline_rates(rows.time, curve)[0], DRAWS)

@@ -6,14 +6,14 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..core.answers.answer import Answer
+from ..core.answers.blocks import Block, Line, Table, numbers, remarks, words
+from ..core.colours import Style
+from ..core.numbers import number, percent
 from ..core.verdict import Verdict, Word
-from .log_quality import LogQuality
-
-if TYPE_CHECKING:
-    from ..core.answers.blocks import Block
+from .log_quality import LogColumn, LogQuality
 
 __all__ = ["LogReport", "check_log"]
 
@@ -56,8 +56,6 @@ class LogReport(Answer):
         -------
         blocks : iterator of Block
         """
-        from .log_view import log_view
-
         return log_view(self.quality)
 
     def sources(self) -> Mapping[str, str | Path]:
@@ -106,10 +104,65 @@ def check_log(file: str | Path, *, topic: str | None = None, episode: int | None
     return LogReport(LogQuality.from_file(file, topic=topic, episode=episode))
 
 
+_MAX_ROWS = 10
+"""Maximum number of rows in the short form."""
+_MAX_ZEROS, _MIN_STEPS = 0.1, 50
+"""Share of exact zeros above which, and number of grid steps over the range below which, a column gets a remark."""
+
+
+def log_view(quality: LogQuality) -> Iterator[Block]:
+    """Line on the clock, and table of the columns."""
+    columns = quality.columns
+    yield Line((quality.path.name, Style.STRONG), f"  {_clock(quality)}")
+    yield Table(
+        "",
+        words("column", [column.name for column in columns]),
+        numbers("least", [column.least for column in columns]),
+        numbers("most", [column.most for column in columns]),
+        numbers("grid", [column.grid or None for column in columns]),
+        numbers("noise", [column.noise or None for column in columns]),
+        words("", map(_doubts, columns), style=Style.NEAR),
+        most=_MAX_ROWS,
+    )
+    yield from remarks(quality.notes)
+
+
+def _clock(quality: LogQuality) -> str:
+    if not quality.time:
+        return f"{quality.rows} rows, no column of time"
+    parts = [f"{quality.rows} rows in {number(quality.seconds)} s, {number(quality.rate)} Hz by the usual step"]
+    if math.isfinite(quality.jitter) and quality.jitter * quality.rate > 1e-3:
+        parts.append(f"steps vary by {percent(quality.jitter * quality.rate, 2)}")
+    longest = f", the longest {number(quality.longest)} s"
+    for count, one, several in (
+        (quality.gaps, f"gap{longest}", f"gaps{longest}"),
+        (quality.repeated, "stamp repeated", "stamps repeated"),
+        (quality.backward, "stamp runs back", "stamps run back"),
+    ):
+        if count:
+            parts.append(f"{count} {one if count == 1 else several}")
+    return "; ".join(parts)
+
+
+def _doubts(column: LogColumn) -> str:
+    if column.dead:
+        return "one number throughout"
+    doubts = []
+    if column.cut:
+        doubts.append(f"cut off: {percent(column.cut, 2)} of the rows at an extreme")
+    if column.zeros > _MAX_ZEROS:
+        doubts.append(f"exactly 0 in {percent(column.zeros, 2)} of the rows")
+    if column.grid and column.most - column.least < _MIN_STEPS * column.grid:
+        doubts.append(f"no more than {round((column.most - column.least) / column.grid)} steps of its grid in all")
+    return "; ".join(doubts)
+
+
 def _plain(value: Any) -> Any:
     """Replace non-finite numbers by None for JSON."""
     if isinstance(value, dict):
         return {name: _plain(x) for name, x in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(x) for x in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..mechanics.model.actuators import Motor
     from ..mechanics.model.model import Model
 
-_MOST_POINTS = 4096
+_MAX_POINTS = 4096
 SURE_LOAD = 3.0
 """Standard deviations of a load within which noise decides; estimated from few draws, one of a thousand is farther off."""
 
@@ -59,10 +59,13 @@ class Demand:
     @property
     def words(self) -> str:
         """Text of the demand with its limit."""
-        when = "" if math.isnan(self.time) else f" at t = {seconds(self.time)} s"
-        sigma = f" ± {deviation(self.sigma)}" if self.sigma else ""
-        value = f"{number(self.value)}{sigma} {self.unit}" if sigma else quantity(self.value, self.unit)
-        return f"{self.what} {value} of {number(self.limit)} ({percent_of_limit(self.share)}){when}"
+        value = quantity(self.value, self.unit)
+        if self.sigma:
+            value = f"{number(self.value)} ± {deviation(self.sigma)} {self.unit}"
+        text = f"{self.what} {value} of {number(self.limit)} ({percent_of_limit(self.share)})"
+        if not math.isnan(self.time):
+            text += f" at t = {seconds(self.time)} s"
+        return text
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,45 +116,65 @@ class MotorFigures(NamedTuple):
     @classmethod
     def from_rows(cls, model: Model, rows: slice, time: Array, loads: MotorLoads) -> MotorFigures:
         """Figures of consecutive rows of a motion with rows at ``time`` (n,)."""
-        columns = [k for k, a in enumerate(model.actuators.values()) if a.motor is not None]
-        names, here, count = ("current", "voltage", "speed", "power"), time[rows], len(time)
-        picked = {name: getattr(loads, name)[:, columns] for name in ("torque", *names)}
-        stride = stride_of(count, _MOST_POINTS)
-        each = slice(-rows.start % stride, None, stride)
-        times = np.broadcast_to(here[:, None], picked["speed"].shape)
-        return cls(
-            {name: Extrema.from_rows(here, np.abs(picked[name]), picked[name]) for name in names},
-            mean_weights(time, rows) @ picked["current"] ** 2,
-            np.stack([x[each] for x in (times, picked["speed"], picked["torque"])], axis=-1),
-        )
+        motors = [k for k, actuator in enumerate(model.actuators.values()) if actuator.motor is not None]
+        own_time = time[rows]
+        peaks = {}
+        for name in ("current", "voltage", "speed", "power"):
+            load = getattr(loads, name)[:, motors]
+            peaks[name] = Extrema.from_rows(own_time, np.abs(load), load)
+        squares = mean_weights(time, rows) @ loads.current[:, motors] ** 2
+        stride = stride_of(len(time), _MAX_POINTS)
+        points = slice(-rows.start % stride, None, stride)
+        speed, torque = loads.speed[points, motors], loads.torque[points, motors]
+        times = np.broadcast_to(own_time[points, None], speed.shape)
+        return cls(peaks, squares, np.stack([times, speed, torque], axis=-1))
 
     @classmethod
-    def joined(cls, parts: Sequence[MotorFigures]) -> MotorFigures:
+    def from_parts(cls, parts: Sequence[MotorFigures]) -> MotorFigures:
         """Figures of consecutive rows from those of their parts."""
-        peaks, squares, points = zip(*parts, strict=True)
-        joined = {name: Extrema.joined([part[name] for part in peaks]) for name in peaks[0]}
-        return cls(joined, np.sum(squares, axis=0), np.concatenate(points))
+        peaks = dict(parts[0].peaks)
+        for name in peaks:
+            peaks[name] = Extrema.joined([part.peaks[name] for part in parts])
+        squares = np.sum([part.squares for part in parts], axis=0)
+        return cls(peaks, squares, np.concatenate([part.points for part in parts]))
 
     def uses(self, model: Model) -> tuple[MotorUse, ...]:
         """Use of each motor in the order of the file."""
-        uses, rms = [], np.sqrt(self.squares)
-        from ..formats.yaml import si_unit
-
-        rated = {row.load: name for name, row in RATINGS.items() if row.load}
+        uses, rms_current = [], np.sqrt(self.squares)
         described = [actuator for actuator in model.actuators.values() if actuator.motor is not None]
         for k, actuator in enumerate(described):
             motor = actuator.motor
             assert motor is not None
-            peak = {name: (float(e.value[k]), float(e.time[k])) for name, e in self.peaks.items()}
-            loads = {"peak current": peak["current"], "rms current": (float(rms[k]), math.nan), **peak}
-            demands = tuple(
-                Demand(load, value, getattr(motor, rated[load]), si_unit(RATINGS[rated[load]].kind), time)
-                for load, (value, time) in loads.items()
-                if load in rated
-            )
-            heat = motor.resistance * float(rms[k]) ** 2
-            uses.append(MotorUse(actuator.joint, motor, demands, peak["power"][0], heat, *self.points[:, k].T))
+            rms = float(rms_current[k])
+            loads = {
+                "peak current": self._peak("current", k),
+                "rms current": (rms, math.nan),
+                "current": self._peak("current", k),
+                "voltage": self._peak("voltage", k),
+                "speed": self._peak("speed", k),
+                "power": self._peak("power", k),
+            }
+            heat = motor.resistance * rms**2
+            power, _ = loads["power"]
+            uses.append(MotorUse(actuator.joint, motor, _demands(motor, loads), power, heat, *self.points[:, k].T))
         return tuple(uses)
+
+    def _peak(self, name: str, k: int) -> tuple[float, float]:
+        """Peak of a load of one motor, and its time."""
+        return float(self.peaks[name].value[k]), float(self.peaks[name].time[k])
+
+
+def _demands(motor: Motor, loads: Mapping[str, tuple[float, float]]) -> tuple[Demand, ...]:
+    """Loads, given with their times, for which a motor has a rating."""
+    from ..formats.yaml import si_unit
+
+    rating_of_load = {rating.load: name for name, rating in RATINGS.items() if rating.load}
+    demands = []
+    for load, (value, time) in loads.items():
+        if load in rating_of_load:
+            name = rating_of_load[load]
+            demands.append(Demand(load, value, getattr(motor, name), si_unit(RATINGS[name].kind), time))
+    return tuple(demands)
 
 
 # ── Progress of work in several steps, as a share from 0 to 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from ..robot.task_space_methods import require_robot
 if TYPE_CHECKING:
     from ..robot import Robot
 
-_SHOWN = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
+_NOTEBOOK_COLUMNS = ("joint", "type", "parent_link", "child_link", "unit", "lower", "upper", "velocity", "effort")
 """Columns of the table in notebooks."""
 
 
@@ -31,7 +32,7 @@ def summary(robot: Robot) -> dict[str, Any]:
         "name": model.name,
         "nq": model.nq,
         "nv": model.nv,
-        "gravity": [float(g) for g in model.gravity],
+        "gravity": np.asarray(model.gravity, float).tolist(),
         "tip": model.tip,
         "moving_mass": model.moving_mass,
         "fixed_mass": float(model.base_inertia.mass),
@@ -39,7 +40,7 @@ def summary(robot: Robot) -> dict[str, Any]:
         "links": _links(model),
         "frames": list(model.frames),
         "sites": list(model.sites),
-        "configurations": {name: [float(x) for x in q] for name, q in model.configurations.items()},
+        "configurations": {name: np.asarray(q, float).tolist() for name, q in model.configurations.items()},
         "defects": list(model.defects),
     }
 
@@ -48,11 +49,12 @@ def html_summary(robot: Robot) -> str | None:
     """Table of the joints for notebooks; None for a robot with constraints, which prints as text."""
     if robot.constraints:
         return None
-    defects = f", {len(robot.defects)} defects" if robot.defects else ""
     mass = number(robot.model.moving_mass)
-    title = f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {mass} kg moving, tip {robot.tip}{defects}"
-    names = [name.replace("_", " ") for name in _SHOWN]
-    return html_table(title, names, ([row[name] for name in _SHOWN] for row in joint_rows(robot.model)))
+    title = f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {mass} kg moving, tip {robot.tip}"
+    if robot.defects:
+        title += f", {len(robot.defects)} defects"
+    heads = [name.replace("_", " ") for name in _NOTEBOOK_COLUMNS]
+    return html_table(title, heads, map(itemgetter(*_NOTEBOOK_COLUMNS), joint_rows(robot.model)))
 
 
 def joint_rows(model: Model) -> list[dict[str, Any]]:
@@ -62,35 +64,37 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
     armature of coupled joints belong to their motors and are left out.
     """
     rows: list[dict[str, Any]] = []
-    c, limits, friction = Coordinates.from_model(model), model.limits, model.friction
-    coupled = coupled_entries(model)
+    c, coupled = Coordinates.from_model(model), coupled_entries(model)
     for i, b in enumerate(model.bodies):
         if not b.joint.moves_body:
             continue
         for k in range(b.v_index, b.v_index + b.joint.nv):
-            known: dict[str, float] = {}
-            if not b.follows:
-                known = {kind: getattr(limits, kind)[k] for kind in KINDS}
-                known |= {
-                    "damping": friction.viscous[k], "friction": friction.coulomb[k], "armature": model.armature[k],
-                }  # fmt: skip
-            if coupled[k] and not b.follows:
-                known |= dict.fromkeys(("effort", "damping", "friction", "armature"), math.nan)
-            angular = bool(b.joint.axes[0, :3].any()) if b.follows else bool(c.angular_velocity[k])
-            row = {
-                "joint": b.joint.name,
-                "velocity_name": b.joint.name if b.follows else c.velocity_names[k],
-                "type": b.joint.kind,
-                "parent_link": link_of(model, b.parent) if b.parent != BASE else _root(model),
-                "child_link": link_of(model, i),
-                "unit": unit_of("q", angular),
-                **{name: float(x) if math.isfinite(x) else None for name, x in known.items()},
-                "leader": c.velocity_names[k] if b.follows else None,
-                "ratio": float(b.ratio) if b.follows else None,
-                "offset": float(b.offset) if b.follows else None,
-            }
-            rows.append({name: row.get(name) for name in COLUMNS})
+            row = dict.fromkeys(COLUMNS)
+            row["type"] = b.joint.kind
+            row["joint"] = b.joint.name
+            row["parent_link"] = _root(model) if b.parent == BASE else link_of(model, b.parent)
+            row["child_link"] = link_of(model, i)
+            if b.follows:
+                row["velocity_name"] = b.joint.name
+                row["unit"] = unit_of("q", bool(b.joint.axes[0, :3].any()))
+                row["leader"], row["ratio"], row["offset"] = c.velocity_names[k], float(b.ratio), float(b.offset)
+            else:
+                row["velocity_name"] = c.velocity_names[k]
+                row["unit"] = unit_of("q", bool(c.angular_velocity[k]))
+                row.update(_joint_figures(model, k, coupled=bool(coupled[k])))
+            rows.append(row)
     return rows
+
+
+def _joint_figures(model: Model, k: int, *, coupled: bool) -> dict[str, float | None]:
+    """Limits, friction and armature of one velocity; None if unknown, or if they are those of coupled motors."""
+    figures = {kind: getattr(model.limits, kind)[k] for kind in KINDS if kind in COLUMNS}
+    figures["damping"] = model.friction.viscous[k]
+    figures["friction"] = model.friction.coulomb[k]
+    figures["armature"] = model.armature[k]
+    if coupled:
+        figures |= dict.fromkeys(("effort", "damping", "friction", "armature"), math.nan)
+    return {name: float(x) if math.isfinite(x) else None for name, x in figures.items()}
 
 
 def limits_csv(robot: Robot) -> str:
@@ -109,17 +113,25 @@ def _root(model: Model) -> str:
 
 
 def _links(model: Model) -> list[dict[str, Any]]:
-    return [
-        {
+    """Links with inertia, each in its own frame."""
+    links = []
+    for link, inertia in model.link_inertias.items():
+        if not inertia.parameters.any():
+            continue
+        row = {
             "link": link,
-            "moves_with": link_of(model, model.frames[link].body if link in model.frames else BASE),
+            "moves_with": link_of(model, body_of_link(model, link)),
             "mass": float(inertia.mass),
-            "com": [float(x) for x in inertia.com],
+            "com": np.asarray(inertia.com, float).tolist(),
             "moment_about_com": np.asarray(inertia.moment_about_com, float).tolist(),
         }
-        for link, inertia in model.link_inertias.items()
-        if inertia.parameters.any()
-    ]
+        links.append(row)
+    return links
+
+
+def body_of_link(model: Model, link: str) -> int:
+    """Body that moves a link; the base for links that are not frames."""
+    return model.frames[link].body if link in model.frames else BASE
 
 
 def link_of(model: Model, body: int) -> str:
@@ -127,6 +139,7 @@ def link_of(model: Model, body: int) -> str:
     if body == BASE:
         return "base"
     names = [name for name, f in model.frames.items() if f.body == body]
-    return next(
-        (n for n in names if np.array_equal(model.frames[n].pose, np.eye(4))), names[0] if names else f"body {body}"
-    )
+    for name in names:
+        if np.array_equal(model.frames[name].pose, np.eye(4)):
+            return name
+    return names[0] if names else f"body {body}"

@@ -198,7 +198,7 @@ class Bins(NamedTuple):
         return cls((first + starts) // size, time[starts], least, greatest)
 
     @classmethod
-    def joined(cls, parts: Sequence[Bins]) -> Bins:
+    def from_parts(cls, parts: Sequence[Bins]) -> Bins:
         """Bins of consecutive rows from those of their parts, which may begin and end within a bin."""
         number, time, least, greatest = (np.concatenate(x) for x in zip(*parts, strict=True))
         starts = np.flatnonzero(np.diff(number, prepend=-1))
@@ -232,7 +232,7 @@ class Runs(NamedTuple):
         return cls((first + starts) // rows, np.maximum.reduceat(values, starts), values[starts], values[ends])
 
     @classmethod
-    def joined(cls, parts: Sequence[Runs]) -> Runs:
+    def from_parts(cls, parts: Sequence[Runs]) -> Runs:
         """Runs of consecutive rows from those of their parts, which may begin and end within a run."""
         number, largest, first, last = (np.concatenate(x) for x in zip(*parts, strict=True))
         starts = np.flatnonzero(np.diff(number, prepend=-1))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -42,8 +44,8 @@ from ..motion.plausibility import (
     doubtful_spans,
     impossible_torque,
 )
-from .log_quality import MeasuredTorque, TorqueComparison
-from .motors import MotorFigures, Steps
+from .measured_torque import MeasuredTorque, TorqueComparison
+from .motors import MotorFigures, MotorUse, Steps
 from .statistics import INTERVAL, Bins, Gaps, PeakBootstrap, PeakEstimate, Runs, gap_edges, mean_weights
 from .support.view import further_columns
 from .torque_report import (
@@ -64,9 +66,8 @@ if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits
     from ..mechanics.model.model import Model
 
-# ── One pass over the samples and their torques, in slices
-
-_AROUND, _KEPT = 2048, 1 << 23
+T = TypeVar("T")
+_ROWS_AROUND, _MAX_NUMBERS_AROUND = 2048, 1 << 23
 """Rows on either side of the worst joint's peak, and maximum count of numbers in them: 64 MiB."""
 _MASS_SAMPLES = 32
 """States of each chunk used for the noise of torques and for the largest payload torque."""
@@ -91,25 +92,31 @@ class Extremes:
         cls, load: LoadCase, limits: Limits, s: MotionSamples, torques: tuple[Array, Array, Array]
     ) -> Extremes:
         """Extremes of states, and of torques: their times (n,), those of the drives (n, nv) and of limited mimic joints."""
-        at = Coordinates.from_model(load.robot.model).position_of
-        q = np.where(at >= 0, s.measured[:, np.maximum(at, 0)], 0.0)
+        position_of = Coordinates.from_model(load.robot.model).position_of
+        has_position = position_of >= 0
+        q = np.where(has_position, s.measured[:, np.maximum(position_of, 0)], 0.0)
         beyond = {
-            "lower": (np.where(at >= 0, limits.lower, -np.inf) - q, q),
-            "upper": (q - np.where(at >= 0, limits.upper, np.inf), q),
+            "lower": (np.where(has_position, limits.lower, -np.inf) - q, q),
+            "upper": (q - np.where(has_position, limits.upper, np.inf), q),
             "velocity": (np.abs(s.dq) - limits.velocity, s.dq),
         }
         if bears(limits):
-            beyond |= {kind: (x - getattr(limits, kind), x) for kind, x in load.bearing_loads(s).items()}
+            for kind, bearing_load in load.bearing_loads(s).items():
+                beyond[kind] = bearing_load - getattr(limits, kind), bearing_load
         passed = {kind: Extrema.from_rows(s.time, *values) for kind, values in beyond.items()}
-        time, *each = torques
-        return cls(load, limits, passed, *(Extrema.from_rows(time, np.abs(tau), tau) for tau in each))
+        time, tau, borne = torques
+        peak = Extrema.from_rows(time, np.abs(tau), tau)
+        return cls(load, limits, passed, peak, Extrema.from_rows(time, np.abs(borne), borne))
 
     @classmethod
-    def joined(cls, parts: Sequence[Extremes]) -> Extremes:
+    def from_parts(cls, parts: Sequence[Extremes]) -> Extremes:
         """Extremes of consecutive rows from those of their parts."""
-        passed = {kind: Extrema.joined([part.passed[kind] for part in parts]) for kind in parts[0].passed}
-        peak, borne = (Extrema.joined([getattr(part, name) for part in parts]) for name in ("peak", "borne"))
-        return cls(parts[0].load, parts[0].limits, passed, peak, borne)
+        first = parts[0]
+        passed = dict(first.passed)
+        for kind in passed:
+            passed[kind] = Extrema.joined([part.passed[kind] for part in parts])
+        peak = Extrema.joined([part.peak for part in parts])
+        return cls(first.load, first.limits, passed, peak, Extrema.joined([part.borne for part in parts]))
 
     @property
     def _model(self) -> Model:
@@ -121,59 +128,78 @@ class Extremes:
 
     def nearest(self) -> tuple[NearLimit, ...]:
         """Velocity and position nearest to a limit; those without one are left out."""
-        names, limits = self._coordinates.velocity_names, self.limits
-        if not len(names) or not np.isfinite(self.passed["velocity"].time).any():
+        names, limits, velocity = self._coordinates.velocity_names, self.limits, self.passed["velocity"]
+        if not len(names) or not np.isfinite(velocity.time).any():
             return ()
-        velocity, found = self.passed["velocity"], list[NearLimit]()
-        known = np.isfinite(limits.velocity)
-        shares = np.where(known, np.abs(velocity.signed) / np.where(known, limits.velocity, 1.0), 0.0)
-        k = int(shares.argmax())
-        if known.any():
-            found.append(NearLimit(names[k], "velocity", float(shares[k]), float(velocity.time[k])))
-        range_ = np.where(np.isfinite(limits.lower) & np.isfinite(limits.upper), limits.upper - limits.lower, 0.0)
-        for kind in ("lower", "upper"):
-            passed, known = self.passed[kind], range_ > 0.0
-            left = np.where(known, -passed.value, 0.0)
-            shares = np.where(known, 1.0 - 2.0 * left / np.where(known, range_, 1.0), 0.0)
-            k = int(shares.argmax())
-            if known.any():
-                found.append(NearLimit(names[k], "position", float(shares[k]), float(passed.time[k])))
-        return tuple(sorted(found, key=lambda near: -near.share))
+        limited = np.isfinite(limits.velocity)
+        shares = np.abs(velocity.signed) / np.where(limited, limits.velocity, 1.0)
+        near = _nearest_limit(names, "velocity", np.where(limited, shares, 0.0), velocity.time) if limited.any() else []
+        bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper) & (limits.upper > limits.lower)
+        if bounded.any():
+            ranges = np.where(bounded, limits.upper - limits.lower, 1.0)
+            for passed in (self.passed["lower"], self.passed["upper"]):
+                shares = np.where(bounded, 1.0 + 2.0 * passed.value / ranges, 0.0)
+                near += _nearest_limit(names, "position", shares, passed.time)
+        return tuple(sorted(near, key=lambda limit: -limit.share))
 
     def bearings(self) -> tuple[BearingUse, ...]:
         """Largest loads of the bearings that have limits, by joint."""
-        names, limits = self._coordinates.velocity_names, self.limits
-        return tuple(
-            BearingUse(names[k], kind, float(loads.signed[k]), float(getattr(limits, kind)[k]), float(loads.time[k]))
-            for k in range(len(names))
-            for kind, loads in self.passed.items()
-            if kind in BEARINGS and np.isfinite(getattr(limits, kind)[k])
-        )
+        uses = []
+        for k, name in enumerate(self._coordinates.velocity_names):
+            for kind, loads in self.passed.items():
+                if kind in BEARINGS and np.isfinite(getattr(self.limits, kind)[k]):
+                    limit = float(getattr(self.limits, kind)[k])
+                    uses.append(BearingUse(name, kind, float(loads.signed[k]), limit, float(loads.time[k])))
+        return tuple(uses)
 
     def excesses(self) -> tuple[Excess, ...]:
         """Exceeded limits, worst effort first."""
-        c, limits, model = self._coordinates, self.limits, self._model
-        found, turns = [], drive_turns(model)
-        for kind, extreme in (("effort", self.peak), *self.passed.items()):
-            bound = getattr(limits, kind)
-            over = extreme.value - bound if kind == "effort" else extreme.value
-            allowed = limits.tolerance if kind in ("lower", "upper") else margin(bound)
-            for k in np.flatnonzero(over > allowed):
-                drive = kind == "effort"
-                angular = turns[k] if drive else bool(c.angular_velocity[k])
-                unit = unit_of({"effort": "tau", "velocity": "dq"}.get(kind, "q"), angular)
-                unit = BEARING_UNITS.get(kind, unit)
-                value, limit, time = float(extreme.signed[k]), float(bound[k]), float(extreme.time[k])
-                name = (model.drive_labels if drive else c.velocity_names)[k]
-                found.append(Excess(name, kind, value, limit, time, unit, angular))
-        for i, body in enumerate(model.bodies[i] for i in model.limited_followers):
-            value, time, angular = float(self.borne.signed[i]), float(self.borne.time[i]), bool(body.joint.turning[0])
+        excesses = [*self._torque_excesses(), *self._motion_excesses(), *self._follower_excesses()]
+        return tuple(sorted(excesses, key=_severity_order))
+
+    def _torque_excesses(self) -> Iterator[Excess]:
+        """Exceeded torque limits of the drives."""
+        model, limits = self._model, self.limits.effort
+        turns = drive_turns(model)
+        for k in np.flatnonzero(self.peak.value - limits > margin(limits)):
+            value, time = float(self.peak.signed[k]), float(self.peak.time[k])
+            unit = unit_of("tau", turns[k])
+            yield Excess(model.drive_labels[k], "effort", value, float(limits[k]), time, unit, turns[k])
+
+    def _motion_excesses(self) -> Iterator[Excess]:
+        """Exceeded limits of positions, velocities and bearings."""
+        c = self._coordinates
+        for kind, extreme in self.passed.items():
+            limits = getattr(self.limits, kind)
+            coordinate = "dq" if kind == "velocity" else "q"
+            allowed = self.limits.tolerance if kind in ("lower", "upper") else margin(limits)
+            for k in np.flatnonzero(extreme.value > allowed):
+                angular = bool(c.angular_velocity[k])
+                unit = BEARING_UNITS.get(kind) or unit_of(coordinate, angular)
+                value, limit, time = float(extreme.signed[k]), float(limits[k]), float(extreme.time[k])
+                yield Excess(c.velocity_names[k], kind, value, limit, time, unit, angular)
+
+    def _follower_excesses(self) -> Iterator[Excess]:
+        """Exceeded torque limits of mimic joints."""
+        model = self._model
+        for i, k in enumerate(model.limited_followers):
+            body, value = model.bodies[k], float(self.borne.signed[i])
             if abs(value) > body.effort + margin(body.effort):
-                unit = unit_of("tau", angular)
-                found.append(Excess(body.joint.name, "effort", value, body.effort, time, unit, angular))
-        return tuple(
-            sorted(found, key=lambda e: (e.kind != "effort", e.kind, -abs(e.value / e.limit) if e.limit else 0.0))
-        )
+                angular = bool(body.joint.turning[0])
+                unit, time = unit_of("tau", angular), float(self.borne.time[i])
+                yield Excess(body.joint.name, "effort", value, body.effort, time, unit, angular)
+
+
+def _nearest_limit(names: Sequence[str], kind: str, shares: Array, times: Array) -> list[NearLimit]:
+    """The coordinate with the largest share of its limit."""
+    k = int(shares.argmax())
+    return [NearLimit(names[k], kind, float(shares[k]), float(times[k]))]
+
+
+def _severity_order(excess: Excess) -> tuple[bool, str, float]:
+    """Key of an order that begins with the worst torque."""
+    share = abs(excess.value / excess.limit) if excess.limit else 0.0
+    return excess.kind != "effort", excess.kind, -share
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,51 +245,63 @@ class MotionFigures:
     """(rows, nv) True if a measured torque is above its limit."""
 
     @classmethod
-    def joined(cls, parts: Sequence[MotionFigures]) -> MotionFigures:
+    def from_parts(cls, parts: Sequence[MotionFigures]) -> MotionFigures:
         """Figures of consecutive rows from those of their parts."""
 
         def each(name: str) -> list[Any]:
             return [getattr(part, name) for part in parts]
 
-        best = np.argmax([part.whole.peak.value for part in parts], axis=0)
-        names = [f.name for f in fields(MotionSamples)]
-        states = MotionSamples(*(np.concatenate([getattr(s, name) for s in each("at_peaks")]) for name in names))
-        estimated, margin = parts[0].runs is not None, parts[0].margin is not None
-        q, dq = (np.concatenate(x) for x in zip(*each("edges"), strict=True))
+        drives = np.arange(parts[0].whole.peak.value.size)
+        part_with_peak = np.argmax([part.whole.peak.value for part in parts], axis=0)
+        states_at_peaks = _join_samples(each("at_peaks"))
+        q, dq = map(np.concatenate, zip(*each("edges"), strict=True))
         return cls(
             rows=sum(each("rows")),
             squares=np.sum(each("squares"), axis=0),
-            whole=Extremes.joined(each("whole")),
-            sound=Extremes.joined(each("sound")),
+            whole=Extremes.from_parts(each("whole")),
+            sound=Extremes.from_parts(each("sound")),
             alone=Extrema.joined(each("alone")),
             speed=Extrema.joined(each("speed")),
-            at_peaks=states[best * len(best) + np.arange(len(best))],
-            envelope=Bins.joined(each("envelope")),
-            band=Bins.joined(each("band")) if estimated else None,
-            runs=Runs.joined(each("runs")) if estimated else None,
+            at_peaks=states_at_peaks[part_with_peak * len(drives) + drives],
+            envelope=Bins.from_parts(each("envelope")),
+            band=_join_optional(Bins.from_parts, each("band")),
+            runs=_join_optional(Runs.from_parts, each("runs")),
             edges=(q, dq),
             fastest=np.max(each("fastest"), axis=0),
             largest=np.max(each("largest"), axis=0),
             noise=np.max(each("noise"), axis=0),
             stationary=np.sum(each("stationary"), axis=0),
             outliers=np.concatenate(each("outliers")),
-            motors=MotorFigures.joined(each("motors")) if parts[0].motors is not None else None,
-            margin=PayloadShares.joined(each("margin")) if margin else None,
+            motors=_join_optional(MotorFigures.from_parts, each("motors")),
+            margin=_join_optional(PayloadShares.joined, each("margin")),
             carried=max(each("carried")),
-            compared=tuple(TorqueComparison.joined(x) for x in zip(*each("compared"), strict=True)),
+            compared=tuple(map(TorqueComparison.from_parts, zip(*each("compared"), strict=True))),
             above=np.concatenate(each("above")),
         )
 
 
-def _accelerated(model: Model, column: int) -> tuple[slice, float]:
+def _join_samples(parts: Sequence[MotionSamples]) -> MotionSamples:
+    columns_of = attrgetter(*(field.name for field in fields(MotionSamples)))
+    return MotionSamples(*map(np.concatenate, zip(*map(columns_of, parts), strict=True)))
+
+
+def _join_optional(join: Callable[[Sequence[T]], T], parts: Sequence[T | None]) -> T | None:
+    """Joined figures; None if the parts have none."""
+    present = [part for part in parts if part is not None]
+    return join(present) if present else None
+
+
+def _moved_velocities(model: Model, column: int) -> tuple[slice, float]:
     """Velocities that a coordinate moves, and the largest acceleration of one of them for a unit of the coordinate's."""
     body = next(b for b in model.leaders if b.q_index <= column < b.q_index + b.joint.nq)
     _, velocities = body.places
     if body.joint.quaternion is None:
         return velocities, 1.0
-    turns = body.q_index + body.joint.quaternion <= column < body.q_index + body.joint.quaternion + 4
+    first = body.q_index + body.joint.quaternion
     middle = velocities.start + 3  # angular velocities come first; a unit of a quaternion is a turn by 2
-    return (slice(velocities.start, middle), 2.0) if turns else (slice(middle, velocities.stop), 1.0)
+    if first <= column < first + 4:
+        return slice(velocities.start, middle), 2.0
+    return slice(middle, velocities.stop), 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,48 +343,69 @@ class MotionPass:
 
     def figures(self, first: int, s: MotionSamples, torques: Array, measured: Array | None) -> MotionFigures:
         """Figures of the rows from ``first`` on: states, torques (n, nv), and measured ones (n, nv)."""
-        load, limits, count, rows = self.load, self.limits, len(self.time), slice(first, first + len(s))
-        sigma = self._sigma(s) if self.estimating or measured is not None else np.zeros_like(torques)
-        alone = load.drive_torques(load.unloaded_torques(s)) if load.carries else torques
-        followers = bool(load.with_load.model.limited_followers)
-        borne = load.follower_torques(s) if followers else np.zeros((len(s), 0))
-        whole = Extremes.from_states(load, limits, s, (s.time, torques, borne))
+        load, count, rows = self.load, len(self.time), slice(first, first + len(s))
+        computed = [torques]
+        if load.carries:
+            computed.append(load.drive_torques(load.unloaded_torques(s)))
+        alone = computed[-1]
+        borne = np.zeros((len(s), 0))
+        if load.with_load.model.limited_followers:
+            borne = load.follower_torques(s)
+        whole = Extremes.from_states(load, self.limits, s, (s.time, torques, borne))
         doubted = self.spans.within(s.time)
-        steady = ~doubted if self.plan.source != "given" else np.ones(len(s), bool)
-        sound = (s.time[steady], torques[steady], borne[steady])
-        some, edges = s[:: max(1, len(s) // _MASS_SAMPLES)], self._edges
-        edges = edges[(edges >= rows.start) & (edges < rows.stop)] - first
-        margin = None
-        if margin_determined(load):
-            added = load.drive_torques(load.payload_torques(s))
-            every = np.hstack([added, load.follower_payload_torques(s)]) if followers else added
-            margin = payload_shares(load, limits.effort, s.time, np.hstack([torques, borne]), every)
+        edges = self._edges[(self._edges >= rows.start) & (self._edges < rows.stop)] - first
+        some_states = s[:: max(1, len(s) // _MASS_SAMPLES)]
+        sigma, band, runs, motors, carried = np.zeros_like(torques), None, None, None, 0.0
+        if self.estimating or measured is not None:
+            sigma = self._sigma(s)
+        if self.estimating:
+            band = Bins.from_rows(first, s.time, torques - INTERVAL * sigma, torques + INTERVAL * sigma, count)
+            runs = Runs.from_rows(first, np.abs(torques), self.bootstrap.cell)
+        if load.with_load.actuators:
+            motors = MotorFigures.from_rows(load.with_load.model, rows, self.time, load.motor_loads(s))
+        if load.payloads:
+            carried = float(np.abs(load.payload_torques(some_states)).max(initial=0.0))
         return MotionFigures(
             rows=len(s),
             squares=mean_weights(self.time, rows) @ (torques * torques),
             whole=whole,
-            sound=Extremes.from_states(load, limits, s[~doubted], sound) if self.spans else whole,
+            sound=self._sound_extremes(whole, s, torques, borne, doubted),
             alone=Extrema.from_rows(s.time, np.abs(alone), alone),
             speed=Extrema.from_rows(s.time, np.abs(s.dq), s.dq),
             at_peaks=s[np.abs(torques).argmax(axis=0)],
             envelope=Bins.from_rows(first, s.time, torques, torques, count),
-            band=Bins.from_rows(first, s.time, torques - INTERVAL * sigma, torques + INTERVAL * sigma, count)
-            if self.estimating
-            else None,
-            runs=Runs.from_rows(first, np.abs(torques), self.bootstrap.cell) if self.estimating else None,
+            band=band,
+            runs=runs,
             edges=(s.q[edges], s.dq[edges]),
             fastest=np.abs([s.dq, s.ddq]).max(axis=1),
             largest=np.abs(s.measured).max(axis=0),
-            noise=self._noise(some),
+            noise=self._noise(some_states),
             stationary=s.stationary.sum(axis=0),
             outliers=self._outliers(s, torques),
-            motors=MotorFigures.from_rows(load.with_load.model, rows, self.time, load.motor_loads(s))
-            if load.with_load.actuators
-            else None,
-            margin=margin,
-            carried=float(np.abs(load.payload_torques(some)).max(initial=0.0)) if load.payloads else 0.0,
-            **self._comparisons(s.time, [torques, alone] if load.carries else [torques], measured, sigma, doubted),
+            motors=motors,
+            margin=self._payload_shares(s, torques, borne),
+            carried=carried,
+            **self._comparisons(s.time, computed, measured, sigma, doubted),
         )
+
+    def _sound_extremes(
+        self, whole: Extremes, s: MotionSamples, torques: Array, borne: Array, doubted: Array
+    ) -> Extremes:
+        """Extremes without doubtful rows; torques of all rows if they do not depend on derived rates."""
+        if not self.spans:
+            return whole
+        rows = np.ones(len(s), bool) if self.plan.source == "given" else ~doubted
+        return Extremes.from_states(self.load, self.limits, s[~doubted], (s.time[rows], torques[rows], borne[rows]))
+
+    def _payload_shares(self, s: MotionSamples, torques: Array, borne: Array) -> PayloadShares | None:
+        """Torques with the payload's parts for its largest mass; None if that is not determined."""
+        load = self.load
+        if not margin_determined(load):
+            return None
+        due_to_payload = load.drive_torques(load.payload_torques(s))
+        if load.with_load.model.limited_followers:
+            due_to_payload = np.hstack([due_to_payload, load.follower_payload_torques(s)])
+        return payload_shares(load, self.limits.effort, s.time, np.hstack([torques, borne]), due_to_payload)
 
     def _comparisons(
         self, time: Array, computed: Sequence[Array], measured: Array | None, sigma: Array, doubted: Array
@@ -368,11 +427,11 @@ class MotionPass:
         blocks = [(M[k] * M[k]) @ squares[k * stride : (k + 1) * stride].T for k in range(len(M))]
         return np.sqrt(np.concatenate(blocks, axis=1).T)
 
-    def _noise(self, some: MotionSamples) -> Array:
+    def _noise(self, states: MotionSamples) -> Array:
         """Largest standard deviation (nv,) of the torques in some of the states."""
         if not self.plan.sigma_ddq.any():
             return np.zeros(len(self.plan.sigma_ddq))
-        M = self.load.mass_matrix(some.q)
+        M = self.load.mass_matrix(states.q)
         return np.sqrt((M * M) @ (self.plan.sigma_ddq**2)).max(axis=0)
 
     def _outliers(self, s: MotionSamples, torques: Array) -> Array:
@@ -382,15 +441,18 @@ class MotionPass:
         order = 1 if self.plan.source == "velocities" else 2
         gain = pulse_peak(order, self.plan.quality.step)
         rows, columns = np.nonzero(s.outlier[:, :, 0])
-        found = np.column_stack([columns, s.time[rows], s.outlier[rows, columns], np.zeros(len(rows))])
-        for each, row in zip(found, rows.tolist(), strict=True):
-            each[4] = self._may_pass(s.q[row], torques[row], int(each[0]), order, gain * abs(float(each[3])))
-        return found
+        outliers = np.column_stack([columns, s.time[rows], s.outlier[rows, columns], np.zeros(len(rows))])
+        for outlier, row in zip(outliers, rows.tolist(), strict=True):
+            acceleration = gain * abs(float(outlier[3]))
+            outlier[4] = self._may_pass(s.q[row], torques[row], int(outlier[0]), order, acceleration)
+        return outliers
 
     def _may_pass(self, q: Array, torques: Array, column: int, order: int, acceleration: float) -> bool:
         """True if an acceleration at a smoothed column adds a torque that no limit covers."""
-        places, factor = (slice(column, column + 1), 1.0) if order == 1 else _accelerated(self.load.robot.model, column)
-        change = np.abs(self.load.mass_matrix(q)[:, places]).sum(axis=1) * factor * acceleration
+        velocities, factor = slice(column, column + 1), 1.0
+        if order == 2:
+            velocities, factor = _moved_velocities(self.load.robot.model, column)
+        change = np.abs(self.load.mass_matrix(q)[:, velocities]).sum(axis=1) * factor * acceleration
         effort = np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
         within = np.abs(torques) + change <= effort
         return not (within | (change <= ZERO * np.abs(torques).max())).all()
@@ -400,18 +462,21 @@ class MotionPass:
     def gaps(self, found: MotionFigures) -> Gaps:
         """Gaps in time, and the motion that they may hide."""
         simple = all(body.joint.nv == 1 and body.joint.nq == 1 for body in self.load.robot.model.leaders)
-        stops = (self.limits.lower, self.limits.upper) if simple else None
+        stops = None
+        if simple:
+            stops = self.limits.lower, self.limits.upper
         return Gaps.from_edges(self.time, found.edges, found.fastest, self._gap, rates=simple, stops=stops)
 
     def terms(self, found: MotionFigures) -> dict[str, Array]:
         """Causes (nv,) of the peak of each torque."""
-        own = np.arange(len(found.at_peaks))
-        return {name: self.load.drive_torques(x)[own, own] for name, x in self.load.terms(found.at_peaks).items()}
+        terms = self.load.terms(found.at_peaks)
+        return {name: np.diagonal(self.load.drive_torques(torques)).copy() for name, torques in terms.items()}
 
     def around(self, found: MotionFigures, joint: int) -> MotionSamples:
         """States on either side of a joint's peak."""
         robot = self.load.robot
-        reach = min(_AROUND, max(1, _KEPT // (2 * robot.nv * (1 + 2 * robot.nq + 3 * robot.nv))))
+        numbers_per_row = 1 + 2 * robot.nq + 3 * robot.nv
+        reach = min(_ROWS_AROUND, max(1, _MAX_NUMBERS_AROUND // (2 * robot.nv * numbers_per_row)))
         return self.plan.states_near(int(np.searchsorted(self.time, found.whole.peak.time[joint])), reach)
 
     def estimates(self, found: MotionFigures, progress: Callable[[float], None] | None) -> list[PeakEstimate]:
@@ -426,27 +491,25 @@ class MotionPass:
                 progress((k + 1) / self.load.robot.nv)
         return estimates
 
-    def measured(self, found: MotionFigures) -> tuple[MeasuredTorque, ...]:
+    def measured_torques(self, found: MotionFigures) -> tuple[MeasuredTorque, ...]:
         """Measured torques compared with those of the robot, with or without load, whichever agrees better."""
         if not found.compared:
             return ()
-        best = min(found.compared, key=lambda one: one.misfit)
+        best = min(found.compared, key=lambda comparison: comparison.misfit)
         step = float(np.median(np.diff(self.time))) if found.rows > 1 else 0.0
         above = TimeAbove.from_rows(self.time, found.above)
         labels = self.load.with_load.model.drive_labels
         return best.torques(labels, self.load.units, self.limits.effort, above, step)
 
 
-# ── The analysis
-
 # If noise of a log matters, a second pass over the smoothed log gives all results: peaks, causes, limits, motors, files and
 # pictures. The results of the unsmoothed log are reported beside them.
 
 _NUMBERS_PER_CHUNK = 1 << 19
 """Rows times velocities of a chunk: 4 MiB per array."""
-_OF_A_PASS, _OF_THE_PLAN, _OF_THE_DRAWS = 1.0, 8.0, 1.0
-"""Durations of the steps for a log of up to :data:`_PLANNED` bytes, relative to one pass."""
-_PLANNED = 1 << 21
+_PASS_DURATION, _PLAN_DURATION, _DRAWS_DURATION = 1.0, 8.0, 1.0
+"""Durations of the steps for a log of up to :data:`_MAX_EXCERPT_BYTES` bytes, relative to one pass."""
+_MAX_EXCERPT_BYTES = 1 << 21
 """Bytes of the excerpts used to plan the analysis of a longer log."""
 
 
@@ -463,8 +526,9 @@ def analyse(
     ``progress`` receives the finished share, 0 to 1. ``chunk`` is the number of rows processed at a time; it affects results
     only by rounding errors.
     """
-    fixed = min(1.0, _PLANNED / max(1, differentiation.trajectory.size))
-    steps = Steps(progress, (_OF_A_PASS, _OF_THE_PLAN * fixed, _OF_A_PASS, _OF_THE_DRAWS * fixed))
+    planned_share = min(1.0, _MAX_EXCERPT_BYTES / max(1, differentiation.trajectory.size))
+    plan_and_draws = _PLAN_DURATION * planned_share, _DRAWS_DURATION * planned_share
+    steps = Steps(progress, (_PASS_DURATION, plan_and_draws[0], _PASS_DURATION, plan_and_draws[1]))
     run = _Run(load, limits, chunk or _rows_of_a_slice(load), steps)
     if differentiation.smooths:
         steps.skip(2)
@@ -500,7 +564,7 @@ class _Run:
             _check_finite(torques, s)
             parts.append(passing.figures(first, s, torques, None if motion.tau is None else motion.tau[inner]))
             first += len(s)
-        return passing, MotionFigures.joined(parts)
+        return passing, MotionFigures.from_parts(parts)
 
     def answer(self, plan: Differentiation, derived: tuple[MotionPass, MotionFigures] | None = None) -> TorqueReport:
         """Report of the smoothed motion, with the results ``derived`` from the unsmoothed log."""
@@ -515,10 +579,17 @@ def _report(
     estimates: Sequence[PeakEstimate] | None = None,
 ) -> TorqueReport:
     plan, load, outliers = run.plan, run.load, outliers_of(found.outliers)
-    joints = _joints(run, found, None if derived is None else derived[1])
+    joints = _joints(run, found)
+    if derived is not None:
+        joints = _with_unsmoothed_figures(joints, derived[1])
     if estimates is not None:
-        joints = tuple(replace(j, estimate=e) for j, e in zip(joints, estimates, strict=True))
+        joints = [replace(j, estimate=e) for j, e in zip(joints, estimates, strict=True)]
     worst = worst_joint([abs(j.peak) for j in joints], [j.limit for j in joints])
+    has_mass = any(payload.mass for payload in load.payloads)
+    unloaded = found.carried <= ZERO * float(found.whole.peak.value.max(initial=0.0))
+    largest_payload = None
+    if found.margin is not None:
+        largest_payload = payload_margin(load, run.limits.effort, found.margin)
     return TorqueReport(
         robot=load.robot.name,
         trajectory=str(plan.trajectory.path),
@@ -537,24 +608,28 @@ def _report(
         limits=run.limits,
         outliers=outliers,
         stationary=tuple((found.stationary / max(1, found.rows)).tolist()),
-        motors=() if found.motors is None else found.motors.uses(load.with_load.model),
+        motors=_motor_uses(run, found),
         around=run.around(found, worst),
         doubts=_doubts(run, found, glitches=not outliers),
         near=found.whole.nearest(),
         bearings=found.whole.bearings(),
         spans=run.spans,
         sound=SoundFigures(found.sound.peak.value, found.sound.excesses()) if run.spans else None,
-        measured=run.measured(found),
-        idle_payload=any(p.mass for p in load.payloads)
-        and found.carried <= ZERO * float(found.whole.peak.value.max(initial=0.0)),
-        payload_margin=None if found.margin is None else payload_margin(load, run.limits.effort, found.margin),
-        derived=None if derived is None else _as_derived(*derived),
+        measured=run.measured_torques(found),
+        idle_payload=has_mass and unloaded,
+        payload_margin=largest_payload,
+        derived=None if derived is None else _unsmoothed_results(*derived),
     )
 
 
-def _as_derived(run: MotionPass, found: MotionFigures) -> AsDerived:
-    motors = () if found.motors is None else found.motors.uses(run.load.with_load.model)
-    return AsDerived(run.plan, found.whole.excesses(), found.envelope[1:], motors)
+def _unsmoothed_results(run: MotionPass, found: MotionFigures) -> AsDerived:
+    return AsDerived(run.plan, found.whole.excesses(), found.envelope[1:], _motor_uses(run, found))
+
+
+def _motor_uses(run: MotionPass, found: MotionFigures) -> tuple[MotorUse, ...]:
+    if found.motors is None:
+        return ()
+    return found.motors.uses(run.load.with_load.model)
 
 
 def _spans_of(plan: Differentiation) -> DoubtfulSpans:
@@ -571,7 +646,9 @@ def _measured_noise(plan: Differentiation) -> Array:
         return np.zeros(nv)
     runs = [log.motion(table) for table in excerpts(log.table, *_NOISE_RUNS)]
     torques = [rows.tau for rows in runs if rows.tau is not None]
-    return noise([rows.time for rows in runs], torques) if torques else np.zeros(nv)
+    if not torques:
+        return np.zeros(nv)
+    return noise([rows.time for rows in runs], torques)
 
 
 _NOISE_RUNS = 8, 2048
@@ -590,25 +667,31 @@ def _doubts(run: MotionPass, figures: MotionFigures, *, glitches: bool) -> tuple
     return found if strong is None else (strong, *found)
 
 
-def _joints(run: MotionPass, found: MotionFigures, derived: MotionFigures | None) -> tuple[JointTorque, ...]:
+def _joints(run: MotionPass, found: MotionFigures) -> list[JointTorque]:
     """Figures of each joint."""
     rms, units, terms, peak = np.sqrt(found.squares), run.load.units, run.terms(found), found.whole.peak
-    noisy = found if derived is None else derived
-    return tuple(
-        JointTorque(
+    joints = []
+    for k, name in enumerate(run.load.with_load.model.drive_labels):
+        causes = {term: float(values[k]) for term, values in terms.items()}
+        joint = JointTorque(
             joint=name,
             unit=units[k],
             largest=float(peak.signed[k]),
             time=float(peak.time[k]),
             rms=float(rms[k]),
             limit=float(run.limits.effort[k]),
-            terms={term: float(values[k]) for term, values in terms.items()},
-            noise=float(noisy.noise[k]),
-            raw=None if derived is None else float(derived.whole.peak.signed[k]),
-            raw_time=None if derived is None else float(derived.whole.peak.time[k]),
+            terms=causes,
+            noise=float(found.noise[k]),
         )
-        for k, name in enumerate(run.load.with_load.model.drive_labels)
-    )
+        joints.append(joint)
+    return joints
+
+
+def _with_unsmoothed_figures(joints: Sequence[JointTorque], derived: MotionFigures) -> list[JointTorque]:
+    """Joints with noise, peak and its time of the unsmoothed log."""
+    noise, raw = derived.noise.tolist(), derived.whole.peak.signed.tolist()
+    times = derived.whole.peak.time.tolist()
+    return [replace(j, noise=noise[k], raw=raw[k], raw_time=times[k]) for k, j in enumerate(joints)]
 
 
 def _check_finite(torques: Array, s: MotionSamples) -> None:
@@ -627,23 +710,26 @@ def _rows_of_a_slice(load: LoadCase) -> int:
 
 def write_torques(report: TorqueReport, path: str | Path, *, split: bool) -> Path:
     """Write time and torques of a report, their causes if ``split``, and the torques of a noisy log before smoothing."""
-    load, plan = report.load, report.differentiation
-    beside = None if report.derived is None else report.derived.differentiation
-    causes = load.causes if split else ()
-    header = _csv_header(load.with_load.model.drive_names, causes, derived=beside is not None)
-    more, first = further_columns(report.held), 0
-    with csv_table(path, [*header, *more]) as table:
+    load, plan, unsmoothed = report.load, report.differentiation, report.derived
+    quantities = ["torque"]
+    if split:
+        quantities += load.causes
+    if unsmoothed is not None:
+        quantities.append("torque.derived")
+    names = load.with_load.model.drive_names
+    header = [f"{name}.{quantity}" for quantity, name in itertools.product(quantities, names)]
+    further, first = further_columns(report.held), 0
+    with csv_table(path, ["time", *header, *further]) as table:
         for states, motion, inner in plan.surrounded_states(_rows_of_a_slice(load)):
             s = states[inner]
-            columns = [load.torques(s)]
-            columns += load.terms(s).values() if split else ()
-            columns += [] if beside is None else [load.torques(beside.complete(motion)[inner])]
-            further = [x[first : first + len(s), None] for x in more.values()]
-            table.numbers(np.concatenate([s.time[:, None], *map(load.drive_torques, columns), *further], axis=1))
+            torques = [load.torques(s)]
+            if split:
+                torques += load.terms(s).values()
+            if unsmoothed is not None:
+                torques.append(load.torques(unsmoothed.differentiation.complete(motion)[inner]))
+            own_rows = slice(first, first + len(s))
+            columns = [s.time[:, None], *map(load.drive_torques, torques)]
+            columns += [values[own_rows, None] for values in further.values()]
+            table.numbers(np.concatenate(columns, axis=1))
             first += len(s)
     return Path(path)
-
-
-def _csv_header(names: tuple[str, ...], causes: tuple[str, ...], *, derived: bool) -> list[str]:
-    quantities = ["torque", *causes, *(["torque.derived"] if derived else [])]
-    return ["time", *(f"{name}.{quantity}" for quantity in quantities for name in names)]

@@ -23,7 +23,7 @@ from ..motion.limits_file import robot_origin
 from ..motion.load_case import LoadCase, PayloadMargin
 from ..motion.model_doubts import friction_words
 from ..motion.plausibility import DoubtfulSpans
-from .log_quality import MeasuredTorque
+from .measured_torque import MeasuredTorque
 from .motors import MotorUse
 from .statistics import Gaps, PeakEstimate
 from .support.answers import SupportAnswers

@@ -30,7 +30,7 @@ from ..motion.motion import Motion
 from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
 from ..reports.torque_report import TorqueReport
-from ..reports.torque_verdict import as_it_stands, contradictions, log_doubts, rows_in_doubt
+from ..reports.torque_verdict import condition_of_excesses, contradictions, log_doubts, rows_in_doubt
 from ..statics.reactions import bearing_loads
 from .catalog import Catalog, Pair
 from .drives import (
@@ -286,7 +286,7 @@ class Sizing(Answer):
             return Verdict.from_reasons(look_again=refused)
         rows, others = rows_in_doubt(report), log_doubts(report)
         if rows and own.word is Word.OVER_LIMIT:
-            own = Verdict.from_reasons(unsure=[f"{as_it_stands(report)} {Word.OVER_LIMIT}: {own.reasons[0]}"])
+            own = Verdict.from_reasons(unsure=[f"{condition_of_excesses(report)} {Word.OVER_LIMIT}: {own.reasons[0]}"])
         return Verdict.from_reasons(unsure=[*rows, *(text for text in others if text not in rows)]).joined(own)
 
     @cached_property
