@@ -13,7 +13,8 @@ from ..core.answers.data import plain
 from ..core.colours import COLOURS, Style
 from ..core.numbers import number
 from ..core.typing import Array
-from ..reports.support.judgement import GroundSupport, ground_words
+from ..reports.support.ground_support import GroundSupport
+from ..reports.support.judgement import ground_words
 from ..statics.contacts import contact_maps
 from .colours import COLOURS as MARKS
 from .colours import SEQUENTIAL

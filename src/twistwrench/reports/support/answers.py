@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .grip import GripSupport
-    from .judgement import GroundSupport
+    from .ground_support import GroundSupport
     from .mounting import MotionMounting
 
 

@@ -38,7 +38,7 @@ def with_schedule(ground: Ground, given: InContactGiven, log: MotionLog) -> Grou
     for frame, source in given.items():
         own = forces[frame] if frame in forces else _values(frame, source, len(time))
         least = _SWITCH if own.max(initial=0.0) <= 1.0 else _LOADED
-        carries[:, ground.of_frame(frame)] = (own > least)[:, None]
+        carries[:, ground.contacts_at(frame)] = (own > least)[:, None]
     return replace(ground, schedule=ContactSchedule(time, carries))
 
 

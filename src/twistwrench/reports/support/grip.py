@@ -59,33 +59,26 @@ class Holder:
     def from_given(cls, kind: Kind, given: HolderGiven, load: LoadCase) -> Holder:
         """Holder as a user gives it; the frame is that of the payload if none is given."""
         payload = _payload(kind, load)
-        numbers_, frame = _numbers(kind, given)
-        values: dict[str, Any] = dict(given) if isinstance(given, Mapping) else numbers_
-        for key in values:
-            if key not in _KEYS[kind]:
-                raise UnknownNameError.from_choices(f"entry of {kind}", key, _KEYS[kind])
-        if missing := [key for key in ("force", "friction") if key not in values]:
-            raise ValueRangeError(f"{{0}} lacks {missing[0]!r}. Give {_form(kind)}.", Argument(kind))
-        frame = str(values.get("frame") or frame or payload.frame or load.robot.model.tip)
+        values = _entries(kind, given)
+        frame = str(values.get("frame") or payload.frame or load.robot.model.tip)
         load.robot.model.frame(frame)
         force = positive(values["force"], f"the force of {kind}", "N")
         friction = number_of(values["friction"], f"the friction of {kind}")
         if not 0 <= friction < math.inf:
             raise ValueRangeError(f"{{0}}: the friction is {friction!r}. Give at least zero.", Argument(kind))
+        assumed = ""
         if kind == "cup":
             radius = positive(values.get("radius", _RADIUS), "the radius of a cup", "m")
-            assumed = "" if "radius" in values else f"a cup of {number(2000 * radius)} mm"
+            if "radius" not in values:
+                assumed = f"a cup of {number(2000 * radius)} mm"
             return cls(kind, force, frame, _cup(force, friction, radius), assumed)
         axis = str(values.get("axis", "y"))
         if axis not in _AXES:
             raise UnknownNameError.from_choices("axis of the fingers", axis, _AXES)
         width = positive(values.get("width", _WIDTH), "the width of a grip", "m")
         pad = values.get("pad", _PAD)
-        assumed = (
-            ""
-            if "pad" in values and "width" in values
-            else f"pads of {number(1000 * pad[0])} x {number(1000 * pad[1])} mm"
-        )
+        if "pad" not in values or "width" not in values:
+            assumed = f"pads of {number(1000 * pad[0])} x {number(1000 * pad[1])} mm"
         return cls(kind, force, frame, _fingers(force, friction, np.array(_AXES[axis]), width, pad), assumed)
 
 
@@ -103,23 +96,30 @@ def _form(kind: Kind) -> str:
     return f"FORCE,FRICTION[@FRAME] in N, for example {'60,0.5@tool0' if kind == 'grip' else '80,0.5@tool0'}"
 
 
-def _numbers(kind: Kind, given: HolderGiven) -> tuple[dict[str, float], str]:
-    if isinstance(given, Mapping):
-        return {}, ""
-    text, _, frame = str(given).partition("@")
-    force, friction = parse_numbers(text, kind, _form(kind), 2)
-    return {"force": force, "friction": friction}, frame.strip()
+def _entries(kind: Kind, given: HolderGiven) -> dict[str, Any]:
+    """Entries of a holder from its text or mapping, with force and friction."""
+    if not isinstance(given, Mapping):
+        text, _, frame = str(given).partition("@")
+        force, friction = parse_numbers(text, kind, _form(kind), 2)
+        return {"force": force, "friction": friction, "frame": frame.strip()}
+    for key in given:
+        if key not in _KEYS[kind]:
+            raise UnknownNameError.from_choices(f"entry of {kind}", key, _KEYS[kind])
+    for key in ("force", "friction"):
+        if key not in given:
+            raise ValueRangeError(f"{{0}} lacks {key!r}. Give {_form(kind)}.", Argument(kind))
+    return dict(given)
 
 
 def _fingers(force: float, friction: float, axis: Array, width: float, pad: Any) -> tuple[Contact, ...]:
     """Two pads that face each other across an axis."""
     along = tangents(axis)
-    corners = [0.5 * (a * pad[0] * along[0] + b * pad[1] * along[1]) for a in (-1, 1) for b in (-1, 1)]
-    return tuple(
-        contact
-        for side in (-1.0, 1.0)
-        for contact in patch(None, [c - side * 0.5 * width * axis for c in corners], side * axis, friction, push=force)
-    )
+    signs = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    corners = 0.5 * (signs * [pad[0], pad[1]]) @ along
+    contacts = list[Contact]()
+    for side in (-1.0, 1.0):
+        contacts += patch(None, corners - side * 0.5 * width * axis, side * axis, friction, push=force)
+    return tuple(contacts)
 
 
 def _cup(force: float, friction: float, radius: float) -> tuple[Contact, ...]:
@@ -150,35 +150,36 @@ class GripSupport:
     @property
     def verdict(self) -> Verdict:
         """OVER LIMIT if the payload slips or comes off, with the force that it needs."""
-        found = self.support
-        undecided = int((~found.decided).sum())
-        failing = found.decided & ~found.holds
-        over = [self._failure(failing)] if failing.any() else []
-        unsure = [f"rounding prevents an answer on the grip at {undecided} instants"] if undecided else []
+        over, unsure = [], []
+        failing = self.support.decided & ~self.support.holds
+        if failing.any():
+            over.append(self._failure(failing))
+        undecided = int((~self.support.decided).sum())
+        if undecided:
+            unsure.append(f"rounding prevents an answer on the grip at {undecided} instants")
         if self.fingers.are_weaker(self.holder.force):
             limits = spell(Argument("limits", "limits.csv"))
             unsure.append(
-                f"{self._unjudged}, which is above the limit of a sliding finger. Give less, or its limit by {limits}"
+                f"{self._finger_remark}, which is above the limit of a sliding finger. Give less, or its limit by {limits}"
             )
         return Verdict.from_reasons(over=over, unsure=unsure)
 
     def _failure(self, rows: Array) -> str:
         k = int(np.where(rows, self.needed, -1.0).argmax())
         force = self.needed[k]
-        holder, verb = ("grip", "slips in") if self.holder.kind == "grip" else ("cup", "comes off")
-        if self.holder.kind == "cup" and math.isfinite(
-            float(self.support.friction[k])
-        ):  # with more friction it would hold
-            verb = "slips on"
-        need = (
-            f"it needs {_up(force)} N, given {number(self.holder.force)} N"
-            if math.isfinite(force)
-            else "no force holds it"
-        )
-        return f"the load {verb} the {holder} at t = {seconds(float(self.time[k]))} s: {need}{self._assumption}"
+        if self.holder.kind == "grip":
+            failure = "slips in the grip"
+        elif math.isfinite(float(self.support.friction[k])):  # with more friction it would hold
+            failure = "slips on the cup"
+        else:
+            failure = "comes off the cup"
+        need = "no force holds it"
+        if math.isfinite(force):
+            need = f"it needs {_up(force)} N, given {number(self.holder.force)} N"
+        return f"the load {failure} at t = {seconds(float(self.time[k]))} s: {need}{self._assumption}"
 
     @property
-    def _unjudged(self) -> str:
+    def _finger_remark(self) -> str:
         return self.fingers.remark(self.holder.force)
 
     @property
@@ -188,19 +189,22 @@ class GripSupport:
     @property
     def line(self) -> str:
         """Sentence on a payload that is held: the force it needs, and how much faster or heavier it still is held."""
-        found = self.support
-        need, speed = float(self.needed.max(initial=0.0)), float(found.speed.min(initial=math.inf))
-        more = float(found.payload.min(initial=math.inf))
-        margins = [f"{rounded_down(speed)} × this speed"] if math.isfinite(speed) else []
-        margins += [f"{rounded_down(more)} kg more"] if math.isfinite(more) else []
-        upto = f", and holds up to {' or '.join(margins)}" if margins else ""
-        what = "grip" if self.holder.kind == "grip" else "cup"
-        return f"The {what} needs {_up(need)} N (given {number(self.holder.force)} N){upto}{self._assumption}.{self._remark}"
-
-    @property
-    def _remark(self) -> str:
-        """Remark on fingers whose drives are not judged, as another sentence; empty without any."""
-        return f" {self._unjudged[0].upper()}{self._unjudged[1:]}." if self._unjudged else ""
+        need = float(self.needed.max(initial=0.0))
+        speed = float(self.support.speed.min(initial=math.inf))
+        more_mass = float(self.support.payload.min(initial=math.inf))
+        text = f"The {self.holder.kind} needs {_up(need)} N (given {number(self.holder.force)} N)"
+        margins = []
+        if math.isfinite(speed):
+            margins.append(f"{rounded_down(speed)} × this speed")
+        if math.isfinite(more_mass):
+            margins.append(f"{rounded_down(more_mass)} kg more")
+        if margins:
+            text += f", and holds up to {' or '.join(margins)}"
+        text += f"{self._assumption}."
+        remark = self._finger_remark
+        if remark:
+            text += f" {remark[0].upper()}{remark[1:]}."
+        return text
 
     def table(self) -> Table:
         """Table of the forces that the payload needs."""
@@ -238,20 +242,21 @@ def grip_support(holder: Holder, load: LoadCase, motion: Motion, efforts: Array)
     carried = payload.frame or str(robot.model.tip)
     T_sf = np.asarray(robot.forward_kinematics(motion.q, frame))
     T_fp = se3.inverse(T_sf) @ np.asarray(robot.forward_kinematics(motion.q, carried))
-    if np.abs(T_fp - T_fp[0]).max(initial=0.0) > _FIXED:
+    if np.abs(T_fp - T_fp[0]).max(initial=0.0) > _MAX_SHIFT_OF_PAYLOAD:
         raise ValueRangeError(
             f"{{0}}: the payload is at {carried!r}, which moves against {frame!r}. Hold it at a frame that is fixed to it.",
             Argument(holder.kind),
         )
     G = payload.inertia.in_frame(T_fp[0])
     whole, at_rest = _wrenches(np.asarray(G.matrix), robot, motion, frame)
-    found = hold(whole, holder.contacts, per_kilogram=whole / payload.mass, at_rest=at_rest)
+    support = hold(whole, holder.contacts, per_kilogram=whole / payload.mass, at_rest=at_rest)
     needed = holder.force * force_shares(whole, holder.contacts)
     fingers = finger_drives(robot.model, frame, efforts, load.wrenches) if holder.kind == "grip" else NO_FINGERS
-    return GripSupport(found, holder, motion.time, needed, payload.mass, fingers)
+    return GripSupport(support, holder, motion.time, needed, payload.mass, fingers)
 
 
-_FIXED = 1e-6
+_MAX_SHIFT_OF_PAYLOAD = 1e-6
+"""Largest change of the payload's pose in the frame that holds it [m], as of rounding."""
 
 
 def _wrenches(G: Array, robot: Any, motion: Motion, frame: str) -> tuple[Array, Array]:

@@ -35,13 +35,13 @@ ContactSource = Literal["auto", "log"]
 InContactGiven: TypeAlias = "ContactSource | Mapping[str, str | ArrayLike]"
 """Source, or for each foot the column of the log, or a value for each of its rows."""
 
-ASSUMED = 0.3
+ASSUMED_FRICTION = 0.3
 """Coefficient of friction that dry ground gives; needs up to it are stated as a condition, more is unsure."""
-UNLIMITED = 10.0
+UNLIMITED_FRICTION = 10.0
 """Coefficient of friction that counts as unlimited."""
-_HEIGHT, SLOW = 0.01, 0.05
+_MAX_HEIGHT, MAX_CARRYING_SPEED = 0.01, 0.05
 """Height above the lowest contact [m] and speed [m/s] up to which a contact carries."""
-_ALIGNED = math.cos(math.radians(1.0))
+_MIN_ALIGNMENT = math.cos(math.radians(1.0))
 """Cosine of the angle from the ground's normal, or the vertical, up to which a contact is on the ground."""
 AUTO = "auto"
 
@@ -66,7 +66,7 @@ class Ground:
     """Contacts of a robot with a free base, and the rule by which they carry."""
 
     contacts: tuple[Contact, ...]
-    """With their friction; with :data:`ASSUMED` where none is given."""
+    """With their friction; with :data:`ASSUMED_FRICTION` where none is given."""
     given: bool
     """True if the coefficient of friction is given."""
     automatic: tuple[bool, ...]
@@ -87,20 +87,20 @@ class Ground:
         return tuple(dict.fromkeys(str(c.frame) for c in self.contacts))
 
     @cached_property
-    def unlimited(self) -> tuple[Contact, ...]:
+    def unlimited_contacts(self) -> tuple[Contact, ...]:
         """The contacts on ground of unlimited friction."""
-        return tuple(replace(c, friction=UNLIMITED) if c.friction > 0 else c for c in self.contacts)
+        return tuple(replace(c, friction=UNLIMITED_FRICTION) if c.friction > 0 else c for c in self.contacts)
 
     @property
     def feet(self) -> dict[str, Array]:
         """Points (k, 3) of each foot, by its frame, without wheels."""
-        found: dict[str, list[Array]] = {}
+        points_of_frames: dict[str, list[Array]] = {}
         for contact, automatic in zip(self.contacts, self.automatic, strict=True):
             if automatic:
-                found.setdefault(str(contact.frame), []).append(contact.point)
-        return {frame: np.array(points) for frame, points in found.items()}
+                points_of_frames.setdefault(str(contact.frame), []).append(contact.point)
+        return {frame: np.array(points) for frame, points in points_of_frames.items()}
 
-    def of_frame(self, frame: str) -> Array:
+    def contacts_at(self, frame: str) -> Array:
         """Numbers of the contacts at a frame."""
         return np.array([k for k, c in enumerate(self.contacts) if c.frame == frame])
 
@@ -113,8 +113,8 @@ class Ground:
         points, velocities = self.points_and_velocities(robot, s)
         speeds = np.linalg.norm(velocities, axis=-1)
         heights = points @ self.normal
-        low = heights <= heights[:, self.on_ground].min(axis=1, keepdims=True) + _HEIGHT
-        return np.asarray((low & (speeds < SLOW)) | ~np.array(self.automatic))
+        low = heights <= heights[:, self.on_ground].min(axis=1, keepdims=True) + _MAX_HEIGHT
+        return np.asarray((low & (speeds < MAX_CARRYING_SPEED)) | ~np.array(self.automatic))
 
     def points_and_velocities(self, robot: Robot, s: MotionSamples) -> tuple[Array, Array]:
         """Points of the contacts in the base frame, and their velocities, (n, c, 3) each."""
@@ -157,14 +157,15 @@ class GroundGiven(NamedTuple):
 
 def with_base_free(robot: Robot) -> Robot:
     """Robot whose base floats; raises ValueRangeError if its file or the user holds it."""
-    free = floating_entries(robot)
-    if free.any():
-        if free.sum() < 6:
-            joint = next(body.joint for body in robot.model.leaders if not body.joint.driven)
-            raise _of_a_plane(robot, joint.name, joint.kind)
+    free_entries = int(floating_entries(robot).sum())
+    if free_entries >= 6:
         return robot
-    if planar := [body.joint for body in robot.model.leaders if body.parent == BASE and body.joint.nv > 1]:
-        raise _of_a_plane(robot, planar[0].name, planar[0].kind)
+    if free_entries:
+        joint = next(body.joint for body in robot.model.leaders if not body.joint.driven)
+        raise _partly_free_base(robot, joint.name, joint.kind)
+    for body in robot.model.leaders:
+        if body.parent == BASE and body.joint.nv > 1:
+            raise _partly_free_base(robot, body.joint.name, body.joint.kind)
     if robot.model.mounted:
         raise ValueRangeError(
             f"feet and wheels carry a free base, and that of robot {robot.name!r} is fixed, by a joint of its file to the "
@@ -173,7 +174,7 @@ def with_base_free(robot: Robot) -> Robot:
     return Robot(with_free_base(robot.model))
 
 
-def _of_a_plane(robot: Robot, joint: str, kind: str) -> ValueRangeError:
+def _partly_free_base(robot: Robot, joint: str, kind: str) -> ValueRangeError:
     return ValueRangeError(
         f"feet and wheels carry a free base, and the file of robot {robot.name!r} lets it move by the {kind} joint {joint!r} "
         "alone. Lock that joint, {0}, or give another file.",
@@ -184,33 +185,42 @@ def _of_a_plane(robot: Robot, joint: str, kind: str) -> ValueRangeError:
 def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
     """Ground of a robot with a free base from the options of a user; ``q`` (nq,) is a configuration in which it stands."""
     entries, normal = _feet(robot, given.feet), _normal(robot, given.normal)
-    feet = [c for one in entries for c in _contacts(robot, one, q, normal)]
-    wheels, casters = (
-        [_wheel(robot, frame, mu, name, normal) for frame in ([frames] if isinstance(frames, str) else frames)]
-        for frames, mu, name in ((given.wheels, ASSUMED, "wheels"), (given.casters, 0.0, "casters"))
-    )
-    rubbing = [*feet, *wheels]
-    if not rubbing and not casters:
+    feet = list[Contact]()
+    for entry in entries:
+        feet += _contacts(robot, entry, q, normal)
+    wheels = _wheels(robot, given.wheels, ASSUMED_FRICTION, "wheels", normal)
+    casters = _wheels(robot, given.casters, 0.0, "casters", normal)
+    with_friction = [*feet, *wheels]
+    if not with_friction and not casters:
         raise ValueRangeError("{0} is empty. Name the frames that stand on the ground.", Argument("feet"))
+    friction_given = given.friction is not None
+    if given.friction is not None:
+        with_friction = _set_friction(with_friction, given.friction)
+    elif not wheels:
+        friction_given = all(isinstance(entry, Contact) for entry in entries)
+    contacts = (*with_friction, *casters)
     grounds = np.stack([normal, upward(robot)])
-    on_ground = np.array([float((grounds @ c.normal).max()) > _ALIGNED for c in (*rubbing, *casters)])
-    automatic = (*on_ground[: len(feet)].tolist(), *(False,) * len(wheels + casters))
-    if given.friction is None:
-        known = not wheels and all(isinstance(one, Contact) for one in entries)
-        return Ground((*rubbing, *casters), known, automatic, on_ground, normal, given.normal is not None)
-    frames = sorted({str(c.frame) for c in rubbing})
-    own = given.friction if isinstance(given.friction, Mapping) else dict.fromkeys(frames, given.friction)
-    for frame in own:
+    on_ground = np.array([float((grounds @ contact.normal).max()) > _MIN_ALIGNMENT for contact in contacts])
+    automatic = on_ground.copy()
+    automatic[len(feet) :] = False
+    return Ground(contacts, friction_given, tuple(automatic.tolist()), on_ground, normal, given.normal is not None)
+
+
+def _set_friction(contacts: list[Contact], given: FrictionGiven) -> list[Contact]:
+    """Contacts with the friction of their frames, or with the one given for all."""
+    frames = sorted({str(contact.frame) for contact in contacts})
+    coefficients = given if isinstance(given, Mapping) else dict.fromkeys(frames, given)
+    for frame in coefficients:
         if frame not in frames:
             raise UnknownNameError.from_choices("frame in contact", frame, frames)
-    if without := [frame for frame in frames if frame not in own]:
-        raise ValueRangeError(
-            f"{{0}} has no coefficient for {without[0]!r}. Give one for each frame, or one number.",
-            Argument("contact_friction"),
-        )
-    mu = {frame: _coefficient(value) for frame, value in own.items()}
-    every = (*(replace(c, friction=mu[str(c.frame)]) for c in rubbing), *casters)
-    return Ground(every, True, automatic, on_ground, normal, given.normal is not None)
+    for frame in frames:
+        if frame not in coefficients:
+            raise ValueRangeError(
+                f"{{0}} has no coefficient for {frame!r}. Give one for each frame, or one number.",
+                Argument("contact_friction"),
+            )
+    mu = {frame: _coefficient(value) for frame, value in coefficients.items()}
+    return [replace(contact, friction=mu[str(contact.frame)]) for contact in contacts]
 
 
 def _normal(robot: Robot, given: ArrayLike | None) -> Array:
@@ -224,6 +234,12 @@ def _normal(robot: Robot, given: ArrayLike | None) -> Array:
             "{0} has no length. Give the direction away from the ground, such as 0,0,1.", Argument("contact_normal")
         )
     return np.asarray(normal / size)
+
+
+def _wheels(robot: Robot, given: FramesGiven, friction: float, option: str, normal: Array) -> list[Contact]:
+    """Contacts of wheels or casters at one frame or several."""
+    frames = [given] if isinstance(given, str) else given
+    return [_wheel(robot, frame, friction, option, normal) for frame in frames]
 
 
 def _wheel(robot: Robot, frame: str, friction: float, option: str, normal: Array) -> Contact:
@@ -256,14 +272,14 @@ def _feet(robot: Robot, given: FeetGiven) -> list[str | Contact]:
     entries: list[str | Contact] = [given] if isinstance(given, str | Contact) else list(given)
     if entries != [AUTO]:
         return entries
-    found = find_feet(robot)
-    if not found:
+    feet = find_feet(robot)
+    if not feet:
         raise ValueRangeError(
             f"no legs are found on robot {robot.name!r}: at least two branches that reach the lowest frames well below the "
             "base. Name the frames that stand on the ground, {0}.",
             Argument("feet", ["FRAME", "FRAME"]),
         )
-    return list(found)
+    return list(feet)
 
 
 def _contacts(robot: Robot, foot: str | Contact, q: Array | None, normal: Array) -> tuple[Contact, ...]:
@@ -276,9 +292,9 @@ def _contacts(robot: Robot, foot: str | Contact, q: Array | None, normal: Array)
     if at and frame in robot.model.all_frames:
         numbers = parse_numbers(size.replace("x", ","), "feet", _FORM, 2, 5)
         _check_frame(robot, frame, "feet")
-        return sole(robot, frame, ASSUMED, numbers[:2], numbers[2:] or (0.0, 0.0, 0.0), normal=normal)
+        return sole(robot, frame, ASSUMED_FRICTION, numbers[:2], numbers[2:] or (0.0, 0.0, 0.0), normal=normal)
     _check_frame(robot, foot, "feet")
-    return sole(robot, foot, ASSUMED, q=q, normal=normal)
+    return sole(robot, foot, ASSUMED_FRICTION, q=q, normal=normal)
 
 
 _FORM = "a frame, LENGTHxWIDTH[,x,y,z]@FRAME in metres such as 0.2x0.1@left_ankle, or auto"

@@ -15,7 +15,7 @@ from .slope import samples
 
 if TYPE_CHECKING:
     from ...motion.differentiation import Differentiation, MotionSamples
-    from .judgement import GroundSupport
+    from .ground_support import GroundSupport
 
 _SURE = 5.0
 """Standard deviations not exceeded by any of some million samples."""

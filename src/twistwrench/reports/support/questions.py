@@ -23,7 +23,7 @@ from ...statics.contacts import refuse_loops
 from .answers import SupportAnswers
 from .grip import Holder, HolderGiven, grip_support
 from .ground import FeetGiven, FramesGiven, FrictionGiven, GroundGiven, InContactGiven
-from .judgement import GroundSupport, ground_support
+from .ground_support import GroundSupport, ground_support
 from .mounting import BoltsGiven, FrameOrTrue, motion_mounting
 from .noise import support_noise
 from .standing import StandingCase

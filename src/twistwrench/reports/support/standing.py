@@ -69,7 +69,7 @@ class StandingCase(LoadCase):
         more = np.flatnonzero((~found.holds | self._strained(tau, found)) & carrying.any(axis=1))
         if self.ground.given or not len(more):
             return found
-        again = contact_forces(robot, q[more], tau[more], self.ground.unlimited, carrying[more], self.effort)
+        again = contact_forces(robot, q[more], tau[more], self.ground.unlimited_contacts, carrying[more], self.effort)
         better = more[~found.holds[more] | ~self._strained(tau[more], again)]
         kept = np.isin(more, better)
         forces, holds = found.forces.copy(), found.holds.copy()
@@ -132,7 +132,7 @@ class StandingCase(LoadCase):
         for frame in self.ground.frames:
             T = np.asarray(self.robot.forward_kinematics(s.q, frame))
             own = np.zeros((len(s), 6))
-            for k in self.ground.of_frame(frame):
+            for k in self.ground.contacts_at(frame):
                 contact, f = self.ground.contacts[k], forces.forces[:, k]
                 moment = np.cross(T[:, :3, :3] @ contact.point - contact.radius * contact.normal, f)
                 own += np.concatenate([np.einsum("nji,nj->ni", T[:, :3, :3], x) for x in (moment, f)], axis=1)

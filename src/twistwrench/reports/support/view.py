@@ -12,7 +12,7 @@ from ...core.numbers import number, seconds
 from ...core.typing import Array
 from ...statics.contacts import contact_maps, tangents
 from .answers import SupportAnswers
-from .judgement import GroundSupport
+from .ground_support import GroundSupport
 
 _MOST = 11
 
@@ -40,7 +40,7 @@ def contact_tables(found: GroundSupport) -> Iterator[Table]:
     sliding = np.linalg.norm(forces - pressing[..., None] * normals, axis=-1)
     frames, largest, least, sideways, shares, times = found.ground.frames, [], [], [], [], []
     for frame in frames:
-        mine = found.ground.of_frame(frame)
+        mine = found.ground.contacts_at(frame)
         total, across = pressing[:, mine].sum(axis=1), sliding[:, mine].sum(axis=1)
         carries = found.in_contact[:, mine].any(axis=1) & found.balanced
         row = int(total.argmax())
@@ -84,7 +84,7 @@ def support_columns(found: GroundSupport) -> dict[str, Array]:
     normals = np.array([c.normal for c in found.contacts])
     axes = tangents(normals[0])
     for frame in found.ground.frames:
-        mine = found.ground.of_frame(frame)
+        mine = found.ground.contacts_at(frame)
         force = found.balanced_forces[:, mine].sum(axis=1)
         names += [f"{frame}.{part} [N]" for part in ("fx", "fy", "fz")]
         columns += list(force.T)

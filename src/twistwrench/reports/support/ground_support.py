@@ -1,0 +1,210 @@
+"""Support of a robot by the ground along a motion: contact forces, margins, and feet that slide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.typing import Array
+from ...statics.contacts import contact_maps
+from ...statics.support import Support, exceeding, friction_within, support
+from ...statics.torque_limits import floating_entries
+from .ground import UNLIMITED_FRICTION, Ground
+from .slope import ground_doubt, samples
+from .standing import StandingCase
+
+if TYPE_CHECKING:
+    from ...motion.differentiation import MotionSamples
+    from ...motion.motion import Motion
+    from ...robot import Robot
+    from ...statics.contacts import Contact
+    from .noise import SupportNoise
+
+_ROWS = 4096
+"""States of one batch."""
+_MAX_STANDING_SPEED = 0.1
+"""Speed of a foot on the ground above which it slides [m/s]."""
+_MAX_HEIGHT_ON_FLOOR = 0.01
+"""Height above the floor up to which a foot is on it [m]."""
+MAX_DETERMINATE_CONTACTS = 3
+"""Contacts whose forces follow from the balance alone."""
+_MIN_WIDTH = 1e-3
+"""Width of the contacts [m], and its share of their length, below which they lie on one line."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GroundSupport(Support):
+    """Support of a robot by the ground along a motion, with the times and the contacts that carry."""
+
+    in_contact: Array = field(kw_only=True)
+    """(n, c) of bool: contacts that carry."""
+    case: StandingCase = field(kw_only=True)
+    """Robot with its payloads and its ground."""
+    states: Motion = field(kw_only=True)
+    """States of the motion."""
+    need: Array = field(kw_only=True)
+    """(n,): force that the base needs [N]."""
+    sliding: tuple[str, float, float] | None = field(kw_only=True)
+    """Foot on the ground that moves although none else carries, with its speed [m/s] and time [s]."""
+    strained: bool = field(kw_only=True)
+    """True if torques exceed their limits at some instant, whatever forces within the cones are chosen."""
+    noise: SupportNoise | None = field(kw_only=True, default=None)
+    """Effect of the log's noise; None if its accelerations have none."""
+
+    @property
+    def ground(self) -> Ground:
+        """Contacts, and the rule by which they carry."""
+        return self.case.ground
+
+    @property
+    def robot(self) -> Robot:
+        """Robot with its payloads."""
+        return self.case.with_load
+
+    @property
+    def time(self) -> Array:
+        """(n,) [s]."""
+        return self.states.time
+
+    def again(self, s: MotionSamples, contacts: tuple[Contact, ...], in_contact: Array) -> Support:
+        """Support of other states, or on other contacts, of the same robot with its loads."""
+        return _support(self.case, s, contacts, in_contact)
+
+    def failing_motions(self, s: MotionSamples, rows: Array) -> tuple[Array, Array]:
+        """Motions (k, nv) that prove that some states fail, and their power; on unlimited ground if none is given."""
+        if self.ground.given:
+            return self.motion[rows], self.power[rows]
+        unlimited = self.again(s, self.ground.unlimited_contacts, self.in_contact[rows])
+        return np.nan_to_num(unlimited.motion), np.nan_to_num(unlimited.power)
+
+    @cached_property
+    def ground_doubt(self) -> str:
+        """Reason why the ground is not as assumed; empty if it fits."""
+        return ground_doubt(self.case, self.states, self.in_contact, self.aground & ~self.holds)
+
+    @property
+    def aground(self) -> Array:
+        """(n,) of bool: instants with a contact that carries."""
+        return np.asarray(self.in_contact.any(axis=1))
+
+    @property
+    def balanced(self) -> Array:
+        """(n,) of bool: instants at which forces balance, with any friction if none is given."""
+        if self.ground.given:
+            return self.holds
+        return self.aground & np.isfinite(self.friction)
+
+    @cached_property
+    def balanced_forces(self) -> Array:
+        """(n, c, 3): ``forces``, and at instants that need more friction than is assumed those on such ground [N]."""
+        forces = self.forces.copy()
+        with_more_friction = np.flatnonzero(self.balanced & ~self.holds)
+        for start in range(0, len(with_more_friction), _ROWS):
+            rows = with_more_friction[start : start + _ROWS]
+            forces[rows] = self.case.contact(samples(self.states, rows))[0].forces
+        return forces
+
+    @cached_property
+    def balancing(self) -> Array:
+        """(n,) of bool: instants whose contacts lie on one line, so that the robot can only balance."""
+        _, points = contact_maps(self.robot, self.states.q, self.contacts)
+        on_a_line = np.zeros(len(self.time), bool)
+        for k in np.flatnonzero(self.aground & ~self.holds):
+            carrying = points[k, self.in_contact[k]]
+            if len(carrying) < MAX_DETERMINATE_CONTACTS:
+                on_a_line[k] = True
+                continue
+            length, width, *_ = np.linalg.svd(carrying - carrying.mean(axis=0), compute_uv=False)
+            on_a_line[k] = width < _MIN_WIDTH * max(_MIN_WIDTH, length)
+        return on_a_line
+
+
+def ground_support(load: StandingCase, motion: Motion) -> GroundSupport:
+    """Support along the states of a motion."""
+    parts, carrying_parts, needs, strained = [], [], [], False
+    for start in range(0, len(motion), _ROWS):
+        s = samples(motion, slice(start, start + _ROWS))
+        carrying = load.ground.carrying(load.robot, s)
+        part = _support(load, s, load.ground.contacts, carrying)
+        if load.effort is not None:
+            part, beyond_limits = _with_torque_limits(load, s, part, carrying, load.effort)
+            strained |= beyond_limits
+        parts.append(part)
+        carrying_parts.append(carrying)
+        needs.append(np.linalg.norm(load.torques_in_the_air(s)[:, _base(load.robot)[3:]], axis=1))
+    figures: dict[str, Any] = {}
+    for figure in fields(Support):
+        if figure.name != "contacts":
+            figures[figure.name] = np.concatenate([getattr(part, figure.name) for part in parts])
+    in_contact = np.concatenate(carrying_parts)
+    return GroundSupport(
+        **figures,
+        contacts=load.ground.contacts,
+        in_contact=in_contact,
+        case=load,
+        states=motion,
+        need=np.concatenate(needs),
+        sliding=_sliding_foot(load, motion, in_contact),
+        strained=strained,
+    )
+
+
+def _with_torque_limits(
+    load: StandingCase, s: MotionSamples, part: Support, carrying: Array, limits: Array
+) -> tuple[Support, bool]:
+    """Support whose friction keeps the torque limits (nv,) too, and True if they are exceeded whatever friction there is."""
+    robot, effort = load.with_load, np.where(floating_entries(load.robot), np.inf, limits)
+    tau, friction, torques = load.torques_in_the_air(s), part.friction.copy(), part.torques
+    if load.ground.given:
+        max_friction = max(contact.friction for contact in load.ground.contacts)
+        rows = np.flatnonzero(part.holds)
+    else:
+        max_friction = UNLIMITED_FRICTION
+        rows = np.flatnonzero(np.isfinite(friction) & carrying.any(axis=1))
+    if len(rows):
+        friction[rows] = friction_within(
+            robot, s.q[rows], tau[rows], load.ground.contacts, carrying[rows], friction[rows], effort, max_friction
+        )
+    if not load.ground.given:
+        forces, _ = load.contact(s)
+        torques = tau - np.einsum("nvck,nck->nv", forces.maps, forces.forces)
+        torques = np.where(forces.holds[:, None], torques, np.nan)
+    return replace(part, friction=friction), bool(exceeding(torques, effort).any())
+
+
+def _base(robot: Robot) -> Array:
+    return np.flatnonzero(floating_entries(robot))
+
+
+def _support(load: StandingCase, s: MotionSamples, contacts: tuple[Contact, ...], carrying: Array) -> Support:
+    frame, place = load.robot.model.tip, (0.0, 0.0, 0.0)
+    if load.payload_mass:
+        payload = load.payloads[0]
+        frame, place = payload.frame or frame, payload.place
+    return support(
+        load.with_load, s.q, s.dq, s.ddq, contacts, in_contact=carrying, wrench_on_robot=load.wrenches_on(s),
+        payload_frame=None if frame in load.ground.frames else frame, payload_com=place, limits=load.effort,
+    )  # fmt: skip
+
+
+def _sliding_foot(load: StandingCase, motion: Motion, in_contact: Array) -> tuple[str, float, float] | None:
+    """Foot on the floor that moves although no other carries: its speed and time at the fastest."""
+    in_the_air = np.flatnonzero(~in_contact.any(axis=1))
+    if not len(in_the_air):
+        return None
+    up, contacts = load.ground.normal, load.ground.contacts
+    lowest = []
+    for start in range(0, len(motion), _ROWS):
+        _, points = contact_maps(load.robot, motion.q[start : start + _ROWS], contacts)
+        lowest.append(float((points @ up).min()))
+    maps, points = contact_maps(load.robot, motion.q[in_the_air], contacts)
+    speeds = np.linalg.norm(np.einsum("nvck,nv->nck", maps, motion.dq[in_the_air]), axis=-1)
+    speeds_on_floor = np.where(points @ up <= min(lowest) + _MAX_HEIGHT_ON_FLOOR, speeds, 0.0)
+    row, contact = np.unravel_index(int(speeds_on_floor.argmax()), speeds_on_floor.shape)
+    speed = float(speeds_on_floor[row, contact])
+    if speed <= _MAX_STANDING_SPEED:
+        return None
+    return str(contacts[contact].frame), speed, float(motion.time[in_the_air[row]])
