@@ -17,7 +17,7 @@ from twistwrench import statics, trajectories
 from twistwrench.cli.main import main
 from twistwrench.mechanics.model.couplings import motor_torques, motor_velocities
 from twistwrench.motion.limits_file import read_limits
-from twistwrench.reports.recording import Recording
+from twistwrench.reports.recordings.recording import Recording
 from twistwrench.reports.robot_summary import joint_rows, limits_csv
 from twistwrench.testing import assert_close, derivative, random_state
 from twistwrench.viz.page import write_page

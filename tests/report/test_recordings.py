@@ -8,7 +8,9 @@ from scipy.spatial.transform import Rotation
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.reports.recording import Recording, robot_description, write_mcap
+from twistwrench.reports.recordings.description import robot_description
+from twistwrench.reports.recordings.mcap import write_mcap
+from twistwrench.reports.recordings.recording import Recording
 
 EPOCH = 1_700_000_000_123_456_789
 DEMO = tw.robots.path_of("ur5").with_name("ur5_demo.csv")

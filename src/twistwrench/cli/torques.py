@@ -33,13 +33,13 @@ def _to_csv(report: Checked, path: str) -> Path:
 
 
 def _require_mcap() -> None:
-    from ..reports.recording import require_mcap
+    from ..reports.recordings.mcap import require_mcap
 
     require_mcap()
 
 
 def _require_rerun() -> None:
-    from ..reports.recording import require_rerun
+    from ..reports.recordings.rerun_file import require_rerun
 
     require_rerun()
 

@@ -76,7 +76,8 @@ class MotionDoors:
         MissingExtraError, ValueRangeError
             mcap-ros2-support is not installed, the file cannot be written, or times are negative.
         """
-        from ..reports.recording import Recording, write_mcap
+        from ..reports.recordings.mcap import write_mcap
+        from ..reports.recordings.recording import Recording
 
         return write_mcap(path, Recording.from_motion(cast("Motion", self)))
 
@@ -96,7 +97,8 @@ class MotionDoors:
         MissingExtraError, ValueRangeError
             rerun-sdk is not installed, the file cannot be written, or times are negative.
         """
-        from ..reports.recording import Recording, write_rerun
+        from ..reports.recordings.recording import Recording
+        from ..reports.recordings.rerun_file import write_rerun
 
         motion = cast("Motion", self)
         return write_rerun(path, Recording.from_motion(motion if robot is None else motion.with_robot(robot)))

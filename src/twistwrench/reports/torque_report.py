@@ -475,7 +475,8 @@ class TorqueReport(Answer):
         >>> import twistwrench as tw
         >>> tw.check("ur5", "demo").to_mcap("torques.mcap")  # doctest: +SKIP
         """
-        from .recording import Recording, write_mcap
+        from .recordings.mcap import write_mcap
+        from .recordings.recording import Recording
 
         return write_mcap(path, Recording.from_report(self))
 
@@ -500,7 +501,8 @@ class TorqueReport(Answer):
         >>> import twistwrench as tw
         >>> tw.check("ur5", "demo").to_rerun("torques.rrd")  # doctest: +SKIP
         """
-        from .recording import Recording, write_rerun
+        from .recordings.recording import Recording
+        from .recordings.rerun_file import write_rerun
 
         return write_rerun(path, Recording.from_report(self))
 

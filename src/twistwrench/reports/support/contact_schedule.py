@@ -18,9 +18,9 @@ from ...motion.column_names import date_note, si_factor, split_unit
 from ...motion.motion_log import MotionLog
 from .ground import ContactSchedule, ContactSource, Ground, InContactGiven
 
-_LOADED = 20.0
+_MIN_CARRYING_FORCE = 20.0
 """Force from which a foot carries [N]."""
-_SWITCH = 0.5
+_MIN_SWITCH_VALUE = 0.5
 """Value of a column of 0 and 1 from which a foot carries."""
 
 
@@ -33,12 +33,12 @@ def with_schedule(ground: Ground, given: InContactGiven, log: MotionLog) -> Grou
     _check_feet(ground, given)
     columns = {frame: _column(log, frame, name) for frame, name in given.items() if isinstance(name, str)}
     time, values = _rows(log, list(columns.values()))
-    forces = dict(zip(columns, values.T, strict=True))
+    logged = dict(zip(columns, values.T, strict=True))
     carries = np.ones((len(time), len(ground.contacts)), bool)
     for frame, source in given.items():
-        own = forces[frame] if frame in forces else _values(frame, source, len(time))
-        least = _SWITCH if own.max(initial=0.0) <= 1.0 else _LOADED
-        carries[:, ground.contacts_at(frame)] = (own > least)[:, None]
+        own = logged[frame] if frame in logged else _values(frame, source, len(time))
+        threshold = _MIN_SWITCH_VALUE if own.max(initial=0.0) <= 1.0 else _MIN_CARRYING_FORCE
+        carries[:, ground.contacts_at(frame)] = (own > threshold)[:, None]
     return replace(ground, schedule=ContactSchedule(time, carries))
 
 
@@ -47,22 +47,25 @@ def _check_feet(ground: Ground, given: Mapping[str, object]) -> None:
     for frame in given:
         if frame not in ground.frames:
             raise UnknownNameError.from_choices("foot of in_contact", frame, ground.frames)
-    if missing := [frame for frame in ground.feet if frame not in given]:
-        raise ValueRangeError(
-            f"in_contact has no entry for {missing[0]!r}. Give a column of the log for each foot, {{0}}: 0 or 1, or a force in "
-            "N.",
-            Argument("in_contact", {missing[0]: "COLUMN"}),
-        )
+    for frame in ground.feet:
+        if frame not in given:
+            raise ValueRangeError(
+                f"in_contact has no entry for {frame!r}. Give a column of the log for each foot, {{0}}: 0 or 1, or a force in "
+                "N.",
+                Argument("in_contact", {frame: "COLUMN"}),
+            )
 
 
 def _column(log: MotionLog, frame: str, name: str) -> int:
     """Number of the column of a foot, by its name with or without the unit."""
-    header = list(log.file.header)
-    named = [k for k, text in enumerate(header) if name in (text, split_unit(text)[0])]
-    if named:
-        return named[0]
-    near = difflib.get_close_matches(name, [split_unit(text)[0] for text in header], n=1, cutoff=0.6)
-    hint = f" Did you mean {near[0]!r}?" if near else ""
+    names = []
+    for k, text in enumerate(log.file.header):
+        name_without_unit, _ = split_unit(text)
+        if name in (text, name_without_unit):
+            return k
+        names.append(name_without_unit)
+    similar = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    hint = f" Did you mean {similar[0]!r}?" if similar else ""
     raise ValueRangeError(
         f"{log.path}: no column {name!r}, needed for {frame!r}.{hint} Name one for each foot, {{0}}: 0 or 1, "
         "or a force in N. Or leave it out: feet then carry where they are low and slow.",
@@ -73,13 +76,20 @@ def _column(log: MotionLog, frame: str, name: str) -> int:
 def _rows(log: MotionLog, used: Sequence[int]) -> tuple[Array, Array]:
     """Time (n,) of each row of a file [s], as its motion has it, and columns (n, k), forces in N."""
     columns, header = log.columns, log.file.header
-    first = 0 if columns.counted else columns.used[columns.time]
-    table = log.file.table((first, *used))
-    time = columns.seconds * (np.arange(len(table)) if columns.counted else table[:, 0])
-    shift = float(time[0]) if len(time) and date_note(float(time[0])) else 0.0
-    units = [split_unit(header[k])[1] for k in used]
-    factors = [(unit and si_factor(unit, "tau", angular=False)) or 1.0 for unit in units]
-    return time - shift, table[:, 1:] * np.array(factors)
+    if columns.counted:
+        table = log.file.table((0, *used))
+        time = columns.seconds * np.arange(len(table))
+    else:
+        table = log.file.table((columns.used[columns.time], *used))
+        time = columns.seconds * table[:, 0]
+    if len(time) and date_note(float(time[0])):
+        time = time - float(time[0])
+    factors = np.ones(len(used))
+    for k, column in enumerate(used):
+        _, unit = split_unit(header[column])
+        if unit:
+            factors[k] = si_factor(unit, "tau", angular=False) or 1.0
+    return time, table[:, 1:] * factors
 
 
 def _values(frame: str, given: ArrayLike, rows: int) -> Array:

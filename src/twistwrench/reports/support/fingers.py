@@ -27,11 +27,12 @@ class FingerDrives:
         """Sentence on drives that are not judged for a grip force [N]; empty without any."""
         if not self.joints:
             return ""
-        units = [unit_of("tau", turning) for turning in self.turning]
-        limits = {f"{number(effort)} {unit}" for effort, unit in zip(self.efforts, units, strict=True)}
-        drives = "drive" if len(self.joints) == 1 else "drives"
+        limits = set[str]()
+        for effort, turning in zip(self.efforts, self.turning, strict=True):
+            limits.add(f"{number(effort)} {unit_of('tau', turning)}")
+        drives, are = ("drive", "is") if len(self.joints) == 1 else ("drives", "are")
         return (
-            f"the {drives} of {listed(self.joints)} ({', '.join(sorted(limits))}) {'is' if drives == 'drive' else 'are'} not "
+            f"the {drives} of {listed(self.joints)} ({', '.join(sorted(limits))}) {are} not "
             f"judged for the grip force of {number(force)} N"
         )
 
@@ -50,20 +51,30 @@ def finger_drives(model: Model, frame: str, efforts: Array, pushed: Iterable[str
     ``efforts`` (nv,) are the limits of the comparison. Fingers with one of the ``pushed`` frames are left out: the
     wrench there loads them.
     """
-    palm = model.frame(frame).body
-    beyond = [i for i, body in enumerate(model.bodies) if body.joint.moves_body and palm in model.ancestors(i) - {i}]
-    if not beyond and palm != BASE:
-        parent = model.bodies[palm].parent
-        beside = [i for i, body in enumerate(model.bodies) if body.parent == parent and body.joint.moves_body]
-        beyond = beside if parent != BASE and len(beside) > 1 else []
-    loaded = {i for name in pushed for i in model.ancestors(model.frame(name).body)}
-    found = list[tuple[str, float, bool]]()
-    for i in beyond:
+    loaded = set[int]()
+    for name in pushed:
+        loaded.update(model.ancestors(model.frame(name).body))
+    joints, limits, turning = [], [], []
+    for i in _finger_bodies(model, model.frame(frame).body):
         body = model.bodies[i]
         if body.joint.nv != 1 or i in loaded:
             continue
         effort = body.effort if body.follows else float(efforts[body.v_index])
         if np.isfinite(effort):
-            found.append((body.joint.name, effort, bool(body.joint.turning[0])))
-    joints, limits, turning = zip(*found, strict=True) if found else ((), (), ())
-    return FingerDrives(joints, limits, turning)
+            joints.append(body.joint.name)
+            limits.append(effort)
+            turning.append(bool(body.joint.turning[0]))
+    return FingerDrives(tuple(joints), tuple(limits), tuple(turning))
+
+
+def _finger_bodies(model: Model, palm: int) -> list[int]:
+    """Bodies beyond the palm; if there are none, the palm is a finger, and those beside it are meant."""
+    moving = [i for i, body in enumerate(model.bodies) if body.joint.moves_body]
+    beyond = [i for i in moving if i != palm and palm in model.ancestors(i)]
+    if beyond or palm == BASE:
+        return beyond
+    parent = model.bodies[palm].parent
+    siblings = [i for i in moving if model.bodies[i].parent == parent]
+    if parent == BASE or len(siblings) == 1:
+        return []
+    return siblings

@@ -130,7 +130,7 @@ def _failure(found: GroundSupport, rows: Array) -> str:
     if 0 < less_mass <= found.case.payload_mass:
         remedies.append(f"with {_mass_text(less_mass)} kg less")
     if not remedies:
-        return words + _at_rest_words(found, k)
+        return words + _resting_pose_words(found, k)
     words += f". It stands {', or '.join(remedies)}"
     if _has_friction(found) and not found.ground.given:
         words += f" on ground of friction {number(ASSUMED_FRICTION)}"
@@ -163,7 +163,7 @@ def _failure_words(found: GroundSupport, k: int) -> str:
     return f"{how} {time}"
 
 
-def _at_rest_words(found: GroundSupport, k: int) -> str:
+def _resting_pose_words(found: GroundSupport, k: int) -> str:
     """Sentence on the pose of an instant at rest, as an answer has shown it; empty if the robot is at rest, or undecided."""
     s = samples(found.states, slice(k, k + 1))
     if not (s.dq.any() or s.ddq.any()):

@@ -38,7 +38,7 @@ _FORM = (
     "NUMBERxDIAMETER in metres such as 6x0.200, or a CSV file with the columns x,y[,preload] in m and N, or with other units "
     "in brackets, such as x [mm],y [mm],preload [kN]"
 )
-_LARGEST = 10.0
+_MAX_CIRCLE = 10.0
 """Largest diameter of a bolt circle [m]."""
 
 
@@ -53,10 +53,10 @@ class BoltPattern:
 
     def __post_init__(self) -> None:
         farthest = float(np.linalg.norm(self.places, axis=1).max(initial=0.0))
-        if farthest > 0.5 * _LARGEST:
+        if farthest > 0.5 * _MAX_CIRCLE:
             raise ValueRangeError(
                 f"{{0}}: a bolt is {number(farthest)} m from the middle of the mounting, and a circle of more than "
-                f"{number(_LARGEST)} m is not one of a robot. Places are in metres: if these are millimetres, give a "
+                f"{number(_MAX_CIRCLE)} m is not one of a robot. Places are in metres: if these are millimetres, give a "
                 "thousandth of them, or write x [mm],y [mm] in the header of the file.",
                 Argument("bolts"),
             )
@@ -72,7 +72,8 @@ class BoltPattern:
         """Pattern of a number and a circle, of a file, or of places."""
         if not isinstance(given, str | Path):
             return cls(np.atleast_2d(arguments.finite(given, "bolts", 2)))
-        if isinstance(given, str) and (circle := _CIRCLE.fullmatch(given.strip())):
+        circle = _CIRCLE.fullmatch(str(given).strip())
+        if isinstance(given, str) and circle is not None:
             return cls(bolt_circle(int(circle[1]), parse_numbers(circle[2], "bolts", _FORM, 1)[0]))
         if not Path(given).is_file():
             raise ValueRangeError(f"{{0}}: {str(given)!r} is not {_FORM}.", Argument("bolts"))
@@ -84,12 +85,13 @@ class BoltPattern:
             file = CsvFile.open(path)
             heads = [split_unit(cell) for cell in file.header]
             names = [name.casefold() for name, _ in heads]
-            if names[:2] != ["x", "y"] or names[2:] not in ([], ["preload"]):
+            if names not in (["x", "y"], ["x", "y", "preload"]):
                 raise ValueRangeError(f"{path}: the columns are {', '.join(file.header)}. Give {_FORM}.")
-            factors = [
-                1.0 if unit is None else unit_factor(unit, part, False, f"{path}, column {name!r}")
-                for (name, unit), part in zip(heads, ("q", "q", "tau"), strict=False)
-            ]
+            factors = np.ones(len(heads))
+            for k, (name, unit) in enumerate(heads):
+                if unit is not None:
+                    quantity = "tau" if names[k] == "preload" else "q"
+                    factors[k] = unit_factor(unit, quantity, False, f"{path}, column {name!r}")
             table = file.table(tuple(range(len(heads)))) * factors
         return cls(table[:, :2], table[:, 2] if table.shape[1] > 2 else None)
 
@@ -108,9 +110,10 @@ class MotionMounting:
         """(n, k, 2): axial and shear load of each bolt, with its preload; the axial load pulls if above 0 [N]."""
         if self.pattern is None:
             return None
-        found = self.pulls(self.pattern).copy()
-        found[..., 0] += 0.0 if self.pattern.preload is None else self.pattern.preload
-        return found
+        loads = self.pulls(self.pattern).copy()
+        if self.pattern.preload is not None:
+            loads[..., 0] += self.pattern.preload
+        return loads
 
     def pulls(self, pattern: BoltPattern) -> Array:
         """(n, k, 2): axial and shear load by the robot alone, without preload [N]."""
@@ -150,24 +153,26 @@ class MotionMounting:
     def blocks(self) -> list[Table | Line]:
         """Tables of the wrench and of the bolts."""
         largest = self.load.largest
-        found: list[Table | Line] = [
-            Table(
-                f"On the foundation, at {self.load.frame}",
-                words("component", list(largest)),
-                numbers("largest", [value for value, _ in largest.values()], _four),
-                words("unit", [_unit(name) for name in largest]),
-                numbers("when", [float(self.time[row]) for _, row in largest.values()], seconds, "s"),
-            )
-        ]
-        if self.pattern is not None:
-            found.append(self._bolt_table(self.pattern))
-        return found
+        values, rows = zip(*largest.values(), strict=True)
+        wrench_table = Table(
+            f"On the foundation, at {self.load.frame}",
+            words("component", list(largest)),
+            numbers("largest", values, _four),
+            words("unit", map(_unit, largest)),
+            numbers("when", self.time[list(rows)].tolist(), seconds, "s"),
+        )
+        if self.pattern is None:
+            return [wrench_table]
+        return [wrench_table, self._bolt_table(self.pattern)]
 
     def _bolt_table(self, pattern: BoltPattern) -> Table:
         """Pull and shear of the robot at each bolt, and its preload if that is known."""
         axial, shear = np.moveaxis(self.pulls(pattern), -1, 0)
+        title, preload = "Bolts", None
+        if pattern.preload is not None:
+            title, preload = "Bolts, by the robot alone", numbers("preload", pattern.preload, _four, "N")
         return Table(
-            "Bolts, by the robot alone" if pattern.preload is not None else "Bolts",
+            title,
             words("bolt", [str(k + 1) for k in range(axial.shape[1])]),
             numbers("x", 1e3 * pattern.places[:, 0], _four, "mm"),
             numbers("y", 1e3 * pattern.places[:, 1], _four, "mm"),
@@ -175,18 +180,20 @@ class MotionMounting:
             numbers("when", self.time[axial.argmax(axis=0)], seconds, "s"),
             numbers("least", axial.min(axis=0), _four, "N"),
             numbers("shear", shear.max(axis=0), _four, "N"),
-            numbers("preload", pattern.preload, _four, "N") if pattern.preload is not None else None,
+            preload,
             most=12,
             by=axial.max(axis=0).tolist(),
         )
 
     def columns(self) -> dict[str, Array]:
         """Columns (n,) of a written table."""
-        found = {f"mounting.{name} [{_unit(name)}]": self.load.wrench[:, k] for k, name in enumerate(WRENCH)}
-        if (bolts := self.bolts) is not None:
+        columns = {f"mounting.{name} [{_unit(name)}]": self.load.wrench[:, k] for k, name in enumerate(WRENCH)}
+        bolts = self.bolts
+        if bolts is not None:
             for k in range(bolts.shape[1]):
-                found |= {f"bolt{k + 1}.axial [N]": bolts[:, k, 0], f"bolt{k + 1}.shear [N]": bolts[:, k, 1]}
-        return found
+                columns[f"bolt{k + 1}.axial [N]"] = bolts[:, k, 0]
+                columns[f"bolt{k + 1}.shear [N]"] = bolts[:, k, 1]
+        return columns
 
 
 def _unit(component: str) -> str:
@@ -200,5 +207,6 @@ def _four(value: float) -> str:
 def motion_mounting(load: LoadCase, motion: Motion, frame: str | None, bolts: BoltsGiven | None) -> MotionMounting:
     """Wrench on the foundation along the states of a motion, with payloads and wrenches on the robot."""
     wrenches = {name: np.broadcast_to(F, (len(motion), 6)) for name, F in load.wrenches.items()} or None
-    found = mounting_load(load.with_load, motion.q, motion.dq, motion.ddq, frame, wrench_on_robot=wrenches)
-    return MotionMounting(found, motion.time, None if bolts is None else BoltPattern.from_given(bolts))
+    mounting = mounting_load(load.with_load, motion.q, motion.dq, motion.ddq, frame, wrench_on_robot=wrenches)
+    pattern = None if bolts is None else BoltPattern.from_given(bolts)
+    return MotionMounting(mounting, motion.time, pattern)

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from ...motion.differentiation import Differentiation, MotionSamples
     from .ground_support import GroundSupport
 
-_SURE = 5.0
+_MAX_SIGMAS_OF_NOISE = 5.0
 """Standard deviations not exceeded by any of some million samples."""
-_BEYOND = 1.01
+_FACTOR_BEYOND_MARGIN = 1.01
 """Factor of the margin in speed at which the motion that fails is found."""
 _ROWS = 4096
 """States of one batch."""
-_SHOWN = 0.002
+_MIN_STATED_INTERVAL = 0.002
 """Relative half of the interval of the margin from which it is stated."""
 
 
@@ -45,7 +45,9 @@ class SupportNoise:
     @property
     def hides(self) -> bool:
         """True if the robot may tip or slip within the noise, although it stands by the estimate."""
-        return math.isfinite(self.speed) and (self.speed**2 - 1.0) < _SURE * self.spread * self.speed**2
+        if not math.isfinite(self.speed):
+            return False
+        return (self.speed**2 - 1.0) < _MAX_SIGMAS_OF_NOISE * self.spread * self.speed**2
 
     @property
     def words(self) -> str:
@@ -59,7 +61,9 @@ class SupportNoise:
     def interval_words(self, speed: float) -> str:
         """Noise of a margin at the instant that sets it; empty if it is negligible."""
         half = INTERVAL * 0.5 * self.spread
-        return f" (± {number(half * speed, 2)} by noise)" if half > _SHOWN and math.isfinite(speed) else ""
+        if half <= _MIN_STATED_INTERVAL or not math.isfinite(speed):
+            return ""
+        return f" (± {number(half * speed, 2)} by noise)"
 
 
 def support_noise(found: GroundSupport, d: Differentiation) -> SupportNoise | None:
@@ -70,10 +74,10 @@ def support_noise(found: GroundSupport, d: Differentiation) -> SupportNoise | No
     certain = np.zeros(len(failing), bool)
     rows = np.flatnonzero(failing)
     for start in range(0, len(rows), _ROWS):
-        some = rows[start : start + _ROWS]
-        s = samples(found.states, some)
-        motion, power = found.failing_motions(s, some)
-        certain[some] = power > _SURE * _deviation(found, d, s, motion)
+        batch = rows[start : start + _ROWS]
+        s = samples(found.states, batch)
+        motion, power = found.failing_motions(s, batch)
+        certain[batch] = power > _MAX_SIGMAS_OF_NOISE * _deviation(found, d, s, motion)
     return SupportNoise(certain, *_margin(found, d))
 
 
@@ -89,14 +93,14 @@ def _margin(found: GroundSupport, d: Differentiation) -> tuple[float, float, flo
     if not standing.any():
         return 0.0, math.inf, 0.0, ""
     k = int(np.where(standing, found.speed, np.inf).argmin())
-    speed, s = float(found.speed[k]), samples(found.states, slice(k, k + 1))
-    beyond = _BEYOND * speed
+    speed, time, s = float(found.speed[k]), float(found.time[k]), samples(found.states, slice(k, k + 1))
+    beyond = _FACTOR_BEYOND_MARGIN * speed
     fast = replace(s, dq=beyond * s.dq, ddq=beyond**2 * s.ddq)
     after = found.again(fast, found.contacts, found.in_contact[k : k + 1])
     if after.holds[0] or not after.decided[0]:
-        return 0.0, speed, float(found.time[k]), ""
-    still = replace(s, dq=np.zeros_like(s.dq), ddq=np.zeros_like(s.ddq))
-    load, rest = (found.case.torques_in_the_air(x)[0] for x in (s, still))
-    rate = abs(float(after.motion[0] @ (load - rest)))
+        return 0.0, speed, time, ""
+    at_rest = replace(s, dq=np.zeros_like(s.dq), ddq=np.zeros_like(s.ddq))
+    inertial_torques = found.case.torques_in_the_air(s)[0] - found.case.torques_in_the_air(at_rest)[0]
+    power = abs(float(after.motion[0] @ inertial_torques))
     sigma = float(_deviation(found, d, s, after.motion)[0])
-    return (sigma / rate if rate > 0 else 0.0), speed, float(found.time[k]), str(after.how[0])
+    return (sigma / power if power > 0 else 0.0), speed, time, str(after.how[0])

@@ -23,15 +23,15 @@ from ...statics.contacts import refuse_loops
 from .answers import SupportAnswers
 from .grip import Holder, HolderGiven, grip_support
 from .ground import FeetGiven, FramesGiven, FrictionGiven, GroundGiven, InContactGiven
-from .ground_support import GroundSupport, ground_support
+from .ground_support import ground_support
 from .mounting import BoltsGiven, FrameOrTrue, motion_mounting
 from .noise import support_noise
 from .standing import StandingCase
 from .standing_log import robot_of_log, standing_case, with_base_held
 
 if TYPE_CHECKING:
+    from ...core.typing import Array
     from ...mechanics.model.limits import Limits
-    from ...motion.differentiation import Differentiation
     from ..torque_report import TorqueReport
 
 
@@ -58,14 +58,14 @@ class SupportQuestion:
         )
 
     @property
-    def mounted(self) -> bool:
+    def has_foundation(self) -> bool:
         """True if the robot is mounted on a foundation."""
         return self.mounting not in (None, False) or self.bolts is not None
 
     def robot_of(self, robot: Robot, motion: Any, named: str, reading: Mapping[str, Any]) -> Robot:
         """Robot as its motion has it: with its base held if that file has the joints alone, or if it is mounted."""
         ground = self.ground
-        if ground is not None and self.mounted:
+        if ground is not None and self.has_foundation:
             raise ValueRangeError(
                 "{0} and {1}: a robot that is mounted stands on no feet. Leave out one of them.",
                 Argument("feet" if self.feet is not None else "wheels"),
@@ -77,7 +77,7 @@ class SupportQuestion:
             )
         if ground is not None:
             refuse_loops(robot, "check")
-        if self.mounted:
+        if self.has_foundation:
             return Robot(replace(robot.model, mounted=True))
         if ground is not None and motion is None:
             return with_base_held(robot)
@@ -88,62 +88,74 @@ class SupportQuestion:
 
     def motion_of(self, robot: Robot, motion: Any, at: ConfigurationGiven, *, degrees: bool) -> Any:
         """Motion as given; without one an instant at rest ``at`` a configuration, by default neutral within its limits."""
-        if motion is not None and at is None:
-            return motion
         if motion is not None:
+            if at is None:
+                return motion
             raise ValueRangeError(
                 "{0} is of a robot at rest, and a motion is given too. Leave out one.", Argument("at")
             )
         if at is None and self.ground is None:
-            said = "Missing MOTION:" if in_the_shell() else "no motion is given. Give"
+            lack = "Missing MOTION:" if in_the_shell() else "no motion is given. Give"
             raise ValueRangeError(
-                f"{said} a log or plan, or 'demo'. Or give a configuration at rest, {{0}}.",
+                f"{lack} a log or plan, or 'demo'. Or give a configuration at rest, {{0}}.",
                 Argument("at", {robot.model.velocity_names[-1]: 0} if robot.nv else {}),
             )
         q = configuration_of(robot, at, degrees=degrees)
-        if at is None:
-            for body in robot.model.leaders:
-                if body.joint.nv == 1:
-                    k = body.v_index
-                    q[body.q_index] = np.clip(q[body.q_index], robot.limits.lower[k], robot.limits.upper[k])
-        still = np.zeros((1, robot.nv))
-        log = MotionLog.from_motion(Motion(np.zeros(1), q[None], still, still, robot=robot, in_seconds=True))
         if at is not None:
-            return log
-        other = spell(Argument("at", Placeholder("JOINT=VALUE" if in_the_shell() else "{joint: position}")))
+            return _log_at_rest(robot, q)
+        for body in robot.model.leaders:
+            if body.joint.nv == 1:
+                k = body.v_index
+                q[body.q_index] = np.clip(q[body.q_index], robot.limits.lower[k], robot.limits.upper[k])
+        log = _log_at_rest(robot, q)
+        form = "JOINT=VALUE" if in_the_shell() else "{joint: position}"
+        other = spell(Argument("at", Placeholder(form)))
         pose = f"At rest with each joint at zero, or at the nearest limit. Another configuration: {other}."
         return replace(log, columns=replace(log.columns, notes=(*log.columns.notes, pose)))
 
     def case(self, robot: Robot, log: MotionLog, loads: Mapping[str, Any]) -> tuple[LoadCase, MotionLog]:
         """Load case with what holds the robot, and its log."""
-        ground = self.ground
-        found, log = (LoadCase(robot, **loads), log) if ground is None else standing_case(robot, log, ground, loads)
-        self._holder(found)
-        return found, log
+        load: LoadCase
+        if self.ground is None:
+            load = LoadCase(robot, **loads)
+        else:
+            load, log = standing_case(robot, log, self.ground, loads)
+        self._holder(load)
+        return load, log
 
     def _holder(self, load: LoadCase) -> Holder | None:
         if self.grip is not None:
             return Holder.from_given("grip", self.grip, load)
-        return None if self.cup is None else Holder.from_given("cup", self.cup, load)
+        if self.cup is not None:
+            return Holder.from_given("cup", self.cup, load)
+        return None
 
     def answers(self, report: TorqueReport) -> SupportAnswers:
         """Parts of the report."""
         load, holder = report.load, self._holder(report.load)
-        if holder is None and not self.mounted and not isinstance(load, StandingCase):
+        on_ground = isinstance(load, StandingCase)
+        if holder is None and not self.has_foundation and not on_ground:
             return SupportAnswers()
-        motion, frame = report.motion, self.mounting if isinstance(self.mounting, str) else None
-        return SupportAnswers(
-            support=_ground(load, motion, report.differentiation) if isinstance(load, StandingCase) else None,
-            mounting=motion_mounting(load, motion, frame, self.bolts) if self.mounted else None,
-            grip=None if holder is None else grip_support(holder, load, motion, report.limits.effort),
-        )
+        motion, support, mounting, grip = report.motion, None, None, None
+        if isinstance(load, StandingCase):
+            support = ground_support(load, motion)
+            support = replace(support, noise=support_noise(support, report.differentiation))
+        if self.has_foundation:
+            frame = self.mounting if isinstance(self.mounting, str) else None
+            mounting = motion_mounting(load, motion, frame, self.bolts)
+        if holder is not None:
+            grip = grip_support(holder, load, motion, report.limits.effort)
+        return SupportAnswers(support=support, mounting=mounting, grip=grip)
 
 
-def _ground(load: StandingCase, motion: Motion, differentiation: Differentiation) -> GroundSupport:
-    found = ground_support(load, motion)
-    return replace(found, noise=support_noise(found, differentiation))
+def _log_at_rest(robot: Robot, q: Array) -> MotionLog:
+    """Log of one instant at rest."""
+    zeros = np.zeros((1, robot.nv))
+    return MotionLog.from_motion(Motion(np.zeros(1), q[None], zeros, zeros, robot=robot, in_seconds=True))
 
 
 def with_limits(load: LoadCase, limits: Limits) -> LoadCase:
     """Load case whose contact forces keep the torque limits where they can."""
-    return replace(load, effort=limits.effort) if isinstance(load, StandingCase) else load
+    if isinstance(load, StandingCase):
+        return replace(load, effort=limits.effort)
+    return load

@@ -55,9 +55,11 @@ class StandingCase(LoadCase):
 
     def contact(self, s: MotionSamples, robot: Robot | None = None) -> tuple[ContactForces, Array]:
         """Forces of the contacts on a robot (default: with its payloads), and which carry, (n, c)."""
-        tau = self.torques_in_the_air(s) if robot is None else np.asarray(robot.inverse_dynamics(s.q, s.dq, s.ddq))
         carrying = self.ground.carrying(self.robot, s)
-        return self._forces(self.with_load if robot is None else robot, s.q, tau, carrying), carrying
+        if robot is None:
+            return self._forces(self.with_load, s.q, self.torques_in_the_air(s), carrying), carrying
+        tau = np.asarray(robot.inverse_dynamics(s.q, s.dq, s.ddq))
+        return self._forces(robot, s.q, tau, carrying), carrying
 
     def _forces(self, robot: Robot, q: Array, tau: Array, carrying: Array) -> ContactForces:
         """Contact forces that balance torques (n, nv) at the free base.
@@ -65,23 +67,23 @@ class StandingCase(LoadCase):
         If no friction is given, instants that need more than is assumed, to balance or to keep the torque limits, are those
         of unlimited friction.
         """
-        found = contact_forces(robot, q, tau, self.ground.contacts, carrying, self.effort)
-        more = np.flatnonzero((~found.holds | self._strained(tau, found)) & carrying.any(axis=1))
-        if self.ground.given or not len(more):
-            return found
-        again = contact_forces(robot, q[more], tau[more], self.ground.unlimited_contacts, carrying[more], self.effort)
-        better = more[~found.holds[more] | ~self._strained(tau[more], again)]
-        kept = np.isin(more, better)
-        forces, holds = found.forces.copy(), found.holds.copy()
-        forces[better], holds[better] = again.forces[kept], again.holds[kept]
-        return ContactForces(forces, found.maps, holds)
+        assumed = contact_forces(robot, q, tau, self.ground.contacts, carrying, self.effort)
+        rows = np.flatnonzero((~assumed.holds | self._exceeds(tau, assumed)) & carrying.any(axis=1))
+        if self.ground.given or not len(rows):
+            return assumed
+        contacts = self.ground.unlimited_contacts
+        unlimited = contact_forces(robot, q[rows], tau[rows], contacts, carrying[rows], self.effort)
+        better = ~assumed.holds[rows] | ~self._exceeds(tau[rows], unlimited)
+        forces, holds = assumed.forces.copy(), assumed.holds.copy()
+        forces[rows[better]], holds[rows[better]] = unlimited.forces[better], unlimited.holds[better]
+        return ContactForces(forces, assumed.maps, holds)
 
-    def _strained(self, tau: Array, found: ContactForces) -> Array:
+    def _exceeds(self, tau: Array, contacts: ContactForces) -> Array:
         """True for states whose torques exceed their limits with these forces."""
         if self.effort is None:
             return np.zeros(len(tau), bool)
         limits = np.where(floating_entries(self.robot), np.inf, self.effort)
-        return exceeding(tau - _torques_of(found), limits)
+        return exceeding(tau - _torques_of(contacts), limits)
 
     def torques(self, s: MotionSamples) -> Array:
         """Inverse dynamics with payloads, wrenches, contact forces and friction; (n,) states → (n, nv)."""
@@ -91,53 +93,58 @@ class StandingCase(LoadCase):
         """Torques without payloads and wrenches, on the ground."""
         forces, _ = self.contact(s, self.robot)
         tau = np.asarray(self.robot.inverse_dynamics(s.q, s.dq, s.ddq)) - _torques_of(forces)
-        tau = tau + self._friction(s, tau) if self.friction else tau
+        if self.friction:
+            tau = tau + self._friction(s, tau)
         return self._without_base(tau)
 
     def terms(self, s: MotionSamples) -> dict[str, Array]:
         """Causes, (n, nv) each, in the order of :attr:`causes`; their sum is :meth:`torques`."""
-        found = super().terms(s)
-        del found["friction"]
-        found[CONTACT] = -_torques_of(self.contact(s)[0])
-        tau = np.sum(list(found.values()), axis=0)
-        return {**found, "friction": self._friction(s, tau) if self.friction else np.zeros_like(s.dq)}
+        terms = super().terms(s)
+        del terms["friction"]
+        terms[CONTACT] = -_torques_of(self.contact(s)[0])
+        tau = np.sum(list(terms.values()), axis=0)
+        terms["friction"] = self._friction(s, tau) if self.friction else np.zeros_like(s.dq)
+        return terms
 
     def mass_matrix(self, q: Array) -> Array:
         """Drive torques per joint acceleration (..., nv, nv), with the contact forces of least norm that it changes."""
         M = np.asarray(super().mass_matrix(q))
-        flat = np.asarray(q, float).reshape(-1, q.shape[-1])
-        still = np.zeros((len(flat), self.robot.nv))
-        states = MotionSamples(still[:, 0], flat, still, still, flat, still.astype(bool), np.zeros((len(flat), 0)))
+        rows = np.asarray(q, float).reshape(-1, q.shape[-1])
+        zeros = np.zeros((len(rows), self.robot.nv))
+        states = MotionSamples(zeros[:, 0], rows, zeros, zeros, rows, zeros.astype(bool), np.zeros((len(rows), 0)))
         free = floating_entries(self.robot)
         forces, carrying = self.contact(states)
-        G = (forces.maps * carrying[:, None, :, None]).reshape(len(flat), self.robot.nv, -1)
-        moved = np.asarray(M).reshape(-1, *M.shape[-2:])
-        borne = G @ np.linalg.pinv(G[:, free]) @ moved[:, free]
-        return np.asarray((moved - borne).reshape(M.shape))
+        G = (forces.maps * carrying[:, None, :, None]).reshape(len(rows), self.robot.nv, -1)
+        in_the_air = np.asarray(M).reshape(-1, *M.shape[-2:])
+        borne = G @ np.linalg.pinv(G[:, free]) @ in_the_air[:, free]
+        return np.asarray((in_the_air - borne).reshape(M.shape))
 
     def explain(self, s: MotionSamples) -> Explanation:
         """Drive torques of one state by link and by term, with contact forces and friction."""
         row = MotionSamples(*(np.asarray(x)[None] for x in vars(s).values()))
         why = replace(self, friction=False)._plain_explanation(s)
         why = why.with_term(CONTACT, -_torques_of(self.contact(row)[0])[0])
-        return why.with_term("friction", self._friction(s, why.torque)) if self.friction else why
+        if not self.friction:
+            return why
+        return why.with_term("friction", self._friction(s, why.torque))
 
     def _plain_explanation(self, s: MotionSamples) -> Explanation:
         return super().explain(s)
 
     def _wrenches(self, s: MotionSamples) -> dict[str, Array] | None:
         """Wrenches on frames, those of the contacts among them."""
-        found = dict(self.wrenches_on(s) or {})
+        wrenches = dict(self.wrenches_on(s) or {})
         forces, _ = self.contact(s)
         for frame in self.ground.frames:
             T = np.asarray(self.robot.forward_kinematics(s.q, frame))
-            own = np.zeros((len(s), 6))
+            R = T[:, :3, :3]
+            wrench = np.zeros((len(s), 6))
             for k in self.ground.contacts_at(frame):
                 contact, f = self.ground.contacts[k], forces.forces[:, k]
-                moment = np.cross(T[:, :3, :3] @ contact.point - contact.radius * contact.normal, f)
-                own += np.concatenate([np.einsum("nji,nj->ni", T[:, :3, :3], x) for x in (moment, f)], axis=1)
-            found[frame] = found.get(frame, 0.0) + own
-        return found
+                moment = np.cross(R @ contact.point - contact.radius * contact.normal, f)
+                wrench += np.concatenate([np.einsum("nji,nj->ni", R, x) for x in (moment, f)], axis=1)
+            wrenches[frame] = wrenches.get(frame, 0.0) + wrench
+        return wrenches
 
     def _without_base(self, tau: Array) -> Array:
         return np.where(floating_entries(self.robot), 0.0, tau)

@@ -32,19 +32,20 @@ def standing_case(
     robot: Robot, log: MotionLog, given: GroundGiven, loads: Mapping[str, Any]
 ) -> tuple[StandingCase, MotionLog]:
     """Load case of a robot on the ground, and the log with its base, from a log of the robot as it was loaded."""
-    free, first = with_base_free(robot), log.motion(log.table[:1]).q[0]
+    free, q = with_base_free(robot), log.motion(log.table[:1]).q[0]
+    if free is not robot:
+        if has_base_columns(log.file, free):
+            raise ValueRangeError(
+                f"{log.path}: the file has the pose of the base, and the base of robot {robot.name!r} is fixed. Load it with a "
+                "floating base, {0}, so that these columns are read.",
+                Argument("floating_base", True),
+            )
+        q = np.concatenate([free.neutral[:7], q])
+    ground = with_schedule(ground_of(free, given, q), given.in_contact, log)
+    case = StandingCase(free, **loads, ground=ground)
     if free is robot:
-        return StandingCase(
-            free, **loads, ground=with_schedule(ground_of(free, given, first), given.in_contact, log)
-        ), log
-    if has_base_columns(log.file, free):
-        raise ValueRangeError(
-            f"{log.path}: the file has the pose of the base, and the base of robot {robot.name!r} is fixed. Load it with a "
-            "floating base, {0}, so that these columns are read.",
-            Argument("floating_base", True),
-        )
-    ground = with_schedule(ground_of(free, given, np.concatenate([free.neutral[:7], first])), given.in_contact, log)
-    return StandingCase(free, **loads, ground=ground), standing_log(log, robot, free, ground)
+        return case, log
+    return case, standing_log(log, robot, free, ground)
 
 
 def has_base_columns(file: MotionFile, free: Robot, columns: Mapping[str, str] | None = None) -> bool:
@@ -80,20 +81,14 @@ def standing_log(log: MotionLog, held: Robot, free: Robot, ground: Ground) -> Mo
     if soles:
         poses, standing = base_poses(held, rows.time, rows.q, soles, normal=ground.normal)
     else:
-        below = upward(held)
-        wheels = [
-            (np.asarray(held.forward_kinematics(rows.q[0], c.frame)) @ np.r_[c.point, 1.0])[:3] - c.radius * below
-            for c in ground.contacts
-        ]
-        poses = np.tile(level_pose(held, np.array(wheels), ground.normal), (len(rows.time), 1, 1))
+        poses = np.tile(_pose_on_wheels(held, rows.q[0], ground), (len(rows.time), 1, 1))
         standing = np.zeros((len(rows.time), 0), bool)
     parts: dict[str, Array] = {"q": np.column_stack([pose_coordinates(poses), rows.q])}
     if rows.dq is not None:
-        joint_rates = rows.dq, np.zeros_like(rows.dq) if rows.ddq is None else rows.ddq
-        dq, ddq = stance_rates(free, parts["q"], *joint_rates, soles, standing)
-        parts["dq"] = dq
+        joint_ddq = np.zeros_like(rows.dq) if rows.ddq is None else rows.ddq
+        parts["dq"], base_ddq = stance_rates(free, parts["q"], rows.dq, joint_ddq, soles, standing)
         if rows.ddq is not None:
-            parts["ddq"] = ddq
+            parts["ddq"] = base_ddq
     if rows.tau is not None:
         parts["tau"] = np.column_stack([np.zeros((len(rows.q), 6)), rows.tau])
     names = Coordinates.from_model(free.model)
@@ -102,9 +97,21 @@ def standing_log(log: MotionLog, held: Robot, free: Robot, ground: Ground) -> Mo
         header += names.headers(part)
     table = np.column_stack([rows.time, *parts.values()])
     file = ArrayFile.from_table(log.path, header, table, table.nbytes)
-    found = MotionLog.open(file, free.model, plan=log.plan)
-    stood = listed([frame for k, frame in enumerate(soles) if standing[:, k].any()], 4)
-    note = ReadingNote(f"The pose of the base is that in which these stay where they are: {stood or 'wheels'}.")
-    columns = replace(found.columns, notes=(*log.notes, note))
-    read = tuple(doubt for doubt in log.doubts() if doubt.kind not in {own.kind for own in found.doubts()})
-    return replace(found, columns=columns, of_source=read, locked=log.locked, unused=log.unused)
+    with_base = MotionLog.open(file, free.model, plan=log.plan)
+    standing_frames = [frame for k, frame in enumerate(soles) if standing[:, k].any()]
+    resting = listed(standing_frames, 4) or "wheels"
+    note = ReadingNote(f"The pose of the base is that in which these stay where they are: {resting}.")
+    columns = replace(with_base.columns, notes=(*log.notes, note))
+    own_kinds = {doubt.kind for doubt in with_base.doubts()}
+    doubts = tuple(doubt for doubt in log.doubts() if doubt.kind not in own_kinds)
+    return replace(with_base, columns=columns, of_source=doubts, locked=log.locked, unused=log.unused)
+
+
+def _pose_on_wheels(held: Robot, q: Array, ground: Ground) -> Array:
+    """Pose (4, 4) of the base in which the lowest points of the wheels are on the ground."""
+    up = upward(held)
+    lowest_points = []
+    for contact in ground.contacts:
+        T = np.asarray(held.forward_kinematics(q, contact.frame))
+        lowest_points.append((T @ np.r_[contact.point, 1.0])[:3] - contact.radius * up)
+    return level_pose(held, np.array(lowest_points), ground.normal)

@@ -1,0 +1,113 @@
+"""URDF of a recorded robot with its shapes, and the coordinates and poses of its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...core.errors import ModelError, NotFoundError
+from ...core.typing import Array
+from ...formats.robot_file import file_of
+from ...formats.source import find_resource
+from ...formats.writers import write_urdf
+from ...formats.xml import Element, parse
+from ...mechanics.lie import quaternion, se3
+
+if TYPE_CHECKING:
+    from ...mechanics.model.model import Model
+    from ...robot import Robot
+
+
+def robot_description(model: Model, *, local: bool = False) -> Element:
+    """URDF of a model with locked joints fixed, and with the visuals and collision shapes of its own URDF file.
+
+    Mesh names relative to the file become paths. If ``local``, all mesh names become paths, and shapes without their mesh file
+    are left out.
+    """
+    robot = parse(write_urdf(model).text)
+    try:
+        file = file_of(model)
+        own = robot if file is None else file.root
+    except (ModelError, NotFoundError, OSError, ValueError):  # the file changed since the robot was loaded
+        return robot
+    if file is None or own.tag != "robot":
+        return robot
+    links = {link.attributes["name"]: link for link in robot.all("link")}
+    robot.children = [*own.all("material"), *robot.children]
+    for link in own.all("link"):
+        described = links.get(link.attributes.get("name", ""))
+        if described is None:
+            continue
+        for original in (*link.all("visual"), *link.all("collision")):
+            shape = original.deep_copy()
+            if _resolve_meshes(shape, Path(file), local=local):
+                described.add(shape)
+    return robot
+
+
+def _resolve_meshes(shape: Element, file: Path, *, local: bool) -> bool:
+    """Replace mesh names of a shape by paths; False if ``local`` and a mesh file is missing."""
+    for mesh in shape.walk():
+        if mesh.tag != "mesh":
+            continue
+        name = mesh.attributes.get("filename", "")
+        path = find_resource(name, file)
+        if path is None:
+            if local:
+                return False
+        elif local:
+            mesh.attributes["filename"] = str(path.resolve())
+        elif "://" not in name:
+            mesh.attributes["filename"] = path.resolve().as_uri()
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class MovingJoints:
+    """Moving joints of a description and their coordinates in a motion."""
+
+    robot: Robot
+    description: Element
+
+    @cached_property
+    def joints(self) -> dict[str, Element]:
+        """Joints of the description by name."""
+        return {joint.attributes["name"]: joint for joint in self.description.all("joint")}
+
+    def coordinates(self, q: Array) -> dict[str, Array]:
+        """Coordinates (n,) of joints with one coordinate, including mimic joints."""
+        coordinates = {}
+        for body in self.robot.model.bodies:
+            if body.joint.nq == 1:
+                coordinates[body.joint.name] = body.ratio * q[:, body.q_index] + body.offset
+        for name, joint in self.joints.items():
+            mimic = joint.child("mimic")
+            if mimic is not None and name not in coordinates:
+                leader = coordinates[mimic.attributes["joint"]]
+                coordinates[name] = mimic.number("multiplier") * leader + mimic.number("offset")
+        return coordinates
+
+    def transforms(self, q: Array) -> Iterator[tuple[str, str, Array, Array]]:
+        """Parent, child, position (n, 3) and quaternion x, y, z, w (n, 4) of each joint with several coordinates.
+
+        A ball joint is three joints in the description, of which the first has the whole rotation.
+        """
+        bodies = [b for b in self.robot.model.bodies if b.joint.nq > 1]
+        if not bodies:
+            return
+        names, T = list(self.robot.link_names), np.asarray(self.robot.link_poses(q))
+        for body in bodies:
+            joint = self.joints.get(body.joint.name) or self.joints[f"{body.joint.name}.x"]
+            parent, child = (
+                joint.require_child("parent", "").text("link"),
+                joint.require_child("child", "").text("link"),
+            )
+            pose = T[:, names.index(body.link)]
+            if parent in names:  # excludes the world of a floating base
+                pose = se3.inverse(T[:, names.index(parent)]) @ pose
+            yield parent, child, pose[:, :3, 3], np.roll(quaternion.from_matrix(pose[:, :3, :3]), -1, axis=-1)

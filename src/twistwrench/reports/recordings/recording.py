@@ -1,0 +1,152 @@
+"""Recordings of motions for other viewers: ROS 2 messages in MCAP files, and rerun's .rrd files.
+
+Both contain the robot's URDF text with its meshes, joint states in rad, m, N m and N, and stamps in nanoseconds. Stamps counted
+from 1970 stay unchanged. A report adds torques, their causes, shares of limits, the limits and the verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ...core.errors import ValueRangeError
+from ...core.numbers import seconds
+from ...core.typing import Array
+from ...core.verdict import Word
+from ...mechanics.joints.units import unit_of
+from ...mechanics.model.couplings import joint_effort
+from ...motion.coordinates import Coordinates
+
+if TYPE_CHECKING:
+    from ...motion.motion import Motion
+    from ...motion.motion_log import LogRows
+    from ...robot import Robot
+    from ..torque_report import TorqueReport
+
+NANOSECONDS = 10**9
+"""Nanoseconds of a second."""
+_MAX_STAMP = 2**31
+"""Largest ROS time stamp [s]."""
+_ROWS = 8192
+_PARTS = {"position": "q", "velocity": "dq", "effort": "tau"}
+"""Fields of a JointState and the quantities stored in them."""
+
+
+class JointStates(NamedTuple):
+    """States of the joints: positions (n, nq), velocities and torques (n, nv); None if unknown."""
+
+    q: Array | None = None
+    dq: Array | None = None
+    tau: Array | None = None
+
+
+Portion = tuple[Array, Array, Mapping[str, JointStates]]
+"""Times (n,), configurations (n, nq) to show, and joint states by their topic."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Content of a recording, in chunks of rows."""
+
+    robot: Robot
+    epoch: int
+    """Stamp of time 0 [ns]."""
+    span: tuple[float, float]
+    """First and last time [s]."""
+    portions: Iterator[Portion]
+    limits: JointStates | None = None
+    """Velocity and torque limits, (1, nv) each."""
+    verdict: tuple[Word, str] | None = None
+
+    @classmethod
+    def from_motion(cls, motion: Motion) -> Recording:
+        """Recording of a motion: its joint states."""
+        states = {"joint_states": JointStates(motion.q, motion.dq, motion.tau)}
+        portions = iter([(motion.time, motion.q, states)])
+        return cls(motion.robot, motion.epoch, (float(motion.time[0]), float(motion.time[-1])), portions)
+
+    @classmethod
+    def from_report(cls, report: TorqueReport) -> Recording:
+        """Recording of a report: the log's joint states, and the results."""
+        from ..spoken_verdict import verdict_text
+
+        effort = joint_effort(report.load.robot.model, report.limits.effort)
+        limits = JointStates(None, report.limits.velocity[None], effort[None])
+        verdict = report.verdict.word, verdict_text(report)
+        epoch = report.differentiation.trajectory.epoch
+        return cls(report.load.robot, epoch, (report.begin, report.end), _results(report), limits, verdict)
+
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """Names and units of the robot's coordinates."""
+        return Coordinates.from_model(self.robot.model)
+
+    @cached_property
+    def joints(self) -> tuple[list[str], Array, Array]:
+        """Joints with one coordinate: names and indices in q and in dq."""
+        bodies = [b for b in self.robot.model.leaders if b.joint.nq == 1]
+        q_indices = np.array([b.q_index for b in bodies], int)
+        return [b.joint.name for b in bodies], q_indices, np.array([b.v_index for b in bodies], int)
+
+    @cached_property
+    def units(self) -> dict[str, list[str]]:
+        """Units of the positions, velocities and efforts of those joints."""
+        _, _, v_indices = self.joints
+        angular = self.coordinates.angular_velocity[v_indices].tolist()
+        units = {}
+        for name, quantity in _PARTS.items():
+            units[name] = [unit_of(quantity, turns) for turns in angular]
+        return units
+
+    def values(self, states: JointStates) -> dict[str, Array]:
+        """Known positions, velocities and efforts (n, joints) of the joints with one coordinate."""
+        _, q_indices, v_indices = self.joints
+        values = {}
+        if states.q is not None:
+            values["position"] = states.q[:, q_indices]
+        if states.dq is not None:
+            values["velocity"] = states.dq[:, v_indices]
+        if states.tau is not None:
+            values["effort"] = states.tau[:, v_indices]
+        return values
+
+    def stamps(self, time: Array) -> Array:
+        """Stamps (n,) of times [ns]; raises ValueRangeError if they are negative or too large for ROS."""
+        stamps = self.epoch + np.rint(time * NANOSECONDS).astype(np.int64)
+        if stamps[0] < 0 or stamps[-1] >= _MAX_STAMP * NANOSECONDS:
+            raise ValueRangeError(
+                f"stamps of recordings are from 0 to {_MAX_STAMP} s, and the motion is from "
+                f"{seconds(stamps[0] / NANOSECONDS)} to {seconds(stamps[-1] / NANOSECONDS)} s. Shift its times, for example "
+                "to begin at 0."
+            )
+        return stamps
+
+
+def _results(report: TorqueReport) -> Iterator[Portion]:
+    """Chunks of a report: log, computed torques and their causes."""
+    load, limits = report.load, report.limits
+    model = load.with_load.model
+    has_cause = {"spring": model.springs, "payload": load.payloads, "wrench": load.wrenches, "friction": load.friction}
+    for states, motion, inner in report.differentiation.surrounded_states(_ROWS):
+        s, torques = states[inner], load.torques(states[inner])
+        series = {"joint_states": _logged_states(motion, inner), "torque": JointStates(s.q, s.dq, torques)}
+        for name, values in load.terms(s).items():
+            if has_cause.get(name, True):
+                series[f"torque/{name}"] = JointStates(tau=values)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.abs(load.drive_torques(torques)) / limits.effort
+        for joints, A, _ in model.coupled:  # coupled joints: largest share of their motors
+            share[:, joints] = np.max(share[:, joints, None] * (A != 0), axis=1)
+        series["share"] = JointStates(tau=share)
+        yield s.time, s.q, series
+
+
+def _logged_states(motion: LogRows, rows: slice) -> JointStates:
+    """States of a log in some rows; velocities and torques if it has them."""
+    dq = None if motion.dq is None else motion.dq[rows]
+    tau = None if motion.tau is None else motion.tau[rows]
+    return JointStates(motion.q[rows], dq, tau)

@@ -1,0 +1,112 @@
+"""Recordings as .rrd files of rerun, https://rerun.io."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import MissingExtraError
+from ...core.files import as_path, replacing
+from ...core.typing import Array
+from ...formats.xml import Element, xml_text
+from ...motion.column_names import SINCE_1970
+from .description import MovingJoints, robot_description
+from .recording import NANOSECONDS, JointStates, Recording
+
+
+def require_rerun() -> Any:
+    """Import the package rerun; raises MissingExtraError."""
+    try:
+        import rerun
+        import rerun.urdf
+    except ImportError:
+        raise MissingExtraError.from_extra("rerun-sdk", "rerun", "Writing .rrd") from None
+    return rerun
+
+
+def write_rerun(path: str | Path, recording: Recording) -> Path:
+    """Write an .rrd file: the robot with its meshes, its transforms, a curve of each joint and quantity, and the verdict."""
+    path, rerun = as_path(path), require_rerun()
+    moving = MovingJoints(recording.robot, robot_description(recording.robot.model, local=True))
+    with replacing(path) as scratch:
+        stream = rerun.RecordingStream("twistwrench")
+        stream.save(scratch)
+        tree = _log_tree(rerun, stream, moving.description)
+        curves = _CurveWriter(rerun, stream, recording)
+        for time, q, series in recording.portions:
+            stamps = recording.stamps(time)
+            coordinates = moving.coordinates(q)
+            for joint in tree.joints():
+                if joint.name in coordinates:  # a joint beyond its limits is drawn at its value
+                    columns = joint.compute_transform_columns(coordinates[joint.name], clamp=False)
+                    stream.send_columns("transforms", curves.index(stamps), columns)
+            for parent, child, place, turn in moving.transforms(q):
+                frames = {"parent_frame": [parent] * len(q), "child_frame": [child] * len(q)}
+                columns = rerun.Transform3D.columns(translation=place, quaternion=turn, **frames)
+                stream.send_columns("transforms", curves.index(stamps), columns)
+            for topic, states in series.items():
+                curves.send(topic, states, stamps)
+        if recording.limits is not None:
+            curves.send("limits", _repeat_once(recording.limits), recording.stamps(np.array(recording.span)))
+        if recording.verdict is not None:
+            stream.log("verdict", rerun.TextDocument(recording.verdict[1]), static=True)
+        stream.flush()
+        stream.disconnect()
+    return path
+
+
+class _CurveWriter:
+    """Writer of curves of joint states to a stream."""
+
+    def __init__(self, rerun: Any, stream: Any, recording: Recording) -> None:
+        self._rerun, self._stream, self._recording = rerun, stream, recording
+        self._with_name = set[str]()
+
+    def index(self, stamps: Array) -> list[Any]:
+        """Column of time, with the date if the log has it."""
+        if self._recording.epoch > SINCE_1970 * NANOSECONDS:
+            return [self._rerun.TimeColumn("time", timestamp=stamps.astype("datetime64[ns]"))]
+        return [self._rerun.TimeColumn("time", duration=stamps.astype("timedelta64[ns]"))]
+
+    def send(self, topic: str, states: JointStates, stamps: Array) -> None:
+        """Send the curves of a topic; the name of a curve is sent once."""
+        for parts, unit, values in _curves(self._recording, topic, states):
+            entity = self._rerun.new_entity_path(parts)
+            if entity not in self._with_name:
+                self._with_name.add(entity)
+                name = f"{' '.join(parts)} [{unit}]"
+                self._stream.log(entity, self._rerun.SeriesLines(names=name), static=True)
+            columns = self._rerun.Scalars.columns(scalars=values)
+            self._stream.send_columns(entity, self.index(stamps), columns)
+
+
+def _repeat_once(states: JointStates) -> JointStates:
+    """States with each row twice."""
+    return JointStates(*(None if x is None else np.repeat(x, 2, axis=0) for x in states))
+
+
+def _log_tree(rerun: Any, stream: Any, description: Element) -> Any:
+    """Log the links and shapes of a description; returns its joint tree."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "robot.urdf")
+        file.write_text(xml_text(description), encoding="utf-8")
+        tree = rerun.urdf.UrdfTree.from_file_path(file)
+        tree.log_urdf_to_recording(stream)
+    return tree
+
+
+def _curves(recording: Recording, topic: str, states: JointStates) -> Iterator[tuple[tuple[str, ...], str, Array]]:
+    """Path, unit and values (n,) of each joint and quantity of a topic."""
+    names, _, _ = recording.joints
+    is_result = topic == "share" or topic.startswith("torque")
+    for quantity, values in recording.values(states).items():
+        if is_result and quantity != "effort":
+            continue
+        parts = topic.split("/") if is_result else [topic, quantity]
+        units = ["1"] * len(names) if topic == "share" else recording.units[quantity]
+        for name, unit, curve in zip(names, units, values.T, strict=True):
+            yield (*parts, name), unit, curve
