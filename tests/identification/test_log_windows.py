@@ -218,7 +218,7 @@ def test_a_step_outside_the_windows_is_told(log, short, tmp_path):
 
 def test_logs_cut_short_are_said_to_be(log, tmp_path, monkeypatch):
     """A large file that ends before its header says, and one with a number missing in its middle."""
-    monkeypatch.setattr("twistwrench.motion.log_table.LARGE", 0)
+    monkeypatch.setattr("twistwrench.motion.log_table.MAX_TABLE_IN_MEMORY", 0)
     path = recorded(tmp_path / "log.npy", log)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])

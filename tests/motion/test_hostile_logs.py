@@ -93,7 +93,7 @@ def test_columns_that_are_not_used_are_not_unpacked(tmp_path):
 def test_a_column_of_lists_out_of_proportion_is_ignored(tmp_path, monkeypatch):
     parquet, pyarrow = pytest.importorskip("pyarrow.parquet"), pytest.importorskip("pyarrow")
     path = tmp_path / "log.parquet"
-    monkeypatch.setattr("twistwrench.motion.log_table.UNPACKED_FREELY", 1 << 22)
+    monkeypatch.setattr("twistwrench.motion.log_table.FREE_UNPACKED_SIZE", 1 << 22)
     lists = pyarrow.FixedSizeListArray.from_arrays(np.zeros(1 << 22, np.float32), 1 << 12)
     parquet.write_table(pyarrow.table({"time": np.arange(1024.0), "joint1": np.zeros(1024), "image": lists}), path)
     monkeypatch.setenv("TWISTWRENCH_SANDBOX", "0")
@@ -230,7 +230,7 @@ def test_an_archive_of_wide_rows_is_refused_unread(tmp_path, monkeypatch):
 
 
 def test_packed_text_out_of_proportion_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("twistwrench.motion.log_table.UNPACKED_FREELY", 1 << 22)
+    monkeypatch.setattr("twistwrench.motion.log_table.FREE_UNPACKED_SIZE", 1 << 22)
     path = tmp_path / "log.csv.gz"
     with gzip.open(path, "wb") as file:
         file.write(b"time,joint1\n" + b"0.0,0.0\n" * (1 << 20))

@@ -63,7 +63,7 @@ def write_parquet(path):
 def reading(request, monkeypatch):
     """Small tables are in memory; large ones in a temporary file, as all are here where the bound is taken away."""
     if request.param == "in blocks":
-        for place in ("motion.log_table.LARGE", "reports.log_quality.LARGE"):
+        for place in ("motion.log_table.MAX_TABLE_IN_MEMORY", "reports.log_quality.MAX_TABLE_IN_MEMORY"):
             monkeypatch.setattr(f"twistwrench.{place}", 0)
         monkeypatch.setattr("twistwrench.motion.log_table.ROWS", 7)
 

@@ -11,19 +11,18 @@ from scipy.ndimage import median_filter
 import twistwrench as tw
 from twistwrench.motion.bounds import Extrema
 from twistwrench.motion.coordinates import Coordinates
+from twistwrench.motion.credible_rates import credible_efforts
 from twistwrench.motion.plausibility import (
     DoubtfulSpans,
     Instant,
     InstantKind,
     Origin,
     RecordedSteps,
-    TimeAbove,
     _departures,
-    above_limits,
-    credible_efforts,
     doubtful_spans,
     impossible_torque,
 )
+from twistwrench.motion.time_above_limits import TimeAbove, above_limits
 
 ARM = tw.robots.ur5()
 LEVELS = {Origin.LOG: "refuse", Origin.EITHER: "unsure"}
@@ -103,7 +102,7 @@ def lasting(rows, step, *, at=10.0):
     """Whether a torque that is above 9 for some rows of a log stays there."""
     tau = np.zeros((40, 1))
     tau[5 : 5 + rows] = -at
-    return bool(time_above(np.arange(40) * step, tau).lasting(step)[0])
+    return bool(time_above(np.arange(40) * step, tau).is_lasting(step)[0])
 
 
 def test_a_torque_stays_above_its_limit_from_three_rows_and_10_ms_on():
@@ -114,7 +113,7 @@ def test_a_torque_stays_above_its_limit_from_three_rows_and_10_ms_on():
 
 def test_a_torque_above_its_limit_in_every_other_row_does_not_stay_there():
     above = time_above(T, np.where(np.arange(len(T)) % 2, 10.0, 0.0)[:, None])
-    assert not above.lasting(0.01)[0] and above.rows[0] == 1
+    assert not above.is_lasting(0.01)[0] and above.rows[0] == 1
 
 
 def test_departures_from_running_medians_are_those_of_scipy_bit_for_bit():

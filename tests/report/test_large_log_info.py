@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from twistwrench import TrajectoryError
 from twistwrench.cli.main import main
-from twistwrench.motion.plausibility import TimeAbove
+from twistwrench.motion.time_above_limits import TimeAbove
 from twistwrench.reports import log_quality
 from twistwrench.reports.log_quality import LogQuality
 from twistwrench.reports.measured_torque import TorqueComparison
@@ -25,7 +25,7 @@ def test_blocks_say_what_the_whole_says(tmp_path, monkeypatch):
     path = tmp_path / "log.csv"
     np.savetxt(path, table, delimiter=",", header="time,cut,dead,noise", comments="", fmt="%.9g")
     whole = LogQuality.from_file(path)
-    monkeypatch.setattr(log_quality, "LARGE", 0)
+    monkeypatch.setattr(log_quality, "MAX_TABLE_IN_MEMORY", 0)
     blocks = LogQuality.from_file(path)
     for name in ("rows", "time", "seconds", "gaps", "longest", "repeated", "backward"):
         assert getattr(blocks, name) == getattr(whole, name), name

@@ -10,7 +10,7 @@ from scipy import special
 
 from twistwrench.formats.yaml import UNITS, in_si
 from twistwrench.motion.column_names import unit_factor
-from twistwrench.motion.differentiation import residual_spread
+from twistwrench.motion.outliers import residual_spread
 from twistwrench.sensing.doubts.unit_doubts import MIXUPS
 from twistwrench.sensing.files import read_log
 from twistwrench.sensing.fit import Problem, fit

@@ -15,13 +15,13 @@ from sensor_logs import NOISES as NOISE
 import twistwrench as tw
 from twistwrench.sensing import contact_detection
 from twistwrench.sensing.compensation import compensate
+from twistwrench.sensing.doubts.departure import departure
 from twistwrench.sensing.fit import Problem, fit
 from twistwrench.sensing.identification import identify
 from twistwrench.sensing.log import ReadingLog
 from twistwrench.sensing.poses import propose_poses
 from twistwrench.sensing.uncertainty import uncertainty_of
 from twistwrench.sensing.unknowns import SensorState, Unknowns
-from twistwrench.sensing.doubts.departure import departure
 
 
 def test_the_contact_point_is_found_on_planes_and_balls():

@@ -69,10 +69,10 @@ def bounds_of(
     [2.0, 2.0]
     """
     require_robot(robot, "bounds_of")
-    given = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
-    given |= {"effort": effort, "jerk": jerk}
-    found = {}
-    for name, values in given.items():
+    limits = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
+    limits |= {"effort": effort, "jerk": jerk}
+    replaced = {}
+    for name, values in limits.items():
         if values is None:
             continue
         array = np.asarray(arguments.real(values, name, names=robot.model.velocity_names), float)
@@ -85,15 +85,13 @@ def bounds_of(
             raise ValueRangeError(
                 f"{name} has {printed(array[~(array > 0)].flat[0])}: a limit is above 0, inf for none."
             )
-        found[name] = np.broadcast_to(array, (robot.nv,)).copy()
-    if "acceleration" in found:
-        found.setdefault("deceleration", found["acceleration"])
-    return replace(robot.limits, **found)
+        replaced[name] = np.broadcast_to(array, (robot.nv,)).copy()
+    if "acceleration" in replaced:
+        replaced.setdefault("deceleration", replaced["acceleration"])
+    return replace(robot.limits, **replaced)
 
 
-# ── Friction at the ends of a motion
-
-_BESIDE = 1e-9
+_TIME_BESIDE_END = 1e-9
 """Time [s] from an end of a motion at which its friction is taken: long enough for a sign, too short for any other term."""
 
 
@@ -106,11 +104,11 @@ def velocities_inside(time: Array, dq: Array, ddq: Array, begin: float, end: flo
     >>> velocities_inside(np.array([0.0, 1.0]), np.zeros((2, 1)), np.array([[4.0], [-4.0]]), 0.0, 1.0).tolist()
     [[4e-09], [4e-09]]
     """
-    way = 1.0 * (time <= begin) - 1.0 * (time >= end)
-    return np.where(dq == 0.0, _BESIDE * way[..., None] * ddq, dq) if begin < end else dq
+    if begin >= end:
+        return dq
+    direction = 1.0 * (time <= begin) - 1.0 * (time >= end)
+    return np.where(dq == 0.0, _TIME_BESIDE_END * direction[..., None] * ddq, dq)
 
-
-# ── Limit check of a motion
 
 _PARTS: dict[str, Part] = {"position": "q", "velocity": "dq", "acceleration": "ddq", "jerk": "dddq", "torque": "tau"}
 """Quantity of each kind of limit."""
@@ -140,11 +138,8 @@ class Violation:
         return abs(self.value - self.limit)
 
     def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
-        return (
-            f"{self.joint}: {self.kind} {number(self.value, 5)} beyond {number(self.limit, 5)}{unit} "
-            f"at {number(self.time)} s"
-        )
+        limit = f"{number(self.limit, 5)} {self.unit}".rstrip()
+        return f"{self.joint}: {self.kind} {number(self.value, 5)} beyond {limit} at {number(self.time)} s"
 
     def in_degrees(self) -> Violation:
         """The same violation with angles in degrees.
@@ -182,9 +177,9 @@ class Extrema(NamedTuple):
         return cls._of(np.broadcast_to(time[:, None], values.shape), values, signed)
 
     @classmethod
-    def joined(cls, parts: Sequence[Extrema]) -> Extrema:
+    def merge(cls, parts: Sequence[Extrema]) -> Extrema:
         """Maxima of consecutive rows from those of their parts."""
-        value, time, signed = (np.stack(x) for x in zip(*parts, strict=True))
+        value, time, signed = map(np.stack, zip(*parts, strict=True))
         return cls._of(time, value, signed)
 
     @classmethod
@@ -213,7 +208,7 @@ class LimitCheck:
         self._borne = Extrema.from_rows(none, *np.zeros((2, 0, len(self._followers))))
 
     def _add(self, kind: str, time: Array, beyond: Array, values: Array) -> None:
-        self._worst[kind] = Extrema.joined([self._worst[kind], Extrema.from_rows(time, beyond, values)])
+        self._worst[kind] = Extrema.merge([self._worst[kind], Extrema.from_rows(time, beyond, values)])
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
         """Check states at times (n,): q (n, nq), dq, ddq and torques (n, nv); None is skipped."""
@@ -222,8 +217,9 @@ class LimitCheck:
         largest = {"velocity": b.velocity, "torque": b.effort}
         if dq is not None and ddq is not None:
             largest["acceleration"] = b.acceleration_at(dq, ddq)
-        drives = None if tau is None else motor_torques(self.model, tau)
-        for kind, values in (("velocity", dq), ("acceleration", ddq), ("torque", drives)):
+        if tau is not None:
+            tau = motor_torques(self.model, tau)
+        for kind, values in (("velocity", dq), ("acceleration", ddq), ("torque", tau)):
             if values is not None:
                 self._add(kind, time, np.abs(values) - largest[kind], values)
 
@@ -242,13 +238,16 @@ class LimitCheck:
 
     def add_borne(self, time: Array, borne: Array) -> None:
         """Check the torques (n, k) of these mimic joints at times (n,)."""
-        self._borne = Extrema.joined([self._borne, Extrema.from_rows(time, np.abs(borne), borne)])
+        self._borne = Extrema.merge([self._borne, Extrema.from_rows(time, np.abs(borne), borne)])
 
     def violations(self) -> tuple[Violation, ...]:
         """Violations, sorted by their ratio to the tolerance, largest first."""
-        found = []
+        excesses = []
         turning, drives = Coordinates.from_model(self.model).angular_velocity, drive_turns(self.model)
         for kind, worst in self._worst.items():
+            is_torque = kind == "torque"
+            names = self.model.drive_labels if is_torque else self.model.velocity_names
+            turns = drives if is_torque else turning
             for k, value in enumerate(worst.signed.tolist()):
                 beyond = float(worst.value[k])
                 limit = self._limit(kind, k, value, beyond)
@@ -256,27 +255,26 @@ class LimitCheck:
                 if not beyond > allowed:
                     continue
                 share = beyond / allowed if allowed > 0 else np.inf
-                name = (self.model.drive_labels if kind == "torque" else self.model.velocity_names)[k]
-                turns = bool((drives if kind == "torque" else turning)[k])
-                violation = Violation(name, kind, value, limit, float(worst.time[k]), unit_of(_PARTS[kind], turns))
-                found.append((share, violation))
+                unit = unit_of(_PARTS[kind], bool(turns[k]))
+                excesses.append((share, Violation(names[k], kind, value, limit, float(worst.time[k]), unit)))
         for i, body in enumerate(self._followers):
             value, beyond = float(self._borne.signed[i]), float(self._borne.value[i] - body.effort)
-            slack = float(margin(body.effort))
-            if beyond > slack:
+            allowed = float(margin(body.effort))
+            if beyond > allowed:
                 limit, time = float(np.copysign(body.effort, value)), float(self._borne.time[i])
                 unit = unit_of("tau", bool(body.joint.turning[0]))
-                found.append((beyond / slack, Violation(body.joint.name, "torque", value, limit, time, unit)))
-        return tuple(v for _, v in sorted(found, key=lambda item: -item[0]))
+                excesses.append((beyond / allowed, Violation(body.joint.name, "torque", value, limit, time, unit)))
+        return tuple(violation for _, violation in sorted(excesses, key=lambda excess: -excess[0]))
 
     def _limit(self, kind: str, k: int, value: float, beyond: float) -> float:
         """Limit that the value exceeds."""
         b = self.bounds
         if kind == "position":
             return float(b.upper[k] if value > b.upper[k] else b.lower[k])
-        either = {"velocity": [b.velocity], "torque": [b.effort], "jerk": [b.jerk]}
-        either["acceleration"] = [b.acceleration, b.deceleration]
-        size = min((float(x[k]) for x in either[kind]), key=lambda limit: abs(abs(value) - beyond - limit))
+        limits = {"velocity": [b.velocity], "torque": [b.effort], "jerk": [b.jerk]}
+        limits["acceleration"] = [b.acceleration, b.deceleration]
+        candidates = [float(limit[k]) for limit in limits[kind]]
+        size = min(candidates, key=lambda limit: abs(abs(value) - beyond - limit))
         return float(np.copysign(size, value))
 
 

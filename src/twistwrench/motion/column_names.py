@@ -46,8 +46,6 @@ def is_command(name: str) -> bool:
     return split_unit(name)[0].endswith(SUFFIX["command"])
 
 
-# ── Names used by loggers: joint and quantity
-
 STATES = ("q", "dq", "ddq", "tau")
 """Keys of coordinates, velocities, accelerations and torques."""
 PARTS = (*STATES, "command")
@@ -100,7 +98,9 @@ def time_meaning(text: str) -> tuple[int, str | None] | None:
     if name in (*_STAMPS, "time"):
         return 1, None
     name, _, unit = name.rpartition("_")
-    return (1, unit) if unit in ("s", "sec", "ms", "us", "ns") and name in (*_TIMES, *_STAMPS) else None
+    if unit in ("s", "sec", "ms", "us", "ns") and name in (*_TIMES, *_STAMPS):
+        return 1, unit
+    return None
 
 
 def is_called_seconds(text: str) -> bool:
@@ -135,10 +135,7 @@ def time_column(names: Sequence[str]) -> str:
 _DEG, _TURN = math.radians(1.0), math.tau
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": _DEG, "°": _DEG, "rev": _TURN, "turn": _TURN}
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-_ANGLES |= {
-    long: _ANGLES[short]
-    for long, short in (("radian", "rad"), ("radians", "rad"), ("degree", "deg"), ("degrees", "deg"))
-}
+_ANGLES |= {"radian": 1.0, "radians": 1.0, "degree": _DEG, "degrees": _DEG}
 _SECONDS = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
     **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
@@ -186,13 +183,14 @@ def split_unit(text: str) -> tuple[str, str | None]:
     >>> split_unit("elbow [deg]"), split_unit("Time (ms)"), split_unit("position[0]")
     (('elbow', 'deg'), ('Time', 'ms'), ('position[0]', None))
     """
-    found = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", text.strip(), re.DOTALL)
-    if not found:
-        return text.strip(), None
-    unit = (found[2] if found[2] is not None else found[3]).strip()
-    if not unit or unit.isdigit() or not found[1].strip():
-        return text.strip(), None
-    return found[1].strip(), unit
+    text = text.strip()
+    match = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", text, re.DOTALL)
+    if match is None:
+        return text, None
+    name, unit = match[1].strip(), (match[2] or match[3] or "").strip()
+    if not unit or unit.isdigit() or not name:
+        return text, None
+    return name, unit
 
 
 def si_factor(unit: str, part: str, angular: bool) -> float | None:
@@ -213,7 +211,9 @@ def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
     """Factor of :func:`si_factor`; errors (TrajectoryError) start with ``where``."""
     factor = si_factor(unit, part, angular)
     if factor is None:
-        currents = f", and of currents with {spell(Argument('gain'))} A, mA" if part == "tau" else ""
+        currents = ""
+        if part == "tau":
+            currents = f", and of currents with {spell(Argument('gain'))} A, mA"
         raise TrajectoryError(
             f"{where}: the unit {unit!r} is not one of this column's kind. Known: {known_units(part, angular)}"
             f"{currents}. Convert the column, "
@@ -260,11 +260,14 @@ def unit_since_1970(stamps: Array) -> str | None:
     """
     if not len(stamps):
         return None
-    dates = (unit for unit, size in _DATES.items() if size * _FROM <= stamps.min() and stamps.max() <= size * _TO)
-    return next(dates, None)
+    for unit, size in _DATES.items():
+        if size * _FIRST_DATE <= stamps.min() and stamps.max() <= size * _LAST_STAMP:
+            return unit
+    return None
 
 
-_DATES, _FROM, _TO = {"ns": 1e18, "us": 1e15, "ms": 1e12}, 1.2, 2.2
+_DATES, _FIRST_DATE, _LAST_STAMP = {"ns": 1e18, "us": 1e15, "ms": 1e12}, 1.2, 2.2
+"""Sizes of dates by their unit, and dates of 2008 and 2039 in these."""
 
 
 def ros_nanoseconds(stamps: Array) -> bool:
@@ -289,6 +292,7 @@ _SAME = str.maketrans({"²": "2", "³": "3", "^": "", "µ": "u", "μ": "u"})
 
 def _plain(unit: str, *, products: bool = False) -> str:
     text = unit.strip().casefold().translate(_SAME).replace("**", "")
-    text = text.replace("deg.", "deg").replace("sec", "s") if "/" in text else text
+    if "/" in text:
+        text = text.replace("deg.", "deg").replace("sec", "s")
     text = re.sub(r"[\s·*.⋅-]" if products else r"\s", "", text)
     return re.sub(r"/s/s$", "/s2", text)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..core.errors import TrajectoryError
-from ..core.estimation.least_squares import MAD
 from ..core.estimation.noise import SampleErrors, Survey, sample_errors, survey
 from ..core.typing import Array
 from ..mechanics.model.model import Model
@@ -18,9 +16,11 @@ from .bounds import velocities_inside
 from .coordinates import Continuity, Coordinates, joint_rates
 from .log_table import excerpts, windows
 from .motion_log import LogRows, MotionLog
+from .motion_samples import MotionSamples
+from .outliers import outlier_residuals, residual_spread
 from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, spline_rates, stretch_edges
 
-SURE = 5.0
+SIGNIFICANT_SIGMAS = 5.0
 """Standard deviations above which a velocity's sign is significant: false positives at rest are six in ten million."""
 _ROUND_OFFS = 16.0
 """Error of the spline's slope times the time step, in units in the last place of q."""
@@ -35,13 +35,12 @@ def stationary_intervals(quality: Survey, model: Model, t: Array, q: Array, dq: 
     repeats = np.zeros((len(t), q.shape[1]), bool)
     repeats[1:-1] = (q[1:-1] == q[:-2]) & (q[1:-1] == q[2:])
     repeats &= quality.quantum == 0
-    stationary = np.asarray(np.abs(dq) <= SURE * sigma_dq)
-    for b in model.leaders:
-        q_here = b.places[0]
-        here = b.places[1]
-        arithmetic = _ROUND_OFFS * np.finfo(float).eps * np.abs(q[:, q_here]).max(axis=1, initial=0.0) / step
-        stationary[:, here] |= np.abs(dq[:, here]) <= arithmetic[:, None]
-        stationary[:, here] |= repeats[:, q_here].all(axis=1, keepdims=True)
+    stationary = np.asarray(np.abs(dq) <= SIGNIFICANT_SIGMAS * sigma_dq)
+    for body in model.leaders:
+        q_slice, v_slice = body.places
+        round_off = _ROUND_OFFS * np.finfo(float).eps * np.abs(q[:, q_slice]).max(axis=1, initial=0.0) / step
+        stationary[:, v_slice] |= np.abs(dq[:, v_slice]) <= round_off[:, None]
+        stationary[:, v_slice] |= repeats[:, q_slice].all(axis=1, keepdims=True)
     return stationary
 
 
@@ -50,124 +49,26 @@ def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, f
 
     Only steps large enough to appear in the samples count. ``factors`` convert the columns of q to SI units.
     """
-    claimed = np.zeros(dq.shape, bool)
+    is_ringing = np.zeros(dq.shape, bool)
     if len(t) < 3:
-        return claimed
+        return is_ringing
     span, moved = t[2:] - t[:-2], curves[2:] - curves[:-2]
-    beside = np.zeros(len(span), bool)  # next to a pause: samples do not resolve the steps
+    beside_pause = np.zeros(len(span), bool)  # samples do not resolve the steps there
     for edge in stretch_edges(t)[1:-1]:
-        beside[[edge - 2, edge - 1]] = True
-    shown = np.maximum(quality.quantum, SURE * quality.noise)
+        beside_pause[[edge - 2, edge - 1]] = True
+    resolution = np.maximum(quality.quantum, SIGNIFICANT_SIGMAS * quality.noise) * factors
     for b in model.leaders:
         if b.joint.nq == 1:
             step = dq[1:-1, b.v_index] * span
-            large = (np.abs(step) > shown[b.q_index] * factors[b.q_index]) & ~beside
-            claimed[1:-1, b.v_index] = large & (step * moved[:, b.q_index] <= 0)
-    return claimed
+            is_resolved = (np.abs(step) > resolution[b.q_index]) & ~beside_pause
+            is_ringing[1:-1, b.v_index] = is_resolved & (step * moved[:, b.q_index] <= 0)
+    return is_ringing
 
-
-# ── Complete samples of a motion, with the source of their rates
-
-
-@dataclass(frozen=True, eq=False)
-class MotionSamples:
-    """Consecutive samples of a motion with all inputs of inverse dynamics; (n,), (n, nq), (n, nv), (n, nv)."""
-
-    time: Array
-    """Times (n,) [s]."""
-    q: Array
-    """Differentiated coordinates: smoothed if requested, without jumps of wrapped angles."""
-    dq: Array
-    """Velocities (n, nv) [rad/s, m/s]."""
-    ddq: Array
-    """Accelerations (n, nv) [rad/s², m/s²]."""
-    measured: Array
-    """Coordinates (n, nq) of the file in SI units, for position limits."""
-    stationary: Array
-    """(n, nv) True if a velocity is derived and within its uncertainty, so that its sign is not significant."""
-    outlier: Array
-    """Residuals (n, k, 2) of outliers in standard deviations and SI units; 0 for other samples. (n, 0) without
-    smoothing.
-    """
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    def __getitem__(self, rows: Any) -> MotionSamples:
-        """Select rows by a slice, a mask or indices."""
-        return MotionSamples(*(getattr(self, f.name)[rows] for f in fields(self)))
-
-
-# ── Outliers: samples far from the smoothed curve of their column
-
-_FAR = 6.0
-
-
-@dataclass(frozen=True)
-class Outlier:
-    """Outliers of one column."""
-
-    column: int
-    """Index among the smoothed columns."""
-    count: int
-    time: float
-    """Time of the largest outlier [s]."""
-    sigmas: float
-    """Largest signed residual in standard deviations."""
-    off: float
-    """Largest signed residual in SI units."""
-    matters: bool = True
-    """True if any outlier may be a torque beyond a limit."""
-
-
-def outliers_of(found: Array) -> tuple[Outlier, ...]:
-    """Outliers by column, largest first.
-
-    ``found`` (m, 5) has an outlier in each row: column, time, residual in standard deviations and in SI units, and 1 if it
-    may be a torque beyond a limit.
-    """
-    each = []
-    for k in np.unique(found[:, 0]).tolist():
-        mine = found[found[:, 0] == k]
-        _, time, sigmas, off, _ = mine[np.abs(mine[:, 2]).argmax()].tolist()
-        each.append(Outlier(int(k), len(mine), time, sigmas, off, bool(mine[:, 4].any())))
-    return tuple(sorted(each, key=lambda s: -abs(s.sigmas)))
-
-
-def outlier_residuals(residual: Array, spread: Array, strengths: Array) -> Array:
-    """Residuals (n, k, 2) over their spread, and in SI units; nonzero only for local maxima beyond 6 deviations."""
-    from scipy.ndimage import maximum_filter1d
-
-    found = np.zeros((*residual.shape, 2))
-    for k in np.flatnonzero(spread.any(axis=0) & (strengths > 0)).tolist():
-        off = residual[:, k] / spread[:, k]
-        size = np.abs(off)
-        if not (size > _FAR).any():
-            continue
-        # A glitch attracts the curve, so its neighbours also deviate from the curve, by less than half as much.
-        reach = 2 * math.ceil(3.0 * strengths[k] ** (1 / 6)) + 1
-        far = (size > _FAR) & (size > 0.5 * maximum_filter1d(size, reach, mode="nearest"))
-        found[far, k, 0], found[far, k, 1] = off[far], residual[far, k]
-    return found
-
-
-def residual_spread(
-    times: Sequence[Array], parts: Sequence[Array], strengths: Array, step: float, least: Array
-) -> Array:
-    """Robust standard deviation (k,) of samples about the smoothed curve, at least ``least``; 0 without smoothing."""
-    found = np.zeros(len(strengths))
-    for k in np.flatnonzero(strengths).tolist():
-        off = [x[:, k] - smooth(t, x[:, k], float(strengths[k]), step) for t, x in zip(times, parts, strict=True)]
-        found[k] = max(MAD * float(np.median(np.abs(np.concatenate(off)))), float(least[k]))
-    return found
-
-
-# ── The spline, its derivatives and their noise
 
 _SPLINE_MARGIN = 64
 """Number of samples. A sample's influence on a quintic spline falls by 0.43 per sample: by 4e-24 over the margin."""
 _EXCERPTS, _EXCERPT_ROWS = 8, 2048
-_UNDERSMOOTHED = 10.0**-0.5
+_SHARE_OF_OPTIMUM = 10.0**-0.5
 """Smoothing strength relative to the optimum for positions.
 
 The optimum balances bias and noise, but a smoothed log shows only part of the bias; with less strength the noise
@@ -217,36 +118,46 @@ class Differentiation:
         ``smoothing`` adapts the strength to the estimated noise, slightly below the optimum for positions. ``progress``
         is called with the completed fraction of the work, from 0 to 1.
         """
-        has = trajectory.columns.places
-        source = "given" if has["ddq"] is not None else "velocities" if has["dq"] is not None else "positions"
+        places_of = trajectory.columns.places
+        source = "positions"
+        if places_of["ddq"] is not None:
+            source = "given"
+        elif places_of["dq"] is not None:
+            source = "velocities"
         differentiated = "dq" if source == "velocities" else "q"
-        derives_velocities = has["dq"] is None
+        derives_velocities = places_of["dq"] is None
         derives = source != "given" or derives_velocities
-        places = has[differentiated] if derives else None
-        places = np.zeros(0, int) if places is None else places
+        places, factors = places_of[differentiated], trajectory.columns.factors[differentiated]
+        if places is None or not derives:
+            places, factors = np.zeros(0, int), np.zeros(0)
 
         runs = excerpts(trajectory.table, _EXCERPTS, _EXCERPT_ROWS)
         times = [table[:, trajectory.columns.time] for table in runs]
         parts = curves = [table[:, places] for table in runs]
         longest = max(map(len, times))  # runs of a large file have this length
         if derives and longest < FEWEST:
-            raise _too_few(trajectory, longest, "accelerations" if source != "given" else "velocities")
+            raise _too_few_rows(trajectory, longest, "accelerations" if source != "given" else "velocities")
         coordinates, turn = Coordinates.from_model(model), math.tau / trajectory.columns.angle
-        where = has["q"]
-        continuity = Continuity.from_parts(coordinates, [table[:, where] for table in runs], turn)
+        q_places = places_of["q"]
+        continuity = Continuity.from_parts(coordinates, [table[:, q_places] for table in runs], turn)
         if differentiated == "q" and derives:
             curves = [continuity.curves(x, turn) for x in parts]
         quality = survey(times, parts, curves)
         strengths, deviation = np.zeros(len(places)), quality.noise
         if smoothing:
             strengths, deviation = _strengths(times, curves, quality, progress)
-        factors = trajectory.columns.factors[differentiated]
 
         def sigma(order: int) -> Array:
-            gain = {s: noise_gain(order, s, quality.step) for s in set(strengths.tolist())}
-            return np.asarray(deviation * factors * np.array([gain[s] for s in strengths.tolist()]))
+            gains = {strength: noise_gain(order, strength, quality.step) for strength in set(strengths.tolist())}
+            return np.asarray(deviation * factors * np.array([gains[strength] for strength in strengths.tolist()]))
 
-        none = np.zeros(model.nv)
+        sigma_dq, sigma_ddq = np.zeros(model.nv), np.zeros(model.nv)
+        if derives_velocities:
+            sigma_dq = _to_joints(model, sigma(1))
+        if source == "velocities":
+            sigma_ddq = sigma(1)
+        elif source == "positions":
+            sigma_ddq = _to_joints(model, sigma(2))
         return cls(
             trajectory=trajectory,
             model=model,
@@ -256,19 +167,14 @@ class Differentiation:
             places=places,
             strengths=strengths,
             continuity=continuity,
-            sigma_ddq=none
-            if source == "given"
-            else sigma(1)
-            if source == "velocities"
-            else _to_joints(model, sigma(2)),
-            sigma_dq=_to_joints(model, sigma(1)) if derives_velocities else none,
-            spread=residual_spread(times, curves, strengths, quality.step, quality.error)
-            * (factors if derives else 1.0),
+            sigma_ddq=sigma_ddq,
+            sigma_dq=sigma_dq,
+            spread=residual_spread(times, curves, strengths, quality.step, quality.error) * factors,
             ends=_ends(trajectory.table[:, 0]),
-            errors=sample_errors(times, curves, quality).scaled(factors if derives else np.zeros(0)),
+            errors=sample_errors(times, curves, quality).scaled(factors),
         )
 
-    def smoothed(self, progress: Callable[[float], None] | None = None) -> Differentiation:
+    def with_smoothing(self, progress: Callable[[float], None] | None = None) -> Differentiation:
         """Settings for the same file, with smoothing."""
         return Differentiation.plan(self.trajectory, self.model, smoothing=True, progress=progress)
 
@@ -286,14 +192,14 @@ class Differentiation:
         """Standard deviation (n, nv) as :attr:`sigma_ddq`, by state: errors of late stamps grow with the speed."""
         of_velocities = self.source == "velocities"
         speeds = s.ddq if of_velocities else s.dq
-        found = np.broadcast_to(self.sigma_ddq, s.dq.shape).copy()
-        usual = self.quality.error * self.trajectory.columns.factors["dq" if of_velocities else "q"]
+        sigma = np.broadcast_to(self.sigma_ddq, s.dq.shape).copy()
+        usual_error = self.quality.error * self.trajectory.columns.factors["dq" if of_velocities else "q"]
         for b in self.model.leaders:
             k = b.v_index if of_velocities else b.q_index
-            if b.joint.nq == 1 and usual[k] > 0:
-                late = self.errors.stamp[k] * speeds[:, b.v_index]
-                found[:, b.v_index] *= np.sqrt(self.errors.at_rest[k] ** 2 + late**2) / usual[k]
-        return found
+            if b.joint.nq == 1 and usual_error[k] > 0:
+                stamp_error = self.errors.stamp[k] * speeds[:, b.v_index]
+                sigma[:, b.v_index] *= np.sqrt(self.errors.at_rest[k] ** 2 + stamp_error**2) / usual_error[k]
+        return sigma
 
     def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[MotionSamples]:
         """Samples of the motion in runs of about ``core`` rows; up to rounding, values do not depend on ``core``."""
@@ -328,16 +234,20 @@ class Differentiation:
         states, count = self.complete(motion), len(self.trajectory.table)
         if self.source != "given" or self.derives_velocities:
             return states
-        begin = motion.time[0] if rows.start == 0 else -math.inf
-        end = motion.time[-1] if rows.stop >= count else math.inf
+        begin, end = -math.inf, math.inf
+        if rows.start == 0:
+            begin = motion.time[0]
+        if rows.stop >= count:
+            end = motion.time[-1]
         return replace(states, dq=velocities_inside(states.time, states.dq, states.ddq, begin, end))
 
     @property
     def margin(self) -> int:
         """Number of rows on either side that affect a row's derived values."""
-        return (
-            max([_SPLINE_MARGIN, *(margin_of(s) + _SPLINE_MARGIN for s in self.strengths if s)]) if self.derives else 0
-        )
+        if not self.derives:
+            return 0
+        smoothing_margins = [margin_of(strength) for strength in self.strengths if strength]
+        return _SPLINE_MARGIN + max(smoothing_margins, default=0)
 
     def complete(self, motion: LogRows) -> MotionSamples:
         """Consecutive rows, with missing rates derived."""
@@ -349,11 +259,11 @@ class Differentiation:
             q = self.smooth(t, curves)
             speed, second = spline_rates(t, q)
             outlier = self._outliers(curves - q, speed)
-            dq, derived = joint_rates(self.model, q, speed, second)
-            ddq = derived if ddq is None else ddq
-            stationary = stationary_intervals(self.quality, self.model, t, motion.q, dq, self.sigma_dq) | ringing(
-                self.quality, self.model, t, curves, dq, self.trajectory.columns.factors["q"]
-            )
+            dq, derived_ddq = joint_rates(self.model, q, speed, second)
+            if ddq is None:
+                ddq = derived_ddq
+            stationary = stationary_intervals(self.quality, self.model, t, motion.q, dq, self.sigma_dq)
+            stationary |= ringing(self.quality, self.model, t, curves, dq, self.trajectory.columns.factors["q"])
         elif ddq is None:
             logged, dq = dq, self.smooth(t, dq)
             ddq, _ = spline_rates(t, dq)
@@ -371,8 +281,10 @@ class Differentiation:
 
     def smooth(self, t: Array, x: Array) -> Array:
         """Smooth each column (n, k) by its strength, or (n, k, ...) for several logs with common times."""
+        if not len(self.strengths):
+            return x
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]
-        return np.stack(columns, axis=1) if columns else x
+        return np.stack(columns, axis=1)
 
 
 def _strengths(
@@ -385,7 +297,7 @@ def _strengths(
     strengths, deviation = np.zeros(len(quality.noise)), quality.error
     for k, (grid, error) in enumerate(zip(quality.quantum.tolist(), quality.error.tolist(), strict=True)):
         parts = [x[:, k] for x in curves]
-        strengths[k] = _UNDERSMOOTHED * best_strength(times, parts, error, quality.step, grid)
+        strengths[k] = _SHARE_OF_OPTIMUM * best_strength(times, parts, error, quality.step, grid)
         if strengths[k] > 0:
             # Rounding errors equal for m consecutive samples have m times the power at low frequencies, which smoothing
             # passes.
@@ -396,13 +308,14 @@ def _strengths(
 
 
 def _ends(time: Array) -> Array:
-    edges = stretch_edges(time)
-    return np.sort(np.r_[time[edges[:-1]], time[[edge - 1 for edge in edges[1:]]]])
+    edges = np.array(stretch_edges(time))
+    return np.sort(np.r_[time[edges[:-1]], time[edges[1:] - 1]])
 
 
-def _too_few(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryError:
+def _too_few_rows(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryError:
+    count = "1 row is" if rows == 1 else f"{rows} rows are"
     return TrajectoryError(
-        f"{trajectory.path}: {rows} row{'s are' if rows != 1 else ' is'} too few to derive {wanted} from. "
+        f"{trajectory.path}: {count} too few to derive {wanted} from. "
         f"Give at least {FEWEST} rows, or '.vel' and '.acc' columns for every joint. A motion between a few poses is made by "
         "twistwrench move, or tw.trajectories.move."
     )
@@ -410,7 +323,9 @@ def _too_few(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryError:
 
 def noise_gain(order: int, strength: float, step: float) -> float:
     """Standard deviation of the spline's derivative of this order for white unit noise: norm of the pulse response."""
-    half = _SPLINE_MARGIN + (margin_of(strength) if strength else 0)
+    half = _SPLINE_MARGIN
+    if strength:
+        half += margin_of(strength)
     t = np.arange(2 * half + 1) * step
     pulse = np.zeros(len(t))
     pulse[half] = 1.0
@@ -428,8 +343,8 @@ def pulse_peak(order: int, step: float) -> float:
 
 def _to_joints(model: Model, spread: Array) -> Array:
     """Convert standard deviations of second derivatives of q (nq,) to those of ddq (nv,)."""
-    found = np.zeros(model.nv)
-    for b in model.leaders:
-        place, here = b.places
-        found[here] = b.joint.spread(spread[place])
-    return found
+    joint_spread = np.zeros(model.nv)
+    for body in model.leaders:
+        q_slice, v_slice = body.places
+        joint_spread[v_slice] = body.joint.spread(spread[q_slice])
+    return joint_spread

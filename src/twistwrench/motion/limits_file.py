@@ -41,10 +41,11 @@ COLUMNS = (
 """Columns of the table of ``twistwrench info --csv``."""
 KINDS = tuple(f.name for f in fields(Limits))
 """Kinds of limits."""
-_BEYOND = {sign + word: float(sign + "inf") for word in ("inf", "infinity") for sign in ("", "+", "-")} | {
-    "nan": math.nan
+_WORDS_FOR_NUMBERS = {
+    **dict.fromkeys(("inf", "+inf", "infinity", "+infinity"), math.inf),
+    **dict.fromkeys(("-inf", "-infinity"), -math.inf),
+    "nan": math.nan,
 }
-"""Words for numbers."""
 _PARTS = {"lower": "q", "upper": "q", "velocity": "dq", "acceleration": "ddq", "deceleration": "ddq", "effort": "tau"}
 """Quantities of the kinds of limits, for their units; jerk is one by itself."""
 _OF_BEARINGS = {"axial": ("tau", False), "radial": ("tau", False), "tilting": ("tau", True)}
@@ -84,11 +85,11 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
         return read_limits(given, model, degrees=degrees)
     kinds = {name: value for name, value in given.items() if name in KINDS and np.ndim(value)}
     efforts = {name: value for name, value in given.items() if name not in kinds}
-    found = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
+    limits = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
     for kind, values in kinds.items():
-        found[kind] = np.asarray(arguments.plain(values, f"limits: {kind}"), float)
-        if found[kind].shape != (model.nv,):
-            raise ShapeError(f"limits: {kind} has shape {found[kind].shape}; give ({model.nv},), one for each joint.")
+        limits[kind] = np.asarray(arguments.plain(values, f"limits: {kind}"), float)
+        if limits[kind].shape != (model.nv,):
+            raise ShapeError(f"limits: {kind} has shape {limits[kind].shape}; give ({model.nv},), one for each joint.")
     joints, stated = Coordinates.from_model(model), np.zeros(model.nv, bool)
     of_locked = tuple(joint for joint in efforts if joint in model.all_locked)
     for joint, effort in efforts.items():
@@ -97,18 +98,19 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
         if joint not in joints.velocity_names:
             raise UnknownNameError.from_choices("joint", joint, joints.velocity_names)
         k = _check(joint, {"effort": effort}, joints, set(), "limits")
-        found["effort"][k] = arguments.number(effort, f"limits: {joint}")
+        limits["effort"][k] = arguments.number(effort, f"limits: {joint}")
         stated[k] = True
     for kind in KINDS:
-        least = -math.inf if kind in ("lower", "upper") else 0.0
-        wrong = np.isnan(found[kind]) | (found[kind] <= least) & (least == 0.0)
-        if wrong.any() and (kind in kinds or kind == "effort"):
-            joint = joints.velocity_names[int(np.argmax(wrong))]
+        is_invalid = np.isnan(limits[kind])
+        if kind not in ("lower", "upper"):
+            is_invalid |= limits[kind] <= 0.0
+        if is_invalid.any() and (kind in kinds or kind == "effort"):
+            joint = joints.velocity_names[int(np.argmax(is_invalid))]
             raise ValueRangeError(
                 f"limits: the {kind} limit of {joint!r} cannot be a limit. Give a number above 0, or inf."
             )
     with_unit = np.zeros((len(KINDS), model.nv), bool)
-    return StatedLimits(**found, stated=stated | ("effort" in kinds), with_unit=with_unit, of_locked=of_locked)
+    return StatedLimits(**limits, stated=stated | ("effort" in kinds), with_unit=with_unit, of_locked=of_locked)
 
 
 def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:
@@ -126,8 +128,8 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
         header, units = _header(file)
         rows = list(file.rows())
     joints = Coordinates.from_model(model)
-    found = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
-    seen: set[str] = set()
+    limits = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
+    previous_joints: set[str] = set()
     of_locked: list[str] = []
     stated, with_unit = np.zeros(model.nv, bool), np.zeros((len(KINDS), model.nv), bool)
     for line, cells in rows:
@@ -139,30 +141,32 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
             of_locked.append(joint)
             continue
         values = {kind: _limit(row[kind], kind, where, file.dialect) for kind in KINDS if row.get(kind)}
-        k = _check(joint, values, joints, seen, where)
+        k = _check(joint, values, joints, previous_joints, where)
         if "effort" in values:
             refuse_coupled(
                 model, [joint], "has no effort by itself. Give the motors' in the actuator file, and leave it blank"
             )
-        seen.add(joint)
+        previous_joints.add(joint)
         stated[k] = "effort" in values
         turns = bool(joints.angular_velocity[k])
         unit = row.get("unit") or unit_of("q", turns, degrees=degrees)
         angle = _factor(unit, "q", turns, f"{where}, column 'unit'")
         for kind, value in values.items():
             part, moment = _OF_BEARINGS.get(kind, (_PARTS.get(kind, kind), turns))
-            of_head = _factor(units[kind], part, moment, f"{where}, column {kind!r}") if kind in units else None
-            found[kind][k] = value * (of_head or (1.0 if kind in ("effort", *BEARINGS) else angle))
-            with_unit[KINDS.index(kind), k] = of_head is not None
+            factor = 1.0 if kind in ("effort", *BEARINGS) else angle
+            if kind in units:
+                factor = _factor(units[kind], part, moment, f"{where}, column {kind!r}")
+            limits[kind][k] = value * factor
+            with_unit[KINDS.index(kind), k] = kind in units
         _check_bearing(model, joint, values, where)
         if "acceleration" in values and "deceleration" not in values:
-            found["deceleration"][k] = found["acceleration"][k]
-        if found["lower"][k] > found["upper"][k]:
+            limits["deceleration"][k] = limits["acceleration"][k]
+        if limits["lower"][k] > limits["upper"][k]:
             raise ValueRangeError(
-                f"{where}: the lower limit of {joint!r}, {printed(found['lower'][k])}, is above the upper, "
-                f"{printed(found['upper'][k])}. Swap them."
+                f"{where}: the lower limit of {joint!r}, {printed(limits['lower'][k])}, is above the upper, "
+                f"{printed(limits['upper'][k])}. Swap them."
             )
-    return StatedLimits(**found, stated=stated, with_unit=with_unit, of_locked=tuple(of_locked))
+    return StatedLimits(**limits, stated=stated, with_unit=with_unit, of_locked=tuple(of_locked))
 
 
 def _factor(unit: str, part: str, turns: bool, where: str) -> float:
@@ -176,12 +180,12 @@ def _factor(unit: str, part: str, turns: bool, where: str) -> float:
     return factor
 
 
-def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[str], where: str) -> int:
+def _check(joint: str, values: dict[str, float], joints: Coordinates, previous_joints: set[str], where: str) -> int:
     """Velocity index of a joint; raises for unknown and repeated joints and for positions of joints without one."""
     known = joints.velocity_names
     if joint not in known:
         raise ValueRangeError(f"{where}: {UnknownNameError.from_choices('joint', joint, known, similarity=0.6)}")
-    if joint in seen:
+    if joint in previous_joints:
         raise ValueRangeError(f"{where}: joint {joint!r} has limits already. Keep one line for each joint.")
     k = known.index(joint)
     bounded = [kind for kind in ("lower", "upper") if math.isfinite(values.get(kind, math.inf))]
@@ -195,14 +199,15 @@ def _check(joint: str, values: dict[str, float], joints: Coordinates, seen: set[
 
 def _check_bearing(model: Model, joint: str, values: dict[str, float], where: str) -> None:
     """Raise ValueRangeError for limits of loads that a joint's bearing does not have."""
-    given = [kind for kind in BEARINGS if math.isfinite(values.get(kind, math.inf))]
-    body = next((body for body in model.leaders if body.joint.name == joint), None)
-    if given and (body is None or body.joint.nv != 1):
+    kinds = [kind for kind in BEARINGS if math.isfinite(values.get(kind, math.inf))]
+    bodies = {body.joint.name: body for body in model.leaders}
+    body = bodies.get(joint)
+    if kinds and (body is None or body.joint.nv != 1):
         raise ValueRangeError(
-            f"{where}, column {given[0]!r}: {joint!r} has several degrees of freedom, and loads of its bearing are not "
+            f"{where}, column {kinds[0]!r}: {joint!r} has several degrees of freedom, and loads of its bearing are not "
             "computed. Leave this blank."
         )
-    if "axial" in given and body is not None and not body.joint.turning[0]:
+    if "axial" in kinds and body is not None and not body.joint.turning[0]:
         raise ValueRangeError(
             f"{where}, column 'axial': {joint!r} slides along its axis, so that its drive bears the force along it, and no "
             "bearing. Leave this blank, and give the largest force of the drive as effort."
@@ -211,19 +216,25 @@ def _check_bearing(model: Model, joint: str, values: dict[str, float], where: st
 
 def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:
     """Column names, and the units of heads that name one, ``velocity [deg/s]``."""
-    heads = [(name.lower(), unit) for name, unit in map(split_unit, file.header)]
-    header = [name for name, _ in heads]
-    unknown = [name for name in header if name not in (*COLUMNS, *BEARINGS)]
-    if "joint" not in header or unknown or len(set(header)) < len(header):
+    header, units = [], {}
+    for head in file.header:
+        name, unit = split_unit(head)
+        header.append(name.lower())
+        if unit and name.lower() in KINDS:
+            units[name.lower()] = unit
+    has_unknown = not set(header) <= {*COLUMNS, *BEARINGS}
+    if "joint" not in header or has_unknown or len(set(header)) < len(header):
         raise ValueRangeError(
             f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "
             f"{', '.join(KINDS)}, each once, separated by commas."
         )
-    return header, {name: unit for name, unit in heads if unit and name in KINDS}
+    return header, units
 
 
 def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
-    value = _BEYOND[text.lower()] if text.lower() in _BEYOND else dialect.number(text)
+    value = _WORDS_FOR_NUMBERS.get(text.lower())
+    if value is None:
+        value = dialect.number(text)
     if value is None:
         raise ValueRangeError(
             f"{where}, column {kind!r}: {text!r} is not a number. Leave it blank to keep the robot's."
@@ -234,9 +245,6 @@ def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
             f"{where}, column {kind!r}: {text!r} cannot be a limit. Give {allowed}, inf for none, or a blank."
         )
     return value
-
-
-# ── Limits used
 
 
 def notes_on_limits(limits: Limits) -> Iterator[str]:
@@ -256,11 +264,10 @@ def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> Tabl
     """Limits used by a report and their source; angles in degrees if ``degrees``."""
     turning = Coordinates.from_model(model).angular_velocity
     unit = np.where(turning & degrees, math.degrees(1.0), 1.0)
-    stated = limits.stated if isinstance(limits, StatedLimits) else np.zeros(model.nv, bool)
-    known = np.isfinite(limits.effort)
-    sources = [
-        ("limits given" if own else "robot's file") if has else "none" for own, has in zip(stated, known, strict=True)
-    ]
+    sources = np.full(model.nv, "robot's file", object)
+    if isinstance(limits, StatedLimits):
+        sources[limits.stated] = "limits given"
+    sources[~np.isfinite(limits.effort)] = "none"
     for c in model.couplings:
         for joint in c.joints:
             sources[model.velocity_names.index(joint)] = f"of motors {listed(c.motors)}"
@@ -271,5 +278,5 @@ def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> Tabl
         numbers("velocity", unit * limits.velocity, unit=heading_unit("dq", turning, degrees=degrees)),
         numbers("lower", unit * limits.lower, unit=heading_unit("q", turning, degrees=degrees)),
         numbers("upper", unit * limits.upper, unit=heading_unit("q", turning, degrees=degrees), headed=False),
-        words("source of the torque limit", sources),
+        words("source of the torque limit", sources.tolist()),
     )

@@ -33,7 +33,7 @@ from ..mechanics.model.model import BASE, Model
 from .bounds import Extrema
 from .coordinates import Coordinates
 from .credible_values import credible_load, driven_entries, placeholder_limits
-from .differentiation import MotionSamples
+from .motion_samples import MotionSamples
 
 if TYPE_CHECKING:
     from ..mechanics.model.model import Body, Model
@@ -523,7 +523,7 @@ class PayloadShares(NamedTuple):
     def joined(cls, parts: Sequence[PayloadShares]) -> PayloadShares:
         """Figures of consecutive rows from those of their parts."""
         greatest, carried, within = zip(*parts, strict=True)
-        return cls(Extrema.joined(greatest), np.max(carried, axis=0), all(within))
+        return cls(Extrema.merge(greatest), np.max(carried, axis=0), all(within))
 
 
 def margin_determined(load: LoadCase) -> bool:

@@ -17,6 +17,7 @@ import weakref
 import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, cast
 
@@ -29,29 +30,30 @@ from ..core.typing import Array
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
-LARGE = 1 << 25
+MAX_TABLE_IN_MEMORY = 1 << 25
 """Largest table in memory [bytes]; larger ones are in a temporary file, whose pages the system can evict."""
 ROWS = 1 << 14
 """Rows per block in passes over a table."""
 
 
-MOST_RATIO = 100
+MAX_RATIO = 100
 """Largest size of data in multiples of the file's that holds it. Logs are packed to a third to a thirtieth of their size."""
-UNPACKED_FREELY = 1 << 28
+FREE_UNPACKED_SIZE = 1 << 28
 """Size of data that a file of any size may hold [bytes]."""
 
 
 def most_unpacked(packed: int) -> int:
     """Largest size [bytes] of the data of a file of ``packed`` bytes."""
-    return max(UNPACKED_FREELY, MOST_RATIO * packed)
+    return max(FREE_UNPACKED_SIZE, MAX_RATIO * packed)
 
 
 def check_ratio(path: Path, unpacked: int, packed: int) -> None:
     """Raise TrajectoryError if data of ``unpacked`` bytes are out of proportion to their file of ``packed`` bytes."""
-    if unpacked > (most := most_unpacked(packed)):
+    limit = most_unpacked(packed)
+    if unpacked > limit:
         raise TrajectoryError(
-            f"{path}: has {number(packed / 2**20)} MiB and unpacks to more than {number(most / 2**20)} MiB, which no log does. "
-            "If it is a log, unpack it before, or save parts of it."
+            f"{path}: has {number(packed / 2**20)} MiB and unpacks to more than {number(limit / 2**20)} MiB, which no log "
+            "does. If it is a log, unpack it before, or save parts of it."
         )
 
 
@@ -67,7 +69,7 @@ def table_of(portions: Iterable[Array], columns: int, path: Path) -> Array:
             for portion in portions:
                 rows += len(portion)
                 parts.append(portion)
-                if 8 * rows * columns <= LARGE and file is None:
+                if 8 * rows * columns <= MAX_TABLE_IN_MEMORY and file is None:
                     continue
                 file = file or closing.enter_context(tempfile.TemporaryFile())
                 for part in parts:
@@ -92,9 +94,9 @@ def slices(count: int, rows: int = 0) -> Iterator[slice]:
 
 def without_times(table: Array, times: Iterable[float]) -> Array:
     """Remove the rows with the given times (first column), in place."""
-    end, wrong = 0, list(times)
+    end, removed_times = 0, list(times)
     for s in slices(len(table)):
-        rows = table[s][~np.isin(table[s, 0], wrong)]
+        rows = table[s][~np.isin(table[s, 0], removed_times)]
         table[end : end + len(rows)] = rows
         end += len(rows)
     return table[:end]
@@ -133,7 +135,9 @@ def windows(count: int, core: int, margin: int) -> Iterator[tuple[slice, slice]]
     """
     begin = 0
     while begin < count:
-        end = begin + core if count - begin >= core + margin else count
+        end = begin + core
+        if count - end < margin:
+            end = count
         first = max(0, begin - margin)
         yield slice(first, min(end + margin, count)), slice(begin - first, end - first)
         begin = end
@@ -141,7 +145,8 @@ def windows(count: int, core: int, margin: int) -> Iterator[tuple[slice, slice]]
 
 # ── Beginning and end of a file, which show its kind, its header and whether it is cut
 
-_START, _END = 1 << 19, 1 << 14
+_START_SIZE, _END_SIZE = 1 << 19, 1 << 14
+"""Bytes read at the beginning and at the end of a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,10 +174,10 @@ class FileEnds:
     def from_file(cls, path: Path, file: BinaryIO) -> FileEnds:
         """Ends of an open file, which is left at its beginning."""
         size = file.seek(0, os.SEEK_END)
-        file.seek(max(0, size - _END))
-        end = file.read(_END)
+        file.seek(max(0, size - _END_SIZE))
+        end = file.read(_END_SIZE)
         file.seek(0)
-        start = file.read(_START)
+        start = file.read(_START_SIZE)
         file.seek(0)
         return cls(path, start, end, size)
 
@@ -205,12 +210,12 @@ class _BetweenEnds(io.RawIOBase):
     def readinto(self, buffer: WriteableBuffer) -> int:
         view, ends = memoryview(buffer), self._ends
         end = ends.size - len(ends.end)
-        known = ends.start[self._at :] or (ends.end[self._at - end :] if self._at >= end else None)
-        if known is None:
+        if len(ends.start) <= self._at < end:
             self._file = self._file or ends.path.open("rb", buffering=0)
             self._file.seek(self._at)
             count = self._file.readinto(view[: end - self._at]) or 0
         else:
+            known = ends.start[self._at :] or ends.end[self._at - end :]
             count = min(len(known), len(view))
             view[:count] = known[:count]
         self._at += count
@@ -231,9 +236,12 @@ _BOMS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-_PORTION = 1 << 20
-_LOOK = 1 << 12
-_KEPT_IN_MEMORY = 1 << 24
+_PORTION_SIZE = 1 << 20
+"""Bytes of a text that are decoded at once."""
+_HEAD_SIZE = 1 << 12
+"""First bytes of a file by which its form is recognised."""
+_MAX_COPY_IN_MEMORY = 1 << 24
+"""Largest copy of a text in memory [bytes]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +288,7 @@ class TextSource:
 
 def _is_plain(start: bytes) -> bool:
     """True if a file with these first bytes is text in UTF-8 with newlines."""
-    head = start[:_LOOK]
+    head = start[:_HEAD_SIZE]
     return not (head.startswith(_GZIP) or _encoding(head) or _has_old_line_ends(head))
 
 
@@ -293,15 +301,24 @@ def _plain_copy(path: Path) -> BinaryIO:
     """Copy of a text in UTF-8 with newlines; raises NotFoundError and TrajectoryError."""
     try:
         with path.open("rb") as file:
-            raw = file if stat.S_ISREG(path.stat().st_mode) else _copied(_portions(file))
-            size, _ = raw.seek(0, os.SEEK_END), raw.seek(0)
-            packed, _ = raw.read(2) == _GZIP, raw.seek(0)
-            text = cast("BinaryIO", gzip.GzipFile(fileobj=raw)) if packed else raw
-            head, _ = text.read(_LOOK), text.seek(0)
+            raw: BinaryIO = file
+            if not stat.S_ISREG(path.stat().st_mode):
+                raw = _copy_portions(_portions(file))
+            size = raw.seek(0, os.SEEK_END)
+            raw.seek(0)
+            packed = raw.read(2) == _GZIP
+            raw.seek(0)
+            text: BinaryIO = raw
+            if packed:
+                text = cast("BinaryIO", gzip.GzipFile(fileobj=raw))
+            head = text.read(_HEAD_SIZE)
+            text.seek(0)
             if raw is not file and _is_plain(head) and not packed:
                 return raw
-            plain = _plain(text, _encoding(head), old=_has_old_line_ends(head))
-            return _copied(_in_proportion(plain, path, size) if packed else plain)
+            plain = _plain_portions(text, _encoding(head), old=_has_old_line_ends(head))
+            if packed:
+                plain = _check_proportion(plain, path, size)
+            return _copy_portions(plain)
     except TrajectoryError:
         raise
     except FileNotFoundError:
@@ -313,18 +330,17 @@ def _plain_copy(path: Path) -> BinaryIO:
             f"{path}: is not text in the encoding of its first bytes: {problem}. Save it as UTF-8."
         ) from None
     except (OSError, ValueError) as problem:  # ValueError: a path with a NUL
-        said = getattr(problem, "strerror", None) or problem
-        raise TrajectoryError(f"{path}: cannot be read: {said}. A file that can be read is needed.") from None
+        reason = getattr(problem, "strerror", None) or problem
+        raise TrajectoryError(f"{path}: cannot be read: {reason}. A file that can be read is needed.") from None
 
 
 def _portions(file: BinaryIO) -> Iterator[bytes]:
-    while portion := file.read(_PORTION):
-        yield portion
+    return iter(partial(file.read, _PORTION_SIZE), b"")
 
 
-def _copied(portions: Iterator[bytes]) -> BinaryIO:
+def _copy_portions(portions: Iterator[bytes]) -> BinaryIO:
     """Copy in memory, or in a temporary file without a name if large, at its beginning."""
-    copy = cast("BinaryIO", tempfile.SpooledTemporaryFile(_KEPT_IN_MEMORY))  # noqa: SIM115  it lives as long as the source
+    copy = cast("BinaryIO", tempfile.SpooledTemporaryFile(_MAX_COPY_IN_MEMORY))  # noqa: SIM115  it lives as long as the source
     try:
         for portion in portions:
             copy.write(portion)
@@ -335,7 +351,7 @@ def _copied(portions: Iterator[bytes]) -> BinaryIO:
     return copy
 
 
-def _in_proportion(portions: Iterator[bytes], path: Path, packed: int) -> Iterator[bytes]:
+def _check_proportion(portions: Iterator[bytes], path: Path, packed: int) -> Iterator[bytes]:
     """Portions of a packed text, as long as they are in proportion to its size."""
     size = 0
     for portion in portions:
@@ -344,14 +360,21 @@ def _in_proportion(portions: Iterator[bytes], path: Path, packed: int) -> Iterat
         yield portion
 
 
-def _plain(file: BinaryIO, encoding: str | None, *, old: bool) -> Iterator[bytes]:
+def _plain_portions(file: BinaryIO, encoding: str | None, *, old: bool) -> Iterator[bytes]:
     """Portions of the text in UTF-8; ``old`` if lines end in carriage returns."""
-    decoder = codecs.getincrementaldecoder(encoding)() if encoding else None
-    for portion in _portions(file):
-        text = decoder.decode(portion).encode("utf-8") if decoder else portion
-        yield text.replace(b"\r", b"\n") if old else text
-    if decoder:
-        yield decoder.decode(b"", final=True).encode("utf-8")
+    portions = _portions(file)
+    if encoding:
+        portions = _encode_utf_8(portions, encoding)
+    for portion in portions:
+        yield portion.replace(b"\r", b"\n") if old else portion
+
+
+def _encode_utf_8(portions: Iterator[bytes], encoding: str) -> Iterator[bytes]:
+    """Portions of a text in another encoding, in UTF-8."""
+    decoder = codecs.getincrementaldecoder(encoding)()
+    for portion in portions:
+        yield decoder.decode(portion).encode("utf-8")
+    yield decoder.decode(b"", final=True).encode("utf-8")
 
 
 def _encoding(head: bytes) -> str | None:

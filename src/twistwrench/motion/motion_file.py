@@ -28,7 +28,7 @@ from .columns import absent_joints
 from .coordinates import Coordinates
 from .log_table import FileEnds, slices, table_of
 from .readers import format_of
-from .readers.array_files import ArrayFile
+from .readers.columnar_file import ArrayFile
 from .readers.csv_reader import CsvFile
 
 JOINS = "+"

@@ -17,7 +17,7 @@ from ..mechanics.joints.units import unit_of, units_of
 from ..mechanics.model.model import Model
 from .column_names import time_meaning
 from .coordinates import Coordinates
-from .readers.array_files import ArrayFile
+from .readers.columnar_file import ArrayFile
 
 
 def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) -> Any:

@@ -27,13 +27,14 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _STRENGTHS = 10.0 ** np.arange(-1.0, 15.01, 0.5)
-_MOST_MARGIN = 16384
-_FAR, _NEAR, _REACH, _FEW = 6.0, 10.0, 5, 0.01
-"""Criteria of a glitch: more than ``_FAR`` standard deviations off the curve of strength ``_NEAR``, the largest within
-``_REACH`` samples, and at most the fraction ``_FEW`` of all samples. Otherwise the motion is fast.
+_MAX_MARGIN = 16384
+"""Largest number of samples on either side that may affect a smoothed sample."""
+_GLITCH_SIGMAS, _GLITCH_STRENGTH, _GLITCH_REACH, _MAX_GLITCH_SHARE = 6.0, 10.0, 5, 0.01
+"""Criteria of a glitch: more than ``_GLITCH_SIGMAS`` standard deviations off the curve of strength ``_GLITCH_STRENGTH``, the
+largest within ``_GLITCH_REACH`` samples, and at most this share of all samples. Otherwise the motion is fast.
 """
-_MOST_ALIKE = 10.0
-_MOST_PASSED, _MOST_RISK = 0.95, 4.0
+_MAX_ALIKE_SAMPLES = 10.0
+_MAX_NOISE_GAIN, _MAX_RISK = 0.95, 4.0
 """Upper bound of the noise gain of a smoother, and of its risk in units of the noise variance: mean squared correction
 plus twice the passed noise. The risk is 2 without smoothing; the rest allows for the error of the noise estimate.
 """
@@ -87,22 +88,23 @@ def best_strength(
     """
     if noise == 0.0:
         return 0.0
-    best, least = 0.0, math.inf
+    best_so_far, least_risk = 0.0, math.inf
     alike = alike_samples(parts, grid, noise)
     parts = [_without_glitches(t, x, noise, step) for t, x in zip(times, parts, strict=True)]
     for strength in _STRENGTHS:
-        if margin_of(float(strength)) > _MOST_MARGIN:
+        if margin_of(float(strength)) > _MAX_MARGIN:
             break
-        pairs = list(zip(times, parts, strict=True))
-        squares = sum(float(np.sum((x - smooth(t, x, float(strength), step)) ** 2)) for t, x in pairs)
-        mean = squares / sum(len(x) for x in parts)
-        passed = min(_MOST_PASSED, alike * _passed(float(strength)))
-        if mean + 2.0 * noise**2 * passed > _MOST_RISK * noise**2:
+        squares = 0.0
+        for t, x in zip(times, parts, strict=True):
+            squares += float(np.sum((x - smooth(t, x, float(strength), step)) ** 2))
+        mean = squares / sum(map(len, parts))
+        gain = min(_MAX_NOISE_GAIN, alike * _noise_gain(float(strength)))
+        if mean + 2.0 * noise**2 * gain > _MAX_RISK * noise**2:
             continue  # the motion is too fast for this strength
-        risk = mean / (1.0 - passed) ** 2
-        if risk < least:
-            best, least = float(strength), risk
-    return best
+        risk = mean / (1.0 - gain) ** 2
+        if risk < least_risk:
+            best_so_far, least_risk = float(strength), risk
+    return best_so_far
 
 
 def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
@@ -120,8 +122,11 @@ def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
         jumps = np.flatnonzero(np.abs(steps) > 0.5 * grid)
         climbs = steps[jumps[1:]] * steps[jumps[:-1]] > 0  # monotonic: the motion crosses a whole grid step
         between = np.diff(jumps)[climbs].astype(float)
-        total, weighted = total + float(between.sum()), weighted + float((between**2).sum())
-    length = min(_MOST_ALIKE, max(1.0, weighted / total)) if total else 1.0
+        total += float(between.sum())
+        weighted += float((between**2).sum())
+    length = 1.0
+    if total:
+        length = min(_MAX_ALIKE_SAMPLES, max(1.0, weighted / total))
     return 1.0 + (length - 1.0) * rounding
 
 
@@ -130,16 +135,17 @@ def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
     from scipy.ndimage import maximum_filter1d
 
     for _ in range(2):
-        size = np.abs(x - smooth(t, x, _NEAR, step))
-        far = (size > _FAR * noise) & (size >= maximum_filter1d(size, 2 * _REACH + 1, mode="nearest"))
-        if not 0 < np.count_nonzero(far) <= max(2, _FEW * len(x)):
+        size = np.abs(x - smooth(t, x, _GLITCH_STRENGTH, step))
+        largest_nearby = maximum_filter1d(size, 2 * _GLITCH_REACH + 1, mode="nearest")
+        glitches = (size > _GLITCH_SIGMAS * noise) & (size >= largest_nearby)
+        if not 0 < np.count_nonzero(glitches) <= max(2, _MAX_GLITCH_SHARE * len(x)):
             break
-        x = np.where(far, np.interp(t, t[~far], x[~far]), x)
+        x = np.where(glitches, np.interp(t, t[~glitches], x[~glitches]), x)
     return x
 
 
 @cache
-def _passed(strength: float) -> float:
+def _noise_gain(strength: float) -> float:
     """Mean gain of the smoother over all frequencies; 1 at strength 0."""
     w = (np.arange(20000) + 0.5) * (math.pi / 20000)
     return float(np.mean(1.0 / (1.0 + strength * (2.0 * np.sin(w / 2)) ** 6)))
@@ -192,11 +198,14 @@ def stretch_edges(t: Array) -> list[int]:
     [0, 10, 20]
     """
     steps = np.diff(t)
-    if len(steps) < FEWEST or steps.max() <= max(_PAUSE, _GAP * float(np.median(steps))):
+    if len(steps) < FEWEST:
         return [0, len(t)]
-    beside = np.maximum(np.r_[0.0, steps[:-1]], np.r_[steps[1:], 0.0])
+    shortest_pause = max(_PAUSE, _GAP * float(np.median(steps)))
+    if steps.max() <= shortest_pause:
+        return [0, len(t)]
+    adjacent_steps = np.maximum(np.r_[0.0, steps[:-1]], np.r_[steps[1:], 0.0])
     edges = [0]
-    for k in np.flatnonzero(steps > np.maximum(max(_PAUSE, _GAP * float(np.median(steps))), _GAP * beside)).tolist():
+    for k in np.flatnonzero(steps > np.maximum(shortest_pause, _GAP * adjacent_steps)).tolist():
         if k + 1 - edges[-1] >= FEWEST and len(t) - k - 1 >= FEWEST:
             edges.append(k + 1)
     return [*edges, len(t)]
@@ -270,8 +279,8 @@ def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t
     v0, a0, v1, a1 = h * dq[k], h * h * ddq[k], h * v1, h * h * a1
     swing = 60 * np.abs(way - 0.5 * (v0 + v1) + (a1 - a0) / 12) + 6 * np.abs(v1 - v0 - 0.5 * (a0 + a1))
     fits = swing <= _SWING * np.maximum(np.abs(a0), np.abs(a1))
-    for mine in several:
-        fits[..., mine] = fits[..., mine].all(axis=-1, keepdims=True)
+    for entries in several:
+        fits[..., entries] = fits[..., entries].all(axis=-1, keepdims=True)
     e0, e1, e2 = way - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     c3, c4, c5 = 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2
     x = np.where(fits, s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))), s * way)

@@ -14,7 +14,7 @@ from ..core.text import listed
 from ..core.typing import Array
 from ..motion.column_names import split_unit, time_factor, time_meaning, unit_since_1970
 from ..motion.columns import check_header
-from ..motion.log_table import LARGE, excerpts
+from ..motion.log_table import MAX_TABLE_IN_MEMORY, excerpts
 from ..motion.motion_file import open_motion_file, text_columns
 from ..motion.readers.csv_reader import CsvFile
 
@@ -98,7 +98,7 @@ class LogQuality:
             k, factor = time_column
             time, clock = header[k], _clock(table[:, k] * factor)
             value_columns.remove(k)
-        runs = excerpts(table, *_RUNS) if 8 * table.size > LARGE else [table]
+        runs = excerpts(table, *_RUNS) if 8 * table.size > MAX_TABLE_IN_MEMORY else [table]
         columns = tuple(_column(header[k], table, runs, k) for k in value_columns)
         return cls(file.path, len(table), time, *clock, columns, tuple(notes))
 

@@ -134,7 +134,7 @@ class MotorFigures(NamedTuple):
         """Figures of consecutive rows from those of their parts."""
         peaks = dict(parts[0].peaks)
         for name in peaks:
-            peaks[name] = Extrema.joined([part.peaks[name] for part in parts])
+            peaks[name] = Extrema.merge([part.peaks[name] for part in parts])
         squares = np.sum([part.squares for part in parts], axis=0)
         return cls(peaks, squares, np.concatenate([part.points for part in parts]))
 

@@ -13,9 +13,10 @@ from ..core.numbers import number, seconds
 from ..core.typing import Array
 from ..motion.bounds import Extrema
 from ..motion.coordinates import joint_rates
-from ..motion.differentiation import SURE, Differentiation, MotionSamples
+from ..motion.differentiation import SIGNIFICANT_SIGMAS, Differentiation
 from ..motion.load_case import LoadCase
 from ..motion.motion_log import LogRows
+from ..motion.motion_samples import MotionSamples
 from ..motion.smoothing import spline_rates
 
 
@@ -389,7 +390,7 @@ class PeakBootstrap:
             ddq = ddq if motion.ddq is None else given(motion.ddq)
         else:
             q, dq, ddq = given(motion.q), x, first
-        still = np.abs(dq) <= SURE * d.sigma_dq if d.derives_velocities else np.zeros(dq.shape, bool)
+        still = np.abs(dq) <= SIGNIFICANT_SIGMAS * d.sigma_dq if d.derives_velocities else np.zeros(dq.shape, bool)
         time, none = np.repeat(motion.time[near], count), np.zeros((n * count, 0))
         torques = self.load.torques(MotionSamples(time, q, dq, ddq, q, still, none))
         torques = self.load.drive_torques(torques)

@@ -25,7 +25,7 @@ from ..mechanics.model.couplings import drive_turns
 from ..mechanics.model.limits import BEARING_UNITS, BEARINGS, bears
 from ..motion.bounds import Extrema
 from ..motion.coordinates import Coordinates
-from ..motion.differentiation import Differentiation, MotionSamples, outliers_of, pulse_peak
+from ..motion.differentiation import Differentiation, pulse_peak
 from ..motion.load_case import (
     STEADY,
     LoadCase,
@@ -35,15 +35,10 @@ from ..motion.load_case import (
     payload_shares,
 )
 from ..motion.log_table import excerpts
-from ..motion.plausibility import (
-    SURROUNDINGS,
-    DoubtfulSpans,
-    InstantKind,
-    TimeAbove,
-    above_limits,
-    doubtful_spans,
-    impossible_torque,
-)
+from ..motion.motion_samples import MotionSamples
+from ..motion.outliers import outliers_of
+from ..motion.plausibility import SURROUNDINGS, DoubtfulSpans, InstantKind, doubtful_spans, impossible_torque
+from ..motion.time_above_limits import TimeAbove, above_limits
 from .measured_torque import MeasuredTorque, TorqueComparison
 from .motors import MotorFigures, MotorUse, Steps
 from .statistics import INTERVAL, Bins, Gaps, PeakBootstrap, PeakEstimate, Runs, gap_edges, mean_weights
@@ -114,9 +109,9 @@ class Extremes:
         first = parts[0]
         passed = dict(first.passed)
         for kind in passed:
-            passed[kind] = Extrema.joined([part.passed[kind] for part in parts])
-        peak = Extrema.joined([part.peak for part in parts])
-        return cls(first.load, first.limits, passed, peak, Extrema.joined([part.borne for part in parts]))
+            passed[kind] = Extrema.merge([part.passed[kind] for part in parts])
+        peak = Extrema.merge([part.peak for part in parts])
+        return cls(first.load, first.limits, passed, peak, Extrema.merge([part.borne for part in parts]))
 
     @property
     def _model(self) -> Model:
@@ -260,8 +255,8 @@ class MotionFigures:
             squares=np.sum(each("squares"), axis=0),
             whole=Extremes.from_parts(each("whole")),
             sound=Extremes.from_parts(each("sound")),
-            alone=Extrema.joined(each("alone")),
-            speed=Extrema.joined(each("speed")),
+            alone=Extrema.merge(each("alone")),
+            speed=Extrema.merge(each("speed")),
             at_peaks=states_at_peaks[part_with_peak * len(drives) + drives],
             envelope=Bins.from_parts(each("envelope")),
             band=_join_optional(Bins.from_parts, each("band")),
@@ -539,7 +534,7 @@ def analyse(
         derived = run.once(differentiation)
         report = _report(*derived)
         if any(j.noise > NEGLIGIBLE * report.reference(j) for j in report.joints):
-            report = run.answer(differentiation.smoothed(steps.next()), derived)
+            report = run.answer(differentiation.with_smoothing(steps.next()), derived)
     steps.done()
     return report
 

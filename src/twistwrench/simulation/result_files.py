@@ -21,7 +21,7 @@ from ..core.typing import Array
 from ..motion.column_names import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK, time_column
 from ..motion.coordinates import Coordinates
 from ..motion.log_table import FileEnds
-from ..motion.readers.array_files import check_archive
+from ..motion.readers.numpy_files import check_archive
 from .events import Happening
 from .forces import WORKS
 from .result import SimulationResult

@@ -14,7 +14,8 @@ from ...core.child_process import ChildLimits, run_in_child, sandboxed, stream_f
 from ...core.errors import TrajectoryError
 from ...core.typing import Array
 from ..log_table import FileEnds, most_unpacked, slices, table_of
-from .array_files import ArrayFile, array_file, unreadable_rows
+from .array_files import array_file
+from .columnar_file import ArrayFile, unreadable_rows
 
 _FOREIGN = (".h5", ".hdf5", ".parquet", ".feather", ".arrow")
 _HDF5 = b"\x89HDF", b"MATLAB 7.3"

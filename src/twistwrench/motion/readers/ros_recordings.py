@@ -21,7 +21,7 @@ from ...core.third_party import third_party_errors
 from ...core.typing import Array
 from ..column_names import SUFFIX, date_note
 from ..smoothing import FEWEST, spline_rates
-from .array_files import ArrayFile
+from .columnar_file import ArrayFile
 from .recording_bounds import BoundedFile, check_chunks, check_folder, recording_database, values_within
 
 STEP = 2e-3

@@ -16,7 +16,7 @@ from ...motion.column_names import time_column
 from ...motion.columns import absent_joints
 from ...motion.coordinates import Coordinates
 from ...motion.motion_log import MotionLog
-from ...motion.readers.array_files import ArrayFile
+from ...motion.readers.columnar_file import ArrayFile
 from ...robot import Robot
 from ...statics.feet import base_poses, level_pose, pose_coordinates, resting_points, stance_rates, upward
 from ...statics.torque_limits import floating_entries

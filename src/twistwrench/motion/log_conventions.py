@@ -1,0 +1,84 @@
+"""Conventions of the programs and makers that write some logs: LeRobot's units, and Fanuc's third joint."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import numpy as np
+
+from ..core.doubts import Doubt, doubt
+from ..core.errors import TrajectoryError
+from ..core.numbers import number
+from ..core.text import Argument, listed
+from ..mechanics.model.model import Model
+from .columns import Columns
+from .coordinates import Coordinates
+from .motion_file import MotionFile
+from .readers.columnar_file import ArrayFile
+
+_FANUC = re.compile(r"fanuc|crx|lr_?mate|^m_?\d+i|^r_?2000")
+"""Names of Fanuc robots."""
+_MOTORS = {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"}
+"""Motors of the arms SO-100 and SO-101 in LeRobot datasets."""
+
+
+def fanuc_doubts(file: MotionFile, model: Model, coordinates: Coordinates) -> list[Doubt]:
+    """Doubt about the third joint of a Fanuc robot, whose column J3 is the angle to the horizontal."""
+    if not _FANUC.search(model.name.lower()) or not {"J1", "J2", "J3", "J4", "J5", "J6"} <= set(file.header):
+        return []
+    third = coordinates.names[2]
+    return [doubt("fanuc-j3", [third], joint=third, column=Argument("columns", {third: "J3+J2"}))]
+
+
+def dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates, *, degrees: bool) -> list[Doubt]:
+    """Doubts about a LeRobot dataset; raises TrajectoryError if units are unknown or need its calibration file."""
+    places = columns.places["q"]
+    if not isinstance(file, ArrayFile) or not file.dataset or places is None:
+        return []
+    unstated = np.flatnonzero(coordinates.angular & ~columns.angle_stated).tolist()
+    if not unstated:
+        return []
+    cells = [columns.header[int(places[k])] for k in unstated]
+    joints = [coordinates.names[k] for k in unstated]
+    if file.dataset == "range":
+        raise TrajectoryError(
+            f"{file.path}: by its metadata, positions are from -100 to 100 of each motor's range, and only its calibration "
+            "file maps them to angles. Record again with degrees, or convert them."
+        )
+    if degrees:
+        _check_grippers(file, joints, cells)
+        return [doubt("dataset-zero", joints)]
+    _check_radians(file, cells)
+    if file.dataset != "unknown":
+        return []
+    words: dict[str, Any] = {"named": listed(joints, 6), "usual": ""}
+    if not _MOTORS & set(".".join(cells).split(".")):
+        return [doubt("dataset-unit", joints, level="note", **words)]
+    words["usual"] = ", although LeRobot records these motors in degrees or in shares of their range"
+    return [doubt("dataset-unit", joints, level="unsure", **words)]
+
+
+def _check_radians(file: ArrayFile, cells: list[str]) -> None:
+    """Raise TrajectoryError if a column reaches more than a turn."""
+    columns = [file.first(file.header.index(cell)) for cell in cells]
+    largest = [float(np.abs(column).max(initial=0.0)) for column in columns]
+    k = int(np.argmax(largest))
+    if largest[k] > math.tau:
+        raise TrajectoryError(
+            f"{file.path}: {cells[k]} reaches {number(largest[k])}, which is not an angle in radians. LeRobot's SO arms record "
+            "degrees since February 2026, and before that -100 to 100 of each motor's range, which needs the calibration "
+            "file. If these are degrees, add: {0}",
+            Argument("degrees", True),
+        )
+
+
+def _check_grippers(file: ArrayFile, joints: list[str], cells: list[str]) -> None:
+    """Raise TrajectoryError if a column is that of a gripper, which is not an angle."""
+    grippers = [joint for joint, cell in zip(joints, cells, strict=True) if "gripper" in cell.lower()]
+    if grippers:
+        raise TrajectoryError(
+            f"{file.path}: the gripper's column is from 0 to 100 of its range, and not an angle. Hold it still: {{0}}",
+            Argument("lock", dict.fromkeys(grippers, 0)),
+        )

@@ -1,0 +1,70 @@
+"""Array in a file, read in portions of its rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import TrajectoryError
+from ...core.numbers import number
+from ...core.typing import Array
+from ..log_table import FileEnds, slices
+
+MAX_UNPACKED_SIZE = 1 << 30
+"""Largest unpacked size [bytes] of data that must be read whole."""
+NUMBER_KINDS = "iufbmM"
+"""NumPy kinds of numbers, dates and durations."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredArray:
+    """Array in a file, or in memory if the file had to be read whole."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    portions: Callable[[int], Iterator[Array]]
+    """Function that yields consecutive rows, as many at once as given, split as by :func:`.slices`."""
+    names: tuple[str, ...] = ()
+    """Names of the columns of an array (n, k); if empty, columns are numbered."""
+
+    @classmethod
+    def from_array(cls, array: Any) -> StoredArray:
+        """Array in memory; (1, n) and (n, 1) become (n,)."""
+        x = np.asarray(array)
+        if is_line(x.shape):
+            x = x.ravel()
+        return cls(x.shape, x.dtype, lambda rows: (x[s] for s in slices(len(x), rows)))
+
+    @property
+    def row_size(self) -> int:
+        """Size of a row [bytes], numbers as float64."""
+        return max(8, self.dtype.itemsize) * math.prod(self.shape[1:])
+
+    @property
+    def size(self) -> int:
+        """Size of all rows [bytes], numbers as float64."""
+        return self.row_size * self.shape[0]
+
+
+def is_line(shape: tuple[int, ...]) -> bool:
+    """True for the shapes (1, n) and (n, 1)."""
+    return len(shape) == 2 and 1 in shape
+
+
+Reader = Callable[[FileEnds], tuple[Mapping[str, StoredArray], tuple[str, ...]]]
+"""Function that returns the arrays of a file by name, and sentences about ignored content."""
+
+
+def check_unpacked(path: Path, size: int) -> None:
+    """Raise TrajectoryError if ``size`` [bytes] exceeds the limit for data read whole."""
+    if size > MAX_UNPACKED_SIZE:
+        raise TrajectoryError(
+            f"{path}: takes {number(size / 2**30)} GiB once unpacked, and such a file is read whole up to "
+            f"{number(MAX_UNPACKED_SIZE / 2**30)} GiB. Save parts of it, or write CSV, HDF5, parquet, or an npy "
+            "file with rows in C order, which are read in portions."
+        )
