@@ -9,9 +9,9 @@ import pytest
 from scipy.ndimage import median_filter
 
 import twistwrench as tw
-from twistwrench.motion.bounds import Extrema
+from twistwrench.motion.bounds import Extrema, TimeAbove, above_limits
 from twistwrench.motion.coordinates import Coordinates
-from twistwrench.motion.credible_rates import credible_efforts
+from twistwrench.motion.credible_values import credible_efforts
 from twistwrench.motion.plausibility import (
     DoubtfulSpans,
     Instant,
@@ -22,7 +22,6 @@ from twistwrench.motion.plausibility import (
     doubtful_spans,
     impossible_torque,
 )
-from twistwrench.motion.time_above_limits import TimeAbove, above_limits
 
 ARM = tw.robots.ur5()
 LEVELS = {Origin.LOG: "refuse", Origin.EITHER: "unsure"}

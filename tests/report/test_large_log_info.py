@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from twistwrench import TrajectoryError
 from twistwrench.cli.main import main
-from twistwrench.motion.time_above_limits import TimeAbove
+from twistwrench.motion.bounds import TimeAbove
 from twistwrench.reports import log_quality
 from twistwrench.reports.log_quality import LogQuality
 from twistwrench.reports.measured_torque import TorqueComparison

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 from scipy import special
+from twistwrench.sensing.differentiation import static_poses, touched_in_static_poses
 
 from twistwrench.formats.yaml import UNITS, in_si
 from twistwrench.motion.column_names import unit_factor
-from twistwrench.motion.outliers import residual_spread
+from twistwrench.motion.differentiation import residual_spread
 from twistwrench.sensing.doubts.unit_doubts import MIXUPS
 from twistwrench.sensing.files import read_log
 from twistwrench.sensing.fit import Problem, fit

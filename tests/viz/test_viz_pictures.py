@@ -218,7 +218,7 @@ def test_work_less_friction_is_what_the_energies_gain(bundled):
     robot = bundled("ur5").with_actuators({"actuators": {"elbow_joint": {"friction": {"viscous": "8 N m s/rad"}}}})
     load = LoadCase(robot, (Payload(2.0),), {"tool0": np.array([0, 0, 0, 10.0, 0, 5.0])})
     q, dq, ddq = swing(robot)
-    from twistwrench.motion.motion_samples import MotionSamples
+    from twistwrench.motion.differentiation import MotionSamples
 
     states = MotionSamples(T, q, dq, ddq, q, np.zeros(q.shape, bool), np.zeros((len(T), 0)))
     e = energies(motion_module._gathered(load, iter([states])))

@@ -12,8 +12,7 @@ from ..core.text import listed
 from ..formats.edit import Edit
 from ..formats.xml import Element
 from ..mechanics.model.limits import StatedLimits
-from ..motion.credible_rates import BY_WEIGHT
-from ..motion.credible_values import arm_entries, credible_limits, placeholder_limits
+from ..motion.credible_values import BY_WEIGHT, arm_entries, credible_limits, placeholder_limits
 from ..motion.load_case import confirmed_efforts, limits_remedy
 from ..robot import Robot
 from . import mass_checks as masses

@@ -218,8 +218,7 @@ class Assignment:
         if not matches:
             matches = [k for k, (text, _) in enumerate(self.split) if text == base]
         if not matches:
-            similar = difflib.get_close_matches(name, list(filter(None, self.cells)), n=1, cutoff=0.6)
-            hint = f" Did you mean {similar[0]!r}?" if similar else ""
+            hint = _suggestion(name, list(filter(None, self.cells)))
             raise TrajectoryError(
                 f"{self.where}: no column {name!r}, which {{0}} names.{hint} {self.found_text()}", given
             )
@@ -274,7 +273,11 @@ class Assignment:
                 f"{listed(names)}. List one for each, or name the joint of each.",
                 Argument("columns"),
             )
-        return {names[int(key[1:]) - 1] if key in numbered else key: column for key, column in columns.items()}
+        named = {}
+        for key, column in columns.items():
+            name = names[int(key[1:]) - 1] if key in numbered else key
+            named[name] = column
+        return named
 
     def entries_for_log(self, columns: Mapping[str, str], known: Collection[str]) -> dict[str, str]:
         """Entries of ``columns`` for this log; entries with its path or name as prefix override general ones."""
@@ -294,9 +297,12 @@ class Assignment:
             if name.removesuffix(f".{CURRENT}") not in {*names} | self.motors:
                 raise UnknownNameError.from_choices(f"joint (of {argument('gain')})", name, names)
         for k, choice in self.given["tau"].items():
-            ampere = 1.0 if choice.unit is None else current_factor(choice.unit)
-            known = gains.get(f"{names[k]}.{CURRENT}") if choice.unit is not None and ampere else None
-            gain = gains.get(names[k], known)
+            ampere: float | None = 1.0
+            gain = gains.get(names[k])
+            if choice.unit is not None:
+                ampere = current_factor(choice.unit)
+                if ampere and gain is None:
+                    gain = gains.get(f"{names[k]}.{CURRENT}")
             if gain is not None and ampere is None:
                 raise TrajectoryError(
                     f"{self.where}, column {self.cells[choice.column]!r}: {{0}} of {names[k]} is for a current, and this is a "
@@ -377,10 +383,11 @@ class Assignment:
         if choice.unit is not None:
             return None
         if self.split[choice.column][0] == ROS_TIME:
-            whole = ros_nanoseconds(look(choice.column))
-            kind = "whole numbers, so time is read in ns" if whole else "no whole nanoseconds, so time is read in s"
-            self.notes.append(f"Column {ROS_TIME!r} has {kind}.")
-            return Choice(choice.column, "ns" if whole else None)
+            if ros_nanoseconds(look(choice.column)):
+                self.notes.append(f"Column {ROS_TIME!r} has whole numbers, so time is read in ns.")
+                return Choice(choice.column, "ns")
+            self.notes.append(f"Column {ROS_TIME!r} has no whole nanoseconds, so time is read in s.")
+            return Choice(choice.column)
         unit = unit_since_1970(look(choice.column))
         if unit is None:
             return None
@@ -426,10 +433,11 @@ class Assignment:
                     Argument("columns", {key: cells[0]}),
                 )
             self.assign(part, k, Choice(columns[0], units[columns[0]]))
-            assigned.append((self.cells[columns[0]], key))
-        if assigned:
-            others = f", and {len(assigned) - 1} more likewise" if len(assigned) > 1 else ""
-            self.notes.append(ReadingNote(f"Column {assigned[0][0]!r} is taken to be {assigned[0][1]}{others}."))
+            assigned.append(f"Column {self.cells[columns[0]]!r} is taken to be {key}")
+        if len(assigned) > 1:
+            self.notes.append(ReadingNote(f"{assigned[0]}, and {len(assigned) - 1} more likewise."))
+        elif assigned:
+            self.notes.append(ReadingNote(f"{assigned[0]}."))
 
     def _columns_by_words(self) -> tuple[dict[tuple[str, int], list[int]], dict[int, str | None]]:
         """Unassigned columns by part and coordinate index, as the words of their names mean, and their units."""
@@ -507,11 +515,15 @@ class Assignment:
 
     def usual_rate(self) -> str:
         """Hint for the error message: usual sampling rate of recordings without a time column."""
-        return " (ALOHA records 50)" if any("observations/qpos" in cell for cell in self.cells) else ""
+        if any("observations/qpos" in cell for cell in self.cells):
+            return " (ALOHA records 50)"
+        return ""
 
     def choices(self) -> dict[str, list[Choice]]:
         """Columns of each part of the motion in the order of the coordinates; joints without a command have none."""
-        choices = {part: [given[k] for k in sorted(given)] for part, given in self.given.items()}
+        choices = {}
+        for part, given in self.given.items():
+            choices[part] = [given[k] for k in sorted(given)]
         commands = self.given["command"]
         if commands:
             choices["command"] = [commands.get(k, _NO_COLUMN) for k in range(len(self.names["command"]))]
@@ -527,9 +539,10 @@ class Assignment:
         error_of_arms = self.arm_error(missing, unused)
         if error_of_arms:
             return error_of_arms
-        in_order = series(unused, len(missing)) if all_missing else []
-        if in_order:
-            return self._error_for_series(missing, in_order, look, timeless=timeless)
+        if all_missing:
+            in_order = series(unused, len(missing))
+            if in_order:
+                return self._error_for_series(missing, in_order, look, timeless=timeless)
         similar = alike(missing, self.extra)
         hint = ""
         if all_missing and 2 * len(similar) < len(missing) and len(self.extra) > len(similar):
@@ -539,7 +552,9 @@ class Assignment:
             name, cell = next(iter(similar.items()))
             hint = f" Column {cell!r} is not a joint of this robot. Did you mean {name!r}?"
         joints = list(dict.fromkeys(_joint(name) for name in missing))
-        locked = joints if len(joints) <= _MAX_LISTED_JOINTS and not all_missing else ["PATTERN*"]
+        locked = ["PATTERN*"]
+        if len(joints) <= _MAX_LISTED_JOINTS and not all_missing:
+            locked = joints
         remedy = "; or hold joints still that never move, when the robot is loaded: {1}"
         if any(name not in missing for name in joints):  # a joint of several coordinates, which no option holds still
             remedy = "; if the pose of the base was not logged, load the robot with its base fixed"
@@ -576,7 +591,8 @@ class Assignment:
         Columns fit by name, if no ``unused`` one may be another joint's, or by a rule that matches all joints of one arm.
         """
         names = self.names["q"]
-        group = self._fitting_arms([[names[k] for k in arm] for arm in self.arms], unused)
+        arms = [np.array(names, object)[list(arm)].tolist() for arm in self.arms]
+        group = self._fitting_arms(arms, unused)
         if group is None:
             return []
         beside = [name for name in names if name not in group]
@@ -595,9 +611,12 @@ class Assignment:
             which = f"one arm, {group[0]} to {group[-1]}"
         else:
             which = "the arms" if count > len(self.arms[0]) else "the arm"
-        have = "has" if len(beside) == 1 else "have"
-        others = beside[-1] if len(beside) == 1 else f"{', '.join(beside[:-1])} and {beside[-1]}"
-        columns = dict.fromkeys(missing, "COLUMN") if len(missing) == len(beside) else {"JOINT": "COLUMN"}
+        others, have = beside[-1], "has"
+        if len(beside) > 1:
+            others, have = f"{', '.join(beside[:-1])} and {beside[-1]}", "have"
+        columns = {"JOINT": "COLUMN"}
+        if len(missing) == len(beside):
+            columns = dict.fromkeys(missing, "COLUMN")
         return TrajectoryError(
             f"{self.where}: {len(group)} columns fit the {len(group)} joints of {which}; {others} {have} none: load the robot "
             f"with {{0}}. If there are columns for more of them, name these: {{1}}; {self.found_text()}",
@@ -650,17 +669,22 @@ class Assignment:
 
     def _hint_at(self, absent: Sequence[str]) -> str:
         """Hint at the first absent name that is similar to an unread column; empty without one."""
-        for cell in self.extra:
-            similar = difflib.get_close_matches(cell, absent, n=1, cutoff=0.6)
-            if similar:
-                return f" Did you mean {similar[0]!r}?"
-        return ""
+        suggestions = [_suggestion(cell, absent) for cell in self.extra]
+        return next(filter(None, suggestions), "")
+
+
+def _suggestion(name: str, choices: Sequence[str]) -> str:
+    """Question for the choice that is most similar to a name, to be appended to a sentence; empty without one."""
+    similar = difflib.get_close_matches(name, choices, n=1, cutoff=0.6)
+    return f" Did you mean {similar[0]!r}?" if similar else ""
 
 
 def _columns_argument(missing: Sequence[str], columns: Mapping[str, str], *, timeless: bool) -> Argument:
     """Option ``columns`` with a column for each missing coordinate, and for the time if there is none."""
-    entries = {"time": "COLUMN"} if timeless else {}
-    return Argument("columns", entries | {name: columns.get(name, "COLUMN") for name in missing})
+    entries = dict.fromkeys(["time"] * timeless, "COLUMN")
+    for name in missing:
+        entries[name] = columns.get(name, "COLUMN")
+    return Argument("columns", entries)
 
 
 def _match_by_rules(
@@ -700,7 +724,11 @@ def absent_joints(
         matches = match_most_by_prefix(candidates(texts).get("q", []), names)
         present = {name for name, column in zip(names, matches, strict=True) if column is not None}
     present = present or {*assignment.logged_arm(unused=())}
-    return tuple(joint for joint in joints if not any(n == joint or n.startswith(f"{joint}.") for n in present))
+
+    def is_present(joint: str) -> bool:
+        return any(name == joint or name.startswith(f"{joint}.") for name in present)
+
+    return tuple(joint for joint in joints if not is_present(joint))
 
 
 class MimicJointColumn(NamedTuple):
@@ -774,11 +802,12 @@ class Columns:
         """
         assignment = Assignment.from_header(header, coordinates, where, reading, look)
         choices_of = assignment.choices()
-        used = [] if assignment.time is None else [assignment.time.column]
+        used, unit, counted = [], None, assignment.time is None
+        if assignment.time is not None:
+            used, unit = [assignment.time.column], assignment.time.unit
         for choices in choices_of.values():
             used += [choice.column for choice in choices if choice is not _NO_COLUMN]
         used += [choice.column for _, choice in assignment.mimic_joints]
-        counted, unit = assignment.time is None, None if assignment.time is None else assignment.time.unit
         position = {column: k + counted for k, column in enumerate(used)} | {_NO_COLUMN.column: _NO_COLUMN.column}
         places: dict[str, Array | None] = {}
         factors = {}
@@ -788,7 +817,7 @@ class Columns:
             all_choices = choices or [_NO_COLUMN] * len(angular)
             pairs = zip(all_choices, angular, strict=True)
             factors[part] = np.array([assignment.factor(choice, part, turns) for choice, turns in pairs])
-        seconds = (time_factor(unit) or 1.0) if unit else 1.0
+        seconds = time_factor(unit or "s") or 1.0
         if reading.rate:
             seconds = 1.0 / reading.rate
         mimic_joints = []

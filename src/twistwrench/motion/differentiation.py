@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
 from ..core.errors import TrajectoryError
+from ..core.estimation.least_squares import MAD
 from ..core.estimation.noise import SampleErrors, Survey, sample_errors, survey
 from ..core.typing import Array
 from ..mechanics.model.model import Model
@@ -16,14 +18,14 @@ from .bounds import velocities_inside
 from .coordinates import Continuity, Coordinates, joint_rates
 from .log_table import excerpts, windows
 from .motion_log import LogRows, MotionLog
-from .motion_samples import MotionSamples
-from .outliers import outlier_residuals, residual_spread
 from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, spline_rates, stretch_edges
 
 SIGNIFICANT_SIGMAS = 5.0
 """Standard deviations above which a velocity's sign is significant: false positives at rest are six in ten million."""
 _ROUND_OFFS = 16.0
 """Error of the spline's slope times the time step, in units in the last place of q."""
+_MIN_OUTLIER_SIGMAS = 6.0
+"""Standard deviations about the smoothed curve from which a sample is an outlier."""
 
 
 def stationary_intervals(quality: Survey, model: Model, t: Array, q: Array, dq: Array, sigma_dq: Array) -> Array:
@@ -63,6 +65,96 @@ def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, f
             is_resolved = (np.abs(step) > resolution[b.q_index]) & ~beside_pause
             is_ringing[1:-1, b.v_index] = is_resolved & (step * moved[:, b.q_index] <= 0)
     return is_ringing
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSamples:
+    """Consecutive samples of a motion with all inputs of inverse dynamics; (n,), (n, nq), (n, nv), (n, nv)."""
+
+    time: Array
+    """Times (n,) [s]."""
+    q: Array
+    """Differentiated coordinates: smoothed if requested, without jumps of wrapped angles."""
+    dq: Array
+    """Velocities (n, nv) [rad/s, m/s]."""
+    ddq: Array
+    """Accelerations (n, nv) [rad/s², m/s²]."""
+    measured: Array
+    """Coordinates (n, nq) of the file in SI units, for position limits."""
+    stationary: Array
+    """(n, nv) True if a velocity is derived and within its uncertainty, so that its sign is not significant."""
+    outlier: Array
+    """Residuals (n, k, 2) of outliers in standard deviations and SI units; 0 for other samples. (n, 0) without
+    smoothing.
+    """
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, rows: Any) -> MotionSamples:
+        """Select rows by a slice, a mask or indices."""
+        return MotionSamples(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """Outliers of one column."""
+
+    column: int
+    """Index among the smoothed columns."""
+    count: int
+    time: float
+    """Time of the largest outlier [s]."""
+    sigmas: float
+    """Largest signed residual in standard deviations."""
+    off: float
+    """Largest signed residual in SI units."""
+    matters: bool = True
+    """True if any outlier may be a torque beyond a limit."""
+
+
+def outliers_of(found: Array) -> tuple[Outlier, ...]:
+    """Outliers by column, largest first.
+
+    ``found`` (m, 5) has an outlier in each row: column, time, residual in standard deviations and in SI units, and 1 if it
+    may be a torque beyond a limit.
+    """
+    outliers = []
+    for k in np.unique(found[:, 0]).tolist():
+        rows = found[found[:, 0] == k]
+        _, time, sigmas, residual, _ = rows[np.abs(rows[:, 2]).argmax()].tolist()
+        outliers.append(Outlier(int(k), len(rows), time, sigmas, residual, bool(rows[:, 4].any())))
+    return tuple(sorted(outliers, key=lambda outlier: -abs(outlier.sigmas)))
+
+
+def outlier_residuals(residual: Array, spread: Array, strengths: Array) -> Array:
+    """Residuals (n, k, 2) over their spread, and in SI units; nonzero only for local maxima beyond 6 deviations."""
+    from scipy.ndimage import maximum_filter1d
+
+    outliers = np.zeros((*residual.shape, 2))
+    for k in np.flatnonzero(spread.any(axis=0) & (strengths > 0)).tolist():
+        sigmas = residual[:, k] / spread[:, k]
+        size = np.abs(sigmas)
+        if not (size > _MIN_OUTLIER_SIGMAS).any():
+            continue
+        # A glitch attracts the curve, so its neighbours also deviate from the curve, by less than half as much.
+        reach = 2 * math.ceil(3.0 * strengths[k] ** (1 / 6)) + 1
+        is_outlier = (size > _MIN_OUTLIER_SIGMAS) & (size > 0.5 * maximum_filter1d(size, reach, mode="nearest"))
+        outliers[is_outlier, k, 0] = sigmas[is_outlier]
+        outliers[is_outlier, k, 1] = residual[is_outlier, k]
+    return outliers
+
+
+def residual_spread(
+    times: Sequence[Array], parts: Sequence[Array], strengths: Array, step: float, least: Array
+) -> Array:
+    """Robust standard deviation (k,) of samples about the smoothed curve, at least ``least``; 0 without smoothing."""
+    spread = np.zeros(len(strengths))
+    for k in np.flatnonzero(strengths).tolist():
+        strength = float(strengths[k])
+        residuals = [x[:, k] - smooth(t, x[:, k], strength, step) for t, x in zip(times, parts, strict=True)]
+        spread[k] = max(MAD * float(np.median(np.abs(np.concatenate(residuals)))), float(least[k]))
+    return spread
 
 
 _SPLINE_MARGIN = 64
@@ -119,11 +211,7 @@ class Differentiation:
         is called with the completed fraction of the work, from 0 to 1.
         """
         places_of = trajectory.columns.places
-        source = "positions"
-        if places_of["ddq"] is not None:
-            source = "given"
-        elif places_of["dq"] is not None:
-            source = "velocities"
+        source = _source(places_of)
         differentiated = "dq" if source == "velocities" else "q"
         derives_velocities = places_of["dq"] is None
         derives = source != "given" or derives_velocities
@@ -285,6 +373,13 @@ class Differentiation:
             return x
         columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]
         return np.stack(columns, axis=1)
+
+
+def _source(places: Mapping[str, Array | None]) -> str:
+    """Source of accelerations, by the columns of a log."""
+    if places["ddq"] is not None:
+        return "given"
+    return "positions" if places["dq"] is None else "velocities"
 
 
 def _strengths(

@@ -33,7 +33,7 @@ from ..mechanics.model.model import BASE, Model
 from .bounds import Extrema
 from .coordinates import Coordinates
 from .credible_values import credible_load, driven_entries, placeholder_limits
-from .motion_samples import MotionSamples
+from .differentiation import MotionSamples
 
 if TYPE_CHECKING:
     from ..mechanics.model.model import Body, Model

@@ -127,8 +127,10 @@ def series(cells: Sequence[str], count: int) -> list[str]:
         words = _words(split_unit(cell)[0])
         numbers = [int(word) for word in words if word.isdigit()]
         groups.setdefault(_pattern(words), []).append((numbers, cell))
-    fitting = [sorted(group) for group in groups.values() if len(group) == count and group[0][0]]
-    return [cell for _, cell in fitting[0]] if len(fitting) == 1 else []
+    fitting = [group for group in groups.values() if len(group) == count and group[0][0]]
+    if len(fitting) != 1:
+        return []
+    return [cell for _, cell in sorted(fitting[0])]
 
 
 @dataclass(frozen=True)
@@ -191,10 +193,8 @@ def _position(name: str, text: str) -> int | None:
     """Position of the name in the text as a separate word; None if absent."""
     position = text.find(name)
     while position >= 0:
-        before, after = (
-            text[position - 1 : position] if position else "",
-            text[position + len(name) : position + len(name) + 1],
-        )
+        before = text[:position][-1:]
+        after = text[position + len(name) :][:1]
         if not (before.isalnum() or after.isalnum()):
             return position
         position = text.find(name, position + 1)
@@ -210,7 +210,9 @@ def _part_of(words: list[str]) -> tuple[str, str | None] | None:
     measured = [word for word in words if word not in COMMANDS]
     if len(measured) < len(words):
         meaning = _part_of(measured)
-        return ("command", meaning[1]) if meaning is not None and meaning[0] == "q" else None
+        if meaning is None or meaning[0] != "q":
+            return None
+        return "command", meaning[1]
     units = [word for word in words if word in UNITS]
     kinds = [word for word in words if word not in UNITS and word not in NEUTRAL]
     if units and kinds[-1:] == ["s"]:  # deg_s
@@ -220,7 +222,7 @@ def _part_of(words: list[str]) -> tuple[str, str | None] | None:
         return "q", None
     if len(kinds) != 1 or kinds[0] not in PART_OF or len(units) > 1:
         return None
-    return PART_OF[kinds[0]], units[0] if units else None
+    return PART_OF[kinds[0]], next(iter(units), None)
 
 
 class Candidate(NamedTuple):
@@ -341,7 +343,7 @@ def _matches_by_prefix(
     other_joints = [tuple(_words(name)) for name in others]
     for cut in range(min(map(len, joints), default=0)):
         endings = [words[cut:] for words in joints]
-        only_numbers = any(all(word.isdigit() for word in ending) for ending in endings)
+        only_numbers = any(all(map(str.isdigit, ending)) for ending in endings)
         if len({words[:cut] for words in joints}) > 1 or only_numbers:
             break
         joint_prefix = joints[0][:cut]
@@ -395,7 +397,9 @@ def match_by_ending(
         return None
     other_joints = [tuple(_words(name)) for name in others]
     all_words = [column.words for column in found]
-    known = [words for words in all_words if any(_ends(words, joint) for joint in other_joints)]
+    known = []
+    for joint in other_joints:
+        known += [words for words in all_words if _ends(words, joint)]
     if _has_unmatched([match.words for match in matches], all_words, known):
         return None
     return matches
@@ -428,10 +432,10 @@ def match_by_number(
         digits = [word for word in column.words if word.isdigit()]
         others_allowed = all(word in JOINT or (word.isdigit() and len(word) < 4) for word in column.words)
         if len(digits) < 2 and others_allowed:
-            numbered.append((int(digits[0]) if digits else -1, column))
+            numbered.append((int(next(iter(digits), "-1")), column))
     numbered.sort(key=lambda pair: pair[0])
     numbers = [number for number, _ in numbered]
-    first = numbers[0] if numbers else 0
+    first = next(iter(numbers), 0)
     consecutive = numbers == list(range(first, first + len(numbers))) and first in (-1, 0, 1)
     if len(numbers) != len(names) or not consecutive or (first == -1 and len(numbers) > 1):
         return None

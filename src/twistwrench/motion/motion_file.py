@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -75,17 +76,19 @@ class JoinedFile:
         count = Counter(cells)
         header = []
         for cell, (k, _) in zip(cells, places, strict=True):
-            repeated = cell and count[cell] > 1
-            header.append(_distinct(cell, parts[k].path) if repeated else cell)
-        size, notes = sum(part.size for part in parts), tuple(note for part in parts for note in part.notes)
-        return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, notes)
+            if cell and count[cell] > 1:
+                cell = _distinct_name(cell, parts[k].path)
+            header.append(cell)
+        size = sum(part.size for part in parts)
+        notes = chain.from_iterable(part.notes for part in parts)
+        return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, tuple(notes))
 
     def check_columns(self) -> None:
         """Raise TrajectoryError if all files have the same columns, which means several logs of one robot."""
         first, *others = ({*part.header} for part in self.parts)
         if any(other != first for other in others):
             return
-        quantity_in_name = any(":" not in _distinct(cell, part.path) for part in self.parts for cell in first)
+        quantity_in_name = any(":" not in _distinct_name(cell, part.path) for part in self.parts for cell in first)
         if not quantity_in_name:
             names = [str(part.path) for part in self.parts]
             raise TrajectoryError(
@@ -193,18 +196,18 @@ def _seconds(cell: str, stamps: Array) -> float:
     meaning = time_meaning(name)
     if not unit and meaning is not None:
         unit = meaning[1]
-    unit = unit or unit_since_1970(stamps)
-    return (time_factor(unit) or 1.0) if unit else 1.0
+    return time_factor(unit or unit_since_1970(stamps) or "s") or 1.0
 
 
-def _distinct(cell: str, path: Path) -> str:
+def _distinct_name(cell: str, path: Path) -> str:
     stem = path.name.split(".")[0]
     words = re.findall(r"[^\W\d_]+", stem.casefold())
     suffixes = {SUFFIX[_PART_OF[word]] for word in words if word in _PART_OF}
     if len(suffixes) != 1:
         return f"{stem}:{cell}"
     name, unit = split_unit(cell)
-    return f"{name}{suffixes.pop()}" + (f" [{unit}]" if unit else "")
+    name += suffixes.pop()
+    return f"{name} [{unit}]" if unit else name
 
 
 MotionFile = CsvFile | ArrayFile | JoinedFile
@@ -263,15 +266,18 @@ def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
     terms_of = [[(k, 1.0)] for k in range(len(file.header))] + [list(terms) for terms in sums.values()]
     header = list(file.header)
     for name, terms in sums.items():
-        unit = split_unit(file.header[terms[0][0]])[1]
+        _, unit = split_unit(file.header[terms[0][0]])
         header.append(f"{name} [{unit}]" if unit else name)
 
     def read(used: Sequence[int]) -> Iterator[Array]:
         columns = sorted({k for column in used for k, _ in terms_of[column]})
         table = file.table(columns)
         for s in slices(len(table)):
-            rows = [sum(sign * table[s, columns.index(k)] for k, sign in terms_of[column]) for column in used]
-            yield np.stack(rows, axis=1)
+            totals = np.zeros((len(table[s]), len(used)))
+            for total, column in zip(totals.T, used, strict=True):
+                for k, sign in terms_of[column]:
+                    total += sign * table[s, columns.index(k)]
+            yield totals
 
     if isinstance(file, ArrayFile):
         return replace(file, header=tuple(header), read=read)

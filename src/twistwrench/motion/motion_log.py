@@ -28,15 +28,15 @@ from .column_names import PARTS, date_note, is_called_seconds, split_unit, time_
 from .columns import Columns, Reading, belongs
 from .contradictions import Contradictions, stamp_doubts
 from .coordinates import Coordinates
-from .log_conventions import dataset_doubts, fanuc_doubts
+from .log_checks.log_conventions import dataset_doubts, fanuc_doubts
+from .log_checks.mimic_columns import mimic_doubts
+from .log_checks.time_stamps import DuplicateTimestamps, steady_times
 from .log_table import slices, table_of, windows, without_times
 from .matching import varying_columns
-from .mimic_columns import mimic_doubts
 from .motion_file import JoinedFile, MotionFile, open_motion_file, with_sums
 from .plausibility import SURROUNDINGS, Instant, Origin, RecordedSteps, origin_of
 from .readers.columnar_file import ArrayFile
 from .readers.csv_reader import CsvFile
-from .time_stamps import DuplicateTimestamps, steady_times
 
 if TYPE_CHECKING:
     from .motion import Motion

@@ -28,7 +28,7 @@ from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
 from .bounds import Extrema
 from .contradictions import TOO_FAST
-from .credible_rates import credible_efforts, credible_velocities
+from .credible_values import credible_efforts, credible_velocities
 
 if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits

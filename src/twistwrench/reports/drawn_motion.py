@@ -18,11 +18,10 @@ from ..core.verdict import Verdict, Word
 from ..mechanics.model.couplings import joint_effort
 from ..motion.bounds import LimitCheck, Violation, bounds_of, velocities_inside
 from ..motion.coordinates import joint_rates
-from ..motion.differentiation import Differentiation
+from ..motion.differentiation import Differentiation, MotionSamples
 from ..motion.load_case import LoadCase
 from ..motion.motion import Motion
 from ..motion.motion_log import ASKED
-from ..motion.motion_samples import MotionSamples
 from ..motion.smoothing import FEWEST, between, continuous, spline_rates
 from ..shapes.surface import Decimation
 

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..core.typing import Array
-from ..motion.differentiation import Differentiation
+from ..motion.differentiation import Differentiation, MotionSamples
 from ..motion.load_case import LoadCase
 from ..motion.motion import Motion
 from ..motion.motion_log import LogRows, MotionLog
-from ..motion.motion_samples import MotionSamples
 from ..motion.smoothing import spline_rates
 from .torque_analysis import analyse
 from .torque_report import TorqueReport

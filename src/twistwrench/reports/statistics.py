@@ -13,10 +13,9 @@ from ..core.numbers import number, seconds
 from ..core.typing import Array
 from ..motion.bounds import Extrema
 from ..motion.coordinates import joint_rates
-from ..motion.differentiation import SIGNIFICANT_SIGMAS, Differentiation
+from ..motion.differentiation import SIGNIFICANT_SIGMAS, Differentiation, MotionSamples
 from ..motion.load_case import LoadCase
 from ..motion.motion_log import LogRows
-from ..motion.motion_samples import MotionSamples
 from ..motion.smoothing import spline_rates
 
 

@@ -23,9 +23,9 @@ from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..mechanics.model.couplings import drive_turns
 from ..mechanics.model.limits import BEARING_UNITS, BEARINGS, bears
-from ..motion.bounds import Extrema
+from ..motion.bounds import Extrema, TimeAbove, above_limits
 from ..motion.coordinates import Coordinates
-from ..motion.differentiation import Differentiation, pulse_peak
+from ..motion.differentiation import Differentiation, MotionSamples, outliers_of, pulse_peak
 from ..motion.load_case import (
     STEADY,
     LoadCase,
@@ -35,10 +35,7 @@ from ..motion.load_case import (
     payload_shares,
 )
 from ..motion.log_table import excerpts
-from ..motion.motion_samples import MotionSamples
-from ..motion.outliers import outliers_of
 from ..motion.plausibility import SURROUNDINGS, DoubtfulSpans, InstantKind, doubtful_spans, impossible_torque
-from ..motion.time_above_limits import TimeAbove, above_limits
 from .measured_torque import MeasuredTorque, TorqueComparison
 from .motors import MotorFigures, MotorUse, Steps
 from .statistics import INTERVAL, Bins, Gaps, PeakBootstrap, PeakEstimate, Runs, gap_edges, mean_weights

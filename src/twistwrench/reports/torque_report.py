@@ -18,12 +18,10 @@ from ..core.estimation.noise import Survey
 from ..core.numbers import MISSING, percent_of_limit, quantity, seconds, torque
 from ..core.typing import Array
 from ..core.verdict import Word
-from ..motion.differentiation import Differentiation
+from ..motion.differentiation import Differentiation, MotionSamples, Outlier
 from ..motion.limits_file import robot_origin
 from ..motion.load_case import LoadCase, PayloadMargin
 from ..motion.model_doubts import friction_words
-from ..motion.motion_samples import MotionSamples
-from ..motion.outliers import Outlier
 from ..motion.plausibility import DoubtfulSpans
 from .measured_torque import MeasuredTorque
 from .motors import MotorUse

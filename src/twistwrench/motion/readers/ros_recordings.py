@@ -82,14 +82,16 @@ def ros_file(path: Path, topic: str | None = None, command_topic: str | None = N
             header, table, note = _plan(messages, where)
             notes.append(note)
         if command_topic is not None:
-            begin = messages[0].header.stamp if hasattr(messages[0], "header") else None
-            header, table = _with_commands(header, table, commands, begin, f"{path}, topic {command_topic}")
+            header, table = _with_commands(header, table, commands, messages[0], f"{path}, topic {command_topic}")
     epoch = 0
     recorded = kind in ("JointState", "JointTrajectoryControllerState")
     if recorded:
         stamp = messages[0].header.stamp
-        notes, epoch = [*notes, *date_note(_seconds(stamp))], _nanoseconds(stamp)
-    files = [path] if path.is_file() else [file for file in path.iterdir() if file.is_file()]
+        notes += date_note(_seconds(stamp))
+        epoch = _nanoseconds(stamp)
+    files = [path]
+    if not path.is_file():
+        files = list(filter(Path.is_file, path.iterdir()))
     size = sum(file.stat().st_size for file in files)
     return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch, plan=not recorded or bool(part))
 
@@ -137,21 +139,27 @@ def _nanoseconds(stamp: Any) -> int:
 
 def _seconds(stamp: Any, begin: Any = None) -> float:
     """Seconds of a stamp or duration, since ``begin``: nanoseconds since 1970 exceed the precision of a float."""
-    return (_nanoseconds(stamp) - (0 if begin is None else _nanoseconds(begin))) / 1e9
+    nanoseconds = _nanoseconds(stamp)
+    if begin is not None:
+        nanoseconds -= _nanoseconds(begin)
+    return nanoseconds / 1e9
+
+
+def _stamps(messages: Sequence[Any], first: Any) -> Array:
+    """Times (n,) of messages since the stamp of the first [s]."""
+    return np.array([_seconds(message.header.stamp, first.header.stamp) for message in messages])
 
 
 def _joint_states(messages: Sequence[Any], where: str) -> tuple[list[str], Array]:
     """Header and table of the messages with the same joints as the first; others are ignored."""
     names = list(messages[0].name)
     states = [message for message in messages if set(message.name) >= set(names)]
-    begin = states[0].header.stamp
-    header, columns = ["time [s]"], [np.array([_seconds(state.header.stamp, begin) for state in states])[:, None]]
+    header, columns = ["time [s]"], [_stamps(states, states[0])[:, None]]
     for field, part in (("position", "q"), ("velocity", "dq"), ("effort", "tau")):
         rows = [_values_of(state, field, names) for state in states]
-        complete = [row for row in rows if row is not None]
-        if len(complete) == len(states):
-            columns.append(np.array(complete))
-            header += [f"{name}{SUFFIX[part]}" for name in names]
+        if all(row is not None for row in rows):
+            columns.append(np.array(rows))
+            header += _headers(names, part)
     if len(columns) == 1:
         raise TrajectoryError(f"{where}: its messages have neither positions nor efforts for their joints.")
     return header, np.concatenate(columns, axis=1)
@@ -172,8 +180,7 @@ def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[
     field = fields[0] if hasattr(messages[0], fields[0]) else fields[1]
     names = list(messages[0].joint_names)
     states = [message for message in messages if list(message.joint_names) == names]
-    begin = states[0].header.stamp
-    time = np.array([_seconds(state.header.stamp, begin) for state in states])
+    time = _stamps(states, states[0])
     q, dq, ddq, effort = _values([getattr(state, field) for state in states], len(names), where)
     if part:
         arrays = {"q": q, "dq": dq, "ddq": ddq}
@@ -186,22 +193,25 @@ def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[
     arrays = {kind: array for kind, array in arrays.items() if array is not None}
     header = ["time [s]"]
     for kind in arrays:
-        header += [f"{name}{SUFFIX[kind]}" for name in names]
+        header += _headers(names, kind)
     return header, np.concatenate([time[:, None], *arrays.values()], axis=1)
 
 
 def _with_commands(
-    header: list[str], table: Array, messages: Sequence[Any], begin: Any, where: str
+    header: list[str], table: Array, messages: Sequence[Any], first: Any, where: str
 ) -> tuple[list[str], Array]:
-    """Header and table with the latest command before each row; rows before the first command are left out."""
-    if begin is None or not messages or not hasattr(messages[0], "position"):
+    """Header and table with the latest command before each row; rows before the first command are left out.
+
+    ``first`` is the first message of the positions, at time 0.
+    """
+    if not hasattr(first, "header") or not messages or not hasattr(messages[0], "position"):
         raise TrajectoryError(
             f"{where}: commands are read from joint states, beside a topic of joint states or of a controller's state. "
             "{0} must name such a topic.",
             Argument("command_topic"),
         )
     names = list(messages[0].name)
-    time = np.array([_seconds(message.header.stamp, begin) for message in messages])
+    time = _stamps(messages, first)
     valid = [m for m in messages if list(m.name) == names and len(m.position) == len(names)]
     if len(valid) < len(messages) or (np.diff(time) < 0.0).any():
         raise TrajectoryError(
@@ -213,8 +223,12 @@ def _with_commands(
     if not rows.any():
         raise TrajectoryError(f"{where}: its first stamp is after the last one of the positions, on another clock.")
     commands = np.array([np.asarray(message.position, float) for message in valid])[latest[rows]]
-    header = header + [f"{name}{SUFFIX['command']}" for name in names]
-    return header, np.concatenate([table[rows], commands], axis=1)
+    return [*header, *_headers(names, "command")], np.concatenate([table[rows], commands], axis=1)
+
+
+def _headers(names: Sequence[str], part: str) -> list[str]:
+    """Names of the columns of a part of the motion."""
+    return [f"{name}{SUFFIX[part]}" for name in names]
 
 
 def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
@@ -222,7 +236,8 @@ def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
     arrays: list[Any] = []
     for field in ("positions", "velocities", "accelerations", "effort"):
         rows = [np.asarray(getattr(point, field), float) for point in points]
-        arrays.append(np.array(rows) if all(len(row) == count for row in rows) else None)
+        complete = all(len(row) == count for row in rows)
+        arrays.append(np.array(rows) if complete else None)
     if arrays[0] is None:
         raise TrajectoryError(f"{where}: a point has not one position for each of the {count} joints that are named.")
     return arrays
@@ -267,15 +282,15 @@ def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
             )
         dq, ddq = spline_rates(time, q)
         curve = "a quintic spline, as its points have no velocities"
-    several = f" The longest of {len(plans)} plans." if len(plans) > 1 else ""
     step = max(STEP, (time[-1] - time[0]) / _MAX_ROWS)
     note = (
-        f"Plan of {len(time)} points: between them each joint follows {curve}, evaluated every {number(1e3 * step)} "
-        f"ms.{several}"
+        f"Plan of {len(time)} points: between them each joint follows {curve}, evaluated every {number(1e3 * step)} ms."
     )
+    if len(plans) > 1:
+        note += f" The longest of {len(plans)} plans."
     header = ["time [s]"]
     for part in ("q", "dq", "ddq"):
-        header += [f"{name}{SUFFIX[part]}" for name in names]
+        header += _headers(names, part)
     return header, between_points(time, q, dq, ddq, step), note
 
 
@@ -290,14 +305,19 @@ def _check_finite(name: str, x: Array, where: str) -> None:
 def _points(message: Any) -> tuple[list[str], list[Any], Array]:
     """Joint names, points and times of a plan; the parts of a DisplayTrajectory are concatenated."""
     parts = [getattr(part, "joint_trajectory", part) for part in getattr(message, "trajectory", [message])]
-    names, points, times = list(parts[0].joint_names) if parts else [], list[Any](), list[float]()
+    if not parts:
+        return [], [], np.zeros(0)
+    names, points, times, begin = list(parts[0].joint_names), list[Any](), list[float](), 0.0
     for part in parts:
         if list(part.joint_names) != names:
             continue
+        for k, point in enumerate(part.points):
+            time = begin + _seconds(point.time_from_start)
+            repeats_end = k == 0 and bool(times) and time == begin  # of the previous part
+            if not repeats_end:
+                points.append(point)
+                times.append(time)
         begin = times[-1] if times else 0.0
-        own_times = [begin + _seconds(point.time_from_start) for point in part.points]
-        first = 1 if times and own_times and own_times[0] == begin else 0  # repeats the end of the previous part
-        points, times = points + list(part.points)[first:], times + own_times[first:]
     return names, points, np.array(times)
 
 
@@ -329,10 +349,8 @@ def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) ->
     v0, v1 = h * dq[:-1], h * dq[1:]
     b, c = 3 * displacement - 2 * v0 - v1, v0 + v1 - 2 * displacement  # of the cubic q_k + v0 s + b s² + c s³
     with_acceleration = np.isfinite(ddq[:-1] + ddq[1:])
-    a0, a1 = (
-        np.where(with_acceleration, h * h * ddq[:-1], 2 * b),
-        np.where(with_acceleration, h * h * ddq[1:], 2 * b + 6 * c),
-    )
+    a0 = np.where(with_acceleration, h * h * ddq[:-1], 2 * b)
+    a1 = np.where(with_acceleration, h * h * ddq[1:], 2 * b + 6 * c)
     e0, e1, e2 = displacement - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     powers = [q[:-1], v0, 0.5 * a0, 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2]
     curve = PPoly(np.array([c / h**k for k, c in enumerate(powers)])[::-1], time)
@@ -340,7 +358,7 @@ def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) ->
     close = np.abs(time[np.clip(np.searchsorted(time, grid), 1, len(time) - 1)] - grid) < 0.01 * step
     close |= np.abs(time[np.clip(np.searchsorted(time, grid) - 1, 0, None)] - grid) < 0.01 * step
     t = np.sort(np.r_[time, grid[~close]])
-    return np.concatenate([t[:, None], *(curve.derivative(k)(t) for k in range(3))], axis=1)
+    return np.concatenate([t[:, None], curve(t), curve.derivative(1)(t), curve.derivative(2)(t)], axis=1)
 
 
 _KINDS = ("JointState", "JointTrajectory", "RobotTrajectory", "DisplayTrajectory", "JointTrajectoryControllerState")

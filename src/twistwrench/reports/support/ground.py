@@ -24,7 +24,7 @@ from ...statics.feet import find_feet, sole, upward, wheel
 from ...statics.torque_limits import floating_entries
 
 if TYPE_CHECKING:
-    from ...motion.motion_samples import MotionSamples
+    from ...motion.differentiation import MotionSamples
 
 FeetGiven: TypeAlias = "str | Sequence[str | Contact]"
 """Frames, rectangles ``"LxW[,x,y,z]@FRAME"``, contacts, or "auto"."""

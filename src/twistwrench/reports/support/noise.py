@@ -14,8 +14,7 @@ from ..statistics import INTERVAL
 from .slope import samples
 
 if TYPE_CHECKING:
-    from ...motion.differentiation import Differentiation
-    from ...motion.motion_samples import MotionSamples
+    from ...motion.differentiation import Differentiation, MotionSamples
     from .ground_support import GroundSupport
 
 _MAX_SIGMAS_OF_NOISE = 5.0

@@ -11,7 +11,7 @@ from ...core.numbers import number, seconds, vector
 from ...core.text import Argument, in_the_shell, listed, spell
 from ...core.typing import Array
 from ...core.verdict import Reason
-from ...motion.motion_samples import MotionSamples
+from ...motion.differentiation import MotionSamples
 from .ground import MAX_CARRYING_SPEED
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core.typing import Array
+from ...motion.differentiation import MotionSamples
 from ...motion.load_case import TERMS, LoadCase
-from ...motion.motion_samples import MotionSamples
 from ...statics.support import ContactForces, contact_forces, exceeding
 from ...statics.torque_limits import floating_entries
 from .ground import Ground

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ..core.doubts import Doubt, doubt
-from ..core.errors import TrajectoryError
-from ..core.numbers import number
-from ..core.text import Argument, listed
-from ..mechanics.model.model import Model
-from .columns import Columns
-from .coordinates import Coordinates
-from .motion_file import MotionFile
-from .readers.columnar_file import ArrayFile
+from ...core.doubts import Doubt, doubt
+from ...core.errors import TrajectoryError
+from ...core.numbers import number
+from ...core.text import Argument, listed
+from ...mechanics.model.model import Model
+from ..columns import Columns
+from ..coordinates import Coordinates
+from ..motion_file import MotionFile
+from ..readers.columnar_file import ArrayFile
 
 _FANUC = re.compile(r"fanuc|crx|lr_?mate|^m_?\d+i|^r_?2000")
 """Names of Fanuc robots."""

@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..core.doubts import Doubt, doubt
-from ..core.errors import TrajectoryError
-from ..core.numbers import printed
-from ..core.text import Argument, Placeholder
-from ..core.typing import Array
-from . import log_table
+from ...core.doubts import Doubt, doubt
+from ...core.errors import TrajectoryError
+from ...core.numbers import printed
+from ...core.text import Argument, Placeholder
+from ...core.typing import Array
+from .. import log_table
 
 _MAX_ROWS_OF_ONE_TIME = 10_000
 """Number of rows with one time above which the clock is considered stopped."""

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.doubts import Doubt, doubt
-from ..core.numbers import number, seconds
-from ..core.typing import Array
-from ..mechanics.joints.units import unit_of
-from .columns import MimicJointColumn
+from ...core.doubts import Doubt, doubt
+from ...core.numbers import number, seconds
+from ...core.typing import Array
+from ...mechanics.joints.units import unit_of
+from ..columns import MimicJointColumn
 
 if TYPE_CHECKING:
-    from .motion_log import LogRows
+    from ..motion_log import LogRows
 
 _MIN_SHARE_OF_TRAVEL = 0.1
 """Fraction of a joint's travel; smaller deviations are play or coupling errors."""
