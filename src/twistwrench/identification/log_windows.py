@@ -169,6 +169,11 @@ class LogChecks:
     wrong: Array  # times of wrong single rows [s]
     pauses: Array  # lengths of the pauses of the time stamps [s]
 
+    @property
+    def kinds(self) -> set[str]:
+        """Kinds of the doubts."""
+        return {one.kind for one in self.doubts}
+
 
 def checks_of(log: LogSource) -> LogChecks:
     """Check all rows of a log; wrong single rows are left out if they are few."""
@@ -208,7 +213,7 @@ def rows_of_window(log: LogSource, window: slice, checks: LogChecks) -> WindowRo
     """
     rows, model = log.rows(window), log.robot.model
     whole = len(rows.time) == checks.count
-    doubts = {one.kind for one in checks.doubts}
+    doubts = checks.kinds
     time, q, tau = rows.time, continuous(model, rows.q), np.asarray(rows.tau)
     kept = ~spikes(tau).any(axis=1) & ~np.isin(time, checks.wrong)
     if "repeated" in doubts:
@@ -290,7 +295,7 @@ class ReadLog:
     @property
     def gaps(self) -> Array:
         """Lengths of its pauses [s]: of the rows that are used, or of all time stamps if the log is not one window."""
-        if any(one.kind == "pause" for one in self.doubts):  # closed up, so not split yet
+        if "pause" in self.checks.kinds:  # closed up, so not split yet
             return np.zeros(0)
         return pause_lengths(self.time) if self.count == self.checks.count else self.checks.pauses
 

@@ -290,7 +290,7 @@ def askew_base(unknown: UnknownParameters) -> BaseParameters:
 
 @dataclass(frozen=True, eq=False)
 class ScreenedCause:
-    """Cause screen_causes by its columns e (m, nv, k), with β and S at the weights of the fit without it."""
+    """Cause screened by its columns e (m, nv, k), with β and S at the weights of the fit without it."""
 
     S: float
     cause: Cause | Law

@@ -63,7 +63,7 @@ class LimitBarrier:
 
 
 # The search minimises  -merit  with multipliers of all limits at a few hundred instants (:class:`LimitBarrier`) by
-# SciPy's L-BFGS-B; then the multipliers are updated and the penalty ρ grows. The best of several searches is refine at
+# SciPy's L-BFGS-B; then the multipliers are updated and the penalty ρ grows. The best of several searches is refined at
 # more instants. Coefficients z are scaled so that each moves a joint by 1, in shares of its limits (root mean square).
 # Derivatives of torques and regressor by the states use reverse mode, those of distances the forces at the nearest
 # points. Derivatives by z follow, because states are linear in z.

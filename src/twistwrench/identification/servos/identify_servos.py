@@ -55,7 +55,7 @@ def identify_servos(
     robot : Robot, path or name
         Robot on a fixed base whose joints have one degree of freedom. Masses and inertias are those of its file.
     logs : Motion, path, or sequence of them
-        Logs with positions and mean_command positions: columns ``JOINT.command``, or ``Motion(..., command=...)``. Torques are
+        Logs with positions and commanded positions: columns ``JOINT.command``, or ``Motion(..., command=...)``. Torques are
         ignored.
     test : Motion, path, or sequence of them, optional
         Test logs that are not used for the fit. Without test logs, the last fifth of each log is predicted from the rest.
@@ -147,7 +147,7 @@ def servo_logs(robot: Robot, given: Log | Sequence[Log], what: str) -> list[Serv
             raise ShapeError(f"identify_servos: {name} is of robot {motion.robot.name!r}, whose joints differ.")
         if motion.command is None:
             raise ShapeError(
-                f"identify_servos: {name} has no commands. Give columns JOINT.command, or mean_command positions, "
+                f"identify_servos: {name} has no commands. Give columns JOINT.command, or commanded positions, "
                 "Motion(…, command=…)."
             )
         missing = [robot.model.velocity_names[j] for j in np.flatnonzero(np.isnan(motion.command[0]))]

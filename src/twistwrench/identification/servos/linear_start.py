@@ -81,12 +81,6 @@ def scale_torques(robot: Robot, logs: Sequence[ServoLog]) -> Array:
 
 
 def _without_armature(robot: Robot) -> Robot:
-    if not robot.armature.any():
-        return robot
-    return robot.with_armature(dict.fromkeys(robot.model.velocity_names, 0.0))
-
-
-def _without_armature(robot: Robot) -> Robot:
     return robot.with_armature(dict.fromkeys(robot.model.velocity_names, 0.0)) if robot.armature.any() else robot
 
 
@@ -94,12 +88,12 @@ def linear_start(robot: Robot, logs: Sequence[ServoLog], hold: Hold) -> tuple[Ar
     """Logarithms (nv, 4) of armature, damping, Coulomb friction and kp, with the delay last (4 nv + 1,); guessed armatures."""
     bodies = _without_armature(robot)
     rows = [_Rows.from_log(bodies, log) for log in logs]
-    columns = np.concatenate([one.columns for one in rows])
-    blocks, count = list[Array](), 0
+    parts, blocks, count = list[Array](), list[Array](), 0
     for one in rows:
+        parts.append(one.columns)
         blocks.append(one.block + count)
         count += int(one.block[-1]) + 1
-    block = np.concatenate(blocks)
+    columns, block = np.concatenate(parts), np.concatenate(blocks)
 
     def joint_fits(delay: float) -> list[_JointFit]:
         e = np.concatenate([one.error(delay, hold) for one in rows])
