@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from scipy import special
-from twistwrench.sensing.differentiation import static_poses, touched_in_static_poses
 
 from twistwrench.formats.yaml import UNITS, in_si
 from twistwrench.motion.column_names import unit_factor

@@ -11,8 +11,7 @@ import numpy as np
 
 from ..core.numbers import number, percent, seconds, torque
 from ..core.typing import Array
-from ..motion.bounds import Extrema
-from ..motion.plausibility import TimeAbove
+from ..motion.bounds import Extrema, TimeAbove
 
 _MIN_SHARE_OF_LARGEST = 0.02
 """Fraction of the largest torque of the same unit below which a joint's torques are not compared."""
@@ -254,8 +253,8 @@ class TorqueComparison(NamedTuple):
         return cls(
             _Sums.from_parts(all_rows),
             _Sums.from_parts(sound),
-            Extrema.joined(measured),
-            Extrema.joined(computed),
+            Extrema.merge(measured),
+            Extrema.merge(computed),
             np.stack(beside)[part_of_largest, np.arange(len(part_of_largest))],
             _AtExtreme.from_parts(highest),
             _AtExtreme.from_parts(lowest),
@@ -294,7 +293,7 @@ class TorqueComparison(NamedTuple):
         above = self.highest.cut(self.all_rows.rows, computed_variance / n)
         below = self.lowest.cut(self.all_rows.rows, computed_variance / n)
         cut, cut_at = np.maximum(above, below), np.where(above >= below, most, least)
-        lasting = over.lasting(step)
+        lasting = over.is_lasting(step)
         time_above = np.where(over.rows, over.length + step, 0.0)
         torques = []
         for k, name in enumerate(names):

@@ -19,7 +19,7 @@ from ..motion.load_case import Payload
 from ..robot import Robot
 from ..robot.export.javascript import javascript_module
 from ..robot.export.request import BridgedQuantity
-from ..simulation.schemes import RK4
+from ..simulation.methods.tableaus import RK4
 from .starting_pose import chain_to_base
 
 if TYPE_CHECKING:
