@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -27,12 +27,13 @@ from ..shapes.surface import Decimation
 
 if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits
+    from ..mechanics.model.model import Model
     from ..motion.motion_log import MotionLog
     from ..robot import Robot
     from ..statics.clearance import PathClearance
     from .torque_report import TorqueReport
 
-_MOST = 4000
+_MAX_STATES = 4000
 """Number of evenly spaced states kept of a long motion; peaks may add three times as many."""
 _CHUNK = 8192
 
@@ -85,14 +86,17 @@ class DrawnMotion:
     @property
     def limits(self) -> Limits:
         """Limits of the motion; joints with coupled motors have no separate torque limit."""
-        limits, model = self.load.robot.limits if self.report is None else self.report.limits, self.load.robot.model
-        return replace(limits, effort=joint_effort(model, limits.effort)) if model.couplings else limits
+        model = self.load.robot.model
+        limits = self.load.robot.limits if self.report is None else self.report.limits
+        if model.couplings:
+            limits = replace(limits, effort=joint_effort(model, limits.effort))
+        return limits
 
     @property
     def states(self) -> MotionSamples:
         """States in the form used by :class:`~twistwrench.motion.load_case.LoadCase`."""
-        none = np.zeros((len(self.time), 0))
-        return MotionSamples(self.time, self.q, self.dq, self.ddq, self.q, self.still, none)
+        no_outliers = np.zeros((len(self.time), 0))
+        return MotionSamples(self.time, self.q, self.dq, self.ddq, self.q, self.still, no_outliers)
 
     def require(self, robot: Robot) -> None:
         """Check that the motion belongs to this robot, with any load.
@@ -171,13 +175,13 @@ def motion_of(
     """
     doubts: tuple[Doubt, ...] = ()
     if q is None:
-        taken = getattr(time, "motion", time)
-        if not isinstance(taken, Motion):
+        given = getattr(time, "motion", time)
+        if not isinstance(given, Motion):
             raise ShapeError(
                 "motion_of: q is missing: give time and q, a twistwrench.Motion, or a result that has one."
             )
-        time, q, dq, ddq = taken.time, taken.q, taken.dq, taken.ddq
-        doubts = taken.contradictions
+        time, q, dq, ddq = given.time, given.q, given.dq, given.ddq
+        doubts = given.contradictions
     load = robot if isinstance(robot, LoadCase) else LoadCase(robot)
     model = load.robot.model
     t, q = arguments.finite(time, "time"), arguments.finite(q, "q", model.nq, names=load.robot.coordinate_names)
@@ -188,34 +192,39 @@ def motion_of(
         raise ValueRangeError(
             f"time does not increase from sample {k} ({printed(t[k])} s) to the next ({printed(t[k + 1])} s)."
         )
-    given = {"dq": dq, "ddq": ddq}
-    rates = {
-        n: None if x is None else arguments.finite(x, n, model.nv, names=model.velocity_names) for n, x in given.items()
-    }
-    for name, x in rates.items():
-        if x is not None and x.shape != (len(t), model.nv):
-            raise ShapeError(f"{name} has shape {x.shape}, expected ({len(t)}, {model.nv}).")
-    zero = np.zeros((len(t), model.nv))
-    derived = (zero, zero)
-    if len(t) >= FEWEST and (dq is None or ddq is None):
+    rates = {name: _rates(name, x, len(t), model) for name, x in (("dq", dq), ("ddq", ddq)) if x is not None}
+    lacks_rates = len(rates) < 2
+    zeros = np.zeros((len(t), model.nv))
+    derived_dq = derived_ddq = zeros
+    if lacks_rates and len(t) >= FEWEST:
         q = continuous(model, q)
-        derived = joint_rates(model, q, *spline_rates(t, q))
-        if dq is not None:
-            derived = derived[0], spline_rates(t, np.asarray(rates["dq"]))[0]
-    moves = len(t) < FEWEST and (dq is None or ddq is None) and bool((q != q[0]).any())
-    dq, ddq = (y if x is None else x for x, y in zip(rates.values(), derived, strict=True))
+        derived_dq, derived_ddq = joint_rates(model, q, *spline_rates(t, q))
+        if "dq" in rates:
+            derived_ddq = spline_rates(t, rates["dq"])[0]
+    dq, ddq = rates.get("dq", derived_dq), rates.get("ddq", derived_ddq)
     dq = velocities_inside(t, dq, ddq, t[0], t[-1])
-    states = MotionSamples(t, q, dq, ddq, q, np.zeros_like(zero, bool), zero[:, :0])
-    motion = _gathered(load, iter([states]))
+    states = MotionSamples(t, q, dq, ddq, q, np.zeros_like(zeros, bool), zeros[:, :0])
+    motion = _read_states(load, iter([states]))
     refused = tuple(map(str, doubts))
-    told = tuple(f"{Word.LOOK_AGAIN}: {said}" for said in refused)
-    motion = replace(motion, refused=refused, warnings=(*told, *motion.warnings))
-    if not moves:
-        return motion
-    said = (
-        f"{len(t)} samples are too few to derive rates from, so torques are those at rest: give {FEWEST}, or dq and ddq"
-    )
-    return replace(motion, warnings=(*motion.warnings, said))
+    warnings = [*_look_again_warnings(refused), *motion.warnings]
+    if lacks_rates and len(t) < FEWEST and (q != q[0]).any():
+        warnings.append(
+            f"{len(t)} samples are too few to derive rates from, so torques are those at rest: give {FEWEST}, or dq and "
+            "ddq"
+        )
+    return replace(motion, refused=refused, warnings=tuple(warnings))
+
+
+def _rates(name: str, values: ArrayLike, rows: int, model: Model) -> Array:
+    """Velocities or accelerations (n, nv). Raises ShapeError."""
+    rates = arguments.finite(values, name, model.nv, names=model.velocity_names)
+    if rates.shape != (rows, model.nv):
+        raise ShapeError(f"{name} has shape {rates.shape}, expected ({rows}, {model.nv}).")
+    return rates
+
+
+def _look_again_warnings(contradictions: Iterable[str]) -> list[str]:
+    return [f"{Word.LOOK_AGAIN}: {contradiction}" for contradiction in contradictions]
 
 
 def read_motion(
@@ -240,7 +249,7 @@ def read_motion(
         The file cannot be used.
     """
     differentiation = Differentiation.plan(trajectory, load.robot.model, smoothing=smoothing)
-    return _doubted(_gathered(load, differentiation.states(_CHUNK, progress)), trajectory)
+    return _with_doubts(_read_states(load, differentiation.states(_CHUNK, progress)), trajectory)
 
 
 def reported_motion(report: TorqueReport) -> DrawnMotion:
@@ -255,41 +264,51 @@ def reported_motion(report: TorqueReport) -> DrawnMotion:
     motion : DrawnMotion
     """
     plan = report.differentiation
-    motion = _doubted(_gathered(report.load, plan.states(_CHUNK, None)), plan.trajectory)
+    motion = _with_doubts(_read_states(report.load, plan.states(_CHUNK, None)), plan.trajectory)
     return replace(motion, report=report, clearance=report.clearance)
 
 
-def _doubted(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
+def _with_doubts(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
     """Motion with doubts about its log, and a verdict of LOOK AGAIN for contradictions."""
     doubts = trajectory.doubts(motion.load.robot.limits)
     refused = [*motion.load.contradictions, *(str(doubt) for doubt in doubts if doubt.refuses)]
+    warnings = _look_again_warnings(refused)
+    for doubt in doubts:
+        if doubt.level == "unsure" or (doubt.level == "note" and doubt.kind in ASKED):
+            warnings.append(str(doubt))
     verdict = Verdict.from_reasons(look_again=refused)
-    asked = (
-        str(doubt) for doubt in doubts if doubt.level == "unsure" or (doubt.level == "note" and doubt.kind in ASKED)
-    )
-    told = (*(f"{verdict.word}: {said}" for said in refused), *asked)
-    return replace(motion, warnings=(*told, *motion.warnings), verdict=verdict, refused=tuple(refused))
+    return replace(motion, warnings=(*warnings, *motion.warnings), verdict=verdict, refused=tuple(refused))
 
 
-def _gathered(load: LoadCase, every: Iterator[MotionSamples]) -> DrawnMotion:
+def _read_states(load: LoadCase, batches: Iterator[MotionSamples]) -> DrawnMotion:
     """Read the motion in one pass and bounded memory, keeping the peaks of torques, velocities and power."""
     nq, nv = load.robot.nq, load.robot.nv
-    kept = Decimation(4 * _MOST, slice(1, 2 + 2 * nv))
+    states = Decimation(4 * _MAX_STATES, slice(1, 2 + 2 * nv))
     peaks = np.full(nv, -np.inf)
     check = LimitCheck(load.robot.model, bounds_of(load.robot))
-    for s in every:
+    for s in batches:
         torques = load.torques(s)
         peaks = np.maximum(peaks, np.abs(torques).max(axis=0))
         check.add(s.time, s.measured, s.dq, tau=torques)
         if load.robot.model.limited_followers:
             check.add_borne(s.time, load.follower_torques(s))
         power = (torques * s.dq).sum(axis=1)
-        kept.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.stationary]))
-    time, _, torques, dq, q, ddq, still = np.split(kept.result(), np.cumsum([1, 1, nv, nv, nq, nv]), axis=1)
+        states.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.stationary]))
+    time, _, torques, dq, q, ddq, stationary = np.split(states.result(), np.cumsum([1, 1, nv, nv, nq, nv]), axis=1)
     violations = check.violations()
-    values = time[:, 0], q, dq, ddq, torques, peaks, kept.count
-    said = tuple(map(_sentence, violations))
-    return DrawnMotion(load, *values, said, still.astype(bool), violations=violations)
+    return DrawnMotion(
+        load,
+        time=time[:, 0],
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        torques=torques,
+        peaks=peaks,
+        rows=states.count,
+        warnings=tuple(map(_sentence, violations)),
+        still=stationary.astype(bool),
+        violations=violations,
+    )
 
 
 _WORDS = {"velocity": "velocity limit", "torque": "torque limit"}

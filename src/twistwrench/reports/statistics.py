@@ -35,9 +35,7 @@ def mean_weights(time: Array, rows: slice) -> Array:
     return np.asarray((steps[:-1] + steps[1:]) / (2.0 * duration))
 
 
-# ── Gaps in time, and what the robot may have done in them
-
-_LONG, _MOVED, _FAST = 0.1, 1e-3, 0.1
+_MIN_GAP, _MIN_CHANGE, _MIN_SPEED_SHARE = 0.1, 1e-3, 0.1
 """Thresholds for hidden motion in a gap: its length [s], change of a coordinate [rad, m], and speed beside it relative to the
 largest speed. In a shorter gap no joint with mass accelerates and brakes again."""
 
@@ -110,22 +108,28 @@ class Gaps:
         velocities are the rates of the coordinates.
         """
         steps, rows = np.diff(time), gap_edges(time, threshold)
-        k = int(np.argmax(steps)) if len(steps) else 0
-        found = len(steps) > 0 and steps[k] > threshold
-        longest = (float(steps[k]), float(time[k])) if found else (0.0, math.nan)
-        long = []
-        for begin in np.flatnonzero(steps > max(threshold, _LONG)).tolist():
-            at = int(np.searchsorted(rows, begin))
-            long.append(_gap(float(time[begin]), float(steps[begin]), *(x[at : at + 2] for x in edges), rates=rates))
-        return cls(threshold, int((steps > threshold).sum()), *longest, tuple(long), most, stops)
+        longest, longest_at = 0.0, math.nan
+        if len(steps) and steps.max() > threshold:
+            k = int(np.argmax(steps))
+            longest, longest_at = float(steps[k]), float(time[k])
+        q, dq = edges
+        gaps = []
+        for begin in np.flatnonzero(steps > max(threshold, _MIN_GAP)).tolist():
+            k = int(np.searchsorted(rows, begin))
+            gap = _gap(float(time[begin]), float(steps[begin]), q[k : k + 2], dq[k : k + 2], rates=rates)
+            gaps.append(gap)
+        return cls(threshold, int((steps > threshold).sum()), longest, longest_at, tuple(gaps), most, stops)
 
     @property
     def hiding(self) -> list[tuple[float, float]]:
         """Start and length [s] of each gap with motion across it or at its ends."""
-        fast = max(_FAST * float(np.max(self.most, initial=0.0, where=[[True], [False]])), _MOVED)
-        return [
-            (gap.begin, gap.length) for gap in self.long if gap.change > _MOVED or gap.beside.max(initial=0.0) > fast
-        ]
+        largest_speed = float(np.max(self.most, initial=0.0, where=[[True], [False]]))
+        min_speed = max(_MIN_SPEED_SHARE * largest_speed, _MIN_CHANGE)
+
+        def hides(gap: _Gap) -> bool:
+            return gap.change > _MIN_CHANGE or gap.beside.max(initial=0.0) > min_speed
+
+        return [(gap.begin, gap.length) for gap in self.long if hides(gap)]
 
     @property
     def hidden(self) -> float:
@@ -141,12 +145,15 @@ class Gaps:
     @property
     def exceeds_logged_motion(self) -> bool:
         """True if a gap needs a larger speed or acceleration of a coordinate than any that was logged, or leaves its stops."""
-        if self.stops is not None:
-            lower, upper = self.stops
-            if any(((gap.extent[0] < lower) | (gap.extent[1] > upper)).any() for gap in self.long):
+        for gap in self.long:
+            slack = _MIN_CHANGE * np.array([[1 / gap.length], [4 / gap.length**2]])
+            if (gap.across > self.most + slack).any():
                 return True
-        slack = (_MOVED * np.array([[1 / gap.length], [4 / gap.length**2]]) for gap in self.long)
-        return any((gap.across > self.most + more).any() for gap, more in zip(self.long, slack, strict=True))
+            if self.stops is not None:
+                lower, upper = self.stops
+                if ((gap.extent[0] < lower) | (gap.extent[1] > upper)).any():
+                    return True
+        return False
 
     def beside(self, time: float, within: float) -> bool:
         """True if the time is at most ``within`` [s] from an end of a gap with motion."""
@@ -155,7 +162,7 @@ class Gaps:
 
 def gap_edges(time: Array, threshold: float) -> Array:
     """Rows (m,) at either end of the gaps that are long enough for a motion."""
-    begins = np.flatnonzero(np.diff(time) > max(threshold, _LONG))
+    begins = np.flatnonzero(np.diff(time) > max(threshold, _MIN_GAP))
     return np.unique(np.concatenate([begins, begins + 1]))
 
 
@@ -163,13 +170,14 @@ def _gap(begin: float, length: float, q: Array, dq: Array, *, rates: bool) -> _G
     """Gap between two rows with coordinates (2, nq) and velocities (2, nv)."""
     change, (v0, v1) = q[1] - q[0], dq
     size = float(np.abs(change).max(initial=0.0))
-    across = _least_across(change, v0, v1, length) if rates else np.zeros((2, dq.shape[1]))
-    return _Gap(begin, length, size, np.abs([v0, v1]), across, _extent(q[0], q[1], v0, v1, length) if rates else q)
+    across, extent = np.zeros((2, dq.shape[1])), q
+    if rates:
+        across, extent = _least_across(change, v0, v1, length), _extent(q[0], q[1], v0, v1, length)
+    return _Gap(begin, length, size, np.abs([v0, v1]), across, extent)
 
-
-# ── Min-max decimation: the least and the greatest value of each bin of rows
 
 _BINS = 2048
+"""Bins of a plot, each with the least and the greatest value of its rows."""
 
 
 def stride_of(count: int, most: int) -> int:
@@ -178,7 +186,9 @@ def stride_of(count: int, most: int) -> int:
     >>> stride_of(4096, 4096), stride_of(4097, 4096)
     (1, 2)
     """
-    return 1 << (-(-count // most) - 1).bit_length() if count > most else 1
+    if count <= most:
+        return 1
+    return 1 << (-(-count // most) - 1).bit_length()
 
 
 class Bins(NamedTuple):
@@ -200,19 +210,18 @@ class Bins(NamedTuple):
     @classmethod
     def from_parts(cls, parts: Sequence[Bins]) -> Bins:
         """Bins of consecutive rows from those of their parts, which may begin and end within a bin."""
-        number, time, least, greatest = (np.concatenate(x) for x in zip(*parts, strict=True))
+        number, time, least, greatest = map(np.concatenate, zip(*parts, strict=True))
         starts = np.flatnonzero(np.diff(number, prepend=-1))
         return cls(
             number[starts], time[starts], np.minimum.reduceat(least, starts), np.maximum.reduceat(greatest, starts)
         )
 
 
-# ── The largest true value behind many noisy ones
-
-_MOST = 4096
-_NEAR = 6.0
+_MAX_RUNS = 4096
+"""Runs among which the largest values are looked for."""
+_MAX_SIGMAS_BELOW = 6.0
 """Distance below the largest value, in standard deviations, within which other values contend with it."""
-_UNSURE = 0.12
+_RELATIVE_UNCERTAINTY = 0.12
 """Relative uncertainty of the excess, which depends on an estimated noise and an approximate count."""
 
 
@@ -234,7 +243,7 @@ class Runs(NamedTuple):
     @classmethod
     def from_parts(cls, parts: Sequence[Runs]) -> Runs:
         """Runs of consecutive rows from those of their parts, which may begin and end within a run."""
-        number, largest, first, last = (np.concatenate(x) for x in zip(*parts, strict=True))
+        number, largest, first, last = map(np.concatenate, zip(*parts, strict=True))
         starts = np.flatnonzero(np.diff(number, prepend=-1))
         ends = np.append(starts[1:], len(number)) - 1
         return cls(number[starts], np.maximum.reduceat(largest, starts), first[starts], last[ends])
@@ -248,7 +257,7 @@ class Runs(NamedTuple):
         largest = self.largest[:, column]
         before, after = np.append(-np.inf, self.last[:-1, column]), np.append(self.first[1:, column], -np.inf)
         own = np.where((largest >= before) & (largest >= after), largest, -np.inf)
-        return np.sort(own)[::-1][:_MOST]
+        return np.sort(own)[::-1][:_MAX_RUNS]
 
 
 def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, float]:
@@ -260,31 +269,31 @@ def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, fl
     from scipy.special import log_ndtr
 
     values = values[np.isfinite(values)]
-    near = values[values >= values[0] - _NEAR * sigma]
-    if len(near) < 2 or sigma == 0.0:
+    contending = values[values >= values[0] - _MAX_SIGMAS_BELOW * sigma]
+    if len(contending) < 2 or sigma == 0.0:
         return 0.0, sigma
-    count = runs if len(near) == len(values) else len(near)  # all listed values contend, and further ones may
-    variance = float(np.var(near))
-    kept = max(0.0, 1.0 - sigma**2 / variance) if variance else 0.0
-    true = near.mean() + np.sqrt(kept) * (near - near.mean())
-    x = np.linspace(true.max() - _NEAR * sigma, true.max() + 2 * _NEAR * sigma, 721)
-    below = np.exp(np.sum([log_ndtr((x - w) / sigma) for w in true], axis=0) * (count / len(near)))
+    count = len(contending)
+    if count == len(values):  # all listed values contend, and further ones may
+        count = runs
+    variance = float(np.var(contending))
+    true_share = max(0.0, 1.0 - sigma**2 / variance) if variance else 0.0
+    true = contending.mean() + np.sqrt(true_share) * (contending - contending.mean())
+    x = np.linspace(true.max() - _MAX_SIGMAS_BELOW * sigma, true.max() + 2 * _MAX_SIGMAS_BELOW * sigma, 721)
+    below = np.exp(np.sum([log_ndtr((x - w) / sigma) for w in true], axis=0) * (count / len(contending)))
     share, middle = np.diff(below), 0.5 * (x[1:] + x[:-1])
     share /= share.sum()
     mean = float(share @ middle)
     spread = float(np.sqrt(share @ (middle - mean) ** 2))
     excess = max(0.0, mean - float(true.max()))
-    return excess, float(np.hypot(spread, _UNSURE * excess))
+    return excess, float(np.hypot(spread, _RELATIVE_UNCERTAINTY * excess))
 
-
-# ── The largest torque without the noise of the log, by resampling
 
 # Parametric bootstrap: the smoothed motion is taken as the truth, and logs of it are drawn with the errors estimated from the
 # log and processed like the log. Their peaks differ from the truth like the log's peak: by the bias of smoothing, the residual
 # noise, and the selection of the largest value.
 # Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapters 6 and 10.
 
-_DRAWS, _FEWEST_DRAWS, _MOST_COLUMNS = 128, 32, 4096
+_MAX_DRAWS, _MIN_DRAWS, _MAX_COLUMNS = 128, 32, 4096
 _BIAS = 0.8
 """Share of the drawn bias that is added as a standard deviation. Smoothing flattens the true peak and the noise left in the
 smoothed motion. If noise dominates, the second effect is larger and has the opposite sign (errors are then -1.3 times the drawn
@@ -292,7 +301,8 @@ bias, on logs of known motions). The bias is therefore an error of unknown sign 
 intervals contain 94 % without it (91 % if only stamps have errors), 98 % (96 %) with this share, 99 % with share √2."""
 INTERVAL = 1.96
 """Half-width of a 95 % confidence interval in standard deviations."""
-_SEED = 8
+_RANDOM_STREAM = 8
+"""Seed of the draws."""
 _REACH, _SPLINE_REACH = 16.0, 24
 """Distance in samples, in units of strength^(1/6), beyond which a sample changes a smoothed value by less than 1e-3."""
 _CELL = 2.0
@@ -324,7 +334,9 @@ class PeakBootstrap:
     def cell(self) -> int:
         """Rows of a run, in which noise is correlated."""
         strengths = self.differentiation.strengths[self.differentiation.strengths > 0]
-        return max(1, round(_CELL * float(strengths.min()) ** (1 / 6))) if strengths.size else 1
+        if not strengths.size:
+            return 1
+        return max(1, round(_CELL * float(strengths.min()) ** (1 / 6)))
 
     @property
     def _reach(self) -> int:
@@ -344,9 +356,9 @@ class PeakBootstrap:
         row = int(np.searchsorted(log.table[:, 0], peaks.time[joint]))
         first = max(0, row - self._reach)
         motion, row = log.motion(log.table[first : row + self._reach + 1]), row - first
-        near = slice(max(0, row - self.cell), row + self.cell + 1)
+        near_peak = slice(max(0, row - self.cell), row + self.cell + 1)
         sign = -1.0 if peaks.signed[joint] < 0 else 1.0
-        bias, sigma, speed_sigma = self._drawn(motion, near, joint, sign)
+        bias, sigma, speed_sigma = self._peak_statistics(motion, near_peak, joint, sign)
         excess, spread = excess_of_largest(contenders, sigma, runs)
         largest, sigma = float(peaks.value[joint]), math.hypot(spread, _BIAS * bias)
         # The correction cannot exceed the part due to accelerations. If it would, the peak is unknown between these bounds.
@@ -355,42 +367,46 @@ class PeakBootstrap:
             excess, sigma = largest - least, max(sigma, (largest - least) / INTERVAL)
         return PeakEstimate(sign * (largest - excess), sigma, speed, speed_sigma)
 
-    def _drawn(self, motion: LogRows, near: slice, joint: int, sign: float) -> tuple[float, float, float]:
+    def _peak_statistics(
+        self, motion: LogRows, near_peak: slice, joint: int, sign: float
+    ) -> tuple[float, float, float]:
         """Bias and standard deviation of the peak near some rows, and standard deviation of the velocity there."""
         d, t = self.differentiation, motion.time
         curve = d.smooth(t, d.curves(motion))
         columns = curve.shape[1]
-        count = min(_DRAWS, max(_FEWEST_DRAWS, _MOST_COLUMNS // max(1, columns)))
-        speed = spline_rates(t, curve)[0]
-        logs = d.smooth(t, d.errors.drawn(np.random.default_rng(_SEED), curve, speed, count))
+        count = min(_MAX_DRAWS, max(_MIN_DRAWS, _MAX_COLUMNS // max(1, columns)))
+        first, second = spline_rates(t, curve)
+        true = [x[near_peak, :, None] for x in (curve, first, second)]
+        true_torques, _ = self._torques(motion, near_peak, true)
+        logs = d.smooth(t, d.errors.drawn(np.random.default_rng(_RANDOM_STREAM), curve, first, count))
         first, second = spline_rates(t, logs.reshape(len(t), -1))
-        each = [x.reshape(len(t), columns, count)[near] for x in (logs, first, second)]
-        clean = [x[near] for x in (curve, *spline_rates(t, curve))]
-        true, _ = self._torques(motion, near, [x[:, :, None] for x in clean])
-        drawn, dq = self._torques(motion, near, each)
-        peaks = (sign * drawn[:, :, joint]).max(axis=0)
-        bias = float(peaks.mean() - (sign * true[:, :, joint]).max())
+        drawn = [x.reshape(len(t), columns, count)[near_peak] for x in (logs, first, second)]
+        drawn_torques, dq = self._torques(motion, near_peak, drawn)
+        peaks = (sign * drawn_torques[:, :, joint]).max(axis=0)
+        bias = float(peaks.mean() - (sign * true_torques[:, :, joint]).max())
         middle = len(dq) // 2
         return bias, float(peaks.std(ddof=1)), float(dq[middle, :, joint].std(ddof=1))
 
-    def _torques(self, motion: LogRows, near: slice, logs: list[Array]) -> tuple[Array, Array]:
+    def _torques(self, motion: LogRows, rows: slice, logs: list[Array]) -> tuple[Array, Array]:
         """Torques and velocities (n, count, nv) of smoothed logs (n, k, count) with their derivatives."""
         d, model = self.differentiation, self.differentiation.model
         n, _, count = logs[0].shape
-        x, first, second = (np.moveaxis(a, 1, 2).reshape(n * count, -1) for a in logs)
+        x, first, second = (np.moveaxis(log, 1, 2).reshape(n * count, -1) for log in logs)
 
-        def given(values: Array | None) -> Array:
-            assert values is not None
-            return np.repeat(values[near], count, axis=0)
+        def repeat_logged(values: Array) -> Array:
+            return np.repeat(values[rows], count, axis=0)
 
         if motion.dq is None:
             q = x
             dq, ddq = joint_rates(model, q, first, second)
-            ddq = ddq if motion.ddq is None else given(motion.ddq)
+            if motion.ddq is not None:
+                ddq = repeat_logged(motion.ddq)
         else:
-            q, dq, ddq = given(motion.q), x, first
-        still = np.abs(dq) <= SIGNIFICANT_SIGMAS * d.sigma_dq if d.derives_velocities else np.zeros(dq.shape, bool)
-        time, none = np.repeat(motion.time[near], count), np.zeros((n * count, 0))
-        torques = self.load.torques(MotionSamples(time, q, dq, ddq, q, still, none))
+            q, dq, ddq = repeat_logged(motion.q), x, first
+        stationary = np.zeros(dq.shape, bool)
+        if d.derives_velocities:
+            stationary = np.abs(dq) <= SIGNIFICANT_SIGMAS * d.sigma_dq
+        time, no_outliers = np.repeat(motion.time[rows], count), np.zeros((n * count, 0))
+        torques = self.load.torques(MotionSamples(time, q, dq, ddq, q, stationary, no_outliers))
         torques = self.load.drive_torques(torques)
         return torques.reshape(n, count, -1), dq.reshape(n, count, -1)
