@@ -418,8 +418,8 @@ def bounds(tmp_path):
     (tmp_path / "robot" / "own.txt").write_bytes(bytes(600))
     (tmp_path / "secret.txt").write_bytes(b"x")
     found = Bounds()
-    found.begin([str(tmp_path / "robot")], 1000)
-    return found
+    with found.enforce([str(tmp_path / "robot")], 1000):
+        yield found
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ from __future__ import annotations
 import builtins
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -43,16 +44,14 @@ def expand(request: Mapping[str, Any]) -> dict[str, Any]:
     replace_evaluation(xacro, substitution, finder, arguments)
     xacro.init_stacks(request["file"])
     answer: dict[str, Any] = {"declared": arguments.declared}
-    bounds.begin(request["folders"], request["bytes"])
     try:
-        check_evaluation(xacro)
-        document = guarded_parse(request["text"])
-        xacro.process_doc(document, mappings=arguments)
-        text = document.toxml()
+        with bounds.enforce(request["folders"], request["bytes"]):
+            check_evaluation(xacro)
+            document = guarded_parse(request["text"])
+            xacro.process_doc(document, mappings=arguments)
+            text = document.toxml()
     except Exception as problem:
         return answer | {"reason": reason_of(problem)}
-    finally:
-        bounds.active = False
     if len(text) > request["bytes"]:
         return answer | {"reason": f"it expands to more than {request['bytes'] // 2**20} MiB"}
     return answer | {"text": text}
@@ -133,10 +132,24 @@ class Bounds:
     finding = False
     """True while a package is searched: folders are listed, and files that name packages are read, anywhere."""
 
-    def begin(self, folders: Sequence[str], most: int) -> None:
-        """Begin to refuse."""
+    @contextmanager
+    def enforce(self, folders: Sequence[str], most: int) -> Iterator[None]:
+        """Refuse, until the block ends, all but files below the folders, of at most ``most`` bytes together."""
         self.folders = [Path(folder).resolve() for folder in folders]
         self.most, self.total, self.active = most, 0, True
+        try:
+            yield
+        finally:
+            self.active = False
+
+    @contextmanager
+    def allow_package_files(self) -> Iterator[None]:
+        """Allow, until the block ends, to list folders and to read files that name packages, anywhere."""
+        self.finding = True
+        try:
+            yield
+        finally:
+            self.finding = False
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
         """Check one event of the interpreter."""
@@ -180,11 +193,8 @@ class PackageFinder:
 
     def __call__(self, name: str) -> str:
         """Folder of the package ``name``; raises Refused for one outside the folders that are searched."""
-        self.bounds.finding = True
-        try:
+        with self.bounds.allow_package_files():
             folder = self._around(name) or Path(self.elsewhere(name))
-        finally:
-            self.bounds.finding = False
         if not self.bounds.allows(folder):
             raise Refused(f"the package {name!r} lies outside the folders that are searched")
         return str(folder)
