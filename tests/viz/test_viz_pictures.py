@@ -104,7 +104,7 @@ def test_few_samples_are_poses_at_rest(bundled, rows):
 
 
 def test_a_long_motion_is_thinned_and_its_peaks_kept(bundled, monkeypatch):
-    monkeypatch.setattr(motion_module, "_MOST", 50)
+    monkeypatch.setattr(motion_module, "_MAX_STATES", 50)
     robot = bundled("ur5")
     q, dq, ddq = swing(robot)
     whole = robot.inverse_dynamics(q, dq, ddq, friction=True)
@@ -118,7 +118,7 @@ def test_a_long_motion_is_thinned_and_its_peaks_kept(bundled, monkeypatch):
 
 
 def test_a_file_in_many_chunks_is_thinned_and_keeps_evenly_spaced_states(demo, monkeypatch):
-    monkeypatch.setattr(motion_module, "_MOST", 50)
+    monkeypatch.setattr(motion_module, "_MAX_STATES", 50)
     monkeypatch.setattr(motion_module, "_CHUNK", 150)
     again = read_motion(
         demo.load, MotionLog.open(tw.robots.path_of("ur5").with_name("ur5_demo.csv"), demo.load.robot.model)
@@ -221,7 +221,7 @@ def test_work_less_friction_is_what_the_energies_gain(bundled):
     from twistwrench.motion.differentiation import MotionSamples
 
     states = MotionSamples(T, q, dq, ddq, q, np.zeros(q.shape, bool), np.zeros((len(T), 0)))
-    e = energies(motion_module._gathered(load, iter([states])))
+    e = energies(motion_module._read_states(load, iter([states])))
     gained = e.kinetic + e.potential - e.kinetic[0] - e.potential[0]
     assert np.ptp(e.friction) > 1
     assert np.ptp(e.wrenches) > 1
