@@ -255,7 +255,7 @@ def test_the_picture_shows_what_the_repair_changes(tmp_path):
 
 def test_the_page_shows_the_findings_on_the_links(tmp_path):
     from twistwrench.core.colours import COLOURS, Style
-    from twistwrench.viz.page import findings_scene
+    from twistwrench.viz.findings_scene import findings_scene
 
     path = tmp_path / "sides.urdf"
     path.write_text(sides("0.1 -0.02 0.1"))

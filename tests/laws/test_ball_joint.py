@@ -19,7 +19,7 @@ from twistwrench.robot.convert import (
     to_pinocchio,
 )
 from twistwrench.testing import random_builder, random_robot, random_state
-from twistwrench.viz.page_data import sliders_of
+from twistwrench.viz.sliders import sliders_of
 
 TOLERANCE = 1e-10
 KINDS = ("ball", "revolute", "prismatic")

@@ -15,7 +15,7 @@ from test_viz_page import ROBOTS
 
 import twistwrench as tw
 from twistwrench.viz import write_page
-from twistwrench.viz.page_data import LARGEST
+from twistwrench.viz.page_programs import MAX_INSTRUCTIONS
 
 EVERY = {**ROBOTS, "panda": tw.robots.panda(), "pendulum": tw.robots.pendulum()}
 LONG = tw.Robot(chain(np.random.default_rng(0), 28 * "r").build(tip="l28"))
@@ -196,7 +196,7 @@ def test_a_change_of_the_load_begins_a_new_account(tmp_path):
 @pytest.mark.parametrize(
     ("robot", "why"),
     [
-        (LONG, f"more than {LARGEST} operations, too much for a page"),
+        (LONG, f"more than {MAX_INSTRUCTIONS} operations, too much for a page"),
         (tw.load('<robot name="stone"><link name="stone"/></robot>'), "Nothing of it moves"),
     ],
     ids=["chain", "stone"],

@@ -37,6 +37,7 @@ from ..statics.payload_report import PayloadReport
 from ..trajectories.move_report import MoveReport
 from ..trajectories.move_view import worst_moment as worst_planned_moment
 from . import page, style
+from .findings_scene import findings_scene
 from .page_layer import calibration_layer, contact_layer
 from .pictures import Plot, drawn, robot_picture
 from .plots.calibration import plot_calibration, plot_measuring_poses
@@ -160,7 +161,7 @@ def _(answer: DoctorReport) -> Iterable[Picture]:
     """Links in the colours of their findings, and inertias before and after the repair."""
     if find_spec("matplotlib") is None:
         return []
-    scene, pictures = page.findings_scene(answer), []
+    scene, pictures = findings_scene(answer), []
     if scene.robot.nv:
         named = any(finding.where.startswith("link") for finding in answer.findings)
         colours = ", links in the colours of their findings: red error, amber warning, grey note" if named else ""
@@ -170,7 +171,7 @@ def _(answer: DoctorReport) -> Iterable[Picture]:
 
 @viewer_of.register
 def _(answer: DoctorReport) -> Viewer | None:
-    scene = page.findings_scene(answer)
+    scene = findings_scene(answer)
     return _of_size(page.viewer_page(scene.robot, scene=scene, embed=True)) if scene.robot.nv else None
 
 

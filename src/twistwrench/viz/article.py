@@ -19,7 +19,7 @@ from ..core.colours import page_colours
 from ..core.files import replacing
 from ..core.glossary import complete
 from .colours import quantity_colours
-from .page import POLICY, joined_script
+from .page_scripts import POLICY, joined_script
 from .section_pages import SECTIONS, formula_html
 
 __all__ = ["ARTICLES", "article_text", "write_article"]

@@ -1,4 +1,4 @@
-"""Page that shows a robot and its motion in any browser without a network, and the scene of the doctor's findings."""
+"""Page that shows a robot and its motion in any browser without a network."""
 
 from __future__ import annotations
 
@@ -6,25 +6,23 @@ import base64
 import html
 import json
 import os
-import re
 import sys
 import tempfile
-import warnings
 import webbrowser
 import zlib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments
 from ..core.answers.page import Viewer, digest
-from ..core.colours import COLOURS, Style, page_colours
-from ..core.errors import MissingExtraError, ModelWarning, ValueRangeError
+from ..core.colours import page_colours
+from ..core.errors import MissingExtraError, ValueRangeError
 from ..core.files import replacing
 from ..core.glossary import complete
 from ..core.numbers import number
@@ -33,42 +31,28 @@ from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..robot import Robot
 from ..robot.task_space_methods import require_robot
-from ..shapes.surface import Colour
-from .colours import force_scale, mass_scale, quantity_colours
-from .page_data import PagePrograms, robot_data, wrench_data
+from .colours import force_scale, mass_scale
+from .page_data import robot_data, wrench_data
 from .page_floor import pedestal_of, spheres_of
 from .page_loops import held_pose, loops_of, standing_of
 from .page_motion import motion_data, notes_of_motion, python_source, robot_of_motion
-from .scene import Scene, Shape, equal_inertia_ellipsoid, scene_of
+from .page_programs import PagePrograms
+from .page_scripts import POLICY, joined_script, page_style, script_names
+from .scene import Scene, scene_of
 from .section_pages import SectionPanel, section_data, section_panel
 from .starting_pose import starting_pose
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from ..diagnosis import DoctorReport
     from ..motion.load_case import Payload
     from ..reports.drawn_motion import DrawnMotion
     from ..robot.doors import ConstrainedRobot
+    from ..shapes.surface import Surface
     from .page_layer import PageLayer
+    from .page_loops import PageLoops
 
-_TRIANGLES = 300_000
-_SCRIPTS = (
-    "numbers.js", "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js",
-    "fall.js", "floor.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js",
-    "grab.js", "drives.js", "address.js", "share.js", "compact.js", "panel.js", "load.js", "scales.js",
-)  # fmt: skip
-_SCRIPTS_OF = {
-    "motion": ("motion.js", "verdict.js", "strip.js"),
-    "book": ("readouts.js", "tip_readouts.js", "article/near_misses.js", "exercises.js", "book.js"),
-    "limbs": ("fold.js",),
-    "loops": ("loops.js",),
-    "standing": ("standing.js",),
-    "layer": ("layer.js",),
-}
-"""Scripts that a page includes only if its header has the entry."""
-POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
-"""Content-Security-Policy of the page without the digests of its scripts: no requests, no other scripts."""
+_MAX_TRIANGLES = 300_000
 KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
 
@@ -125,14 +109,10 @@ def write_page(
     """
     if isinstance(robot, Robot):
         refuse_couplings(robot.model, "a page")
-    shown: dict[str, Any] = {
-        "motion": motion,
-        "q": q,
-        "actuated": actuated,
-        "wrench_on_robot": wrench_on_robot,
-        "scene": scene,
-    }
-    text = viewer_page(robot, section=section, embed=embed, control=control, still=embed, **shown).page
+    text = viewer_page(
+        robot, motion=motion, q=q, actuated=actuated, wrench_on_robot=wrench_on_robot, scene=scene, section=section,
+        embed=embed, control=control, still=embed,
+    ).page  # fmt: skip
     with replacing(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
     return Path(path)
@@ -167,122 +147,159 @@ def viewer_page(
     -------
     viewer : Viewer
     """
-    closed = cast("ConstrainedRobot", robot) if isinstance(robot, Robot) and robot.constraints else None
-    if closed is not None and (motion is not None or section is not None):
-        raise ValueRangeError(
-            "a page of a closed robot is moved by hand. Leave motion and section out, or take robot.open()."
-        )
-    robot = require_robot(robot if closed is None else closed.open(), "page")
-    book = None if section is None else section_panel(section)
-    if book is not None:
+    subject = _subject_of(robot, motion, q, actuated, wrench_on_robot, scene, section)
+    programs = PagePrograms(
+        subject.robot, tuple(subject.wrenches), subject.book, payload=subject.payload, motion=motion is not None,
+        loops=subject.loops,
+    )  # fmt: skip
+    start = subject.start(programs.tip)
+    box = _Box()
+    data = _header(subject, programs, start, box)
+    if layer is not None:
+        data["layer"] = layer.data(box.put, data["size"])
+    data["neighbours"] = dict(neighbours or {})
+    data["embed"], data["control"] = embed, _require_control(control, data)
+    data["fall"] |= _floor_data(subject, data)
+    if control == "fall":
+        data["target"][2] = data["floor"]  # the payload hangs down after release
+    data["notes"] = _notes(subject)
+    data["subtitle"] = f"{_freedom_text(subject)}, {_motion_text(subject)}"
+    data["held"] = None if subject.held is None else subject.held[1]
+    data["shown"], data["switches"] = _switches(data, subject.scene, subject.book)
+    scripts = programs.script(), joined_script(script_names(data))
+    digests = tuple(map(digest, scripts))
+    title = subject.robot.name
+    if subject.book is not None:
+        title = f"{subject.book.number} {subject.book.title}, {title}"
+    template = resources.files(__package__) / "player" / "page.html"
+    page = Template(template.read_text("utf-8")).substitute(
+        title=html.escape(title),
+        sentence=html.escape(_still_sentence(data)),
+        still=_still_image(subject.scene, start, motion) if still else "",
+        policy=f"{POLICY} {' '.join(digests)}",
+        style=page_colours() + page_style(section=subject.book is not None),
+        programs=scripts[0],
+        script=scripts[1],
+        data=box.pack(data),
+    )
+    return Viewer(page, digests)
+
+
+@dataclass(frozen=True, eq=False)
+class _Subject:
+    """Robot of a page, and what is shown with it."""
+
+    robot: Robot
+    scene: Scene
+    wrenches: Mapping[str, ArrayLike]
+    """Wrenches on the robot, by frame."""
+    closed: ConstrainedRobot | None = None
+    """The robot with its loops closed; None for a tree."""
+    motion: DrawnMotion | None = None
+    payload: Payload | None = None
+    """Payload of the motion that a slider sets."""
+    book: SectionPanel | None = None
+    q: Array | None = None
+    """Requested initial configuration (nq,)."""
+    loops: PageLoops | None = None
+    held: tuple[Array, str] | None = None
+    """Standing pose of a robot whose file fixes the base in the air, and its remark."""
+
+    def start(self, tip: str | None) -> Array:
+        """Initial configuration (nq,)."""
+        if self.loops is not None:
+            return self.loops.start
+        if self.q is not None:
+            return self.q
+        if self.held is not None:
+            return self.held[0]
+        if self.motion is not None:
+            return self.motion.q[0]
+        return starting_pose(self.robot, tip)
+
+
+def _subject_of(
+    robot: Robot | ConstrainedRobot,
+    motion: DrawnMotion | None,
+    q: ArrayLike | None,
+    actuated: Iterable[str] | None,
+    wrench_on_robot: Mapping[str, ArrayLike] | None,
+    scene: Scene | None,
+    section: str | None,
+) -> _Subject:
+    """Check the arguments of a page against each other, and place the robot."""
+    closed = None
+    if isinstance(robot, Robot) and robot.constraints:
+        if motion is not None or section is not None:
+            raise ValueRangeError(
+                "a page of a closed robot is moved by hand. Leave motion and section out, or take robot.open()."
+            )
+        closed = cast("ConstrainedRobot", robot)
+        robot = closed.open()
+    robot = require_robot(robot, "page")
+    book, payload, loops, held = None, None, None, None
+    if section is not None:
+        book = section_panel(section)
         if motion is not None or wrench_on_robot:
             raise ValueRangeError(
                 f"section {section}: the page sets motion and wrenches by its sliders; leave them out."
             )
         book.require(robot)
-    payload = None
     if motion is not None:
         motion.require(robot)
         robot, payload = robot_of_motion(motion)
         wrench_on_robot = motion.load.wrenches
-    scene = (scene_of(robot) if scene is None else scene).decimated(_TRIANGLES)
-    box = _Box()
-    wrenches = wrench_on_robot or {}
-    at = None if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
-    loops = None
+    if scene is None:
+        scene = scene_of(robot)
+    scene = scene.decimated(_MAX_TRIANGLES)
+    start = None if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     if closed is not None:
-        loops = loops_of(closed, at, actuated)
-    elif motion is None and book is None and at is None:
-        loops = standing_of(robot, scene)
-    held = held_pose(robot, scene) if at is None and closed is None and motion is None and book is None else None
-    programs = PagePrograms(robot, tuple(wrenches), book, payload=payload, motion=motion is not None, loops=loops)
-    if at is not None and closed is None:
-        start = at
-    elif loops is not None:
-        start = loops.start
-    elif held is not None:
-        start = held[0]
-    else:
-        start = starting_pose(robot, programs.tip) if motion is None else motion.q[0]
+        loops = loops_of(closed, start, actuated)
+    elif motion is None and book is None and start is None:
+        loops, held = standing_of(robot, scene), held_pose(robot, scene)
+    return _Subject(robot, scene, wrench_on_robot or {}, closed, motion, payload, book, start, loops, held)
+
+
+def _header(subject: _Subject, programs: PagePrograms, start: Array, box: _Box) -> dict[str, Any]:
+    """Data of the page about the robot and what is shown with it."""
+    robot, scene, motion, book, loops = subject.robot, subject.scene, subject.motion, subject.book, subject.loops
     data = robot_data(robot, start) | _scene_data(scene, box, start, motion)
-    data |= wrench_data(robot, wrenches)
+    data |= wrench_data(robot, subject.wrenches)
     data |= programs.data()
-    data |= {"loops": None, "standing": None} if loops is None else {"loops": loops.loops, "standing": loops.standing}
-    if loops is not None and loops.standing is not None:
-        data["floor"] = 0.0
+    data |= {"loops": None, "standing": None}
+    if loops is not None:
+        data |= {"loops": loops.loops, "standing": loops.standing}
+        if loops.standing is not None:
+            data["floor"] = 0.0
     data |= _tips_data(robot, scene, programs, weighed="mass" in data["programs"])
-    data["book"] = None if book is None else section_data(book, robot, start)
-    data["python"] = python_source(robot, motion)
-    data["motion"] = None if motion is None else motion_data(robot, motion, payload, box.put)
-    data["box"] = scene.bounds(start).tolist() if motion is None and book is None else None
-    data["layer"] = None if layer is None else layer.data(box.put, data["size"])
-    data["neighbours"] = dict(neighbours or {})
-    data["embed"], data["control"] = embed, _checked_control(control, data)
-    spheres = [] if data["fall"]["why"] or book is not None else spheres_of(scene)
-    data["fall"] |= {"spheres": spheres, "pedestal": pedestal_of(scene, spheres, data["floor"])}
-    if control == "fall":
-        data["target"][2] = data["floor"]  # the payload hangs down after release
+    data |= {"book": None, "python": python_source(robot, motion), "motion": None, "box": None, "layer": None}
+    if book is not None:
+        data["book"] = section_data(book, robot, start)
+    elif motion is not None:
+        data["motion"] = motion_data(robot, motion, subject.payload, box.put)
+    else:
+        data["box"] = scene.bounds(start).tolist()
+    return data
+
+
+def _floor_data(subject: _Subject, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Spheres around the links that the floor stops, and the pedestal; no spheres for robots that cannot be let go."""
+    spheres = []
+    if not data["fall"]["why"] and subject.book is None:
+        spheres = spheres_of(subject.scene)
+    return {"spheres": spheres, "pedestal": pedestal_of(subject.scene, spheres, data["floor"])}
+
+
+def _notes(subject: _Subject) -> list[str]:
+    """Notes on open loops, assumptions, shapes and the motion."""
+    notes = _open_loop_notes(subject)
+    if subject.loops is not None:
+        notes += subject.loops.remarks
     # Pages of sections are about mechanics with example arms, so inertia ellipsoids are not drawn.
-    of_scene = scene.notes if book is None else scene.remarks
-    data["notes"] = [
-        *_left_open(robot, closed=closed is not None),
-        *(() if loops is None else loops.remarks),
-        *of_scene,
-        *(notes_of_motion(motion) if motion is not None else ()),
-    ]
-    data["subtitle"] = f"{_freedom(robot, closed)}, {_moving(robot, motion, payload)}"
-    data["held"] = None if held is None else held[1]
-    data["shown"], data["switches"] = _switches(data, scene, book)
-    parts = resources.files(__package__) / "player"
-    names = [*_SCRIPTS, *(name for key, more in _SCRIPTS_OF.items() if data[key] for name in more), "page.js"]
-    scripts = programs.script(), joined_script(names)
-    digests = tuple(map(digest, scripts))
-    page = Template((parts / "page.html").read_text("utf-8")).substitute(
-        title=html.escape(robot.name if book is None else f"{book.number} {book.title}, {robot.name}"),
-        sentence=html.escape(_still_sentence(data)),
-        still=_still_image(scene, start, motion) if still else "",
-        policy=f"{POLICY} {' '.join(digests)}",
-        style=page_colours() + _style(section=book is not None),
-        programs=scripts[0],
-        script=scripts[1],
-        data=box.packed(data),
-    )
-    return Viewer(page, digests)
-
-
-_NARROWER_STYLE = (("; }", "}"), (" { ", "{"), ("; ", ";"), (": ", ":"), (", ", ","))
-"""Replacements that shorten a style sheet."""
-
-
-def _style(*, section: bool) -> str:
-    """Style sheet of a page; that of a section has its drawing as well."""
-    parts = resources.files(__package__) / "player"
-    names = ("page.css", "opening.css") if section else ("page.css",)
-    style = "".join((parts / name).read_text("utf-8") for name in names)
-    for wide, narrow in _NARROWER_STYLE:
-        style = style.replace(wide, narrow)
-    return quantity_colours() + style if section else style
-
-
-_STRICT = '"use strict";'
-
-
-def joined_script(names: Iterable[str]) -> str:
-    """One strict script of files of the player, without comments that end a line, and without indentation."""
-    parts = resources.files(__package__) / "player"
-    lines = (line for name in names for line in (parts / name).read_text("utf-8").splitlines())
-    short = (_COMMENT.sub(_code_before, line).strip() for line in lines)
-    return "\n".join((_STRICT, *(line for line in short if line and line != _STRICT)))
-
-
-_COMMENT = re.compile(r"^(.*?)(?:^|\s)//(?:\s.*)?$")
-"""Line with a comment after a space or at its start."""
-
-
-def _code_before(line: re.Match[str]) -> str:
-    """Code before the comment, or the line where the slashes are within a text."""
-    code = line[1]
-    return code if all(code.count(quote) % 2 == 0 for quote in "\"'`") else line[0]
+    notes += subject.scene.notes if subject.book is None else subject.scene.remarks
+    if subject.motion is not None:
+        notes += notes_of_motion(subject.motion)
+    return notes
 
 
 class ShownPage:
@@ -367,7 +384,7 @@ class _Box:
         self.size += len(raw)
         return spec
 
-    def packed(self, header: Mapping[str, Any]) -> str:
+    def pack(self, header: Mapping[str, Any]) -> str:
         """Header and arrays, compressed by zlib and encoded as base64."""
         text = json.dumps(header, allow_nan=False, separators=(",", ":")).encode()
         raw = len(text).to_bytes(8, "little") + text + bytes(-len(text) % 8) + b"".join(self.parts)
@@ -375,14 +392,10 @@ class _Box:
 
 
 def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | None) -> dict[str, Any]:
+    """Surfaces and shapes of the scene, and the space that the robot takes on the motion."""
     distinct = {id(shape.surface): shape.surface for shape in scene.shapes}
-    surfaces = []
-    for surface in (each.creased() for each in distinct.values()):
-        low, step = surface.vertices.min(axis=0), np.maximum(np.ptp(surface.vertices, axis=0), 1e-12) / 65535
-        grid = box.put(np.round((surface.vertices - low) / step), "u2")
-        faces = box.put(surface.faces, "u2" if len(surface.vertices) <= 65536 else "u4")
-        surfaces.append({"vertices": grid, "faces": faces, "low": low.tolist(), "step": step.tolist()})
     place = {key: k for k, key in enumerate(distinct)}
+    surfaces = [_surface_data(surface.creased(), box) for surface in distinct.values()]
     shapes = [
         {
             "body": s.body, "surface": place[id(s.surface)],
@@ -390,7 +403,9 @@ def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | Non
         }
         for s in scene.shapes
     ]  # fmt: skip
-    samples = start[None] if motion is None else motion.q[:: max(1, len(motion.q) // 12)]
+    samples = start[None]
+    if motion is not None:
+        samples = motion.q[:: max(1, len(motion.q) // 12)]
     bounds = np.stack([scene.bounds(q) for q in samples])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     return {
@@ -403,36 +418,56 @@ def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | Non
     }
 
 
+def _surface_data(surface: Surface, box: _Box) -> dict[str, Any]:
+    """Vertices on a grid of 65,536 steps along each axis, and triangles."""
+    low, step = surface.vertices.min(axis=0), np.maximum(np.ptp(surface.vertices, axis=0), 1e-12) / 65535
+    vertices = box.put(np.round((surface.vertices - low) / step), "u2")
+    faces = box.put(surface.faces, "u2" if len(surface.vertices) <= 65536 else "u4")
+    return {"vertices": vertices, "faces": faces, "low": low.tolist(), "step": step.tolist()}
+
+
 def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, weighed: bool) -> dict[str, Any]:
     """Entries of the initial tip and, if there are several tips, of each."""
-    every = programs.tips_data(list(robot.model.all_frames))
-    for entry, tip in zip(every, programs.tips, strict=True):
-        of_tip = Robot(replace(robot.model, tip=tip)) if len(every) > 1 else robot
-        mass, directions = mass_scale(of_tip, scene) if weighed else (0.0, 0)
-        entry |= {"forceScale": force_scale(of_tip, scene), "massScale": mass, "tipDirections": directions}
-    none = {"tip": None, "payloadFrame": None, "forceScale": 0.0, "massScale": 0.0}
-    chosen = every[programs.chosen] if every else none
-    return {**chosen, "tips": every if len(every) > 1 else [], "chosenTip": programs.chosen}
+    tips = programs.tips_data(list(robot.model.all_frames))
+    for entry, tip in zip(tips, programs.tips, strict=True):
+        tip_robot = robot
+        if len(tips) > 1:
+            tip_robot = Robot(replace(robot.model, tip=tip))
+        mass, directions = 0.0, 0
+        if weighed:
+            mass, directions = mass_scale(tip_robot, scene)
+        entry |= {"forceScale": force_scale(tip_robot, scene), "massScale": mass, "tipDirections": directions}
+    chosen = {"tip": None, "payloadFrame": None, "forceScale": 0.0, "massScale": 0.0}
+    if tips:
+        chosen = tips[programs.chosen]
+    return {**chosen, "tips": tips if len(tips) > 1 else [], "chosenTip": programs.chosen}
 
 
-def _checked_control(control: str | None, data: Mapping[str, Any]) -> str | None:
-    """Check that the page has the control. Raises ValueRangeError."""
-    tip, moves = data["payload"] is not None, data["motion"] is not None
-    falls = data["fall"]["why"] is None and not data["book"]
-    every = (("payload", tip), ("push", tip), ("speed", moves), ("fall", falls), ("section", data["book"]))
-    known = [name for name, there in every if there]
-    choices = [*known, *(f"q:{hand['name']}" for hand in data["hands"])]
-    if control is not None and control not in choices:
-        raise ValueRangeError(f"control {control!r}: this page has {listed(choices)}. Name one of them.")
+def _require_control(control: str | None, data: Mapping[str, Any]) -> str | None:
+    """The control, which the page must have. Raises ValueRangeError."""
+    controls = []
+    if data["payload"] is not None:
+        controls += ["payload", "push"]
+    if data["motion"] is not None:
+        controls.append("speed")
+    if data["book"]:
+        controls.append("section")
+    elif data["fall"]["why"] is None:
+        controls.append("fall")
+    controls += [f"q:{hand['name']}" for hand in data["hands"]]
+    if control is not None and control not in controls:
+        raise ValueRangeError(f"control {control!r}: this page has {listed(controls)}. Name one of them.")
     return control
 
 
-def _left_open(robot: Robot, *, closed: bool) -> list[str]:
+def _open_loop_notes(subject: _Subject) -> list[str]:
     """Note on loops that the file closes but the page leaves open."""
-    closures = list(robot.model.closures)
-    if not closures or closed:
+    closures = list(subject.robot.model.closures)
+    if not closures or subject.closed is not None:
         return []
-    loops = ", ".join(closures[:4]) + (", …" if len(closures) > 4 else "")
+    loops = ", ".join(closures[:4])
+    if len(closures) > 4:
+        loops += ", …"
     return [f"Loops left open: {loops}. Torques and motion are those of the open tree, not of the closed mechanism."]
 
 
@@ -442,7 +477,7 @@ def _still_sentence(data: Mapping[str, Any]) -> str:
     return str(verdict or f"{data['name']}: {data['subtitle']}")
 
 
-_STILL = 480, 25_000
+_STILL_WIDTH, _MAX_STILL_BYTES = 480, 25_000
 """Pixels of the width, and most bytes, of the picture of a page without scripts."""
 
 
@@ -450,36 +485,50 @@ def _still_image(scene: Scene, start: Array, motion: DrawnMotion | None) -> str:
     """Image of the first frame, joints over their limits in red; empty where pictures cannot be drawn."""
     from .movie import first_frame
 
-    width, most = _STILL
     try:
-        content = first_frame(scene, start, motion, width, most)
+        image = first_frame(scene, start, motion, _STILL_WIDTH, _MAX_STILL_BYTES)
     except MissingExtraError:
         return ""
-    return f'<img alt="" width="{width}" src="data:image/webp;base64,{base64.b64encode(content).decode("ascii")}">'
+    text = base64.b64encode(image).decode("ascii")
+    return f'<img alt="" width="{_STILL_WIDTH}" src="data:image/webp;base64,{text}">'
 
 
-def _counted(count: int, noun: str) -> str:
+def _count_text(count: int, noun: str) -> str:
     """Number with its noun."""
-    return f"{count} {noun}{'s' if count != 1 else ''}"
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def _freedom(robot: Robot, closed: ConstrainedRobot | None) -> str:
+def _freedom_text(subject: _Subject) -> str:
     """Degrees of freedom; with loops closed, joints and closures as well."""
-    free = robot.nv if closed is None else closed.nv - len(closed.independent)
-    text = _counted(free, "degree") + " of freedom"
+    closed = subject.closed
     if closed is None:
-        return text
-    return f"{text} ({_counted(len(robot.model.leaders), 'joint')}, {_counted(len(closed.constraints), 'closure')})"
+        return f"{_count_text(subject.robot.nv, 'degree')} of freedom"
+    degrees = _count_text(closed.nv - len(closed.independent), "degree")
+    joints = _count_text(len(subject.robot.model.leaders), "joint")
+    return f"{degrees} of freedom ({joints}, {_count_text(len(closed.constraints), 'closure')})"
 
 
-def _moving(robot: Robot, motion: DrawnMotion | None, payload: Payload | None) -> str:
-    """Moving mass, and length of the motion."""
-    text = f"{number(sum(float(b.inertia.mass) for b in robot.model.bodies))} kg moving"
+def _motion_text(subject: _Subject) -> str:
+    """Moving mass, payload that no slider sets, and length of the motion."""
+    text = f"{number(sum(float(b.inertia.mass) for b in subject.robot.model.bodies))} kg moving"
+    motion = subject.motion
     if motion is None:
         return text
-    carried = " + ".join(f"{number(p.mass)} kg" for p in motion.load.payloads if payload is None)
+    if subject.payload is None and motion.load.payloads:
+        text += f", payload {' + '.join(f'{number(p.mass)} kg' for p in motion.load.payloads)}"
     span = float(motion.time[-1] - motion.time[0])
-    return f"{text}{f', payload {carried}' if carried else ''} · {motion.rows} samples in {number(span)} s"
+    return f"{text} · {motion.rows} samples in {number(span)} s"
+
+
+class _Switch(NamedTuple):
+    """Button that shows or hides a part of the page."""
+
+    key: str
+    label: str
+    present: bool
+    """True if it has an effect."""
+    on: bool
+    """Initial state, except on pages of sections."""
 
 
 def _switches(
@@ -489,68 +538,47 @@ def _switches(
     tips = data["tips"] or [data]
     has_tip = "jacobian0" in data["programs"] and any(tip["forceScale"] > 0 for tip in tips)
     grasped = data["payload"] is not None and book is None
-    closed = data["loops"]["dependent"] if data["loops"] else None
-    free = closed.count(False) if closed else len(data["torques"])
-    layers = {shape.layer for shape in scene.shapes}
-    known = (
-        ("looks", "Robot", True, True),
-        ("inertia", "Inertia ellipsoids", "inertia" in layers, False),
-        ("torques", "Torques", bool(data["marks"]) and (book is None or "torques" in book.shown), True),
-        ("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
-        ("com", "Centre of mass", "centre" in data["programs"], data["standing"] is not None),
-        ("frames", "Frames", True, False),
-        ("ellipsoid", "Force ellipsoid", has_tip, False),
-        ("polytope", "Force polytope", has_tip, False),
-        ("mass", "Mass ellipsoid", any(tip["massScale"] > 0 for tip in tips), False),
-        ("keep", "Keep orientation", grasped, free >= 6),
-        ("stops", "Stops and friction", book is None and "mass" in data["programs"] and not data["fall"]["why"], True),
-        ("drives", "Drives hold", book is None and "mass" in data["programs"] and _driven(data), False),
-        ("feet", "Feet on the floor", data["standing"] is not None, True),
-        ("layer", data["layer"]["label"] if data["layer"] else "", data["layer"] is not None, True),
-        ("workspace", "Predicted error", bool(data["layer"] and data["layer"]["workspace"]), True),
-        ("path", "Path of the tip", data["motion"] is not None and data["payload"] is not None, True),
-    )
-    shown = {key: bool(on and there) if book is None else key in book.shown for key, _, there, on in known}
-    return shown, [(key, label) for key, label, there, _ in known if there]
+    degrees = len(data["torques"])
+    if data["loops"] and data["loops"]["dependent"]:
+        degrees = data["loops"]["dependent"].count(False)
+    has_inertia = "inertia" in {shape.layer for shape in scene.shapes}
+    with_torques = bool(data["marks"]) and (book is None or "torques" in book.shown)
+    weighed = book is None and "mass" in data["programs"]
+    standing = data["standing"] is not None
+    layer = data["layer"] or {"label": "", "workspace": None}
+    has_path = data["motion"] is not None and data["payload"] is not None
+    switches = [
+        _Switch("looks", "Robot", True, True),
+        _Switch("inertia", "Inertia ellipsoids", has_inertia, False),
+        _Switch("torques", "Torques", with_torques, True),
+        _Switch("wrenches", "Wrenches", bool(data["wrenchMarks"]), True),
+        _Switch("com", "Centre of mass", "centre" in data["programs"], standing),
+        _Switch("frames", "Frames", True, False),
+        _Switch("ellipsoid", "Force ellipsoid", has_tip, False),
+        _Switch("polytope", "Force polytope", has_tip, False),
+        _Switch("mass", "Mass ellipsoid", any(tip["massScale"] > 0 for tip in tips), False),
+        _Switch("keep", "Keep orientation", grasped, degrees >= 6),
+        _Switch("stops", "Stops and friction", weighed and not data["fall"]["why"], True),
+        _Switch("drives", "Drives hold", weighed and _has_only_driven_joints(data), False),
+        _Switch("feet", "Feet on the floor", standing, True),
+        _Switch("layer", layer["label"], data["layer"] is not None, True),
+        _Switch("workspace", "Predicted error", bool(layer["workspace"]), True),
+        _Switch("path", "Path of the tip", has_path, True),
+    ]
+    if book is None:
+        shown = {switch.key: switch.on and switch.present for switch in switches}
+    else:
+        shown = {switch.key: switch.key in book.shown for switch in switches}
+    return shown, [(switch.key, switch.label) for switch in switches if switch.present]
 
 
-def _driven(data: Mapping[str, Any]) -> bool:
+def _has_only_driven_joints(data: Mapping[str, Any]) -> bool:
     """True if each velocity is that of one joint whose drive has a limit, and the robot can be let go."""
-    single = sum(len(hand["v"]) == 1 and "turn" not in hand for hand in data["hands"])
     torques = data["torques"]
-    each = bool(torques) and single == len(torques) and all(row["limit"] and row["driven"] for row in torques)
-    return each and data["fall"]["why"] is None and not data["loops"]
-
-
-# ── The doctor's findings on a robot
-
-_STYLES = {"error": Style.OVER, "warning": Style.NEAR, "note": Style.QUIET}
-_BEFORE: Colour = (0.84, 0.37, 0.0)
-_AFTER: Colour = (0.0, 0.45, 0.70)
-_NOTES = 40
-
-
-def findings_scene(report: DoctorReport) -> Scene:
-    """Scene of a robot with findings of the doctor: bodies in the colour of their worst finding, with notes."""
-    model = report.contents.robot.model
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        scene = scene_of(Robot(model))
-    colours: dict[int, Colour] = {}
-    ellipsoids: list[Shape] = []
-    for finding in report.findings:
-        named = [link for link in model.frames if f"{link!r}" in finding.where]
-        for link in named if finding.where.startswith("link") else []:
-            colours.setdefault(model.frames[link].body, COLOURS[_STYLES[finding.severity]].scene)
-        for link, after in finding.repair.inertias.items() if finding.repair is not None else ():
-            frame = model.frames[link]
-            for inertia, colour in ((model.link_inertias[link], _BEFORE), (after, _AFTER)):
-                solid = equal_inertia_ellipsoid(inertia) if inertia.mass > 0 else []
-                ellipsoids += [Shape(frame.body, s, np.array(frame.pose), colour, "inertia") for s in solid]
-    kept = [s for s in scene.shapes if s.layer != "inertia"]
-    shapes = [replace(s, colour=colours.get(s.body, s.colour)) for s in kept]
-    notes = [f"{finding}. Effect: {finding.effect}." for finding in report.findings[:_NOTES]]
-    return replace(scene, shapes=(*shapes, *ellipsoids), remarks=(*notes, *scene.remarks))
+    if not torques or data["fall"]["why"] is not None or data["loops"]:
+        return False
+    single = sum(len(hand["v"]) == 1 and "turn" not in hand for hand in data["hands"])
+    return single == len(torques) and all(row["limit"] and row["driven"] for row in torques)
 
 
 complete(globals())

@@ -9,8 +9,8 @@ import numpy as np
 from ..core.numbers import number
 from ..core.typing import Array
 from ..mechanics.model.model import BASE
-from .page_data import sliders_of
 from .scene import Scene
+from .sliders import sliders_of
 
 _MOST = 6
 """Maximum number of spheres of a link."""

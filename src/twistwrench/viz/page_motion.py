@@ -13,7 +13,7 @@ from ..mechanics.model.model import BASE
 from ..motion.load_case import Payload
 from ..reports.spoken_verdict import verdict_data
 from ..robot import Robot
-from .page_data import tips_of
+from .page_programs import tips_of
 
 if TYPE_CHECKING:
     from ..reports.drawn_motion import DrawnMotion

@@ -19,7 +19,7 @@ from ..core.text import Argument, Placeholder, spell
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..motion.coordinates import Coordinates
-from .page_data import PagePrograms, round_above
+from .page_programs import PagePrograms, round_above
 
 if TYPE_CHECKING:
     from ..robot import Robot

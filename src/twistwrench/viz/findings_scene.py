@@ -1,0 +1,62 @@
+"""Scene of the doctor's findings on a robot: bodies in the colour of their worst finding, and inertias before and after."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core.colours import COLOURS, Style
+from ..core.errors import ModelWarning
+from ..robot import Robot
+from ..shapes.surface import Colour
+from .scene import Scene, Shape, equal_inertia_ellipsoid, scene_of
+
+if TYPE_CHECKING:
+    from ..diagnosis import DoctorReport
+    from ..mechanics.bodies.inertia import SpatialInertia
+    from ..mechanics.model.model import Frame
+
+_STYLES = {"error": Style.OVER, "warning": Style.NEAR, "note": Style.QUIET}
+_BEFORE: Colour = (0.84, 0.37, 0.0)
+_AFTER: Colour = (0.0, 0.45, 0.70)
+_MAX_NOTES = 40
+
+
+def findings_scene(report: DoctorReport) -> Scene:
+    """Scene of a robot with findings of the doctor: bodies in the colour of their worst finding, with notes."""
+    model = report.contents.robot.model
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        scene = scene_of(Robot(model))
+    colours = _body_colours(report)
+    visuals = [shape for shape in scene.shapes if shape.layer != "inertia"]
+    shapes = [replace(shape, colour=colours.get(shape.body, shape.colour)) for shape in visuals]
+    for finding in report.findings:
+        if finding.repair is None:
+            continue
+        for link, inertia in finding.repair.inertias.items():
+            shapes += _inertia_shapes(model.frames[link], model.link_inertias[link], _BEFORE)
+            shapes += _inertia_shapes(model.frames[link], inertia, _AFTER)
+    notes = [f"{finding}. Effect: {finding.effect}." for finding in report.findings[:_MAX_NOTES]]
+    return replace(scene, shapes=tuple(shapes), remarks=(*notes, *scene.remarks))
+
+
+def _body_colours(report: DoctorReport) -> dict[int, Colour]:
+    """Colour of the worst finding on the links of each body; findings are ordered by severity."""
+    colours: dict[int, Colour] = {}
+    for finding in report.findings:
+        if not finding.where.startswith("link"):
+            continue
+        for link, frame in report.contents.robot.model.frames.items():
+            if f"{link!r}" in finding.where:
+                colours.setdefault(frame.body, COLOURS[_STYLES[finding.severity]].scene)
+    return colours
+
+
+def _inertia_shapes(frame: Frame, inertia: SpatialInertia, colour: Colour) -> list[Shape]:
+    """Ellipsoid of an inertia about the origin of a frame; empty without mass."""
+    pose = np.array(frame.pose)
+    return [Shape(frame.body, solid, pose, colour, "inertia") for solid in equal_inertia_ellipsoid(inertia)]
