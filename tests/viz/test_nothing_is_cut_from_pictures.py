@@ -152,7 +152,7 @@ def test_the_viewer_has_the_colours_of_the_plots():
     from twistwrench.viz.colours import COLOURS
 
     assert COLOURS["lines"] is style.SERIES
-    assert len(set(style.SERIES)) == style.MOST
+    assert len(set(style.SERIES)) == style.MAX_COLOURED
 
 
 def test_curves_of_many_joints_differ_in_colour_or_dashes_and_the_rest_is_grey(drawn):

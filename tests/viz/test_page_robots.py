@@ -9,7 +9,7 @@ from page_under_node import under_node
 
 import twistwrench as tw
 from twistwrench.viz import write_page
-from twistwrench.viz.starting_pose import CLEAR, clear_of_stops, starting_pose
+from twistwrench.viz.starting_pose import STOP_CLEARANCE, clear_of_stops, starting_pose
 
 pytest_plugins = ("page_fixtures",)
 BUNDLED = ("ur5", "panda", "planar_2r", "planar_3r", "pendulum", "cart_pole", "floating_box", "quadruped")
@@ -23,7 +23,7 @@ def test_a_page_opens_clear_of_stops(name):
     joints = [b for b in robot.model.leaders if b.joint.nv == 1]
     for body, low, high in zip(joints, *clear_of_stops(robot), strict=True):
         lower, upper = robot.limits.lower[body.v_index], robot.limits.upper[body.v_index]
-        room = CLEAR * (upper - lower) if np.isfinite(upper - lower) else 0.0
+        room = STOP_CLEARANCE * (upper - lower) if np.isfinite(upper - lower) else 0.0
         assert lower + room <= low <= q[body.q_index] <= high <= upper - room
 
 

@@ -39,7 +39,7 @@ from ..trajectories.move_view import worst_moment as worst_planned_moment
 from . import page, style
 from .findings_scene import findings_scene
 from .page_layer import calibration_layer, contact_layer
-from .pictures import Plot, drawn, robot_picture
+from .pictures import Plot, plot_picture, robot_picture
 from .plots.calibration import plot_calibration, plot_measuring_poses
 from .plots.diagnosis import links_drawn, plot_diagnosis
 from .plots.explanation import plot_compensation
@@ -63,7 +63,7 @@ def pictures_of(answer: Answer) -> Iterable[Picture]:
     """Pictures of the page of an answer: by default its usual plot; none without matplotlib."""
     if find_spec("matplotlib") is None:
         return []
-    return [drawn(kind, plot) for kind, plot in [*plots_of(answer).items()][:1]]
+    return [plot_picture(kind, plot) for kind, plot in [*plots_of(answer).items()][:1]]
 
 
 @singledispatch
@@ -73,7 +73,8 @@ def viewer_of(answer: Answer) -> Viewer | None:
     return None
 
 
-def _of_size(viewer: Viewer) -> Viewer | None:
+def _if_small(viewer: Viewer) -> Viewer | None:
+    """The viewer; None if its page is too long to stand in another."""
     return viewer if len(viewer.page) < LARGEST_VIEWER else None
 
 
@@ -100,9 +101,6 @@ def plot_one_of(known: Mapping[str, Plot], answer: Answer, kind: str | Path | No
     return shown.figure
 
 
-# ── Simulations
-
-
 @plots_of.register
 def _(answer: SimulationResult) -> Mapping[str, Plot]:
     return {"simulation": partial(plot_simulation, answer)}
@@ -113,7 +111,7 @@ def _(answer: SimulationResult) -> Iterable[Picture]:
     if find_spec("matplotlib") is None:
         return []
     pictures = [] if answer.simulated is None else [robot_picture(answer.simulated, *worst_moment_of(answer))]
-    return [*pictures, drawn("Joints, energies and drift", partial(plot_simulation, answer))]
+    return [*pictures, plot_picture("Joints, energies and drift", partial(plot_simulation, answer))]
 
 
 @viewer_of.register
@@ -123,12 +121,9 @@ def _(answer: SimulationResult) -> Viewer | None:
     if robot is None or robot.model.couplings:
         return None
     if robot.constraints or any(answer.work[force].any() for force in ("wrenches", "contacts")):
-        return _of_size(page.viewer_page(robot, q=answer.q[0], embed=True))
+        return _if_small(page.viewer_page(robot, q=answer.q[0], embed=True))
     motion = motion_of(LoadCase(robot, friction=answer.friction), answer.motion)
-    return _of_size(page.viewer_page(robot, motion=replace(motion, judged=False), embed=True))
-
-
-# ── Calibrated robots
+    return _if_small(page.viewer_page(robot, motion=replace(motion, judged=False), embed=True))
 
 
 @plots_of.register
@@ -140,15 +135,12 @@ def _(answer: CalibratedRobot) -> Mapping[str, Plot]:
 def _(answer: CalibratedRobot) -> Viewer | None:
     """Calibrated robot at the first reading, with the errors at measured points and over the workspace."""
     first, layer = answer.fit.problem.measured[0].q[0], calibration_layer(answer)
-    return _of_size(page.viewer_page(answer.robot, q=first, embed=True, layer=layer))
+    return _if_small(page.viewer_page(answer.robot, q=first, embed=True, layer=layer))
 
 
 @plots_of.register
 def _(answer: MeasuringPoses) -> Mapping[str, Plot]:
     return {"configurations": partial(plot_measuring_poses, answer)}
-
-
-# ── Findings on a robot file
 
 
 @plots_of.register
@@ -166,16 +158,13 @@ def _(answer: DoctorReport) -> Iterable[Picture]:
         named = any(finding.where.startswith("link") for finding in answer.findings)
         colours = ", links in the colours of their findings: red error, amber warning, grey note" if named else ""
         pictures.append(robot_picture(scene.robot, None, None, f"{answer.robot}{colours}", scene))
-    return pictures + [drawn("Inertia before and after", plot) for plot in plots_of(answer).values()]
+    return pictures + [plot_picture("Inertia before and after", plot) for plot in plots_of(answer).values()]
 
 
 @viewer_of.register
 def _(answer: DoctorReport) -> Viewer | None:
     scene = findings_scene(answer)
-    return _of_size(page.viewer_page(scene.robot, scene=scene, embed=True)) if scene.robot.nv else None
-
-
-# ── Torques of a motion
+    return _if_small(page.viewer_page(scene.robot, scene=scene, embed=True)) if scene.robot.nv else None
 
 
 _OF_MOTION = {"causes": plot_split, "power": plot_power, "phase": plot_phase}
@@ -186,10 +175,10 @@ _OF_MOTION = {"causes": plot_split, "power": plot_power, "phase": plot_phase}
 def _(answer: TorqueReport) -> Mapping[str, Plot]:
     plots: dict[str, Plot] = {"torques": partial(plot_report, answer)}
 
-    def of_motion(draw: Callable[..., Any]) -> Plot:
+    def motion_plot(draw: Callable[..., Any]) -> Plot:
         return lambda path: draw(reported_motion(answer), path)
 
-    plots |= {kind: of_motion(draw) for kind, draw in _OF_MOTION.items()}
+    plots |= {kind: motion_plot(draw) for kind, draw in _OF_MOTION.items()}
     if answer.motors:
         plots["motors"] = partial(plot_motors, answer)
     return plots | {kind: plot for kind, (_, plot) in _held_plots(answer).items()}
@@ -218,12 +207,12 @@ def _held_plots(answer: TorqueReport) -> Mapping[str, tuple[str, Plot]]:
 def _(answer: TorqueReport) -> Iterable[Picture]:
     if find_spec("matplotlib") is None:
         return []
-    pictures = [drawn("Torques and limits", partial(plot_report, answer))]
+    pictures = [plot_picture("Torques and limits", partial(plot_report, answer))]
     if answer.worst is not None:
         pictures.append(worst_moment(answer))
     if answer.motors:
-        pictures.append(drawn("Motors", partial(plot_motors, answer)))
-    return pictures + [drawn(title, plot) for title, plot in _held_plots(answer).values()]
+        pictures.append(plot_picture("Motors", partial(plot_motors, answer)))
+    return pictures + [plot_picture(title, plot) for title, plot in _held_plots(answer).values()]
 
 
 @viewer_of.register
@@ -231,10 +220,10 @@ def _(answer: TorqueReport) -> Viewer | None:
     if answer.load.robot.model.couplings:  # pages cannot show motors that drive several joints
         return None
     if answer.rows == 1:  # at rest
-        return _of_size(page.viewer_page(answer.load.with_load, q=answer.motion.q[0], embed=True))
+        return _if_small(page.viewer_page(answer.load.with_load, q=answer.motion.q[0], embed=True))
     motion = reported_motion(answer)
     layer = None if answer.held.support is None else contact_layer(answer.held.support, motion.time)
-    return _of_size(page.viewer_page(answer.load.robot, motion=motion, embed=True, layer=layer))
+    return _if_small(page.viewer_page(answer.load.robot, motion=motion, embed=True, layer=layer))
 
 
 def worst_moment(report: TorqueReport) -> Picture:
@@ -246,9 +235,6 @@ def worst_moment(report: TorqueReport) -> Picture:
     marked = MarkedJoint(joint.joint, f"{joint.joint}, {share}", mark_style(joint.share))
     title = f"{report.robot} at t = {seconds(joint.time)} s"
     return robot_picture(report.load.with_load, q, marked, title)
-
-
-# ── Largest payload at a pose
 
 
 @plots_of.register
@@ -263,17 +249,14 @@ def _(answer: PayloadReport) -> Iterable[Picture]:
     worst = answer.limiting
     marked = MarkedJoint(worst, f"{worst}, which limits the payload", Style.NEAR) if worst else None
     pictures = [robot_picture(answer.robot, answer.q, marked, f"{answer.robot.name} in this pose")]
-    return pictures + [drawn("Forces and holding torques", plot) for plot in plots_of(answer).values()]
+    return pictures + [plot_picture("Forces and holding torques", plot) for plot in plots_of(answer).values()]
 
 
 @viewer_of.register
 def _(answer: PayloadReport) -> Viewer | None:
     if answer.robot.model.couplings:
         return None
-    return _of_size(page.viewer_page(answer.robot, q=answer.q, embed=True))
-
-
-# ── Drives of a cycle
+    return _if_small(page.viewer_page(answer.robot, q=answer.q, embed=True))
 
 
 @plots_of.register
@@ -287,17 +270,14 @@ def _(answer: Sizing) -> Iterable[Picture]:
     if find_spec("matplotlib") is None or answer.motion is None:
         return []
     picture = robot_picture(answer.problem.robot, *worst_sized_moment(answer))
-    return [picture, drawn("Drives", partial(plot_sizing, answer))]
+    return [picture, plot_picture("Drives", partial(plot_sizing, answer))]
 
 
 @viewer_of.register
 def _(answer: Sizing) -> Viewer | None:
     if answer.report is None:
         return None
-    return _of_size(page.viewer_page(answer.problem.robot, motion=reported_motion(answer.report), embed=True))
-
-
-# ── Planned motion
+    return _if_small(page.viewer_page(answer.problem.robot, motion=reported_motion(answer.report), embed=True))
 
 
 @plots_of.register
@@ -314,7 +294,7 @@ def _(answer: MoveReport) -> Iterable[Picture]:
     if find_spec("matplotlib") is None or answer.trajectory is None:
         return []
     pictures = [robot_picture(answer.robot, *worst_planned_moment(answer, answer.trajectory))]
-    return pictures + [drawn("Motion and limits", plot) for plot in plots_of(answer).values()]
+    return pictures + [plot_picture("Motion and limits", plot) for plot in plots_of(answer).values()]
 
 
 @viewer_of.register
@@ -323,10 +303,7 @@ def _(answer: MoveReport) -> Viewer | None:
         return None
     robot = Robot(replace(answer.load.robot.model, limits=answer.limits))
     planned = motion_of(replace(answer.load, robot=robot), answer.trajectory.sample(answer.step))
-    return _of_size(page.viewer_page(robot, motion=replace(planned, clearance=answer.clearance), embed=True))
-
-
-# ── Force-torque sensors
+    return _if_small(page.viewer_page(robot, motion=replace(planned, clearance=answer.clearance), embed=True))
 
 
 @plots_of.register

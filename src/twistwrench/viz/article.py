@@ -117,7 +117,7 @@ def _body(
         yield from _picture(number, picture)
     yield "<h2>Without looking back</h2>"
     for row in article["question_at_end"]:
-        yield f"<details><summary>{_marked(row['ask'], {})}</summary>{''.join(_paragraphs(row['answer'], {}))}</details>"
+        yield f"<details><summary>{_text_html(row['ask'], {})}</summary>{''.join(_paragraphs(row['answer'], {}))}</details>"
     yield "<h2>Go on</h2>"
     own = f"twistwrench view my_arm.urdf --section {article.get('instrument', section)} --html page.html"
     yield f"<p>The first picture, in Python:</p>{_code(article['python'].strip())}"
@@ -152,7 +152,7 @@ def _picture(number: int, picture: Mapping[str, Any]) -> Iterator[str]:
     yield from _paragraphs(picture["after"], sliders)
     yield "</div>"
     if exercise is not None:
-        yield f'<form><p id="exercise-{name}">{_marked(exercise["question"], sliders)}</p><div>'
+        yield f'<form><p id="exercise-{name}">{_text_html(exercise["question"], sliders)}</p><div>'
         yield f'<input type="text" inputmode="decimal" autocomplete="off" aria-labelledby="exercise-{name}"> {exercise["unit"]}'
         yield "<button>Check</button><output></output></div></form>"
     yield "</section>"
@@ -175,15 +175,15 @@ def _choice(name: str, predict: Mapping[str, Any]) -> str:
 def _paragraphs(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """Paragraphs of a text; one that is a displayed formula alone is a block."""
     for paragraph in re.split(r"\n\s*\n", text.strip()):
-        shown = _marked(" ".join(paragraph.split()), sliders)
+        shown = _text_html(" ".join(paragraph.split()), sliders)
         yield shown if shown.startswith('<div class="display') else f"<p>{shown}</p>"
 
 
-def _marked(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> str:
+def _text_html(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> str:
     """Text as HTML: coloured words, sliders with their initial value, formulas, emphasis."""
 
-    def shown(found: re.Match[str]) -> str:
-        kind, inner, strong = found.groups()
+    def html_of(mark: re.Match[str]) -> str:
+        kind, inner, strong = mark.groups()
         if strong is not None:
             return f"<strong>{strong}</strong>"
         if kind == "slider":
@@ -195,7 +195,7 @@ def _marked(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> str:
             return f'<div class="display formula">{formula_html(inner)}</div>'
         return f'<span class="word {kind}" data-arrow="{kind}">{inner}</span>'
 
-    marked = _MARKUP.sub(shown, html.escape(text, quote=False))
+    marked = _MARKUP.sub(html_of, html.escape(text, quote=False))
     return _STOPPED.sub(r'<span class="whole">\1\2</span>', marked)
 
 

@@ -81,7 +81,8 @@ def quantity_colours() -> str:
     >>> quantity_colours().split(";")[0]
     ':root { --twist: #00775a'
     """
-    light, dark = (" ".join(f"--{name}: {both[k]};" for name, both in QUANTITIES.items()) for k in (0, 1))
+    light = " ".join(f"--{name}: {colour};" for name, (colour, _) in QUANTITIES.items())
+    dark = " ".join(f"--{name}: {colour};" for name, (_, colour) in QUANTITIES.items())
     return f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
 
 
@@ -99,24 +100,26 @@ class Mark:
 
 def torque_marks(model: Model) -> list[Mark]:
     """Marks of the joints with one degree of freedom that have their own coordinate and move a link."""
-    number = {id(b): k for k, b in enumerate(model.bodies)}
-    found = []
-    for b in model.leaders:
-        if b.joint.nv != 1 or not b.joint.moves_body:
+    marks = []
+    for k, body in enumerate(model.bodies):
+        if body.follows or body.joint.nv != 1 or not body.joint.moves_body:
             continue
-        w, v = b.joint.axes[0, :3], b.joint.axes[0, 3:]
+        w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
         turns = bool(w.any())
-        point = so3.cross(w, v) / (w @ w) if turns else np.zeros(3)
-        found.append(Mark(b.v_index, number[id(b)], se3.pose(turned_z(w if turns else v), point), turns))
-    return found
+        axis, point = v, np.zeros(3)
+        if turns:
+            axis, point = w, so3.cross(w, v) / (w @ w)
+        marks.append(Mark(body.v_index, k, se3.pose(turned_z(axis), point), turns))
+    marks.sort(key=lambda mark: mark.torque)
+    return marks
 
 
 def share_colours(shares: ArrayLike) -> Array:
     """Red, green, blue (..., 3) of shares (...) of a limit; NaN (no limit) is grey."""
     x = np.abs(np.asarray(shares, float))
-    at, colours = np.array([s for s, _ in SHARES]), np.array([c for _, c in SHARES])
-    found = np.stack([np.interp(x, at, colours[:, k]) for k in range(3)], axis=-1)
-    return np.where(np.isnan(x)[..., None], COLOURS["unlimited"], found)
+    steps, step_colours = zip(*SHARES, strict=True)
+    channels = [np.interp(x, steps, channel) for channel in np.transpose(step_colours)]
+    return np.where(np.isnan(x)[..., None], COLOURS["unlimited"], np.stack(channels, axis=-1))
 
 
 def force_scale(robot: Robot, scene: Scene) -> float:
@@ -130,9 +133,12 @@ def force_scale(robot: Robot, scene: Scene) -> float:
     floats = any(not b.joint.driven for b in model.bodies)
     if model.tip is None or floats or not np.isfinite(robot.limits.effort).any() or (robot.limits.effort <= 0).any():
         return 0.0
-    found = wrench_ellipsoid(robot, robot.random_configuration(0, _POSES), limits=robot.limits.effort).semi_axes
-    typical = float(np.median(found[:, 1]))
-    return 0.13 * scene.size / typical if np.isfinite(found).all() and typical > 0 else 0.0
+    ellipsoids = wrench_ellipsoid(robot, robot.random_configuration(0, _POSES), limits=robot.limits.effort)
+    semi_axes = ellipsoids.semi_axes
+    typical = float(np.median(semi_axes[:, 1]))
+    if not (np.isfinite(semi_axes).all() and typical > 0):
+        return 0.0
+    return 0.13 * scene.size / typical
 
 
 def mass_scale(robot: Robot, scene: Scene) -> tuple[float, int]:

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 _SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
 _SHADOW = (0.80, 0.82, 0.85)
-FAR = 2.6
+CAMERA_DISTANCE = 2.6
 """Camera distance as a multiple of the scene size."""
-_SHADOWS = 1500
+_MAX_SHADOW_TRIANGLES = 1500
 """Maximum number of triangles that cast a shadow."""
 _COLOURS = 256
 """Number of colours in a GIF."""
@@ -98,7 +98,7 @@ def overview(scene: Scene, poses: Array, azimuth: float = -0.9, elevation: float
     bounds = np.stack([scene.bounds(q) for q in poses])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     size = max(scene.size, float(np.linalg.norm(high - low)))
-    return Camera((low + high) / 2, FAR * size, azimuth, elevation), float(low[2])
+    return Camera((low + high) / 2, CAMERA_DISTANCE * size, azimuth, elevation), float(low[2])
 
 
 class Painter:
@@ -108,12 +108,14 @@ class Painter:
         self.scene, self.camera, self.floor = scene, camera, floor
         shown = {"looks"} if scene.dressed or scene.doubtful else {"looks", "inertia"}
         self.parts = [(s, s.surface.placed(s.pose)) for s in scene.shapes if s.layer in shown]
-        self.shades = [(s, s.surface.placed(s.pose)) for s in scene.decimated(_SHADOWS).shapes if s.layer == "looks"]
+        self.shades = [
+            (s, s.surface.placed(s.pose)) for s in scene.decimated(_MAX_SHADOW_TRIANGLES).shapes if s.layer == "looks"
+        ]
 
     def paint(self, q: Array) -> tuple[Array, Array]:
         """Triangles (k, 3, 2) with colours (k, 4), from far to near after the shadows; q (nq,)."""
         poses = self.scene.body_poses(q)
-        corners = np.concatenate([_moved(shape, s, poses) for shape, s in self.parts])
+        corners = np.concatenate([_base_corners(shape, s, poses) for shape, s in self.parts])
         own = [np.tile((*shape.colour, _ALPHA[shape.layer]), (len(s.faces), 1)) for shape, s in self.parts]
         colours = np.concatenate(own)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -127,7 +129,7 @@ class Painter:
         colours[:, :3] = np.clip(colours[:, :3] * light[:, None], 0.0, 1.0)
         flat, away = self.camera.project(corners)
         order = np.argsort(-away.mean(axis=1))
-        fallen = np.concatenate([_moved(shape, s, poses) for shape, s in self.shades])
+        fallen = np.concatenate([_base_corners(shape, s, poses) for shape, s in self.shades])
         fallen = fallen - (fallen[..., 2:] - self.floor) * (_SUN / _SUN[2])
         shadow = self.camera.project(fallen)[0]
         dark = np.tile((*_SHADOW, 1.0), (len(shadow), 1))
@@ -147,7 +149,7 @@ class Painter:
         return self.camera.project(whole)[0]
 
 
-def _moved(shape: Shape, surface: Surface, poses: Array) -> Array:
+def _base_corners(shape: Shape, surface: Surface, poses: Array) -> Array:
     """Corners of a shape's triangles (k, 3, 3) in the base frame."""
     corners = surface.vertices[surface.faces]
     if shape.body == BASE:
@@ -158,7 +160,7 @@ def _moved(shape: Shape, surface: Surface, poses: Array) -> Array:
 
 # ── A robot in Matplotlib axes
 
-_PALEST = 0.28
+_MIN_SHADE = 0.28
 
 
 def draw(
@@ -204,19 +206,24 @@ def draw(
     poses = np.atleast_2d(arguments.finite(q, "draw: q", robot.nq, names=robot.coordinate_names))
     if poses.ndim > 2 or not len(poses):
         raise ShapeError(f"draw: q has shape {np.shape(q)}, expected ({robot.nq},), or (n, {robot.nq}) for n poses.")
-    scene = scene_of(robot) if scene is None else scene
-    camera, lowest = overview(scene, poses, azimuth, elevation)
-    painter = Painter(scene, camera, lowest if floor is None else arguments.number(floor, "draw: floor"))
+    if scene is None:
+        scene = scene_of(robot)
+    camera, floor_height = overview(scene, poses, azimuth, elevation)
+    if floor is not None:
+        floor_height = arguments.number(floor, "draw: floor")
+    painter = Painter(scene, camera, floor_height)
     shadows = sum(len(surface.faces) for _, surface in painter.shades)
     for k, pose in enumerate(poses):
         triangles, colours = painter.paint(pose)
-        shade = _PALEST + (1.0 - _PALEST) * (k + 1) / len(poses) if len(poses) > 1 else 1.0
+        shade = 1.0
+        if len(poses) > 1:
+            shade = _MIN_SHADE + (1.0 - _MIN_SHADE) * (k + 1) / len(poses)
         colours[:, :3] = 1.0 - shade * (1.0 - colours[:, :3])
         edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # edges hide seams of opaque shapes
-        under = np.arange(len(triangles)) < shadows  # shadows lie below all poses
-        for shown, order in ((under, 1), (~under & (inertia | (colours[:, 3] == 1.0)), 2)):
-            look: dict[str, Any] = {"facecolors": colours[shown], "edgecolors": edges[shown], "linewidths": 0.3}
-            axes.add_collection(PolyCollection(list(triangles[shown]), zorder=order, **look))
+        shadow = np.arange(len(triangles)) < shadows  # shadows lie below all poses
+        for mask, order in ((shadow, 1), (~shadow & (inertia | (colours[:, 3] == 1.0)), 2)):
+            look: dict[str, Any] = {"facecolors": colours[mask], "edgecolors": edges[mask], "linewidths": 0.3}
+            axes.add_collection(PolyCollection(list(triangles[mask]), zorder=order, **look))
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_axis_off()
@@ -251,28 +258,46 @@ def still(
     >>> still(tw.robots.planar_2r(), [0.3, 0.5], "joint2", "joint2")[1:4]
     b'PNG'
     """
-    model, q = robot.model, starting_pose(robot) if q is None else np.asarray(q, float)
-    moved = {j for c in model.couplings for m in c.motors if c.label(m) == joint for j in c.joints} | {joint}
-    marked = [k for k, b in enumerate(model.bodies) if b.joint.name in moved]
-    scene = scene_of(robot) if scene is None else scene
-    shapes = [
-        replace(s, colour=COLOURS[mark].scene) if s.body in marked and s.layer == "looks" else s for s in scene.shapes
-    ]
+    q = starting_pose(robot) if q is None else np.asarray(q, float)
+    if scene is None:
+        scene = scene_of(robot)
+    marked = _bodies_of_joint(robot, joint)
+    shapes = []
+    for shape in scene.shapes:
+        if shape.body in marked and shape.layer == "looks":
+            shape = replace(shape, colour=COLOURS[mark].scene)
+        shapes.append(shape)
     with style.figure(6.4, 4.6, "", "Drawing the report") as drawn:
         axes = drawn.subplots()
-        scene = replace(scene, shapes=tuple(shapes)).decimated(_TRIANGLES)
-        camera = draw(axes, robot, q, scene=scene, inertia=False, azimuth=_broadest(scene, q))
-        for k in marked[:1] if label else ():
-            x, y = camera.project(scene.body_poses(q)[k, :3, 3])[0]
-            line = {"arrowstyle": "-", "color": COLOURS[mark].plot, "linewidth": 1.0}
-            look: dict[str, Any] = {"color": COLOURS[mark].plot, "fontsize": 11, "fontweight": "bold", "va": "center"}
-            (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-            beside, side = (1.02, "left") if x > (left + right) / 2 else (-0.02, "right")
-            place: dict[str, Any] = {"xytext": (beside, (y - low) / (high - low)), "textcoords": "axes fraction"}
-            axes.annotate(label, (x, y), arrowprops=line, ha=side, **place, **look)
+        scene = replace(scene, shapes=tuple(shapes)).decimated(_MAX_TRIANGLES)
+        camera = draw(axes, robot, q, scene=scene, inertia=False, azimuth=_broadest_azimuth(scene, q))
+        if label and marked:
+            x, y = camera.project(scene.body_poses(q)[marked[0], :3, 3])[0]
+            _write_label(axes, float(x), float(y), label, COLOURS[mark].plot)
         buffer = BytesIO()
         drawn.savefig(buffer, format="png", dpi=150, transparent=True, bbox_inches="tight")
     return buffer.getvalue()
+
+
+def _bodies_of_joint(robot: Robot, joint: str | None) -> list[int]:
+    """Bodies moved by a joint, or by all joints of a coupled motor of that name."""
+    names = {joint}
+    for coupling in robot.model.couplings:
+        if joint in map(coupling.label, coupling.motors):
+            names.update(coupling.joints)
+    return [k for k, body in enumerate(robot.model.bodies) if body.joint.name in names]
+
+
+def _write_label(axes: style.Axes, x: float, y: float, label: str, colour: str) -> None:
+    """Write a label beside the picture, on the side of a point to which a line leads."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    place, side = (-0.02, (y - low) / (high - low)), "right"
+    if x > (left + right) / 2:
+        place, side = (1.02, (y - low) / (high - low)), "left"
+    axes.annotate(
+        label, (x, y), place, textcoords="axes fraction", ha=side, va="center", color=colour, fontsize=11, fontweight="bold",
+        arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 1.0},
+    )  # fmt: skip
 
 
 def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, most: int) -> bytes:
@@ -291,8 +316,9 @@ def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, 
     """
     from PIL import Image
 
-    shown = scene if motion is None else _reddened(scene, motion)
-    with Image.open(BytesIO(still(scene.robot, q, scene=shown))) as drawn:
+    if motion is not None:
+        scene = _mark_overloaded_links(scene, motion)
+    with Image.open(BytesIO(still(scene.robot, q, scene=scene))) as drawn:
         small = drawn.convert("RGBA")
         small.thumbnail((width, width))
         for quality in (80, 60, 40, 20):
@@ -303,11 +329,11 @@ def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, 
     return buffer.getvalue()
 
 
-def _broadest(scene: Scene, q: Array) -> float:
+def _broadest_azimuth(scene: Scene, q: Array) -> float:
     """Azimuth of the widest view of the robot's bodies."""
     poses = scene.body_poses(q)
     points = np.concatenate([np.zeros((1, 3)), poses[np.isfinite(poses[:, 0, 3]), :3, 3]])
-    views = [Camera(points.mean(axis=0), FAR * scene.size, -0.9 + k * np.pi / 4) for k in (0, 1, -1, 2)]
+    views = [Camera(points.mean(axis=0), CAMERA_DISTANCE * scene.size, -0.9 + k * np.pi / 4) for k in (0, 1, -1, 2)]
     return max(views, key=lambda view: float(np.prod(np.ptp(view.project(points)[0], axis=0)))).azimuth
 
 
@@ -315,10 +341,10 @@ def _broadest(scene: Scene, q: Array) -> float:
 
 MOVIES = (".gif", ".mp4")
 """Supported film formats, by suffix."""
-_TRIANGLES = 5000
-_MOST = 2000
+_MAX_TRIANGLES = 5000
+_MAX_PICTURES = 2000
 """Maximum number of pictures in a film."""
-_BARS = 12
+_MAX_BARS = 12
 """Maximum number of torque bars; robots with more joints show those nearest to their limits."""
 
 
@@ -384,9 +410,11 @@ def film(
     target = Path(movie_path(path))
     moments = _moments(motion, fps, speed)
     robot = motion.load.with_load
-    scene = _reddened(scene_of(robot) if scene is None else scene, motion).decimated(_TRIANGLES)
-    some = np.array([motion.at(t)[0] for t in moments[:: max(1, len(moments) // 24)]])
-    painter = Painter(scene, *overview(scene, some))
+    if scene is None:
+        scene = scene_of(robot)
+    scene = _mark_overloaded_links(scene, motion).decimated(_MAX_TRIANGLES)
+    samples = np.array([motion.at(t)[0] for t in moments[:: max(1, len(moments) // 24)]])
+    painter = Painter(scene, *overview(scene, samples))
     with replacing(target) as scratch, style.figure(8.0, 4.5, robot.name, "Filming a motion") as drawn:
         drawn.set_dpi(100)
         left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.9, 1.0]))
@@ -408,14 +436,20 @@ def film(
     return target
 
 
-def _reddened(scene: Scene, motion: DrawnMotion) -> Scene:
+def _mark_overloaded_links(scene: Scene, motion: DrawnMotion) -> Scene:
     """Scene without inertia ellipsoids, with links of joints over their torque limits in red."""
     over = over_limit(motion.peaks / np.where(motion.limits.effort > 0, motion.limits.effort, np.inf))
-    red = {k for k, body in enumerate(scene.robot.model.bodies) if not body.follows and over[body.places[1]].any()}
-    looks = [s for s in scene.shapes if s.layer == "looks"]
-    return replace(
-        scene, shapes=tuple(replace(s, colour=COLOURS[Style.OVER].scene) if s.body in red else s for s in looks)
-    )
+    overloaded = {
+        k for k, body in enumerate(scene.robot.model.bodies) if not body.follows and over[body.places[1]].any()
+    }
+    looks = []
+    for shape in scene.shapes:
+        if shape.layer != "looks":
+            continue
+        if shape.body in overloaded:
+            shape = replace(shape, colour=COLOURS[Style.OVER].scene)
+        looks.append(shape)
+    return replace(scene, shapes=tuple(looks))
 
 
 def _write_verdict(figure: Any, report: TorqueReport) -> None:
@@ -457,10 +491,10 @@ def _moments(motion: DrawnMotion, fps: float, speed: float) -> Array:
             raise ValueRangeError(f"{name} is {value}, and must be positive and finite.")
     span = float(motion.time[-1] - motion.time[0])
     count = int(span * fps / speed) + 1
-    if count > _MOST:
+    if count > _MAX_PICTURES:
         raise ValueRangeError(
-            f"a film of {printed(span)} s at {printed(fps)} pictures a second takes {count}, more than {_MOST}. "
-            f"Show it faster, such as speed={printed(np.ceil(span * fps / _MOST))}, or give a part of the motion."
+            f"a film of {printed(span)} s at {printed(fps)} pictures a second takes {count}, more than {_MAX_PICTURES}. "
+            f"Show it faster, such as speed={printed(np.ceil(span * fps / _MAX_PICTURES))}, or give a part of the motion."
         )
     return np.asarray(motion.time[0] + np.arange(count) * speed / fps)
 
@@ -498,7 +532,7 @@ class _Stage:
         from matplotlib.collections import LineCollection, PolyCollection
 
         self.painter = painter
-        size = painter.camera.distance / FAR
+        size = painter.camera.distance / CAMERA_DISTANCE
         axis.set_axis_off()
         axis.set_aspect("equal")
         axis.set_xlim(-0.56 * size, 0.56 * size)
@@ -523,7 +557,7 @@ class _Bars:
         limits = np.where(motion.limits.effort > 0, motion.limits.effort, np.inf)
         self.limited = np.isfinite(limits)
         self.scale = np.where(self.limited, limits, np.maximum(motion.peaks, 1e-9))
-        first = np.argsort(-np.where(self.limited, motion.peaks / self.scale, -1.0), kind="stable")[:_BARS]
+        first = np.argsort(-np.where(self.limited, motion.peaks / self.scale, -1.0), kind="stable")[:_MAX_BARS]
         self.chosen = np.sort(first)
         names = [robot.model.velocity_names[k].removesuffix("_joint") for k in self.chosen]
         rows = np.arange(len(names))

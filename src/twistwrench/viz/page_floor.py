@@ -12,13 +12,13 @@ from ..mechanics.model.model import BASE
 from .scene import Scene
 from .sliders import sliders_of
 
-_MOST = 6
+_MAX_SPHERES = 6
 """Maximum number of spheres of a link."""
 _POSES = 512
 """Random configurations whose lowest points give the height of the pedestal."""
-_MORE = 1.15
+_HEIGHT_FACTOR = 1.15
 """Factor of that height, as random configurations do not reach the lowest point."""
-_NEAR = 0.02
+_MAX_STANDING_GAP = 0.02
 """Distance from the floor, as a share of the robot's size, within which a base stands on it."""
 
 
@@ -27,7 +27,7 @@ def spheres_of(scene: Scene) -> list[dict[str, Any]]:
 
     The radius is the largest distance of a vertex from the axis, so that the spheres enclose the body's flanks.
     """
-    found = []
+    spheres = []
     for k in range(len(scene.robot.model.bodies)):
         parts = [s for s in scene.shapes if s.body == k and s.layer == "looks"]
         if not parts:
@@ -38,10 +38,12 @@ def spheres_of(scene: Scene) -> list[dict[str, Any]]:
         along = (points - middle) @ axis
         radius = float(np.linalg.norm(points - middle - along[:, None] * axis, axis=1).max())
         first, last = along.min() + radius, along.max() - radius
-        count = int(np.clip(np.ceil(max(last - first, 0.0) / max(radius, 1e-9)) + 1, 1, _MOST))
-        places = np.linspace(first, last, count) if last > first else np.array([(first + last) / 2])
-        found += [{"body": k, "middle": (middle + t * axis).tolist(), "radius": radius} for t in places]
-    return found
+        count = int(np.clip(np.ceil(max(last - first, 0.0) / max(radius, 1e-9)) + 1, 1, _MAX_SPHERES))
+        places = np.array([(first + last) / 2])
+        if last > first:
+            places = np.linspace(first, last, count)
+        spheres += [{"body": k, "middle": (middle + t * axis).tolist(), "radius": radius} for t in places]
+    return spheres
 
 
 def pedestal_of(scene: Scene, spheres: list[dict[str, Any]], floor: float) -> float:
@@ -50,10 +52,12 @@ def pedestal_of(scene: Scene, spheres: list[dict[str, Any]], floor: float) -> fl
     if not spheres or any(not body.joint.driven and body.parent == BASE for body in model.bodies):
         return 0.0
     base = [s.surface.placed(s.pose).vertices[:, 2].min() for s in scene.shapes if s.body == BASE]
-    if min(base, default=0.0) > floor + _NEAR * scene.size:
+    if min(base, default=0.0) > floor + _MAX_STANDING_GAP * scene.size:
         return 0.0
     needed = floor - _lowest(scene, spheres)
-    return float(number(_MORE * needed, 2)) if needed > _NEAR * scene.size else 0.0
+    if needed <= _MAX_STANDING_GAP * scene.size:
+        return 0.0
+    return float(number(_HEIGHT_FACTOR * needed, 2))
 
 
 def _lowest(scene: Scene, spheres: list[dict[str, Any]]) -> float:

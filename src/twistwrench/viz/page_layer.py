@@ -20,9 +20,9 @@ from .colours import SEQUENTIAL
 
 _MILLI = 1e3
 """Millimetres of a metre."""
-_MAGNIFIED = 100
+_ERROR_SCALE = 100
 """Length of an error's arrow over the error."""
-_LONGEST = 0.35
+_MAX_FORCE_LENGTH = 0.35
 """Length of the largest contact force, as a share of the robot's size."""
 Put = Callable[[Any, str], dict[str, Any]]
 """Function that stores an array of a kind and returns its header entry."""
@@ -40,6 +40,20 @@ class ArrowGroup:
     colour: tuple[float, float, float]
     shares: Array | None = None
     """(n, c): share of the friction cone or of the largest push, which sets the colour from 80 %; None without limits."""
+
+    def data(self, put: Put, scale: float) -> dict[str, Any]:
+        """Header entry, with arrows of another length by a factor."""
+        data = {
+            "name": self.name,
+            "colour": self.colour,
+            "count": self.points.shape[-2],
+            "points": put(self.points, "f4"),
+            "along": put(scale * self.along, "f4"),
+            "shares": None,
+        }
+        if self.shares is not None:
+            data["shares"] = put(self.shares, "f4")
+        return data
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,22 +97,16 @@ class PageLayer:
 
     def data(self, put: Put, size: float) -> dict[str, Any]:
         """Header entry for a robot of this size."""
-        largest = max((float(np.linalg.norm(g.along, axis=-1).max(initial=0.0)) for g in self.groups), default=0.0)
-        scale = self.longest * size / largest if self.longest and largest else 1.0
-        return {
-            "label": self.label,
-            "told": self.told,
-            "time": None if self.time is None else put(self.time, "f8"),
-            "workspace": None if self.workspace is None else self.workspace.data(put),
-            "groups": [
-                {
-                    "name": group.name, "colour": group.colour, "count": group.points.shape[-2],
-                    "points": put(group.points, "f4"), "along": put(scale * group.along, "f4"),
-                    "shares": None if group.shares is None else put(group.shares, "f4"),
-                }
-                for group in self.groups
-            ],
-        }  # fmt: skip
+        lengths = [float(np.linalg.norm(group.along, axis=-1).max(initial=0.0)) for group in self.groups]
+        max_length, scale = max(lengths, default=0.0), 1.0
+        if self.longest and max_length:
+            scale = self.longest * size / max_length
+        data: dict[str, Any] = {"label": self.label, "told": self.told, "time": None, "workspace": None}
+        if self.time is not None:
+            data["time"] = put(self.time, "f8")
+        if self.workspace is not None:
+            data["workspace"] = self.workspace.data(put)
+        return {**data, "groups": [group.data(put, scale) for group in self.groups]}
 
 
 def calibration_layer(found: CalibratedRobot) -> PageLayer:
@@ -107,19 +115,17 @@ def calibration_layer(found: CalibratedRobot) -> PageLayer:
     Readings other than poses and positions have no arrows.
     """
     points, before, after = found.error_vectors
-    arrows = f"Arrows: errors at {len(points)} measured points, {_MAGNIFIED} times enlarged. " if len(points) else ""
-    dots = f"Dots: error predicted for the tip at {len(found.reference)} configurations."
-    told = f"{plain(next(iter(found.blocks())))}\n{arrows}{dots}"
+    told = f"{plain(next(iter(found.blocks())))}\n"
+    groups: tuple[ArrowGroup, ...] = ()
+    if len(points):
+        told += f"Arrows: errors at {len(points)} measured points, {_ERROR_SCALE} times enlarged. "
+        groups = (
+            ArrowGroup("with the file", points, _ERROR_SCALE * before, COLOURS[Style.QUIET].scene),
+            ArrowGroup("calibrated", points, _ERROR_SCALE * after, COLOURS[Style.POINTED].scene),
+        )
+    told += f"Dots: error predicted for the tip at {len(found.reference)} configurations."
     tips = found.fit.problem.chain.tips(found.reference, found.fit.state.corrections)[:, :3, 3]
     workspace = ColouredPoints("predicted error", "mm", tips, _MILLI * found.remaining_at(found.reference))
-    groups = (
-        ()
-        if not len(points)
-        else (
-            ArrowGroup("with the file", points, _MAGNIFIED * before, COLOURS[Style.QUIET].scene),
-            ArrowGroup("calibrated", points, _MAGNIFIED * after, COLOURS[Style.POINTED].scene),
-        )
-    )
     return PageLayer("Errors", told, groups, workspace=workspace)
 
 
@@ -129,7 +135,7 @@ def contact_layer(found: GroundSupport, time: Array) -> PageLayer:
     _, points = contact_maps(found.robot, found.states.q[rows], found.contacts)
     forces = np.nan_to_num(found.balanced_forces[rows])
     group = ArrowGroup("contact force", points, forces, MARKS["wrench"], _shares(found, rows, forces))
-    return PageLayer("Contact forces", f"{ground_words(found)}.", (group,), longest=_LONGEST, time=time)
+    return PageLayer("Contact forces", f"{ground_words(found)}.", (group,), longest=_MAX_FORCE_LENGTH, time=time)
 
 
 def _nearest(known: Array, time: Array) -> Array:
@@ -148,5 +154,5 @@ def _shares(found: GroundSupport, rows: Array, forces: Array) -> Array:
         grip = contact.friction * np.maximum(normal + contact.pull, 0.0)
         cone = np.divide(across, grip, out=np.zeros_like(across), where=grip > 0.0)
         shares.append(np.maximum(cone, normal / contact.push))
-    most = np.where(found.holds[rows], 1.0, np.inf)  # without the solver's rounding
-    return np.minimum(np.stack(shares, axis=1), most[:, None])
+    max_share = np.where(found.holds[rows], 1.0, np.inf)  # without the solver's rounding
+    return np.minimum(np.stack(shares, axis=1), max_share[:, None])

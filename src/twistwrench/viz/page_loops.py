@@ -23,7 +23,9 @@ from ..robot.constraints.tolerances import joints
 from ..shapes.visuals import read_visuals
 from ..statics.contacts import Contact
 from ..statics.torque_limits import effort_limits
-from .starting_pose import clear_of_stops, starting_pose
+from .page_programs import driven_velocities
+from .sliders import finite_or_none
+from .starting_pose import chain_to_base, clear_of_stops, starting_pose
 
 if TYPE_CHECKING:
     from ..robot.doors import ConstrainedRobot
@@ -56,13 +58,13 @@ class PageLoops:
 
 def closed_by_file(robot: Robot) -> ConstrainedRobot | None:
     """Robot with the loops of its file closed; None if it has no loops or they cannot be closed."""
-    found: Any = robot
+    closed: Any = robot
     try:
         for closure in robot.closures.values():
-            found = found.close(closure.frame_a, closure.frame_b, closure.rows, redundant="accept")
+            closed = closed.close(closure.frame_a, closure.frame_b, closure.rows, redundant="accept")
     except ConstraintError:
         return None
-    return None if found is robot else found
+    return None if closed is robot else closed
 
 
 def loops_of(closed: ConstrainedRobot, q: Array | None, actuated: Iterable[str] | None) -> PageLoops:
@@ -72,28 +74,31 @@ def loops_of(closed: ConstrainedRobot, q: Array | None, actuated: Iterable[str] 
             f"robot {closed.name!r}: a page closes loops, and some of its constraints hold velocities alone. Show the "
             "robot without them: take robot.open()."
         )
-    robot, free = closed.open(), closed.nv - len(closed.independent)
-    start = closed.consistent(q) if q is not None else _closed_start(closed)
-    able = np.array([body.joint.driven for body in robot.model.leaders for _ in range(body.joint.nv)], bool)
-    named = named_motors(robot) if actuated is None else actuated
-    motors = motor_mask(robot, named) if named else able & (np.cumsum(able) <= free)
+    robot = closed.open()
+    start = _closed_start(closed) if q is None else closed.consistent(q)
+    driven = driven_velocities(robot.model)
+    names = named_motors(robot) if actuated is None else actuated
+    if names:
+        motors = motor_mask(robot, names)
+    else:  # as many motors as degrees of freedom
+        motors = driven & (np.cumsum(driven) <= closed.nv - len(closed.independent))
     A = closed.constraint_jacobian(start)[list(closed.independent)]
-    dependent = _dependent(A, 1.0 * able + motors)
+    dependent = _dependent(A, 1.0 * driven + motors)
     remarks: tuple[str, ...] = ()
-    if not named:
-        motors = able & ~dependent  # as many motors as degrees of freedom
+    if not names:
+        motors = driven & ~dependent
         assumed = ", ".join(joints(robot, motors)) or "none"
         remarks = (f"The file names no motors; assumed: {assumed}. In Python, show(actuated=[…]) names others.",)
     rows = independent_constraints(closed.constraints, closed.independent)
-    found = tuple(c for c in rows if isinstance(c, Closure))
+    closures = tuple(constraint for constraint in rows if isinstance(constraint, Closure))
     loops = {
-        "rows": [list(c.rows) for c in found],
+        "rows": [list(closure.rows) for closure in closures],
         "dependent": dependent.tolist(),
         "actuated": motors.tolist(),
         "legs": [],
         "base": [],
     }
-    return PageLoops(found, start, loops, remarks=remarks)
+    return PageLoops(closures, start, loops, remarks=remarks)
 
 
 def _closed_start(closed: ConstrainedRobot) -> Array:
@@ -119,17 +124,11 @@ def _dependent(A: Array, rank: Array) -> Array:
 def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
     """Robot with a floating base on its feet (the lowest shapes of its last bodies); None for other robots."""
     model = robot.model
-    roots = [k for k, body in enumerate(model.bodies) if body.parent == BASE]
-    if len(roots) != 1 or model.bodies[0].joint.nv != 6 or model.nv < 7 or not model.gravity[2] < 0:
-        return None
-    if np.any(model.gravity[:2]) or any(body.joint.nv != 1 for body in model.leaders if body is not model.bodies[0]):
+    if not _may_stand(model):
         return None
     q = starting_pose(robot)
-    shapes = _solids(model, scene)
-    last = set(shapes) - {body.parent for body in model.bodies}
-    poses = scene.body_poses(q)
-    low = {k: float((shapes[k] @ poses[k][2, :3] + poses[k][2, 3]).min()) for k in last}
-    feet = [k for k in sorted(low) if low[k] < min(low.values()) + 0.08 * scene.size]
+    shapes = _points_of_bodies(model, scene)
+    feet = _feet(model, scene, q, shapes)
     if not feet:
         return None
     start, lift, soles = _stance_on(robot, scene, q, feet, shapes)
@@ -141,21 +140,49 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
         frames[name] = Frame(k, se3.pose(np.eye(3), sole.mean(axis=0)))
         rows = tuple(range(6)) if len(sole) > 2 else (3, 4, 5)
         closures.append(Closure(GROUND, name, rows, tuple(map(tuple, (T[k] @ frames[name].pose).tolist()))))
-    chains = [_chain(model, k) for k in feet]
-    legs = sorted({j for chain in chains for j in chain} - set(roots))
-    return PageLoops(
-        tuple(closures),
-        start,
-        {"rows": [list(c.rows) for c in closures], "dependent": None, "actuated": None}
-        | {"legs": _moved_by(model, legs), "base": _moved_by(model, roots)},
-        _standing_data(robot, feet, soles),
-        frames,
-        tuple(feet),
-    )
+    leg_bodies = {body for foot in feet for body in chain_to_base(model, foot)} - {0}
+    loops = {
+        "rows": [list(closure.rows) for closure in closures],
+        "dependent": None,
+        "actuated": None,
+        "legs": _velocity_mask(model, leg_bodies),
+        "base": _velocity_mask(model, {0}),
+    }
+    standing = _standing_data(robot, feet, soles)
+    return PageLoops(tuple(closures), start, loops, standing, frames, tuple(feet))
+
+
+def _may_stand(model: Model) -> bool:
+    """True for one floating base with joints of one degree of freedom, under gravity along −z."""
+    roots = [k for k, body in enumerate(model.bodies) if body.parent == BASE]
+    if len(roots) != 1 or model.bodies[0].joint.nv != 6 or model.nv < 7:
+        return False
+    if not model.gravity[2] < 0 or np.any(model.gravity[:2]):
+        return False
+    return all(body.joint.nv == 1 for body in model.leaders if body is not model.bodies[0])
+
+
+def _feet(model: Model, scene: Scene, q: Array, shapes: Mapping[int, Array]) -> list[int]:
+    """Last bodies whose lowest points are about as low as the lowest of all."""
+    poses = scene.body_poses(q)
+    last_bodies = set(shapes) - {body.parent for body in model.bodies}
+    heights = {k: _lowest_height(shapes[k], poses[k]) for k in sorted(last_bodies)}
+    max_height = min(heights.values(), default=0.0) + 0.08 * scene.size
+    return [k for k, height in heights.items() if height < max_height]
+
+
+def _heights(points: Array, T: Array) -> Array:
+    """Heights (n,) of points (n, 3) of a body at pose T."""
+    return np.asarray(points @ T[2, :3] + T[2, 3])
+
+
+def _lowest_height(points: Array, T: Array) -> float:
+    """Height of the lowest point of a body at pose T."""
+    return float(_heights(points, T).min())
 
 
 HELD = "base fixed in the air by the file; with <floating_base=True> the feet carry"
-_LEVEL = 1e-3
+_MAX_HEIGHT = 1e-3
 """Greatest height of a sole's corner off the floor in a standing pose [m]."""
 
 
@@ -164,39 +191,41 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
 
     Without a standing pose within the limits, the neutral pose, clear of stops, and the reason.
     """
-    held = hanging_base(robot.model)
-    if held is None:
+    hanging = hanging_base(robot.model)
+    if hanging is None:
         return None
-    q, shapes = starting_pose(robot), _solids(robot.model, scene)
-    feet = [chain[-1] for chain in held.legs if chain[-1] in shapes]
-    if len(feet) < len(held.legs) or any(body.joint.nv != 1 for body in robot.model.leaders):
-        missing = ", ".join(robot.model.bodies[chain[-1]].link for chain in held.legs if chain[-1] not in shapes)
-        why = f"no shape of {missing}" if missing else "joints of several degrees of freedom"
-        return q, f"{spell_out(HELD)}; no standing pose found: {why}"
+    q, shapes = starting_pose(robot), _points_of_bodies(robot.model, scene)
+    feet = [leg[-1] for leg in hanging.legs]
+    missing = [robot.model.bodies[foot].link for foot in feet if foot not in shapes]
+    if missing:
+        return q, f"{spell_out(HELD)}; no standing pose found: no shape of {', '.join(missing)}"
+    if any(body.joint.nv != 1 for body in robot.model.leaders):
+        return q, f"{spell_out(HELD)}; no standing pose found: joints of several degrees of freedom"
     start, lift, soles = _stance_on(robot, scene, q, feet, shapes)
     T = scene.body_poses(start)
-    heights = np.concatenate([sole @ T[k][2, :3] + T[k][2, 3] + lift for k, sole in zip(feet, soles, strict=True)])
-    off = float(np.abs(heights).max())
-    if off > _LEVEL:
-        return (
-            q,
-            f"{spell_out(HELD)}; no standing pose found: within the limits a foot stays {number(1e3 * off, 2)} mm off the "
-            "floor",
-        )
-    return start, spell_out(HELD)
+    heights = np.concatenate([_heights(sole, T[k]) + lift for k, sole in zip(feet, soles, strict=True)])
+    max_height = float(np.abs(heights).max())
+    if max_height <= _MAX_HEIGHT:
+        return start, spell_out(HELD)
+    gap = number(1e3 * max_height, 2)
+    return (
+        q,
+        f"{spell_out(HELD)}; no standing pose found: within the limits a foot stays {gap} mm off the floor",
+    )
 
 
 def _stance_on(
     robot: Robot, scene: Scene, q: Array, feet: Sequence[int], shapes: Mapping[int, Array]
 ) -> tuple[Array, float, list[Array]]:
     """Configuration near q with the feet on a level floor, the height by which it is above the base frame's, and the soles."""
-    flat, start, lift = scene.body_poses(robot.neutral), q, 0.0
+    neutral_poses, start, lift = scene.body_poses(robot.neutral), q, 0.0
     for _ in range(2):  # the contact point of a round foot moves as the foot rotates
-        T = scene.body_poses(start)
-        soles = [_sole(shapes[k], flat[k], scene.size) for k in feet]
-        soles = [
-            sole if len(sole) > 2 else _sole(shapes[k], T[k], scene.size) for k, sole in zip(feet, soles, strict=True)
-        ]
+        poses, soles = scene.body_poses(start), []
+        for k in feet:
+            sole = _sole(shapes[k], neutral_poses[k], scene.size)
+            if len(sole) < 3:
+                sole = _sole(shapes[k], poses[k], scene.size)
+            soles.append(sole)
         start, lift = _stance(robot, scene, start, feet, soles)
     return start, lift, soles
 
@@ -208,40 +237,41 @@ def contacts_of(robot: Robot, standing: Mapping[str, Any]) -> list[Contact]:
 
 
 def _standing_data(robot: Robot, feet: Sequence[int], soles: Sequence[Array]) -> dict[str, Any]:
+    """Header entry of the feet: contacts, torque limits and friction."""
     try:
         limits = effort_limits(robot)
     except ValueRangeError:  # without limits, joints bear any torque
         limits = effort_limits(robot, np.full(robot.nv, np.inf))
+    contacts = []
+    for k, sole in zip(feet, soles, strict=True):
+        contacts += [{"body": k, "point": point} for point in sole.tolist()]
     return {
         "feet": list(feet),
-        "contacts": [{"body": k, "point": p.tolist()} for k, sole in zip(feet, soles, strict=True) for p in sole],
-        "limits": [limit if np.isfinite(limit) else None for limit in limits.tolist()],
+        "contacts": contacts,
+        "limits": list(map(finite_or_none, limits.tolist())),
         "friction": FRICTION,
     }
 
 
-def _chain(model: Model, body: int) -> list[int]:
-    found = [body]
-    while model.bodies[found[-1]].parent != BASE:
-        found.append(model.bodies[found[-1]].parent)
-    return found
+def _velocity_mask(model: Model, bodies: Iterable[int]) -> list[bool]:
+    """Mask (nv,) of the velocities of the joints of some bodies."""
+    mask = np.zeros(model.nv, bool)
+    for k in bodies:
+        mask[model.bodies[k].places[1]] = True
+    return mask.tolist()
 
 
-def _moved_by(model: Model, bodies: Sequence[int]) -> list[bool]:
-    mine = {k for b in bodies for k in range(model.nv)[model.bodies[b].places[1]]}
-    return [k in mine for k in range(model.nv)]
-
-
-def _solids(model: Model, scene: Scene) -> dict[int, Array]:
+def _points_of_bodies(model: Model, scene: Scene) -> dict[int, Array]:
     """Points (n, 3) of each body's collision shapes in its frame, or of its visuals if the file has none."""
-    found: dict[int, list[Array]] = {}
+    collisions: dict[int, list[Array]] = {}
     for visual in read_visuals(model, "collision")[0]:
-        T = model.frames[visual.link].pose @ visual.pose
-        found.setdefault(model.frames[visual.link].body, []).append(visual.surface.placed(T).vertices)
+        frame = model.frames[visual.link]
+        collisions.setdefault(frame.body, []).append(visual.surface.placed(frame.pose @ visual.pose).vertices)
+    visuals: dict[int, list[Array]] = {}
     for shape in scene.shapes:
-        if shape.layer == "looks" and shape.body != BASE and shape.body not in found:
-            found.setdefault(-2 - shape.body, []).append(shape.surface.placed(shape.pose).vertices)
-    return {k if k >= 0 else -2 - k: np.concatenate(parts) for k, parts in found.items()}
+        if shape.layer == "looks" and shape.body != BASE and shape.body not in collisions:
+            visuals.setdefault(shape.body, []).append(shape.surface.placed(shape.pose).vertices)
+    return {body: np.concatenate(parts) for body, parts in (collisions | visuals).items()}
 
 
 def _sole(points: Array, T: Array, size: float) -> Array:
@@ -251,7 +281,7 @@ def _sole(points: Array, T: Array, size: float) -> Array:
     x, y = placed[lowest, 0], placed[lowest, 1]
     if max(np.ptp(x), np.ptp(y)) < 0.04 * size:
         return np.asarray(points[lowest].mean(axis=0, keepdims=True))
-    corners = {int(lowest[np.argmax(a * x + b * y)]): None for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))}
+    corners = dict.fromkeys(int(lowest[np.argmax(a * x + b * y)]) for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1)))
     return np.asarray(points[list(corners)])
 
 
@@ -263,42 +293,40 @@ def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Se
     from scipy.optimize import least_squares
 
     joints = [body.q_index for body in robot.model.leaders if body.joint.nv == 1]
-    low, high = (
-        np.concatenate([[end], ends]) for end, ends in zip((-np.inf, np.inf), clear_of_stops(robot), strict=True)
-    )
-    at = scene.body_poses(q)
-    lowest = min(float((sole @ at[k][2, :3] + at[k][2, 3]).min()) for k, sole in zip(feet, soles, strict=True))
-    start = np.concatenate([[-lowest], q[joints]])
+    lower, upper = clear_of_stops(robot)
+    low, high = np.concatenate([[-np.inf], lower]), np.concatenate([[np.inf], upper])
+    poses = scene.body_poses(q)
+    min_height = min(_lowest_height(sole, poses[k]) for k, sole in zip(feet, soles, strict=True))
+    start = np.concatenate([[-min_height], q[joints]])
 
     def residuals(X: Array) -> Array:
         Q = np.repeat(q[None], len(X), axis=0)
         Q[:, joints] = X[:, 1:]
         T = scene.body_poses(Q)
-        places = [
-            sole @ np.swapaxes(T[:, k, :3, :3], 1, 2) + T[:, k, None, :3, 3]
-            for k, sole in zip(feet, soles, strict=True)
-        ]
+        places = []
+        for k, sole in zip(feet, soles, strict=True):
+            places.append(sole @ np.swapaxes(T[:, k, :3, :3], 1, 2) + T[:, k, None, :3, 3])
         points = np.concatenate(places, axis=1)
         middles = np.stack([place[..., :2].mean(axis=1) for place in places], axis=1)
-        off = np.asarray(robot.center_of_mass(Q))[:, :2] - middles.mean(axis=1)
+        com_error = np.asarray(robot.center_of_mass(Q))[:, :2] - middles.mean(axis=1)
         spread = middles - middles.mean(axis=1, keepdims=True)
         heights = 300 * (points[..., 2] + X[:, :1])
-        parts = (heights, 10 * off, spread.reshape(len(X), -1), 0.1 * scene.size * (X - start)[:, 1:])
+        parts = (heights, 10 * com_error, spread.reshape(len(X), -1), 0.1 * scene.size * (X - start)[:, 1:])
         return np.concatenate(parts, axis=1) / scene.size
 
     first = residuals(start[None])[0]
     spread = np.arange(len(first)) - (len(first) - len(joints) - 2 * len(feet))
-    wanted = np.where((spread >= 0) & (spread < 2 * len(feet)), first, 0.0)
+    target = np.where((spread >= 0) & (spread < 2 * len(feet)), first, 0.0)
 
-    def off_stance(x: Array) -> Array:
-        return np.asarray(residuals(x[None])[0] - wanted)
+    def stance_error(x: Array) -> Array:
+        return np.asarray(residuals(x[None])[0] - target)
 
     def slopes(x: Array) -> Array:
         r = residuals(x + np.vstack([np.zeros(len(x)), 1e-6 * np.eye(len(x))]))
         return (r[1:] - r[0]).T / 1e-6
 
     x = np.clip(start, low + 1e-9, high - 1e-9)
-    found = least_squares(off_stance, x, slopes, bounds=(low, high), max_nfev=60)
-    posed = q.copy()
-    posed[joints] = found.x[1:]
-    return posed, float(found.x[0])
+    solution = least_squares(stance_error, x, slopes, bounds=(low, high), max_nfev=60).x
+    stance = q.copy()
+    stance[joints] = solution[1:]
+    return stance, float(solution[0])

@@ -33,27 +33,38 @@ def robot_of_motion(motion: DrawnMotion) -> tuple[Robot, Payload | None]:
     """
     load, model = motion.load, motion.load.robot.model
     payload = load.payloads[0] if load.payloads else Payload(0.0)
-    where = [model.frame(name).body for name in (model.tip, payload.frame) if name is not None]
-    slides = len(load.payloads) <= 1 and BASE not in where and bool(where or tips_of(model))
-    carried = load.robot if slides else load.with_load
-    return Robot(replace(carried.model, limits=motion.limits)), payload if slides else None
+    bodies = [model.frame(name).body for name in (model.tip, payload.frame) if name is not None]
+    if len(load.payloads) <= 1 and BASE not in bodies and (bodies or tips_of(model)):
+        return Robot(replace(model, limits=motion.limits)), payload
+    return Robot(replace(load.with_load.model, limits=motion.limits)), None
 
 
 def motion_data(robot: Robot, motion: DrawnMotion, payload: Payload | None, put: Put) -> dict[str, Any]:
     """States of the motion, and the data of its verdict."""
-    friction, laws = motion.load.friction, robot.model.friction
+    still: dict[str, Any] | None = None
+    viscous: list[float] | None = None
+    mass = 0.0
     positions = [v for v in motion.violations if v.kind == "position"]
     verdict = verdict_data(motion.load, motion.limits, motion.report, list(motion.refused), positions, motion.clearance)
     if payload is None and motion.load.payloads and verdict["fixed"] is None:
         verdict["fixed"] = "the payload is not on a body that moves"
-    return {
+    states = {
         "time": put(motion.time, "f8"),
         "q": put(motion.q, "f8"),
         "dq": put(motion.dq, "f8"),
         "ddq": put(motion.ddq, "f8"),
-        "still": put(motion.still, "u2") if motion.still.any() and friction else None,
-        "viscous": laws.viscous.tolist() if friction and laws.any else None,
-        "mass": 0.0 if payload is None else payload.mass,
+    }
+    if motion.load.friction and motion.still.any():
+        still = put(motion.still, "u2")
+    if motion.load.friction and robot.model.friction.any:
+        viscous = robot.model.friction.viscous.tolist()
+    if payload is not None:
+        mass = payload.mass
+    return {
+        **states,
+        "still": still,
+        "viscous": viscous,
+        "mass": mass,
         "judged": motion.judged,
         "verdict": verdict,
     }
@@ -61,34 +72,39 @@ def motion_data(robot: Robot, motion: DrawnMotion, payload: Payload | None, put:
 
 def notes_of_motion(motion: DrawnMotion) -> list[str]:
     """Notes on the motion besides its verdict, and on omitted rows."""
-    said = [note for note in motion.warnings if note not in motion.passed]
+    notes = [note for note in motion.warnings if note not in motion.passed]
     if motion.rows > len(motion.time):
         mass = number(sum(p.mass for p in motion.load.payloads))
-        said.append(
+        notes.append(
             f"The page has {len(motion.time)} of {motion.rows} rows, among them the largest torques of each joint with a "
             f"payload of {mass} kg. With another one, a peak may lie between two of them."
         )
-    return said
+    return notes
 
 
 def python_source(robot: Robot, motion: DrawnMotion | None) -> dict[str, Any]:
     """Python expressions that load the robot and the log by file name, and the robot's payloads."""
     model = robot.model
-    log = None if motion is None or motion.report is None else motion.report.trajectory
+    log = None
+    if motion is not None and motion.report is not None:
+        log = _log_expression(motion.report.trajectory)
     return {
-        "robot": _expression(model.source or f"{model.name}.urdf", model.tip),
-        "log": None if log is None else _log_expression(log),
+        "robot": _robot_expression(model.source or f"{model.name}.urdf", model.tip),
+        "log": log,
         "payloads": [
             {"mass": inertia.mass, "place": inertia.com.tolist(), "frame": frame} for frame, inertia in model.payloads
         ],
     }
 
 
-def _expression(source: str, tip: str | None) -> str:
+def _robot_expression(source: str, tip: str | None) -> str:
+    """Python expression of a bundled robot, or of a file by its name."""
     path = Path(source)
     if path.parent == BUNDLED and path.suffix == ".urdf":
         return f"tw.robots.{path.stem}()"
-    return f"tw.load({path.name!r}{'' if tip is None else f', tip={tip!r}'})"
+    if tip is None:
+        return f"tw.load({path.name!r})"
+    return f"tw.load({path.name!r}, tip={tip!r})"
 
 
 def _log_expression(source: str) -> str:

@@ -20,6 +20,7 @@ from ..robot import Robot
 from ..robot.export.javascript import javascript_module
 from ..robot.export.request import BridgedQuantity
 from ..simulation.schemes import RK4
+from .starting_pose import chain_to_base
 
 if TYPE_CHECKING:
     from .page_loops import PageLoops
@@ -150,7 +151,7 @@ class PagePrograms:
             return {}
         programs = {"poses": ("link_poses", dict[str, Any]())}
         if model.nv:
-            programs["holding"] = "holding_torques", {**self.pushed, **self.load}
+            programs["holding"] = "holding_torques", {**self.wrench_options, **self.load}
             if self._has_inverse and self._length("mass_matrix", self.load) <= MAX_INSTRUCTIONS:
                 programs["mass"] = "mass_matrix", self.load
         if self._why_it_stays is None:
@@ -186,7 +187,7 @@ class PagePrograms:
     @property
     def _motion_programs(self) -> dict[str, tuple[str, dict[str, Any]]]:
         """Programs of the torques along a motion, and of their parts."""
-        model, options = self.robot.model, {**self.pushed, **self.load}
+        model, options = self.robot.model, {**self.wrench_options, **self.load}
         programs: dict[str, tuple[str, dict[str, Any]]] = {"inverse": ("inverse_dynamics", options)}
         if model.limited_followers:
             programs["across"] = "joint_wrenches", options
@@ -214,14 +215,14 @@ class PagePrograms:
         return {"parameters": tuple(f"{name}.mass" for name in self.payloads)} if self.tips else {}
 
     @property
-    def pushed(self) -> dict[str, Any]:
+    def wrench_options(self) -> dict[str, Any]:
         """Options that make wrenches on the robot inputs."""
         return {"wrenches": self.wrenches, "on_robot": self.wrenches} if self.wrenches else {}
 
     @property
     def _accelerations(self) -> dict[str, tuple[str, dict[str, Any]]]:
         """Programs of the released robot's motion; with loops, the terms of the equation that the page solves."""
-        options, mass = {**self.pushed, **self.load}, ("mass_matrix", self.load)
+        options, mass = {**self.wrench_options, **self.load}, ("mass_matrix", self.load)
         if self.loops is None:
             return {"mass": mass, "acceleration": ("forward_dynamics", options)}
         closing = {"constraints": self.loops.closures}
@@ -305,13 +306,10 @@ def tips_of(model: Model) -> list[str]:
 
 def one_arm(model: Model) -> bool:
     """True if all last bodies are moved by one joint with a motor, as in an arm with a gripper."""
-    parents = {k: body.parent for k, body in enumerate(model.bodies)}
-    shared = set(parents)
-    for k in set(parents) - set(parents.values()):
-        chain = [k]
-        while chain[-1] != BASE:
-            chain.append(parents[chain[-1]])
-        shared &= set(chain)
+    parents = {body.parent for body in model.bodies}
+    shared = set(range(len(model.bodies)))
+    for k in shared - parents:
+        shared = shared.intersection(chain_to_base(model, k))
     return any(model.bodies[k].joint.driven for k in shared)
 
 

@@ -16,7 +16,7 @@ Plot: TypeAlias = Callable[[Any], object]
 """A function of the file to write."""
 
 
-def drawn(title: str, plot: Plot) -> Picture:
+def plot_picture(title: str, plot: Plot) -> Picture:
     """Picture of a plot for a page."""
     return Picture(title, style.page_svg(plot))
 

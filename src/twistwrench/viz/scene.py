@@ -48,10 +48,11 @@ def skeleton(model: Model) -> Skeleton:
     """Parts of all bodies except rotors, and of a fixed base."""
     bodies = {k: b for k, b in enumerate(model.bodies) if b.joint.moves_body}
     points = _points(model)
-    every = np.concatenate([np.zeros((1, 3)), *points.values()])
-    size = float(np.linalg.norm(np.ptp(every, axis=0)))
+    all_points = np.concatenate([np.zeros((1, 3)), *points.values()])
+    size = float(np.linalg.norm(np.ptp(all_points, axis=0)))
     if size < 1e-6:  # a single floating body: size from its inertia
-        size = max([4.0 * _semi_axes(b.inertia).max() for b in bodies.values() if b.inertia.mass > 0] or [1.0])
+        lengths = [4.0 * _semi_axes(b.inertia).max() for b in bodies.values() if b.inertia.mass > 0]
+        size = max(lengths, default=1.0)
     r = _THICKNESS * size
     looks: list[Part] = []
     ends: dict[int, list[Array]] = {k: [] for k in (BASE, *bodies)}
@@ -62,16 +63,19 @@ def skeleton(model: Model) -> Skeleton:
         looks += [(b.parent, s, TUBE) for s in _rail(model, b, size, r)]
     for k, b in bodies.items():
         start = _axis_point(b.joint)
-        if b.joint.nv > 1:
-            start = np.array(b.inertia.com, float) if b.inertia.mass > 0 else start
+        if b.joint.nv > 1 and b.inertia.mass > 0:
+            start = np.array(b.inertia.com, float)
         for end in ends[k] or _far_ends(model, k, start):
             looks += [(k, s, TUBE) for s in _tube(start, end, r)]
-    if not any(not b.joint.driven and b.parent == BASE for b in bodies.values()):
+    if all(b.joint.driven or b.parent != BASE for b in bodies.values()):
         looks.append((BASE, cylinder(2.6 * r, 0.5 * r).placed(se3.pose(np.eye(3), [0, 0, -0.25 * r])), GROUND))
-        looks += [(BASE, s, GROUND) for end in ends[BASE] for s in _tube(np.zeros(3), end, r)]
-    ellipsoids = [(k, e, ELLIPSOID) for k, b in bodies.items() for e in equal_inertia_ellipsoid(b.inertia)]
-    shown = {k for k, *_ in looks}
-    looks += [(k, s, TUBE) for k, s, _ in ellipsoids if k not in shown]  # a single floating body has no other shape
+        for end in ends[BASE]:
+            looks += [(BASE, s, GROUND) for s in _tube(np.zeros(3), end, r)]
+    ellipsoids: list[Part] = []
+    for k, b in bodies.items():
+        ellipsoids += [(k, e, ELLIPSOID) for e in equal_inertia_ellipsoid(b.inertia)]
+    with_looks = {k for k, *_ in looks}  # a single floating body has no other shape than its ellipsoid
+    looks += [(k, s, TUBE) for k, s, _ in ellipsoids if k not in with_looks]
     return Skeleton(looks, ellipsoids, size)
 
 
@@ -103,15 +107,23 @@ def _ball(mass: float) -> float:
 def _points(model: Model) -> dict[int, Array]:
     """Points of each body (its joint, frames and mass) in the base frame with all joints at zero; (k, 3)."""
     poses: dict[int, Array] = {BASE: np.eye(4)}
-    found: dict[int, list[Array]] = {BASE: []}
+    own_points: dict[int, list[Array]] = {BASE: []}
     q = model.neutral
     for k, b in enumerate(model.bodies):
-        at = b.joint.neutral if b.joint.nq > 1 else b.ratio * q[b.places[0]] + b.offset
-        poses[k] = poses[b.parent] @ b.placement @ np.asarray(b.joint.pose(at), float)
-        found[k] = [_axis_point(b.joint)] + ([np.array(b.inertia.com, float)] if b.inertia.mass > 0 else [])
+        coordinates = b.joint.neutral
+        if b.joint.nq == 1:
+            coordinates = b.ratio * q[b.places[0]] + b.offset
+        poses[k] = poses[b.parent] @ b.placement @ np.asarray(b.joint.pose(coordinates), float)
+        own_points[k] = [_axis_point(b.joint)]
+        if b.inertia.mass > 0:
+            own_points[k].append(np.array(b.inertia.com, float))
     for frame in model.frames.values():
-        found[frame.body].append(frame.pose[:3, 3])
-    return {k: np.stack(at) @ poses[k][:3, :3].T + poses[k][:3, 3] for k, at in found.items() if at}
+        own_points[frame.body].append(frame.pose[:3, 3])
+    points = {}
+    for k, own in own_points.items():
+        if own:
+            points[k] = np.stack(own) @ poses[k][:3, :3].T + poses[k][:3, 3]
+    return points
 
 
 def _axis_point(joint: Joint) -> Array:
@@ -124,10 +136,13 @@ def _axis_point(joint: Joint) -> Array:
 
 def _far_ends(model: Model, k: int, start: Array) -> list[Array]:
     """End of the tube of a last body: its farthest frame, or its centre of mass."""
-    frames = [f.pose[:3, 3] for f in model.frames.values() if f.body == k]
+    places = [f.pose[:3, 3] for f in model.frames.values() if f.body == k]
     G = model.bodies[k].inertia
-    places = frames + ([np.array(G.com, float)] if G.mass > 0 else [])
-    return [max(places, key=lambda p: float(np.linalg.norm(p - start)))] if places else []
+    if G.mass > 0:
+        places.append(np.array(G.com, float))
+    if not places:
+        return []
+    return [max(places, key=lambda place: float(np.linalg.norm(place - start)))]
 
 
 def _joint(joint: Joint, point: Array, r: float) -> list[Surface]:
@@ -135,9 +150,9 @@ def _joint(joint: Joint, point: Array, r: float) -> list[Surface]:
     if joint.nv != 1:
         return []
     w, v = joint.axes[0, :3], joint.axes[0, 3:]
-    T = se3.pose(turned_z(w if w.any() else v), point)
-    solid = cylinder(1.45 * r, 3.4 * r) if w.any() else box((2.6 * r, 2.6 * r, 4.0 * r))
-    return [solid.placed(T)]
+    if w.any():
+        return [cylinder(1.45 * r, 3.4 * r).placed(se3.pose(turned_z(w), point))]
+    return [box((2.6 * r, 2.6 * r, 4.0 * r)).placed(se3.pose(turned_z(v), point))]
 
 
 def _rail(model: Model, body: Body, size: float, r: float) -> list[Surface]:
@@ -170,7 +185,7 @@ def turned_z(direction: Array) -> Array:
 
 # ── Shapes and scenes
 
-_LEAST = 60
+_MIN_TRIANGLES = 60
 """Minimum number of triangles per shape in a decimated scene."""
 
 
@@ -222,26 +237,31 @@ class Scene:
         Mass within a distance ρ of its centre has semi-axes of at most √5 ρ (all mass at both ends of a rod). A slender
         uniform rod has 1.29 ρ.
         """
-        long = {s.body: float(np.ptp(s.surface.vertices, axis=0).max()) for s in self.shapes if s.layer == "inertia"}
-        bodies, reach = self.robot.model.bodies, dict[int, float]()
-        for s in self.shapes:
-            if s.layer == "looks" and s.body in long and s.body != BASE:
-                out = s.surface.vertices @ s.pose[:3, :3].T + s.pose[:3, 3] - bodies[s.body].inertia.com
-                reach[s.body] = max(reach.get(s.body, 0.0), float(np.linalg.norm(out, axis=1).max()))
-        return tuple(
-            bodies[k].link
-            for k, length in long.items()
-            if k != BASE and length > max(0.8 * self.size, 2.0 * math.sqrt(5.0) * reach.get(k, 0.0))
-        )
+        bodies, lengths, reach = self.robot.model.bodies, dict[int, float](), dict[int, float]()
+        for shape in self.shapes:
+            if shape.layer == "inertia" and shape.body != BASE:
+                lengths[shape.body] = float(np.ptp(shape.surface.vertices, axis=0).max())
+        for shape in self.shapes:
+            if shape.layer == "looks" and shape.body in lengths:
+                points = shape.surface.vertices @ shape.pose[:3, :3].T + shape.pose[:3, 3]
+                distances = np.linalg.norm(points - bodies[shape.body].inertia.com, axis=1)
+                reach[shape.body] = max(reach.get(shape.body, 0.0), float(distances.max()))
+        doubtful = []
+        for k, length in lengths.items():
+            if length > max(0.8 * self.size, 2.0 * math.sqrt(5.0) * reach.get(k, 0.0)):
+                doubtful.append(bodies[k].link)
+        return tuple(doubtful)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes for a viewer: the remarks, and implausible ellipsoids."""
         if not self.doubtful or len(self.robot.model.bodies) < 2:
             return self.remarks
-        few = ", ".join(self.doubtful[:4]) + (", …" if len(self.doubtful) > 4 else "")
+        links = ", ".join(self.doubtful[:4])
+        if len(self.doubtful) > 4:
+            links += ", …"
         size = "a body" if len(self.doubtful) == 1 else "bodies"
-        return *self.remarks, f"Inertia of {few}: the file gives that of {size} about as long as the whole robot."
+        return *self.remarks, f"Inertia of {links}: the file gives that of {size} about as long as the whole robot."
 
     def body_poses(self, q: ArrayLike) -> Array:
         """Poses T_s,body of the moving bodies, for any batch of q.
@@ -256,20 +276,20 @@ class Scene:
         """
         poses = np.asarray(self.robot.link_poses(q), float)
         place = {link: k for k, link in enumerate(self.robot.link_names)}
-        found = np.full((*poses.shape[:-3], len(self.robot.model.bodies), 4, 4), np.nan)
-        model, hidden = self.robot.model, []
+        model, unnamed = self.robot.model, []
+        body_poses = np.full((*poses.shape[:-3], len(model.bodies), 4, 4), np.nan)
         for k, body in enumerate(model.bodies):
             if body.link in place:
-                found[..., k, :, :] = poses[..., place[body.link], :, :]
+                body_poses[..., k, :, :] = poses[..., place[body.link], :, :]
             elif body.joint.moves_body:  # between the joints of one link, without a frame
-                hidden.append(k)
-        if hidden:
+                unnamed.append(k)
+        if unnamed:
             q = np.asarray(q, float)
-            for at in np.ndindex(q.shape[:-1]):
-                T = base_poses(model, joint_poses(model, q[at]))
-                for k in hidden:
-                    found[(*at, k)] = T[k]
-        return found
+            for row in np.ndindex(q.shape[:-1]):
+                T = base_poses(model, joint_poses(model, q[row]))
+                for k in unnamed:
+                    body_poses[(*row, k)] = T[k]
+        return body_poses
 
     def bounds(self, q: ArrayLike, layer: str = "looks") -> Array:
         """Bounding box of the shapes at a configuration.
@@ -287,12 +307,14 @@ class Scene:
         corners = []
         for shape in self.shapes:
             if shape.layer == layer:
-                T = shape.pose if shape.body == BASE else poses[shape.body] @ shape.pose
+                T = shape.pose
+                if shape.body != BASE:
+                    T = poses[shape.body] @ T
                 corners.append(shape.surface.placed(T).vertices)
         if not corners:
             return np.array([[-0.5] * 3, [0.5] * 3])
-        every = np.concatenate(corners)
-        return np.stack([every.min(axis=0), every.max(axis=0)])
+        points = np.concatenate(corners)
+        return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def decimated(self, most: int) -> Scene:
         """Scene with at most about ``most`` visual triangles, shared out in the present proportions.
@@ -311,7 +333,7 @@ class Scene:
         lighter: dict[int, Surface] = {}
         for shape in self.shapes:
             share = math.floor(most * len(shape.surface.faces) / total)
-            lighter.setdefault(id(shape.surface), shape.surface.decimated(max(_LEAST, share)))
+            lighter.setdefault(id(shape.surface), shape.surface.decimated(max(_MIN_TRIANGLES, share)))
         return replace(self, shapes=tuple(replace(s, surface=lighter[id(s.surface)]) for s in self.shapes))
 
 
@@ -344,7 +366,7 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
     """
     model = robot.model
     visuals, remarks = read_visuals(model) if meshes else ([], [])
-    shapes, dressed, here = [], set(), np.eye(4)
+    shapes, dressed, own_frame = [], set(), np.eye(4)
     for visual in visuals:
         frame = model.frames[visual.link]
         if len(visual.surface.faces):
@@ -354,13 +376,13 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
     for body, surface, colour in bones.looks:
         bare = body not in dressed
         if bare and (not dressed or (body != BASE and model.bodies[body].inertia.mass > 0)):
-            shapes.append(Shape(body, surface, here, colour, "looks"))
-    shapes += [Shape(body, surface, here, colour, "inertia") for body, surface, colour in bones.ellipsoids]
+            shapes.append(Shape(body, surface, own_frame, colour, "looks"))
+    shapes += [Shape(body, surface, own_frame, colour, "inertia") for body, surface, colour in bones.ellipsoids]
     for name, inertia in model.payloads:
         if inertia.mass > 0:  # steel ball of the same mass
             frame, ball = model.all_frames[name], sphere(_ball(inertia.mass)).placed(se3.pose(np.eye(3), inertia.com))
             shapes.append(Shape(frame.body, ball, frame.pose, PAYLOAD, "looks"))
     if remarks:
         warnings.warn(f"robot {robot.name!r}: {'. '.join(remarks)}.", ModelWarning, stacklevel=2)
-    found = Scene(robot, tuple(shapes), tuple(remarks), bones.size, bool(dressed))
-    return replace(found, size=float(np.linalg.norm(np.ptp(found.bounds(model.neutral), axis=0))) or 1.0)
+    scene = Scene(robot, tuple(shapes), tuple(remarks), bones.size, bool(dressed))
+    return replace(scene, size=float(np.linalg.norm(np.ptp(scene.bounds(model.neutral), axis=0))) or 1.0)

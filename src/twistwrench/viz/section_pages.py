@@ -87,14 +87,19 @@ def formula_html(text: str) -> str:
     def html(token: re.Match[str]) -> str:
         script, braced, plain, word, letter, dots = token.groups()
         if script:
-            inside = plain if braced is None else formula_html(braced) if "_" in braced else braced
+            inside = plain or braced
+            if braced is not None and "_" in braced:
+                inside = formula_html(braced)
             tag = "sub" if script == "_" else "sup"
             return f"<{tag}>{inside}</{tag}>"
         if word is not None:
             return word
+        if letter in _SCRIPT and not dots:
+            return letter
         tag = "span" if letter in _SCRIPT else "i"
-        kind = f' class="{_DOTS[dots]}"' if dots else ""
-        return letter if tag == "span" and not dots else f"<{tag}{kind}>{letter}</{tag}>"
+        if dots:
+            return f'<{tag} class="{_DOTS[dots]}">{letter}</{tag}>'
+        return f"<{tag}>{letter}</{tag}>"
 
     return _TOKEN.sub(html, text)
 
@@ -254,7 +259,7 @@ Asked = Mapping[str, tuple[str, dict[str, Any]]]
 """Quantities and their options, by the names used in the page."""
 
 
-def of_links(programs: PagePrograms) -> Asked:
+def link_motions(programs: PagePrograms) -> Asked:
     """Twists of the links and their time derivatives."""
     found = {}
     for k, frame in enumerate(programs.body_frames):
@@ -285,8 +290,8 @@ def along_wall(programs: PagePrograms) -> Asked:
     return {
         "wall": ("constraint_jacobian", wall),
         "wall_bias": ("constraint_bias", wall),
-        "constrained": ("constrained_dynamics", {**wall, **programs.pushed, **programs.load}),
-        "inverse": ("inverse_dynamics", {**programs.pushed, **programs.load}),
+        "constrained": ("constrained_dynamics", {**wall, **programs.wrench_options, **programs.load}),
+        "inverse": ("inverse_dynamics", {**programs.wrench_options, **programs.load}),
     }
 
 
@@ -400,7 +405,7 @@ _SECTIONS = (
         "the frame {b} of the link.",
         (("P_b = G_b V_b", "§8.2.2"), ("F_b = G_b V̇_b − [ad_{V_b}]^T G_b V_b", "(8.40)")),
         ("dq", "ddq"),
-        of_links,
+        link_motions,
         chooses="link",
         shown=("looks",),
     ),
@@ -417,7 +422,7 @@ _SECTIONS = (
         ),
         ("dq", "ddq", "wrench"),
         lambda p: {
-            **of_links(p),
+            **link_motions(p),
             "wrenches": ("joint_wrenches", {"wrenches": (p.tip,)}),
             "inverse": ("inverse_dynamics", {"wrenches": (p.tip,)}),
         },

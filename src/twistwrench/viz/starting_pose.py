@@ -12,7 +12,7 @@ from ..mechanics.model.model import BASE, Model
 if TYPE_CHECKING:
     from ..robot import Robot
 
-CLEAR = 0.1
+STOP_CLEARANCE = 0.1
 """Share of its range that a joint keeps from its stops."""
 _SAMPLES, _ROUNDS = 1024, 8
 
@@ -28,12 +28,13 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
     ----------
     tip : str, optional, the robot's own if None
     """
-    tip = robot.model.tip if tip is None else tip
+    if tip is None:
+        tip = robot.model.tip
     joints = [body for body in robot.model.leaders if body.joint.nv == 1]
     low, high = clear_of_stops(robot)
     neutral = robot.neutral.copy()
-    at = [body.q_index for body in joints]
-    neutral[at] = np.clip(neutral[at], low, high)
+    coordinates = [body.q_index for body in joints]
+    neutral[coordinates] = np.clip(neutral[coordinates], low, high)
     if tip is None or robot.model.frame(tip).body < 0 or not is_arm(robot.model):
         return neutral
     if len(joints) != robot.nv or not np.any(robot.model.gravity):
@@ -41,9 +42,9 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
     rng, best = np.random.default_rng(0), neutral
     for k in range(_ROUNDS):  # first over the whole range, then closer to the best
         spread = (high - low) * 0.5**k
-        tried = best[at] + spread * rng.uniform(-1, 1, (_SAMPLES, len(at)))
+        samples = best[coordinates] + spread * rng.uniform(-1, 1, (_SAMPLES, len(coordinates)))
         Q = np.repeat(neutral[None], _SAMPLES, axis=0)
-        Q[:, at] = np.clip(tried, low, high)
+        Q[:, coordinates] = np.clip(samples, low, high)
         Q[0] = best
         best = Q[np.argmax(_merit(robot, Q, tip, neutral))]
     return np.asarray(best)
@@ -56,22 +57,30 @@ def is_arm(model: Model) -> bool:
     >>> is_arm(tw.robots.panda().model), is_arm(tw.load(tw.robots.path_of("quadruped")).model)
     (True, False)
     """
-    mass = [float(body.inertia.mass) for body in model.bodies]
-    degrees = [0 if body.follows else body.joint.nv for body in model.bodies]
-    most = np.zeros(2)
+    masses = [float(body.inertia.mass) for body in model.bodies]
+    degrees = [body.joint.nv * (not body.follows) for body in model.bodies]
+    max_mass, max_degrees = 0.0, 0
     for k in range(len(model.bodies)):
-        chain = [k]
-        while model.bodies[chain[-1]].parent != BASE:
-            chain.append(model.bodies[chain[-1]].parent)
-        most = np.maximum(most, [sum(mass[j] for j in chain), sum(degrees[j] for j in chain)])
-    return bool(np.any(2 * most > [sum(mass), sum(degrees)]))
+        chain = chain_to_base(model, k)
+        max_mass = max(max_mass, sum(masses[j] for j in chain))
+        max_degrees = max(max_degrees, sum(degrees[j] for j in chain))
+    return 2 * max_mass > sum(masses) or 2 * max_degrees > sum(degrees)
+
+
+def chain_to_base(model: Model, body: int) -> list[int]:
+    """The body and those between it and the base, from the body on."""
+    chain = []
+    while body != BASE:
+        chain.append(body)
+        body = model.bodies[body].parent
+    return chain
 
 
 def clear_of_stops(robot: Robot) -> tuple[Array, Array]:
     """Ends of the joint ranges reduced by a tenth of the range, at most ± half a turn; (joints of one degree,) each."""
     at = [body.v_index for body in robot.model.leaders if body.joint.nv == 1]
     low, high = robot.limits.lower[at], robot.limits.upper[at]
-    room = np.where(np.isfinite(high - low), CLEAR * (high - low), 0.0)
+    room = np.where(np.isfinite(high - low), STOP_CLEARANCE * (high - low), 0.0)
     low, high = low + room, high - room
     middle = np.clip(0.0, low, high)
     return np.maximum(low, middle - np.pi), np.minimum(high, middle + np.pi)
@@ -85,9 +94,9 @@ def _merit(robot: Robot, Q: Array, tip: str, neutral: Array) -> Array:
     base = origins[:, :1]
     reach = float(np.linalg.norm(end - base[:, 0], axis=1).max()) or 1.0
     along = (end - base[:, 0]) / np.maximum(np.linalg.norm(end - base[:, 0], axis=1, keepdims=True), 1e-9)
-    off = origins - base
-    off = off - np.einsum("nki,ni->nk", off, along)[..., None] * along[:, None]
-    elbow = (off @ up).max(axis=1) / reach
+    offset = origins - base
+    offset = offset - np.einsum("nki,ni->nk", offset, along)[..., None] * along[:, None]
+    elbow = (offset @ up).max(axis=1) / reach
     low = np.minimum((origins @ up).min(axis=1), end @ up) - base[:, 0] @ up
     height = ((end - base[:, 0]) @ up) / reach
     ahead = (end - base[:, 0]) @ np.array([1.0, 0.0, 0.0]) / reach
@@ -95,8 +104,9 @@ def _merit(robot: Robot, Q: Array, tip: str, neutral: Array) -> Array:
     J[:, 3:] /= reach
     sigma = np.linalg.svd(J, compute_uv=False)
     rank = int((sigma > 1e-6).sum(axis=1).max())
-    least = sigma[:, rank - 1] if rank else np.zeros(len(Q))
-    calm = np.abs(Q - neutral).mean(axis=1) / np.pi
+    min_sigma = sigma[:, rank - 1] if rank else np.zeros(len(Q))
+    excursion = np.abs(Q - neutral).mean(axis=1) / np.pi
     below = np.minimum(low / reach + 1e-6, 0.0) + np.minimum(height - 0.25, 0.0)
-    well = least / max(float(least.max()), 1e-9)
-    return np.asarray(np.minimum(well, 0.8) + 2 * np.minimum(elbow, 0.2) + np.minimum(ahead, 0.5) - calm + 20 * below)
+    conditioning = min_sigma / max(float(min_sigma.max()), 1e-9)
+    merit = np.minimum(conditioning, 0.8) + 2 * np.minimum(elbow, 0.2) + np.minimum(ahead, 0.5)
+    return np.asarray(merit - excursion + 20 * below)

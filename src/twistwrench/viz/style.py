@@ -302,9 +302,7 @@ def stack(axis: Axes, x: Array, terms: Iterable[tuple[str, str, Array]]) -> tupl
     return areas, below, above
 
 
-# ── Curves of joints
-
-MOST = 8
+MAX_COLOURED = 8
 """Maximum number of coloured curves; further joints are grey."""
 
 
@@ -317,15 +315,15 @@ def draw_joints(
     columns.
     """
     order = sorted(range(len(names)), key=lambda k: -float(sizes[k]))
-    chosen, rest = sorted(order[:MOST]), order[MOST:]
-    for k in chosen:
+    coloured, others = sorted(order[:MAX_COLOURED]), order[MAX_COLOURED:]
+    for k in coloured:
         n = k if places is None else places[k]
         look = {"color": SERIES[n % len(SERIES)], "linestyle": DASHES[n // len(SERIES) % len(DASHES)]}
         axis.plot(t, values[:, k], linewidth=1.2, label=names[k], **look)
-    for n, k in enumerate(rest):
-        label = None if n else f"{len(rest)} others"
+    for n, k in enumerate(others):
+        label = None if n else f"{len(others)} others"
         axis.plot(t, values[:, k], color=PALE, linewidth=0.8, label=label, zorder=1.5)
-    return chosen
+    return coloured
 
 
 def time_colours() -> Any:
@@ -335,10 +333,8 @@ def time_colours() -> Any:
     return LinearSegmentedColormap.from_list("time", (AMBER, PURPLE, VIOLET))
 
 
-# ── Grids of panels
-
 _COLUMNS = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}
-_MOST = 4
+_MAX_COLUMNS = 4
 
 
 def panel_grid(count: int, most: int | None = None) -> tuple[int, int]:
@@ -347,7 +343,7 @@ def panel_grid(count: int, most: int | None = None) -> tuple[int, int]:
     >>> panel_grid(6), panel_grid(5, most=4)
     ((2, 3), (2, 4))
     """
-    columns = _COLUMNS.get(count, _MOST) if most is None else max(1, min(count, most))
+    columns = _COLUMNS.get(count, _MAX_COLUMNS) if most is None else max(1, min(count, most))
     return max(1, math.ceil(count / columns)), columns
 
 

@@ -18,7 +18,7 @@ from ..scene import equal_inertia_ellipsoid
 if TYPE_CHECKING:
     from ...diagnosis import DoctorReport
 
-_MOST = 6
+_MAX_LINKS = 6
 """Maximum number of links in a picture, worst findings first."""
 VIEWS = ((0, 1), (0, 2), (1, 2))
 """Pairs of link axes in the plane of each of the three views."""
@@ -33,11 +33,13 @@ def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
     with style.figure(9.0, height, f"{report.robot}: inertia before and after") as drawn:
         grid = drawn.subplots(len(pairs), 3, squeeze=False)
         for row, (link, check, after) in zip(grid, pairs, strict=True):
-            described, before = report.contents.robot.links.get(link), report.contents.robot.model.link_inertias[link]
+            before = report.contents.robot.model.link_inertias[link]
+            parsed_link = report.contents.robot.links.get(link)
+            solids = [] if parsed_link is None else list(parsed_link.shapes.solids)
             # The file's inertia is drawn last: its dashes stay visible over an equal solid line.
             inertias = [(after, style.BLUE, "-", "repaired"), (before, style.VERMILION, "--", "in the file")]
             for axes, view in zip(row, VIEWS, strict=True):
-                for k, shape in enumerate(described.shapes.solids if described is not None else ()):
+                for k, shape in enumerate(solids):
                     outline = _outline(shape.points[:, list(view)])
                     axes.fill(*outline.T, color=style.PALE, zorder=1, label=None if k else "shapes")
                 draw_inertias(axes, inertias, view)
@@ -53,7 +55,7 @@ def links_drawn(report: DoctorReport) -> list[tuple[str, str, SpatialInertia]]:
         if finding.repair is not None and finding.effect.inertia_joint:
             for link, inertia in finding.repair.inertias.items():
                 found.setdefault(link, (finding.check, inertia))
-    return [(link, check, inertia) for link, (check, inertia) in found.items()][:_MOST]
+    return [(link, check, inertia) for link, (check, inertia) in found.items()][:_MAX_LINKS]
 
 
 def draw_inertias(
@@ -64,7 +66,7 @@ def draw_inertias(
     ``view`` holds the link axes in the picture plane.
     """
     for inertia, colour, dashes, name in inertias:
-        for solid in equal_inertia_ellipsoid(inertia) if inertia.mass > 0 else ():
+        for solid in equal_inertia_ellipsoid(inertia):
             outline = _outline(solid.vertices[:, list(view)])
             x, y = np.concatenate([outline, outline[:1]]).T
             axes.plot(x, y, color=colour, linestyle=dashes, linewidth=1.4, label=name, zorder=3)
@@ -82,5 +84,5 @@ def _outline(points: Array) -> Array:
         return points
     used = np.unique(edges)
     middle = points[used].mean(axis=0)
-    around = points[used] - middle
-    return np.asarray(points[used][np.argsort(np.arctan2(around[:, 1], around[:, 0]))])
+    spokes = points[used] - middle
+    return np.asarray(points[used][np.argsort(np.arctan2(spokes[:, 1], spokes[:, 0]))])

@@ -21,7 +21,7 @@ from .. import style
 _BODIES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)
 _APART = {"friction": style.GREY, "springs": style.OLIVE}
 """Colours of terms that do not belong to a body; the remaining ones are wrenches."""
-_MOST = 8
+_MAX_CAUSES = 8
 """Maximum number of causes drawn separately; the smallest ones are combined."""
 
 
@@ -42,12 +42,19 @@ def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, A
     >>> sorted(styles(["upper", "lower"], ["friction"]))
     ['friction', 'lower', 'upper']
     """
-    found: dict[str, dict[str, Any]] = {}
-    for names, colours in ((bodies, _BODIES), ([name for name in apart if name not in _APART], (style.AXIS,))):
-        for k, name in enumerate(names):
-            hatch = (None, "///", "...", "xxx")[k // len(colours) % 4]
-            found[name] = {"color": colours[k % len(colours)], "hatch": hatch, "edgecolor": style.PAPER}
-    return found | {name: {"color": _APART[name], "edgecolor": style.PAPER} for name in apart if name in _APART}
+    looks: dict[str, dict[str, Any]] = {}
+    for k, name in enumerate(bodies):
+        looks[name] = {"color": _BODIES[k % len(_BODIES)], "hatch": _hatch(k // len(_BODIES))}
+    wrenches = [name for name in apart if name not in _APART]
+    for k, name in enumerate(wrenches):
+        looks[name] = {"color": style.AXIS, "hatch": _hatch(k)}
+    looks |= {name: {"color": _APART[name]} for name in apart if name in _APART}
+    return {name: {**look, "edgecolor": style.PAPER} for name, look in looks.items()}
+
+
+def _hatch(repetition: int) -> str | None:
+    """Hatch of a colour that is used again."""
+    return (None, "///", "...", "xxx")[repetition % 4]
 
 
 def plot_explanation(why: Explanation, path: str | Path) -> Path:
@@ -69,14 +76,13 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
     parts, names = why.by_cause, list(why.causes)
     bodies = len(names) - (len(why.terms) - len(MOTION_TERMS))  # terms without a body come last
     order = np.argsort(-np.abs(parts).max(axis=1), kind="stable")
-    shown = sorted(order[:_MOST].tolist())
-    rest = [c for c in order[_MOST:].tolist() if parts[c].any()]
-    shown = [c for c in shown if parts[c].any()]
+    order = order[parts[order].any(axis=1)]
+    shown, others = np.sort(order[:_MAX_CAUSES]).tolist(), order[_MAX_CAUSES:].tolist()
     drawn_as = styles([names[c] for c in shown if c < bodies], [names[c] for c in shown if c >= bodies])
     rows = [(names[c], parts[c], drawn_as[names[c]]) for c in shown]
-    if rest:
-        others = {"color": style.PAPER, "hatch": "////", "edgecolor": style.GREY}
-        rows.append((f"{len(rest)} others", parts[rest].sum(axis=0), others))
+    if others:
+        look = {"color": style.PAPER, "hatch": "////", "edgecolor": style.GREY}
+        rows.append((f"{len(others)} others", parts[others].sum(axis=0), look))
     places = np.arange(len(why.joints))
     width = max(6.0, 1.1 * len(places) + 3.2)
     with style.figure(width, 4.2, "What each torque is made of", "Drawing an explanation") as drawn:
@@ -98,7 +104,8 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
 # ── Readings before and after compensation
 
 _COLOURS = (style.BLUE, style.VERMILION, style.GREEN)  # x, y, z
-_FEW = 40  # maximum number of readings drawn as dots
+_MAX_DOTS = 40
+"""Maximum number of readings drawn as dots; more are drawn as lines."""
 
 
 def plot_compensation(
@@ -162,7 +169,7 @@ def plot_compensation(
 
 
 def _draw(axis: style.Axes, x: Array, values: Array, names: list[str], marked: Array, mark: str) -> None:
-    few = len(x) <= _FEW
+    few = len(x) <= _MAX_DOTS
     axis.axhline(0, color=style.AXIS, linewidth=0.7)
     for k, name in enumerate(names):
         line: dict[str, Any] = {"marker": "o", "markersize": 4.5, "linewidth": 0} if few else {"linewidth": 0.9}
@@ -176,7 +183,7 @@ def _draw(axis: style.Axes, x: Array, values: Array, names: list[str], marked: A
 def _explain(axis: style.Axes, x: Array, predicted: Array) -> None:
     """Draw the readings predicted from bias and load: bars over dots, a thin dark line over lines."""
     dot = {"marker": "_", "markersize": 11, "markeredgewidth": 1.1, "linewidth": 0}
-    line: dict[str, Any] = dot if len(x) <= _FEW else {"linewidth": 0.8, "linestyle": (0, (3, 2))}
+    line: dict[str, Any] = dot if len(x) <= _MAX_DOTS else {"linewidth": 0.8, "linestyle": (0, (3, 2))}
     for k in range(3):
         axis.plot(x, predicted[:, k], color=style.INK, label="bias and load" if k == 0 else None, **line)
 

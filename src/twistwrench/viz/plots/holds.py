@@ -26,11 +26,11 @@ __all__ = ["plot_mounting", "plot_support"]
 
 _ARROWS = 5.0
 """Order of the arrows, above the robot."""
-_LONGEST = 0.4
+_MAX_FORCE_LENGTH = 0.4
 """Length of the largest contact force in the picture, relative to the extent of the contacts and the robot."""
 _ARROW = {"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 1.8}
 """Style of a contact force."""
-_FASTEST = 3.0
+_MAX_SPEED_FACTOR = 3.0
 """Factor of the speed above which margins are not drawn."""
 
 
@@ -102,7 +102,7 @@ def _draw_robot(axis: style.Axes, found: Support, robot: Any, q: Any, points: Ar
     size = float(np.ptp(points[row], axis=0).max(initial=0.0)) or 1.0
     for p, f in zip(points[row], forces, strict=True):
         if np.linalg.norm(f) > 1e-3 * largest > 0:
-            start, end = camera.project([p, p + _LONGEST * size * f / largest])[0]
+            start, end = camera.project([p, p + _MAX_FORCE_LENGTH * size * f / largest])[0]
             axis.annotate(
                 "",
                 end,
@@ -140,7 +140,7 @@ def _draw_zero_moment_point(axis: style.Axes, found: Support, t: Array, points: 
 def _draw_margins(axis: style.Axes, found: Support, t: Array) -> None:
     """Draw factors of the speed that hold, and the least coefficient of friction."""
     least = float(np.nanmin(found.speed, initial=np.inf))
-    most = max(_FASTEST, 1.5 * least) if np.isfinite(least) else _FASTEST
+    most = max(_MAX_SPEED_FACTOR, 1.5 * least) if np.isfinite(least) else _MAX_SPEED_FACTOR
     speed = np.where(found.speed > most, np.nan, found.speed)
     axis.plot(t, speed, color=style.BLUE, label="largest speed, × this one")
     axis.plot(

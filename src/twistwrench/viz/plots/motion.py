@@ -189,14 +189,15 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     robot, coordinates = motion.load.with_load, Coordinates.from_model(motion.load.with_load.model)
     limits = robot.limits
     effort = joint_effort(robot.model, np.where(limits.effort > 0, limits.effort, np.inf))
-    some = np.isfinite(effort)
     seen: dict[str, Any] = {}
     shades = Normalize(float(motion.time[0]), float(motion.time[-1]))
 
     def draw(axis: style.Axes, k: int) -> None:
         place = int(coordinates.position_of[k])
         # Velocities of ball, planar and floating joints are not coordinate rates, so their integrals are drawn.
-        x = motion.q[:, place] if place >= 0 else _work(motion.time, motion.dq[:, k])
+        x, stops = _work(motion.time, motion.dq[:, k]), list[float]()
+        if place >= 0:
+            x, stops = motion.q[:, place], [limits.lower[k], limits.upper[k]]
         points = np.stack([x, motion.dq[:, k]], axis=1)
         steps = list(np.stack([points[:-1], points[1:]], axis=1))
         axis.add_collection(
@@ -207,7 +208,7 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         (seen["end"],) = axis.plot(*points[-1], "s", markerfacecolor=style.PAPER, **end)
         low, high = points.min(axis=0), points.max(axis=0)
         pad = np.maximum(0.12 * (high - low), 0.02)
-        for bound in (limits.lower[k], limits.upper[k]) if place >= 0 else ():
+        for bound in stops:
             if low[0] - 6 * pad[0] <= bound <= high[0] + 6 * pad[0]:
                 seen["limit"] = axis.axvline(bound, **style.LIMIT)
                 low[0], high[0] = min(low[0], bound), max(high[0], bound)
@@ -219,9 +220,13 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         axis.set_ylim(low[1] - pad[1], high[1] + pad[1])
         axis.axhline(0, color=style.AXIS, linewidth=0.6)
         angular = bool(coordinates.angular_velocity[k])
-        most = motion.peaks[k] / effort[k] if some[k] else np.nan  # over all rows, as in the torque report
-        used = f"torque {percent_of_limit(most)}" if some[k] else "no torque limit"
-        style.titles(axis, robot.model.velocity_names[k], used, style.OVER if over_limit(most) else style.QUIET)
+        remark, colour = "no torque limit", style.QUIET
+        if np.isfinite(effort[k]):
+            share = motion.peaks[k] / effort[k]  # over all rows, as in the torque report
+            remark = f"torque {percent_of_limit(share)}"
+            if over_limit(share):
+                colour = style.OVER
+        style.titles(axis, robot.model.velocity_names[k], remark, colour)
         axis.set_ylabel(f"velocity [{unit_of('dq', angular)}]", fontsize=style.SMALL)
         axis.set_xlabel(f"position [{unit_of('q', angular)}]", fontsize=style.SMALL)
 
@@ -239,7 +244,7 @@ def _panels(
     shades: Any = None,
 ) -> Path:
     """Draw one panel per joint and a common legend of the labels in ``seen``; a colour bar of time if ``shades``."""
-    chosen = _chosen(motion, joints)
+    chosen = _torque_indices(motion, joints)
     rows, columns = style.panel_grid(len(chosen))
     size = max(6.0, 3.4 * columns), 2.25 * rows + 0.9
     with style.figure(*size, f"{_title(motion)} · {what}", "Drawing") as drawn:
@@ -260,7 +265,7 @@ def _panels(
         return style.save(drawn, path)
 
 
-def _chosen(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
+def _torque_indices(motion: DrawnMotion, joints: Sequence[str]) -> list[int]:
     """Indices of the named joints' torques; all if none is named."""
     model = motion.load.with_load.model
     if not joints:

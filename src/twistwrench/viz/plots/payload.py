@@ -35,9 +35,13 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
     from matplotlib.colors import LogNorm
 
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
-    place = (np.hypot(*tip[:2]), tip[2]) if chart.plane == "rz" else tuple(tip[list(SLICES[chart.plane][:2])])
-    finite = chart.best[np.isfinite(chart.best)]
-    high = max(float(np.percentile(finite, 98)) if finite.size else 1.0, 1e-3)  # a few are 100 times larger
+    if chart.plane == "rz":
+        place, names = (np.hypot(*tip[:2]), tip[2]), ("distance from the z axis", "z")
+    else:
+        place, names = tuple(tip[list(SLICES[chart.plane][:2])]), tuple(chart.plane)
+    finite, high = chart.best[np.isfinite(chart.best)], 1.0
+    if finite.size:
+        high = max(float(np.percentile(finite, 98)), 1e-3)  # a few are 100 times larger
     low = min(max(float(np.nanmin(chart.worst)), 1e-2 * high), high)
     if 0 < answer < np.inf:
         low, high = min(low, answer / 3), max(high, 3 * answer)
@@ -48,7 +52,6 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
         axis.set_aspect("equal")
         axis.grid(visible=False)
         style.titles(axis, title)
-        names = ("distance from the z axis", "z") if chart.plane == "rz" else tuple(chart.plane)
         axis.set_xlabel(f"{names[0]} [m]")
         axis.plot(*place, "x", color=style.PAPER, markeredgewidth=3.5, markersize=8)
         (cross,) = axis.plot(*place, "x", color=style.POINTED, markeredgewidth=1.8, markersize=7, linestyle="none")
@@ -71,8 +74,6 @@ def _round_ticks(low: float, high: float) -> list[float]:
     return ticks
 
 
-# ── The figure of a payload
-
 _POLYTOPE = "polytope: each joint within its limit, gravity held first"
 _ELLIPSOID = "ellipsoid: √Σ(torque/limit)² ≤ 1, all joints together, no gravity"
 
@@ -94,20 +95,31 @@ def plot_payload(report: PayloadReport, path: str | Path) -> None:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     plot_payload(tw.payload(tw.robots.ur5(), [0.0, -1.2, 1.5, -0.3, 1.5, 0.0]), f"{folder}/payload.svg")
     """
-    robot, q, found, chart = report.robot, report.q, report.largest, report.map
-    carried, limits = carried_words(report), report.limits.effort
-    mass = "any payload" if np.isinf(found.mass) else f"largest payload {rounded_down(found.mass)} kg"
-    place = f"at {place_words(report.frame, report.com)}, by torque limits only"
-    title = f"{robot.name} · {mass if found.holds else 'no payload'} {place}"
-    with style.figure(10.5, 4.6 if chart is None else 9.2, title + (f", beside {carried}" if carried else "")) as drawn:
-        parts = cast("Any", drawn.subfigures(1 if chart is None else 2, 1, squeeze=False)).ravel()
+    largest, carried = report.largest, carried_words(report)
+    title = (
+        f"{report.robot.name} · {_mass_text(largest)} at {place_words(report.frame, report.com)}, by torque limits only"
+    )
+    if carried:
+        title += f", beside {carried}"
+    rows = 1 if report.map is None else 2
+    with style.figure(10.5, 4.6 * rows, title) as drawn:
+        parts = cast("Any", drawn.subfigures(rows, 1, squeeze=False)).ravel()
         left, right = parts[0].subfigures(1, 2, width_ratios=[1.15, 1])
-        _draw_forces(left, robot, q, report.frame, limits)
-        _draw_shares(right.subplots(), found, carried)
-        if chart is not None:
-            tip = np.asarray(robot.forward_kinematics(q, report.frame))[:3, 3]
-            draw_map(parts[1], chart, tip, float(found.mass) if found.holds else 0.0)
+        _draw_forces(left, report.robot, report.q, report.frame, report.limits.effort)
+        _draw_shares(right.subplots(), largest, carried)
+        if report.map is not None:
+            tip = np.asarray(report.robot.forward_kinematics(report.q, report.frame))[:3, 3]
+            draw_map(parts[1], report.map, tip, float(largest.mass) if largest.holds else 0.0)
         style.save(drawn, path)
+
+
+def _mass_text(largest: LargestPayload) -> str:
+    """Largest payload, as in the title of its figure."""
+    if not largest.holds:
+        return "no payload"
+    if np.isinf(largest.mass):
+        return "any payload"
+    return f"largest payload {rounded_down(largest.mass)} kg"
 
 
 def _draw_forces(part: Any, robot: Robot, q: Array, frame: str, limits: Array) -> None:
@@ -120,12 +132,16 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str, limits: Array) -
         axis.text(0.5, 0.5, str(problem), ha="center", va="center", wrap=True, color=style.QUIET)
         return
     flat = polytope.borne.shape[1]
+    place: dict[str, Any] = {}
     if flat == 0:
         axis = part.add_subplot(projection="3d", computed_zorder=False)
         _draw_solid(axis, polytope, ellipsoid)
+        draw_weakest = _draw_weakest_in_space
     elif flat == 1:
         axis = part.subplots()
         _draw_section(axis, polytope, ellipsoid)
+        draw_weakest = _draw_weakest_in_plane
+        place = {"bbox_to_anchor": (0.0, -0.14)}  # only a solid plot has room beside the figure
     else:
         axis = part.subplots()
         axis.set_axis_off()
@@ -133,12 +149,10 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str, limits: Array) -
         return
     weakest = weakest_direction(robot, q, frame=frame, limits=limits)
     if weakest.magnitude > 0:
-        draw = _draw_weakest_in_space if flat == 0 else _draw_weakest_in_plane
         limited = weakest.joint_names[int(weakest.joint)].removesuffix("_joint")
         label = f"weakest, {number(weakest.magnitude)} N, by {limited}"
-        draw(axis, polytope, weakest.magnitude * weakest.wrench[3:], label)
+        draw_weakest(axis, polytope, weakest.magnitude * weakest.wrench[3:], label)
     style.titles(axis, "Forces the robot can apply, at zero moment")
-    place = {} if flat == 0 else {"bbox_to_anchor": (0.0, -0.14)}  # only a solid plot has room beside the figure
     axis.legend(loc="upper left", **place)
 
 
@@ -147,19 +161,20 @@ def _flat_words(polytope: WrenchPolytope) -> str:
     if polytope.borne.shape[1] > 2:
         return "The structure bears forces\nin every direction here."
     along = np.linalg.svd(polytope.borne.T)[2][-1]
-    along = along if along[np.argmax(np.abs(along))] > 0 else -along
+    if along[np.argmax(np.abs(along))] <= 0:
+        along = -along
     reach = polytope.vertices @ along
     return (
         "The structure bears forces in two directions here.\n"
-        f"Along the third, {_words(along)}: {number(reach.min())} to {number(reach.max())} N"
+        f"Along the third, {_direction_text(along)}: {number(reach.min())} to {number(reach.max())} N"
     )
 
 
 def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    every = (_face(polytope, n, b) for n, b in zip(polytope.normals, polytope.offsets, strict=True))
-    polygons = [face for face in every if len(face) >= 3]
+    faces_of_hull = [_face(polytope, n, b) for n, b in zip(polytope.normals, polytope.offsets, strict=True)]
+    polygons = [face for face in faces_of_hull if len(face) >= 3]
     look: dict[str, Any] = {"facecolor": style.SKY, "edgecolor": style.LINE, "linewidth": 0.8, "alpha": 0.22}
     faces = Poly3DCollection(polygons, zorder=1, **look)
     faces.set_label(_POLYTOPE)
@@ -184,12 +199,12 @@ def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid)
 
 def _face(polytope: WrenchPolytope, n: Array, b: float) -> Array:
     """Corners (k, 3) in the plane n · x = b, in order around it."""
-    on = polytope.vertices[np.abs(polytope.vertices @ n - b) <= 1e-6 * (1 + np.abs(b))]
-    if len(on) < 3:
-        return on
-    spokes = on - on.mean(axis=0)
+    corners = polytope.vertices[np.abs(polytope.vertices @ n - b) <= 1e-6 * (1 + np.abs(b))]
+    if len(corners) < 3:
+        return corners
+    spokes = corners - corners.mean(axis=0)
     first = spokes[0] / np.linalg.norm(spokes[0])
-    return on[np.argsort(np.arctan2(spokes @ np.cross(n, first), spokes @ first))]
+    return corners[np.argsort(np.arctan2(spokes @ np.cross(n, first), spokes @ first))]
 
 
 def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
@@ -205,8 +220,8 @@ def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoi
     axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=style.AMBER, label=_ELLIPSOID)
     axis.set_aspect("equal", "datalim")
     axis.margins(0.12)
-    axis.set_xlabel(f"force along {_words(first)} [N]")
-    axis.set_ylabel(f"force along {_words(second)} [N]")
+    axis.set_xlabel(f"force along {_direction_text(first)} [N]")
+    axis.set_ylabel(f"force along {_direction_text(second)} [N]")
 
 
 def _plane(polytope: WrenchPolytope) -> tuple[Array, Array]:
@@ -216,10 +231,13 @@ def _plane(polytope: WrenchPolytope) -> tuple[Array, Array]:
     first = flat[0] if np.linalg.norm(flat[0]) > 0.5 else flat[1]
     first = first / np.linalg.norm(first)
     second = np.cross(n, first)
-    return first, second if second[np.argmax(np.abs(second))] > 0 else -second
+    if second[np.argmax(np.abs(second))] <= 0:
+        second = -second
+    return first, second
 
 
-def _words(direction: Array) -> str:
+def _direction_text(direction: Array) -> str:
+    """Name of a base axis, or components of a direction."""
     k = int(np.argmax(np.abs(direction)))
     if abs(direction[k]) > 1 - 1e-9:
         return "xyz"[k]
@@ -237,17 +255,26 @@ def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, labe
         look: dict[str, Any] = {"facecolor": style.POINTED, "edgecolor": style.POINTED, "linewidth": 1.2, "alpha": 0.25}
         axis.add_collection3d(Poly3DCollection([nearest], zorder=3, **look))
     rim = [Stroke(linewidth=6, foreground=style.PAPER), Normal()]
-    axis.plot(*([0, x] for x in tip), color=style.POINTED, linewidth=3, label=label, zorder=10, path_effects=rim)
+    axis.plot(
+        *np.stack([np.zeros(3), tip], axis=1),
+        color=style.POINTED,
+        linewidth=3,
+        label=label,
+        zorder=10,
+        path_effects=rim,
+    )
     for place, colour, size in (((0, 0, 0), style.INK, 6), (tip, style.POINTED, 9)):
-        axis.plot(*([x] for x in place), "o", color=colour, markersize=size, markeredgecolor=style.PAPER, zorder=11)
+        axis.plot(
+            *np.reshape(place, (3, 1)), "o", color=colour, markersize=size, markeredgecolor=style.PAPER, zorder=11
+        )
 
 
 def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, label: str) -> None:
     """Draw the weakest force, up to the nearest side, which is drawn thick."""
     first, second = _plane(polytope)
     n = tip / np.linalg.norm(tip)
-    on = polytope.vertices[np.abs(polytope.vertices @ n - n @ tip) <= 1e-6 * (1 + np.linalg.norm(tip))]
-    axis.plot(on @ first, on @ second, color=style.POINTED, linewidth=2.5, alpha=0.5, zorder=9)
+    side = polytope.vertices[np.abs(polytope.vertices @ n - n @ tip) <= 1e-6 * (1 + np.linalg.norm(tip))]
+    axis.plot(side @ first, side @ second, color=style.POINTED, linewidth=2.5, alpha=0.5, zorder=9)
     axis.plot([0, tip @ first], [0, tip @ second], color=style.POINTED, linewidth=3, label=label, zorder=10)
     axis.plot(0, 0, "o", color=style.INK, markersize=5, markeredgecolor=style.PAPER, zorder=11)
     axis.plot(tip @ first, tip @ second, "o", color=style.POINTED, markersize=8, markeredgecolor=style.PAPER, zorder=11)
@@ -260,7 +287,7 @@ def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
     driven = np.where(found.limits > 0, found.limits, np.inf)  # a limit of zero has no share to draw
     alone, full = found.unloaded / driven, found.torques / driven
     over = over_limit(np.abs(full))
-    colours = np.where(over, style.OVER, np.where(rows == int(found.joint), style.NEAR, style.SKY)).tolist()
+    colours = np.select([over, rows == int(found.joint)], [style.OVER, style.NEAR], style.SKY).tolist()
     axis.barh(rows, full, color=colours, height=0.62)
     axis.barh(rows, alone, color=style.LINE, height=0.22)
     axis.axvline(0, color=style.AXIS, linewidth=0.7)

@@ -43,13 +43,15 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
     'swing.svg'
     """
     end = f"{number(result.times[-1], 6)} s" if result.completed else result.stopped
-    title = f"{result.robot} · {result.method} · {end if len(end) < 70 else end[:68] + '…'}"
+    if len(end) >= 70:
+        end = f"{end[:68]}…"
+    title = f"{result.robot} · {result.method} · {end}"
     panels = _panels(result)
     heights = [2.6] * len(panels) + [2.6, 1.6]
     with style.figure(9.0, 1.0 + 1.02 * sum(heights), title, "Drawing a simulation") as drawn:
         *coordinates, energies, drift = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-        for axis, (said, places) in zip(coordinates, panels.items(), strict=True):
-            _draw_coordinates(axis, result, said, places)
+        for axis, (panel, places) in zip(coordinates, panels.items(), strict=True):
+            _draw_coordinates(axis, result, panel, places)
         _draw_energies(energies, result)
         _draw_drift(drift, result)
         for axis in (*coordinates, energies, drift):
@@ -62,18 +64,23 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
 def _panels(result: SimulationResult) -> dict[str, list[int]]:
     """Panel titles, each with the coordinates in the panel."""
     units = result.coordinate_units or (None,) * len(result.coordinate_names)
-    found = {said: [k for k, u in enumerate(units) if u == unit] for unit, said in _PANELS.items()}
-    return {said: places for said, places in found.items() if places}
+    panels = {}
+    for unit, panel in _PANELS.items():
+        places = [k for k, u in enumerate(units) if u == unit]
+        if places:
+            panels[panel] = places
+    return panels
 
 
-def _draw_coordinates(axis: style.Axes, result: SimulationResult, said: str, places: list[int]) -> None:
+def _draw_coordinates(axis: style.Axes, result: SimulationResult, panel: str, places: list[int]) -> None:
     """Draw the coordinates of one unit; those that move most have colours."""
     q, names = result.q[:, places], [result.coordinate_names[k] for k in places]
-    turned = [result.coordinate_units[:k].count("") // _QUATERNION for k in places]  # a quaternion has three velocities
-    colours = [k - n for k, n in zip(places, turned, strict=True)]
+    # A quaternion has three velocities, so colours are those of velocities.
+    colours = [k - result.coordinate_units[:k].count("") // _QUATERNION for k in places]
     shown = style.draw_joints(axis, result.times, q, names, np.ptp(q, axis=0), colours)
-    most = f": the {len(shown)} of {len(places)} that move most" if len(shown) < len(places) else ""
-    axis.set_title(f"{said}{most}", loc="left")
+    if len(shown) < len(places):
+        panel += f": the {len(shown)} of {len(places)} that move most"
+    axis.set_title(panel, loc="left")
     _legend(axis)
 
 
@@ -127,49 +134,54 @@ def plot_trajectory(
     ...     plot_trajectory(moving, f"{folder}/move.svg").name
     'move.svg'
     """
-    robot = trajectory.robot
+    robot, names = trajectory.robot, trajectory.robot.model.velocity_names
     fast = trajectory if isinstance(trajectory, Fastest) else None
-    bounds = bounds_or_own(robot, fast.bounds if fast and bounds is None else bounds)
-    friction = fast.rows.friction if fast else friction
+    width, height, ratios = 7.5, 5.6, [1.0, 1.0]
+    if fast is not None:
+        width, height, friction = 11.25, 6.3, fast.rows.friction
+        ratios.append(0.28 if fast.time_optimal is None else 1.0)
+        if bounds is None:
+            bounds = fast.bounds
+    bounds = bounds_or_own(robot, bounds)
     t = np.linspace(0.0, trajectory.duration, _SAMPLES)
     q, dq, ddq = trajectory(t)
     tau = motor_torques(robot.model, required_torques(robot, t, q, dq, ddq, friction=friction))
     title = f"{robot.name} · {trajectory.path.name} · {trajectory.scaling.name} timing, {number(trajectory.duration)} s"
-    with style.figure(11.25 if fast else 7.5, 6.3 if fast else 5.6, title) as drawn:
-        if fast:
+    with style.figure(width, height, title) as drawn:
+        left = cast("Any", drawn)
+        if fast is not None:
             left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.25, 1]))
-        else:
-            left = cast("Any", drawn)
-        ratios = [1, 1] if fast is None else [1, 1, 0.28 if fast.time_optimal is None else 1]
         axes = left.subplots(len(ratios), 1, sharex=True, height_ratios=ratios, squeeze=False)[:, 0]
-        names = robot.model.velocity_names
         curves(axes[0], t, dq, bounds.velocity, names, "velocity")
         curves(axes[1], t, tau, bounds.effort, robot.model.drive_names, "torque")
-        if fast and fast.time_optimal is not None:
-            curves(axes[2], t, fast.jerk(t), fast.bounds.jerk, names, "jerk")
-        elif fast:
-            _bar(axes[2], fast, names)
-        if fast:
-            _phase_plane(right.subplots(), fast, names)
+        if fast is not None:
+            if fast.time_optimal is None:
+                _draw_active_limits(axes[2], fast, names)
+            else:
+                curves(axes[2], t, fast.jerk(t), fast.bounds.jerk, names, "jerk")
+            _draw_phase_plane(right.subplots(), fast, names)
         axes[-1].set_xlabel("time [s]")
         legend(axes[0])
         return style.save(drawn, path)
 
 
-_NAMED = 0.013
+_TIME_PER_LETTER = 0.013
 """Share of the time per letter that a label on the strip needs."""
 
 
-def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+def _draw_active_limits(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+    """Draw a strip of the limits that the motion is at, in the colours of their joints."""
     for touch in fast.limit_contacts:
         k = names.index(touch.joint)
         look: dict[str, Any] = {"color": style.SERIES[k % len(style.SERIES)], "edgecolor": style.PAPER, "linewidth": 0}
-        hatch = "///" if touch.kind == "velocity" else None
-        axis.barh(0, touch.end - touch.begin, left=touch.begin, height=0.8, hatch=hatch, **look)
+        if touch.kind == "velocity":
+            look["hatch"] = "///"
+        axis.barh(0, touch.end - touch.begin, left=touch.begin, height=0.8, **look)
         name = touch.joint.removesuffix("_joint")
-        longest = (touch.end - touch.begin) / fast.duration / _NAMED
-        name = name if len(name) <= longest else name.replace("_", "\n", 1)
-        if max(map(len, name.split("\n"))) <= longest:
+        max_letters = (touch.end - touch.begin) / fast.duration / _TIME_PER_LETTER
+        if len(name) > max_letters:
+            name = name.replace("_", "\n", 1)
+        if max(map(len, name.split("\n"))) <= max_letters:
             box = {"facecolor": look["color"], "edgecolor": "none", "pad": 1.5}
             place = (touch.begin + touch.end) / 2, 0
             axis.text(*place, name, color=style.PAPER, ha="center", va="center", fontsize=style.SMALL, bbox=box)
@@ -180,30 +192,31 @@ def _bar(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     axis.set_xlim(0, fast.duration)
 
 
-def _phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+def _draw_phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+    """Draw the rate along the path over the path, under the limit curves of torques and velocities."""
     curves = fast.limit_curves()
     s, rate = curves.path
     top = 1.9 * float((fast.time_optimal or fast).limit_curves().path[1].max())
     bound = np.minimum(np.minimum(curves.torque, curves.velocity), 10 * top)
     axis.fill_between(curves.s, bound, 10 * top, color=style.OVER, alpha=0.08, linewidth=0)
     axis.fill_between(curves.s, 0, bound, color=style.GREEN, alpha=0.07, linewidth=0)
-    for shown, curve, colour, dashes, label in (
-        (curves.torque.min() < top, curves.torque, style.OVER, "-", "limit curve: torques leave one acceleration"),
-        (np.isfinite(curves.velocity).any(), curves.velocity, style.QUIET, "--", "largest joint velocity"),
-    ):
-        if shown:
-            axis.plot(curves.s, np.minimum(curve, 10 * top), dashes, color=colour, linewidth=1.2, label=label)
+    if curves.torque.min() < top:
+        curve, label = np.minimum(curves.torque, 10 * top), "limit curve: torques leave one acceleration"
+        axis.plot(curves.s, curve, "-", color=style.OVER, linewidth=1.2, label=label)
+    if np.isfinite(curves.velocity).any():
+        curve = np.minimum(curves.velocity, 10 * top)
+        axis.plot(curves.s, curve, "--", color=style.QUIET, linewidth=1.2, label="largest joint velocity")
     if fast.time_optimal is not None:
         axis.plot(s, rate, color=style.LINE, linewidth=2.0, label="motion within the limits of jerk")
         axis.plot(*fast.time_optimal.limit_curves().path, ":", color=style.LINE, label="fastest without them")
     else:
-        _coloured(axis, fast, names)
+        _draw_rate_by_joint(axis, fast, names)
     style.titles(axis, "phase plane")
     axis.set(xlim=(0, 1), ylim=(0, top), xlabel="s, along the path", ylabel="ds/dt [1/s]")
     axis.legend(loc="upper right", frameon=True, framealpha=0.9, edgecolor="none")
 
 
-def _coloured(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
+def _draw_rate_by_joint(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     """Draw the rate of a time-optimal motion, each part in the colour of the limiting joint."""
     curves = fast.limit_curves()
     s, rate = curves.path
@@ -211,7 +224,8 @@ def _coloured(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     for touch, end in zip(fast.limit_contacts, [*(x.s for x in fast.limit_contacts[1:]), 1.0], strict=True):
         part = (s >= touch.s) & (s <= end)
         colour = style.SERIES[names.index(touch.joint) % len(style.SERIES)]
-        axis.plot(s[part], rate[part], color=colour, linewidth=2.0, linestyle=":" if touch.kind == "velocity" else "-")
+        dashes = ":" if touch.kind == "velocity" else "-"
+        axis.plot(s[part], rate[part], color=colour, linewidth=2.0, linestyle=dashes)
     look: dict[str, Any] = {"color": style.PAPER, "markeredgecolor": style.LINE, "markersize": 5}
     axis.plot(*curves.switches, "o", label="another limit takes over", **look)
 

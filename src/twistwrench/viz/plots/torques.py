@@ -19,9 +19,9 @@ from ...sizing.choice import SizedJoint, Sizing
 from ...sizing.drives import hot_motor
 from .. import style
 
-_SEEN = 0.02
+_MIN_INTERVAL_SHARE = 0.02
 """Minimum width of a visible interval, as a share of the curve's range."""
-_LEAST = 0.1
+_MIN_RANGE_SHARE = 0.1
 """Minimum range of a joint's axis on either side, as a share of its limit, so that small torques look small."""
 _SHOWN_FROM = 0.3  # share above which limits are drawn to scale; below, they would flatten the curve
 
@@ -62,58 +62,81 @@ def report_title(report: TorqueReport) -> str:
     """
     carried = " + ".join(f"{number(p.mass)} kg" for p in report.load.payloads)
     parts = [report.robot, Path(report.trajectory).stem]
-    parts += [f"payload {carried}"] if carried else []
-    parts += [f"wrench on {', '.join(report.load.wrenches)}"] if report.load.wrenches else []
-    parts += [] if report.load.friction else ["without friction"]
+    if carried:
+        parts.append(f"payload {carried}")
+    if report.load.wrenches:
+        parts.append(f"wrench on {', '.join(report.load.wrenches)}")
+    if not report.load.friction:
+        parts.append("without friction")
     return " · ".join(parts)
 
 
-def _broken(time: Array, threshold: float, *curves: Array) -> list[Array]:
+def _break_at_gaps(time: Array, threshold: float, *curves: Array) -> list[Array]:
     """Time and curves with nan inserted in every step longer than ``threshold``, to break lines there."""
     if len(time) < 3 or not math.isfinite(threshold):
         return [time, *curves]
     steps = np.diff(time)
-    usual = float(np.median(steps))  # bins contain several rows, so their step is longer
-    at = np.flatnonzero(steps > max(threshold, usual + threshold if usual > threshold / 2 else 0.0, 1.5 * usual)) + 1
-    return [np.insert(time, at, time[at - 1]), *(np.insert(x, at, np.nan) for x in curves)]
+    usual_step = float(np.median(steps))  # bins contain several rows, so their step is longer
+    max_step = max(threshold, 1.5 * usual_step)
+    if usual_step > threshold / 2:
+        max_step = max(max_step, usual_step + threshold)
+    gaps = np.flatnonzero(steps > max_step) + 1
+    return [np.insert(time, gaps, time[gaps - 1]), *(np.insert(x, gaps, np.nan) for x in curves)]
 
 
 def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -> None:
+    """Draw a joint's torque with its peak and its limits."""
     joint = report.joints[k]
-    colour = style.OVER if over_limit(joint.share) else style.LINE
+    over = over_limit(joint.share)
+    colour = style.OVER if over else style.LINE
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
     if report.derived is not None:  # pale, and clipped if it would flatten the main curve
         _draw_band(axis, report, report.derived.envelope, k, style.PALE, 1)
     time, least, greatest = _draw_band(axis, report, report.envelope, k, style.LINE, 3)
     if report.band is not None:
-        time, low, high = _broken(report.band[0], report.gaps.threshold, *(x[:, k] for x in report.band[1:]))
+        time, low, high = _break_at_gaps(report.band[0], report.gaps.threshold, *(x[:, k] for x in report.band[1:]))
         axis.fill_between(time, low, high, color=style.SKY, alpha=0.35, linewidth=0, zorder=2)
-    half = INTERVAL * report.reach(joint) if report.noisy else 0.0
-    if half > _SEEN * float(np.nanmax(greatest) - np.nanmin(least)):
-        axis.errorbar(joint.time, joint.peak, yerr=half, color=colour, linewidth=1.2, capsize=2.5, zorder=4)
-    bottom, top = min(float(np.nanmin(least)), joint.peak - half), max(float(np.nanmax(greatest)), joint.peak + half)
+    bottom, top = float(np.nanmin(least)), float(np.nanmax(greatest))
+    half_interval = 0.0
+    if report.noisy:
+        half_interval = INTERVAL * report.reach(joint)
+    if half_interval > _MIN_INTERVAL_SHARE * (top - bottom):
+        axis.errorbar(joint.time, joint.peak, yerr=half_interval, color=colour, linewidth=1.2, capsize=2.5, zorder=4)
+    bottom, top = min(bottom, joint.peak - half_interval), max(top, joint.peak + half_interval)
     _frame_limits(axis, joint, bottom, top, most=report.scale)
-    peak = 0.0 if report.is_zero(joint.peak) else joint.peak
-    axis.plot(joint.time, peak, "o", color=colour, markersize=4.5, markeredgecolor=style.PAPER, zorder=5)
-    late, up = joint.time > 0.6 * report.end + 0.4 * report.begin, joint.peak >= 0
-    axis.annotate(
-        report.label(joint.peak),
-        (joint.time, joint.peak),
-        xytext=(-5 if late else 5, 4 if up else -4),
-        textcoords="offset points",
-        ha="right" if late else "left",
-        va="bottom" if up else "top",
-        color=colour,
-        fontsize=style.SMALL,
-        bbox={"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
-    )
-    limit = f"{percent_of_limit(joint.share)} of {number(joint.limit)} " if math.isfinite(joint.limit) else ""
-    style.titles(axis, joint.joint, limit + joint.unit, style.OVER if over_limit(joint.share) else style.QUIET)
+    _draw_peak(axis, report, joint, colour)
+    remark = joint.unit
+    if math.isfinite(joint.limit):
+        remark = f"{percent_of_limit(joint.share)} of {number(joint.limit)} {joint.unit}"
+    style.titles(axis, joint.joint, remark, style.OVER if over else style.QUIET)
     axis.set_ylabel(joint.unit, color=style.QUIET, fontsize=style.SMALL)
     axis.margins(x=0)
     if last:
         axis.tick_params(labelbottom=True)
         axis.set_xlabel("time [s]", color=style.QUIET, fontsize=style.SMALL)
+
+
+def _draw_peak(axis: style.Axes, report: TorqueReport, joint: JointTorque, colour: str) -> None:
+    """Draw the peak as a point, with its value beside it: towards the middle of the time, away from zero."""
+    peak = 0.0 if report.is_zero(joint.peak) else joint.peak
+    axis.plot(joint.time, peak, "o", color=colour, markersize=4.5, markeredgecolor=style.PAPER, zorder=5)
+    dx, ha = 5, "left"
+    if joint.time > 0.6 * report.end + 0.4 * report.begin:
+        dx, ha = -5, "right"
+    dy, va = 4, "bottom"
+    if joint.peak < 0:
+        dy, va = -4, "top"
+    axis.annotate(
+        report.label(joint.peak),
+        (joint.time, joint.peak),
+        xytext=(dx, dy),
+        textcoords="offset points",
+        ha=ha,
+        va=va,
+        color=colour,
+        fontsize=style.SMALL,
+        bbox={"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
+    )
 
 
 def _draw_key(figure_: Any, report: TorqueReport) -> None:
@@ -126,7 +149,8 @@ def _draw_key(figure_: Any, report: TorqueReport) -> None:
         Patch(color=style.SKY, alpha=0.35, linewidth=0, label="95 % of single torques"),
         Line2D([], [], color=style.LINE, marker="|", markersize=8, linestyle="none", label="95 % interval of the peak"),
     ]
-    key += [Patch(color=style.PALE, label="raw")] if report.derived is not None else []
+    if report.derived is not None:
+        key.append(Patch(color=style.PALE, label="raw"))
     figure_.legend(handles=key, loc="outside upper right", ncols=4)
 
 
@@ -136,7 +160,7 @@ def _draw_band(
     """Draw a joint's torque as a band between the minimum and maximum of each bin of rows; returns the drawn arrays."""
     size = ZERO * report.scale
     edges = (np.where(np.abs(x[:, k]) <= size, 0.0, x[:, k]) for x in envelope[1:])
-    time, least, greatest = _broken(envelope[0], report.gaps.threshold, *edges)
+    time, least, greatest = _break_at_gaps(envelope[0], report.gaps.threshold, *edges)
     axis.fill_between(time, least, greatest, color=colour, linewidth=0, zorder=order)
     for edge in (least, greatest):  # a band of zero width shows as a line
         axis.plot(time, edge, color=colour, linewidth=1.0, zorder=order)
@@ -153,42 +177,46 @@ def _frame_limits(axis: style.Axes, joint: JointTorque, low: float, high: float,
     for side, extreme in ((-1, -low), (1, high)):
         if not math.isfinite(joint.limit) or extreme < _SHOWN_FROM * joint.limit:
             continue
-        bottom, top = (min(bottom, -1.15 * joint.limit), top) if side < 0 else (bottom, max(top, 1.15 * joint.limit))
+        bottom, top = min(bottom, 1.15 * side * joint.limit), max(top, 1.15 * side * joint.limit)
         axis.axhline(side * joint.limit, **style.LIMIT)
         axis.axhspan(side * joint.limit, side * 100 * max(joint.limit, span), color=style.OVER, alpha=0.08, linewidth=0)
     if math.isfinite(joint.limit):
-        least = min(_LEAST * joint.limit, most)
-        bottom, top = min(bottom, -least), max(top, least)
+        min_range = min(_MIN_RANGE_SHARE * joint.limit, most)
+        bottom, top = min(bottom, -min_range), max(top, min_range)
     axis.set_ylim(bottom, top)
 
 
 def _draw_split(axis: style.Axes, report: TorqueReport, k: int) -> None:
+    """Draw the contributions to a joint's torque around its peak."""
     joint, states = report.joints[k], report.around
     terms = {name: report.load.drive_torques(values)[:, k] for name, values in report.load.terms(states).items()}
-    time, *parts = _broken(states.time, report.gaps.threshold, *terms.values())
-    large = {
-        name: x for name, x in zip(terms, parts, strict=True) if np.nanmax(np.abs(x), initial=0.0) > ZERO * report.scale
-    }
-    _, below, above = style.stack(axis, time, ((cause_label(name), style.CAUSES[name], x) for name, x in large.items()))
+    time, *parts = _break_at_gaps(states.time, report.gaps.threshold, *terms.values())
+    areas = []
+    for name, part in zip(terms, parts, strict=True):
+        if np.nanmax(np.abs(part), initial=0.0) > ZERO * report.scale:
+            areas.append((cause_label(name), style.CAUSES[name], part))
+    _, below, above = style.stack(axis, time, areas)
     axis.plot(time, np.sum(parts, axis=0), color=style.INK, linewidth=1.3, label="total")
     axis.axhline(0, color=style.AXIS, linewidth=0.7)
     axis.axvline(joint.time, color=style.INK, linewidth=0.8, linestyle=":")
     _frame_limits(axis, joint, float(np.nanmin(below)), float(np.nanmax(above)), most=report.scale)
-    whole = len(states) == report.rows
-    part = "" if whole else f" around its peak, t = {seconds(time[0])} to {seconds(time[-1])} s"
-    what = "no torque to give" if report.is_zero(joint.largest) else "contributions to its torque"
-    doubt = f" ± {deviation(report.reach(joint))}" if report.noisy else ""
-    peak = f"peak {report.label(joint.peak)}{doubt} {joint.unit} at {seconds(joint.time)} s"
-    style.titles(axis, f"{joint.joint}: {what}{part}", peak)
+    title = f"{joint.joint}: contributions to its torque"
+    if report.is_zero(joint.largest):
+        title = f"{joint.joint}: no torque to give"
+    if len(states) != report.rows:
+        title += f" around its peak, t = {seconds(time[0])} to {seconds(time[-1])} s"
+    peak = report.label(joint.peak)
+    if report.noisy:
+        peak += f" ± {deviation(report.reach(joint))}"
+    style.titles(axis, title, f"peak {peak} {joint.unit} at {seconds(joint.time)} s")
     axis.set_xlabel("time [s]")
     axis.set_ylabel(torque_word(joint.unit))
     axis.margins(x=0)
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="medium")
 
 
-# ── Operating points of motors. Modern Robotics figure 8.10
-
-_ABREAST = 3
+_MAX_ABREAST = 3
+"""Maximum number of panels of motors in a row. Modern Robotics figure 8.10 has their operating points."""
 
 
 def plot_motors(report: TorqueReport, path: str | Path) -> Path:
@@ -204,17 +232,14 @@ def plot_motors(report: TorqueReport, path: str | Path) -> Path:
     path : Path of the written file
     """
     motors, title = report.motors, f"{report_title(report)} · motors"
-    rows, columns = style.panel_grid(len(motors), _ABREAST)
+    rows, columns = style.panel_grid(len(motors), _MAX_ABREAST)
     with style.figure(3.6 * columns + 0.6, 2.7 * rows + 1.0, title, "Drawing the motors") as drawn:
-        axes = style.panels(drawn, len(motors), _ABREAST)
+        axes = style.panels(drawn, len(motors), _MAX_ABREAST)
         keys: dict[str, Any] = {}
-        for k, (axis, motor) in enumerate(zip(axes, motors, strict=True)):
-            points = _draw(axis, motor, (report.begin, report.end))
+        for axis, motor in zip(axes, motors, strict=True):
+            points = _draw_motor(axis, motor, (report.begin, report.end))
             keys |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-            if k + columns >= len(motors):
-                axis.set_xlabel("speed [rad/s]", fontsize=style.SMALL)
-            if k % columns == 0:
-                axis.set_ylabel("torque at the rotor [N m]", fontsize=style.SMALL)
+        _label_motor_axes(axes, columns)
         drawn.colorbar(points, ax=axes, label="time [s]", shrink=0.8, aspect=35)
         drawn.legend(list(keys.values()), list(keys), loc="outside lower left", ncols=4, markerscale=3)
         return style.save(drawn, path)
@@ -233,56 +258,67 @@ def plot_sizing(sizing: Sizing, path: str | Path) -> Path:
     path : Path of the written file
     """
     joints = list(sizing.joints.values())
-    rows, columns = style.panel_grid(len(joints), _ABREAST)
+    rows, columns = style.panel_grid(len(joints), _MAX_ABREAST)
     width, height = 3.6 * columns + 0.6, 2.7 * rows + 0.8
     with style.figure(width, height + 2.6, "Motors over the cycle", "Drawing the drives") as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[height, 2.5]))
-        axes = style.panels(upper, len(joints), _ABREAST)
+        axes = style.panels(upper, len(joints), _MAX_ABREAST)
         keys: dict[str, Any] = {}
-        for k, (axis, one) in enumerate(zip(axes, joints, strict=True)):
-            points = _draw(axis, _use_of(sizing, one), (0.0, float(one.cycle.time[-1])))
+        for axis, joint in zip(axes, joints, strict=True):
+            points = _draw_motor(axis, _use_of(sizing, joint), (0.0, float(joint.cycle.time[-1])))
             keys |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-            axis.set_xlabel("speed [rad/s]" if k + columns >= len(joints) else "", fontsize=style.SMALL)
-            axis.set_ylabel("torque at the rotor [N m]" if k % columns == 0 else "", fontsize=style.SMALL)
+        _label_motor_axes(axes, columns)
         upper.colorbar(points, ax=axes, label="time [s]", shrink=0.8, aspect=35)
         upper.legend(list(keys.values()), list(keys), loc="outside lower left", ncols=4, markerscale=3)
         _draw_temperatures(lower.subplots(), joints)
         return style.save(drawn, path)
 
 
-def _use_of(sizing: Sizing, one: SizedJoint) -> MotorUse:
+def _label_motor_axes(axes: list[Any], columns: int) -> None:
+    """Label the speeds of the last panel of each column, and the torques of the first panel of each row."""
+    for axis in axes[-columns:]:
+        axis.set_xlabel("speed [rad/s]", fontsize=style.SMALL)
+    for axis in axes[::columns]:
+        axis.set_ylabel("torque at the rotor [N m]", fontsize=style.SMALL)
+
+
+def _use_of(sizing: Sizing, joint: SizedJoint) -> MotorUse:
     """Motor of a sized joint in the form of the motor report."""
-    motor = hot_motor(sizing.catalog.motors[one.drive[0]].motor, sizing.problem.ambient)
-    limited = tuple(d for d in one.motor.demands if math.isfinite(d.limit))
-    heat = motor.resistance * one.motor.rms_current**2
-    power = float(one.motor.power.max())
-    time = np.linspace(0.0, one.cycle.time[-1], 2 * len(one.cycle.time))  # uniform in time, for time averages
-    speed, torque = (np.interp(time, one.cycle.time, x) for x in (one.motor.speed, one.motor.torque))
-    return MotorUse(one.joint, motor, limited, power, heat, time, speed, torque)
+    motor = hot_motor(sizing.catalog.motors[joint.drive[0]].motor, sizing.problem.ambient)
+    limited = tuple(d for d in joint.motor.demands if math.isfinite(d.limit))
+    heat = motor.resistance * joint.motor.rms_current**2
+    power = float(joint.motor.power.max())
+    time = np.linspace(0.0, joint.cycle.time[-1], 2 * len(joint.cycle.time))  # uniform in time, for time averages
+    speed = np.interp(time, joint.cycle.time, joint.motor.speed)
+    torque = np.interp(time, joint.cycle.time, joint.motor.torque)
+    return MotorUse(joint.joint, motor, limited, power, heat, time, speed, torque)
 
 
 def _draw_temperatures(axis: style.Axes, joints: list[SizedJoint]) -> None:
     """Draw winding temperatures over one period of the repeated cycle."""
-    warm = [one for one in joints if one.motor.temperature.size and np.isfinite(one.motor.temperature).all()]
-    for k, one in enumerate(warm):
-        heated = one.motor.temperature[:, 0]
-        time = np.linspace(0.0, 1.0, len(heated)) * one.cycle.time[-1]
-        if len(heated) == len(one.cycle.time):
-            time = one.cycle.time
-        axis.plot(time, heated, color=style.SERIES[k % len(style.SERIES)], label=one.joint)
+    modelled = [j for j in joints if j.motor.temperature.size and np.isfinite(j.motor.temperature).all()]
+    for k, joint in enumerate(modelled):
+        temperature = joint.motor.temperature[:, 0]
+        time = np.linspace(0.0, 1.0, len(temperature)) * joint.cycle.time[-1]
+        if len(temperature) == len(joint.cycle.time):
+            time = joint.cycle.time
+        axis.plot(time, temperature, color=style.SERIES[k % len(style.SERIES)], label=joint.joint)
     axis.set_xlabel("time in the cycle [s]")
     axis.set_ylabel("winding [°C]")
-    if warm:
+    if modelled:
         axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     else:
         style.titles(axis, "no thermal data")
 
 
-def _draw(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> Any:
+def _draw_motor(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> Any:
     """Draw the capability of a motor, and the motion as points coloured by time; returns the points."""
     motor, speed, torque = use.motor, use.speed, use.torque
-    edge, seen = min(motor.voltage / motor.torque_constant, motor.speed), float(np.abs(speed).max(initial=0.0))
-    top = 1.05 * max(seen, edge if math.isfinite(edge) else 1.5 * seen) or 1.0
+    max_speed = float(np.abs(speed).max(initial=0.0))
+    speed_limit = min(motor.voltage / motor.torque_constant, motor.speed)
+    if not math.isfinite(speed_limit):
+        speed_limit = 1.5 * max_speed
+    top = 1.05 * max(max_speed, speed_limit) or 1.0
     w = np.linspace(-top, top, 401)
     bounds = [motor.torque_constant * x for x in (motor.current_continuous, motor.current_peak) if math.isfinite(x)]
     reach = 1.1 * max([*bounds, float(np.abs(torque).max(initial=0.0))]) or 1.0
@@ -294,22 +330,22 @@ def _draw(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> Any:
         axis.text(
             0.97 * w[np.argmax(high > low)], 0.96 * high.max(), name, va="top", fontsize=style.SMALL, color=style.AXIS
         )
-    most, least = motor.greatest_torque(speed), motor.greatest_torque(-speed)
-    within = np.asarray((torque <= most + margin(most)) & (-torque <= least + margin(least)))
+    max_torque, max_reverse = motor.greatest_torque(speed), motor.greatest_torque(-speed)
+    within = np.asarray((torque <= max_torque + margin(max_torque)) & (-torque <= max_reverse + margin(max_reverse)))
     time: dict[str, Any] = {"c": use.time, "cmap": style.time_colours(), "vmin": span[0], "vmax": span[1]}
     points = axis.scatter(speed, torque, s=3, linewidths=0, label="this motion", zorder=3, rasterized=True, **time)
     if not within.all():
         axis.plot(speed[~within], torque[~within], ".", color=style.OVER, markersize=3, label="beyond the motor")
     rms = math.sqrt(float(np.mean(torque**2)))
-    for side in (rms, -rms):
-        label = "rms torque, either way" if side is rms else None
+    for side, label in ((rms, "rms torque, either way"), (-rms, None)):
         axis.axhline(side, color=style.INK, linewidth=0.8, linestyle=(0, (4, 3)), label=label)
     axis.axhline(0, color=style.QUIET, linewidth=0.6)
     axis.axvline(0, color=style.QUIET, linewidth=0.6)
     axis.set_xlim(-top, top)
     axis.set_ylim(-reach, reach)
     axis.locator_params(axis="x", nbins=5)
-    d = use.tightest
-    used = f"{d.what} {percent_of_limit(d.share)}" if d.share else ""
-    style.titles(axis, use.joint, used, style.OVER if use.too_small else style.QUIET)
+    remark = ""
+    if use.tightest.share:
+        remark = f"{use.tightest.what} {percent_of_limit(use.tightest.share)}"
+    style.titles(axis, use.joint, remark, style.OVER if use.too_small else style.QUIET)
     return points
