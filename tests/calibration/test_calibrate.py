@@ -43,7 +43,7 @@ def test_the_rank_is_that_of_theory(name, kind):
     robot = ARMS[name]()
     world = World.drawn(robot, 0, tip=tip_of(robot))
     turning = sum(world.chain.turning)
-    fit = CalibrationProblem(world.chain, (world.measured(kind, 120),)).fitted()
+    fit = CalibrationProblem(world.chain, (world.measured(kind, 120),)).solve()
     groups = ParameterGroups(fit)
     assert groups.rank == groups.theory == 4 * turning + 2 * (len(world.chain.turning) - turning) + 6 - LACKING[kind]
 
@@ -58,11 +58,11 @@ def test_derivatives_are_differences_of_residuals(make, kind):
     state = problem.start()
     design = problem.equations(state).design[0]
     count = design.shape[2]
-    state = problem.moved(state, 1e-3 * x[:count])
+    state = problem.step(state, 1e-3 * x[:count])
     design = problem.equations(state).design[0]
     for k in range(count):
         step = 1e-6 * np.eye(count)[k]
-        ahead, behind = (problem.equations(problem.moved(state, s)).residuals[0] for s in (step, -step))
+        ahead, behind = (problem.equations(problem.step(state, s)).residuals[0] for s in (step, -step))
         assert np.allclose((ahead - behind) / 2e-6, design[..., k], atol=2e-7 * max(1, np.abs(design[..., k]).max()))
 
 
@@ -110,7 +110,7 @@ def test_a_lost_zero_is_inside_its_interval_beside_other_errors(name, tip, joint
     """Also where axes are beside the origins of their frames: a turn about the axis is one parameter, however large."""
     world = World.drawn(ARMS[name](), 313, tip=tip)
     other, m = lost_zero(world, world.measured("position", 40), joint, degrees)
-    groups = ParameterGroups(fitted_in_groups(CalibrationProblem(world.chain, (m,)).fitted())).all
+    groups = ParameterGroups(fitted_in_groups(CalibrationProblem(world.chain, (m,)).solve())).all
     true = dict(zip(world.chain.parameters, world.chain.values(other.truth), strict=True))
     (group,) = (group for group in groups if group.name == f"{world.chain.joints[joint]}.zero")
     value = sum(factor * true.get(parameter, 0.0) for parameter, factor in group.terms.items())
@@ -137,7 +137,7 @@ def test_however_a_target_is_turned_the_error_before_is_the_same(turn):
     robot, errors = tw.robots.ur5(), []
     for w in ((0, 0, 0), turn):
         world = World.drawn(robot, 4, ball=tw.se3.pose(tw.so3.exp(w), BALL[:3, 3]))
-        plain = CalibrationProblem(world.chain, (world.measured("pose", 40),)).fitted(frames_only=True)
+        plain = CalibrationProblem(world.chain, (world.measured("pose", 40),)).solve(frames_only=True)
         errors.append(plain.rms)
     assert 0.9 < errors[1] / errors[0] < 1.1 and errors[0] < 10e-3
 
@@ -192,7 +192,7 @@ def test_intervals_cover_the_truth_in_95_of_100(make, kind, count):
     robot, inside = make(), []
     for seed in range(66):
         world = World.drawn(robot, 1000 + seed)
-        fit = fitted_in_groups(CalibrationProblem(world.chain, (world.measured(kind, count),)).fitted())
+        fit = fitted_in_groups(CalibrationProblem(world.chain, (world.measured(kind, count),)).solve())
         true = dict(zip(world.chain.parameters, world.chain.values(world.truth), strict=True))
         for group in ParameterGroups(fit).all:
             value = sum(factor * true.get(name, 0.0) for name, factor in group.terms.items())

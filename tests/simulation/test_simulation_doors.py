@@ -511,7 +511,7 @@ def test_pictures_have_a_panel_for_each_unit_and_no_colour_twice(tmp_path, monke
     assert sorted(map(len, shown[1].values())) == [1, 1]
     for axes in (a for f in drawn for a in f.axes[:-2]):
         looks = [(x.get_color(), str(x._dash_pattern)) for x in axes.lines if x.get_color() != style.PALE]
-        assert len(set(looks)) == len(looks) <= style.MOST
+        assert len(set(looks)) == len(looks) <= style.MAX_COLOURED
 
 
 def test_a_joint_has_one_colour_in_every_picture(tmp_path, monkeypatch):

@@ -98,7 +98,7 @@ def lost_zero(world: World, m: Measurements, joint: int, degrees: float) -> tupl
     chain = world.chain
     x = np.zeros(len(chain.parameters))
     x[chain.parameters.index(f"{chain.joints[joint]}.zero")] = np.radians(degrees)
-    other = replace(world, truth=chain.moved(world.truth, x))
+    other = replace(world, truth=chain.step(world.truth, x))
     other = replace(other, truth=replace(other.truth, tip=world.truth.tip))
     return other, other.readings(str(m.kind), m.q)
 

@@ -76,7 +76,7 @@ class World:
         chain, rng = TipChain.from_robot(robot, tip, assume), np.random.default_rng(seed)
         x = np.where(chain.are_lengths, *size) * rng.normal(size=len(chain.parameters))
         x[6 * len(chain.joints) :] = 0.0
-        at = chain.moved(chain.start, x)
+        at = chain.step(chain.start, x)
         at = replace(at, tip=at.tip @ ball, sags=at.sags if sags is None else np.array(sags))
         return cls(robot, chain, at, rng)
 

@@ -17,8 +17,8 @@ from .chain import TipChain
 from .doubts import doubts_of
 from .fit import CalibrationProblem
 from .groups import fitted_in_groups
-from .held_out import cross_validated, of_test
-from .measurements import LEAST, Measurements, ReadingKind, as_measurements
+from .held_out import cross_validated, error_of_test
+from .measurements import MIN_CONFIGURATIONS, Measurements, ReadingKind, read_measurements
 from .result import CalibratedRobot
 
 MeasurementsGiven: TypeAlias = str | Path | Measurements
@@ -105,16 +105,16 @@ def calibrate(
                 f"measurements={given!r}: give a path, Measurements(q, positions=…), or a list of them."
             )
         every = [given] if isinstance(given, str | Path | Measurements) else list(given)
-        found = [as_measurements(one, arm, kind, tip, degrees=degrees) for one in every]
-        return tuple(_checked(_with_options(m, length, noise), arm) for m in found)
+        found = [read_measurements(one, arm, kind, tip, degrees=degrees) for one in every]
+        return tuple(_require_readings(_with_options(m, length, noise), arm) for m in found)
 
     measured = read(measurements)
     if not measured:
         raise ValueRangeError("no measurements are given. Give a path, or Measurements(q, positions=…).")
     problem = CalibrationProblem(chain, measured, keep_outliers=outliers == "keep")
-    plain = problem.fitted(frames_only=True)
-    fit = fitted_in_groups(problem.fitted())
-    held_out = cross_validated(fit, seed) if test is None else of_test(fit, read(test))
+    plain = problem.solve(frames_only=True)
+    fit = fitted_in_groups(problem.solve())
+    held_out = cross_validated(fit, seed) if test is None else error_of_test(fit, read(test))
     settings = {
         "kind": kind, "tip": chain.frame, "assume": list(chain.assume), "length": length, "noise": noise,
         "file_accuracy": list(accuracy), "outliers": outliers, "seed": seed,
@@ -132,14 +132,14 @@ def _with_options(m: Measurements, length: float | None, noise: float | tuple[fl
     return replace(m, length=length) if length is not None and m.length is None else m
 
 
-def _checked(m: Measurements, robot: Robot) -> Measurements:
+def _require_readings(m: Measurements, robot: Robot) -> Measurements:
     """Measurements of this robot, enough for any estimate."""
     if m.q.ndim != 2 or m.q.shape[1] != robot.nq:
         raise ShapeError(
             f"q has the shape {m.q.shape}, and robot {robot.name!r} has {robot.nq} coordinates. Give (n, {robot.nq})."
         )
-    if m.count < LEAST:
-        raise ValueRangeError(f"{m.count} readings determine nothing. Give at least {LEAST}, better 30.")
+    if m.count < MIN_CONFIGURATIONS:
+        raise ValueRangeError(f"{m.count} readings determine nothing. Give at least {MIN_CONFIGURATIONS}, better 30.")
     return m
 
 

@@ -64,7 +64,8 @@ class TipChain:
     @classmethod
     def from_robot(cls, robot: Robot, tip: str | None = None, assume: Collection[str] = ()) -> TipChain:
         """Chain to a frame, by default the tip; raises ModelError for joints that cannot be calibrated."""
-        if unknown := sorted(set(assume) - set(ASSUMED)):
+        unknown = sorted(set(assume) - set(ASSUMED))
+        if unknown:
             raise ValueRangeError(f"assume={listed(unknown)} is not known. Known: {listed(ASSUMED)}.")
         model = robot.model
         if tip is None and robot.tip is None:
@@ -132,17 +133,19 @@ class TipChain:
     @cached_property
     def axes(self) -> Array:
         """(n, 3, 3) axes of turns and shifts as columns: x, y, z, with the own axis in place of the nearest."""
-        found = np.zeros((len(self.bodies), 3, 3))
+        axes = np.zeros((len(self.bodies), 3, 3))
         for k, (screw, own) in enumerate(zip(self.screws, self.own, strict=True)):
             axis = screw[own // 3 * 3 :][:3]
             R = np.eye(3)
             R[:, own % 3] = axis
-            for j in (j for j in range(3) if j != own % 3):
-                others = [i for i in range(3) if i == own % 3 or i < j]
+            for j in range(3):
+                if j == own % 3:
+                    continue
+                others = sorted({own % 3, *range(j)})
                 R[:, j] -= R[:, others] @ (R[:, others].T @ R[:, j])
                 R[:, j] /= np.linalg.norm(R[:, j])
-            found[k] = R
-        return found
+            axes[k] = R
+        return axes
 
     @cached_property
     def start(self) -> Corrections:
@@ -170,49 +173,51 @@ class TipChain:
         """Names of the parameters; the turn or slide about the own axis is called ``zero``."""
         names = list[str]()
         for joint, own in zip(self.joints, self.own, strict=True):
-            names += [f"{joint}.{'zero' if k == own else word}" for k, word in enumerate((*ANGLES, *LENGTHS))]
-        for kind, word in (("gears", "gear"), ("sag", "sag")):
-            names += [f"{joint}.{word}" for joint in self.joints if kind in self.assume]
+            words = [*ANGLES, *LENGTHS]
+            words[own] = "zero"
+            names += [f"{joint}.{word}" for word in words]
+        if "gears" in self.assume:
+            names += [f"{joint}.gear" for joint in self.joints]
+        if "sag" in self.assume:
+            names += [f"{joint}.sag" for joint in self.joints]
         return (*names, *(f"tip.{word}" for word in (*ANGLES, *LENGTHS)))
 
     @cached_property
     def are_lengths(self) -> Array:
         """True for parameters in m."""
-        words = [name.rpartition(".")[2] for name in self.parameters]
-        slides = {joint for joint, turns in zip(self.joints, self.turning, strict=True) if not turns}
-        own = [name.rpartition(".")[0] in slides and name.endswith(".zero") for name in self.parameters]
-        return np.array([word in LENGTHS for word in words]) | own
+        slide_zeros = {f"{joint}.zero" for joint, turns in zip(self.joints, self.turning, strict=True) if not turns}
+        return np.array([name in slide_zeros or name.rpartition(".")[2] in LENGTHS for name in self.parameters])
 
     def scales(self, angle: float, length: float, gear: float, sag: float, tip: tuple[float, float]) -> Array:
         """A number for each parameter by its kind; ``tip`` are those of its angles and lengths."""
         sizes = np.where(self.are_lengths, length, angle)
-        words = [name.rpartition(".")[2] for name in self.parameters]
-        sizes[[word == "gear" for word in words]] = gear
-        sizes[[word == "sag" for word in words]] = sag
+        sizes[[name.endswith(".gear") for name in self.parameters]] = gear
+        sizes[[name.endswith(".sag") for name in self.parameters]] = sag
         sizes[-6:] = np.repeat(tip, 3)
         return sizes
 
     def values(self, at: Corrections) -> Array:
         """Parameters (p,) of corrections; those of the tip are turn and shift from the file's pose."""
         parts = [at.displacements.ravel()]
-        parts += [at.gears] if "gears" in self.assume else []
-        parts += [at.sags] if "sag" in self.assume else []
-        off = np.asarray(se3.inverse(self.start.tip)) @ at.tip
-        return np.concatenate([*parts, np.asarray(so3.log(off[:3, :3])), off[:3, 3]])
+        if "gears" in self.assume:
+            parts.append(at.gears)
+        if "sag" in self.assume:
+            parts.append(at.sags)
+        displacement = np.asarray(se3.inverse(self.start.tip)) @ at.tip
+        return np.concatenate([*parts, np.asarray(so3.log(displacement[:3, :3])), displacement[:3, 3]])
 
     def corrections(self, values: Array) -> Corrections:
         """Corrections with the parameters (p,), as :meth:`values` returns them."""
         n = len(self.bodies)
-        rest = values[6 * n : -6]
-        off = np.asarray(se3.pose(so3.exp(values[-6:-3]), values[-3:]))
-        return Corrections(
-            values[: 6 * n].reshape(n, 6),
-            rest[:n] if "gears" in self.assume else np.zeros(n),
-            rest[-n:] if "sag" in self.assume else np.zeros(n),
-            self.start.tip @ off,
-        )
+        effects, gears, sags = values[6 * n : -6], np.zeros(n), np.zeros(n)
+        if "gears" in self.assume:
+            gears = effects[:n]
+        if "sag" in self.assume:
+            sags = effects[-n:]
+        displacement = np.asarray(se3.pose(so3.exp(values[-6:-3]), values[-3:]))
+        return Corrections(values[: 6 * n].reshape(n, 6), gears, sags, self.start.tip @ displacement)
 
-    def moved(self, at: Corrections, x: Array) -> Corrections:
+    def step(self, at: Corrections, x: Array) -> Corrections:
         """Corrections after a step x (p,) of the parameters."""
         return self.corrections(self.values(at) + x)
 
@@ -224,8 +229,8 @@ class TipChain:
 
     def turns_and_shifts(self, at: Corrections) -> tuple[Array, Array]:
         """(n, 3) turns w and (n, 3) shifts p in the axes of the frames."""
-        turns, shifts = (np.einsum("kij,kj->ki", self.axes, part) for part in np.split(at.displacements, 2, axis=1))
-        return turns, shifts
+        turns, shifts = np.split(at.displacements, 2, axis=1)
+        return np.einsum("kij,kj->ki", self.axes, turns), np.einsum("kij,kj->ki", self.axes, shifts)
 
     # ── Poses
 
@@ -243,19 +248,24 @@ class TipChain:
             sags.append(-screw * loads[:, k, None])
             turn = q[:, column] * (1.0 + at.gears[k]) - at.sags[k] * loads[:, k]
             T = T @ np.asarray(se3.exp(turn[:, None] * self.screws[k]))
-        off = np.asarray(se3.inverse(self.start.tip)) @ at.tip
-        tip = _displacement_columns(T @ self.start.tip, off[:3, 3], np.asarray(so3.log(off[:3, :3])), np.eye(3))
+        displacement = np.asarray(se3.inverse(self.start.tip)) @ at.tip
+        tip_turn = np.asarray(so3.log(displacement[:3, :3]))
+        tip = _displacement_columns(T @ self.start.tip, displacement[:3, 3], tip_turn, np.eye(3))
         T = T @ at.tip
         parts = [np.concatenate(twists, axis=2)]
-        parts += [np.stack(gears, axis=2)] if "gears" in self.assume else []
-        parts += [np.stack(sags, axis=2)] if "sag" in self.assume else []
+        if "gears" in self.assume:
+            parts.append(np.stack(gears, axis=2))
+        if "sag" in self.assume:
+            parts.append(np.stack(sags, axis=2))
         return T, np.concatenate([*parts, tip], axis=2)
 
     def tips(self, q: Array, at: Corrections | None = None) -> Array:
         """Poses (N, 4, 4) of the tip alone."""
-        return self.poses(q, self.loads(q), self.start if at is None else at)[0]
+        if at is None:
+            at = self.start
+        return self.poses(q, self.loads(q), at)[0]
 
-    def calibrated(self, at: Corrections) -> Robot:
+    def calibrated_robot(self, at: Corrections) -> Robot:
         """Robot whose placements and tip have the corrections; gears and sags are left out."""
         model = self.robot.model
         bodies, bends = list(model.bodies), self.bends(at)

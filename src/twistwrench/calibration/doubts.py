@@ -21,40 +21,42 @@ if TYPE_CHECKING:
     from .result import CalibratedRobot
 
 _SEVEREST_FIRST = {"refuse": 0, "unsure": 1, "note": 2}
-_TWICE = 2.0
+_MIN_RATIO = 2.0
 """Least equations for each group; and ratio of held-out error to the expected one."""
-_THIRD = 1.0 / 3.0
+_MAX_REMAINING_SHARE = 1.0 / 3.0
 """Largest part of the error before that may remain."""
 _FEW_OUTLIERS = 0.05
-_KEPT = 0.95
+_MIN_UNEXPLAINED = 0.95
 """Residual, as a share of that without a cause, from which the cause does not explain it."""
 _ON_AXIS = 1e-3
 """Distance [m] of the target from the last axis below which it counts as on the axis."""
-_COPIED = 1e-9
+_MAX_COPY_DIFFERENCE = 1e-9
 
 
 def doubts_of(found: CalibratedRobot) -> list[Doubt]:
     """All doubts, the most severe first."""
     contradictions = computed_doubts(found) or step_doubts(found) or reading_doubts(found)
-    readings = [*_columns(found), *contradictions]
+    readings = [*_contradictory_rows(found), *contradictions]
     if any(one.refuses for one in readings):
         return [one for one in readings if one.refuses]
-    offered = _offered([*effect_doubts(found), *instrument_doubts(found)])
+    offered = _causes_to_name([*effect_doubts(found), *instrument_doubts(found)])
     explained = any(one.level != "note" for one in offered)
-    every = [*readings, *offered, *_unseen(found), *([] if explained else _left(found))]
-    return sorted(every, key=lambda one: _SEVEREST_FIRST[one.level])
+    doubts = [*readings, *offered, *_unseen_effects(found)]
+    if not explained:
+        doubts += _unexplained_errors(found)
+    return sorted(doubts, key=lambda one: _SEVEREST_FIRST[one.level])
 
 
-def _offered(every: list[Offered]) -> list[Doubt]:
+def _causes_to_name(every: list[Offered]) -> list[Doubt]:
     """Causes that lower the residual: the best of them; and those that leave it, as a scale does."""
     best = min(every, key=lambda one: one.left, default=None)
-    return [one.doubt for one in every if one is best or one.left > _KEPT]
+    return [one.doubt for one in every if one is best or one.left > _MIN_UNEXPLAINED]
 
 
 # ── Readings without a model
 
 
-def _columns(found: CalibratedRobot) -> Iterator[Doubt]:
+def _contradictory_rows(found: CalibratedRobot) -> Iterator[Doubt]:
     """Repeated readings, outliers, positions outside the limits."""
     limits = found.original.limits
     for m in found.fit.problem.measured:
@@ -84,7 +86,7 @@ def _duplicates(found: CalibratedRobot, q: Array, labels: Array) -> Iterator[Dou
     readings = m.points if len(m.points) else m.sizes[:, None]
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
     other = first[inverse.ravel()]
-    copied = (other != np.arange(len(labels))) & (np.abs(readings - readings[other]).max(axis=1) < _COPIED)
+    copied = (other != np.arange(len(labels))) & (np.abs(readings - readings[other]).max(axis=1) < _MAX_COPY_DIFFERENCE)
     if copied.any():
         rows = np.flatnonzero(copied)
         pairs = listed([f"{row} of {other[row]}" for row in rows], 5)
@@ -94,7 +96,7 @@ def _duplicates(found: CalibratedRobot, q: Array, labels: Array) -> Iterator[Dou
 # ── What the measurements cannot see
 
 
-def _unseen(found: CalibratedRobot) -> Iterator[Doubt]:
+def _unseen_effects(found: CalibratedRobot) -> Iterator[Doubt]:
     """Missing lengths, too few or too similar poses."""
     remaining, problem = found.remaining, found.fit.problem
     rows = int(sum((W[:, -1] > 0).sum() * W.shape[1] for W in found.fit.weights))
@@ -112,9 +114,9 @@ def _unseen(found: CalibratedRobot) -> Iterator[Doubt]:
             yield doubt("calibration-on-axis", [joint])
         else:
             yield doubt("calibration-unexciting", rank=found.rank, theory=found.theory)
-    if rows < _TWICE * found.rank:
+    if rows < _MIN_RATIO * found.rank:
         each = problem.measured[0].rows_each
-        more = int(np.ceil((_TWICE * found.theory - rows) / each))
+        more = int(np.ceil((_MIN_RATIO * found.theory - rows) / each))
         yield doubt("calibration-few", rows=rows, rank=found.rank, more=max(more, 1))
 
 
@@ -125,12 +127,14 @@ def _axis_through_target(found: CalibratedRobot) -> str:
         return ""
     S, p = chain.screws[-1], found.tip_pose[:3, 3]
     off = S[3:] + np.asarray(so3.cross(S[:3], p))
-    return chain.joints[-1] if np.linalg.norm(off) < _ON_AXIS else ""
+    if np.linalg.norm(off) < _ON_AXIS:
+        return chain.joints[-1]
+    return ""
 
 
-def _left(found: CalibratedRobot) -> Iterator[Doubt]:
+def _unexplained_errors(found: CalibratedRobot) -> Iterator[Doubt]:
     """Held-out error larger than expected; improvement smaller than a calibration is worth."""
-    if found.held_out.rms > _TWICE * found.floor:
+    if found.held_out.rms > _MIN_RATIO * found.floor:
         yield doubt(
             "calibration-unexplained", held_out=millimetres(found.held_out.rms), floor=millimetres(found.floor),
             found={"value": found.held_out.rms, "unit": "m"},
@@ -138,7 +142,7 @@ def _left(found: CalibratedRobot) -> Iterator[Doubt]:
     if found.remaining.is_unseen or found.needs_nothing:
         return
     before = found.before if found.measures_tip else found.remaining_before
-    if found.remaining.rms > _THIRD * before:
+    if found.remaining.rms > _MAX_REMAINING_SHARE * before:
         share = number(100.0 * found.remaining.rms / before, 2)
         yield doubt(
             "calibration-little", left=millimetres(found.remaining.rms), before=millimetres(before), share=share

@@ -337,13 +337,18 @@ def _placements(path: Path) -> list[Array]:
     try:
         links = Section(content, "").section("kinematics")
         entries = [links.section(name) for name in _LINKS]
-        values = [[entry.number(name, "") for name in ("x", "y", "z", "roll", "pitch", "yaw")] for entry in entries]
+        values = list(map(_pose_numbers, entries))
     except (KeyError, ModelError) as problem:
         raise RobotFileError(
             f"{path}: is not a kinematics file of a UR ({str(problem).splitlines()[0]}). "
             f"It has x, y, z, roll, pitch and yaw of {', '.join(_LINKS)} below kinematics."
         ) from None
     return [np.asarray(se3.pose(rotation_of_rpy(x[3:]), np.array(x[:3]))) for x in values]
+
+
+def _pose_numbers(entry: Section) -> list[float]:
+    """Numbers of one link's entry."""
+    return [entry.number(name, "") for name in ("x", "y", "z", "roll", "pitch", "yaw")]
 
 
 def _numbers(text: str) -> Array:

@@ -30,9 +30,9 @@ TIP, GEAR, SAG = (0.5, 0.3), 1e-2, 1e-2
 KNOWN_LENGTH = 1e-5
 """Standard deviation of a known length [m]."""
 _FRAMES_ONLY, _ITERATIONS, _TRIALS = 8, 40, 10
-_SETTLED = 1e-3
+_MAX_CHANGE = 1e-3
 """Change of weights and of the cost at which a fit has settled."""
-_LEAST = 1e-9
+_MIN_DEVIATION = 1e-9
 """Smallest standard deviation [m, rad]: rounding."""
 _MEDIANS = {1: 0.4549, 3: 0.7887, 6: 0.8914}
 """Medians of chi² over its degrees of freedom."""
@@ -61,7 +61,7 @@ class LinearRows:
     length_rows: Array
     """(k, p + targets)."""
 
-    def weighted(self, weights: Sequence[Array]) -> tuple[Array, Array]:
+    def weighted_rows(self, weights: Sequence[Array]) -> tuple[Array, Array]:
         """Design (rows, p + targets) and residuals (rows,) times weights (m, r) of each measurement."""
         A = [(D * W[..., None]).reshape(-1, D.shape[2]) for D, W in zip(self.design, weights, strict=True)]
         y = [(e * W).ravel() for e, W in zip(self.residuals, weights, strict=True)]
@@ -137,11 +137,13 @@ class CalibrationProblem:
 
     def free(self, count: int, *, frames_only: bool) -> Array:
         """(count,) True for the columns of a step: tip and targets alone, or those that are fitted."""
-        if frames_only or self.independent is None:
-            return np.arange(count) >= (len(self.chain.parameters) - 6 if frames_only else 0)
-        found = np.zeros(count, bool)
-        found[list(self.independent.columns)] = True
-        return found
+        if frames_only:
+            return np.arange(count) >= len(self.chain.parameters) - 6
+        if self.independent is None:
+            return np.ones(count, bool)
+        mask = np.zeros(count, bool)
+        mask[list(self.independent.columns)] = True
+        return mask
 
     @property
     def is_scaleless(self) -> bool:
@@ -151,12 +153,14 @@ class CalibrationProblem:
     def start(self) -> Estimate:
         """Corrections of zero, a tip turned as the target of measured poses, and targets for them."""
         at = self.chain.start
-        poses = [(m, mask) for m, mask in zip(self.measured, self.masks, strict=True) if m.kind == "pose"]
-        for m, mask in poses[:1]:
+        for m, mask in zip(self.measured, self.masks, strict=True):
+            if m.kind != "pose":
+                continue
             T, _ = self.chain.poses(m.q, self.chain.loads(m.q), at)
             turn = np.eye(4)
             turn[:3, :3] = turn_of_target(m.rotations[mask], T[mask, :3, :3])
             at = replace(at, tip=at.tip @ turn)
+            break
         tips = [self.chain.poses(m.q, load, at)[0] for m, load in zip(self.measured, self.loads, strict=True)]
         return Estimate(at, tuple(targets_from_tips(self.measured, tips)))
 
@@ -173,27 +177,28 @@ class CalibrationProblem:
             A[..., :p], A[..., places[b] : places[b + 1]] = D, own
             residuals.append(e)
             design.append(A)
-            if known := target.length_row(T, J):
+            length_row = target.length_row(T, J)
+            if length_row is not None:
                 row = np.zeros(places[-1])
-                row[:p], row[places[b] : places[b + 1]] = known[1], known[2]
-                lengths.append(known[0] / KNOWN_LENGTH)
+                row[:p], row[places[b] : places[b + 1]] = length_row[1], length_row[2]
+                lengths.append(length_row[0] / KNOWN_LENGTH)
                 length_rows.append(row / KNOWN_LENGTH)
         rows = np.array(length_rows).reshape(len(lengths), places[-1])
         return LinearRows(tuple(residuals), tuple(design), np.array(lengths), rows)
 
-    def moved(self, state: Estimate, x: Array) -> Estimate:
+    def step(self, state: Estimate, x: Array) -> Estimate:
         """Estimate after a step."""
         at = len(self.chain.parameters)
-        corrections = self.chain.moved(state.corrections, x[:at])
+        corrections = self.chain.step(state.corrections, x[:at])
         targets = list[MeasuredTarget]()
         for target in state.targets:
-            targets.append(target.moved(x[at : at + len(target.names)]))
+            targets.append(target.step(x[at : at + len(target.names)]))
             at += len(target.names)
         return Estimate(corrections, tuple(targets))
 
     # ── Solution
 
-    def fitted(self, start: Estimate | None = None, *, frames_only: bool = False) -> CalibrationFit:
+    def solve(self, start: Estimate | None = None, *, frames_only: bool = False) -> CalibrationFit:
         """Least squares from a start; with ``frames_only``, of targets and tip alone."""
         state = self.start() if start is None else start
         weights, damping = self._first_weights(), 1e-3
@@ -205,9 +210,9 @@ class CalibrationProblem:
                 weights = self._weights(equations, frames, trim=trimmed > 0)
             state, equations, damping, lowered = self._step(state, equations, weights, damping, frames)
             change = max(float(np.abs(W - V).max() / V.max()) for W, V in zip(weights, last, strict=True))
-            if trimmed or (not frames and change < _SETTLED and lowered < _SETTLED):
+            if trimmed or (not frames and change < _MAX_CHANGE and lowered < _MAX_CHANGE):
                 trimmed += 1
-                if trimmed > 2 and change < _SETTLED:
+                if trimmed > 2 and change < _MAX_CHANGE:
                     break
         return CalibrationFit(
             self, state, equations, tuple(self._weights(equations, frames_only, trim=True)), frames_only
@@ -217,7 +222,7 @@ class CalibrationProblem:
         self, state: Estimate, equations: LinearRows, weights: Sequence[Array], damping: float, frames: bool
     ) -> tuple[Estimate, LinearRows, float, float]:
         """Levenberg step that lowers the cost: new state and equations, damping, and the lowered share of the cost."""
-        A, y = equations.weighted(weights)
+        A, y = equations.weighted_rows(weights)
         prior = np.zeros((len(self.prior), A.shape[1]))
         prior[:, : self.prior.shape[1]] = self.prior
         B = np.concatenate([A, prior])
@@ -229,9 +234,9 @@ class CalibrationProblem:
         for _ in range(_TRIALS):
             x = np.zeros(B.shape[1])
             x[free] = -np.linalg.solve(N + (damping + 1e-13) * np.eye(len(N)), c) / size
-            trial = self.moved(state, x)
+            trial = self.step(state, x)
             found = self.equations(trial)
-            left = np.concatenate([found.weighted(weights)[1], self.prior @ self.chain.values(trial.corrections)])
+            left = np.concatenate([found.weighted_rows(weights)[1], self.prior @ self.chain.values(trial.corrections)])
             if left @ left <= cost * (1.0 + 1e-12):
                 return trial, found, max(damping / 10.0, 1e-9), 1.0 - float(left @ left) / max(cost, 1e-300)
             damping = max(damping * 10.0, 1e-6)
@@ -260,19 +265,27 @@ class CalibrationProblem:
         """
         free, found = self._freedom(equations, frames), list[Array]()
         for m, e, used in zip(self.measured, equations.residuals, self.masks, strict=True):
-            parts = [slice(0, m.angle_rows), slice(m.angle_rows, None)] if m.angle_rows else [slice(None)]
+            parts = [slice(None)]
+            if m.angle_rows:
+                parts = [slice(0, m.angle_rows), slice(m.angle_rows, None)]
             deviations = np.ones(e.shape[1])
             for k, part in enumerate(parts):
+                if m.noise is not None:
+                    deviations[part] = float(np.broadcast_to(m.noise, 2)[len(parts) - 1 - k])
+                    continue
                 squares = (e[used, part] ** 2).mean(axis=1)
                 median = float(np.median(squares)) / _MEDIANS[len(deviations[part])]
-                near = squares if self.keep_outliers else squares[squares <= (ROBUST / OUTLIER) ** 2 * median / free]
-                given = None if m.noise is None else float(np.broadcast_to(m.noise, 2)[len(parts) - 1 - k])
-                size = float(near.mean()) if trim and near.size else median
-                deviations[part] = given or np.sqrt(size / free) + _LEAST
-            far = np.sqrt(((e / deviations) ** 2).mean(axis=1))
-            huber = np.ones(len(far)) if self.keep_outliers or frames else huber_weights(far, ROBUST)
-            huber = np.where((huber < OUTLIER) & trim | ~used, 0.0, np.ones(len(far)) if trim else huber)
-            found.append(huber[:, None] / deviations)
+                if not self.keep_outliers:
+                    squares = squares[squares <= (ROBUST / OUTLIER) ** 2 * median / free]
+                size = float(squares.mean()) if trim and squares.size else median
+                deviations[part] = np.sqrt(size / free) + _MIN_DEVIATION
+            distances = np.sqrt(((e / deviations) ** 2).mean(axis=1))
+            weights = np.ones(len(distances))
+            if not (self.keep_outliers or frames):
+                weights = huber_weights(distances, ROBUST)
+            if trim:
+                weights = np.where(weights < OUTLIER, 0.0, 1.0)
+            found.append(np.where(used, weights, 0.0)[:, None] / deviations)
         return found
 
 
@@ -296,16 +309,20 @@ class CalibrationFit:
         """Names of all parameters, with ``target.`` or ``target2.`` before those of targets."""
         names = list(self.problem.chain.parameters)
         for b, target in enumerate(self.state.targets):
-            names += [f"target{'' if b == 0 else b + 1}.{word}" for word in target.names]
+            number = "" if b == 0 else str(b + 1)
+            names += [f"target{number}.{word}" for word in target.names]
         return tuple(names)
 
     @cached_property
     def deviations(self) -> list[tuple[float, float]]:
         """Standard deviations [m, rad] of a reading of each measurement; rad is 0 without angles."""
-        return [
-            (float(1.0 / W[:, -1].max(initial=1e-300)), float(1.0 / W[:, 0].max()) if m.angle_rows else 0.0)
-            for m, W in zip(self.problem.measured, self.weights, strict=True)
-        ]
+        deviations = []
+        for m, W in zip(self.problem.measured, self.weights, strict=True):
+            angle = 0.0
+            if m.angle_rows:
+                angle = float(1.0 / W[:, 0].max())
+            deviations.append((float(1.0 / W[:, -1].max(initial=1e-300)), angle))
+        return deviations
 
     @cached_property
     def outliers(self) -> list[tuple[int, int, float]]:
@@ -341,6 +358,6 @@ class CalibrationFit:
         return float(np.sqrt(np.average(sizes, weights=[m.count for m in self.problem.measured])))
 
     @cached_property
-    def weighted(self) -> tuple[Array, Array]:
+    def weighted_rows(self) -> tuple[Array, Array]:
         """Design and residuals over their standard deviations, without the prior."""
-        return self.equations.weighted(self.weights)
+        return self.equations.weighted_rows(self.weights)

@@ -20,7 +20,7 @@ _DISTINCT, _DEPENDENT = 5e-2, 1e-3
 """Length of a column beside the kept ones, as a share of its length, from which it is independent; clear ones come first.
 
 Axes that are nearly parallel would otherwise give groups of 440 m, as in Denavit and Hartenberg's table."""
-_NOTHING, _SHORT = 1e-9, 1e-3
+_ZERO_COLUMN, _SHORT_COLUMN = 1e-9, 1e-3
 """Length of a column, as a share of the longest, below which it is rounding; or below which others come first: the zero of a
 joint whose axis goes through the target."""
 _AS_GOOD = 1.05
@@ -29,7 +29,7 @@ _CHOICES = 4
 """Most choices of a parameter for each group."""
 _TERM = 1e-4
 """Smallest factor of a group's further term."""
-_UNSEEN, _LITTLE, _NOISE_OF_TIP, _LEAST = 3.0, 0.1, 2.0, 1e-6
+_MAX_RATIO_TO_NOISE, _MAX_SHARE_OF_FILE_ERROR, _NOISE_OF_TIP, _MIN_ERROR = 3.0, 0.1, 2.0, 1e-6
 """Readings do not show all that moves the tip if the predicted error is more than 3 times its part by noise, or more than a
 tenth of the file's error and 2 times the noise of a reading; errors below 1 µm do not matter."""
 
@@ -54,19 +54,21 @@ class ParameterGroup:
     @property
     def unit(self) -> str:
         """Unit of the value."""
-        if self.name.endswith((".gear", ".sag")):
-            return "" if self.name.endswith(".gear") else "rad/(N m)"
+        if self.name.endswith(".gear"):
+            return ""
+        if self.name.endswith(".sag"):
+            return "rad/(N m)"
         return "m" if self.is_length else "rad"
 
     @property
     def text(self) -> str:
         """Sum of the terms: ``joint_2.zero + 3.7 joint_3.x``."""
-        more = [
-            f" {'+' if x > 0 else '-'} {number(abs(x), 3)} {name}"
-            for name, x in self.terms.items()
-            if name != self.name
-        ]
-        return self.name + "".join(more)
+        text = self.name
+        for name, factor in self.terms.items():
+            if name != self.name:
+                sign = "+" if factor > 0 else "-"
+                text += f" {sign} {number(abs(factor), 3)} {name}"
+        return text
 
     def half_width(self, level: float = 0.95) -> float:
         """Half the interval at a level.
@@ -108,17 +110,18 @@ class ParameterGroups:
     """Solution and its linearisation."""
 
     @cached_property
-    def kept(self) -> list[int]:
+    def independent_columns(self) -> list[int]:
         """Independent columns: those that were fitted, or by Gram-Schmidt in the order of preference."""
-        if (fitted := self.fit.problem.independent) is not None:
-            return list(fitted.columns)
-        A, names = self.fit.weighted[0], self.fit.names
+        if self.fit.problem.independent is not None:
+            return list(self.fit.problem.independent.columns)
+        A, names = self.fit.weighted_rows[0], self.fit.names
         size = np.linalg.norm(A, axis=0)
         Q, kept = np.zeros((len(A), 0)), list[int]()
         order = sorted(range(len(names)), key=lambda k: _order(names[k]))
         every: list[tuple[float, int]] = list(product((_DISTINCT, _DEPENDENT), order))
         for least, k in every:
-            if k in kept or size[k] < (_SHORT if least == _DISTINCT else _NOTHING) * size.max():
+            min_size = _SHORT_COLUMN if least == _DISTINCT else _ZERO_COLUMN
+            if k in kept or size[k] < min_size * size.max():
                 continue
             v = A[:, k] / size[k]
             for _ in range(2):
@@ -132,7 +135,7 @@ class ParameterGroups:
     @property
     def rank(self) -> int:
         """Number of groups, including those of the targets."""
-        return len(self.kept)
+        return len(self.independent_columns)
 
     @cached_property
     def theory(self) -> int:
@@ -146,7 +149,7 @@ class ParameterGroups:
     @cached_property
     def covariance(self) -> Array:
         """(k, k) of the independent parameters, with the prior of the fit."""
-        A, y = self.fit.weighted
+        A, y = self.fit.weighted_rows
         prior, kept = self.independent.prior(self.fit.problem.wide), list(self.independent.columns)
         N = (A.T @ A)[np.ix_(kept, kept)]
         N[: len(prior), : len(prior)] += (prior.T @ prior)[np.ix_(kept[: len(prior)], kept[: len(prior)])]
@@ -163,10 +166,10 @@ class ParameterGroups:
     @cached_property
     def independent(self) -> IndependentParameters:
         """Independent columns, and the factors (k, p) of the chain's parameters in the group of each."""
-        if (fitted := self.fit.problem.independent) is not None:
-            return fitted
-        A, p = self.fit.weighted[0], len(self.fit.problem.chain.parameters)
-        kept = sorted(self.kept, key=lambda k: k >= p)
+        if self.fit.problem.independent is not None:
+            return self.fit.problem.independent
+        A, p = self.fit.weighted_rows[0], len(self.fit.problem.chain.parameters)
+        kept = sorted(self.independent_columns, key=lambda k: k >= p)
         rest = [k for k in range(p) if k not in kept]
         size = np.linalg.norm(A[:, kept], axis=0)
         K = np.linalg.lstsq(A[:, kept] / size, A[:, rest], rcond=None)[0] / size[:, None]
@@ -220,7 +223,7 @@ def fitted_in_groups(fit: CalibrationFit) -> CalibrationFit:
         values = np.zeros(len(chain.parameters))
         values[list(columns[: len(groups.values)])] = groups.values
         problem = replace(fit.problem, independent=groups.independent)
-        found = problem.fitted(Estimate(chain.corrections(values), found.state.targets))
+        found = problem.solve(Estimate(chain.corrections(values), found.state.targets))
     return found if found.rms <= _AS_GOOD * fit.rms else fit
 
 
@@ -258,7 +261,7 @@ class Remaining:
     @cached_property
     def _information(self) -> tuple[Array, Array]:
         """Eigenvalues and vectors of A' W A over the file's deviations."""
-        S = self.fit.weighted[0] * self.wide
+        S = self.fit.weighted_rows[0] * self.wide
         values, U = np.linalg.eigh(S.T @ S)
         return np.maximum(values, 0.0), U
 
@@ -293,7 +296,7 @@ class Remaining:
         if added is None:
             values, U = self._information
         else:
-            S = np.concatenate([self.fit.weighted[0], added]) * self.wide
+            S = np.concatenate([self.fit.weighted_rows[0], added]) * self.wide
             values, U = np.linalg.eigh(S.T @ S)
             values = np.maximum(values, 0.0)
         seen = (J @ U[:p]) ** 2
@@ -320,9 +323,9 @@ class Remaining:
     @property
     def is_unseen(self) -> bool:
         """True if poses or kinds of the readings, not their noise, leave a large part of the error."""
-        if self.rms > max(_UNSEEN * self.by_noise, _LEAST):
+        if self.rms > max(_MAX_RATIO_TO_NOISE * self.by_noise, _MIN_ERROR):
             return True
-        return self.rms > max(_LITTLE * self.by_file, _NOISE_OF_TIP * self.fit.noise)
+        return self.rms > max(_MAX_SHARE_OF_FILE_ERROR * self.by_file, _NOISE_OF_TIP * self.fit.noise)
 
     @cached_property
     def worst(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from ..core.errors import ValueRangeError
 from ..core.typing import Array
 from .fit import CalibrationFit, CalibrationProblem, Estimate
-from .measurements import LEAST, SAME, Measurements
+from .measurements import MAX_JOINT_DIFFERENCE, MIN_CONFIGURATIONS, Measurements
 from .targets import targets_from_tips
 
 FOLDS = 6
@@ -39,7 +39,7 @@ class HeldOutError:
 
 def configuration_labels(m: Measurements) -> Array:
     """(n,) numbers that are equal for equal configurations, and for the two of a pair if no pairs overlap."""
-    labels = np.unique(np.round(m.q / SAME).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    labels = np.unique(np.round(m.q / MAX_JOINT_DIFFERENCE).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
     if m.pairs is not None and len(np.unique(labels[m.pairs])) == m.pairs.size:
         labels[m.pairs[:, 1]] = labels[m.pairs[:, 0]]
     return np.asarray(labels)
@@ -64,9 +64,9 @@ def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
         test = [mask & (fold == k).all(axis=1) for mask, fold in zip(kept, folds, strict=True)]
         train = tuple(mask & (fold != k).all(axis=1) for mask, fold in zip(kept, folds, strict=True))
         left = min(len(np.unique(x[mask])) for x, mask in zip(configurations, train, strict=True))
-        if not any(mask.any() for mask in test) or left < LEAST:
+        if not any(mask.any() for mask in test) or left < MIN_CONFIGURATIONS:
             continue
-        found = replace(problem, used=train).fitted(fit.state)
+        found = replace(problem, used=train).solve(fit.state)
         lengths += [e[mask] for e, mask in zip(found.errors, test, strict=True)]
         angles += [e[mask] for e, mask in zip(found.turns, test, strict=True) if e.size]
     if not lengths:
@@ -76,14 +76,14 @@ def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
     return _error(lengths, angles)
 
 
-def of_test(fit: CalibrationFit, measured: Sequence[Measurements]) -> HeldOutError:
+def error_of_test(fit: CalibrationFit, measured: Sequence[Measurements]) -> HeldOutError:
     """Error of other readings; their targets are refitted, and the tip too if the ball was mounted again."""
     problem = CalibrationProblem(fit.problem.chain, tuple(measured))
     at = fit.state.corrections
     tips = [problem.chain.tips(m.q, at) for m in measured]
     mounted = replace(fit, problem=problem, state=Estimate(at, tuple(targets_from_tips(measured, tips))))
     mounted = replace(mounted, equations=problem.equations(mounted.state))
-    again = problem.fitted(mounted.state, frames_only=True)
+    again = problem.solve(mounted.state, frames_only=True)
     plain, other = _error(mounted.errors, mounted.turns), _error(again.errors, again.turns)
     if other.rms > 0.5 * plain.rms:
         return plain

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 _SCALE_SIZE, _DEVIATIONS = 5e-3, 3.0
 """Smallest scale error, and smallest error of an instrument in its standard deviations, that are doubted."""
-_FAR = 5.0
+_MIN_LOST_OFFSET = 5.0
 """Offset of a zero, over the deviation of the file, from which the zero is lost and the file does not constrain it."""
 _SAME_EFFECT = 1e-3
 """Part of a further column, beside those of the fit, below which parameters have the same effect."""
-_CHANCE, _HALF = 1e-4, 0.5
+_CHANCE, _MAX_RESIDUAL_SHARE = 1e-4, 0.5
 """Largest probability of a step by chance, and largest share of the residual (rms) that it may leave."""
-_BESIDE = 3
+_MIN_ROWS_BESIDE = 3
 """Least number of readings on either side of a step."""
 
 
@@ -96,20 +96,20 @@ def _offset(x: _InstrumentError, noise: float) -> Iterator[tuple[float, Offered]
 def _instrument_error(found: CalibratedRobot, columns: Sequence[Array]) -> _InstrumentError:
     """Factor of a further column (m, 1 or 3) of each measurement's lengths."""
     fit, parts = found.fit, list[Array]()
-    A, y = fit.weighted
+    A, y = fit.weighted_rows
     for m, W, values in zip(fit.problem.measured, fit.weights, columns, strict=True):
         column = np.zeros(W.shape)
         column[:, m.angle_rows :] = values
         parts.append((column * W).ravel())
     column = np.concatenate([*parts, np.zeros(len(fit.equations.lengths))])
-    kept = A[:, found.parameter_groups.kept]
+    kept = A[:, found.parameter_groups.independent_columns]
     kept = kept / np.linalg.norm(kept, axis=0)
     away = column - kept @ np.linalg.lstsq(kept, column, rcond=None)[0]
     values = fit.problem.chain.values(fit.state.corrections)
     at = np.concatenate([values, np.zeros(len(fit.names) - len(values))])
     wide = found.remaining.wide
     is_zero = np.array([name.endswith(".zero") for name in fit.names])  # lengths would hide a scale
-    wide = np.where(is_zero & (np.abs(at) > _FAR * wide), np.abs(at), wide)
+    wide = np.where(is_zero & (np.abs(at) > _MIN_LOST_OFFSET * wide), np.abs(at), wide)
     B = np.concatenate([np.c_[A, column], np.c_[np.diag(1.0 / wide), np.zeros(len(wide))]])
     x = np.linalg.lstsq(B, -np.concatenate([y, at / wide]), rcond=None)[0]
     deviation = float(np.sqrt(np.linalg.inv(B.T @ B)[-1, -1]))
@@ -140,7 +140,7 @@ class _Step(NamedTuple):
 def step_doubts(found: CalibratedRobot) -> list[Doubt]:
     """Target that has slipped on the tip, or instrument that has moved: the change that explains most of the residual."""
     every = [step for b in range(len(found.fit.problem.measured)) for step in _steps(found, b)]
-    sure = [step for step in every if step.chance < _CHANCE and step.left < _HALF]
+    sure = [step for step in every if step.chance < _CHANCE and step.left < _MAX_RESIDUAL_SHARE]
     if not sure:
         return []
     best = min(sure, key=lambda step: step.left)
@@ -156,11 +156,11 @@ def step_doubts(found: CalibratedRobot) -> list[Doubt]:
 def _steps(found: CalibratedRobot, b: int) -> Iterator[_Step]:
     """Best step of the target on the tip, and of the instrument, among the readings of a measurement."""
     fit, m = found.fit, found.fit.problem.measured[b]
-    if m.pairs is not None or m.count < 2 * _BESIDE:
+    if m.pairs is not None or m.count < 2 * _MIN_ROWS_BESIDE:
         return
     even = [np.broadcast_to(W.max(axis=0), W.shape) for W in fit.weights]  # outliers may be the readings after a step
-    A, y = fit.equations.weighted(even)
-    Q = np.linalg.qr(A[:, found.parameter_groups.kept])[0]
+    A, y = fit.equations.weighted_rows(even)
+    Q = np.linalg.qr(A[:, found.parameter_groups.independent_columns])[0]
     left = y - Q @ (Q.T @ y)
     p = len(fit.problem.chain.parameters)
     first = p + sum(len(target.names) for target in fit.state.targets[:b])
@@ -172,7 +172,9 @@ def _steps(found: CalibratedRobot, b: int) -> Iterator[_Step]:
         if not columns:
             continue
         moving = fit.equations.design[b][:, :, list(columns)]
-        row, x, rest = min(_after_each_row(moving, even[b], left, Q, ahead), key=lambda step: float(step[2] @ step[2]))
+        row, x, rest = min(
+            _steps_from_each_row(moving, even[b], left, Q, ahead), key=lambda step: float(step[2] @ step[2])
+        )
         squares = float(rest @ rest)
         shares = [np.linalg.norm(rest[rows]) / np.linalg.norm(left[rows]) for rows in (lengths, angles) if len(rows)]
         freedom, count = len(A) - len(Q.T) - len(x), len(x)
@@ -182,13 +184,13 @@ def _steps(found: CalibratedRobot, b: int) -> Iterator[_Step]:
         yield _Step(kind, b, row, float(size), float(min(shares)), chance)
 
 
-def _after_each_row(
+def _steps_from_each_row(
     moving: Array, weights: Array, left: Array, Q: Array, ahead: int
 ) -> Iterator[tuple[int, Array, Array]]:
     """First row, size (c,) and residual of a step of the columns (m, r, c) from each row on."""
     m, r, c = moving.shape
     weighted = (moving * weights[..., None]).reshape(m * r, c)
-    for row in range(_BESIDE, m - _BESIDE + 1):
+    for row in range(_MIN_ROWS_BESIDE, m - _MIN_ROWS_BESIDE + 1):
         S = np.zeros((len(left), c))
         S[ahead + row * r : ahead + m * r] = weighted[row * r :]
         S -= Q @ (Q.T @ S)

@@ -33,11 +33,11 @@ KINDS: tuple[ReadingKind, ...] = get_args(ReadingKind)
 TOUCHES = ("point", "plane", "sphere")
 LENGTHS_MEASURED = ("pose", "position", "distance", "pair")
 """Kinds whose readings are lengths."""
-LEAST = 3
+MIN_CONFIGURATIONS = 3
 """Smallest number of configurations."""
-LARGEST = 1e6
+MAX_VALUE = 1e6
 """Largest joint position and reading, in any unit that files have."""
-SAME = 1e-9
+MAX_JOINT_DIFFERENCE = 1e-9
 """Largest difference of the joints at one configuration [rad, m]."""
 
 
@@ -118,17 +118,17 @@ class Measurements:
             raise ValueRangeError(f"kind {kind} has {has} readings for {wanted[str(kind)]}. Give one for each.")
         for name in ("q", "positions", "distances"):
             values = np.abs(np.zeros(0) if getattr(self, name) is None else getattr(self, name))
-            if values.size and values.max() > LARGEST:
+            if values.size and values.max() > MAX_VALUE:
                 row = int(np.unravel_index(values.argmax(), values.shape)[0])
                 raise ValueRangeError(
-                    f"{name}[{row}] has {printed(values.max())}. Give at most {printed(LARGEST)} rad or m."
+                    f"{name}[{row}] has {printed(values.max())}. Give at most {printed(MAX_VALUE)} rad or m."
                 )
         if self.targets is not None and len(self.targets) != n:
             raise ValueRangeError(f"{len(self.targets)} targets for {n} configurations. Give one for each.")
         if self.pairs is not None and self.pairs.size and not (self.pairs.min() >= 0 and self.pairs.max() < n):
             raise ValueRangeError(f"pairs names rows outside 0 … {n - 1}. Count the rows from 0.")
         if self.pairs is not None and self.pairs.size:
-            equal = np.abs(self.q[self.pairs[:, 0]] - self.q[self.pairs[:, 1]]).max(axis=1) <= SAME
+            equal = np.abs(self.q[self.pairs[:, 0]] - self.q[self.pairs[:, 1]]).max(axis=1) <= MAX_JOINT_DIFFERENCE
             if equal.any():
                 first, second = self.pairs[int(equal.argmax())]
                 raise ValueRangeError(
@@ -305,13 +305,16 @@ class _MeasurementFile:
         """Measurements of the file."""
         rows = [cells for _, cells in self.file.rows()]
         if not rows:
-            raise ValueRangeError(f"{self.path}: no readings below the header. Give at least {LEAST} rows.")
+            raise ValueRangeError(
+                f"{self.path}: no readings below the header. Give at least {MIN_CONFIGURATIONS} rows."
+            )
         has = {name for name, _ in self.names if name}
         kind = self.kind or self._kind(has)
         needed = {"pose": _POINT, "position": _POINT, "distance": ("distance",), "pair": ("distance", "pair")}.get(
             kind, ()
         )
-        if missing := [name for name in needed if name not in has]:
+        missing = [name for name in needed if name not in has]
+        if missing:
             raise ValueRangeError(
                 f"{self.path}: kind {kind} needs the columns {listed(missing)}. Found: {listed(self.file.header)}."
             )
@@ -419,14 +422,17 @@ class _MeasurementFile:
         cells = ["" if name else cell for cell, (name, _) in zip(self.file.header, self.names, strict=True)]
         reading = Reading(self.path, self.columns, degrees=self.degrees)
         found = Assignment(cells, str(self.path), coordinates, reading)
-        found.names = {part: tuple(coordinates.names[k] for k in needed) if part == "q" else () for part in found.names}
+        names: dict[str, tuple[str, ...]] = dict.fromkeys(found.names, ())
+        names["q"] = tuple(coordinates.names[k] for k in needed)
+        found.names = names
         for (part, k), choice in found.requested_choices(self.columns).items():
             found.assign(part, k, choice)
         found.assign_by_exact_name()
         found.assign_by_words()
         if len(found.given["q"]) < len(needed):
             found.assign_by_rules([])
-        if missing := [coordinates.names[k] for place, k in enumerate(needed) if place not in found.given["q"]]:
+        missing = [coordinates.names[k] for place, k in enumerate(needed) if place not in found.given["q"]]
+        if missing:
             raise TrajectoryError(
                 f"{self.path}: no column for {listed(missing)} on the way to the tip; {found.found_text()}"
             )
@@ -445,7 +451,7 @@ def rotations_from_roll(angles: Array) -> Array:
     return np.asarray(z @ y @ x)
 
 
-def as_measurements(
+def read_measurements(
     given: str | Path | Measurements, robot: Robot, kind: str | None, tip: str | None, *, degrees: bool = False
 ) -> Measurements:
     """Measurements from a path or as they are. Raises NotFoundError and others of :meth:`Measurements.from_file`."""

@@ -26,7 +26,7 @@ from ..shapes.capsules import CapsuleDistances, LinkCapsules
 from .chain import Corrections, TipChain
 from .fit import CalibrationFit, CalibrationProblem, Estimate
 from .groups import ParameterGroups, Remaining
-from .measurements import Measurements, as_measurements
+from .measurements import Measurements, read_measurements
 from .targets import CentreTarget, FrameTarget, MeasuredTarget, PairTarget
 
 PlannedKind = Literal["pose", "position", "distance", "pair"]
@@ -42,7 +42,7 @@ FACING = np.cos(np.radians(60.0))
 """Cosine of the largest angle between the tip's z axis and the direction to a tracker."""
 SHARE = 0.1
 """Largest share of the file's error that may remain for OK."""
-_MOST = 1_000
+_MAX_READINGS = 1_000
 _MILESTONES = (6, 8, 10, 12, 16, 20, 25, 30, 40, 60, 100, 200, 400)
 """Numbers of readings whose predicted error is listed."""
 
@@ -243,8 +243,8 @@ def measuring_poses(
     30
     """
     most = arguments.integer(count, "count")
-    if not 3 <= most <= _MOST:
-        raise ValueRangeError(f"count is {most}. Plan 3 to {_MOST:,} readings, better 30.")
+    if not 3 <= most <= _MAX_READINGS:
+        raise ValueRangeError(f"count is {most}. Plan 3 to {_MAX_READINGS:,} readings, better 30.")
     arguments.choice(kind, "kind", ("pose", "position", "distance", "pair"))
     length, angle = (arguments.positive(x, "noise") for x in np.broadcast_to(NOISE if noise is None else noise, 2))
     accuracy = tuple(arguments.positive(x, "file_accuracy") for x in np.broadcast_to(file_accuracy, 2))
@@ -256,19 +256,19 @@ def measuring_poses(
             "distances need their fixed end: give its place in the base frame [m], {0}.",
             Argument("towards", Placeholder("X,Y,Z")),
         )
-    known = [] if after is None else [as_measurements(after, arm, None, tip, degrees=degrees)]
-    existing = CalibrationProblem(chain, tuple(known)).fitted() if known else None
+    known = [] if after is None else [read_measurements(after, arm, None, tip, degrees=degrees)]
+    existing = CalibrationProblem(chain, tuple(known)).solve() if known else None
     at, off_axis = _start(chain, existing)
     capsules = _capsules(arm, clear=clear, floor=floor)
     q = _clear_configurations(chain, at, capsules, goal if kind != "distance" else None, seed)
     design = _Design(chain, at, existing, (length, angle), (accuracy[0], accuracy[1]))
-    candidates = _expected(chain, at, q, kind, goal)
+    candidates = _expected_readings(chain, at, q, kind, goal)
     if candidates.count < most:
         raise ValueRangeError(
             f"only {candidates.count} of {CANDIDATES:,} random configurations are clear"
             f"{'' if goal is None else ' and point there'}. Ask for fewer, or lower the floor."
         )
-    chosen = design.chosen(candidates, most, goal)
+    chosen = design.choose(candidates, most, goal)
     reference = arm.random_configuration(seed + 1, REFERENCE)
     counts = (*(n for n in _MILESTONES if n < most), most)
 
@@ -277,7 +277,7 @@ def measuring_poses(
 
     fit = design.fit(candidates.taken(chosen), goal)
     return MeasuringPoses(
-        arm, _in_order(fit.problem.measured[-1]), fit, counts, np.array([remaining(n) for n in counts]),
+        arm, _nearest_next(fit.problem.measured[-1]), fit, counts, np.array([remaining(n) for n in counts]),
         Remaining(fit, reference, design.accuracy).by_file, (length, angle), off_axis, capsules,
     )  # fmt: skip
 
@@ -331,7 +331,7 @@ def _clear_configurations(
     return np.asarray(q[kept])
 
 
-def _expected(chain: TipChain, at: Corrections, q: Array, kind: str, goal: Array | None) -> Measurements:
+def _expected_readings(chain: TipChain, at: Corrections, q: Array, kind: str, goal: Array | None) -> Measurements:
     """Readings of a kind that the corrected chain would give, in the base frame."""
     T = chain.tips(q, at)
     p = T[:, :3, 3]
@@ -377,7 +377,7 @@ class _Design:
         every = (*(self.existing.weights if self.existing else ()), weights)
         return CalibrationFit(problem, state, problem.equations(state), every)
 
-    def chosen(self, candidates: Measurements, count: int, goal: Array | None) -> Array:
+    def choose(self, candidates: Measurements, count: int, goal: Array | None) -> Array:
         """Readings in the order of choice: each adds most to log det M."""
         fit = self.fit(candidates, goal)
         wide = Remaining(fit, candidates.q[:1], self.accuracy).wide
@@ -398,7 +398,7 @@ class _Design:
         return np.array(found)
 
 
-def _in_order(planned: Measurements) -> Array:
+def _nearest_next(planned: Measurements) -> Array:
     """Configurations of the readings, each next one the nearest that is left; both of a pair stay together."""
     blocks = planned.q[:, None] if planned.pairs is None else planned.q[planned.pairs]
     left, place, found = list(range(len(blocks))), blocks[0, 0], list[Array]()

@@ -27,16 +27,16 @@ from .result_view import millimetres
 if TYPE_CHECKING:
     from .result import CalibratedRobot
 
-_LARGE, _TURNED, _SHARE = 1e-3, 20e-3, 0.2
+_MIN_RESIDUAL, _MIN_TURN, _MIN_RESIDUAL_SHARE = 1e-3, 20e-3, 0.2
 """Residual [m], [rad], and as a share of the error before, from which readings are taken otherwise."""
 _MANY_OUTLIERS = 0.05
-_HALF = 0.5
+_MAX_MISFIT_SHARE = 0.5
 """Largest misfit of a named alternative, as a share of that of the readings as given."""
-_ALIKE = 1.5
+_MAX_EQUAL_RATIO = 1.5
 """Ratio of misfits up to which alternatives are equal, as below 1 mm: that which fits targets and tip alone is named."""
 _LEVER = 0.3
 """Length [m] by which angles count in the misfit."""
-_BEST = 3
+_FULL_FITS = 3
 _NOTHING_FITS = 10e-3
 """Misfit [m] of all readings above which the robot itself is doubted, and an alternative explains nothing."""
 _GAIN = 0.8
@@ -72,13 +72,13 @@ def reading_doubts(found: CalibratedRobot) -> list[Doubt]:
     fit = found.fit
     turn = max((float(np.sqrt(np.mean(t**2))) for t in fit.turns if t.size), default=0.0)
     many = len(fit.outliers) > _MANY_OUTLIERS * sum(m.count for m in fit.problem.measured)
-    improved = fit.rms < _SHARE * found.before or found.needs_nothing
-    explained = fit.rms < _LARGE and turn < _TURNED and improved and not many
+    improved = fit.rms < _MIN_RESIDUAL_SHARE * found.before or found.needs_nothing
+    explained = fit.rms < _MIN_RESIDUAL and turn < _MIN_TURN and improved and not many
     if explained and not _has_large_zero(found):
         return []
     problem = replace(fit.problem, independent=None)
-    plain = _misfit(found.plain if explained else replace(problem, keep_outliers=True).fitted())
-    best = _of_convention(problem, plain) if explained else _best(problem, plain)
+    plain = _misfit(found.plain if explained else replace(problem, keep_outliers=True).solve())
+    best = _best_convention(problem, plain) if explained else _best(problem, plain)
     if best is not None:
         one, misfit = best
         return [
@@ -98,33 +98,32 @@ def _has_large_zero(found: CalibratedRobot) -> bool:
     return any(own < _ANGLE_ENTRIES and abs(x[own]) > _LARGE_ZERO for own, x in zip(chain.own, twists, strict=True))
 
 
-def _of_convention(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
+def _best_convention(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
     """Alternative with which the file is nearly right, where the fit has moved a zero all the way."""
-    tried = [(_tried(problem, one, frames_only=True), k, one) for k, one in enumerate(_alternatives(problem))]
+    tried = [(_misfit_with(problem, one, frames_only=True), k, one) for k, one in enumerate(_alternatives(problem))]
     misfit, _, one = min(tried, key=lambda entry: entry[:2])
-    return (one, misfit) if misfit < _SHARE * plain else None
+    return (one, misfit) if misfit < _MIN_RESIDUAL_SHARE * plain else None
 
 
 def _best(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
     """Alternative that more than halves the misfit: the three best of targets and tip alone are fitted in full."""
-    first = [(_tried(problem, one, frames_only=True), k, one) for k, one in enumerate(_alternatives(problem))]
-    best = sorted(first, key=lambda entry: entry[:2])[:_BEST]
-    full = [_tried(problem, one, frames_only=False) for _, _, one in best]
-    alike = [k for k, misfit in enumerate(full) if misfit <= max(_ALIKE * min(full), _LARGE)]
-    if not min(full) < min(_HALF * plain, _NOTHING_FITS):
+    first = [(_misfit_with(problem, one, frames_only=True), k, one) for k, one in enumerate(_alternatives(problem))]
+    best = sorted(first, key=lambda entry: entry[:2])[:_FULL_FITS]
+    full = [_misfit_with(problem, one, frames_only=False) for _, _, one in best]
+    alike = [k for k, misfit in enumerate(full) if misfit <= max(_MAX_EQUAL_RATIO * min(full), _MIN_RESIDUAL)]
+    if not min(full) < min(_MAX_MISFIT_SHARE * plain, _NOTHING_FITS):
         return None
-    usual = [
-        k for k in alike if best[k][0] <= _ALIKE * best[alike[0]][0]
-    ]  # targets and tip alone tell zeros of 90° and 180°
+    # Targets and tip alone tell zeros of 90° and 180°.
+    usual = [k for k in alike if best[k][0] <= _MAX_EQUAL_RATIO * best[alike[0]][0]]
     chosen = min(usual, key=lambda k: best[k][1])
     return best[chosen][2], full[chosen]
 
 
-def _tried(problem: CalibrationProblem, one: Alternative, *, frames_only: bool) -> float:
+def _misfit_with(problem: CalibrationProblem, one: Alternative, *, frames_only: bool) -> float:
     """Misfit with an alternative; infinite if it cannot be fitted."""
     try:
         measured = tuple(map(one.change, problem.measured))
-        return _misfit(replace(problem, measured=measured, keep_outliers=True).fitted(frames_only=frames_only))
+        return _misfit(replace(problem, measured=measured, keep_outliers=True).solve(frames_only=frames_only))
     except (TwistWrenchError, np.linalg.LinAlgError):
         return math.inf
 
@@ -145,36 +144,47 @@ def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
     turning = [k for k, turns in zip(columns, chain.turning, strict=True) if turns]
     if kinds & set(LENGTHS_MEASURED):
         for factor, unit in ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches")):
-            yield Alternative("unit", (), partial(_scaled, factor=factor), factor, "", unit)
+            yield Alternative("unit", (), partial(_scale_readings, factor=factor), factor, "", unit)
     for factor, words in ((math.radians(1.0), "degrees"), (math.degrees(1.0), "rad")):
         yield Alternative("degrees", (), partial(_q_times, columns=turning, factor=factor), factor, "", words)
     for (a, i), (b, j) in combinations(zip(joints, columns, strict=True), 2):
-        yield Alternative("exchanged", (a, b), partial(_exchanged, i=i, j=j))
+        yield Alternative("exchanged", (a, b), partial(_exchange_joints, i=i, j=j))
     for joint, k in zip(joints, columns, strict=True):
         yield Alternative("sign", (joint,), partial(_q_times, columns=[k], factor=-1.0))
     for joint, k in zip(joints, columns, strict=True):
-        for degrees in (90.0, -90.0, 180.0) if k in turning else ():
+        if k not in turning:
+            continue
+        for degrees in (90.0, -90.0, 180.0):
             yield Alternative(
                 "zero", (joint,), partial(_q_plus, k=k, offset=math.radians(degrees)), degrees, "°", number(degrees)
             )
     if kinds & {"pose", "position"}:
-        yield Alternative("left-handed", (), _mirrored)
+        yield Alternative("left-handed", (), _mirror_readings)
     for rows, words in ((1, "late"), (-1, "early")):
-        yield Alternative("row-shift", (), partial(_shifted, rows=rows), float(rows), "rows", words)
+        yield Alternative("row-shift", (), partial(_shift_rows, rows=rows), float(rows), "rows", words)
     if "pose" in kinds:
-        yield Alternative("inverse", (), partial(_turned, change=se3.inverse))
+        yield Alternative("inverse", (), partial(_change_poses, change=se3.inverse))
         for places, words in ((-1, "w, x, y, z in place of x, y, z, w"), (1, "x, y, z, w in place of w, x, y, z")):
             yield Alternative(
-                "quaternion-order", (), partial(_turned, change=partial(_rolled, places=places)), None, "", words
+                "quaternion-order",
+                (),
+                partial(_change_poses, change=partial(_roll_quaternions, places=places)),
+                None,
+                "",
+                words,
             )
         for words, read in _ANGLES.items():
-            yield Alternative("angle-order", (), partial(_turned, change=read), None, "", words)
+            yield Alternative("angle-order", (), partial(_change_poses, change=read), None, "", words)
 
 
-def _scaled(m: Measurements, factor: float) -> Measurements:
-    poses = None if m.poses is None else np.asarray(se3.pose(m.rotations, factor * m.points))
-    positions = None if m.positions is None else factor * m.positions
-    return replace(m, poses=poses, positions=positions, distances=None if m.distances is None else factor * m.sizes)
+def _scale_readings(m: Measurements, factor: float) -> Measurements:
+    if m.poses is not None:
+        m = replace(m, poses=np.asarray(se3.pose(m.rotations, factor * m.points)))
+    if m.positions is not None:
+        m = replace(m, positions=factor * m.positions)
+    if m.distances is not None:
+        m = replace(m, distances=factor * m.distances)
+    return m
 
 
 def _q_times(m: Measurements, columns: list[int], factor: float) -> Measurements:
@@ -187,31 +197,35 @@ def _q_plus(m: Measurements, k: int, offset: float) -> Measurements:
     return replace(m, q=m.q + offset * np.eye(m.q.shape[1])[k])
 
 
-def _exchanged(m: Measurements, i: int, j: int) -> Measurements:
+def _exchange_joints(m: Measurements, i: int, j: int) -> Measurements:
     q = m.q.copy()
     q[:, [i, j]] = q[:, [j, i]]
     return replace(m, q=q)
 
 
-def _shifted(m: Measurements, rows: int) -> Measurements:
+def _shift_rows(m: Measurements, rows: int) -> Measurements:
     if m.pairs is not None or m.kind not in ("pose", "position", "distance"):
         return m
     ahead, behind = m.taken(np.arange(1, len(m))), m.taken(np.arange(len(m) - 1))
     return replace(behind, q=ahead.q) if rows > 0 else replace(ahead, q=behind.q)
 
 
-def _mirrored(m: Measurements) -> Measurements:
+def _mirror_readings(m: Measurements) -> Measurements:
     M = np.diag([1.0, 1.0, -1.0])
     if m.poses is not None:
         return replace(m, poses=np.asarray(se3.pose(M @ m.rotations @ M, m.points @ M)))
-    return m if m.positions is None else replace(m, positions=m.points @ M)
+    if m.positions is not None:
+        return replace(m, positions=m.points @ M)
+    return m
 
 
-def _turned(m: Measurements, change: Callable[[Array], Array]) -> Measurements:
-    return m if m.poses is None else replace(m, poses=np.asarray(change(m.poses)))
+def _change_poses(m: Measurements, change: Callable[[Array], Array]) -> Measurements:
+    if m.poses is None:
+        return m
+    return replace(m, poses=np.asarray(change(m.poses)))
 
 
-def _rolled(T: Array, places: int) -> Array:
+def _roll_quaternions(T: Array, places: int) -> Array:
     quat = np.stack([quaternion.from_matrix(R) for R in T[:, :3, :3]])
     return np.asarray(se3.pose(quaternion.rotation(np.roll(quat, places, axis=1)), T[:, :3, 3]))
 
@@ -225,13 +239,13 @@ def _moving_axes(angles: Array) -> Array:
     return np.swapaxes(rotations_from_roll(-angles), 1, 2)
 
 
-def _swapped(angles: Array) -> Array:
+def _rotations_from_yaw(angles: Array) -> Array:
     return rotations_from_roll(angles[:, ::-1])
 
 
 _ANGLES: dict[str, Callable[[Array], Array]] = {
     "moving axes x, y, z": partial(_read_again, angles=rpy_of_rotation, rotations=_moving_axes),
-    "the order yaw, pitch, roll": partial(_read_again, angles=rpy_of_rotation, rotations=_swapped),
+    "the order yaw, pitch, roll": partial(_read_again, angles=rpy_of_rotation, rotations=_rotations_from_yaw),
     "a rotation vector": partial(_read_again, angles=rpy_of_rotation, rotations=so3.exp),
     "roll, pitch, yaw": partial(_read_again, angles=so3.log, rotations=rotations_from_roll),
 }
@@ -251,7 +265,7 @@ def effect_doubts(found: CalibratedRobot) -> Iterator[Offered]:
             continue
         with_effect = replace(problem, chain=replace(chain, assume=(*chain.assume, effect)), independent=None)
         try:
-            fit = fitted_in_groups(with_effect.fitted())
+            fit = fitted_in_groups(with_effect.solve())
         except (TwistWrenchError, np.linalg.LinAlgError):
             continue
         rms = cross_validated(fit, int(found.settings["seed"])).rms

@@ -89,7 +89,7 @@ class CalibratedRobot(Answer):
     @cached_property
     def robot(self) -> Robot:
         """Robot with the corrected geometry, at configurations without gear error and sag."""
-        return self.fit.problem.chain.calibrated(self.fit.state.corrections)
+        return self.fit.problem.chain.calibrated_robot(self.fit.state.corrections)
 
     @cached_property
     def parameter_groups(self) -> ParameterGroups:
@@ -97,7 +97,7 @@ class CalibratedRobot(Answer):
         return ParameterGroups(self.fit)
 
     @cached_property
-    def _listed(self) -> list[ParameterGroup]:
+    def _group_list(self) -> list[ParameterGroup]:
         return self.parameter_groups.all
 
     @property
@@ -113,17 +113,17 @@ class CalibratedRobot(Answer):
     @property
     def groups(self) -> list[str]:
         """Names of the groups without the targets' unknowns: ``joint_2.zero + 3.7 joint_3.x``."""
-        return [group.text for group in self._listed]
+        return [group.text for group in self._group_list]
 
     @property
     def values(self) -> Array:
         """(k,) values of the groups [rad, m]."""
-        return np.array([group.value for group in self._listed])
+        return np.array([group.value for group in self._group_list])
 
     @property
     def standard_deviations(self) -> Array:
         """(k,) standard deviations of the groups."""
-        return np.array([group.deviation for group in self._listed])
+        return np.array([group.deviation for group in self._group_list])
 
     def interval(self, level: float = 0.95) -> Array:
         """Intervals of the groups, with Student's quantiles.
@@ -136,12 +136,12 @@ class CalibratedRobot(Answer):
         -------
         bounds : (k, 2) array [rad, m]
         """
-        half = np.array([group.half_width(level) for group in self._listed])
+        half = np.array([group.half_width(level) for group in self._group_list])
         return np.stack([self.values - half, self.values + half], axis=1)
 
     def _of(self, word: str) -> dict[str, tuple[float, float]]:
         """Value and half width of each joint's parameter that leads a group."""
-        found = {g.name.rpartition(".")[0]: g for g in self._listed if g.name.endswith(f".{word}")}
+        found = {g.name.rpartition(".")[0]: g for g in self._group_list if g.name.endswith(f".{word}")}
         return {joint: (g.value, g.half_width()) for joint, g in found.items()}
 
     @property
@@ -316,10 +316,12 @@ class CalibratedRobot(Answer):
         -------
         data : dict, as written by ``--json``
         """
-        pairs = {name: {j: list(pair) for j, pair in getattr(self, name).items()} for name in ("zeros", "sag", "gears")}
+        pairs = {}
+        for name in ("zeros", "sag", "gears"):
+            pairs[name] = {joint: list(pair) for joint, pair in getattr(self, name).items()}
         groups = [
             {"name": g.text, "terms": dict(g.terms), "value": g.value, "low": low, "high": high, "unit": g.unit}
-            for g, (low, high) in zip(self._listed, self.interval().tolist(), strict=True)
+            for g, (low, high) in zip(self._group_list, self.interval().tolist(), strict=True)
         ]
         return super().to_dict() | {
             "doubts": [

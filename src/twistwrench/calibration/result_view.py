@@ -14,8 +14,8 @@ from .measurements import TOUCHES
 from .result import CalibratedRobot
 
 _MILLI = 1e3
-_MOST = 12
-_ALIKE = 2.0
+_MAX_GROUPS = 12
+_MAX_PREDICTED_RATIO = 2.0
 """Ratio of the predicted error to the held-out one up to which the held-out one stands for the tip."""
 _ROUNDING = 1e-6
 """Predicted error of the tip [m] that does not matter."""
@@ -35,7 +35,8 @@ def calibration_view(found: CalibratedRobot) -> Iterator[Block]:
     yield from _errors(found)
     yield from _groups(found)
     noise = millimetres(found.fit.deviations[0][0])
-    if angle := found.fit.deviations[0][1]:
+    angle = found.fit.deviations[0][1]
+    if angle:
         noise += f", {quantity(math.degrees(angle), '°', 2)}"
     count = len(found.fit.names)
     yield Line(
@@ -43,8 +44,11 @@ def calibration_view(found: CalibratedRobot) -> Iterator[Block]:
         f"Noise of a reading: {noise} (1 σ)."
     )
     notes = [str(doubt) for doubt in found.doubts if doubt.level == "note"]
-    notes += [found.held_out.note] if found.held_out.note else []
-    yield from remarks([*notes, *(note for m in found.fit.problem.measured for note in m.notes)])
+    if found.held_out.note:
+        notes.append(found.held_out.note)
+    for m in found.fit.problem.measured:
+        notes += m.notes
+    yield from remarks(notes)
 
 
 def noun_of_readings(found: CalibratedRobot) -> str:
@@ -63,7 +67,7 @@ def figures(found: CalibratedRobot) -> str:
     Readings that are not places of the tip, and places at similar poses, do not show its error over the reach.
     """
     held_out, before = millimetres(found.held_out.rms), millimetres(found.before)
-    if found.measures_tip and found.remaining.rms <= max(_ALIKE * found.held_out.rms, _ROUNDING):
+    if found.measures_tip and found.remaining.rms <= max(_MAX_PREDICTED_RATIO * found.held_out.rms, _ROUNDING):
         return f"the tip is right to {held_out} (rms, held out), {before} before"
     remaining, remaining_before = millimetres(found.remaining.rms), millimetres(found.remaining_before)
     return (
@@ -99,7 +103,10 @@ def _largest(found: CalibratedRobot) -> str:
     joint, (value, half) = max(found.zeros.items(), key=lambda item: abs(item[1][0]))
     chain = found.fit.problem.chain
     turns = chain.turning[chain.joints.index(joint)]
-    value, half, unit = (math.degrees(value), math.degrees(half), "°") if turns else (1e3 * value, 1e3 * half, " mm")
+    if turns:
+        value, half, unit = math.degrees(value), math.degrees(half), "°"
+    else:
+        value, half, unit = 1e3 * value, 1e3 * half, " mm"
     return f"; largest: zero of {joint} off by {' ± '.join(estimate(value, half))}{unit}"
 
 
@@ -121,34 +128,36 @@ def _errors(found: CalibratedRobot) -> Iterator[Table]:
 def _error_table(title: str, rows: Sequence[tuple[str, float, float | None, int]]) -> Table:
     """Rows of a name, rms, largest [m] and number of poses."""
 
-    def shown(value: float | None) -> str:
+    def millimetre_text(value: float | None) -> str:
         return number(None if value is None else _MILLI * value, 3, decimals=3)
 
     names, rms, largest, counts = zip(*rows, strict=True)
     return Table(
         title,
         words("", names, fold=False),
-        numbers("rms", rms, shown, "mm"),
-        numbers("largest", largest, shown, "mm"),
+        numbers("rms", rms, millimetre_text, "mm"),
+        numbers("largest", largest, millimetre_text, "mm"),
         numbers("poses", counts),
     )
 
 
-def _shown(group: ParameterGroup) -> tuple[str, float, float]:
+def _group_figures(group: ParameterGroup) -> tuple[str, float, float]:
     """Unit, value and half width of a group as it is read: mm, °, mrad/(N m), %."""
     if group.name.endswith(".gear"):
         unit, factor = "%", 100.0
     elif group.name.endswith(".sag"):
         unit, factor = "mrad/(N m)", _MILLI
+    elif group.is_length:
+        unit, factor = "mm", _MILLI
     else:
-        unit, factor = ("mm", _MILLI) if group.is_length else ("°", math.degrees(1.0))
+        unit, factor = "°", math.degrees(1.0)
     return unit, factor * group.value, factor * group.half_width()
 
 
 def _groups(found: CalibratedRobot) -> Iterator[Block]:
     """Table of groups; those that differ most from the file stand in the short form."""
     groups = found.parameter_groups.all
-    units, values, halves = zip(*(_shown(group) for group in groups), strict=True)
+    units, values, halves = zip(*(_group_figures(group) for group in groups), strict=True)
     texts = [estimate(value, half) for value, half in zip(values, halves, strict=True)]
     yield Table(
         "Groups",
@@ -156,7 +165,7 @@ def _groups(found: CalibratedRobot) -> Iterator[Block]:
         words("unit", units, fold=False),
         numbers("value", [Line(text, value=x) for (text, _), x in zip(texts, values, strict=True)]),
         numbers("± (95 %)", [Line(text, value=x) for (_, text), x in zip(texts, halves, strict=True)]),
-        most=_MOST,
+        most=_MAX_GROUPS,
         by=[abs(group.value) / max(group.half_width(), 1e-300) for group in groups],
         of_limits=False,
     )

@@ -18,7 +18,7 @@ from ..mechanics.lie import se3, so3
 from .chain import ANGLES, LENGTHS, point_columns
 from .measurements import Measurements
 
-_NEAREST = 1e-9
+_MIN_DISTANCE = 1e-9
 """Least distance [m] by which a direction is divided."""
 _SAME_TURN = 1e-2
 """Second eigenvalue of the turn's equations, as a share of the largest, below which several turns explain the rotations."""
@@ -48,7 +48,7 @@ class MeasuredTarget(ABC):
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Residuals for poses T (N, 4, 4) of the tip with twist columns J (N, 6, p)."""
 
-    def moved(self, _x: Array) -> MeasuredTarget:
+    def step(self, _x: Array) -> MeasuredTarget:
         """Target after a step of its unknowns."""
         return self
 
@@ -115,7 +115,7 @@ class FrameTarget(MeasuredTarget):
             np.concatenate([turned, own], axis=1),
         )
 
-    def moved(self, x: Array) -> FrameTarget:
+    def step(self, x: Array) -> FrameTarget:
         """Frame turned and shifted by a twist."""
         return replace(self, X=np.asarray(se3.exp(x)) @ self.X)
 
@@ -168,10 +168,10 @@ class CentreTarget(MeasuredTarget):
         """Distance of the tip from the centre, less the reading."""
         away = T[:, :3, 3] - self.centre
         far = np.linalg.norm(away, axis=1)
-        u = (away / np.maximum(far, _NEAREST)[:, None])[:, None]
+        u = (away / np.maximum(far, _MIN_DISTANCE)[:, None])[:, None]
         return ReadingRows((far - self.given.sizes)[:, None], u @ point_columns(T, J), -u)
 
-    def moved(self, x: Array) -> CentreTarget:
+    def step(self, x: Array) -> CentreTarget:
         """Centre moved by x."""
         return replace(self, centre=self.centre + x)
 
@@ -197,7 +197,7 @@ class PairTarget(MeasuredTarget):
         linear, p = point_columns(T, J), T[:, :3, 3]
         between = p[first] - p[second]
         far = np.linalg.norm(between, axis=1)
-        u = (between / np.maximum(far, _NEAREST)[:, None])[:, None]
+        u = (between / np.maximum(far, _MIN_DISTANCE)[:, None])[:, None]
         return ReadingRows(
             (far - self.given.sizes)[:, None], u @ (linear[first] - linear[second]), np.zeros((len(u), 1, 0))
         )
@@ -236,7 +236,7 @@ class TouchTarget(MeasuredTarget):
         found[np.arange(len(own)), :, self.given.target_index] = own
         return found.reshape(*own.shape[:2], -1)
 
-    def moved(self, x: Array) -> TouchTarget:
+    def step(self, x: Array) -> TouchTarget:
         """Targets moved by x."""
         return replace(self, x=self.x + x.reshape(self.x.shape))
 
@@ -266,7 +266,7 @@ class PointTarget(TouchTarget):
             return None
         between = self.x[0] - self.x[1]
         far = float(np.linalg.norm(between))
-        u = between / max(far, _NEAREST)
+        u = between / max(far, _MIN_DISTANCE)
         return far - self.given.length, np.zeros(J.shape[2]), np.concatenate([u, -u, np.zeros(self.x.size - 6)])
 
 
@@ -331,7 +331,7 @@ class SphereTarget(TouchTarget):
         x = self.x[self.given.target_index]
         away = T[:, :3, 3] - x[:, :3]
         far = np.linalg.norm(away, axis=1)
-        u = (away / np.maximum(far, _NEAREST)[:, None])[:, None]
+        u = (away / np.maximum(far, _MIN_DISTANCE)[:, None])[:, None]
         own = np.concatenate([-u, -np.ones((len(u), 1, 1))], axis=2)
         return ReadingRows((far - x[:, 3])[:, None], u @ point_columns(T, J), self.spread(own))
 

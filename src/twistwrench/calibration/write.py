@@ -27,11 +27,11 @@ from .chain import TipChain
 
 SIGNATURE = "twistwrench calibrate"
 """Beginning of comments in written files."""
-_SAME = 1e-9
+_MAX_POSE_DIFFERENCE = 1e-9
 """Largest difference of poses after reading back, in m and in entries of rotations."""
 _STATES = 200
 _WHY = "calibrated"
-_UNCHANGED = 1e-15
+_MAX_UNCHANGED_ENTRY = 1e-15
 """Largest change of an entry of a placement that keeps its spelling."""
 
 
@@ -51,7 +51,8 @@ def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | P
     changes = TextChanges(SIGNATURE)
     chain = TipChain.from_robot(original, frame)
     links = [original.model.bodies[i].link for i in chain.bodies]
-    links += [frame] if frame != links[-1] else []
+    if frame != links[-1]:
+        links.append(frame)
     for link in links:
         if link not in editable.links:
             raise ModelError(
@@ -59,13 +60,13 @@ def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | P
             )
         parent = editable.parent(link)
         before, after = (_placement(model, link, parent) for model in (original.model, calibrated.model))
-        if np.abs(after - before).max() > _UNCHANGED:
+        if np.abs(after - before).max() > _MAX_UNCHANGED_ENTRY:
             editable.write_pose(changes, link, after, _WHY)
     comment = f"{SIGNATURE} {__version__}, {date.today().isoformat()}: {said}".replace("--", "- -")
     changes.add(file.root, f"<!-- {comment} -->")
     text = changes.apply(file.text)
     off = _difference(text, calibrated, links, source)
-    if not off <= _SAME:
+    if not off <= _MAX_POSE_DIFFERENCE:
         raise RobotFileError(
             f"what was written does not come back: poses differ by {number(off, 2)} m. Nothing is written; "
             "tw.save(found.robot, path) writes a new file."
@@ -94,5 +95,8 @@ def _difference(text: str, calibrated: Robot, links: list[str], source: Path | N
     again = load(text, include_paths=folders, inertia="accept", snap=0)
     rng = np.random.default_rng(0)
     q = calibrated.random_configuration(rng, _STATES)
-    poses = [[np.asarray(robot.forward_kinematics(q, frame=link)) for link in links] for robot in (again, calibrated)]
-    return float(max(np.abs(a - b).max() for a, b in zip(*poses, strict=True)))
+    differences = []
+    for link in links:
+        written, expected = again.forward_kinematics(q, frame=link), calibrated.forward_kinematics(q, frame=link)
+        differences.append(float(np.abs(np.asarray(written) - np.asarray(expected)).max()))
+    return max(differences)

@@ -16,7 +16,7 @@ from ..core.numbers import number, percent
 from ..mechanics.joints.units import unit_of, units_of
 from ..motion.coordinates import Coordinates
 from ..viz import style
-from ..viz.pictures import Plot, drawn, robot_picture
+from ..viz.pictures import Plot, plot_picture, robot_picture
 from ..viz.plots.diagnosis import VIEWS, draw_inertias
 from ..viz.plots.motion import plot_motion
 
@@ -138,7 +138,7 @@ def excitation_plots(found: ExcitingMotion) -> Mapping[str, Plot]:
 
 def pictures_of_plots(plots: Mapping[str, Plot]) -> Iterable[Picture]:
     """Each plot as a picture of a page; none if matplotlib is not installed."""
-    return [] if find_spec("matplotlib") is None else [drawn(kind, plot) for kind, plot in plots.items()]
+    return [] if find_spec("matplotlib") is None else [plot_picture(kind, plot) for kind, plot in plots.items()]
 
 
 def plot_identification(found: IdentifiedRobot, path: Any) -> Path:
