@@ -33,7 +33,6 @@ SCREEN = 60
 """Lines of a function without its docstring."""
 LONG_FUNCTIONS = {
     "simulation/preparation.py:build_run",
-    "viz/page.py:viewer_page",
 }
 """Functions with more lines. The list may only shrink."""
 STRONG_PARTICIPLES = (
