@@ -22,7 +22,7 @@ from twistwrench.calibration.fit import CalibrationProblem
 from twistwrench.calibration.groups import ParameterGroup, ParameterGroups, fitted_in_groups
 from twistwrench.calibration.measurements import rotations_from_roll
 from twistwrench.calibration.result import CalibratedRobot
-from twistwrench.calibration.result_view import _shown
+from twistwrench.calibration.result_view import _group_figures
 from twistwrench.cli.main import main
 from twistwrench.core.errors import TwistWrenchError
 
@@ -780,9 +780,9 @@ def test_roll_pitch_and_yaw_are_about_fixed_axes():
     ("name", "unit", "value"),
     [("j.gear", "%", 1.0), ("j.sag", "mrad/(N m)", 10.0), ("j.x", "mm", 10.0), ("j.rx", "°", math.degrees(0.01))],
 )
-def test_a_group_is_shown_in_the_unit_that_is_named(name, unit, value):
+def test_a_group_is_group_figures_in_the_unit_that_is_named(name, unit, value):
     group = ParameterGroup(name, {name: 1.0}, 0.01, 0.0, 10.0, name == "j.x")
-    assert _shown(group)[:2] == (unit, pytest.approx(value))
+    assert _group_figures(group)[:2] == (unit, pytest.approx(value))
 
 
 def test_the_table_says_which_readings_were_used(tmp_path):

@@ -78,9 +78,9 @@ def test_the_plot_is_a_picture(run, ur5, motion_file, tmp_path):
 
 def test_lines_break_at_gaps_and_labels_are_the_tables(ur5, motion, tmp_path):
     pytest.importorskip("matplotlib")
-    from twistwrench.viz.plots.torques import _broken, report_title
+    from twistwrench.viz.plots.torques import _break_at_gaps, report_title
 
-    time, curve = _broken(np.r_[0:5, 20:25] * 1.0, 5.0, np.arange(10.0))
+    time, curve = _break_at_gaps(np.r_[0:5, 20:25] * 1.0, 5.0, np.arange(10.0))
     assert np.flatnonzero(np.isnan(curve)).tolist() == [5]
     assert len(time) == 11
     t, *columns = motion

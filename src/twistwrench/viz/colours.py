@@ -117,8 +117,9 @@ def torque_marks(model: Model) -> list[Mark]:
 def share_colours(shares: ArrayLike) -> Array:
     """Red, green, blue (..., 3) of shares (...) of a limit; NaN (no limit) is grey."""
     x = np.abs(np.asarray(shares, float))
-    steps, step_colours = zip(*SHARES, strict=True)
-    channels = [np.interp(x, steps, channel) for channel in np.transpose(step_colours)]
+    steps = [share for share, _ in SHARES]
+    step_colours = np.array([colour for _, colour in SHARES])
+    channels = [np.interp(x, steps, channel) for channel in step_colours.T]
     return np.where(np.isnan(x)[..., None], COLOURS["unlimited"], np.stack(channels, axis=-1))
 
 

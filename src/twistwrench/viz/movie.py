@@ -283,7 +283,7 @@ def _bodies_of_joint(robot: Robot, joint: str | None) -> list[int]:
     """Bodies moved by a joint, or by all joints of a coupled motor of that name."""
     names = {joint}
     for coupling in robot.model.couplings:
-        if joint in map(coupling.label, coupling.motors):
+        if joint in [coupling.label(motor) for motor in coupling.motors]:
             names.update(coupling.joints)
     return [k for k, body in enumerate(robot.model.bodies) if body.joint.name in names]
 

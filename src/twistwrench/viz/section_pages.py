@@ -451,7 +451,7 @@ _SECTIONS = (
         "accelerations.",
         (("M(θ) θ̈ = τ − h(θ, θ̇) − J^T(θ) F_tip", "§8.5"),),
         ("tau", "dq"),
-        lambda p: {"inverse": ("inverse_dynamics", {**p.pushed, **p.load})},
+        lambda p: {"inverse": ("inverse_dynamics", {**p.wrench_options, **p.load})},
         load="all",
         at_rest=True,
     ),

@@ -81,7 +81,7 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
     drawn_as = styles([names[c] for c in shown if c < bodies], [names[c] for c in shown if c >= bodies])
     rows = [(names[c], parts[c], drawn_as[names[c]]) for c in shown]
     if others:
-        look = {"color": style.PAPER, "hatch": "////", "edgecolor": style.GREY}
+        look: dict[str, Any] = {"color": style.PAPER, "hatch": "////", "edgecolor": style.GREY}
         rows.append((f"{len(others)} others", parts[others].sum(axis=0), look))
     places = np.arange(len(why.joints))
     width = max(6.0, 1.1 * len(places) + 3.2)

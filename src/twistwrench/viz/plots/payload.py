@@ -35,6 +35,7 @@ def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
     from matplotlib.colors import LogNorm
 
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    names: tuple[str, ...]
     if chart.plane == "rz":
         place, names = (np.hypot(*tip[:2]), tip[2]), ("distance from the z axis", "z")
     else:
