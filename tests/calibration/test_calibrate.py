@@ -780,7 +780,7 @@ def test_roll_pitch_and_yaw_are_about_fixed_axes():
     ("name", "unit", "value"),
     [("j.gear", "%", 1.0), ("j.sag", "mrad/(N m)", 10.0), ("j.x", "mm", 10.0), ("j.rx", "°", math.degrees(0.01))],
 )
-def test_a_group_is_group_figures_in_the_unit_that_is_named(name, unit, value):
+def test_a_group_is_shown_in_the_unit_that_is_named(name, unit, value):
     group = ParameterGroup(name, {name: 1.0}, 0.01, 0.0, 10.0, name == "j.x")
     assert _group_figures(group)[:2] == (unit, pytest.approx(value))
 
