@@ -717,9 +717,11 @@ def test_a_factory_calibration_made_to_do_harm_ends_in_one_error(tmp_path, theta
     assert len(str(told.value)) < 1000
 
 
-def test_the_command_writes_a_factory_calibration(tmp_path):
+@pytest.mark.parametrize("name", ["c.conf", "ur5--left.conf"])
+def test_the_command_writes_a_factory_calibration(tmp_path, name):
+    """Two hyphens end no comment of XML."""
     zeros = {name: np.zeros(6) for name in ("theta", "d", "a", "alpha")}
-    path = _conf(tmp_path / "c.conf", zeros | {"theta": np.array([0, 0.01, 0, 0, 0, 0])})
+    path = _conf(tmp_path / name, zeros | {"theta": np.array([0, 0.01, 0, 0, 0, 0])})
     done = CliRunner().invoke(main, ["calibrate", "ur5", "--from", str(path), "--out", str(tmp_path / "mine.urdf")])
     assert done.exit_code == 0 and done.output.startswith("DONE: the factory calibration moves tool0 by"), done.output
     right = tw.robots.ur5().forward_kinematics([0, 0.01, 0, 0, 0, 0])

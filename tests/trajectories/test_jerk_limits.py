@@ -10,7 +10,9 @@ from scipy.optimize import minimize
 
 import twistwrench as tw
 from twistwrench import trajectories
+from twistwrench.mechanics.algorithms.time_scalings import Averaged
 from twistwrench.trajectories import bounds_of, fastest, fitted, joint_line, s_curve, spline
+from twistwrench.trajectories.jerk_limited import _improve
 
 ROBOTS = {
     "planar_2r": {"effort": [60.0, 30.0], "velocity": 3.0, "acceleration": 12.0},
@@ -116,6 +118,14 @@ def test_limits_of_jerk_of_the_file_are_kept_and_can_be_lifted(bundled):
     assert kept.violations() == () and {v.kind for v in free.violations()} == {"jerk"}
     assert str(kept).endswith("not proven shortest; limits of acceleration and jerk are the robot's own")
     assert trajectories.move(robot, [0, 0], [1, 1]).violations() == ()
+
+
+def test_windows_become_no_shorter_than_samples_resolve_in_however_many_steps():
+    """A search that gains by shorter windows alone takes them to a 250th of the duration at its start."""
+    s = np.linspace(0.0, 1.0, 41)
+    shape = Averaged(s, np.sqrt(s * (1.0 - s)), (0.016, 0.016), "averaged")
+    found = _improve(shape, lambda tried: np.array([sum(tried.windows)]))
+    assert_allclose(found.windows, np.full(2, shape.duration / 250.0), rtol=1e-6)
 
 
 # ── Against other methods

@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 
 import twistwrench as tw
 from twistwrench import trajectories
+from twistwrench.mechanics.model.actuation import with_friction
 from twistwrench.motion.bounds import bounds_of
 from twistwrench.motion.motion_log import MotionLog as MotionFile
 
@@ -141,6 +142,20 @@ def test_a_fitted_motion_takes_as_long_as_its_mirror_image(bundled, begin):
         assert trajectories.Trajectory(robot, path, scaling).violations(bounds) == ()
         times.append(scaling.duration)
     assert times[0] == pytest.approx(times[1], rel=1e-9)
+
+
+def test_static_friction_that_fades_does_not_help_a_motor_that_brakes():
+    """A lift of 1 kg goes down 1 m: at its peak of 10/√3 a quintic brakes with 20 N against the weight, helped by 1 N and not by 5 N."""
+    text = """<robot name="lift"><link name="base"/><link name="car"><inertial><mass value="1"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="lift" type="prismatic">
+    <parent link="base"/><child link="car"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="20" velocity="100"/></joint></robot>"""
+    law = {"lift": {"coulomb": 1.0, "static": 5.0, "stribeck": 1e-3}}
+    robot = tw.Robot(with_friction(tw.load(text).model, law))
+    path = trajectories.joint_line(robot, [0.0], [-1.0])
+    down = trajectories.Trajectory(robot, path, trajectories.fitted(robot, path, friction=True))
+    weight = np.linalg.norm(robot.gravity)
+    assert down.duration == pytest.approx(np.sqrt(10 / np.sqrt(3) / (20.0 - weight + 1.0)), rel=1e-3)
+    assert down.violations(friction=True) == ()
 
 
 def test_violations_name_joint_kind_and_time(bundled):
