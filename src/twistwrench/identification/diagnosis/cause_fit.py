@@ -83,9 +83,8 @@ class CauseFit:
         self._solve_training_rows([*(total - part for part in parts), total], prior)
         self.spread = np.ones(tau.shape)
         residual = np.empty(tau.shape)
-        for fold, inverse, x in zip(
-            self.folds, self._inverse, self._held, strict=False
-        ):  # the last ones are of all rows
+        # the last inverse and the last groups are those of all rows
+        for fold, inverse, x in zip(self.folds, self._inverse[:-1], self._held[:-1], strict=True):
             for j in np.flatnonzero(live):
                 A = W[fold, j][:, felt[j]]
                 self.spread[fold, j] += self.weight[j] * ((A @ inverse[np.ix_(felt[j], felt[j])]) * A).sum(axis=1)
