@@ -50,5 +50,5 @@ def test_what_a_buried_point_stores_is_the_work_of_its_force(exponent):
     plane = Plane(box.tip, height=depth, stiffness=1e5, exponent=exponent)
     middles = depth * (np.arange(20000) + 0.5) / 20000
     work = depth * float(np.mean(1e5 * middles**exponent))
-    said = re.search(r"(\S+) J are in that contact", PlaneContact(box, plane).buried(box.neutral))
+    said = re.search(r"(\S+) J are in that contact", PlaneContact(box, plane).remark_at_start(box.neutral))
     assert said and float(said[1]) == pytest.approx(work, rel=5e-3)  # three digits
