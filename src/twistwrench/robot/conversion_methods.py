@@ -403,7 +403,7 @@ class BridgeMethods(RobotBase):
         >>> tw.robots.pendulum().to_casadi("inverse_dynamics")
         Function(inverse_dynamics:(q,dq,ddq)->(tau) SXFunction)
         """
-        from .export.javascript import casadi_function
+        from .export.casadi_function import casadi_function
         from .export.request import BridgedQuantity
 
         return casadi_function(
