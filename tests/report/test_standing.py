@@ -338,7 +338,7 @@ def test_the_least_force_of_a_foot_is_that_of_the_instants_that_balance():
     """Forces of 100 N; at the second instant none balance."""
     forces = np.zeros((3, 2, 3))
     forces[:, :, 2] = [[40.0, 60.0], [0.0, 0.0], [70.0, 30.0]]
-    ground = SimpleNamespace(frames=("a", "b"), of_frame=lambda frame: np.array(["ab".index(frame)]), given=True)
+    ground = SimpleNamespace(frames=("a", "b"), contacts_at=lambda frame: np.array(["ab".index(frame)]), given=True)
     found = SimpleNamespace(
         balanced=np.array([True, False, True]),
         balanced_forces=forces,
