@@ -50,9 +50,12 @@ def test_every_command_shows_examples_of_itself(words, command):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words, command", [c for c in commands() if c[0] not in (("identify",), ("log",))])
+@pytest.mark.parametrize("words, command", [c for c in commands() if c[0] not in (("identify",), ("log",), ("mcp",))])
 def test_the_examples_run_as_they_stand(words, command, tmp_path, monkeypatch):
-    """All but those of logs that a user has to bring. Exit code 1 is an answer: no."""
+    """All but those of logs and folders that a user has to bring. Exit code 1 is an answer: no.
+
+    A server of assistants would also confine this process to its folder: tests/cli/test_assistant_server.py starts its own.
+    """
     monkeypatch.chdir(tmp_path)
     for example in examples(command):
         done = CliRunner().invoke(main, example)

@@ -238,6 +238,9 @@ def _chunk(content: bytes, dice: Dice) -> bytes:
     import lz4.frame
     import zstandard
 
+    head = struct.calcsize("<QQQII")
+    if len(content) < head:  # shortened by an earlier change
+        return flipped(content, dice)
     begin, end, _, _, letters = struct.unpack_from("<QQQII", content)
     compression = content[32 : 32 + letters].decode("ascii", "replace")
     raw = content[32 + letters + 8 :]

@@ -359,7 +359,7 @@ def test_memory_of_a_long_program_is_bounded():
     """The mass matrix of the chain, twice by sections: tracing 145,000 instructions is 200 MB, LLVM and imports 120."""
     script = """
         import resource, sys
-        sys.path.insert(0, "tests/kernels")
+        sys.path[:0] = ["tests/kernels", "tests/support"]
         from test_large_robots import chain
         kernel = chain(100).kernel("mass_matrix")
         assert type(kernel).__name__ == "ufunc"
@@ -375,7 +375,7 @@ def test_a_long_chain_s_christoffel_symbols_are_refused_in_bounded_memory():
     """A million entries of three hundred operations each: an error that says so, before a second gigabyte is taken."""
     script = """
         import resource, sys
-        sys.path.insert(0, "tests/kernels")
+        sys.path[:0] = ["tests/kernels", "tests/support"]
         import twistwrench as tw
         from test_large_robots import chain
         try:

@@ -89,7 +89,7 @@ def _stop_doubts(
     beyond = past > _BEYOND_STOP
     if origin == "plan" or not beyond.any():
         return []
-    middle = np.where(stopped, 0.5 * (lower + upper), 0.0)
+    middle = 0.5 * (np.where(stopped, lower, 0.0) + np.where(stopped, upper, 0.0))
     turns = np.sign(middle - extent.mean(axis=0)) * math.tau
     within = (extent[0] + turns >= lower) & (extent[1] + turns <= upper)
     wound, read_as_degrees = beyond & within, extent * _DEGREE
