@@ -388,8 +388,9 @@ def test_velocities_without_a_limit_are_named_through_every_door(ask, tmp_path, 
     assert by_file[0] != "OK" or "no velocity limit is known" in by_file[1]
 
 
-@pytest.mark.parametrize("mass", [3.0, *slow(0.5, 30.0)])
+@pytest.mark.parametrize("mass", [3.0, *slow(0.5, 8.0)])
 def test_a_load_has_one_word_by_option_and_in_the_file(ask, tmp_path, mass):
+    """As long as the arm can hold itself: limits below half of what its own weight needs are doubted, and 20 kg would be that."""
     t = np.arange(0, 4, 0.01)
     log = write_log(tmp_path / "log.csv", t, *FINE(t))
     (tmp_path / "plain.urdf").write_text(arm(), "utf-8")

@@ -166,7 +166,7 @@ def shortest_by_collocation(path, bounds, start, parts=40):
         {"type": "eq", "fun": lambda y: motion(y * size)[1]},
     ]
     found = minimize(
-        lambda y: y[0], x / size, method="SLSQP", constraints=rules, options={"maxiter": 300, "ftol": 1e-8}
+        lambda y: y[0], x / size, method="SLSQP", constraints=rules, options={"maxiter": 1000, "ftol": 1e-8}
     )
     x = found.x * size
     assert np.abs(shares(x)).max() < 1 + 1e-5 and np.abs(motion(x)[1]).max() < 1e-6, found.message
