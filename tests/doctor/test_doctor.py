@@ -610,3 +610,15 @@ def test_all_that_the_loader_refuses_is_said_at_once(also):
     with pytest.raises(tw.ModelError) as caught:
         tw.doctor(text)
     assert all(name in str(caught.value) for name in ("link0", "link1", "link2", "link3", "bass")), caught.value
+
+
+def test_all_that_the_loader_refuses_is_said_of_a_large_file_too():
+    """A file of more bodies than usual, which the call allows."""
+    more = "".join(f'<link name="more{k}"/>' for k in range(2001))
+    text = (
+        Arm(2).text().replace('<parent link="base"/>', '<parent link="bass"/>').replace("</robot>", f"{more}</robot>")
+    )
+    text = text.replace('mass value="', 'mass value="-')
+    with pytest.raises(tw.ModelError) as caught:
+        tw.doctor(text, max_bodies=3000)
+    assert all(name in str(caught.value) for name in ("link1", "bass")), caught.value

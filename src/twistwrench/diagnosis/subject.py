@@ -75,7 +75,7 @@ def read_subject(
             model = _model_in_world(file.root, name)
     content = text if file is None else file
     loaded, problems = _load_with_errors(content, floating_base, model, max_bodies)
-    root = parse(text) if file is None else file.root
+    root = parse(text, max_bodies=max_bodies) if file is None else file.root
     parsed = replace(parse_elements(root, loaded, _solid_reader(path, meshes), path), load_errors=tuple(problems))
     return Subject(parsed, text, path, b"" if file is None else file.data, root, floating_base, model)
 
@@ -120,7 +120,7 @@ def _load_with_errors(
     try:
         return load(mimic="follow"), []
     except ModelError as error:
-        problems = _load_errors_of(content)
+        problems = _load_errors_of(content, max_bodies)
         if not problems:
             raise
         if not all(problem.mimic for problem in problems):  # the loader's error is the first one
@@ -129,12 +129,12 @@ def _load_with_errors(
     return load(mimic="independent"), problems
 
 
-def _load_errors_of(content: str) -> list[LoadError]:
+def _load_errors_of(content: str, max_bodies: int) -> list[LoadError]:
     """All load errors of a file or a text; empty if it cannot be parsed."""
     try:
         if isinstance(content, RobotFile):
-            return load_errors(content.parse_root(MOST_BODIES))
-        return load_errors(parse(content, max_bodies=MOST_BODIES))
+            return load_errors(content.parse_root(max_bodies))
+        return load_errors(parse(content, max_bodies=max_bodies))
     except ModelError:
         return []
 

@@ -153,7 +153,7 @@ def _start(fit: _JointFit, armature: float) -> Array:
 
 
 def _guessed_armatures(robot: Robot, q: Array) -> Array:
-    """(nv,) armature of the file, or a share of the joint's largest inertia."""
+    """(nv,) armature of the file, or a share of the largest inertia of all joints."""
     M = np.asarray(robot.mass_matrix(q[:: max(1, len(q) // 100)]))
     inertia = np.diagonal(M, axis1=1, axis2=2).max(axis=0)
     return np.asarray(np.where(robot.armature > 0.0, robot.armature, _INERTIA_SHARE * inertia.max()))
