@@ -22,7 +22,9 @@ _UNITS: dict[str, tuple[str, str]] = {
 def unit_of(part: str, turns: bool, *, degrees: bool = False) -> str:
     """Unit of one entry of q, dq, ddq, dddq or tau, angular if ``turns``, else linear; ``degrees`` in place of radians."""
     unit = _UNITS[part][not turns]
-    return unit.replace("rad", "°") if degrees else unit
+    if degrees:
+        return unit.replace("rad", "°")
+    return unit
 
 
 def units_of(part: str, turning: Iterable[bool]) -> tuple[str, ...]:
@@ -36,7 +38,7 @@ def heading_unit(part: str, turning: Iterable[bool], *, degrees: bool = False) -
     >>> heading_unit("tau", (True, True)), heading_unit("q", (True, False), degrees=True)
     ('N m', '°, m')
     """
-    kinds = sorted({bool(turns) for turns in turning} or {True}, reverse=True)
+    kinds = sorted(set(map(bool, turning)) or {True}, reverse=True)
     return ", ".join(unit_of(part, turns, degrees=degrees) for turns in kinds)
 
 
@@ -46,4 +48,7 @@ def torque_word(unit: str) -> str:
     >>> torque_word("N m"), torque_word("N")
     ('torque [N m]', 'force [N]')
     """
-    return f"{'torque' if unit == _UNITS['tau'][0] else 'force'} [{unit}]"
+    torque_unit, _ = _UNITS["tau"]
+    if unit == torque_unit:
+        return f"torque [{unit}]"
+    return f"force [{unit}]"

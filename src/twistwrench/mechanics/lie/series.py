@@ -192,9 +192,12 @@ def half_angle(square: Any) -> HalfAngle:
     x = _least(0.5 * angle, LARGEST_HALF_TURN)
     sine, cosine = np.sin(x), np.cos(x)
     beyond = 0.5 + 0.5 * _sign(square - 1.0)
-    closed = (sine / angle, cosine, (1.0 - 2.0 * sine * cosine / angle) / far)
-    series = (_polynomial(c, near) for c in (_HALF, _COSINE, _THIRD))
-    return HalfAngle(*(beyond * a + (1.0 - beyond) * b for a, b in zip(closed, series, strict=True)))
+    closed_forms = (sine / angle, cosine, (1.0 - 2.0 * sine * cosine / angle) / far)
+    functions: list[Any] = []
+    for closed, coefficients in zip(closed_forms, (_HALF, _COSINE, _THIRD), strict=True):
+        series = _polynomial(coefficients, near)
+        functions.append(beyond * closed + (1.0 - beyond) * series)
+    return HalfAngle(*functions)
 
 
 def half_turn(cosine: Any, sine_square: Any) -> Any:
@@ -272,7 +275,10 @@ def logarithm(name: str, x: Array, checked: Callable[[Array], Array], formulas: 
     kernel = compiler(name) if compiler else None
     if kernel is None:
         return formulas(checked(x))
-    found, off = kernel(x)
-    if not (off <= _SURE if x.ndim == 2 else (off <= _SURE).all()):
+    result, deviation = kernel(x)
+    certain = deviation <= _SURE
+    if x.ndim > 2:
+        certain = certain.all()
+    if not certain:
         checked(x)
-    return found
+    return result

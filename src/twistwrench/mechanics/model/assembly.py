@@ -37,23 +37,31 @@ def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
         carrier, T = carriers[i]
         inertia = model.bodies[i].inertia
         if inertia.parameters.any():
-            inertias[carrier] = inertias[carrier] + (inertia if is_identity(T) else inertia.in_frame(T))
+            if not is_identity(T):
+                inertia = inertia.in_frame(T)
+            inertias[carrier] = inertias[carrier] + inertia
     leaders = sorted((body for body in moving if not body.follows and body.joint.nv), key=lambda body: body.v_index)
-    q_columns = [k for body in leaders for k in range(body.q_index, body.q_index + body.joint.nq)]
-    v_columns = [k for body in leaders for k in range(body.v_index, body.v_index + body.joint.nv)]
+    q_columns: list[int] = []
+    v_columns: list[int] = []
+    for body in leaders:
+        q_columns += range(body.q_index, body.q_index + body.joint.nq)
+        v_columns += range(body.v_index, body.v_index + body.joint.nv)
     q_index = {old: new for new, old in enumerate(q_columns)}
     v_index = {old: new for new, old in enumerate(v_columns)}
     bodies = []
     for i, body in enumerate(moving):
         carrier, T = carriers[body.parent]
+        new_q, new_v = 0, 0
+        if body.joint.nv:
+            new_q, new_v = q_index[body.q_index], v_index[body.v_index]
         bodies.append(
             replace(
                 body,
                 parent=carrier,
                 placement=snap_pose(product(T, body.placement), model.snap),
                 inertia=inertias[i],
-                q_index=q_index[body.q_index] if body.joint.nv else 0,
-                v_index=v_index[body.v_index] if body.joint.nv else 0,
+                q_index=new_q,
+                v_index=new_v,
             )
         )
     return replace(
@@ -62,7 +70,7 @@ def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
         frames=_frames_on_carriers(model.frames, carriers, model.snap),
         sites=_frames_on_carriers(model.sites, carriers, model.snap),
         base_inertia=inertias[BASE],
-        limits=Limits(*(values[v_columns] for values in vars(model.limits).values())),
+        limits=model.limits.select(v_columns),
         friction=model.friction.select(v_columns),
         armature=model.armature[v_columns],
         configurations={name: q[q_columns] for name, q in model.configurations.items()},
@@ -104,11 +112,10 @@ _MAX_POSITION_LIMIT = 1e3
 def from_names(model: Model, joints: Mapping[str, ArrayLike]) -> Array:
     """q (nq,) with the named joints as given and the others neutral."""
     q = model.neutral
-    by_name = {body.joint.name: body for body in model.leaders}
     for name, value in joints.items():
-        if name not in by_name:
-            raise UnknownNameError.from_choices("joint", name, by_name)
-        body = by_name[name]
+        if name not in model.leaders_by_name:
+            raise UnknownNameError.from_choices("joint", name, model.leaders_by_name)
+        body = model.leaders_by_name[name]
         try:
             coordinates = np.atleast_1d(np.asarray(value, float))
         except (TypeError, ValueError):
@@ -230,7 +237,6 @@ def assemble(
             )
         )  # fmt: skip
     friction, armature = _losses(joints, joint_drives, columns, len(limits.lower))
-    springs = [_spring_of_leaders(spring, drives, columns) for spring in additions.springs]
     model = Model(
         name, tuple(bodies), tip=None, gravity=gravity, leaves=tree.leaves, source=source, snap=snap,
         frames={name: Frame(index[name], IDENTITY) for name, link in links.items() if not link.hidden},
@@ -239,9 +245,9 @@ def assemble(
         base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,
         shaped=frozenset(link.name for link in links.values() if link.shaped),
         limits=limits, friction=friction, armature=armature,
-        springs=tuple(spring for spring in springs if spring.terms),
+        springs=_springs_of_leaders(additions.springs, drives, columns),
         closures=additions.closures, motor_joints=frozenset(additions.motor_joints), mounted=additions.mounted,
-        locked={entry.name: additions.locked[entry.name] for entry in joints if entry.fixed and entry.name in additions.locked},
+        locked=_locked_joints(joints, additions.locked),
         mounts={entry.child: (entry.parent, entry.name) for entry in joints},
         defects=limit_remarks,
     )  # fmt: skip
@@ -283,6 +289,25 @@ def _limits(
         for name, column in columns.items():
             columns[name] = np.append(column, getattr(shared, name))
     return Limits(**columns), tuple(remarks)
+
+
+def _locked_joints(
+    joints: Iterable[JointEntry], followers: Mapping[str, tuple[str, ...]]
+) -> dict[str, tuple[str, ...]]:
+    """Followers of each joint that is fixed and was locked, in the order of the tree."""
+    locked: dict[str, tuple[str, ...]] = {}
+    for entry in joints:
+        if entry.fixed and entry.name in followers:
+            locked[entry.name] = followers[entry.name]
+    return locked
+
+
+def _springs_of_leaders(
+    springs: Iterable[Spring], drives: Mapping[str, Drive], columns: Mapping[str, _Column]
+) -> tuple[Spring, ...]:
+    """Springs between leading coordinates, without those whose joints are all fixed."""
+    between_leaders = [_spring_of_leaders(spring, drives, columns) for spring in springs]
+    return tuple(spring for spring in between_leaders if spring.terms)
 
 
 def _spring_of_leaders(spring: Spring, drives: Mapping[str, Drive], columns: Mapping[str, _Column]) -> Spring:

@@ -80,7 +80,9 @@ class Coupling:
         """Motor with the joints that it loads: ``motor m5 (wrist_2_joint and wrist_3_joint)``."""
         row = self.motor_per_joint[self.motors.index(motor)]
         joints = [joint for joint, a in zip(self.joints, row, strict=True) if a]
-        names = " and ".join(joints) if len(joints) < 3 else listed(joints)
+        names = listed(joints)
+        if len(joints) < 3:
+            names = " and ".join(joints)
         return f"motor {motor} ({names})"
 
 
@@ -95,14 +97,15 @@ def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
     _check_one_coupling_each(all_couplings, "joint")
     model_joints = {body.joint.name for body in model.bodies}
     indices: list[int] = []
+    coupled_joints: set[str] = set()
     for c in added:
+        coupled_joints.update(c.joints)
         indices += [model.drive_index(joint) for joint in c.joints]
         namesakes = [motor for motor in c.motors if motor in model_joints]
         if namesakes:
             raise ModelError(
                 f"motor {namesakes[0]!r} of coupling {c.name!r} has the name of a joint. Rename the motor."
             )
-    coupled_joints = {joint for c in added for joint in c.joints}
     for a in model.actuators.values():
         if a.joint in coupled_joints and a.rotor is not None:
             raise ModelError(f"joint {a.joint!r} has an actuator of its own and is in a coupling. Keep one of them.")
@@ -124,8 +127,7 @@ def _check_one_coupling_each(couplings: Iterable[Coupling], kind: str) -> None:
 def without_couplings(model: Model) -> Model:
     """Model without coupled motors: their joints have no armature, friction and effort."""
     indices = np.flatnonzero(coupled_entries(model)).tolist()
-    motors = {motor for c in model.couplings for motor in c.motors}
-    return replace(_without_drives(model, indices, motors), couplings=())
+    return replace(_without_drives(model, indices, set(model.coupled_motors)), couplings=())
 
 
 def _without_drives(model: Model, indices: list[int], driven: set[str]) -> Model:
@@ -142,7 +144,9 @@ def _without_drives(model: Model, indices: list[int], driven: set[str]) -> Model
 def refuse_couplings(model: Model, what: str) -> None:
     """Raise ModelError if joints of the model are coupled: ``what`` would treat its motors as if each drove one joint."""
     if model.couplings:
-        joints = [joint for c in model.couplings for joint in c.joints]
+        joints: list[str] = []
+        for c in model.couplings:
+            joints += c.joints
         raise ModelError(
             f"{what} does not support coupled drives, and {listed(joints)} of robot {model.name!r} are coupled "
             f"({listed([c.name for c in model.couplings])}). Use the robot without couplings:, or another actuator file."

@@ -114,13 +114,12 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
 
 def _armature_columns(model: Model, name: str) -> slice:
     """Indices in the armature of a joint or of a coupled motor."""
-    leaders = {body.joint.name: body for body in model.leaders}
-    motors = {motor for c in model.couplings for motor in c.motors}
-    if name in motors or any(name in c.joints for c in model.couplings):
+    if name in model.coupled_motors or any(name in c.joints for c in model.couplings):
         k = model.drive_index(name)
         return slice(k, k + 1)
+    leaders = model.leaders_by_name
     if name not in leaders:
-        raise UnknownNameError.from_choices("joint", name, (*leaders, *motors))
+        raise UnknownNameError.from_choices("joint", name, (*leaders, *model.coupled_motors))
     return leaders[name].places[1]
 
 
@@ -158,31 +157,38 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
             raise UnknownNameError.from_choices("moving joint", name, moving)
         q = _coordinates(moving[name].joint, value)
         coordinates[name] = float(q[0])
+        mimicking[name] = ()
         for i, body in enumerate(model.bodies):
-            if body.v_index == moving[name].v_index:
-                poses[i] = body.joint.pose(body.ratio * q + body.offset)
-        mimicking[name] = tuple(n for n, body in followers.items() if body.v_index == moving[name].v_index)
+            if body.v_index != moving[name].v_index:
+                continue
+            poses[i] = body.joint.pose(body.ratio * q + body.offset)
+            if body.follows:
+                mimicking[name] = (*mimicking[name], body.joint.name)
     locked = set(coordinates)
     couplings = tuple(c for c in model.couplings if not set(c.joints) <= locked)
     refuse_coupled(replace(model, couplings=couplings), locked, "cannot be locked alone. Lock all of them, or none")
-    motors = {motor for c in model.couplings if c not in couplings for motor in c.motors}
+    without_actuator = set(locked)
+    for c in model.couplings:
+        if c not in couplings:
+            without_actuator.update(c.motors)
     springs = [spring.with_fixed(coordinates) for spring in model.springs]
     fixes_base = any(model.bodies[i].parent == BASE and not model.bodies[i].joint.driven for i in poses)
     fused = replace(
         fuse(model, poses),
         springs=tuple(spring for spring in springs if spring.terms),
-        actuators={joint: a for joint, a in model.actuators.items() if joint not in locked | motors},
+        actuators={joint: a for joint, a in model.actuators.items() if joint not in without_actuator},
         couplings=couplings,
         mounted=model.mounted or fixes_base,
         locked=_in_file_order(model, {**model.locked, **mimicking}),
     )
-    return fused if fused.tip is not None else replace(fused, tip=default_tip(fused))
+    if fused.tip is None:
+        return replace(fused, tip=default_tip(fused))
+    return fused
 
 
 def _in_file_order(model: Model, locked: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
     """Locked joints in the order of the file, whatever the order in which they were locked."""
-    joints = [joint for _, joint in model.mounts.values()]
-    places = {joint: place for place, joint in enumerate(joints)}
+    places = {joint: place for place, (_, joint) in enumerate(model.mounts.values())}
     return dict(sorted(locked.items(), key=lambda item: places.get(item[0], len(places))))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -61,7 +61,10 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
 
 def _without_root_joint(part: ModelParts, values: Mapping[str, _Value]) -> dict[str, _Value]:
     """Values by joint, without the joint of a floating base, which is fixed to the other robot."""
-    return {joint: value for joint, value in values.items() if joint != ROOT_JOINT or not part.floating}
+    remaining = dict(values)
+    if part.floating:
+        remaining.pop(ROOT_JOINT, None)
+    return remaining
 
 
 def _motors_of_both(whole: ModelParts, part: ModelParts) -> set[str]:
@@ -97,10 +100,10 @@ def chain(model: Model, base: str | None, tip: str | None) -> Model:
         parts.additions.mounted = True
     part = _part_with_links(parts, links)
     part.root = root
-    model_of_part = reassemble(part)
-    return replace(
-        model_of_part, tip=tip if tip in model_of_part.all_frames else model_of_part.tip, defects=model.defects
-    )
+    model_of_part = replace(reassemble(part), defects=model.defects)
+    if tip in model_of_part.all_frames:
+        return replace(model_of_part, tip=tip)
+    return model_of_part
 
 
 def with_free_base(model: Model) -> Model:
@@ -176,11 +179,9 @@ def _with_prefix(part: ModelParts, prefix: str) -> ModelParts:
     """Parts with a prefix before every name."""
     if not prefix:
         return part
-
-    links = [replace(link, name=prefix + link.name) for link in part.links.values()]
     return replace(
         part, root=prefix + part.root, additions=_additions_with_prefix(part.additions, prefix),
-        links={link.name: link for link in links},
+        links={prefix + name: replace(link, name=prefix + name) for name, link in part.links.items()},
         joints=[_joint_with_prefix(joint, prefix) for joint in part.joints],
         whole=_keys_with_prefix(part.whole, prefix),
         friction=_keys_with_prefix(part.friction, prefix), armature=_keys_with_prefix(part.armature, prefix),
@@ -192,6 +193,10 @@ def _with_prefix(part: ModelParts, prefix: str) -> ModelParts:
 
 def _keys_with_prefix(mapping: Mapping[str, _Value], prefix: str) -> dict[str, _Value]:
     return {prefix + name: value for name, value in mapping.items()}
+
+
+def _names_with_prefix(names: Iterable[str], prefix: str) -> tuple[str, ...]:
+    return tuple(prefix + name for name in names)
 
 
 def _frame_with_prefix(name: str, additions: Additions, prefix: str) -> str:
@@ -211,13 +216,15 @@ def _additions_with_prefix(additions: Additions, prefix: str) -> Additions:
         frame_a = _frame_with_prefix(closure.frame_a, additions, prefix)
         frame_b = _frame_with_prefix(closure.frame_b, additions, prefix)
         closures[prefix + name] = OfferedClosure(frame_a, frame_b, closure.rows)
+    locked: dict[str, tuple[str, ...]] = {}
+    for joint, followers in additions.locked.items():
+        locked[prefix + joint] = _names_with_prefix(followers, prefix)
     configurations = additions.configurations
     return replace(
-        additions, sites=sites, closures=closures,
+        additions, sites=sites, closures=closures, locked=locked,
         springs=[_spring_with_prefix(spring, prefix) for spring in additions.springs],
         configurations={name: _keys_with_prefix(q, prefix) for name, q in configurations.items()},
-        motor_joints={prefix + name for name in additions.motor_joints},
-        locked={prefix + name: tuple(prefix + n for n in names) for name, names in additions.locked.items()},
+        motor_joints=set(_names_with_prefix(additions.motor_joints, prefix)),
     )  # fmt: skip
 
 
@@ -226,13 +233,16 @@ def _spring_with_prefix(spring: Spring, prefix: str) -> Spring:
 
 
 def _coupling_with_prefix(coupling: Coupling, prefix: str) -> Coupling:
-    motors = tuple(prefix + motor for motor in coupling.motors)
-    joints = tuple(prefix + joint for joint in coupling.joints)
+    motors = _names_with_prefix(coupling.motors, prefix)
+    joints = _names_with_prefix(coupling.joints, prefix)
     return replace(coupling, name=prefix + coupling.name, motors=motors, joints=joints)
 
 
 def _joint_with_prefix(entry: JointEntry, prefix: str) -> JointEntry:
-    mimic = entry.mimic if entry.mimic is None else (prefix + entry.mimic[0], *entry.mimic[1:])
+    mimic = entry.mimic
+    if mimic is not None:
+        leader, ratio, offset = mimic
+        mimic = (prefix + leader, ratio, offset)
     joint = replace(entry.joint, name=prefix + entry.name)
     return replace(entry, joint=joint, parent=prefix + entry.parent, child=prefix + entry.child, mimic=mimic)
 
@@ -282,7 +292,9 @@ def _part_with_links(parts: ModelParts, links: set[str]) -> ModelParts:
     _check_leaders(joints, names)
     couplings = [coupling for coupling in parts.couplings if names & set(coupling.joints)]
     _check_coupled_joints(couplings, names)
-    drives = names | {motor for coupling in couplings for motor in coupling.motors}
+    drives = set(names)
+    for coupling in couplings:
+        drives.update(coupling.motors)
     actuators = [actuator for actuator in parts.actuators if actuator.joint in drives]
     additions = _additions_of_part(parts.additions, links, names)
     frames = links | set(additions.sites)
@@ -301,16 +313,15 @@ def _additions_of_part(additions: Additions, links: set[str], joints: set[str]) 
     configurations: dict[str, dict[str, ArrayLike]] = {}
     for name, positions in additions.configurations.items():
         configurations[name] = {joint: q for joint, q in positions.items() if joint in joints}
-    springs = [s for s in additions.springs if {joint for joint, _ in s.terms} <= joints]
+    springs = [spring for spring in additions.springs if joints.issuperset(spring.joints)]
     closures = {name: c for name, c in additions.closures.items() if {c.frame_a, c.frame_b} <= frames}
-    motor_joints = additions.motor_joints & joints
     return replace(
         additions,
         sites=sites,
         springs=springs,
         configurations=configurations,
         closures=closures,
-        motor_joints=motor_joints,
+        motor_joints=additions.motor_joints & joints,
     )
 
 

@@ -145,7 +145,8 @@ class _Stance:
         ground = min(lowest.values(), default=np.inf)
         if not self.base or not self.heights(self.base, up).min() - ground > MIN_BASE_HEIGHT * self.size:
             return set()
-        on_ground = [chain for chain in lowest if lowest[chain] <= ground + MAX_HEIGHT_DIFFERENCE * self.size]
+        top = ground + MAX_HEIGHT_DIFFERENCE * self.size
+        on_ground = [branch for branch, height in lowest.items() if height <= top]
         legs = set[Chain]()
         for pair in combinations(on_ground, 2):
             if _are_legs(self.model, *pair):
@@ -162,8 +163,12 @@ class _Stance:
         normal = np.cross(up, directions[0])
         if _hip_count(legs) > 2:
             return bool(np.ptp(footprint @ normal) < MIN_POLYGON_WIDTH * self.size)
-        axes = [self._axis(body) for leg in legs for body in leg]
-        return all(axis is not None and abs(axis @ normal) > MIN_PARALLEL_COSINE for axis in axes)
+        for leg in legs:
+            for body in leg:
+                axis = self._axis(body)
+                if axis is None or abs(axis @ normal) <= MIN_PARALLEL_COSINE:
+                    return False
+        return True
 
     def _end(self, leg: Chain, up: Array) -> Array:
         names = self.chains[leg]
@@ -189,9 +194,11 @@ class _Stance:
             if length <= MIN_BASE_HEIGHT * self.size:
                 continue
             top = float(self.heights(self.base, height_axis).max()) + MIN_BASE_HEIGHT * self.size
-            branches = [chain for chain in self.chains if chain not in legs]
-            upper = [chain for chain in branches if self.heights(self.chains[chain], height_axis).max() > top]
-            if max(map(self._mass, upper), default=0.0) > max(map(self._mass, legs)):
+            upper_masses: list[float] = []
+            for branch, names in self.chains.items():
+                if branch not in legs and self.heights(names, height_axis).max() > top:
+                    upper_masses.append(self._mass(branch))
+            if max(upper_masses, default=0.0) > max(map(self._mass, legs)):
                 return legs
         return set()
 
@@ -270,10 +277,13 @@ def frame_poses(model: Model, q: Array) -> dict[str, Array]:
     True
     """
     bodies = _body_poses(model, q)
-    return {
-        name: np.asarray(frame.pose if frame.body == BASE else bodies[frame.body] @ frame.pose)
-        for name, frame in model.frames.items()
-    }
+    poses: dict[str, Array] = {}
+    for name, frame in model.frames.items():
+        T = frame.pose
+        if frame.body != BASE:
+            T = bodies[frame.body] @ T
+        poses[name] = np.asarray(T)
+    return poses
 
 
 def _body_poses(model: Model, q: Array) -> list[Array]:
@@ -281,7 +291,9 @@ def _body_poses(model: Model, q: Array) -> list[Array]:
     poses = list[Array]()
     for body in model.bodies:
         T = np.asarray(body.placement @ body.joint.pose(body.coordinates(q)), float)
-        poses.append(T if body.parent == BASE else poses[body.parent] @ T)
+        if body.parent != BASE:
+            T = poses[body.parent] @ T
+        poses.append(T)
     return poses
 
 
@@ -294,10 +306,12 @@ def _chains(model: Model) -> Mapping[tuple[int, ...], list[str]]:
         links.setdefault(frame.body, []).append(name)
     links_of_chain: dict[Chain, list[str]] = {}
     for leaf in sorted(leaves):
-        chain = tuple(_chain(model, leaf))[::-1]
-        names = [name for body in chain for name in links.get(body, ())]
+        bodies = tuple(_chain(model, leaf))[::-1]
+        names: list[str] = []
+        for body in bodies:
+            names += links.get(body, [])
         if names:
-            links_of_chain[chain] = names
+            links_of_chain[bodies] = names
     return links_of_chain
 
 

@@ -148,6 +148,10 @@ class Limits:
         x, tolerance = np.asarray(positions, float), self.tolerance
         return np.asarray((x < self.lower - tolerance) | (x > self.upper + tolerance))
 
+    def select(self, indices: Sequence[int] | slice | Array) -> Limits:
+        """Limits of selected velocities, in that order."""
+        return Limits(*(getattr(self, f.name)[indices] for f in fields(Limits)))
+
     def has_unit(self, kind: str) -> Array:
         """True for each joint whose limit of a kind was given with its unit; for no joint if the limits are those of a file.
 

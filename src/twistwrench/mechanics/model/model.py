@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -119,10 +121,21 @@ class Spring:
     rest: float = 0.0
     """Unloaded length [rad or m]."""
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints that the spring acts on."""
+        return tuple(joint for joint, _ in self.terms)
+
     def with_fixed(self, positions: dict[str, float]) -> Spring:
         """Spring with some joints locked; their part of the extension is constant."""
-        fixed = sum(weight * positions[joint] for joint, weight in self.terms if joint in positions)
-        return Spring(tuple(t for t in self.terms if t[0] not in positions), self.stiffness, self.rest - fixed)
+        terms: list[tuple[str, float]] = []
+        fixed = 0.0
+        for joint, weight in self.terms:
+            if joint in positions:
+                fixed += weight * positions[joint]
+            else:
+                terms.append((joint, weight))
+        return Spring(tuple(terms), self.stiffness, self.rest - fixed)
 
 
 # ── Loops of a robot file, closed by ``robot.close``; the model itself is a tree
@@ -284,7 +297,8 @@ class Model:
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         limits = [getattr(self.limits, kind.name) for kind in fields(Limits)]
         arrays = [self.gravity, self.armature, *limits, *self.configurations.values()]
-        arrays += [frame.pose for frame in self.all_frames.values()] + [c.motor_per_joint for c in self.couplings]
+        arrays += [frame.pose for frame in self.all_frames.values()]
+        arrays += [coupling.motor_per_joint for coupling in self.couplings]
         for body in self.bodies:
             arrays += [body.placement, body.joint.axes]
         for array in arrays:
@@ -340,9 +354,14 @@ class Model:
         return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
 
     @cached_property
+    def leaders_by_name(self) -> dict[str, Body]:
+        """Leaders (:attr:`leaders`) by the name of their joint."""
+        return dict(zip(self.joint_names, self.leaders, strict=True))
+
+    @cached_property
     def all_locked(self) -> tuple[str, ...]:
         """Joints that were locked, and the joints that mimicked them."""
-        return (*self.locked, *(follower for followers in self.locked.values() for follower in followers))
+        return (*self.locked, *chain.from_iterable(self.locked.values()))
 
     @cached_property
     def limited_followers(self) -> tuple[int, ...]:
@@ -357,8 +376,12 @@ class Model:
     @cached_property
     def quaternions(self) -> tuple[slice, ...]:
         """Slices of the quaternions in q."""
-        starts = [b.q_index + b.joint.quaternion for b in self.leaders if b.joint.quaternion is not None]
-        return tuple(slice(start, start + 4) for start in starts)
+        slices: list[slice] = []
+        for body in self.leaders:
+            if body.joint.quaternion is not None:
+                start = body.q_index + body.joint.quaternion
+                slices.append(slice(start, start + 4))
+        return tuple(slices)
 
     @cached_property
     def all_frames(self) -> dict[str, Frame]:
@@ -386,23 +409,32 @@ class Model:
     @cached_property
     def coupled(self) -> tuple[tuple[Array, Array, Array], ...]:
         """Indices in dq (n,), A and A⁻¹ (n, n) of each coupling."""
-        index = {b.joint.name: b.v_index for b in self.leaders}
         blocks = []
         for c in self.couplings:
-            indices = np.array([index[joint] for joint in c.joints])
+            indices = np.array([self.leaders_by_name[joint].v_index for joint in c.joints])
             blocks.append((indices, c.motor_per_joint, c.joint_per_motor))
         return tuple(blocks)
 
     @cached_property
+    def coupled_motors(self) -> tuple[str, ...]:
+        """Motors of all couplings."""
+        return tuple(chain.from_iterable(c.motors for c in self.couplings))
+
+    @cached_property
     def drive_names(self) -> tuple[str, ...]:
         """A name for the drive of each velocity: the joint, or the coupled motor at its index; (nv,)."""
-        motors = {joint: motor for c in self.couplings for joint, motor in zip(c.joints, c.motors, strict=True)}
+        motors: dict[str, str] = {}
+        for c in self.couplings:
+            motors.update(zip(c.joints, c.motors, strict=True))
         return tuple(motors.get(name, name) for name in self.velocity_names)
 
     @cached_property
     def drive_labels(self) -> tuple[str, ...]:
         """Drive names (:attr:`drive_names`) for reports: coupled motors with the joints they move; (nv,)."""
-        labels = {motor: c.label(motor) for c in self.couplings for motor in c.motors}
+        labels: dict[str, str] = {}
+        for c in self.couplings:
+            for motor in c.motors:
+                labels[motor] = c.label(motor)
         return tuple(labels.get(name, name) for name in self.drive_names)
 
     def drive_index(self, name: str) -> int:
@@ -427,23 +459,21 @@ class Model:
         >>> tw.robots.planar_2r().model.drive_index("joint2")
         1
         """
-        leaders = {b.joint.name: b for b in self.leaders}
-        motors = {motor for c in self.couplings for motor in c.motors}
-        if name in motors:
+        if name in self.coupled_motors:
             return self.drive_names.index(name)
         for c in self.couplings:
             if name in c.joints:
                 raise ModelError(
                     f"joint {name!r} is moved by motors {listed(c.motors)} of coupling {c.name!r}. Describe those instead."
                 )
-        if name in leaders:
-            if leaders[name].joint.nv != 1:
-                kind = leaders[name].joint.kind
-                raise ModelError(f"joint {name!r} is {kind}; only joints of one degree have actuators.")
-            return leaders[name].v_index
-        if any(name == b.joint.name for b in self.bodies if b.follows):
+        if name in self.leaders_by_name:
+            leader = self.leaders_by_name[name]
+            if leader.joint.nv != 1:
+                raise ModelError(f"joint {name!r} is {leader.joint.kind}; only joints of one degree have actuators.")
+            return leader.v_index
+        if any(b.follows and b.joint.name == name for b in self.bodies):
             raise ModelError(f"joint {name!r} mimics another and has no actuator of its own. Describe its leader's.")
-        raise UnknownNameError.from_choices("joint", name, (*leaders, *motors))
+        raise UnknownNameError.from_choices("joint", name, (*self.leaders_by_name, *self.coupled_motors))
 
     @property
     def neutral(self) -> Array:
@@ -476,11 +506,17 @@ class Model:
     @cached_property
     def possible_tips(self) -> tuple[str, ...]:
         """Frames that may be the tip: links that carry several moving joints, farthest from the base first, then the leaves."""
-        carriers = [self.mounts.get(b.link, ("", ""))[0] for b in self.bodies if b.joint.moves_body]
-        several = [link for link in dict.fromkeys(carriers) if carriers.count(link) > 1 and link in self.frames]
-        moving = [link for link in several if self.frames[link].body != BASE]
-        farthest = sorted(moving, key=lambda link: -len(self.ancestors(self.frames[link].body)))
-        return tuple(dict.fromkeys([*farthest, *self.leaves]))
+        joint_counts: Counter[str] = Counter()
+        for body in self.bodies:
+            if body.joint.moves_body and body.link in self.mounts:
+                carrier, _ = self.mounts[body.link]
+                joint_counts[carrier] += 1
+        branching: list[str] = []
+        for link, count in joint_counts.items():
+            if count > 1 and link in self.frames and self.frames[link].body != BASE:
+                branching.append(link)
+        branching.sort(key=lambda link: -len(self.ancestors(self.frames[link].body)))
+        return tuple(dict.fromkeys([*branching, *self.leaves]))
 
     def frame(self, name: str | None) -> Frame:
         """Frame by name; None: the tip.

@@ -111,9 +111,12 @@ def nominal(model: Model) -> dict[str, float]:
 def _armatures(model: Model) -> dict[str, int]:
     """Index in the armature of each drive of one degree of freedom without a rotor, whose inertia would count twice."""
     rotors = {a.joint for a in model.actuators.values() if a.rotor is not None}
-    leaders = [body for body in model.leaders if body.joint.nv == 1]
-    drives = {model.drive_names[body.v_index]: body.v_index for body in leaders}
-    return {drive: k for drive, k in drives.items() if drive.removesuffix(".motor") not in rotors}
+    indices: dict[str, int] = {}
+    for body in model.leaders:
+        drive = model.drive_names[body.v_index]
+        if body.joint.nv == 1 and drive.removesuffix(".motor") not in rotors:
+            indices[drive] = body.v_index
+    return indices
 
 
 def _rotors(model: Model) -> dict[str, tuple[Rotor, float, int | None]]:
@@ -131,16 +134,16 @@ def _springs(model: Model) -> dict[str, int]:
     """Index of the spring at each joint, or between it and its motor; of several, the first."""
     indices: dict[str, int] = {}
     for k, spring in enumerate(model.springs):
-        joints = [joint for joint, _ in spring.terms]
-        if len(joints) == 1 or joints[1:] == [f"{joints[0]}.motor"]:
-            indices.setdefault(joints[0], k)
+        first, *others = spring.joints
+        if others in ([], [f"{first}.motor"]):
+            indices.setdefault(first, k)
     return indices
 
 
 def moves_joints(model: Model, names: Sequence[str]) -> bool:
     """True if lengths are among them. Without lengths, a quantity linear in the parameters stays so after regrouping."""
     lengths = {f"{body.joint.name}.{parameter}" for body in model.bodies for parameter in _JOINT_PARAMETERS}
-    return any(name in lengths for name in names)
+    return not lengths.isdisjoint(names)
 
 
 def _link_values(model: Model, link: str) -> dict[str, float]:
@@ -169,7 +172,11 @@ def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequenc
     """Model with these numbers or symbols in place of its own parameters."""
     new = dict(zip(names, values, strict=True))
     bodies = [_moved_body(body, new) for body in model.bodies]
-    owners = {name.rpartition(".")[0] for name in names if name.rpartition(".")[2] in _LINK_PARAMETERS}
+    owners: set[str] = set()
+    for name in names:
+        owner, _, parameter = name.rpartition(".")
+        if parameter in _LINK_PARAMETERS:
+            owners.add(owner)
     for link, frame in model.frames.items():
         if link not in owners:
             continue
@@ -184,8 +191,11 @@ def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequenc
 
 def _armature_with_parameters(model: Model, bodies: list[Any], new: dict[str, Any]) -> Array:
     """Armature with the numbers of drives; those of rotors change the ``bodies`` of rotors and of links that hold them."""
-    drives = _armatures(model)
-    values = {k: new[f"{drive}.armature"] for drive, k in drives.items() if f"{drive}.armature" in new}
+    values: dict[int, Any] = {}
+    for drive, k in _armatures(model).items():
+        name = f"{drive}.armature"
+        if name in new:
+            values[k] = new[name]
     for drive, (rotor, ratio, i) in _rotors(model).items():
         name = f"{drive}.rotor_inertia"
         if name not in new:
@@ -226,7 +236,7 @@ def _springs_with_parameters(model: Model, new: dict[str, Any]) -> tuple[Spring,
 
 def _moved_body(body: Any, new: dict[str, Any]) -> Any:
     names = [f"{body.joint.name}.{parameter}" for parameter in _JOINT_PARAMETERS]
-    if not any(name in new for name in names):
+    if new.keys().isdisjoint(names):
         return body
     placement = body.placement.astype(object)
     for k, name in enumerate(names):
@@ -249,11 +259,14 @@ def _friction_with_parameters(model: Model, new: dict[str, Any]) -> Friction:
         for law in LAWS:
             name = f"{drive}.{law}"
             if name in new:
-                columns[law][i], changed = new[name], True
+                columns[law][i] = new[name]
+                changed = True
         coulomb, static = f"{drive}.coulomb", f"{drive}.static"
         if coulomb in new and static not in new and model.friction.static[i] == model.friction.coulomb[i]:
             columns["static"][i] = new[coulomb]
-    return Friction(**columns) if changed else model.friction
+    if not changed:
+        return model.friction
+    return Friction(**columns)
 
 
 # ── Validation of parameters given by sample, with the criteria of loading
@@ -311,13 +324,16 @@ def _refuse_tensor(model: Model, link: str, parameters: Mapping[str, Array]) -> 
     impossible = _impossible_samples(model, link, parameters)
     if not impossible.any():
         return
-    members = {name for name, frame in model.frames.items() if frame.body == body}
-    of_members = {name: x for name, x in parameters.items() if name.rpartition(".")[0] in members}
-    shape = np.broadcast_shapes(*(x.shape for x in of_members.values()))
+    parameters_of_body: dict[str, Array] = {}
+    for name, samples in parameters.items():
+        owner = name.rpartition(".")[0]
+        if owner in model.frames and model.frames[owner].body == body:
+            parameters_of_body[name] = samples
+    shape = np.broadcast_shapes(*(samples.shape for samples in parameters_of_body.values()))
     for sample in map(tuple, np.argwhere(np.broadcast_to(impossible, shape))):
-        values = [float(np.broadcast_to(x, shape)[sample]) for x in of_members.values()]
+        values = [float(np.broadcast_to(samples, shape)[sample]) for samples in parameters_of_body.values()]
         with np.errstate(all="ignore"):
-            changed = with_symbolic_parameters(model, list(of_members), values)
+            changed = with_symbolic_parameters(model, list(parameters_of_body), values)
         numbers = changed.bodies[body].inertia.parameters.astype(float)
         if not np.isfinite(numbers).all():
             continue
@@ -351,4 +367,6 @@ def _value_text(name: str, values: Array, mask: Array, unit: str = "") -> str:
 
 
 def _sample_text(sample: tuple[int, ...]) -> str:
-    return str(int(sample[0])) if len(sample) == 1 else str(tuple(map(int, sample)))
+    if len(sample) == 1:
+        return str(int(sample[0]))
+    return str(tuple(map(int, sample)))

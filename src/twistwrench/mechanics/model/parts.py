@@ -75,13 +75,15 @@ class _Disassembly:
     def __init__(self, model: Model, extra: bool) -> None:
         self.model, self.extra = model, extra
         self.bodies = {body.link: i for i, body in enumerate(model.bodies) if body.joint.moves_body}
-        rotors = (body for body in model.leaders if not body.joint.moves_body)
-        self.motors = {model.actuators[body.joint.name].joint: body for body in rotors}
+        self.motors: dict[str, Body] = {}
         """Motors behind elastic gears, which have coordinates of their own, by the joint they drive."""
+        for body in model.leaders:
+            if not body.joint.moves_body:
+                self.motors[model.actuators[body.joint.name].joint] = body
         self.by_column = {body.v_index: body for body in model.leaders}
-        links = set(model.frames) | set(self.bodies)
+        self.names = list(dict.fromkeys([*model.frames, *self.bodies]))
+        links = set(self.names)
         self.parents = {link: self._carrier(link, links) for link in links if link in model.mounts}
-        self.names = [*model.frames, *(link for link in self.bodies if link not in model.frames)]
 
     def _carrier(self, link: str, links: set[str]) -> str:
         """Nearest ancestor link that remains; hidden links of locked joints are removed."""
@@ -175,7 +177,7 @@ class _Disassembly:
             return fixed_entry(name, parent, link, _relative_pose(T_parent, T))
         body = model.bodies[self.bodies[link]]
         columns = body.places[1]
-        limits = Limits(**{kind: values[columns] for kind, values in vars(model.limits).items()})
+        limits = model.limits.select(columns)
         if name in self.motors:  # which has the effort limit
             limits = replace(limits, effort=model.limits.effort[self.motors[name].places[1]])
         entry = _entry(body.joint, parent, link, _relative_pose(T_parent, body.placement), limits)
@@ -185,7 +187,9 @@ class _Disassembly:
         ends = np.sort(body.ratio * np.array([limits.lower, limits.upper]) + body.offset, axis=0)
         free = np.full(1, np.inf)
         effort = np.array([body.effort])
-        reach = Limits(ends[0], ends[1], free, effort) if body.ratio else Limits(-free, free, free, effort)
+        reach = Limits(-free, free, free, effort)
+        if body.ratio:
+            reach = Limits(ends[0], ends[1], free, effort)
         return replace(entry, mimic=(leader.joint.name, body.ratio, body.offset), limits=reach)
 
     def _add_losses(self, parts: ModelParts, body: Body) -> None:
@@ -199,10 +203,12 @@ class _Disassembly:
     def _add_additions(self, parts: ModelParts) -> None:
         model, additions = self.model, parts.additions
         for name, frame in model.sites.items():
-            link = parts.root if frame.body == BASE else model.bodies[frame.body].link
+            link = parts.root
+            if frame.body != BASE:
+                link = model.bodies[frame.body].link
             additions.sites[name] = SiteEntry(name, link, frame.pose)
         joints = {joint.name for joint in parts.joints} | {ROOT_JOINT}
-        additions.springs = [spring for spring in model.springs if {joint for joint, _ in spring.terms} <= joints]
+        additions.springs = [spring for spring in model.springs if joints.issuperset(spring.joints)]
         leaders = [body for body in model.leaders if body.joint.moves_body]
         for name, q in model.configurations.items():
             additions.configurations[name] = {body.joint.name: q[body.places[0]] for body in leaders}
@@ -225,7 +231,9 @@ def fixed_entry(name: str, parent: str, child: str, placement: Array) -> JointEn
 
 def _relative_pose(T_ab: Array, T_ac: Array) -> Array:
     """Relative pose T_bc; exact if {b} equals {a}."""
-    return T_ac if np.array_equal(T_ab, np.eye(4)) else np.asarray(se3.inverse(T_ab) @ T_ac)
+    if np.array_equal(T_ab, np.eye(4)):
+        return T_ac
+    return np.asarray(se3.inverse(T_ab) @ T_ac)
 
 
 def _exceeds_rounding(remainder: SpatialInertia, whole: SpatialInertia) -> bool:
