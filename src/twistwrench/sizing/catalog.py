@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 from ..core.errors import ModelError, UnknownNameError, ValueRangeError
@@ -72,7 +73,9 @@ class Catalog:
     def size(self, names: Pair) -> tuple[float, float, float]:
         """Sort key of a pair for the choice of the smallest: mass, price, rated torque."""
         motor, gear = self.pair(names)
-        torque = gear.repeated_peak if math.isfinite(gear.repeated_peak) else motor.motor.torque_constant * gear.ratio
+        torque = gear.repeated_peak
+        if not math.isfinite(torque):
+            torque = motor.motor.torque_constant * gear.ratio
         return motor.mass + gear.mass, motor.price + gear.price, torque
 
 
@@ -86,9 +89,10 @@ def read_catalog(source: Source | Catalog) -> Catalog:
     """
     if isinstance(source, Catalog):
         return source
-    content, origin = (
-        ({"motors": SERVOS}, "the table of servos") if source == "servos" else read_yaml(source, "catalogue", "motors")
-    )
+    if source == "servos":
+        content, origin = {"motors": SERVOS}, "the table of servos"
+    else:
+        content, origin = read_yaml(source, "catalogue", "motors")
     try:
         return _catalog(Section(content, ""))
     except (ModelError, UnknownNameError, ValueRangeError) as error:
@@ -105,13 +109,19 @@ def _catalog(file: Section) -> Catalog:
     if "gears" in file.content:
         section = file.section("gears")
         gears |= {str(name): _gear(str(name), section.section(name)) for name in section.content}
-    pairs = tuple(_pairs(file, motors, gears)) if "pairs" in file.content else ()
+    pairs: list[Pair] = []
+    if "pairs" in file.content:
+        pairs += _pairs(file, motors, gears)
     if not pairs:  # servos need no gear, and motors do
-        pairs = tuple((m, g) for m in motors for g in gears if motors[m].stall_only == (g == DIRECT))
-    drives = dict(_drives(file, motors, gears)) if "actuators" in file.content else {}
+        for motor, gear in product(motors, gears):
+            if motors[motor].stall_only == (gear == DIRECT):
+                pairs.append((motor, gear))
+    drives: dict[str, Pair] = {}
+    if "actuators" in file.content:
+        drives.update(_drives(file, motors, gears))
     if not pairs and not drives:
         raise ModelError("it has no entry 'gears:' with the gears that go with its motors.")
-    return Catalog(motors, gears, pairs, drives)
+    return Catalog(motors, gears, tuple(pairs), drives)
 
 
 def _motor(name: str, section: Section) -> CatalogMotor:
@@ -120,8 +130,9 @@ def _motor(name: str, section: Section) -> CatalogMotor:
     own["unstated"] = frozenset({"mass"} - set(section.content))
     if "stall_torque" in section.content:
         section.only(*_SERVO, "mass", "price")
-        if lacking := [key for key in ("no_load_speed", "voltage") if key not in section.content]:
-            raise ModelError(f"{section.path} has a stall_torque and no {lacking[0]}, so it has no speed–torque line.")
+        for key in ("no_load_speed", "voltage"):
+            if key not in section.content:
+                raise ModelError(f"{section.path} has a stall_torque and no {key}, so it has no speed–torque line.")
         keys = ("stall_torque", "no_load_speed", "voltage")
         stall, speed, voltage = (section.number(key, _SERVO[key]) for key in keys)
         if not min(stall, speed, voltage) > 0:
@@ -134,7 +145,8 @@ def _motor(name: str, section: Section) -> CatalogMotor:
     if "rotor" in section.content:
         rotor = section.section("rotor")
         rotor.only("inertia")
-        inertia = rotor.number("inertia", "inertia") if "inertia" in rotor.content else 0.0
+        if "inertia" in rotor.content:
+            inertia = rotor.number("inertia", "inertia")
         if not inertia > 0:
             raise ModelError(f"{rotor.where('inertia')} must be given and be above 0.")
     return _check_motor(CatalogMotor(name, motor, inertia, **own), section)
@@ -167,9 +179,8 @@ def _gear(name: str, section: Section) -> Gear:
 def _above_zero(numbers: Mapping[str, float], section: Section, *, zero: bool) -> None:
     for key, value in numbers.items():
         if value < 0 or (value == 0 and not zero):
-            raise ModelError(
-                f"{section.where(key)} is {printed(value)}; it must be {'at least' if zero else 'above'} 0."
-            )
+            bound = "at least" if zero else "above"
+            raise ModelError(f"{section.where(key)} is {printed(value)}; it must be {bound} 0.")
 
 
 def _pairs(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Iterator[Pair]:

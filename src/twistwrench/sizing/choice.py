@@ -32,7 +32,7 @@ from ..reports.motors import Demand
 from ..reports.torque_report import TorqueReport
 from ..reports.torque_verdict import condition_of_excesses, contradictions, log_doubts, rows_in_doubt
 from ..statics.reactions import bearing_loads
-from .catalog import Catalog, Pair
+from .catalog import DIRECT, Catalog, Pair
 from .drives import (
     CatalogMotor,
     Cycle,
@@ -71,9 +71,14 @@ class SizedJoint:
     @property
     def excess(self) -> tuple[str, ...]:
         """Sentence without a full stop for each exceeded limit, largest excess first."""
-        exceeded = [(demand, part) for part in self._parts for demand in part[1].excess]
-        exceeded.sort(key=lambda pair: -pair[0].share)
-        return tuple(_words(self.joint, part, demand) for demand, part in exceeded)
+        shares: list[float] = []
+        sentences: list[str] = []
+        for part in self._parts:
+            for demand in part[1].excess:
+                shares.append(demand.share)
+                sentences.append(_words(self.joint, part, demand))
+        order = np.argsort(-np.array(shares), kind="stable")
+        return tuple(sentences[k] for k in order)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -81,8 +86,10 @@ class SizedJoint:
         sentences = []
         for what, part in self._parts:
             if part.missing:
-                end = "" if "stall" in part.missing[-1] else " not given"
-                sentences.append(f"{self.joint}, {what} {part.name}: {', '.join(part.missing)}{end}")
+                ratings = ", ".join(part.missing)
+                if "stall" not in part.missing[-1]:
+                    ratings += " not given"
+                sentences.append(f"{self.joint}, {what} {part.name}: {ratings}")
         return tuple(sentences)
 
     @property
@@ -166,7 +173,9 @@ class SizingProblem:
             entries[joint] = {"ratio": gear.ratio, "rotor": rotor}
         if probe is not None:
             entries[probe] = {"ratio": 1, "rotor": {"inertia": "1 kg m^2", "extra": True}}
-        return self.robot.with_actuators({"actuators": entries}) if entries else self.robot
+        if not entries:
+            return self.robot
+        return self.robot.with_actuators({"actuators": entries})
 
     def cycles(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> list[Cycle]:
         """Loads of a joint in each of the cycles, given the drives of other joints that load it."""
@@ -174,9 +183,11 @@ class SizingProblem:
         cycles = [self._cycle(robot, joint, states, self.time, self.holding) for states in self.states]
         if not self.bears:
             return cycles
-        bare = self.with_drives({name: drive for name, drive in drives.items() if name != joint})
-        bearings = [_bearing(bare, joint, states) for states in self.states]
-        return [cycle._replace(bearing=bearing) for cycle, bearing in zip(cycles, bearings, strict=True)]
+        bare = self.with_drives(_without(drives, joint))
+        with_bearing: list[Cycle] = []
+        for cycle, states in zip(cycles, self.states, strict=True):
+            with_bearing.append(cycle._replace(bearing=_bearing(bare, joint, states)))
+        return with_bearing
 
     def emergency_cycle(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Cycle | None:
         """Loads of a joint in the emergency; None without one."""
@@ -187,7 +198,7 @@ class SizingProblem:
         return self._cycle(robot, joint, (stop.q, stop.dq, stop.ddq), stop.time, slice(len(stop), None))
 
     def _with_probe(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Robot:
-        return self.with_drives({name: drive for name, drive in drives.items() if name != joint}, probe=joint)
+        return self.with_drives(_without(drives, joint), probe=joint)
 
     def _cycle(
         self, robot: Robot, joint: str, states: tuple[Array, Array, Array], time: Array, holding: slice
@@ -223,6 +234,13 @@ class SizingProblem:
             motor_use = replace(motor_use, demands=with_noise(motor_use.demands, motor_draws))
             gear_use = replace(gear_use, demands=with_noise(gear_use.demands, gear_draws))
         return SizedJoint(joint, (entry.name, gear.name), entry.mass + gear.mass, motor_use, gear_use, cycles[0])
+
+
+def _without(drives: Mapping[str, tuple[CatalogMotor, Gear]], joint: str) -> dict[str, tuple[CatalogMotor, Gear]]:
+    """Drives of all other joints."""
+    others = dict(drives)
+    others.pop(joint, None)
+    return others
 
 
 def _bearing(robot: Robot, joint: str, states: tuple[Array, Array, Array]) -> dict[str, Array]:
@@ -282,12 +300,14 @@ class Sizing(Answer):
         own, report = self.of_drives, self.report
         if report is None:
             return own
-        if refused := contradictions(report):
-            return Verdict.from_reasons(look_again=refused)
-        rows, others = rows_in_doubt(report), log_doubts(report)
-        if rows and own.word is Word.OVER_LIMIT:
+        refusals = contradictions(report)
+        if refusals:
+            return Verdict.from_reasons(look_again=refusals)
+        row_doubts = rows_in_doubt(report)
+        if row_doubts and own.word is Word.OVER_LIMIT:
             own = Verdict.from_reasons(unsure=[f"{condition_of_excesses(report)} {Word.OVER_LIMIT}: {own.reasons[0]}"])
-        return Verdict.from_reasons(unsure=[*rows, *(text for text in others if text not in rows)]).joined(own)
+        other_doubts = [text for text in log_doubts(report) if text not in row_doubts]
+        return Verdict.from_reasons(unsure=[*row_doubts, *other_doubts]).joined(own)
 
     @cached_property
     def of_drives(self) -> Verdict:
@@ -316,13 +336,16 @@ class Sizing(Answer):
     @property
     def subject(self) -> str:
         """Robot and motion."""
-        return self.robot_name if self.report is None else f"{self.robot_name} · {Path(self.report.trajectory).name}"
+        if self.report is None:
+            return self.robot_name
+        return f"{self.robot_name} · {Path(self.report.trajectory).name}"
 
     @property
     def brief(self) -> str:
         """Joint without a sufficient drive, or the joint nearest to a rating with its share."""
-        if lacking := [name for name, chosen in self.choice.items() if chosen.drive is None]:
-            return f"no drive for {lacking[0]}"
+        for name, chosen in self.choice.items():
+            if chosen.drive is None:
+                return f"no drive for {name}"
         if not self.joints:
             return ""
         nearest = self._joints_by_share[0]
@@ -341,8 +364,11 @@ class Sizing(Answer):
         -------
         files : {argument: path}
         """
-        motion = {} if self.report is None else {"MOTION": self.report.trajectory}
-        return {**motion, "ROBOT": self.problem.robot.model.source}
+        files: dict[str, str | Path] = {}
+        if self.report is not None:
+            files["MOTION"] = self.report.trajectory
+        files["ROBOT"] = self.problem.robot.model.source
+        return files
 
     def origin(self) -> Iterator[Setting]:
         """Robot with its joints.
@@ -374,7 +400,7 @@ class Sizing(Answer):
             for joint in self.joints.values():
                 for what, part in (("gear", joint.gear), ("motor", joint.motor)):
                     for d in part.demands:
-                        limit, share = (x if np.isfinite(x) else None for x in (d.limit, d.share))
+                        limit, share = _finite_or_none(d.limit), _finite_or_none(d.share)
                         table.row([joint.joint, what, part.name, d.what, d.value, limit, d.unit, share])
         return Path(path)
 
@@ -407,9 +433,11 @@ class Sizing(Answer):
         -------
         content : dict, for :meth:`twistwrench.Robot.with_actuators`
         """
-        entries = {name: _entry(self.catalog, one.drive, self.problem.add_masses) for name, one in self.joints.items()}
-        for name in entries.keys() & set(self.problem.armed):
-            entries[name]["reflected_inertia"] = "0 kg m^2"
+        entries: dict[str, Any] = {}
+        for name, joint in self.joints.items():
+            entries[name] = _entry(self.catalog, joint.drive, self.problem.add_masses)
+            if name in self.problem.armed:
+                entries[name]["reflected_inertia"] = "0 kg m^2"
         return {"actuators": entries}
 
     def write_actuators(self, path: str | Path) -> Path:
@@ -433,6 +461,12 @@ class Sizing(Answer):
         with replacing(path) as scratch:
             scratch.write_text(yaml.safe_dump(self.actuators(), sort_keys=False, allow_unicode=True), encoding="utf-8")
         return Path(path)
+
+
+def _finite_or_none(value: float) -> float | None:
+    if math.isfinite(value):
+        return value
+    return None
 
 
 def _exact(value: float) -> str:
@@ -461,8 +495,12 @@ def _entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str, Any]:
 
 def _finite_values(part: object, units: Mapping[str, str]) -> dict[str, Any]:
     """Attributes of a part that are finite, with their units."""
-    values = {name: getattr(part, name) for name in units}
-    return {name: f"{_exact(value)} {units[name]}" for name, value in values.items() if math.isfinite(value)}
+    values: dict[str, Any] = {}
+    for name, unit in units.items():
+        value = getattr(part, name)
+        if math.isfinite(value):
+            values[name] = f"{_exact(value)} {unit}"
+    return values
 
 
 def sizing_of(
@@ -481,7 +519,7 @@ def sizing_of(
 ) -> Sizing:
     """Sizing for the states of a motion followed by the pause; smallest drives if the catalogue names none."""
     names = drive_joints(robot, catalog)
-    armed = tuple(n for n in names if robot.armature[robot.model.velocity_names.index(n)])
+    armed = _with_armature(robot, names)
     bare = bare_robot(robot, names)
     cycles, time, holding = _with_pause([states.motion, *states.draws], pause)
     problem = SizingProblem(
@@ -503,19 +541,29 @@ def sizing_refused(robot: Robot, catalog: Catalog, report: TorqueReport) -> Sizi
 
 def drive_joints(robot: Robot, catalog: Catalog) -> tuple[str, ...]:
     """Joints whose drives are sized: those of the catalogue, or all driven revolute joints. Raises UnknownNameError."""
-    joints = [body.joint for body in robot.model.leaders]
-    turning = {joint.name for joint in joints if joint.nv == 1 and joint.turning[0] and joint.driven}
-    names = tuple(catalog.drives) or tuple(n for n in robot.model.velocity_names if n in turning)
+    turning: list[str] = []
+    for body in robot.model.leaders:
+        joint = body.joint
+        if joint.nv == 1 and joint.turning[0] and joint.driven:
+            turning.append(joint.name)
+    names = tuple(catalog.drives) or tuple(turning)
     for name in names:
         if name not in turning:
             raise UnknownNameError.from_choices("joint that turns", name, turning)
     return names
 
 
+def _with_armature(robot: Robot, names: Iterable[str]) -> tuple[str, ...]:
+    """Those of the joints whose armature is not zero."""
+    return tuple(name for name in names if robot.armature[robot.model.velocity_names.index(name)])
+
+
 def bare_robot(robot: Robot, names: Iterable[str]) -> Robot:
     """Robot without the armature of these joints, which the rotors of the drives replace."""
-    armed = {n: 0.0 for n in names if robot.armature[robot.model.velocity_names.index(n)]}
-    return robot.with_armature(armed) if armed else robot
+    armed = _with_armature(robot, names)
+    if not armed:
+        return robot
+    return robot.with_armature(dict.fromkeys(armed, 0.0))
 
 
 class _Peak(NamedTuple):
@@ -552,10 +600,10 @@ def _sizing(
 ) -> Sizing:
     """Sizing of all drives."""
     parts = {name: catalog.pair(pair) for name, pair in drives.items()}
-    joints = {
-        name: problem.size_joint(name, drive, problem.cycles(name, parts), problem.emergency_cycle(name, parts))
-        for name, drive in parts.items()
-    }
+    joints: dict[str, SizedJoint] = {}
+    for name, drive in parts.items():
+        cycles, emergency = problem.cycles(name, parts), problem.emergency_cycle(name, parts)
+        joints[name] = problem.size_joint(name, drive, cycles, emergency)
     left_out = tuple(name for name in problem.robot.model.velocity_names if name not in joints)
     powers = [joint.motor.power for joint in joints.values()] or [np.zeros(len(problem.time))]
     supply = supply_of(powers, np.diff(problem.time), shared=problem.shared)
@@ -593,18 +641,27 @@ def _smallest(
     fitting = [k for k, (_, trial) in enumerate(trials) if trial.fits]
     if not fitting:
         return Chosen(joint, None, None)
-    k = fitting[-1] if sure else fitting[0]
+    rivals: list[Pair] = []
+    k = fitting[0]
+    if sure:
+        k = fitting[-1]
+        for i in fitting[:-1]:
+            pair, trial = trials[i]
+            if not trial.missing:
+                rivals.append(pair)
     smaller = None
     if k:
         pair, trial = trials[k - 1]
         smaller = pair, (trial.excess or trial.open or trial.missing)[0]
-    rivals = tuple(trials[i][0] for i in fitting if i < k and not trials[i][1].missing)
-    return Chosen(joint, trials[k][0], smaller, rivals if sure else ())
+    return Chosen(joint, trials[k][0], smaller, tuple(rivals))
 
 
 def drive_name(pair: Pair) -> str:
     """Names of a pair as text."""
-    return f"motor {pair[0]}" if pair[1] == "none" else f"gear {pair[1]} with motor {pair[0]}"
+    motor, gear = pair
+    if gear == DIRECT:
+        return f"motor {motor}"
+    return f"gear {gear} with motor {motor}"
 
 
 def smallest_drives(now: Sizing, best: Sizing) -> list[str]:

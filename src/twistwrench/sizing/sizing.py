@@ -121,39 +121,48 @@ def size_drives(
     >>> tw.size_drives("ur5", "demo", "demo", pause=0.8, add_masses=False)
     <Sizing of ur5: OK, shoulder_pan_joint 83 %>
     """
-    arm, named = robot_of(robot, None, lock) if isinstance(robot, Robot | str | Path) else (robot, "")
+    arm, named = robot, ""
+    if isinstance(robot, Robot | str | Path):
+        arm, named = robot_of(robot, None, lock)
     require_robot(arm, "size_drives")
     refuse_couplings(arm.model, "size_drives")
-    bundled = isinstance(catalog, str) and catalog == "demo"
-    listed = read_catalog(bundled_file("demo", named, ".drives.yaml", "catalogue") if bundled else catalog)
+    if isinstance(catalog, str) and catalog == "demo":
+        catalog = bundled_file("demo", named, ".drives.yaml", "catalogue")
+    listed = read_catalog(catalog)
     _check_settings(pause, ambient, life)
-    if arm.actuators:
-        raise ModelError(
-            f"robot {arm.name!r} has actuators already, and the catalogue describes the drives. "
-            f"Load it without {spell(Argument('actuators'))}."
-        )
+    _refuse_actuators(arm)
     reading = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode, "degrees": degrees}
     logs = {"named": named, "plan": plan, **reading}
     load = LoadCase(arm, payloads_of(payload), friction=friction)
     loaded = load.with_load
     bare = bare_robot(loaded, drive_joints(loaded, listed))
     cycle = _motion_or_log(motion, arm, logs)
-    report = None if isinstance(cycle, Motion) else _analyse(load, cycle, smooth=smooth)
+    report = _report(load, cycle, smooth=smooth)
     if report is not None and contradictions(report):
         return sizing_refused(loaded, listed, report)
     states = _states(cycle, report, bare, friction=friction)
-    states = states if states.draws else LoadStates(states.motion, tuple(one.with_robot(bare) for one in draws))
+    if not states.draws:
+        states = LoadStates(states.motion, tuple(draw.with_robot(bare) for draw in draws))
     stop = None
     if emergency is not None:
         stopping = _motion_or_log(emergency, arm, logs)
-        stop_report = None if isinstance(stopping, Motion) else _analyse(load, stopping)
-        stop = _states(stopping, stop_report, bare).motion
+        stop = _states(stopping, _report(load, stopping), bare).motion
     sizing = sizing_of(
         loaded, states, listed, pause=pause, ambient=ambient, life=life, brake=brake, emergency=stop, friction=friction,
         add_masses=add_masses, shared_supply=shared_supply,
     )  # fmt: skip
     sizing = replace(sizing, report=report)
-    return sizing.choose() if choose and not sizing.choice else sizing
+    if choose and not sizing.choice:
+        return sizing.choose()
+    return sizing
+
+
+def _refuse_actuators(robot: Robot) -> None:
+    if robot.actuators:
+        raise ModelError(
+            f"robot {robot.name!r} has actuators already, and the catalogue describes the drives. "
+            f"Load it without {spell(Argument('actuators'))}."
+        )
 
 
 def _check_settings(pause: float, ambient: float, life: float | None) -> None:
@@ -171,12 +180,16 @@ def _motion_or_log(source: Any, robot: Robot, logs: Mapping[str, Any]) -> Motion
     motion = getattr(source, "motion", source)
     if not isinstance(motion, Motion):
         raise ShapeError(f"size_drives: a motion is a tw.Motion or a path, got {arguments.value_text(source)}.")
-    return motion if motion.log is None else log_of(motion, robot)
+    if motion.log is None:
+        return motion
+    return log_of(motion, robot)
 
 
-def _analyse(load: LoadCase, log: MotionLog, *, smooth: bool = False) -> TorqueReport:
-    """Analysis of a log as by :func:`check`."""
-    return analyse(load, Differentiation.plan(log, load.robot.model, smoothing=smooth), load.robot.limits)
+def _report(load: LoadCase, motion: Motion | MotionLog, *, smooth: bool = False) -> TorqueReport | None:
+    """Analysis of a log as by :func:`check`; None for a motion in memory."""
+    if isinstance(motion, Motion):
+        return None
+    return analyse(load, Differentiation.plan(motion, load.robot.model, smoothing=smooth), load.robot.limits)
 
 
 def _states(

@@ -82,7 +82,8 @@ def _notes(sizing: Sizing) -> Iterator[Remark]:
     if report is None:
         return
     yield from remarks([*report.load.unit_hints, *notes_on_log(report)])
-    if limits := placeholder_limits(report.load.robot, report.limits):
+    limits = placeholder_limits(report.load.robot, report.limits)
+    if limits:
         yield from remarks([f"The robot's file has {limits}. Drives are judged by their ratings, not by these."])
 
 
@@ -119,7 +120,9 @@ def drives_table(sizing: Sizing, ambient: float) -> Table:
 def _largest_temperature(joint: SizedJoint) -> float:
     """Largest temperature of the winding [°C]; nan without thermal data."""
     temperature = joint.motor.temperature
-    return float(temperature[:, 0].max()) if temperature.size else math.nan
+    if not temperature.size:
+        return math.nan
+    return float(temperature[:, 0].max())
 
 
 def _figure(value: float) -> str:
@@ -129,7 +132,7 @@ def _figure(value: float) -> str:
 def _demand_column(name: str, joints: Sequence[SizedJoint], what: str, unit: str) -> Column:
     """Column of a gear figure with its limits, which stand below it in narrow terminals; exceeded limits are red."""
     demands = [_gear_demand(joint, what) for joint in joints]
-    limits = [math.inf if d is None else d.limit for d in demands]
+    limits = [math.inf if demand is None else demand.limit for demand in demands]
     column = numbers(name, map(_cell, demands), unit=unit, limits=limits)
     return replace(column, narrow=numbers(name, map(partial(_cell, between="\n/ "), demands), unit=unit, limits=limits))
 
@@ -144,7 +147,9 @@ def _gear_demand(joint: SizedJoint, what: str) -> Demand | None:
 def _cell(demand: Demand | None, between: str = " / ") -> Line | str:
     if demand is None:
         return number(None)
-    limit = f"{between}{_figure(demand.limit)}" if math.isfinite(demand.limit) else ""
+    limit = ""
+    if math.isfinite(demand.limit):
+        limit = f"{between}{_figure(demand.limit)}"
     red = Style.OVER if over_limit(demand.share) else ""
     return Line((_figure(demand.value), red), (limit, Style.QUIET), value=demand.value)
 
