@@ -149,7 +149,9 @@ class LinkPairs:
     @classmethod
     def from_robot(cls, robot: Robot, exact: Exact = "auto", srdf: str | Path | None = None) -> LinkPairs:
         """Pairs of links not connected by a joint, disabled in the SRDF file or always in contact."""
-        disabled = disabled_pairs(robot, srdf) if srdf is not None else frozenset()
+        disabled = frozenset[frozenset[str]]()
+        if srdf is not None:
+            disabled = disabled_pairs(robot, srdf)
         with_coal = _has_coal(exact)
         pairs: LinkPairs = robot.engine.cache(
             ("clearance", disabled, with_coal), lambda: cls._without_contact(robot, disabled, exact=with_coal)
@@ -180,7 +182,9 @@ class LinkPairs:
         link_pair_of = link_pair_of.ravel()  # of two axes in NumPy 2.0
         judged = link_pairs(pairs[~always[link_pair_of]])
         left_out = all_pairs.pair_texts(np.flatnonzero(always).tolist())
-        return replace(judged, touching=left_out) if exact else replace(judged, undecided=left_out)
+        if exact:
+            return replace(judged, touching=left_out)
+        return replace(judged, undecided=left_out)
 
     def _always_in_contact(self) -> Array:
         """Mask (p,) of pairs in contact (without coal: of capsules) in a share :data:`ALWAYS` of random configurations."""
@@ -257,7 +261,9 @@ class LinkPairs:
         if distance <= 0.0:
             return distance, False
         inside = self.encloses(poses, k)
-        return (0.0 if inside else distance), inside is None
+        if inside:
+            return 0.0, False
+        return distance, inside is None
 
     def _least(self, poses: Array, low: Array, bound: float) -> Nearest:
         """Smallest distance in one configuration and its pair, from bounds (p,); ``bound`` and -1 if none is smaller."""
@@ -362,8 +368,9 @@ def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
     try:
         root = parse(text)
         xacro = xacro_in(text, root, _SRDF)
-        elements = [] if xacro else root.all("disable_collisions")
-        pairs = [(e.text("link1"), e.text("link2")) for e in elements]
+        pairs: list[tuple[str, str]] = []
+        if not xacro:
+            pairs += [(e.text("link1"), e.text("link2")) for e in root.all("disable_collisions")]
     except RobotFileError as error:
         raise RobotFileError(f"{name}: {with_clipped_quotations(str(error))}") from None
     if xacro:
@@ -390,9 +397,12 @@ def clearance_of(robot: Robot, q: ArrayLike, exact: Exact, srdf: str | Path | No
     pairs = LinkPairs.from_robot(robot, exact, srdf)
     nearest = pairs.nearest(np.asarray(configurations, float).reshape(-1, robot.nq))
     distances, indices = np.array([x.distance for x in nearest]), np.array([x.pair for x in nearest], int)
-    names = pairs.names[indices] if len(pairs.links) else np.full((len(indices), 2), "")
-    if not len(pairs.links) and pairs.unknown:
-        distances = np.full(len(indices), np.nan)
+    if len(pairs.links):
+        names = pairs.names[indices]
+    else:
+        names = np.full((len(indices), 2), "")
+        if pairs.unknown:
+            distances = np.full(len(indices), np.nan)
     shape = configurations.shape[:-1]
     return Clearance(
         distances.reshape(shape), names.reshape(*shape, 2), pairs.shapes is not None, pairs.unknown, pairs.undecided,
@@ -421,7 +431,9 @@ class PathClearance:
         result = cls(pairs, arguments.positive(asked, "clearance", "m", zero=True))
         for time, q in samples:
             steps = np.diff(time)
-            stride = max(1, int(STEP / max(float(np.median(steps)), 1e-9) + 1e-9)) if len(steps) else 1
+            stride = 1
+            if len(steps):
+                stride = max(1, int(STEP / max(float(np.median(steps)), 1e-9) + 1e-9))
             rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
             longest_step = max(result.step, float(np.diff(time[rows]).max(initial=0.0)))
             nearest, row = pairs.nearest_row(q[rows], result.distance)
@@ -435,21 +447,26 @@ class PathClearance:
     def words(self) -> str:
         """Nearest links, their distance, its time, and the method of evaluation."""
         if not self.pair[0]:
-            return "Closest links: not known" if self.pairs.unknown else "Closest links: no two can touch"
+            if self.pairs.unknown:
+                return "Closest links: not known"
+            return "Closest links: no two can touch"
         exact = self.pairs.shapes is not None
         if self.distance > 0.0:
             size = f"{'' if exact else 'at least '}{quantity(self.distance, 'm', 3)} at"
         else:
             size = f"{'in contact' if exact else 'capsules overlap'} from"
         how = "exact" if exact else "capsules around the links"
-        step = f", every {quantity(1000.0 * self.step, 'ms', 3)}" if self.step else ""
+        step = ""
+        if self.step:
+            step = f", every {quantity(1000.0 * self.step, 'ms', 3)}"
         return f"Closest links: {' – '.join(self.pair)}, {size} t = {seconds(self.time)} s ({how}{step})"
 
     @property
     def lines(self) -> list[str]:
         """Sentences on the nearest links and on the pairs left out because they are always in contact."""
         lines = [f"{self.words}."]
-        if left_out := listed(self.pairs.touching, _MAX_LISTED, "; "):
+        left_out = listed(self.pairs.touching, _MAX_LISTED, "; ")
+        if left_out:
             lines.append(f"Not judged, as in contact in 95 % of configurations: {left_out}.")
         return lines
 

@@ -10,7 +10,7 @@ Source: Dantzig and Wolfe, Decomposition principle for linear programs, 1960 (co
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -54,7 +54,9 @@ class Cones:
 
     def of(self, rows: Any) -> Cones:
         """Cones of some of the rows."""
-        return self if self.friction.ndim == 1 else Cones(self.normals, self.friction[rows])
+        if self.friction.ndim == 1:
+            return self
+        return Cones(self.normals, self.friction[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,15 +118,19 @@ def cone_programme(
     sense : "most" or "least" s
     """
     N, m, c, _ = maps.shape
-    active = np.ones((N, c), bool) if active is None else active
-    bounds = no_bounds(N, c) if bounds is None else bounds
+    if active is None:
+        active = np.ones((N, c), bool)
+    if bounds is None:
+        bounds = no_bounds(N, c)
     grows = d is not None or bool(bounds.rate.any())
-    d = np.zeros((N, m)) if d is None else d
+    if d is None:
+        d = np.zeros((N, m))
     optima = []
     for start in range(0, max(N, 1), _ROWS):
         part = slice(start, start + _ROWS)
-        own = cones if cones.friction.ndim == 1 else replace(cones, friction=cones.friction[part])
-        simplex = _Simplex(own, maps[part], b[part], d[part], bounds.of(part), active[part], sense if grows else None)
+        simplex = _Simplex(
+            cones.of(part), maps[part], b[part], d[part], bounds.of(part), active[part], sense if grows else None
+        )
         optima.append(simplex.solve())
 
     def all_rows(name: str) -> Array:
@@ -290,7 +296,8 @@ def least_norm_in_cones(
     Source: Bertsekas, Projected Newton methods for optimization problems with simple constraints, 1982.
     """
     N, m, c, _ = maps.shape
-    bounds = no_bounds(N, c) if bounds is None else bounds
+    if bounds is None:
+        bounds = no_bounds(N, c)
     A = np.concatenate([maps, -bounds.maps], axis=1) * active[:, None, :, None]
     A = A.reshape(N, A.shape[1], 3 * c)
     unit = np.linalg.norm(A, axis=2, keepdims=True)

@@ -88,11 +88,15 @@ class Contact:
         object.__setattr__(self, "normal", self.normal / size)
 
     def __repr__(self) -> str:
-        at = f" of {self.frame}" if self.frame else ""
-        push = "" if self.push == np.inf else f", push {printed(self.push)} N"
-        pull = "" if self.pull == 0 else f", pull {printed(self.pull)} N"
-        cone = f"normal {vector(self.normal)}, friction {printed(self.friction)}"
-        return f"Contact at {vector(self.point)} m{at}, {cone}{push}{pull}"
+        text = f"Contact at {vector(self.point)} m"
+        if self.frame:
+            text += f" of {self.frame}"
+        text += f", normal {vector(self.normal)}, friction {printed(self.friction)}"
+        if self.push != np.inf:
+            text += f", push {printed(self.push)} N"
+        if self.pull != 0:
+            text += f", pull {printed(self.pull)} N"
+        return text
 
     def edges(self, count: int, *, around: bool = False) -> Array:
         """Edges of a pyramid inside the friction cone, or ``around`` it, as forces with unit normal part.
@@ -111,7 +115,9 @@ class Contact:
         count = arguments.whole(count, "the number of a cone's edges", 3)  # fewer edges enclose no volume
         if self.friction == 0:
             return np.array(self.normal[None])
-        lean = self.friction / np.cos(np.pi / count) if around else self.friction
+        lean = self.friction
+        if around:
+            lean = lean / np.cos(np.pi / count)
         first, second = tangents(self.normal)
         angle = 2 * np.pi * np.arange(count)[:, None] / count
         return self.normal + lean * (np.cos(angle) * first + np.sin(angle) * second)

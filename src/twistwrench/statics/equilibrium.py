@@ -78,8 +78,10 @@ class Equilibrium:
         if self.holds:
             forces = np.asarray(self.forces)
             largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
-            torques = "" if self.share is None else f", torques up to {percent(self.share, 3)} of their limits"
-            return f"holds, with contact forces up to {number(largest)} N{torques}"
+            text = f"holds, with contact forces up to {number(largest)} N"
+            if self.share is not None:
+                text += f", torques up to {percent(self.share, 3)} of their limits"
+            return text
         if self.holds is None:
             return "marginal: within rounding, neither forces nor a motion are found"
         moving = [
@@ -263,10 +265,12 @@ class _System:
         if least.settled[0] and least.s[0] <= 1.0 + _ROUNDING:
             allowed = max(float(least.s[0]) * (1.0 + _SHARE) + _SHARE * _SHARE, share or 0.0)
             for forces in (*self._least_norm(allowed), least.forces[0]):
-                if (torques := self._torques(forces + self.preload)) is not None:
-                    shares = np.abs(torques / self.units)[self.limited] / self.limits[self.limited]
-                    largest = float(shares.max()) if shares.size else None
-                    return Equilibrium(True, forces + self.preload, torques, largest, None, None, None, names, frame)
+                torques = self._torques(forces + self.preload)
+                if torques is None:
+                    continue
+                shares = np.abs(torques / self.units)[self.limited] / self.limits[self.limited]
+                largest = float(shares.max()) if shares.size else None
+                return Equilibrium(True, forces + self.preload, torques, largest, None, None, None, names, frame)
         motion, power = self._unresisted_motion()
         if not power > _MIN_POWER * max(
             float(np.abs(self.load).max(initial=0.0)), float(np.abs(motion).max()) * 1e-300
@@ -332,7 +336,9 @@ def _lever(maps: Array, load: Array, turning: Array) -> float:
     if longest > 0:
         return longest
     moment, force = (float(np.abs(load[which]).max(initial=0.0)) for which in (turning, ~turning))
-    return moment / force if moment > 0 and force > 0 else 1.0
+    if moment > 0 and force > 0:
+        return moment / force
+    return 1.0
 
 
 def _normalize(proof: Equilibrium) -> Equilibrium:
@@ -402,7 +408,9 @@ class TorqueWrench:
         rounding = 1e-13 * self._torques / (self.singular_values[self.rank - 1] if self.rank else 1.0)
         yield f"wrench at {self.frame} ({self.kind}): {_combination(self.wrench, WRENCH, 'none', rounding)}"
         n = len(self.joint_names)
-        singular = f", a singular pose (rank {self.rank} of {min(6, n)})" if self.rank < min(6, n) else ""
+        singular = ""
+        if self.rank < min(6, n):
+            singular = f", a singular pose (rank {self.rank} of {min(6, n)})"
         yield f"{n} joints make {self.rank} independent wrenches{singular}"
         for column in self.borne.T:
             yield f"borne by the structure: {_combination(column, WRENCH)}"
@@ -501,7 +509,9 @@ def _sparse_basis(B: Array) -> Array:
                 rows[other] -= rows[other, c] * rows[k]
                 rows[other, c] = 0.0
     rows[np.abs(rows) < 1e-12] = 0.0  # relative to the pivot 1 of each row
-    peaks = rows[np.arange(len(rows)), np.argmax(np.abs(rows), axis=1)] if rows.size else np.ones(len(rows))
+    if not rows.size:
+        return rows.T
+    peaks = rows[np.arange(len(rows)), np.argmax(np.abs(rows), axis=1)]
     return (rows / peaks[:, None]).T
 
 
@@ -542,7 +552,8 @@ class BeyondStop:
 
 def joints_beyond_stops(robot: Robot, q: Array, limits: Limits | None = None) -> tuple[BeyondStop, ...]:
     """Joints of one pose (nq,) outside the robot's or the given position limits, in descending order of excess."""
-    limits = robot.limits if limits is None else limits
+    if limits is None:
+        limits = robot.limits
     beyond = limits.exceeded(robot.model.positions(q))
     joints = []
     for b in robot.model.leaders:

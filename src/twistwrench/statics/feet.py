@@ -142,7 +142,8 @@ def sole(
     """
     _moving_frame(robot, frame)
     middle = arguments.finite(arguments.one(at, "at", 3), "at", 3)
-    normal = upward(robot) if normal is None else normal
+    if normal is None:
+        normal = upward(robot)
     if size is not None:
         sizes = arguments.one(size, "size", 2).tolist()
         length, width = (arguments.positive(x, "the size of a sole", "m") for x in sizes)
@@ -177,7 +178,8 @@ def wheel(robot: Robot, frame: str, friction: float, *, normal: ArrayLike | None
     points, radius = _lowest_face(robot, frame, None)
     up = frame_poses(robot.model, robot.neutral)[frame][:3, :3].T @ upward(robot)
     depth = max((-float(point @ up) for point in points), default=0.0)
-    normal = upward(robot) if normal is None else normal
+    if normal is None:
+        normal = upward(robot)
     return Contact((0.0, 0.0, 0.0), normal, friction, frame, radius=max(depth + radius, 0.0))
 
 
@@ -262,14 +264,23 @@ def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid
                 return
 
 
+def _radius(solid: Solid) -> float:
+    """Radius of a ball [m]; 0 for other shapes, which end in corners."""
+    if solid.shape.kind == "sphere":
+        return solid.shape.sizes[0]
+    return 0.0
+
+
 def _face_towards(shapes: Sequence[tuple[Array, Sequence[Solid]]], down: Array) -> tuple[list[Array], float]:
     """Corners, at the lowest height, of the hull of what lies within 5 mm of it; of balls their centres, and the radius."""
     solid_points = [(solid, _points_towards(T, solid, down)) for T, solids in shapes for solid in solids]
     lowest = max(float((points @ down).max()) for _, points in solid_points)
     near = [(solid, points) for solid, points in solid_points if (points @ down).max() >= lowest - _SOLE]
-    radii = {solid.shape.sizes[0] if solid.shape.kind == "sphere" else 0.0 for solid, _ in near}
     points = np.concatenate([points for _, points in near])
-    radius = radii.pop() if len(radii) == 1 else 0.0
+    radii = {_radius(solid) for solid, _ in near}
+    radius = 0.0
+    if len(radii) == 1:
+        radius = radii.pop()
     axes = tangents(down)
     corners = _corners(points[points @ down >= lowest - _SOLE] @ axes.T)
     return [np.asarray(corner @ axes + (lowest - radius) * down) for corner in corners], radius
@@ -355,7 +366,9 @@ def base_from_stance(robot: Robot, motion: Motion, feet: Sequence[str], stance: 
     poses, standing = base_poses(motion.robot, motion.time, motion.q, soles, stance)
     q = np.column_stack([pose_coordinates(poses), motion.q])
     dq, ddq = stance_rates(robot, q, motion.dq, motion.ddq, soles, standing)
-    tau = None if motion.tau is None else np.column_stack([np.zeros((len(q), 6)), motion.tau])
+    tau = None
+    if motion.tau is not None:
+        tau = np.column_stack([np.zeros((len(q), 6)), motion.tau])
     return replace(motion, q=q, dq=dq, ddq=ddq, tau=tau, robot=robot, in_seconds=True, command=None)
 
 
@@ -440,7 +453,10 @@ def _flat_foot(
     """Poses of the base while one foot after the other keeps its place, and which one does."""
     n = len(time)
     T_sb, standing = np.tile(start, (n, 1, 1)), np.zeros((n, len(corners)), bool)
-    foot = int(_heights(corners, T_sb, up)[0].argmin()) if chosen is None else int(chosen[0])
+    if chosen is None:
+        foot = int(_heights(corners, T_sb, up)[0].argmin())
+    else:
+        foot = int(chosen[0])
     row = 0
     while row < n:
         targets = corners[foot][row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3]
@@ -547,7 +563,10 @@ def _chosen_feet(stance: str | Sequence[str], frames: Sequence[str], n: int) -> 
 
 def _next_chosen(chosen: Array, foot: int) -> tuple[int, int]:
     other = np.flatnonzero(chosen != foot)
-    return (int(other[0]), int(chosen[other[0]])) if len(other) else (len(chosen), foot)
+    if not len(other):
+        return len(chosen), foot
+    row = int(other[0])
+    return row, int(chosen[row])
 
 
 def _next_lowest(time: Array, heights: Array, foot: int) -> tuple[int, int]:
@@ -566,7 +585,10 @@ def _next_lowest(time: Array, heights: Array, foot: int) -> tuple[int, int]:
         if time[last - 1] - time[first] >= _MIN_STANCE_TIME or (last == len(time) and last - first > 1):
             other = int(low[first])
             equal = np.flatnonzero(heights[:first, other] > heights[:first, foot] - _EQUAL_HEIGHT)
-            return (int(equal[-1]) + 1 if len(equal) else 1), other
+            first_lower = 1
+            if len(equal):
+                first_lower = int(equal[-1]) + 1
+            return first_lower, other
         start = last
 
 
@@ -600,7 +622,9 @@ def _plane(points: Array, up: Array) -> tuple[Array, float, float]:
         return up, 0.0, 0.0
     offsets = points - points.mean(axis=0)
     _, widths, axes = np.linalg.svd(offsets, full_matrices=False)
-    normal = axes[2] * (1.0 if axes[2] @ up >= 0 else -1.0)
+    normal = axes[2]
+    if normal @ up < 0:
+        normal = -normal
     return normal, float(widths[1]), float(np.abs(offsets @ normal).max())
 
 
@@ -608,7 +632,9 @@ def _turn(start: Array, end: Array) -> Array:
     """Smallest rotation (3, 3) from one unit vector to another."""
     axis = np.cross(start, end)
     sine = float(np.linalg.norm(axis))
-    return np.eye(3) if sine < 1e-15 else np.asarray(so3.exp(axis / sine * np.arctan2(sine, float(start @ end))))
+    if sine < 1e-15:
+        return np.eye(3)
+    return np.asarray(so3.exp(axis / sine * np.arctan2(sine, float(start @ end))))
 
 
 def pose_coordinates(poses: Array) -> Array:

@@ -225,7 +225,9 @@ def largest_wrench(
     """
     require_fixed_base(robot, "the largest wrench")
     d = unit_vectors(direction, 3, 6)
-    F = d if d.shape[-1] == 6 else np.concatenate([np.zeros_like(d), d], axis=-1)
+    F = d
+    if d.shape[-1] == 3:
+        F = np.concatenate([np.zeros_like(d), d], axis=-1)
     g, J = (motor_torques(robot.model, x) for x in (resting_torques(robot, q), robot.jacobian(q, frame, kind)))
     same_batch(q=g, direction=F)
     return _along(robot, g, J, F, effort_limits(robot, limits))

@@ -238,7 +238,9 @@ def payload_in_region(
         return RegionPayload(0.0, corners[worst], 0.0, corners[worst])
     weights = _best_mixture(at_corners.unloaded[0], at_corners.per_kilogram, at_corners.limits)
     best = float(weights.sum())
-    com = weights @ corners / best if 0 < best < np.inf else corners[int(np.argmax(at_corners.mass))]
+    com = corners[int(np.argmax(at_corners.mass))]
+    if 0 < best < np.inf:
+        com = weights @ corners / best
     return RegionPayload(float(at_corners.mass[worst]), corners[worst], best, com)
 
 
@@ -250,7 +252,9 @@ def _best_mixture(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
     A, L, g = per_kilogram.T[bounded], limits[bounded], unloaded[bounded]
     b = np.concatenate([L - g, L + g])
     optimum = linprog(-np.ones(A.shape[1]), A_ub=np.vstack([A, -A]), b_ub=b, method="highs")
-    return np.asarray(optimum.x) if optimum.status == 0 else np.full(A.shape[1], np.inf)
+    if optimum.status != 0:
+        return np.full(A.shape[1], np.inf)
+    return np.asarray(optimum.x)
 
 
 def points(com: ArrayLike) -> Array:
@@ -338,7 +342,8 @@ def payload_map(
     ((8, 8), True)
     """
     plane, samples = plane_and_samples(plane, samples)
-    cells = None if cells is None else arguments.whole(cells, "cells", 1)
+    if cells is not None:
+        cells = arguments.whole(cells, "cells", 1)
     thickness = arguments.positive(thickness, "thickness [m]")
     at = arguments.number(at, "at [m]")
     if not np.isfinite(at):

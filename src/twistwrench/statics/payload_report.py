@@ -104,7 +104,9 @@ class PayloadReport(Answer):
     @property
     def brief(self) -> str:
         """Largest payload, if the answer is OK."""
-        return f"{rounded_down(self.largest.mass)} kg" if self.limiting is not None and self.verdict.ok else ""
+        if self.limiting is None or not self.verdict.ok:
+            return ""
+        return f"{rounded_down(self.largest.mass)} kg"
 
     # ── The verdict
 
@@ -127,7 +129,9 @@ class PayloadReport(Answer):
     def limiting(self) -> str | None:
         """Joint that limits the payload; None if none does, or limits are missing."""
         k = int(self.largest.joint)
-        return self.largest.joint_names[k] if self.judged and k >= 0 and self.largest.holds else None
+        if self.judged and k >= 0 and self.largest.holds:
+            return self.largest.joint_names[k]
+        return None
 
     @cached_property
     def contradictions(self) -> tuple[str, ...]:
@@ -145,7 +149,8 @@ class PayloadReport(Answer):
                 "at the default pose the load stands on the axes of the joints, so no torque depends on it: give "
                 f"{spell(Argument('at'))}"
             )
-        if lacking := model_warnings(model):
+        lacking = model_warnings(model)
+        if lacking:
             doubts.append(f"{'; '.join(lacking)}: the payload may be less")
         return tuple(doubts)
 
@@ -307,7 +312,9 @@ def payload(
     plane, count = None, 0
     if map is not None:
         plane, count = plane_and_samples(map, SAMPLES if samples is None else samples)
-    loads = LoadCase(robot if isinstance(robot, Robot) else load(robot), payloads_of(tool))
+    if not isinstance(robot, Robot):
+        robot = load(robot)
+    loads = LoadCase(robot, payloads_of(tool))
     robot, centre = loads.with_load, arguments.one(points(com), "com", 3)
     name = _frame_of(robot, frame)
     q = configuration_of(robot, at, degrees=degrees)

@@ -30,11 +30,14 @@ _CAUTION = "Counts joint torques at rest alone: structure, grip, warm motors and
 def payload_view(report: PayloadReport) -> Iterator[Block]:
     """Blocks of the report, verdict first; without limits, only holding torques are listed."""
     yield _headline(report)
-    if hint := degrees_hint(report.robot, report.q):
+    hint = degrees_hint(report.robot, report.q)
+    if hint:
         yield from remarks([hint])
     yield ""
     carried = carried_words(report)
-    besides = f"  ·  carrying {carried} already" if carried else ""
+    besides = ""
+    if carried:
+        besides = f"  ·  carrying {carried} already"
     yield Line((report.robot.name, Style.STRONG), f"  ·  payload at {place_words(report.frame, report.com)}{besides}")
     yield _holding_torques(report)
     if report.judged:
@@ -101,11 +104,13 @@ def _stops_words(beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
     """Sentence on joints beyond their position limits, with their excess; turning joints in degrees if ``degrees``."""
     parts = []
     for b in beyond:
-        scale = math.degrees(1.0) if degrees and b.turns else 1.0
+        scale = 1.0
+        if degrees and b.turns:
+            scale = math.degrees(1.0)
         unit = unit_of("q", b.turns, degrees=degrees)
         side = "above its upper" if b.value > b.stop else "below its lower"
-        value, far, stop = (quantity(scale * x, unit, decimals=_ROUNDING) for x in (b.value, b.by, b.stop))
-        parts.append(f"{b.joint} at {value} is {far} {side} position limit, {stop}")
+        value, excess, stop = (quantity(scale * x, unit, decimals=_ROUNDING) for x in (b.value, b.by, b.stop))
+        parts.append(f"{b.joint} at {value} is {excess} {side} position limit, {stop}")
     return f"the robot cannot be in this pose: {'; '.join(parts)}"
 
 
@@ -156,8 +161,10 @@ def _row_styles(shares: list[float], limiting: int) -> list[str]:
     for k, share in enumerate(shares):
         if over_limit(share):
             styles.append(strong(Style.OVER))
+        elif k == limiting:
+            styles.append(Style.STRONG)
         else:
-            styles.append(Style.STRONG if k == limiting else "")
+            styles.append("")
     return styles
 
 
@@ -183,8 +190,10 @@ def joint_positions(report: PayloadReport) -> Array:
     positions = dict.fromkeys(report.largest.joint_names, math.nan)
     for b in report.robot.model.bodies:
         if b.joint.nq == b.joint.nv == 1:
-            unit = math.degrees(1.0) if report.degrees and b.joint.turning[0] else 1.0
-            positions[b.joint.name] = (b.ratio * report.q[b.q_index] + b.offset) * unit
+            position = b.ratio * report.q[b.q_index] + b.offset
+            if report.degrees and b.joint.turning[0]:
+                position = position * math.degrees(1.0)
+            positions[b.joint.name] = position
     return np.array([positions[name] for name in report.largest.joint_names])
 
 
@@ -202,7 +211,9 @@ def _forces(report: PayloadReport) -> Iterator[str]:
     except ValueRangeError:
         return
     d = ", ".join(number(x, 2, decimals=3) for x in weakest.wrench[3:])
-    limited = f", limited by {weakest.joint_names[int(weakest.joint)]}" if weakest.joint >= 0 else ""
+    limited = ""
+    if weakest.joint >= 0:
+        limited = f", limited by {weakest.joint_names[int(weakest.joint)]}"
     yield f"Weakest along ({d}): {_force(weakest.magnitude)} N{limited}."
     yield ""
 

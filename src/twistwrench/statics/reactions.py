@@ -180,7 +180,8 @@ def mounting_load(
             "statics.support for its contacts."
         )
     root = next(name for name, x in model.frames.items() if x.body == BASE and _parent(model, name) not in model.frames)
-    frame = root if frame is None else frame
+    if frame is None:
+        frame = root
     _check_mounting(model, frame)
     q = np.asarray(q, float)
     F = np.asarray(robot.joint_wrenches(q, dq, ddq, wrench_on_robot=wrench_on_robot))
@@ -212,7 +213,8 @@ def _check_mounting(model: Model, frame: str) -> None:
 
 
 def _parent(model: Model, link: str) -> str:
-    return model.mounts[link][0] if link in model.mounts else ""
+    parent, _ = model.mounts.get(link, ("", ""))
+    return parent
 
 
 def _stands_on(model: Model, link: str, frame: str) -> bool:

@@ -94,8 +94,11 @@ def floating_entries(robot: Robot) -> Array:
 def span(values: Array) -> str:
     """Text of the minimum and maximum of an array, and the number of NaN values."""
     known = values[~np.isnan(values)]
-    text = f"{number(known.min())} to {number(known.max())}" if known.size else "none known"
-    if unknown := values.size - known.size:
+    text = "none known"
+    if known.size:
+        text = f"{number(known.min())} to {number(known.max())}"
+    unknown = values.size - known.size
+    if unknown:
         text += f"; {unknown} unknown, as q is not a number there"
     return text
 
