@@ -89,9 +89,9 @@ def read_catalog(source: Source | Catalog) -> Catalog:
     """
     if isinstance(source, Catalog):
         return source
-    if source == "servos":
-        content, origin = {"motors": SERVOS}, "the table of servos"
-    else:
+    content: object = {"motors": SERVOS}
+    origin = "the table of servos"
+    if source != "servos":
         content, origin = read_yaml(source, "catalogue", "motors")
     try:
         return _catalog(Section(content, ""))
