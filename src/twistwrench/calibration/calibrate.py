@@ -104,8 +104,10 @@ def calibrate(
             raise ValueRangeError(
                 f"measurements={given!r}: give a path, Measurements(q, positions=…), or a list of them."
             )
-        every = [given] if isinstance(given, str | Path | Measurements) else list(given)
-        found = [read_measurements(one, arm, kind, tip, degrees=degrees) for one in every]
+        sources = [given]
+        if not isinstance(given, str | Path | Measurements):
+            sources = list(given)
+        found = [read_measurements(source, arm, kind, tip, degrees=degrees) for source in sources]
         return tuple(_require_readings(_with_options(m, length, noise), arm) for m in found)
 
     measured = read(measurements)
@@ -119,7 +121,12 @@ def calibrate(
         "kind": kind, "tip": chain.frame, "assume": list(chain.assume), "length": length, "noise": noise,
         "file_accuracy": list(accuracy), "outliers": outliers, "seed": seed,
     }  # fmt: skip
-    files = {f"MEASUREMENTS{'' if k == 0 else k + 1}": m.path for k, m in enumerate(measured) if m.path}
+    files = {}
+    for number, m in enumerate(measured, 1):
+        if m.path and number == 1:
+            files["MEASUREMENTS"] = m.path
+        elif m.path:
+            files[f"MEASUREMENTS{number}"] = m.path
     reference = arm.random_configuration(seed, CONFIGURATIONS)
     found = CalibratedRobot(arm, fit, plain, held_out, (), accuracy, reference, settings, files)
     return replace(found, doubts=tuple(doubts_of(found)))
@@ -129,7 +136,9 @@ def _with_options(m: Measurements, length: float | None, noise: float | tuple[fl
     """Measurements with the length and the noise of the call, where they have none."""
     if noise is not None and m.noise is None:
         m = replace(m, noise=noise)
-    return replace(m, length=length) if length is not None and m.length is None else m
+    if length is not None and m.length is None:
+        m = replace(m, length=length)
+    return m
 
 
 def _require_readings(m: Measurements, robot: Robot) -> Measurements:

@@ -81,7 +81,8 @@ class TipChain:
             i = model.bodies[i].parent
         if not chain:
             raise ModelError(f"no joint moves the frame {frame!r}, so there is nothing to calibrate. Give another tip.")
-        for body in (model.bodies[i] for i in chain):
+        for i in chain:
+            body = model.bodies[i]
             if body.follows:
                 raise ModelError(
                     f"{body.joint.name!r} is a mimic joint on the way to {frame!r}. It cannot be calibrated."
@@ -128,7 +129,7 @@ class TipChain:
     @cached_property
     def own(self) -> list[int]:
         """Entry of each twist about or along the joint's own axis."""
-        return [int(np.abs(screw).argmax()) for screw in self.screws]
+        return np.abs(self.screws).argmax(axis=1).tolist()
 
     @cached_property
     def axes(self) -> Array:
@@ -176,23 +177,26 @@ class TipChain:
             words = [*ANGLES, *LENGTHS]
             words[own] = "zero"
             names += [f"{joint}.{word}" for word in words]
-        if "gears" in self.assume:
-            names += [f"{joint}.gear" for joint in self.joints]
-        if "sag" in self.assume:
-            names += [f"{joint}.sag" for joint in self.joints]
+        for effect, word in (("gears", "gear"), ("sag", "sag")):
+            if effect in self.assume:
+                names += [f"{joint}.{word}" for joint in self.joints]
         return (*names, *(f"tip.{word}" for word in (*ANGLES, *LENGTHS)))
 
     @cached_property
     def are_lengths(self) -> Array:
         """True for parameters in m."""
-        slide_zeros = {f"{joint}.zero" for joint, turns in zip(self.joints, self.turning, strict=True) if not turns}
+        slide_zeros = set()
+        for joint, turns in zip(self.joints, self.turning, strict=True):
+            if not turns:
+                slide_zeros.add(f"{joint}.zero")
         return np.array([name in slide_zeros or name.rpartition(".")[2] in LENGTHS for name in self.parameters])
 
     def scales(self, angle: float, length: float, gear: float, sag: float, tip: tuple[float, float]) -> Array:
         """A number for each parameter by its kind; ``tip`` are those of its angles and lengths."""
         sizes = np.where(self.are_lengths, length, angle)
-        sizes[[name.endswith(".gear") for name in self.parameters]] = gear
-        sizes[[name.endswith(".sag") for name in self.parameters]] = sag
+        endings = np.array([name.rpartition(".")[2] for name in self.parameters])
+        sizes[endings == "gear"] = gear
+        sizes[endings == "sag"] = sag
         sizes[-6:] = np.repeat(tip, 3)
         return sizes
 

@@ -55,20 +55,28 @@ def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
     folds, configurations = list[Array](), list[Array]()
     for m in problem.measured:
         labels = configuration_labels(m)
-        configurations.append(labels if m.pairs is None else labels[m.pairs[:, 0]])
         of_label = rng.permutation(np.arange(labels.max() + 1)) % FOLDS
         fold = of_label[labels]
-        folds.append(fold[m.pairs] if m.pairs is not None else fold[:, None])
+        if m.pairs is None:
+            configurations.append(labels)
+            folds.append(fold[:, None])
+        else:
+            configurations.append(labels[m.pairs[:, 0]])
+            folds.append(fold[m.pairs])
     lengths, angles = list[Array](), list[Array]()
     for k in range(FOLDS):
-        test = [mask & (fold == k).all(axis=1) for mask, fold in zip(kept, folds, strict=True)]
-        train = tuple(mask & (fold != k).all(axis=1) for mask, fold in zip(kept, folds, strict=True))
-        left = min(len(np.unique(x[mask])) for x, mask in zip(configurations, train, strict=True))
-        if not any(mask.any() for mask in test) or left < MIN_CONFIGURATIONS:
+        test, train, counts = list[Array](), list[Array](), list[int]()
+        for mask, fold, labels in zip(kept, folds, configurations, strict=True):
+            test.append(mask & (fold == k).all(axis=1))
+            train.append(mask & (fold != k).all(axis=1))
+            counts.append(len(np.unique(labels[train[-1]])))
+        if not any(map(np.any, test)) or min(counts) < MIN_CONFIGURATIONS:
             continue
-        found = replace(problem, used=train).solve(fit.state)
-        lengths += [e[mask] for e, mask in zip(found.errors, test, strict=True)]
-        angles += [e[mask] for e, mask in zip(found.turns, test, strict=True) if e.size]
+        found = replace(problem, used=tuple(train)).solve(fit.state)
+        for errors, turns, mask in zip(found.errors, found.turns, test, strict=True):
+            lengths.append(errors[mask])
+            if turns.size:
+                angles.append(turns[mask])
     if not lengths:
         raise ValueRangeError(
             "the readings are at so few configurations that none can be held out. Measure at 30, or give a test file."

@@ -65,7 +65,9 @@ def instrument_doubts(found: CalibratedRobot) -> list[Offered]:
         every += _offset(offset, found.fit.deviations[b][0])
         if offset.new < _SAME_EFFECT:
             notes.append(Offered(1.0, doubt("calibration-offset-unseen")))
-    return [max(every, key=lambda entry: entry[0])[1]] if every else notes
+    if every:
+        return [max(every, key=lambda entry: entry[0])[1]]
+    return notes
 
 
 def _scale(found: CalibratedRobot) -> Iterator[tuple[float, Offered]]:
@@ -116,8 +118,11 @@ def _instrument_error(found: CalibratedRobot, columns: Sequence[Array]) -> _Inst
     new = float(np.linalg.norm(away) / np.linalg.norm(column))
     residual = y - kept @ np.linalg.lstsq(kept, y, rcond=None)[0]
     squares = float(residual @ residual)
-    explained = float(away @ residual) ** 2 / float(away @ away) if new > _SAME_EFFECT else 0.0
-    left = float(np.sqrt(max(1.0 - explained / squares, 0.0))) if squares > 0.0 else 1.0
+    explained, left = 0.0, 1.0
+    if new > _SAME_EFFECT:
+        explained = float(away @ residual) ** 2 / float(away @ away)
+    if squares > 0.0:
+        left = float(np.sqrt(max(1.0 - explained / squares, 0.0)))
     return _InstrumentError(float(x[-1]), deviation, new, left)
 
 
@@ -139,12 +144,17 @@ class _Step(NamedTuple):
 
 def step_doubts(found: CalibratedRobot) -> list[Doubt]:
     """Target that has slipped on the tip, or instrument that has moved: the change that explains most of the residual."""
-    every = [step for b in range(len(found.fit.problem.measured)) for step in _steps(found, b)]
-    sure = [step for step in every if step.chance < _CHANCE and step.left < _MAX_RESIDUAL_SHARE]
+    sure = list[_Step]()
+    for b in range(len(found.fit.problem.measured)):
+        for step in _steps(found, b):
+            if step.chance < _CHANCE and step.left < _MAX_RESIDUAL_SHARE:
+                sure.append(step)
     if not sure:
         return []
     best = min(sure, key=lambda step: step.left)
-    file = f" of measurement {best.measurement + 1}" if len(found.fit.problem.measured) > 1 else ""
+    file = ""
+    if len(found.fit.problem.measured) > 1:
+        file = f" of measurement {best.measurement + 1}"
     return [
         doubt(
             f"calibration-{best.kind}", size=millimetres(best.size), row=f"{best.row}{file}", left=number(100.0 * best.left, 2),
@@ -178,8 +188,10 @@ def _steps(found: CalibratedRobot, b: int) -> Iterator[_Step]:
         squares = float(rest @ rest)
         shares = [np.linalg.norm(rest[rows]) / np.linalg.norm(left[rows]) for rows in (lengths, angles) if len(rows)]
         freedom, count = len(A) - len(Q.T) - len(x), len(x)
-        F = (left @ left - squares) / count / (squares / freedom) if freedom > 0 else 0.0
-        chance = float(special.fdtrc(count, freedom, F)) * m.count if freedom > 0 else 1.0
+        chance = 1.0
+        if freedom > 0:
+            F = (left @ left - squares) / count / (squares / freedom)
+            chance = float(special.fdtrc(count, freedom, F)) * m.count
         size = np.sqrt(((moving[row:, m.angle_rows :] @ x) ** 2).sum(axis=1).mean())
         yield _Step(kind, b, row, float(size), float(min(shares)), chance)
 

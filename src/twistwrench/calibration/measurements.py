@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -206,24 +206,32 @@ class Measurements:
     @property
     def count(self) -> int:
         """Number of readings: rows, or pairs."""
-        return len(self) if self.pairs is None else len(self.pairs)
+        if self.pairs is None:
+            return len(self)
+        return len(self.pairs)
 
     @property
     def points(self) -> Array:
         """(n, 3) measured positions [m], also of poses."""
         if self.poses is not None:
             return np.asarray(self.poses[:, :3, 3])
-        return np.zeros((0, 3)) if self.positions is None else self.positions
+        if self.positions is None:
+            return np.zeros((0, 3))
+        return self.positions
 
     @property
     def rotations(self) -> Array:
         """(n, 3, 3) measured orientations; empty for kinds other than poses."""
-        return np.zeros((0, 3, 3)) if self.poses is None else np.asarray(self.poses[:, :3, :3])
+        if self.poses is None:
+            return np.zeros((0, 3, 3))
+        return np.asarray(self.poses[:, :3, :3])
 
     @property
     def sizes(self) -> Array:
         """(n,) or (k,) measured distances [m]; empty for other kinds."""
-        return np.zeros(0) if self.distances is None else self.distances
+        if self.distances is None:
+            return np.zeros(0)
+        return self.distances
 
     @property
     def rows_each(self) -> int:
@@ -233,7 +241,9 @@ class Measurements:
     @property
     def angle_rows(self) -> int:
         """Number of equations of a reading in rad; they come first."""
-        return 3 if self.kind == "pose" else 0
+        if self.kind == "pose":
+            return 3
+        return 0
 
     @property
     def is_scaleless(self) -> bool:
@@ -253,9 +263,14 @@ class Measurements:
         """
         if self.pairs is not None:
             return replace(self, pairs=self.pairs[kept], distances=self.sizes[kept])
-        every = {name: getattr(self, name) for name in ("q", "poses", "positions", "distances")}
-        names = None if self.targets is None else tuple(np.array(self.targets, object)[kept])
-        return replace(self, targets=names, **{k: x[kept] for k, x in every.items() if x is not None})
+        selected: dict[str, Any] = {}
+        for name in ("q", "poses", "positions", "distances"):
+            readings = getattr(self, name)
+            if readings is not None:
+                selected[name] = readings[kept]
+        if self.targets is not None:
+            selected["targets"] = tuple(np.array(self.targets, object)[kept])
+        return replace(self, **selected)
 
 
 # ── Columns of a file
@@ -298,8 +313,14 @@ class _MeasurementFile:
     @cached_property
     def names(self) -> list[tuple[str, str | None]]:
         """Name of a reading and unit of each column; of others an empty name."""
-        split = [split_unit(_CAMERA.sub("", cell)) for cell in self.file.header]
-        return [(name.lower() if name.lower() in _READINGS else "", unit) for name, unit in split]
+        names = []
+        for cell in self.file.header:
+            name, unit = split_unit(_CAMERA.sub("", cell))
+            name = name.lower()
+            if name not in _READINGS:
+                name = ""
+            names.append((name, unit))
+        return names
 
     def read(self) -> Measurements:
         """Measurements of the file."""
@@ -322,10 +343,17 @@ class _MeasurementFile:
             raise ValueRangeError(
                 f"{self.path}: kind {kind} with a column 'distance'. Remove the column, or {spell(Argument('kind', kind))}."
             )
-        targets = [cells[self._place("target")] for cells in rows] if "target" in has else []
-        rotations = self._rotations(has) if kind == "pose" else np.zeros((0, 3, 3))
-        positions = self._values(_POINT, "q", angular=False) if kind in ("pose", "position") else np.zeros((0, 3))
-        distances = self._values(["distance"], "q", angular=False)[:, 0] if kind in ("distance", "pair") else None
+        targets, poses, positions, distances = list[str](), None, None, None
+        if "target" in has:
+            place = self._place("target")
+            targets = [cells[place] for cells in rows]
+        if kind == "pose":
+            rotations = self._rotations(has)
+            poses = np.asarray(se3.pose(rotations, self._values(_POINT, "q", angular=False)))
+        elif kind == "position":
+            positions = self._values(_POINT, "q", angular=False)
+        elif kind in ("distance", "pair"):
+            distances = self._values(["distance"], "q", angular=False)[:, 0]
         q, notes = self._configurations(len(rows))
         pairs = None
         if kind == "pair":
@@ -333,9 +361,8 @@ class _MeasurementFile:
             both = np.sort(np.c_[np.arange(len(rows)), partner], axis=1)
             pairs, first = np.unique(both[both[:, 0] != both[:, 1]], axis=0, return_index=True)
             distances = np.asarray(distances)[both[:, 0] != both[:, 1]][first]
-        poses = np.asarray(se3.pose(rotations, positions)) if kind == "pose" else None
         return Measurements(
-            q, kind=kind, poses=poses, positions=positions if kind == "position" else None, distances=distances, pairs=pairs,
+            q, kind=kind, poses=poses, positions=positions, distances=distances, pairs=pairs,
             targets=targets or None, path=str(self.path), notes=notes,
             board_in_camera=any(_CAMERA.match(cell) for cell in self.file.header),
         )  # fmt: skip
@@ -343,9 +370,13 @@ class _MeasurementFile:
     def _kind(self, has: set[str]) -> str:
         """Kind by the columns."""
         if "distance" in has:
-            return "pair" if "pair" in has else "distance"
+            if "pair" in has:
+                return "pair"
+            return "distance"
         if has.issuperset(_POINT):
-            return "pose" if any(has.issuperset(names) for names in _ORIENTATIONS) else "position"
+            if any(map(has.issuperset, _ORIENTATIONS)):
+                return "pose"
+            return "position"
         if "target" in has:
             raise ValueRangeError(
                 f"{self.path}: the column 'target' needs the kind of touch, {spell(Argument('kind'))}: {listed(TOUCHES)}."

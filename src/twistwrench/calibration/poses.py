@@ -250,14 +250,18 @@ def measuring_poses(
     accuracy = tuple(arguments.positive(x, "file_accuracy") for x in np.broadcast_to(file_accuracy, 2))
     arm = robot if isinstance(robot, Robot) else load(robot)
     chain = TipChain.from_robot(arm, tip, [assume] if isinstance(assume, str) else assume)
-    goal = None if towards is None else arguments.finite(arguments.one(towards, "towards", 3), "towards")
+    goal = None
+    if towards is not None:
+        goal = arguments.finite(arguments.one(towards, "towards", 3), "towards")
     if kind == "distance" and goal is None:
         raise ValueRangeError(
             "distances need their fixed end: give its place in the base frame [m], {0}.",
             Argument("towards", Placeholder("X,Y,Z")),
         )
-    known = [] if after is None else [read_measurements(after, arm, None, tip, degrees=degrees)]
-    existing = CalibrationProblem(chain, tuple(known)).solve() if known else None
+    existing = None
+    if after is not None:
+        known = read_measurements(after, arm, None, tip, degrees=degrees)
+        existing = CalibrationProblem(chain, (known,)).solve()
     at, off_axis = _start(chain, existing)
     capsules = _capsules(arm, clear=clear, floor=floor)
     q = _clear_configurations(chain, at, capsules, goal if kind != "distance" else None, seed)
@@ -305,7 +309,9 @@ def _capsules(robot: Robot, *, clear: bool, floor: float | None) -> CapsuleDista
     """Distances to be kept; None for none."""
     if not arguments.flag(clear, "clear") and floor is None:
         return None
-    height = None if floor is None else float(arguments.finite(floor, "floor"))
+    height = None
+    if floor is not None:
+        height = float(arguments.finite(floor, "floor"))
     return CapsuleDistances.from_capsules(robot, LinkCapsules.from_robot(robot), floor=height, itself=clear)
 
 
@@ -367,15 +373,15 @@ class _Design:
 
     def fit(self, planned: Measurements, goal: Array | None) -> CalibrationFit:
         """Existing and planned readings, linearised at the start, with weights 1/σ."""
-        measured = (*(self.existing.problem.measured if self.existing else ()), planned)
-        problem = CalibrationProblem(self.chain, measured)
-        known = self.existing.state.targets if self.existing else ()
-        target = _target(planned, goal)
-        state = Estimate(self.at, (*known, target))
-        weights = np.full((planned.count, planned.rows_each), 1.0 / self.noise[0])
-        weights[:, : planned.angle_rows] = 1.0 / self.noise[1]
-        every = (*(self.existing.weights if self.existing else ()), weights)
-        return CalibrationFit(problem, state, problem.equations(state), every)
+        planned_weights = np.full((planned.count, planned.rows_each), 1.0 / self.noise[0])
+        planned_weights[:, : planned.angle_rows] = 1.0 / self.noise[1]
+        measured, targets, weights = [planned], [_target(planned, goal)], [planned_weights]
+        if self.existing is not None:
+            measured = [*self.existing.problem.measured, *measured]
+            targets = [*self.existing.state.targets, *targets]
+            weights = [*self.existing.weights, *weights]
+        problem, state = CalibrationProblem(self.chain, tuple(measured)), Estimate(self.at, tuple(targets))
+        return CalibrationFit(problem, state, problem.equations(state), tuple(weights))
 
     def choose(self, candidates: Measurements, count: int, goal: Array | None) -> Array:
         """Readings in the order of choice: each adds most to log det M."""
@@ -400,7 +406,9 @@ class _Design:
 
 def _nearest_next(planned: Measurements) -> Array:
     """Configurations of the readings, each next one the nearest that is left; both of a pair stay together."""
-    blocks = planned.q[:, None] if planned.pairs is None else planned.q[planned.pairs]
+    blocks = planned.q[:, None]
+    if planned.pairs is not None:
+        blocks = planned.q[planned.pairs]
     left, place, found = list(range(len(blocks))), blocks[0, 0], list[Array]()
     while left:
         nearest = min(left, key=lambda k: float(np.abs(blocks[k, 0] - place).max()))

@@ -169,9 +169,10 @@ def _groups(found: CalibratedRobot) -> Iterator[Block]:
         by=[abs(group.value) / max(group.half_width(), 1e-300) for group in groups],
         of_limits=False,
     )
-    more = [(group.name, group.text) for group in groups if len(group.terms) > 1]
-    if more:
-        yield Table(
-            "What a group contains", words("group", [name for name, _ in more], fold=False),
-            words("sum", [text for _, text in more]), level=Level.ALL,
-        )  # fmt: skip
+    names, sums = [], []
+    for group in groups:
+        if len(group.terms) > 1:
+            names.append(group.name)
+            sums.append(group.text)
+    if names:
+        yield Table("What a group contains", words("group", names, fold=False), words("sum", sums), level=Level.ALL)

@@ -80,8 +80,9 @@ def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | P
 def _placement(model: Model, link: str, parent: str) -> Array:
     """(4, 4) pose of a link in its parent link or body, at zero of the joint between them."""
     frame, above = model.frames[link], model.frames.get(parent)
-    base = np.eye(4) if above is None else np.asarray(above.pose)
-    body = BASE if above is None else above.body
+    base, body = np.eye(4), BASE
+    if above is not None:
+        base, body = np.asarray(above.pose), above.body
     between, i = np.asarray(frame.pose), frame.body
     while i != body:
         between = model.bodies[i].placement @ between

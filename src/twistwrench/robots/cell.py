@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PlacedRobot", "RobotCell", "join"]
 
-_APART = 1e-3
+_MIN_TIP_DISTANCE = 1e-3
 """Difference of poses [m, rad] from which the choice between tips matters."""
 FLOOR = "floor"
 """Frame at which parts stand side by side; made if the cell has none of this name."""
@@ -101,7 +101,9 @@ class PlacedRobot:
             and Path(f"{file}:{prefix}").exists()
         ):
             file, prefix = f"{file}:{prefix}", None
-        T = None if pose is None else _pose(pose, text, degrees=degrees)
+        T = None
+        if pose is not None:
+            T = _pose(pose, text, degrees=degrees)
         return cls(load(file), frame, T, prefix or "", file)
 
 
@@ -141,7 +143,9 @@ class RobotCell(Answer):
     @property
     def verdict(self) -> Verdict:
         """DONE, or UNSURE with the reasons."""
-        return Verdict(Word.UNSURE, self.doubts) if self.doubts else Verdict(Word.DONE)
+        if self.doubts:
+            return Verdict(Word.UNSURE, self.doubts)
+        return Verdict(Word.DONE)
 
     @property
     def robot_name(self) -> str:
@@ -163,11 +167,17 @@ class RobotCell(Answer):
         from ..core.answers.blocks import Headline, Line, Table, numbers, words
 
         model = self.robot.model
-        tip = "no single tip" if model.tip is None else f"the tip {model.tip}"
-        base = "" if _joints(model) == len(model.leaders) else "a floating base, "
+        tip = f"the tip {model.tip}"
+        if model.tip is None:
+            tip = "no single tip"
+        base = ""
+        if _joints(model) != len(model.leaders):
+            base = "a floating base, "
         counts = f"{len(model.bodies)} moving bodies, {_joints(model)} joints, {base}{number(model.moving_mass)} kg that move"
         content = f"{self.robot.name} has {counts}, and {tip}."
-        further = [Line(content)] if self.doubts else []
+        further = []
+        if self.doubts:
+            further.append(Line(content))
         if model.tip is None:
             further.append(Line(_without_tip(model)))
         if self.doubts:
@@ -175,13 +185,19 @@ class RobotCell(Answer):
         else:
             yield Headline(Word.DONE, content, further=further)
         yield ""
-        masses = [part.robot.model.moving_mass + part.robot.model.base_inertia.mass for part in self.parts]
+        names, prefixes, joint_counts, masses = [], [], [], []
+        for part in self.parts:
+            part_model = part.robot.model
+            names.append(part.robot.name)
+            prefixes.append(part.prefix)
+            joint_counts.append(_joints(part_model))
+            masses.append(part_model.moving_mass + part_model.base_inertia.mass)
         yield Table(
             "",
-            words("part", [part.robot.name for part in self.parts]),
+            words("part", names),
             words("stands at", [frame or "origin" for frame in self.frames]),
-            words("prefix", [part.prefix for part in self.parts]),
-            numbers("joints", [_joints(part.robot.model) for part in self.parts]),
+            words("prefix", prefixes),
+            numbers("joints", joint_counts),
             numbers("mass", masses, unit="kg"),
         )
 
@@ -192,7 +208,11 @@ class RobotCell(Answer):
         -------
         files : {argument: path}
         """
-        return {f"PART {k}": part.file for k, part in enumerate(self.parts, 1) if Path(part.file).is_file()}
+        files: dict[str, str | Path] = {}
+        for k, part in enumerate(self.parts, 1):
+            if Path(part.file).is_file():
+                files[f"PART {k}"] = part.file
+        return files
 
     def write(self, path: str | Path, *, overwrite: bool = False) -> Saved:
         """Write the joined robot as URDF, MJCF or SDF.
@@ -255,14 +275,17 @@ def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> RobotCell:
     doubts = list[Reason]()
     for part in left:
         frame = part.frame or _tip_of(cell, part)
-        if part.frame is None and (beside := _tips_beside(cell.model, frame)):
+        other_tips = list[str]()
+        if part.frame is None:
+            other_tips = _tips_beside(cell.model, frame)
+        if other_tips:
             remedy = f"name the frame, {part.file or part.robot.name}@FRAME"
-            doubts.append(
-                Reason(f"{part.robot.name} stands at {frame}, and {listed(beside, 4)} is a tip too; {remedy}", remedy)
-            )
+            text = f"{part.robot.name} stands at {frame}, and {listed(other_tips, 4)} is a tip too; {remedy}"
+            doubts.append(Reason(text, remedy))
         cell = cell.attach(part.robot, frame, part.pose, prefix=part.prefix, name=called)
         frames.append(frame)
-    if massless := massless_links(cell.model):
+    massless = massless_links(cell.model)
+    if massless:
         doubts.append(Reason(f"{listed(massless, 4)} {'have' if len(massless) > 1 else 'has'} no mass"))
     return RobotCell(cell, tuple(placed), tuple(frames), tuple(doubts))
 
@@ -320,12 +343,12 @@ def _joints(model: Model) -> int:
 def _tips_beside(model: Model, tip: str) -> list[str]:
     """Other tips of the same body whose pose differs."""
     own = model.all_frames[tip]
-    others = {name: model.frames[name] for name in model.leaves if name != tip}
-    return [
-        name
-        for name, frame in others.items()
-        if frame.body == own.body and not np.allclose(frame.pose, own.pose, atol=_APART)
-    ]
+    tips = []
+    for name in model.leaves:
+        frame = model.frames[name]
+        if name != tip and frame.body == own.body and not np.allclose(frame.pose, own.pose, atol=_MIN_TIP_DISTANCE):
+            tips.append(name)
+    return tips
 
 
 def _pose(text: str, part: str, *, degrees: bool) -> Array:
@@ -333,7 +356,9 @@ def _pose(text: str, part: str, *, degrees: bool) -> Array:
     values = text.split(",")
     if len(values) not in (3, 6):
         raise ValueRangeError(f"the pose of {part!r} has {len(values)} numbers. Give x,y,z or x,y,z,roll,pitch,yaw.")
-    unit = math.radians(1.0) if degrees else 1.0
+    unit = 1.0
+    if degrees:
+        unit = math.radians(1.0)
     xyz = [_number(value, part) for value in values[:3]]
     rpy = [_angle(value.strip(), part, unit) for value in values[3:] or ("0", "0", "0")]
     return se3.pose(rotation_of_rpy(rpy), xyz)

@@ -6,10 +6,12 @@ import ast
 import difflib
 import importlib
 import os
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 
 from ..core.errors import MissingExtraError, NotFoundError, UnknownNameError
@@ -118,29 +120,35 @@ def _examples() -> Iterator[FoundRobot]:
         folder = Path(str(distribution(source).locate_file(_EXAMPLES)))
     except PackageNotFoundError:
         return
+    if not folder.is_dir():
+        return
     by_folder: dict[str, dict[str, Path]] = {}
-    for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
+    for path in sorted(folder.rglob("*")):
         if path.suffix in _ENDINGS:
-            by_folder.setdefault(_folder_name(path.relative_to(folder).parts[0]), {}).setdefault(
-                plain_name(path.stem), path
-            )
-    stems = [stem for files in by_folder.values() for stem in files]
+            files = by_folder.setdefault(_folder_name(path.relative_to(folder).parts[0]), {})
+            files.setdefault(plain_name(path.stem), path)
+    stems = Counter(chain.from_iterable(by_folder.values()))
     for about, files in by_folder.items():
         for stem, path in files.items():
-            if stems.count(stem) == 1:
+            if stems[stem] == 1:
                 yield FoundRobot(stem, source, path)
                 yield FoundRobot(stem.removesuffix("_robot"), source, path)
+            elif about.startswith(stem):
+                yield FoundRobot(about, source, path)
             else:
-                yield FoundRobot(about if about.startswith(stem) else f"{about}_{stem}", source, path)
-        meant = [stem for stem in files if stem == about] or list(files)
-        if len(meant) == 1 or all(stem.startswith(f"{about}_") for stem in meant):
-            yield FoundRobot(about, source, files[min(meant, key=lambda stem: (len(stem), stem))])
+                yield FoundRobot(f"{about}_{stem}", source, path)
+        if about in files:
+            yield FoundRobot(about, source, files[about])
+        elif len(files) == 1 or all(stem.startswith(f"{about}_") for stem in files):
+            yield FoundRobot(about, source, files[min(files, key=lambda stem: (len(stem), stem))])
 
 
 def _folder_name(folder: str) -> str:
     name = plain_name(folder)
-    ending = next((ending for ending in _COMMON if name.endswith(ending)), "")
-    return name.removesuffix(ending)
+    for ending in _COMMON:
+        if name.endswith(ending):
+            return name.removesuffix(ending)
+    return name
 
 
 def _fetched() -> Iterator[FoundRobot]:
@@ -180,9 +188,15 @@ def _path_said(module: Path, places: Mapping[str, Path]) -> Path | None:
             continue
         targets = node.targets if isinstance(node, ast.Assign) else [node.target]
         value = _value(node.value, known, places)
-        if value is not None:
-            known |= {target.id: value for target in targets if isinstance(target, ast.Name)}
-    return next((known[name] for name in _PATHS if name in known), None)
+        if value is None:
+            continue
+        for target in targets:
+            if isinstance(target, ast.Name):
+                known[target.id] = value
+    for name in _PATHS:
+        if name in known:
+            return known[name]
+    return None
 
 
 def _value(node: ast.expr | None, known: Mapping[str, Path], places: Mapping[str, Path]) -> Path | None:
@@ -196,10 +210,15 @@ def _value(node: ast.expr | None, known: Mapping[str, Path], places: Mapping[str
     if called.endswith("clone_to_cache"):
         first = node.args[0]
         return places.get(str(first.value)) if isinstance(first, ast.Constant) else None
-    parts = [_value(part, known, places) for part in node.args]
-    if called != "join" or any(part is None for part in parts):
+    if called != "join":
         return None
-    return Path(*(part for part in parts if part is not None))
+    parts = list[Path]()
+    for argument in node.args:
+        part = _value(argument, known, places)
+        if part is None:
+            return None
+        parts.append(part)
+    return Path(*parts)
 
 
 def _parsed(file: Path) -> ast.Module:

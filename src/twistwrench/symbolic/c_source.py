@@ -47,8 +47,11 @@ def c_source(equations: Equations, prefix: str | None = None) -> str:
     text = visible("\n".join(remarks)).replace("*/", "* /").replace("/*", "/ *")
     comment = "\n".join(f" * {line}" for line in text.splitlines())
     parts = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
-    signatures = {name: _signature(name, prefix, n, len(symbols)) for name in FUNCTIONS}
-    parts.append("\n".join(f"{signature};" for signature in signatures.values()))
+    signatures, prototypes = {}, []
+    for name in FUNCTIONS:
+        signatures[name] = _signature(name, prefix, n, len(symbols))
+        prototypes.append(f"{signatures[name]};")
+    parts.append("\n".join(prototypes))
     values = equations.values
     if symbols and values.keys() >= set(symbols):
         rows = "\n".join(f"    {float(values[symbol])!r}, /* {symbol.name} */" for symbol in symbols)

@@ -335,7 +335,11 @@ def _energy_steps(
     for n, drive in enumerate(drives, 1):
         lines["drive_energies"].append((Label(f"T_{n}"), energy_by_mass(drive)))
     lines["lagrangian"].append((Label("L"), L))
-    return tuple(Step(name, remark, tuple(lines[name])) for name, remark in _ENERGY_STEPS.items() if lines[name])
+    steps = []
+    for name, remark in _ENERGY_STEPS.items():
+        if lines[name]:
+            steps.append(Step(name, remark, tuple(lines[name])))
+    return tuple(steps)
 
 
 _ENERGY_STEPS = {

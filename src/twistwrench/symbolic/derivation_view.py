@@ -47,8 +47,9 @@ def derivation_view(derivation: Derivation) -> Iterator[Block]:
         yield _steps(derivation, Level.PAGE)
         yield from shown
         if derivation.selected is None:
-            hidden = [block for block in steps.values() if block not in shown]
-            yield from (replace(block, level=Level.ALL) for block in hidden)
+            for block in steps.values():
+                if block not in shown:
+                    yield replace(block, level=Level.ALL)
         yield from _check(derivation, Level.SHORT)
         if derivation.selected is None:
             yield More(f"All {len(steps)} steps")
@@ -96,15 +97,18 @@ def _height(block: Aligned) -> int:
 
 def _legend(derivation: Derivation) -> Aligned:
     notation = Text()
-    meanings = [*derivation.meanings]
-    meanings += [(p.name, f"{p.meaning}: {number(p.value, 6)}") for p in derivation.parameters]
-    rows = [(notation.symbol(name), meaning) for name, meaning in meanings]
+    rows = []
+    for name, meaning in derivation.meanings:
+        rows.append((notation.symbol(name), meaning))
+    rows += [(notation.symbol(p.name), f"{p.meaning}: {number(p.value, 6)}") for p in derivation.parameters]
     return Aligned("", rows, wrap, gap="  ")
 
 
 def _equations(step: Step) -> Aligned:
     notation = Text()
-    rows = [(f"{label.write(notation)} =", notation.write(expr)) for label, expr in step.lines]
+    rows = []
+    for label, expr in step.lines:
+        rows.append((f"{label.write(notation)} =", notation.write(expr)))
     return Aligned(f"{heading(step)}: {step.remark}", rows, lambda text, width: break_lines(text, width, text_width))
 
 
@@ -135,4 +139,4 @@ def _steps(derivation: Derivation, level: Level) -> Table:
 def _terms(expr: Any) -> int:
     """Number of terms of a sum, or of all entries of a column."""
     entries = list(expr) if hasattr(expr, "shape") else [expr]
-    return sum(len(sympy.Add.make_args(entry)) for entry in entries)
+    return sum(map(len, map(sympy.Add.make_args, entries)))

@@ -304,10 +304,12 @@ def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., A
             raise ShapeError(
                 f"parameters={numbers!r}: give a dict of {', '.join(names) or 'nothing'} and their numbers."
             )
-        values = {str(key): value for key, value in numbers.items()}
-        for key in values:
-            if key not in names:
-                raise UnknownNameError.from_choices("constant", key, names)
+        values = {}
+        for key, value in numbers.items():
+            name = str(key)
+            if name not in names:
+                raise UnknownNameError.from_choices("constant", name, names)
+            values[name] = value
         missing = [key for key in names if key not in values]
         if missing:
             raise ValueRangeError(
@@ -351,10 +353,11 @@ def weighted_sum(coefficients: Iterable[Any], factors: Iterable[Any]) -> Any:
 def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     """Fields of :class:`~twistwrench.symbolic.equations.Equations` from K and P."""
     n, ring = len(terms.coordinates), terms.ring
+    names = [c.name for c in terms.coordinates]
     rates = [c.rate for c in terms.coordinates]
-    motions = [*rates, *(c.acceleration for c in terms.coordinates)]
-    speed = [ring.symbol(c.rate) for c in terms.coordinates]
-    push = [ring.symbol(c.acceleration) for c in terms.coordinates]
+    accelerations = [c.acceleration for c in terms.coordinates]
+    motions = [*rates, *accelerations]
+    speed, push = list(map(ring.symbol, rates)), list(map(ring.symbol, accelerations))
     L = terms.kinetic - terms.potential
 
     def moving(total: TrigPolynomial) -> Any:
@@ -377,14 +380,13 @@ def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     for i, j in np.ndindex(n, n):
         C[i, j] = product_sum(gamma[i, j], speed)
     c = [product_sum(C[i], speed) for i in range(n)]
-    momenta = [L.diff(name) for name in rates]
-    slopes = [L.diff(x.name) for x in terms.coordinates]
+    momenta, slopes = list(map(L.diff, rates)), list(map(L.diff, names))
     matrix = sympy.ImmutableMatrix
     written_M = matrix(n, n, lambda i, j: writer.write_by_mass(M[min(i, j), max(i, j)]))
     written_gamma = sympy.ImmutableDenseNDimArray(list(map(writer.write_by_angle, gamma.flat)), gamma.shape)
     written_C = matrix(n, n, lambda i, j: moving(C[i, j]))
     written_c, written_g = matrix(list(map(moving, c))), matrix(list(map(writer.write_by_angle, g)))
-    ddq = [writer.symbols[x.acceleration] for x in terms.coordinates]
+    ddq = [writer.symbols[name] for name in accelerations]
     # Further parts of L besides ½ q̇'M q̇ and its potential: terms linear in the rates also produce forces.
     tau, split = [], True
     for i in range(n):
@@ -392,8 +394,8 @@ def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
         split &= not further.terms
         tau.append(weighted_sum(written_M.row(i), ddq) + written_c[i] + written_g[i] + moving(further))
     fields = equation_fields(
-        [x.name for x in terms.coordinates], rates, written_M, written_gamma, written_C, written_c, written_g, matrix(tau),
-        [energetic(p) for p in momenta], [energetic(rate(p)) for p in momenta], list(map(moving, slopes)),
+        names, rates, written_M, written_gamma, written_C, written_c, written_g, matrix(tau),
+        list(map(energetic, momenta)), [energetic(rate(p)) for p in momenta], list(map(moving, slopes)),
     )  # fmt: skip
     return {**fields, "lagrangian": energetic(L), "split": split}
 
@@ -437,7 +439,10 @@ def equation_fields(
             lines["centripetal"].append((Label(entry_name("b", i, j)), gamma[i, j, k]))
         else:
             lines["coriolis"].append((Label(entry_name("b", i, j, k)), 2 * gamma[i, j, k]))
-    steps = [Step(name, STEPS[name], tuple(lines[name])) for name in STEPS if name in only and lines[name]]
+    steps = []
+    for name, remark in STEPS.items():
+        if name in only and lines[name]:
+            steps.append(Step(name, remark, tuple(lines[name])))
     return {
         "mass_matrix": M,
         "christoffel": gamma,

@@ -90,7 +90,8 @@ class SymbolicMotion:
         """Number of products of two terms in the kinetic energy."""
         count = 0
         for v, w, I in zip(self.velocities, self.turning, inertias, strict=True):
-            count += sum(len(x) ** 2 for x in v)
+            for component in v:
+                count += len(component) ** 2
             for a, b in np.ndindex(3, 3):
                 if I[a][b].value:
                     count += len(w[a]) * len(w[b])
@@ -171,7 +172,8 @@ def motion_of(
         spin = [zero] * 3
         if not body.joint.moves_body:  # rotates a frame of the same body
             rate = ring.symbol(coordinates[body.v_index].rate)
-            spin = [float(x) * arithmetic.number(numbers.ratio) * rate for x in body.joint.axes[0, :3]]
+            for axis, component in enumerate(body.joint.axes[0, :3]):
+                spin[axis] = float(component) * arithmetic.number(numbers.ratio) * rate
         W = rates_of(R)
         if W.any():
             W = R.T @ W  # [ω_b] = R'Ṙ, MR eq. 3.33

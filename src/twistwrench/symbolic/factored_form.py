@@ -99,14 +99,18 @@ class EquationWriter:
         """Number and monomial that divide all terms, and the quotients."""
         coefficients, monomials = zip(*terms, strict=True)
         content, common = _content(coefficients), self._common(monomials)
-        return content, common, [(c / content, m - common) for c, m in terms]
+        quotients = []
+        for coefficient, monomial in terms:
+            quotients.append((coefficient / content, monomial - common))
+        return content, common, quotients
 
     def _factorize(self, terms: list[Term]) -> Any:
         """Polynomial of three or more terms as squares and products such as (L_2 + x_3)²; None if there are none."""
         if not 3 <= len(terms) <= _MAX_FACTORED_TERMS:
             return None
-        if not all(float(64 * c).is_integer() for c, _ in terms):
-            return None
+        for coefficient, _ in terms:
+            if not float(64 * coefficient).is_integer():
+                return None
         key = frozenset(terms)
         if key not in self._products:
             self._products[key] = self._factors(terms)
@@ -127,7 +131,10 @@ class EquationWriter:
         content, factors = polynomial.factor_list()
         if len(factors) == 1 and factors[0][1] == 1:
             return None
-        return sympy.Mul(content, *_flat_factors(self._expression(f, names) ** power for f, power in factors))
+        written_factors = []
+        for factor, power in factors:
+            written_factors.append(self._expression(factor, names) ** power)
+        return sympy.Mul(content, *_flat_factors(written_factors))
 
     def _expression(self, polynomial: Any, names: list[str]) -> Any:
         symbols = [self.symbols[name] for name in names]
@@ -150,7 +157,8 @@ class EquationWriter:
                 continue
             ratios, _ = zip(*members, strict=True)
             scale = min(map(abs, ratios))
-            if 2 * len([ratio for ratio in ratios if ratio > 0]) < len(ratios):
+            positive = np.count_nonzero(np.array(ratios) > 0)
+            if 2 * positive < len(ratios):
                 scale = -scale
             sign = 1
             if all(scale * c < 0 for c in coefficient.terms.values()):
@@ -171,17 +179,18 @@ class EquationWriter:
                 product = self._factorize(group)
                 if product is not None:
                     parts.append(self._product(1, 0, waves, product))
-                else:
-                    parts.extend(self._product(c, m, waves) for c, m in group)
-        factor_lists = [list(sympy.Mul.make_args(part)) for part in parts]
+                    continue
+                for coefficient, monomial in group:
+                    parts.append(self._product(coefficient, monomial, waves))
+        factor_lists = list(map(sympy.Mul.make_args, parts))
         shared = [factor for factor in factor_lists[0] if factor.is_Add]
         for factors in factor_lists[1:]:
             shared = [factor for factor in shared if factor in factors]
-
-        def quotient(factors: list[Any]) -> Any:
-            return sympy.Mul(*[factor for factor in factors if factor not in shared])
-
-        remainder = sympy.Add(*map(quotient, factor_lists))
+        quotients = []
+        for factors in factor_lists:
+            own_factors = [factor for factor in factors if factor not in shared]
+            quotients.append(sympy.Mul(*own_factors))
+        remainder = sympy.Add(*quotients)
         return sympy.Mul(*shared, *sympy.Mul.make_args(remainder))
 
     def _disjoint_groups(self, terms: list[Term]) -> list[list[Term]]:
@@ -201,12 +210,16 @@ class EquationWriter:
 
     def _product(self, coefficient: Any, monomial: int, waves: Waves, inner: Any = 1) -> Any:
         factors = [sympy_number(coefficient), self._power(monomial), inner]
-        factors += [self._wave(basis) ** power for basis, power in waves]
+        for basis, power in waves:
+            factors.append(self._wave(basis) ** power)
         return sympy.Mul(*_flat_factors(factors))
 
     def _power(self, monomial: int) -> Any:
         powers = self.ring.exponents(monomial)
-        return sympy.Mul(*[self.symbols[name] ** power for name, power in powers.items()])
+        factors = []
+        for name, power in powers.items():
+            factors.append(self.symbols[name] ** power)
+        return sympy.Mul(*factors)
 
     def _wave(self, basis: Basis) -> Any:
         if basis not in self._waves:
@@ -220,7 +233,9 @@ class EquationWriter:
 
     def _mass_part(self, monomial: int) -> int:
         powers = self.ring.exponents(monomial)
-        return self.ring.monomial({name: power for name, power in powers.items() if name in self._masses})
+        for name in powers.keys() - self._masses:
+            del powers[name]
+        return self.ring.monomial(powers)
 
     def _common(self, monomials: Sequence[int]) -> int:
         common, *others = map(self.ring.exponents, monomials)
@@ -277,15 +292,19 @@ def _ratio(one: TrigPolynomial, other: TrigPolynomial) -> Any:
     if one.terms.keys() != other.terms.keys() or not one.terms:
         return None
     ratios = [one.terms[key] / other.terms[key] for key in one.terms]
-    if all(abs(ratio - ratios[0]) <= 1e-12 * abs(ratios[0]) for ratio in ratios):
-        return ratios[0]
-    return None
+    for ratio in ratios:
+        if not abs(ratio - ratios[0]) <= 1e-12 * abs(ratios[0]):
+            return None
+    return ratios[0]
 
 
 def _content(coefficients: Sequence[Any]) -> Any:
     """Largest simple number that divides all coefficients, with the majority sign; 1 for measured values."""
-    sign = -1 if all(c < 0 for c in coefficients) else 1
-    if all(abs(c) == abs(coefficients[0]) for c in coefficients):
+    sign = 1
+    if max(coefficients) < 0:
+        sign = -1
+    sizes = set(map(abs, coefficients))
+    if len(sizes) == 1:
         return sign * abs(coefficients[0])
     fractions = [Fraction(c).limit_denominator(1 << 20) for c in coefficients]
     if fractions != list(map(Fraction, coefficients)):

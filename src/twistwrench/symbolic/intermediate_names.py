@@ -30,7 +30,7 @@ class Definitions:
         self.q = [sympy.Symbol(c.name) for c in coordinates]
         self.definitions: list[tuple[Any, Any]] = []
         self.groups: list[tuple[str, str, int]] = []
-        self._taken = {s.name for s in self.q} | {p.name for p in entries.parameters}
+        self._taken = {x.name for x in (*self.q, *entries.parameters)}
         self._expr: dict[Any, Any] = {}
         self._slopes: dict[tuple[Any, int], Any] = {}
         self._waves: dict[tuple[int, float, float], tuple[Any, Any]] = {}
@@ -55,7 +55,10 @@ class Definitions:
 
     def names(self, pattern: str, vector: Array) -> Array:
         """Names for the entries of a vector, with x, y, z appended."""
-        return np.array([self.name(f"{pattern}{AXES[k]}", x) for k, x in enumerate(vector)], object)
+        symbols = np.empty(len(vector), object)
+        for k, entry in enumerate(vector):
+            symbols[k] = self.name(f"{pattern}{AXES[k]}", entry)
+        return symbols
 
     def slope(self, expr: Any, k: int) -> Any:
         """d(expr)/dq_k by the chain rule through the definitions; derivatives of names get names."""
@@ -122,14 +125,18 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     names = Definitions(coordinates, entries)
     n = len(coordinates)
     names.group("sines", "cosines and sines of the coordinates")
-    poses = [joint_motion(names, body, numbers) for body, numbers in zip(model.bodies, entries.bodies, strict=True)]
+    poses = []
+    for body, numbers in zip(model.bodies, entries.bodies, strict=True):
+        poses.append(joint_motion(names, body, numbers))
     motions = _motions(names, entries, poses)
     velocities = _velocities(names, model, entries, motions)
     heights = _heights(names, model, entries, motions)
     names.group("mass_matrix", "M_jk = Σ m v_j·v_k + ω_j·I ω_k over the links: K = ½ q̇'M q̇")
     M = _mass_matrix(names, entries, velocities, n)
     names.group("potential_energy", "the sum of −m (gravity · p), and the energy of springs")
-    lifted = [names.number(body.mass) * height for body, height in zip(entries.bodies, heights, strict=True)]
+    lifted = []
+    for numbers, height in zip(entries.bodies, heights, strict=True):
+        lifted.append(names.number(numbers.mass) * height)
     P = names.name("P", _springs(names, model, entries) + sympy.Add(*lifted))
     remark = "derivatives of M and P with respect to the coordinates (d…_qk), by the chain rule"
     names.group("slopes_of_energies", remark)
@@ -239,7 +246,9 @@ def _springs(names: Definitions, model: Model, entries: ModelEntries) -> Any:
     v_indices = {body.joint.name: body.v_index for body in model.leaders}
     total = sympy.Integer(0)
     for spring, k in zip(model.springs, entries.springs, strict=True):
-        displacements = [exact_number(weight) * names.q[v_indices[joint]] for joint, weight in spring.terms]
+        displacements = []
+        for joint, weight in spring.terms:
+            displacements.append(exact_number(weight) * names.q[v_indices[joint]])
         stretch = sympy.Add(*displacements) - exact_number(spring.rest)
         total += sympy.Rational(1, 2) * names.number(k) * stretch**2
     return total
@@ -279,7 +288,10 @@ def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, g: Any
             gamma[i, j, k] = gamma[i, k, j] = names.name(entry_name("Gamma", i, j, k), value)
     C = matrix(n, n, lambda i, j: weighted_sum(gamma[i, j], dq))
     names.group("gravity_forces", "g = ∂P/∂q, torques at rest")
-    g = matrix([names.name(entry_name("g", i), x) for i, x in enumerate(g)])
+    gravity_forces = []
+    for i, slope in enumerate(g):
+        gravity_forces.append(names.name(entry_name("g", i), slope))
+    g = matrix(gravity_forces)
     L = _quadratic_form(M / 2, dq) - P
     c, tau, momenta, momentum_rates, slopes = [], [], [], [], []
     for i in range(n):
@@ -308,7 +320,9 @@ def _definition_steps(names: Definitions) -> list[Step]:
     steps = []
     ends = [start for _, _, start in names.groups[1:]] + [len(names.definitions)]
     for (name, remark, start), end in zip(names.groups, ends, strict=True):
-        if end > start:
-            lines = [(Label(symbol.name), expr) for symbol, expr in names.definitions[start:end]]
+        lines = []
+        for symbol, expr in names.definitions[start:end]:
+            lines.append((Label(symbol.name), expr))
+        if lines:
             steps.append(Step(name, remark, tuple(lines)))
     return steps

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from numbers import Real
 from typing import Any
@@ -57,22 +57,26 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
     known = {symbol.name: symbol for symbol in (*q, *dq)}
     if time is not None:
         known[time.name] = time
-    others = L.free_symbols - set(known.values())
-    twins = {s for s in others if s.name in known}
+    twins, unlisted_rates, clocks = set[Any](), set[Any](), set[Any]()
+    for symbol in L.free_symbols - set(known.values()):
+        if symbol.name in known:
+            twins.add(symbol)
+        # By the naming rule (xdot, thetaddot_1) or a common other one (theta_1dot, x_dot).
+        if re.fullmatch(r"[^_]+dot(_.*)?|.+dot", symbol.name, flags=re.DOTALL):
+            unlisted_rates.add(symbol)
+        if symbol.name == "t":
+            clocks.add(symbol)
     if twins:
         raise ValueRangeError(
             f"L contains another {_symbols_text(twins)} than the coordinates, rates or time given: symbols of one name with "
             "different assumptions (real=True) differ in SymPy. Make each symbol once."
         )
-    # By the naming rule (xdot, thetaddot_1) or a common other one (theta_1dot, x_dot).
-    unlisted_rates = {s for s in others if re.fullmatch(r"[^_]+dot(_.*)?|.+dot", s.name, flags=re.DOTALL)}
     if unlisted_rates:
         raise ValueRangeError(
             f"L contains {_symbols_text(unlisted_rates)}, by name the rate of a coordinate that is not in "
             f"q={_symbols_text(q)}, or a derivative of too high an order: L may depend on the rates {_symbols_text(dq)}. Add "
             "the coordinate to q, name rates of other names in rates=[…], or give a constant a name that does not end in dot."
         )
-    clocks = {s for s in others if s.name == "t"}
     if time is None and clocks:
         raise ValueRangeError(
             f"L contains {_symbols_text(clocks)}. If it is the time, pass time=t; if it is a constant, give it another name."
@@ -86,6 +90,10 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
 
 def _symbols_text(symbols: Any) -> str:
     return ", ".join(sorted(map(str, symbols)))
+
+
+def _names(symbols: Iterable[Any]) -> list[str]:
+    return [symbol.name for symbol in symbols]
 
 
 def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str = "system") -> Equations:
@@ -183,14 +191,15 @@ def _read_sums(
         return None
     if _degree(L, atoms) > HIGHEST - _EXPONENT_INCREASE:
         return None
-    ring = Ring(list(atoms.values()), [s.name for s in q], exact=True)
+    names, rates, accelerations = _names(q), _names(dq), _names(ddq)
+    ring = Ring(list(atoms.values()), names, exact=True)
     try:
         total = _polynomial(L, ring, atoms, q)
     except sympy.PolynomialError:
         return None
-    coordinates = tuple(Variable(a.name, b.name, c.name) for a, b, c in zip(q, dq, ddq, strict=True))
+    coordinates = tuple(map(Variable, names, rates, accelerations))
     terms = Terms(ring, coordinates, total, ring.number(0))
-    for monomial in total.split([rate.name for rate in dq]):
+    for monomial in total.split(rates):
         if sum(ring.exponents(monomial).values()) > 2:
             return None
     return terms, dict(zip(atoms.values(), atoms, strict=True))
@@ -250,10 +259,10 @@ def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]
 
     def wave(expr: Any) -> TrigPolynomial:
         factors = [sympy.Poly(expr.args[0], *q).coeff_monomial(s) for s in q]
-        remainder = sympy.expand(expr.args[0] - sum(f * s for f, s in zip(factors, q, strict=True)))
+        remainder = sympy.expand(expr.args[0] - weighted_sum(factors, q))
         if remainder != 0 or not all(f.is_Integer for f in factors):
             raise sympy.PolynomialError(f"{expr}: the angle is not a sum of whole multiples of coordinates")
-        return ring.wave(expr.func.__name__, [int(f) for f in factors])
+        return ring.wave(expr.func.__name__, list(map(int, factors)))
 
     return read(L)
 
@@ -263,8 +272,7 @@ def _differentiate(
 ) -> dict[str, Any]:
     """Fields of the equations by SymPy's derivatives; ``time`` is None if L does not depend on it."""
     n, matrix = len(q), sympy.ImmutableMatrix
-    momenta = [L.diff(v) for v in dq]
-    slopes = [L.diff(x) for x in q]
+    momenta, slopes = list(map(L.diff, dq)), list(map(L.diff, q))
     M = matrix(n, n, lambda i, j: sympy.expand(momenta[i].diff(dq[j])))
     if M.free_symbols & set(dq):
         raise ValueRangeError(
@@ -273,7 +281,9 @@ def _differentiate(
         )
     rates, explicit_time = [], []
     for p, p_rate in zip(momenta, dq, strict=True):
-        chain_rule = [p.diff(x) * v + p.diff(v) * a for x, v, a in zip(q, dq, ddq, strict=True)]
+        chain_rule = []
+        for x, v, a in zip(q, dq, ddq, strict=True):
+            chain_rule.append(p.diff(x) * v + p.diff(v) * a)
         explicit_rate = sympy.Integer(0)
         if time is not None:
             explicit_rate = sympy.expand(p.diff(time))
@@ -291,7 +301,7 @@ def _differentiate(
         standard_terms = sympy.Add(weighted_sum(M.row(i), ddq), c[i], g[i])
         split &= bool(sympy.expand(tau[i] - standard_terms) == 0)
     fields = equation_fields(
-        [s.name for s in q], [s.name for s in dq], M, gamma, C, matrix(c), matrix(g), matrix(tau), momenta, rates, slopes,
+        _names(q), _names(dq), M, gamma, C, matrix(c), matrix(g), matrix(tau), momenta, rates, slopes,
         explicit_time=explicit_time,
     )  # fmt: skip
     return {**fields, "split": split}

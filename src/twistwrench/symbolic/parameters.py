@@ -91,7 +91,9 @@ class Namer:
         """Numbers of the model, with names where they have one."""
         bodies = self.model.bodies
         lengths = {i: self._lengths(i) for i in range(BASE, len(bodies))}
-        body_entries = tuple(self._body(i, body, lengths) for i, body in enumerate(bodies))
+        body_entries = []
+        for i, body in enumerate(bodies):
+            body_entries.append(self._body(i, body, lengths))
         gravity = []
         several = np.count_nonzero(self.model.gravity) > 1
         for axis, value in zip(_AXES, self.model.gravity, strict=True):
@@ -103,7 +105,9 @@ class Namer:
             meaning = f"stiffness between {joints} [N m/rad or N/m]"
             parameter = self._new(f"k_{n}", spring.stiffness, ["springs"], meaning)
             springs.append(Entry(spring.stiffness, parameter))
-        return ModelEntries(body_entries, tuple(gravity), tuple(springs), self._armature(), tuple(self.parameters))
+        return ModelEntries(
+            tuple(body_entries), tuple(gravity), tuple(springs), self._armature(), tuple(self.parameters)
+        )
 
     def _armature(self) -> Entries:
         refuse_couplings(self.model, "derivation of equations of motion")
@@ -292,8 +296,10 @@ def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEn
 
     bodies = []
     for body in entries.bodies:
-        fields = {name: select(entry) for name, entry in vars(body).items() if name != "tag"}
-        bodies.append(BodyEntries(body.tag, **fields))
+        fields = dict(vars(body))
+        for name in fields.keys() - {"tag"}:
+            fields[name] = select(fields[name])
+        bodies.append(BodyEntries(**fields))
     parameters = tuple(p for p in entries.parameters if p.name in selected)
     return ModelEntries(
         tuple(bodies), select(entries.gravity), select(entries.springs), select(entries.armature), parameters

@@ -90,7 +90,10 @@ def constants(equations: Equations) -> list[Any]:
 
 def free_symbols(exprs: Iterable[Any]) -> set[Any]:
     """Symbols in some of the expressions."""
-    return set().union(*[expr.free_symbols for expr in exprs])
+    symbols = set[Any]()
+    for expr in exprs:
+        symbols |= expr.free_symbols
+    return symbols
 
 
 def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
@@ -105,11 +108,14 @@ def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
     needed = _needed_definitions(definitions, results)
     safe_symbols = {symbol: sympy.Symbol(safe_name) for symbol, safe_name in names.items()}
     results = [expr.xreplace(safe_symbols) for expr in results]
+    lines = []
     if needed:  # the definitions are the common subexpressions
-        lines = [(names[symbol], expr.xreplace(safe_symbols)) for symbol, expr in needed]
+        for symbol, expr in needed:
+            lines.append((names[symbol], expr.xreplace(safe_symbols)))
     else:
         shared, results = sympy.cse(results, symbols=_unused_symbols(names), order="none")
-        lines = [(symbol.name, expr) for symbol, expr in shared]
+        for symbol, expr in shared:
+            lines.append((symbol.name, expr))
     used = set(map(str, free_symbols([*dict(lines).values(), *results])))
     inputs = []
     arrays = {"q": equations.q, "dq": equations.dq, "ddq": equations.ddq, "p": constants(equations)}
@@ -123,7 +129,9 @@ def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
 def _unused_symbols(names: dict[Any, str]) -> Iterator[Any]:
     """Symbols k0, k1, … without those whose names are used."""
     used = set(names.values())
-    return (symbol for symbol in sympy.numbered_symbols("k") if symbol.name not in used)
+    for symbol in sympy.numbered_symbols("k"):
+        if symbol.name not in used:
+            yield symbol
 
 
 def _needed_definitions(definitions: tuple[tuple[Any, Any], ...], results: list[Any]) -> list[tuple[Any, Any]]:
@@ -146,7 +154,8 @@ def header(equations: Equations) -> list[str]:
         lines.append("h has terms besides c and g: terms linear in the rates, or due to time.")
     for array, symbols in (("q", equations.q), ("dq", equations.dq), ("ddq", equations.ddq)):
         lines.append(f"{array} = ({', '.join(s.name for s in symbols)})")
-    lines += [f"{name}: {meaning}" for name, meaning in equations.meanings]
+    for name, meaning in equations.meanings:
+        lines.append(f"{name}: {meaning}")
     return [*lines, *remarks_of(equations)]
 
 

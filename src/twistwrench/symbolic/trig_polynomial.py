@@ -82,7 +82,10 @@ class Ring:
 
     def monomial(self, exponents: dict[str, int]) -> int:
         """Integer that encodes a product of powers."""
-        return sum(power << (_BITS * self.place[name]) for name, power in exponents.items())
+        monomial = 0
+        for name, power in exponents.items():
+            monomial += power << (_BITS * self.place[name])
+        return monomial
 
     # ── sines and cosines ──
 
@@ -137,7 +140,7 @@ def _canonical(kind: str, multiples: tuple[Any, ...]) -> tuple[Basis, int]:
     """Basis with a positive first multiple, and the factor 1, -1 or 0 (sin 0) that it takes."""
     first = next((x for x in multiples if x), 0)
     if first < 0:
-        opposite = tuple(-x for x in multiples)
+        opposite = tuple(map(operator.neg, multiples))
         return (kind, opposite), 1 if kind == "cos" else -1
     is_zero = first == 0 and kind == "sin"
     return (kind, multiples), 0 if is_zero else 1
@@ -227,7 +230,9 @@ class TrigPolynomial:
 
     def split(self, names: Sequence[str]) -> dict[int, TrigPolynomial]:
         """Coefficients of the monomials in some of the symbols."""
-        mask = sum(_MASK << (_BITS * self.ring.place[name]) for name in names)
+        mask = 0
+        for name in names:
+            mask |= _MASK << (_BITS * self.ring.place[name])
         parts: dict[int, dict[tuple[int, int], Any]] = {}
         for (m, base), value in self.terms.items():
             parts.setdefault(m & mask, {})[m & ~mask, base] = value
@@ -267,7 +272,7 @@ class ShortestForms:
         multiples = [x for _, f in terms for x in f]
         if len(terms) > _MAX_TERMS or not all(isinstance(x, int) for x in multiples):
             return plain
-        if len(terms) == 1 and all(abs(x) <= 1 for x in multiples):
+        if len(terms) == 1 and max(map(abs, multiples), default=0) <= 1:
             return plain
         key = tuple(sorted(terms.items()))
         if key not in self._cache:
@@ -292,7 +297,10 @@ def _length(form: dict[Waves, Any]) -> tuple[int, int, int, int]:
 
 def _waves_of(powers: Mapping[Basis, int]) -> Waves:
     """Product of powers, without those that are 1: the power zero, and cos 0."""
-    waves = [(basis, power) for basis, power in powers.items() if power and any(basis[1])]
+    waves = []
+    for (kind, multiples), power in powers.items():
+        if power and any(multiples):
+            waves.append(((kind, multiples), power))
     return tuple(sorted(waves))
 
 
@@ -305,7 +313,7 @@ def _products(terms: dict[Basis, Any], sums: Array) -> Iterable[dict[Waves, Any]
     involved = np.flatnonzero(exponents.any(axis=(0, 2))).tolist()
     if len(involved) > _MAX_ANGLES:
         return
-    rows = [tuple(map(int, row)) for row in sums]
+    rows = list(map(tuple, sums.tolist()))
     for remaining_squares in product((0, 1), repeat=len(involved)):  # squares of cosines (0) or sines (1)
         form = dict(polynomial)
         for j, square in zip(involved, remaining_squares, strict=True):

@@ -150,5 +150,6 @@ def _line(left: str, expr: Any, notation: MathML) -> str:
     if first_sign == "-":
         first = notation.minus(first)
     pieces = [f"<math>{left}<mo>=</mo>{first}</math>"]
-    pieces += [f'<math><mo form="infix">{notation.operator(sign)}</mo>{term}</math>' for sign, term in others]
+    for sign, term in others:
+        pieces.append(f'<math><mo form="infix">{notation.operator(sign)}</mo>{term}</math>')
     return f'<div class="line">{" ".join(pieces)}</div>'
