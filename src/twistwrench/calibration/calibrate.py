@@ -104,9 +104,7 @@ def calibrate(
             raise ValueRangeError(
                 f"measurements={given!r}: give a path, Measurements(q, positions=…), or a list of them."
             )
-        sources = [given]
-        if not isinstance(given, str | Path | Measurements):
-            sources = list(given)
+        sources = [given] if isinstance(given, str | Path | Measurements) else list(given)
         found = [read_measurements(source, arm, kind, tip, degrees=degrees) for source in sources]
         return tuple(_require_readings(_with_options(m, length, noise), arm) for m in found)
 

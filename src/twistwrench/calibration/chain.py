@@ -129,7 +129,7 @@ class TipChain:
     @cached_property
     def own(self) -> list[int]:
         """Entry of each twist about or along the joint's own axis."""
-        return np.abs(self.screws).argmax(axis=1).tolist()
+        return list(map(int, np.abs(self.screws).argmax(axis=1)))
 
     @cached_property
     def axes(self) -> Array:

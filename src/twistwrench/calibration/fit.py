@@ -63,8 +63,10 @@ class LinearRows:
 
     def weighted_rows(self, weights: Sequence[Array]) -> tuple[Array, Array]:
         """Design (rows, p + targets) and residuals (rows,) times weights (m, r) of each measurement."""
-        A = [(D * W[..., None]).reshape(-1, D.shape[2]) for D, W in zip(self.design, weights, strict=True)]
-        y = [(e * W).ravel() for e, W in zip(self.residuals, weights, strict=True)]
+        A, y = list[Array](), list[Array]()
+        for D, e, W in zip(self.design, self.residuals, weights, strict=True):
+            A.append((D * W[..., None]).reshape(-1, D.shape[2]))
+            y.append((e * W).ravel())
         return np.concatenate([*A, self.length_rows]), np.concatenate([*y, self.lengths])
 
 
@@ -161,7 +163,10 @@ class CalibrationProblem:
             turn[:3, :3] = turn_of_target(m.rotations[mask], T[mask, :3, :3])
             at = replace(at, tip=at.tip @ turn)
             break
-        tips = [self.chain.poses(m.q, load, at)[0] for m, load in zip(self.measured, self.loads, strict=True)]
+        tips = []
+        for m, loads in zip(self.measured, self.loads, strict=True):
+            tip_poses, _ = self.chain.poses(m.q, loads, at)
+            tips.append(tip_poses)
         return Estimate(at, tuple(targets_from_tips(self.measured, tips)))
 
     def equations(self, state: Estimate) -> LinearRows:
@@ -336,13 +341,22 @@ class CalibrationFit:
     def errors(self) -> list[Array]:
         """Size (m,) of each reading's residual [m]."""
         measured = zip(self.equations.residuals, self.problem.measured, strict=True)
-        return [np.linalg.norm(e[:, m.angle_rows :], axis=1) for e, m in measured]
+        errors = []
+        for e, m in measured:
+            errors.append(np.linalg.norm(e[:, m.angle_rows :], axis=1))
+        return errors
 
     @cached_property
     def turns(self) -> list[Array]:
         """Size (m,) of each reading's residual [rad]; empty without angles."""
         measured = zip(self.equations.residuals, self.problem.measured, strict=True)
-        return [np.linalg.norm(e[:, : m.angle_rows], axis=1) if m.angle_rows else np.zeros(0) for e, m in measured]
+        turns = []
+        for e, m in measured:
+            if m.angle_rows:
+                turns.append(np.linalg.norm(e[:, : m.angle_rows], axis=1))
+            else:
+                turns.append(np.zeros(0))
+        return turns
 
     @cached_property
     def rms(self) -> float:

@@ -343,7 +343,10 @@ class _MeasurementFile:
             raise ValueRangeError(
                 f"{self.path}: kind {kind} with a column 'distance'. Remove the column, or {spell(Argument('kind', kind))}."
             )
-        targets, poses, positions, distances = list[str](), None, None, None
+        targets = list[str]()
+        poses: Array | None = None
+        positions: Array | None = None
+        distances: Array | None = None
         if "target" in has:
             place = self._place("target")
             targets = [cells[place] for cells in rows]

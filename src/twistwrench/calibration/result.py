@@ -141,8 +141,12 @@ class CalibratedRobot(Answer):
 
     def _of(self, word: str) -> dict[str, tuple[float, float]]:
         """Value and half width of each joint's parameter that leads a group."""
-        found = {g.name.rpartition(".")[0]: g for g in self._group_list if g.name.endswith(f".{word}")}
-        return {joint: (g.value, g.half_width()) for joint, g in found.items()}
+        figures = {}
+        for group in self._group_list:
+            if group.name.endswith(f".{word}"):
+                joint = group.name.removesuffix(f".{word}")
+                figures[joint] = (group.value, group.half_width())
+        return figures
 
     @property
     def zeros(self) -> dict[str, tuple[float, float]]:

@@ -158,13 +158,17 @@ def _groups(found: CalibratedRobot) -> Iterator[Block]:
     """Table of groups; those that differ most from the file stand in the short form."""
     groups = found.parameter_groups.all
     units, values, halves = zip(*(_group_figures(group) for group in groups), strict=True)
-    texts = [estimate(value, half) for value, half in zip(values, halves, strict=True)]
+    value_lines, half_lines = [], []
+    for value, half in zip(values, halves, strict=True):
+        value_text, half_text = estimate(value, half)
+        value_lines.append(Line(value_text, value=value))
+        half_lines.append(Line(half_text, value=half))
     yield Table(
         "Groups",
         words("group", [group.name for group in groups], fold=False),
         words("unit", units, fold=False),
-        numbers("value", [Line(text, value=x) for (text, _), x in zip(texts, values, strict=True)]),
-        numbers("± (95 %)", [Line(text, value=x) for (_, text), x in zip(texts, halves, strict=True)]),
+        numbers("value", value_lines),
+        numbers("± (95 %)", half_lines),
         most=_MAX_GROUPS,
         by=[abs(group.value) / max(group.half_width(), 1e-300) for group in groups],
         of_limits=False,

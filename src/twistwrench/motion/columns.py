@@ -815,8 +815,10 @@ class Columns:
             places[part] = np.array([position[choice.column] for choice in choices], int) if choices else None
             angular = _is_angular(part, coordinates, of_motors=assignment.of_motors)
             all_choices = choices or [_NO_COLUMN] * len(angular)
-            pairs = zip(all_choices, angular, strict=True)
-            factors[part] = np.array([assignment.factor(choice, part, turns) for choice, turns in pairs])
+            factors_of_part = []
+            for choice, turns in zip(all_choices, angular, strict=True):
+                factors_of_part.append(assignment.factor(choice, part, turns))
+            factors[part] = np.array(factors_of_part)
         seconds = time_factor(unit or "s") or 1.0
         if reading.rate:
             seconds = 1.0 / reading.rate

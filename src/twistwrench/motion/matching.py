@@ -213,8 +213,12 @@ def _part_of(words: list[str]) -> tuple[str, str | None] | None:
         if meaning is None or meaning[0] != "q":
             return None
         return "command", meaning[1]
-    units = [word for word in words if word in UNITS]
-    kinds = [word for word in words if word not in UNITS and word not in NEUTRAL]
+    units, kinds = [], []
+    for word in words:
+        if word in UNITS:
+            units.append(word)
+        elif word not in NEUTRAL:
+            kinds.append(word)
     if units and kinds[-1:] == ["s"]:  # deg_s
         kinds = kinds[:-1]
         units = [f"{units[0]}/s"]

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -69,18 +68,20 @@ class JoinedFile:
                 f"{without_time[0].path}: has no column of time, and the file it is joined with has one. Both need one, or "
                 "neither."
             )
-        places = []
+        places, cells, size, notes = [], list[str](), 0, list[str]()
         for k, part in enumerate(parts):
-            places += [(k, column) for column in range(len(part.header)) if k == 0 or column != stamps[k]]
-        cells = [parts[k].header[column] for k, column in places]
+            size += part.size
+            notes += part.notes
+            for column, cell in enumerate(part.header):
+                if k == 0 or column != stamps[k]:
+                    places.append((k, column))
+                    cells.append(cell)
         count = Counter(cells)
         header = []
         for cell, (k, _) in zip(cells, places, strict=True):
             if cell and count[cell] > 1:
                 cell = _distinct_name(cell, parts[k].path)
             header.append(cell)
-        size = sum(part.size for part in parts)
-        notes = chain.from_iterable(part.notes for part in parts)
         return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, tuple(notes))
 
     def check_columns(self) -> None:
@@ -116,7 +117,9 @@ class JoinedFile:
             for s in slices(len(rows)):
                 selected = np.arange(s.start, s.stop)[rows[s]]
                 if selected.size:
-                    parts = [_rows_at(table, t, first, selected) for table, t in zip(tables, other_stamps, strict=True)]
+                    parts = []
+                    for table, stamps in zip(tables, other_stamps, strict=True):
+                        parts.append(_rows_at(table, stamps, first, selected))
                     yield np.concatenate(parts, axis=1)[:, order]
 
         return table_of(portions(), len(used), self.path)
@@ -142,9 +145,10 @@ class JoinedFile:
                     "or give each a column of time."
                 )
             return np.ones(counts[0], bool)
-        stamps = [t for t in times if t is not None and len(t)]
-        begin = max(float(t[0]) for t in stamps)
-        end = min(float(t[-1]) for t in stamps)
+        begin, end = -np.inf, np.inf
+        for stamps in times:
+            if stamps is not None and len(stamps):
+                begin, end = max(begin, float(stamps[0])), min(end, float(stamps[-1]))
         common = (first >= begin) & (first <= end)
         if not common.any():
             raise TrajectoryError(
@@ -254,7 +258,11 @@ def text_columns(file: MotionFile) -> tuple[int, ...]:
         return file.text_columns()
     if isinstance(file, JoinedFile):
         columns_of = [text_columns(part) for part in file.parts]
-        return tuple(k for k, (part, column) in enumerate(file.places) if column in columns_of[part])
+        columns = []
+        for k, (part, column) in enumerate(file.places):
+            if column in columns_of[part]:
+                columns.append(k)
+        return tuple(columns)
     return ()
 
 
@@ -263,14 +271,18 @@ def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
     sums = _sums(file, columns)
     if not sums:
         return file
-    terms_of = [[(k, 1.0)] for k in range(len(file.header))] + [list(terms) for terms in sums.values()]
+    terms_of = [[(k, 1.0)] for k in range(len(file.header))]
+    terms_of += sums.values()
     header = list(file.header)
     for name, terms in sums.items():
         _, unit = split_unit(file.header[terms[0][0]])
         header.append(f"{name} [{unit}]" if unit else name)
 
     def read(used: Sequence[int]) -> Iterator[Array]:
-        columns = sorted({k for column in used for k, _ in terms_of[column]})
+        required = set[int]()
+        for column in used:
+            required.update(dict(terms_of[column]))
+        columns = sorted(required)
         table = file.table(columns)
         for s in slices(len(table)):
             totals = np.zeros((len(table[s]), len(used)))
@@ -291,12 +303,15 @@ def _sums(file: MotionFile, columns: Mapping[str, str]) -> dict[str, list[tuple[
         indices.setdefault(split_unit(cell)[0], k)
     sums = {}
     for name in columns.values():
+        parts = re.findall(r"(^|[+-])([^+-]+)", name)
         terms = []
-        for sign, part in re.findall(r"(^|[+-])([^+-]+)", name):
-            terms.append((indices.get(split_unit(part)[0]), -1.0 if sign == "-" else 1.0))
-        if split_unit(name)[0] in indices or len(terms) < 2 or any(k is None for k, _ in terms):
+        for sign, part in parts:
+            column = indices.get(split_unit(part)[0])
+            if column is not None:
+                terms.append((column, -1.0 if sign == "-" else 1.0))
+        if split_unit(name)[0] in indices or len(parts) < 2 or len(terms) < len(parts):
             continue
-        sums[name] = [(k, sign) for k, sign in terms if k is not None]
+        sums[name] = terms
         units = {split_unit(file.header[k])[1] for k, _ in sums[name]}
         if len(units) > 1:
             raise TrajectoryError(f"{file.path}: the columns of {name} have several units. Add columns of one unit.")

@@ -238,8 +238,7 @@ def energies(
 
 def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) -> Array:
     """(n, n) integers: row j is the sum of joint angles that rotates body j if the preceding axes are parallel."""
-    columns = {name: k for k, name in enumerate(ring.angles)}
-    sums = np.eye(len(columns), dtype=int)
+    sums = np.eye(len(ring.angles), dtype=int)
     for body in model.bodies:
         if body.follows or body.joint.nv > 1 or not coordinates[body.v_index].angle or body.parent == BASE:
             continue
@@ -248,7 +247,8 @@ def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) 
             continue
         cosine = float((body.placement[:3, :3] @ body.joint.axes[0, :3]) @ parent.joint.axes[0, :3])
         if abs(abs(cosine) - 1.0) < 1e-12:
-            j, i = columns[coordinates[body.v_index].name], columns[coordinates[parent.v_index].name]
+            j = ring.angles.index(coordinates[body.v_index].name)
+            i = ring.angles.index(coordinates[parent.v_index].name)
             sums[j] += int(np.sign(cosine)) * sums[i]
     return sums
 
