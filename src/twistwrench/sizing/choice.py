@@ -554,7 +554,7 @@ def drive_joints(robot: Robot, catalog: Catalog) -> tuple[str, ...]:
 
 
 def _with_armature(robot: Robot, names: Iterable[str]) -> tuple[str, ...]:
-    """Those of the joints whose armature is not zero."""
+    """Names of the joints whose armature is not zero."""
     return tuple(name for name in names if robot.armature[robot.model.velocity_names.index(name)])
 
 

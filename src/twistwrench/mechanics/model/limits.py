@@ -149,7 +149,22 @@ class Limits:
         return np.asarray((x < self.lower - tolerance) | (x > self.upper + tolerance))
 
     def select(self, indices: Sequence[int] | slice | Array) -> Limits:
-        """Limits of selected velocities, in that order."""
+        """Limits of selected velocities, in that order.
+
+        Parameters
+        ----------
+        indices : (k,) ints, or slice
+
+        Returns
+        -------
+        limits : Limits, of k velocities
+
+        Examples
+        --------
+        >>> import twistwrench as tw
+        >>> tw.robots.ur5().limits.select([5, 0]).effort.tolist()
+        [28.0, 150.0]
+        """
         return Limits(*(getattr(self, f.name)[indices] for f in fields(Limits)))
 
     def has_unit(self, kind: str) -> Array:
