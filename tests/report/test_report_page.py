@@ -24,7 +24,7 @@ COMMANDS = {
     "torques": ["torques", "ur5", "--trajectory", "demo", "--payload", "10"],
     "move": ["move", "ur5", "--to", "0.9,-0.9,1.0,-0.4,1.2,1.0", "--payload", "5", "--fastest"],
     "simulate": ["simulate", "planar_2r", "--duration", "0.3"],
-    "identify": ["identify", "planar_2r", "demo"],
+    "identify": ["identify", "planar_2r", "demo", "--all"],
     "payload": ["payload", "ur5", "--at", "shoulder_lift_joint=-0.6"],
     "sensor identify": ["sensor", "identify", "demo"],
     "sensor compensate": ["sensor", "compensate", "demo-motion", "--sensor", "demo", "--contacts", "1e-6"],
