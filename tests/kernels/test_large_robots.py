@@ -358,12 +358,13 @@ def test_a_long_chain_has_derivatives_of_its_forward_dynamics():
 def test_memory_of_a_long_program_is_bounded():
     """The mass matrix of the chain, twice by sections: tracing 145,000 instructions is 200 MB, LLVM and imports 120."""
     script = """
-        import resource, sys
+        import sys
         sys.path[:0] = ["tests/kernels", "tests/support"]
+        from memory import peak_memory
         from test_large_robots import chain
         kernel = chain(100).kernel("mass_matrix")
         assert type(kernel).__name__ == "ufunc"
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20 if sys.platform == "darwin" else 1 << 10)
+        peak = peak_memory()
         assert peak < 700, peak
     """
     pytest.importorskip("resource")
@@ -374,8 +375,9 @@ def test_memory_of_a_long_program_is_bounded():
 def test_a_long_chain_s_christoffel_symbols_are_refused_in_bounded_memory():
     """A million entries of three hundred operations each: an error that says so, before a second gigabyte is taken."""
     script = """
-        import resource, sys
+        import sys
         sys.path[:0] = ["tests/kernels", "tests/support"]
+        from memory import peak_memory
         import twistwrench as tw
         from test_large_robots import chain
         try:
@@ -384,7 +386,7 @@ def test_a_long_chain_s_christoffel_symbols_are_refused_in_bounded_memory():
             assert "too many" in str(error)
         else:
             raise SystemExit("compiled?")
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20 if sys.platform == "darwin" else 1 << 10)
+        peak = peak_memory()
         assert peak < 1500, peak
     """
     pytest.importorskip("resource")
