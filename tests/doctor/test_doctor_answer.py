@@ -97,3 +97,12 @@ def test_the_worst_finding_is_in_the_short_form_however_long_it_is():
     answer = replace(tw.doctor("ur5"), findings=(longest, *tw.doctor("ur5").findings))
     assert "link 'forearm', line 3" in str(answer)
     assert "friction" not in str(answer)
+
+
+@pytest.mark.parametrize("strict", [False, True])
+@pytest.mark.parametrize("name", ["ur5", "planar_2r"])
+def test_the_exit_code_of_a_report_is_that_of_its_word(name, strict):
+    """A robot with notes alone, and one with a warning: notes count in both or in neither."""
+    report = tw.doctor(name, strict=strict)
+    assert report.findings
+    assert bool(report.exit_code()) == (report.verdict.word != "OK")

@@ -145,18 +145,18 @@ class DoctorReport(Answer):
         return ", ".join(f"{counts[s]} {s}" if counts[s] == 1 else f"{counts[s]} {s}s" for s in Severity)
 
     def exit_code(self, *, strict: bool = False) -> ExitCode:
-        """Exit code of a command that prints the report: 1 for errors or warnings; with ``strict``, also for notes.
+        """Exit code of a command that prints the report: 1 for errors or warnings; also for notes if they count.
 
         Parameters
         ----------
-        strict : bool
+        strict : bool, count notes, as a report made with ``strict`` does by itself
 
         Returns
         -------
         code : ExitCode
         """
         counted = self.findings
-        if not strict:
+        if not (strict or self.strict):
             counted = tuple(finding for finding in self.findings if finding.severity is not Severity.NOTE)
         return ExitCode.NO if counted else ExitCode.FINE
 
