@@ -58,6 +58,34 @@ def test_a_command_prints_at_most_45_lines(name):
     assert not [line for line in lines if cell_len(line.rstrip()) > 80]
 
 
+def arm_with_names_of(length: int, joints: int) -> str:
+    """URDF of an arm whose joints and links have names of so many characters."""
+
+    def name(kind: str, number: int) -> str:
+        return (f"{kind}{number}" + "_part" * length)[:length]
+
+    inertia = '<inertia ixx="0.01234" iyy="0.01345" izz="0.01456" ixy="0" ixz="0" iyz="0"/>'
+    body = f'<inertial><mass value="1.2345"/><origin xyz="0.01234 0.02345 0.0056"/>{inertia}</inertial>'
+    limits = '<limit lower="-1.234" upper="2.345" effort="12" velocity="3"/><dynamics damping="0.1" friction="0.12"/>'
+    text = "".join(f'<link name="{name("l", k)}">{body}</link>' for k in range(joints + 1))
+    for k in range(joints):
+        ends = f'<parent link="{name("l", k)}"/><child link="{name("l", k + 1)}"/>'
+        text += f'<joint name="{name("j", k)}" type="revolute">{ends}<axis xyz="0 0 1"/>{limits}</joint>'
+    return f'<robot name="arm">{text}</robot>'
+
+
+@pytest.mark.parametrize("joints", [1, 4, 6, 9])
+@pytest.mark.parametrize("length", [3, 16, 30, 55])
+def test_names_of_any_length_leave_a_short_form_of_45_lines(length, joints, tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(arm_with_names_of(length, joints))
+    lines = printed_lines(f"info {path}")
+    assert 0 < len(lines) <= MOST_LINES
+    text = "".join(" ".join(lines).split())
+    for joint in tw.load(path).joint_names[:2]:
+        assert all(part in text for part in joint.split("_"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(name) for name in FILES] or NONE)
 def test_a_command_prints_at_most_45_lines_for_any_robot(name, tmp_path, monkeypatch):

@@ -103,6 +103,7 @@ def run_rules(project: Path, files: dict[str, str]) -> subprocess.CompletedProce
     return done
 
 
+@pytest.mark.slow
 def test_an_empty_file_and_one_of_a_function_are_green(project):
     done = run_rules(project, {f"{READERS}/maker_log.py": READER, f"{READERS}/maker_units.py": ""})
     assert done.returncode == 0, done.stdout

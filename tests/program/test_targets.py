@@ -159,7 +159,7 @@ def flat(results, batch: tuple[int, ...]) -> np.ndarray:
     return np.concatenate([np.reshape(a, (*batch, n)) for a, n in zip(arrays, sizes, strict=True)], axis=-1)
 
 
-@pytest.mark.parametrize(("robot_name", "name", "options"), mostly_slow(cases(), 2))
+@pytest.mark.parametrize(("robot_name", "name", "options"), mostly_slow(cases(), 3))
 def test_targets_agree_with_the_algorithm(robot_name, name, options):
     robot = robot_named(robot_name)
     options = options_of(robot, name, options)

@@ -260,14 +260,14 @@ WRONG = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "name"), mostly_slow(RIGHT, 2), ids=lambda x: getattr(x, "__name__", x))
+@pytest.mark.parametrize(("kind", "name"), mostly_slow(RIGHT, 3), ids=lambda x: getattr(x, "__name__", x))
 def test_right_logs_are_believed(kind, name, tmp_path):
     bench = Bench(name, tmp_path)
     result = bench.torques(kind(bench))
     assert first_word(result) == "OK" and result.exit_code == 0, result.output
 
 
-@pytest.mark.parametrize(("kind", "name", "words"), mostly_slow(WRONG, 2), ids=lambda x: getattr(x, "__name__", x))
+@pytest.mark.parametrize(("kind", "name", "words"), mostly_slow(WRONG, 3), ids=lambda x: getattr(x, "__name__", x))
 def test_wrong_logs_are_not_believed(kind, name, words, tmp_path):
     bench = Bench(name, tmp_path)
     result = bench.torques(kind(bench))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from chromium import browser
 from click.testing import CliRunner
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -246,7 +247,7 @@ SHELL_AND_PYTHON = {
 }
 
 
-@pytest.mark.parametrize("name", SHELL_AND_PYTHON)
+@pytest.mark.parametrize("name", mostly_slow(SHELL_AND_PYTHON, 2))
 def test_the_page_of_the_command_is_that_of_the_answer(name, tmp_path, monkeypatch):
     """Except for the words of the command line, which only the shell has."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")

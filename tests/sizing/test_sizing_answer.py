@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -29,7 +30,7 @@ RUNS = {
 """Arguments of the function, and words of the command."""
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", mostly_slow(RUNS, 3))
 @words_of_the_shell()
 def test_the_function_and_the_command_give_the_same_answer(name, tmp_path):
     arguments, words = RUNS[name]

@@ -346,14 +346,16 @@ def share_cell(share: float) -> str | Line:
 
 
 ROWS_OF_ARM = 6
-"""Rows of a table that is never cut: the joints of an arm, which may have one more."""
+"""Rows of a table that is cut last: the joints of an arm, which may have one more."""
 
 
-def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str, rows: int | None = None) -> list[Block]:
+def shown_blocks(
+    blocks: Iterable[Block], *, every: bool, hint: str, rows: int | None = None, uncut_rows: int = ROWS_OF_ARM
+) -> list[Block]:
     """Blocks of the short form, or all of them if ``every``.
 
-    Long tables keep the rows with the largest share, at most ``rows``; notes on how files were read are counted. The ``hint``
-    says how to see the rest.
+    Tables of more than ``uncut_rows`` keep the rows with the largest share, at most ``rows``; notes on how files were read are
+    counted. The ``hint`` says how to see the rest.
     """
     level = Level.ALL if every else Level.SHORT
     in_level = [block for block in blocks if isinstance(block, str) or block.level <= level]
@@ -363,7 +365,7 @@ def shown_blocks(blocks: Iterable[Block], *, every: bool, hint: str, rows: int |
     reading_notes = 0
     for block in in_level:
         if isinstance(block, Table):
-            short += shorten_table(block, hint, rows)
+            short += shorten_table(block, hint, rows, uncut_rows)
         elif isinstance(block, Remark) and block.reading:
             reading_notes += 1
         elif not isinstance(block, More):
@@ -380,13 +382,13 @@ _PERCENT, _ROUNDING = 100.0, 1e-9
 """Percent of a whole, and rounding error of a percentage."""
 
 
-def shorten_table(table: Table, hint: str, rows: int | None = None) -> list[Block]:
+def shorten_table(table: Table, hint: str, rows: int | None = None, uncut_rows: int = ROWS_OF_ARM) -> list[Block]:
     """Table with its most important rows, at most ``rows``, in their order, and a line that counts the others."""
     count = len(table.styles)
     if table.most is None:
         return [table]
     row_count = table.most if rows is None else min(table.most, rows)
-    if count <= max(row_count, ROWS_OF_ARM) + 1:
+    if count <= max(row_count, uncut_rows) + 1:
         return [table]
     shares = [0.0] * count
     if table.by is not None:

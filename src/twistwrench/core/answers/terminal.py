@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from io import StringIO
 from typing import Any, TextIO
 
@@ -18,7 +18,21 @@ from rich.tree import Tree
 
 from ..colours import Style, terminal_style
 from ..text import visible
-from .blocks import Aligned, Block, Branch, Cell, Column, Headline, Line, More, Piece, Remark, Table, shown_blocks
+from .blocks import (
+    Aligned,
+    Block,
+    Branch,
+    Cell,
+    Column,
+    Headline,
+    Level,
+    Line,
+    More,
+    Piece,
+    Remark,
+    Table,
+    shown_blocks,
+)
 
 
 class _Output(Console):
@@ -70,14 +84,38 @@ def print_blocks(blocks: Iterable[Block], *, every: bool = False, file: TextIO |
 
 
 def short_form(blocks: Iterable[Block], hint: str) -> list[Block]:
-    """Blocks of the short form, the same in every width; long tables show fewer rows if it has more than 45 lines."""
-    blocks = list(blocks)
-    shown = shown_blocks(blocks, every=False, hint=hint)
-    for rows in _ROWS:
+    """Blocks of the short form, the same in every width: the most complete of at most 45 lines."""
+    for shown in _short_forms(list(blocks), hint):
         if _plain(shown).count("\n") <= MOST_LINES:
             break
-        shown = shown_blocks(blocks, every=False, hint=hint, rows=rows)
     return shown
+
+
+def _short_forms(blocks: list[Block], hint: str) -> Iterator[list[Block]]:
+    """Short forms, the most complete first: all rows, fewer rows, the first table alone, fewer of its rows."""
+    yield shown_blocks(blocks, every=False, hint=hint)
+    for rows in _ROWS:
+        yield shown_blocks(blocks, every=False, hint=hint, rows=rows)
+    first = _with_first_table_alone(blocks)
+    for rows in _ROWS:
+        yield shown_blocks(first, every=False, hint=hint, rows=rows, uncut_rows=rows)
+
+
+def _with_first_table_alone(blocks: list[Block]) -> list[Block]:
+    """Blocks with one table; a last line names what else the short form would have."""
+    kept, titles = list[Block](), list[str]()
+    has_table = False
+    for block in blocks:
+        if not isinstance(block, Table | Branch) or block.level > Level.SHORT:
+            kept.append(block)
+        elif isinstance(block, Branch):
+            titles.append("tree")
+        elif has_table:
+            titles.append(re.split(r"[:,(]", block.title)[0].strip())
+        else:
+            kept.append(block)
+            has_table = True
+    return [*kept, More(", ".join(titles))] if titles else kept
 
 
 def _print(blocks: Iterable[Block], output: Console) -> None:
@@ -189,16 +227,25 @@ class TerminalTable(table.Table):
         if excess > 0:
             self.padding = (0, 0)
             excess = self._excess(console, options)
-        for texts in filter(None, self._folding):
-            if excess <= 0:
+        if excess > 0:
+            self._fold_names(excess)
+        yield from super().__rich_console__(console, options)
+
+    def _fold_names(self, excess: int) -> None:
+        """Fold names in the widest columns, as little as makes the table narrower by the excess, but no part of a name."""
+        columns = [texts for texts in self._folding if texts]
+        longest = [
+            max(cell_len(line) for text in texts for line in text.plain.splitlines() or [""]) for texts in columns
+        ]
+        longest_part = [max(cell_len(part) for text in texts for part in _parts(text.plain)) for texts in columns]
+        widths = longest
+        for width in range(max(longest, default=0), 0, -1):
+            widths = [max(part, min(whole, width)) for whole, part in zip(longest, longest_part, strict=True)]
+            if sum(longest) - sum(widths) >= excess:
                 break
-            longest = max(cell_len(line) for text in texts for line in text.plain.splitlines() or [""])
-            longest_part = max(cell_len(part) for text in texts for part in _parts(text.plain))
-            width = max(longest_part, longest - excess)
+        for texts, width in zip(columns, widths, strict=True):
             for text in texts:
                 text.plain = _fold(text.plain, width)
-            excess -= max(longest - width, 0)
-        yield from super().__rich_console__(console, options)
 
     def _excess(self, console: Console, options: ConsoleOptions) -> int:
         """Characters by which the table is wider than the console."""
