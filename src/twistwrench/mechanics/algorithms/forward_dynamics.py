@@ -24,11 +24,11 @@ from ..bodies.inertia import SpatialInertia
 from ..lie import so3
 from ..lie.adjoint import Ad, ad
 from ..model.model import BASE, Body, Model
+from .coriolis_matrix import BodyCoriolis
+from .energies import body_velocities
 from .friction import torque_past_friction
 from .inverse_dynamics import BodyMotion, Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
 from .mass_matrix import (
-    BodyCoriolis,
-    body_velocities,
     composite_inertias,
     inverse_factor,
     ldl_factors,
