@@ -22,8 +22,8 @@ from .base import RobotBase
 from .engine import ConstrainedEngine
 
 if TYPE_CHECKING:
+    from ..mechanics.algorithms.constraint_projector import ConstraintProjector
     from ..mechanics.algorithms.constraints import Constraint, MotionForceSplit
-    from ..mechanics.algorithms.loop_closure import ConstraintProjector
     from .constraints.closures import LoopClosureSolver
     from .doors import ConstrainedRobot
     from .robot import Robot
@@ -172,7 +172,7 @@ class ConstraintMethods(RobotBase):
         """Robot with one additional constraint."""
         if redundant not in ("error", "accept"):
             raise ValueRangeError(f"redundant={redundant!r} is not allowed. Choose from: 'error', 'accept'.")
-        from ..mechanics.algorithms.loop_closure import independent_rows
+        from ..mechanics.algorithms.constraint_projector import independent_rows
         from .constraints.closures import refuse_redundant, require_angle, some_configurations
         from .constraints.tolerances import row_sizes
 
@@ -321,7 +321,7 @@ class ConstraintMethods(RobotBase):
 
     def _projector(self, q: Array) -> tuple[Array, ConstraintProjector]:
         """A at q and its projector, weighted with the mass matrix."""
-        from ..mechanics.algorithms.loop_closure import ConstraintProjector
+        from ..mechanics.algorithms.constraint_projector import ConstraintProjector
 
         A = self.constraint_jacobian(q)
         return A, ConstraintProjector.from_rows(A, self.open().mass_matrix(q), self.sizes, len(self.independent))

@@ -15,8 +15,8 @@ from ..compiler.ir.program import Program
 from ..compiler.ir.tracer import Trace, trace
 from ..core.errors import KernelError, UnknownNameError, ValueRangeError
 from ..core.typing import Array
-from ..mechanics.algorithms import constraints, forward_dynamics, kinematics
-from ..mechanics.algorithms.forward_dynamics import accelerations, torque_derivatives_and_factors
+from ..mechanics.algorithms import constraints, joint_pair_factors, kinematics
+from ..mechanics.algorithms.dynamics_derivatives import accelerations, torque_derivatives_and_factors
 from ..mechanics.model.model import Model
 from ..mechanics.model.parameters import matching, moves_joints, regrouped, with_symbolic_parameters
 from .arguments import CONFIGURATIONS
@@ -321,7 +321,7 @@ def columns_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Colu
     """Program and its columns; None for short programs and other quantities."""
     if not _is_alone(requested, FORWARD_DERIVATIVES):
         return None
-    carries, bodies = forward_dynamics.relations(model)
+    carries, bodies = joint_pair_factors.relations(model)
     if int((carries & (bodies[:, None] != bodies)).sum()) < COLUMN_LOOP_FROM:
         return None
     quantity = replace(QUANTITIES[FORWARD_DERIVATIVES], algorithm=torque_derivatives_and_factors)
@@ -438,11 +438,11 @@ class _Looped:
 
 _LOOPED = {
     "mass_matrix": _Looped(
-        forward_dynamics.mass_matrix_factors, ((0, 1),), ((2, 3),), (forward_dynamics.constant_mass,), True, 60, 27
+        joint_pair_factors.mass_matrix_factors, ((0, 1),), ((2, 3),), (joint_pair_factors.constant_mass,), True, 60, 27
     ),
     "inverse_dynamics_derivatives": _Looped(
-        forward_dynamics.derivative_factors, ((0, 1), (0, 2)), ((3, 4), (3, 5)), (forward_dynamics.constant_stiffness, None),
-        False, 230, 106,
+        joint_pair_factors.derivative_factors, ((0, 1), (0, 2)), ((3, 4), (3, 5)),
+        (joint_pair_factors.constant_stiffness, None), False, 230, 106,
     ),
 }  # fmt: skip
 
@@ -455,9 +455,9 @@ def products_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Pro
         return None
     from ..compiler.lowering.product_loop import LEAST
 
-    if model.nv < LEAST or not forward_dynamics.applies(model):
+    if model.nv < LEAST or not joint_pair_factors.joints_are_independent(model):
         return None
-    carries, bodies = forward_dynamics.relations(model)
+    carries, bodies = joint_pair_factors.relations(model)
     estimated = looped.for_a_joint * model.nv + looped.for_a_pair * int(carries.sum())
     if estimated < PAIR_LOOP_FROM:
         return None

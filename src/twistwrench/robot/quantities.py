@@ -10,6 +10,7 @@ from typing import Any, Literal
 from ..mechanics.algorithms import (
     constraints,
     coriolis_matrix,
+    dynamics_derivatives,
     energies,
     forward_dynamics,
     friction,
@@ -144,7 +145,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         book="section 8.5", constrained="projected",
     ),
     "forward_dynamics_derivatives": row(
-        forward_dynamics.forward_dynamics_derivatives, "q dq tau", "ddq_by_q ddq_by_dq ddq_by_tau", "nv nv, nv nv, nv nv",
+        dynamics_derivatives.forward_dynamics_derivatives, "q dq tau", "ddq_by_q ddq_by_dq ddq_by_tau", "nv nv, nv nv, nv nv",
         "derivatives of ddq by q (along the joint twists), dq and tau",
         options="wrenches", felt=True, needs_inverse=True,
         unit="1/s^2, 1/s, 1/(kg m^2) (sliding joints: 1/kg)", constrained="refused",
@@ -186,7 +187,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         constrained="projected",
     ),
     "inverse_dynamics_derivatives": row(
-        forward_dynamics.inverse_dynamics_derivatives, "q dq ddq", "tau_by_q tau_by_dq", "nv nv, nv nv",
+        dynamics_derivatives.inverse_dynamics_derivatives, "q dq ddq", "tau_by_q tau_by_dq", "nv nv, nv nv",
         "derivatives of tau by q (along the joint twists) and dq",
         options="wrenches", felt=True,
         unit="N m/rad, N m s/rad (sliding joints: N/m, N s/m)", constrained="projected",

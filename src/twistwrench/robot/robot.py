@@ -24,7 +24,7 @@ from .task_space_methods import ActuationMethods, TaskSpaceMethods, require_robo
 
 if TYPE_CHECKING:
     from ..compiler.runtime.dispatch import CallSignature
-    from ..mechanics.algorithms.inverse_dynamics import ClosedForm
+    from ..mechanics.algorithms.closed_form import ClosedForm
     from .doors import ConstrainedRobot
     from .explanation import Explanation
     from .ik import IKResult
@@ -379,7 +379,7 @@ class Robot(
         wrenches = {frame: wrench_at(self.model, frame, F) for frame, F in (wrench_by_robot or {}).items()}
         if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
             raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
-        from ..mechanics.algorithms.inverse_dynamics import closed_form
+        from ..mechanics.algorithms.closed_form import closed_form
 
         return closed_form(self.model, q, dq, wrenches)
 

@@ -13,9 +13,10 @@ from ...core import arguments
 from ...core.errors import ConstraintError, UnknownNameError
 from ...core.numbers import printed
 from ...core.typing import Array
+from ...mechanics.algorithms.constraint_projector import mass_weighted_rows
 from ...mechanics.algorithms.constraints import Closure, Rolling, place_of
 from ...mechanics.algorithms.kinematics import KINDS, row_numbers
-from ...mechanics.algorithms.loop_closure import LoopRows, mass_weighted_rows
+from ...mechanics.algorithms.loop_closure import LoopRows
 from ...mechanics.lie.labelled import TWIST
 from ...mechanics.model.couplings import refuse_couplings
 from ...mechanics.model.model import BASE, Model

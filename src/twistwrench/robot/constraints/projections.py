@@ -19,6 +19,7 @@ from ...core import arguments, third_party
 from ...core.errors import ConstraintError, UnknownNameError
 from ...core.numbers import printed
 from ...core.typing import Array
+from ...mechanics.algorithms.constraint_projector import needs_singular_values
 from ...mechanics.algorithms.constraints import (
     MAX_RESIDUAL_TORQUE,
     SINGULAR_VALUE,
@@ -33,7 +34,6 @@ from ...mechanics.algorithms.constraints import (
     names,
     place_of,
 )
-from ...mechanics.algorithms.loop_closure import needs_singular_values
 from ...mechanics.joints import Planar
 from ...mechanics.model.model import BASE, Body
 from ..arguments import Wrenches, finite_states

@@ -13,8 +13,8 @@ import numpy as np
 from ...core.errors import ConstraintError, ConstraintWarning
 from ...core.numbers import printed
 from ...core.typing import Array
+from ...mechanics.algorithms.constraint_projector import usual_sizes
 from ...mechanics.algorithms.constraints import Closure, Constraint, row_names, with_gaps
-from ...mechanics.algorithms.loop_closure import usual_sizes
 from ...mechanics.model.description import frames_to_user
 from ...mechanics.model.model import BASE, Model
 

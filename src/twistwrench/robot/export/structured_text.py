@@ -25,7 +25,8 @@ from ...core.numbers import file_number
 from ...core.text import Argument, Placeholder, argument, in_the_shell, spell
 from ...core.typing import Array
 from ...mechanics.algorithms.friction import either, friction_forces, positive
-from ...mechanics.algorithms.inverse_dynamics import drive_torques, driven_velocities
+from ...mechanics.algorithms.inverse_dynamics import drive_torques
+from ...mechanics.algorithms.motor_loads import driven_velocities
 from ...mechanics.model.actuators import STANDING
 from ...mechanics.model.couplings import motor_torques, motor_velocities
 from ..programs import inputs_of
