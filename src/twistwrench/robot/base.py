@@ -271,9 +271,9 @@ class RobotBase:
         -------
         q : (nq,) array
         """
-        from ..mechanics.model import assembly as configuration
+        from ..mechanics.model import configurations
 
-        return configuration.from_names(self.model, joints)
+        return configurations.from_names(self.model, joints)
 
     def random_configuration(
         self, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()
@@ -289,7 +289,7 @@ class RobotBase:
         q : (*size, nq) array
         """
         from ..core import arguments
-        from ..mechanics.model import assembly as configuration
+        from ..mechanics.model import configurations
 
         try:
             sizes = size if isinstance(size, tuple | list) else (size,)
@@ -302,7 +302,7 @@ class RobotBase:
             ) from None
         if any(n < 0 for n in shape):
             raise ValueRangeError(f"size={arguments.value_text(size)} has a negative number of samples.")
-        return configuration.random_configuration(self.model, generator, shape)
+        return configurations.random_configuration(self.model, generator, shape)
 
     # ── kernels ──
 

@@ -323,7 +323,7 @@ class Engine:
 
     def require_invertible(self) -> None:
         """Raise SingularMassMatrixError, naming the joints, if M has no inverse at a generic configuration."""
-        from ..mechanics.model.assembly import random_configuration
+        from ..mechanics.model.configurations import random_configuration
 
         if self.model.nv == 0:
             return

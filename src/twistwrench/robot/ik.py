@@ -21,7 +21,7 @@ from ..core.typing import Array
 from ..mechanics.algorithms.kinematics import row_numbers
 from ..mechanics.joints.screw_joint import ScrewJoint
 from ..mechanics.lie import se3, so3
-from ..mechanics.model.assembly import random_configuration
+from ..mechanics.model.configurations import random_configuration
 from ..mechanics.model.description import frames_to_user
 from .ik_search import Frames, PoseSearch, SinglePose
 

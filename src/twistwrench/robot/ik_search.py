@@ -16,7 +16,7 @@ from ..compiler.runtime.batch_threads import Part
 from ..compiler.runtime.dispatch import make_call
 from ..core.typing import Array
 from ..mechanics.algorithms.newton_step import NewtonStep
-from ..mechanics.model.assembly import random_configuration
+from ..mechanics.model.configurations import random_configuration
 from ..mechanics.model.model import Model
 from .engine import compile_form
 

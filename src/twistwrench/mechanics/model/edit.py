@@ -15,8 +15,9 @@ from ...core.text import argument
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import Joint
-from .assembly import default_tip, fuse
+from .assembly import default_tip
 from .couplings import refuse_coupled
+from .fixed_links import fuse
 from .inertia_checks import moved_moments, reasons
 from .model import BASE, Model
 
