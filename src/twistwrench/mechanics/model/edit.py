@@ -15,9 +15,8 @@ from ...core.text import argument
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..joints import Joint
-from .assembly import default_tip
+from .assembly import default_tip, fuse
 from .couplings import refuse_coupled
-from .fixed_links import fuse
 from .inertia_checks import moved_moments, reasons
 from .model import BASE, Model
 
