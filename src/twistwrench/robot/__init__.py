@@ -1,6 +1,6 @@
 """Robots: quantities, the engine that compiles them, and the class with its methods."""
 
-from .engine import install
+from .kernels.exponentials import install
 from .load import from_dh, from_mujoco, from_pinocchio, from_screws, load, save
 from .robot import Robot
 

@@ -55,7 +55,7 @@ def names_of(model: Model, label: str) -> tuple[str, ...]:
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
     """Names and shapes of a kernel's inputs."""
     from . import programs as quantity_programs
-    from .programs import checked_options
+    from .kernels.options import checked_options
 
     ports = quantity_programs.inputs_of(model, name, checked_options(model, name, options))
     return [("wrench" if label.startswith("wrench at ") else label, core) for label, core in ports]

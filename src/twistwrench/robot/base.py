@@ -16,7 +16,8 @@ from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.text import shorten
 from ..core.typing import Array
-from .engine import CachedModel, Engine
+from .engine import Engine
+from .kernels.disk_cache import CachedModel
 
 if TYPE_CHECKING:
     from ..compiler.ir.program import Program
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits
     from ..mechanics.model.model import Model, OfferedClosure
     from .arguments import Wrenches
-    from .programs import KernelOptions
+    from .kernels.options import KernelOptions
     from .robot import Robot
 
 if TYPE_CHECKING:  # results without constraints are the defaults, so that a bare ``Robot`` is an open one

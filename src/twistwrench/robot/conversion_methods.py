@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..mechanics.model.model import Model
     from .export.request import Quantities
     from .export.written import Written
-    from .programs import KernelOptions
+    from .kernels.options import KernelOptions
     from .robot import Robot
 
 Precision: TypeAlias = Literal["double", "float"]
@@ -621,7 +621,7 @@ class ExportMethods(ConstraintMethods):
     def _requests(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
         """Quantities with their options, including the constraints."""
         from .export.request import name_option_pairs
-        from .programs import options_of
+        from .kernels.options import options_of
 
         pairs = []
         for name, options in name_option_pairs(quantities):

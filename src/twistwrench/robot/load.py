@@ -16,7 +16,7 @@ from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..core.typing import Frame
-from .engine import CachedModel, keep_file, known_file
+from .kernels.disk_cache import CachedModel, keep_file, known_file
 from .robot import Robot
 from .task_space_methods import require_robot
 

@@ -19,7 +19,8 @@ from ...core.text import argument
 from ...mechanics.algorithms.kinematics import velocity_map
 from ...mechanics.lie.labelled import TWIST
 from ..arguments import CONFIGURATIONS
-from ..programs import checked_options, program_of
+from ..kernels.options import checked_options
+from ..programs import program_of
 from ..quantities import QUANTITIES
 
 if TYPE_CHECKING:
