@@ -12,12 +12,18 @@ from weakref import WeakMethod
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core import arguments
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.text import shorten
 from ..core.typing import Array
 from .engine import Engine
 from .kernels.disk_cache import CachedModel
+
+if TYPE_CHECKING:
+    from .robot import Robot
+if TYPE_CHECKING:
+    from ..mechanics.model.model import Model
 
 if TYPE_CHECKING:
     from ..compiler.ir.program import Program
@@ -430,6 +436,19 @@ def _missing(robot: RobotBase, name: str) -> AttributeError:
         call = "momentum(q, dq, frame='com')" if name == "momentum_about_com" else f"kernel({name!r})"
         return AttributeError(f"{subject} has no attribute {name!r}: use robot.{call}", name=None)
     return missing_attribute(subject, name, "robot", dir(type(robot)))
+
+
+def require_robot(robot: object, what: str) -> Robot:
+    """Return ``robot`` if it is a Robot without constraints; raises ValueRangeError otherwise."""
+    if not isinstance(robot, RobotBase):
+        raise ValueRangeError(
+            f"{what}: the robot is {arguments.value_text(robot)}: give a tw.Robot, as tw.load(path) makes one."
+        )
+    if robot.constraints:
+        raise ValueRangeError(
+            f"{what}: not available for a robot with constraints, {robot!r}. For the robot with its loops open: robot.open()."
+        )
+    return cast("Robot", robot)
 
 
 complete(globals())

@@ -24,7 +24,7 @@ from .engine import ConstrainedEngine
 if TYPE_CHECKING:
     from ..mechanics.algorithms.constraint_projector import ConstraintProjector
     from ..mechanics.algorithms.constraints import Constraint, MotionForceSplit
-    from .constraints.closures import LoopClosureSolver
+    from .constraints.loop_closure_solver import LoopClosureSolver
     from .doors import ConstrainedRobot
     from .robot import Robot
 
@@ -215,7 +215,7 @@ class ConstraintMethods(RobotBase):
 
     def _searched_loops(self) -> LoopClosureSolver:
         """Solver for the loop gaps, as rows of a search."""
-        from .constraints.closures import LoopClosureSolver
+        from .constraints.loop_closure_solver import LoopClosureSolver
 
         key = ("searched loops", self.constraints, self.independent)
         solver: LoopClosureSolver = self.open().engine.cache(
@@ -403,7 +403,7 @@ class ConstraintMethods(RobotBase):
             raise ValueRangeError(
                 f"within={printed(within)} is not allowed: rad or m, 0 or more, such as {printed(MAX_NEAR_DISPLACEMENT)}."
             )
-        from .constraints.tolerances import require_closed, warn_of_far
+        from .constraints.states import require_closed, warn_of_far
 
         rows, gaps = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
         require_closed(cast("ConstrainedRobot", self), gaps, tolerance, q.shape[:-1])

@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.errors import MissingExtraError, ModelError, ModelWarning, ShapeError
 from ..core.glossary import complete
-from .base import RobotBase
+from .base import RobotBase, require_robot
 from .constraint_methods import ConstraintMethods
-from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
     from ..mechanics.bodies.inertia import SpatialInertia
@@ -312,9 +311,6 @@ def _warn(name: str, form: str, lost: Iterable[str]) -> None:
         warnings.warn(f"robot {name!r} as {form}: {sentence}.", ModelWarning, stacklevel=frames_to_user())
 
 
-# ── Quantities as functions of other packages
-
-
 class BridgeMethods(RobotBase):
     """Quantities as functions of JAX, PyTorch, CasADi and JavaScript.
 
@@ -441,9 +437,6 @@ class BridgeMethods(RobotBase):
         from .export.request import BridgedQuantity
 
         return javascript_module(BridgedQuantity(cast("Robot", self), quantity, options))
-
-
-# ── Quantities as source code of other languages
 
 
 class ExportMethods(ConstraintMethods):

@@ -73,8 +73,6 @@ def row(
     )
 
 
-# ── Table of quantities
-
 # A quantity is one algorithm and one row of this table. CPU and GPU kernels, comments of exported C code, and the
 # tables of the docs are derived from these rows.
 

@@ -1,4 +1,4 @@
-"""Task-space inertia and bias (MR section 8.6), motor torques and powers (MR section 8.9), and a type check for robots."""
+"""Task-space inertia and bias (MR section 8.6), and motor torques and powers (MR section 8.9)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments, third_party
-from ..core.errors import ModelError, ModelWarning, ValueRangeError
+from ..core.errors import ModelError, ModelWarning
 from ..core.glossary import complete
 from ..core.typing import Array
 from .arguments import Kind, Rows, Wrenches, states, to_numbers
-from .base import RobotBase
+from .base import RobotBase, require_robot
 
 if TYPE_CHECKING:
     from ..mechanics.algorithms.motor_loads import MotorLoads, PowerBalance
@@ -334,22 +334,6 @@ class ActuationMethods(RobotBase):
         else:
             friction_torque = np.zeros_like(dq)
         return power_balance(dq, tau, moving, pushing, friction_torque)
-
-
-# ── Check that an argument is a robot
-
-
-def require_robot(robot: object, what: str) -> Robot:
-    """Return ``robot`` if it is a Robot without constraints; raises ValueRangeError otherwise."""
-    if not isinstance(robot, RobotBase):
-        raise ValueRangeError(
-            f"{what}: the robot is {arguments.value_text(robot)}: give a tw.Robot, as tw.load(path) makes one."
-        )
-    if robot.constraints:
-        raise ValueRangeError(
-            f"{what}: not available for a robot with constraints, {robot!r}. For the robot with its loops open: robot.open()."
-        )
-    return cast("Robot", robot)
 
 
 complete(globals())

@@ -14,7 +14,7 @@ from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import printed
 from ..core.text import Argument, spell
 from ..core.typing import Array
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 
 if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits

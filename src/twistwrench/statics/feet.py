@@ -18,7 +18,7 @@ from ..core.typing import Array
 from ..mechanics.lie import se3
 from ..mechanics.model.legs import frame_poses, legs_of
 from ..mechanics.model.model import BASE
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .contacts import Contact, tangents
 
 if TYPE_CHECKING:

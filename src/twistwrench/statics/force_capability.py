@@ -16,7 +16,7 @@ from ..core.numbers import number, vector
 from ..core.text import argument
 from ..core.typing import Array
 from ..mechanics.model.couplings import motor_torques
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .arguments import one_configuration, same_batch, unit_vectors
 from .torque_limits import effort_limits, growth, require_fixed_base, resting_torques, span
 from .torque_wrench import RANK_TOLERANCE

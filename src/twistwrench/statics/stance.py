@@ -16,7 +16,7 @@ from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.lie import quaternion, so3
 from ..motion.motion import Motion
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .contacts import Contact, contact_maps
 from .feet import MIN_SOLE_WIDTH, sole, upward
 from .torque_limits import floating_entries

@@ -17,7 +17,7 @@ from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import so3
 from ..mechanics.model.couplings import refuse_couplings
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .balance import Balance, BalanceSolution
 from .cone_programme import cone_programme
 from .contacts import Contact, cones_of, contact_maps, contacts_of, refuse_loops

@@ -14,7 +14,7 @@ from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import margin, number, printed
 from ..core.text import Argument, spell
 from ..core.typing import Array
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 
 if TYPE_CHECKING:
     from ..robot import Robot

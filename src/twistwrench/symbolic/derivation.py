@@ -18,7 +18,7 @@ from ..core.typing import Names
 from ..core.verdict import Verdict, Word
 from ..mechanics.model.model import Model
 from ..robot import Robot, load
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .coordinates import Coordinate, coordinates_of
 from .derivation_check import TOLERANCE, DerivationCheck, check_derivation
 from .derivation_size import (

@@ -19,7 +19,8 @@ from ..mechanics.model.couplings import coupled_entries, drive_turns, motor_torq
 from ..mechanics.model.limits import Limits
 from ..motion.model_doubts import friction_words
 from .fastest import Fastest, LimitContact
-from .move_report import SAMPLES, MoveReport
+from .move_report import MoveReport
+from .move_timing import SAMPLES
 from .trajectory import Trajectory, required_torques
 
 _MAX_LISTED_CONTACTS = 12

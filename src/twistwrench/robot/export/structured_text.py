@@ -7,7 +7,6 @@ interpret the text with the tree of an independent parser.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,23 +14,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...compiler.ir.program import FUSED, TensorSpec
-from ...compiler.ir.tracer import trace
 from ...compiler.lowering.reference_interpreter import NumpyKernel, evaluated
 from ...compiler.printers.c99 import identifier, literal
 from ...core import arguments
-from ...core.errors import KernelError, ModelError, ValueRangeError
+from ...core.errors import KernelError, ValueRangeError
 from ...core.files import check_outputs, replacing
 from ...core.numbers import file_number
-from ...core.text import Argument, Placeholder, argument, in_the_shell, spell
-from ...core.typing import Array
-from ...mechanics.algorithms.friction import either, friction_forces, positive
-from ...mechanics.algorithms.inverse_dynamics import drive_torques
-from ...mechanics.algorithms.motor_loads import driven_velocities
-from ...mechanics.model.actuators import STANDING
-from ...mechanics.model.couplings import motor_torques, motor_velocities
-from ..programs import inputs_of
-from .c99 import comment, comment_lines, entries, file_of, inputs_at_states, largest_entry, results_at_states
+from ...core.text import argument
+from .c99 import file_of
+from .comments import comment, comment_lines, entries
+from .motor_torques import with_motor_torques
 from .request import Quantities, Request, name_option_pairs, prefix_of, requests
+from .self_test import inputs_at_states, largest_entry, results_at_states
 from .written import Written
 
 if TYPE_CHECKING:
@@ -174,61 +168,6 @@ def _comment(lines: Sequence[str]) -> str:
     """Comment that names from robot files cannot end."""
     plain = comment([line.replace("*)", "* )").replace("(*", "( *") for line in lines])
     return f"(*{plain[2:-2]}*)"
-
-
-# ── Torques at the motor shafts
-
-
-def with_motor_torques(robot: Robot, request: Request) -> Request:
-    """Request for inverse dynamics with torques converted to the motor side of the gears.
-
-    Raises KernelError for another quantity, and ModelError for a joint without an actuator.
-    """
-    model, full = robot.model, request.full
-    option = spell(Argument("torque", "motor", option="torque-side"))
-    if request.quantity != "inverse_dynamics" or "derivative" in full or "parameters" in full:
-        raise KernelError(
-            f"{option} applies to inverse_dynamics, not to {request.function.name}. Export {request.quantity} by itself."
-        )
-    driven, actuators = driven_velocities(model), list(model.actuators.values())
-    if missing := [name for k, name in enumerate(model.drive_names) if k not in driven]:
-        remedy = "robot.with_actuators(file)"
-        if in_the_shell():
-            remedy = spell(Argument("actuators", Placeholder("FILE")))
-        raise ModelError(
-            f"{option} needs an actuator at every joint; there is none at {', '.join(missing)}. Describe them: {remedy}."
-        )
-    actuators = [actuators[k] for k in np.argsort(driven)]
-    ratio = np.array([actuator.ratio for actuator in actuators])
-    efficiency = np.array([actuator.efficiency for actuator in actuators])
-    no_load_torque = np.array([actuator.no_load_torque for actuator in actuators])
-    ports = inputs_of(model, "inverse_dynamics", full)
-
-    def torques(q: Array, dq: Array, ddq: Array, *more: Array) -> Array:
-        inputs = dict(zip([label for label, _ in ports[3:]], more, strict=True))
-        wrenches = {}
-        for frame in full.get("wrenches", ()):
-            sign = -1.0 if frame in full.get("on_robot", ()) else 1.0
-            wrenches[frame] = sign * inputs[f"wrench at {frame}"]
-        own_model = replace(model, gravity=inputs["gravity"]) if "gravity" in inputs else model
-        carried, rotor = drive_torques(own_model, q, dq, ddq, wrenches)
-        if full.get("friction"):
-            carried = carried + friction_forces(model, dq, carried + rotor)
-        carried, rotor = motor_torques(model, carried), motor_torques(model, rotor)
-        speeds = motor_velocities(model, dq)
-        directions = np.array([positive(w - STANDING) - positive(-w - STANDING) for w in speeds], object)
-        braking = [positive(-(force * direction)) for force, direction in zip(carried, directions, strict=True)]
-        share = np.array([either(b, e, 1.0 / e) for b, e in zip(braking, efficiency, strict=True)], object)
-        torque = (carried * share + rotor) / ratio
-        if not no_load_torque.any():
-            return torque
-        return torque + no_load_torque * np.sign(ratio) * directions
-
-    name = request.function.name.replace("inverse_dynamics", "motor_torques")
-    return replace(request, function=replace(request.function, name=name, program=trace(torques, ports, ["tau"])))
-
-
-# ── The file
 
 
 def export_st(

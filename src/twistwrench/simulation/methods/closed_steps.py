@@ -29,7 +29,8 @@ from ...mechanics.algorithms.kinematics import add
 from ...mechanics.algorithms.loop_closure import LoopRows, project_state
 from ...mechanics.model.model import Model
 from ...robot.constraint_methods import MAX_CLOSED_GAP
-from ...robot.constraints.tolerances import gap_units, require_met
+from ...robot.constraints.states import require_met
+from ...robot.constraints.tolerances import gap_units
 from ...robot.engine import compile_form
 from ..compiled_steps import COMPILED_METHODS, TABLEAUS, CompiledSteps, Ports, StepPlan, can_compile_steps
 from ..forces import WORKS, System

@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..compiler.ir.loops import PLACES, Search
-from ..compiler.ir.program import TensorSpec
-from ..compiler.ir.tracer import trace
-from ..compiler.runtime import batch_threads
-from ..compiler.runtime.batch_threads import Part
-from ..compiler.runtime.dispatch import make_call
-from ..core.typing import Array
-from ..mechanics.algorithms.newton_step import NewtonStep
-from ..mechanics.model.configurations import random_configuration
-from ..mechanics.model.model import Model
-from .engine import compile_form
+from ...compiler.ir.loops import PLACES, Search
+from ...compiler.ir.program import TensorSpec
+from ...compiler.ir.tracer import trace
+from ...compiler.runtime import batch_threads
+from ...compiler.runtime.batch_threads import Part
+from ...compiler.runtime.dispatch import make_call
+from ...core.typing import Array
+from ...mechanics.algorithms.newton_step import NewtonStep
+from ...mechanics.model.configurations import random_configuration
+from ...mechanics.model.model import Model
+from ..engine import compile_form
 
 if TYPE_CHECKING:
-    from .constraints.closures import LoopClosureSolver
+    from ..constraints.loop_closure_solver import LoopClosureSolver
 
 STEPS = 60
 """Largest number of steps from one start."""
