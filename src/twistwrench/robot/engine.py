@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from ..compiler.runtime.interpreter import compiles
 from ..core import arguments, third_party
 from ..core.errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
 from ..core.typing import Array
-from .arguments import Wrenches, is_symbolic, misfit, numbers, sum_by_frame, to_numbers
+from .arguments import Wrenches, input_name, is_symbolic, misfit, numbers, sum_by_frame, to_numbers
 from .kernels.disk_cache import CachedModel, kernel_key
 from .kernels.out_checks import refuse_overlap, refuse_text, unfit
 
@@ -33,7 +34,9 @@ instructions."""
 
 
 def _model_of(model: Model | CachedModel) -> Model:
-    return model.model if isinstance(model, CachedModel) else model
+    if isinstance(model, CachedModel):
+        return model.model
+    return model
 
 
 def execution_form(model: Model, names: Sequence[str], options: Options) -> Form:
@@ -174,7 +177,9 @@ class Engine:
         if self.model.nv == 0:
             return
         M = self.reference("mass_matrix", (random_configuration(self.model, np.random.default_rng(0), ()),), {})
-        names = [b.joint.name for b in self.model.leaders for _ in range(b.joint.nv)]
+        names: list[str] = []
+        for body in self.model.leaders:
+            names += [body.joint.name] * body.joint.nv
         d = np.sqrt(np.abs(np.diagonal(M)))
         scale = np.where(d > 0, d, 1.0)
         values, vectors = np.linalg.eigh(M / np.outer(scale, scale))
@@ -182,7 +187,7 @@ class Engine:
         if not null.any():
             return
         largest = np.abs(vectors[:, null]).max(axis=1)
-        massless = list(dict.fromkeys(name for name, x in zip(names, largest, strict=True) if x > _MIN_NULL_COMPONENT))
+        massless = dict.fromkeys(compress(names, largest > _MIN_NULL_COMPONENT))
         raise SingularMassMatrixError(
             f"the mass matrix of robot {self.model.name!r} has no inverse: joints {', '.join(massless)} move nothing with "
             "inertia of its own. Lock them (robot.lock), give their links mass, or use inverse dynamics, which needs no "
@@ -200,12 +205,12 @@ class Engine:
             raise KernelError(f"reference {name}: algorithms have no by=; kernel({name!r}, by=…) has.")
         traced = is_symbolic(arrays)
         quantity = QUANTITIES[name]
-        inputs = [np.asarray(a) for a in to_numbers(self.model, name, arrays, options)]
+        inputs = list(map(np.asarray, to_numbers(self.model, name, arrays, options)))
         if not traced:
             inputs = numbers(f"reference {name}", {}, **{f"input {k}": a for k, a in enumerate(inputs, start=1)})
         shapes = inputs_of(self.model, name, full)
         if len(inputs) != len(shapes):
-            listed = ", ".join("wrench" if label.startswith("wrench at ") else label for label, _ in shapes)
+            listed = ", ".join(input_name(label) for label, _ in shapes)
             raise ShapeError(f"reference {name}: {len(inputs)} arrays given, {listed} wanted.")
         for (label, shape), array in zip(shapes, inputs, strict=True):
             if array.shape != shape:
@@ -299,7 +304,8 @@ class Engine:
     def _later(self, name: str, arrays: Sequence[Any], out: Any, options: Options) -> Any:
         """Evaluate a quantity on Dask arrays; results are Dask arrays, computed later."""
         signature = self.kernel((name,), options).signature
-        if (problem := misfit(self.model, name, arrays, options)) is not None:
+        problem = misfit(self.model, name, arrays, options)
+        if problem is not None:
             raise problem
         if out is not None:
             raise ShapeError(
@@ -316,11 +322,16 @@ def _now(engine: Engine, name: str, options: Options, *arrays: Array) -> Any:
 def _empty_results(kernel: Any, arrays: Sequence[Array]) -> Any:
     """Empty results with the type and rank that follow from the types and ranks of the inputs."""
     batch = (0,) * (max(a.ndim for a in arrays) - 1)
-    dtype: Any = np.float32 if all(np.can_cast(a.dtype, np.float32) for a in arrays) else np.float64
-    cores = re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2])
-    ranks = [core.count(",") + bool(core) for core in cores]
-    results: list[Array] = [np.empty(batch + (0,) * rank, dtype) for rank in ranks]
-    return tuple(results) if len(results) > 1 else results[0]
+    dtype: Any = np.float64
+    if all(np.can_cast(a.dtype, np.float32) for a in arrays):
+        dtype = np.float32
+    results: list[Array] = []
+    for core in re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2]):
+        rank = core.count(",") + bool(core)
+        results.append(np.empty(batch + (0,) * rank, dtype))
+    if len(results) == 1:
+        return results[0]
+    return tuple(results)
 
 
 class ConstrainedEngine(Engine):
@@ -356,8 +367,9 @@ class ConstrainedEngine(Engine):
         from .kernels.options import options_of
         from .quantities import QUANTITIES
 
-        if any("constraints" in options_of(name) for name in names):
-            return {"constraints": self._constraints, **options}
+        for name in names:
+            if "constraints" in options_of(name):
+                return {"constraints": self._constraints, **options}
         changed = [name for name in names if QUANTITIES[name].constrained != "as is"]
         if changed:
             raise KernelError(

@@ -20,15 +20,21 @@ from .quantities import QUANTITIES, Quantity, Shape
 
 def evaluate_quantity(quantity: Quantity, model: Model, arrays: Sequence[Any], options: Mapping[str, Any]) -> Any:
     """The quantity's algorithm on arrays of numbers or symbols: usual inputs, a wrench per frame, gravity, parameters."""
-    own_options = {option: value for option, value in options.items() if option != "derivative"}
+    own_options = dict(options)
+    own_options.pop("derivative", None)
     usual = len(quantity.inputs)
-    if names := own_options.pop("parameters", ()):
-        model = with_symbolic_parameters(model, names, arrays[-1])
+    parameters = own_options.pop("parameters", ())
+    if parameters:
+        model = with_symbolic_parameters(model, parameters, arrays[-1])
         arrays = arrays[:-1]
-    if frames := own_options.pop("wrenches", ()):
+    frames = own_options.pop("wrenches", ())
+    if frames:
         on_robot = own_options.pop("on_robot", ())
-        wrenches = zip(frames, arrays[usual : usual + len(frames)], strict=True)
-        own_options["wrenches"] = {frame: -F if frame in on_robot else F for frame, F in wrenches}
+        wrenches_by_robot = dict(zip(frames, arrays[usual : usual + len(frames)], strict=True))
+        for frame in frames:
+            if frame in on_robot:
+                wrenches_by_robot[frame] = -wrenches_by_robot[frame]
+        own_options["wrenches"] = wrenches_by_robot
     if own_options.pop("gravity", None):
         model = replace(model, gravity=arrays[-1])
     return quantity.algorithm(model, *arrays[:usual], **own_options)
@@ -36,7 +42,9 @@ def evaluate_quantity(quantity: Quantity, model: Model, arrays: Sequence[Any], o
 
 def _result_tuple(returned: Any) -> tuple[Any, ...]:
     """Results of an algorithm that returns one or several."""
-    return returned if isinstance(returned, tuple) else (returned,)
+    if isinstance(returned, tuple):
+        return returned
+    return (returned,)
 
 
 def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: bool = True) -> Program:
@@ -50,13 +58,15 @@ def program_of(model: Model, name: str, options: Mapping[str, Any], *, regroup: 
 
 def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]], *, regroup: bool = True) -> Program:
     """Trace several quantities, ``{name: options}``, as one program with common subexpressions."""
-    ports = {name: input_shapes(model, name, options) for name, options in requested.items()}
-    derivative_ports = {name: _ports_of_derivative(model, name, options) for name, options in requested.items()}
+    ports, derivative_ports, models = {}, {}, {}
+    for name, options in requested.items():
+        ports[name] = input_shapes(model, name, options)
+        derivative_ports[name] = _ports_of_derivative(model, name, options)
+        models[name] = _model_for(model, name, options, regroup)
     inputs: dict[str, Shape] = {}
     for shapes in (*ports.values(), *derivative_ports.values()):
         inputs |= shapes
     order = _input_order(inputs)
-    models = {name: _model_for(model, name, options, regroup) for name, options in requested.items()}
 
     def results(*arrays: Any) -> tuple[Any, ...]:
         values = dict(zip(order, arrays, strict=True))
@@ -66,7 +76,8 @@ def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]],
             own_results = _result_tuple(
                 evaluate_quantity(QUANTITIES[name], models[name], list(arguments.values()), options)
             )
-            if derivative := options.get("derivative"):
+            derivative = options.get("derivative")
+            if derivative is not None:
                 charts = {}
                 for label in derivative.by:
                     charts[label] = Chart.from_input(arguments[label], model if label in CONFIGURATIONS else None)
@@ -105,12 +116,18 @@ def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) ->
         owner = Trace()
         symbols = [owner.inputs(0, shape) for shape in ports.values()]
         results = _result_tuple(evaluate_quantity(QUANTITIES[name], model, symbols, options))
-        shapes = [np.shape(x) for x in results]
+        shapes = list(map(np.shape, results))
         owner.forget()
-    directions = {x: (model.nv,) if x in CONFIGURATIONS else shape for x, shape in ports.items()}
-    return derivative.inputs(directions, {f"{name} {o}": s for o, s in zip(outputs, shapes, strict=True)})
+    directions = dict(ports)
+    for label in ports:
+        if label in CONFIGURATIONS:
+            directions[label] = (model.nv,)
+    labels = [f"{name} {output}" for output in outputs]
+    return derivative.inputs(directions, dict(zip(labels, shapes, strict=True)))
 
 
 def _model_for(model: Model, name: str, options: Mapping[str, Any], regroup: bool) -> Model:
     fixed = not moves_joints(model, options.get("parameters", ()))
-    return regrouped(model) if QUANTITIES[name].felt and regroup and fixed else model
+    if QUANTITIES[name].felt and regroup and fixed:
+        return regrouped(model)
+    return model

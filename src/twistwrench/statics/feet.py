@@ -259,9 +259,12 @@ def _face_towards(shapes: Sequence[tuple[Array, Sequence[Solid]]], down: Array) 
     """Corners, at the lowest height, of the hull of what lies within 5 mm of it; of balls their centres, and the radius."""
     solid_points = [(solid, _points_towards(T, solid, down)) for T, solids in shapes for solid in solids]
     lowest = max(float((points @ down).max()) for _, points in solid_points)
-    near = [(solid, points) for solid, points in solid_points if (points @ down).max() >= lowest - _SOLE]
-    points = np.concatenate([points for _, points in near])
-    radii = {_radius(solid) for solid, _ in near}
+    near_points, radii = [], set()
+    for solid, points_of_solid in solid_points:
+        if (points_of_solid @ down).max() >= lowest - _SOLE:
+            near_points.append(points_of_solid)
+            radii.add(_radius(solid))
+    points = np.concatenate(near_points)
     radius = 0.0
     if len(radii) == 1:
         radius = radii.pop()

@@ -45,9 +45,9 @@ class LoopRows:
     @property
     def indices(self) -> tuple[list[int], list[int]]:
         """Indices of these rows in :func:`small_gaps`, and in A."""
-        rows = np.flatnonzero(with_gaps(self.constraints)).tolist()
-        gaps = [n for n, k in enumerate(rows) if k in self.independent]
-        return gaps, [rows[n] for n in gaps]
+        rows = np.flatnonzero(with_gaps(self.constraints))
+        gaps = np.flatnonzero(np.isin(rows, self.independent))
+        return gaps.tolist(), rows[gaps].tolist()
 
     def gaps(self, model: Model, q: Array) -> Array:
         """Gaps of the loops, rad and m."""
@@ -96,7 +96,7 @@ def small_gaps(model: Model, q: Array, constraints: Sequence[Constraint]) -> Arr
 
 
 def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
-    turning = [k for k in range(3) if k in rows]
+    turning = sorted({0, 1, 2}.intersection(rows))
     if not turning:
         return p[[row - 3 for row in rows]]
     turn, cosine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]), 0.5 * (np.trace(R) - 1.0)
@@ -129,13 +129,13 @@ def closure_gaps(constraints: Sequence[Constraint], T: Array) -> Array:
 
 
 def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
-    turning = [k for k in range(3) if k in rows]
+    turning = sorted({0, 1, 2}.intersection(rows))
     if len(turning) == 3:
         turn = so3.log(R)
     elif len(turning) == 2:
         turn = _rotation_of_axis(R, 3 - sum(turning))
     elif len(turning) == 1:
-        i, j, k = ((turning[0] + n) % 3 for n in range(3))
+        i, j, k = np.roll(range(3), -turning[0])
         turn = np.zeros_like(p)
         turn[..., i] = np.arctan2(R[..., k, j] - R[..., j, k], R[..., j, j] + R[..., k, k])
     else:

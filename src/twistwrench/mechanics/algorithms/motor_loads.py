@@ -41,16 +41,16 @@ def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorL
     A gear of efficiency η transmits the fraction η of the power that enters it, in either direction; at rest the motor
     carries the larger torque, T/η.
     """
-    at, actuators = driven_velocities(model), list(model.actuators.values())
+    at, actuators = driven_velocities(model), model.actuators.values()
     dq, carried, rotor = motor_velocities(model, dq), motor_torques(model, carried), motor_torques(model, rotor)
-    G = np.array([a.ratio for a in actuators])
-    eta = np.array([a.efficiency for a in actuators])
+    gears = [(actuator.ratio, actuator.efficiency, actuator.no_load_torque) for actuator in actuators]
+    G, eta, no_load_torque = np.array(gears, float).reshape(-1, 3).T
     dq, carried, rotor = (x[..., at] for x in np.broadcast_arrays(dq, carried, rotor))
-    idle = np.array([a.no_load_torque for a in actuators])
     speed = G * dq
-    torque = (gear_input(carried, dq, eta) + rotor) / G + idle * np.sign(G * moving(dq))
-    current, voltage, heat = (np.full_like(torque, np.nan) for _ in range(3))
-    for k, motor in enumerate(a.motor for a in actuators):
+    torque = (gear_input(carried, dq, eta) + rotor) / G + no_load_torque * np.sign(G * moving(dq))
+    current, voltage, heat = np.full((3, *torque.shape), np.nan)
+    for k, actuator in enumerate(actuators):
+        motor = actuator.motor
         if motor is not None:
             current[..., k] = motor.current(torque[..., k])
             voltage[..., k] = motor.voltage_at(current[..., k], speed[..., k])
@@ -82,4 +82,8 @@ class PowerBalance(NamedTuple):
 
 def power_balance(dq: Array, tau: Array, moving: Array, pushing: Array, lost: Array) -> PowerBalance:
     """Power balance from τ and its parts M ddq + h, Σ J'F and friction; (..., nv) each."""
-    return PowerBalance(*(np.sum(x * dq, axis=-1) for x in (tau, -moving, -pushing, -lost)))
+
+    def power(torques: Array) -> Array:
+        return np.asarray(np.sum(torques * dq, axis=-1))
+
+    return PowerBalance(power(tau), power(-moving), power(-pushing), power(-lost))

@@ -121,7 +121,9 @@ def export_c(
     if test:
         paths["_test.c"] = plain.with_name(f"{plain.stem}_test.c")
     outputs = {label: plain}
-    outputs |= {f"{label} (its {end})": file for end, file in paths.items() if file is not plain}
+    for end, file in paths.items():
+        if file is not plain:
+            outputs[f"{label} (its {end})"] = file
     check_outputs(outputs, {"the robot": file_of(robot), **(inputs or {})})
     exports = requests(robot, quantities, precision, prefix)
     texts = {".h": header(robot, exports, plain.stem, prefix), ".c": source(robot, exports, plain.stem)}

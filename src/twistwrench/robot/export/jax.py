@@ -50,8 +50,7 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
         return values(*(a.astype(dtype) for a in converted))
 
     function.__name__ = function.__qualname__ = quantity.name
-    listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
-    function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of JAX arrays: {listed}."
+    function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of JAX arrays: {quantity.inputs_text}."
     return function
 
 
@@ -60,8 +59,10 @@ class _Differentiable:
 
     def __init__(self, jax: Any, quantity: BridgedQuantity) -> None:
         self.jax, self.quantity, self.inputs, self.outputs = jax, quantity, quantity.inputs, quantity.program.outputs
-        self.names = [port.name for port in self.inputs]
-        self.rates = _array_function(jax.numpy, quantity.velocities()) if quantity.curved_inputs else None
+        self.names = quantity.input_names
+        self.rates = None
+        if quantity.curved_inputs:
+            self.rates = _array_function(jax.numpy, quantity.velocities())
         self._jacobians: dict[tuple[str, ...], Any] = {}
         self._hessians: dict[tuple[str, ...], Any] = {}
         self.values = jax.custom_jvp(_device_function(jax, quantity))
@@ -107,7 +108,8 @@ class _Differentiable:
         """Values and J with respect to some inputs, with df = J dx and dJ = H dx for the inputs with tangents."""
         jax, jnp, quantity, names, outputs = self.jax, self.jax.numpy, self.quantity, self.names, self.outputs
         moving = _inputs_with_tangents(jax, tangents)
-        involved = tuple(name for k, name in enumerate(names) if name in by or k in moving)
+        given = {*by, *(names[k] for k in moving)}
+        involved = tuple(name for name in names if name in given)
         if not compiles() or any(name in quantity.curved_inputs for name in involved):
             plain = _array_function(jnp, quantity.derivative(by, values=True).program)
             dense = [t if k in moving else jnp.zeros(t.shape, t.dtype) for k, t in enumerate(tangents)]
@@ -207,7 +209,9 @@ def _contract(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> An
 
 
 def _result_tuple(results: Any) -> tuple[Any, ...]:
-    return results if isinstance(results, tuple) else (results,)
+    if isinstance(results, tuple):
+        return results
+    return (results,)
 
 
 def _alone(results: tuple[Any, ...]) -> Any:

@@ -35,17 +35,16 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
             f"{option} applies to inverse_dynamics, not to {request.function.name}. Export {request.quantity} by itself."
         )
     driven, actuators = driven_velocities(model), list(model.actuators.values())
-    if missing := [name for k, name in enumerate(model.drive_names) if k not in driven]:
+    missing = [name for k, name in enumerate(model.drive_names) if k not in driven]
+    if missing:
         remedy = "robot.with_actuators(file)"
         if in_the_shell():
             remedy = spell(Argument("actuators", Placeholder("FILE")))
         raise ModelError(
             f"{option} needs an actuator at every joint; there is none at {', '.join(missing)}. Describe them: {remedy}."
         )
-    actuators = [actuators[k] for k in np.argsort(driven)]
-    ratio = np.array([actuator.ratio for actuator in actuators])
-    efficiency = np.array([actuator.efficiency for actuator in actuators])
-    no_load_torque = np.array([actuator.no_load_torque for actuator in actuators])
+    gears = [(actuator.ratio, actuator.efficiency, actuator.no_load_torque) for actuator in actuators]
+    ratio, efficiency, no_load_torque = np.array(gears, float)[np.argsort(driven)].T
     ports = inputs_of(model, "inverse_dynamics", full)
 
     def torques(q: Array, dq: Array, ddq: Array, *more: Array) -> Array:
@@ -54,7 +53,9 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
         for frame in full.get("wrenches", ()):
             sign = -1.0 if frame in full.get("on_robot", ()) else 1.0
             wrenches[frame] = sign * inputs[f"wrench at {frame}"]
-        own_model = replace(model, gravity=inputs["gravity"]) if "gravity" in inputs else model
+        own_model = model
+        if "gravity" in inputs:
+            own_model = replace(model, gravity=inputs["gravity"])
         carried, rotor = drive_torques(own_model, q, dq, ddq, wrenches)
         if full.get("friction"):
             carried = carried + friction_forces(model, dq, carried + rotor)

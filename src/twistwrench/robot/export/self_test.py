@@ -65,9 +65,10 @@ def self_test(robot: Robot, requests: Sequence[Request], stem: str) -> str:
         f'#include "{stem}.h"\n\n#include <math.h>\n#include <stdio.h>',
         _CHECK.format(type=precision, f=f, zero=f"0.0{f}"),
     ]
+    calls = []
     for request in requests:
         parts += _test_of(robot, request)
-    calls = [f"    passed &= test_{request.function.name}();" for request in requests]
+        calls.append(f"    passed &= test_{request.function.name}();")
     parts.append("\n".join(["int main(void)", "{", "    int passed = 1;", *calls, "    return passed ? 0 : 1;", "}"]))
     return "\n\n".join(parts) + "\n"
 
@@ -132,7 +133,7 @@ def results_at_states(
         returned = kernel(*arrays)
         if len(ports) == 1:
             returned = (returned,)
-        return [np.asarray(a) for a in returned]
+        return list(map(np.asarray, returned))
 
     float32_inputs = [a.astype(np.float32) for a in inputs]
     with np.errstate(all="ignore"):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...compiler.ir.program import FUSED, TensorSpec
+from ...compiler.ir.program import FUSED
 from ...compiler.lowering.reference_interpreter import NumpyKernel, evaluated
 from ...compiler.printers.c99 import identifier, literal
 from ...core import arguments
@@ -24,7 +24,7 @@ from ...core.text import argument
 from .c99 import file_of
 from .comments import comment, comment_lines, entries
 from .motor_torques import with_motor_torques
-from .request import Quantities, Request, name_option_pairs, prefix_of, requests
+from .request import Quantities, Request, element_names, name_option_pairs, prefix_of, requests
 from .self_test import inputs_at_states, largest_entry, results_at_states
 from .written import Written
 
@@ -118,8 +118,8 @@ def function_block(name: str, request: Request, about: Sequence[str]) -> str:
         return write
 
     functions = {op: operation(pattern) for op, pattern in _OPERATIONS.items()}
-    values = evaluated(program, _elements(names[:count], program.inputs), functions)
-    for element, value in zip(_elements(names[count:], program.outputs), values, strict=True):
+    values = evaluated(program, element_names(names[:count], program.inputs), functions)
+    for element, value in zip(element_names(names[count:], program.outputs), values, strict=True):
         lines.append(f"{element} := {operand_text(value)};")
     declarations = [f"    {name} : {_type(port.size, real)};" for name, port in zip(names, ports, strict=True)]
     local_variables = ["VAR", *_wrap(locals_, f" : {real};"), "END_VAR"] if locals_ else []
@@ -139,14 +139,10 @@ _OPERATIONS: Mapping[str, str] = {
     "add": "{0} + {1}", "sub": "{0} - {1}", "mul": "{0} * {1}", "div": "{0} / {1}", "neg": "-{0}",
     "min": "MIN({0}, {1})", "max": "MAX({0}, {1})",
     "sign": "SEL({0} > 0.0, SEL({0} < 0.0, 0.0, (-1.0)), 1.0)",
-    **{name: f"{name.upper()}({{0}})" for name in ("sqrt", "sin", "cos", "exp")},
+    "sqrt": "SQRT({0})", "sin": "SIN({0})", "cos": "COS({0})", "exp": "EXP({0})",
     **{op: f"{'' if a > 0 else '-'}({{0}} * {{1}}) {'+' if b > 0 else '-'} {{2}}" for op, (a, b) in FUSED.items()},
 }  # fmt: skip
 """Expressions of the operations; MIN, MAX and SEL evaluate all operands, which have no side effects."""
-
-
-def _elements(names: Sequence[str], ports: Sequence[TensorSpec]) -> list[str]:
-    return [f"{name}[{k}]" for name, port in zip(names, ports, strict=True) for k in range(port.size)]
 
 
 def _type(size: int, real: str) -> str:
@@ -276,7 +272,7 @@ def _test(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]) -> str
     """Program that compares every block with the results of twistwrench; its output is ``Passed``."""
     scope = Names([name, *(block for block, _ in blocks), "Passed", "Worst"])
     real = TYPES[blocks[0][1].function.precision]
-    k, i, apart = (scope.free(x) for x in ("k", "i", "apart"))
+    k, i, apart = map(scope.free, ("k", "i", "apart"))
     declarations = [f"    {k}, {i} : DINT;", f"    {apart} : {real};"]
     lines = ["Passed := TRUE;", "Worst := 0.0;"]
     for block, request in blocks:

@@ -238,20 +238,25 @@ def solve(
             if solution is not None:
                 return IKResult(solution[0], solution[1], remembered[1])
     request, search, settings = _checked_request(robot, frame, rows, restarts, rng, angle, distance, loops)
-    core = search.core
+    core = search.target_shape
     if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence with one name
         target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
     else:
         target = arguments.real(T, "inverse_kinematics: T", *core)
     kind = target.dtype
     if q0 is None:
-        start = robot.neutral if loops is None else loops.start
+        start = robot.neutral
+        if loops is not None:
+            start = loops.start
     else:
         start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
         kind = np.result_type(kind, start)
     shape = _batch_shape(target, start, core)
     start = np.broadcast_to(start, (*shape, robot.nq)).reshape(-1, robot.nq)
-    poses = np.broadcast_to(_rigid(target) if target.dtype != float else target, (*shape, *core)).reshape(-1, *core)
+    exact_target = target
+    if target.dtype != float:
+        exact_target = _rigid(target)
+    poses = np.broadcast_to(exact_target, (*shape, *core)).reshape(-1, *core)
     q, status = search.best(poses, start, *settings)
     unsolved = ~(status[:, 1] >= 0.0)
     if unsolved.any():  # not rigid, or not to the last digit
@@ -261,16 +266,28 @@ def solve(
         q[invalid], status[invalid] = np.nan, np.nan
         status[invalid, 0] = 0.0
     elif key is not None and not shape and settings[0] <= PLACES:
-        if len(searches) >= MAX_REMEMBERED_OPTIONS and key not in searches:
-            searches.clear()
-        single = SinglePose(search, *settings) if key in searches else None  # from the second call on
-        searches[key] = (single, request) if single is not None and single.call is not None else None
+        _remember_search(searches, key, search, settings, request)
     if nearest:
         q, status = search.nearest(_rigid(poses), start, (q, status), settings[2])
     if loops is not None:
         q, status = _close_loops(search, _frames(robot, frame, rows), loops, poses, (q, status))
     q = search.round_to_type(q.reshape(*shape, robot.nq), kind)
     return IKResult(q, status.reshape(*shape, -1), request)
+
+
+def _remember_search(
+    searches: dict[Any, Any], key: Any, search: PoseSearch, settings: tuple[int, int, tuple[float, float]],
+    request: PoseRequest,
+) -> None:  # fmt: skip
+    """Remember options of a call for one pose; from their second call on, with its fast path if there is one."""
+    if len(searches) >= MAX_REMEMBERED_OPTIONS and key not in searches:
+        searches.clear()
+    remembered = None
+    if key in searches:
+        single = SinglePose(search, *settings)
+        if single.call is not None:
+            remembered = single, request
+    searches[key] = remembered
 
 
 def _batch_shape(target: Array, start: Array, core: tuple[int, ...]) -> tuple[int, ...]:
@@ -306,7 +323,10 @@ def _checked_request(
     frames = _frames(robot, frame, rows)
     try:
         count = operator.index(restarts)
-        seed = _draw_seed(rng) if type(rng) is int and rng >= 0 else int(np.random.default_rng(rng).integers(2**63))
+        if type(rng) is int and rng >= 0:
+            seed = _draw_seed(rng)
+        else:
+            seed = int(np.random.default_rng(rng).integers(2**63))
     except (TypeError, ValueError):
         count = seed = -1
     if count < 0:

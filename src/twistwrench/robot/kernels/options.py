@@ -177,7 +177,8 @@ def _require_mass(model: Model, name: str, parameters: Sequence[str]) -> None:
 def input_shapes(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Shape]:
     """Inputs of one quantity, in the order of its algorithm."""
     ports = dict(QUANTITIES[name].shapes(model))
-    ports.update({f"wrench at {frame}": (6,) for frame in options.get("wrenches", ())})
+    for frame in options.get("wrenches", ()):
+        ports[f"wrench at {frame}"] = (6,)
     if "gravity" in options:
         ports["gravity"] = (3,)
     if names := options.get("parameters", ()):

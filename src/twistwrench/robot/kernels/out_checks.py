@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,10 +17,11 @@ if TYPE_CHECKING:
 def refuse_overlap(name: str, out: tuple[Any, ...]) -> None:
     """Raise an error if two results share memory; NumPy would overwrite one with the other."""
     arrays = [a for a in out if isinstance(a, np.ndarray)]
-    if any(np.shares_memory(a, b) for k, a in enumerate(arrays) for b in arrays[:k]):
-        raise ShapeError(
-            f"{name}: two arrays of out= share memory. Give each result memory of its own; or leave it out."
-        )
+    for a, b in combinations(arrays, 2):
+        if np.shares_memory(a, b):
+            raise ShapeError(
+                f"{name}: two arrays of out= share memory. Give each result memory of its own; or leave it out."
+            )
 
 
 def refuse_text(out: Any) -> None:
@@ -32,14 +34,17 @@ def refuse_text(out: Any) -> None:
 
 def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> ShapeError:
     """Error for an ``out`` that does not fit the results."""
-    inputs = [np.asarray(a) for a in arrays]
-    batches = [a.shape[: a.ndim - len(port.shape)] for a, port in zip(inputs, program.inputs, strict=True)]
-    batch = np.broadcast_shapes(*batches)
-    kind = "float32" if all(np.can_cast(a.dtype, np.float32) for a in inputs) else "float64"
+    kind, batch = "float32", ()
+    for array, port in zip(map(np.asarray, arrays), program.inputs, strict=True):
+        batch = np.broadcast_shapes(batch, array.shape[: array.ndim - len(port.shape)])
+        if not np.can_cast(array.dtype, np.float32):
+            kind = "float64"
     fitting = " and ".join(f"one of shape {batch + port.shape}" for port in program.outputs)
     targets = out if isinstance(out, tuple) else (out,)
     shown = " and ".join(map(_target_text, targets))
-    several = "a tuple of arrays" if len(program.outputs) > 1 else "an array"
+    several = "an array"
+    if len(program.outputs) > 1:
+        several = "a tuple of arrays"
     return ShapeError(
         f"{name}: out= is {shown}. Give {several} of {kind} that can be written to, {fitting}; or leave it out."
     )
