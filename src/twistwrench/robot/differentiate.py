@@ -395,7 +395,7 @@ def differentiate(
 
 
 def _floats_if_empty(array: Any) -> Any:
-    """Array of symbols; one without elements as floats, since its type says nothing to a function."""
+    """Array of symbols, or floats in place of one without elements."""
     if np.size(array):
         return array
     return np.zeros(array.shape)

@@ -65,7 +65,7 @@ def hanging_base(model: Model) -> HangingBase | None:
       other way, as trunk and arm do.
     * At least four are alike and lie flat around the base, outward from their hips.
 
-    Branches joined by loop closures are one mechanism, such as a parallel robot. Fingers of a hand on an arm are no legs: a
+    Branches joined by loop closures are one mechanism, such as a parallel robot. Fingers of a hand on an arm are not legs: a
     finger has fewer joints than the arm before it.
 
     Examples
