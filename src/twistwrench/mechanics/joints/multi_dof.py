@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from ...core.errors import ModelError
 from ...core.typing import Array
 from ..lie import quaternion, se3, so3
+from ..lie.half_angles import cotangent_quotient, half_angle, half_turn, short_way
 from ..lie.se3 import slide
-from ..lie.series import cotangent_quotient, half_angle, half_turn, short_way
 from .joint import (
     ChartEntry,
     CosineSine,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...compiler.runtime.interpreter import compiles
 from ...core.typing import Array
-from ...mechanics.lie import series
+from ...mechanics.lie import compiled_forms
 from ..engine import compile_form
 
 SHAPES = {
@@ -82,4 +82,4 @@ def kernel(name: str) -> ExponentialKernel | None:
 
 def install() -> None:
     """Install compiled kernels for exp and log of :mod:`~twistwrench.mechanics.lie`."""
-    series.compiler = kernel
+    compiled_forms.compiler = kernel
