@@ -10,7 +10,8 @@ import numpy as np
 import twistwrench as tw
 from bench.cases import MATRICES, Case, States
 from bench.timing import Contender, calls
-from twistwrench.robot.programs import checked_options, program_of
+from twistwrench.robot.kernels.options import checked_options
+from twistwrench.robot.programs import program_of
 
 KERNEL, METHOD = "twistwrench kernel", "twistwrench method"
 

@@ -17,7 +17,7 @@ from places import ROOT
 import twistwrench as tw
 import twistwrench.modern_robotics as mr
 from twistwrench.mechanics.lie import series
-from twistwrench.mechanics.lie.series import LARGEST_HALF_TURN
+from twistwrench.mechanics.lie.half_angles import LARGEST_HALF_TURN
 
 sys.path.insert(0, str(ROOT))
 try:

@@ -91,7 +91,7 @@ def log_side(path: Path) -> None:
 
 
 def srdf(path: Path) -> None:
-    from twistwrench.statics.clearance import disabled_pairs
+    from twistwrench.statics.link_pairs import disabled_pairs
 
     disabled_pairs(robot("ur5"), path)
 

@@ -16,7 +16,8 @@ from twistwrench.compiler.lowering.partition import partitioned
 from twistwrench.compiler.lowering.reference_interpreter import NumpyColumns
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, host
 from twistwrench.compiler.runtime.gufunc import owner_of
-from twistwrench.robot import Robot, programs
+from twistwrench.robot import Robot
+from twistwrench.robot.kernels import large_robots
 from twistwrench.testing import KINDS, random_robot
 
 NAME = "forward_dynamics_derivatives"
@@ -31,7 +32,7 @@ def tree(seed: int, floating: bool, more: tuple[str, ...] = ()) -> Robot:
 
 def kernel_of(robot: Robot, monkeypatch: pytest.MonkeyPatch, least: int):
     """A kernel with a loop from so many pairs of joints on."""
-    monkeypatch.setattr(programs, "COLUMN_LOOP_FROM", least)
+    monkeypatch.setattr(large_robots, "COLUMN_LOOP_FROM", least)
     kernel = tw.Robot(robot.model).kernel(NAME)
     assert isinstance(owner_of(kernel).given, ColumnSolve) == (least == 0)
     return kernel
@@ -69,14 +70,14 @@ def test_columns_of_one_state_side_by_side_have_the_bits_they_have_one_by_one(
     seed, floating, more, precision, monkeypatch
 ):
     """In rows that held other numbers before, and in arrays of the caller's."""
-    monkeypatch.setattr(programs, "COLUMN_LOOP_FROM", 0)
+    monkeypatch.setattr(large_robots, "COLUMN_LOOP_FROM", 0)
     robot = tree(seed, floating, more)
     alone_as_in_a_batch(robot, [x.astype(precision) for x in states(robot)])
 
 
 def test_more_columns_side_by_side_than_a_vector_has_lanes(monkeypatch):
     """Ten of one matrix follow each other, and eight numbers are a vector: none is left out."""
-    monkeypatch.setattr(programs, "COLUMN_LOOP_FROM", 0)
+    monkeypatch.setattr(large_robots, "COLUMN_LOOP_FROM", 0)
     bodies = "".join(
         f'<body pos="0 0 0.1"><joint type="hinge" axis="{k % 2} {1 - k % 2} 0"/><geom type="sphere" size="0.1" mass="1"/>'
         for k in range(10)
@@ -100,13 +101,13 @@ def alone_as_in_a_batch(robot: Robot, arrays) -> None:
 
 def test_columns_that_follow_each_other_in_two_matrices_are_no_run(monkeypatch):
     """Torques of a sprung hinge depend on its angle alone as they do on the velocity of the slide behind it."""
-    monkeypatch.setattr(programs, "COLUMN_LOOP_FROM", 0)
+    monkeypatch.setattr(large_robots, "COLUMN_LOOP_FROM", 0)
     hinge, slide = '<joint type="hinge" axis="0 0 1" stiffness="40"/>', '<joint type="slide" axis="1 0 0"/>'
     ball = '<geom type="sphere" size="0.1" mass="2"/>'
     robot = tw.load(
         f'<mujoco><worldbody><body>{hinge}{ball}<body pos="0.4 0 0">{slide}{ball}</body></body></worldbody></mujoco>'
     )
-    groups = programs.columns_of(robot.model, {NAME: {}}).groups
+    groups = large_robots.columns_of(robot.model, {NAME: {}}).groups
     assert ((0, 0), (1, 1)) in [group.places for group in groups]
     alone_as_in_a_batch(robot, states(robot))
 
@@ -129,7 +130,7 @@ def test_constants_are_there_in_every_block(monkeypatch):
 def test_a_state_has_its_bits_wherever_it_stands(monkeypatch):
     """Alone, in any batch, in rows with gaps, into arrays of other strides."""
     robot = tree(1, True)
-    monkeypatch.setattr(programs, "COLUMN_LOOP_FROM", 0)
+    monkeypatch.setattr(large_robots, "COLUMN_LOOP_FROM", 0)
     arrays = states(robot)
     whole = robot.forward_dynamics_derivatives(*arrays)
     for some in (slice(0, 1), slice(3, 8), slice(None, None, 2)):
@@ -154,7 +155,7 @@ def test_results_past_the_caches_have_the_same_bits(name, dtype, monkeypatch):
     from twistwrench.compiler.lowering import lower
 
     monkeypatch.setattr(lower, "LONG", 0)
-    monkeypatch.setattr(programs, "COLUMN_LOOP_FROM", 0)
+    monkeypatch.setattr(large_robots, "COLUMN_LOOP_FROM", 0)
     robot = random_robot(3, 4, ("revolute", "prismatic"), floating_base=True)
     arrays = [x.astype(dtype) for x in states(robot)][: None if name == NAME else 1]
     near = tw.Robot(robot.model).kernel(name)
@@ -188,7 +189,7 @@ def test_single_precision(monkeypatch):
 def test_numpy_works_on_the_same_columns(monkeypatch):
     robot = tree(2, True)
     kernel, arrays = kernel_of(robot, monkeypatch, 0), states(robot, 4)
-    slow = NumpyColumns(programs.columns_of(robot.model, {NAME: {}}), NAME, "")
+    slow = NumpyColumns(large_robots.columns_of(robot.model, {NAME: {}}), NAME, "")
     assert off(slow(*arrays), kernel(*arrays)) <= 1e-12
     out = tuple(np.empty((4, robot.nv, robot.nv)) for _ in range(3))
     assert slow(*arrays, out=out)[1] is out[1]
@@ -200,10 +201,10 @@ def test_numpy_works_on_the_same_columns(monkeypatch):
 @pytest.mark.parametrize("name", [NAME, "inverse_dynamics_derivatives"])
 def test_the_frame_has_room_for_all_that_sections_put_into_it(name, bits, precision, monkeypatch):
     """In the text, for a few bytes beyond a frame are seldom missed: the last place ends where it does, or a line before."""
-    monkeypatch.setattr(programs, "COLUMN_LOOP_FROM", 0)
+    monkeypatch.setattr(large_robots, "COLUMN_LOOP_FROM", 0)
     monkeypatch.setattr(batch_loop, "ON_STACK", 1 << 30)  # what is taken elsewhere has its size in other words
     engine = tw.Robot(tree(3, False).model).engine
-    program = programs.columns_of(engine.model, {NAME: {}}) if name == NAME else engine.program((name,), {})
+    program = large_robots.columns_of(engine.model, {NAME: {}}) if name == NAME else engine.program((name,), {})
     machine = host().narrowed(bits or precision.bits)
     text = "\n".join(partitioned(program, precision, machine, batch_loop.loop))
     (room,) = map(int, re.findall(r"= alloca \[(\d+) x i8\]", text))
@@ -217,13 +218,13 @@ def test_a_wrench_is_felt(monkeypatch):
     plain, loop = tw.Robot(robot.model), tw.Robot(robot.model)
     found = []
     for one, least in ((plain, 10**9), (loop, 0)):
-        monkeypatch.setattr(programs, "COLUMN_LOOP_FROM", least)
+        monkeypatch.setattr(large_robots, "COLUMN_LOOP_FROM", least)
         found.append(one.forward_dynamics_derivatives(*states(robot), wrench_on_robot={frame: F}))
     assert off(found[1], found[0]) <= 1e-12
     assert off(found[1], loop.forward_dynamics_derivatives(*states(robot))) > 1e-6
 
 
 def test_arms_have_loops_and_small_robots_have_none(bundled):
-    assert programs.columns_of(bundled("panda").model, {NAME: {}}) is not None
-    assert programs.columns_of(bundled("pendulum").model, {NAME: {}}) is None
-    assert programs.columns_of(bundled("panda").model, {"mass_matrix": {}}) is None
+    assert large_robots.columns_of(bundled("panda").model, {NAME: {}}) is not None
+    assert large_robots.columns_of(bundled("pendulum").model, {NAME: {}}) is None
+    assert large_robots.columns_of(bundled("panda").model, {"mass_matrix": {}}) is None

@@ -21,7 +21,7 @@ from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, Machine
 from twistwrench.compiler.runtime import jit
 from twistwrench.compiler.runtime.gufunc import make_ufunc
 from twistwrench.mechanics.model.builder import ModelBuilder
-from twistwrench.robot import programs
+from twistwrench.robot.kernels import large_robots
 from twistwrench.testing import random_inertia, random_pose
 
 tracing = sys.modules["twistwrench.compiler.ir.tracer"]
@@ -320,7 +320,7 @@ def test_derivatives_put_together_equal_the_unrolled_ones(bundled, monkeypatch, 
     q, dq, tau = robot.random_configuration(rng, (2, 3)), rng.normal(size=(3, robot.nv)), rng.normal(size=robot.nv)
     wrench = {frame: rng.normal(size=6)}
     usual = robot.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
-    monkeypatch.setattr(programs, "LAPACK_FROM", 1)
+    monkeypatch.setattr(large_robots, "LAPACK_FROM", 1)
     long = tw.robot.Robot(robot.model)
     found = long.forward_dynamics_derivatives(q, dq, tau, wrench_by_robot=wrench)
     assert type(long.kernel("forward_dynamics_derivatives")).__name__ == "LapackDerivatives"

@@ -13,7 +13,8 @@ from twistwrench.compiler.ir.program import Program
 from twistwrench.compiler.lowering.reference_interpreter import NumpyProducts
 from twistwrench.compiler.lowering.target_machine import SINGLE, host
 from twistwrench.compiler.runtime.gufunc import owner_of
-from twistwrench.robot import Robot, programs
+from twistwrench.robot import Robot
+from twistwrench.robot.kernels import large_robots
 from twistwrench.testing import KINDS, random_robot
 
 NAMES = ("mass_matrix", "inverse_dynamics_derivatives")
@@ -30,7 +31,7 @@ def in_loops(seed: int, *, floating: bool = False) -> Robot:
     """The same tree, its matrices made in loops, however small it is."""
     robot = tree(seed, floating=floating)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(programs, "PAIR_LOOP_FROM", 0)
+        patch.setattr(large_robots, "PAIR_LOOP_FROM", 0)
         for name in NAMES:
             assert isinstance(owner_of(robot.kernel(name)).given, Products)
     return robot
@@ -66,11 +67,11 @@ def test_trees_of_all_joints_have_the_matrices_they_have_unrolled(seed, floating
 
 def test_instructions_are_counted_where_their_estimate_is_not_enough(monkeypatch):
     monkeypatch.setattr(
-        programs, "PAIR_LOOP_FROM", 10_000
+        large_robots, "PAIR_LOOP_FROM", 10_000
     )  # of the quadruped 18,132 are estimated, and there are 4,869
     robot = Robot(tw.robots.quadruped().model)  # not one whose kernels are cached
     assert isinstance(owner_of(robot.kernel("inverse_dynamics_derivatives")).given, Program)
-    monkeypatch.setattr(programs, "PAIR_LOOP_FROM", 1_000)
+    monkeypatch.setattr(large_robots, "PAIR_LOOP_FROM", 1_000)
     robot = Robot(robot.model)
     assert isinstance(owner_of(robot.kernel("inverse_dynamics_derivatives")).given, Products)
 
@@ -81,7 +82,7 @@ def test_a_wrench_is_felt_by_the_derivatives():
     q, dq, ddq = states(robot, 5)
     F = np.random.default_rng(1).standard_normal((5, 6))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(programs, "PAIR_LOOP_FROM", 0)
+        patch.setattr(large_robots, "PAIR_LOOP_FROM", 0)
         found = robot.inverse_dynamics_derivatives(q, dq, ddq, wrench_on_robot={frame: F})
     wanted = plain.inverse_dynamics_derivatives(q, dq, ddq, wrench_on_robot={frame: F})
     for a, b in zip(found, wanted, strict=True):
@@ -116,7 +117,7 @@ def test_many_states_go_past_the_caches_with_the_same_bits(monkeypatch):
 
     monkeypatch.setattr(product_loop, "BEYOND_CACHES", 1)
     other = tree(1)
-    monkeypatch.setattr(programs, "PAIR_LOOP_FROM", 0)
+    monkeypatch.setattr(large_robots, "PAIR_LOOP_FROM", 0)
     many = other.kernel("mass_matrix")
     monkeypatch.undo()
     q = states(other)[0]
@@ -136,10 +137,10 @@ def test_single_precision():
 
 def test_numpy_makes_the_same_of_the_factors(monkeypatch):
     robot = in_loops(1)
-    monkeypatch.setattr(programs, "PAIR_LOOP_FROM", 0)
+    monkeypatch.setattr(large_robots, "PAIR_LOOP_FROM", 0)
     q, dq, ddq = states(robot, 4)
     for name, arrays in zip(NAMES, ((q,), (q, dq, ddq)), strict=True):
-        products = programs.products_of(robot.model, {name: {}})
+        products = large_robots.products_of(robot.model, {name: {}})
         slow, fast = NumpyProducts(products, name, "")(*arrays), robot.kernel(name)(*arrays)
         for a, b in zip(*((x if isinstance(x, tuple) else (x,)) for x in (slow, fast)), strict=True):
             assert np.abs(a - b).max() <= 1e-13 * np.abs(b).max()
@@ -158,7 +159,7 @@ def test_springs_and_armature_are_added(monkeypatch):
     for one in (plain, robot):
         for name in NAMES:
             one.kernel(name)
-        monkeypatch.setattr(programs, "PAIR_LOOP_FROM", 0)
+        monkeypatch.setattr(large_robots, "PAIR_LOOP_FROM", 0)
     assert isinstance(owner_of(robot.kernel("mass_matrix")).given, Products)
     assert (np.abs(robot.mass_matrix(q) - plain.mass_matrix(q)) <= 1e-10 * sizes(plain, q)).all()
     for a, b in zip(
@@ -170,7 +171,7 @@ def test_springs_and_armature_are_added(monkeypatch):
 def test_short_robots_and_those_with_followers_stay_unrolled(bundled):
     for robot in (bundled("panda"), bundled("quadruped"), random_robot(2, 30, ("revolute", "mimic"))):
         for name in NAMES:
-            assert programs.products_of(robot.model, {name: {}}) is None
+            assert large_robots.products_of(robot.model, {name: {}}) is None
 
 
 def limbs(count: int, joints: int) -> str:
@@ -192,5 +193,5 @@ def test_a_humanoid_stays_unrolled_and_a_chain_of_a_hundred_does_not(name):
     """Loops halve the speed of a humanoid's derivatives, whose joints mostly do not carry each other."""
     humanoid, chain = tw.load(limbs(4, 8), floating_base=True), tw.load(limbs(1, 100))
     assert (humanoid.nv, chain.nv) == (38, 100)
-    assert programs.products_of(humanoid.model, {name: {}}) is None
-    assert programs.products_of(chain.model, {name: {}}) is not None
+    assert large_robots.products_of(humanoid.model, {name: {}}) is None
+    assert large_robots.products_of(chain.model, {name: {}}) is not None

@@ -9,7 +9,7 @@ from random_trees import DIFFERENCES, ROUNDING, frames, tree
 
 from twistwrench import Robot, SpatialInertia
 from twistwrench.core.errors import ValueRangeError
-from twistwrench.mechanics.algorithms.inverse_dynamics import closed_form
+from twistwrench.mechanics.algorithms.closed_form import closed_form
 from twistwrench.testing import assert_close, derivative_along, random_robot, random_state, strategies
 from twistwrench.testing import verify as laws
 

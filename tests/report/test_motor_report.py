@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.mechanics.algorithms.inverse_dynamics import MotorLoads
+from twistwrench.mechanics.algorithms.motor_loads import MotorLoads
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog

@@ -11,7 +11,7 @@ from mechanisms import CRANK, GROUND, ROCKER, along
 from places import ROOT
 
 import twistwrench as tw
-from twistwrench.robot.ik import twist_left
+from twistwrench.robot.inverse_kinematics.solve import twist_left
 
 pytest_plugins = ("mechanism_fixtures",)
 

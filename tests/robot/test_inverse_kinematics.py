@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import twistwrench as tw
-from twistwrench.robot import ik, ik_search
+from twistwrench.robot.inverse_kinematics import search, solve
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -249,7 +249,7 @@ def test_a_poses_answer_does_not_depend_on_its_neighbours(bundled, name, monkeyp
         same(found, robot.inverse_kinematics(T[k], restarts=6), k)
     some = robot.inverse_kinematics(T[::-3], restarts=6)
     np.testing.assert_array_equal(some.q, found.q[::-3])
-    monkeypatch.setattr(ik_search, "AT_ONCE", 7)  # calls of the kernel with 64 poses
+    monkeypatch.setattr(search, "AT_ONCE", 7)  # calls of the kernel with 64 poses
     np.testing.assert_array_equal(robot.inverse_kinematics(T, restarts=6).q, found.q)
 
 
@@ -338,7 +338,7 @@ def test_what_is_left_is_what_forward_kinematics_say(bundled):
     T = robot.forward_kinematics(robot.random_configuration(3, 30))
     T[::2, :3, 3] *= 1.6  # most of them out of reach
     found = robot.inverse_kinematics(T, restarts=3)
-    left = ik.twist_left(robot.forward_kinematics(found.q), T, tuple(range(6)))
+    left = solve.twist_left(robot.forward_kinematics(found.q), T, tuple(range(6)))
     assert_allclose(found.angle, np.linalg.norm(left[:, :3], axis=1), atol=2e-12)
     apart = robot.forward_kinematics(found.q)[:, :3, 3] - T[:, :3, 3]
     assert_allclose(found.distance, np.linalg.norm(apart, axis=1), atol=2e-12)
@@ -351,7 +351,7 @@ def test_some_rows(bundled, rows):
     T = robot.forward_kinematics(robot.random_configuration(3, 40))
     found = robot.inverse_kinematics(T, rows=rows)
     assert found.converged.mean() >= 0.95
-    left = ik.twist_left(robot.forward_kinematics(found.q), T, found.rows)
+    left = solve.twist_left(robot.forward_kinematics(found.q), T, found.rows)
     assert np.abs(left[found.converged]).max() <= 2e-10
     assert (robot.limits.lower <= found.q).all()
     assert (found.q <= robot.limits.upper).all()
@@ -452,7 +452,7 @@ def test_frames_may_have_rows_of_their_own(bundled):
     assert found.converged.mean() >= 0.9
     reached = found.q[found.converged]
     assert_allclose(robot.forward_kinematics(reached), T[found.converged, 0], atol=1e-9)
-    left = ik.twist_left(robot.forward_kinematics(reached, elbow), T[found.converged, 1], (0,))
+    left = solve.twist_left(robot.forward_kinematics(reached, elbow), T[found.converged, 1], (0,))
     assert np.abs(left).max() <= 2e-10
     T[:, 1, 2, 3] += 5.0
     far = robot.inverse_kinematics(T, (hand, elbow), restarts=1)

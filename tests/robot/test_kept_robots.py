@@ -15,7 +15,7 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.mechanics.model.snapping import DEFAULT_SNAP
-from twistwrench.robot import engine
+from twistwrench.robot.kernels import disk_cache
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -183,10 +183,10 @@ def test_another_version_is_another_one_where_only_compiled_files_are_there(tmp_
     for part in ("robot", "model"):
         (tmp_path / part).mkdir()
         (tmp_path / part / "module.pyc").write_bytes(b"old")
-    monkeypatch.setattr(engine, "__file__", str(tmp_path / "robot" / "engine.pyc"))
-    before = engine._version.__wrapped__()
+    monkeypatch.setattr(disk_cache, "__file__", str(tmp_path / "robot" / "kernels" / "disk_cache.pyc"))
+    before = disk_cache._version.__wrapped__()
     (tmp_path / "model" / "module.pyc").write_bytes(b"newer")
-    assert engine._version.__wrapped__() != before
+    assert disk_cache._version.__wrapped__() != before
 
 
 DAMAGE = {
@@ -218,7 +218,7 @@ def test_lost_entries_are_made_again(file, place):
 def test_another_version_of_the_library_makes_its_own(file, place):
     torque(file, place)
     code = TORQUE.format(path=str(file), options="", nv=2)
-    other = "from twistwrench.robot import engine; engine._version = lambda: 'another'\n" + code
+    other = "from twistwrench.robot.kernels import disk_cache; disk_cache._version = lambda: 'another'\n" + code
     assert python(other, place).split()[1] == "True"
     assert python(other, place).split()[1] == "False"
 

@@ -7,7 +7,7 @@ import pytest
 
 import twistwrench as tw
 from twistwrench.core.errors import ConstraintError
-from twistwrench.robot.constraints.projections import motor_joints
+from twistwrench.robot.constraints.drives import motor_joints
 from twistwrench.testing import random_robot
 
 ROUNDING = 1e-9

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import twistwrench as tw
 from twistwrench.core.verdict import Word
 from twistwrench.mechanics.model.actuators import Motor, Thermal, gear_input
-from twistwrench.sizing import drives
+from twistwrench.sizing import drives, winding
 
 UR5 = tw.robots.ur5()
 LOADED = UR5.with_payload(tw.SpatialInertia.from_com(5.0), "tool0")
@@ -192,9 +192,9 @@ def test_long_cycles_are_exact():
     """5,000 segments of which single ones heat the winding beyond the mean: against a loop over all of them."""
     rng, one = np.random.default_rng(1), Thermal(2.0, 60.0, 1.0, 0.5, 120.0)
     squares, duration = rng.uniform(0, 1, 5000) ** 8 * 900, rng.uniform(0.001, 0.2, 5000)
-    heated = drives.periodic_temperatures(one, 0.5, squares, duration, 25.0)
+    heated = winding.periodic_temperatures(one, 0.5, squares, duration, 25.0)
     state = np.append(heated[0] - 25.0, 1.0)
-    for k, step in enumerate(drives.transitions(one, 0.5, squares, duration, 25.0)):
+    for k, step in enumerate(winding.transitions(one, 0.5, squares, duration, 25.0)):
         state = step @ state
         assert np.abs(state[:2] + 25.0 - heated[k + 1]).max() < 1e-8
     assert np.abs(heated[-1] - heated[0]).max() < 1e-8 and len(heated) == 5001

@@ -19,7 +19,7 @@ from twistwrench.cli.main import main
 from twistwrench.formats.yaml import in_si
 from twistwrench.mechanics.model.actuators import Thermal
 from twistwrench.sizing import catalog as catalogs
-from twistwrench.sizing import drives
+from twistwrench.sizing import gear, winding
 from twistwrench.sizing.sizing_view import worst_moment
 
 RPM = 2 * math.pi / 60
@@ -53,22 +53,22 @@ def test_the_worst_moment_counts_from_the_first_row_of_the_log():
 def test_average_torque_of_a_makers_example():
     """HONPINE, How to select harmonic reduction gear: 89 N m printed."""
     torque, seconds, speed = np.array([150.0, 82, 130, 0]), np.array([0.2, 3, 0.3, 0.2]), np.array([10.0, 20, 10, 0])
-    assert drives.average_torque(torque, speed, seconds) == pytest.approx(89.39, abs=0.005)
+    assert gear.average_torque(torque, speed, seconds) == pytest.approx(89.39, abs=0.005)
 
 
 def test_selection_of_a_strain_wave_gear_as_recomputed():
     """The CSF & CSG catalogue's example for CSF-40-120, recomputed: the catalogue rounds T_av to 319 and n to 1,440."""
     torque, seconds, speed = np.array([400.0, 320, 200, 0]), np.array([0.3, 3, 0.4, 0.2]), np.array([7.0, 14, 7, 0])
-    gear = drives.Gear("CSF-40-120", ratio=120, rated_torque=294, rated_speed=2000, life=35000)
-    mean, turning = drives.average_torque(torque, speed, seconds), 120 * drives.average_speed(speed, seconds)
+    csf = gear.Gear("CSF-40-120", ratio=120, rated_torque=294, rated_speed=2000, life=35000)
+    mean, turning = gear.average_torque(torque, speed, seconds), 120 * gear.average_speed(speed, seconds)
     assert (round(mean, 2), round(turning, 1)) == (319.74, 1443.1) and 120 * speed.max() == 1680
-    assert round(drives.life_hours(gear, mean, turning)) == 7542
-    assert round(drives.life_hours(gear, 319, 1440)) == 7611  # 7,610 printed
-    assert round(drives.emergency_events(14 * RPM, 0.15, 120)) == 1190
+    assert round(gear.life_hours(csf, mean, turning)) == 7542
+    assert round(gear.life_hours(csf, 319, 1440)) == 7611  # 7,610 printed
+    assert round(gear.emergency_events(14 * RPM, 0.15, 120)) == 1190
 
 
 def test_a_joint_that_only_holds_has_no_average_torque():
-    assert math.isnan(drives.average_torque(np.array([5.0]), np.zeros(1), np.ones(1)))
+    assert math.isnan(gear.average_torque(np.array([5.0]), np.zeros(1), np.ones(1)))
 
 
 @pytest.mark.parametrize("kind", ["axial", "radial", "tilting"])
@@ -78,8 +78,8 @@ def test_a_gear_whose_bearing_bears_too_little_is_over_its_limit(kind):
     largest = float(getattr(loads, kind)[:, loads.joints.index("elbow_joint")].max())
     for share, over in ((0.98, True), (1.02, False)):
         catalog = yaml.safe_load(CATALOG.read_text())
-        for gear in catalog["gears"].values():
-            gear[kind] = f"{share * largest} {'N m' if kind == 'tilting' else 'N'}"
+        for entry in catalog["gears"].values():
+            entry[kind] = f"{share * largest} {'N m' if kind == 'tilting' else 'N'}"
         catalog["actuators"] = {"elbow_joint": {"motor": [*catalog["motors"]][-1], "gear": [*catalog["gears"]][-1]}}
         catalog.pop("pairs", None)
         demands = tw.size_drives(UR5, MOTION, catalog, **SETTINGS).joints["elbow_joint"].gear.demands
@@ -95,15 +95,15 @@ PHASES = np.array([36.0, 4.0, 25.0, 0.0]), np.array([0.5, 1.0, 0.5, 2.0])
 
 
 def test_worked_example_of_a_cycle():
-    heated = drives.periodic_temperatures(PAIR, 0.5, *PHASES, 25.0)
+    heated = winding.periodic_temperatures(PAIR, 0.5, *PHASES, 25.0)
     assert heated[0] == pytest.approx([65.077, 50.401], abs=5e-4)
     assert heated[:, 0].max() == pytest.approx(66.089, abs=5e-4)
-    assert drives.runaway_current(PAIR, 0.5) == pytest.approx(8.006, abs=5e-4)
-    assert drives.allowed_current(PAIR, 0.5, 25.0) == pytest.approx(4.212, abs=5e-4)
+    assert winding.runaway_current(PAIR, 0.5) == pytest.approx(8.006, abs=5e-4)
+    assert winding.allowed_current(PAIR, 0.5, 25.0) == pytest.approx(4.212, abs=5e-4)
 
 
 def test_it_repeats_and_solves_its_differential_equations():
-    heated = drives.periodic_temperatures(PAIR, 0.5, *PHASES, 25.0)
+    heated = winding.periodic_temperatures(PAIR, 0.5, *PHASES, 25.0)
     ends = np.concatenate([[0.0], np.cumsum(PHASES[1])])
 
     def rates(t, T):
@@ -121,13 +121,13 @@ def test_it_repeats_and_solves_its_differential_equations():
 def test_one_mass_on_and_off_has_a_closed_form():
     """θ_max = θ_∞ (1 - e^(-a / τ)) / (1 - e^(-(a + b) / τ)) for a seconds on and b off, at a constant resistance."""
     one = Thermal(housing_ambient=2.0, housing_time=100.0, maximum=200.0, coefficient=0.0)
-    heated = drives.periodic_temperatures(one, 0.7, np.array([9.0, 0.0]), np.array([40.0, 70.0]), 30.0)[:, 0]
+    heated = winding.periodic_temperatures(one, 0.7, np.array([9.0, 0.0]), np.array([40.0, 70.0]), 30.0)[:, 0]
     peak = 0.7 * 9.0 * 2.0 * (1 - math.exp(-0.4)) / (1 - math.exp(-1.1))
     assert heated == pytest.approx([30 + peak * math.exp(-0.7), 30 + peak, 30 + peak * math.exp(-0.7)], abs=1e-9)
 
 
 def test_constant_current_has_a_closed_form_and_transitions_are_exponentials():
-    heated = drives.periodic_temperatures(PAIR, 0.5, np.array([9.0, 9.0]), np.array([3.0, 4.0]), 25.0)
+    heated = winding.periodic_temperatures(PAIR, 0.5, np.array([9.0, 9.0]), np.array([3.0, 4.0]), 25.0)
     loss = 0.5 * 9.0 * (1 + 0.0039 * 5.0)
     rise = loss * 8.0 / (1 - 0.5 * 9.0 * 0.0039 * 8.0)
     assert heated[:, 0] == pytest.approx(25 + rise, abs=1e-6)
@@ -138,14 +138,14 @@ def test_constant_current_has_a_closed_form_and_transitions_are_exponentials():
             [1 / (3 * C_h), -(1 / 3 + 1 / 5) / C_h, 0.0],
             [0.0, 0.0, 0.0],
         ])  # fmt: skip
-        found = drives.transitions(PAIR, 0.5, np.array([square]), np.array([seconds]), 25.0)[0]
+        found = winding.transitions(PAIR, 0.5, np.array([square]), np.array([seconds]), 25.0)[0]
         assert np.abs(found - expm(A * seconds)).max() < 1e-9 * np.abs(expm(A * seconds)).max()
 
 
 def test_runaway_begins_at_its_current():
     for share, finite in ((0.999, True), (1.001, False)):
-        square = np.array([(share * drives.runaway_current(PAIR, 0.5)) ** 2])
-        assert np.isfinite(drives.periodic_temperatures(PAIR, 0.5, square, np.array([2.0]), 25.0)).all() == finite
+        square = np.array([(share * winding.runaway_current(PAIR, 0.5)) ** 2])
+        assert np.isfinite(winding.periodic_temperatures(PAIR, 0.5, square, np.array([2.0]), 25.0)).all() == finite
 
 
 # ── Loads ──
@@ -218,7 +218,7 @@ def figures(one, entry, gear, life):
     fits &= G * np.abs(c.speed).max() <= m.speed
     i = tau / m.torque_constant
     squares = (i[1:] ** 2 + i[1:] * i[:-1] + i[:-1] ** 2) / 3
-    warm = drives.periodic_temperatures(heat, m.resistance, squares, n, SETTINGS["ambient"])[:, 0].max()
+    warm = winding.periodic_temperatures(heat, m.resistance, squares, n, SETTINGS["ambient"])[:, 0].max()
     return bool(fits and warm <= heat.maximum), speed
 
 

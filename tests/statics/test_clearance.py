@@ -16,7 +16,8 @@ from robot_files import load as load_file
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.statics.clearance import LinkPairs, PathClearance
+from twistwrench.statics.clearance import PathClearance
+from twistwrench.statics.link_pairs import LinkPairs
 
 ARMS = [
     name for name in ("ur_description/ur5_robot", "panda_description/panda", "xarm_description/xarm7") if name in FILES

@@ -14,7 +14,7 @@ from ..core.errors import ValueRangeError
 from ..motion.load_case import LoadCase, payloads_of
 from ..robot import Robot
 from ..robot.export.written import Saved, Written
-from ..robot.load import save, writer_of
+from ..robot.save import save, writer_of
 from ..robots.cell import RobotCell, join
 from .main import note, option
 from .parameters import Question, Spelling

@@ -5,11 +5,13 @@
 
 from __future__ import annotations
 
+from .hybrid_motion_force import HybridMotionForce
+from .impedance import Impedance
 from .joint_space import PD, ComputedTorque
 from .observer import ContactWrench, MomentumObserver
 from .references import PoseMotion
 from .residual_threshold import ResidualThreshold
-from .task_space import HybridMotionForce, Impedance, TaskSpace
+from .task_space import TaskSpace
 
 __all__ = [
     "PD",

@@ -31,7 +31,7 @@ from ..mechanics.algorithms.kinematics import KINDS, row_numbers
 from ..mechanics.lie.labelled import WRENCH
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .references import one_state
 
 if TYPE_CHECKING:

@@ -20,8 +20,10 @@ from ..mechanics.lie import so3
 from ..mechanics.lie.twist_wrench import Pose
 from ..mechanics.model.model import BASE
 from ..robot import Robot
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 
+Measured = Callable[[float, Array, Array], ArrayLike]
+"""Measured value from the time [s], q (nq,) and dq (nv,)."""
 Motion = Callable[[float], tuple[Array, Array, Array]]
 """Position, velocity and acceleration from the time [s]."""
 Reference = ArrayLike | Callable[[float], Any]

@@ -1,4 +1,4 @@
-"""Task-space control with posture, impedance control, and hybrid motion–force control. MR sections 11.4.3 to 11.7.
+"""Task-space control with posture. MR section 11.4.3.
 
 The law F = Λ a + η, τ = J'F of section 8.6 leaves motions in the null space of J undetermined. Here they follow a
 posture. Of all joint accelerations that give the frame the acceleration a, the law selects the one nearest to the
@@ -13,27 +13,21 @@ pseudo-inverse, and the lost directions follow the posture.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import arguments
 from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.glossary import complete
-from ..core.numbers import printed
 from ..core.typing import Array
 from ..mechanics.algorithms.kinematics import row_numbers
 from ..mechanics.lie import se3, so3
 from ..mechanics.lie.labelled import TWIST
 from ..robot import Robot
 from ..robot.arguments import Kind, Rows
-from .references import Motion, Reference, gain, joint_motion, one_state, pose_motion, require_driven, set_gains
-
-if TYPE_CHECKING:
-    from ..robot.doors import ConstrainedRobot
+from .references import Motion, Reference, joint_motion, one_state, pose_motion, require_driven, set_gains
 
 KINDS = ("world_aligned", "body")
 
@@ -207,150 +201,6 @@ class TaskSpace(TaskLaw):
         now = self.task(t, q, dq)
         a = now.feedforward + self._kp @ now.error + self._kd @ now.error_rate
         return self._torques(t, q, dq, now, now.Lambda @ a)
-
-
-# ── Impedance control: mass, spring and damper at a frame. Modern Robotics section 11.7.1
-
-Measured = Callable[[float, Array, Array], ArrayLike]
-"""Measured value from the time [s], q (nq,) and dq (nv,)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Impedance(TaskLaw):
-    """Impedance control (MR section 11.7.1): spring K X_e and damper B V_e; at rest under a wrench F, K X_e = -F.
-
-    Without ``mass``, the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and no measurement is needed.
-    With ``mass``, M_d dV_e/dt + B V_e + K X_e = -F, and the law needs a measurement of F. V_e is the twist of the
-    reference minus that of the frame, and F is the force on the selected rows, Λ J M⁻¹ τ_ext.
-
-    Examples
-    --------
-    >>> import numpy as np, twistwrench as tw
-    >>> arm, q = tw.robots.planar_3r(), np.array([-0.6, 0.2, 2.2])
-    >>> soft = Impedance(arm, arm.forward_kinematics(q), stiffness=500.0, damping=60.0, rows="vx vz", posture=q)
-    >>> bool(np.allclose(soft(0.0, q, [0, 0, 0]), arm.gravity_forces(q)))
-    True
-    """
-
-    stiffness: ArrayLike
-    """K [N m/rad, N/m]: scalar, (r,), or (r, r)."""
-    damping: ArrayLike
-    """B [N m s/rad, N s/m]: scalar, (r,), or (r, r)."""
-    mass: ArrayLike | None = field(default=None, kw_only=True)
-    """M_d [kg m², kg]: scalar, (r,), or (r, r); None: the robot's inertia."""
-    wrench_on_robot: Measured | None = field(default=None, kw_only=True)
-    """F as a function of (t, q, dq): wrench by the world, (m, f) in the frame [N m, N], from a sensor or a
-    :class:`MomentumObserver`."""
-    _stiffness: Array = field(init=False, repr=False)
-    _damping: Array = field(init=False, repr=False)
-    _inverse_mass: Array = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        set_gains(self, self.row_names, "stiffness", "damping")
-        if (self.mass is None) != (self.wrench_on_robot is None):
-            raise ValueRangeError(
-                "Impedance: mass and wrench_on_robot go together, as a frame takes on another mass only where the wrench on it "
-                "is known. Give both, or neither for the robot's own inertia."
-            )
-        if self.mass is not None:
-            mass = gain(self.mass, "Impedance: mass", self.row_names, definite=True)
-            object.__setattr__(self, "_inverse_mass", np.linalg.inv(mass))
-            if not callable(self.wrench_on_robot):
-                raise ValueRangeError(
-                    "Impedance: wrench_on_robot is a function of (t, q, dq) that gives (m, f) in the frame."
-                )
-
-    def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
-        """τ (nv,)."""
-        now = self.task(t, q, dq)
-        pull = self._stiffness @ now.error + self._damping @ now.error_rate
-        if self.wrench_on_robot is None:
-            return self._torques(t, q, dq, now, now.Lambda @ now.feedforward + pull)
-        measured = self.wrench_on_robot(t, *one_state(self.robot, "Impedance", q, dq))
-        measured = arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6)
-        pushed = np.linalg.solve(self.robot.mass_matrix(q), self.robot.wrench_torques(q, measured, self.frame))
-        F = now.Lambda @ now.J @ pushed  # selected entries; exact if the others are zero or all are selected
-        a = now.feedforward + self._inverse_mass @ (pull + F)
-        return self._torques(t, q, dq, now, now.Lambda @ a - F)
-
-
-# ── Hybrid motion–force control of a constrained robot. Modern Robotics section 11.6
-
-# With the projector P of section 8.7, torques split into P τ, which moves the robot, and (1 - P) τ, which acts against
-# the constraints. A motion law determines the first part, the desired force the second:
-#
-#     τ = P (τ_motion - h) + h + A'(λ_cmd - (A M⁻¹ A')⁻¹ dA/dt dq),     λ_cmd = λ_d + K_f (λ_d - λ),
-#
-# so that A θ̈ + dA/dt dq = 0 with λ = λ_cmd, for any output of the motion law along A. As λ in
-# :mod:`twistwrench.robot.constraints.projections`, λ_d is exerted by the robot on its constraints.
-
-Law = Callable[[float, Array, Array], ArrayLike]
-
-
-@dataclass(frozen=True, eq=False)
-class HybridMotionForce:
-    """Hybrid motion-force control: a motion law in the free directions, λ_d in the constrained ones. MR section 11.6.
-
-    Examples
-    --------
-    >>> import numpy as np, twistwrench as tw
-    >>> arm = tw.robots.planar_3r()
-    >>> wall = arm.close("ground", arm.tip, rows="vx", pose=tw.se3.exp([0, 0, 0, 1.5, 0, 0]))
-    >>> q = wall.consistent([-0.6, 0.2, 2.2])
-    >>> press = HybridMotionForce(wall, tw.control.PD(arm, q, kp=100.0, kd=20.0), force=[12.0])
-    >>> wall.forward_dynamics(q, [0, 0, 0], press(0.0, q, [0, 0, 0])).lam.round(9).tolist()
-    [12.0]
-    """
-
-    closed: ConstrainedRobot
-    """Robot with the constraint: ``robot.close("ground", tip, rows="vx", …)`` for a wall normal to x."""
-    motion: Law
-    """Any law of (t, q, dq) with torques for the open robot, such as :class:`TaskSpace`."""
-    force: ArrayLike | Callable[[float], ArrayLike]
-    """λ_d (k,) [N m, N], in the order of ``closed.row_names``, or a function of the time."""
-    force_gain: ArrayLike = field(default=0.0, kw_only=True)
-    """K_f: scalar, (k,), or (k, k); dimensionless."""
-    measured: Measured | None = field(default=None, kw_only=True)
-    """Measured λ (k,) as a function of (t, q, dq), exerted by the robot."""
-    _force_gain: Array = field(init=False, repr=False)
-    _force: Callable[[float], ArrayLike] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.closed, Robot) or not self.closed.constraints:
-            raise ValueRangeError(
-                f"HybridMotionForce: the first argument is a closed robot, got {type(self.closed).__name__}. Say what "
-                "holds it: robot.close('ground', tip, rows='vx', pose=…)."
-            )
-        names = self.closed.row_names
-        if not callable(self.motion):
-            raise ValueRangeError(f"HybridMotionForce: motion is {self.motion!r}, and must be a law of (t, q, dq).")
-        k, force = len(names), self.force
-        if not callable(force):
-            what = f"HybridMotionForce: force (one for each of {', '.join(names)})"
-            constant = np.array(arguments.finite(arguments.one(force, what, k), what, k))
-            force = lambda _t: constant  # noqa: E731
-        object.__setattr__(self, "_force", force)
-        set_gains(self, names, "force_gain")
-        if (self.measured is None) != (not np.any(self._force_gain)):
-            raise ValueRangeError("HybridMotionForce: force_gain acts on λ_d - λ, so it and measured go together.")
-        if self.measured is not None and not callable(self.measured):
-            raise ValueRangeError(
-                "HybridMotionForce: measured is a function of (t, q, dq) that gives λ (k,), from a sensor."
-            )
-
-    def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
-        """τ (nv,)."""
-        closed, robot = self.closed, self.closed.open()
-        q, dq = one_state(robot, "HybridMotionForce", q, dq)
-        tau = arguments.one(self.motion(t, q, dq), f"motion of HybridMotionForce at t = {printed(t)} s", robot.nv)
-        free = robot.forward_dynamics(q, dq, tau)
-        ddq = closed.project_acceleration(q, dq, free)  # M ddq = P (τ - h) - A'(A M⁻¹ A')⁻¹ dA/dt dq
-        k, at = len(closed.sizes), f"of HybridMotionForce at t = {printed(t)} s"
-        lam = arguments.one(self._force(t), f"force {at}", k)
-        if self.measured is not None:
-            lam = lam + self._force_gain @ (lam - arguments.one(self.measured(t, q, dq), f"measured {at}", k))
-        return robot.inverse_dynamics(q, dq, ddq) + closed.constraint_jacobian(q).T @ lam
 
 
 complete(globals())

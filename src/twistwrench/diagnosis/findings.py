@@ -20,7 +20,7 @@ from ..formats.edit import Edit
 from ..mechanics.algorithms.recursion import ancestors, base_poses
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import se3
-from ..mechanics.model.assembly import random_configuration
+from ..mechanics.model.configurations import random_configuration
 from ..mechanics.model.model import BASE, Model
 
 

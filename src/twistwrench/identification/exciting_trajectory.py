@@ -27,8 +27,8 @@ from ..motion.bounds import bounds_of
 from ..motion.limits_file import robot_origin
 from ..motion.motion import Motion
 from ..robot import Robot, load
+from ..robot.base import require_robot
 from ..robot.doors import clearance_along
-from ..robot.task_space_methods import require_robot
 from ..shapes.capsules import CapsuleDistances, LinkCapsules
 from .excitation.fourier_series import WindowedFourierSeries
 from .excitation.motion_information import CRITERIA, Criterion, MotionInformation

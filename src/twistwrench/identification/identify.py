@@ -24,7 +24,7 @@ from ..core.typing import Array, Frame, Hertz, Seconds
 from ..motion.motion import Motion
 from ..reports.checked_motions import expanded_paths
 from ..robot import Robot, load
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from ..robots.finding import bundled_file
 from .assumed import AssumedCauses, begin_settings, fit_covariance, wanted_causes
 from .consistent import check_strength

@@ -32,7 +32,7 @@ from ..mechanics.joints.units import units_of
 from ..mechanics.model.couplings import without_couplings
 from ..mechanics.model.model import BASE, Model
 from ..robot import Robot
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 
 if TYPE_CHECKING:
     from .payload import MotorSide

@@ -23,7 +23,7 @@ from ..core.numbers import number, printed, quantity, rounded_down, seconds
 from ..core.text import Argument, in_the_shell, listed, spell
 from ..core.typing import Array
 from ..core.verdict import Reason
-from ..mechanics.algorithms.inverse_dynamics import MotorLoads, motor_loads
+from ..mechanics.algorithms.motor_loads import MotorLoads, motor_loads
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.joints.units import unit_of, units_of
 from ..mechanics.model.couplings import drive_turns, joint_torques, motor_torques, motor_velocities

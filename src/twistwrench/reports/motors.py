@@ -16,7 +16,7 @@ from ..motion.bounds import Extrema
 from .statistics import mean_weights, stride_of
 
 if TYPE_CHECKING:
-    from ..mechanics.algorithms.inverse_dynamics import MotorLoads
+    from ..mechanics.algorithms.motor_loads import MotorLoads
     from ..mechanics.model.actuators import Motor
     from ..mechanics.model.model import Model
 

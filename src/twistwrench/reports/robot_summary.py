@@ -16,7 +16,7 @@ from ..mechanics.model.couplings import coupled_entries
 from ..mechanics.model.model import BASE, Model
 from ..motion.coordinates import Coordinates
 from ..motion.limits_file import COLUMNS, KINDS
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 
 if TYPE_CHECKING:
     from ..robot import Robot

@@ -49,16 +49,25 @@ def names_of(model: Model, label: str) -> tuple[str, ...]:
     """Names of the entries along an input's last axis, used to look up table columns; empty if there are none."""
     if label in CONFIGURATIONS:
         return model.coordinate_names
-    return () if label in ("wrench", "gravity", "parameters") else model.velocity_names
+    if label in ("wrench", "gravity", "parameters"):
+        return ()
+    return model.velocity_names
 
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
     """Names and shapes of a kernel's inputs."""
     from . import programs as quantity_programs
-    from .programs import checked_options
+    from .kernels.options import checked_options
 
     ports = quantity_programs.inputs_of(model, name, checked_options(model, name, options))
-    return [("wrench" if label.startswith("wrench at ") else label, core) for label, core in ports]
+    return [(input_name(label), core) for label, core in ports]
+
+
+def input_name(label: str) -> str:
+    """Name of an input in messages: a wrench without its frame."""
+    if label.startswith("wrench at "):
+        return "wrench"
+    return label
 
 
 def to_numbers(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -67,11 +76,14 @@ def to_numbers(model: Model, name: str, arrays: Sequence[Any], options: Mapping[
 
     labels, converted = QUANTITIES[name].inputs, []
     for k, array in enumerate(arrays):
-        label = labels[k] if k < len(labels) else f"input {k + 1}"
+        label = f"input {k + 1}"
+        if k < len(labels):
+            label = labels[k]
         columns: tuple[str, ...] = ()
         if is_table(array):
             ports = inputs_of(model, name, options)
-            label = ports[k][0] if k < len(ports) else label
+            if k < len(ports):
+                label = ports[k][0]
             columns = names_of(model, label)
         converted.append(arguments.to_numbers(array, f"{name}: {label}", columns))
     return tuple(converted)
@@ -86,7 +98,9 @@ def finite_states(model: Model, name: str, **arrays: ArrayLike) -> list[Array]:
     """Finite state arrays with the right last axis and batch shapes that broadcast."""
     checked = {}
     for label, array in arrays.items():
-        size = model.nq if label in CONFIGURATIONS else model.nv
+        size = model.nv
+        if label in CONFIGURATIONS:
+            size = model.nq
         checked[label] = arguments.finite(array, f"{name}: {label}", size, names=names_of(model, label))
     try:
         np.broadcast_shapes(*(array.shape[:-1] for array in checked.values()))
@@ -102,7 +116,9 @@ def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLik
         array = arguments.to_numbers(value, f"{name}: {label}", names.get(label, ()))
         if not np.can_cast(array.dtype, float):
             raise _not_real(name, label, array)
-        reals.append(array if array.dtype == np.float32 else array.astype(float))
+        if array.dtype != np.float32:
+            array = array.astype(float)
+        reals.append(array)
     return reals
 
 
@@ -191,7 +207,8 @@ def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
 
     model.frame(frame)
     frame = str(frame)
-    F = values_at(F, frame) if isinstance(F, Wrench) else F
+    if isinstance(F, Wrench):
+        F = values_at(F, frame)
     components = arguments.to_numbers(F, f"the wrench at {frame!r}")
     array = numbers("wrench", {}, **{f"the one at {frame!r}": components})[0]
     if array.shape[-1:] != (6,):
@@ -211,7 +228,9 @@ def sum_by_frame(
         for frame, F in (wrenches or {}).items():
             signed = sign * wrench_at(model, frame, F)
             try:
-                total[frame] = total[frame] + signed if frame in total else signed
+                if frame in total:
+                    signed = total[frame] + signed
+                total[frame] = signed
             except ValueError:
                 raise ShapeError(
                     f"the wrenches by and on the robot at {frame!r} have batch shapes that do not broadcast: "
@@ -222,4 +241,4 @@ def sum_by_frame(
         for frame, F in total.items():
             if not hasattr(arguments_by_frame[frame], "dtype"):
                 total[frame] = F.astype(np.float32)
-    return {frame: total[frame] for frame in sorted(total)}  # sorted: one kernel for any order of arguments
+    return dict(sorted(total.items()))  # one kernel for any order of arguments

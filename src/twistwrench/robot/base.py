@@ -12,11 +12,18 @@ from weakref import WeakMethod
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core import arguments
 from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.text import shorten
 from ..core.typing import Array
-from .engine import CachedModel, Engine
+from .engine import Engine
+from .kernels.disk_cache import CachedModel
+
+if TYPE_CHECKING:
+    from .robot import Robot
+if TYPE_CHECKING:
+    from ..mechanics.model.model import Model
 
 if TYPE_CHECKING:
     from ..compiler.ir.program import Program
@@ -26,7 +33,7 @@ if TYPE_CHECKING:
     from ..mechanics.model.limits import Limits
     from ..mechanics.model.model import Model, OfferedClosure
     from .arguments import Wrenches
-    from .programs import KernelOptions
+    from .kernels.options import KernelOptions
     from .robot import Robot
 
 if TYPE_CHECKING:  # results without constraints are the defaults, so that a bare ``Robot`` is an open one
@@ -271,9 +278,9 @@ class RobotBase:
         -------
         q : (nq,) array
         """
-        from ..mechanics.model import assembly as configuration
+        from ..mechanics.model import configurations
 
-        return configuration.from_names(self.model, joints)
+        return configurations.from_names(self.model, joints)
 
     def random_configuration(
         self, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()
@@ -289,7 +296,7 @@ class RobotBase:
         q : (*size, nq) array
         """
         from ..core import arguments
-        from ..mechanics.model import assembly as configuration
+        from ..mechanics.model import configurations
 
         try:
             sizes = size if isinstance(size, tuple | list) else (size,)
@@ -302,7 +309,7 @@ class RobotBase:
             ) from None
         if any(n < 0 for n in shape):
             raise ValueRangeError(f"size={arguments.value_text(size)} has a negative number of samples.")
-        return configuration.random_configuration(self.model, generator, shape)
+        return configurations.random_configuration(self.model, generator, shape)
 
     # ── kernels ──
 
@@ -429,6 +436,19 @@ def _missing(robot: RobotBase, name: str) -> AttributeError:
         call = "momentum(q, dq, frame='com')" if name == "momentum_about_com" else f"kernel({name!r})"
         return AttributeError(f"{subject} has no attribute {name!r}: use robot.{call}", name=None)
     return missing_attribute(subject, name, "robot", dir(type(robot)))
+
+
+def require_robot(robot: object, what: str) -> Robot:
+    """Return ``robot`` if it is a Robot without constraints; raises ValueRangeError otherwise."""
+    if not isinstance(robot, RobotBase):
+        raise ValueRangeError(
+            f"{what}: the robot is {arguments.value_text(robot)}: give a tw.Robot, as tw.load(path) makes one."
+        )
+    if robot.constraints:
+        raise ValueRangeError(
+            f"{what}: not available for a robot with constraints, {robot!r}. For the robot with its loops open: robot.open()."
+        )
+    return cast("Robot", robot)
 
 
 complete(globals())

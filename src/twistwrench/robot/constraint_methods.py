@@ -22,9 +22,9 @@ from .base import RobotBase
 from .engine import ConstrainedEngine
 
 if TYPE_CHECKING:
+    from ..mechanics.algorithms.constraint_projector import ConstraintProjector
     from ..mechanics.algorithms.constraints import Constraint, MotionForceSplit
-    from ..mechanics.algorithms.loop_closure import ConstraintProjector
-    from .constraints.closures import LoopClosureSolver
+    from .constraints.loop_closure_solver import LoopClosureSolver
     from .doors import ConstrainedRobot
     from .robot import Robot
 
@@ -172,7 +172,7 @@ class ConstraintMethods(RobotBase):
         """Robot with one additional constraint."""
         if redundant not in ("error", "accept"):
             raise ValueRangeError(f"redundant={redundant!r} is not allowed. Choose from: 'error', 'accept'.")
-        from ..mechanics.algorithms.loop_closure import independent_rows
+        from ..mechanics.algorithms.constraint_projector import independent_rows
         from .constraints.closures import refuse_redundant, require_angle, some_configurations
         from .constraints.tolerances import row_sizes
 
@@ -215,7 +215,7 @@ class ConstraintMethods(RobotBase):
 
     def _searched_loops(self) -> LoopClosureSolver:
         """Solver for the loop gaps, as rows of a search."""
-        from .constraints.closures import LoopClosureSolver
+        from .constraints.loop_closure_solver import LoopClosureSolver
 
         key = ("searched loops", self.constraints, self.independent)
         solver: LoopClosureSolver = self.open().engine.cache(
@@ -321,7 +321,7 @@ class ConstraintMethods(RobotBase):
 
     def _projector(self, q: Array) -> tuple[Array, ConstraintProjector]:
         """A at q and its projector, weighted with the mass matrix."""
-        from ..mechanics.algorithms.loop_closure import ConstraintProjector
+        from ..mechanics.algorithms.constraint_projector import ConstraintProjector
 
         A = self.constraint_jacobian(q)
         return A, ConstraintProjector.from_rows(A, self.open().mass_matrix(q), self.sizes, len(self.independent))
@@ -403,7 +403,7 @@ class ConstraintMethods(RobotBase):
             raise ValueRangeError(
                 f"within={printed(within)} is not allowed: rad or m, 0 or more, such as {printed(MAX_NEAR_DISPLACEMENT)}."
             )
-        from .constraints.tolerances import require_closed, warn_of_far
+        from .constraints.states import require_closed, warn_of_far
 
         rows, gaps = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
         require_closed(cast("ConstrainedRobot", self), gaps, tolerance, q.shape[:-1])

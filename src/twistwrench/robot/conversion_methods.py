@@ -13,16 +13,15 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.errors import MissingExtraError, ModelError, ModelWarning, ShapeError
 from ..core.glossary import complete
-from .base import RobotBase
+from .base import RobotBase, require_robot
 from .constraint_methods import ConstraintMethods
-from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
     from ..mechanics.bodies.inertia import SpatialInertia
     from ..mechanics.model.model import Model
     from .export.request import Quantities
     from .export.written import Written
-    from .programs import KernelOptions
+    from .kernels.options import KernelOptions
     from .robot import Robot
 
 Precision: TypeAlias = Literal["double", "float"]
@@ -312,9 +311,6 @@ def _warn(name: str, form: str, lost: Iterable[str]) -> None:
         warnings.warn(f"robot {name!r} as {form}: {sentence}.", ModelWarning, stacklevel=frames_to_user())
 
 
-# ── Quantities as functions of other packages
-
-
 class BridgeMethods(RobotBase):
     """Quantities as functions of JAX, PyTorch, CasADi and JavaScript.
 
@@ -441,9 +437,6 @@ class BridgeMethods(RobotBase):
         from .export.request import BridgedQuantity
 
         return javascript_module(BridgedQuantity(cast("Robot", self), quantity, options))
-
-
-# ── Quantities as source code of other languages
 
 
 class ExportMethods(ConstraintMethods):
@@ -621,7 +614,7 @@ class ExportMethods(ConstraintMethods):
     def _requests(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
         """Quantities with their options, including the constraints."""
         from .export.request import name_option_pairs
-        from .programs import options_of
+        from .kernels.options import options_of
 
         pairs = []
         for name, options in name_option_pairs(quantities):

@@ -14,7 +14,7 @@ from ..core.glossary import complete
 from ..core.typing import Array
 from ..mechanics.model.model import BASE, Body
 from . import Robot
-from .task_space_methods import require_robot
+from .base import require_robot
 
 __all__ = [
     "from_mujoco",
@@ -88,9 +88,6 @@ def rates_from(
     yield own_dq
     if ddq is not None:
         yield P_inverse @ arguments.one(ddq, f"{caller}: ddq", len(P)) - turning(robot, own_dq)
-
-
-# ── MuJoCo
 
 
 def to_mujoco(
@@ -199,9 +196,6 @@ def _name(model: Any, i: int) -> str:
     return f"{body}.{kind}{number}"
 
 
-# ── Pinocchio
-
-
 def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
     """Configuration and velocities in Pinocchio's order.
 
@@ -295,9 +289,6 @@ def _joints_of_pinocchio_order(robot: Robot, model: Any) -> Iterator[tuple[Body,
         yield body, joint
 
 
-# ── SciPy
-
-
 def to_scipy_quaternion(Q: ArrayLike) -> Array:
     """Quaternions in the order of SciPy's ``Rotation.from_quat``, scalar last.
 
@@ -335,8 +326,6 @@ def from_scipy_quaternion(Q: ArrayLike) -> Array:
     """
     return np.roll(np.asarray(arguments.real(Q, "from_scipy_quaternion: Q", 4), float), 1, axis=-1)
 
-
-# ── Public functions
 
 # Joints are matched by name, so the other library must have read the same file. With a star for its quantities, there
 # is one matrix P for each library with

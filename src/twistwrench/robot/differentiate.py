@@ -72,63 +72,60 @@ class Derivative:
         """Additional inputs: weights of the results and the direction; ``charts``: shapes of directions by input."""
         more: dict[str, Shape] = {}
         if self.weighs and list(outputs.values()) != [()]:  # a single number needs no weight
-            more.update({f"weight on {name}": shape for name, shape in outputs.items()})
+            for name, shape in outputs.items():
+                more[f"weight on {name}"] = shape
         if self.form in ("along", "hessian_along"):
-            more.update({f"along {name}": charts[name] for name in self.by})
+            for name in self.by:
+                more[f"along {name}"] = charts[name]
         return more
 
     def outputs(self, names: Sequence[str]) -> list[str]:
         """Names of the outputs."""
         if self.form == "jacobian":
             labels = [f"{out}_by_{name}" for out in names for name in self.by]
-        elif self.form == "along":
-            labels = [f"{out}_along" for out in names]
-        elif self.form == "hessian":
-            labels = [f"{out}_hessian" for out in names]
+        elif self.form in ("along", "hessian"):
+            labels = [f"{out}_{self.form}" for out in names]
         else:
             labels = [f"{self.form}_by_{name}" for name in self.by]
-        return [*names, *labels] if self.values else labels
+        if self.values:
+            return [*names, *labels]
+        return labels
 
     def derive(
         self, what: str, results: Sequence[Any], charts: Mapping[str, Chart], more: Mapping[str, Any]
     ) -> tuple[Array, ...]:
         """Derivatives of arrays of symbols or numbers, ordered as in :meth:`outputs`; ``more``: values of :meth:`inputs`."""
-        chart = Chart.concatenate([charts[name] for name in self.by])
+        own_charts = [charts[name] for name in self.by]
+        input_shapes = [chart.shape for chart in own_charts]
+        chart = Chart.concatenate(own_charts)
+        n = math.prod(chart.shape)
         results = [np.asarray(result, object) for result in results]
         owner = _trace_of([*chart.known, *_entries(results)])
-        flat = [owner.lift(e) for e in _entries(results)]
-        direction = _entries([x for name, x in more.items() if name.startswith("along ")])
+        flat = list(map(owner.lift, _entries(results)))
+        direction = _entries_of("along ", more)
         self._check_size(what, flat, chart)
         if self.form == "along":
             rates = autodiff.along(flat, chart.known, direction)
             derivatives = _split(rates, [result.shape for result in results])
         elif self.form == "jacobian":
-            J = autodiff.jacobian(flat, chart.known, math.prod(chart.shape), self.mode)
-            derivatives = self._jacobian_parts(J, results, charts)
+            J = autodiff.jacobian(flat, chart.known, n, self.mode)
+            derivatives = _jacobian_parts(J, results, input_shapes)
         elif self.form == "hessian":
-            J = autodiff.jacobian(flat, chart.known, math.prod(chart.shape), self.mode)
-            parts = np.split(_hessian(J, chart), _boundaries(results))
-            derivatives = [
-                part.reshape((*result.shape, *part.shape[1:])) for result, part in zip(results, parts, strict=True)
-            ]
+            H = _hessian(autodiff.jacobian(flat, chart.known, n, self.mode), chart)
+            derivatives = []
+            for result, rows in zip(results, np.split(H, _boundaries(results)), strict=True):
+                derivatives.append(rows.reshape((*result.shape, n, n)))
         else:
-            weight_arrays = [x for name, x in more.items() if name.startswith("weight on ")]
-            weights = _entries(weight_arrays) if weight_arrays else [1.0]
-            gradient = autodiff.gradient(flat, weights, chart.known, math.prod(chart.shape))
+            weights = _entries_of("weight on ", more)
+            if flat and not weights:  # a single number needs no weight
+                weights = [1.0]
+            gradient = autodiff.gradient(flat, weights, chart.known, n)
             if self.form == "hessian_along":
                 gradient = _hessian_along(gradient, chart, direction)
-            derivatives = _split(gradient, [charts[name].shape for name in self.by])
-        return (*results, *derivatives) if self.values else tuple(derivatives)
-
-    def _jacobian_parts(self, J: Array, results: Sequence[Array], charts: Mapping[str, Chart]) -> list[Array]:
-        """J split by result, and by the input that it differentiates by."""
-        shapes = [charts[name].shape for name in self.by]
-        columns = np.cumsum([math.prod(shape) for shape in shapes])[:-1]
-        parts = []
-        for result, rows in zip(results, np.split(J, _boundaries(results)), strict=True):
-            for shape, part in zip(shapes, np.split(rows, columns, axis=1), strict=True):
-                parts.append(part.reshape((*result.shape, *shape)))
-        return parts
+            derivatives = _split(gradient, input_shapes)
+        if self.values:
+            return (*results, *derivatives)
+        return tuple(derivatives)
 
     def _check_size(self, what: str, flat: Sequence[Expr], chart: Chart) -> None:
         n, rows = math.prod(chart.shape), len(flat)
@@ -168,28 +165,50 @@ class Chart:
         known: dict[Expr, dict[int, Expr]] = {}
         for part, slope in moving_parts(model, x):
             for e, row in zip(part.reshape(-1), slope.reshape(part.size, model.nv), strict=True):
-                slopes = {k: e.trace.lift(d) for k, d in enumerate(row)}
-                known[e] = {k: d for k, d in slopes.items() if d is not e.trace.zero}
+                known[e] = {}
+                for k, rate in enumerate(row):
+                    slope_of_e = e.trace.lift(rate)
+                    if slope_of_e is not e.trace.zero:
+                        known[e][k] = slope_of_e
                 if e.op == "sub":  # negation swaps the operands in the trace
                     known[-e] = {k: -d for k, d in known[e].items()}
         c = brackets(model)
-        return cls((model.nv,), known, c if c.any() else None)
+        if not c.any():
+            return cls((model.nv,), known)
+        return cls((model.nv,), known, c)
 
     @classmethod
     def concatenate(cls, charts: Sequence[Chart]) -> Chart:
         """Several inputs combined, with their directions concatenated."""
         n = sum(math.prod(chart.shape) for chart in charts)
         known: dict[Expr, dict[int, Expr]] = {}
-        c = np.zeros((n, n, n)) if any(chart.brackets is not None for chart in charts) else None
+        c = np.zeros((n, n, n))
         first = 0
         for chart in charts:
             last = first + math.prod(chart.shape)
             for e, row in chart.known.items():
                 known[e] = {first + k: d for k, d in row.items()}
-            if c is not None and chart.brackets is not None:
+            if chart.brackets is not None:
                 c[first:last, first:last, first:last] = chart.brackets
             first = last
+        if all(chart.brackets is None for chart in charts):
+            return cls((n,), known)
         return cls((n,), known, c)
+
+
+def _jacobian_parts(J: Array, results: Sequence[Array], input_shapes: Sequence[Shape]) -> list[Array]:
+    """J split by result, and by the input that it differentiates by."""
+    columns = np.cumsum(list(map(math.prod, input_shapes)))[:-1]
+    parts = []
+    for result, rows in zip(results, np.split(J, _boundaries(results)), strict=True):
+        for shape, part in zip(input_shapes, np.split(rows, columns, axis=1), strict=True):
+            parts.append(part.reshape((*result.shape, *shape)))
+    return parts
+
+
+def _entries_of(kind: str, more: Mapping[str, Any]) -> list[Any]:
+    """Entries of the further inputs whose names begin with ``kind``, one after the other."""
+    return _entries([x for name, x in more.items() if name.startswith(kind)])
 
 
 def _entries(arrays: Iterable[Any]) -> list[Any]:
@@ -225,11 +244,12 @@ def _hessian(J: Array, chart: Chart) -> Array:
     """Symmetric second derivatives (rows, n, n) from first derivatives (rows, n)."""
     rows, n = J.shape
     H = np.full((rows, n, n), 0.0, object)
-    for b in range(n):
-        unit = [float(k == b) for k in range(n)]
+    for b, unit in enumerate(np.eye(n).tolist()):
         slopes = _object_array((rows, b + 1), _along(J[:, : b + 1], chart, unit))
         for a in range(b + 1):
-            half_bracket = 0.0 if chart.brackets is None else 0.5 * (J @ chart.brackets[a, b].astype(object))
+            half_bracket: Any = 0.0
+            if chart.brackets is not None:
+                half_bracket = 0.5 * (J @ chart.brackets[a, b].astype(object))
             H[:, a, b] = H[:, b, a] = slopes[:, a] + half_bracket
     return H
 
@@ -334,11 +354,13 @@ def differentiate(
             f"{what}: {function!r} is not a function. For a quantity of a robot: robot.kernel(name, by=…)."
         )
     models, shapes = _arguments(what, function, arguments)
-    derivative = Derivative.from_inputs(what, tuple(shapes), tuple(shapes) if by is None else by, form, mode, values)
+    if by is None:
+        by = tuple(shapes)
+    derivative = Derivative.from_inputs(what, tuple(shapes), by, form, mode, values)
 
     def run(*arrays: Any) -> list[Any]:
         try:
-            return _results(what, function(*(a if np.size(a) else np.zeros(a.shape) for a in arrays)))
+            return _results(what, function(*map(_floats_if_empty, arrays)))
         except TwistWrenchError:
             raise
         except Exception as problem:
@@ -348,61 +370,83 @@ def differentiate(
     symbols = [_one(owner.inputs(0, shape)) for shape in shapes.values()]
     result_shapes = [x.shape for x in run(*symbols)]
     owner.forget()
-    names = ["result"] if len(result_shapes) == 1 else [f"result{k + 1}" for k in range(len(result_shapes))]
-    directions = {label: (models[label].nv,) if label in models else shape for label, shape in shapes.items()}
+    names = ["result"]
+    if len(result_shapes) != 1:
+        names = [f"result{k}" for k in range(1, len(result_shapes) + 1)]
+    directions = dict(shapes)
+    for label, model in models.items():
+        directions[label] = (model.nv,)
     more = derivative.inputs(directions, dict(zip(names, result_shapes, strict=True)))
-
-    if ambiguous := [label for label in more if label in shapes]:
-        raise ShapeError(
-            f"{what}: an argument is named {ambiguous[0]!r}, as a further input of the kernel is. Rename it."
-        )
+    for label in more:
+        if label in shapes:
+            raise ShapeError(f"{what}: an argument is named {label!r}, as a further input of the kernel is. Rename it.")
 
     def derivatives(*arrays: Any) -> tuple[Any, ...]:
-        inputs = dict(zip((*shapes, *more), arrays, strict=True))
+        own_arrays, further_arrays = arrays[: len(shapes)], arrays[len(shapes) :]
+        inputs = dict(zip(shapes, own_arrays, strict=True))
         charts = {}
         for label in derivative.by:
-            charts[label] = Chart.from_input(inputs[label], models[label].model if label in models else None)
-        results = run(*(inputs[label] for label in shapes))
-        return derivative.derive(what, results, charts, {label: inputs[label] for label in more})
+            charts[label] = Chart.from_input(inputs[label], models.get(label))
+        return derivative.derive(what, run(*own_arrays), charts, dict(zip(more, further_arrays, strict=True)))
 
     program = trace(derivatives, [*shapes.items(), *more.items()], derivative.outputs(names))
     doc = f"{form} of {name} by {', '.join(derivative.by)}, compiled. {ports_text(program)}"
     return compile_form(program, name, doc)
 
 
-def _arguments(what: str, function: Callable[..., Any], arguments: Any) -> tuple[dict[str, Robot], dict[str, Shape]]:
-    """Robots among the arguments, and the shapes of all arguments."""
+def _floats_if_empty(array: Any) -> Any:
+    """Array of symbols, or floats in place of one without elements."""
+    if np.size(array):
+        return array
+    return np.zeros(array.shape)
+
+
+def _arguments(what: str, function: Callable[..., Any], arguments: Any) -> tuple[dict[str, Model], dict[str, Shape]]:
+    """Models of robots among the arguments, and the shapes of all arguments."""
     if not isinstance(arguments, Mapping) or not arguments:
         raise ShapeError(
             f"{what}: arguments are a dict {{name: shape or robot}} in the function's order, as in {{'x': (3,)}}, "
             f"got {arguments!r}."
         )
     shapes: dict[str, Shape] = {}
+    models: dict[str, Model] = {}
     for name, argument in arguments.items():
-        shape = argument.nq if isinstance(argument, Robot) else argument
-        sizes = shape if isinstance(shape, tuple | list) else (shape,)
-        try:
-            checked = tuple(operator.index(n) for n in sizes)
-        except TypeError:
-            checked = (-1,)
-        if any(n < 0 for n in checked):
+        shape = argument
+        if isinstance(argument, Robot):
+            shape = argument.nq
+            models[str(name)] = argument.model
+        sizes = _whole_numbers(shape)
+        if sizes is None:
             raise ShapeError(f"{what}: {name} has shape {argument!r}; give whole numbers, as in (3, 4), or a robot.")
-        shapes[str(name)] = checked
+        shapes[str(name)] = sizes
     try:
         inspect.signature(function).bind(*shapes)
     except TypeError as problem:
         raise ShapeError(f"{what}: the function does not take the arguments {', '.join(shapes)}: {problem}.") from None
     except ValueError:  # builtins may have no signature
         pass
-    robots = {str(name): argument for name, argument in arguments.items() if isinstance(argument, Robot)}
-    return robots, shapes
+    return models, shapes
+
+
+def _whole_numbers(shape: Any) -> Shape | None:
+    """Shape as whole numbers, of one axis if it is a number; None if it is not a shape."""
+    if not isinstance(shape, tuple | list):
+        shape = (shape,)
+    try:
+        sizes = tuple(map(operator.index, shape))
+    except TypeError:
+        return None
+    if min(sizes, default=0) < 0:
+        return None
+    return sizes
 
 
 def _results(what: str, returned: Any) -> list[Any]:
     """Results of the function as arrays of symbols and real numbers."""
     arrays = []
-    results = returned if isinstance(returned, tuple) else (returned,)
-    for result in results:
+    if not isinstance(returned, tuple):
+        returned = (returned,)
+    for result in returned:
         try:
             array = np.asarray(result, object)
             for e in array.reshape(-1):
@@ -420,4 +464,6 @@ def _results(what: str, returned: Any) -> list[Any]:
 
 def _one(array: Any) -> Any:
     """Scalar in place of a zero-dimensional array."""
-    return array if array.ndim else array[()]
+    if array.ndim:
+        return array
+    return array[()]

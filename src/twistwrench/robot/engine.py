@@ -1,26 +1,23 @@
-"""Engine: traces, compiles, caches and calls the kernels of one model, and validates ``out=``."""
+"""Engine: traces, compiles, caches and calls the kernels of one model."""
 
 from __future__ import annotations
 
-import os
 import re
-import sys
-from ast import literal_eval
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, cached_property, partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import cached_property, partial
+from itertools import compress
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..compiler.runtime import batch_threads
 from ..compiler.runtime.interpreter import compiles
-from ..core import arguments, object_cache, third_party
+from ..core import arguments, third_party
 from ..core.errors import KernelError, ShapeError, SingularMassMatrixError, ValueRangeError
-from ..core.files import read_bytes
 from ..core.typing import Array
-from ..mechanics.lie import series
-from .arguments import Wrenches, is_symbolic, misfit, numbers, sum_by_frame, to_numbers
+from .arguments import Wrenches, input_name, is_symbolic, misfit, numbers, sum_by_frame, to_numbers
+from .kernels.disk_cache import CachedModel, kernel_key
+from .kernels.out_checks import refuse_overlap, refuse_text, unfit
 
 if TYPE_CHECKING:
     from ..compiler.ir.loops import Form
@@ -37,12 +34,16 @@ instructions."""
 
 
 def _model_of(model: Model | CachedModel) -> Model:
-    return model.model if isinstance(model, CachedModel) else model
+    if isinstance(model, CachedModel):
+        return model.model
+    return model
 
 
 def execution_form(model: Model, names: Sequence[str], options: Options) -> Form:
     """Program of the named quantities in the form that runs fastest: straight line or loops."""
-    from .programs import columns_of, options_by_quantity, products_of, program_of_several
+    from .kernels.large_robots import columns_of, products_of
+    from .kernels.options import options_by_quantity
+    from .programs import program_of_several
 
     requested = options_by_quantity(model, names, options)
     looped: Form | None = products_of(model, requested) or columns_of(model, requested)
@@ -75,160 +76,6 @@ def compile_form(form: Form, name: str, doc: str, *, scalar: bool = False) -> An
 
     return make_ufunc(form, name, doc, scalar=scalar)
 
-
-# ── Checks of ``out=``
-
-
-def refuse_overlap(name: str, out: tuple[Any, ...]) -> None:
-    """Raise an error if two results share memory; NumPy would overwrite one with the other."""
-    arrays = [a for a in out if isinstance(a, np.ndarray)]
-    if any(np.shares_memory(a, b) for k, a in enumerate(arrays) for b in arrays[:k]):
-        raise ShapeError(
-            f"{name}: two arrays of out= share memory. Give each result memory of its own; or leave it out."
-        )
-
-
-def refuse_text(out: Any) -> None:
-    """Raise an error for text arrays, into which NumPy would write truncated numbers."""
-    arrays = out if isinstance(out, tuple) else (out,)
-    for array in arrays:
-        if getattr(getattr(array, "dtype", None), "kind", "f") in "SUT":
-            raise TypeError
-
-
-def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> ShapeError:
-    """Error for an ``out`` that does not fit the results."""
-    inputs = [np.asarray(a) for a in arrays]
-    batches = [a.shape[: a.ndim - len(port.shape)] for a, port in zip(inputs, program.inputs, strict=True)]
-    batch = np.broadcast_shapes(*batches)
-    kind = "float32" if all(np.can_cast(a.dtype, np.float32) for a in inputs) else "float64"
-    fitting = " and ".join(f"one of shape {batch + port.shape}" for port in program.outputs)
-    targets = out if isinstance(out, tuple) else (out,)
-    shown = " and ".join(map(_target_text, targets))
-    several = "a tuple of arrays" if len(program.outputs) > 1 else "an array"
-    return ShapeError(
-        f"{name}: out= is {shown}. Give {several} of {kind} that can be written to, {fitting}; or leave it out."
-    )
-
-
-def _target_text(target: Any) -> str:
-    """An ``out`` as a message shows it."""
-    if not isinstance(target, np.ndarray):
-        return f"a {type(target).__name__}"
-    access = "writable" if target.flags.writeable else "read-only"
-    return f"a {access} array of {target.dtype.name} and shape {target.shape}"
-
-
-# ── Disk cache of loaded robots: first results without parsing or tracing
-
-# The key of a robot consists of the bytes of its file, the options of loading, and the versions of this library, Python
-# and NumPy. Only URDF robots are cached, because they are read from one file. Warnings are cached too, and issued at
-# each loading. The model is built from the bytes that were read, once more than the cached kernels is needed.
-
-_PLAIN = (str, int, float, bool, type(None))
-"""Types of options that their text identifies."""
-
-
-class CacheEntry(NamedTuple):
-    """Robot file and the options of loading."""
-
-    data: bytes
-    key: str
-    remarks: tuple[str, ...] | None
-    """Warnings of an earlier loading; None if the file was not loaded before."""
-
-
-class CachedModel:
-    """Model of a robot with cached kernels, under the key of its file; built at first use."""
-
-    def __init__(self, key: str, make: Callable[[], Model]) -> None:
-        self.key, self._make = key, make
-
-    @cached_property
-    def model(self) -> Model:
-        """Model, built at first use."""
-        return self._make()
-
-
-def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
-    """Cache entry of a robot file; None without a cache or for anything but plain URDF (xacro includes other files)."""
-    if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
-        return None
-    written = _options_text(options)
-    try:
-        folder = object_cache.folder() if written is not None and Path(source).is_file() else None
-        if written is None or folder is None:
-            return None
-        data = getattr(source, "data", None) or read_bytes(Path(source))  # of a RobotFile, which may be loaded twice
-        version = _version()
-    except (OSError, ValueError):  # reported by the loader; or the library is in an archive
-        return None
-    if b"<robot" not in data or any(other in data for other in (b"<mujoco", b"<sdf", b"xacro:", b"${")):
-        return None
-    key = object_cache.digest("robot", version, os.fspath(source), written, data).hex()
-    entry = object_cache.load(key, folder)
-    return CacheEntry(data, key, None if entry is None else _remarks(entry))
-
-
-def _remarks(entry: bytes) -> tuple[str, ...] | None:
-    """Warnings of an entry; None for an entry that :func:`keep_file` did not write."""
-    try:
-        remarks = literal_eval(entry.decode())
-    except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):  # the file is loaded again
-        return None
-    if isinstance(remarks, tuple) and all(isinstance(remark, str) for remark in remarks):
-        return remarks
-    return None
-
-
-def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:
-    """Store that a file was loaded, and its warnings."""
-    object_cache.store(known.key, repr(tuple(remarks)).encode())
-
-
-def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) -> str:
-    """Cache key of a kernel; empty if the kernel is not cached."""
-    written = _options_text({**options, "names": tuple(names)}) if origin else None
-    if written is None:
-        return ""
-    import llvmlite
-
-    from ..compiler.lowering.target_machine import chosen, compiler
-
-    return object_cache.digest("kernel", origin, written, llvmlite.__version__, compiler().version, str(chosen())).hex()
-
-
-@cache
-def _version() -> str:
-    """Versions of Python and NumPy, and sizes and times of all files of this library, to detect edited copies.
-
-    Raises OSError if the library is not in a folder, for example in an archive.
-    """
-    files, folders = [], [str(Path(__file__).parents[1])]
-    while folders:
-        with os.scandir(folders.pop()) as entries:
-            for entry in entries:
-                if entry.name.endswith((".py", ".pyc")):  # .pyc files count if the library has no sources
-                    status = entry.stat()
-                    files.append(f"{entry.path} {status.st_size} {status.st_mtime_ns}")
-                elif "." not in entry.name and entry.name != "__pycache__" and entry.is_dir():
-                    folders.append(entry.path)
-    return "\n".join([sys.version, np.__version__, *sorted(files)])
-
-
-def _options_text(options: Mapping[str, Any]) -> str | None:
-    """Options that are not None as text; None if one is not a plain value."""
-    values = {name: value for name, value in sorted(options.items()) if value is not None}
-    return repr(values) if _is_plain(values) else None
-
-
-def _is_plain(value: Any) -> bool:
-    if type(value) is dict:
-        return all(type(name) is str and _is_plain(x) for name, x in value.items())
-    return type(value) in _PLAIN or (type(value) in (list, tuple) and all(map(_is_plain, value)))
-
-
-# ── Engine: options, programs, kernels and calls
 
 # A robot has one engine, ``robot.engine``: the only part of a robot that other modules use directly.
 
@@ -274,7 +121,8 @@ class Engine:
 
     def program(self, names: Sequence[str], options: Options) -> Program:
         """Straight-line program of the named quantities."""
-        from .programs import options_by_quantity, program_of_several
+        from .kernels.options import options_by_quantity
+        from .programs import program_of_several
 
         return program_of_several(self.model, options_by_quantity(self.model, names, options))
 
@@ -298,7 +146,8 @@ class Engine:
 
     def _build(self, names: Sequence[str], options: Options) -> Any:
         """Trace and compile a kernel, without cache."""
-        from .programs import LapackDerivatives, needs_lapack, options_by_quantity
+        from .kernels.large_robots import LapackDerivatives, needs_lapack
+        from .kernels.options import options_by_quantity
         from .quantities import QUANTITIES
 
         requested = options_by_quantity(self.model, names, options)
@@ -323,12 +172,14 @@ class Engine:
 
     def require_invertible(self) -> None:
         """Raise SingularMassMatrixError, naming the joints, if M has no inverse at a generic configuration."""
-        from ..mechanics.model.assembly import random_configuration
+        from ..mechanics.model.configurations import random_configuration
 
         if self.model.nv == 0:
             return
         M = self.reference("mass_matrix", (random_configuration(self.model, np.random.default_rng(0), ()),), {})
-        names = [b.joint.name for b in self.model.leaders for _ in range(b.joint.nv)]
+        names: list[str] = []
+        for body in self.model.leaders:
+            names += [body.joint.name] * body.joint.nv
         d = np.sqrt(np.abs(np.diagonal(M)))
         scale = np.where(d > 0, d, 1.0)
         values, vectors = np.linalg.eigh(M / np.outer(scale, scale))
@@ -336,7 +187,7 @@ class Engine:
         if not null.any():
             return
         largest = np.abs(vectors[:, null]).max(axis=1)
-        massless = list(dict.fromkeys(name for name, x in zip(names, largest, strict=True) if x > _MIN_NULL_COMPONENT))
+        massless = dict.fromkeys(compress(names, largest > _MIN_NULL_COMPONENT))
         raise SingularMassMatrixError(
             f"the mass matrix of robot {self.model.name!r} has no inverse: joints {', '.join(massless)} move nothing with "
             "inertia of its own. Lock them (robot.lock), give their links mass, or use inverse dynamics, which needs no "
@@ -345,7 +196,8 @@ class Engine:
 
     def reference(self, name: str, arrays: Sequence[Any], options: Options) -> Any:
         """Quantity evaluated by its algorithm on floats or symbols, at one state."""
-        from .programs import checked_options, evaluate_quantity, inputs_of
+        from .kernels.options import checked_options
+        from .programs import evaluate_quantity, inputs_of
         from .quantities import QUANTITIES
 
         full = checked_options(self.model, name, options)
@@ -353,12 +205,12 @@ class Engine:
             raise KernelError(f"reference {name}: algorithms have no by=; kernel({name!r}, by=…) has.")
         traced = is_symbolic(arrays)
         quantity = QUANTITIES[name]
-        inputs = [np.asarray(a) for a in to_numbers(self.model, name, arrays, options)]
+        inputs = list(map(np.asarray, to_numbers(self.model, name, arrays, options)))
         if not traced:
             inputs = numbers(f"reference {name}", {}, **{f"input {k}": a for k, a in enumerate(inputs, start=1)})
         shapes = inputs_of(self.model, name, full)
         if len(inputs) != len(shapes):
-            listed = ", ".join("wrench" if label.startswith("wrench at ") else label for label, _ in shapes)
+            listed = ", ".join(input_name(label) for label, _ in shapes)
             raise ShapeError(f"reference {name}: {len(inputs)} arrays given, {listed} wanted.")
         for (label, shape), array in zip(shapes, inputs, strict=True):
             if array.shape != shape:
@@ -452,7 +304,8 @@ class Engine:
     def _later(self, name: str, arrays: Sequence[Any], out: Any, options: Options) -> Any:
         """Evaluate a quantity on Dask arrays; results are Dask arrays, computed later."""
         signature = self.kernel((name,), options).signature
-        if (problem := misfit(self.model, name, arrays, options)) is not None:
+        problem = misfit(self.model, name, arrays, options)
+        if problem is not None:
             raise problem
         if out is not None:
             raise ShapeError(
@@ -469,11 +322,16 @@ def _now(engine: Engine, name: str, options: Options, *arrays: Array) -> Any:
 def _empty_results(kernel: Any, arrays: Sequence[Array]) -> Any:
     """Empty results with the type and rank that follow from the types and ranks of the inputs."""
     batch = (0,) * (max(a.ndim for a in arrays) - 1)
-    dtype: Any = np.float32 if all(np.can_cast(a.dtype, np.float32) for a in arrays) else np.float64
-    cores = re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2])
-    ranks = [core.count(",") + bool(core) for core in cores]
-    results: list[Array] = [np.empty(batch + (0,) * rank, dtype) for rank in ranks]
-    return tuple(results) if len(results) > 1 else results[0]
+    dtype: Any = np.float64
+    if all(np.can_cast(a.dtype, np.float32) for a in arrays):
+        dtype = np.float32
+    results: list[Array] = []
+    for core in re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2]):
+        rank = core.count(",") + bool(core)
+        results.append(np.empty(batch + (0,) * rank, dtype))
+    if len(results) == 1:
+        return results[0]
+    return tuple(results)
 
 
 class ConstrainedEngine(Engine):
@@ -506,11 +364,12 @@ class ConstrainedEngine(Engine):
 
     def _with_constraints(self, names: Sequence[str], options: Options) -> Options:
         """Options with the constraints; raises KernelError for quantities that they change."""
-        from .programs import options_of
+        from .kernels.options import options_of
         from .quantities import QUANTITIES
 
-        if any("constraints" in options_of(name) for name in names):
-            return {"constraints": self._constraints, **options}
+        for name in names:
+            if "constraints" in options_of(name):
+                return {"constraints": self._constraints, **options}
         changed = [name for name in names if QUANTITIES[name].constrained != "as is"]
         if changed:
             raise KernelError(
@@ -518,77 +377,3 @@ class ConstrainedEngine(Engine):
                 "robot.open()."
             )
         return options
-
-
-# ── exp and log of rotations and rigid motions as kernels
-
-SHAPES = {
-    "rotation_exp": ((3,), (3, 3)),
-    "pose_exp": ((6,), (4, 4)),
-    "rotation_log": ((3, 3), (3,)),
-    "pose_log": ((4, 4), (6,)),
-}
-"""Types of inputs and results."""
-
-
-class ExponentialKernel:
-    """Function of :mod:`~twistwrench.mechanics.lie.se3`, compiled for one row and for many."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.input_shape, self.result_shape = SHAPES[name]
-
-    def __reduce__(self) -> tuple[Callable[[str], Any], tuple[str]]:
-        return kernel, (self.name,)
-
-    def __call__(self, x: Array) -> tuple[Array, Any]:
-        """Result for x (..., n), and the flag that marks valid rows."""
-        if x.ndim > len(self.input_shape):
-            with np.errstate(all="ignore"):
-                results: tuple[Array, Array] = self._many(x)
-                return results
-        row = self._one(x)
-        return row[:-1].reshape(self.result_shape), row[-1]
-
-    def slower(self, x: Array) -> Array:
-        """Calls that the builtin passes on: a float32 row or a row that is not contiguous."""
-        with np.errstate(all="ignore"):
-            return np.asarray(self._flat(x))
-
-    @cached_property
-    def _one(self) -> Callable[[Array], Array]:
-        from ..compiler.runtime.dispatch import make_call
-
-        return make_call(self._flat, self.slower, self.name) or self.slower
-
-    @cached_property
-    def _flat(self) -> Any:
-        return self._compile(lambda x: np.concatenate([np.ravel(part) for part in self._function(x)]), ["row"])
-
-    @cached_property
-    def _many(self) -> Any:
-        return self._compile(self._function, ["result", "measure"])
-
-    @property
-    def _function(self) -> Callable[[Array], tuple[Array, Any]]:
-        from ..mechanics.lie import se3 as exponentials
-
-        function: Callable[[Array], tuple[Array, Any]] = getattr(exponentials, self.name)
-        return function
-
-    def _compile(self, function: Callable[[Array], Any], outputs: list[str]) -> Any:
-        from ..compiler.ir.tracer import trace
-
-        program = trace(function, [("x", self.input_shape)], outputs)
-        return compile_form(program, self.name, f"{self.name}, compiled.")
-
-
-@cache
-def kernel(name: str) -> ExponentialKernel | None:
-    """Kernel of a function of :mod:`~twistwrench.mechanics.lie.se3`; None if programs run on NumPy."""
-    return ExponentialKernel(name) if compiles() else None
-
-
-def install() -> None:
-    """Install compiled kernels for exp and log of :mod:`~twistwrench.mechanics.lie`."""
-    series.compiler = kernel

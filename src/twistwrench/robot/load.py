@@ -1,29 +1,23 @@
-"""Loading and saving of robots: files, screw lists, Denavit–Hartenberg tables, and models of other libraries."""
+"""Loading of robots: files, screw lists, Denavit–Hartenberg tables, and models of other libraries."""
 
 from __future__ import annotations
 
 import re
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
-from ..core.errors import ValueRangeError
-from ..core.files import as_path
 from ..core.glossary import complete
 from ..core.gravity import GRAVITY
 from ..core.typing import Frame
-from .engine import CachedModel, keep_file, known_file
+from .kernels.disk_cache import CachedModel, keep_file, known_file
 from .robot import Robot
-from .task_space_methods import require_robot
 
 if TYPE_CHECKING:
-    from ..formats.writers import RobotDocument
     from ..mechanics.model.model import Model
-    from .export.written import Saved
 
 Mimic = Literal["follow", "independent"]
 Inertia = Literal["error", "accept", "repair"]
@@ -52,8 +46,6 @@ class LoadOptions(BuildOptions, total=False):
     xacro: Mapping[str, str | float | bool] | bool | None
 
 
-_ENDINGS = {"urdf": ".urdf", "mjcf": ".xml", "sdf": ".sdf"}
-"""Ending of a file of each format."""
 _NAME = re.compile(r"\w[\w -]{0,79}")
 
 
@@ -353,82 +345,6 @@ def from_pinocchio(model: Any, *, floating_base: bool | None = None, **options: 
 
     builder, floating = read_pinocchio_model(model, floating_base)
     return Robot(builder.build(floating_base=floating, **options))
-
-
-# ── Saving
-
-
-def save(robot: Robot, path: str | Path, *, overwrite: bool = False, strict: bool = False) -> Saved:
-    """Write a robot as a URDF, MJCF or SDF file.
-
-    The file is written atomically. Visuals and collision shapes are not part of a robot and are not written.
-
-    Parameters
-    ----------
-    path : str or Path, whose suffix selects the format: ``.urdf``; ``.xml`` or ``.mjcf``; ``.sdf`` or ``.world``
-    strict : bool
-        Count lost properties against the verdict.
-
-    Returns
-    -------
-    lost : Saved, a list of str
-        Properties of the robot that the format cannot represent, one sentence each, including a tip that differs from
-        the default after reading; empty if reading the file returns the same robot.
-
-    Raises
-    ------
-    ModelError
-        The format cannot represent the robot's motion.
-
-    Examples
-    --------
-    >>> import tempfile, twistwrench as tw
-    >>> from pathlib import Path
-    >>> folder = Path(tempfile.mkdtemp())
-    >>> tw.save(tw.robots.ur5(), folder / "ur5.urdf")
-    []
-    >>> tw.load(folder / "ur5.urdf").tip
-    'tool0'
-    """
-    from ..core.files import check_outputs, refuse_existing, replacing
-    from .export.written import Saved
-
-    require_robot(robot, "save")
-    path = as_path(path)
-    write = writer_of(path, robot.name)
-    check_outputs({"the file": path}, {})
-    refuse_existing(path, overwrite=overwrite)
-    written = write(robot.model)
-    with replacing(path) as scratch:
-        scratch.write_text(written.text, encoding="utf-8", newline="\n")
-    return Saved([*written.lost, *_tip_lost(robot, path)], path, robot.name, strict=strict)
-
-
-def writer_of(path: str | Path, name: str = "robot") -> Callable[[Model], RobotDocument]:
-    """Writer of the format that the ending of a path names; raises ValueRangeError for another ending."""
-    from ..formats.writers import SUFFIXES, WRITERS
-
-    path = as_path(path)
-    form = SUFFIXES.get(path.suffix.lower())
-    if form is None:
-        raise ValueRangeError(
-            f"cannot write {path.name!r}: its ending does not name a format. Choose one of {', '.join(SUFFIXES)}, "
-            f"for example {name}{_ENDINGS.get(path.name.lower(), '.urdf')}."
-        )
-    return WRITERS[form]
-
-
-def _tip_lost(robot: Robot, path: Path) -> list[str]:
-    """Sentence if the file's default tip differs from the robot's; no format stores the tip."""
-    from ..formats import load_model
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the written robot has the same warnings
-        tip = load_model(path, inertia="accept").tip
-    if tip == robot.tip:
-        return []
-    result = "finds none" if tip is None else f"takes {tip!r}"
-    return [f"the tip is not kept: reading the file {result}; pass tip={robot.tip!r} for the same"]
 
 
 complete(globals())

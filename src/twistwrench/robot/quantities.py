@@ -9,6 +9,9 @@ from typing import Any, Literal
 
 from ..mechanics.algorithms import (
     constraints,
+    coriolis_matrix,
+    dynamics_derivatives,
+    energies,
     forward_dynamics,
     friction,
     inverse_dynamics,
@@ -70,8 +73,6 @@ def row(
     )
 
 
-# ── Table of quantities
-
 # A quantity is one algorithm and one row of this table. CPU and GPU kernels, comments of exported C code, and the
 # tables of the docs are derived from these rows.
 
@@ -88,11 +89,11 @@ QUANTITIES: Mapping[str, Quantity] = {
         options="wrenches gravity", felt=True, unit=_TORQUE, book="section 8.1.2",
     ),
     "center_of_mass": row(
-        mass_matrix.center_of_mass, "q", "com", "3", "centre of mass of the moving bodies in the base frame [m]",
+        energies.center_of_mass, "q", "com", "3", "centre of mass of the moving bodies in the base frame [m]",
         needs_mass=True, unit="m",
     ),
     "christoffel": row(
-        mass_matrix.christoffel, "q", "gamma", "nv nv nv",
+        coriolis_matrix.christoffel, "q", "gamma", "nv nv nv",
         "Christoffel symbols of the first kind: c_i = sum over j, k of gamma[i][j][k] dq_j dq_k",
         felt=True, book="eq. 8.12", unit="kg m^2 (sliding joints: kg)",
     ),
@@ -101,7 +102,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         options="constraints", unit="m",
     ),
     "com_jacobian": row(
-        mass_matrix.com_jacobian, "q", "J", "3 nv", "J with d(com)/dt = J dq",
+        energies.com_jacobian, "q", "J", "3 nv", "J with d(com)/dt = J dq",
         needs_mass=True,
         unit="m/rad (sliding joints: m/m)",
     ),
@@ -128,7 +129,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         felt=True, unit=_TORQUE, book="section 8.1.2",
     ),
     "coriolis_matrix": row(
-        mass_matrix.coriolis_matrix, "q dq", "C", "nv nv", "C with c = C dq, dM/dt - 2 C skew-symmetric",
+        coriolis_matrix.coriolis_matrix, "q dq", "C", "nv nv", "C with c = C dq, dM/dt - 2 C skew-symmetric",
         felt=True, book="section 8.1.2", unit="N m s/rad (sliding joints: N s/m)",
     ),
     "drive_torques": row(
@@ -142,7 +143,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         book="section 8.5", constrained="projected",
     ),
     "forward_dynamics_derivatives": row(
-        forward_dynamics.forward_dynamics_derivatives, "q dq tau", "ddq_by_q ddq_by_dq ddq_by_tau", "nv nv, nv nv, nv nv",
+        dynamics_derivatives.forward_dynamics_derivatives, "q dq tau", "ddq_by_q ddq_by_dq ddq_by_tau", "nv nv, nv nv, nv nv",
         "derivatives of ddq by q (along the joint twists), dq and tau",
         options="wrenches", felt=True, needs_inverse=True,
         unit="1/s^2, 1/s, 1/(kg m^2) (sliding joints: 1/kg)", constrained="refused",
@@ -184,7 +185,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         constrained="projected",
     ),
     "inverse_dynamics_derivatives": row(
-        forward_dynamics.inverse_dynamics_derivatives, "q dq ddq", "tau_by_q tau_by_dq", "nv nv, nv nv",
+        dynamics_derivatives.inverse_dynamics_derivatives, "q dq ddq", "tau_by_q tau_by_dq", "nv nv, nv nv",
         "derivatives of tau by q (along the joint twists) and dq",
         options="wrenches", felt=True,
         unit="N m/rad, N m s/rad (sliding joints: N/m, N s/m)", constrained="projected",
@@ -210,7 +211,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         options="wrenches gravity", unit="N m, N", constrained="projected",
     ),
     "kinetic_energy": row(
-        mass_matrix.kinetic_energy, "q dq", "K", "", "kinetic energy [J]",
+        energies.kinetic_energy, "q dq", "K", "", "kinetic energy [J]",
         unit="J", book="section 8.1.2",
     ),
     "link_poses": row(
@@ -223,16 +224,16 @@ QUANTITIES: Mapping[str, Quantity] = {
         felt=True, unit="kg m^2 (sliding joints: kg)", book="eq. 8.57",
     ),
     "momentum": row(
-        mass_matrix.momentum, "q dq", "P", "6", "momentum (angular, linear) at the origin of the base frame",
+        energies.momentum, "q dq", "P", "6", "momentum (angular, linear) at the origin of the base frame",
         unit="N m s, N s",
     ),
     "momentum_about_com": row(
-        mass_matrix.momentum_about_com, "q dq", "P", "6",
+        energies.momentum_about_com, "q dq", "P", "6",
         "momentum (angular, linear) about the centre of mass, axes of the base frame",
         needs_mass=True, unit="N m s, N s",
     ),
     "potential_energy": row(
-        mass_matrix.potential_energy, "q", "P", "",
+        energies.potential_energy, "q", "P", "",
         "potential energy [J], zero with the centre of mass at the origin of the base frame",
         unit="J",
     ),

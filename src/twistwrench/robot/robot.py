@@ -15,25 +15,25 @@ from ..core.errors import HintedClass, ShapeError
 from ..core.glossary import complete
 from ..core.typing import Array
 from .arguments import Rows, Wrenches, check_mapping, names_of, states, wrench_at
-from .base import Motion, Slopes, Torques
+from .base import Motion, Slopes, Torques, require_robot
 from .constraint_methods import ConstraintMethods
 from .conversion_methods import BridgeMethods, EditMethods, ExportMethods, FileMethods
 from .doors import MethodName, RobotDoors, RolledOut, Simulated
 from .quantity_methods import QuantityMethods
-from .task_space_methods import ActuationMethods, TaskSpaceMethods, require_robot
+from .task_space_methods import ActuationMethods, TaskSpaceMethods
 
 if TYPE_CHECKING:
     from ..compiler.runtime.dispatch import CallSignature
-    from ..mechanics.algorithms.inverse_dynamics import ClosedForm
+    from ..mechanics.algorithms.closed_form import ClosedForm
     from .doors import ConstrainedRobot
     from .explanation import Explanation
-    from .ik import IKResult
+    from .inverse_kinematics.solve import IKResult
 
 
 @cache
 def _inverse_kinematics() -> Callable[..., IKResult]:
     """Import the solver at the first call; an import statement costs a large part of a nearby solution's time."""
-    from .ik import solve
+    from .inverse_kinematics.solve import solve
 
     return solve
 
@@ -237,7 +237,7 @@ class Robot(
         result = _inverse_kinematics()(robot, T, frame, q0, rows, restarts, rng, *options)
         if clearance is None:
             return result
-        from .ik import clear_of_links
+        from .inverse_kinematics.solve import clear_of_links
 
         poses = np.asarray(T)
         core = 2 if frame is None or isinstance(frame, str) else 3
@@ -289,7 +289,7 @@ class Robot(
         array([[ 0.3,  0.8],
                [ 1.1, -0.8]])
         """
-        from .ik import branches
+        from .inverse_kinematics.branches import branches
 
         return branches(
             require_robot(self, "inverse_kinematics_branches"), T, frame, rows, starts, rng, angle, distance
@@ -379,7 +379,7 @@ class Robot(
         wrenches = {frame: wrench_at(self.model, frame, F) for frame, F in (wrench_by_robot or {}).items()}
         if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
             raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
-        from ..mechanics.algorithms.inverse_dynamics import closed_form
+        from ..mechanics.algorithms.closed_form import closed_form
 
         return closed_form(self.model, q, dq, wrenches)
 

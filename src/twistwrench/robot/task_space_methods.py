@@ -1,4 +1,4 @@
-"""Task-space inertia and bias (MR section 8.6), motor torques and powers (MR section 8.9), and a type check for robots."""
+"""Task-space inertia and bias (MR section 8.6), and motor torques and powers (MR section 8.9)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import arguments, third_party
-from ..core.errors import ModelError, ModelWarning, ValueRangeError
+from ..core.errors import ModelError, ModelWarning
 from ..core.glossary import complete
 from ..core.typing import Array
 from .arguments import Kind, Rows, Wrenches, states, to_numbers
-from .base import RobotBase
+from .base import RobotBase, require_robot
 
 if TYPE_CHECKING:
-    from ..mechanics.algorithms.inverse_dynamics import MotorLoads, PowerBalance
+    from ..mechanics.algorithms.motor_loads import MotorLoads, PowerBalance
     from .doors import ConstrainedRobot
     from .robot import Robot
 
@@ -95,8 +95,8 @@ class TaskSpaceMethods(RobotBase):
         >>> abs(arm.lost_directions([0, 0], kind="world_aligned", rows="vx vz").round(12)).tolist()
         [[1.0, 0.0]]
         """
+        from ..mechanics.algorithms.constraint_projector import ConstraintProjector
         from ..mechanics.algorithms.kinematics import row_numbers
-        from ..mechanics.algorithms.loop_closure import ConstraintProjector
 
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
         chosen = list(row_numbers(rows))
@@ -110,8 +110,8 @@ def _task_quantity(
     robot: Robot, name: str, arrays: tuple[ArrayLike, ...], frame: str | None, kind: Kind, rows: Rows
 ) -> Array:
     """Λ or η by the kernel; recomputed with singular values if pivots are near zero."""
+    from ..mechanics.algorithms.constraint_projector import ConstraintProjector, needs_singular_values
     from ..mechanics.algorithms.kinematics import row_numbers
-    from ..mechanics.algorithms.loop_closure import ConstraintProjector, needs_singular_values
 
     chosen = row_numbers(rows)
     arrays = to_numbers(robot.model, name, arrays, {})
@@ -144,7 +144,7 @@ def _task_quantity(
 
 def _samples(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array, Array]:
     """J (8, 6, nv) and M (8, nv, nv) at sample configurations, and typical sizes of the rows of J scaled by M; (6,)."""
-    from ..mechanics.algorithms.loop_closure import usual_sizes
+    from ..mechanics.algorithms.constraint_projector import usual_sizes
 
     def build() -> tuple[Array, Array, Array]:
         robot.engine.require_invertible()
@@ -159,7 +159,7 @@ def _samples(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array,
 
 def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tuple[int, ...]) -> None:
     """Warn once of rows that are lost at every configuration."""
-    from ..mechanics.algorithms.loop_closure import independent_rows
+    from ..mechanics.algorithms.constraint_projector import independent_rows
     from ..mechanics.lie.labelled import TWIST
 
     remarked = robot.engine.cache(("lost rows remarked", frame, kind, chosen), list)
@@ -195,13 +195,13 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tupl
 
 
 def _make_motor_loads(*arrays: Any) -> MotorLoads:
-    from ..mechanics.algorithms.inverse_dynamics import MotorLoads
+    from ..mechanics.algorithms.motor_loads import MotorLoads
 
     return MotorLoads(*arrays)
 
 
 def _make_power_balance(*arrays: Any) -> PowerBalance:
-    from ..mechanics.algorithms.inverse_dynamics import PowerBalance
+    from ..mechanics.algorithms.motor_loads import PowerBalance
 
     return PowerBalance(*arrays)
 
@@ -282,7 +282,7 @@ class ActuationMethods(RobotBase):
         if not robot.actuators:
             raise ModelError(f"robot {robot.name!r} has no actuators. Describe them: robot.with_actuators(file).")
         wrenches = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        from ..mechanics.algorithms.inverse_dynamics import motor_loads
+        from ..mechanics.algorithms.motor_loads import motor_loads
 
         carried, rotor = self._loads(q, dq, ddq, friction, wrenches)
         (dq,) = states(robot.model, "motor_loads", dq=dq)
@@ -320,7 +320,7 @@ class ActuationMethods(RobotBase):
         >>> round(float(balance.joints), 9), abs(float(sum(balance))) < 1e-12
         (25.0, True)
         """
-        from ..mechanics.algorithms.inverse_dynamics import power_balance
+        from ..mechanics.algorithms.motor_loads import power_balance
 
         robot, wrenches = self.open(), {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         ddq, past_friction = self._accelerate(q, dq, tau, friction, wrenches)
@@ -334,22 +334,6 @@ class ActuationMethods(RobotBase):
         else:
             friction_torque = np.zeros_like(dq)
         return power_balance(dq, tau, moving, pushing, friction_torque)
-
-
-# ── Check that an argument is a robot
-
-
-def require_robot(robot: object, what: str) -> Robot:
-    """Return ``robot`` if it is a Robot without constraints; raises ValueRangeError otherwise."""
-    if not isinstance(robot, RobotBase):
-        raise ValueRangeError(
-            f"{what}: the robot is {arguments.value_text(robot)}: give a tw.Robot, as tw.load(path) makes one."
-        )
-    if robot.constraints:
-        raise ValueRangeError(
-            f"{what}: not available for a robot with constraints, {robot!r}. For the robot with its loops open: robot.open()."
-        )
-    return cast("Robot", robot)
 
 
 complete(globals())

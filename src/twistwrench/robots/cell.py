@@ -230,7 +230,7 @@ class RobotCell(Answer):
         ValueRangeError
             The file exists, and ``overwrite`` is False; or its suffix is none of a robot file.
         """
-        from ..robot.load import save
+        from ..robot.save import save
 
         return save(self.robot, path, overwrite=overwrite)
 

@@ -123,13 +123,18 @@ def _description(name: str) -> str:
 
 
 def _bundled_table(names: Sequence[str]) -> Table:
-    models = [getattr(robots, name)().model for name in names]
+    coordinate_counts, velocity_counts, masses = [], [], []
+    for name in names:
+        model = getattr(robots, name)().model
+        coordinate_counts.append(model.nq)
+        velocity_counts.append(model.nv)
+        masses.append(model.moving_mass)
     return Table(
         "",
         words("robot", names, fold=False, style=Style.STRONG),
-        numbers("q", [model.nq for model in models]),
-        numbers("dq", [model.nv for model in models]),
-        numbers("kg", [model.moving_mass for model in models]),
+        numbers("q", coordinate_counts),
+        numbers("dq", velocity_counts),
+        numbers("kg", masses),
         words("what it is", map(_description, names)),
     )
 

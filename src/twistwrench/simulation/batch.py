@@ -14,7 +14,7 @@ from ..core import arguments
 from ..core.errors import ShapeError, SimulationError, TwistWrenchError, ValueRangeError
 from ..core.numbers import residual
 from ..core.typing import Array
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .blocks import use_block
 from .compiled_steps import CompiledSteps
 from .forces import require_arguments

@@ -11,10 +11,10 @@ from ..core import arguments
 from ..core.errors import SimulationError, UnknownNameError, ValueRangeError
 from ..core.numbers import printed, residual
 from ..core.typing import Array
-from ..mechanics.algorithms.loop_closure import MIN_PIVOT
+from ..mechanics.algorithms.constraint_projector import MIN_PIVOT
 from ..mechanics.model.parameters import moves_joints
 from ..robot.constraints.closures import some_configurations
-from ..robot.constraints.tolerances import require_met
+from ..robot.constraints.states import require_met
 from .methods.closed_steps import (
     LARGEST_GAP,
     LARGEST_RATE,

@@ -15,7 +15,7 @@ from ..core.errors import ValueRangeError
 from ..core.glossary import complete
 from ..core.numbers import number, residual
 from ..core.typing import Array
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .events import Happening
 
 if TYPE_CHECKING:

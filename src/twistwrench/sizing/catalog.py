@@ -14,7 +14,8 @@ from ..formats.actuators import gear_ratio, plain_share, read_motor
 from ..formats.yaml import Section, Source, read_yaml, short_text
 from ..mechanics.model.actuators import Actuator, Motor, check_actuator
 from ..mechanics.model.limits import BEARINGS
-from .drives import KINDS, CatalogMotor, Gear
+from .drives import CatalogMotor
+from .gear import KINDS, Gear
 
 Pair = tuple[str, str]
 """Names of a motor and a gear. The gear of a servo, whose data apply to its output, is ``DIRECT``."""

@@ -33,18 +33,9 @@ from ..reports.torque_report import TorqueReport
 from ..reports.torque_verdict import condition_of_excesses, contradictions, log_doubts, rows_in_doubt
 from ..statics.reactions import bearing_loads
 from .catalog import DIRECT, Catalog, Pair
-from .drives import (
-    CatalogMotor,
-    Cycle,
-    Gear,
-    SizedGear,
-    SizedMotor,
-    Supply,
-    sized_gear,
-    sized_motor,
-    supply_of,
-    with_noise,
-)
+from .cycle import Cycle, with_noise
+from .drives import CatalogMotor, SizedMotor, Supply, sized_motor, supply_of
+from .gear import Gear, SizedGear, sized_gear
 
 if TYPE_CHECKING:
     from ..core.answers.page import Setting

@@ -25,7 +25,7 @@ from ..reports.torque_analysis import analyse
 from ..reports.torque_report import TorqueReport
 from ..reports.torque_verdict import contradictions
 from ..robot import Robot
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from ..robots.finding import bundled_file
 from .catalog import Catalog, read_catalog
 from .choice import Sizing, bare_robot, drive_joints, sizing_of, sizing_refused

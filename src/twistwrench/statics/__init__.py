@@ -10,15 +10,8 @@ from .support import Support, hold, support  # now, since its file has the name 
 if TYPE_CHECKING:
     from .clearance import Clearance
     from .contacts import Contact
-    from .equilibrium import (
-        Equilibrium,
-        TorqueWrench,
-        body_equilibrium,
-        least_norm_contact_forces,
-        robot_equilibrium,
-        wrench_from_torques,
-    )
-    from .feet import base_from_stance, find_feet, patch, sole, wheel
+    from .equilibrium import Equilibrium, body_equilibrium, least_norm_contact_forces, robot_equilibrium
+    from .feet import find_feet, patch, sole, wheel
     from .force_capability import (
         LargestWrench,
         WrenchEllipsoid,
@@ -38,6 +31,8 @@ if TYPE_CHECKING:
         torques_per_kilogram,
     )
     from .reactions import BearingLoads, MountingLoad, bearing_loads, bolt_circle, mounting_load
+    from .stance import base_from_stance
+    from .torque_wrench import TorqueWrench, wrench_from_torques
 
 __all__ = [
     "BearingLoads",
@@ -81,12 +76,9 @@ _FILES = {
     "Clearance": "clearance",
     "Contact": "contacts",
     "Equilibrium": "equilibrium",
-    "TorqueWrench": "equilibrium",
     "body_equilibrium": "equilibrium",
     "least_norm_contact_forces": "equilibrium",
     "robot_equilibrium": "equilibrium",
-    "wrench_from_torques": "equilibrium",
-    "base_from_stance": "feet",
     "find_feet": "feet",
     "patch": "feet",
     "sole": "feet",
@@ -110,6 +102,9 @@ _FILES = {
     "bearing_loads": "reactions",
     "bolt_circle": "reactions",
     "mounting_load": "reactions",
+    "base_from_stance": "stance",
+    "TorqueWrench": "torque_wrench",
+    "wrench_from_torques": "torque_wrench",
 }
 """File of each name, imported on first use: clearance reads shapes, which a command about feet does not need."""
 

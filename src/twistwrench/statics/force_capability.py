@@ -16,18 +16,10 @@ from ..core.numbers import number, vector
 from ..core.text import argument
 from ..core.typing import Array
 from ..mechanics.model.couplings import motor_torques
-from ..robot.task_space_methods import require_robot
-from .equilibrium import RANK_TOLERANCE
-from .torque_limits import (
-    effort_limits,
-    growth,
-    one_configuration,
-    require_fixed_base,
-    resting_torques,
-    same_batch,
-    span,
-    unit_vectors,
-)
+from ..robot.base import require_robot
+from .arguments import one_configuration, same_batch, unit_vectors
+from .torque_limits import effort_limits, growth, require_fixed_base, resting_torques, span
+from .torque_wrench import RANK_TOLERANCE
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -164,9 +156,6 @@ def part_rows(part: str) -> slice:
         raise UnknownNameError.from_choices("part of a wrench", part, PARTS) from None
 
 
-# ── Largest wrench along a direction and weakest direction, in closed form
-
-
 @dataclass(frozen=True, eq=False)
 class LargestWrench:
     """Largest wrench along a direction that the robot can apply at rest.
@@ -290,9 +279,6 @@ def _along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrenc
         np.where(holds, s.side, 0),
         robot.model.drive_labels,
     )
-
-
-# ── Wrench polytope: wrenches within the torque limits at rest, after gravity
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,16 +17,9 @@ from ..mechanics.joints.units import units_of
 from ..mechanics.model.couplings import drive_turns, motor_torques
 from ..mechanics.model.joint_loads import follower_torques
 from ..motion.load_case import least_torque_per_kilogram
-from ..robot.task_space_methods import require_robot
-from .torque_limits import (
-    effort_limits,
-    growth,
-    one_configuration,
-    require_fixed_base,
-    resting_torques,
-    same_batch,
-    span,
-)
+from ..robot.base import require_robot
+from .arguments import one_configuration, same_batch
+from .torque_limits import effort_limits, growth, require_fixed_base, resting_torques, span
 
 if TYPE_CHECKING:
     from ..robot import Robot

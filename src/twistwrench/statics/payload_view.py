@@ -17,10 +17,10 @@ from ..core.typing import Array
 from ..core.verdict import Word
 from ..mechanics.joints.units import heading_unit, unit_of
 from ..motion.coordinates import Coordinates, degrees_hint
+from .arguments import unit_slips
 from .equilibrium import BeyondStop
 from .force_capability import largest_wrench, weakest_direction
 from .payload_report import PayloadReport
-from .torque_limits import unit_slips
 
 _ROUNDING = 12
 """Decimals of a coordinate; smaller values are rounding errors."""
@@ -49,9 +49,6 @@ def payload_view(report: PayloadReport) -> Iterator[Block]:
     positions |= {f"the centre of the tool of {number(p.mass)} kg": np.array(p.place) for p in report.load.payloads}
     slips = unit_slips(report.robot, report.q, report.limits, positions, degrees=report.degrees)
     yield from remarks([*slips, *report.load.unit_hints])
-
-
-# ── The verdict
 
 
 def findings(report: PayloadReport) -> list[tuple[Word, tuple[str, ...]]]:
@@ -112,9 +109,6 @@ def _stops_words(beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
         value, excess, stop = (quantity(scale * x, unit, decimals=_ROUNDING) for x in (b.value, b.by, b.stop))
         parts.append(f"{b.joint} at {value} is {excess} {side} position limit, {stop}")
     return f"the robot cannot be in this pose: {'; '.join(parts)}"
-
-
-# ── Tables and lines
 
 
 def _holding_torques(report: PayloadReport) -> Table:

@@ -21,7 +21,7 @@ from ..mechanics.lie.labelled import WRENCH
 from ..mechanics.model.joint_loads import bearing_loads as components
 from ..mechanics.model.limits import BEARINGS
 from ..mechanics.model.model import BASE, Body, Model
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .torque_limits import floating_entries
 
 if TYPE_CHECKING:

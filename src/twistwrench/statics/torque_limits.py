@@ -1,9 +1,8 @@
-"""Torque limits and load margins, with argument checks of ``statics``."""
+"""Torque limits, resting torques and load margins."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,10 +14,9 @@ from ..core.errors import ShapeError, ValueRangeError
 from ..core.numbers import margin, number, printed
 from ..core.text import Argument, spell
 from ..core.typing import Array
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 
 if TYPE_CHECKING:
-    from ..mechanics.model.limits import Limits
     from ..robot import Robot
 
 _NO_LEVER = 1e-12
@@ -151,86 +149,3 @@ def growth(start: Array, step: Array, limits: Array) -> Growth:
     side = np.take_along_axis(np.where(step > 0, 1, -1), joint[..., None], axis=-1)[..., 0]
     free = ~np.isfinite(bound)
     return Growth(least_s.max(axis=-1), bound, largest_s, np.where(free, -1, joint), np.where(free, 0, side))
-
-
-# ── Argument checks of ``statics``: poses and directions
-
-
-def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
-    """Check that ``q`` is one finite configuration (nq,). ShapeError and ValueRangeError quote ``what`` and ``why``."""
-    require_robot(robot, what)
-    array = np.asarray(arguments.real(q, f"{what}: q", robot.nq, names=robot.coordinate_names), float)
-    if array.ndim != 1:
-        raise ShapeError(
-            f"{what} takes one q ({robot.nq},) of robot {robot.name!r}, got shape {array.shape}: {why}. "
-            f"Call it pose by pose: [{what}(robot, x, …) for x in q.reshape(-1, {robot.nq})]."
-        )
-    if not np.isfinite(array).all():
-        k = int(np.argmin(np.isfinite(array)))
-        raise ValueRangeError(f"{what}: {robot.coordinate_names[k]!r} is {printed(array[k])}. Give finite coordinates.")
-    return array
-
-
-def unit_vectors(direction: ArrayLike, *sizes: int) -> Array:
-    """Scale ``direction`` (..., n) to unit length; n must be one of ``sizes``. Raises ShapeError, ValueRangeError."""
-    try:
-        last_axis = np.shape(direction)[-1:]
-    except ValueError:  # ragged; rejected below
-        last_axis = ()
-    n = last_axis[0] if last_axis and last_axis[0] in sizes else sizes[0]
-    try:
-        d = np.asarray(arguments.real(direction, "direction", n), float)
-    except ShapeError as problem:
-        more = "".join(f" Or give {k} numbers." for k in sizes[1:])
-        raise ShapeError(f"{problem}{more}") from None
-    length = np.linalg.norm(d, axis=-1, keepdims=True)
-    if not (np.isfinite(length).all() and (length > 0).all()):
-        raise ValueRangeError("a direction of zero or not finite length points nowhere. Give one with a finite length.")
-    return d / length
-
-
-def same_batch(**arrays: Array) -> None:
-    """Check that batch shapes (all axes but the last) broadcast. Raises ShapeError."""
-    try:
-        np.broadcast_shapes(*(x.shape[:-1] for x in arrays.values()))
-    except ValueError:
-        raise arguments.mismatch(**arrays) from None
-
-
-# ── Unit checks: millimetres for metres, degrees for radians
-
-_SUSPECT_LENGTH = 1.0
-"""m: lever or excess of a sliding joint above which a wrong unit is suspected."""
-
-
-def unit_slips(
-    robot: Robot, q: Array, limits: Limits, positions: Mapping[str, Array], *, degrees: bool = False
-) -> Iterator[str]:
-    """Warnings about values that suggest a wrong unit, in the named ``positions`` (3,) [m] and in q (nq,).
-
-    Suspect values are a position beyond 1 m and a sliding joint more than 1 m beyond its limits. Unless angles are in
-    ``degrees``, so is a revolute joint more than one turn beyond its limits, or beyond ±2 turns if it has none.
-    """
-    for name, position in positions.items():
-        distance = float(np.linalg.norm(position))
-        if distance > _SUSPECT_LENGTH:
-            metres = ",".join(f"{printed(x / 1000)}" for x in position)
-            yield f"{name} is {printed(distance)} m from its frame: lengths are in metres. If those are mm, write {metres}."
-    for b in robot.model.leaders:
-        if b.joint.nq != 1:
-            continue
-        name, value = b.joint.name, float(q[b.q_index])
-        turns = bool(b.joint.axes[0][:3].any())
-        bound = 2 * math.pi if turns else math.inf
-        low, high = max(float(limits.lower[b.v_index]), -bound), min(float(limits.upper[b.v_index]), bound)
-        beyond = max(low - value, value - high)
-        if turns and not degrees and beyond > 2 * math.pi:
-            yield (
-                f"{name} at {printed(value)} rad is more than a turn beyond its limits: angles are in radians. If those "
-                f"are degrees, add {spell(Argument('degrees', True))}."
-            )
-        elif not turns and beyond > _SUSPECT_LENGTH:
-            yield (
-                f"{name} at {printed(value)} m is more than 1 m beyond its limits: lengths are in metres. If those are mm, "
-                f"write {printed(value / 1000)}."
-            )

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..core.errors import ValueRangeError
 from ..core.text import visible
+from .names import names_of
 from .source_code import (
     FUNCTIONS,
-    WAVES,
     Routine,
     constants,
     expression_text,
@@ -43,7 +43,7 @@ def c_source(equations: Equations, prefix: str | None = None) -> str:
     n = len(equations.q)
     remarks = header(equations)
     if symbols:
-        remarks.append(f"p = ({', '.join(symbol.name for symbol in symbols)})")
+        remarks.append(f"p = ({', '.join(names_of(symbols))})")
     text = visible("\n".join(remarks)).replace("*/", "* /").replace("/*", "/ *")
     comment = "\n".join(f" * {line}" for line in text.splitlines())
     parts = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
@@ -88,10 +88,12 @@ def _function(function: Routine, signature: str, n: int, has_parameters: bool) -
 
 
 _C = {
-    **{name: f"{name}({{}})" for name in (*WAVES, "exp", "log", "sqrt")},
-    **{f"a{name}": f"a{name}({{}})" for name in WAVES},
+    "sin": "sin({})", "cos": "cos({})", "tan": "tan({})", "sinh": "sinh({})", "cosh": "cosh({})", "tanh": "tanh({})",
+    "exp": "exp({})", "log": "log({})", "sqrt": "sqrt({})",
+    "asin": "asin({})", "acos": "acos({})", "atan": "atan({})",
+    "asinh": "asinh({})", "acosh": "acosh({})", "atanh": "atanh({})",
     "atan2": "atan2({}, {})",
     "Abs": "fabs({})",
     "sign": "(double)((({0}) > 0.0) - (({0}) < 0.0))",
     "pow": "pow({}, {})",
-}
+}  # fmt: skip

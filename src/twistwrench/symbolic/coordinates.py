@@ -6,6 +6,7 @@ Euler angles of Modern Robotics appendix B.1.1, because the four numbers of a qu
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,16 @@ def rate_symbol(name: str, mark: str = "dot") -> str:
     """
     stem, line, index = name.partition("_")
     return f"{stem}{mark}{line}{index}"
+
+
+def variable_names(coordinates: Iterable[Coordinate | Variable]) -> tuple[list[str], list[str], list[str]]:
+    """Symbols of coordinates, of their rates, and of their accelerations."""
+    names, rates, accelerations = [], [], []
+    for coordinate in coordinates:
+        names.append(coordinate.name)
+        rates.append(coordinate.rate)
+        accelerations.append(coordinate.acceleration)
+    return names, rates, accelerations
 
 
 def coordinates_of(model: Model) -> tuple[Coordinate, ...]:

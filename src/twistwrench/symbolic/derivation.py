@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,8 +19,8 @@ from ..core.typing import Names
 from ..core.verdict import Verdict, Word
 from ..mechanics.model.model import Model
 from ..robot import Robot, load
-from ..robot.task_space_methods import require_robot
-from .coordinates import Coordinate, coordinates_of
+from ..robot.base import require_robot
+from .coordinates import Coordinate, coordinates_of, variable_names
 from .derivation_check import TOLERANCE, DerivationCheck, check_derivation
 from .derivation_size import (
     LARGEST_POSITION,
@@ -43,7 +44,7 @@ from .expanded_form import (
 )
 from .factored_form import EquationWriter
 from .intermediate_names import named_derivation
-from .names import require_sympy, sympy
+from .names import names_of, require_sympy, sympy
 from .parameters import ModelEntries, model_entries
 from .source_code import free_symbols
 from .trig_polynomial import Ring
@@ -245,12 +246,13 @@ def derive(
     exprs += dict(fields.get("definitions", ())).values()
     for step in fields["steps"]:
         exprs += dict(step.lines).values()
-    used = {symbol.name for symbol in free_symbols(exprs)}
+    used = set(names_of(free_symbols(exprs)))
+    names, rates, accelerations = variable_names(coordinates)
     derivation = Derivation(
         name=robot.name,
-        q=_symbols(c.name for c in coordinates),
-        dq=_symbols(c.rate for c in coordinates),
-        ddq=_symbols(c.acceleration for c in coordinates),
+        q=_symbols(names),
+        dq=_symbols(rates),
+        ddq=_symbols(accelerations),
         parameters=tuple(p for p in entries.parameters if p.name in used),
         meanings=tuple((c.name, c.meaning) for c in coordinates),
         remarks=_friction_remark(robot),
@@ -259,7 +261,7 @@ def derive(
     )
     selected = None
     if steps is not None:
-        selected = tuple(step.name for step in derivation.chosen(_named_steps(steps)))
+        selected = tuple(names_of(derivation.chosen(_named_steps(steps))))
     return replace(derivation, check=check_derivation(derivation, robot), selected=selected)
 
 
@@ -313,7 +315,8 @@ def _symbols(names: Iterable[str]) -> tuple[Any, ...]:
 def _energy_steps(
     writer: EquationWriter, coordinates: Any, tags: list[str], motion: SymbolicMotion, energy: Any, L: Any
 ) -> tuple[Step, ...]:
-    motions, (K, P, springs, drives) = [c.rate for c in coordinates], energy
+    _, motions, _ = variable_names(coordinates)
+    K, P, springs, drives = energy
 
     def column(vector: Any) -> Any:
         return sympy.ImmutableMatrix([writer.write_by_motion(x, motions, writer.write_by_angle) for x in vector])
@@ -321,7 +324,7 @@ def _energy_steps(
     def energy_by_mass(total: Any) -> Any:
         return writer.write_by_motion(total, motions, writer.write_by_mass)
 
-    lines: dict[str, list[Line]] = {name: [] for name in _ENERGY_STEPS}
+    lines: defaultdict[str, list[Line]] = defaultdict(list)
     for i, tag in enumerate(tags):
         lines["positions"].append((Label(f"p_{tag}"), column(motion.positions[i])))
         lines["velocities"].append((Label(f"v_{tag}"), column(motion.velocities[i])))

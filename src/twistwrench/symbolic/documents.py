@@ -205,7 +205,7 @@ _PLAIN = {
     "_": "\\_", "%": "\\%", "&": "\\&", "#": "\\#", "$": "\\$", "{": "\\{", "}": "\\}", "^": "\\^{}", "~": "\\~{}",
     "\\": "\\textbackslash{}",
 }  # fmt: skip
-_SPECIAL = re.compile("|".join(re.escape(plain) for plain in sorted(_PLAIN, key=len, reverse=True)))
+_SPECIAL = re.compile("|".join(map(re.escape, sorted(_PLAIN, key=len, reverse=True))))
 
 
 def _latex_text(text: str) -> str:

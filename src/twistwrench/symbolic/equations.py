@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import wraps
@@ -15,10 +16,11 @@ import numpy as np
 from ..core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ..core.glossary import complete
 from .c_source import c_source
+from .coordinates import variable_names
 from .documents import Latex, latex_document, markdown_document
 from .expanded_form import Terms
 from .factored_form import EquationWriter
-from .names import Notation, Text, sympy
+from .names import Notation, Text, names_of, sympy
 from .numpy_source import numpy_source
 from .parameters import Parameter
 from .source_code import FUNCTIONS, constants
@@ -167,7 +169,7 @@ class Equations:
         for step in self.steps:
             if step.name == str(name).replace("-", "_"):
                 return step
-        raise UnknownNameError.from_choices("step", name, [s.name for s in self.steps])
+        raise UnknownNameError.from_choices("step", name, names_of(self.steps))
 
     def chosen(self, steps: Iterable[str] | None) -> tuple[Step, ...]:
         """Steps with the given names, or all steps for None.
@@ -286,7 +288,7 @@ class Equations:
             scope: dict[str, Any] = {}
             exec(compile(self.numpy_source(), f"<equations of {self.name}>", "exec"), scope)
             self.cache["module"] = scope
-        return _complete(self.cache["module"][name], [s.name for s in constants(self)])
+        return _complete(self.cache["module"][name], names_of(constants(self)))
 
 
 def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., Any]:
@@ -353,9 +355,7 @@ def weighted_sum(coefficients: Iterable[Any], factors: Iterable[Any]) -> Any:
 def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     """Fields of :class:`~twistwrench.symbolic.equations.Equations` from K and P."""
     n, ring = len(terms.coordinates), terms.ring
-    names = [c.name for c in terms.coordinates]
-    rates = [c.rate for c in terms.coordinates]
-    accelerations = [c.acceleration for c in terms.coordinates]
+    names, rates, accelerations = variable_names(terms.coordinates)
     motions = [*rates, *accelerations]
     speed, push = list(map(ring.symbol, rates)), list(map(ring.symbol, accelerations))
     L = terms.kinetic - terms.potential
@@ -417,7 +417,7 @@ def equation_fields(
     only: Iterable[str] = STEPS,
 ) -> dict[str, Any]:
     """Fields of :class:`Equations`, and the steps of :data:`STEPS` that have lines (only those in ``only``, if given)."""
-    lines: dict[str, list[Line]] = {name: [] for name in STEPS}
+    lines: defaultdict[str, list[Line]] = defaultdict(list)
     lines["explicit_time"] = list(explicit_time)
     n = len(q)
     for i in range(n):

@@ -19,7 +19,8 @@ import numpy as np
 from ..core.typing import Array
 from ..mechanics.joints.joint import CosineSine, exact, exact_rodrigues
 from ..mechanics.model.model import BASE, Body, Model
-from .coordinates import Coordinate, Variable
+from .coordinates import Coordinate, Variable, variable_names
+from .names import names_of
 from .parameters import BodyEntries, Entries, Entry, ModelEntries
 from .trig_polynomial import Ring, TrigPolynomial
 
@@ -136,7 +137,7 @@ def _without_round_off(x: float) -> float:
 
 def ring_of(entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> Ring:
     """Ring of a robot: its parameters, coordinates and rates."""
-    names = [p.name for p in entries.parameters]
+    names = names_of(entries.parameters)
     for c in coordinates:
         names += [c.name, c.rate, c.acceleration]
     return Ring(names, [c.name for c in coordinates if c.angle])
@@ -297,6 +298,7 @@ class Terms:
     @cached_property
     def gravity_forces(self) -> Array:
         """g_i = ∂P/∂q_i; for energies without rates, also of L."""
-        by_motion = (self.kinetic - self.potential).split([c.rate for c in self.coordinates])
+        names, rates, _ = variable_names(self.coordinates)
+        by_motion = (self.kinetic - self.potential).split(rates)
         still = by_motion.get(0, self.zero)
-        return np.array([-still.diff(c.name) for c in self.coordinates], object)
+        return np.array([-still.diff(name) for name in names], object)

@@ -9,10 +9,10 @@ import numpy as np
 from ..core.typing import Array
 from ..mechanics.joints.joint import exact
 from ..mechanics.model.model import BASE, Model
-from .coordinates import Coordinate
+from .coordinates import Coordinate, variable_names
 from .equations import Label, Step, entry_name, equation_fields, weighted_sum
 from .expanded_form import chart_waves, joint_motion, numbers_of
-from .names import sympy
+from .names import names_of, sympy
 from .parameters import BodyEntries, Entry, ModelEntries
 
 AXES = "xyz"
@@ -27,10 +27,10 @@ class Definitions:
     """Ordered definitions, with their derivatives."""
 
     def __init__(self, coordinates: tuple[Coordinate, ...], entries: ModelEntries) -> None:
-        self.q = [sympy.Symbol(c.name) for c in coordinates]
+        self.q = list(map(sympy.Symbol, names_of(coordinates)))
         self.definitions: list[tuple[Any, Any]] = []
         self.groups: list[tuple[str, str, int]] = []
-        self._taken = {x.name for x in (*self.q, *entries.parameters)}
+        self._taken = set(names_of([*self.q, *entries.parameters]))
         self._expr: dict[Any, Any] = {}
         self._slopes: dict[tuple[Any, int], Any] = {}
         self._waves: dict[tuple[int, float, float], tuple[Any, Any]] = {}
@@ -277,8 +277,8 @@ _SUMMARY_STEPS = (
 
 def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, g: Any, P: Any) -> dict[str, Any]:
     n = len(coordinates)
-    dq = [sympy.Symbol(c.rate) for c in coordinates]
-    ddq = [sympy.Symbol(c.acceleration) for c in coordinates]
+    coordinate_names, rate_names, acceleration_names = variable_names(coordinates)
+    dq, ddq = list(map(sympy.Symbol, rate_names)), list(map(sympy.Symbol, acceleration_names))
     matrix = sympy.ImmutableMatrix
     names.group("christoffel", "Γ_ijk = ½ (∂M_ij/∂q_k + ∂M_ik/∂q_j − ∂M_jk/∂q_i), those that are not zero, j ≤ k")
     gamma = np.empty((n, n, n), object)
@@ -302,7 +302,7 @@ def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, g: Any
         momentum_rates.append(weighted_sum(M[i], ddq) + weighted_sum(dM_dt, dq))
         slopes.append(_quadratic_form(dM[:, :, i] / 2, dq) - g[i])
     fields = equation_fields(
-        [x.name for x in coordinates], [x.rate for x in coordinates], matrix(M),
+        coordinate_names, rate_names, matrix(M),
         sympy.ImmutableDenseNDimArray(list(gamma.flat), gamma.shape), C, matrix(c), g, matrix(tau),
         momenta, momentum_rates, slopes, only=_SUMMARY_STEPS,
     )  # fmt: skip

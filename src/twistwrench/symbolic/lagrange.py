@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from numbers import Real
 from typing import Any
@@ -16,7 +16,7 @@ from .coordinates import Variable, rate_symbol
 from .equations import Equations, Label, Step, assemble_equations, equation_fields, weighted_sum
 from .expanded_form import Terms
 from .factored_form import EquationWriter
-from .names import require_sympy, sympy
+from .names import names_of, require_sympy, sympy
 from .trig_polynomial import HIGHEST, Ring, TrigPolynomial
 
 
@@ -90,10 +90,6 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
 
 def _symbols_text(symbols: Any) -> str:
     return ", ".join(sorted(map(str, symbols)))
-
-
-def _names(symbols: Iterable[Any]) -> list[str]:
-    return [symbol.name for symbol in symbols]
 
 
 def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str = "system") -> Equations:
@@ -191,7 +187,7 @@ def _read_sums(
         return None
     if _degree(L, atoms) > HIGHEST - _EXPONENT_INCREASE:
         return None
-    names, rates, accelerations = _names(q), _names(dq), _names(ddq)
+    names, rates, accelerations = names_of(q), names_of(dq), names_of(ddq)
     ring = Ring(list(atoms.values()), names, exact=True)
     try:
         total = _polynomial(L, ring, atoms, q)
@@ -232,10 +228,9 @@ def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
     """Upper bound of the exponents of L after expansion."""
     if expr in atoms:
         return 1
-    if expr.is_Add:
-        return max(_degree(x, atoms) for x in expr.args)
-    if expr.is_Mul:
-        return sum(_degree(x, atoms) for x in expr.args)
+    if expr.is_Add or expr.is_Mul:
+        degrees = [_degree(x, atoms) for x in expr.args]
+        return max(degrees) if expr.is_Add else sum(degrees)
     if expr.is_Pow:
         return int(expr.exp) * _degree(expr.base, atoms)
     return 0
@@ -301,7 +296,7 @@ def _differentiate(
         standard_terms = sympy.Add(weighted_sum(M.row(i), ddq), c[i], g[i])
         split &= bool(sympy.expand(tau[i] - standard_terms) == 0)
     fields = equation_fields(
-        _names(q), _names(dq), M, gamma, C, matrix(c), matrix(g), matrix(tau), momenta, rates, slopes,
+        names_of(q), names_of(dq), M, gamma, C, matrix(c), matrix(g), matrix(tau), momenta, rates, slopes,
         explicit_time=explicit_time,
     )  # fmt: skip
     return {**fields, "split": split}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -20,6 +21,11 @@ def require_sympy(purpose: str = "Deriving equations") -> None:
         import sympy  # noqa: F401  availability check only
     except ImportError:
         raise MissingExtraError.from_extra("sympy", "symbolic", purpose) from None
+
+
+def names_of(named: Iterable[Any]) -> list[str]:
+    """Names of symbols, parameters, coordinates or steps."""
+    return [entry.name for entry in named]
 
 
 _ROUND_OFF = 4e-16

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .source_code import FUNCTIONS, WAVES, Routine, constants, expression_text, header, ordered_names, routine
+from .source_code import FUNCTIONS, Routine, constants, expression_text, header, ordered_names, routine
 
 if TYPE_CHECKING:
     from .equations import Equations
@@ -33,14 +33,16 @@ def _numpy_function(equations: Equations, function: Routine) -> str:
     n, symbols = len(equations.q), constants(equations)
     result_shape = ", ".join([str(n)] * axes)
     default = "=PARAMETERS" if len(symbols) == len(equations.parameters) else ""
-    input_shapes = ", ".join(f"{array} (..., {n})" for array in arrays)
+    input_shapes, batch_shapes = [], []
+    for array in arrays:
+        input_shapes.append(f"{array} (..., {n})")
+        batch_shapes.append(f"{array}.shape[:-1]")
     targets = ", ".join(arrays)
     if len(arrays) == 1:
         targets += ","
-    batch_shapes = ", ".join(f"{array}.shape[:-1]" for array in arrays)
     lines = [
         f"\ndef {function.name}({', '.join(arrays)}, parameters{default}):",
-        f'    """{meaning}; {input_shapes} -> (..., {result_shape})."""',
+        f'    """{meaning}; {", ".join(input_shapes)} -> (..., {result_shape})."""',
         f"    {targets} = (np.asarray(x, float) for x in ({', '.join(arrays)},))",
     ]
     for name in arrays:
@@ -53,7 +55,7 @@ def _numpy_function(equations: Equations, function: Routine) -> str:
             lines.append(f"    {name} = {array}[..., {k}]")
     for name, expr in function.lines:
         lines.append(f"    {name} = {expression_text(expr, _NUMPY)}")
-    lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({batch_shapes}), {result_shape}))")
+    lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({', '.join(batch_shapes)}), {result_shape}))")
     for place, expr in zip(np.ndindex((n,) * axes), function.results, strict=True):
         if expr != 0:
             lines.append(f"    {letter}[..., {', '.join(map(str, place))}] = {expression_text(expr, _NUMPY)}")
@@ -62,9 +64,12 @@ def _numpy_function(equations: Equations, function: Routine) -> str:
 
 
 _NUMPY = {
-    **{name: f"np.{name}({{}})" for name in (*WAVES, "exp", "log", "sqrt", "sign")},
-    **{f"a{name}": f"np.arc{name}({{}})" for name in WAVES},
+    "sin": "np.sin({})", "cos": "np.cos({})", "tan": "np.tan({})",
+    "sinh": "np.sinh({})", "cosh": "np.cosh({})", "tanh": "np.tanh({})",
+    "exp": "np.exp({})", "log": "np.log({})", "sqrt": "np.sqrt({})", "sign": "np.sign({})",
+    "asin": "np.arcsin({})", "acos": "np.arccos({})", "atan": "np.arctan({})",
+    "asinh": "np.arcsinh({})", "acosh": "np.arccosh({})", "atanh": "np.arctanh({})",
     "atan2": "np.arctan2({}, {})",
     "Abs": "np.abs({})",
     "pow": "np.power({}, {})",
-}
+}  # fmt: skip

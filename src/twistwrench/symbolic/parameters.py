@@ -12,7 +12,7 @@ from ..core.errors import UnknownNameError, ValueRangeError
 from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..mechanics.model.model import BASE, Body, Model
-from .names import shortest
+from .names import names_of, shortest
 
 _AXES = "xyz"
 _LENGTH_TOLERANCE = 1e-12  # tolerance: a centre of mass is a quotient, with rounding error
@@ -314,7 +314,7 @@ def _selected_names(symbols: str | Iterable[str], parameters: tuple[Parameter, .
         raise ValueRangeError(
             f"symbols={symbols!r}: give 'all', 'none', or a list of kinds ({', '.join(KINDS)}) and names such as 'L_1'."
         ) from None
-    names = {p.name for p in parameters}
+    names = set(names_of(parameters))
     selected: set[str] = set()
     for word in words:
         if word == "all":

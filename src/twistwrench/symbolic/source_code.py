@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.errors import ValueRangeError
 from .documents import remarks_of
-from .names import sympy
+from .names import names_of, sympy
 
 if TYPE_CHECKING:
     from .equations import Equations
@@ -153,7 +153,7 @@ def header(equations: Equations) -> list[str]:
     else:
         lines.append("h has terms besides c and g: terms linear in the rates, or due to time.")
     for array, symbols in (("q", equations.q), ("dq", equations.dq), ("ddq", equations.ddq)):
-        lines.append(f"{array} = ({', '.join(s.name for s in symbols)})")
+        lines.append(f"{array} = ({', '.join(names_of(symbols))})")
     for name, meaning in equations.meanings:
         lines.append(f"{name}: {meaning}")
     return [*lines, *remarks_of(equations)]
@@ -163,10 +163,6 @@ def unread_arrays(names: Iterable[str], function: Routine) -> list[str]:
     """Arrays that a function does not read."""
     read = {array for array, _, _ in function.inputs}
     return [name for name in names if name not in read]
-
-
-WAVES = ("sin", "cos", "tan", "sinh", "cosh", "tanh")
-"""Functions of C and NumPy, as are their inverses."""
 
 
 def expression_text(expr: Any, functions: Mapping[str, str]) -> str:

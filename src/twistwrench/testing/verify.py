@@ -22,13 +22,13 @@ from ..core.verdict import Verdict, Word
 from ..formats import format_of_file, load_model, usd_path
 from ..formats.source import read_robot_text
 from ..formats.xacro import xacro_in
-from ..mechanics.algorithms.inverse_dynamics import closed_form
+from ..mechanics.algorithms.closed_form import closed_form
 from ..mechanics.lie.adjoint import ad
 from ..mechanics.model.assembly import ROOT_JOINT
 from ..mechanics.model.couplings import refuse_couplings
 from ..robot import Robot, load
+from ..robot.base import require_robot
 from ..robot.convert import mujoco_rates, pinocchio_rates, to_mujoco, to_pinocchio
-from ..robot.task_space_methods import require_robot
 from . import State, derivative, derivative_along, random_state, relative_gap
 
 if TYPE_CHECKING:

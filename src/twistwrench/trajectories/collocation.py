@@ -38,7 +38,9 @@ _CHECKS = np.array([0.0, 0.03, 0.22, 0.45, 0.68, 0.9])
 POINTS = np.concatenate([NODES, _CHECKS])
 _U_AT = np.vander(POINTS, STAGES, increasing=True) @ _POWERS
 _X_AT = (POINTS[:, None] ** np.arange(1, STAGES + 1) / np.arange(1, STAGES + 1)) @ _POWERS
-_FLIP = np.array([[comb(j, i) * (-1.0) ** i for j in range(STAGES + 1)] for i in range(STAGES + 1)])
+_FLIP = np.zeros((STAGES + 1, STAGES + 1))
+for _i, _j in np.ndindex(*_FLIP.shape):
+    _FLIP[_i, _j] = comb(_j, _i) * (-1.0) ** _i
 """Coefficients in powers of 1 - ζ from those in powers of ζ."""
 
 

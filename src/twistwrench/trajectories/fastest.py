@@ -27,7 +27,7 @@ from ..mechanics.algorithms.time_scalings import quintic
 from ..mechanics.model.couplings import motor_torques
 from ..mechanics.model.limits import Limits
 from ..motion.bounds import bounds_of, velocities_inside
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .collocation import AT_REST, Cell, FastestScaling, try_cell
 from .jerk_limited import short_averages
 from .limit_rows import PathRows

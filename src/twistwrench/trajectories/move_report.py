@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,41 +16,44 @@ from ..core import arguments
 from ..core.answers.answer import Answer
 from ..core.answers.blocks import Block
 from ..core.doubts import Doubt
-from ..core.errors import ConstraintWarning, PathError, TwistWrenchError, ValueRangeError
-from ..core.numbers import number, over_limit, printed
+from ..core.errors import PathError, TwistWrenchError, ValueRangeError
+from ..core.numbers import number, printed
 from ..core.text import Argument, argument
-from ..core.typing import Array, Metres, Seconds, Vector
+from ..core.typing import Metres, Seconds, Vector
 from ..core.verdict import Verdict, Word
-from ..mechanics.algorithms.time_scalings import cubic, quintic, s_curve, screw_path, straight_path, trapezoid
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.couplings import coupled_entries, drive_turns, motor_torques, motor_velocities
 from ..mechanics.model.limits import Limits
 from ..motion import limits_file
 from ..motion.bounds import Violation, bounds_of
-from ..motion.coordinates import ConfigurationGiven, Coordinates, configuration_of, degrees_hint
+from ..motion.coordinates import ConfigurationGiven, configuration_of, degrees_hint
 from ..motion.credible_values import credible_limits
 from ..motion.limits_file import robot_origin
 from ..motion.load_case import LoadCase, LoadsGiven, limit_doubts, payloads_of
-from ..motion.model_doubts import as_it_hangs, assumed_words, assumptions, base_doubts, model_warnings
+from ..motion.model_doubts import assumed_words, assumptions, model_warnings
 from ..motion.motion import Motion
-from ..motion.readers.csv_reader import CsvFile, table_errors
 from ..robot import Robot, load
 from ..robot.doors import clearance_along
 from .fastest import Fastest
-from .fastest import fastest as fastest_timing
-from .paths import JointPath, follow_poses, joint_line, spline
-from .trajectory import Trajectory, fitted, required_torques
+from .move_timing import (
+    SAMPLES,
+    Paths,
+    Scalings,
+    can_stand,
+    certain_violations,
+    check_path,
+    path_and_trouble,
+    read_waypoints,
+    time_path,
+    untimed_verdict,
+)
+from .paths import JointPath
+from .trajectory import Trajectory, required_torques
 
 if TYPE_CHECKING:
     from ..core.answers.page import Setting
     from ..robot.doors import PathClearance
 
-Paths: TypeAlias = Literal["joint", "line", "screw"]
-"""Straight line of the joints, straight line of the tip, or its screw."""
-Scalings: TypeAlias = Literal["quintic", "cubic", "trapezoid", "s-curve"]
-"""Time scalings along the path."""
-SAMPLES = 2001
-"""Number of times at which a motion is judged."""
 STEP = 0.002
 """Time between rows of a written motion [s]."""
 
@@ -147,7 +149,7 @@ class MoveReport(Answer):
     def _violations_and_doubts(self) -> tuple[tuple[Violation, ...], list[str]]:
         if self.trajectory is None:
             return (), []
-        return _certain(self.trajectory.violations(self.limits, friction=self.friction), self.robot)
+        return certain_violations(self.trajectory.violations(self.limits, friction=self.friction), self.robot)
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
@@ -343,9 +345,9 @@ def move(
     )  # fmt: skip
     if contradictory := [str(each) for each in _input_doubts(loads, bounds) if each.refuses]:
         return replace(report, refused=Verdict.from_reasons(look_again=contradictory), hints=())
-    _check_path(to, by, waypoints, path, scaling)
-    between = None if waypoints is None else _waypoints(arm, waypoints, degrees=degrees)
-    way, trouble = _path_and_trouble(arm, q0, q1, by, between, path)
+    check_path(to, by, waypoints, path, scaling)
+    between = None if waypoints is None else read_waypoints(arm, waypoints, degrees=degrees)
+    way, trouble = path_and_trouble(arm, q0, q1, by, between, path)
     if way is None:
         return replace(report, refused=Verdict(Word.STOPPED, (str(trouble).removesuffix("."),)))
     report = _with_timing(report, way, fast=fastest and trouble is None, scaling=scaling, duration=duration)
@@ -363,9 +365,9 @@ def _with_timing(
     """Report with the timing of a path, or with the reason why there is none; other errors carry the report's hints."""
     robot, bounds = report.robot, report.limits
     try:
-        moving = _time_path(robot, way, bounds, fast=fast, scaling=scaling, duration=duration, friction=report.friction)
+        moving = time_path(robot, way, bounds, fast=fast, scaling=scaling, duration=duration, friction=report.friction)
     except PathError as problem:
-        word, reason = _why_not_timed(problem, robot, can_stand=_can_stand(robot, way, bounds))
+        word, reason = untimed_verdict(problem, robot, can_stand=can_stand(robot, way, bounds))
         return replace(report, refused=Verdict(word, (str(reason).removesuffix("."),)))
     except TwistWrenchError as error:
         for hint in report.hints:
@@ -387,125 +389,6 @@ def _bounds(robot: Robot, bounds: Limits, acceleration: float | None, jerk: floa
     if jerk is not None:
         bounds = replace(bounds, jerk=uniform.jerk)
     return bounds
-
-
-# ── Path and timing
-
-
-def _check_path(to: ConfigurationGiven, by: ArrayLike | None, waypoints: Any, path: str, scaling: str) -> None:
-    """Raise ValueRangeError if the end is missing, or two arguments contradict each other."""
-    if path not in get_args(Paths):
-        raise ValueRangeError(f"path is {path!r}. Give 'joint', 'line' or 'screw'.")
-    if scaling not in get_args(Scalings):
-        raise ValueRangeError(f"scaling is {scaling!r}. Give one of {', '.join(map(repr, get_args(Scalings)))}.")
-    if to is not None and by is not None:
-        raise ValueRangeError(
-            f"{argument('to')} and {argument('by')} both set the end of the motion. Keep one of them."
-        )
-    if to is None and by is None:
-        raise ValueRangeError(
-            f"where does it end? Give {argument('to')} for the joints, or {argument('by')} for the tip."
-        )
-    if by is not None and path != "joint":
-        raise ValueRangeError(f"{argument('by')} moves the tip on a straight line. Leave the path out.")
-    if waypoints is not None and (by is not None or path != "joint"):
-        raise ValueRangeError(
-            f"{argument('waypoints')} are for the joints, and the path is one of the tip. Keep one of them."
-        )
-
-
-def _path_and_trouble(
-    robot: Robot, q0: Array, q1: Array, by: ArrayLike | None, between: Array | None, path: str
-) -> tuple[JointPath | None, PathError | None]:
-    """Requested path from q0 (nq,) to q1 (nq,) or by a vector; if it ends early, its feasible part and the error."""
-    if between is not None:
-        return spline(robot, np.concatenate([[q0], between, [q1]])), None
-    if by is None and path == "joint":
-        return joint_line(robot, q0, q1), None
-    T = robot.forward_kinematics(q0)
-    if by is None:
-        poses = (straight_path if path == "line" else screw_path)(T, robot.forward_kinematics(q1))
-    else:
-        end = T.copy()
-        end[:3, 3] += arguments.one(arguments.finite(by, "by", 3), "by", 3)
-        poses = straight_path(T, end)
-    try:
-        return follow_poses(robot, poses, q0), None
-    except PathError as problem:
-        return problem.partial, problem  # type: ignore[return-value]
-
-
-def _time_path(
-    robot: Robot,
-    path: JointPath,
-    bounds: Limits,
-    *,
-    fast: bool,
-    scaling: Scalings,
-    duration: float | None,
-    friction: bool,
-) -> Trajectory:
-    """Motion along the path: the ``fast``est, or with the time scaling."""
-    if fast:
-        kinds = ("velocity", "effort", "acceleration", "deceleration", "jerk")
-        limits = {kind: getattr(bounds, kind) for kind in kinds}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConstraintWarning)  # the verdict checks positions against the given limits
-            return fastest_timing(robot, path, friction=friction, **limits)
-    shapes: dict[str, Any] = {"quintic": quintic(1.0), "cubic": cubic(1.0), "s-curve": s_curve(1.0)}
-    shape = {**shapes, "trapezoid": trapezoid(v=1.5, duration=1.0)}[scaling]
-    if duration is not None:
-        return Trajectory(robot, path, shape.stretched(duration), friction=friction)
-    return Trajectory(robot, path, fitted(robot, path, shape, bounds, friction=friction), friction=friction)
-
-
-def _waypoints(robot: Robot, source: str | Path | ArrayLike, *, degrees: bool) -> Array:
-    """Configurations (n, nq) of a file or an array."""
-    unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
-    if isinstance(source, str | Path):
-        return _waypoints_of_file(robot, source) * unit
-    rows = arguments.finite(source, "waypoints", robot.nq, names=robot.coordinate_names)
-    return np.atleast_2d(np.asarray(rows, float)) * unit
-
-
-def _waypoints_of_file(robot: Robot, file: str | Path) -> Array:
-    """Rows (n, nq) of a file, as written."""
-    names = robot.coordinate_names
-    form = f"the columns {', '.join(names[:12])}, each once, and at least one row"
-    with table_errors(file, "waypoint file", form):
-        table = CsvFile.open(file)
-        if sorted(table.header) != sorted(names):
-            raise ValueRangeError(f"{file}: line {table.header_line}: give {form}.")
-        rows = table.table([table.header.index(name) for name in names])
-    if not len(rows):
-        raise ValueRangeError(f"{file}: no row after the header: give {form}.")
-    return rows
-
-
-def _can_stand(robot: Robot, path: JointPath, bounds: Limits) -> bool:
-    """True if the torque limits suffice to stand still everywhere on the path."""
-    q, _, _ = path(np.linspace(0.0, 1.0, SAMPLES))
-    shares = np.abs(motor_torques(robot.model, robot.holding_torques(q))) / bounds.effort
-    return not bool(over_limit(shares).any())
-
-
-def _why_not_timed(problem: PathError, robot: Robot, *, can_stand: bool) -> tuple[Word, PathError]:
-    """First word and reason for a path without a timing; torques of a legged robot whose base nothing holds are uncertain."""
-    if can_stand:
-        return Word.STOPPED, problem
-    hanging = base_doubts(robot.model)
-    if not hanging:
-        return Word.OVER_LIMIT, problem
-    return Word.UNSURE, PathError("; ".join([*hanging, as_it_hangs(str(problem))]))
-
-
-def _certain(violations: tuple[Violation, ...], robot: Robot) -> tuple[tuple[Violation, ...], list[str]]:
-    """Violations that hold however the base is held, and doubts about a legged robot's base and its torques."""
-    hanging = base_doubts(robot.model)
-    if not hanging:
-        return violations, []
-    torques = [as_it_hangs(str(v)) for v in violations if v.kind == "torque"]
-    return tuple(v for v in violations if v.kind != "torque"), [*hanging, *torques[:1]]
 
 
 # ── Peaks of the joints

@@ -19,7 +19,8 @@ from ..mechanics.model.couplings import coupled_entries, drive_turns, motor_torq
 from ..mechanics.model.limits import Limits
 from ..motion.model_doubts import friction_words
 from .fastest import Fastest, LimitContact
-from .move_report import SAMPLES, MoveReport
+from .move_report import MoveReport
+from .move_timing import SAMPLES
 from .trajectory import Trajectory, required_torques
 
 _MAX_LISTED_CONTACTS = 12
@@ -56,8 +57,9 @@ def _headline(report: MoveReport, moving: Trajectory) -> Headline:
             (Word.STOPPED, f"{report.early_end} The motion below, and in the files, is the path until there.")
         )
     for violation in report.violations[:_MAX_LISTED_VIOLATIONS]:
-        shown = violation.in_degrees() if report.degrees else violation
-        sentences.append((Word.OVER_LIMIT, f"{shown}."))
+        if report.degrees:
+            violation = violation.in_degrees()
+        sentences.append((Word.OVER_LIMIT, f"{violation}."))
     if len(report.violations) > _MAX_LISTED_VIOLATIONS:
         sentences.append((None, f"and {len(report.violations) - _MAX_LISTED_VIOLATIONS} more"))
     if not report.violations:
@@ -66,8 +68,10 @@ def _headline(report: MoveReport, moving: Trajectory) -> Headline:
             sentences.append((None, f"Until there: {within}."))
         elif report.near is not None:
             sentences.append((None, f"{within[0].upper()}{within[1:]}."))
+        elif report.doubts:
+            sentences.append((Word.UNSURE, f"{within}."))
         else:
-            sentences.append((Word.UNSURE if report.doubts else Word.OK, f"{within}."))
+            sentences.append((Word.OK, f"{within}."))
     if report.near is not None:
         return Headline.from_verdict(report.near, further=list(map(_sentence_line, sentences)))
     (word, sentence), *others = sentences
@@ -125,7 +129,10 @@ def _tables(report: MoveReport, trajectory: Trajectory) -> Iterator[Block]:
     factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
     way, speed, force = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "tau"))
     shares = [np.nanmax([use.velocity_share, use.torque_share, 0.0]).item() for use in uses]
-    fast = trajectory if isinstance(trajectory, Fastest) and trajectory.time_optimal is None else None
+    fast = isinstance(trajectory, Fastest) and trajectory.time_optimal is None
+    limiting_shares = None
+    if fast:
+        limiting_shares = numbers("at limit", [use.limiting for use in uses], percent)
     yield Line(
         (robot.name, Style.STRONG),
         f"  ·  {trajectory.path.name}, {trajectory.scaling.name} timing: {number(trajectory.duration, 6)} s",
@@ -140,14 +147,14 @@ def _tables(report: MoveReport, trajectory: Trajectory) -> Iterator[Block]:
         numbers("share", [use.velocity_share for use in uses], percent_of_limit),
         numbers("peak", [use.peak for use in uses], torque, force),
         numbers("share", [use.torque_share for use in uses], percent_of_limit),
-        numbers("at limit", [use.limiting for use in uses], percent) if fast else None,
+        limiting_shares,
         words("", map(Bar, shares), fold=False),
         styles=[strong(Style.OVER) if over_limit(share) else "" for share in shares],
         most=12,
         by=shares,
     )
-    if fast:
-        yield from _timeline(fast)
+    if isinstance(trajectory, Fastest) and fast:
+        yield from _timeline(trajectory)
 
 
 def _three_decimals(value: float) -> str:
@@ -166,7 +173,8 @@ def _timeline(trajectory: Fastest) -> Iterator[Block]:
         words("limit", [f"{'+' if contact.side > 0 else '-'} {contact.kind}" for contact in shown], fold=False),
         words("", [_time_bar(contact, T) for contact in shown], fold=False),
     )
-    if remaining := len(contacts) - len(shown):
+    remaining = len(contacts) - len(shown)
+    if remaining:
         yield Line((f"and {remaining} shorter parts", Style.QUIET))
 
 

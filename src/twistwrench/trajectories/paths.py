@@ -15,8 +15,8 @@ from ..core.glossary import complete
 from ..core.numbers import printed
 from ..core.typing import Array
 from ..motion.coordinates import configuration
-from ..robot.ik import pose_finder, twist_left
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
+from ..robot.inverse_kinematics.solve import pose_finder, twist_left
 
 if TYPE_CHECKING:
     from ..robot import Robot

@@ -20,7 +20,7 @@ from ..mechanics.model.limits import Limits
 from ..motion.bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from ..motion.coordinates import configuration
 from ..motion.motion import Motion
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .doors import TrajectoryDoors
 from .paths import JointPath, joint_line, require_path, spline
 

@@ -30,7 +30,7 @@ from ..core.text import listed
 from ..core.typing import Array
 from ..mechanics.model.couplings import refuse_couplings
 from ..robot import Robot
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .colours import force_scale, mass_scale
 from .page_data import robot_data, wrench_data
 from .page_floor import pedestal_of, spheres_of

@@ -18,8 +18,8 @@ from ..mechanics.model.legs import hanging_base
 from ..mechanics.model.model import BASE, Frame, Model
 from ..robot import Robot
 from ..robot.constraints.closures import some_configurations
-from ..robot.constraints.projections import motor_mask, named_motors
-from ..robot.constraints.tolerances import joints
+from ..robot.constraints.drives import motor_mask, named_motors
+from ..robot.constraints.states import joints
 from ..shapes.visuals import read_visuals
 from ..statics.contacts import Contact
 from ..statics.torque_limits import effort_limits

@@ -19,7 +19,7 @@ from ...core.text import listed
 from ...core.typing import Array
 from ...motion.motion import Motion
 from ...robot import Robot, load
-from ...robot.task_space_methods import require_robot
+from ...robot.base import require_robot
 from .linear_start import linear_start, scale_torques
 from .output_error import OutputErrorFit, OutputErrorProblem, position_errors, probability, with_model_changes
 from .replay import LAWS, QUANTITIES, Hold, ServoLog, ServoReplay

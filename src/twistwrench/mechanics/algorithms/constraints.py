@@ -107,9 +107,6 @@ def place_of(model: Model, frame: str) -> Frame:
     return Frame(BASE, np.eye(4)) if frame == GROUND and frame not in model.all_frames else model.frame(frame)
 
 
-# ── Relative motion of {b} seen from {c} ──
-
-
 def _walk(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array, float]], Array]:
     """Joints on the path from {c} to {b}, in that order, as (body, T_c,body, sign); and T_cb.
 
@@ -169,9 +166,6 @@ def closure_poses(model: Model, q: Array, constraints: tuple[Constraint, ...]) -
     return np.array([_walk(model, q, c)[1] for c in constraints if isinstance(c, Closure)]).reshape(-1, 4, 4)
 
 
-# ── Constraints and their Jacobians ──
-
-
 def constraint_jacobian(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
     """A in A dq = 0; (k, nv). MR section 8.7."""
     rows = []
@@ -214,8 +208,6 @@ def constrained_dynamics(
     return solve_triangular(L, D * (z - Y @ lam)), lam, 1.0 / E  # q̈ = M⁻¹ (τ - h - A'λ)
 
 
-# ── Constraint forces with zero torques at passive joints, τ = f + A'λ. Floats, batches
-
 SINGULAR_VALUE = 1e-9
 """Singular value, relative to the norm of A' with rows of usual size, below which a direction of λ has no effect on joints."""
 MAX_RESIDUAL_TORQUE = 1e-6
@@ -248,9 +240,6 @@ def _pseudoinverse(X: Array, floor: Array) -> Array:
     significant = sigma > floor[..., None]
     inverse = np.where(significant, 1.0 / np.where(significant, sigma, 1.0), 0.0)
     return np.asarray(np.swapaxes(Vt, -1, -2) @ (inverse[..., None] * np.swapaxes(U, -1, -2)))
-
-
-# ── Results of constrained dynamics. Modern Robotics section 8.7
 
 
 class ConstrainedMotion(NamedTuple):
@@ -290,8 +279,6 @@ class ConstrainedDerivatives(NamedTuple):
     tau_by_ddq: Array
     """Derivative with respect to the independent accelerations: the mass matrix of the motors."""
 
-
-# ── Derivatives of constrained inverse dynamics. Floats, batches
 
 # With the independent velocities u, which are those of the motors, dq = (d, u) and A = (A_d, A_u):
 #

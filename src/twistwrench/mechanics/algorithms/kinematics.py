@@ -11,8 +11,8 @@ from ...core.errors import ShapeError, UnknownNameError, ValueRangeError
 from ...core.typing import Array
 from ..lie import se3
 from ..lie.adjoint import Ad, ad
+from ..lie.half_angles import LARGEST_HALF_TURN
 from ..lie.labelled import TWIST
-from ..lie.series import LARGEST_HALF_TURN
 from ..model.model import BASE, Body, Model
 from .recursion import ancestors, base_poses, joint_poses, zeros
 

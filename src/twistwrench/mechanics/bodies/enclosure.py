@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ...core.typing import Array
-from .solids import edges_of, nest, shell_numbers, winding
+from .shells import edges_of, nest, shell_numbers, winding
 
 _INSIDE = 0.5
 """Winding number above which a point is inside a closed shell; around an open one it is only inside most of it."""

@@ -21,7 +21,8 @@ from ...core.glossary import complete
 from ...core.numbers import printed
 from ...core.typing import Array
 from .mesh_files import read_parts
-from .solids import edges_of, nest, rotational_inertia, shell_numbers, total_mass
+from .shells import edges_of, nest, shell_numbers
+from .solids import rotational_inertia, total_mass
 
 _USUAL_SIZE = 1e-4, 10.0
 """Plausible extent of a robot part [m]. A part drawn in millimetres but read in metres is 1000 times too large."""

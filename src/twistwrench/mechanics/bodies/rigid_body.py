@@ -19,7 +19,8 @@ from ..lie.twist_wrench import Pose, Twist, Wrench
 from .inertia import SpatialInertia
 
 if TYPE_CHECKING:
-    from .free_body import Flight, WrenchLaw
+    from .free_body import Flight
+    from .free_body_steps import WrenchLaw
 
 _KINDS: dict[str, type[Twist | Wrench | Pose]] = {"F": Wrench, "wrench": Wrench, "T0": Pose}
 """Kinds of labelled arguments; all others are twists and their rates."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .joint import ChartEntry, Fixed, Joint, Slider
+from .fixed_joint import Fixed
+from .joint import ChartEntry, Joint, Slider
 from .multi_dof import Ball, Floating, Planar
 from .screw_joint import Continuous, Helical, Prismatic, Revolute, RotorJoint
 

@@ -1,4 +1,4 @@
-"""Joint: the interface of all joint types, fixed joints, and rotations in exact arithmetic."""
+"""Joint: the interface of all joint types, and rotations in exact arithmetic."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.glossary import complete
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..lie import quaternion
@@ -440,26 +439,3 @@ class Joint:
     def sliders(self) -> tuple[Slider, ...]:
         """Sliders that move the joint's coordinates."""
         raise NotImplementedError
-
-
-# ── Fixed joints: in descriptions only; models fuse their links
-
-
-class Fixed(Joint):
-    """Joint without a degree of freedom."""
-
-    kind = "fixed"
-    coordinate_suffixes = ()
-    velocity_suffixes = ()
-
-    @classmethod
-    def axes_from(cls, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-        """Return no axes; an axis in the file is ignored."""
-        return np.zeros((0, 6))
-
-    def pose(self, q: Array) -> Array:
-        """Identity pose."""
-        return np.eye(4)
-
-
-complete(globals())

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from ...core.errors import ModelError
 from ...core.typing import Array
 from ..lie import quaternion, se3, so3
+from ..lie.half_angles import cotangent_quotient, half_angle, half_turn, short_way
 from ..lie.se3 import slide
-from ..lie.series import cotangent_quotient, half_angle, half_turn, short_way
 from .joint import (
     ChartEntry,
     CosineSine,
@@ -146,15 +146,14 @@ def unit(Q: Array) -> Array:
     return np.asarray(Q / np.linalg.norm(Q, axis=-1, keepdims=True))
 
 
-# ── Floating joints: six degrees of freedom, with (qw, qx, qy, qz, x, y, z) and body twists (ω, v)
-
-# They rotate like ball joints and translate with ``dp = R v``. Modern Robotics section 3.3.2.
-
 _TURNING = Ball("", np.eye(6)[:3])
 
 
 class Floating(Joint):
-    """Joint of a free body."""
+    """Joint of a free body, of six degrees of freedom: (qw, qx, qy, qz, x, y, z) and body twists (ω, v).
+
+    It rotates like a ball joint and translates with ``dp = R v``. Modern Robotics section 3.3.2.
+    """
 
     kind = "floating"
     coordinate_suffixes = (*Ball.coordinate_suffixes, ".x", ".y", ".z")
@@ -278,11 +277,11 @@ class Floating(Joint):
         return (*_TURNING.sliders, *(Slider(f" {x}", 4 + k, "m", 1.0) for k, x in enumerate("xyz")))
 
 
-# ── Planar joints: rotation about a normal and translation in the plane, by (x, y, theta) and (omega, v_1, v_2)
-
-
 class Planar(Joint):
-    """Joint in a plane; the twist is in the child's frame, x and y are along the joint's axes."""
+    """Joint in a plane: (x, y, theta), with rotation about the normal, and (omega, v_1, v_2).
+
+    The twist is in the child's frame, x and y are along the joint's axes.
+    """
 
     kind = "planar"
     coordinate_suffixes = (".x", ".y", ".theta")

@@ -114,9 +114,6 @@ def plane_of(normal: Array) -> Array:
     return np.stack([np.r_[normal, zero], np.r_[zero, e1], np.r_[zero, e2]])
 
 
-# ── One-degree joints by a screw axis. Modern Robotics eq. 3.88
-
-
 class ScrewJoint(Joint):
     """Joint of one degree of freedom; its coordinate is the angle or the displacement along its screw axis."""
 
@@ -180,9 +177,6 @@ def rodrigues(w: Array, cosine: Any, sine: Any) -> Array:
     return along + cosine * (np.eye(3) - along) + sine * so3.hat(w)
 
 
-# ── Revolute and continuous joints: rotation about an axis
-
-
 class Revolute(ScrewJoint):
     """Joint that rotates about its axis."""
 
@@ -196,17 +190,11 @@ class Continuous(ScrewJoint):
     wraps = (0,)
 
 
-# ── Prismatic joints: translation along an axis
-
-
 class Prismatic(ScrewJoint):
     """Joint that slides along its axis."""
 
     kind = "prismatic"
     turns = False
-
-
-# ── Helical joints: rotation about an axis with translation by the pitch
 
 
 class Helical(ScrewJoint):
@@ -222,11 +210,11 @@ class Helical(ScrewJoint):
         return screw_of(cls.kind, True, axis, pitch, normalise, who)[None, :]
 
 
-# ── Rotors: bodies of revolution that an actuator rotates on the link that carries them
-
-
 class RotorJoint(ScrewJoint):
-    """Joint of a body of revolution, whose inertia does not depend on its angle; so its frame does not rotate."""
+    """Joint of a body of revolution that an actuator rotates on the link that carries it.
+
+    Its inertia does not depend on its angle; so its frame does not rotate.
+    """
 
     kind = "rotor"
     moves_body = False

@@ -18,9 +18,10 @@ from ...core.arguments import gaps
 from ...core.errors import MissingExtraError
 from ...core.glossary import complete
 from ...core.typing import Array, Poses, Twists
-from . import series, so3
+from . import compiled_forms, series, so3
 from .adjoint import Ad, ad
-from .series import angle, cotangent_quotient, half_angle, half_turn, quadratic, short_way, slope, within_reach
+from .half_angles import cotangent_quotient, half_angle, half_turn, short_way
+from .series import angle, quadratic, slope, within_reach
 from .so3 import cross
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def exp(V: ArrayLike) -> Poses:
     >>> exp([0, 0, 0, 1, 2, 3])[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """
-    return series.exponential("pose_exp", arguments.real(V, "se3.exp: V", 6), _exp)
+    return compiled_forms.exponential("pose_exp", arguments.real(V, "se3.exp: V", 6), _exp)
 
 
 def _exp(V: Array) -> Array:
@@ -159,7 +160,7 @@ def log(T: ArrayLike) -> Twists:
     [0.1, 0.2, 0.3, 4.0, 5.0, 6.0]
     """
     T = arguments.real(T, "se3.log: T", 4, 4)
-    return series.logarithm("pose_log", T, lambda T: arguments.pose(T, "se3.log: T"), _log)
+    return compiled_forms.logarithm("pose_log", T, lambda T: arguments.pose(T, "se3.log: T"), _log)
 
 
 def _log(T: Array) -> Array:
@@ -288,7 +289,7 @@ def _dual(J: Array, Q: Array) -> Array:
 
 # ── Branch-free exp and log of one rotation or rigid motion: source of the compiled forms
 
-# Each function also returns a number for range checks in ``mechanics/lie/series.py``: the squared angle, or the squared
+# Each function also returns a number for range checks in ``mechanics/lie/compiled_forms.py``: the squared angle, or the squared
 # deviation of a matrix from a rotation or a pose. Modern Robotics sections 3.2.3 and 3.3.3.
 
 

@@ -19,7 +19,7 @@ from ...core import arguments
 from ...core.errors import ShapeError
 from ...core.glossary import complete
 from ...core.typing import Array, Rotations
-from . import quaternion, series
+from . import compiled_forms, quaternion, series
 from .series import angle, quadratic, within_reach
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def exp(w: ArrayLike) -> Rotations:
     >>> np.allclose(exp([0, 0, np.pi / 2]) @ [1, 0, 0], [0, 1, 0])
     True
     """
-    return series.exponential("rotation_exp", arguments.real(w, "so3.exp: w", 3), _exp)
+    return compiled_forms.exponential("rotation_exp", arguments.real(w, "so3.exp: w", 3), _exp)
 
 
 def _exp(w: Array) -> Array:
@@ -153,7 +153,7 @@ def log(R: ArrayLike) -> Array:
     [0.0, 0.0, 1.570796326795]
     """
     R = arguments.real(R, "so3.log: R", 3, 3)
-    return series.logarithm("rotation_log", R, lambda R: arguments.rotation(R, "so3.log: R"), _log)
+    return compiled_forms.logarithm("rotation_log", R, lambda R: arguments.rotation(R, "so3.log: R"), _log)
 
 
 def _log(R: Array) -> Array:

@@ -36,8 +36,9 @@ from .description import (
 )
 from .inertia_checks import INERTIA_POLICIES, judge, massless_links
 from .mimic import MIMIC_POLICIES, find_drives
-from .model import Model, OfferedClosure, Spring, Tree, find_tree
+from .model import Model, OfferedClosure, Spring
 from .snapping import DEFAULT_SNAP
+from .tree import Tree, find_tree
 
 
 class ModelBuilder:

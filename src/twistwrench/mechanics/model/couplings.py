@@ -188,30 +188,35 @@ def joint_effort(model: Model, effort: Array) -> Array:
 
 def motor_velocities(model: Model, dq: Any) -> Any:
     """Velocities of the drives, A q̇; those of the joints that are not coupled."""
-    return _block_products(dq, [(at, A.T) for at, A, _ in model.coupled])
+    return _block_products(model, dq, inverse=False, transposed=True)
 
 
 def joint_velocities(model: Model, u: Any) -> Any:
     """Velocities of the joints from those of the drives, A⁻¹ q̇_m."""
-    return _block_products(u, [(at, inverse.T) for at, _, inverse in model.coupled])
+    return _block_products(model, u, inverse=True, transposed=True)
 
 
 def motor_torques(model: Model, tau: Any) -> Any:
     """Torques of the drives from those of the joints, A⁻ᵀ τ."""
-    return _block_products(tau, [(at, inverse) for at, _, inverse in model.coupled])
+    return _block_products(model, tau, inverse=True, transposed=False)
 
 
 def joint_torques(model: Model, tau: Any) -> Any:
     """Torques of the joints from those of the drives, A'τ_m."""
-    return _block_products(tau, [(at, A) for at, A, _ in model.coupled])
+    return _block_products(model, tau, inverse=False, transposed=False)
 
 
-def _block_products(x: Any, blocks: list[tuple[Array, Array]]) -> Any:
-    """Entries x[at] as x[at] B for each block; x itself without any."""
-    if not blocks:
+def _block_products(model: Model, x: Any, *, inverse: bool, transposed: bool) -> Any:
+    """Entries x[at] of each coupling as x[at] B, with B = A, A', A⁻¹ or A⁻ᵀ; x itself without couplings."""
+    if not model.coupled:
         return x
     products = np.array(x)
-    for indices, B in blocks:
+    for indices, A, A_inverse in model.coupled:
+        B = A
+        if inverse:
+            B = A_inverse
+        if transposed:
+            B = B.T
         products[..., indices] = products[..., indices] @ B
     return products
 

@@ -39,7 +39,7 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     _check_names(whole, part, prefix)
     whole.additions.motor_joints = _motors_of_both(whole, part)
     whole.links |= part.links
-    connection = unused(f"{part.root}.attached", {joint.name for joint in (*whole.joints, *part.joints)})
+    connection = unused(f"{part.root}.attached", _joint_names([*whole.joints, *part.joints]))
     whole.joints += [fixed_entry(connection, link, part.root, T), *part.joints]
     whole.friction |= _without_root_joint(part, part.friction)
     whole.armature |= _without_root_joint(part, part.armature)
@@ -286,7 +286,7 @@ def _rotation(model: Model, link: str) -> Array:
 def _part_with_links(parts: ModelParts, links: set[str]) -> ModelParts:
     """Parts with some links only, without entries that concern other links."""
     joints = [joint for joint in parts.joints if {joint.parent, joint.child} <= links]
-    names = {joint.name for joint in joints}
+    names = _joint_names(joints)
     if parts.floating:
         names.add(ROOT_JOINT)
     _check_leaders(joints, names)
@@ -300,10 +300,19 @@ def _part_with_links(parts: ModelParts, links: set[str]) -> ModelParts:
     frames = links | set(additions.sites)
     _check_rotor_links(actuators, frames)
     return replace(
-        parts, links={name: link for name, link in parts.links.items() if name in links}, joints=joints,
+        parts, links=_entries_of(parts.links, links), joints=joints,
         actuators=actuators, couplings=couplings, additions=additions,
         payloads=tuple((frame, G) for frame, G in parts.payloads if frame in frames),
     )  # fmt: skip
+
+
+def _joint_names(joints: Iterable[JointEntry]) -> set[str]:
+    return {joint.name for joint in joints}
+
+
+def _entries_of(mapping: Mapping[str, _Value], names: set[str]) -> dict[str, _Value]:
+    """Entries of these names only."""
+    return {name: value for name, value in mapping.items() if name in names}
 
 
 def _additions_of_part(additions: Additions, links: set[str], joints: set[str]) -> Additions:
@@ -312,7 +321,7 @@ def _additions_of_part(additions: Additions, links: set[str], joints: set[str]) 
     frames = links | set(sites)
     configurations: dict[str, dict[str, ArrayLike]] = {}
     for name, positions in additions.configurations.items():
-        configurations[name] = {joint: q for joint, q in positions.items() if joint in joints}
+        configurations[name] = _entries_of(positions, joints)
     springs = [spring for spring in additions.springs if joints.issuperset(spring.joints)]
     closures = {name: c for name, c in additions.closures.items() if {c.frame_a, c.frame_b} <= frames}
     return replace(

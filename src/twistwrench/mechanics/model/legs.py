@@ -65,8 +65,8 @@ def hanging_base(model: Model) -> HangingBase | None:
       other way, as trunk and arm do.
     * At least four are alike and lie flat around the base, outward from their hips.
 
-    Branches joined by loop closures are one mechanism, such as a parallel robot; fingers of a hand at the end of an arm have
-    fewer joints than lead to them.
+    Branches joined by loop closures are one mechanism, such as a parallel robot. Fingers of a hand on an arm are not legs: a
+    finger has fewer joints than the arm before it.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def hanging_base(model: Model) -> HangingBase | None:
     >>> hanging_base(tw.load(file).model).link, hanging_base(tw.load(file, floating_base=False).model)
     ('trunk', None)
     """
-    if model.mounted or not model.gravity.any() or _free_root_joints(model):
+    if model.mounted or not model.gravity.any() or _bodies_on_free_roots(model):
         return None
     return _base_on_legs(model)
 
@@ -91,9 +91,13 @@ def legs_of(model: Model) -> tuple[tuple[str, ...], ...]:
     >>> legs_of(tw.robots.ur5().model), [leg[-1] for leg in legs_of(tw.robots.quadruped().model)]
     ((), ['FL_foot', 'FR_foot', 'RL_foot', 'RR_foot'])
     """
-    roots = _free_root_joints(model)
+    roots = _bodies_on_free_roots(model)
     if roots:
-        model = lock(model, {body.joint.name: model.neutral[body.places[0]] for body in roots})
+        positions: dict[str, Array] = {}
+        for body in roots:
+            coordinates, _ = body.places
+            positions[body.joint.name] = model.neutral[coordinates]
+        model = lock(model, positions)
     if not model.gravity.any():
         model = with_gravity(model, GRAVITY)
     hanging = _base_on_legs(model)
@@ -103,8 +107,8 @@ def legs_of(model: Model) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(links[leg]) for leg in hanging.legs)
 
 
-def _free_root_joints(model: Model) -> list[Body]:
-    """Bodies on joints without a drive between the base and the robot, such as floating ones."""
+def _bodies_on_free_roots(model: Model) -> list[Body]:
+    """Bodies that a joint without a drive, such as a floating one, connects to the base frame."""
     return [body for body in model.bodies if body.parent == BASE and not body.joint.driven]
 
 
@@ -127,13 +131,18 @@ class _Stance:
         self.model = model
         self.poses = _body_poses(model, model.neutral)
         self.positions = {name: pose[:3, 3] for name, pose in frame_poses(model, model.neutral).items()}
+        """Positions (3,) of the frames of links [m]."""
         self.base = _base_links(model)
         self.chains = _chains(model)
         least_mass = MIN_SHARE_OF_MASS * (model.moving_mass + model.base_inertia.mass)
         heavy_links = [name for name in self.positions if model.link_inertias[name].mass > least_mass]
-        corners = [self.positions[name] for name in heavy_links or self.positions]
-        self.size = float(np.linalg.norm(np.ptp(corners, axis=0)))
+        links = heavy_links or list(self.positions)
+        self.size = float(np.linalg.norm(np.ptp(self.positions_of(links), axis=0)))
         """Diagonal of the box around the frames of heavy links [m]."""
+
+    def positions_of(self, names: Sequence[str]) -> Array:
+        """Positions (k, 3) of link frames."""
+        return np.array([self.positions[name] for name in names]).reshape(-1, 3)
 
     def heights(self, names: Sequence[str], up: Array) -> Array:
         """Heights (k,) of link frames along ``up``."""
@@ -141,9 +150,12 @@ class _Stance:
 
     def lowest_branches(self, up: Array) -> set[Chain]:
         """Branches that reach the lowest frames, well below the base, with a support polygon that is not a line."""
+        if not self.base or not self.chains:
+            return set()
         lowest = {chain: float(self.heights(names, up).min()) for chain, names in self.chains.items()}
-        ground = min(lowest.values(), default=np.inf)
-        if not self.base or not self.heights(self.base, up).min() - ground > MIN_BASE_HEIGHT * self.size:
+        ground = min(lowest.values())
+        base_height = self.heights(self.base, up).min() - ground
+        if base_height <= MIN_BASE_HEIGHT * self.size:
             return set()
         top = ground + MAX_HEIGHT_DIFFERENCE * self.size
         on_ground = [branch for branch, height in lowest.items() if height <= top]
@@ -156,11 +168,15 @@ class _Stance:
         return legs
 
     def _fall_over(self, legs: set[Chain], up: Array) -> bool:
-        """True if three legs or more end in one line, or all joints of two turn about the normal of the plane through both."""
+        """True if feet stand in one line, and nothing keeps the robot from falling over it.
+
+        That is so for three legs or more, and for two if all their joints turn about the horizontal normal of that line.
+        """
         ends = np.array([self._end(leg, up) for leg in sorted(legs)])
         footprint = ends - np.outer(ends @ up, up)
         _, _, directions = np.linalg.svd(footprint - footprint.mean(axis=0))
-        normal = np.cross(up, directions[0])
+        along_feet = directions[0]  # line in which the feet lie best
+        normal = np.cross(up, along_feet)
         if _hip_count(legs) > 2:
             return bool(np.ptp(footprint @ normal) < MIN_POLYGON_WIDTH * self.size)
         for leg in legs:
@@ -190,8 +206,8 @@ class _Stance:
             legs = self.lowest_branches(height_axis)
             if _hip_count(legs) < 2:
                 continue
-            length = min(float((self._hip(leg) - self._end(leg, height_axis)) @ height_axis) for leg in legs)
-            if length <= MIN_BASE_HEIGHT * self.size:
+            lengths = [(self._hip(leg) - self._end(leg, height_axis)) @ height_axis for leg in legs]
+            if min(lengths) <= MIN_BASE_HEIGHT * self.size:
                 continue
             top = float(self.heights(self.base, height_axis).max()) + MIN_BASE_HEIGHT * self.size
             upper_masses: list[float] = []
@@ -217,14 +233,16 @@ class _Stance:
         outward = list[Chain]()
         for chain, names in self.chains.items():
             long_and_low = len(chain) >= MIN_JOINTS_OF_LEG and self.heights(names, up).max() <= top
-            if long_and_low and self._reach(chain, up)[1] > MIN_OUTWARD_REACH * self.size:
+            if long_and_low and self._outward_reach(chain, up) > MIN_OUTWARD_REACH * self.size:
                 outward.append(chain)
         for first in outward:
             alike = {chain for chain in outward if self._are_alike(chain, first)}
             if _hip_count(alike) < MIN_FLAT_LEGS or not self._surround(alike, up):
                 continue
-            pairs = combinations(sorted(alike), 2)
-            return alike if all(_are_legs(self.model, *pair) for pair in pairs) else set()
+            for pair in combinations(sorted(alike), 2):
+                if not _are_legs(self.model, *pair):
+                    return set()  # other groups are not tried: these branches surround the base, and are one mechanism
+            return alike
         return set()
 
     def _are_alike(self, chain: Chain, first: Chain) -> bool:
@@ -232,25 +250,30 @@ class _Stance:
         mass = self._mass(first)
         return len(chain) == len(first) and abs(self._mass(chain) - mass) <= MAX_MASS_DIFFERENCE * mass
 
-    def _reach(self, chain: Chain, up: Array) -> tuple[Array, float]:
-        """Horizontal vector from the base to a branch's first joint, and how much farther out its farthest frame is."""
-        centre = self._centre()
-        across = np.eye(3) - np.outer(up, up)
-        hip = across @ (self._hip(chain) - centre)
-        ends = [float(np.linalg.norm(across @ (self.positions[name] - centre))) for name in self.chains[chain]]
-        return hip, max(ends) - float(np.linalg.norm(hip))
+    def _hip_offset(self, chain: Chain, up: Array) -> Array:
+        """Horizontal vector from the base's centre to a branch's first joint."""
+        horizontal_part = np.eye(3) - np.outer(up, up)
+        return np.asarray(horizontal_part @ (self._hip(chain) - self._centre()))
+
+    def _outward_reach(self, chain: Chain, up: Array) -> float:
+        """Horizontal distance from the base's centre of a branch's farthest frame, less that of its first joint [m]."""
+        horizontal_part = np.eye(3) - np.outer(up, up)
+        offsets = (self.positions_of(self.chains[chain]) - self._centre()) @ horizontal_part
+        farthest = np.linalg.norm(offsets, axis=1).max()
+        return float(farthest - np.linalg.norm(self._hip_offset(chain, up)))
 
     def _centre(self) -> Array:
         """Centre of the base's mass, or of its frames if it has none."""
         base = self.model.base_inertia
         if base.mass > 0.0:
             return np.asarray(base.com)
-        return np.asarray(np.mean([self.positions[name] for name in self.base], axis=0))
+        return np.asarray(np.mean(self.positions_of(self.base), axis=0))
 
     def _surround(self, legs: set[Chain], up: Array) -> bool:
-        """True if the base's centre is inside the polygon of the hips: no half-plane through it is without one."""
-        hips = np.array([self._reach(leg, up)[0] for leg in sorted(legs)])
-        horizontal = np.linalg.svd(up[None])[2][1]
+        """True if the base's centre is inside the polygon of the hips: as seen from it, no two neighbours are 180° apart."""
+        hips = np.array([self._hip_offset(leg, up) for leg in sorted(legs)])
+        _, _, directions = np.linalg.svd(up[None])
+        horizontal = directions[1]  # some unit vector across ``up``, which is directions[0]
         angles = np.sort(np.arctan2(hips @ np.cross(up, horizontal), hips @ horizontal))
         return bool(np.diff(angles, append=angles[0] + 2 * np.pi).max() < np.pi)
 
@@ -326,7 +349,9 @@ def _are_legs(model: Model, first_chain: tuple[int, ...], second_chain: tuple[in
     shared = len(set(first_chain) & set(second_chain))
     first, second = set(first_chain[shared:]), set(second_chain[shared:])
     fewest_joints = min(len(first), len(second))
-    return fewest_joints >= max(MIN_JOINTS_OF_LEG, shared) and not _loops_join(model, first, second)
+    if fewest_joints < MIN_JOINTS_OF_LEG or fewest_joints < shared:  # too short; or they part far from the base
+        return False
+    return not _loops_join(model, first, second)
 
 
 def _loops_join(model: Model, one: set[int], other: set[int]) -> bool:
@@ -334,7 +359,9 @@ def _loops_join(model: Model, one: set[int], other: set[int]) -> bool:
     children = Counter(body.parent for body in model.bodies if body.joint.moves_body)
     loops = [_tail(model, c.frame_a, children) | _tail(model, c.frame_b, children) for c in model.closures.values()]
     first, second = _bodies_joined_by(one, loops), _bodies_joined_by(other, loops)
-    return bool(first & other) or BASE in first | second
+    if first & other:  # what is joined to one is joined from the other too
+        return True
+    return BASE in first | second
 
 
 def _bodies_joined_by(start: set[int], loops: Sequence[set[int]]) -> set[int]:
@@ -349,10 +376,11 @@ def _bodies_joined_by(start: set[int], loops: Sequence[set[int]]) -> set[int]:
 
 
 def _tail(model: Model, frame: str, children: Mapping[int, int]) -> set[int]:
-    """Bodies from a frame's body inward, up to the first that carries several; the base for a frame on it."""
+    """Bodies from a frame's own body inward, up to the first that carries several; the base for a frame on it."""
     bodies = set[int]()
     for body in _chain(model, model.all_frames[frame].body):
-        if bodies and children[body] > 1:
+        carries_several = children[body] > 1
+        if bodies and carries_several:  # the frame's own body belongs to the loop, whatever it carries
             break
         bodies.add(body)
     return bodies or {BASE}

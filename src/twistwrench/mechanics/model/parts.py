@@ -18,7 +18,8 @@ from .assembly import ROOT_JOINT, Additions, assemble, default_tip
 from .description import JointEntry, LinkEntry, SiteEntry, unused
 from .limits import LAWS, Friction, Limits
 from .mimic import find_drives
-from .model import BASE, Body, Model, find_tree
+from .model import BASE, Body, Model
+from .tree import find_tree
 
 if TYPE_CHECKING:
     from .couplings import Coupling

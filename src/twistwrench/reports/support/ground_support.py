@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.typing import Array
+from ...statics.balance import exceeding
+from ...statics.contact_forces import friction_within
 from ...statics.contacts import contact_maps
-from ...statics.support import Support, exceeding, friction_within, support
+from ...statics.support import Support, support
 from ...statics.torque_limits import floating_entries
 from .ground import UNLIMITED_FRICTION, Ground
 from .slope import ground_doubt, samples

@@ -10,7 +10,8 @@ import numpy as np
 from ...core.typing import Array
 from ...motion.differentiation import MotionSamples
 from ...motion.load_case import TERMS, LoadCase
-from ...statics.support import ContactForces, contact_forces, exceeding
+from ...statics.balance import exceeding
+from ...statics.contact_forces import ContactForces, contact_forces
 from ...statics.torque_limits import floating_entries
 from .ground import Ground
 

@@ -18,7 +18,8 @@ from ...motion.coordinates import Coordinates
 from ...motion.motion_log import MotionLog
 from ...motion.readers.columnar_file import ArrayFile
 from ...robot import Robot
-from ...statics.feet import base_poses, level_pose, pose_coordinates, resting_points, stance_rates, upward
+from ...statics.feet import upward
+from ...statics.stance import base_poses, level_pose, pose_coordinates, resting_points, stance_rates
 from ...statics.torque_limits import floating_entries
 from .contact_schedule import with_schedule
 from .ground import Ground, GroundGiven, ground_of, with_base_free

@@ -22,13 +22,13 @@ def casadi_function(quantity: BridgedQuantity) -> Any:
     except ImportError:
         raise MissingExtraError.from_extra("casadi", "casadi", "robot.to_casadi") from None
     program = quantity.program
-    symbols = [casadi.SX.sym(port.name, max(port.size, 0)) for port in program.inputs]
+    symbols = [casadi.SX.sym(port.name, port.size) for port in program.inputs]
     elements = []
     for symbol, port in zip(symbols, program.inputs, strict=True):
         elements += [symbol[k] for k in range(port.size)]
     values = iter(evaluated(program, elements, functions_of(casadi, casadi.if_else)))
     results = [_matrix(casadi, list(islice(values, port.size)), port) for port in program.outputs]
-    input_names = [identifier(port.name) for port in program.inputs]
+    input_names = list(map(identifier, quantity.input_names))
     output_names = []
     for port in program.outputs:
         name = identifier(port.name)

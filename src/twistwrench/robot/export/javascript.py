@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ...compiler.ir.program import FUSED, TensorSpec
+from ...compiler.ir.program import FUSED, Program, TensorSpec
 from ...compiler.lowering.reference_interpreter import evaluated
 from ...compiler.printers.c99 import identifier
-from .request import BridgedQuantity
+from .request import BridgedQuantity, element_names
 
 _RESERVED = frozenset([
     "arguments", "await", "break", "case", "catch", "class", "const", "continue", "debugger", "default", "delete",
@@ -24,17 +24,16 @@ def javascript_module(quantity: BridgedQuantity) -> str:
     program = quantity.program
     names = [_name(port.name) for port in program.inputs]
     results = [_name(port.name) for port in program.outputs]
-    elements = _elements(names, program.inputs)
-    copies = [element.replace("[", "_").replace("]", "_") for element in elements]
-    read_elements = {int(instruction.value) for instruction in program.instructions if instruction.op == "input"}
-    # Inputs are read before outputs are written.
-    lines = [f"const {copies[k]} = {elements[k]};" for k in sorted(read_elements)]
-    values = evaluated(program, copies, _functions(lines))
+    elements = element_names(names, program.inputs)
+    copies = " ".join(elements).translate(_TO_UNDERSCORES).split()  # q[3] to q_3_
+    # Inputs are copied before outputs are written, which may be the same arrays.
+    lines = [f"const {copies[k]} = {elements[k]};" for k in _read_elements(program)]
+    values = evaluated(program, copies, _functions(lines))  # adds a line for each operation
     arrays = [f"new Float64Array({port.size})" for port in program.outputs]
     if len(results) == 1:
-        targets, (default,) = _elements(["out"], program.outputs), arrays
+        targets, (default,) = element_names(["out"], program.outputs), arrays
     else:
-        targets = _elements([f"out.{name}" for name in results], program.outputs)
+        targets = element_names([f"out.{name}" for name in results], program.outputs)
         entries = map(": ".join, zip(results, arrays, strict=True))
         default = f"{{ {', '.join(entries)} }}"
     for target, value in zip(targets, values, strict=True):
@@ -47,12 +46,13 @@ def javascript_module(quantity: BridgedQuantity) -> str:
     return f"{head}{body}  return out;\n}}\n"
 
 
-def _elements(names: Sequence[str], ports: Sequence[TensorSpec]) -> list[str]:
-    """Elements of arrays, one after the other."""
-    elements = []
-    for name, port in zip(names, ports, strict=True):
-        elements += [f"{name}[{k}]" for k in range(port.size)]
-    return elements
+_TO_UNDERSCORES = str.maketrans("[]", "__")
+
+
+def _read_elements(program: Program) -> list[int]:
+    """Numbers of the elements of all inputs that the program reads, ascending."""
+    numbers = {int(instruction.value) for instruction in program.instructions if instruction.op == "input"}
+    return sorted(numbers)
 
 
 def _shapes_text(names: Sequence[str], ports: Sequence[TensorSpec]) -> str:
@@ -78,7 +78,8 @@ def _functions(lines: list[str]) -> dict[str, Any]:
         functions[name] = local(f"Math.{name}({{0}})")
     for op, (product_sign, sum_sign) in FUSED.items():
         product = "({0} * {1})" if product_sign > 0 else "-({0} * {1})"
-        functions[op] = local(f"{product} {'+' if sum_sign > 0 else '-'} {{2}}")
+        sign = "+" if sum_sign > 0 else "-"
+        functions[op] = local(f"{product} {sign} {{2}}")
     return functions
 
 

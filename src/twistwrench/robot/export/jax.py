@@ -7,216 +7,19 @@ versions only extend at the end.
 
 from __future__ import annotations
 
-import ctypes
-import itertools
-import re
 import warnings
 from collections.abc import Callable, Sequence
-from ctypes import POINTER, Structure, c_char_p, c_int, c_int32, c_int64, c_size_t, c_uint32, c_void_p
-from functools import cache, partial
+from functools import partial
 from itertools import islice
 from math import prod
-from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from ...compiler.ir.program import Program, TensorSpec
 from ...compiler.lowering.reference_interpreter import batch_shape, evaluated, functions_of
 from ...compiler.runtime.interpreter import compiles
-from ...compiler.runtime.xla_handler import is_compiled, make_handler
 from ...core.errors import MissingExtraError, ModelWarning, ValueRangeError
+from .jax_operation import JaxOperation
 from .request import BridgedQuantity
-
-_DTYPES = {11: np.float32, 12: np.float64}
-"""XLA_FFI_DataType_F32 and F64."""
-_EXECUTE, _METADATA, _INTERNAL = 3, 1, 13
-"""XLA_FFI_ExecutionStage_EXECUTE, XLA_FFI_Extension_Metadata, XLA_FFI_Error_Code_INTERNAL."""
-
-
-_HEAD = (("size", c_size_t), ("extension", c_void_p))
-"""First fields of every structure."""
-
-
-class _Version(Structure):
-    _fields_ = (*_HEAD, ("major", c_int), ("minor", c_int))
-
-
-class _Metadata(Structure):
-    _fields_ = (("size", c_size_t), ("version", _Version), ("traits", c_uint32))
-
-
-class _Extension(Structure):
-    _fields_ = (("size", c_size_t), ("type", c_int), ("next", c_void_p), ("metadata", POINTER(_Metadata)))
-
-
-class _Buffer(Structure):
-    _fields_ = (*_HEAD, ("dtype", c_int32), ("data", c_void_p), ("rank", c_int64), ("dims", POINTER(c_int64)))
-
-
-class _Buffers(Structure):
-    _fields_ = (*_HEAD, ("count", c_int64), ("types", c_void_p), ("buffers", POINTER(POINTER(_Buffer))))
-
-
-class _ErrorCreate(Structure):
-    _fields_ = (*_HEAD, ("message", c_char_p), ("code", c_int))
-
-
-class _Api(Structure):
-    _fields_ = (*_HEAD, ("version", _Version), ("internal", c_void_p), ("error_create", c_void_p))
-
-
-class _CallFrame(Structure):
-    _fields_ = (
-        *_HEAD, ("api", POINTER(_Api)), ("context", c_void_p), ("stage", c_int), ("args", _Buffers), ("rets", _Buffers),
-    )  # fmt: skip
-
-
-_HANDLER = ctypes.CFUNCTYPE(c_void_p, POINTER(_CallFrame))
-_CREATE = ctypes.CFUNCTYPE(c_void_p, POINTER(_ErrorCreate))
-_numbers = itertools.count()
-_targets: dict[tuple[int, str, bool], tuple[str, Any, Any]] = {}
-"""Targets with kernels and handlers, by kernel id, type and scalar flag.
-
-They are never freed, because XLA keeps their addresses.
-"""
-
-
-def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char: str, *, scalar: bool) -> str:
-    """Register ``kernel(*inputs, out=results)`` with ``count`` inputs as a target of ``jax.ffi.ffi_call``; returns its name.
-
-    ``char`` is the letter of the type; ``scalar`` is true for single samples.
-    """
-    key = id(kernel), char, scalar
-    if key not in _targets:
-        version = _version(jax)
-        if is_compiled(kernel):
-            handler: Any = make_handler(kernel, char, version, scalar=scalar)
-            capsule = jax.ffi.pycapsule(ctypes.c_void_p(handler.address))
-        else:
-            handler = _callback(name, kernel, count, version)
-            capsule = jax.ffi.pycapsule(handler)
-        target = f"twistwrench_{name}_{next(_numbers)}"
-        jax.ffi.register_ffi_target(target, capsule, platform="cpu")
-        _targets[key] = target, kernel, handler
-    return _targets[key][0]
-
-
-def _callback(name: str, kernel: Callable[..., Any], count: int, version: tuple[int, int]) -> Any:
-    def run(pointer: Any) -> int | None:
-        frame = pointer.contents
-        try:
-            query = _Extension.from_address(frame.extension) if frame.extension else None
-            if query is not None and query.type == _METADATA:  # XLA queries the version only
-                answer = query.metadata.contents.version
-                answer.major, answer.minor = version
-            elif frame.stage == _EXECUTE:
-                kernel(*_arrays(frame.args)[:count], out=tuple(_arrays(frame.rets)))
-        except Exception as error:  # exceptions must not propagate through C
-            failure = _ErrorCreate(ctypes.sizeof(_ErrorCreate), message=f"{name}: {error}".encode(), code=_INTERNAL)
-            address: int | None = _CREATE(frame.api.contents.error_create)(ctypes.byref(failure))
-            return address
-        return None
-
-    return _HANDLER(run)
-
-
-def _version(jax: Any) -> tuple[int, int]:
-    """Version of the FFI interface in the header of the installed JAX."""
-    header = Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h").read_text(encoding="utf-8")
-    major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", header) for part in ("MAJOR", "MINOR"))
-    return (int(major[1]), int(minor[1])) if major and minor else (0, 1)
-
-
-def _arrays(buffers: Any) -> Sequence[Any]:
-    return [_array(buffers.buffers[k].contents) for k in range(buffers.count)]
-
-
-def _array(buffer: Any) -> Any:
-    shape = tuple(buffer.dims[: buffer.rank])
-    dtype: Any = np.dtype(_DTYPES[buffer.dtype])
-    size = int(np.prod(shape)) * dtype.itemsize
-    if not size:
-        return np.empty(shape, dtype)
-    memory: Any = (ctypes.c_char * size).from_address(buffer.data)
-    return np.frombuffer(memory, dtype).reshape(shape)
-
-
-# ── A program as one JAX operation, lowered to the compiled kernel on the CPU and to JAX operations elsewhere
-
-# Kernels are compiled at lowering, not while JAX traces, and not for computations that run only on a GPU.
-
-BATCH = 16
-"""Smallest batch for which a kernel that enters Python is faster than XLA's code of the program."""
-
-
-class JaxOperation:
-    """JAX operation of one quantity: takes arrays, returns a tuple of results. ``plain`` is the version in JAX operations."""
-
-    def __init__(self, quantity: BridgedQuantity, plain: Callable[..., tuple[Any, ...]]) -> None:
-        self.quantity, self.plain = quantity, plain
-
-    def __repr__(self) -> str:
-        return f"<JaxOperation {self.quantity.name}>"
-
-    def __call__(self, *arrays: Any) -> tuple[Any, ...]:
-        """Bind the operation in JAX's trace."""
-        return tuple(_primitive().bind(*arrays, operation=self))
-
-    def runs_plain(self, arrays: Sequence[Any]) -> bool:
-        """True if the version in JAX operations runs on the CPU: small batches of kernels that enter Python."""
-        return prod(batch_shape(arrays, self.quantity.program)) < BATCH and not is_compiled(self.quantity.kernel)
-
-    def evaluate(self, *arrays: Any) -> tuple[Any, ...]:
-        """Evaluation outside of jit; JAX operations that run once are not compiled by XLA."""
-        import jax
-
-        inputs = [jax.numpy.asarray(a) for a in arrays]
-        if all(device.platform == "cpu" for device in inputs[0].devices()) and self.runs_plain(inputs):
-            return self.plain(*inputs)
-        return tuple(jax.jit(self)(*inputs))
-
-    def call_kernel(self, *arrays: Any) -> tuple[Any, ...]:
-        """Kernel as an XLA call."""
-        import jax
-
-        if self.runs_plain(arrays):
-            return self.plain(*arrays)
-        program, kernel = self.quantity.program, self.quantity.kernel
-        batch, dtype = batch_shape(arrays, program), arrays[0].dtype
-        scalar = prod(batch) == 1
-        target = xla_target(jax, self.quantity.name, kernel, len(program.inputs), dtype.char, scalar=scalar)
-        whole = [jax.numpy.broadcast_to(a, (*batch, *p.shape)) for a, p in zip(arrays, program.inputs, strict=True)]
-        results = [jax.ShapeDtypeStruct((*batch, *p.shape), dtype) for p in program.outputs]
-        return tuple(jax.ffi.ffi_call(target, results)(*whole))
-
-
-@cache
-def _primitive() -> Any:
-    """JAX primitive of all these operations, with its rules for shapes and lowering."""
-    import jax
-    from jax.extend.core import Primitive
-    from jax.interpreters import mlir
-
-    def result_shapes(*arrays: Any, operation: JaxOperation) -> list[Any]:
-        program = operation.quantity.program
-        batch = batch_shape(arrays, program)
-        return [jax.core.ShapedArray((*batch, *port.shape), arrays[0].dtype) for port in program.outputs]
-
-    def plain(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
-        return operation.plain(*arrays)
-
-    def kernel_call(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
-        return operation.call_kernel(*arrays)
-
-    primitive = Primitive("twistwrench")
-    primitive.multiple_results = True
-    primitive.def_impl(lambda *arrays, operation: operation.evaluate(*arrays))
-    primitive.def_abstract_eval(result_shapes)
-    mlir.register_lowering(primitive, mlir.lower_fun(plain, multiple_results=True))
-    mlir.register_lowering(primitive, mlir.lower_fun(kernel_call, multiple_results=True), platform="cpu")
-    return primitive
-
 
 # ── A quantity as a function of JAX arrays for jit, vmap and differentiation: the program in JAX operations
 
@@ -247,8 +50,7 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
         return values(*(a.astype(dtype) for a in converted))
 
     function.__name__ = function.__qualname__ = quantity.name
-    listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
-    function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of JAX arrays: {listed}."
+    function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of JAX arrays: {quantity.inputs_text}."
     return function
 
 
@@ -257,8 +59,10 @@ class _Differentiable:
 
     def __init__(self, jax: Any, quantity: BridgedQuantity) -> None:
         self.jax, self.quantity, self.inputs, self.outputs = jax, quantity, quantity.inputs, quantity.program.outputs
-        self.names = [port.name for port in self.inputs]
-        self.rates = _array_function(jax.numpy, quantity.velocities()) if quantity.curved_inputs else None
+        self.names = quantity.input_names
+        self.rates = None
+        if quantity.curved_inputs:
+            self.rates = _array_function(jax.numpy, quantity.velocities())
         self._jacobians: dict[tuple[str, ...], Any] = {}
         self._hessians: dict[tuple[str, ...], Any] = {}
         self.values = jax.custom_jvp(_device_function(jax, quantity))
@@ -304,7 +108,8 @@ class _Differentiable:
         """Values and J with respect to some inputs, with df = J dx and dJ = H dx for the inputs with tangents."""
         jax, jnp, quantity, names, outputs = self.jax, self.jax.numpy, self.quantity, self.names, self.outputs
         moving = _inputs_with_tangents(jax, tangents)
-        involved = tuple(name for k, name in enumerate(names) if name in by or k in moving)
+        given = {*by, *(names[k] for k in moving)}
+        involved = tuple(name for name in names if name in given)
         if not compiles() or any(name in quantity.curved_inputs for name in involved):
             plain = _array_function(jnp, quantity.derivative(by, values=True).program)
             dense = [t if k in moving else jnp.zeros(t.shape, t.dtype) for k, t in enumerate(tangents)]
@@ -404,7 +209,9 @@ def _contract(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> An
 
 
 def _result_tuple(results: Any) -> tuple[Any, ...]:
-    return results if isinstance(results, tuple) else (results,)
+    if isinstance(results, tuple):
+        return results
+    return (results,)
 
 
 def _alone(results: tuple[Any, ...]) -> Any:

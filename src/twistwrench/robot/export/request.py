@@ -19,7 +19,8 @@ from ...core.text import argument
 from ...mechanics.algorithms.kinematics import velocity_map
 from ...mechanics.lie.labelled import TWIST
 from ..arguments import CONFIGURATIONS
-from ..programs import checked_options, program_of
+from ..kernels.options import checked_options
+from ..programs import program_of
 from ..quantities import QUANTITIES
 
 if TYPE_CHECKING:
@@ -74,11 +75,12 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
         function = CFunction("_".join([prefix, name, *_words(full)]), program_of(robot.model, name, full), precision)
         if any(port.size == 0 for port in (*function.program.inputs, *function.program.outputs)):
             raise KernelError(f"{name} of robot {robot.name!r} has no entry: there is nothing to export.")
-        if twins := [request for request in checked if request.function.name == function.name]:
-            raise ValueRangeError(
-                f"{function.name} would be there twice, for {name} {dict(options)} and {twins[0].quantity} "
-                f"{dict(twins[0].options)}. Name each once, or export them to files of different prefixes."
-            )
+        for request in checked:
+            if request.function.name == function.name:
+                raise ValueRangeError(
+                    f"{function.name} would be there twice, for {name} {dict(options)} and {request.quantity} "
+                    f"{dict(request.options)}. Name each once, or export them to files of different prefixes."
+                )
         checked.append(Request(name, options, full, function))
     if not checked:
         raise ValueRangeError(f"no quantity is named. Choose from {', '.join(sorted(QUANTITIES))}.")
@@ -142,6 +144,15 @@ def _words(full: Mapping[str, Any]) -> Iterator[str]:
 
 # ── One quantity for a bridge: program, derivatives, and rates of the coordinates
 
+
+def element_names(names: Sequence[str], ports: Sequence[TensorSpec]) -> list[str]:
+    """Names of the elements of arrays, one array after the other, such as ``q[0]``."""
+    elements = []
+    for name, port in zip(names, ports, strict=True):
+        elements += [f"{name}[{k}]" for k in range(port.size)]
+    return elements
+
+
 BRIDGE_PRECISIONS = ("double", "single")
 
 
@@ -197,12 +208,21 @@ class BridgedQuantity:
         """Names and shapes of the inputs."""
         return self.program.inputs
 
+    @property
+    def input_names(self) -> list[str]:
+        """Names of the inputs."""
+        return [port.name for port in self.inputs]
+
+    @property
+    def inputs_text(self) -> str:
+        """Names and shapes of the inputs, as docstrings of functions list them."""
+        return ", ".join(f"{port.name} {port.shape}" for port in self.inputs)
+
     def brought(self, what: str, values: Sequence[Any], array_type: type) -> list[Any]:
         """Keep arrays of the other package and convert all else to real arrays. Raises ShapeError and ValueRangeError."""
         ports = self.inputs
         if len(values) != len(ports):
-            names = ", ".join(port.name for port in ports)
-            raise ShapeError(f"{what} {self.name}: {len(values)} arrays given, {names} wanted.")
+            raise ShapeError(f"{what} {self.name}: {len(values)} arrays given, {', '.join(self.input_names)} wanted.")
         arrays = []
         for value, port in zip(values, ports, strict=True):
             if not isinstance(value, array_type):

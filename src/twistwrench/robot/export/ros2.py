@@ -19,8 +19,9 @@ from ...core.errors import KernelError, ValueRangeError
 from ...core.glossary import complete
 from ...core.numbers import number
 from ...core.typing import Array
-from .c99 import STATES, header, source
+from .c99 import header, source
 from .request import requests
+from .self_test import STATES
 from .written import Written
 
 if TYPE_CHECKING:

@@ -7,30 +7,25 @@ interpret the text with the tree of an independent parser.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...compiler.ir.program import FUSED, TensorSpec
-from ...compiler.ir.tracer import trace
+from ...compiler.ir.program import FUSED
 from ...compiler.lowering.reference_interpreter import NumpyKernel, evaluated
 from ...compiler.printers.c99 import identifier, literal
 from ...core import arguments
-from ...core.errors import KernelError, ModelError, ValueRangeError
+from ...core.errors import KernelError, ValueRangeError
 from ...core.files import check_outputs, replacing
 from ...core.numbers import file_number
-from ...core.text import Argument, Placeholder, argument, in_the_shell, spell
-from ...core.typing import Array
-from ...mechanics.algorithms.friction import either, friction_forces, positive
-from ...mechanics.algorithms.inverse_dynamics import drive_torques, driven_velocities
-from ...mechanics.model.actuators import STANDING
-from ...mechanics.model.couplings import motor_torques, motor_velocities
-from ..programs import inputs_of
-from .c99 import comment, comment_lines, entries, file_of, inputs_at_states, largest_entry, results_at_states
-from .request import Quantities, Request, name_option_pairs, prefix_of, requests
+from ...core.text import argument
+from .c99 import file_of
+from .comments import comment, comment_lines, entries
+from .motor_torques import with_motor_torques
+from .request import Quantities, Request, element_names, name_option_pairs, prefix_of, requests
+from .self_test import inputs_at_states, largest_entry, results_at_states
 from .written import Written
 
 if TYPE_CHECKING:
@@ -123,8 +118,8 @@ def function_block(name: str, request: Request, about: Sequence[str]) -> str:
         return write
 
     functions = {op: operation(pattern) for op, pattern in _OPERATIONS.items()}
-    values = evaluated(program, _elements(names[:count], program.inputs), functions)
-    for element, value in zip(_elements(names[count:], program.outputs), values, strict=True):
+    values = evaluated(program, element_names(names[:count], program.inputs), functions)
+    for element, value in zip(element_names(names[count:], program.outputs), values, strict=True):
         lines.append(f"{element} := {operand_text(value)};")
     declarations = [f"    {name} : {_type(port.size, real)};" for name, port in zip(names, ports, strict=True)]
     local_variables = ["VAR", *_wrap(locals_, f" : {real};"), "END_VAR"] if locals_ else []
@@ -144,14 +139,10 @@ _OPERATIONS: Mapping[str, str] = {
     "add": "{0} + {1}", "sub": "{0} - {1}", "mul": "{0} * {1}", "div": "{0} / {1}", "neg": "-{0}",
     "min": "MIN({0}, {1})", "max": "MAX({0}, {1})",
     "sign": "SEL({0} > 0.0, SEL({0} < 0.0, 0.0, (-1.0)), 1.0)",
-    **{name: f"{name.upper()}({{0}})" for name in ("sqrt", "sin", "cos", "exp")},
+    "sqrt": "SQRT({0})", "sin": "SIN({0})", "cos": "COS({0})", "exp": "EXP({0})",
     **{op: f"{'' if a > 0 else '-'}({{0}} * {{1}}) {'+' if b > 0 else '-'} {{2}}" for op, (a, b) in FUSED.items()},
 }  # fmt: skip
 """Expressions of the operations; MIN, MAX and SEL evaluate all operands, which have no side effects."""
-
-
-def _elements(names: Sequence[str], ports: Sequence[TensorSpec]) -> list[str]:
-    return [f"{name}[{k}]" for name, port in zip(names, ports, strict=True) for k in range(port.size)]
 
 
 def _type(size: int, real: str) -> str:
@@ -173,61 +164,6 @@ def _comment(lines: Sequence[str]) -> str:
     """Comment that names from robot files cannot end."""
     plain = comment([line.replace("*)", "* )").replace("(*", "( *") for line in lines])
     return f"(*{plain[2:-2]}*)"
-
-
-# ── Torques at the motor shafts
-
-
-def with_motor_torques(robot: Robot, request: Request) -> Request:
-    """Request for inverse dynamics with torques converted to the motor side of the gears.
-
-    Raises KernelError for another quantity, and ModelError for a joint without an actuator.
-    """
-    model, full = robot.model, request.full
-    option = spell(Argument("torque", "motor", option="torque-side"))
-    if request.quantity != "inverse_dynamics" or "derivative" in full or "parameters" in full:
-        raise KernelError(
-            f"{option} applies to inverse_dynamics, not to {request.function.name}. Export {request.quantity} by itself."
-        )
-    driven, actuators = driven_velocities(model), list(model.actuators.values())
-    if missing := [name for k, name in enumerate(model.drive_names) if k not in driven]:
-        remedy = "robot.with_actuators(file)"
-        if in_the_shell():
-            remedy = spell(Argument("actuators", Placeholder("FILE")))
-        raise ModelError(
-            f"{option} needs an actuator at every joint; there is none at {', '.join(missing)}. Describe them: {remedy}."
-        )
-    actuators = [actuators[k] for k in np.argsort(driven)]
-    ratio = np.array([actuator.ratio for actuator in actuators])
-    efficiency = np.array([actuator.efficiency for actuator in actuators])
-    no_load_torque = np.array([actuator.no_load_torque for actuator in actuators])
-    ports = inputs_of(model, "inverse_dynamics", full)
-
-    def torques(q: Array, dq: Array, ddq: Array, *more: Array) -> Array:
-        inputs = dict(zip([label for label, _ in ports[3:]], more, strict=True))
-        wrenches = {}
-        for frame in full.get("wrenches", ()):
-            sign = -1.0 if frame in full.get("on_robot", ()) else 1.0
-            wrenches[frame] = sign * inputs[f"wrench at {frame}"]
-        own_model = replace(model, gravity=inputs["gravity"]) if "gravity" in inputs else model
-        carried, rotor = drive_torques(own_model, q, dq, ddq, wrenches)
-        if full.get("friction"):
-            carried = carried + friction_forces(model, dq, carried + rotor)
-        carried, rotor = motor_torques(model, carried), motor_torques(model, rotor)
-        speeds = motor_velocities(model, dq)
-        directions = np.array([positive(w - STANDING) - positive(-w - STANDING) for w in speeds], object)
-        braking = [positive(-(force * direction)) for force, direction in zip(carried, directions, strict=True)]
-        share = np.array([either(b, e, 1.0 / e) for b, e in zip(braking, efficiency, strict=True)], object)
-        torque = (carried * share + rotor) / ratio
-        if not no_load_torque.any():
-            return torque
-        return torque + no_load_torque * np.sign(ratio) * directions
-
-    name = request.function.name.replace("inverse_dynamics", "motor_torques")
-    return replace(request, function=replace(request.function, name=name, program=trace(torques, ports, ["tau"])))
-
-
-# ── The file
 
 
 def export_st(
@@ -336,7 +272,7 @@ def _test(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]) -> str
     """Program that compares every block with the results of twistwrench; its output is ``Passed``."""
     scope = Names([name, *(block for block, _ in blocks), "Passed", "Worst"])
     real = TYPES[blocks[0][1].function.precision]
-    k, i, apart = (scope.free(x) for x in ("k", "i", "apart"))
+    k, i, apart = map(scope.free, ("k", "i", "apart"))
     declarations = [f"    {k}, {i} : DINT;", f"    {apart} : {real};"]
     lines = ["Passed := TRUE;", "Worst := 0.0;"]
     for block, request in blocks:

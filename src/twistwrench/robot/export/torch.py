@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import compress
 from typing import Any
 
 from ...compiler.ir.program import Program
@@ -29,18 +30,17 @@ def torch_function(quantity: BridgedQuantity) -> Callable[..., Any]:
     except ImportError:
         raise MissingExtraError.from_extra("torch", "torch", "robot.to_torch") from None
     compute = _Differentiable(torch, quantity).apply
-    inputs, _ = quantity.inputs, quantity.kernel  # built now: torch.compile cannot trace the construction of a kernel
-    listed = ", ".join(f"{port.name} {port.shape}" for port in inputs)
+    _ = quantity.kernel  # built now: torch.compile cannot trace the construction of a kernel
 
     def function(*tensors: Any) -> Any:
-        tensors = tuple(torch.as_tensor(t) for t in quantity.brought("to_torch", tensors, torch.Tensor))
+        tensors = tuple(map(torch.as_tensor, quantity.brought("to_torch", tensors, torch.Tensor)))
         quantity.require_shapes("to_torch", [tuple(t.shape) for t in tensors])
         if not all(t.is_cpu and t.dtype is torch.float64 and t.layout is torch.strided for t in tensors):
             tensors = _convert_to_common_type(torch, quantity, tensors)
         return compute(*tensors)
 
     function.__name__ = function.__qualname__ = quantity.name
-    function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of PyTorch's tensors: {listed}."
+    function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of PyTorch's tensors: {quantity.inputs_text}."
     return function
 
 
@@ -48,18 +48,22 @@ class _Differentiable:
     """One quantity as a function with two derivatives in PyTorch."""
 
     def __init__(self, torch: Any, quantity: BridgedQuantity) -> None:
-        self.torch, self.quantity, self.names = torch, quantity, [port.name for port in quantity.inputs]
+        self.torch, self.quantity, self.names = torch, quantity, quantity.input_names
         self.curved_inputs = quantity.curved_inputs
-        self.slopes = quantity.slopes() if self.curved_inputs else None
+        self.slopes = None
+        if self.curved_inputs:
+            self.slopes = quantity.slopes()
         self._functions: dict[Any, Any] = {}
         self.apply = _function(torch, quantity, self.backward)
 
     def backward(self, tensors: Sequence[Any], weights: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
         """Gradients dx = d(w . f)/dx of the needed inputs, by their entries."""
-        by = tuple(name for name, needs in zip(self.names, needed, strict=True) if needs)
+        by = tuple(compress(self.names, needed))
         gradient = self.quantity.derivative(by, "weighted")
         takes_weights = len(gradient.inputs) > len(tensors)  # a scalar result has its weight factored out
-        inputs = [*tensors, *weights] if takes_weights else [*tensors]
+        inputs = [*tensors]
+        if takes_weights:
+            inputs += weights
         if self.curved_inputs and self.torch.is_grad_enabled():
             gradients = _evaluate_program(self.torch, gradient.program, inputs)
         else:
@@ -96,7 +100,7 @@ class _Differentiable:
         if w:
             first = self.quantity.derivative(by, "along")
             gradients += _result_list(self._last(first)(*x, *v))
-        return [g if needs else None for g, needs in zip(gradients, needed, strict=True)]
+        return _needed_gradients(gradients, needed)
 
     def _last(self, derivative: BridgedQuantity) -> Callable[..., Any]:
         """Kernel of a derivative that PyTorch differentiates further."""
@@ -108,7 +112,7 @@ class _Differentiable:
 
             def backward(tensors: Sequence[Any], weights: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
                 _, pull = torch.func.vjp(results, *tensors)
-                return [g if needs else None for g, needs in zip(pull(tuple(weights)), needed, strict=True)]
+                return _needed_gradients(pull(tuple(weights)), needed)
 
             self._functions[derivative] = _function(torch, derivative, backward)
         return self._functions[derivative]
@@ -130,7 +134,7 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
     def gradients(ctx: Any, *weights: Any) -> Any:
         tensors = ctx.saved_tensors
         raw = backward(tensors, weights, ctx.needs_input_grad)
-        return tuple(None if g is None else _sum_to_shape(g, t) for g, t in zip(raw, tensors, strict=True))
+        return tuple(map(_sum_to_shape, raw, tensors))
 
     class Transformed(torch.autograd.Function):  # type: ignore[misc]
         """Variant for torch.func, with the context set up separately; PyTorch inspects the signature in every call."""
@@ -174,17 +178,17 @@ def _call_kernel(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) 
     # force: the memory of a lazy conjugate has the wrong imaginary part
     arrays = quantity.kernel(*(t.numpy(force=True) for t in tensors))
     if isinstance(arrays, tuple):
-        return tuple(torch.as_tensor(x) for x in arrays)
+        return tuple(map(torch.as_tensor, arrays))
     return torch.as_tensor(arrays)
 
 
 def _evaluate_program(torch: Any, program: Program, tensors: Sequence[Any]) -> list[Any]:
     """Program in PyTorch operations, which PyTorch can differentiate."""
     batch = batch_shape(tensors, program)
-    flat = [
-        t.reshape((*t.shape[: t.ndim - len(p.shape)], p.size)) for t, p in zip(tensors, program.inputs, strict=True)
-    ]
-    elements = [t[..., k] for t, p in zip(flat, program.inputs, strict=True) for k in range(p.size)]
+    elements: list[Any] = []
+    for tensor, port in zip(tensors, program.inputs, strict=True):
+        flat = tensor.reshape((*tensor.shape[: tensor.ndim - len(port.shape)], port.size))
+        elements += [flat[..., k] for k in range(port.size)]
 
     def where(condition: Any, a: Any, b: Any) -> Any:
         return torch.where(condition, torch.as_tensor(a).to(tensors[0]), torch.as_tensor(b).to(tensors[0]))
@@ -199,12 +203,21 @@ def _evaluate_program(torch: Any, program: Program, tensors: Sequence[Any]) -> l
 
 
 def _result_list(results: Any) -> list[Any]:
-    return list(results) if isinstance(results, tuple) else [results]
+    if isinstance(results, tuple):
+        return list(results)
+    return [results]
+
+
+def _needed_gradients(gradients: Sequence[Any], needed: Sequence[bool]) -> list[Any]:
+    """Gradients of the needed inputs, and None in place of the others."""
+    return [gradient if needs else None for gradient, needs in zip(gradients, needed, strict=True)]
 
 
 def _sum_to_shape(gradient: Any, tensor: Any) -> Any:
-    """Gradient summed over broadcast axes to the shape of the tensor."""
-    return gradient.sum_to_size(tensor.shape) if gradient.shape != tensor.shape else gradient
+    """Gradient, if there is one, summed over broadcast axes to the shape of the tensor."""
+    if gradient is None or gradient.shape == tensor.shape:
+        return gradient
+    return gradient.sum_to_size(tensor.shape)
 
 
 def _convert_to_common_type(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> tuple[Any, ...]:
@@ -215,7 +228,9 @@ def _convert_to_common_type(torch: Any, quantity: BridgedQuantity, tensors: Sequ
     if len({t.device for t in tensors}) > 1:
         listed = ", ".join(f"{port.name} on {t.device}" for t, port in zip(tensors, ports, strict=True))
         raise ValueRangeError(f"to_torch {quantity.name}: {listed}. Move all to one device.")
-    dtype = torch.float32 if all(t.dtype == torch.float32 for t in tensors) else torch.float64
+    dtype = torch.float64
+    if all(t.dtype == torch.float32 for t in tensors):
+        dtype = torch.float32
     return tuple(t.to(dtype) for t in tensors)
 
 

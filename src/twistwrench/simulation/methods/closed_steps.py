@@ -22,13 +22,15 @@ from ...compiler.runtime.gufunc import owner_of
 from ...core.errors import SimulationError, ValueRangeError
 from ...core.numbers import printed
 from ...core.typing import Array
+from ...mechanics.algorithms.constraint_projector import MIN_PIVOT, needs_singular_values
 from ...mechanics.algorithms.constraints import Constraint, constrained_dynamics, independent_constraints
 from ...mechanics.algorithms.friction import largest, positive, smallest
 from ...mechanics.algorithms.kinematics import add
-from ...mechanics.algorithms.loop_closure import MIN_PIVOT, LoopRows, needs_singular_values, project_state
+from ...mechanics.algorithms.loop_closure import LoopRows, project_state
 from ...mechanics.model.model import Model
 from ...robot.constraint_methods import MAX_CLOSED_GAP
-from ...robot.constraints.tolerances import gap_units, require_met
+from ...robot.constraints.states import require_met
+from ...robot.constraints.tolerances import gap_units
 from ...robot.engine import compile_form
 from ..compiled_steps import COMPILED_METHODS, TABLEAUS, CompiledSteps, Ports, StepPlan, can_compile_steps
 from ..forces import WORKS, System

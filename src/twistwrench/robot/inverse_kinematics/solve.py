@@ -1,9 +1,8 @@
-"""Inverse kinematics: damped Newton method on SE(3) for batches of poses, all branches, and the result."""
+"""Inverse kinematics: damped Newton method on SE(3) for batches of poses within the joint limits, and the result."""
 
 from __future__ import annotations
 
 import operator
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,21 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..compiler.ir.loops import PLACES
-from ..core import arguments
-from ..core.errors import ModelWarning, ShapeError, ValueRangeError
-from ..core.numbers import printed
-from ..core.typing import Array
-from ..mechanics.algorithms.kinematics import row_numbers
-from ..mechanics.joints.screw_joint import ScrewJoint
-from ..mechanics.lie import se3, so3
-from ..mechanics.model.assembly import random_configuration
-from ..mechanics.model.description import frames_to_user
-from .ik_search import Frames, PoseSearch, SinglePose
+from ...compiler.ir.loops import PLACES
+from ...core import arguments
+from ...core.errors import ShapeError, ValueRangeError
+from ...core.numbers import printed
+from ...core.typing import Array
+from ...mechanics.algorithms.kinematics import row_numbers
+from ...mechanics.lie import se3, so3
+from ...mechanics.model.configurations import random_configuration
+from .search import Frames, PoseSearch, SinglePose
 
 if TYPE_CHECKING:
-    from .constraints.closures import LoopClosureSolver
-    from .robot import Robot
+    from ..constraints.loop_closure_solver import LoopClosureSolver
+    from ..robot import Robot
 
 _MIN_REPORTED_GAP = 1e-9
 """Smallest gap (rad or m) that is reported with the remaining pose error."""
@@ -201,8 +198,6 @@ def clear_of_links(
     return IKResult(q, status, result._request, refused)
 
 
-# ── Damped Newton method on SE(3) within the joint limits, for batches of poses
-
 # The steps are in :mod:`..algorithms.newton_step`. The whole search is compiled, with samples side by side. A joint at
 # its limit leaves the step and returns when the step moves it inwards. Poses not yet reached restart from other
 # configurations, the nearest ones first. The result for a pose does not depend on the other poses of the batch.
@@ -243,20 +238,25 @@ def solve(
             if solution is not None:
                 return IKResult(solution[0], solution[1], remembered[1])
     request, search, settings = _checked_request(robot, frame, rows, restarts, rng, angle, distance, loops)
-    core = search.core
+    core = search.target_shape
     if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence with one name
         target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
     else:
         target = arguments.real(T, "inverse_kinematics: T", *core)
     kind = target.dtype
     if q0 is None:
-        start = robot.neutral if loops is None else loops.start
+        start = robot.neutral
+        if loops is not None:
+            start = loops.start
     else:
         start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
         kind = np.result_type(kind, start)
     shape = _batch_shape(target, start, core)
     start = np.broadcast_to(start, (*shape, robot.nq)).reshape(-1, robot.nq)
-    poses = np.broadcast_to(_rigid(target) if target.dtype != float else target, (*shape, *core)).reshape(-1, *core)
+    exact_target = target
+    if target.dtype != float:
+        exact_target = _rigid(target)
+    poses = np.broadcast_to(exact_target, (*shape, *core)).reshape(-1, *core)
     q, status = search.best(poses, start, *settings)
     unsolved = ~(status[:, 1] >= 0.0)
     if unsolved.any():  # not rigid, or not to the last digit
@@ -266,16 +266,28 @@ def solve(
         q[invalid], status[invalid] = np.nan, np.nan
         status[invalid, 0] = 0.0
     elif key is not None and not shape and settings[0] <= PLACES:
-        if len(searches) >= MAX_REMEMBERED_OPTIONS and key not in searches:
-            searches.clear()
-        single = SinglePose(search, *settings) if key in searches else None  # from the second call on
-        searches[key] = (single, request) if single is not None and single.call is not None else None
+        _remember_search(searches, key, search, settings, request)
     if nearest:
         q, status = search.nearest(_rigid(poses), start, (q, status), settings[2])
     if loops is not None:
         q, status = _close_loops(search, _frames(robot, frame, rows), loops, poses, (q, status))
     q = search.round_to_type(q.reshape(*shape, robot.nq), kind)
     return IKResult(q, status.reshape(*shape, -1), request)
+
+
+def _remember_search(
+    searches: dict[Any, Any], key: Any, search: PoseSearch, settings: tuple[int, int, tuple[float, float]],
+    request: PoseRequest,
+) -> None:  # fmt: skip
+    """Remember options of a call for one pose; from their second call on, with its fast path if there is one."""
+    if len(searches) >= MAX_REMEMBERED_OPTIONS and key not in searches:
+        searches.clear()
+    remembered = None
+    if key in searches:
+        single = SinglePose(search, *settings)
+        if single.call is not None:
+            remembered = single, request
+    searches[key] = remembered
 
 
 def _batch_shape(target: Array, start: Array, core: tuple[int, ...]) -> tuple[int, ...]:
@@ -311,7 +323,10 @@ def _checked_request(
     frames = _frames(robot, frame, rows)
     try:
         count = operator.index(restarts)
-        seed = _draw_seed(rng) if type(rng) is int and rng >= 0 else int(np.random.default_rng(rng).integers(2**63))
+        if type(rng) is int and rng >= 0:
+            seed = _draw_seed(rng)
+        else:
+            seed = int(np.random.default_rng(rng).integers(2**63))
     except (TypeError, ValueError):
         count = seed = -1
     if count < 0:
@@ -420,87 +435,3 @@ def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
     if len(chosen) == 6:
         return np.asarray(se3.log(se3.pose(rotation, displacement)))
     return np.take(np.concatenate([so3.log(rotation), displacement], axis=-1), chosen, axis=1)
-
-
-# ── All branches: configurations of one pose, up to full turns
-
-IDENTICAL_BELOW = 1e-6
-"""rad or m: configurations that differ by less than this in all joints are identical."""
-MAX_EQUAL_DISPLACEMENT = 10.0
-"""Largest displacement of the frame, in tolerances and to first order, between two configurations that count as equal.
-Larger distances between them occur only near a singular configuration, where the tolerance cannot separate them."""
-SINGULAR_VALUE_SHARE = 1e-9
-"""Singular values of J below this fraction of the largest are zero."""
-
-
-def branches(
-    robot: Robot,
-    T: ArrayLike,
-    frame: str | None,
-    rows: str | Iterable[int | str] | None,
-    starts: int,
-    rng: np.random.Generator | int | None,
-    angle: float,
-    distance: float,
-) -> IKResult:
-    """Branches of inverse kinematics; see :meth:`twistwrench.Robot.inverse_kinematics_branches`."""
-    target = arguments.one(arguments.finite(T, "inverse_kinematics_branches: T", 4, 4), "T", 4, 4)
-    starts = arguments.integer(starts, "starts")
-    chosen = row_numbers(rows)
-    if robot.nv > len(chosen) or robot.nq != robot.nv:
-        raise ValueRangeError(
-            f"robot {robot.name!r} has {robot.nv} velocities for {len(chosen)} rows, and branches need at most as many joints "
-            "of one degree as rows; otherwise a pose has curves of configurations. Lock joints (robot.lock), or use "
-            "inverse_kinematics for one."
-        )
-    q0 = np.concatenate([robot.neutral[None], robot.random_configuration(rng, starts - 1)])
-    result = robot.inverse_kinematics(target, frame, q0, rows=rows, restarts=0, angle=angle, distance=distance)
-    solutions = np.flatnonzero(result.converged)
-    q = _unwound(robot, result.q[solutions])
-    J = robot.jacobian(q, frame)[:, chosen, :]
-    turning = np.array(chosen) < 3
-    levers = np.linalg.norm(J[:, ~turning], axis=1).max(axis=-1, initial=1.0)
-    kept: list[int] = []
-    for k in range(len(q)):
-        difference = _apart(robot, q[k], q[kept])
-        V = (J[kept] @ difference[..., None])[..., 0]
-        identical = np.abs(difference).max(axis=-1, initial=0.0) < IDENTICAL_BELOW
-        equal = np.linalg.norm(V[:, turning], axis=1) <= MAX_EQUAL_DISPLACEMENT * angle
-        equal &= np.linalg.norm(V[:, ~turning], axis=1) <= MAX_EQUAL_DISPLACEMENT * distance * levers[kept]
-        if not (identical | equal).any():
-            kept.append(k)
-    singular_values = np.linalg.svd(J[kept], compute_uv=False) if kept else np.ones((0, 1))
-    singular = int((singular_values[:, -1] <= SINGULAR_VALUE_SHARE * singular_values[:, 0]).sum())
-    if singular > 1:
-        warnings.warn(
-            f"inverse_kinematics_branches: {singular} of the {len(kept)} configurations are singular, so they may be points of "
-            "curves on which the frame stays, and not branches. Turn or move the pose a little.",
-            ModelWarning,
-            stacklevel=frames_to_user(),
-        )
-    order = sorted(kept, key=lambda k: (float(np.abs(q[k]).max(initial=0.0)), k))
-    return select_poses(result, solutions[order], q[order])
-
-
-def _full_turn_mask(robot: Robot) -> Array:
-    """Mask of joints that repeat after a full turn: revolute, without pitch, without a follower of another ratio."""
-    followed = {body.v_index for body in robot.model.bodies if body.follows}
-    mask = np.zeros(robot.nv, bool)
-    for body in robot.model.leaders:
-        joint = body.joint
-        turns = isinstance(joint, ScrewJoint) and joint.turns and not joint.has_pitch
-        mask[body.v_index] = turns and body.v_index not in followed
-    return mask
-
-
-def _unwound(robot: Robot, q: Array) -> Array:
-    """Remove full turns from q if the limits allow the smaller angle."""
-    turn = 2.0 * np.pi * _full_turn_mask(robot)
-    smaller = q - turn * np.round(q / (2.0 * np.pi))
-    fits = (smaller >= robot.limits.lower) & (smaller <= robot.limits.upper)
-    return np.where(fits, smaller, q)
-
-
-def _apart(robot: Robot, a: Array, b: Array) -> Array:
-    """Difference of two configurations modulo full turns."""
-    return (a - b) - 2.0 * np.pi * _full_turn_mask(robot) * np.round((a - b) / (2.0 * np.pi))

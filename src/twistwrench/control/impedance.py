@@ -1,0 +1,79 @@
+"""Impedance control: mass, spring and damper at a frame. Modern Robotics section 11.7.1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.errors import ValueRangeError
+from ..core.glossary import complete
+from ..core.numbers import printed
+from ..core.typing import Array
+from .references import Measured, gain, one_state, set_gains
+from .task_space import TaskLaw
+
+
+@dataclass(frozen=True, eq=False)
+class Impedance(TaskLaw):
+    """Impedance control (MR section 11.7.1): spring K X_e and damper B V_e; at rest under a wrench F, K X_e = -F.
+
+    Without ``mass``, the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and no measurement is needed.
+    With ``mass``, M_d dV_e/dt + B V_e + K X_e = -F, and the law needs a measurement of F. V_e is the twist of the
+    reference minus that of the frame, and F is the force on the selected rows, Λ J M⁻¹ τ_ext.
+
+    Examples
+    --------
+    >>> import numpy as np, twistwrench as tw
+    >>> arm, q = tw.robots.planar_3r(), np.array([-0.6, 0.2, 2.2])
+    >>> soft = Impedance(arm, arm.forward_kinematics(q), stiffness=500.0, damping=60.0, rows="vx vz", posture=q)
+    >>> bool(np.allclose(soft(0.0, q, [0, 0, 0]), arm.gravity_forces(q)))
+    True
+    """
+
+    stiffness: ArrayLike
+    """K [N m/rad, N/m]: scalar, (r,), or (r, r)."""
+    damping: ArrayLike
+    """B [N m s/rad, N s/m]: scalar, (r,), or (r, r)."""
+    mass: ArrayLike | None = field(default=None, kw_only=True)
+    """M_d [kg m², kg]: scalar, (r,), or (r, r); None: the robot's inertia."""
+    wrench_on_robot: Measured | None = field(default=None, kw_only=True)
+    """F as a function of (t, q, dq): wrench by the world, (m, f) in the frame [N m, N], from a sensor or a
+    :class:`MomentumObserver`."""
+    _stiffness: Array = field(init=False, repr=False)
+    _damping: Array = field(init=False, repr=False)
+    _inverse_mass: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        set_gains(self, self.row_names, "stiffness", "damping")
+        if (self.mass is None) != (self.wrench_on_robot is None):
+            raise ValueRangeError(
+                "Impedance: mass and wrench_on_robot go together, as a frame takes on another mass only where the wrench on it "
+                "is known. Give both, or neither for the robot's own inertia."
+            )
+        if self.mass is not None:
+            mass = gain(self.mass, "Impedance: mass", self.row_names, definite=True)
+            object.__setattr__(self, "_inverse_mass", np.linalg.inv(mass))
+            if not callable(self.wrench_on_robot):
+                raise ValueRangeError(
+                    "Impedance: wrench_on_robot is a function of (t, q, dq) that gives (m, f) in the frame."
+                )
+
+    def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
+        """τ (nv,)."""
+        now = self.task(t, q, dq)
+        pull = self._stiffness @ now.error + self._damping @ now.error_rate
+        if self.wrench_on_robot is None:
+            return self._torques(t, q, dq, now, now.Lambda @ now.feedforward + pull)
+        measured = self.wrench_on_robot(t, *one_state(self.robot, "Impedance", q, dq))
+        measured = arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6)
+        pushed = np.linalg.solve(self.robot.mass_matrix(q), self.robot.wrench_torques(q, measured, self.frame))
+        F = now.Lambda @ now.J @ pushed  # selected entries; exact if the others are zero or all are selected
+        a = now.feedforward + self._inverse_mass @ (pull + F)
+        return self._torques(t, q, dq, now, now.Lambda @ a - F)
+
+
+complete(globals())

@@ -1,0 +1,89 @@
+"""Coriolis matrix and Christoffel symbols. Modern Robotics section 8.1.2; Echeandia and Wensing, 2021."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.typing import Array
+from ..bodies.inertia import SpatialInertia
+from ..lie import so3
+from ..lie.adjoint import Ad, ad
+from ..model.model import BASE, Model
+from .energies import body_velocities
+from .mass_matrix import composite_inertias
+from .recursion import add_entry, ancestors, armature_symbols, inward, joint_poses, zeros
+
+# For a body, let K = ∫ ẋ r' dm and p = ∫ ẋ dm, velocities ẋ and positions r of its points in the body's frame. Then
+#
+#     B V' = ((tr K 1 - K) w', w' × p)
+#
+# is the factor with  C = Σ J_i' (G_i dJ_i + B_i J_i),  C dq = c  and  dM/dt - 2C  skew. K and p add up like inertias. With the
+# sums G and B over all bodies that joint i carries, and S_j expressed in body i,
+#
+#     (1)  C_ji = S_j·(G dS_i + B S_i)                      j is i, or before it
+#     (2)  C_ij = dS_j·G S_i + S_j·B'S_i,   dS = [V, S]     j before i
+
+
+class BodyCoriolis:
+    """The operator B of one body or of several joined ones, given by K (3, 3) and p (3,)."""
+
+    def __init__(self, K: Array, p: Array) -> None:
+        self.K, self.p = K, p
+
+    @classmethod
+    def from_twist(cls, G: SpatialInertia, V: Array) -> BodyCoriolis:
+        """Coriolis matrix of a body with inertia G and twist V."""
+        w, v, h = V[:3], V[3:], G.first_moment
+        return cls(so3.hat(w) @ G.second_moment + np.outer(v, h), so3.cross(w, h) + G.mass * v)
+
+    def __add__(self, other: BodyCoriolis) -> BodyCoriolis:
+        return BodyCoriolis(self.K + other.K, self.p + other.p)
+
+    def in_frame(self, T: Array) -> BodyCoriolis:
+        """Operator expressed in {a}, given one in {b} and T = T_ab."""
+        R, r = T[:3, :3], T[:3, 3]
+        p = R @ self.p
+        return BodyCoriolis(R @ self.K @ R.T + np.outer(p, r), p)
+
+    def __matmul__(self, V: Array) -> Array:
+        w = V[:3]
+        return np.concatenate([self.K.trace() * w - self.K @ w, so3.cross(w, self.p)])
+
+    def transposed_times(self, V: Array) -> Array:
+        """B' V."""
+        w, v = V[:3], V[3:]
+        return np.concatenate([self.K.trace() * w - self.K.T @ w + so3.cross(self.p, v), zeros(3)])
+
+
+def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
+    """C with C dq = c and dM/dt - 2C skew; the Christoffel form for one-degree joints; (nv, nv)."""
+    T = joint_poses(model, q)
+    V, G = body_velocities(model, T, dq), composite_inertias(model, q)
+    B = [BodyCoriolis.from_twist(body.inertia, V[i]) for i, body in enumerate(model.bodies)]
+    for i, p in inward(model):
+        if p != BASE:
+            B[p] = B[p] + B[i].in_frame(T[i])
+    to_parent = [Ad(X).inverse.T for X in T]
+    C = zeros(model.nv, model.nv)
+    for i, body in enumerate(model.bodies):
+        for b, S in enumerate(body.joint.axes):
+            dS = ad(V[i]) @ S
+            F, GS, BS = G[i] @ dS + B[i] @ S, G[i] @ S, B[i].transposed_times(S)
+            for j in ancestors(model, i):
+                ancestor = model.bodies[j]
+                for a, S_j in enumerate(ancestor.joint.axes):
+                    add_entry(C, ancestor, a, body, b, S_j @ F)  # (1)
+                    if j != i:
+                        add_entry(C, body, b, ancestor, a, (ad(V[j]) @ S_j) @ GS + S_j @ BS)  # (2)
+                F, GS, BS = to_parent[j] @ F, to_parent[j] @ GS, to_parent[j] @ BS
+    for block, L in armature_symbols(model):
+        C[block, block] = C[block, block] + L @ dq[block]
+    return C
+
+
+def christoffel(model: Model, q: Array) -> Array:
+    """Γ_ijk of the first kind; (nv, nv, nv). C is linear in dq, so Γ_··k is C at the k-th unit velocity. MR section 8.1.2."""
+    gamma = zeros(model.nv, model.nv, model.nv)
+    for k, e in enumerate(np.eye(model.nv).astype(object)):
+        gamma[:, :, k] = coriolis_matrix(model, q, e)
+    return gamma

@@ -1,0 +1,141 @@
+"""Derivatives of inverse and forward dynamics by recursion: analytic, exact to rounding."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.typing import Array
+from ..lie import so3
+from ..lie.adjoint import Ad, ad
+from ..model.model import BASE, Body, Model
+from .coriolis_matrix import BodyCoriolis
+from .energies import body_velocities
+from .inverse_dynamics import Wrenches, applied_wrenches, bias_forces, body_motions, inertial_wrench
+from .mass_matrix import composite_inertias, inverse_factor, ldl_factors, mass_matrix, solve_ldl, symmetric_product
+from .recursion import add_entry, ancestors, armature_symbols, inward, joint_poses, spread, spring_stiffness, zeros
+
+# Coordinate j moves all bodies it carries along S_j. In frames that move along, body k has (λ the parent of j's body)
+#
+#     (1)  P_j = [V_λ, S_j]                                 ∂V_k/∂q_j = P_j
+#     (2)  Q_j = [dV_λ, S_j] + [V_λ, P_j]                   ∂dV_k/∂q_j = Q_j - [V_k, P_j]
+#     (3)  R_j = P_j + [V_j, S_j]
+#
+# with everything expressed in body k. The bracket with V_k is combined with the velocity products, which give 2 B P_j. B is
+# the operator of the Coriolis matrix and adds up over bodies like the inertia G. With G, B and F of all bodies that i
+# carries, for j before i, or j = i in (4) and (6),
+#
+#     (4)  ∂τ_i/∂q_j = P_j·(2B)'S_i + Q_j·G S_i             (5)  ∂τ_j/∂q_i = S_j·(2B P_i + G Q_i - [S_i, ·]'F)
+#     (6)  ∂τ_i/∂dq_j = S_j·(2B)'S_i + R_j·G S_i            (7)  ∂τ_j/∂dq_i = S_j·(2B S_i + G R_i)
+#
+# Four wrenches of each joint propagate to the base. Derivatives by q are along robot.add, also for planar and floating joints.
+# Sources: Carpentier and Mansard, RSS 2018; Singh, Russell and Wensing, IEEE RA-L 7(2), 2022.
+
+
+class _Column(NamedTuple):
+    """One velocity of one joint, in its body's frame: the axis S, and P, Q, R of (1) to (3)."""
+
+    S: Array
+    P: Array
+    Q: Array
+    R: Array
+
+
+def inverse_dynamics_derivatives(
+    model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None
+) -> tuple[Array, Array]:
+    """∂τ/∂q and ∂τ/∂dq; (nv, nv) each. ∂τ/∂ddq is M."""
+    T = joint_poses(model, q)
+    V, G = body_velocities(model, T, dq), composite_inertias(model, q)
+    twice_B, F, columns = composite_terms(model, T, V, dq, ddq, wrenches)
+    to_parent = [Ad(X).inverse.T for X in T]
+    by_q, by_dq = zeros(model.nv, model.nv) + spring_stiffness(model), zeros(model.nv, model.nv)
+    for i, body in enumerate(model.bodies):
+        for k, own in enumerate(columns[i]):
+            GS, BS = G[i] @ own.S, twice_B[i].transposed_times(own.S)
+            for j in ancestors(model, i):  # i itself first
+                ancestor = model.bodies[j]
+                for m, column in enumerate(columns[j]):
+                    if changes_dynamics(ancestor):
+                        add_entry(by_q, body, k, ancestor, m, column.P @ BS + column.Q @ GS)  # (4)
+                    add_entry(by_dq, body, k, ancestor, m, column.S @ BS + column.R @ GS)  # (6)
+                GS, BS = to_parent[j] @ GS, to_parent[j] @ BS
+            if changes_dynamics(body):
+                F_by_q = twice_B[i] @ own.P + G[i] @ own.Q - ad(own.S).T @ F[i]
+                _add_to_ancestors(by_q, model, columns, to_parent, i, k, F_by_q)  # (5)
+            F_by_dq = twice_B[i] @ own.S + G[i] @ own.R
+            _add_to_ancestors(by_dq, model, columns, to_parent, i, k, F_by_dq)  # (7)
+    for block, L in armature_symbols(model):  # L (n, n, n): the armature's torques are dq' L dq
+        by_dq[block, block] = by_dq[block, block] + (L + L.swapaxes(1, 2)) @ dq[block]
+    return by_q, by_dq
+
+
+def composite_terms(
+    model: Model, T: list[Array], V: list[Array], dq: Array, ddq: Array, wrenches: Wrenches | None
+) -> tuple[list[BodyCoriolis], list[Array], list[list[_Column]]]:
+    """2 B and F summed over all bodies that each body carries, and the columns of its joint."""
+    twice_B = [BodyCoriolis.from_twist(body.inertia, 2.0 * V[i]) for i, body in enumerate(model.bodies)]
+    columns = []
+    Adq, Addq = spread(model, dq), spread(model, ddq)
+    F: list[Array] = []
+    for i, motion in body_motions(model, T, dq, ddq):
+        body = model.bodies[i]
+        F.append(inertial_wrench(body.inertia, motion))
+        V_parent = V[i] - Adq[i]
+        dV = np.concatenate([motion.dw, motion.a - so3.cross(V[i][:3], V[i][3:])])  # from a, that of the origin
+        dV_parent = dV - Addq[i] - ad(V_parent) @ Adq[i]  # dV = dV_parent + S q̈ + [V_parent, S dq]
+        joint_columns = []
+        for S in body.joint.axes:
+            P = ad(V_parent) @ S  # (1)
+            joint_columns.append(_Column(S, P, ad(dV_parent) @ S + ad(V_parent) @ P, P + ad(V[i]) @ S))  # (2), (3)
+        columns.append(joint_columns)
+    for i, F_by in applied_wrenches(model, wrenches):
+        F[i] = F[i] + F_by
+    for i, p in inward(model):
+        if p != BASE:
+            twice_B[p] = twice_B[p] + twice_B[i].in_frame(T[i])
+            F[p] = F[p] + Ad(T[i]).inverse.T @ F[i]
+    return twice_B, F, columns
+
+
+def _add_to_ancestors(
+    matrix: Array, model: Model, columns: list[list[_Column]], to_parent: list[Ad], i: int, k: int, F: Array
+) -> None:
+    """Add torques of a wrench F on body i at the joints before it: rows of these joints, column of i's velocity k."""
+    F = to_parent[i] @ F
+    for j in ancestors(model, i):
+        if j == i:
+            continue
+        for m, column in enumerate(columns[j]):
+            add_entry(matrix, model.bodies[j], m, model.bodies[i], k, column.S @ F)
+        F = to_parent[j] @ F
+
+
+def changes_dynamics(body: Body) -> bool:
+    """True if the joint's coordinate changes the dynamics; the coordinate of a body of revolution does not."""
+    return body.joint.moves_body
+
+
+def forward_dynamics_derivatives(
+    model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None
+) -> tuple[Array, Array, Array]:
+    """∂ddq/∂q, ∂ddq/∂dq and ∂ddq/∂τ = M⁻¹; (nv, nv) each. From M ∂ddq/∂x = -∂τ/∂x at the ddq that τ produces."""
+    by_q, by_dq, inverse, W, D = torque_derivatives_and_factors(model, q, dq, tau, wrenches)
+    return accelerations(W, D, by_q), accelerations(W, D, by_dq), inverse
+
+
+def torque_derivatives_and_factors(
+    model: Model, q: Array, dq: Array, tau: Array, wrenches: Wrenches | None = None
+) -> tuple[Array, Array, Array, Array, Array]:
+    """∂τ/∂q and ∂τ/∂dq at the ddq that τ produces, M⁻¹, and its factors W (nv, nv) and D (nv,): M⁻¹ = W D W'."""
+    L, D = ldl_factors(mass_matrix(model, q))
+    ddq = solve_ldl(L, D, tau - bias_forces(model, q, dq, wrenches))
+    by_q, by_dq = inverse_dynamics_derivatives(model, q, dq, ddq, wrenches)
+    W = inverse_factor(L)  # keeps the zeros between branches, unlike M⁻¹
+    return by_q, by_dq, symmetric_product(W, D), W, D
+
+
+def accelerations(W: Array, D: Array, X: Array) -> Array:
+    """-M⁻¹ X = -W D W' X for one column (nv,) or several (nv, m): ∂ddq/∂x from X = ∂τ/∂x."""
+    return -(W @ (D * (W.T @ X).T).T)  # transposed, so that D (nv,) scales the rows of one column and of several

@@ -1,0 +1,94 @@
+"""Energies, momentum and centre of mass of a robot. Modern Robotics sections 8.1 and 8.2."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...core.typing import Array
+from ..lie import so3
+from ..lie.adjoint import Ad
+from ..model.couplings import motor_velocities
+from ..model.model import BASE, Model
+from .mass_matrix import composite_inertias
+from .recursion import (
+    base_poses,
+    joint_poses,
+    outward,
+    spread,
+    spring_energy,
+    zeros,
+)
+
+
+def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
+    """Twist V_i of each body in its own frame; (6,) each. MR eq. 8.51."""
+    Adq = spread(model, dq)
+    V: list[Array] = []
+    for i, p in outward(model):
+        V.append(Adq[i] if p == BASE else Ad(T[i]).inverse @ V[p] + Adq[i])
+    return V
+
+
+def kinetic_energy(model: Model, q: Array, dq: Array) -> Any:
+    """½ Σ V' G V plus the energy of the drives' armature [J]. MR section 8.1.2."""
+    V = body_velocities(model, joint_poses(model, q), dq)
+    u = motor_velocities(model, dq)
+    drives = 0.5 * (u @ (model.armature * u))
+    return sum((0.5 * (v @ (body.inertia @ v)) for body, v in zip(model.bodies, V, strict=True)), start=drives)
+
+
+def _first_moments(model: Model, q: Array) -> tuple[float, Array]:
+    """Mass and first moment (3,) of all moving bodies together, in the base frame."""
+    mass, h = 0.0, zeros(3)
+    for body, T in zip(model.bodies, base_poses(model, joint_poses(model, q)), strict=True):
+        mass += body.inertia.mass
+        h = h + T[:3, :3] @ body.inertia.first_moment + body.inertia.mass * T[:3, 3]
+    return mass, h
+
+
+def potential_energy(model: Model, q: Array) -> Any:
+    """-Σ m g·c, zero with every centre of mass at the base origin, plus the energy of springs [J]."""
+    return -(model.gravity @ _first_moments(model, q)[1]) + spring_energy(model, q)
+
+
+def center_of_mass(model: Model, q: Array) -> Array:
+    """Centre of mass of the moving bodies in the base frame, NaN if their mass is zero; (3,)."""
+    mass, h = _first_moments(model, q)
+    return h * _per(mass)
+
+
+def _per(mass: Any) -> Any:
+    """1 / mass, NaN for zero mass; symbolic masses count as nonzero."""
+    return np.nan if isinstance(mass, int | float) and mass == 0 else 1.0 / mass
+
+
+def com_jacobian(model: Model, q: Array) -> Array:
+    """J with d(center_of_mass)/dt = J dq; (3, nv). Each joint moves the composite body that it carries."""
+    T = joint_poses(model, q)
+    T_s, G = base_poses(model, T), composite_inertias(model, q)
+    J = zeros(3, model.nv)
+    for i, body in enumerate(model.bodies):
+        for b, S in enumerate(body.joint.axes):
+            c = body.v_index + b
+            J[:, c] = J[:, c] + body.ratio * (T_s[i][:3, :3] @ (G[i] @ S)[3:])
+    mass = sum(body.inertia.mass for body in model.bodies)
+    return J * _per(mass)
+
+
+def momentum(model: Model, q: Array, dq: Array) -> Array:
+    """Spatial momentum P of the moving bodies at the base origin; (6,)."""
+    T = joint_poses(model, q)
+    V, T_s = body_velocities(model, T, dq), base_poses(model, T)
+    P = zeros(6)
+    for i, body in enumerate(model.bodies):
+        P = P + Ad(T_s[i]).inverse.T @ (body.inertia @ V[i])
+    return P
+
+
+def momentum_about_com(model: Model, q: Array, dq: Array) -> Array:
+    """Centroidal momentum: the spatial momentum about the centre of mass, axes of {s}; (6,)."""
+    P = momentum(model, q, dq)
+    return np.concatenate([P[:3] - so3.cross(center_of_mass(model, q), P[3:]), P[3:]])

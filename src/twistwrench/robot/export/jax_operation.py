@@ -1,0 +1,86 @@
+"""A program as one JAX operation, lowered to the compiled kernel on the CPU and to JAX operations elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from math import prod
+from typing import Any
+
+from ...compiler.lowering.reference_interpreter import batch_shape
+from ...compiler.runtime.xla_handler import is_compiled
+from .request import BridgedQuantity
+from .xla_call import xla_target
+
+# Kernels are compiled at lowering, not while JAX traces, and not for computations that run only on a GPU.
+
+BATCH = 16
+"""Smallest batch for which a kernel that enters Python is faster than XLA's code of the program."""
+
+
+class JaxOperation:
+    """JAX operation of one quantity: takes arrays, returns a tuple of results. ``plain`` is the version in JAX operations."""
+
+    def __init__(self, quantity: BridgedQuantity, plain: Callable[..., tuple[Any, ...]]) -> None:
+        self.quantity, self.plain = quantity, plain
+
+    def __repr__(self) -> str:
+        return f"<JaxOperation {self.quantity.name}>"
+
+    def __call__(self, *arrays: Any) -> tuple[Any, ...]:
+        """Bind the operation in JAX's trace."""
+        return tuple(_primitive().bind(*arrays, operation=self))
+
+    def runs_plain(self, arrays: Sequence[Any]) -> bool:
+        """True if the version in JAX operations runs on the CPU: small batches of kernels that enter Python."""
+        return prod(batch_shape(arrays, self.quantity.program)) < BATCH and not is_compiled(self.quantity.kernel)
+
+    def evaluate(self, *arrays: Any) -> tuple[Any, ...]:
+        """Evaluation outside of jit; JAX operations that run once are not compiled by XLA."""
+        import jax
+
+        inputs = [jax.numpy.asarray(a) for a in arrays]
+        if all(device.platform == "cpu" for device in inputs[0].devices()) and self.runs_plain(inputs):
+            return self.plain(*inputs)
+        return tuple(jax.jit(self)(*inputs))
+
+    def call_kernel(self, *arrays: Any) -> tuple[Any, ...]:
+        """Kernel as an XLA call."""
+        import jax
+
+        if self.runs_plain(arrays):
+            return self.plain(*arrays)
+        program, kernel = self.quantity.program, self.quantity.kernel
+        batch, dtype = batch_shape(arrays, program), arrays[0].dtype
+        scalar = prod(batch) == 1
+        target = xla_target(jax, self.quantity.name, kernel, len(program.inputs), dtype.char, scalar=scalar)
+        whole = [jax.numpy.broadcast_to(a, (*batch, *p.shape)) for a, p in zip(arrays, program.inputs, strict=True)]
+        results = [jax.ShapeDtypeStruct((*batch, *p.shape), dtype) for p in program.outputs]
+        return tuple(jax.ffi.ffi_call(target, results)(*whole))
+
+
+@cache
+def _primitive() -> Any:
+    """JAX primitive of all these operations, with its rules for shapes and lowering."""
+    import jax
+    from jax.extend.core import Primitive
+    from jax.interpreters import mlir
+
+    def result_shapes(*arrays: Any, operation: JaxOperation) -> list[Any]:
+        program = operation.quantity.program
+        batch = batch_shape(arrays, program)
+        return [jax.core.ShapedArray((*batch, *port.shape), arrays[0].dtype) for port in program.outputs]
+
+    def plain(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
+        return operation.plain(*arrays)
+
+    def kernel_call(*arrays: Any, operation: JaxOperation) -> tuple[Any, ...]:
+        return operation.call_kernel(*arrays)
+
+    primitive = Primitive("twistwrench")
+    primitive.multiple_results = True
+    primitive.def_impl(lambda *arrays, operation: operation.evaluate(*arrays))
+    primitive.def_abstract_eval(result_shapes)
+    mlir.register_lowering(primitive, mlir.lower_fun(plain, multiple_results=True))
+    mlir.register_lowering(primitive, mlir.lower_fun(kernel_call, multiple_results=True), platform="cpu")
+    return primitive

@@ -1,0 +1,102 @@
+"""All branches of inverse kinematics: configurations of one pose, up to full turns."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core import arguments
+from ...core.errors import ModelWarning, ValueRangeError
+from ...core.typing import Array
+from ...mechanics.algorithms.kinematics import row_numbers
+from ...mechanics.joints.screw_joint import ScrewJoint
+from ...mechanics.model.description import frames_to_user
+from .solve import IKResult, select_poses
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+IDENTICAL_BELOW = 1e-6
+"""rad or m: configurations that differ by less than this in all joints are identical."""
+MAX_EQUAL_DISPLACEMENT = 10.0
+"""Largest displacement of the frame, in tolerances and to first order, between two configurations that count as equal.
+Larger distances between them occur only near a singular configuration, where the tolerance cannot separate them."""
+SINGULAR_VALUE_SHARE = 1e-9
+"""Singular values of J below this fraction of the largest are zero."""
+
+
+def branches(
+    robot: Robot,
+    T: ArrayLike,
+    frame: str | None,
+    rows: str | Iterable[int | str] | None,
+    starts: int,
+    rng: np.random.Generator | int | None,
+    angle: float,
+    distance: float,
+) -> IKResult:
+    """Branches of inverse kinematics; see :meth:`twistwrench.Robot.inverse_kinematics_branches`."""
+    target = arguments.one(arguments.finite(T, "inverse_kinematics_branches: T", 4, 4), "T", 4, 4)
+    starts = arguments.integer(starts, "starts")
+    chosen = row_numbers(rows)
+    if robot.nv > len(chosen) or robot.nq != robot.nv:
+        raise ValueRangeError(
+            f"robot {robot.name!r} has {robot.nv} velocities for {len(chosen)} rows, and branches need at most as many joints "
+            "of one degree as rows; otherwise a pose has curves of configurations. Lock joints (robot.lock), or use "
+            "inverse_kinematics for one."
+        )
+    q0 = np.concatenate([robot.neutral[None], robot.random_configuration(rng, starts - 1)])
+    result = robot.inverse_kinematics(target, frame, q0, rows=rows, restarts=0, angle=angle, distance=distance)
+    solutions = np.flatnonzero(result.converged)
+    q = _unwound(robot, result.q[solutions])
+    J = robot.jacobian(q, frame)[:, chosen, :]
+    turning = np.array(chosen) < 3
+    levers = np.linalg.norm(J[:, ~turning], axis=1).max(axis=-1, initial=1.0)
+    kept: list[int] = []
+    for k in range(len(q)):
+        difference = _apart(robot, q[k], q[kept])
+        V = (J[kept] @ difference[..., None])[..., 0]
+        identical = np.abs(difference).max(axis=-1, initial=0.0) < IDENTICAL_BELOW
+        equal = np.linalg.norm(V[:, turning], axis=1) <= MAX_EQUAL_DISPLACEMENT * angle
+        equal &= np.linalg.norm(V[:, ~turning], axis=1) <= MAX_EQUAL_DISPLACEMENT * distance * levers[kept]
+        if not (identical | equal).any():
+            kept.append(k)
+    singular_values = np.linalg.svd(J[kept], compute_uv=False) if kept else np.ones((0, 1))
+    singular = int((singular_values[:, -1] <= SINGULAR_VALUE_SHARE * singular_values[:, 0]).sum())
+    if singular > 1:
+        warnings.warn(
+            f"inverse_kinematics_branches: {singular} of the {len(kept)} configurations are singular, so they may be points of "
+            "curves on which the frame stays, and not branches. Turn or move the pose a little.",
+            ModelWarning,
+            stacklevel=frames_to_user(),
+        )
+    order = sorted(kept, key=lambda k: (float(np.abs(q[k]).max(initial=0.0)), k))
+    return select_poses(result, solutions[order], q[order])
+
+
+def _full_turn_mask(robot: Robot) -> Array:
+    """Mask of joints that repeat after a full turn: revolute, without pitch, without a follower of another ratio."""
+    followed = {body.v_index for body in robot.model.bodies if body.follows}
+    mask = np.zeros(robot.nv, bool)
+    for body in robot.model.leaders:
+        joint = body.joint
+        turns = isinstance(joint, ScrewJoint) and joint.turns and not joint.has_pitch
+        mask[body.v_index] = turns and body.v_index not in followed
+    return mask
+
+
+def _unwound(robot: Robot, q: Array) -> Array:
+    """Remove full turns from q if the limits allow the smaller angle."""
+    turn = 2.0 * np.pi * _full_turn_mask(robot)
+    smaller = q - turn * np.round(q / (2.0 * np.pi))
+    fits = (smaller >= robot.limits.lower) & (smaller <= robot.limits.upper)
+    return np.where(fits, smaller, q)
+
+
+def _apart(robot: Robot, a: Array, b: Array) -> Array:
+    """Difference of two configurations modulo full turns."""
+    return (a - b) - 2.0 * np.pi * _full_turn_mask(robot) * np.round((a - b) / (2.0 * np.pi))

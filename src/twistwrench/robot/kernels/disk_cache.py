@@ -1,0 +1,125 @@
+"""Disk cache of loaded robots: first results without parsing or tracing."""
+
+from __future__ import annotations
+
+import os
+import sys
+from ast import literal_eval
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ...core import object_cache
+from ...core.files import read_bytes
+
+if TYPE_CHECKING:
+    from ...mechanics.model.model import Model
+
+# The key of a robot consists of the bytes of its file, the options of loading, and the versions of this library, Python
+# and NumPy. Only URDF robots are cached, because they are read from one file. Warnings are cached too, and issued at
+# each loading. The model is built from the bytes that were read, once more than the cached kernels is needed.
+
+_PLAIN = (str, int, float, bool, type(None))
+"""Types of options that their text identifies."""
+
+
+class CacheEntry(NamedTuple):
+    """Robot file and the options of loading."""
+
+    data: bytes
+    key: str
+    remarks: tuple[str, ...] | None
+    """Warnings of an earlier loading; None if the file was not loaded before."""
+
+
+class CachedModel:
+    """Model of a robot with cached kernels, under the key of its file; built at first use."""
+
+    def __init__(self, key: str, make: Callable[[], Model]) -> None:
+        self.key, self._make = key, make
+
+    @cached_property
+    def model(self) -> Model:
+        """Model, built at first use."""
+        return self._make()
+
+
+def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
+    """Cache entry of a robot file; None without a cache or for anything but plain URDF (xacro includes other files)."""
+    if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
+        return None
+    written = _options_text(options)
+    try:
+        folder = object_cache.folder() if written is not None and Path(source).is_file() else None
+        if written is None or folder is None:
+            return None
+        data = getattr(source, "data", None) or read_bytes(Path(source))  # of a RobotFile, which may be loaded twice
+        version = _version()
+    except (OSError, ValueError):  # reported by the loader; or the library is in an archive
+        return None
+    if b"<robot" not in data or any(other in data for other in (b"<mujoco", b"<sdf", b"xacro:", b"${")):
+        return None
+    key = object_cache.digest("robot", version, os.fspath(source), written, data).hex()
+    entry = object_cache.load(key, folder)
+    return CacheEntry(data, key, None if entry is None else _remarks(entry))
+
+
+def _remarks(entry: bytes) -> tuple[str, ...] | None:
+    """Warnings of an entry; None for an entry that :func:`keep_file` did not write."""
+    try:
+        remarks = literal_eval(entry.decode())
+    except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):  # the file is loaded again
+        return None
+    if isinstance(remarks, tuple) and all(isinstance(remark, str) for remark in remarks):
+        return remarks
+    return None
+
+
+def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:
+    """Store that a file was loaded, and its warnings."""
+    object_cache.store(known.key, repr(tuple(remarks)).encode())
+
+
+def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) -> str:
+    """Cache key of a kernel; empty if the kernel is not cached."""
+    written = _options_text({**options, "names": tuple(names)}) if origin else None
+    if written is None:
+        return ""
+    import llvmlite
+
+    from ...compiler.lowering.target_machine import chosen, compiler
+
+    return object_cache.digest("kernel", origin, written, llvmlite.__version__, compiler().version, str(chosen())).hex()
+
+
+@cache
+def _version() -> str:
+    """Versions of Python and NumPy, and sizes and times of all files of this library, to detect edited copies.
+
+    Raises OSError if the library is not in a folder, for example in an archive.
+    """
+    files, folders = [], [str(Path(__file__).parents[2])]
+    while folders:
+        with os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                if entry.name.endswith((".py", ".pyc")):  # .pyc files count if the library has no sources
+                    status = entry.stat()
+                    files.append(f"{entry.path} {status.st_size} {status.st_mtime_ns}")
+                elif "." not in entry.name and entry.name != "__pycache__" and entry.is_dir():
+                    folders.append(entry.path)
+    return "\n".join([sys.version, np.__version__, *sorted(files)])
+
+
+def _options_text(options: Mapping[str, Any]) -> str | None:
+    """Options that are not None as text; None if one is not a plain value."""
+    values = {name: value for name, value in sorted(options.items()) if value is not None}
+    return repr(values) if _is_plain(values) else None
+
+
+def _is_plain(value: Any) -> bool:
+    if type(value) is dict:
+        return all(type(name) is str and _is_plain(x) for name, x in value.items())
+    return type(value) in _PLAIN or (type(value) in (list, tuple) and all(map(_is_plain, value)))

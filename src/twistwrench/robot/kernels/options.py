@@ -1,0 +1,186 @@
+"""Options of a quantity: defaults, frames, joints, derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, TypedDict
+
+from ...core.errors import KernelError, UnknownNameError, ValueRangeError
+from ...mechanics.algorithms import constraints, kinematics
+from ...mechanics.model.model import Model
+from ...mechanics.model.parameters import matching
+from ..differentiate import Derivative
+from ..quantities import QUANTITIES, Shape, other_name_hint
+
+
+class KernelOptions(TypedDict, total=False):
+    """Options of :meth:`twistwrench.Robot.kernel`."""
+
+    frame: str | None
+    kind: Literal["body", "space", "world_aligned"]
+    rows: Any
+    wrenches: str | Sequence[str]
+    on_robot: str | Sequence[str]
+    gravity: Literal["input"] | None
+    friction: bool
+    parameters: str | Sequence[str]
+    constraints: tuple[constraints.Constraint, ...]
+    by: str | Sequence[str] | None
+    form: Literal["jacobian", "along", "weighted", "hessian", "hessian_along"]
+    mode: Literal["auto", "forward", "reverse"]
+    values: bool
+
+
+DERIVATIVE_OPTIONS: Mapping[str, Any] = {"by": None, "form": "jacobian", "mode": "auto", "values": False}
+"""Derivative options of every quantity, with defaults."""
+
+_MAX_LISTED_LINKS = 12
+
+
+def options_of(name: str) -> tuple[str, ...]:
+    """Options of a quantity; raises UnknownNameError."""
+    if name not in QUANTITIES:
+        if hint := other_name_hint(str(name)):
+            raise UnknownNameError(f"no quantity named {name!r}: {hint}.")
+        raise UnknownNameError.from_choices("quantity", name, QUANTITIES)
+    own = QUANTITIES[name].options
+    on_robot = ("on_robot",) if "wrenches" in own else ()
+    return (*own, *on_robot, "parameters", *DERIVATIVE_OPTIONS)
+
+
+def options_by_quantity(model: Model, names: Sequence[str], options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Each quantity with the options that apply to it, validated."""
+    if not names:
+        raise UnknownNameError.from_choices("quantity", "", QUANTITIES)
+    if len(set(names)) < len(names):
+        raise KernelError(f"a quantity is given twice: {', '.join(names)}. Name each once.")
+    if len(names) == 1:
+        return {names[0]: checked_options(model, names[0], options)}
+    allowed = {name: options_of(name) for name in names}
+    for option in options:
+        if all(option not in own for own in allowed.values()):
+            raise KernelError(f"none of {', '.join(names)} takes an option {option!r}.")
+    checked = {}
+    for name, own in allowed.items():
+        applicable = {option: value for option, value in options.items() if option in own}
+        checked[name] = checked_options(model, name, applicable)
+    return checked
+
+
+def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options with defaults filled in, frames resolved and kinds checked."""
+    allowed = options_of(name)
+    for option in options:
+        if option not in allowed:
+            raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join(allowed)}.")
+    if name == "christoffel":
+        _require_plain_rates(model)
+    full: dict[str, Any] = {}
+    if "frame" in allowed:
+        frame = options.get("frame")
+        model.frame(frame)
+        full["frame"] = model.tip if frame is None else frame
+    if options.get("gravity") is not None:
+        if not isinstance(options["gravity"], str) or options["gravity"] != "input":
+            raise KernelError(
+                f"{name}: gravity={options['gravity']!r} is not allowed. 'input' makes gravity the kernel's last input; "
+                "for another constant one, robot.with_gravity."
+            )
+        full["gravity"] = "input"
+    if options.get("friction"):
+        full["friction"] = True
+    if "kind" in allowed:
+        full["kind"] = options.get("kind", "body")
+        if full["kind"] not in kinematics.KINDS:
+            if meant := kinematics.PINOCCHIO.get(str(full["kind"]).upper()):
+                raise UnknownNameError(
+                    f"no kind named {str(full['kind'])!r}: Pinocchio's name for kind={meant!r}, which has angular rows first."
+                )
+            raise UnknownNameError.from_choices("kind", full["kind"], kinematics.KINDS)
+    if "rows" in allowed:
+        if model.nv == 0:
+            raise KernelError(f"{name}: robot {model.name!r} has no joint that moves.")
+        full["rows"] = kinematics.row_numbers(options.get("rows"))
+    if "constraints" in allowed:
+        full["constraints"] = _constraints(name, options.get("constraints", ()))
+    if "wrenches" in allowed:
+        full |= _wrench_options(model, name, options)
+    if options.get("parameters"):
+        full["parameters"] = matching(model, _names_tuple(options["parameters"]))
+    if QUANTITIES[name].needs_mass:
+        _require_mass(model, name, full.get("parameters", ()))
+    without_inputs = [option for option in DERIVATIVE_OPTIONS if option in options and option != "by"]
+    if options.get("by") is not None:
+        by, form, mode, values = (options.get(option, usual) for option, usual in DERIVATIVE_OPTIONS.items())
+        full["derivative"] = Derivative.from_inputs(
+            name, tuple(input_shapes(model, name, full)), by, form, mode, values
+        )
+    elif without_inputs:
+        raise KernelError(
+            f"{name}: {without_inputs[0]}= is of a derivative; name the inputs to differentiate by, as in by='q'."
+        )
+    return full
+
+
+def _names_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
+    """One name or several, as a tuple."""
+    return (names,) if isinstance(names, str) else tuple(names)
+
+
+def _wrench_options(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    """Frames of the wrenches, and those of the wrenches applied by the world."""
+    wrenches = options.get("wrenches", ())
+    if not isinstance(wrenches, str | Sequence):
+        raise KernelError(f"{name}: wrenches={wrenches!r} is not allowed. Give the names of frames.")
+    frames = _names_tuple(wrenches)
+    on_robot = _names_tuple(options.get("on_robot") or ())
+    for frame in frames:
+        model.frame(frame)
+    if len(set(frames)) < len(frames):
+        raise KernelError(f"{name}: a frame is named twice in wrenches={frames}. Add its wrenches up first.")
+    if stray := [frame for frame in on_robot if frame not in frames]:
+        raise KernelError(f"{name}: on_robot names {stray[0]!r}, which is not in wrenches={frames}.")
+    return {"wrenches": frames, "on_robot": on_robot} if on_robot else {"wrenches": frames}
+
+
+def _constraints(name: str, value: Any) -> tuple[constraints.Constraint, ...]:
+    if not isinstance(value, tuple) or not value or not all(isinstance(c, constraints.Constraint) for c in value):
+        raise KernelError(
+            f"{name} needs constraints=(…,), a tuple of those of a closed robot: robot.close(…).constraints, "
+            f"got {value!r}."
+        )
+    return value
+
+
+def _require_plain_rates(model: Model) -> None:
+    for body in model.bodies:
+        if not body.joint.plain_rates:
+            raise ValueRangeError(
+                f"Christoffel symbols need coordinates whose rates are the velocities; joint {body.joint.name!r} is "
+                f"{body.joint.kind}. coriolis_matrix works on every robot."
+            )
+
+
+def _require_mass(model: Model, name: str, parameters: Sequence[str]) -> None:
+    if not model.bodies or any(x.endswith(".mass") for x in parameters):
+        return
+    if all(body.inertia.mass == 0 for body in model.bodies):
+        links = [body.link for body in model.bodies]
+        if len(links) > _MAX_LISTED_LINKS:
+            links = [*links[:_MAX_LISTED_LINKS], "…"]
+        raise ValueRangeError(
+            f"{name}: no moving body of robot {model.name!r} has mass ({', '.join(links)}), so there is no centre of mass. "
+            "Give their links an inertial in the file, or a payload: robot.with_payload(…)."
+        )
+
+
+def input_shapes(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Shape]:
+    """Inputs of one quantity, in the order of its algorithm."""
+    ports = dict(QUANTITIES[name].shapes(model))
+    for frame in options.get("wrenches", ()):
+        ports[f"wrench at {frame}"] = (6,)
+    if "gravity" in options:
+        ports["gravity"] = (3,)
+    if names := options.get("parameters", ()):
+        ports["parameters"] = (len(names),)
+    return ports

@@ -1,0 +1,69 @@
+"""Contact forces alone, for the torques of a motion: without margins."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..core.typing import Array
+from .balance import Balance
+from .contacts import Contact, contact_maps
+from .torque_limits import floating_entries
+
+if TYPE_CHECKING:
+    from ..robot import Robot
+
+
+class ContactForces(NamedTuple):
+    """Contact forces of n instants, without margins."""
+
+    forces: Array
+    """(n, c, 3): forces on the robot in the base frame [N]; where no forces balance, those of contacts that stick."""
+    maps: Array
+    """(n, nv, c, 3): maps of contact forces to torques."""
+    holds: Array
+    """(n,) of bool: True where forces within the cones balance."""
+
+
+def contact_forces(
+    robot: Robot,
+    q: Array,
+    tau: Array,
+    contacts: tuple[Contact, ...],
+    in_contact: Array,
+    limits: Array | None = None,
+) -> ContactForces:
+    """Forces of :func:`support` that balance torques (n, nv) without contacts in the rows of the free base."""
+    free = floating_entries(robot)
+    maps, balance = _balance_of(robot, q, tau, contacts, in_contact)
+    forces, least_norm, holds = balance.forces()
+    if limits is not None:
+        forces, _ = balance.forces_within(forces, least_norm, maps, tau, np.where(free, np.inf, limits))
+    if not holds.all():
+        G = balance.maps[~holds] * in_contact[~holds][:, None, :, None]
+        G = G.reshape(len(G), G.shape[1], -1)
+        forces[~holds] = (np.linalg.pinv(G) @ balance.load[~holds][..., None]).reshape(-1, len(contacts), 3)
+    return ContactForces(forces, maps, holds)
+
+
+def friction_within(
+    robot: Robot, q: Array, tau: Array, contacts: tuple[Contact, ...], in_contact: Array, friction: Array, limits: Array,
+    most: float,
+) -> Array:  # fmt: skip
+    """Least coefficients (n,) from ``friction`` to ``most`` that keep the torques within limits (nv,) too.
+
+    ``friction`` (n,) is that of the balance alone; it stays where the limits do not matter, or cannot be kept.
+    """
+    maps, balance = _balance_of(robot, q, tau, contacts, in_contact)
+    return balance.friction_within(friction, maps, tau, np.where(floating_entries(robot), np.inf, limits), most)
+
+
+def _balance_of(
+    robot: Robot, q: Array, tau: Array, contacts: tuple[Contact, ...], in_contact: Array
+) -> tuple[Array, Balance]:
+    """Maps (n, nv, c, 3) of the contacts, and the balance of torques (n, nv) at the free base."""
+    free = floating_entries(robot)
+    turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
+    maps, _ = contact_maps(robot, q, contacts)
+    return maps, Balance(contacts, maps[:, free], tau[:, free], None, None, turning, in_contact)

@@ -1,0 +1,152 @@
+"""Path and timing of a move: waypoints, the path, and the fastest or the given time along it."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import arguments
+from ..core.errors import ConstraintWarning, PathError, ValueRangeError
+from ..core.numbers import over_limit
+from ..core.text import argument
+from ..core.typing import Array
+from ..core.verdict import Word
+from ..mechanics.algorithms.time_scalings import cubic, quintic, s_curve, screw_path, straight_path, trapezoid
+from ..mechanics.model.couplings import motor_torques
+from ..mechanics.model.limits import Limits
+from ..motion.bounds import Violation
+from ..motion.coordinates import ConfigurationGiven, Coordinates
+from ..motion.model_doubts import as_it_hangs, base_doubts
+from ..motion.readers.csv_reader import CsvFile, table_errors
+from ..robot import Robot
+from .fastest import fastest as fastest_timing
+from .paths import JointPath, follow_poses, joint_line, spline
+from .trajectory import Trajectory, fitted
+
+Paths: TypeAlias = Literal["joint", "line", "screw"]
+"""Straight line of the joints, straight line of the tip, or its screw."""
+Scalings: TypeAlias = Literal["quintic", "cubic", "trapezoid", "s-curve"]
+"""Time scalings along the path."""
+SAMPLES = 2001
+"""Number of times at which a motion is judged."""
+
+
+def check_path(to: ConfigurationGiven, by: ArrayLike | None, waypoints: Any, path: str, scaling: str) -> None:
+    """Raise ValueRangeError if the end is missing, or two arguments contradict each other."""
+    if path not in get_args(Paths):
+        raise ValueRangeError(f"path is {path!r}. Give 'joint', 'line' or 'screw'.")
+    if scaling not in get_args(Scalings):
+        raise ValueRangeError(f"scaling is {scaling!r}. Give one of {', '.join(map(repr, get_args(Scalings)))}.")
+    if to is not None and by is not None:
+        raise ValueRangeError(
+            f"{argument('to')} and {argument('by')} both set the end of the motion. Keep one of them."
+        )
+    if to is None and by is None:
+        raise ValueRangeError(
+            f"where does it end? Give {argument('to')} for the joints, or {argument('by')} for the tip."
+        )
+    if by is not None and path != "joint":
+        raise ValueRangeError(f"{argument('by')} moves the tip on a straight line. Leave the path out.")
+    if waypoints is not None and (by is not None or path != "joint"):
+        raise ValueRangeError(
+            f"{argument('waypoints')} are for the joints, and the path is one of the tip. Keep one of them."
+        )
+
+
+def path_and_trouble(
+    robot: Robot, q0: Array, q1: Array, by: ArrayLike | None, between: Array | None, path: str
+) -> tuple[JointPath | None, PathError | None]:
+    """Requested path from q0 (nq,) to q1 (nq,) or by a vector; if it ends early, its feasible part and the error."""
+    if between is not None:
+        return spline(robot, np.concatenate([[q0], between, [q1]])), None
+    if by is None and path == "joint":
+        return joint_line(robot, q0, q1), None
+    T = robot.forward_kinematics(q0)
+    if by is None:
+        poses = (straight_path if path == "line" else screw_path)(T, robot.forward_kinematics(q1))
+    else:
+        end = T.copy()
+        end[:3, 3] += arguments.one(arguments.finite(by, "by", 3), "by", 3)
+        poses = straight_path(T, end)
+    try:
+        return follow_poses(robot, poses, q0), None
+    except PathError as problem:
+        return problem.partial, problem  # type: ignore[return-value]
+
+
+def time_path(
+    robot: Robot,
+    path: JointPath,
+    bounds: Limits,
+    *,
+    fast: bool,
+    scaling: Scalings,
+    duration: float | None,
+    friction: bool,
+) -> Trajectory:
+    """Motion along the path: the ``fast``est, or with the time scaling."""
+    if fast:
+        kinds = ("velocity", "effort", "acceleration", "deceleration", "jerk")
+        limits = {kind: getattr(bounds, kind) for kind in kinds}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConstraintWarning)  # the verdict checks positions against the given limits
+            return fastest_timing(robot, path, friction=friction, **limits)
+    shapes: dict[str, Any] = {"quintic": quintic(1.0), "cubic": cubic(1.0), "s-curve": s_curve(1.0)}
+    shape = {**shapes, "trapezoid": trapezoid(v=1.5, duration=1.0)}[scaling]
+    if duration is not None:
+        return Trajectory(robot, path, shape.stretched(duration), friction=friction)
+    return Trajectory(robot, path, fitted(robot, path, shape, bounds, friction=friction), friction=friction)
+
+
+def read_waypoints(robot: Robot, source: str | Path | ArrayLike, *, degrees: bool) -> Array:
+    """Configurations (n, nq) of a file or an array."""
+    unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
+    if isinstance(source, str | Path):
+        return _waypoints_of_file(robot, source) * unit
+    rows = arguments.finite(source, "waypoints", robot.nq, names=robot.coordinate_names)
+    return np.atleast_2d(np.asarray(rows, float)) * unit
+
+
+def _waypoints_of_file(robot: Robot, file: str | Path) -> Array:
+    """Rows (n, nq) of a file, as written."""
+    names = robot.coordinate_names
+    form = f"the columns {', '.join(names[:12])}, each once, and at least one row"
+    with table_errors(file, "waypoint file", form):
+        table = CsvFile.open(file)
+        if sorted(table.header) != sorted(names):
+            raise ValueRangeError(f"{file}: line {table.header_line}: give {form}.")
+        rows = table.table([table.header.index(name) for name in names])
+    if not len(rows):
+        raise ValueRangeError(f"{file}: no row after the header: give {form}.")
+    return rows
+
+
+def can_stand(robot: Robot, path: JointPath, bounds: Limits) -> bool:
+    """True if the torque limits suffice to stand still everywhere on the path."""
+    q, _, _ = path(np.linspace(0.0, 1.0, SAMPLES))
+    shares = np.abs(motor_torques(robot.model, robot.holding_torques(q))) / bounds.effort
+    return not bool(over_limit(shares).any())
+
+
+def untimed_verdict(problem: PathError, robot: Robot, *, can_stand: bool) -> tuple[Word, PathError]:
+    """First word and reason for a path without a timing; torques of a legged robot whose base nothing holds are uncertain."""
+    if can_stand:
+        return Word.STOPPED, problem
+    hanging = base_doubts(robot.model)
+    if not hanging:
+        return Word.OVER_LIMIT, problem
+    return Word.UNSURE, PathError("; ".join([*hanging, as_it_hangs(str(problem))]))
+
+
+def certain_violations(violations: tuple[Violation, ...], robot: Robot) -> tuple[tuple[Violation, ...], list[str]]:
+    """Violations that hold however the base is held, and doubts about a legged robot's base and its torques."""
+    hanging = base_doubts(robot.model)
+    if not hanging:
+        return violations, []
+    torques = [as_it_hangs(str(v)) for v in violations if v.kind == "torque"]
+    return tuple(v for v in violations if v.kind != "torque"), [*hanging, *torques[:1]]
