@@ -42,7 +42,8 @@ class Reflected extends Geared {
   truth() { return reflected(MOST); }
 
   question() {
-    return { answer: reflected(100), other: { named: [[LINK_INERTIA + reflected(100), "That is the total with the link. The rotor's share was asked."], [100 * ROTOR_INERTIA, "That has G once. The rotor also turns G times as fast."]] } };
+    const [G, inertia] = [160, 5e-5], felt = G * G * inertia;
+    return { answer: felt, other: { named: [[LINK_INERTIA + felt, "That is the total with the link. The rotor's share was asked."], [G * inertia, "That has G once. The rotor also turns G times as fast."]] } };
   }
 }
 
