@@ -162,7 +162,7 @@ def _guess(name: str, predict: Mapping[str, Any]) -> str:
     """Slider of a guessed number."""
     span = f'min="{predict["least"]}" max="{predict["most"]}" step="{predict["step"]}" value="{predict["least"]}"'
     label = f'<label for="guess-{name}">{html.escape(predict["label"])}</label>'
-    ends = f"<small>{predict['least']:g}</small><small>{predict['most']:g}</small>"
+    ends = "".join(f"<small>{predict[end]:g}</small>" for end in ("least", "most")).replace("-", "−")
     field = f'<input id="guess-{name}" type="range" {span}>'
     return f'<div class="guess">{label}<span class="range">{field}{ends}</span><output></output></div>'
 

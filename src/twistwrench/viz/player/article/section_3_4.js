@@ -44,7 +44,7 @@ class Plane extends Picture {
   board() { return solid(boxFaces([0.75, 0.5, 0.02]), UPRIGHT, [0.35, 0.25, -0.06]); }
   force(at, label = "f") { return arrowOf("wrench", at, times(0.1, FORCE), label, { width: 5 }); }
   line(at) { const way = unit(FORCE); return { kind: "line", name: "wrench", width: 1.5, dashed: true, points: [add(at, times(-1.3, way)), add(at, times(1.3, way))] }; }
-  origin(label = "{s}", R = UPRIGHT, p = HERE) { return axes(R, p, 0.22, label); }
+  origin(label = "{s}", R = UPRIGHT, p = HERE, towards = undefined) { return axes(R, p, 0.22, label, towards); }
 }
 
 class Sliding extends Plane {
@@ -85,7 +85,7 @@ class Observers extends Plane {
   }
 
   state() { return { t: this.t, ...this.at() }; }
-  scene() { const { R } = this.at(); return [this.board(), this.line(POINT_AT), ...this.origin(), ...this.origin("{b}", R, OBSERVER), this.force(POINT_AT)]; }
+  scene() { const { R } = this.at(); return [this.board(), this.line(POINT_AT), ...this.origin(), ...this.origin("{b}", R, OBSERVER, [0.6, 1]), this.force(POINT_AT)]; }
   numbers() { const { wrench_s, wrench_b } = this.at(); return [["in {s}", planarText(wrench_s), "", "wrench"], ["in {b}", planarText(wrench_b), "N m, N", "wrench"]]; }
 }
 

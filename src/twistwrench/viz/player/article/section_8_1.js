@@ -28,14 +28,17 @@ class Turning extends Picture {
 
   scene() {
     const now = this.at(), { f, tip, elbow } = now;
-    return [...(norm(f[1]) > 1e-9 ? leversTo([ORIGIN, elbow], tip, unit(f[1]), [0.6, 2.6]) : []), ...this.body(now), ...this.spins(now), ...this.torques(now), ...this.pushes(now)];
+    return [...(norm(f[1]) > 1e-9 ? leversTo([ORIGIN, elbow], tip, unit(f[1]), [0.6, 2.6], { shifts: this.shifts }) : []), ...this.body(now), ...this.spins(now), ...this.torques(now), ...this.pushes(now)];
   }
 
   numbers() { return this.at().tau.map((x, k) => [`τ${"₁₂"[k]}`, decimal(x, 3), "N m", "wrench"]); }
 }
 
 class Centripetal extends Turning { get rates() { return [this.values.rate, 0]; } }
-class Folding extends Turning { get rates() { return [0, this.values.rate]; } }
+class Folding extends Turning {
+  get rates() { return [0, this.values.rate]; }
+  get shifts() { return [0.15]; } // the lever of joint 1 lies along link 1
+}
 
 class Both extends Turning {
   get rates() { return [1, this.values.rate]; }

@@ -89,7 +89,7 @@ class Lift extends Wave {
     const now = this.at(), lift = this.values.lift;
     const push = (from, way, name, label, more = {}) => arrowOf(name, from, way, label, { width: 4, ...more });
     return [
-      ...this.body(now), ...(lift ? [push([0, -0.75, 0], [0, 0.06 * lift, 0], "twist", "lift", { width: 6, beside: true })] : []), { kind: "line", name: "edge", width: 4, points: [[-0.35, -0.1, 0], [0.35, -0.1, 0]] },
+      ...this.body(now), ...(lift ? [push([0, -0.75, 0], [0, 0.06 * lift, 0], "twist", "lift", { width: 6, beside: true, along: 0.5 })] : []), { kind: "line", name: "edge", width: 4, points: [[-0.35, -0.1, 0], [0.35, -0.1, 0]] },
       ...[0, 1].map((k) => arrowOf("change", this.end(now, k), times(0.07, now.a[k]), `a${"₁₂"[k]}`)), ...turnArc(ORIGIN, 0.1 * now.tau[0], "wrench", "τ₁"), ...turnArc(now.elbow, 0.3 * now.tau[1], "wrench", "τ₂"),
     ];
   }
