@@ -12,7 +12,7 @@ class Prediction {
     this.prompt = element.querySelector(".prompt");
     this.ask = this.prompt.firstChild;
     this.prompt.hidden = false;
-    Object.assign(this.prompt.dataset, { ask: `${entry.ask} ${NEXT}Compare.`, longest: `${MOVED}${this.told(0.001, 0.01)}` }); // the place that either takes
+    Object.assign(this.prompt.dataset, { ask: `${entry.ask} ${NEXT}Compare.`, longest: `${MOVED}${this.told(0.001, 0.01, 180, entry.free ? 2 : 1)}` }); // the place that either takes
     figure.play.disabled = true;
     this.output = element.querySelector(".guess output");
     this.empty();

@@ -241,7 +241,7 @@ class Bracket extends Picture { // one leg a second
   }
 
   scene() {
-    const { R, p } = this.state(), middle = [0.2, 0.08, 0], shifted_ = (a) => add(a, times(-1, middle));
+    const { R, p } = this.state(), middle = [0.2, 0.15, 0], shifted_ = (a) => add(a, times(-1, middle));
     const end = this.at(4).p, arrived = this.t >= 4;
     const wheel = (side) => solid(boxFaces([0.034, 0.009, 0.02]), R, shifted_(add(p, rotated(R, [0, side * 0.055, 0]))), [90, 95, 105]);
     const way = [...Array(41).keys()].map((k) => shifted_(this.at((this.t * k) / 40).p));
