@@ -13,7 +13,7 @@ import pytest
 from twistwrench.viz import article
 
 _SCRIPTS = (
-    "numbers.js",
+    "decimals.js",
     "matrices.js",
     *(f"article/{name}" for name in ("rigid_body.js", "near_misses.js", "trails.js", "picture.js")),
 )

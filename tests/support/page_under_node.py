@@ -12,6 +12,7 @@ import pytest
 from page_files import read_page, read_programs
 
 _SCRIPTS = (
+    "decimals.js",
     "numbers.js",
     "matrices.js",
     "coordinates.js",

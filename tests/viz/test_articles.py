@@ -19,6 +19,12 @@ CARTON = tw.RigidBody(tw.SpatialInertia.from_com(1.0, [0, 0, 0], np.diag([0.02, 
 THROW = [1.6, 0.35, 2.6, 0, 0, 0]
 
 
+def shifted(p):
+    T = np.eye(4)
+    T[:3, 3] = p
+    return T
+
+
 def matrix(state):
     return np.reshape(state["R"], (3, 3))
 
@@ -186,31 +192,83 @@ def test_the_way_of_the_tip_is_its_arm_turned_by_a_right_angle(tmp_path):
 
 
 def test_mistakes_with_the_torque_of_the_first_joint_are_named(tmp_path):
-    """Minus, f in the axes of the tip, degrees as radians: from the library's Jacobian."""
-    J = plane_jacobian(np.radians([30, 60]))
-    in_tip = (J.T @ [0, -10])[0]
-    degrees = 10 * (np.sin(30) + np.sin(90))
-    typed = ["15", "-15 N m", "30", "7.5", str(in_tip), str(degrees)]
-    found = pictures_under_node("5.2", "({ push }, typed) => typed.map((text) => push.check(text))", tmp_path, typed)
-    assert [each["near"] for each in found] == [None, "sign", "double", "half", "frame", "degrees"]
+    """Minus, f in the axes of the tip, J f, degrees as radians, the other joint: from the library's Jacobian."""
+    J, f = plane_jacobian(np.radians([20, 30])), np.array([-25.0, 0.0])
+    right, other = J.T @ f
+    turned = np.radians(50)  # of the second link
+    in_tip = (J.T @ [np.cos(turned) * f[0], np.sin(turned) * f[0]])[0]
+    degrees = 25 * (np.sin(20) + np.sin(50))
+    values = [right, -right, 2 * right, right / 2, in_tip, (J @ f)[1], degrees, other]
+    found = pictures_under_node(
+        "5.2", "({ push }, typed) => typed.map((text) => push.check(text))", tmp_path, list(map(str, values))
+    )
+    assert [each["near"] for each in found] == [None, "sign", "double", "half", "frame", "frame", "degrees", None]
     assert found[0]["right"]
+    assert found[-1]["words"].startswith("That is joint 2's torque")
+
+
+def test_numbers_in_the_text_of_5_2_are_those_of_the_library():
+    """Longest forces of the ellipse, the tangent's distance from the arc, and the elbow's speed in a nearly straight arm."""
+    texts = {picture["name"]: " ".join(picture["after"].split()) for picture in article_of("5.2")["picture"]}
+    longest = [
+        10 / np.linalg.svd(plane_jacobian([0.3, np.radians(bend)]), compute_uv=False)[1] for bend in (60, 30, 10)
+    ]
+    assert (
+        "longest force is {:.0f} N with the elbow at 60°, {:.0f} N at 30° and {:.0f} N at 10°".format(*longest)
+        in texts["ellipse"]
+    )
+    minus_y, x = plane_jacobian(np.radians([30, 60]))[:, 0]
+    tip = np.array([x, -minus_y])
+    beside = []
+    for d in (0.1, 0.3):
+        c, s = np.cos(d), np.sin(d)
+        beside.append(1000 * np.linalg.norm(np.array([[c, -s], [s, c]]) @ tip - tip - d * np.array([-tip[1], tip[0]])))
+    assert "at 0.1 rad its head is {:.0f} mm beside the tip, at 0.3 rad {:.0f} mm".format(*beside) in texts["work"]
+    angles = np.radians([60 - 2.5, 5])
+    rates = np.linalg.solve(plane_jacobian(angles), -0.1 * np.array([np.cos(np.pi / 3), np.sin(np.pi / 3)]))
+    assert f"{abs(rates[1]):.1f} rad/s at 5°" in texts["straight"]
 
 
 # ── Exercises
 
-NEAR = """({ rotor, frame, bracket }) => { rotor.advance(0.01); const [x] = rotor.state().wrench_room;
-    return [["2.171", "2,171 N m", "−2.171", "4.341", "1.085", String(x), "6.80", "3", "heavy"].map((text) => rotor.check(text)),
+NEAR = """({ rotor, frame, bracket }, typed) => { rotor.advance(0.01);
+    return [typed.map((text) => rotor.check(text)),
         ...[frame, bracket].map((p) => { const { answer } = p.question(); return [answer, -answer, 2 * answer, answer / 2].map((a) => p.check(String(a))); })]; }"""
 
 
 def test_mistakes_are_named(tmp_path):
-    rotor, *others = pictures_under_node("8.2", NEAR, tmp_path)
+    """Right answers are the library's: 8 degrees at 60 rad/s; 3 kg at 0.5 m/s, 0.2 m beside; a turn of 0.3 rad and a drive of 0.5 m."""
+    body = tw.RigidBody(tw.SpatialInertia.from_com(1.0, [0, 0, 0], np.diag([0.01, 0.01, 0.02])))
+
+    def moment(angle):
+        return np.linalg.norm(body.wrench([60 * np.sin(angle), 0, 60 * np.cos(angle), 0, 0, 0], np.zeros(6))[:3])
+
+    m, wrong = moment(np.radians(8)), moment(8)
+    # 10 ms at 60 rad/s have turned the moment, which is along -y of the rotor, by 0.6 rad
+    values = [
+        f"{m:.3f}",
+        f"{m:.3f} N m".replace(".", ","),
+        f"−{m:.3f}",
+        2 * m,
+        m / 2,
+        m * np.sin(0.6),
+        wrong,
+        3,
+        "heavy",
+    ]
+    rotor, *others = pictures_under_node("8.2", NEAR, tmp_path, list(map(str, values)))
     named = [(found["right"], found["near"]) for found in rotor]
     wrong = [(False, near) for near in ("sign", "double", "half", "frame", "degrees", None, None)]
     assert named == [(True, None), (True, None), *wrong]
     assert [found["words"] for found in rotor[-2:]] == ["Not yet.", "Type a number."]
     for found in others:
         assert [each["near"] for each in found] == [None, "sign", "double", "half"]
+    sled = tw.RigidBody(tw.SpatialInertia.from_com(3.0, [0, 0, 0], np.eye(3))).in_frame(shifted([0, -0.2, 0]))
+    legs = [[0, 0, 0.3, 0, 0, 0], [0, 0, 0, 0.5, 0, 0], [0, 0, -0.3, 0, 0, 0], [0, 0, 0, -0.5, 0, 0]]
+    gap = np.linalg.norm(np.linalg.multi_dot([tw.se3.exp(leg) for leg in legs])[:3, 3])
+    work = "({ frame, bracket }) => [frame, bracket].map((p) => p.question().answer)"
+    answers = pictures_under_node("8.2", work, tmp_path)
+    np.testing.assert_allclose(answers, [sled.momentum([0, 0, 0, 0.5, 0, 0])[2], gap], rtol=1e-9)
 
 
 def test_right_wins_over_near_and_near_misses_are_named_in_their_order(tmp_path):
@@ -356,6 +414,111 @@ def test_a_choice_is_a_guess(article):
     assert page.complaints == []
 
 
+def kept_views(page):
+    """Views of pictures in ``window.views`` by name once they are drawn."""
+    page.run(
+        """(() => { window.views = {}; const draw = View.prototype.draw;
+        View.prototype.draw = function (...a) { draw.apply(this, a); const { picture } = this.canvas.closest('figure').dataset; window.views[picture] ??= this; }; })()"""
+    )
+
+
+def test_a_ring_is_dragged_along_the_way_of_the_slider(article):
+    """The head of the push goes to where it is dragged: up, then to the lower left; keys move it by steps, and the page stays still."""
+    page = article("5.2")
+    kept_views(page)
+    x, y, *_ = head(page, "turned")
+    page.run("viewer.pictures.turned.changed()")
+    page.wait("!!window.views.turned")
+    ring = "views.turned.onScreen(viewer.pictures.turned.handle(viewer.pictures.turned.value('angle')))"
+    for angle in (90, 225):
+        u, v = page.run(ring)
+        to = page.run(f"views.turned.onScreen(viewer.pictures.turned.handle({angle}))")
+        page.drag((x + u + 3, y + v), (x + u + 8, y + v + 5), (x + to[0] + 3, y + to[1]))
+        assert page.run("viewer.pictures.turned.value('angle')") == angle
+        np.testing.assert_allclose(page.run(ring), to, atol=1e-9)
+    tau = page.run("viewer.pictures.turned.state().tau")
+    push = 10 * np.array([np.cos(np.radians(225)), np.sin(np.radians(225))])
+    np.testing.assert_allclose(tau, plane_jacobian(np.radians([30, 60])).T @ push, atol=1e-12)
+    press = "(key) => document.querySelector('#turned canvas').dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }))"
+    page.run(f"({press})('ArrowRight')")
+    assert page.run("document.querySelector('#turned .slider').textContent") == "230°"
+    assert "arrow keys, for the direction of the push" in page.run(
+        "document.querySelector('#turned canvas').getAttribute('aria-label')"
+    )
+    page.drag((x + 5, y + 5), (x + 60, y + 60))  # beside the ring
+    assert page.run("viewer.pictures.turned.value('angle')") == 230
+    assert page.complaints == []
+
+
+def test_every_ring_follows_its_slider(article):
+    """In all articles a ring is where its slider says, and leads back to the value it came from."""
+    rings = 0
+    for section in ARTICLES:
+        page = article(section)
+        kept_views(page)
+        for name in page.run("Object.keys(viewer.pictures).filter((name) => viewer.pictures[name].handle)"):
+            page.run(f"document.querySelector('#{name} figure').scrollIntoView(); viewer.pictures.{name}.changed()")
+            page.wait(f"!!window.views.{name}")
+            found = page.run(
+                f"""(() => {{ const p = viewer.pictures.{name}, {{ handle }} = views.{name}, {{ name: slider, least, most, step }} = p.entry.sliders[0];
+                const value = least + step * Math.round((0.3 * (most - least)) / step), place = views.{name}.onScreen(p.handle(value));
+                p.set(slider, most); handle.follow(place); return [p.value(slider), value]; }})()"""
+            )
+            assert found[0] == pytest.approx(found[1], abs=1e-6), (section, name)
+            rings += 1
+        assert page.complaints == []
+    assert rings >= 12
+
+
+def test_a_guess_says_what_comes_next_and_readouts_wait_for_it(article):
+    """After a guess the page says to press Play; the gap of the bracket is read only once the car has returned."""
+    page = article()
+    for name in ("rotor", "bracket"):
+        assert page.run(f"document.querySelector('#{name} .numbers .wrench, #{name} .numbers .change')") is None
+        assert page.run(f"document.querySelector('#{name} .guess output').textContent").startswith("? ")
+        page.run(
+            f"(() => {{ const f = document.querySelector('#{name} .guess input'); f.value = 2; f.dispatchEvent(new Event('input')); }})()"
+        )
+        assert page.run(f"document.querySelector('#{name} .prompt').textContent").endswith(" Now press Play.")
+    page.run("document.querySelector('#bracket figure').scrollIntoView()")
+    page.click("#bracket .play")
+    page.wait("viewer.pictures.bracket.t > 0.5")
+    assert page.run("document.querySelector('#bracket .numbers .change')") is None
+    told = page.wait("document.querySelector('#bracket .prompt.told')?.textContent")
+    assert told.startswith("You guessed 2.0. It is 3.980 times smaller.")
+    assert page.run("document.querySelector('#bracket .numbers').textContent").startswith("gap 0.0399 m")
+    assert page.complaints == []
+
+
+def test_a_guessed_arrow_may_become_longer_where_its_length_is_asked(article):
+    """The guess ends at the pointer; a right direction with a wrong length is told as that."""
+    page = article()
+    kept_views(page)
+    x, y, *_ = head(page, "push")
+    page.run("viewer.pictures.push.changed()")
+    page.wait("!!window.views.push")
+    truth, start = page.run(
+        """(() => { const p = viewer.pictures.push, on = (a) => views.push.onScreen(times(p.perUnit, a)); return [on(p.truth(1)), on(p.grasped)]; })()"""
+    )
+    page.drag((x + start[0], y + start[1]), (x + truth[0], y + truth[1]))
+    guess = page.run("views.push.onScreen(times(viewer.pictures.push.perUnit, viewer.pictures.push.guess))")
+    np.testing.assert_allclose(
+        guess, truth, atol=1.5
+    )  # pixels: the pixel's length is that at the arrow's head where the drag began
+    page.click("#push .play")
+    assert page.wait("document.querySelector('#push .prompt.told')?.textContent").startswith(
+        "Right. The head has moved"
+    )
+    says = """[[3, 1.25], [30, 0.8], [30, 1], [3, 1.05]].map(([degrees, longer]) =>
+        Prediction.prototype.told.call({ entry: viewer.pictures.push.entry.predict }, [0, 0, 1], [0, 0, 1], degrees, longer))"""
+    first, second, third, fourth = page.run(says)
+    assert first.startswith("The direction is right. Longer than you drew it: 1.25 times. ")
+    assert second.startswith("You are 30° off. Shorter than you drew it: 0.80 times. ")
+    assert third.startswith("You are 30° off. The head")
+    assert fourth.startswith("Right. The head")
+    assert page.complaints == []
+
+
 def test_rows_of_the_transposed_jacobian_are_shown(tmp_path):
     """As the library's Jacobian has them, in the picture and in the text."""
     J = plane_jacobian(np.radians([30, 60]))
@@ -371,7 +534,7 @@ def test_rows_of_the_transposed_jacobian_are_shown(tmp_path):
 def test_a_number_in_the_sentence_is_moved_by_keys_and_typed(article):
     page = article()
     slide = """(key) => { const s = document.querySelector('#rotor .slider'); s.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true })); return s.textContent; }"""
-    assert page.run(f"({slide})('ArrowRight')") == "6°"
+    assert page.run(f"({slide})('ArrowRight')") == "21°"
     assert page.run(f"({slide})('End')") == "90°"
     typed = """(() => { const s = document.querySelector('#rotor .slider'); s.dispatchEvent(new KeyboardEvent('keydown', { key: 'Enter' }));
         const field = s.querySelector('input'); field.value = '10 deg'; field.dispatchEvent(new KeyboardEvent('keydown', { key: 'Enter' })); return s.textContent; })()"""

@@ -155,11 +155,29 @@ def test_a_geared_rotor_is_the_library_s_armature(tmp_path):
 # ── Exercises
 
 EXERCISES = {
-    ("3.4", "apple"): [("-0.75", True, None), ("0,75", False, "sign"), ("-1.5", False, "double"), ("-0.375", False, "half"), ("-0.15", False, "frame")],
-    ("8.1", "both"): [("-3", True, None), ("3", False, "sign"), ("-6", False, "double"), ("-1.5", False, "half"), ("-2", False, None), ("-1", False, None)],
-    ("8.3", "inward"): [("4.472", True, None), ("8.944", False, "double"), ("2.236", False, "half"), ("4.123", False, None), ("1", False, None), ("-4", False, "frame")],
-    ("8.9", "reflected"): [("1", True, None), ("2", False, "double"), ("0.5", False, "half"), ("0.01", False, None)],
+    ("3.4", "apple"): [("-1.1", True, None), ("1,1", False, "sign"), ("-2.2", False, "double"), ("-0.55", False, "half"), ("-0.4", False, "frame")],
+    ("8.1", "both"): [("-5", True, None), ("5", False, "sign"), ("-10", False, "double"), ("-2.5", False, "half"), ("-4.47", False, "degrees"), ("-4", False, None), ("-1", False, None), ("-3", False, None)],
+    ("8.3", "inward"): [("12.04", True, None), ("24.08", False, "double"), ("6.02", False, "half"), ("9.849", False, None), ("4", False, None), ("-9", False, "frame"), ("8", False, "frame")],
+    ("8.9", "reflected"): [("1.28", True, None), ("2.56", False, "double"), ("0.64", False, "half"), ("2.28", False, None), ("0.008", False, None)],
 }  # fmt: skip
+
+
+def test_right_answers_of_exercises_are_the_library_s(tmp_path):
+    hand, apple = frame(np.eye(3), [0.1, 0, 0]), frame(np.eye(3), [0.3, 0, 0])
+    weights = [tw.Ad(np.linalg.inv(T)).T @ [0, 0, 0, 0, f, 0] for T, f in ((hand, -5), (apple, -2))]
+    q, dq, geared = [0, np.pi / 2], [2, 1], tw.robots.pendulum()
+    reflected = geared.with_armature({geared.joint_names[0]: 160**2 * 5e-5}).mass_matrix([0.0]) - geared.mass_matrix(
+        [0.0]
+    )
+    right = {
+        ("3.4", "apple"): np.sum(weights, axis=0)[2],
+        ("8.1", "both"): ARM.coriolis_forces(q, dq)[0],
+        ("8.3", "inward"): np.linalg.norm(ARM.with_gravity([0, 0, 0]).joint_wrenches(q, dq, [0, 0])[0, 3:]),
+        ("8.9", "reflected"): reflected[0, 0],
+    }
+    for (section, picture), answer in right.items():
+        found = pictures_under_node(section, f"({{ {picture}: p }}) => p.question().answer", tmp_path)
+        assert found == pytest.approx(answer, rel=1e-9)
 
 
 @pytest.mark.parametrize(("section", "picture"), EXERCISES)

@@ -189,3 +189,15 @@ def test_exercises_are_checked_in_a_browser(show):
         assert page.run("document.querySelector('.touched').getBoundingClientRect().height") > 0
     finally:
         page.call("Emulation.clearDeviceMetricsOverride")
+
+
+def test_an_exercise_without_a_finite_answer_says_so(show):
+    """Without torques no factor takes the largest of them to 100 N m, and no number is right."""
+    page = show("endless_5.2", arm("planar_2r"), section="5.2")
+    page.run("viewer.book.state.wrench.fill(0); viewer.set('wrench')")
+    for text in ("1000", "0", "1e12"):
+        said = page.run(
+            f"(() => {{ const {{ rows }} = viewer.book.exercises; rows[1].field.value = '{text}'; viewer.book.exercises.check(1); return [rows[1].result.className, rows[1].result.textContent]; }})()"
+        )
+        assert said == ["wrong", "There is no finite answer here: move a joint or a slider."]
+    assert page.complaints == []

@@ -491,3 +491,89 @@ def test_arrows_are_to_a_scale_that_is_a_round_number(tmp_path):
     assert said == "a square of the floor, 0.1 m, is 0.5 m/s, 20 N"  # 0.33 m for 1.5 m/s
     sections = {number: read_page(write_page(arm("planar_2r"), page, section=number))[0] for number in ("3.4", "5.2")}
     assert [any(key == "torques" for key, _ in s["switches"]) for s in sections.values()] == [False, True]
+
+
+HEIGHTS = "['values', 'joints'].map((id) => { const b = document.getElementById(id).getBoundingClientRect(); return [b.y, b.height]; })"
+
+
+def test_the_panel_keeps_its_place_when_a_velocity_becomes_zero(show):
+    """A slider stays below the pointer: the legend's rows stay, and say that an arrow is zero."""
+    page = show("place_8.2", tw.robots.ur5(), section="8.2")
+    before = page.run(HEIGHTS)
+    page.run("viewer.book.state.dq.fill(0); viewer.set('dq')")
+    assert page.run(HEIGHTS) == before
+    legend = "[...document.querySelectorAll('#values .legend span')].map((row) => row.textContent)"
+    assert "velocity of its origin (zero)" in page.run(legend)
+    page.run("viewer.book.state.ddq.fill(0); viewer.set('ddq')")
+    assert page.run(HEIGHTS) == before
+    assert "total force on it (zero)" in page.run(legend)
+    assert page.complaints == []
+
+
+def test_the_legend_names_ellipsoids_that_are_shown_and_colours_of_numbers(show):
+    page = show("place_8.2", tw.robots.ur5(), section="8.2")
+    legend = "document.querySelector('#values .legend').textContent"
+    assert "ellipsoid" not in page.run(legend)
+    assert "orange positive, blue negative" in page.run(legend)
+    page.click("#show-inertia")
+    assert "blue ellipsoids: uniform" in page.run(legend)
+    page.click("#show-mass")
+    assert "effective mass of the tip" in page.run(legend)
+    page.click("#show-inertia")
+    page.click("#show-mass")
+    assert "ellipsoid" not in page.run(legend)
+
+
+def test_a_switch_without_an_effect_is_not_offered(tmp_path):
+    """Ellipsoids of point masses are within the joints of the planar arm."""
+
+    def keys(robot):
+        write_page(robot, tmp_path / "switches.html", section="5.2")
+        return [key for key, _ in read_page(tmp_path / "switches.html")[0]["switches"]]
+
+    assert "inertia" not in keys(tw.robots.planar_2r())
+    assert "inertia" in keys(tw.robots.ur5())
+
+
+def test_the_centre_of_mass_on_a_page_about_one_link_is_that_of_the_link(show):
+    robot = tw.robots.panda()
+    page = show("place_panda", robot, section="8.2")
+    for k, body in enumerate(robot.model.bodies):
+        page.run(f"viewer.book.state.chosen = {k}; viewer.refresh()")
+        q = np.array(page.run("viewer.q"))
+        T = robot.link_poses(q)[robot.link_names.index(robot.body_names[k])]
+        expected = T[:3, :3] @ body.inertia.com + T[:3, 3]
+        np.testing.assert_allclose(page.run("viewer.book.centre"), expected, atol=1e-12)
+    page.click("#show-com")
+    page.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    labels = page.run("[...document.querySelectorAll('#labels span')].map((label) => label.textContent)")
+    assert labels == ["{b}", "c", "tip"]
+    page.click("#show-com")
+    page.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert page.run("document.querySelectorAll('#labels span').length") == 2
+    assert page.complaints == []
+
+
+def test_the_camera_stays_above_the_floor(show):
+    """However the view is turned, moved and zoomed on a full page."""
+    page = show("place_8.2", tw.robots.ur5(), section="8.2")
+    above = "viewer.stage.camera().eye[2] > viewer.robot.floor"
+    for way in [((300, 400), (500, 300)), ((300, 400), (320, 60)), ((300, 400), (310, 20))]:
+        page.drag(*way)
+        assert page.run(above)
+    for _ in range(4):
+        page.call("Input.dispatchMouseEvent", type="mouseWheel", x=300, y=300, deltaX=0, deltaY=400)
+        assert page.run(above)
+    page.run(
+        "viewer.stage.target[2] = viewer.robot.floor - 1; document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowUp' }))"
+    )
+    assert page.run("viewer.stage.elevation") > 0
+    assert page.complaints == []
+
+
+def test_small_numbers_have_three_digits_and_zeros_look_alike(show):
+    page = show("place_8.2", tw.robots.ur5(), section="8.2")
+    texts = page.run("[...document.querySelectorAll('#values td')].map((cell) => [cell.textContent, cell.title])")
+    assert all(text == "0" for text, _ in texts if re.fullmatch(r"[−-]?0\.?0*", text))
+    small = [text for text, title in texts if 1e-3 < abs(float(title)) < 1e-2 and "0.00" in text]
+    assert any(len(text.replace("−", "").lstrip("0.")) == 3 for text in small)

@@ -27,18 +27,18 @@ __all__ = ["ARTICLES", "article_text", "write_article"]
 _FOLDER = resources.files(__package__) / "articles"
 ARTICLES = tuple(sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml")))
 """Sections of the book with an article."""
-_SHARED = ("numbers.js", "matrices.js", "orbit.js")
+_SHARED = ("decimals.js", "matrices.js", "orbit.js")
 _SCRIPTS = (
     "rigid_body.js", "near_misses.js", "trails.js", "two_cameras.js", "picture.js", "inline_slider.js", "words.js",
-    "predict.js",
+    "predict.js", "handle.js",
 )  # fmt: skip
 _MARKUP = re.compile(r"\{(\w+):((?:[^{}]|\{[^{}]*\})*)\}|\*\*(.+?)\*\*")
 """``{kind:text}`` with at most one level of braces in the text, and ``**text**``."""
 _STOPPED = re.compile(r'(<span class="slider[^>]*>[^<]*</span>)([.,;:?]+)')
 """Slider before a full stop or the like."""
 _VIEW = (
-    '<div class="view"><canvas data-view="{view}" tabindex="0" role="img" aria-label="{label}"></canvas>'
-    '<b>{caption}</b><p class="hint" hidden>Ctrl + scroll to zoom</p></div>'
+    '<div class="view"><b>{caption}</b><canvas data-view="{view}" tabindex="0" role="img" aria-label="{label}"></canvas>'
+    '<p class="hint" hidden>Ctrl + scroll to zoom</p></div>'
 )
 _TURNING = "Drag sideways or use the arrow keys to turn the view."
 
@@ -162,7 +162,9 @@ def _guess(name: str, predict: Mapping[str, Any]) -> str:
     """Slider of a guessed number."""
     span = f'min="{predict["least"]}" max="{predict["most"]}" step="{predict["step"]}" value="{predict["least"]}"'
     label = f'<label for="guess-{name}">{html.escape(predict["label"])}</label>'
-    return f'<div class="guess">{label}<input id="guess-{name}" type="range" {span}><output></output></div>'
+    ends = "".join(f"<small>{predict[end]:g}</small>" for end in ("least", "most")).replace("-", "−")
+    field = f'<input id="guess-{name}" type="range" {span}>'
+    return f'<div class="guess">{label}<span class="range">{field}{ends}</span><output></output></div>'
 
 
 def _choice(name: str, predict: Mapping[str, Any]) -> str:

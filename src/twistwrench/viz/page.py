@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     from .page_loops import PageLoops
 
 _MAX_TRIANGLES = 300_000
+_HIDDEN = 0.05
+"""Share of the robot's size up to which ellipsoids, as of point masses, are hidden within joints and links."""
 KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
 
@@ -541,7 +543,8 @@ def _switches(
     degrees = len(data["torques"])
     if data["loops"] and data["loops"]["dependent"]:
         degrees = data["loops"]["dependent"].count(False)
-    has_inertia = "inertia" in {shape.layer for shape in scene.shapes}
+    ellipsoids = [shape.surface.vertices for shape in scene.shapes if shape.layer == "inertia"]
+    has_inertia = any(np.ptp(points, axis=0).max() > _HIDDEN * scene.size for points in ellipsoids)
     with_torques = bool(data["marks"]) and (book is None or "torques" in book.shown)
     weighed = book is None and "mass" in data["programs"]
     standing = data["standing"] is not None

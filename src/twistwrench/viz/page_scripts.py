@@ -10,8 +10,8 @@ from typing import Any
 from .colours import quantity_colours
 
 _SCRIPTS = (
-    "numbers.js", "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js", "mechanics.js",
-    "fall.js", "floor.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js",
+    "decimals.js", "numbers.js", "matrices.js", "coordinates.js", "forces.js", "factors.js", "effective_mass.js",
+    "mechanics.js", "fall.js", "floor.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js",
     "grab.js", "drives.js", "address.js", "share.js", "compact.js", "panel.js", "load.js", "scales.js",
 )  # fmt: skip
 _SCRIPTS_OF = {

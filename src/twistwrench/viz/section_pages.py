@@ -401,8 +401,9 @@ _SECTIONS = (
     SectionPanel(
         "8.2",
         "One rigid body",
-        "One link, as a body of its own: its twist, its momentum, and the sum of all wrenches on it, its weight included, in "
-        "the frame {b} of the link.",
+        "One link, as a body of its own: its twist, its momentum, and the sum F of all wrenches on it, in the frame {b} of "
+        "the link. F is what its motion needs, whoever supplies it: joints and weight together. At steady joint speeds V̇ is "
+        "not zero, as the joints before it turn its axis.",
         (("P_b = G_b V_b", "§8.2.2"), ("F_b = G_b V̇_b − [ad_{V_b}]^T G_b V_b", "(8.40)")),
         ("dq", "ddq"),
         link_motions,

@@ -104,7 +104,8 @@ class Address {
     viewer.loaded();
     if (q) viewer.setCoordinates(viewer.closed(q.slice()));
     else if (motion) viewer.seek(motion.given(t));
-    Object.assign(stage, { azimuth: camera[0], elevation: Math.max(stage.lowest, camera[1]), distance: camera[2], target: camera.slice(3) });
+    Object.assign(stage, { azimuth: camera[0], elevation: camera[1], distance: camera[2], target: camera.slice(3) });
+    stage.keepAbove();
     robot.switches.forEach(([key]) => viewer.panel.show(key, layers.includes(key)));
     viewer.panel.load.tell();
     viewer.panel.update();

@@ -95,22 +95,25 @@ class Book {
       document.getElementById("values").replaceChildren(...this.tables.map(({ place: at }) => at), this.below);
     }
     this.tables.forEach((table, k) => table.show(this.found.tables[k].rows));
-    this.below.replaceChildren(...(this.found.values || []).map(valueOf), this.legend());
+    this.explain();
     return this.found.tau || viewer.robot.torques.map(() => 0);
   }
 
   get velocities() { return this.found.dq || this.state.dq; } // where a wall is, those along it
 
-  legend() { // the arrows that are drawn, by colour
-    const list = document.createElement("p"), seen = new Set();
+  explain() { this.below?.replaceChildren(...(this.found.values || []).map(valueOf), this.legend()); }
+
+  legend() { // arrows and solids by colour, a row each, which stays where its arrow is zero
+    const list = document.createElement("p"), longest = new Map();
     list.className = "legend";
-    for (const { name, colour, along, cut, length } of [...(this.found.solids || []), ...this.drawnArrows()]) {
-      if (seen.has(name) || (along && norm(along) < 1e-9)) continue;
-      seen.add(name);
+    for (const each of [...(this.found.solids || []), ...this.drawnArrows()]) if (!(each.length <= longest.get(each.name)?.length)) longest.set(each.name, each);
+    for (const { name, colour, along, cut, length } of longest.values()) {
       const chip = list.appendChild(document.createElement("span"));
-      chip.appendChild(document.createElement("i")).style.background = this.lines[colour % this.lines.length];
-      chip.append(`${name}${cut ? " (cut off)" : length < 0.01 ? " (too small to be seen)" : ""}`);
+      chip.appendChild(document.createElement("i")).style.background = this.hue(colour);
+      chip.append(`${name}${cut ? " (cut off)" : along && norm(along) < 1e-9 ? " (zero)" : length < 0.01 ? " (too small to be seen)" : ""}`);
     }
+    for (const [key, words] of Object.entries(ELLIPSOIDS)) if (this.viewer.shown[key]) list.appendChild(document.createElement("span")).textContent = words;
+    if (this.found.tables.some(({ heat }) => heat)) list.appendChild(document.createElement("span")).textContent = "shaded numbers: orange positive, blue negative, deeper if larger";
     const scales = saidScales(this.viewer.robot.size, this.scales());
     if (scales) list.appendChild(document.createElement("span")).textContent = scales;
     if (this.found.frames) list.appendChild(document.createElement("span")).textContent = "axes of frames: x red, y green, z blue";
@@ -118,7 +121,7 @@ class Book {
   }
 
   scales() { // of what is drawn
-    const { robot, shown } = this.viewer, arrows = this.drawnArrows().filter(({ length }) => length > 0).map(({ per, unit: unit_ }) => [per, unit_]);
+    const { robot, shown } = this.viewer, arrows = this.drawnArrows().map(({ per, unit: unit_ }) => [per, unit_]);
     const solids = (this.found.solids || []).filter(({ scale }) => scale).map(({ scale }) => scale);
     if (!shown.mass || !robot.massScale) return [...arrows, ...solids];
     const long = this.viewer.weigh().some(({ mass }) => mass < Infinity && mass * robot.massScale > 0.3 * robot.size);
@@ -133,17 +136,32 @@ class Book {
     });
   }
 
-  label() { // the letters of the frames, beside their origins
-    const place_ = document.getElementById("labels"), frames = this.found.frames || [];
+  get centre() { // of mass of the link that the page is about, in {s}; null on other pages
+    const { book, viewer, state } = this;
+    if (book.chooses !== "link") return null;
+    const { inertia: G } = book.links[state.chosen], T = viewer.poses[state.chosen], m = G[35]; // of m [c]
+    return m > 0 ? add(place(T), turn(T, [-G[11] / m, G[5] / m, -G[4] / m])) : null;
+  }
+
+  label() { // the letters of the frames, beside their origins, of the chosen link's centre of mass, and of the tip's ball
+    const place_ = document.getElementById("labels"), { viewer } = this, { tip, can } = viewer.grasp, centre = viewer.shown.com && this.centre, frames = [...(this.found.frames || [])];
+    if (centre) frames.push(["c", shifted(centre)]);
+    if (can && frames.every(([, T]) => norm(add(place(T), times(-1, tip))) > 1e-3 * viewer.robot.size)) frames.push(["tip", shifted(tip)]);
+    while (place_.children.length > frames.length) place_.lastChild.remove();
     while (place_.children.length < frames.length) place_.appendChild(document.createElement("span"));
     frames.forEach(([name, T], k) => {
-      const [x, y] = this.viewer.stage.project(place(T));
+      const [x, y] = viewer.stage.project(place(T));
       Object.assign(place_.children[k], { textContent: name });
-      place_.children[k].style.transform = `translate(${x + 14}px, ${y + 4}px)`;
+      place_.children[k].style.transform = `translate(${x + (name === "c" ? 26 : 14)}px, ${y + 4}px)`;
     });
   }
 
-  get lines() { return this.viewer.robot.colours.lines; }
+  hue(colour) { // of a line by its number, or of a quantity as in articles
+    const { lines } = this.viewer.robot.colours, dark = this.viewer.dark.matches;
+    if (typeof colour === "number") return lines[colour % lines.length];
+    if (this.hues?.dark !== dark) this.hues = { dark };
+    return (this.hues[colour] ??= getComputedStyle(document.body).getPropertyValue(`--${colour}`).trim());
+  }
 
   marks(items) {
     const { viewer, found } = this, { robot } = viewer, axis = viewer.cached("long axis", () => arrow(1, 0.03));
@@ -151,22 +169,30 @@ class Book {
       robot.colours.axes.forEach((colour, k) => items.push({ kept: axis, model: mul(T, mul(AXES[k], scaling(0.14 * robot.size))), colour: [...colour, 1] }));
     this.label();
     for (const { p, shape, colour } of found.solids || [])
-      items.push({ kept: viewer.ball, model: pose(shape, p), colour: [...rgb(this.lines[colour % this.lines.length]), 0.3], closed: true });
+      items.push({ kept: viewer.ball, model: pose(shape, p), colour: [...rgb(this.hue(colour)), 0.3], closed: true });
     for (const { p, along, length, colour } of this.drawnArrows()) {
       if (length < 0.01) continue;
       const T = mul(shifted(p), mul(alongZ(along), scaling(robot.size)));
-      items.push({ kept: viewer.cached(`push ${length}`, () => arrow(length, 0.011)), model: T, colour: [...rgb(this.lines[colour % this.lines.length]), 1], over: true });
+      items.push({ kept: viewer.cached(`push ${length}`, () => arrow(length, 0.011)), model: T, colour: [...rgb(this.hue(colour)), 1], over: true });
     }
   }
 }
 
 function shownNumber(x, digits) {
   if (x === null) return "";
-  if (x === 0) return "0";
+  if (Math.abs(x) < 0.5 * 10 ** -digits) return "0"; // as a zero that is exact
   return Math.abs(x) < 1e5 ? signed(x, digits) : x === Infinity ? "∞" : x.toExponential(1).replaceAll("-", "−");
 }
 
-const digitsOf = (most) => Math.min(3, Math.max(0, 2 - Math.floor(Math.log10(most))));
+const digitsOf = (most, least = 3) => Math.min(least, Math.max(0, 2 - Math.floor(Math.log10(most))));
+
+const FINEST = 5; // decimal places of small numbers
+const ELLIPSOIDS = { // by switch
+  inertia: "blue ellipsoids: uniform, with the mass and the moments of inertia of each link",
+  ellipsoid: "ellipsoid of forces: what the tip can exert along each direction, if the torques together are as large as their limits",
+  polytope: "polytope of forces: what the tip can exert within the limit of every torque",
+  mass: "green ellipsoid: effective mass of the tip along each direction",
+};
 
 // A table whose numbers may change, its words not.
 class NumberTable {
@@ -203,13 +229,13 @@ class NumberTable {
   }
 
   show(rows) { // three places of the largest number of a column; of the whole table, and one more, where it is coloured
-    const largest = rows[0][1].map((_, k) => Math.max(1e-3, ...rows.map(([, xs]) => Math.abs(xs[k])).filter((x) => x < 1e5)));
-    const most = Math.max(...largest), same = this.heat ? digitsOf(most / 10) : null, recolour = this.heat && most !== this.most;
+    const largest = rows[0][1].map((_, k) => Math.max(1e-5, ...rows.map(([, xs]) => Math.abs(xs[k])).filter((x) => x < 1e5)));
+    const most = Math.max(1e-3, ...largest), same = this.heat ? digitsOf(most / 10) : null, recolour = this.heat && most !== this.most;
     this.most = most;
     rows.forEach(([, xs], i) => xs.forEach((x, k) => {
       const cell = this.cells[i][k], title = x === null ? "" : String(x);
-      if (!recolour && cell.title === title && cell.digits === (same ?? digitsOf(largest[k]))) return;
-      cell.digits = same ?? digitsOf(largest[k]);
+      if (!recolour && cell.title === title && cell.digits === (same ?? digitsOf(largest[k], FINEST))) return;
+      cell.digits = same ?? digitsOf(largest[k], FINEST);
       cell.title = title;
       cell.textContent = shownNumber(x, cell.digits);
       if (this.heat) cell.style.background = `rgba(${x > 0 ? "230, 120, 0" : "0, 110, 190"}, ${(0.5 * Math.min(1, Math.abs(x) / most)).toFixed(3)})`;

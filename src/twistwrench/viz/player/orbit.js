@@ -10,7 +10,7 @@ class Orbit {
     Object.assign(this, this.home);
     this.guest = false; // within another page, whose wheel and finger scroll
     this.fixed = false; // a plane seen from above, which is not turned
-    this.floor = -Infinity; // height of the floor, which the camera of a guest stays above
+    this.floor = -Infinity; // height of the floor, which the camera stays above
     this.hint = () => {}; // tells how to zoom
     this.touched = () => {}; // the view may have changed
     this.seize = null; // takes (x, y) of a press with Ctrl, or of a long one of a finger: null, or such a function, whose end() lets go
@@ -64,7 +64,12 @@ class Orbit {
     return Math.hypot(...this.project(add(point, this.camera().up)).map((end, i) => end - at[i]));
   }
 
-  get lowest() { return this.guest ? 0.02 : -1.2; } // elevation [rad]
+  get lowest() { // elevation [rad]; to the floor, or within another page to the horizon
+    const sine = (this.floor - this.target[2]) / this.distance;
+    return this.guest ? 0.02 : Math.max(-1.2, Math.asin(Math.max(-1, Math.min(1, sine))) + 0.02);
+  }
+
+  keepAbove() { this.elevation = Math.min(1.55, Math.max(this.lowest, this.elevation)); }
 
   // Within another page: its wheel and vertical swipes scroll that page, two fingers turn the view.
   visit(guest) {
@@ -80,14 +85,16 @@ class Orbit {
     const orbit = (dx, dy) => {
       if (this.fixed) return;
       this.azimuth -= 0.008 * dx;
-      this.elevation = Math.min(1.55, Math.max(this.lowest, this.elevation + 0.008 * dy));
+      this.elevation += 0.008 * dy;
+      this.keepAbove();
     };
     const shift = (dx, dy) => {
       const { right, up } = this.camera(), scale = (0.62 * this.distance) / canvas.clientHeight;
       this.target = add(this.target, add(times(-scale * dx, right), times(scale * dy, up)));
-      if (this.guest) this.target[2] = Math.max(this.floor, this.target[2]);
+      this.target[2] = Math.max(this.floor, this.target[2]);
+      this.keepAbove();
     };
-    const zoom = (factor) => { this.distance = Math.min(40 * this.size, Math.max(0.05 * this.size, this.distance * factor)); };
+    const zoom = (factor) => { this.distance = Math.min(40 * this.size, Math.max(0.05 * this.size, this.distance * factor)); this.keepAbove(); };
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       const box = canvas.getBoundingClientRect();

@@ -372,7 +372,7 @@ class Viewer {
   }
 
   comMarks(items, lines) {
-    const p = this.mechanics.centre(this.q);
+    const p = this.book?.centre ?? this.mechanics.centre(this.q); // of a page about one link, that of the link
     if (!p) return;
     const at = shifted(p), falls = this.stand && this.holds && !this.stand.stable(p), colour = falls ? this.red : this.seen(this.robot.colours.com);
     items.push({ kept: this.ball, model: mul(at, scaling(0.026 * this.robot.size)), colour: [...colour, 1], shadow: true, over: true });

@@ -120,6 +120,7 @@ class Panel {
     if (key === "feet" && this.stands && this.viewer.poses) this.viewer.setCoordinates(this.viewer.closed(this.viewer.q));
     if (["stops", "drives"].includes(key) && this.viewer.fall) this.viewer.drop(this.viewer.fall.dq);
     this.load?.update();
+    this.viewer.book?.explain();
     document.getElementById(`show-${key}`).setAttribute("aria-pressed", on);
   }
 

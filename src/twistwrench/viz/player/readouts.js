@@ -62,8 +62,8 @@ const READOUTS = {
       frames: [["{b}", T]],
       values: [["kinetic energy ½ Vᵀ G V", inner(V, P) / 2, "J"]],
       arrows: [
-        { name: "velocity of its origin", p, along: turn(T, V.slice(3)), most: 1, unit: "m/s", colour: 0 },
-        { name: "total force on it", p, along: turn(T, F.slice(3)), most: 5 * G[35] || 1, unit: "N", colour: 5 },
+        { name: "velocity of its origin", p, along: turn(T, V.slice(3)), most: 1, unit: "m/s", colour: "twist" },
+        { name: "total force on it", p, along: turn(T, F.slice(3)), most: 5 * G[35] || 1, unit: "N for this link", colour: "wrench" },
       ],
     };
   },
@@ -82,7 +82,7 @@ const READOUTS = {
       ],
       values: [["along its joint: F<sub>i</sub><sup>T</sup> A<sub>i</sub>", inner(F_k, A), A.slice(0, 3).some((x) => x) ? "N m" : "N"]],
       tau, title: "Torques τ of every joint", frames: [["{i}", T]],
-      arrows: [k, ...poses.keys()].filter((i, at) => i !== k || !at).map((i) => ({ name: i === k ? "force that carries this link" : "those of the others", p: place(poses[i]), along: force(i), most: 2 * m.robot.push, unit: "N", colour: i === k ? 1 : 7 })),
+      arrows: [k, ...poses.keys()].filter((i, at) => i !== k || !at).map((i) => ({ name: i === k ? "force that carries this link" : "those of the others", p: place(poses[i]), along: force(i), most: 2 * m.robot.push, unit: "N", colour: i === k ? "wrench" : "change" })),
     };
   },
 
@@ -137,7 +137,7 @@ const READOUTS = {
       ],
       values: [["smallest pivot of J<sub>v</sub> <i>M</i><sup>−1</sup> J<sub>v</sub><sup>T</sup>; where it is near zero, Λ is wrong", Math.min(...pivots), "1/kg"]],
       tau, title: "Torques of that force", frames: [["{s}", IDENTITY]],
-      arrows: [{ name: "force F", p, along, most: m.robot.push / 2, unit: "N", colour: 5 }],
+      arrows: [{ name: "force F", p, along, most: m.robot.push / 2, unit: "N", colour: "wrench" }],
     };
   },
 
@@ -162,7 +162,7 @@ const READOUTS = {
       ],
       dq: free, tau, title: "Torques τ, as they are set",
       solids: [{ name: "wall", p, shape: ellipsoidOf([wide, wide, 0.004 * wide], [...across, normal]), colour: 4 }],
-      arrows: [{ name: "force λ on the wall", p, along: times(lambda[0], normal), most: m.robot.push / 4, unit: "N", colour: 3 }],
+      arrows: [{ name: "force λ on the wall", p, along: times(lambda[0], normal), most: m.robot.push / 4, unit: "N", colour: "wrench" }],
     };
   },
 

@@ -17,10 +17,10 @@ Object.assign(READOUTS, {
       values: [["power, by the numbers in {b}", inner(V_b, wrench), "W"], ["power, by the numbers in {s}", inner(V_s, F_s), "W"]],
       frames: [["{s}", IDENTITY], ["{b}", T]],
       arrows: [
-        { name: "velocity v", p: place(T), along: turn(T, V_b.slice(3)), most: 1.5, unit: "m/s", colour: 0 },
+        { name: "velocity v", p: place(T), along: turn(T, V_b.slice(3)), most: 1.5, unit: "m/s", colour: "twist" },
         { name: "angular velocity ω", p: place(T), along: turn(T, V_b.slice(0, 3)), most: 4, unit: "rad/s", colour: 1 },
-        { name: "force f", p: place(T), along: turn(T, wrench.slice(3)), most: most(m, 3), unit: "N", colour: 5 },
-        { name: "moment m", p: place(T), along: turn(T, wrench.slice(0, 3)), most: most(m, 0), unit: "N m", colour: 3 },
+        { name: "force f", p: place(T), along: turn(T, wrench.slice(3)), most: most(m, 3), unit: "N", colour: "wrench" },
+        { name: "moment m", p: place(T), along: turn(T, wrench.slice(0, 3)), most: most(m, 0), unit: "N m", colour: "momentum" },
       ],
     };
   },
@@ -44,8 +44,8 @@ Object.assign(READOUTS, {
       tables: [{ caption: "Products of column i of J<sub>b</sub> with F<sub>b</sub>, and their sum [N m; sliding joints: N]", columns: [...WRENCH.map(([name]) => [name, ""]), ["<i>τ</i><sub>i</sub>", ""]], rows: products, heat: true }],
       tau, title: "Torques of the wrench", frames: [["{b}", T]],
       arrows: [
-        { name: "force f", p: place(T), along: turn(T, wrench.slice(3)), most: most(m, 3), unit: "N", colour: 5 },
-        { name: "moment m", p: place(T), along: turn(T, wrench.slice(0, 3)), most: most(m, 0), unit: "N m", colour: 3 },
+        { name: "force f", p: place(T), along: turn(T, wrench.slice(3)), most: most(m, 3), unit: "N", colour: "wrench" },
+        { name: "moment m", p: place(T), along: turn(T, wrench.slice(0, 3)), most: most(m, 0), unit: "N m", colour: "momentum" },
       ],
     };
   },
@@ -63,7 +63,7 @@ Object.assign(READOUTS, {
       values: [["rank of J<sub>b</sub>, at most " + ranks.all, found.filter(({ value }) => value > 1e-6 * found[0].value).length, ""], ["norm of θ̇ for that twist", last.value > 1e-9 * found[0].value ? 1 / last.value : Infinity, ""]],
       frames: [["{b}", T]],
       arrows: [
-        { name: "v of the twist that is hardest", p, along: turn(T, lost.slice(3)), most: size, unit: "m/s", colour: 3 },
+        { name: "v of the twist that is hardest", p, along: turn(T, lost.slice(3)), most: size, unit: "m/s", colour: "twist" },
         { name: "its ω", p, along: turn(T, lost.slice(0, 3)), most: 1, unit: "rad/s", colour: 1 },
       ],
     };

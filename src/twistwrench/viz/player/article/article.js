@@ -22,6 +22,7 @@ class Figure {
     this.sliders = [...this.section.querySelectorAll(".slider")].map((element) => new InlineSlider(element, entry.sliders.find(({ name }) => name === element.dataset.slider), this.picture));
     this.words = new Words(this.section, () => [this]);
     this.prediction = entry.predict ? new Prediction(this, entry.predict) : null;
+    if (this.picture.handle) new Handle(this, this.views[0], this.sliders[0]);
     this.play.addEventListener("click", () => (this.running ? this.stop() : this.start()));
     this.again.addEventListener("click", () => { this.stop(); this.picture.rewind(); this.prediction?.again(); this.say(); });
     this.picture.listeners.push(() => this.refresh());
@@ -98,6 +99,7 @@ class Figure {
     this.views.forEach((view) => {
       const from = view.canvas.dataset.view;
       const things = this.picture.scene(from).filter(({ name, label }) => !hidden.includes(name) || keeps.includes(label));
+      things.push(...(view.handle?.ring() ?? []));
       view.draw(things, this.article.colours, from === "body" ? this.picture.frame() : UPRIGHT, this.lit);
     });
   }

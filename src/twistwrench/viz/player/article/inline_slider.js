@@ -4,8 +4,8 @@
 const PIXELS = 160; // from the least to the most
 
 class InlineSlider {
-  constructor(element, { name, label, unit, least, most, step, decimals }, picture) {
-    Object.assign(this, { element, name, unit, least, most, step, decimals, picture });
+  constructor(element, { name, label, colour, unit, least, most, step, decimals }, picture) {
+    Object.assign(this, { element, name, label, colour, unit, least, most, step, decimals, picture });
     const attributes = { role: "slider", tabindex: "0", "aria-label": label, "aria-valuemin": least, "aria-valuemax": most, title: "Drag sideways, use arrow keys, or press Enter and type" };
     for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
     element.addEventListener("pointerdown", (event) => this.grasp(event));

@@ -9,6 +9,8 @@ const NEAR_MISSES = { // in the order in which they are named
   degrees: { of: (_, { degrees = [] }) => degrees, words: "That takes degrees for radians, as in the sine of 5 rad for 5°." },
 };
 
+const ENDLESS = 1e9; // an answer from which on it is a division by zero
+
 // A typed number is right to 1 % of the answer, or to half of the last of three decimal places.
 const isRight = (typed, answer) => Math.abs(typed - answer) <= Math.max(0.01 * Math.abs(answer), 5e-4);
 
@@ -21,6 +23,7 @@ function typedNumber(text) { // with a comma or a point, the minus of print, and
 function judged(text, answer, other = {}, kinds = Object.keys(NEAR_MISSES)) {
   const typed = typedNumber(text);
   if (typed === null) return { right: false, near: null, words: "Type a number." };
+  if (!(Math.abs(answer) < ENDLESS)) return { right: false, near: null, words: "There is no finite answer here: move a joint or a slider." };
   if (isRight(typed, answer)) return { right: true, near: null, words: "Right." };
   const misses = (kind) => NEAR_MISSES[kind].of(answer, other).filter((value) => Math.abs(value) > 1e-9);
   const near = Object.keys(NEAR_MISSES).find((kind) => kinds.includes(kind) && misses(kind).some((value) => Math.abs(typed - value) <= 0.01 * Math.abs(value)));

@@ -13,11 +13,21 @@ function armBody(angles) { // links and joints
   return [link(ORIGIN, elbow, a), link(elbow, tip, a + b), ...[ORIGIN, elbow].map((p) => solid(cylinderFaces(0.09, 0.05), UPRIGHT, p))];
 }
 
-// Dashed line of a force through a point, and the levers from places to it.
-function leversTo(places, point, way, [behind, ahead] = [2.6, 2.6]) {
+// Dashed line of a force through a point, and the levers from places to it, each with its letter and a right angle at its foot.
+// A lever may be drawn at a shift along the line, beside a link that would hide it.
+function leversTo(places, point, way, [behind, ahead] = [2.6, 2.6], { letters = [], shifts = [] } = {}) {
   const foot = (p) => add(p, add(add(point, times(-1, p)), times(-dot(add(point, times(-1, p)), way), way)));
   const line = { kind: "line", name: "wrench", width: 1.5, dashed: true, label: "line of force", points: [add(point, times(-behind, way)), add(point, times(ahead, way))] };
-  return [line, ...places.map((p) => ({ kind: "line", name: "change", width: 3, label: "lever", points: [p, foot(p)] }))];
+  const lever = (p, k) => {
+    const shift = times(shifts[k] ?? 0, way), [from, to] = [add(p, shift), add(foot(p), shift)], long = norm(add(to, times(-1, from)));
+    if (long < 0.02) return [];
+    const back = times(-0.08 / long, add(to, times(-1, from))), side = times(0.08, way), thin = { kind: "line", name: "change", label: "lever" };
+    return [
+      { ...thin, width: 3, rim: true, points: [from, to] }, { ...thin, width: 1.5, points: [add(to, back), add(to, add(back, side)), add(to, side)] },
+      ...(letters[k] ? [{ kind: "note", name: "change", at: add(times(0.5, add(from, to)), times(0.11, way)), label: letters[k] }] : []),
+    ];
+  };
+  return [line, ...places.flatMap(lever)];
 }
 
 const momentAbout = (p, at, f) => cross(add(at, times(-1, p)), f)[2]; // of a force in the plane

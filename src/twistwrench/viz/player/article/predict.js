@@ -3,7 +3,7 @@
 
 const RIGHT = { arrow: 8, number: 0.01 }; // degrees; of the truth
 const CLOSE = 0.1; // of the truth
-const MOVED = "Before you moved the slider: ";
+const MOVED = "Before you moved the slider: ", NEXT = "Now press ";
 
 class Prediction {
   constructor(figure, entry) {
@@ -12,8 +12,10 @@ class Prediction {
     this.prompt = element.querySelector(".prompt");
     this.ask = this.prompt.firstChild;
     this.prompt.hidden = false;
-    Object.assign(this.prompt.dataset, { ask: entry.ask, longest: `${MOVED}${this.told(0.001, 0.01)}` }); // the place that either takes
+    Object.assign(this.prompt.dataset, { ask: `${entry.ask} ${NEXT}Compare.`, longest: `${MOVED}${this.told(0.001, 0.01, 180, entry.free ? 2 : 1)}` }); // the place that either takes
     figure.play.disabled = true;
+    this.output = element.querySelector(".guess output");
+    this.empty();
     this.skip = element.querySelector(".skip");
     this.skip.hidden = false;
     this.skip.addEventListener("click", () => { this.ready(); figure.start(); });
@@ -21,7 +23,7 @@ class Prediction {
     for (const field of this.fields) for (const event of ["input", "pointerup", "keyup"]) field.addEventListener(event, () => {
       if (this.done || (field.type === "radio" && !field.checked)) return;
       picture.guess = Number(field.value);
-      if (entry.kind === "number") element.querySelector(".guess output").textContent = `${this.number(picture.guess)} ${entry.unit}`;
+      if (this.output) this.output.textContent = `${this.number(picture.guess)} ${entry.unit}`;
       this.ready();
     });
     picture.listeners.push(() => this.date());
@@ -30,25 +32,32 @@ class Prediction {
     if (entry.kind === "arrow") this.takesArrow(figure.views[0]);
   }
 
-  ready() { this.figure.play.disabled = false; }
+  ready() { // a guess is made
+    this.figure.play.disabled = false;
+    if (!this.done) this.ask.textContent = `${this.entry.ask} ${NEXT}${this.figure.play.textContent}.`;
+  }
+
+  empty() { if (this.output) this.output.textContent = `? ${this.entry.unit}`; }
   number(guess) { return decimal(guess, this.entry.decimals ?? 1); }
 
-  // What is told of a guess, or null, in degrees, numbers or places among the choices.
-  told(guess, truth, degrees = 180) {
+  // What is told of a guess, or null, in degrees (with the length of the truth for one of the guess), numbers or places among the choices.
+  told(guess, truth, degrees = 180, longer = 1) {
     const { kind, unit, choices, decimals, told } = this.entry, off = kind === "arrow" ? degrees : Math.abs(guess - truth) / Math.abs(truth);
-    const guessed = { arrow: () => `You are ${decimal(off, 0)}° off. `, number: () => `You guessed ${this.number(guess)}. `, choice: () => `You chose ${choices[guess - 1] ?? choices[0]}. ` }[kind];
+    const size = Math.abs(longer - 1) > CLOSE ? `${longer > 1 ? "Longer" : "Shorter"} than you drew it: ${decimal(longer, 2)} times. ` : "";
+    if (size && off <= RIGHT.arrow) return `The direction is right. ${size}${told}`;
+    const guessed = { arrow: () => `You are ${decimal(off, 0)}° off. ${size}`, number: () => `You guessed ${this.number(guess)}. `, choice: () => `You chose ${choices[guess - 1] ?? choices[0]}. ` }[kind];
     const first = guess === null ? "" : off <= (RIGHT[kind] ?? 0) ? "Right. " : kind === "number" && off <= CLOSE ? "Close. " : guessed();
     const value = { arrow: () => "", number: () => `It is ${decimal(truth, decimals === 0 ? 0 : 3)}${unit ? ` ${unit}` : ""}. `, choice: () => `It is ${choices[truth - 1] ?? choices[0]}. ` }[kind];
     return `${first}${value()}${told}`;
   }
 
-  // The head of the arrow follows the pointer, or Shift and the arrow keys, on a sphere.
+  // The head of the arrow follows the pointer, or Shift and the arrow keys: on a sphere, or freely if its length is asked as well.
   takesArrow(view) {
     const { picture } = this.figure, scale = () => picture.perUnit;
     const move = (dx, dy) => {
-      const { right, up } = view.camera(), pixel = (0.62 * view.distance) / Math.min(view.canvas.clientHeight, view.canvas.clientWidth) / scale();
-      const from = picture.guess ?? picture.grasped, to = add(from, add(times(pixel * dx, right), times(-pixel * dy, up)));
-      picture.guess = times(norm(picture.grasped), unit(to));
+      const from = picture.guess ?? picture.grasped, { right, up } = view.camera(), pixel = 1 / (view.metre(times(scale(), from)) * scale());
+      const to = add(from, add(times(pixel * dx, right), times(-pixel * dy, up)));
+      picture.guess = this.entry.free ? to : times(norm(picture.grasped), unit(to));
       this.ready();
       picture.changed();
     };
@@ -80,7 +89,7 @@ class Prediction {
     this.skip.classList.add("spent");
     this.rest.forEach((element) => element.classList.remove("later"));
     const arrow = entry.kind === "arrow", truth = arrow ? picture.truth(entry.at) : picture.truth();
-    this.result = this.told(guess, truth, arrow && guess ? degreesOf(angleBetween(guess, truth)) : 0);
+    this.result = arrow && guess ? this.told(guess, truth, degreesOf(angleBetween(guess, truth)), entry.free ? norm(truth) / norm(guess) : 1) : this.told(guess, truth);
     this.settings = this.sliders();
     this.ask.textContent = this.result;
     this.prompt.classList.add("told");
@@ -103,5 +112,8 @@ class Prediction {
     this.ask.textContent = this.entry.ask;
     this.prompt.classList.remove("told");
     this.fields.forEach((field) => { field.checked = false; });
+    this.empty();
+    this.figure.play.disabled = true;
+    this.skip.classList.remove("spent");
   }
 }

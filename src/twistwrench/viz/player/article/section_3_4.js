@@ -11,7 +11,7 @@ const planar = ([, , m, x, y]) => [m, x, y];
 const planarText = (F, decimals = 2) => vectorText(planar(F), decimals);
 
 class Held extends Picture { // an apple in a hand on a sensor
-  at(beyond = this.values.beyond) {
+  at(beyond = this.values.beyond) { // both weights, and their wrench
     const weights = [[HAND.mass, HAND.at], [APPLE.mass, HAND.at + beyond]].map(([mass, x]) => ({ force: [0, -mass * GRAVITY, 0], at: [x, 0, 0] }));
     return { weights, wrench: weights.map(({ force, at }) => wrenchOf(force, at)).reduce(add) };
   }
@@ -30,10 +30,11 @@ class Held extends Picture { // an apple in a hand on a sensor
 
   numbers() { const { wrench } = this.at(); return [["force", decimal(-wrench[4], 2), "N down", "wrench"], ["moment", decimal(Math.abs(wrench[2]), 3), "N m", "wrench"]]; }
   truth() { return Math.abs(this.at(2 * APPLE.beyond).wrench[2]); }
+  handle(beyond) { return [HAND.at + beyond, 0, 0]; }
 
-  question() { // the sensor's moment about z, y upwards
-    const about = APPLE.mass * GRAVITY * APPLE.beyond;
-    return { answer: this.at(APPLE.beyond).wrench[2], other: { frame: [-about], named: [[-about, "That is the moment about the hand, and the sensor's was asked."]] } };
+  question() { // the sensor's moment about z, y upwards, of an apple of 0.2 kg at 0.2 m
+    const [mass, beyond] = [0.2, 0.2], about = mass * GRAVITY * beyond;
+    return { answer: -(HAND.mass * HAND.at + mass * (HAND.at + beyond)) * GRAVITY, other: { frame: [-about], named: [[-about, "That is the moment about the hand, and the sensor's was asked."]] } };
   }
 }
 
@@ -43,7 +44,7 @@ class Plane extends Picture {
   board() { return solid(boxFaces([0.75, 0.5, 0.02]), UPRIGHT, [0.35, 0.25, -0.06]); }
   force(at, label = "f") { return arrowOf("wrench", at, times(0.1, FORCE), label, { width: 5 }); }
   line(at) { const way = unit(FORCE); return { kind: "line", name: "wrench", width: 1.5, dashed: true, points: [add(at, times(-1.3, way)), add(at, times(1.3, way))] }; }
-  origin(label = "{s}", R = UPRIGHT, p = HERE) { return axes(R, p, 0.22, label); }
+  origin(label = "{s}", R = UPRIGHT, p = HERE, towards = undefined) { return axes(R, p, 0.22, label, towards); }
 }
 
 class Sliding extends Plane {
@@ -51,11 +52,14 @@ class Sliding extends Plane {
   scene() { const { at, wrench } = this.state(); return [this.board(), this.line(at), ...this.origin(), this.force(at), ...turnArc(HERE, 1.2 * wrench[2], "wrench", "m", 0.15)]; }
   numbers() { const { wrench } = this.state(); return [["(m, f)", planarText(wrench, 3), "N m, N", "wrench"]]; }
   truth() { return this.state().wrench[2]; }
+  handle(along) { return add(POINT_AT, times(along, unit(FORCE))); }
 }
 
 class OffLine extends Plane {
+  handle(off) { const [x, y] = unit(FORCE); return times(off, [y, -x, 0]); }
+
   state() {
-    const { off } = this.values, [x, y] = unit(FORCE), at = times(off, [y, -x, 0]);
+    const { off } = this.values, at = this.handle(off);
     return { t: this.t, at, wrench: wrenchOf(FORCE, at), lever: off };
   }
 
@@ -71,6 +75,8 @@ const OBSERVER = [0.7, 0.45, 0]; // origin of {b} in {s}
 const SPIN = [0, 0, 1.5], GLIDE = [0.4, -0.2, 0]; // rad/s; m/s of the point at the origin of {s}
 
 class Observers extends Plane {
+  handle(yaw) { return add(OBSERVER, rotated(turnAbout([0, 0, 1], radiansOf(yaw)), [0.22, 0, 0])); }
+
   at(yaw = radiansOf(this.values.yaw)) {
     const R = turnAbout([0, 0, 1], yaw), about = add(GLIDE, cross(SPIN, OBSERVER)); // velocity of the point at the origin of {b}
     const wrench_s = wrenchOf(FORCE, POINT_AT), wrench_b = wrenchOf(FORCE, POINT_AT, R, OBSERVER);
@@ -79,7 +85,7 @@ class Observers extends Plane {
   }
 
   state() { return { t: this.t, ...this.at() }; }
-  scene() { const { R } = this.at(); return [this.board(), this.line(POINT_AT), ...this.origin(), ...this.origin("{b}", R, OBSERVER), this.force(POINT_AT)]; }
+  scene() { const { R } = this.at(); return [this.board(), this.line(POINT_AT), ...this.origin(), ...this.origin("{b}", R, OBSERVER, [0.6, 1]), this.force(POINT_AT)]; }
   numbers() { const { wrench_s, wrench_b } = this.at(); return [["in {s}", planarText(wrench_s), "", "wrench"], ["in {b}", planarText(wrench_b), "N m, N", "wrench"]]; }
 }
 
@@ -94,8 +100,11 @@ class Power extends Observers {
 }
 
 class Screw extends Picture { // force along z, moment tilted from it
+  moment(tilt = this.values.tilt) { return [2 * Math.sin(radiansOf(tilt)), 0, 2 * Math.cos(radiansOf(tilt))]; }
+  handle(tilt) { return times(0.3, this.moment(tilt)); }
+
   state() {
-    const tilt = radiansOf(this.values.tilt), f = [0, 0, 4], m = [2 * Math.sin(tilt), 0, 2 * Math.cos(tilt)], size = dot(f, f);
+    const f = [0, 0, 4], m = this.moment(), size = dot(f, f);
     const q = times(1 / size, cross(f, m)), pitch = dot(f, m) / size;
     return { t: this.t, wrench: [...m, ...f], q, pitch, rebuilt: [...add(cross(q, f), times(pitch, f)), ...f] };
   }
@@ -103,7 +112,7 @@ class Screw extends Picture { // force along z, moment tilted from it
   scene() {
     const { wrench: [a, b, c, ...f], q, pitch } = this.state(), turn_ = times(pitch, f);
     return [
-      ...floor(-0.3, 0.9), ...axes(UPRIGHT, HERE, 0.25, "{s}"), { kind: "line", name: "change", width: 2, dashed: true, points: [add(q, [0, 0, -0.3]), add(q, [0, 0, 1.35])] },
+      ...floor(-0.3, 0.9, false), ...axes(UPRIGHT, HERE, 0.25, "{s}"), { kind: "line", name: "change", width: 2, dashed: true, points: [add(q, [0, 0, -0.3]), add(q, [0, 0, 1.35])] },
       arrowOf("momentum", HERE, times(0.3, [a, b, c]), "m", { width: 4 }), arrowOf("wrench", HERE, times(0.18, f), "f", { width: 4 }), { kind: "line", name: "change", width: 2, points: [HERE, q] },
       arrowOf("wrench", q, times(0.18, f), "push", { width: 6, beside: -1, along: 0.75 }), ...(norm(turn_) > 0.02 ? [arrowOf("momentum", add(q, [0, 0, 0.8]), times(0.22, turn_), "turn", { width: 4 })] : []),
     ];

@@ -28,20 +28,30 @@ class Turning extends Picture {
 
   scene() {
     const now = this.at(), { f, tip, elbow } = now;
-    return [...(norm(f[1]) > 1e-9 ? leversTo([ORIGIN, elbow], tip, unit(f[1]), [0.6, 2.6]) : []), ...this.body(now), ...this.spins(now), ...this.torques(now), ...this.pushes(now)];
+    return [...(norm(f[1]) > 1e-9 ? leversTo([ORIGIN, elbow], tip, unit(f[1]), [0.6, 2.6], { shifts: this.shifts }) : []), ...this.body(now), ...this.spins(now), ...this.torques(now), ...this.pushes(now)];
   }
 
   numbers() { return this.at().tau.map((x, k) => [`τ${"₁₂"[k]}`, decimal(x, 3), "N m", "wrench"]); }
 }
 
 class Centripetal extends Turning { get rates() { return [this.values.rate, 0]; } }
-class Folding extends Turning { get rates() { return [0, this.values.rate]; } }
+class Folding extends Turning {
+  get rates() { return [0, this.values.rate]; }
+  get shifts() { return [0.15]; } // the lever of joint 1 lies along link 1
+}
 
 class Both extends Turning {
   get rates() { return [1, this.values.rate]; }
   truth() { return this.at(undefined, [1, 1]).tau[0]; }
   question() {
-    return { answer: this.truth(), other: { named: [[-2, "That is the Coriolis part alone. The centripetal part of joint 2's own turning comes on top."], [-1, "That is the centripetal part alone, as if the other joint stood still."]] } };
+    const [u, w] = [2, 1], h = POINT * LINK * LINK; // rad/s, at 90°
+    return {
+      answer: this.at(undefined, [u, w]).tau[0],
+      other: {
+        degrees: [-h * Math.sin(90) * (2 * u * w + w * w)], // the sine of 90 rad
+        named: [[-2 * h * u * w, "That is the Coriolis part alone. The centripetal part of joint 2's own turning comes on top."], [-h * w * w, "That is the centripetal part alone, as if the other joint stood still."], [-3, "That is the torque at 1 rad/s each."]],
+      },
+    };
   }
 }
 
@@ -76,12 +86,14 @@ class Faster extends Turning {
   truth() { const tau = (s) => this.at(undefined, [s, s]).tau[0]; return tau(2) / tau(1); }
 }
 
-class Bent extends Turning { get angles() { return [0, radiansOf(this.values.bend)]; } }
+class Bent extends Turning {
+  get angles() { return [0, radiansOf(this.values.bend)]; }
+  handle(bend) { return placesOf([0, radiansOf(bend)]).tip; }
+}
 
 const MOMENT = 1e-5; // s, on both sides of now
 
-class Energy extends Turning {
-  get angles() { return [0, radiansOf(this.values.bend)]; }
+class Energy extends Bent {
 
   // Power of the torques, and the rate of the kinetic energy from two moments.
   state() {

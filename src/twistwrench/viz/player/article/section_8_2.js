@@ -24,13 +24,13 @@ class Thrown extends Picture { // from a throw, with the spin of a slider about 
   // Carton, twist and momentum as they are in the room.
   scene(view) {
     const { R, twist_body, momentum_room } = this.state();
-    const spin = (t) => { const s = this.at(t); return times(PER_TWIST, rotated(s.R, angular(s.twist_body))); };
+    const { perTwist } = this, spin = (t) => { const s = this.at(t); return times(perTwist, rotated(s.R, angular(s.twist_body))); };
     const onBody = (head) => (t) => rotated(R, rotatedBack(this.at(t).R, head(t))); // the trail that is left on the body
     const seen = view === "body" ? onBody : (head) => head;
     return [
       ...floor(-0.85), solid(boxFaces(CARTON.half), R),
       trail("twist", seen(spin), this.t), trail("momentum", seen((t) => this.headRoom(t)), this.t),
-      arrowOf("twist", HERE, times(PER_TWIST, rotated(R, angular(twist_body))), "ω", { width: 3, beside: true }),
+      arrowOf("twist", HERE, times(perTwist, rotated(R, angular(twist_body))), "ω", { width: 3, beside: true }),
       arrowOf("momentum", HERE, times(PER_MOMENTUM, angular(momentum_room)), "𝒫", { width: 5 }),
       ...(this.guess ? [arrowOf("momentum", HERE, times(PER_MOMENTUM, this.guess), "?", { dashed: true, width: 4 })] : []),
     ];
@@ -39,12 +39,13 @@ class Thrown extends Picture { // from a throw, with the spin of a slider about 
   get grasped() { return angular(this.at(0).momentum_room); } // arrow that a guess begins with
   truth(t) { return angular(this.at(t).momentum_room); }
   get perUnit() { return PER_MOMENTUM; }
+  get perTwist() { return PER_TWIST; }
 }
 
 class Throw extends Thrown {
   numbers() {
     const { momentum_room, twist_body, R } = this.state();
-    return [["𝒫 in the room", vectorText(angular(momentum_room), 4), "N m s", "momentum"], ["ω", vectorText(rotated(R, angular(twist_body)), 2), "rad/s", "twist"]];
+    return [["𝒫 in the room", vectorText(angular(momentum_room), 4), "N m s", "momentum"], ["ω in the room", vectorText(rotated(R, angular(twist_body)), 2), "rad/s", "twist"]];
   }
 }
 
@@ -58,6 +59,8 @@ class OnBody extends Thrown {
 const GLANCE = 1e-4; // s, on both sides of a moment
 
 class Tangent extends Thrown {
+  get perTwist() { return 0.16; } // its head apart from the grey arrow
+
   // Velocity of the head on the body, from two moments.
   glimpsed() {
     const head = (t) => angular(this.at(t).momentum_body), first = Math.max(0, this.t - GLANCE), last = first + 2 * GLANCE;
@@ -68,7 +71,7 @@ class Tangent extends Thrown {
     const { R, momentum_body, adT_momentum } = this.state(), head = rotated(R, times(PER_MOMENTUM, angular(momentum_body)));
     const way = (rate) => rotated(R, times(PER_MOMENTUM, rate));
     const seen = way(this.glimpsed()), shown = super.scene("body").filter(({ kind, name }) => name !== "twist" || kind === "arrow");
-    return [...shown, { kind: "line", name: "momentum", width: 2, dashed: true, points: [add(head, times(-1, seen)), add(head, times(1.7, seen))] }, { kind: "dot", name: "momentum", at: add(head, seen) }, arrowOf("change", head, way(angular(adT_momentum)), "[ad]ᵀ𝒫", { width: 3.5 })];
+    return [...shown, { kind: "line", name: "momentum", width: 2, dashed: true, points: [add(head, times(-1, seen)), add(head, times(1.7, seen))] }, { kind: "dot", name: "momentum", at: add(head, seen) }, arrowOf("change", head, way(angular(adT_momentum)), "[ad]ᵀ𝒫", { width: 3.5, along: 0.5, beside: -1 })];
   }
 
   numbers() {
@@ -100,7 +103,7 @@ class Push extends Thrown { // spins about axis 3 and is pushed about axis 2 by 
     const blow = (sign) => arrowOf("wrench", add(times(sign, side), rotated(R, [0, 0, sign * 0.14])), rotated(R, [0, 0, -sign * Math.sign(-this.values.moment || -1) * -0.3]), "", { width: 2.5 });
     return [
       ...floor(-0.75), solid(boxFaces(CARTON.half), R), trail("momentum", (t) => this.headRoom(t), this.t),
-      ...(this.values.moment ? [blow(1), blow(-1)] : []),
+      ...(this.values.moment ? [blow(1), blow(-1)] : []), arrowOf("axes", HERE, rotated(R, [0, 0.5, 0]), "axis 2", { width: 2 }),
       arrowOf("momentum", HERE, times(PUSHED, angular(momentum_room)), "𝒫", { width: 5 }),
       arrowOf("wrench", head, times(PER_WRENCH, angular(wrench_room)), "ℱ", { width: 4 }),
       ...(this.guess ? [arrowOf("momentum", HERE, times(PUSHED, this.guess), "?", { dashed: true, width: 4 })] : []),
@@ -114,45 +117,46 @@ class Push extends Thrown { // spins about axis 3 and is pushed about axis 2 by 
 }
 
 const ROTOR = { moments: [0.01, 0.01, 0.02], speed: 50, radius: 0.42, half: 0.045 };
-const ASKED = 5; // degrees, of the exercise
+const ASKED = { tilt: 8, speed: 60 }; // of the exercise; degrees, rad/s
 
 class Rotor extends Picture { // on a shaft along z, its own axis tilted by β; speed constant
   get tilt() { return radiansOf(this.values.tilt); }
 
   // State at a tilt [rad]: 𝒱̇ = 0, so ℱ = −ad(𝒱)ᵀ 𝒢 𝒱.
-  at(t, tilt) {
-    const V = [ROTOR.speed * Math.sin(tilt), 0, ROTOR.speed * Math.cos(tilt), 0, 0, 0], P = new RigidBody(ROTOR.moments, 1).momentum(V);
-    const F = times(-1, changeByTurning(V, P)), R = productOf(turnAbout([0, 0, 1], ROTOR.speed * t), turnAbout([0, 1, 0], -tilt));
+  at(t, tilt, speed = ROTOR.speed) {
+    const V = [speed * Math.sin(tilt), 0, speed * Math.cos(tilt), 0, 0, 0], P = new RigidBody(ROTOR.moments, 1).momentum(V);
+    const F = times(-1, changeByTurning(V, P)), R = productOf(turnAbout([0, 0, 1], speed * t), turnAbout([0, 1, 0], -tilt));
     return { t, R, twist_body: V, momentum_body: P, momentum_room: inRoom(R, P), wrench_body: F, wrench_room: inRoom(R, F), adT_momentum: changeByTurning(V, P) };
   }
 
   state() { return this.at(this.t, this.tilt); }
   frame() { return this.state().R; }
 
-  scene() {
-    const { R, momentum_room, wrench_room, twist_body } = this.state(), long = 0.76, perMomentum = 0.4 / (ROTOR.speed * ROTOR.moments[2]);
+  scene(view) {
+    const { R, wrench_room, twist_body } = this.state(), long = 0.84, perMomentum = 0.52 / (ROTOR.speed * ROTOR.moments[2]), pull = times(0.05, angular(wrench_room));
     const head = (t) => times(perMomentum, angular(this.at(t, this.tilt).momentum_room)), period = (2 * Math.PI) / ROTOR.speed;
     const shaft = [[0, 0, -long], [0, 0, long]], bearing = (z) => solid(cylinderFaces(0.09, 0.05, 12), UPRIGHT, [0, 0, z], [150, 140, 130]);
     const fixed_ = trail("momentum", head, period, period, period / 60).points;
     return [
-      ...floor(-0.86, 0.8), { kind: "floor", points: shaft, name: "edge", width: 5 }, bearing(-0.62), bearing(0.62), solid(cylinderFaces(ROTOR.radius, ROTOR.half), R),
+      ...floor(-0.86, 0.8, false), { kind: "floor", points: shaft, name: "edge", width: 5 }, bearing(-0.72), bearing(0.72), solid(cylinderFaces(ROTOR.radius, ROTOR.half), R),
       { kind: "line", points: fixed_, name: "momentum", width: 1.5 },
-      arrowOf("twist", HERE, times(0.011, rotated(R, angular(twist_body))), "ω", { width: 3, beside: true }),
-      arrowOf("momentum", HERE, head(this.t), "𝒫", { width: 5, beside: -1, along: 0.72 }),
-      arrowOf("wrench", head(this.t), times(0.085, angular(wrench_room)), "ℱ", { width: 4 }),
+      arrowOf("twist", HERE, times(0.0062, rotated(R, angular(twist_body))), "ω", { width: 3, beside: -1 }),
+      arrowOf("momentum", HERE, head(this.t), "𝒫", { width: 5, beside: true, along: 0.72 }),
+      arrowOf("wrench", head(this.t), pull, "ℱ", { width: 3 }),
+      ...(view === "body" ? [arrowOf("change", head(this.t), times(-1, pull), "[ad]ᵀ𝒫", { width: 3 })] : []),
     ];
   }
 
   numbers() {
-    const { wrench_body } = this.state();
-    return [["|m|", decimal(norm(angular(wrench_body)), 3), "N m", "wrench"], ["m in {b}", vectorText(angular(wrench_body), 3), "N m", "wrench"]];
+    const { wrench_body, twist_body, momentum_body } = this.state();
+    return [["|m|", decimal(norm(angular(wrench_body)), 3), "N m", "wrench"], ["from ω to 𝒫", decimal(degreesOf(angleBetween(angular(twist_body), angular(momentum_body))), 1), "°", "momentum"]];
   }
 
-  truth() { return norm(angular(this.at(0, radiansOf(ASKED)).wrench_body)); }
+  truth() { return norm(angular(this.at(0, this.tilt).wrench_body)); }
 
-  question() { // |m| at 5°
-    const tilt = radiansOf(ASKED), { wrench_room } = this.at(this.t, tilt), wrong = norm(angular(this.at(0, ASKED).wrench_body)); // the sine of 5 rad
-    return { answer: this.truth(), other: { frame: angular(wrench_room), degrees: [wrong, -wrong] } };
+  question() { // |m| at 8° and 60 rad/s
+    const { tilt, speed } = ASKED, moment = (t, angle) => this.at(t, angle, speed), { wrench_room } = moment(this.t, radiansOf(tilt)), wrong = norm(angular(moment(0, tilt).wrench_body)); // the sine of 8 rad
+    return { answer: norm(angular(wrench_room)), other: { frame: angular(wrench_room), degrees: [wrong, -wrong] } };
   }
 }
 
@@ -170,22 +174,25 @@ class MovedFrame extends Picture { // slides along x without turning; {b} is bes
     return [
       ...grid(0.8, 0.1), solid(boxFaces(SLED.half), UPRIGHT, mass), { kind: "area", name: "momentum", corners: [origin, add(origin, f), add(mass, f), mass] },
       { kind: "line", points: [origin, mass], name: "change", width: 2, dashed: true }, ...axes(UPRIGHT, origin, 0.09, "{b}"),
-      arrowOf("momentum", mass, f, "f", { width: 5 }),
-      ...(offset ? [{ kind: "arc", middle: origin, radius: 0.13, sweep: 14 * P[2], name: "momentum", label: "m" }] : []),
+      arrowOf("momentum", mass, f, "p", { width: 5 }),
+      ...(offset ? [{ kind: "arc", middle: origin, radius: 0.13, sweep: 14 * P[2], name: "momentum", label: "L" }] : []),
     ];
   }
 
   numbers() {
     const { momentum_body: P, adT_momentum: change, energy } = this.state();
-    return [["m", decimal(P[2], 3), "N m s", "momentum"], ["f", decimal(P[3], 2), "N s", "momentum"], ["v × f", decimal(-change[2] + 0, 3), "N m", "change"], ["energy", decimal(energy, 3), "J", "line"]];
+    return [["L", decimal(P[2], 3), "N m s", "momentum"], ["p", decimal(P[3], 2), "N s", "momentum"], ["v × p", decimal(-change[2] + 0, 3), "N m", "change"], ["energy", decimal(energy, 3), "J", "line"]];
   }
 
-  question() { const m = SLED.mass * SLED.speed * 0.25; return { answer: m, other: {} }; } // {b} moved by 0.25 m
+  handle(offset) { return [SLED.speed * this.t - 0.25, offset, 0]; }
+  question() { return { answer: 3 * 0.5 * 0.2 }; } // 3 kg at 0.5 m/s, {b} 0.2 m beside it
 }
 
 const STONE = { mass: 2, moment: 0.008, away: 0.5, speed: 2, radius: 0.1 }; // on a string; kg, kg m², m, rad/s, m
 
 class OffCentre extends Picture { // a stone goes round the hub; {b} is beside it
+  handle(offset) { return rotated(this.frame(), [STONE.away, offset, 0]); }
+
   state() {
     const { offset } = this.values, w = [0, 0, STONE.speed], V = [...w, ...cross(w, [STONE.away, offset, 0])];
     const f = times(STONE.mass, cross(w, [STONE.away, 0, 0])), P = [...add(times(STONE.moment, w), cross([0, -offset, 0], f)), ...f];
@@ -197,11 +204,11 @@ class OffCentre extends Picture { // a stone goes round the hub; {b} is beside i
 
   scene() {
     const { offset, R, wrench_body: F, momentum_body: P, twist_body: V } = this.state(), stone = rotated(R, [STONE.away, 0, 0]), origin = rotated(R, [STONE.away, offset, 0]);
-    const pull = times(0.07, rotated(R, linear(F))), v = times(0.16, rotated(R, linear(V))), f = times(0.12, rotated(R, linear(P)));
+    const pull = times(0.07, rotated(R, linear(F))), v = times(0.36, rotated(R, linear(V))), f = times(0.13, rotated(R, linear(P)));
     return [
       ...grid(1, 0.2), { kind: "line", points: [HERE, stone], name: "edge", width: 2 }, { kind: "dot", at: HERE, name: "edge", label: "" },
       solid(cylinderFaces(STONE.radius, 0.04), R, stone), { kind: "area", name: "change", corners: [origin, add(origin, v), add(origin, add(v, f)), add(origin, f)] },
-      ...axes(R, origin, 0.14, "{b}"), arrowOf("twist", origin, v, "v", { width: 4 }), arrowOf("momentum", origin, f, "f", { width: 5 }),
+      ...axes(R, origin, 0.11, "{b}", [1, 0.7]), arrowOf("twist", origin, v, "v", { width: 3 }), arrowOf("momentum", origin, f, "p", { width: 4, beside: -1 }),
       arrowOf("wrench", stone, pull, "ℱ", { width: 5, beside: true }),
       ...(offset ? [{ kind: "line", points: [origin, stone], name: "wrench", width: 2, dashed: true }] : []),
     ];
@@ -209,7 +216,7 @@ class OffCentre extends Picture { // a stone goes round the hub; {b} is beside i
 
   numbers() {
     const { wrench_body: F, twist_body: V, momentum_body: P } = this.state();
-    return [["v × f", decimal(cross(linear(V), linear(P))[2], 3), "N m", "change"], ["pull", decimal(norm(linear(F)), 2), "N", "wrench"], ["its lever", decimal(this.values.offset, 3), "m", "wrench"], ["moment", decimal(F[2], 3), "N m", "wrench"]];
+    return [["v × p", decimal(cross(linear(V), linear(P))[2], 3), "N m", "change"], ["pull", decimal(norm(linear(F)), 2), "N", "wrench"], ["its lever", decimal(this.values.offset, 3), "m", "wrench"], ["moment", decimal(F[2], 3), "N m", "wrench"]];
   }
 }
 
@@ -234,7 +241,7 @@ class Bracket extends Picture { // one leg a second
   }
 
   scene() {
-    const { R, p } = this.state(), middle = [0.2, 0.08, 0], shifted_ = (a) => add(a, times(-1, middle));
+    const { R, p } = this.state(), middle = [0.2, 0.15, 0], shifted_ = (a) => add(a, times(-1, middle));
     const end = this.at(4).p, arrived = this.t >= 4;
     const wheel = (side) => solid(boxFaces([0.034, 0.009, 0.02]), R, shifted_(add(p, rotated(R, [0, side * 0.055, 0]))), [90, 95, 105]);
     const way = [...Array(41).keys()].map((k) => shifted_(this.at((this.t * k) / 40).p));
@@ -251,7 +258,7 @@ class Bracket extends Picture { // one leg a second
   }
 
   truth() { const size = (h) => 2 * h * Math.sin(h / 2); return size(0.4) / size(0.2); }
-  question() { const size = 2 * 0.1 * Math.sin(0.05); return { answer: size, other: {} }; } // the gap at h = 0.1
+  question() { const [angle, way] = [0.3, 0.5]; return { answer: 2 * way * Math.sin(angle / 2), other: { degrees: [2 * way * Math.sin(radiansOf(angle) / 2)] } }; } // a turn of 0.3 rad, a drive of 0.5 m
 }
 
 const PICTURES = { throw: Throw, body: OnBody, tangent: Tangent, push: Push, rotor: Rotor, frame: MovedFrame, centre: OffCentre, bracket: Bracket };

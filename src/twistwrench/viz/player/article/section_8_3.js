@@ -59,8 +59,8 @@ class Inward extends Wave {
     return shown.length ? shown.map((k) => [`joint ${k + 1} carries`, flat(across[k], 0), "N", "wrench"]) : [["beyond the tip", "nothing: 0", "N", "line"]];
   }
 
-  question() { // the size of the force across joint 1
-    const { across, own, angles } = this.at([0, Math.PI / 2], [1, 1], [0, 0, 0]), R = turnAbout([0, 0, 1], angles[0] + angles[1]), inTip = rotatedBack(R, across[0]);
+  question() { // the size of the force across joint 1, at 2 and 1 rad/s
+    const { across, own, angles } = this.at([0, Math.PI / 2], [2, 1], [0, 0, 0]), R = turnAbout([0, 0, 1], angles[0] + angles[1]), inTip = rotatedBack(R, across[0]);
     return {
       answer: norm(across[0]),
       other: { frame: [inTip[0], inTip[1]], named: [[norm(own[1]), "That is what link 2 alone asks for. Joint 1 carries link 1 as well."], [norm(own[0]), "That is what link 1 alone asks for. Joint 1 carries link 2 as well."], [inTip[0], "That is one component in {2}, and the size was asked."], [inTip[1], "That is one component in {2}, and the size was asked."]] },
@@ -70,6 +70,7 @@ class Inward extends Wave {
 
 class Motor extends Wave {
   get angles() { return [0, radiansOf(this.values.bend)]; }
+  handle(bend) { return placesOf([0, radiansOf(bend)]).tip; }
   scene() { const now = this.at(); return [...this.body(now), ...[0, 1].flatMap((k) => [this.carried(now, k), ...this.torque(now, k)])]; }
   numbers() { const { tau, across } = this.at(); return [0, 1].flatMap((k) => [[`τ${"₁₂"[k]}`, decimal(tau[k], 3), "N m", "wrench"], [`bearing ${k + 1}`, decimal(norm(across[k]), 3), "N", "line"]]); }
   truth() { return this.at([0, Math.PI / 2]).tau[0]; }
@@ -88,7 +89,7 @@ class Lift extends Wave {
     const now = this.at(), lift = this.values.lift;
     const push = (from, way, name, label, more = {}) => arrowOf(name, from, way, label, { width: 4, ...more });
     return [
-      ...this.body(now), ...(lift ? [push([0, -0.75, 0], [0, 0.06 * lift, 0], "twist", "lift", { width: 6, beside: true })] : []), { kind: "line", name: "edge", width: 4, points: [[-0.35, -0.1, 0], [0.35, -0.1, 0]] },
+      ...this.body(now), ...(lift ? [push([0, -0.75, 0], [0, 0.06 * lift, 0], "twist", "lift", { width: 6, beside: true, along: 0.5 })] : []), { kind: "line", name: "edge", width: 4, points: [[-0.35, -0.1, 0], [0.35, -0.1, 0]] },
       ...[0, 1].map((k) => arrowOf("change", this.end(now, k), times(0.07, now.a[k]), `a${"₁₂"[k]}`)), ...turnArc(ORIGIN, 0.1 * now.tau[0], "wrench", "τ₁"), ...turnArc(now.elbow, 0.3 * now.tau[1], "wrench", "τ₂"),
     ];
   }

@@ -17,6 +17,7 @@ function chart(count, least, most, { colour = "wrench" } = {}) {
     at,
     things: [
       { kind: "floor", name: "line", width: 1.5, points: [[1.5, 0, 0], [3, 0, 0]] }, { kind: "floor", name: "line", width: 1.5, points: [[1.5, 0, 0], [1.5, 1.2, 0]] },
+      ...[least, most].map((value) => ({ kind: "note", name: "line", at: [1.44 - 0.035 * general(value, 4).length, y(value), 0], label: general(value, 4) })),
       { kind: "line", name: colour, width: 3, points: ratios.map((G) => at(G)) },
       ...[1, 10, 100].map((G) => ({ kind: "dot", name: "line", at: [x(G), 0, 0], label: G === 1 ? "G = 1" : String(G), below: true })),
     ],
@@ -42,7 +43,8 @@ class Reflected extends Geared {
   truth() { return reflected(MOST); }
 
   question() {
-    return { answer: reflected(100), other: { named: [[LINK_INERTIA + reflected(100), "That is the total with the link. The rotor's share was asked."], [100 * ROTOR_INERTIA, "That has G once. The rotor also turns G times as fast."]] } };
+    const [G, inertia] = [160, 5e-5], felt = G * G * inertia;
+    return { answer: felt, other: { named: [[LINK_INERTIA + felt, "That is the total with the link. The rotor's share was asked."], [G * inertia, "That has G once. The rotor also turns G times as fast."]] } };
   }
 }
 
@@ -120,7 +122,7 @@ class Shoved extends Picture { // two links, G = 1 and G = 100, the same shove
     const { angles, speeds } = this.at();
     return [0, 1].flatMap((k) => {
       const p = [1.7 * k, 0, 0], end = add(p, [Math.cos(angles[k]), Math.sin(angles[k]), 0]);
-      return [...linkAt(angles[k], p), ...rotorAt([1, 100][k] * angles[k], add(p, [0, -0.4, 0]), 0.12), arrowOf("twist", end, times(0.6 * speeds[k], [-Math.sin(angles[k]), Math.cos(angles[k]), 0]), k ? "G = 100" : "G = 1", { width: 4 })];
+      return [...linkAt(angles[k], p), ...rotorAt([1, 100][k] * angles[k], add(p, [0, -0.4, 0]), 0.12), arrowOf("twist", end, times(0.6 * speeds[k], [-Math.sin(angles[k]), Math.cos(angles[k]), 0]), "", { width: 4 }), { kind: "note", name: "line", at: add(p, [0, -0.68, 0]), label: k ? "G = 100" : "G = 1" }];
     });
   }
 

@@ -2,6 +2,7 @@
 "use strict";
 
 const TRAIL = 2, TRAIL_STEP = 0.02; // s
+const UNITS = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
 
 // The path of a head over the last two seconds, from a function of time.
 const trail = (name, head, t, seconds = TRAIL, step = TRAIL_STEP) => {
@@ -38,12 +39,12 @@ function cylinderFaces(radius, half, sides = 28) { // about z
   return [high, [...low].reverse(), ...low.map((p, k) => [p, low[(k + 1) % sides], high[(k + 1) % sides], high[k]])];
 }
 
-// A round floor with spokes: it turns if the camera sits on a body.
-function floor(z, radius = 1) {
+// A round floor with spokes and the axes of the room: it turns if the camera sits on a body.
+function floor(z, radius = 1, named = true) {
   const rim = (r) => Array.from({ length: 49 }, (_, k) => [r * Math.cos((Math.PI * k) / 24), r * Math.sin((Math.PI * k) / 24), z]);
   const line = (points) => ({ kind: "floor", points, name: "floor", width: 1 });
   const spokes = [0, 1, 2, 3].map((k) => [0.25 * Math.PI * k, radius]).map(([angle, r]) => line([[-r * Math.cos(angle), -r * Math.sin(angle), z], [r * Math.cos(angle), r * Math.sin(angle), z]]));
-  return [line(rim(radius)), line(rim(0.66 * radius)), line(rim(0.33 * radius)), ...spokes];
+  return [line(rim(radius)), line(rim(0.66 * radius)), line(rim(0.33 * radius)), ...spokes, ...(named ? UNITS.map((way, k) => arrowOf("axes", [0, 0, z], times(0.33 * radius, way), "xyz"[k], { width: 2 })) : [])];
 }
 
 // A flat grid for pictures seen from above.
@@ -58,7 +59,7 @@ const arrowOf = (name, from, way, label, more = {}) => ({ kind: "arrow", name, f
 const turnArc = (middle, sweep, name, label, radius = 0.2) => (Math.abs(sweep) > 1e-6 ? [{ kind: "arc", middle, radius, sweep, name, label }] : []);
 
 // Axes of a frame in the plane, with its letter.
-const axes = (R, p, length, label) => [
-  ...[[1, 0, 0], [0, 1, 0]].map((axis) => arrowOf("axes", p, times(length, rotated(R, axis)), "", { width: 2 })),
-  { kind: "dot", at: p, name: "axes", label },
+const axes = (R, p, length, label, towards = [-1, -1]) => [
+  ...UNITS.slice(0, 2).map((axis) => arrowOf("axes", p, times(length, rotated(R, axis)), "", { width: 2 })),
+  { kind: "dot", at: p, name: "axes", label, towards },
 ];

@@ -4,6 +4,7 @@
 
 const MOST_PIXELS = 2; // for one of the page's
 const AROUND = 16; // points of a cone's rim
+const TURNS = [0, 1, -1, 2, -2, 3, -3, 4].map((k) => (k * Math.PI) / 4); // of a letter round its place
 
 class View extends Orbit {
   constructor(canvas, size, { azimuth = -0.9, elevation = 0.35 } = {}) {
@@ -21,7 +22,7 @@ class View extends Orbit {
     if (!width || !height) return;
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
     const { camera, eye } = this.camera();
-    Object.assign(this, { colours, lit, eye, heads: [] });
+    Object.assign(this, { colours, lit, eye, heads: [], letters: [] });
     this.onScreen = (point) => {
       const p = rotatedBack(frame, point), [x, y, , w] = [0, 1, 2, 3].map((i) => dot(camera.slice(4 * i, 4 * i + 3), p) + camera[4 * i + 3]);
       return [((x / w + 1) / 2) * canvas.clientWidth, ((1 - y / w) / 2) * canvas.clientHeight];
@@ -39,7 +40,8 @@ class View extends Orbit {
     const arrows = of("arrow").map((each) => ({ ...each, middle: times(0.5, add(each.from, each.to)) })).sort(far);
     arrows.forEach((each) => this.arrow(each));
     of("arc").forEach((each) => this.arc(each));
-    for (const each of [...arrows, ...of("dot", "arc", "note")]) this.letter(each);
+    this.rings = of("handle").map((each) => this.ring(each));
+    for (const each of [...of("note"), ...arrows, ...of("dot", "arc")]) this.letter(each);
   }
 
   shade(name) { return this.lit && name && this.lit !== name ? 0.22 : 1; }
@@ -68,11 +70,12 @@ class View extends Orbit {
     this.pen.globalAlpha = 0.18 * this.shade(name);
     this.pen.fillStyle = this.colours[name];
     this.pen.fill();
-    this.pen.globalAlpha = 1;
+    this.stroke({ points: [...corners, corners[0]], name, width: 1 });
   }
 
-  stroke({ kind, points, name = "line", width = 1.5, dashed = false }) {
+  stroke({ kind, points, name = "line", width = 1.5, dashed = false, rim = false }) {
     const { pen, colours } = this;
+    if (rim) this.stroke({ points, name: "paper", width: width + 4 });
     Object.assign(pen, { strokeStyle: colours[name], lineWidth: width, lineCap: kind === "trail" ? "butt" : "round", lineJoin: "round" });
     pen.setLineDash(dashed ? [5, 5] : []);
     if (kind !== "trail") {
@@ -128,14 +131,30 @@ class View extends Orbit {
     pen.globalAlpha = 1;
   }
 
-  // The letter of a thing: at the end of an arrow or a share `along` it, or beside that, to its left or (-1) right; a note has no dot.
-  letter({ kind, from, to, along = 1, middle, radius, at, label, name = "line", beside = false, below = false }) {
+  ring({ at, name }) { // what can be dragged
+    const { pen } = this, middle = this.onScreen(at);
+    pen.beginPath();
+    pen.arc(...middle, 15, 0, 2 * Math.PI);
+    pen.globalAlpha = 0.6;
+    Object.assign(pen, { strokeStyle: this.colours[name], lineWidth: 1.5 });
+    pen.stroke();
+    pen.globalAlpha = 1;
+    return middle;
+  }
+
+  // The letter of a thing: at the end of an arrow or a share `along` it, or beside that, to its left or (-1) right; towards [dx, dy] from
+  // another thing; a note has no dot. Where another letter stands, it goes round to the nearest free place.
+  letter({ kind, from, to, along = 1, middle, radius, at, label, name = "line", beside = false, below = false, towards = below ? [0, 1] : [-1, -1] }) {
     const { pen, colours } = this, end = this.onScreen(kind === "arrow" ? add(times(1 - along, from), times(along, to)) : at ?? add(middle, [radius, 0, 0]));
-    const start = kind === "arrow" ? this.onScreen(from) : add(end, kind === "arc" ? [-1, 1] : below ? [0, -1] : [1, 1]), side = Number(beside);
-    const way = add(end, times(-1, start)), length = Math.hypot(...way) || 1, out = times(kind === "note" ? 0 : 15 / length, way), [x, y] = add(end, side ? times(side, [out[1], -out[0]]) : out);
+    const start = kind === "arrow" ? this.onScreen(from) : add(end, kind === "arc" ? [-1, 1] : times(-1, towards)), side = Number(beside);
     if (kind === "dot") { pen.beginPath(); pen.arc(...end, 4, 0, 2 * Math.PI); pen.fillStyle = colours[name]; pen.fill(); }
     if (!label) return;
     Object.assign(pen, { font: '600 17px "STIX Two Math", "Cambria Math", "DejaVu Sans", sans-serif', textAlign: "center", textBaseline: "middle", lineWidth: 4, lineJoin: "round", strokeStyle: colours.paper, fillStyle: colours[name] });
+    const half = pen.measureText(label).width / 2, { clientWidth, clientHeight } = this.canvas, within = (a, least, most) => Math.min(most - least, Math.max(least, a));
+    const [u, v] = add(end, times(-1, start)), first = Math.atan2(v, u) - (side * Math.PI) / 2, gap = this.rings.some((ring) => Math.hypot(...add(ring, times(-1, end))) < 4) ? 18 : 7;
+    const places = (kind === "note" ? [end] : TURNS.map((turn) => [Math.cos(first + turn), Math.sin(first + turn)]).map(([c, s]) => add(end, times(gap + half * Math.abs(c) + 9 * Math.abs(s), [c, s])))).map(([x, y]) => [within(x, half + 3, clientWidth), within(y, 11, clientHeight)]);
+    const [x, y] = places.find(([x, y]) => this.letters.every((other) => Math.abs(x - other.x) > half + other.half + 4 || Math.abs(y - other.y) > 18)) ?? places[0];
+    this.letters.push({ x, y, half });
     pen.globalAlpha = this.shade(name);
     pen.strokeText(label, x, y);
     pen.fillText(label, x, y);
