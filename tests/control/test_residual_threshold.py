@@ -38,6 +38,15 @@ def test_false_alarms_come_at_the_rate_that_was_asked_for():
     assert 120 / 3 < alarms(found, work(3600.0, 2)) < 120 * 3
 
 
+def test_joints_share_the_alarms_that_were_asked_for():
+    """1200 alarms an hour by two joints: each passes its level in a sixth of the seconds of other work."""
+    found = tw.control.MomentumObserver(ARM, GAIN).threshold(work(600.0, 1), per_hour=1200.0)
+    log = work(600.0, 2)
+    passed = np.abs(found.observer.over(log.time, log.q, log.dq, log.tau)) > found.torques
+    shares = passed.reshape(-1, 100, 2).any(axis=1).mean(axis=0)
+    np.testing.assert_allclose(shares, 1 / 6, atol=0.06)  # of 600 seconds: 0.015 by chance, the rest by the fitted law
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("per_hour", [1.0, 10.0])
 def test_false_alarms_of_ten_hours(per_hour):
@@ -84,6 +93,13 @@ def test_levels_of_gaussian_noise_are_those_of_its_law():
     """Maxima of 15 independent numbers in each block: a share of 1e-4 passes 4.4 standard deviations."""
     maxima = np.abs(np.random.default_rng(5).normal(size=(4000, 15, 1))).max(axis=1)
     np.testing.assert_allclose(gumbel_level(maxima, 1e-4), 4.5, atol=0.2)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.2, 0.1, 0.05])
+def test_levels_are_passed_by_the_share_of_the_blocks_that_was_asked_for(share):
+    """Counted among the maxima themselves: 4000 blocks have 200 beyond a level of 5 %, with 14 by chance."""
+    maxima = np.abs(np.random.default_rng(5).normal(size=(4000, 15, 1))).max(axis=1)
+    assert (maxima > gumbel_level(maxima, share)).mean() == pytest.approx(share, rel=0.15)
 
 
 def test_bad_input_is_one_error():

@@ -176,6 +176,10 @@ def test_it_compiles_without_a_warning_and_its_own_test_passes(bundled, name, tm
             described(plain, [(rf"link {carried} .*", f"link {carried} 99")]),
             f"joint {second} carries link {carried}",
         ),
+        "light": (
+            described(plain, [(rf"link {carried} .*", f"link {carried} 0.01")]),
+            f"joint {second} carries link {carried}",
+        ),
         "less": (
             described(plain, [(rf"link {carried} .*", "link a 0"), (f" {carried}$", " a")]),
             f"carries link {carried}",

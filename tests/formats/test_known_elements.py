@@ -136,6 +136,16 @@ def test_the_files_here_are_read_without_a_remark_on_names(whole):
         assert not [text for text in defects if "not read" in text or "is not an" in text], (form, defects)
 
 
+@pytest.mark.parametrize(
+    "name", ["loop_joint", "force_element", "cable", "drake:linear_spring_damper", "drake:tendon_constraint"]
+)
+def test_what_pulls_couples_or_closes_in_another_program_is_remarked(name, whole):
+    """By mechanics, not by the table: without them the torques are those of another machine."""
+    _, before = whole["URDF"]
+    (said,) = set(loaded(URDF.replace("</robot>", f'<{name} name="x"/></robot>')).defects) - set(before)
+    assert said.startswith(f"<{name} ")
+
+
 @pytest.mark.parametrize(("form", "tag", "name", "entry"), rows_with(READ))
 def test_what_is_read_counts(form, tag, name, entry, whole):
     root = plain(TEXTS[form])

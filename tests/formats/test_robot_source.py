@@ -74,6 +74,14 @@ def test_text_is_read_in_its_encoding(tmp_path, encoding):
     assert list(load(path).frames) == ["épaule"]
 
 
+def test_utf_16_of_either_order_of_bytes_is_known_by_its_mark(tmp_path):
+    text = '<?xml version="1.0" encoding="utf-16"?>\n<robot name="r"><link name="épaule"/></robot>'
+    for mark, encoding in ((b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be")):
+        path = tmp_path / f"{encoding}.urdf"
+        path.write_bytes(mark + text.encode(encoding))
+        assert list(load(path).frames) == ["épaule"]
+
+
 @pytest.mark.parametrize("before", ["\n\n", "\ufeff", "\r\n \t\n"])
 def test_blanks_before_the_declaration_are_forgiven_and_counted(before):
     text = before + '<?xml version="1.0"?>\n' + robot(BASE, '<link name=""/>')

@@ -156,3 +156,17 @@ def test_a_hand_that_rests_on_the_floor_presses_down_on_it():
         q, still, still, wrench_by_robot={"coupler_pin": closed.wrenches(found.lam)["ground–coupler_pin"]}
     )
     assert_close(on, found.ddq, 1e-12, "λ as a wrench by the robot", scale=1.0)
+
+
+def test_a_hand_that_slides_on_the_floor_while_it_turns_stays_on_it():
+    """Its height along q + dq t + ddq t²/2 has no second derivative, though it moves along the floor, where nothing holds it."""
+    arm = tw.robots.planar_2r()
+    closed = arm.close("ground", "tip", "vz")
+    q = closed.consistent([0.4, -0.9])
+    dq = closed.project_velocity(q, [3.0, 4.0])
+    ddq = closed.forward_dynamics(q, dq, [3.0, -2.0]).ddq
+    V = arm.frame_velocity(q, dq, "tip", kind="world_aligned")
+    assert abs(V[1]) > 0.5 and abs(V[3]) > 0.5  # a turn and a slide, whose product is the centripetal part
+    h = 1e-3
+    below, there, above = (arm.forward_kinematics(q + dq * t + ddq * t**2 / 2, "tip")[2, 3] for t in (-h, 0.0, h))
+    assert abs(below - 2 * there + above) / h**2 < 1e-4

@@ -11,7 +11,8 @@ from twistwrench.mechanics.lie.identity import IDENTITY, UPRIGHT, is_identity, p
 
 def test_products_are_those_of_matrices():
     T = se3.pose(so3.exp([0.3, -0.2, 0.5]), [1.0, 2.0, 3.0])
-    for A, B in ((T, T), (T, IDENTITY), (IDENTITY, T), (IDENTITY, IDENTITY), (np.eye(4), T)):
+    S = se3.pose(so3.exp([-0.1, 0.4, 0.2]), [0.5, -1.0, 2.0])
+    for A, B in ((T, T), (T, S), (S, T), (T, IDENTITY), (IDENTITY, T), (IDENTITY, IDENTITY), (np.eye(4), T)):
         np.testing.assert_array_equal(product(A, B), A @ B)
     assert product(IDENTITY, T) is T
     assert product(T, IDENTITY) is T

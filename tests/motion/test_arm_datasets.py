@@ -106,6 +106,14 @@ def test_a_dataset_in_radians_by_its_metadata_needs_no_word(tmp_path):
     assert np.abs(motion.q - Q).max() < 1e-12 and motion.doubts == ()
 
 
+def test_a_dataset_that_uses_degrees_by_its_metadata_is_in_degrees(tmp_path):
+    """LeRobot's configuration of a robot has ``use_degrees``."""
+    info = {"use_degrees": True, "features": {"observation.state": {"dtype": "float32", "names": list(MOTORS)}}}
+    path = dataset(tmp_path, np.degrees(Q), info=info, episodes=(0,))
+    motion = tw.Motion.from_file(path, tw.load(named(MOTORS)).lock({"gripper": 0.0}))
+    assert np.abs(motion.q - Q[:, :5]).max() < 1e-12
+
+
 def test_positions_of_a_dataset_without_a_unit_are_never_read_as_radians_without_a_word(tmp_path):
     """Degrees may stay within 2π: UNSURE where LeRobot's own motors record degrees, else a note."""
     for folder, names, level in (("so", MOTORS, "unsure"), ("other", [f"joint_{k}" for k in range(1, 7)], "note")):

@@ -40,6 +40,14 @@ def test_several_rows_of_several_joints():
     assert "panda_joint6" in second
 
 
+def test_a_row_that_was_taken_early_is_on_its_path():
+    """Rows need not be evenly spaced: this one has the position of its own time."""
+    t = T.copy()
+    t[200] -= 0.002
+    s = 10 * (t / 2) ** 3 - 15 * (t / 2) ** 4 + 6 * (t / 2) ** 5
+    assert contradictions(START + s[:, None] * (END - START), t) == ()
+
+
 MEANT = {
     "clean": CLEAN,
     "noise": CLEAN + 1e-4 * np.random.default_rng(1).normal(size=CLEAN.shape),

@@ -46,6 +46,13 @@ def test_a_card_shows_names_as_text_and_stays_small(name, table):
     assert "UNSURE" in card
 
 
+def test_a_card_of_a_report_without_a_table_has_its_first_lines():
+    """Twenty lines and a remark: eight on the card, and a word on the rest."""
+    body = Findings("elbow", table=False)._repr_html_().partition("</style>")[2]
+    assert body.count("<p>elbow</p>") == 8
+    assert "13 notes more" in body
+
+
 ANSWERS = {
     "doctor": lambda: tw.doctor("quadruped"),
     "info": lambda: tw.info("panda"),

@@ -66,6 +66,13 @@ def test_a_follower_that_the_log_has_elsewhere(said):
         assert verdict.startswith("LOOK AGAIN: b is") and "from the position given by its leader" in verdict
 
 
+def test_a_follower_is_where_its_offset_puts_it(said):
+    """b = -2 a + 1: a column without the offset is a radian away, and not within its play."""
+    robot, a = arm(leader(), follower()).replace('offset="0.1"', 'offset="1"'), np.sin(T)
+    assert said(robot, T, a=a, b=1.0 - 2 * a).startswith("OK")
+    assert said(robot, T, a=a, b=-2 * a).startswith("LOOK AGAIN: b is")
+
+
 def test_turns_that_the_log_leaves_out_lead_beyond_the_limits(said):
     """From 0 on by 2 rad/s, which is 4 rad after two seconds; the log keeps within half a turn."""
     robot = arm(leader(lower=-4.0, upper=4.0))

@@ -193,6 +193,7 @@ def test_what_is_known_is_taken_as_it_is():
     (lambda x: [x * k for k in (2.0, 3.0, 4.0)], 1, 3, 3),
     (lambda x, y: [x + y, x - y], 2, 0, 0),
     (lambda x, y: [np.sin(x + y)], 2, 2, 1),
+    (lambda x: [np.sin(x) + np.cos(x)], 1, 2 + 1, 2 + 1),  # two products, and one addition where the ways of x meet
 ])  # fmt: skip
 def test_operations_are_counted_before_they_are_made(function, count, forward, reverse):
     owner = Trace()
@@ -238,6 +239,12 @@ def test_products_are_those_of_the_jacobian():
     by_x, by_y = tw.differentiate(field, SHAPES, form="weighted")(*POINT, *weights)
     assert_close(np.r_[by_x, by_y], w @ J, ROUNDING, "w J")
     assert_close(tw.differentiate(field, SHAPES, "y", form="weighted")(*POINT, *weights), by_y, ROUNDING, "by y alone")
+
+
+def test_a_result_that_is_there_twice_has_both_weights():
+    """d(w₁ x² + w₂ x²)/dx = 2 (w₁ + w₂) x, though both results are one expression."""
+    twice = tw.differentiate(lambda x: np.array([x * x, x * x]), {"x": ()}, form="weighted")
+    assert twice(3.0, [1.0, 2.0]) == 18.0
 
 
 @pytest.mark.parametrize("mode", ["auto", "forward", "reverse"])

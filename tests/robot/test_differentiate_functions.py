@@ -146,6 +146,15 @@ def test_choices_at_their_edges():
         assert np.isnan(chosen(np.nan)[0])
 
 
+def test_a_clip_between_limits_that_are_reversed_is_the_upper_one():
+    """A torque between limits that leave no room: the upper one, on numbers and on symbols, and it has no slope."""
+    x = np.array([-2.0, 0.0, 2.0])
+    np.testing.assert_array_equal(tw.pointwise.clip(x, 1.0, -1.0), [-1.0, -1.0, -1.0])
+    value, slope = one(lambda x: tw.pointwise.clip(x, 1.0, -1.0))(x)
+    np.testing.assert_array_equal(value, [-1.0, -1.0, -1.0])
+    np.testing.assert_array_equal(slope, [0.0, 0.0, 0.0])
+
+
 @pytest.mark.parametrize("jit", ["0", "1"])
 def test_what_is_not_a_number_is_no_choice(jit, monkeypatch):
     """A gap of a log is not a torque within its limits; as NumPy has it, wherever the NaN stands."""

@@ -11,7 +11,8 @@ from click.testing import CliRunner
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.sizing import choice
+from twistwrench.reports import motors
+from twistwrench.sizing import choice, drives
 
 FOLDER = tw.robots.path_of("ur5").parent
 CATALOG = json.loads(json.dumps(yaml.safe_load((FOLDER / "ur5_demo.drives.yaml").read_text())))
@@ -58,6 +59,20 @@ def test_noise_of_a_log_chooses_no_drive(noise, exact):
                 continue
             for d, e in zip(getattr(one, part).demands, true.demands, strict=True):
                 assert d.what == e.what and abs(d.value - e.value) <= 5 * d.sigma + 0.02 * abs(e.value), (name, d, e)
+
+
+def test_what_noise_adds_to_a_demand_is_taken_off():
+    """Noise adds its variance to a mean square: once in the log, and once more in what is drawn about the log."""
+    rng, exact = np.random.default_rng(0), np.sin(np.linspace(0, 20 * np.pi, 4000, endpoint=False))
+
+    def demand(x):
+        return motors.Demand("mean square", float(np.mean(x**2)), 1.0, "A²")
+
+    log = exact + 0.3 * rng.normal(size=exact.shape)
+    draws = [[demand(log + 0.3 * rng.normal(size=exact.shape))] for _ in range(12)]
+    assert demand(log).value == pytest.approx(0.5 + 0.09, abs=0.02)
+    (found,) = drives.with_noise([demand(log)], draws)
+    assert found.value == pytest.approx(0.5, abs=0.03) and 0 < found.sigma < 0.03
 
 
 def test_noise_decides_between_two_drives_near_a_rating(exact):

@@ -115,6 +115,11 @@ def test_a_planetary_gear_is_asked_for_its_life():
         hours: tw.size_drives(LOADED, COARSE, whole, add_masses=False, life=hours).verdict.word for hours in (1e4, 3e4)
     }
     assert known == {1e4: "OK", 3e4: "OVER LIMIT"}
+    for beyond in ({"rated_speed": "10 rpm"}, {"rated_torque": "0.1 N m"}):  # the maker's life is none of these loads
+        less = copy.deepcopy(whole)
+        less["gears"]["P60"] |= beyond
+        unknown = tw.size_drives(LOADED, COARSE, less, add_masses=False, life=1e4)
+        assert unknown.verdict.word == "UNSURE" and "life beyond the rated torque and speed" in str(unknown.verdict)
 
 
 def test_a_continuous_current_is_no_answer_in_hot_air():

@@ -126,6 +126,15 @@ def test_bolts_on_a_circle_by_hand():
     assert_allclose(loads[2, :, 1], 2.0)
 
 
+def test_bolts_beside_the_origin_bear_torsion_about_their_own_centre():
+    """A force through their centre is shared equally, and a couple is, wherever the frame's origin lies."""
+    centre, force = np.array([0.3, -0.2, 0.0]), np.array([30.0, 40.0, 0.0])
+    wrenches = np.array([[*np.cross(centre, force), *force], [0, 0, 12.0, 0, 0, 0]])
+    shear = statics.MountingLoad(wrenches, "base").bolts(statics.bolt_circle(5, 0.2) + centre[:2])[..., 1]
+    assert_allclose(shear[0], 50.0 / 5)
+    assert_allclose(shear[1], 2 * 12.0 / (5 * 0.2))
+
+
 def test_bearings_carry_what_the_motor_does_not():
     """Force and moment across each joint, less the part along its axis, which is the motor's torque."""
     ur5 = tw.robots.ur5()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,6 +67,19 @@ def test_the_trajectory_is_that_of_the_rooms_below_and_keeps_its_limits():
     assert answer.motion.violations() == ()
     assert np.allclose(answer.motion.q[[0, -1]], [START, END])
     assert tw.check(robot, answer, payload=3, friction=False).verdict.ok
+
+
+def test_joints_that_the_end_does_not_name_stay_where_the_move_starts():
+    answer = tw.move("ur5", {"elbow_joint": 1.0}, start=START)
+    np.testing.assert_allclose(answer.motion.q[-1], [*START[:2], 1.0, *START[3:]], atol=1e-12)
+
+
+def test_a_limit_of_acceleration_is_one_of_braking_too():
+    """The fastest move between rest and rest speeds up and brakes with all that it may, whatever the robot's own limits are."""
+    limits = replace(tw.robots.planar_2r().limits, acceleration=np.full(2, 8.0), deceleration=np.full(2, 9.0))
+    ddq = tw.move("planar_2r", [1, 0.5], fastest=True, acceleration=2, limits=limits).motion.ddq
+    assert ddq.max() == pytest.approx(2.0, rel=1e-3)
+    assert ddq.min() == pytest.approx(-2.0, rel=1e-3)
 
 
 def test_waypoints_of_a_file_and_of_an_array_are_the_same(tmp_path):
