@@ -265,7 +265,7 @@ class MotionFigures:
             stationary=np.sum(each("stationary"), axis=0),
             outliers=np.concatenate(each("outliers")),
             motors=_join_optional(MotorFigures.from_parts, each("motors")),
-            margin=_join_optional(PayloadShares.joined, each("margin")),
+            margin=_join_optional(PayloadShares.from_parts, each("margin")),
             carried=max(each("carried")),
             compared=tuple(map(TorqueComparison.from_parts, zip(*each("compared"), strict=True))),
             above=np.concatenate(each("above")),
