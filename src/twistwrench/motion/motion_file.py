@@ -27,10 +27,11 @@ from ..mechanics.model.model import Model
 from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning, unit_since_1970
 from .columns import absent_joints
 from .coordinates import Coordinates
-from .log_table import FileEnds, slices, table_of
+from .log_table import slices, table_of
 from .readers import format_of
 from .readers.columnar_file import ArrayFile
 from .readers.csv_reader import CsvFile
+from .readers.file_ends import FileEnds
 
 JOINS = "+"
 _PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")

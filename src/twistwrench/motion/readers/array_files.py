@@ -20,9 +20,10 @@ from ...core.text import Argument, listed
 from ...core.third_party import third_party_errors
 from ...core.typing import Array
 from .. import log_table
-from ..log_table import FileEnds, check_ratio
+from ..log_table import check_ratio
 from .arrow_files import read_arrow
 from .columnar_file import ArrayFile
+from .file_ends import FileEnds
 from .hdf5_files import read_hdf5
 from .lerobot import EPISODES, read_metadata
 from .mat_files import read_mat

@@ -13,9 +13,10 @@ from typing import Any
 from ...core.child_process import ChildLimits, run_in_child, sandboxed, stream_from_child
 from ...core.errors import TrajectoryError
 from ...core.typing import Array
-from ..log_table import FileEnds, most_unpacked, slices, table_of
+from ..log_table import most_unpacked, slices, table_of
 from .array_files import array_file
 from .columnar_file import ArrayFile, unreadable_rows
+from .file_ends import FileEnds
 
 _FOREIGN = (".h5", ".hdf5", ".parquet", ".feather", ".arrow")
 _HDF5 = b"\x89HDF", b"MATLAB 7.3"

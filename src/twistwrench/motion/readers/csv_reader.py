@@ -20,7 +20,9 @@ from ...core.files import as_path
 from ...core.tables import unescape_cell
 from ...core.typing import Array
 from ..column_names import PART_OF, SUFFIX
-from ..log_table import FileEnds, TextSource, table_of
+from ..log_table import table_of
+from .file_ends import FileEnds
+from .text_source import TextSource
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
 _SEPARATORS = (";", "\t", ",", None)
