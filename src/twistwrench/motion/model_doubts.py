@@ -91,12 +91,12 @@ def base_doubts(model: Model, remedy: BaseRemedy = "hanging") -> list[str]:
     return [Reason(sentence("held", base=base.link, remedy=words), words)]
 
 
-def as_it_hangs(excess: str) -> str:
+def hanging_excess(excess: str) -> str:
     """Sentence on an excess computed for a legged robot whose base nothing holds, which is not certain."""
     return sentence("hangs", word=str(Word.OVER_LIMIT), excess=excess)
 
 
-def with_open_loops(excess: str) -> str:
+def open_loop_excess(excess: str) -> str:
     """Sentence on an excess of a joint in a loop that is left open, which is not certain."""
     return sentence("opened", word=str(Word.OVER_LIMIT), excess=excess)
 

@@ -24,12 +24,12 @@ from ..motion.limits_file import notes_on_limits
 from ..motion.load_case import cause_label, drives_without_limit, limit_doubts, limits_remedy
 from ..motion.model_doubts import (
     PeakTorque,
-    as_it_hangs,
     base_doubts,
+    hanging_excess,
     missing_force,
     model_warnings,
+    open_loop_excess,
     open_loop_joints,
-    with_open_loops,
 )
 from ..motion.plausibility import Origin
 from .measured_torque import MeasuredTorque
@@ -76,7 +76,7 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
         doubts.append(_doubtful_excess(report, _excess_sentences(over)[0], hanging=bool(hanging)))
     small_motors = [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
     if hanging:
-        doubts += map(as_it_hangs, small_motors)
+        doubts += map(hanging_excess, small_motors)
     else:
         excess_reasons += small_motors
     missing_limits = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
@@ -130,7 +130,7 @@ def _doubtful_excess(report: TorqueReport, excess: str, *, hanging: bool) -> str
     """Sentence on the worst excess with the condition under which it is certain."""
     if doubted_excesses(report):
         return f"{condition_of_excesses(report)} {Word.OVER_LIMIT}: {excess}"
-    return as_it_hangs(excess) if hanging else with_open_loops(excess)
+    return hanging_excess(excess) if hanging else open_loop_excess(excess)
 
 
 def _gap_doubts(report: TorqueReport, max_hidden: float) -> list[str]:

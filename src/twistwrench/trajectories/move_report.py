@@ -32,7 +32,7 @@ from ..motion.coordinates import ConfigurationGiven, Coordinates, configuration_
 from ..motion.credible_values import credible_limits
 from ..motion.limits_file import robot_origin
 from ..motion.load_case import LoadCase, LoadsGiven, limit_doubts, payloads_of
-from ..motion.model_doubts import as_it_hangs, assumed_words, assumptions, base_doubts, model_warnings
+from ..motion.model_doubts import assumed_words, assumptions, base_doubts, hanging_excess, model_warnings
 from ..motion.motion import Motion
 from ..motion.readers.csv_reader import CsvFile, table_errors
 from ..robot import Robot, load
@@ -496,7 +496,7 @@ def _why_not_timed(problem: PathError, robot: Robot, *, can_stand: bool) -> tupl
     hanging = base_doubts(robot.model)
     if not hanging:
         return Word.OVER_LIMIT, problem
-    return Word.UNSURE, PathError("; ".join([*hanging, as_it_hangs(str(problem))]))
+    return Word.UNSURE, PathError("; ".join([*hanging, hanging_excess(str(problem))]))
 
 
 def _certain(violations: tuple[Violation, ...], robot: Robot) -> tuple[tuple[Violation, ...], list[str]]:
@@ -504,7 +504,7 @@ def _certain(violations: tuple[Violation, ...], robot: Robot) -> tuple[tuple[Vio
     hanging = base_doubts(robot.model)
     if not hanging:
         return violations, []
-    torques = [as_it_hangs(str(v)) for v in violations if v.kind == "torque"]
+    torques = [hanging_excess(str(v)) for v in violations if v.kind == "torque"]
     return tuple(v for v in violations if v.kind != "torque"), [*hanging, *torques[:1]]
 
 

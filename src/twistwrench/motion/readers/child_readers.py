@@ -106,16 +106,16 @@ def _limits(path: Path) -> ChildLimits:
 
 def head_of_arrays(path: str, episode: int | None) -> tuple[Any, ...]:
     """Header, size, notes and unit of a file of arrays."""
-    file = _opened(path, episode)
+    file = _file_of_arrays(path, episode)
     return file.header, file.size, file.notes, file.dataset
 
 
 def rows_of_arrays(path: str, episode: int | None, used: Sequence[int]) -> Iterator[Array]:
     """Portions of the rows of some columns."""
-    return _opened(path, episode).read(used)
+    return _file_of_arrays(path, episode).read(used)
 
 
-def _opened(path: str, episode: int | None) -> ArrayFile:
+def _file_of_arrays(path: str, episode: int | None) -> ArrayFile:
     return array_file(FileEnds.from_path(Path(path)), episode)
 
 
