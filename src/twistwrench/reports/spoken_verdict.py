@@ -36,7 +36,7 @@ from ..motion.model_doubts import (
 from ..motion.motion_log import ASKED
 from .statistics import INTERVAL
 from .support.judgement import standing_words, support_verdict
-from .torque_report import NEGLIGIBLE, SMALL, ZERO, BearingUse, TorqueReport
+from .torque_report import MIN_NOISE_SHARE, MIN_REFERENCE_SHARE, ZERO, BearingUse, TorqueReport
 from .torque_verdict import (
     KINDS,
     because,
@@ -230,7 +230,7 @@ def verdict_data(
         },
         "bounds": {
             "tolerance": TOLERANCE, "loaded": load_case.MIN_SHARE_OF_LARGEST, "zero": ZERO,
-            "negligible": NEGLIGIBLE, "small": SMALL, "near": NEAR_LIMIT, "interval": INTERVAL,
+            "negligible": MIN_NOISE_SHARE, "small": MIN_REFERENCE_SHARE, "near": NEAR_LIMIT, "interval": INTERVAL,
             "confidence": confidence(int(np.isfinite(limits.effort).sum())),
         },
         "driven": driven_entries(model).tolist(),

@@ -41,7 +41,7 @@ from .motors import MotorFigures, MotorUse, Steps
 from .statistics import INTERVAL, Bins, Gaps, PeakBootstrap, PeakEstimate, Runs, gap_edges, mean_weights
 from .support.view import further_columns
 from .torque_report import (
-    NEGLIGIBLE,
+    MIN_NOISE_SHARE,
     ZERO,
     AsDerived,
     BearingUse,
@@ -530,7 +530,7 @@ def analyse(
     else:
         derived = run.once(differentiation)
         report = _report(*derived)
-        if any(j.noise > NEGLIGIBLE * report.reference(j) for j in report.joints):
+        if any(j.noise > MIN_NOISE_SHARE * report.reference(j) for j in report.joints):
             report = run.answer(differentiation.with_smoothing(steps.next()), derived)
     steps.done()
     return report

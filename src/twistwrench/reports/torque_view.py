@@ -36,7 +36,7 @@ from .measured_torque import MeasuredTorque
 from .motors import Demand, MotorUse
 from .spoken_verdict import verdict_view
 from .support.view import contact_tables, imbalance
-from .torque_report import NEGLIGIBLE, BearingUse, Excess, JointTorque, TorqueReport
+from .torque_report import MIN_NOISE_SHARE, BearingUse, Excess, JointTorque, TorqueReport
 from .torque_verdict import KINDS, notes_of
 
 _DIGITS, _ROUNDING = 3, 6
@@ -221,7 +221,7 @@ def _causes(report: TorqueReport) -> Table:
         return not all(report.is_zero(j.terms[term]) for j in joints)
 
     columns = [term_column(term) for term in report.load.causes if matters(term)]
-    if any(abs(j.chance) > NEGLIGIBLE * report.reference(j) for j in joints):
+    if any(abs(j.chance) > MIN_NOISE_SHARE * report.reference(j) for j in joints):
         columns.append(column("noise", [j.chance for j in joints], report.label))
     columns.append(words("mostly", map(main_cause_text, joints), fold=False))
     return _joint_table("What the peak is made of", joints, *columns)
@@ -275,7 +275,7 @@ def _why(report: TorqueReport, k: int) -> Table:
     """Peak of the worst joint by link and by term."""
     joint, states = report.joints[k], report.around
     why = report.load.explain(states[int(np.argmin(np.abs(states.time - joint.time)))])
-    if abs(joint.chance) > NEGLIGIBLE * report.reference(joint):
+    if abs(joint.chance) > MIN_NOISE_SHARE * report.reference(joint):
         why = why.with_term("noise", np.where(np.arange(len(report.joints)) == k, joint.chance, 0.0))
     heads, *rows = why.rows(why.joints[k])
     links, *terms = zip(*rows, strict=True)
