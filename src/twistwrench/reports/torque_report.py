@@ -602,9 +602,9 @@ class TorqueReport(Answer):
         """Joint nearest to its limit, or with the largest peak if no limit is known; None without joints."""
         if not self.joints:
             return None
-        return worst_joint([abs(j.peak) for j in self.joints], [j.limit for j in self.joints])
+        return worst_joint(self.joints)
 
 
-def worst_joint(peaks: Sequence[float] | Array, limits: Sequence[float] | Array) -> int:
+def worst_joint(joints: Sequence[JointTorque]) -> int:
     """Index of the joint with the largest ratio of peak to limit; without limits, with the largest peak."""
-    return max(range(len(peaks)), key=lambda k: (peaks[k] / limits[k], peaks[k]))
+    return max(range(len(joints)), key=lambda k: (joints[k].share, abs(joints[k].peak)))
