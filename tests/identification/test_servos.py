@@ -12,7 +12,7 @@ from scipy import stats
 import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut
 from twistwrench.identification.servos.identify_servos import _first_rows, _sizes, _sums_of_squares
-from twistwrench.identification.servos.linear_start import scale_torques
+from twistwrench.identification.servos.linear_start import scale_determining_torques
 from twistwrench.identification.servos.output_error import OutputErrorFit, OutputErrorProblem
 from twistwrench.identification.servos.replay import ServoLog, _hermite
 from twistwrench.identification.servos.result import IdentifiedServos
@@ -278,5 +278,5 @@ def test_torques_that_armature_damping_and_friction_imitate_tell_no_scale():
 
         return SimpleNamespace(nv=1, armature=np.zeros(1), inverse_dynamics=torques)
 
-    assert scale_torques(robot(0.0), [log])[0] < 0.1
-    assert scale_torques(robot(2.0), [log])[0] > 1.0
+    assert scale_determining_torques(robot(0.0), [log])[0] < 0.1
+    assert scale_determining_torques(robot(2.0), [log])[0] > 1.0

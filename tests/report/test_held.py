@@ -182,7 +182,7 @@ def test_a_push_on_the_tool_is_on_the_foundation_too():
     assert_allclose(pushed[:, 3:] - plain[:, 3:], np.tile(R @ [0, 0, 20.0], (8, 1)), atol=1e-9)
 
 
-def test_a_legged_robot_on_a_stand_is_judged_as_it_hangs():
+def test_a_legged_robot_on_a_stand_is_judged_hanging_excess():
     robot = tw.load(tw.robots.path_of("quadruped"))
     q = np.tile([0.0, 0.8, -1.6], (8, 4))
     still = tw.Motion(np.linspace(0, 1, 8), q, 0 * q, 0 * q, robot=robot)

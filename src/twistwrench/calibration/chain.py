@@ -5,9 +5,10 @@ With the placement P_k of joint k in its parent's moving link and its screw S_k 
     T_n = Π_k P_k D_k e^[S_k] (q_k (1 + g_k) - c_k τ_k(q)),   tip = T_n E D
 
 (local product of exponentials; Lynch and Park, Modern Robotics, 4.1, and Wu et al., IEEE T-ASE 12(2), 2015). D_k is a turn
-w_k about a point of the joint's axis, and a shift p_k, both in the axes of the file: an offset of the joint's zero, however
-large, is w_k alone, and p_k keeps its direction. g_k is the error of a gear, and c_k the compliance of a joint that gives way
-to the torque τ_k that holds it.
+w_k about a point of the joint's axis, and then a shift p_k, both in the axes that the joint's frame has in the file. So an
+offset of the joint's zero, however large, is w_k alone, and does not turn the direction of p_k. g_k is the error of a gear,
+and c_k the compliance of a joint that gives way to the torque τ_k that holds it. E is the pose of the tip in the last moving
+link, as the file has it, and D its displacement, a turn about the tip and a shift in the tip's axes.
 """
 
 from __future__ import annotations
@@ -26,9 +27,10 @@ from ..mechanics.lie.adjoint import Ad
 from ..mechanics.model.model import BASE
 from ..robot import Robot
 
-ASSUMED = ("sag", "gears")
+EFFECTS = ("sag", "gears")
 """Effects beside the geometry that can be fitted."""
-_SAMPLES = 100
+_RANDOM_CONFIGURATIONS = 100
+"""Configurations in which torques of gravity are compared."""
 _ROUNDING = 1e-9
 """Torque of gravity, as a share of the largest joint's, below which it is rounding."""
 ANGLES, LENGTHS = ("rx", "ry", "rz"), ("x", "y", "z")
@@ -64,9 +66,9 @@ class TipChain:
     @classmethod
     def from_robot(cls, robot: Robot, tip: str | None = None, assume: Collection[str] = ()) -> TipChain:
         """Chain to a frame, by default the tip; raises ModelError for joints that cannot be calibrated."""
-        unknown = sorted(set(assume) - set(ASSUMED))
+        unknown = sorted(set(assume) - set(EFFECTS))
         if unknown:
-            raise ValueRangeError(f"assume={listed(unknown)} is not known. Known: {listed(ASSUMED)}.")
+            raise ValueRangeError(f"assume={listed(unknown)} is not known. Known: {listed(EFFECTS)}.")
         model = robot.model
         if tip is None and robot.tip is None:
             raise ModelError(
@@ -74,7 +76,9 @@ class TipChain:
                 f"{argument('tip', 'FRAME')}. "
                 f"Its leaves: {listed(model.leaves)}."
             )
-        frame = str(robot.tip if tip is None else tip)
+        frame = str(robot.tip)
+        if tip is not None:
+            frame = tip
         chain, i = list[int](), model.frame(frame).body
         while i != BASE:
             chain.insert(0, i)
@@ -92,7 +96,7 @@ class TipChain:
                     f"joint {body.joint.name!r} on the way to {frame!r} has {body.joint.nv} degrees of freedom. Only joints "
                     "that turn or slide about one axis can be calibrated: load the robot with a fixed base."
                 )
-        return cls(robot, frame, tuple(chain), tuple(name for name in ASSUMED if name in assume))
+        return cls(robot, frame, tuple(chain), tuple(name for name in EFFECTS if name in assume))
 
     # ── What the file has
 
@@ -128,7 +132,7 @@ class TipChain:
 
     @cached_property
     def own(self) -> list[int]:
-        """Entry of each twist about or along the joint's own axis."""
+        """Entry, 0 to 5, of each joint's twist about or along its own axis, or about or along the nearest of x, y and z."""
         return list(map(int, np.abs(self.screws).argmax(axis=1)))
 
     @cached_property
@@ -136,14 +140,14 @@ class TipChain:
         """(n, 3, 3) axes of turns and shifts as columns: x, y, z, with the own axis in place of the nearest."""
         axes = np.zeros((len(self.bodies), 3, 3))
         for k, (screw, own) in enumerate(zip(self.screws, self.own, strict=True)):
-            axis = screw[own // 3 * 3 :][:3]
+            half, own_column = divmod(own, 3)  # half of the screw: angular for a joint that turns, else linear
             R = np.eye(3)
-            R[:, own % 3] = axis
-            for j in range(3):
-                if j == own % 3:
+            R[:, own_column] = screw.reshape(2, 3)[half]
+            for j in range(3):  # Gram-Schmidt: the own axis stays, the others become normal to it and to one another
+                if j == own_column:
                     continue
-                others = sorted({own % 3, *range(j)})
-                R[:, j] -= R[:, others] @ (R[:, others].T @ R[:, j])
+                done = sorted({own_column, *range(j)})
+                R[:, j] -= R[:, done] @ (R[:, done].T @ R[:, j])
                 R[:, j] /= np.linalg.norm(R[:, j])
             axes[k] = R
         return axes
@@ -164,7 +168,8 @@ class TipChain:
     @cached_property
     def loaded_joints(self) -> list[str]:
         """Joints that sag: those with a torque of gravity in some configuration, if sag is fitted."""
-        largest = np.abs(self.loads(self.robot.random_configuration(0, _SAMPLES))).max(axis=0)
+        q = self.robot.random_configuration(0, _RANDOM_CONFIGURATIONS)
+        largest = np.abs(self.loads(q)).max(axis=0)
         return [joint for joint, load in zip(self.joints, largest, strict=True) if load > _ROUNDING * largest.max()]
 
     # ── Parameters: twists of the joints, gears, sags, twist of the tip
@@ -244,7 +249,7 @@ class TipChain:
         turns, shifts = self.turns_and_shifts(at)
         twists, gears, sags = list[Array](), list[Array](), list[Array]()
         for k, column in enumerate(self.columns):
-            point = self.centres[k] + shifts[k]
+            point = self.centres[k] + shifts[k]  # of the axis about which D_k turns, after its shift
             twists.append(_displacement_columns(T @ self.placements[k], point, turns[k], self.axes[k]))
             T = T @ (self.placements[k] @ bends[k])
             screw = Ad(T) @ self.screws[k]
@@ -276,7 +281,8 @@ class TipChain:
         for k, i in enumerate(self.bodies):
             bodies[i] = replace(bodies[i], placement=bodies[i].placement @ bends[k])
         frames = dict(model.frames)
-        if self.frame != model.bodies[self.bodies[-1]].link:  # a moving link's frame stays on its joint
+        # The frame of a moving link is that of its joint and has no pose of its own, so its displacement is left out.
+        if self.frame != model.bodies[self.bodies[-1]].link:
             frames[self.frame] = replace(frames[self.frame], pose=at.tip)
         return Robot(replace(model, bodies=tuple(bodies), frames=frames))
 

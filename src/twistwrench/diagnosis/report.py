@@ -33,7 +33,7 @@ Metric: TypeAlias = Literal["frobenius", "entropic"]
 """Distances between inertias."""
 Side: TypeAlias = Literal["left", "right"]
 """Sides of a robot that are mirror images."""
-ALWAYS = ("impossible", "mirror")
+CHECKS_REPAIRED_AS_NOTES = ("impossible", "mirror")
 """Checks whose notes are also repaired: other programs reject such links, or the user chose a side."""
 
 
@@ -74,6 +74,7 @@ class DoctorReport(Answer):
     contents: Subject
     strict: bool = False
     call = "doctor"
+    """Function and command of this answer, named in its JSON."""
 
     @property
     def verdict(self) -> Verdict:
@@ -114,15 +115,23 @@ class DoctorReport(Answer):
         -------
         files : {argument: path}
         """
-        return {} if self.contents.path is None else {"ROBOT": self.contents.path}
+        if self.contents.path is None:
+            return {}
+        return {"ROBOT": self.contents.path}
 
     @property
     def paragraphs(self) -> list[list[Finding]]:
-        """Findings of one check with one kind of repair together, worst first; those of several joints stand alone."""
+        """Groups of findings of one severity, one check and one kind of repair, worst first.
+
+        A collective finding, which is about several joints together, is a group of its own.
+        """
         groups: dict[tuple[str, str, str, str], list[Finding]] = {}
         for finding in self.findings:
-            repair_kind = "" if finding.repair is None else finding.repair.kind
-            own_sentence = finding.sentence if finding.collective else ""
+            repair_kind, own_sentence = "", ""
+            if finding.repair is not None:
+                repair_kind = finding.repair.kind
+            if finding.collective:
+                own_sentence = finding.sentence
             key = (str(finding.severity), finding.check, repair_kind, own_sentence)
             groups.setdefault(key, []).append(finding)
         return list(groups.values())
@@ -136,7 +145,8 @@ class DoctorReport(Answer):
                 inertias |= finding.repair.inertias
         if not inertias:
             return Effect()
-        return self.contents.robot.effects.evaluate(inertias)
+        parsed = self.contents.robot  # the robot as it stands in the file
+        return parsed.effects.evaluate(inertias)
 
     @property
     def summary(self) -> str:
@@ -185,7 +195,7 @@ class DoctorReport(Answer):
         for finding in self.findings:
             if finding.repair is None or not finding.repair.edits:
                 continue
-            if finding.severity is Severity.NOTE and finding.check not in ALWAYS:
+            if finding.severity is Severity.NOTE and finding.check not in CHECKS_REPAIRED_AS_NOTES:
                 continue
             places = {edit.place for edit in finding.repair.edits}
             if not places & edited_places:
@@ -283,7 +293,7 @@ def _repair_data(repair: FileRepair | None) -> dict[str, Any] | None:
         "sentence": repair.sentence,
         "metric": repair.metric,
         "inertias": {link: inertia.parameters.tolist() for link, inertia in repair.inertias.items()},
-        "written": bool(repair.edits),
+        "written": bool(repair.edits),  # True if the file has its numbers; `repairs` tells which are written
     }
 
 
@@ -391,4 +401,4 @@ def _rank(finding: Finding) -> tuple[int, float]:
     return list(Severity).index(finding.severity), -max(effect.inertia_percent, effect.effort_percent)
 
 
-complete(globals())
+complete(globals())  # docstrings get the entries of arguments that several functions share

@@ -58,7 +58,9 @@ def load_model(
     max_bodies = integer(max_bodies, "max_bodies")
     usd = usd_path(source)
     arguments, folders = xacro_arguments(xacro), [Path(folder) for folder in include_paths]
-    file = None if usd is not None or is_text(source) else RobotFile.from_path(source, data)
+    file = None
+    if usd is None and not is_text(source):
+        file = RobotFile.from_path(source, data)
     text, origin = _text_and_origin(source, usd, file)
     options = _ReadOptions(source, folders, floating_base, keep, model, max_bodies, snap)
     name_in_messages = origin
@@ -68,7 +70,10 @@ def load_model(
             bytes_of(usd)
             content = usd
         else:
-            content = parse(text, max_bodies=max_bodies) if file is None else file.parse_root(max_bodies)
+            if file is None:
+                content = parse(text, max_bodies=max_bodies)
+            else:
+                content = file.parse_root(max_bodies)
             expansion = _xacro_expansion(source, text, content, arguments, folders)
             if expansion is not None:
                 name_in_messages = f"{origin} (lines are those that xacro expands it to)"
@@ -89,7 +94,9 @@ def _text_and_origin(source: str | os.PathLike[str], usd: Path | None, file: Rob
     """Text of a robot file and its name in messages; the text of a USD file is not read."""
     if file is not None:
         return file.text, str(file)
-    return ("", str(usd)) if usd is not None else read_robot_text(source)
+    if usd is not None:
+        return "", str(usd)
+    return read_robot_text(source)
 
 
 @dataclass(frozen=True)
@@ -116,11 +123,14 @@ def _read_content(
     content: Path | Element, origin: str, wanted_format: str | None, options: _ReadOptions
 ) -> tuple[ModelBuilder, bool]:
     """Builder of a robot, and True if its root floats; only the required reader is imported."""
-    kind = "usd" if isinstance(content, Path) else _format_of(content)
+    if isinstance(content, Path):
+        kind = found = "usd"
+    else:
+        kind = _format_of(content)
+        found = f"{kind.upper()} (<{content.tag}>, {content.place})"
     options.check(kind)
     if wanted_format not in (None, kind):
-        seen_as = kind if isinstance(content, Path) else f"{kind.upper()} (<{content.tag}>, {content.place})"
-        raise RobotFileError(f"it is {seen_as}, and format={wanted_format!r} was given.")
+        raise RobotFileError(f"it is {found}, and format={wanted_format!r} was given.")
     if isinstance(content, Path):
         from .usd import read_usd
 
@@ -132,7 +142,9 @@ def _read_content(
         from .mjcf import read_mjcf
         from .mjcf.preprocess import Folders
 
-        home = None if is_text(options.source) else Path(options.source).parent
+        home = None
+        if not is_text(options.source):
+            home = Path(options.source).parent
         return read_mjcf(
             content, origin, Folders(home, options.folders), floating_base=options.floating_base, keep=options.keep,
             max_bodies=options.max_bodies,
@@ -158,7 +170,9 @@ def usd_path(source: object) -> Path | None:
     if not isinstance(source, str | os.PathLike) or is_text(source):
         return None
     path = Path(source)
-    return path if path.suffix.lower() in USD else None
+    if path.suffix.lower() not in USD:
+        return None
+    return path
 
 
 def _format_of(root: Element) -> str:
@@ -186,7 +200,9 @@ def _xacro_expansion(
     A file that ends in ``.xacro`` is expanded, and any other file or text if ``arguments`` are given, even without entries.
     Raises RobotFileError for xacro in other files.
     """
-    path = None if is_text(source) else Path(source)
+    path = None
+    if not is_text(source):
+        path = Path(source)
     marker = xacro_in(text, root)
     ending = path is not None and path.suffix.lower() == ENDING
     if ending or (arguments is not None and is_marked(text)):

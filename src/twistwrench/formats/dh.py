@@ -121,11 +121,12 @@ def _named_columns(table: Any, columns: Sequence[str] | None) -> dict[str, Array
     elif isinstance(table, Sequence) and len(table) and all(isinstance(row, Mapping) for row in table):
         for row in table:
             _check_column_names(row)
-        values = {name: [row.get(name, 0.0) for row in table] for name in COLUMNS}
+        values = {}
+        for name in COLUMNS:
+            values[name] = [row.get(name, 0.0) for row in table]
     else:
         return _columns_of_array(table, columns)
-    arrays = {name: arguments.finite(x, f"column {name!r} of the table") for name, x in values.items()}
-    return {name: x if x.ndim else x[None] for name, x in arrays.items()}
+    return {name: np.atleast_1d(arguments.finite(x, f"column {name!r} of the table")) for name, x in values.items()}
 
 
 def _check_column_names(names: Iterable[str]) -> None:
@@ -153,12 +154,16 @@ def _inertias(
     n: int, masses: ArrayLike | None, coms: ArrayLike | None, moments: ArrayLike | None
 ) -> list[SpatialInertia]:
     """Inertia of each link in its own frame, zero if not given."""
-    m = np.zeros(n) if masses is None else arguments.finite(masses, "masses")
-    c = np.zeros((n, 3)) if coms is None else arguments.finite(coms, "coms")
-    I = np.zeros((n, 3, 3)) if moments is None else arguments.finite(moments, "moments_about_com")
-    for what, x, shape in (("masses", m, (n,)), ("coms", c, (n, 3)), ("moments_about_com", I, (n, 3, 3))):
+    wanted = (("masses", masses, (n,)), ("coms", coms, (n, 3)), ("moments_about_com", moments, (n, 3, 3)))
+    arrays = []
+    for what, values, shape in wanted:
+        x = np.zeros(shape)
+        if values is not None:
+            x = arguments.finite(values, what)
         if x.shape != shape:
             raise ShapeError(f"{what} has shape {x.shape}, but the table has {n} rows: expected {shape}.")
+        arrays.append(x)
+    m, c, I = arrays
     return [_inertia(f"link{i + 1}", SpatialInertia.from_com, float(m[i]), c[i], I[i]) for i in range(n)]
 
 
@@ -208,7 +213,9 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
     for body in model.bodies:
         home = home @ body.placement
         screws.append(Ad(home) @ body.joint.axes[0])
-        moved = se3.pose(body.inertia.principal()[1], body.inertia.com) if at_com else np.eye(4)
+        moved = np.eye(4)
+        if at_com:
+            moved = se3.pose(body.inertia.principal()[1], body.inertia.com)
         frames.append(home @ moved)
         inertias.append(body.inertia.in_frame(se3.inverse(moved)).matrix)
     M = home @ end.pose
@@ -254,7 +261,9 @@ def from_screws(
             _check_unit(S[:, i], i, names[i])
         link = f"link{i + 1}"
         builder.add_link(link, _inertia(link, SpatialInertia.from_matrix, G[i]))
-        kind = "prismatic" if not np.any(A[:3]) else "helical"
+        kind = "prismatic"
+        if np.any(A[:3]):
+            kind = "helical"
         builder.add_joint(names[i], kind, parent, link, placement=steps[i], axis=A, normalise_axes=False)
         parent = link
     builder.add_link("end_effector")
@@ -266,7 +275,9 @@ def from_screws(
 
 def _check_unit(S: Array, i: int, joint: str) -> None:
     w, v = float(np.linalg.norm(S[:3])), float(np.linalg.norm(S[3:]))
-    length, part = (w, "turning part") if w > 0 else (v, "sliding part")
+    length, part = v, "sliding part"
+    if w > 0:
+        length, part = w, "turning part"
     if abs(length - 1.0) > 1e-6:
         raise ModelError(
             f"screw {i + 1} (joint {joint!r}), {S.tolist()}: its {part} has length {printed(length)}, not 1. Divide it by "

@@ -44,16 +44,19 @@ class _Step:
 
 
 def read_pinocchio_model(model: Any, floating_base: bool | None = None) -> tuple[ModelBuilder, bool]:
-    """Builder with the joints, inertias and frames of a ``pinocchio.Model``, and True if its root link floats besides.
+    """Builder with the joints, inertias and frames of a ``pinocchio.Model``, and True if its root link shall float.
 
-    ``floating_base`` None follows the model; True keeps free joints to the universe, or lets the root link float where there
-    is none; False fixes the bodies of these joints where the identity of the joint puts them.
+    ``floating_base`` None follows the model. True lets the root link float unless the model has a free joint to the
+    universe. False fixes the bodies of such joints at the placements of the joints.
 
     Raises :class:`~twistwrench.ModelError` if the object lacks the attributes of a model, and for unsupported joints.
     """
     try:
         free_roots = _free_roots(model)
-        builder = _fill_builder(model, free_roots if floating_base is False else set())
+        fixed_joints = set[int]()
+        if floating_base is False:
+            fixed_joints = free_roots
+        builder = _fill_builder(model, fixed_joints)
     except AttributeError as problem:
         raise ModelError(
             f"this is not a model of Pinocchio's: {type(model).__name__} lacks an attribute ({problem})."
@@ -104,7 +107,10 @@ def _links(model: Any) -> list[str]:
     used_names = {str(frame.name) for frame in bodies}
     for j, name in enumerate(names):
         if not name:
-            names[j] = unused(UNIVERSE if j == 0 else f"{model.names[j]}.body", used_names)
+            wanted = UNIVERSE
+            if j > 0:
+                wanted = f"{model.names[j]}.body"
+            names[j] = unused(wanted, used_names)
     return names
 
 
@@ -129,9 +135,13 @@ def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], 
         else:
             child = f"{links[j]}:{name}.{k}"
             builder.add_link(child, hidden=True)
-        options: dict[str, Any] = {} if mimic else _numbers(model, q_index, v_index, step)
-        axis = (0.0, 0.0, 1.0) if step.axis is None else step.axis
-        step_name = name if len(steps) == 1 else f"{name}.{k}"
+        options: dict[str, Any] = {}
+        if not mimic:
+            options = _limits_and_losses(model, q_index, v_index, step)
+        axis: Any = (0.0, 0.0, 1.0)
+        if step.axis is not None:
+            axis = step.axis
+        step_name = _step_name(name, k, len(steps))
         builder.add_joint(step_name, step.kind, parent, child, placement=T @ step.T, axis=axis, mimic=mimic, **options)
         if step.kind in ("floating", "planar") and options.get("armature"):
             text = "has an armature, whose products of velocities Pinocchio leaves out, and which count here"
@@ -140,26 +150,39 @@ def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], 
         q_index, v_index = q_index + step.nq, v_index + step.nv
 
 
+def _step_name(name: str, k: int, count: int) -> str:
+    """Name of part k of a Pinocchio joint with so many parts."""
+    if count == 1:
+        return name
+    return f"{name}.{k}"
+
+
 def _mimic(model: Any, j: int, names: Sequence[str]) -> Mimic | None:
+    """Name of the leader, ratio and offset of a joint; None if it is not a mimic joint."""
     followers = list(getattr(model, "mimicking_joints", ()))
     if j not in followers:
         return None
+    leader = int(model.mimicked_joints[followers.index(j)])
     own = model.joints[j].extract()
-    return names[int(model.mimicked_joints[followers.index(j)])], float(own.scaling), float(own.offset)
+    return names[leader], float(own.scaling), float(own.offset)
 
 
 def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
     """Model joints for a Pinocchio joint, by its name and motion subspace."""
     kind = str(joint.shortname()).removeprefix(_PREFIX)
-    T = np.eye(4) if T is None else T
+    if T is None:
+        T = np.eye(4)
     if kind in _SINGLE_JOINTS:
         yield _Step(_SINGLE_JOINTS[kind], None, T, int(joint.nq), int(joint.nv))
     elif kind == "Composite":
-        composite = joint.extract() if hasattr(joint, "extract") else joint
+        composite = joint
+        if hasattr(joint, "extract"):
+            composite = joint.extract()
         for part, place in zip(composite.joints, composite.jointPlacements, strict=True):
             yield from _steps(part, name, T @ np.array(place.homogeneous))
-            T = np.eye(4)
+            T = np.eye(4)  # of the first part alone: each is placed relative to the one before
     elif kind == "Mimic":
+        # Pinocchio's subspace of a mimic joint has its ratio, which the builder takes from ``mimic``.
         S = _subspace(joint, np.zeros(1)) / float(joint.extract().scaling)
         yield _Step(*_kind_and_axis(S[:, 0], endless=False), T, 0, 0)
     elif kind in _SEVERAL_JOINTS:
@@ -168,17 +191,20 @@ def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
             T = np.eye(4)
     elif int(joint.nv) == 1:
         endless = int(joint.nq) == 2
-        column = _subspace(joint, np.array([1.0, 0.0] if endless else [0.0]))[:, 0]
+        zero = np.zeros(1)
+        if endless:
+            zero = np.array([1.0, 0.0])  # cosine and sine of the angle
+        column = _subspace(joint, zero)[:, 0]
         yield _Step(*_kind_and_axis(column, endless=endless), T, int(joint.nq), 1)
     else:
         raise ModelError(f"joint {name!r} of Pinocchio's model is a {_PREFIX}{kind}, which is not read.")
 
 
 def _subspace(joint: Any, q: Array) -> Array:
-    """Motion subspace S (6, nv), angular part first, at coordinates that may belong to a larger model."""
-    at = max(int(joint.idx_q), 0)
+    """Motion subspace S (6, nv), angular part first, at coordinates (nq,) of the joint."""
+    first = max(int(joint.idx_q), 0)  # -1 for a joint that is in no model
     data = joint.createData()
-    joint.calc(data, np.concatenate([np.zeros(at), q]))
+    joint.calc(data, np.concatenate([np.zeros(first), q]))  # which reads the coordinates of the whole model
     S = np.array(data.S, float).reshape(6, -1)
     return np.concatenate([S[3:], S[:3]])
 
@@ -190,25 +216,31 @@ def _kind_and_axis(S: Array, *, endless: bool) -> tuple[str, Array]:
         return "prismatic", S
     if abs(float(w @ v)) > 0:
         return "helical", S
-    return ("continuous" if endless else "revolute"), S
+    if endless:
+        return "continuous", S
+    return "revolute", S
 
 
-def _numbers(model: Any, q_index: int, v_index: int, step: _Step) -> dict[str, Any]:
+def _limits_and_losses(model: Any, q_index: int, v_index: int, step: _Step) -> dict[str, Any]:
     """Limits, friction and armature of a joint."""
     own_entries = slice(v_index, v_index + step.nv)
-
-    def mean(field: str) -> float:
-        values = getattr(model, field, None)
-        return 0.0 if values is None else float(np.mean(np.array(values)[own_entries]))
-
-    numbers: dict[str, Any] = {"damping": mean("damping"), "friction": mean("friction"), "armature": mean("armature")}
+    losses: dict[str, Any] = {}
+    for name in ("damping", "friction", "armature"):
+        values = getattr(model, name, None)
+        losses[name] = 0.0
+        if values is not None:
+            losses[name] = float(np.mean(np.array(values)[own_entries]))
     if step.nv > 1:
-        return numbers
-    limits = {name: float(getattr(model, f"{name}Limit")[v_index]) for name in ("velocity", "effort")}
-    limits = {name: limit for name, limit in limits.items() if limit > 0}
+        return losses
+    limits = {}
+    for name in ("velocity", "effort"):
+        limit = float(getattr(model, f"{name}Limit")[v_index])
+        if limit > 0:
+            limits[name] = limit
     if step.nq == 1:
-        limits |= {side: float(getattr(model, f"{side}PositionLimit")[q_index]) for side in ("lower", "upper")}
-    return numbers | known_limits(**limits)
+        limits["lower"] = float(model.lowerPositionLimit[q_index])
+        limits["upper"] = float(model.upperPositionLimit[q_index])
+    return losses | known_limits(**limits)
 
 
 def _add_frames(builder: ModelBuilder, model: Any, links: Sequence[str]) -> None:
@@ -217,7 +249,7 @@ def _add_frames(builder: ModelBuilder, model: Any, links: Sequence[str]) -> None
         if _type(frame) == "BODY" and name not in builder.link_names:
             builder.add_link(name)
             builder.add_joint(f"{name}.fixed", "fixed", link, name, placement=T)
-        elif _type(frame) in _SITES and f"site:{name}" not in builder.site_names and name not in builder.site_names:
+        elif _type(frame) in _SITES and {name, f"site:{name}"}.isdisjoint(builder.site_names):  # either name
             builder.add_site(name, link, T)
 
 
@@ -233,11 +265,12 @@ def _add_configuration(
             coordinates = q[first : first + step.nq]
             first += step.nq
             if step.kind in ("ball", "floating"):
-                coordinates = JOINT_TYPES[step.kind]("", np.zeros((0, 6))).from_pinocchio(coordinates)
+                joint = JOINT_TYPES[step.kind]("", np.zeros((0, 6)))  # for its conversion alone
+                coordinates = joint.from_pinocchio(coordinates)
             elif step.nq > step.nv:  # angle stored as cosine and sine
                 coordinates = np.append(coordinates[:-2], math.atan2(coordinates[-1], coordinates[-2]))
             if step.nq:
-                positions[names[j] if len(steps) == 1 else f"{names[j]}.{k}"] = coordinates
+                positions[_step_name(names[j], k, len(steps))] = coordinates
     builder.add_configuration(label, positions)
 
 
@@ -267,7 +300,9 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
         if not body.joint.moves_body:
             continue
         entry = entries.get(body.joint.name)
-        screw = screw_of(entry) if entry is not None and body.joint.nv == 1 else None
+        screw = None
+        if entry is not None and body.joint.nv == 1:
+            screw = screw_of(entry)
         pin_joint, point = _joint(pinocchio, body.joint, screw)
         parent, T_parent = frames[body.parent]
         placement = T_parent @ body.placement @ translation(point)
@@ -291,18 +326,22 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
     _add_limits(pin_model, model, numbers)
     for name in model.joint_names:
         if name in numbers:
-            _add_losses(pin_model, numbers[name], drive_of(parts, name, losses))
+            _add_drive(pin_model, numbers[name], drive_of(parts, name, losses))
     for name, positions in configurations_of(parts).items():
         pin_model.referenceConfigurations[name] = _configuration(pin_model, model, numbers, positions)
     for noun, items in (("spring", parts.additions.springs), ("closure", parts.additions.closures)):
-        if items:
-            plural = "s" if len(items) > 1 else ""
-            losses.say(f"{len(items)} {noun}{plural} of the robot: Pinocchio's models have none")
+        if len(items) == 1:
+            losses.say(f"1 {noun} of the robot: Pinocchio's models have none")
+        elif items:
+            losses.say(f"{len(items)} {noun}s of the robot: Pinocchio's models have none")
     return pin_model, tuple(losses.found)
 
 
 def _joint(pinocchio: Any, joint: Joint, axis: Any) -> tuple[Any, Array]:
-    """Pinocchio joint, and the position of its axis in the frame of the model's joint."""
+    """Pinocchio joint, and the position of its axis in the frame of the model's joint.
+
+    ``axis`` is the :class:`Screw` of a joint with one degree of freedom, and None for others.
+    """
     joint.require_pinocchio()
     if joint.kind in _NAMES_IN_PINOCCHIO:
         return getattr(pinocchio, _NAMES_IN_PINOCCHIO[joint.kind])(), np.zeros(3)
@@ -313,11 +352,14 @@ def _joint(pinocchio: Any, joint: Joint, axis: Any) -> tuple[Any, Array]:
         return pinocchio.JointModelHelicalUnaligned(axis.direction, axis.pitch), axis.point
     if letters:
         kind = "P"
-        if axis.turns:
-            kind = "RUB" if joint.wraps else "R"
+        if axis.turns and joint.wraps:
+            kind = "RUB"
+        elif axis.turns:
+            kind = "R"
         return getattr(pinocchio, f"JointModel{kind}{letters[0]}")(), axis.point
-    kind = "Revolute" if axis.turns else "Prismatic"  # the unbounded joint type does not accept an axis in Python
-    return getattr(pinocchio, f"JointModel{kind}Unaligned")(axis.direction), axis.point
+    if axis.turns:  # the unbounded joint type does not accept an axis in Python
+        return pinocchio.JointModelRevoluteUnaligned(axis.direction), axis.point
+    return pinocchio.JointModelPrismaticUnaligned(axis.direction), axis.point
 
 
 def _se3(pinocchio: Any, T: Array) -> Any:
@@ -349,7 +391,8 @@ def _add_limits(pin_model: Any, model: Model, numbers: dict[str, int]) -> None:
         setattr(pin_model, name, array)
 
 
-def _add_losses(pin_model: Any, j: int, drive: Any) -> None:
+def _add_drive(pin_model: Any, j: int, drive: Any) -> None:
+    """Set damping, friction and armature of a joint."""
     own_entries = slice(pin_model.joints[j].idx_v, pin_model.joints[j].idx_v + pin_model.joints[j].nv)
     for name, value in (("damping", drive.damping), ("friction", drive.friction), ("armature", drive.armature)):
         array = np.array(getattr(pin_model, name), float)

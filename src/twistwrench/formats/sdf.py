@@ -33,8 +33,24 @@ def with_text(element: Element) -> Element:
 
 def number(parent: Element | None, tag: str, default: float) -> float:
     """Number in a child element, or ``default``."""
-    child = parent.child(tag) if parent is not None else None
-    return default if child is None else with_text(child).number("text")
+    child = _child(parent, tag)
+    if child is None:
+        return default
+    return with_text(child).number("text")
+
+
+def _child(parent: Element | None, tag: str) -> Element | None:
+    """Child of an element; None without the child or without the element."""
+    if parent is None:
+        return None
+    return parent.child(tag)
+
+
+def _reference(place: Element | None, attribute: str) -> str:
+    """Frame that an attribute of an element names; empty without the attribute or without the element."""
+    if place is None:
+        return ""
+    return place.attributes.get(attribute, "").strip()
 
 
 def inertial_of(inertial: Element | None) -> tuple[float, Array, Array]:
@@ -42,24 +58,23 @@ def inertial_of(inertial: Element | None) -> tuple[float, Array, Array]:
 
     Default values of the format are 1 kg and 1 kg m² about every axis.
     """
-    if inertial is None:
-        tensor, place = None, None
-    else:
-        tensor, place = inertial.child("inertia"), inertial.child("pose")
-    I = tensor_of(lambda name: number(tensor, name, 1.0 if name in ("ixx", "iyy", "izz") else 0.0))
-    return number(inertial, "mass", 1.0), pose(place), I
+    tensor, defaults = _child(inertial, "inertia"), {"ixx": 1.0, "iyy": 1.0, "izz": 1.0}
+    I = tensor_of(lambda name: number(tensor, name, defaults.get(name, 0.0)))
+    return number(inertial, "mass", 1.0), pose(_child(inertial, "pose")), I
 
 
 def missing_of(inertial: Element | None) -> tuple[str, ...]:
     """Missing parts of an ``<inertial>``, of mass and inertia."""
-    return tuple(part for part in ("mass", "inertia") if inertial is None or inertial.child(part) is None)
+    return tuple(part for part in ("mass", "inertia") if _child(inertial, part) is None)
 
 
 def assumed_text(missing: tuple[str, ...]) -> str:
     """Description of the format's values for missing parts."""
     means = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
+    if not missing:
+        return ""
     text = " and ".join(f"no {part}, which means {means[part]}" for part in missing)
-    return f"{text}, in this format" if text else ""
+    return f"{text}, in this format"
 
 
 def vector(element: Element) -> Array:
@@ -70,7 +85,9 @@ def vector(element: Element) -> Array:
 def word(parent: Element, tag: str, default: str = "") -> str:
     """Text of a child without leading and trailing blanks."""
     child = parent.child(tag)
-    return default if child is None else child.content.strip()
+    if child is None:
+        return default
+    return child.content.strip()
 
 
 def is_true(parent: Element, tag: str) -> bool:
@@ -84,15 +101,16 @@ def pose(element: Element | None) -> Array:
     if element is None or not element.content.strip():
         return T
     form = element.word("rotation_format", ("euler_rpy", "quat_xyzw"), "euler_rpy")
-    values = with_text(element).numbers("text", 6 if form == "euler_rpy" else 7)
-    T[:3, 3] = values[:3]
+    values = with_text(element).numbers("text", {"euler_rpy": 6, "quat_xyzw": 7}[form])
+    T[:3, 3], turn = values[:3], values[3:]
     if form == "quat_xyzw":
-        if not values[3:].any():
+        if not turn.any():
             raise element.error("has a quaternion of zeros, which is not a rotation.")
-        T[:3, :3] = quaternion.rotation(np.roll(values[3:], 1))
-    else:
-        degrees = element.attributes.get("degrees", "false").strip() in ("true", "1")
-        T[:3, :3] = rotation_of_rpy(values[3:] * (math.pi / 180.0 if degrees else 1.0))
+        T[:3, :3] = quaternion.rotation(np.roll(turn, 1))
+        return T
+    if element.attributes.get("degrees", "false").strip() in ("true", "1"):
+        turn = turn * (math.pi / 180.0)
+    T[:3, :3] = rotation_of_rpy(turn)
     return T
 
 
@@ -194,7 +212,9 @@ def expand_model(model: Element) -> SdfModel:
                 expanded.joints[name] = child
             elif child.tag == "frame":
                 target = child.attributes.get("attached_to", "").strip()
-                default = scope + target if target and target != MODEL else own
+                default = own
+                if target and target != MODEL:
+                    default = scope + target
                 attached = default
                 expanded.named[name] = child
             elif child.tag == "link":
@@ -211,11 +231,17 @@ def expand_model(model: Element) -> SdfModel:
 
 def _reference_frame(element: Element, scope: str) -> str:
     """Frame that the pose of an element is relative to; empty if it is not given."""
-    place = element.child("pose")
-    frame = place.attributes.get("relative_to", "").strip() if place is not None else ""
+    frame = _reference(element.child("pose"), "relative_to")
     if not frame:
         return ""
-    return (scope[:-2] or MODEL) if frame == MODEL else scope + frame
+    return _scoped_frame(frame, scope)
+
+
+def _scoped_frame(frame: str, scope: str) -> str:
+    """Name of a frame, with those of the enclosing models."""
+    if frame == MODEL:
+        return scope[:-2] or MODEL
+    return scope + frame
 
 
 def _canonical_link(model: Element) -> str:
@@ -223,8 +249,9 @@ def _canonical_link(model: Element) -> str:
     name = model.attributes.get("canonical_link", "").strip()
     if name:
         return name
-    links = model.all("link")
-    return links[0].text("name") if links else ""
+    for link in model.all("link"):
+        return link.text("name")
+    return ""
 
 
 def _end(joint: Element, which: str) -> str:
@@ -257,9 +284,9 @@ def read_sdf(
 
 def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | None]:
     """Model of a file by name, by default the one that can move, and its world."""
-    models: list[tuple[Element, Element | None]] = [(model, None) for model in root.all("model")]
-    for world in root.all("world"):
-        models += [(model, world) for model in world.all("model")]
+    models: list[tuple[Element, Element | None]] = []
+    for world in (None, *root.all("world")):
+        models += [(model, world) for model in (world or root).all("model")]
     if name is not None:
         by_name = {model.text("name"): (model, world) for model, world in models}
         if name not in by_name:
@@ -271,7 +298,7 @@ def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | No
         raise root.error(f"has {len(movable)} models that can move: {names}. Say which, {argument('model')}.")
     if not models:
         raise root.error("has no <model>.")
-    return movable[0] if movable else models[0]
+    return (movable or models)[0]
 
 
 class _SdfReader:
@@ -283,12 +310,12 @@ class _SdfReader:
         self.model, self.world, self.floating_base = model, world, floating_base
         self.version = _version(root)
         self.builder = ModelBuilder(model.text("name"), source)
-        gravity = world.child("gravity") if world is not None else None
+        gravity = _child(world, "gravity")
         if gravity is not None:
             self.builder.gravity = vector(gravity).tolist()
         own = model.child("pose")
         self.place = pose(own)
-        reference = own.attributes.get("relative_to", "").strip() if own is not None else ""
+        reference = _reference(own, "relative_to")
         if reference not in ("", WORLD):
             self.builder.note(
                 own, f"is relative to {reference!r}, which is not read: it is taken as relative to the world"
@@ -324,7 +351,9 @@ class _SdfReader:
         for name in roots:
             link = self.parts.links[name]
             T = self.place @ self.parts.pose(name, link)
-            joint = "root_joint" if len(roots) == 1 else f"{name}.root_joint"
+            joint = "root_joint"
+            if len(roots) > 1:
+                joint = f"{name}.root_joint"
             if floats:
                 self.builder.add_joint(joint, "floating", WORLD, name, where=link.place)
             else:
@@ -354,7 +383,9 @@ class _SdfReader:
         parent, child = self._end(joint, "parent", frame.scope), self._end(joint, "child", frame.scope)
         if child == WORLD:
             raise joint.error("has the world as its child. Exchange parent and child.")
-        T_parent = np.eye(4) if parent == WORLD else self.place @ self.parts.pose(parent, joint)
+        T_parent = np.eye(4)
+        if parent != WORLD:
+            T_parent = self.place @ self.parts.pose(parent, joint)
         T = np.asarray(se3.inverse(T_parent) @ (self.place @ self.parts.pose(child, joint)))
         T_cj = self.parts.between(child, name, joint)
         if kind == "fixed":
@@ -372,7 +403,9 @@ class _SdfReader:
 
     def _end(self, joint: Element, which: str, scope: str) -> str:
         name = word(joint, which)
-        return WORLD if name == WORLD else self.parts.link_of(scope + name, joint)
+        if name == WORLD:
+            return WORLD
+        return self.parts.link_of(scope + name, joint)
 
     def _add_axis(self, name: str, frame: SdfFrame, which: str, parent: str, child: str, T: Array, T_cj: Array) -> None:
         """Add a one-degree joint; T_cj is the pose of the file's joint in its child link."""
@@ -406,7 +439,7 @@ class _SdfReader:
         w, frame = vector(xyz), xyz.attributes.get("expressed_in", "").strip()
         if not frame and self.version > (1, 4) and not is_true(axis, "use_parent_model_frame"):
             return np.asarray(T_cj[:3, :3] @ w)
-        name = scope + frame if frame not in ("", MODEL) else scope[:-2] or MODEL
+        name = _scoped_frame(frame or MODEL, scope)
         return np.asarray(self.parts.between(link, name, axis)[:3, :3] @ w)
 
 
@@ -434,8 +467,8 @@ def _limits(axis: Element) -> dict[str, Any]:
 
 
 def _losses(axis: Element | None) -> dict[str, Any]:
-    dynamics = axis.child("dynamics") if axis is not None else None
-    return {name: number(dynamics, name, 0.0) for name in ("damping", "friction")}
+    dynamics = _child(axis, "dynamics")
+    return {"damping": number(dynamics, "damping", 0.0), "friction": number(dynamics, "friction", 0.0)}
 
 
 def _mimic(axis: Element, scope: str) -> Mimic | None:

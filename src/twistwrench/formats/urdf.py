@@ -145,7 +145,9 @@ def _rows_of_rpy(rpy: ArrayLike) -> list[list[float]]:
 
 def rpy_of_rotation(R: Array) -> Array:
     """Roll, pitch and yaw (3,) of a rotation, accurate at any pitch; yaw is 0 at ±90°."""
-    yaw = np.arctan2(R[1, 0], R[0, 0]) if R[1, 0] or R[0, 0] else 0.0
+    yaw = 0.0
+    if R[1, 0] or R[0, 0]:
+        yaw = np.arctan2(R[1, 0], R[0, 0])
     s, c = np.sin(yaw), np.cos(yaw)  # roll of the rotation after removal of the yaw
     roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
     return np.array([roll, np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0])), yaw])
@@ -156,7 +158,9 @@ def onto(z: Array) -> Array:
     axis = np.array([-z[1], z[0], 0.0])
     sine = float(np.linalg.norm(axis))
     if sine < 1e-10:
-        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
+        if z[2] > 0:
+            return np.eye(3)
+        return np.diag([1.0, -1.0, -1.0])
     return np.asarray(so3.exp(axis / sine * math.atan2(sine, float(z[2]))))
 
 
@@ -183,14 +187,14 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
         builder.mount()
     moves = kind != "fixed"  # other attributes of a fixed joint are meaningless and not read
     options: dict[str, Any] = {"placement": origin_of(joint), "axis": (1.0, 0.0, 0.0), "where": f"line {joint.line}"}
-    axis = joint.child("axis") if moves and kind != "floating" else None
-    if axis is not None:
-        options["axis"] = axis.values("xyz", 3)
     if moves:
-        dynamics = joint.child("dynamics")
+        axis, dynamics = joint.child("axis"), joint.child("dynamics")
+        if axis is not None and kind != "floating":
+            options["axis"] = axis.values("xyz", 3)
         options |= _limits(builder, joint, kind)
         if dynamics is not None:
-            options |= {name: dynamics.optional_number(name) or 0.0 for name in ("damping", "friction")}
+            options["damping"] = dynamics.optional_number("damping") or 0.0
+            options["friction"] = dynamics.optional_number("friction") or 0.0
         options["mimic"] = _mimic(joint)
     builder.add_joint(name, kind, parent, child, **options)
 
@@ -236,9 +240,10 @@ def _add_closure(builder: ModelBuilder, constraint: Element) -> None:
         return
     turn = np.eye(3)
     if kind in ("revolute", "prismatic"):
-        axis = constraint.child("parent_axis")
-        along = (1.0, 0.0, 0.0) if axis is None else direction(axis, "xyz", axis.values("xyz", 3))
-        turn = onto(np.asarray(along))
+        axis, along = constraint.child("parent_axis"), np.array([1.0, 0.0, 0.0])
+        if axis is not None:
+            along = direction(axis, "xyz", axis.values("xyz", 3))
+        turn = onto(along)
     sites = []
     for end, link in zip(_ENDS, links, strict=True):
         T = _pose(constraint.child(f"{end}_origin")) @ se3.pose(turn, (0, 0, 0))
@@ -250,12 +255,16 @@ def _add_closure(builder: ModelBuilder, constraint: Element) -> None:
 
 def _link_of(end: Element | None) -> str:
     """Link of one end of a constraint; empty without one."""
-    return "" if end is None else end.attributes.get("link", "").strip()
+    if end is None:
+        return ""
+    return end.attributes.get("link", "").strip()
 
 
 def _mimic(joint: Element) -> Mimic | None:
     mimic = joint.child("mimic")
     if mimic is None:
         return None
-    multiplier = mimic.optional_number("multiplier")
-    return mimic.text("joint"), 1.0 if multiplier is None else multiplier, mimic.optional_number("offset") or 0.0
+    ratio = mimic.optional_number("multiplier")
+    if ratio is None:
+        ratio = 1.0
+    return mimic.text("joint"), ratio, mimic.optional_number("offset") or 0.0

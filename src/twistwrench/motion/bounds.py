@@ -243,18 +243,21 @@ class LimitCheck:
     def violations(self) -> tuple[Violation, ...]:
         """Violations, sorted by their ratio to the tolerance, largest first."""
         excesses = []
-        turning, drives = Coordinates.from_model(self.model).angular_velocity, drive_turns(self.model)
         for kind, worst in self._worst.items():
-            is_torque = kind == "torque"
-            names = self.model.drive_labels if is_torque else self.model.velocity_names
-            turns = drives if is_torque else turning
+            names, turns = self.model.velocity_names, Coordinates.from_model(self.model).angular_velocity
+            if kind == "torque":
+                names, turns = self.model.drive_labels, drive_turns(self.model)
             for k, value in enumerate(worst.signed.tolist()):
                 beyond = float(worst.value[k])
                 limit = self._limit(kind, k, value, beyond)
-                allowed = float(self.bounds.tolerance[k] if kind == "position" else margin(abs(limit)))
+                allowed = float(margin(abs(limit)))
+                if kind == "position":
+                    allowed = float(self.bounds.tolerance[k])
                 if not beyond > allowed:
                     continue
-                share = beyond / allowed if allowed > 0 else np.inf
+                share = np.inf
+                if allowed > 0:
+                    share = beyond / allowed
                 unit = unit_of(_PARTS[kind], bool(turns[k]))
                 excesses.append((share, Violation(names[k], kind, value, limit, float(worst.time[k]), unit)))
         for i, body in enumerate(self._followers):
@@ -264,13 +267,16 @@ class LimitCheck:
                 limit, time = float(np.copysign(body.effort, value)), float(self._borne.time[i])
                 unit = unit_of("tau", bool(body.joint.turning[0]))
                 excesses.append((beyond / allowed, Violation(body.joint.name, "torque", value, limit, time, unit)))
-        return tuple(violation for _, violation in sorted(excesses, key=lambda excess: -excess[0]))
+        excesses.sort(key=lambda excess: -excess[0])
+        return tuple(violation for _, violation in excesses)
 
     def _limit(self, kind: str, k: int, value: float, beyond: float) -> float:
         """Limit that the value exceeds."""
         b = self.bounds
         if kind == "position":
-            return float(b.upper[k] if value > b.upper[k] else b.lower[k])
+            if value > b.upper[k]:
+                return float(b.upper[k])
+            return float(b.lower[k])
         limits = {"velocity": [b.velocity], "torque": [b.effort], "jerk": [b.jerk]}
         limits["acceleration"] = [b.acceleration, b.deceleration]
         candidates = [float(limit[k]) for limit in limits[kind]]

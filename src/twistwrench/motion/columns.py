@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -58,7 +59,9 @@ ORDER = "#"
 def _joint(coordinate: str) -> str:
     """Joint of a coordinate; coordinates of planar and floating joints have a suffix."""
     base, dot, suffix = coordinate.rpartition(".")
-    return base if dot and suffix in ("x", "y", "z", "theta", "qw", "qx", "qy", "qz") else coordinate
+    if dot and suffix in ("x", "y", "z", "theta", "qw", "qx", "qy", "qz"):
+        return base
+    return coordinate
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,8 @@ class Choice:
 
 _NO_COLUMN = Choice(-1)
 """Column of a joint without one."""
+_DEFAULT_UNITS = {CURRENT: "A"}
+"""Units of quantities whose names tell it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +118,7 @@ class Assignment:
 
     def __init__(self, cells: Sequence[str], where: str, coordinates: Coordinates, reading: Reading) -> None:
         self.cells, self.where, self.reading, self.arms = cells, where, reading, coordinates.arms
-        self.names = {part: coordinates.names if part == "q" else coordinates.velocity_names for part in PARTS}
+        self.names = dict.fromkeys(PARTS, coordinates.velocity_names) | {"q": coordinates.names}
         self.motors = {*coordinates.drive_names} - {*coordinates.velocity_names}
         self.of_motors = self._names_motors()
         """True if torques of coupled joints are motor torques, according to the column names."""
@@ -121,12 +126,23 @@ class Assignment:
             self.names["tau"] = coordinates.drive_names
         self.free = [k for k, cell in enumerate(cells) if cell]
         """Unassigned columns."""
-        self.split = [(cell, None) if cell in coordinates.names else split_unit(cell) for cell in cells]
-        """Name and unit of each column; joint names that end in brackets are kept whole."""
-        self.given: dict[str, dict[int, Choice]] = {part: {} for part in PARTS}
+        self.column_names: list[str] = []
+        """Name of each column without its unit; joint names that end in brackets are kept whole."""
+        self.units: list[str | None] = []
+        """Unit of each column in brackets after its name."""
+        for cell in cells:
+            name, unit = split_unit(cell)
+            if cell in coordinates.names:
+                name, unit = cell, None
+            self.column_names.append(name)
+            self.units.append(unit)
+        self.given: dict[str, dict[int, Choice]] = {}
         """Columns of each part of the motion, by coordinate index."""
-        self.requested_names: dict[str, set[int]] = {part: set() for part in PARTS}
+        self.requested_names: dict[str, set[int]] = {}
         """Indices of the coordinates whose columns the caller named, by part."""
+        for part in PARTS:
+            self.given[part] = {}
+            self.requested_names[part] = set()
         self.notes: list[str] = []
         self.degrees = reading.degrees
         self.time: Choice | None = None
@@ -143,8 +159,9 @@ class Assignment:
         names += self.reading.columns or {}
         for name in names:
             own_name = name.rpartition(":")[2]
-            if any(own_name.endswith(ending) and own_name.removesuffix(ending) in self.motors for ending in endings):
-                return True
+            for ending in endings:
+                if own_name.endswith(ending) and own_name.removesuffix(ending) in self.motors:
+                    return True
         return False
 
     @classmethod
@@ -183,21 +200,25 @@ class Assignment:
     def assign_mimic_joints(self, followers: Sequence[MimicJoint]) -> None:
         """Assign columns with the names of mimic joints, which are compared with their leaders."""
         for follower in followers:
-            columns = [k for k in self.free if self.split[k][0] == follower.name]
+            columns = [k for k in self.free if self.column_names[k] == follower.name]
             if columns:
-                self.mimic_joints.append((follower, Choice(columns[0], self.split[columns[0]][1])))
+                self.mimic_joints.append((follower, self.choice(columns[0])))
 
     def sort_out_unread(self, locked: Sequence[str]) -> None:
         """Sort the columns that are not read into those of locked joints and those without a known meaning."""
-        mimic = {choice.column for _, choice in self.mimic_joints}
-        of_locked = {k for k in self.free if belongs(self.split[k][0], locked)}
-        self.of_locked = [self.cells[k] for k in self.free if k in of_locked]
+        read = {choice.column for _, choice in self.mimic_joints}
+        for k in self.free:
+            if belongs(self.column_names[k], locked):
+                self.of_locked.append(self.cells[k])
+                read.add(k)
         if len(self.given["tau"]) < len(self.names["tau"]):
             # Torques are only compared with others, so some joints may lack them.
             self.free += [choice.column for choice in self.given["tau"].values()]
             self.given["tau"] = {}
-        unread = [self.cells[k] for k in sorted(self.free) if k not in of_locked | mimic]
-        self.extra = [cell for cell in unread if not (is_result(cell) or is_command(cell))]
+        for k in sorted(self.free):
+            cell = self.cells[k]
+            if k not in read and not (is_result(cell) or is_command(cell)):
+                self.extra.append(cell)
 
     def factor(self, choice: Choice, part: str, angular: bool) -> float:
         """Factor from a column to SI units: by its unit or gain, otherwise by the common unit of angles."""
@@ -206,6 +227,22 @@ class Assignment:
         if choice.unit is not None:
             return unit_factor(choice.unit, part, angular, f"{self.where}, column {self.cells[choice.column]!r}")
         return math.radians(1.0) if self.degrees and angular and part != "tau" else 1.0
+
+    def choice(self, column: int) -> Choice:
+        """Column with the unit in its name."""
+        return Choice(column, self.units[column])
+
+    def cells_of(self, columns: Iterable[int]) -> list[str]:
+        """Names of columns as the header has them."""
+        return [self.cells[column] for column in columns]
+
+    def free_names(self) -> dict[int, str]:
+        """Names of the unassigned columns, without their units."""
+        return {column: self.column_names[column] for column in self.free}
+
+    def without_column(self, part: str) -> list[int]:
+        """Indices of the coordinates that have no column of a part of the motion."""
+        return [k for k in range(len(self.names[part])) if k not in self.given[part]]
 
     def found_text(self) -> str:
         """List of the column names, for the end of an error message."""
@@ -216,7 +253,7 @@ class Assignment:
         base, unit = split_unit(name)
         matches = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
         if not matches:
-            matches = [k for k, (text, _) in enumerate(self.split) if text == base]
+            matches = [k for k, text in enumerate(self.column_names) if text == base]
         if not matches:
             hint = _suggestion(name, list(filter(None, self.cells)))
             raise TrajectoryError(
@@ -224,7 +261,7 @@ class Assignment:
             )
         if len(matches) > 1:
             raise self.repetition_error(name.strip(), len(matches))
-        return Choice(matches[0], unit or self.split[matches[0]][1])
+        return Choice(matches[0], unit or self.units[matches[0]])
 
     def repetition_error(self, name: str, count: int) -> TrajectoryError:
         """Error for a column that occurs more than once."""
@@ -233,7 +270,12 @@ class Assignment:
     def assign(self, part: str, k: int, choice: Choice) -> None:
         """Assign a column to a coordinate."""
         self.given[part][k] = choice
-        self.free = [c for c in self.free if c != choice.column]
+        self.use(choice.column)
+
+    def use(self, column: int) -> None:
+        """Remove a column from the unassigned ones."""
+        if column in self.free:
+            self.free.remove(column)
 
     def requested_choices(self, columns: Mapping[str, str]) -> dict[tuple[str, int], Choice]:
         """Columns of the option ``columns``, by part and coordinate index."""
@@ -261,7 +303,8 @@ class Assignment:
             suffixes |= dict.fromkeys(endings, part)
         entries: dict[str, tuple[str, int]] = {}
         for suffix, part in suffixes.items():
-            entries |= {f"{name}{suffix}": (part, k) for k, name in enumerate(self.names[part])}
+            for k, name in enumerate(self.names[part]):
+                entries[f"{name}{suffix}"] = part, k
         return entries | {"time": ("time", 0)}
 
     def replace_numbers(self, columns: Mapping[str, str]) -> dict[str, str]:
@@ -275,7 +318,9 @@ class Assignment:
             )
         named = {}
         for key, column in columns.items():
-            name = names[int(key[1:]) - 1] if key in numbered else key
+            name = key
+            if key in numbered:
+                name = names[int(key[1:]) - 1]
             named[name] = column
         return named
 
@@ -283,7 +328,8 @@ class Assignment:
         """Entries of ``columns`` for this log; entries with its path or name as prefix override general ones."""
         general, own = dict[str, str](), dict[str, str]()
         for key, column in columns.items():
-            coordinate = max((name for name in known if key.endswith(f":{name}")), key=len, default="")
+            endings = [name for name in known if key.endswith(f":{name}")]
+            coordinate = max(endings, key=len, default="")
             if key in known or not coordinate:
                 general[key] = column
             elif key.removesuffix(f":{coordinate}") in (str(self.reading.path), self.reading.path.name):
@@ -318,15 +364,14 @@ class Assignment:
         if rate is not None:
             return self._row_numbers(requested, named, look)
         if requested is None and not named:
-            with_unit = [k for k in self.free if time_factor(self.split[k][1] or "") is not None]
-            rising = rising_columns({k: self.cells[k] for k in with_unit}, look)
+            with_unit = {k: self.cells[k] for k in self.free if time_factor(self.units[k] or "") is not None}
+            rising = rising_columns(with_unit, look)
             if len(rising) != 1:
                 return None
-            requested = Choice(rising[0], self.split[rising[0]][1])
+            requested = self.choice(rising[0])
         if requested is None and len(named) > 1:
             raise TrajectoryError(
-                f"{self.where}: two time columns, {listed([self.cells[k] for k in named])}. Keep one of them, or choose: "
-                "{0}.",
+                f"{self.where}: two time columns, {listed(self.cells_of(named))}. Keep one of them, or choose: {{0}}.",
                 Argument("columns", {"time": self.cells[named[0]]}),
             )
         choice = requested or self._named_time(named[0])
@@ -340,24 +385,25 @@ class Assignment:
             )
         elif choice.unit is not None and time_factor(choice.unit) != 1.0:
             self.notes.append(ReadingNote(f"Time is read in {choice.unit} from column {self.cells[choice.column]!r}."))
-        self.free = [k for k in self.free if k != choice.column]
+        self.use(choice.column)
         return choice
 
     def _columns_named_time(self) -> list[int]:
         """Unassigned columns with the most certain name for time; several if they have the same rank."""
-        ranks = {}
-        for k in self.free:
-            meaning = time_meaning(self.split[k][0])
+        by_rank: dict[tuple[bool, int], list[int]] = {}
+        for k in sorted(self.free):
+            meaning = time_meaning(self.column_names[k])
             if meaning is not None:
-                ranks[k] = meaning[0]
-        others = {k: rank for k, rank in ranks.items() if self.cells[k] not in self.names["q"]}
-        ranks = others or ranks  # a joint may be named t
-        return sorted(k for k, rank in ranks.items() if rank == min(ranks.values()))
+                of_joint = self.cells[k] in self.names["q"]  # a joint may be named t
+                by_rank.setdefault((of_joint, meaning[0]), []).append(k)
+        if not by_rank:
+            return []
+        return by_rank[min(by_rank)]
 
     def _named_time(self, column: int) -> Choice:
         """Time column with its unit: after its name, or in it."""
-        name, unit = self.split[column]
-        meaning = time_meaning(name)
+        unit = self.units[column]
+        meaning = time_meaning(self.column_names[column])
         if not unit and meaning is not None:
             unit = meaning[1]
         return Choice(column, unit)
@@ -368,11 +414,12 @@ class Assignment:
         """Column of row numbers of a file whose rate is given; raises TrajectoryError for a column of time."""
         if not requested and not named:
             return None
-        column = requested.column if requested else named[0]
-        if (requested is None or requested.unit is None) and counts_rows(look(column)):
+        choice = requested or Choice(named[0])
+        column = choice.column
+        if choice.unit is None and counts_rows(look(column)):
             self.notes.append(f"Column {self.cells[column]!r} is read as the number of a row, by its numbers.")
-            self.free = [k for k in self.free if k != column]
-            return Choice(column)
+            self.use(column)
+            return choice
         raise TrajectoryError(
             f"{self.where}: {{0}} is given, and column {self.cells[column]!r} is time. Leave out one of them.",
             Argument("rate"),
@@ -382,7 +429,7 @@ class Assignment:
         """Time column without a unit, with the unit that its numbers show, which is noted; None without one."""
         if choice.unit is not None:
             return None
-        if self.split[choice.column][0] == ROS_TIME:
+        if self.column_names[choice.column] == ROS_TIME:
             if ros_nanoseconds(look(choice.column)):
                 self.notes.append(f"Column {ROS_TIME!r} has whole numbers, so time is read in ns.")
                 return Choice(choice.column, "ns")
@@ -400,7 +447,7 @@ class Assignment:
         """Assign columns with the names used in written files."""
         by_text: dict[str, list[int]] = {}
         for k in self.free:
-            by_text.setdefault(self.split[k][0], []).append(k)
+            by_text.setdefault(self.column_names[k], []).append(k)
         for part in self.reading.parts:
             for k, name in enumerate(self.names[part]):
                 for ending in READ[part]:
@@ -408,7 +455,7 @@ class Assignment:
                     if len(columns) > 1 and k not in self.given[part]:
                         raise self.repetition_error(f"{name}{ending}", len(columns))
                     if columns and k not in self.given[part]:
-                        self.assign(part, k, Choice(columns[0], self.split[columns[0]][1]))
+                        self.assign(part, k, self.choice(columns[0]))
 
     def assign_by_words(self) -> None:
         """Assign columns whose names contain a joint's name and words for a quantity."""
@@ -427,7 +474,7 @@ class Assignment:
                 continue
             key = name if part == "q" else f"{name}{READ[part][0]}"
             if len(columns) > 1:
-                cells = [self.cells[column] for column in columns]
+                cells = self.cells_of(columns)
                 raise TrajectoryError(
                     f"{self.where}: {listed(cells)} may all be {key}. Say which: {{0}}.",
                     Argument("columns", {key: cells[0]}),
@@ -441,12 +488,12 @@ class Assignment:
 
     def _columns_by_words(self) -> tuple[dict[tuple[str, int], list[int]], dict[int, str | None]]:
         """Unassigned columns by part and coordinate index, as the words of their names mean, and their units."""
-        readers = {part: NamedJoints(self.names[part]) for part in ("q", "dq")}
+        readers = {"q": NamedJoints(self.names["q"]), "dq": NamedJoints(self.names["dq"])}
         drives = NamedJoints(self.names["tau"])
         columns_of: dict[tuple[str, int], list[int]] = {}
         units: dict[int, str | None] = {}
         for k in self.free:
-            text, unit = self.split[k]
+            text = self.column_names[k]
             for kind, reader in readers.items():
                 meaning = reader.meaning(text)
                 if self.of_motors and kind == "dq" and (meaning is None or meaning.part in ("tau", CURRENT)):
@@ -455,14 +502,14 @@ class Assignment:
                     continue
                 if (meaning.part == "q") == (kind == "q"):
                     columns_of.setdefault((meaning.part, meaning.name), []).append(k)
-                    units[k] = unit or meaning.unit or ("A" if meaning.part == CURRENT else None)
+                    units[k] = self.units[k] or meaning.unit or _DEFAULT_UNITS.get(meaning.part)
                     break
         return columns_of, units
 
     def assign_by_rules(self, others: Sequence[str]) -> None:
         """Assign columns by the first rule that matches all joints; ``others`` are joints without a coordinate."""
-        texts = {k: self.split[k][0] for k in self.free}
-        for part, group in candidates(texts).items():
+        names = self.free_names()
+        for part, group in candidates(names).items():
             if part == CURRENT and not self.reading.gain:
                 continue
             cells = self.assign_group(part, group, others)
@@ -470,8 +517,7 @@ class Assignment:
                 self.degrees = True
                 self.notes.append(f"Columns named {cells[0]} … {cells[-1]} are in degrees, as their maker writes them.")
         if self.reading.commands:
-            free_texts = {k: text for k, text in texts.items() if k in self.free}
-            for commands in command_candidates(free_texts):
+            for commands in command_candidates(self.free_names()):
                 self.assign_group("command", commands, others)
 
     def assign_group(self, meaning: str, group: Sequence[Candidate], others: Sequence[str]) -> list[str]:
@@ -482,36 +528,40 @@ class Assignment:
         part = "tau" if meaning == CURRENT else meaning
         if self.given[part].keys() - self.requested_names[part]:
             return []
-        remaining = [k for k in range(len(self.names[part])) if k not in self.given[part]]
+        remaining = self.without_column(part)
         names = [self.names[part][k] for k in remaining]
         rule, columns = _match_by_rules(group, names, others)
         if not columns:
             return []
-        for k, (column, _, unit) in zip(remaining, columns, strict=True):
-            default_unit = "A" if meaning == CURRENT else None
-            self.assign(part, k, Choice(column, self.split[column][1] or unit or default_unit))
-        cells = [self.cells[column.column] for column in columns]
-        if len(cells) > 1:
-            suffix = SUFFIX[part] if part == "command" else ""
-            pairs = listed([f"{cell} is {name}{suffix}" for cell, name in zip(cells, names, strict=True)])
-            note = f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {pairs}."
-            self.notes.append(ReadingNote(note) if rule.startswith("by ") else note)  # their order is a guess
-        else:
+        suffix = SUFFIX["command"] if part == "command" else ""
+        cells, pairs = [], []
+        for k, name, (column, _, unit) in zip(remaining, names, columns, strict=True):
+            cell = self.cells[column]
+            self.assign(part, k, Choice(column, self.units[column] or unit or _DEFAULT_UNITS.get(meaning)))
+            cells.append(cell)
+            pairs.append(f"{cell} is {name}{suffix}")
+        if len(cells) == 1:
             self.notes.append(f"Column {cells[0]!r} is taken to be that of {names[0]}, the only joint.")
+            return cells
+        note = f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {listed(pairs)}."
+        if rule.startswith("by "):
+            note = ReadingNote(note)  # their order is not a guess
+        self.notes.append(note)
         return cells
 
     def rising_time(self, look: Callable[[int], Array]) -> Choice | None:
         """The only unassigned column that increases in every row; None if a rate is given, or without a unique one."""
         if self.reading.rate is not None:
             return None
-        rising = rising_columns({k: self.cells[k] for k in self.free}, look)
+        rising = rising_columns(dict(zip(self.free, self.cells_of(self.free), strict=True)), look)
         if len(rising) != 1:
             return None
-        self.free.remove(rising[0])
+        choice = self.choice(rising[0])
+        self.use(choice.column)
         self.notes.append(
-            f"Column {self.cells[rising[0]]!r} is taken to be the time, the only one that rises in every row."
+            f"Column {self.cells[choice.column]!r} is taken to be the time, the only one that rises in every row."
         )
-        return Choice(rising[0], self.split[rising[0]][1])
+        return choice
 
     def usual_rate(self) -> str:
         """Hint for the error message: usual sampling rate of recordings without a time column."""
@@ -551,12 +601,12 @@ class Assignment:
         elif similar:
             name, cell = next(iter(similar.items()))
             hint = f" Column {cell!r} is not a joint of this robot. Did you mean {name!r}?"
-        joints = list(dict.fromkeys(_joint(name) for name in missing))
+        joints = list(dict.fromkeys(map(_joint, missing)))
         locked = ["PATTERN*"]
         if len(joints) <= _MAX_LISTED_JOINTS and not all_missing:
             locked = joints
         remedy = "; or hold joints still that never move, when the robot is loaded: {1}"
-        if any(name not in missing for name in joints):  # a joint of several coordinates, which no option holds still
+        if not {*joints} <= {*missing}:  # a joint of several coordinates, which no option holds still
             remedy = "; if the pose of the base was not logged, load the robot with its base fixed"
         if not all_missing and unused:
             remedy = f" (columns that vary and are not used: {listed(unused)})"
@@ -572,9 +622,9 @@ class Assignment:
     ) -> TrajectoryError:
         """Error for joints without a column in a file with as many columns that differ by a number."""
         hint = f" Columns {in_order[0]} … {in_order[-1]} match no joint by name. If they are the joints in order:"
-        largest = max(np.abs(look(self.cells.index(cell))).max() for cell in in_order)
+        first_values = [look(self.cells.index(cell)) for cell in in_order]
         options = "{0}"
-        if largest > math.tau and not self.degrees:
+        if np.abs(np.concatenate(first_values)).max() > math.tau and not self.degrees:
             options += " {1}"
         if timeless:
             options += f", and {{2}}{self.usual_rate()} in place of the column of time if there is none"
@@ -590,27 +640,29 @@ class Assignment:
 
         Columns fit by name, if no ``unused`` one may be another joint's, or by a rule that matches all joints of one arm.
         """
-        names = self.names["q"]
-        arms = [np.array(names, object)[list(arm)].tolist() for arm in self.arms]
-        group = self._fitting_arms(arms, unused)
+        group = self._fitting_arms(unused)
         if group is None:
             return []
-        beside = [name for name in names if name not in group]
-        if len(beside) > _MAX_JOINTS_BESIDE or any(_joint(name) != name for name in beside):
+        beside = self.joints_beside(group)
+        if len(beside) > _MAX_JOINTS_BESIDE or beside != list(map(_joint, beside)):
             return []
         return list(group)
+
+    def joints_beside(self, group: Sequence[str]) -> list[str]:
+        """Coordinates that are not of a group."""
+        return [name for name in self.names["q"] if name not in group]
 
     def arm_error(self, missing: Sequence[str], unused: Sequence[str]) -> TrajectoryError | None:
         """Error for a log of an arm, or of all arms, of a robot that has joints beside them; None for other logs."""
         group = self.logged_arm(unused)
         if not group:
             return None
-        beside = [name for name in self.names["q"] if name not in group]
-        count = sum(len(arm) for arm in self.arms)
-        if len(group) < count:
+        beside = self.joints_beside(group)
+        which = "the arms"
+        if len(group) < sum(map(len, self.arms)):
             which = f"one arm, {group[0]} to {group[-1]}"
-        else:
-            which = "the arms" if count > len(self.arms[0]) else "the arm"
+        elif len(self.arms) == 1:
+            which = "the arm"
         others, have = beside[-1], "has"
         if len(beside) > 1:
             others, have = f"{', '.join(beside[:-1])} and {beside[-1]}", "have"
@@ -624,29 +676,33 @@ class Assignment:
             Argument("columns", columns),
         )
 
-    def _fitting_arms(self, arms: Sequence[Sequence[str]], unused: Sequence[str]) -> Sequence[str] | None:
+    def _fitting_arms(self, unused: Sequence[str]) -> Sequence[str] | None:
         """Joints of the only arm, or of all arms, whose columns the log has; None without one, or without other joints."""
-        count = len(self.names["q"])
-        fitting = [arm for arm in arms if len(arm) < count and self.has_columns_of(arm, unused)]
+        names = self.names["q"]
+        fitting, joints_of_arms = list[list[str]](), list[str]()
+        for arm in self.arms:
+            joints = [names[k] for k in arm]
+            joints_of_arms += joints
+            if len(joints) < len(names) and self.has_columns_of(joints, unused):
+                fitting.append(joints)
         if len(fitting) == 1:
             return fitting[0]
-        all_arms = [name for arm in arms for name in arm]
-        if not fitting and len(arms) > 1 and len(all_arms) < count and self.has_columns_of(all_arms, unused):
-            return all_arms
-        return None
+        if fitting or len(self.arms) < 2 or len(joints_of_arms) >= len(names):
+            return None
+        return joints_of_arms if self.has_columns_of(joints_of_arms, unused) else None
 
     def has_columns_of(self, group: Sequence[str], unused: Sequence[str]) -> bool:
         """True if the columns are those of the positions of a group of joints, by name or by a rule that matches all."""
         names = self.names["q"]
         if self.given["q"]:
             return not unused and {names[k] for k in self.given["q"]} == {*group}
-        columns = candidates({k: self.split[k][0] for k in self.free}).get("q", [])
-        others = [*self.reading.locked, *(name for name in names if name not in group)]
-        return any(rule(columns, group, others) for rule in RULES.values())
+        columns = candidates(self.free_names()).get("q", [])
+        _, matches = _match_by_rules(columns, group, [*self.reading.locked, *self.joints_beside(group)])
+        return bool(matches)
 
     def check_complete(self, look: Callable[[int], Array]) -> None:
         """Raise TrajectoryError if time, coordinates or rates are missing; ``look`` returns a column's numbers."""
-        missing = [name for k, name in enumerate(self.names["q"]) if k not in self.given["q"]]
+        missing = [self.names["q"][k] for k in self.without_column("q")]
         timeless = self.time is None and self.reading.rate is None
         if missing:
             raise self.without_columns(missing, look, timeless=timeless)
@@ -658,7 +714,7 @@ class Assignment:
                 Argument("rate", Placeholder("HZ")),
             )
         for part in ("dq", "ddq"):
-            absent = [f"{name}{SUFFIX[part]}" for k, name in enumerate(self.names[part]) if k not in self.given[part]]
+            absent = [self.names[part][k] + SUFFIX[part] for k in self.without_column(part)]
             if absent and len(absent) < len(self.names[part]):
                 raise TrajectoryError(
                     f"{self.where}: no column {listed(absent)}, although others of its kind are there.{self._hint_at(absent)} "
@@ -669,8 +725,11 @@ class Assignment:
 
     def _hint_at(self, absent: Sequence[str]) -> str:
         """Hint at the first absent name that is similar to an unread column; empty without one."""
-        suggestions = [_suggestion(cell, absent) for cell in self.extra]
-        return next(filter(None, suggestions), "")
+        for cell in self.extra:
+            suggestion = _suggestion(cell, absent)
+            if suggestion:
+                return suggestion
+        return ""
 
 
 def _suggestion(name: str, choices: Sequence[str]) -> str:
@@ -700,7 +759,10 @@ def _match_by_rules(
 
 def belongs(text: str, locked: Sequence[str]) -> bool:
     """True if the name of a column is that of a locked joint, or of a quantity of it."""
-    return any(text == j or text.startswith(f"{j}.") for j in locked) or NamedJoints(locked).meaning(text) is not None
+    for joint in locked:
+        if text == joint or text.startswith(f"{joint}."):
+            return True
+    return NamedJoints(locked).meaning(text) is not None
 
 
 def absent_joints(
@@ -713,22 +775,20 @@ def absent_joints(
     """Joints without a position column in this header, by name or by ``columns``."""
     assignment = Assignment(cells, "", coordinates, Reading(path))
     names = list(assignment.names["q"])
-    for key in assignment.entries_for_log(columns, {*names, *(f"{name}.pos" for name in names)}):
-        if key.removesuffix(".pos") in names:
-            assignment.given["q"][names.index(key.removesuffix(".pos"))] = Choice(0)
+    keys = {f"{name}.pos": name for name in names} | dict(zip(names, names, strict=True))
+    for key in assignment.entries_for_log(columns, keys):
+        if key in keys:
+            assignment.given["q"][names.index(keys[key])] = Choice(0)
     assignment.assign_by_exact_name()
     assignment.assign_by_words()
     present = {names[k] for k in assignment.given["q"]}
     if not present:
-        texts = {k: assignment.split[k][0] for k in assignment.free}
-        matches = match_most_by_prefix(candidates(texts).get("q", []), names)
+        matches = match_most_by_prefix(candidates(assignment.free_names()).get("q", []), names)
         present = {name for name, column in zip(names, matches, strict=True) if column is not None}
-    present = present or {*assignment.logged_arm(unused=())}
-
-    def is_present(joint: str) -> bool:
-        return any(name == joint or name.startswith(f"{joint}.") for name in present)
-
-    return tuple(joint for joint in joints if not is_present(joint))
+    if not present:
+        present = {*assignment.logged_arm(unused=())}
+    joints_present = {*present, *map(_joint, present)}
+    return tuple(joint for joint in joints if joint not in joints_present)
 
 
 class MimicJointColumn(NamedTuple):
@@ -745,7 +805,9 @@ def _is_angular(part: str, coordinates: Coordinates, *, of_motors: bool) -> list
     """True for each coordinate, velocity or drive of a part of the motion that is an angle or a torque."""
     if part == "tau" and of_motors:
         return list(coordinates.drive_turns)
-    return (coordinates.angular if part == "q" else coordinates.angular_velocity).tolist()
+    if part == "q":
+        return coordinates.angular.tolist()
+    return coordinates.angular_velocity.tolist()
 
 
 @dataclass(frozen=True, eq=False)
@@ -802,17 +864,20 @@ class Columns:
         """
         assignment = Assignment.from_header(header, coordinates, where, reading, look)
         choices_of = assignment.choices()
-        used, unit, counted = [], None, assignment.time is None
+        unit, counted = None, assignment.time is None
+        all_read = list(itertools.chain(*choices_of.values()))
+        all_read += [choice for _, choice in assignment.mimic_joints]
         if assignment.time is not None:
-            used, unit = [assignment.time.column], assignment.time.unit
-        for choices in choices_of.values():
-            used += [choice.column for choice in choices if choice is not _NO_COLUMN]
-        used += [choice.column for _, choice in assignment.mimic_joints]
-        position = {column: k + counted for k, column in enumerate(used)} | {_NO_COLUMN.column: _NO_COLUMN.column}
+            unit = assignment.time.unit
+            all_read.insert(0, assignment.time)
+        used = [choice.column for choice in all_read if choice is not _NO_COLUMN]
+        position_of = np.full(len(header) + 1, _NO_COLUMN.column)  # index in the table; the last entry is of _NO_COLUMN
+        position_of[used] = np.arange(len(used)) + counted
         places: dict[str, Array | None] = {}
         factors = {}
         for part, choices in choices_of.items():
-            places[part] = np.array([position[choice.column] for choice in choices], int) if choices else None
+            columns = [choice.column for choice in choices]
+            places[part] = position_of[columns] if columns else None
             angular = _is_angular(part, coordinates, of_motors=assignment.of_motors)
             all_choices = choices or [_NO_COLUMN] * len(angular)
             factors_of_part = []
@@ -825,10 +890,11 @@ class Columns:
         mimic_joints = []
         for follower, choice in assignment.mimic_joints:
             factor = assignment.factor(choice, "q", follower.angular)
-            mimic_joints.append(MimicJointColumn(follower, position[choice.column], factor))
-        q_positions = np.array([position[choice.column] for choice in choices_of["q"]], int)
+            mimic_joints.append(MimicJointColumn(follower, int(position_of[choice.column]), factor))
+        q_choices = choices_of["q"]
+        q_positions = position_of[[choice.column for choice in q_choices]]
         return cls(
-            header=(*["time"] * counted, *(header[k] for k in used)),
+            header=(*["time"] * counted, *assignment.cells_of(used)),
             used=tuple(used),
             time=0,
             seconds=seconds,
@@ -837,7 +903,7 @@ class Columns:
             places=places,
             factors=factors,
             angle=np.where(coordinates.angular, factors["q"], 1.0),
-            angle_stated=np.array([choice.unit is not None for choice in choices_of["q"]], bool),
+            angle_stated=np.array([choice.unit is not None for choice in q_choices], bool),
             of_locked=tuple(assignment.of_locked),
             extra=tuple(assignment.extra),
             quaternions=tuple(q_positions[part] for part in coordinates.quaternions),

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.doubts import Doubt, doubt, doubt_table
+from ..core.doubts import Doubt, Level, doubt, doubt_table
 from ..core.estimation.logged_rates import rate_delays, rate_scales
 from ..core.estimation.sampling import Gap, dropouts, gaps, late_by_turns, new_rows, spikes
 from ..core.estimation.single_row_glitches import OVERLAP, SingleRowGlitches
@@ -68,7 +68,9 @@ def angle_doubts(
             return [_too_far(names, size, limits, reach, far, level="note")]
     if not small:
         return []
-    level: Any = None if degrees.sum() >= _MIN_JOINTS_IN_DEGREES else "note"
+    level: Level | None = None
+    if degrees.sum() < _MIN_JOINTS_IN_DEGREES:
+        level = "note"
     return [doubt("degrees-option", level=level, angle=printed(written[degrees].max(), 3))]
 
 
@@ -96,12 +98,15 @@ def _stop_doubts(
     least, largest = read_as_degrees
     inside = ~stopped | ((least >= lower - _BEYOND_STOP) & (largest <= upper + _BEYOND_STOP))
     unexplained = beyond & ~wound
-    joints = names_of(names, unexplained if unexplained.any() else beyond)
+    if not unexplained.any():
+        joints = names_of(names, beyond)
+        level: Level = "unsure"
+        if origin == "log":
+            level = "note"
+        return [doubt("wound", joints, joints_=listed(joints, 6), level=level)]
+    joints = names_of(names, unexplained)
     words = _stop_words(names, extent, limits, past)
     words |= {"past": f"{printed(math.degrees(past.max()), 3)} degrees", "unit": "rad"}
-    if not unexplained.any():
-        level: Any = "note" if origin == "log" else "unsure"
-        return [doubt("wound", joints, joints_=listed(joints, 6), level=level)]
     if beyond.sum() > 1 and inside.all():
         return [doubt("degrees-inside", joints, count=f"{beyond.sum()}", **words)]
     return [doubt("zero-or-direction", joints, **words)]
@@ -121,7 +126,9 @@ def length_doubts(names: Sequence[str], extent: Array, limits: tuple[Array, Arra
     words = _stop_words(names, extent, limits, past)
     words |= {"past": f"{printed(past.max(), 3)} m", "unit": "m"}
     many_strokes = (past[beyond] > _STROKES * range_[beyond]).any()
-    kind = "millimetres-inside" if many_strokes and inside.all() else "zero-or-direction"
+    kind = "zero-or-direction"
+    if many_strokes and inside.all():
+        kind = "millimetres-inside"
     return [doubt(kind, names_of(names, beyond), **words)]
 
 
@@ -148,9 +155,10 @@ def _too_far(
     if np.isfinite(reach[k]):
         limit = f", and its limits are at {printed(limits[0][k], 3)} and {printed(limits[1][k], 3)}"
     others = int(far.sum()) - 1
-    if others:
-        verb = "s are" if others > 1 else " is"
-        more = f", and {others} more joint{verb} as far out"
+    if others == 1:
+        more = ", and 1 more joint is as far out"
+    elif others:
+        more = f", and {others} more joints are as far out"
     if (size[far] * _DEGREE <= _REACH_TOLERANCE * reach[far]).all():
         question, counts = f"Did you mean {spell(Argument('degrees', True))}? Or are", ""
     return doubt(
@@ -166,12 +174,13 @@ def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: b
     """Doubts about glitches of each joint and wrong time stamps; notes if the rows are ``left_out``."""
     doubts = []
     for k, joint_glitches in glitches.result():
-        positions = [glitch for glitch in joint_glitches if not glitch.late]
-        if positions:
-            size = positions[0].size
-            text = f"{printed(math.degrees(size), 3)} degrees" if glitches.turns[k] else f"{printed(size, 3)} m"
-            when = listed((f"{seconds(glitch.time, 4)} s" for glitch in positions), _MAX_LISTED_TIMES)
-            words = {"joint": names[k], "size": text, "when": when}
+        in_position = [glitch for glitch in joint_glitches if not glitch.late]
+        if in_position:
+            size = in_position[0].size
+            text = f"{printed(size, 3)} m"
+            if glitches.turns[k]:
+                text = f"{printed(math.degrees(size), 3)} degrees"
+            words = {"joint": names[k], "size": text, "when": _times_text(glitch.time for glitch in in_position)}
             doubts.append(_row_doubt("single-row", [names[k]], words, left_out=left_out))
     return [*doubts, *stamp_doubts(glitches.stamps(), left_out=left_out)]
 
@@ -181,13 +190,18 @@ def stamp_doubts(stamps: Mapping[float, float], *, left_out: bool = False) -> li
     if not stamps:
         return []
     delay = max(stamps.values(), key=abs)
-    words = {
-        "rows": f"{len(stamps)} rows" if len(stamps) > 1 else "1 row",
-        "when": listed((f"{seconds(time, 4)} s" for time in stamps), _MAX_LISTED_TIMES),
-        "late": seconds(abs(delay)),
-        "way": "late" if delay > 0 else "early",
-    }
+    rows, direction = "1 row", "early"
+    if len(stamps) > 1:
+        rows = f"{len(stamps)} rows"
+    if delay > 0:
+        direction = "late"
+    words = {"rows": rows, "when": _times_text(stamps), "late": seconds(abs(delay)), "way": direction}
     return [_row_doubt("stamp", [], words, left_out=left_out)]
+
+
+def _times_text(times: Iterable[float]) -> str:
+    """First times [s] of a list."""
+    return listed((f"{seconds(time, 4)} s" for time in times), _MAX_LISTED_TIMES)
 
 
 def _row_doubt(kind: str, joints: Sequence[str], words: Mapping[str, Any], *, left_out: bool) -> Doubt:
@@ -206,18 +220,20 @@ _NEGLIGIBLE_GAIN = 0.02
 def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
     """Text on a rate column by its scale against the slope of ``base``; ``per`` is the suffix of the unit, such as /s."""
     slope = f"the slope of the {base}"
-    factors = [(printed(factor), factor, f"time seems to be in {unit}") for factor, unit in _CLOCKS.items()]
-    factors.append(("1/1000", 1e-3, "time, or the column, seems to be in another unit"))
+    causes = {}
+    for factor, unit in _CLOCKS.items():
+        causes[factor] = printed(factor), f"time seems to be in {unit}"
+    causes[1e-3] = "1/1000", "time, or the column, seems to be in another unit"
     if angular:
         in_degrees = f"it seems to be in deg{per}; name the unit, as in 'JOINT [deg{per}]'"
         base_in_degrees = "the positions seem to be in degrees; name the unit, as in 'JOINT [deg]'"
-        factors.append(("57.3", _DEGREES_PER_RADIAN, in_degrees))
-        factors.append(("1/57.3", 1 / _DEGREES_PER_RADIAN, base_in_degrees))
+        causes[_DEGREES_PER_RADIAN] = "57.3", in_degrees
+        causes[1 / _DEGREES_PER_RADIAN] = "1/57.3", base_in_degrees
         if per == "/s":
-            factors.append(("9.55", _RPM, "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"))
+            causes[_RPM] = "9.55", "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"
     else:
-        factors[0] = ("1000", 1e3, f"time seems to be in ms, or the column in mm{per}")
-    for text, factor, reason in factors:
+        causes[1e3] = "1000", f"time seems to be in ms, or the column in mm{per}"
+    for factor, (text, reason) in causes.items():
         if _is_about(gain, factor):
             return f"is {text} times {slope}: {reason}"
     if math.isinf(gain):
@@ -230,7 +246,13 @@ def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
 
 
 def _is_about(gain: float, factor: float) -> bool:
+    """True if a gain is a factor between units."""
     return abs(gain / factor - 1.0) < _FACTOR_TOLERANCE
+
+
+def _is_of_clock(gain: float) -> bool:
+    """True if time in another unit explains a gain."""
+    return math.isfinite(gain) and any(_is_about(gain, factor) for factor in _CLOCKS)
 
 
 _ALLOWED_GAINS = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
@@ -274,12 +296,16 @@ class Contradictions:
         ``may_count_rows``: the column of time neither names a unit nor counts from 1970.
         """
         count = len(coordinates.names)
-        self._factor = np.ones(count) if angle is None else angle
-        self._stated = np.zeros(count, bool) if angle_stated is None else angle_stated
-        self._names = coordinates.velocity_names
+        self._factor, self._stated = np.ones(count), np.zeros(count, bool)
+        if angle is not None:
+            self._factor = angle
+        if angle_stated is not None:
+            self._stated = angle_stated
+        self._names = np.array(coordinates.velocity_names, object)
         self._angular = coordinates.angular_velocity
         self._single = np.flatnonzero(coordinates.position_of >= 0)
-        self._own = [self._names[k] for k in self._single.tolist()]
+        self._own = self._names[self._single].tolist()
+        """Names of the checked entries."""
         self.places = coordinates.position_of[self._single]
         """(k,) indices in q of the checked entries: joints with one coordinate."""
         self._turns = coordinates.angular[self.places]
@@ -335,13 +361,16 @@ class Contradictions:
 
     def doubts(self, limits: Limits | None = None, *, glitches: bool = True, origin: str = "either") -> list[Doubt]:
         """All doubts and notes; velocity limits distinguish a jump from a fast motion. ``origin``: plan, log or either."""
-        doubts = time_doubts = self.time_doubts(limits)
-        doubts = doubts + self._angle_doubts(limits, origin) + self._length_doubts(limits, origin)
-        if not any(found.refuses for found in doubts[len(time_doubts) :]):
+        time_doubts = self.time_doubts(limits)
+        unit_doubts = self._angle_doubts(limits, origin) + self._length_doubts(limits, origin)
+        doubts = time_doubts + unit_doubts
+        if not any(found.refuses for found in unit_doubts):
             doubts += [*self._jump_doubts(limits), *self._turn_doubts(limits)]
             if glitches:
                 doubts += row_doubts(self.glitches, self._own)
-        delays = np.zeros(len(self._single)) if time_doubts else self._delays
+        delays = np.zeros(len(self._single))
+        if not time_doubts:
+            delays = self._delays
         doubts += self.rate_doubts(time_doubted=bool(time_doubts), late=delays != 0.0)
         doubts += self._delay_doubts(delays)
         if not time_doubts:
@@ -349,18 +378,20 @@ class Contradictions:
         return doubts + self._sampling
 
     def _length_doubts(self, limits: Limits | None, origin: str) -> list[Doubt]:
-        k = self._single[~self._turns]
-        if limits is None or not k.size:
+        slides = self._single[~self._turns]
+        if limits is None or not slides.size:
             return []
-        names = [self._names[j] for j in k.tolist()]
-        return length_doubts(names, self._range[:, ~self._turns], (limits.lower[k], limits.upper[k]), origin)
+        stops = limits.lower[slides], limits.upper[slides]
+        return length_doubts(self._names[slides].tolist(), self._range[:, ~self._turns], stops, origin)
 
     def _angle_doubts(self, limits: Limits | None, origin: str) -> list[Doubt]:
         turns = self._turns
-        k, places, bounded = self._single[turns], self.places[turns], self._bounded[turns]
-        lower = np.where(bounded, -np.inf if limits is None else limits.lower[k], -np.inf)
-        upper = np.where(bounded, np.inf if limits is None else limits.upper[k], np.inf)
-        names = [self._names[j] for j in k.tolist()]
+        places, bounded = self.places[turns], self._bounded[turns]
+        lower, upper = np.full(len(places), -np.inf), np.full(len(places), np.inf)
+        if limits is not None:
+            bounded_joints = self._single[turns][bounded]
+            lower[bounded], upper[bounded] = limits.lower[bounded_joints], limits.upper[bounded_joints]
+        names = self._names[self._single[turns]].tolist()
         stated = self._stated[places]
         return angle_doubts(names, self._range[:, turns], (lower, upper), self._factor[places], stated, origin)
 
@@ -375,11 +406,11 @@ class Contradictions:
             unit, factor = "ms", 1e3
         elif step < 5e5:
             unit, factor = "us", 1e6
-        velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
-        velocity = known_velocities(velocity, self._turns)
         if not self._keeps_speed(factor, limits):
             return []  # in that unit the motion would exceed the robot's limits
-        share = float((self._speed / velocity)[moving].max()) if np.isfinite(velocity[moving]).all() else math.inf
+        velocity, share = self._velocity_limits(limits)[moving], math.inf
+        if np.isfinite(velocity).all():
+            share = float((self._speed[moving] / velocity).max())
         if step >= _LONG_STEP and self._move.max(initial=0.0) < _SHORT_MOVE:
             why = f"within one no joint moves by more than {printed(self._move.max(), 2)} rad or m"
         elif step >= _SLOW_STEP and share < _SLOW_SHARE:
@@ -387,8 +418,9 @@ class Contradictions:
         else:
             return []
         why = f"the usual step of time is {printed(step, 4)} s, and {why}"
-        by = spell(Argument("rate", Placeholder("HZ")))
-        rate = f"; if it counts rows, give their rate by {by}" if self._counts_rows else ""
+        rate = ""
+        if self._counts_rows:
+            rate = f"; if it counts rows, give their rate by {spell(Argument('rate', Placeholder('HZ')))}"
         return [
             doubt("time-unit", why=why, unit=unit, rate=rate, column=Argument("columns", {"time": f"COLUMN [{unit}]"}))
         ]
@@ -409,15 +441,23 @@ class Contradictions:
 
     def _keeps_speed(self, factor: float, limits: Limits | None) -> bool:
         """True if no joint is faster than a robot's can be when its speeds are multiplied by ``factor``."""
-        velocity = np.full(len(self._single), np.inf) if limits is None else limits.velocity[self._single]
-        velocity = known_velocities(velocity, self._turns)
-        return bool(
-            (factor * self._speed <= np.where(np.isfinite(velocity), _MAX_SPEED_OF_LIMIT * velocity, _MAX_SPEED)).all()
-        )
+        velocity = self._velocity_limits(limits)
+        max_speed = np.where(np.isfinite(velocity), _MAX_SPEED_OF_LIMIT * velocity, _MAX_SPEED)
+        return bool((factor * self._speed <= max_speed).all())
+
+    def _velocity_limits(self, limits: Limits | None) -> Array:
+        """Velocity limits (k,) of the checked entries, infinite if none is known."""
+        velocity = np.full(len(self._single), np.inf)
+        if limits is not None:
+            velocity = limits.velocity[self._single]
+        return known_velocities(velocity, self._turns)
 
     @property
     def _usual_step(self) -> float:
-        return float(np.median(self._usual)) if self._usual else 0.0
+        """Median time step [s]; 0 without rows."""
+        if not self._usual:
+            return 0.0
+        return float(np.median(self._usual))
 
     def _stays_in_a_turn(self) -> Array:
         least, most = self._range
@@ -447,7 +487,9 @@ class Contradictions:
     def _turn_doubts(self, limits: Limits | None) -> Iterator[Doubt]:
         """Notes on added turns, and doubts about joints that exceed their limits with any number of turns."""
         for k in np.flatnonzero((self._wraps > 0) & self._stays_in_a_turn()).tolist():
-            name, count = self._own[k], f"{self._wraps[k]} times" if self._wraps[k] > 1 else "1 time"
+            name, count = self._own[k], "1 time"
+            if self._wraps[k] > 1:
+                count = f"{self._wraps[k]} times"
             yield doubt("turned-on", [name], joint=name, count=count, time=seconds(self._wrapped[k][1], 4))
             if limits is None:
                 continue
@@ -506,8 +548,10 @@ class Contradictions:
             ("acceleration", all_joints, "velocities"),
             ("derived", self._single, "positions' velocities"),
         ):
-            angular, rate = self._angular[joints], "velocity" if kind == "velocity" else "acceleration"
-            names = [self._names[k] for k in joints.tolist()]
+            angular, rate = self._angular[joints], "acceleration"
+            if kind == "velocity":
+                rate = "velocity"
+            names = self._names[joints].tolist()
             scales.append((rate, base, names, angular, rate_scales(self._beside(kind), angular)))
         return scales
 
@@ -518,17 +562,20 @@ class Contradictions:
         """
         doubts = []
         for rate, base, names, angular, scales in self._scales:
-            gains = np.where(late, 1.0, scales) if rate == "velocity" and late is not None else scales
-            per = "/s" if rate == "velocity" else "/s^2"
+            gains, per = scales, "/s^2"
+            if rate == "velocity":
+                per = "/s"
+                if late is not None:
+                    gains = np.where(late, 1.0, scales)
             least, largest = _ALLOWED_GAINS[rate]
             joints_of: dict[str, list[str]] = {}  # by the text on their gain
             for k in np.flatnonzero(~((gains > least) & (gains < largest))).tolist():
-                explained_by_time = math.isfinite(gains[k]) and any(_is_about(gains[k], f) for f in _CLOCKS)
-                if time_doubted and explained_by_time:
+                if time_doubted and _is_of_clock(gains[k]):
                     continue
                 text = scale_words(float(gains[k]), bool(angular[k]), base, per)
                 joints_of.setdefault(text, []).append(names[k])
-            doubts += [doubt("rate", joints, rate=rate, what=text) for text, joints in joints_of.items()]
+            for text, joints in joints_of.items():
+                doubts.append(doubt("rate", joints, rate=rate, what=text))
         return doubts
 
     @cached_property
@@ -537,7 +584,9 @@ class Contradictions:
         times = [rows.time for rows in self.runs]
         new_rows_of_runs = []
         for curves in self._curves:
-            rows = new_rows(curves) if curves.size else None
+            if not curves.size:
+                continue
+            rows = new_rows(curves)
             if rows is not None:
                 new_rows_of_runs.append(rows)
         if 2 * len(new_rows_of_runs) > len(times):
@@ -549,9 +598,9 @@ class Contradictions:
 
     def _repetition_doubt(self, times: Sequence[Array], new_rows_of_runs: Sequence[Array]) -> Doubt:
         """Doubt about positions that repeat in several rows, from the masks (n,) of rows with new ones."""
-        step = float(np.median(np.concatenate([np.diff(time) for time in times])))
-        rows_apart = np.concatenate([np.diff(np.flatnonzero(rows)) for rows in new_rows_of_runs])
-        apart = step * float(np.median(rows_apart))
+        step = float(np.median(np.concatenate(list(map(np.diff, times)))))
+        rows_apart = [np.diff(np.flatnonzero(rows)) for rows in new_rows_of_runs]
+        apart = step * float(np.median(np.concatenate(rows_apart)))
         return doubt(
             "repeated", rate=number(1 / apart, 3), rows=number(1 / step, 3), apart=seconds(apart, 3),
             found={"value": 1 / apart, "unit": "Hz"},
@@ -562,20 +611,28 @@ class Contradictions:
         for k, (begin, length) in self._dropouts().items():
             words: dict[str, Any] = {"from_": seconds(begin, 4), "length": number(length, 3)}
             yield doubt("dropout", [self._own[k]], found={"value": length, "unit": "s"}, **words)
-        spiky = [spikes(rows.tau) for rows in self.runs if rows.tau is not None]
-        rows, total = sum(int(mask.any(axis=1).sum()) for mask in spiky), sum(map(len, spiky))
+        masks = [spikes(rows.tau) for rows in self.runs if rows.tau is not None]
+        if not masks:
+            return
+        has_spike = np.concatenate(masks)
+        rows = int(has_spike.any(axis=1).sum())
         if rows:
-            spikes_of_joints = np.sum([mask.sum(axis=0) for mask in spiky], axis=0)
-            joint = self._names[int(spikes_of_joints.argmax())]
-            level: Any = "unsure" if rows > _MAX_SHARE_OF_SPIKES * total else "note"
+            joint = self._names[int(has_spike.sum(axis=0).argmax())]
+            level: Level = "note"
+            if rows > _MAX_SHARE_OF_SPIKES * len(has_spike):
+                level = "unsure"
             value = {"value": float(rows), "unit": "rows"}
-            yield doubt("spikes", [joint], level=level, rows=percent(rows / total, 2), joint=joint, found=value)
+            yield doubt(
+                "spikes", [joint], level=level, rows=percent(rows / len(has_spike), 2), joint=joint, found=value
+            )
 
     def _dropouts(self) -> dict[int, tuple[float, float]]:
         """Begin [s] and duration [s] of constant torques, by index among the checked joints."""
         durations = dict[int, tuple[float, float]]()
         for run, curves in zip(self.runs, self._curves, strict=True):
-            tau = np.zeros((0, len(self._single))) if run.tau is None else run.tau[:, self._single]
+            tau = np.zeros((0, len(self._single)))
+            if run.tau is not None:
+                tau = run.tau[:, self._single]
             constant = dropouts(run.time, tau, curves)
             for k in np.flatnonzero(constant.any(axis=0)).tolist():
                 begin, length = durations.get(k, (float(run.time[constant[:, k].argmax()]), 0.0))
@@ -587,7 +644,9 @@ def _gap_doubts(deviations: Sequence[Gap], times: Sequence[Array]) -> Iterator[D
     """Doubts about simultaneous deviations of all joints from their paths: buffered or missing rows."""
     if not deviations:
         return
-    turns = late_by_turns(deviations, times[0][0], times[0][-1]) if len(times) == 1 else None
+    turns = None
+    if len(times) == 1:
+        turns = late_by_turns(deviations, times[0][0], times[0][-1])
     if turns is not None:
         delay, share = turns
         yield doubt(
@@ -595,19 +654,15 @@ def _gap_doubts(deviations: Sequence[Gap], times: Sequence[Array]) -> Iterator[D
             count=len(deviations), time=seconds(deviations[0].time, 4),
         )  # fmt: skip
         return
-    repeated = [gap for gap in deviations if gap.held]
-    if repeated:
-        rows = max(gap.held for gap in repeated)
-        yield doubt("held", found={"value": float(rows), "unit": "rows"}, when=_times_text(repeated), rows=rows)
-    pauses = [gap for gap in deviations if not gap.held]
-    if not pauses:
+    time, held_rows, late = np.array([(gap.time, gap.held, gap.late) for gap in deviations]).T
+    repeated = held_rows > 0
+    if repeated.any():
+        rows = int(held_rows.max())
+        yield doubt("held", found={"value": float(rows), "unit": "rows"}, when=_times_text(time[repeated]), rows=rows)
+    pauses = ~repeated
+    if not pauses.any():
         return
-    delays = [1e3 * gap.late for gap in pauses if gap.late > 0]  # excludes missing rows
     why = "rows are missing there, and the stamps were closed up"
-    if len(delays) == len(pauses):
-        why = f"positions are {number(delays[0], 2)} ms late from there on: a clock was shifted"
-    yield doubt("pause", when=_times_text(pauses), why=why, found={"value": pauses[0].time, "unit": "s"})
-
-
-def _times_text(deviations: Sequence[Gap]) -> str:
-    return listed((f"{seconds(gap.time, 4)} s" for gap in deviations), 3)
+    if (late[pauses] > 0).all():  # where rows are missing, positions are early
+        why = f"positions are {number(1e3 * late[pauses][0], 2)} ms late from there on: a clock was shifted"
+    yield doubt("pause", when=_times_text(time[pauses]), why=why, found={"value": float(time[pauses][0]), "unit": "s"})

@@ -90,8 +90,11 @@ class Coordinates:
         names, turning = self.velocity_names, self.angular_velocity
         if part == "q":
             names, turning = self.names, self.angular
-        unit = f" [{DEGREES[part]}]" if degrees and part in DEGREES else ""
-        return [f"{name}{SUFFIX[part]}{unit if turns else ''}" for name, turns in zip(names, turning, strict=True)]
+        headers = [f"{name}{SUFFIX[part]}" for name in names]
+        if degrees and part in DEGREES:
+            for k in np.flatnonzero(turning):
+                headers[k] += f" [{DEGREES[part]}]"
+        return headers
 
     @classmethod
     def from_model(cls, model: Model) -> Coordinates:
@@ -156,16 +159,20 @@ def serial_arms(model: Model) -> tuple[tuple[int, ...], ...]:
     >>> serial_arms(tw.robots.panda().model)
     ((0, 1, 2, 3, 4, 5, 6),)
     """
-    turns = [not b.follows and b.joint.nv == 1 and bool(b.joint.turning[0]) for b in model.bodies]
-    branches = Counter(b.parent for b in model.bodies)
-    runs: dict[int, list[int]] = {}
+    children = Counter(b.parent for b in model.bodies)
+    runs: list[list[int]] = []
+    run_of_body: dict[int, list[int]] = {}
     for i, b in enumerate(model.bodies):  # parents come before their children
-        if turns[i]:
-            continues = b.parent in runs and branches[b.parent] == 1
-            runs[i] = runs[b.parent] if continues else []
-            runs[i].append(b.q_index)
-    arms = {id(run): tuple(run) for run in runs.values() if len(run) >= _MIN_JOINTS_OF_ARM}
-    return tuple(arms.values())
+        if b.follows or b.joint.nv != 1 or not b.joint.turning[0]:
+            continue
+        if b.parent in run_of_body and children[b.parent] == 1:
+            run = run_of_body[b.parent]
+        else:
+            run = []
+            runs.append(run)
+        run.append(b.q_index)
+        run_of_body[i] = run
+    return tuple(tuple(run) for run in runs if len(run) >= _MIN_JOINTS_OF_ARM)
 
 
 def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[Array, Array]:
@@ -207,8 +214,8 @@ class Continuity:
     @classmethod
     def from_parts(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float | Array = math.tau) -> Continuity:
         """Find the jumps from excerpts of q (n, nq); ``turn``, () or (nq,), is a full turn in the excerpts' units."""
-        least = np.min([x.min(axis=0, initial=math.inf) for x in parts], axis=0)
-        largest = np.max([x.max(axis=0, initial=-math.inf) for x in parts], axis=0)
+        rows = np.concatenate(parts)
+        least, largest = rows.min(axis=0, initial=math.inf), rows.max(axis=0, initial=-math.inf)
         half, spill = 0.5 * np.asarray(turn), _TURN_TOLERANCE * 0.5 * np.asarray(turn)
         about_zero = (least >= -half - spill) & (largest <= half + spill)
         from_zero = (least >= -spill) & (largest <= turn + spill)
@@ -263,9 +270,14 @@ def configuration_of(
     >>> [configuration_of(arm, given).tolist() for given in ([0.1, 0.5], {"joint2": 0.5}, "0.1,0.5", ["0.1,0", "joint2=0.5"])]
     [[0.1, 0.5], [0.0, 0.5], [0.1, 0.5], [0.1, 0.5]]
     """
-    q, name = np.array(robot.neutral if start is None else start), spell(replace(what, value=None))
+    q = robot.neutral.copy()
+    if start is not None:
+        q = np.array(start)
+    name = spell(replace(what, value=None))
     unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
-    texts = [given] if isinstance(given, str) else given
+    texts = given
+    if isinstance(texts, str):
+        texts = [texts]
     if texts is None:
         return q
     if isinstance(texts, Mapping):
@@ -311,14 +323,18 @@ def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array
 
 def _first_names(names: Sequence[str], separator: str) -> str:
     """At most eight names, with an ellipsis for others."""
-    ending = f"{separator}…" if len(names) > 8 else ""
-    return f"{separator.join(names[:8])}{ending}"
+    shown = list(names[:8])
+    if len(names) > 8:
+        shown.append("…")
+    return separator.join(shown)
 
 
 def _example(robot: Robot) -> str:
     """Example JOINT=VALUE with a joint of one coordinate; a free joint needs seven."""
-    single = [body.joint.name for body in robot.model.leaders if body.joint.nq == 1]
-    return f"{single[0] if single else 'joint1'}=0.5"
+    for body in robot.model.leaders:
+        if body.joint.nq == 1:
+            return f"{body.joint.name}=0.5"
+    return "joint1=0.5"
 
 
 def degrees_hint(robot: Robot, q: Array) -> str:
@@ -358,8 +374,12 @@ def _numbers_by_joint(
     numbers_of = []
     for joint, value in arguments.assignments(texts, option, f"JOINT=VALUE, for example {_example(robot)}").items():
         body = _joint(robot, joint)
-        count = body.joint.nv if velocities else body.joint.nq
-        form = f"{count} number{'s' if count > 1 else ''}"
+        count = body.joint.nq
+        if velocities:
+            count = body.joint.nv
+        form = f"{count} numbers"
+        if count == 1:
+            form = "1 number"
         numbers_of.append((body, arguments.parse_numbers(value, f"{option} {joint}", form, count)))
     return numbers_of
 

@@ -181,8 +181,6 @@ def _weight_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
     return [doubt("effort-weight", [name], joint=name, times=number(float(share[k]), 2))]
 
 
-# ── Efforts that are not those of motors
-
 _MIN_WEIGHT_SHARE = 0.15
 """Gravity torque over effort below which efforts are doubted; real arms have 0.25 to 0.83."""
 _NO_WEIGHT = 1e-6
@@ -276,8 +274,6 @@ def arm_entries(model: Model) -> list[int]:
             entries.append(body.v_index)
     return entries if all(depth(k) <= _MAX_FINGER_JOINTS for k in children[end]) else []
 
-
-# ── Loads
 
 _MAX_MASS_RATIO = 100.0
 """Mass of a load over the robot's moving mass above which a unit is doubted; arms carry up to their mass, cranes ten times."""

@@ -59,7 +59,9 @@ def limits_remedy(robot: str = "ROBOT") -> str:
             name = path.stem
         elif unknown:
             name = "ROBOT"
-        quote = '"' if "'" in name else "'"
+        quote = "'"
+        if quote in name:
+            quote = '"'
         command = f"{quote}twistwrench info {name} {spell(Argument('csv', 'limits.csv'))}{quote}"
     else:
         argument = repr(str(path))
@@ -94,14 +96,14 @@ def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
 def drives_without_limit(model: Model, effort: ArrayLike, peaks: ArrayLike) -> list[str]:
     """Names of the drives that are loaded by ``peaks`` (nv,) and have no limit in ``effort`` (nv,)."""
     missing = loaded_entries(model, peaks) & ~np.isfinite(effort)
-    return [name for name, none in zip(model.drive_labels, missing, strict=True) if none]
+    return np.array(model.drive_labels, object)[missing].tolist()
 
 
 def without_velocity_limit(model: Model, limits: Limits) -> list[str]:
     """Driven joints whose velocity limit is missing or implausibly large."""
     turning = Coordinates.from_model(model).angular_velocity
     unknown = ~np.isfinite(known_velocities(limits.velocity, turning))
-    return [name for name, none in zip(model.velocity_names, driven_entries(model) & unknown, strict=True) if none]
+    return np.array(model.velocity_names, object)[driven_entries(model) & unknown].tolist()
 
 
 def placeholder_doubt(robot: Robot, limits: Limits) -> str:
@@ -126,14 +128,17 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
     loaded = loaded_entries(model, peaks)
     missing = drives_without_limit(model, limits.effort, peaks)
     if missing:
+        remedy = limits_remedy(model.source)
         coupled_motors = {*model.drive_labels} - {*model.velocity_names}
-        remedy = _OF_MOTORS if coupled_motors & {*missing} else limits_remedy(model.source)
+        if coupled_motors & {*missing}:
+            remedy = _OF_MOTORS
         joints = _joints_text(missing, int(loaded.sum()))
         sentences.append(Reason(sentence("unlimited", joints=joints, remedy=remedy), remedy))
     unconfirmed = loaded & ~limits.has_unit("effort")
-    doubt = placeholder_doubt(robot, limits) if unconfirmed.any() else ""
-    if doubt:
-        sentences.append(doubt)
+    if unconfirmed.any():
+        doubt = placeholder_doubt(robot, limits)
+        if doubt:
+            sentences.append(doubt)
     return sentences
 
 
@@ -141,7 +146,9 @@ def _joints_text(missing: Sequence[str], count: int) -> str:
     """Joints without a limit, of ``count`` that are loaded."""
     if count == 1:
         return sentence("one", joint=missing[0])
-    names = "" if len(missing) == count else f" ({listed(missing, _MAX_LISTED_NAMES)})"
+    names = ""
+    if len(missing) < count:
+        names = f" ({listed(missing, _MAX_LISTED_NAMES)})"
     return sentence("some", count=str(len(missing)), all=str(count), named=names)
 
 
@@ -193,7 +200,9 @@ class Payload:
     @property
     def inertia(self) -> SpatialInertia:
         """Spatial inertia in the axes of the frame."""
-        return SpatialInertia.from_com(self.mass, self.place) if self.body is None else self.body
+        if self.body is not None:
+            return self.body
+        return SpatialInertia.from_com(self.mass, self.place)
 
 
 def no_tip_for_payload(model: Model, mass: float) -> str:
@@ -219,8 +228,10 @@ def _grams(mass: float, robot: float) -> str:
     >>> _grams(100.0, 17.0), _grams(3000.0, 0.0), _grams(3e6, 17.0)
     ('', '', '')
     """
-    share = mass / robot if robot > 0 else 0.0
-    if not _MIN_RATIO_OF_GRAMS < share <= 1000.0 or mass < _MIN_GRAMS:
+    if robot <= 0 or mass < _MIN_GRAMS:
+        return ""
+    share = mass / robot
+    if not _MIN_RATIO_OF_GRAMS < share <= 1000.0:
         return ""
     times, kilograms = number(share, 3), printed(mass / 1000)
     return (
@@ -244,7 +255,9 @@ class LoadCase:
     def __post_init__(self) -> None:
         robot = self.robot
         for load in self.payloads:
-            frame = robot.model.tip if load.frame is None else load.frame
+            frame = load.frame
+            if frame is None:
+                frame = robot.model.tip
             if frame is None:
                 raise FrameError(no_tip_for_payload(robot.model, load.mass))
             robot.model.frame(frame)  # raises for unknown frames
@@ -276,8 +289,8 @@ class LoadCase:
     @property
     def unit_hints(self) -> tuple[str, ...]:
         """Sentences on payloads far heavier than the robot, which a thousandth would not be."""
-        hints = [_grams(load.mass, self.robot.model.moving_mass) for load in self.payloads]
-        return tuple(filter(None, hints))
+        robot_mass = self.robot.model.moving_mass
+        return tuple(filter(None, [_grams(load.mass, robot_mass) for load in self.payloads]))
 
     @property
     def contradictions(self) -> tuple[str, ...]:
@@ -287,7 +300,7 @@ class LoadCase:
     def torques(self, s: MotionSamples) -> Array:
         """Inverse dynamics with payloads, wrenches and friction; (n,) states → (n, nv)."""
         tau = self.with_load.inverse_dynamics(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
-        return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
+        return self._with_friction(s, tau)
 
     def follower_torques(self, s: MotionSamples) -> Array:
         """Torques at mimic joints with an effort limit, (n, k), without friction."""
@@ -316,7 +329,7 @@ class LoadCase:
     def unloaded_torques(self, s: MotionSamples) -> Array:
         """Torques without payloads and wrenches."""
         tau = self.robot.inverse_dynamics(s.q, s.dq, s.ddq)
-        return np.asarray(tau + self._friction(s, tau) if self.friction else tau)
+        return self._with_friction(s, tau)
 
     def terms(self, s: MotionSamples) -> dict[str, Array]:
         """Causes, (n, nv) each, in the order of :data:`TERMS`; their sum is :meth:`torques`."""
@@ -329,12 +342,19 @@ class LoadCase:
             "inertia": bare.inverse_dynamics(s.q, zero, s.ddq) - bare.bias_forces(s.q, zero),
             "coriolis": np.asarray(bare.coriolis_forces(s.q, s.dq)),
             "gravity": gravity,
-            "spring": bare.bias_forces(s.q, zero) - gravity if bare.model.springs else zero,
-            "payload": self.payload_torques(s) if self.payloads else zero,
+            "spring": zero,
+            "payload": zero,
             "wrench": wrench,
+            "friction": zero,
         }
-        tau = np.sum(list(terms.values()), axis=0)
-        return {**terms, "friction": self._friction(s, tau) if self.friction else zero}
+        if bare.model.springs:
+            terms["spring"] = bare.bias_forces(s.q, zero) - gravity
+        if self.payloads:
+            terms["payload"] = self.payload_torques(s)
+        if self.friction:
+            without_friction = list(terms.values())[:-1]
+            terms["friction"] = self._friction(s, np.sum(without_friction, axis=0))
+        return terms
 
     def drive_torques(self, tau: Array) -> Array:
         """Drive torques from joint torques, (..., nv)."""
@@ -343,7 +363,9 @@ class LoadCase:
     def mass_matrix(self, q: Array) -> Array:
         """Drive torques per joint acceleration, (..., nv, nv); M if no joints are coupled."""
         M = np.asarray(self.with_load.mass_matrix(q))
-        return np.swapaxes(self.drive_torques(M), -1, -2) if self.with_load.model.couplings else M
+        if not self.with_load.model.couplings:
+            return M
+        return np.swapaxes(self.drive_torques(M), -1, -2)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -353,7 +375,8 @@ class LoadCase:
     def explain(self, s: MotionSamples) -> Explanation:
         """Drive torques of one state by link and by term, with friction as in :meth:`terms`."""
         why = self.with_load.explain(s.q, s.dq, s.ddq, wrench_on_robot=self.wrenches or None, friction=False)
-        why = why.with_term("friction", self._friction(s, why.torque)) if self.friction else why
+        if self.friction:
+            why = why.with_term("friction", self._friction(s, why.torque))
         model = self.with_load.model
         if not model.couplings:
             return why
@@ -362,10 +385,18 @@ class LoadCase:
     def motor_loads(self, s: MotionSamples) -> MotorLoads:
         """Motor loads of the robot with its payloads, (n, actuators) each."""
         carried, rotor = self.with_load.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
-        friction = self._friction(s, carried + rotor) if self.friction else 0.0
+        friction: Array | float = 0.0
+        if self.friction:
+            friction = self._friction(s, carried + rotor)
         # At rest, noise must not determine the direction of power through a gear.
         moving = np.where(s.stationary, 0.0, s.dq)
         return motor_loads(self.with_load.model, moving, carried + friction, rotor)
+
+    def _with_friction(self, s: MotionSamples, tau: Array) -> Array:
+        """Torques (n, nv) with joint friction, if it is counted."""
+        if self.friction:
+            tau = tau + self._friction(s, tau)
+        return np.asarray(tau)
 
     def _friction(self, s: MotionSamples, carried: Array) -> Array:
         """Joint friction at these torques; viscous only if the sign of the velocity is unknown."""
@@ -400,25 +431,21 @@ def reach(model: Model) -> float:
     If the last link has no frame at its end, its length is that of a uniform rod with its mass and moments, which does not
     begin before its joint. For a floating base the reach is measured from the base.
     """
-    lengths: list[float] = []
-    for body in model.bodies:
-        slides = any(not axis[:3].any() for axis in body.joint.axes)
+    lengths = {BASE: 0.0}  # from the base to the frame of each body
+    for i, body in enumerate(model.bodies):
+        slides = body.joint.nv == 1 and not body.joint.axes[0][:3].any()
         travel = 0.0
-        if slides and body.joint.nv == 1:
+        if slides:
             k = body.v_index
             travel = abs(body.ratio) * float(np.maximum(np.abs(model.limits.lower[k]), np.abs(model.limits.upper[k])))
-        before = 0.0 if body.parent == BASE else lengths[body.parent]
-        lengths.append(before + float(np.linalg.norm(body.placement[:3, 3])) + travel)
-    ends = []
-    for frame in model.frames.values():
-        length = 0.0 if frame.body == BASE else lengths[frame.body]
-        ends.append(length + float(np.linalg.norm(frame.pose[:3, 3])))
-    for body, length in zip(model.bodies, lengths, strict=True):
+        lengths[i] = lengths[body.parent] + float(np.linalg.norm(body.placement[:3, 3])) + travel
+    ends = [lengths[frame.body] + float(np.linalg.norm(frame.pose[:3, 3])) for frame in model.frames.values()]
+    for i, body in enumerate(model.bodies):
         G = body.inertia
         if G.mass > 0.0:
             half = float(np.sqrt(1.5 * max(np.trace(G.moment_about_com), 0.0) / G.mass))  # of a uniform rod
             place = float(np.linalg.norm(G.com))
-            ends.append(length + place + min(place, half))
+            ends.append(lengths[i] + place + min(place, half))
     return max(ends, default=0.0)
 
 
@@ -475,7 +502,8 @@ def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
     form = "FRAME:m,m,m,f,f,f (moment, then force, in that frame), for example tool0:0,0,0,0,0,-20"
     wrenches: dict[str, Array] = {}
     for text in texts:
-        frame, _, numbers = (part.strip() for part in text.rpartition(":"))
+        frame, _, numbers = text.rpartition(":")
+        frame = frame.strip()
         if not frame:
             raise ValueRangeError(f"wrench {text!r} names no frame. Write {form}.")
         wrenches[frame] = wrenches.get(frame, 0.0) + np.array(parse_numbers(numbers, f"wrench on {frame}", form, 6))
@@ -520,7 +548,7 @@ class PayloadShares(NamedTuple):
     """True if the robot alone keeps its limits."""
 
     @classmethod
-    def joined(cls, parts: Sequence[PayloadShares]) -> PayloadShares:
+    def from_parts(cls, parts: Sequence[PayloadShares]) -> PayloadShares:
         """Figures of consecutive rows from those of their parts."""
         greatest, carried, within = zip(*parts, strict=True)
         return cls(Extrema.merge(greatest), np.max(carried, axis=0), all(within))
@@ -546,8 +574,10 @@ def payload_shares(load: LoadCase, effort: Array, time: Array, torques: Array, c
 
 
 def _with_followers(load: LoadCase, effort: Array) -> Array:
-    followers = [load.robot.model.bodies[i] for i in load.robot.model.limited_followers]
-    return np.array([*effort, *(body.effort for body in followers)], float)
+    """Torque limits (nv + k,): those of drives (nv,), then those of mimic joints that have one."""
+    model = load.robot.model
+    follower_efforts = [model.bodies[i].effort for i in model.limited_followers]
+    return np.array([*effort, *follower_efforts], float)
 
 
 def payload_margin(load: LoadCase, effort: Array, shares: PayloadShares) -> PayloadMargin | None:
@@ -561,10 +591,11 @@ def payload_margin(load: LoadCase, effort: Array, shares: PayloadShares) -> Payl
         or drives_without_limit(model, effort[:nv], shares.carried[:nv])
     ):
         return None
-    names = (*model.drive_labels, *(model.bodies[i].joint.name for i in model.limited_followers))
+    follower_names = [model.bodies[i].joint.name for i in model.limited_followers]
+    name = [*model.drive_labels, *follower_names][joint]
     payload = load.payloads[0]
     frame = payload.frame or model.tip or ""
-    return PayloadMargin(float(share[joint]) * payload.mass, names[joint], float(time[joint]), frame)
+    return PayloadMargin(float(share[joint]) * payload.mass, name, float(time[joint]), frame)
 
 
 def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> dict[str, float]:
@@ -597,7 +628,9 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
         if b.joint.name in positions and b.joint.nv == 1:
             name = origin[b.joint.name]
             value = float(lock[name])
-            argument = Argument("lock", {name: int(value) if value.is_integer() else value})
+            if value.is_integer():
+                value = int(value)
+            argument = Argument("lock", {name: value})
             _check(model, b, positions[b.joint.name], argument, degrees=degrees)
     return positions
 
@@ -623,14 +656,18 @@ def _check(model: Model, body: Body, value: float, argument: Argument, *, degree
     if low - tolerance <= value <= high + tolerance:
         return
     turns = body.joint.turning[0]
-    unit, unit_name = math.degrees(1.0) if degrees and turns else 1.0, unit_of("q", turns, degrees=degrees)
-    joint = "" if isinstance(argument.value, Mapping) and body.joint.name in argument.value else f" {body.joint.name}"
+    unit, unit_name = 1.0, unit_of("q", turns, degrees=degrees)
+    if degrees and turns:
+        unit = math.degrees(1.0)
+    joint = f" {body.joint.name}"
+    if isinstance(argument.value, Mapping) and body.joint.name in argument.value:  # the argument names it
+        joint = ""
     hint = ""
     if turns and not degrees and low <= math.radians(value) <= high:
         hint = f" If {printed(value)} are degrees, add {{1}}, or write {number(math.radians(value), 6)}."
-    least, greatest = (quantity(unit * x, unit_name, 6) for x in (low, high))
+    limits = f"{quantity(unit * low, unit_name, 6)} to {quantity(unit * high, unit_name, 6)}"
     raise ValueRangeError(
-        f"{{0}} is outside the joint's limits,{joint} {least} to {greatest}. Hold it within them.{hint}",
+        f"{{0}} is outside the joint's limits,{joint} {limits}. Hold it within them.{hint}",
         argument,
         Argument("degrees", True),
     )

@@ -18,7 +18,11 @@ from ..core.errors import TrajectoryError
 from ..core.typing import Array
 from .column_names import COMMANDS, JOINT, NEUTRAL, PART_OF, UNITS, split_unit
 
+Words = tuple[str, ...]
+"""Words of a name in lower case, digits separate: ``fer, joint, 1``."""
+
 _MAX_CANDIDATES = 4
+"""Most columns that are compared with a missing name."""
 _MIN_SIMILARITY = 0.6
 """Smallest similarity of two names for a suggestion."""
 _MIN_VARIATION = 1e-6
@@ -84,8 +88,9 @@ def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
             specific.append(cell)
     pairs = []
     for name in missing:
-        similar = difflib.get_close_matches(name, specific, n=_MAX_CANDIDATES, cutoff=_MIN_SIMILARITY)
-        pairs += [(difflib.SequenceMatcher(None, cell, name).ratio(), name, cell) for cell in similar]
+        for cell in difflib.get_close_matches(name, specific, n=_MAX_CANDIDATES, cutoff=_MIN_SIMILARITY):
+            similarity = difflib.SequenceMatcher(None, cell, name).ratio()
+            pairs.append((similarity, name, cell))
     matches: dict[str, str] = {}
     for _, name, cell in sorted(pairs, key=lambda pair: -pair[0]):
         if name not in matches and cell not in matches.values():
@@ -125,9 +130,10 @@ def series(cells: Sequence[str], count: int) -> list[str]:
     groups: dict[tuple[str, ...], list[tuple[list[int], str]]] = {}
     for cell in cells:
         words = _words(split_unit(cell)[0])
-        numbers = [int(word) for word in words if word.isdigit()]
-        groups.setdefault(_pattern(words), []).append((numbers, cell))
-    fitting = [group for group in groups.values() if len(group) == count and group[0][0]]
+        numbers = list(map(int, filter(str.isdigit, words)))
+        if numbers:
+            groups.setdefault(_pattern(words), []).append((numbers, cell))
+    fitting = [group for group in groups.values() if len(group) == count]
     if len(fitting) != 1:
         return []
     return [cell for _, cell in sorted(fitting[0])]
@@ -145,7 +151,7 @@ class Meaning:
     """Unit suffix of the name, as in ``elbow_pos_deg``."""
 
 
-_SAID_JOINT = re.compile(r"(_joint$|^joint_)", re.IGNORECASE)
+_WORD_FOR_JOINT = re.compile(r"(_joint$|^joint_)", re.IGNORECASE)
 """Word for a joint at the beginning or end of its name."""
 
 
@@ -153,10 +159,9 @@ class NamedJoints:
     """Joint names that columns may contain once; case matters only if two names differ by nothing else."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        folded_names = [name.casefold() for name in names]
-        self._fold = len(set(folded_names)) == len(folded_names)
+        self._fold = len(set(map(str.casefold, names))) == len(names)
         indices = {self._key(name): k for k, name in enumerate(names)}
-        short_names = [_SAID_JOINT.sub("", name) for name in names]
+        short_names = [_WORD_FOR_JOINT.sub("", name) for name in names]
         count = Counter(short_names)
         for k, short in enumerate(short_names):  # elbow for elbow_joint, unless another joint has that name
             if len(short) > 2 and not short.isdigit() and count[short] == 1:
@@ -201,11 +206,12 @@ def _position(name: str, text: str) -> int | None:
     return None
 
 
-def _words(text: str) -> list[str]:
-    return re.findall(r"[^\W\d_]+|\d+", text.casefold())
+def _words(text: str) -> Words:
+    """Words and numbers of a name in lower case: ``fer, joint, 1``."""
+    return tuple(re.findall(r"[^\W\d_]+|\d+", text.casefold()))
 
 
-def _part_of(words: list[str]) -> tuple[str, str | None] | None:
+def _part_of(words: Sequence[str]) -> tuple[str, str | None] | None:
     """Quantity and unit of the words beside a joint's name; no words mean a position, and a word for commands a command."""
     measured = [word for word in words if word not in COMMANDS]
     if len(measured) < len(words):
@@ -233,8 +239,8 @@ class Candidate(NamedTuple):
     """Column that may belong to a joint."""
 
     column: int
-    words: tuple[str, ...]
-    """Words of the name without quantity and unit, digits separate: ``fer, joint, 1``."""
+    words: Words
+    """Words of the name without quantity and unit."""
     unit: str | None
 
 
@@ -254,7 +260,7 @@ def candidates(texts: Mapping[int, str]) -> dict[str, list[Candidate]]:
     return groups
 
 
-def _split_words(words: list[str]) -> tuple[list[str], list[str]]:
+def _split_words(words: Sequence[str]) -> tuple[list[str], list[str]]:
     """Words for quantities and units, and the other words of a name."""
     quantity_words, other_words = [], []
     for k, word in enumerate(words):
@@ -273,11 +279,11 @@ def command_candidates(texts: Mapping[int, str]) -> list[list[Candidate]]:
     >>> command_candidates({1: "actual_q_0", 2: "target_q_0", 3: "target_qd_0", 4: "action1"})
     [[Candidate(column=4, words=('1',), unit=None)], [Candidate(column=2, words=('0',), unit=None)]]
     """
-    words_of = {column: _words(text) for column, text in texts.items()}
     groups = []
     for command in COMMANDS:
         others = {}
-        for column, words in words_of.items():
+        for column, text in texts.items():
+            words = _words(text)
             if command in words:
                 others[column] = " ".join(word for word in words if word != command)
         group = candidates(others).get("q", [])
@@ -286,17 +292,15 @@ def command_candidates(texts: Mapping[int, str]) -> list[list[Candidate]]:
     return groups
 
 
-def _pattern(words: Iterable[str]) -> tuple[str, ...]:
-    return tuple("#" if w.isdigit() else w for w in words)
+def _pattern(words: Iterable[str]) -> Words:
+    """Words of a name with # for each number: names of one pattern differ only by numbers."""
+    return tuple("#" if word.isdigit() else word for word in words)
 
 
-def _has_unmatched(
-    matched: Iterable[Sequence[str]], all_words: Iterable[Sequence[str]], known: Iterable[Sequence[str]]
-) -> bool:
+def _has_unmatched(matched: Iterable[Words], all_words: Iterable[Words], known: Iterable[Words]) -> bool:
     """True if there are unknown columns whose names differ from those matched only by a number."""
-    patterns = {_pattern(words) for words in matched}
-    known_words = {tuple(words) for words in [*matched, *known]}
-    return any(_pattern(words) in patterns and tuple(words) not in known_words for words in all_words)
+    unmatched = {*all_words} - {*matched, *known}
+    return not {*map(_pattern, unmatched)}.isdisjoint(map(_pattern, matched))
 
 
 Rule = Callable[[Sequence[Candidate], Sequence[str], Sequence[str]], "list[Candidate] | None"]
@@ -313,10 +317,14 @@ def match_by_prefix(
     [1, 0]
     """
     matches = _matches_by_prefix(found, names, others)
-    complete = [match for match, exclusive in matches.items() if exclusive and None not in match]
+    complete: list[list[Candidate]] = []
+    for match, exclusive in matches.items():
+        match_columns = [column for column in match if column is not None]
+        if exclusive and len(match_columns) == len(names):
+            complete.append(match_columns)
     if len(complete) != 1:
         return None
-    columns = [column for column in complete[0] if column]
+    columns = complete[0]
     for match in matches:
         has_other_columns = not set(match) <= {*columns, None}
         if has_other_columns and 2 * match.count(None) <= len(names):
@@ -343,37 +351,39 @@ def _matches_by_prefix(
     The value is False if other columns with the same prefix and pattern remain.
     """
     matches = dict[tuple[Candidate | None, ...], bool]()
-    joints = [tuple(_words(name)) for name in names]
-    other_joints = [tuple(_words(name)) for name in others]
+    joints, other_joints = list(map(_words, names)), list(map(_words, others))
     for cut in range(min(map(len, joints), default=0)):
-        endings = [words[cut:] for words in joints]
-        only_numbers = any(all(map(str.isdigit, ending)) for ending in endings)
-        if len({words[:cut] for words in joints}) > 1 or only_numbers:
+        endings = _endings(joints, joints[0][:cut])
+        if len(endings) < len(joints) or any("".join(ending).isdigit() for ending in endings):
             break
-        joint_prefix = joints[0][:cut]
-        known = [words[cut:] for words in other_joints if words[:cut] == joint_prefix] + other_joints
+        known = _endings(other_joints, joints[0][:cut]) + other_joints
         for prefix in _column_prefixes(found, endings):
-            columns: dict[tuple[str, ...], list[Candidate]] = {}
+            columns: dict[Words, list[Candidate | None]] = {}
             for column in found:
                 if column.words[: len(prefix)] == prefix:
                     columns.setdefault(column.words[len(prefix) :], []).append(column)
-            match = tuple(_only(columns.get(ending, [])) for ending in endings)
+            match = []
+            for ending in endings:
+                with_ending = columns.get(ending, [])
+                match += with_ending if len(with_ending) == 1 else [None]
             if not _OTHER.search("_".join(prefix)):
-                matches.setdefault(match, not _has_unmatched(endings, columns, known))
+                matches.setdefault(tuple(match), not _has_unmatched(endings, columns, known))
     return matches
 
 
-def _column_prefixes(found: Sequence[Candidate], endings: Sequence[tuple[str, ...]]) -> set[tuple[str, ...]]:
+def _endings(names: Iterable[Words], prefix: Words) -> list[Words]:
+    """Words after the prefix, of the names that begin with it."""
+    return [words[len(prefix) :] for words in names if words[: len(prefix)] == prefix]
+
+
+def _column_prefixes(found: Sequence[Candidate], endings: Iterable[Words]) -> set[Words]:
     """Words before the endings, in the names of columns."""
     prefixes = set()
     for ending in set(endings):
-        prefixes |= {column.words[: -len(ending)] for column in found if column.words[-len(ending) :] == ending}
+        for column in found:
+            if column.words[-len(ending) :] == ending:
+                prefixes.add(column.words[: -len(ending)])
     return prefixes
-
-
-def _only(columns: Sequence[Candidate]) -> Candidate | None:
-    """The column, if there is exactly one."""
-    return columns[0] if len(columns) == 1 else None
 
 
 def match_by_ending(
@@ -385,35 +395,41 @@ def match_by_ending(
     >>> [c.column for c in match_by_ending(kuka, ["joint_a1", "joint_a2"])]
     [0, 1]
     """
-    matches, prefixes = list[Candidate](), set[tuple[str, ...]]()
+    matches: list[Candidate] = []
+    prefixes, matched_words = set[Words](), set[Words]()
     for name in names:
-        words = tuple(_words(name))
-        fitting = [column for column in found if _ends(column.words, words)]
+        words = _words(name)
+        fitting = _columns_with_ending(found, words)
         if len(fitting) != 1:
             return None
         match = fitting[0]
+        if match in matches:
+            return None
         matches.append(match)
+        matched_words.add(match.words)
         if len(match.words) > len(words):
             prefixes.add(match.words[: -len(words)])
     if len(prefixes) > 1:  # columns of several robots
         return None
-    if len({match.column for match in matches}) < len(matches):
-        return None
-    other_joints = [tuple(_words(name)) for name in others]
-    all_words = [column.words for column in found]
-    known = []
-    for joint in other_joints:
-        known += [words for words in all_words if _ends(words, joint)]
-    if _has_unmatched([match.words for match in matches], all_words, known):
+    known_words = set[Words]()
+    for name in others:
+        known_words |= {column.words for column in _columns_with_ending(found, _words(name))}
+    if _has_unmatched(matched_words, [column.words for column in found], known_words):
         return None
     return matches
 
 
-def _ends(column: tuple[str, ...], joint: tuple[str, ...]) -> bool:
+def _columns_with_ending(found: Sequence[Candidate], joint: Words) -> list[Candidate]:
+    """Columns whose name ends a joint's name, or has it as its end."""
+    return [column for column in found if _ends(column.words, joint)]
+
+
+def _ends(column: Words, joint: Words) -> bool:
     """True if one name ends the other and is more than a letter, a number or the word for a joint."""
     short, long = sorted((column, joint), key=len)
-    distinctive = [word for word in short if word not in JOINT and not word.isdigit()]
-    if long[-len(short) :] != short or not distinctive or (len(short) == 1 and len(short[0]) < 3):
+    if long[-len(short) :] != short or (len(short) == 1 and len(short[0]) < 3):
+        return False
+    if all(word in JOINT or word.isdigit() for word in short):
         return False
     return len(column) <= len(joint) or not _OTHER.search("_".join(column[: -len(joint)]))
 

@@ -39,8 +39,11 @@ class PeakTorque(Protocol):
 
 def base_velocities(model: Model) -> list[int]:
     """Indices of the velocities of undriven bases."""
-    bases = [body for body in model.leaders if body.parent == BASE and not body.joint.driven]
-    return [k for body in bases for k in range(body.v_index, body.v_index + body.joint.nv)]
+    indices: list[int] = []
+    for body in model.leaders:
+        if body.parent == BASE and not body.joint.driven:
+            indices += range(body.v_index, body.v_index + body.joint.nv)
+    return indices
 
 
 def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
@@ -50,20 +53,25 @@ def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
         if joints[k].unit == "N":
             largest = max(largest, abs(joints[k].peak) - SURE_FORCE * joints[k].uncertainty)
     negligible = max(SHARE * _weight(model), SHARE_OF_WEIGHT_ON_EARTH * STRENGTH * model.moving_mass)
-    return largest if largest > negligible else 0.0
+    if largest <= negligible:
+        return 0.0
+    return largest
 
 
 def force_in_words(model: Model, force: float) -> str:
     """Sentence on the missing force at the base."""
-    weight = _weight(model)
-    share = sentence("of weight", share=percent(force / weight)) if weight else ""
+    weight, share = _weight(model), ""
+    if weight:
+        share = sentence("of weight", share=percent(force / weight))
     return sentence("force", force=number(force), share=share)
 
 
 def force_remark(model: Model, joints: Sequence[PeakTorque]) -> str:
     """Meaning and remedy of a missing force; empty without one."""
     force = missing_force(model, joints)
-    return sentence("contact", words=force_in_words(model, force)) if force else ""
+    if not force:
+        return ""
+    return sentence("contact", words=force_in_words(model, force))
 
 
 def _weight(model: Model) -> float:
@@ -83,12 +91,12 @@ def base_doubts(model: Model, remedy: BaseRemedy = "hanging") -> list[str]:
     return [Reason(sentence("held", base=base.link, remedy=words), words)]
 
 
-def as_it_hangs(excess: str) -> str:
+def hanging_excess(excess: str) -> str:
     """Sentence on an excess computed for a legged robot whose base nothing holds, which is not certain."""
     return sentence("hangs", word=str(Word.OVER_LIMIT), excess=excess)
 
 
-def with_open_loops(excess: str) -> str:
+def open_loop_excess(excess: str) -> str:
     """Sentence on an excess of a joint in a loop that is left open, which is not certain."""
     return sentence("opened", word=str(Word.OVER_LIMIT), excess=excess)
 
@@ -113,18 +121,22 @@ def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]
     clauses = []
     massless = massless_links(model)
     if massless:
-        have, their = ("have", "their") if len(massless) > 1 else ("has", "its")
+        have, their = "has", "its"
+        if len(massless) > 1:
+            have, their = "have", "their"
         clauses.append(f"{listed(massless, 4)} {have} no mass, so {their} weight is missing from the torques")
-    force = missing_force(model, joints) if joints else 0.0
-    if force:
-        words = force_in_words(model, force)
-        clauses.append(sentence("no contact", words=f"{words[0].lower()}{words[1:]}"))
+    if joints:
+        force = missing_force(model, joints)
+        if force:
+            words = force_in_words(model, force)
+            clauses.append(sentence("no contact", words=f"{words[0].lower()}{words[1:]}"))
     loop_joints = open_loop_joints(model)
     if loop_joints:
-        (name, closure), *others = model.closures.items()
-        more = f" and {len(others)} more" if others else ""
+        (loops, closure), *others = model.closures.items()
+        if others:
+            loops += f" and {len(others)} more"
         arguments = f"{closure.frame_a!r}, {closure.frame_b!r}, {closure.rows!r}"
-        clauses.append(sentence("open loops", loops=name + more, joints=listed(loop_joints, 4), given=arguments))
+        clauses.append(sentence("open loops", loops=loops, joints=listed(loop_joints, 4), given=arguments))
     return clauses
 
 
@@ -141,25 +153,37 @@ def assumptions(
     ``friction`` is False if left out on request. Acceleration and jerk limits in ``unjudged`` are listed. ``mass`` is the
     text of the payload's mass, for a page that sets it; default its number.
     """
-    clauses = _limit_clauses(model, unjudged) if unjudged else []
+    clauses = []
+    if unjudged:
+        clauses += _limit_clauses(model, unjudged)
     if model.locked:
         joints = len(model.leaders) + len(model.locked)
         clauses.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(model.locked, 4)} held still")
-    at_tip = [payload.mass for payload in payloads if payload.frame is None]
-    if any(at_tip) and model.tip is not None:
-        tip = model.frame(model.tip)
-        ends = [model.frames[name] for name in model.leaves if model.frames[name].body == tip.body]
-        distances = [np.linalg.norm(end.pose[:3, 3] - tip.pose[:3, 3]) for end in ends]
+    masses_at_tip = [payload.mass for payload in payloads if payload.frame is None]
+    if any(masses_at_tip) and model.tip is not None:
+        distances = _tip_distances(model, model.tip)
         if max(distances, default=0.0) > _MIN_DISTANCE_OF_TIPS:
-            mass = mass or number(sum(at_tip))
-            clauses.append(f"{mass} kg at {model.tip} (one of {len(ends)} tips; {spell(Argument('tip'))})")
+            mass = mass or number(sum(masses_at_tip))
+            clauses.append(f"{mass} kg at {model.tip} (one of {len(distances)} tips; {spell(Argument('tip'))})")
     weightless = [name for name in model.leaves if name in model.shaped and _without_mass(model, name)]
     if weightless:
-        have = "have a shape" if len(weightless) > 1 else "has a shape"
+        have = "has a shape"
+        if len(weightless) > 1:
+            have = "have a shape"
         clauses.append(f"{listed(weightless, 4)} {have} and no mass, so no weight")
     if not friction and model.friction.any:
         clauses.append("joint friction is left out")
     return clauses
+
+
+def _tip_distances(model: Model, name: str) -> list[float]:
+    """Distances [m] of the tips on one body from the tip of that name, which is one of them."""
+    tip, distances = model.frame(name), []
+    for leaf in model.leaves:
+        frame = model.frames[leaf]
+        if frame.body == tip.body:
+            distances.append(float(np.linalg.norm(frame.pose[:3, 3] - tip.pose[:3, 3])))
+    return distances
 
 
 def _limit_clauses(model: Model, unjudged: Limits) -> list[str]:
@@ -167,7 +191,9 @@ def _limit_clauses(model: Model, unjudged: Limits) -> list[str]:
     clauses = []
     unlimited = without_velocity_limit(model, unjudged)
     if unlimited:
-        names = "" if len(unlimited) == len(model.velocity_names) else f" of {listed(unlimited, 4)}"
+        names = ""
+        if len(unlimited) < len(model.velocity_names):
+            names = f" of {listed(unlimited, 4)}"
         clauses.append(f"no velocity limit{names} is known")
     kinds = [kind for kind in ("acceleration", "jerk") if np.isfinite(getattr(unjudged, kind)).any()]
     if kinds:

@@ -118,8 +118,12 @@ class Motion(MotionDoors, metaclass=HintedClass):
         q = np.asarray(arguments.finite(self.q, "Motion: q", model.nq, names=self.robot.coordinate_names), float)
         if t.ndim != 1 or not len(t) or q.shape != (len(t), model.nq):
             raise ShapeError(f"Motion: time has shape {t.shape} and q {q.shape}; give (n,) and (n, {model.nq}).")
-        if bad := [b.joint.name for b in model.leaders if not b.joint.is_configuration(q[:, b.places[0]])]:
-            raise ValueRangeError(f"Motion: q has a quaternion of zeros at joint {bad[0]!r}, which is not a rotation.")
+        for b in model.leaders:
+            if not b.joint.is_configuration(q[:, b.places[0]]):
+                name = b.joint.name
+                raise ValueRangeError(
+                    f"Motion: q has a quaternion of zeros at joint {name!r}, which is not a rotation."
+                )
         if (np.diff(t) <= 0).any():
             k = int(np.argmax(np.diff(t) <= 0))
             raise ValueRangeError(
@@ -137,17 +141,23 @@ class Motion(MotionDoors, metaclass=HintedClass):
             rates[label] = x
         given = rates["dq"] is not None or rates["ddq"] is not None
         if rates["dq"] is None or rates["ddq"] is None:
-            object.__setattr__(self, "derived", "positions" if rates["dq"] is None else "velocities")
-            rates["dq"], ddq = _derived(self.robot, t, q, rates["dq"])
-            rates["ddq"] = ddq if rates["ddq"] is None else rates["ddq"]
+            source = "velocities"
+            if rates["dq"] is None:
+                source = "positions"
+            object.__setattr__(self, "derived", source)
+            rates["dq"], ddq = _derived_rates(self.robot, t, q, rates["dq"])
+            if rates["ddq"] is None:
+                rates["ddq"] = ddq
         for label, x in {"time": t, "q": q, **rates}.items():
             object.__setattr__(self, label, x)
         if self.notes or self.in_seconds or self.read is not None:
             return
         tally = Contradictions(self.coordinates, time_stated=False, runs=[self])
-        if not given:
+        if given:
+            doubts = tally.rate_doubts()
+        else:
             tally.add(t, q)
-        doubts = tally.rate_doubts() if given else tally.time_doubts(self.robot.limits)  # the latter is fast
+            doubts = tally.time_doubts(self.robot.limits)  # fast
         for doubt in doubts:
             warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
         if doubts:
@@ -199,7 +209,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
         reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
         reading |= {"topic": topic, "command_topic": command_topic, "episode": episode, "plan": plan}
         log = MotionLog.open(path, robot.model, commands=True, **reading)
-        return cls._of_log(log, robot)
+        return cls._from_log(log, robot)
 
     @classmethod
     def from_dataframe(
@@ -243,21 +253,38 @@ class Motion(MotionDoors, metaclass=HintedClass):
         file, ignored = data_frame_file(frame)
         reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
         log = MotionLog.open(file, robot.model, commands=True, **reading)
-        found = cls._of_log(log, robot)
+        found = cls._from_log(log, robot)
         return replace(found, notes=(*found.notes, *ignored))._with_log(found.log)
 
     @classmethod
-    def _of_log(cls, log: MotionLog, robot: Robot) -> Motion:
+    def _from_log(cls, log: MotionLog, robot: Robot) -> Motion:
         from .motion_log import ASKED
 
         rows = log.motion(log.table)
         doubts = log.doubts(robot.limits)
-        said = (f"LOOK AGAIN: {doubt}" if doubt.refuses else str(doubt) for doubt in doubts if doubt.level != "note")
-        asked = (str(doubt) for doubt in doubts if doubt.level == "note" and doubt.kind in ASKED)
-        given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau, "read": doubts, "epoch": log.epoch}
-        given |= {"plan": log.plan, "command": rows.command}
-        notes = (*log.notes, *said, *asked)
-        return cls(rows.time, rows.q, **given, robot=robot, notes=notes, in_seconds=True)._with_log(log)
+        doubt_notes, other_notes = list[str](), list[str]()
+        for doubt in doubts:
+            if doubt.refuses:
+                doubt_notes.append(f"LOOK AGAIN: {doubt}")
+            elif doubt.level != "note":
+                doubt_notes.append(str(doubt))
+            elif doubt.kind in ASKED:
+                other_notes.append(str(doubt))
+        motion = cls(
+            rows.time,
+            rows.q,
+            rows.dq,
+            rows.ddq,
+            robot=robot,
+            tau=rows.tau,
+            command=rows.command,
+            read=doubts,
+            epoch=log.epoch,
+            plan=log.plan,
+            notes=(*log.notes, *doubt_notes, *other_notes),
+            in_seconds=True,
+        )
+        return motion._with_log(log)
 
     def _with_log(self, log: MotionLog | None) -> Motion:
         object.__setattr__(self, "_log", log)
@@ -279,13 +306,17 @@ class Motion(MotionDoors, metaclass=HintedClass):
                 "at a time take motion.at(t), for a span motion.between(t0, t1)."
             )
         try:
-            chosen = {name: getattr(self, name)[rows] for name in ("time", "q", "dq", "ddq")}
+            indices = np.arange(len(self))[rows]
         except (TypeError, ValueError) as problem:
             raise ValueRangeError(f"Motion: {rows} chooses no rows: {problem}. Write motion[10:200].") from None
-        if not len(chosen["time"]):
+        if not len(indices):
             raise ValueRangeError(f"Motion: {rows} leaves none of the {len(self)} states.")
-        tau, command = (None if x is None else x[rows] for x in (self.tau, self.command))
-        return replace(self, **chosen, tau=tau, command=command)
+        rows_of: dict[str, Array] = {}
+        for name in ("time", "q", "dq", "ddq", "tau", "command"):
+            values = getattr(self, name)
+            if values is not None:
+                rows_of[name] = values[rows]
+        return replace(self, **rows_of)
 
     def between(self, begin: float, end: float) -> Motion:
         """Part of the motion between two times, inclusive.
@@ -315,9 +346,9 @@ class Motion(MotionDoors, metaclass=HintedClass):
         return self[rows]
 
     def __repr__(self) -> str:
-        looks = "".join(f"; {note}" for note in self.notes if note.startswith("LOOK AGAIN"))
+        doubts = [note for note in self.notes if note.startswith("LOOK AGAIN")]
         span = " to ".join(map(printed, self.time[[0, -1]]))
-        return f"<Motion of {self.robot.name!r}: {len(self)} states, {span} s{looks}>"
+        return "; ".join([f"<Motion of {self.robot.name!r}: {len(self)} states, {span} s", *doubts]) + ">"
 
     @property
     def duration(self) -> float:
@@ -360,8 +391,6 @@ class Motion(MotionDoors, metaclass=HintedClass):
         """Names and units of the entries of q, dq and tau."""
         return Coordinates.from_model(self.robot.model)
 
-    # ── states between the samples ──
-
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """State of the motion at given times; before and after the motion, its end states at rest.
 
@@ -381,16 +410,13 @@ class Motion(MotionDoors, metaclass=HintedClass):
         dq and ddq are its derivatives.
         """
         t = np.asarray(arguments.finite(t, "Motion.at: t"), float)
-        q, *rates = states_between(self.robot, self.time, self.q, self.dq, self.ddq, t)
+        q, dq, ddq = states_between(self.robot, self.time, self.q, self.dq, self.ddq, t)
         inside = ((t >= self.time[0]) & (t <= self.time[-1]))[..., None]
-        dq, ddq = (np.where(inside, x, 0.0) for x in rates)
-        return q, dq, ddq
+        return q, np.where(inside, dq, 0.0), np.where(inside, ddq, 0.0)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Same as :meth:`at`, so that a motion can be a controller's reference."""
         return self.at(t)
-
-    # ── required torques and limits ──
 
     def torques(self, *, friction: bool = False) -> Array:
         """Torques required for the motion, by inverse dynamics.
@@ -422,8 +448,10 @@ class Motion(MotionDoors, metaclass=HintedClass):
         gravity = robot.holding_torques(self.q)
         coriolis = robot.coriolis_forces(self.q, self.dq)
         tau = robot.inverse_dynamics(self.q, self.dq, self.ddq)
-        found = {"inertia": tau - coriolis - gravity, "coriolis": coriolis, "gravity": gravity}
-        return found | {"friction": robot.friction_forces(self._sliding, load=tau)} if friction else found
+        terms = {"inertia": tau - coriolis - gravity, "coriolis": coriolis, "gravity": gravity}
+        if friction:
+            terms["friction"] = robot.friction_forces(self._sliding, load=tau)
+        return terms
 
     def violations(
         self, bounds: Limits | None = None, *, friction: bool | None = None, tau: Array | None = None
@@ -442,7 +470,9 @@ class Motion(MotionDoors, metaclass=HintedClass):
         """
         check = LimitCheck(self.robot.model, bounds_or_own(self.robot, bounds))
         if tau is None:
-            tau = self.torques(friction=self.friction if friction is None else friction)
+            if friction is None:
+                friction = self.friction
+            tau = self.torques(friction=friction)
             check.add_dynamics(self.robot, self.time, self.q, self.dq, self.ddq)
         elif np.shape(tau) != self.dq.shape:
             raise ShapeError(
@@ -450,8 +480,6 @@ class Motion(MotionDoors, metaclass=HintedClass):
             )
         check.add(self.time, self.q, self.dq, self.ddq, np.asarray(tau, float))
         return check.violations()
-
-    # ── as columns ──
 
     def columns(self, *, degrees: bool = False) -> dict[str, Array]:
         """Columns by their names in files: the coordinate's name, with ``.vel``, ``.acc``, ``.torque`` and ``.command``.
@@ -465,25 +493,24 @@ class Motion(MotionDoors, metaclass=HintedClass):
         columns : {name: (n,) array}, time first
         """
         names = self.coordinates
-        unit = np.degrees(1.0) if degrees else 1.0
-        q = self.q * np.where(names.angular, unit, 1.0)
+        unit = 1.0
+        if degrees:
+            unit = np.degrees(1.0)
         turning = np.where(names.angular_velocity, unit, 1.0)
-        parts: Mapping[str, Array | None] = {
-            "dq": self.dq * turning,
-            "ddq": self.ddq * turning,
-            "tau": self.tau,
-            "command": None if self.command is None else self.command * turning,
+        factors = {
+            "q": np.where(names.angular, unit, 1.0),
+            "dq": turning,
+            "ddq": turning,
+            "tau": np.ones(len(turning)),
+            "command": turning,
         }
-        found = {
-            time_column(names.names): self.time,
-            **{name: q[:, k] for k, name in enumerate(names.headers(degrees=degrees))},
-        }
-        for part, values in parts.items():
-            if values is None:
-                continue
-            named = zip(names.headers(part, degrees=degrees), values.T, strict=True)
-            found |= {name: x for name, x in named if not np.isnan(x[0])}  # NaN: a joint without commands
-        return found
+        columns = {time_column(names.names): self.time}
+        for part, factor in factors.items():
+            values = getattr(self, part)
+            if values is not None:
+                named = zip(names.headers(part, degrees=degrees), (values * factor).T, strict=True)
+                columns |= {name: x for name, x in named if not np.isnan(x[0])}  # NaN: a joint without commands
+        return columns
 
     def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
         """Write a CSV file for ``twistwrench torques``.
@@ -536,7 +563,10 @@ class Motion(MotionDoors, metaclass=HintedClass):
         from .motion_io import labelled_dataset
 
         arrays = {"q": self.q, "dq": self.dq, "ddq": self.ddq}
-        arrays |= {name: x for name, x in (("tau", self.tau), ("command", self.command)) if x is not None}
+        if self.tau is not None:
+            arrays["tau"] = self.tau
+        if self.command is not None:
+            arrays["command"] = self.command
         return labelled_dataset(self.robot.model, self.time, arrays)
 
     def with_robot(self, robot: Robot) -> Motion:
@@ -558,7 +588,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
         return replace(self, robot=robot)._with_log(self.log)
 
 
-def _derived(robot: Robot, t: Array, q: Array, dq: Array | None) -> tuple[Array, Array]:
+def _derived_rates(robot: Robot, t: Array, q: Array, dq: Array | None) -> tuple[Array, Array]:
     """Velocities and accelerations (n, nv) by a quintic spline through q, or through the velocities if known."""
     if len(t) < FEWEST:
         raise ValueRangeError(

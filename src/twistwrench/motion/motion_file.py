@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,10 +27,11 @@ from ..mechanics.model.model import Model
 from .column_names import PART_OF, SUFFIX, split_unit, time_factor, time_meaning, unit_since_1970
 from .columns import absent_joints
 from .coordinates import Coordinates
-from .log_table import FileEnds, slices, table_of
+from .log_table import slices, table_of
 from .readers import format_of
 from .readers.columnar_file import ArrayFile
 from .readers.csv_reader import CsvFile
+from .readers.file_ends import FileEnds
 
 JOINS = "+"
 _PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")
@@ -60,12 +62,12 @@ class JoinedFile:
             raise TrajectoryError(
                 f"{path}: files of one motion are written a.csv{JOINS}b.csv, with a name on both sides."
             )
-        parts = tuple(reader(name) for name in names)
+        parts = tuple(map(reader, names))
         stamps = tuple(_time_of(part.header) for part in parts)
-        without_time = [part for part, stamp in zip(parts, stamps, strict=True) if stamp is None]
-        if without_time and len(without_time) < len(parts):
+        if None in stamps and {*stamps} != {None}:
+            without_time = parts[stamps.index(None)]
             raise TrajectoryError(
-                f"{without_time[0].path}: has no column of time, and the file it is joined with has one. Both need one, or "
+                f"{without_time.path}: has no column of time, and the file it is joined with has one. Both need one, or "
                 "neither."
             )
         places, cells, size, notes = [], list[str](), 0, list[str]()
@@ -86,23 +88,26 @@ class JoinedFile:
 
     def check_columns(self) -> None:
         """Raise TrajectoryError if all files have the same columns, which means several logs of one robot."""
-        first, *others = ({*part.header} for part in self.parts)
-        if any(other != first for other in others):
-            return
-        quantity_in_name = any(":" not in _distinct_name(cell, part.path) for part in self.parts for cell in first)
-        if not quantity_in_name:
-            names = [str(part.path) for part in self.parts]
-            raise TrajectoryError(
-                f"{self.path}: the files have the same columns, as several logs have. '+' joins the columns of one motion. "
-                f"Give logs one by one: {' '.join(names)}"
-            )
+        cells = frozenset(self.parts[0].header)
+        names = []
+        for part in self.parts:
+            if cells != {*part.header}:
+                return
+            if any(":" not in _distinct_name(cell, part.path) for cell in cells):  # the file's name has a quantity
+                return
+            names.append(str(part.path))
+        raise TrajectoryError(
+            f"{self.path}: the files have the same columns, as several logs have. '+' joins the columns of one motion. "
+            f"Give logs one by one: {' '.join(names)}"
+        )
 
     def table(self, used: Sequence[int]) -> Array:
         """Table (n, len(used)) of the given columns, resampled at the stamps of the first file if stamps differ."""
-        requested = [self.places[k] for k in used]
+        requested = np.array(self.places, int).reshape(-1, 2)[list(used)]
+        file_of, column_of = requested.T
         tables, times = list[Array](), list[Array | None]()
         for k, (part, stamp) in enumerate(zip(self.parts, self.stamps, strict=True)):
-            columns = [column for file, column in requested if file == k]
+            columns = column_of[file_of == k].tolist()
             if stamp is None:
                 times.append(None)
                 tables.append(part.table(columns))
@@ -110,16 +115,25 @@ class JoinedFile:
                 table = part.table([*columns, stamp])
                 times.append(table[:, -1] * _seconds(part.header[stamp], table[:, -1]))
                 tables.append(table[:, :-1])
-        rows, order, first = self._common_rows(tables, times), _requested_order(requested), times[0]
-        other_stamps = [None if _same_stamps(t, first) else t for t in times]
+        common = self._common_rows(tables, times)
+        order = _requested_order(file_of)
+        first = times[0]
+        other_stamps = list(times)
+        """Stamps of each file; None if its rows are those of the first file."""
+        for k, time in enumerate(times):
+            if _same_stamps(time, first):
+                other_stamps[k] = None
 
         def portions() -> Iterator[Array]:
-            for s in slices(len(rows)):
-                selected = np.arange(s.start, s.stop)[rows[s]]
-                if selected.size:
+            for s in slices(len(common)):
+                rows = np.arange(s.start, s.stop)[common[s]]
+                if rows.size:
                     parts = []
                     for table, stamps in zip(tables, other_stamps, strict=True):
-                        parts.append(_rows_at(table, stamps, first, selected))
+                        if stamps is None or first is None:
+                            parts.append(table[rows])
+                        else:
+                            parts.append(_resample(table, stamps, first[rows]))
                     yield np.concatenate(parts, axis=1)[:, order]
 
         return table_of(portions(), len(used), self.path)
@@ -137,14 +151,13 @@ class JoinedFile:
         """Mask (n,) of rows of the first file within the times of all others; raises TrajectoryError on mismatch."""
         first = times[0]
         if first is None:
-            counts = [len(table) for table in tables]
-            if len(set(counts)) > 1:
-                rows = ", ".join(f"{part.path.name} {n}" for part, n in zip(self.parts, counts, strict=True))
-                raise TrajectoryError(
-                    f"{self.path}: files without a time are joined row by row, and their rows differ: {rows}. Cut them alike, "
-                    "or give each a column of time."
-                )
-            return np.ones(counts[0], bool)
+            if len({*map(len, tables)}) == 1:
+                return np.ones(len(tables[0]), bool)
+            counts = [f"{part.path.name} {len(table)}" for part, table in zip(self.parts, tables, strict=True)]
+            raise TrajectoryError(
+                f"{self.path}: files without a time are joined row by row, and their rows differ: {', '.join(counts)}. Cut "
+                "them alike, or give each a column of time."
+            )
         begin, end = -np.inf, np.inf
         for stamps in times:
             if stamps is not None and len(stamps):
@@ -155,13 +168,6 @@ class JoinedFile:
                 f"{self.path}: the stamps of the files do not overlap, so they are not one recording."
             )
         return np.asarray(common)
-
-
-def _rows_at(table: Array, time: Array | None, first: Array | None, selected: Array) -> Array:
-    """Rows of a file at selected stamps of the first file: interpolated, or as they are if it has no other stamps."""
-    if time is None or first is None:
-        return table[selected]
-    return _resample(table, time, first[selected])
 
 
 def _same_stamps(time: Array | None, first: Array | None) -> bool:
@@ -179,19 +185,19 @@ def _resample(table: Array, time: Array, new_times: Array) -> Array:
     return np.array(columns).reshape(-1, len(new_times)).T
 
 
-def _requested_order(requested: Sequence[tuple[int, int]]) -> Array:
-    """Permutation of columns from file order to the requested order."""
-    return np.argsort(np.argsort([file for file, _ in requested], kind="stable"), kind="stable")
+def _requested_order(file_of: Array) -> Array:
+    """Permutation of columns from the order of files to the requested one; ``file_of`` are the files of the columns."""
+    return np.argsort(np.argsort(file_of, kind="stable"), kind="stable")
 
 
 def _time_of(header: Sequence[str]) -> int | None:
     """Most certain time column of a file."""
-    best = None
+    ranks = {}
     for k, cell in enumerate(header):
         meaning = time_meaning(split_unit(cell)[0])
-        if meaning is not None and (best is None or (meaning[0], k) < best):
-            best = meaning[0], k
-    return None if best is None else best[1]
+        if meaning is not None:
+            ranks[k] = meaning[0]
+    return min(ranks, key=ranks.__getitem__, default=None)
 
 
 def _seconds(cell: str, stamps: Array) -> float:
@@ -204,14 +210,21 @@ def _seconds(cell: str, stamps: Array) -> float:
 
 
 def _distinct_name(cell: str, path: Path) -> str:
+    """Name of a column that several files have: with the suffix of the quantity in the file's name, else after that name."""
     stem = path.name.split(".")[0]
     words = re.findall(r"[^\W\d_]+", stem.casefold())
     suffixes = {SUFFIX[_PART_OF[word]] for word in words if word in _PART_OF}
     if len(suffixes) != 1:
         return f"{stem}:{cell}"
     name, unit = split_unit(cell)
-    name += suffixes.pop()
-    return f"{name} [{unit}]" if unit else name
+    return _with_unit(name + suffixes.pop(), unit)
+
+
+def _with_unit(name: str, unit: str | None) -> str:
+    """Name of a column with its unit in brackets, if it has one."""
+    if not unit:
+        return name
+    return f"{name} [{unit}]"
 
 
 MotionFile = CsvFile | ArrayFile | JoinedFile
@@ -232,9 +245,11 @@ def open_motion_file(
         )
     ends = FileEnds.from_path(place)
     form = format_of(place, ends.start)
-    options = {"topic": topic, "command_topic": command_topic, "episode": episode}
-    chosen_options = {name: value for name, value in options.items() if value is not None}
-    for name in chosen_options:
+    chosen_options: dict[str, Any] = {}
+    for name, value in (("topic", topic), ("command_topic", command_topic), ("episode", episode)):
+        if value is None:
+            continue
+        chosen_options[name] = value
         if form is None or name not in form.options:
             raise TrajectoryError(f"{path}: {_PURPOSES[name]}, and this is none. Leave it out.", Argument(name))
     if form is None:
@@ -271,12 +286,13 @@ def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
     sums = _sums(file, columns)
     if not sums:
         return file
-    terms_of = [[(k, 1.0)] for k in range(len(file.header))]
-    terms_of += sums.values()
-    header = list(file.header)
+    header, terms_of = list(file.header), list[Terms]()
+    for k in range(len(header)):
+        terms_of.append([(k, 1.0)])
     for name, terms in sums.items():
+        terms_of.append(terms)
         _, unit = split_unit(file.header[terms[0][0]])
-        header.append(f"{name} [{unit}]" if unit else name)
+        header.append(_with_unit(name, unit))
 
     def read(used: Sequence[int]) -> Iterator[Array]:
         required = set[int]()
@@ -296,23 +312,28 @@ def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
     return ArrayFile(file.path, tuple(header), file.size, read, file.notes)
 
 
-def _sums(file: MotionFile, columns: Mapping[str, str]) -> dict[str, list[tuple[int, float]]]:
-    """Terms, column and sign, of each sum of columns. Raises TrajectoryError for columns of several units."""
+Terms = list[tuple[int, float]]
+"""Terms of a sum of columns: index and sign."""
+_SIGNS = {"": 1.0, "+": 1.0, "-": -1.0}
+
+
+def _sums(file: MotionFile, columns: Mapping[str, str]) -> dict[str, Terms]:
+    """Sums of columns by their names. Raises TrajectoryError for columns of several units."""
     indices: dict[str, int] = {}
     for k, cell in enumerate(file.header):
         indices.setdefault(split_unit(cell)[0], k)
     sums = {}
     for name in columns.values():
         parts = re.findall(r"(^|[+-])([^+-]+)", name)
-        terms = []
+        terms, units = [], set()
         for sign, part in parts:
             column = indices.get(split_unit(part)[0])
             if column is not None:
-                terms.append((column, -1.0 if sign == "-" else 1.0))
+                terms.append((column, _SIGNS[sign]))
+                units.add(split_unit(file.header[column])[1])
         if split_unit(name)[0] in indices or len(parts) < 2 or len(terms) < len(parts):
             continue
         sums[name] = terms
-        units = {split_unit(file.header[k])[1] for k, _ in sums[name]}
         if len(units) > 1:
             raise TrajectoryError(f"{file.path}: the columns of {name} have several units. Add columns of one unit.")
     return sums
@@ -321,16 +342,23 @@ def _sums(file: MotionFile, columns: Mapping[str, str]) -> dict[str, list[tuple[
 def moves_motors(path: str | Path | MotionFile) -> bool:
     """True if the file has columns for the motors of elastic joints; False if it cannot be opened."""
     try:
-        file = open_motion_file(path) if isinstance(path, str | Path) else path
+        header = _opened_file(path).header
     except TwistWrenchError:
         return False
-    return any(name.strip().endswith(".motor") for name in file.header)
+    return any(name.strip().endswith(".motor") for name in header)
+
+
+def _opened_file(file: str | Path | MotionFile) -> MotionFile:
+    """The file, opened if it is a path."""
+    if isinstance(file, str | Path):
+        return open_motion_file(file)
+    return file
 
 
 def joints_without_column(
     path: str | Path | MotionFile, model: Model, columns: Mapping[str, str] | None = None
 ) -> tuple[str, ...]:
     """Joints of a model without a column in the file's header; ``columns`` as in :meth:`MotionLog.open`."""
-    file = open_motion_file(path) if isinstance(path, str | Path) else path
+    file = _opened_file(path)
     joints = [b.joint.name for b in model.leaders if b.joint.nv]
     return absent_joints(file.header, Coordinates.from_model(model), joints, columns or {}, file.path)

@@ -31,8 +31,10 @@ def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) ->
     except ImportError:
         raise MissingExtraError.from_extra("xarray", "tables", "Making a Dataset") from None
     kinds = Coordinates.from_model(model)
-    batch = next(iter(arrays.values())).ndim - 2
-    samples = ("sample",) if batch == 1 else tuple(f"sample_{k}" for k in range(batch))
+    sample_axes = next(iter(arrays.values())).ndim - 2
+    samples = [f"sample_{k}" for k in range(sample_axes)]
+    if sample_axes == 1:
+        samples = ["sample"]
     coords = {
         "time": ("time", times, {"units": "s"}),
         "coordinate": list(kinds.names),
@@ -56,7 +58,9 @@ def _units(name: str, kinds: Coordinates) -> str:
             units[part] = ["1"] * len(units[part])
     else:
         units = [unit.replace("²", "^2") for unit in units_of(name, kinds.angular_velocity)]
-    return units[0] if len(set(units)) == 1 else ", ".join(units)
+    if len(set(units)) == 1:
+        return units[0]
+    return ", ".join(units)
 
 
 _NAME = "the DataFrame"
@@ -69,46 +73,58 @@ def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
             f"Motion.from_dataframe: the frame is {arguments.value_text(frame)}: give a pandas DataFrame with a column "
             "for each joint."
         )
-    timed = any(time_meaning(str(name)) is not None for name in frame.columns)
-    names = {str(name) for name in frame.columns}
-    columns = [index for index in _time(frame.index, timed=timed) if index[0].removesuffix(" [s]") not in names]
+    names = list(map(str, frame.columns))
+    timed = any(time_meaning(name) is not None for name in names)
+    header, columns = list[str](), [np.zeros((len(frame), 0))]
+    index = _time(frame.index, timed=timed)
+    if index is not None and index[0].removesuffix(" [s]") not in names:
+        header.append(index[0])
+        columns.append(index[1])
     ignored = []
-    for name, column in frame.items():
+    for name, values in frame.items():
         try:
-            columns.append(_column(str(name), column))
+            column_name, numbers = _column(str(name), values)
         except (TypeError, ValueError):
             ignored.append(str(name))
-    table = np.column_stack([x for _, x in columns]) if columns else np.zeros((len(frame), 0))
-    notes = (f"Columns that are not numbers are ignored: {', '.join(ignored)}.",) if ignored else ()
-    file = ArrayFile.from_table(Path(_NAME), [name for name, _ in columns], table, 8 * table.size)
+            continue
+        header.append(column_name)
+        columns.append(numbers)
+    table = np.column_stack(columns)
+    notes: tuple[str, ...] = ()
+    if ignored:
+        notes = (f"Columns that are not numbers are ignored: {', '.join(ignored)}.",)
+    file = ArrayFile.from_table(Path(_NAME), header, table, 8 * table.size)
     return replace(file, advice="frame.dropna() leaves such rows out, frame.interpolate() fills them"), notes
 
 
 def _column(name: str, values: Any) -> tuple[str, Array]:
     """Name and numbers of a column; dates in seconds since the first. Others raise TypeError or ValueError."""
-    kind = getattr(values.dtype, "kind", "")
-    if kind not in "mM":
+    nanosecond_type = {"M": "datetime64[ns]", "m": "timedelta64[ns]"}.get(getattr(values.dtype, "kind", ""))
+    if nanosecond_type is None:
         return name, np.asarray(values, float)
-    spans = np.asarray(values, "datetime64[ns]" if kind == "M" else "timedelta64[ns]")
-    return f"{name} [s]", (spans - spans[:1]) / np.timedelta64(1, "s")
+    stamps = np.asarray(values, nanosecond_type)
+    return f"{name} [s]", (stamps - stamps[:1]) / np.timedelta64(1, "s")
 
 
-def _time(index: Any, *, timed: bool) -> list[tuple[str, Array]]:
-    """Time column from the index, dates and durations in seconds since the first; empty if it is a row number.
+def _time(index: Any, *, timed: bool) -> tuple[str, Array] | None:
+    """Name and numbers of a time column from the index, dates and durations in seconds since the first; None for row numbers.
 
     The name is kept if it denotes time, or if another column does (``timed``). Otherwise increasing floats are the
     time.
     """
     if getattr(index.dtype, "kind", "") in "mM":
-        return [_column("time", index)]
+        return _column("time", index)
     values = np.asarray(index)
     counts = values.dtype.kind in "iu" and np.array_equal(values, np.arange(len(values)))
     if values.ndim != 1 or values.dtype.kind not in "iuf" or (index.name is None and counts):
-        return []
-    means_time = timed or (index.name is not None and time_meaning(str(index.name)) is not None)
+        return None
+    if index.name is None:
+        return "time", values.astype(float)
+    name = str(index.name)
     increases = values.dtype.kind == "f" and bool((np.diff(values) > 0).all())
-    name = "time" if index.name is None or (increases and not means_time) else str(index.name)
-    return [(name, values.astype(float))]
+    if increases and not timed and time_meaning(name) is None:
+        name = "time"
+    return name, values.astype(float)
 
 
 complete(globals())

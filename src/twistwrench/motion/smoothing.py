@@ -213,10 +213,10 @@ def stretch_edges(t: Array) -> list[int]:
 
 def spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
     """First and second derivatives (n, k) at the samples (n, k), by a quintic spline per stretch between pauses."""
-    parts = [_spline_rates(t[a:b], x[a:b]) for a, b in pairwise(stretch_edges(t))]
-    if len(parts) == 1:
-        return parts[0]
-    return np.concatenate([first for first, _ in parts]), np.concatenate([second for _, second in parts])
+    first, second = np.empty(x.shape), np.empty(x.shape)
+    for a, b in pairwise(stretch_edges(t)):
+        first[a:b], second[a:b] = _spline_rates(t[a:b], x[a:b])
+    return first, second
 
 
 def _spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
@@ -272,10 +272,12 @@ def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t
     h = np.where(h > 0, h, 1.0)
     s = np.clip((t - time[k])[..., None] / h, 0.0, 1.0)
     way = _way(robot, q[k], q[after])
-    several = [body.places[1] for body in robot.model.leaders if body.joint.nv > 1]
-    groups = _brackets(robot.model) if several else None
-    ends = dq[after], ddq[after]
-    v1, a1 = ends if groups is None else _rates(groups, way, *ends)
+    several = [body.places[1] for body in robot.model.leaders if body.joint.nv > 1]  # entries of such joints
+    groups = None
+    v1, a1 = dq[after], ddq[after]
+    if several:
+        groups = _brackets(robot.model)
+        v1, a1 = _rates(groups, way, v1, a1)
     v0, a0, v1, a1 = h * dq[k], h * h * ddq[k], h * v1, h * h * a1
     swing = 60 * np.abs(way - 0.5 * (v0 + v1) + (a1 - a0) / 12) + 6 * np.abs(v1 - v0 - 0.5 * (a0 + a1))
     fits = swing <= _SWING * np.maximum(np.abs(a0), np.abs(a1))
@@ -284,13 +286,12 @@ def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t
     e0, e1, e2 = way - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     c3, c4, c5 = 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2
     x = np.where(fits, s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))), s * way)
-    rates = (
-        (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h,
-        (a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / (h * h),
-    )
-    straight = ((1 - s) * y[k] + s * y[after] for y in (dq, ddq))
-    smooth = rates if groups is None else _twists(groups, x, *rates)
-    V, dV = (np.where(fits, one, other) for one, other in zip(smooth, straight, strict=True))
+    V = (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
+    dV = (a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / (h * h)
+    if groups is not None:
+        V, dV = _twists(groups, x, V, dV)
+    V = np.where(fits, V, (1 - s) * dq[k] + s * dq[after])
+    dV = np.where(fits, dV, (1 - s) * ddq[k] + s * ddq[after])
     return np.asarray(robot.add(q[k], x)), V, dV
 
 
@@ -306,10 +307,10 @@ def _ad(groups: Array, x: Array) -> Array:
     return (x @ groups).reshape(*x.shape, x.shape[-1])
 
 
-def _needed(x: Array) -> int:
+def _term_count(x: Array) -> int:
     """Number of significant terms of the series, which decrease at least as (|x|/2π)ⁿ."""
-    reach = min(2.0 * float(np.abs(x).max(initial=1e-3)), 4.0)
-    return min(len(_FORWARD), math.ceil(_DIGITS / math.log(2 * math.pi / reach)))
+    bound = min(2.0 * float(np.abs(x).max(initial=1e-3)), 4.0)  # of the norm of ad(x)
+    return min(len(_FORWARD), math.ceil(_DIGITS / math.log(2 * math.pi / bound)))
 
 
 def _twists(groups: Array, x: Array, rate: Array, bend: Array) -> tuple[Array, Array]:
@@ -317,7 +318,7 @@ def _twists(groups: Array, x: Array, rate: Array, bend: Array) -> tuple[Array, A
     A, dA = _ad(groups, x), _ad(groups, rate)
     term, slope = rate[..., None], bend[..., None]
     V, dV = term, slope
-    for c in _FORWARD[1 : _needed(x)]:  # terms (ad x)ⁿ rate, and their derivatives
+    for c in _FORWARD[1 : _term_count(x)]:  # terms (ad x)ⁿ rate, and their derivatives
         term, slope = A @ term, dA @ term + A @ slope
         V, dV = V + c * term, dV + c * slope
     return V[..., 0], dV[..., 0]
@@ -327,7 +328,7 @@ def _rates(groups: Array, x: Array, V: Array, dV: Array) -> tuple[Array, Array]:
     """Derivatives of x for q = q_k ⊕ x, from V and dV."""
     A = _ad(groups, x)
     terms = [V[..., None]]
-    for _ in _INVERSE[1 : _needed(x)]:
+    for _ in _INVERSE[1 : _term_count(x)]:
         terms.append(A @ terms[-1])
     rate = np.asarray(sum(c * term for c, term in zip(_INVERSE, terms, strict=False)))[..., 0]
     dA = _ad(groups, rate)

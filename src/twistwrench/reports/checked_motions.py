@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
@@ -57,19 +58,25 @@ class CheckedMotion:
     @property
     def severity(self) -> float:
         """Rank of the verdict, 0 for OK, and below 1 the share of the limit."""
-        share = abs(self.peak / self.limit) if self.limit else math.nan
-        rank = len(_SEVEREST_FIRST) - _SEVEREST_FIRST.index(self.verdict) if self.verdict in _SEVEREST_FIRST else 0
-        return rank + (share / (1.0 + share) if math.isfinite(share) else 0.0)
+        severity = 0.0
+        if self.verdict in _SEVEREST_FIRST:
+            severity = float(len(_SEVEREST_FIRST) - _SEVEREST_FIRST.index(self.verdict))
+        if not self.limit:
+            return severity
+        share = abs(self.peak / self.limit)
+        if math.isfinite(share):
+            severity += share / (1.0 + share)
+        return severity
 
     @classmethod
     def from_report(cls, file: str, report: TorqueReport) -> CheckedMotion:
         """The line of a report."""
-        judged = report.verdict
-        found = cls(file, str(judged.word), rows=report.rows, reason="; ".join(judged.reasons))
+        word, reasons = str(report.verdict.word), "; ".join(report.verdict.reasons)
+        checked = cls(file, word, rows=report.rows, reason=reasons)
         if report.worst is None:
-            return found
+            return checked
         worst = report.joints[report.worst]
-        return replace(found, joint=worst.joint, peak=worst.peak, limit=worst.limit, unit=worst.unit, time=worst.time)
+        return replace(checked, joint=worst.joint, peak=worst.peak, limit=worst.limit, unit=worst.unit, time=worst.time)
 
 
 _SEVEREST_FIRST = (Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, FAILED, Word.UNSURE)
@@ -108,12 +115,14 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
     @cached_property
     def verdict(self) -> Verdict:
         """The severest word, with the number of motions that have it; a file that cannot be read makes OK UNSURE."""
-        found = [one.verdict for one in self.motions]
-        word = next((word for word in _SEVEREST_FIRST if word in found), None)
-        if word is None:
+        count = Counter(motion.verdict for motion in self.motions)
+        words = [word for word in _SEVEREST_FIRST if count[word]]
+        if not words:
             return Verdict(Word.OK)
-        counts = [f"{found.count(each)} of {len(found)} {_MEANING[each]}" for each in _SEVEREST_FIRST if each in found]
-        return Verdict(Word.UNSURE if word == FAILED else Word(word), tuple(counts))
+        severest = Word.UNSURE
+        if words[0] != FAILED:
+            severest = Word(words[0])
+        return Verdict(severest, tuple(f"{count[word]} of {len(self)} {_MEANING[word]}" for word in words))
 
     @property
     def robot_name(self) -> str:
@@ -123,7 +132,9 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
     @property
     def subject(self) -> str:
         """Number of motions."""
-        return f"{len(self)} motion{'s' * (len(self) != 1)}"
+        if len(self) == 1:
+            return "1 motion"
+        return f"{len(self)} motions"
 
     def blocks(self) -> Iterator[Block]:
         """Verdict on all, and a table of one row each."""
@@ -131,19 +142,24 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
             yield Headline(Word.OK, f"all limits kept by {self.subject}.")
         else:
             yield Headline.from_verdict(self.verdict)
-        units = ", ".join(dict.fromkeys(one.unit for one in self if one.unit))
-        column = partial(numbers, unit=units, headed=False)
+        units = dict.fromkeys(motion.unit for motion in self if motion.unit)
+        peaks, limits, times = list[Line](), list[Line](), list[Line]()
+        for motion in self:
+            peaks.append(_quantity_cell(motion.peak, motion.unit))
+            limits.append(_quantity_cell(motion.limit, motion.unit))
+            times.append(_quantity_cell(motion.time, "s"))
+        column = partial(numbers, unit=", ".join(units), headed=False)
         yield Table(
             "",
-            words("motion", [Path(one.file).name for one in self]),
-            words("verdict", [word_cell(one.verdict) for one in self]),
-            words("joint", [one.joint for one in self]),
-            column("peak", [Line(quantity(one.peak, one.unit), value=one.peak) for one in self]),
-            column("limit", [Line(quantity(one.limit, one.unit), value=one.limit) for one in self]),
-            numbers("at", [Line(quantity(one.time, "s"), value=one.time) for one in self], unit="s", headed=False),
-            words("", [one.reason for one in self]),
-            most=12,
-            by=[one.severity for one in self],
+            words("motion", [Path(motion.file).name for motion in self]),
+            words("verdict", [word_cell(motion.verdict) for motion in self]),
+            words("joint", [motion.joint for motion in self]),
+            column("peak", peaks),
+            column("limit", limits),
+            numbers("at", times, unit="s", headed=False),
+            words("", [motion.reason for motion in self]),
+            most=_MAX_ROWS,
+            by=[motion.severity for motion in self],
             of_limits=False,
         )
 
@@ -154,7 +170,7 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
         -------
         files : {argument: path}
         """
-        return {f"MOTION {one.file}": one.file for one in self if Path(one.file).is_file()}
+        return {f"MOTION {motion.file}": motion.file for motion in self if Path(motion.file).is_file()}
 
     def to_csv(self, path: str | Path) -> Path:
         """Write one row for each motion.
@@ -175,12 +191,19 @@ class CheckedMotions(Answer, Sequence[CheckedMotion]):
         ...     tw.check_each("ur5", [demo]).to_csv(f"{folder}/all.csv").read_text().splitlines()[0]
         'file,verdict,joint,peak,limit,unit,time,rows,reason'
         """
-        names = [field.name for field in fields(CheckedMotion)]
-        with csv_table(path, names) as table:
-            for one in self:
-                values = [getattr(one, name) for name in names]
-                table.row(str(value) if isinstance(value, int) else value for value in values)
+        with csv_table(path, [field.name for field in fields(CheckedMotion)]) as table:
+            for motion in self:
+                cells = vars(motion) | {"rows": str(motion.rows)}  # a count has no decimals
+                table.row(cells.values())
         return as_path(path)
+
+
+_MAX_ROWS = 12
+"""Rows of the table in a short answer."""
+
+
+def _quantity_cell(value: float, unit: str) -> Line:
+    return Line(quantity(value, unit), value=value)
 
 
 _MEANING: Mapping[str, str] = {
@@ -229,8 +252,9 @@ def check_each(
     OK: all limits kept by 1 motion.
     """
     loaded, _ = robot_of(robot, asked.pop("actuators", None), asked.pop("lock", None))
-    given = expanded_paths(motions) if isinstance(motions, str | Path) else list(motions)
-    return checked_motions(loaded.name, given, _Question(loaded, asked).answer, workers, scheduler, progress)
+    if isinstance(motions, str | Path):
+        motions = expanded_paths(motions)
+    return checked_motions(loaded.name, list(motions), _Question(loaded, asked).answer, workers, scheduler, progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,8 +265,7 @@ class _Question:
     asked: CheckOptions
 
     def answer(self, motion: Any) -> CheckedMotion:
-        name = str(motion) if isinstance(motion, str | Path) else ""
-        return CheckedMotion.from_report(name, check(self.robot, motion, **self.asked))
+        return CheckedMotion.from_report("", check(self.robot, motion, **self.asked))
 
 
 def checked_motions(
@@ -255,16 +278,18 @@ def checked_motions(
 ) -> CheckedMotions:
     """Verdicts of a question on each motion; a file that cannot be read has its error as reason."""
     with workers_of(workers, scheduler) as team:
-        found = []
+        checked = []
         for k, result in enumerate(team.results(answer, motions, progress)):
-            name = str(motions[k]) if isinstance(motions[k], str | Path) else f"motion {k}"
+            name = f"motion {k}"
+            if isinstance(motions[k], str | Path):
+                name = str(motions[k])
             if isinstance(result, Failure):
-                found.append(CheckedMotion(name, FAILED, reason=result.reason))
+                checked.append(CheckedMotion(name, FAILED, reason=result.reason))
             else:
-                found.append(replace(result, file=name))
-    if found and all(one.verdict == FAILED for one in found):
-        raise ValueRangeError(f"none of the {len(found)} motions can be read. The first: {found[0].reason}")
-    return CheckedMotions(robot_name, tuple(found))
+                checked.append(replace(result, file=name))
+    if checked and all(motion.verdict == FAILED for motion in checked):
+        raise ValueRangeError(f"none of the {len(checked)} motions can be read. The first: {checked[0].reason}")
+    return CheckedMotions(robot_name, tuple(checked))
 
 
 def expanded_paths(motions: str | Path) -> list[str]:
@@ -279,8 +304,8 @@ def expanded_paths(motions: str | Path) -> list[str]:
             raise ValueRangeError(f"no file matches {text!r}.")
         return matches
     if path.is_dir() and format_of(path) is None:
-        inside = sorted(str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
-        if not inside:
+        files = [str(p) for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
+        if not files:
             raise ValueRangeError(f"{text!r} is a folder without files.")
-        return inside
+        return sorted(files)
     return [text]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +37,9 @@ notes and of names of configurations."""
 def info_view(robot: Robot, *, degrees: bool = False) -> Iterator[Block]:
     """Heading, joints, actuators, inertias and tree of a robot; angles in degrees if ``degrees``."""
     model = robot.model
-    level = Level.ALL if len(model.bodies) > _MAX_BODIES else Level.SHORT
+    level = Level.SHORT
+    if len(model.bodies) > _MAX_BODIES:
+        level = Level.ALL
     yield _heading(model)
     yield _joints(model, degrees=degrees)
     if model.actuators:
@@ -44,9 +48,10 @@ def info_view(robot: Robot, *, degrees: bool = False) -> Iterator[Block]:
         yield _coupling(model, k, level)
     yield _inertias(model, level)
     yield _tree(model, level)
-    notes = [*grouped(model.defects), *(f"{text}." for text in base_doubts(model))]
-    for k, note in enumerate(remarks(notes)):
-        yield note if k < _MAX_NOTES else replace(note, level=Level.ALL)
+    notes = remarks([*grouped(model.defects), *(f"{text}." for text in base_doubts(model))])
+    yield from notes[:_MAX_NOTES]
+    for note in notes[_MAX_NOTES:]:
+        yield replace(note, level=Level.ALL)
     further = []
     if level is Level.ALL:
         further.append(f"Inertias of {len(_masses(model))} links, tree")
@@ -74,7 +79,7 @@ def _heading(model: Model) -> Line:
 def _tip(model: Model) -> str:
     """Tip and other leaves of its body."""
     if model.tip is None:
-        return f"none; leaves: {listed(model.leaves, _MAX_NAMES) if model.leaves else 'none'}"
+        return f"none; leaves: {listed(model.leaves, _MAX_NAMES) or 'none'}"
     body = model.all_frames[model.tip].body
     others = [name for name in model.leaves if name != model.tip and model.frames[name].body == body]
     if not others:
@@ -98,11 +103,13 @@ def _joints(model: Model, *, degrees: bool) -> Table:
     rows = list(_joint_rows(model, unit, degrees=degrees))
     columns = []
     for head, figures in _joint_figures(model, unit).items():
-        cells = ["" if row.velocity is None else float(figures[row.velocity]) for row in rows]
-        columns.append(numbers(head, cells))
-    units = (heading_unit(part, (True, False), degrees=degrees) for part in ("q", "dq", "tau"))
+        figure_of: dict[int | None, float | str] = {None: ""} | dict(
+            enumerate(figures.tolist())
+        )  # blank for a mimic joint
+        columns.append(numbers(head, [figure_of[row.velocity] for row in rows]))
+    in_units = partial(heading_unit, turning=(True, False), degrees=degrees)
     return Table(
-        "Joints: positions in {}, velocities in {}, efforts in {}".format(*units),
+        f"Joints: positions in {in_units('q')}, velocities in {in_units('dq')}, efforts in {in_units('tau')}",
         words("joint", [row.name for row in rows]),
         words("kind", [row.kind for row in rows]),
         words("carries", [row.link for row in rows]),
@@ -180,11 +187,16 @@ def _coupling(model: Model, k: int, level: Level) -> Table:
 
 def _rule(follower: Body, leader: str, leader_factor: float, *, degrees: bool) -> str:
     """Coupling of a mimic joint in the table's units."""
-    factor = math.degrees(1.0) if degrees and follower.joint.axes[0, :3].any() else 1.0
-    ratio = follower.ratio * (factor / leader_factor)
-    position = leader if ratio == 1.0 else f"{number(ratio)} × {leader}"
-    if follower.offset:
-        position += f" {'+' if follower.offset > 0 else ''}{number(factor * follower.offset)}"
+    factor = 1.0
+    if degrees and follower.joint.axes[0, :3].any():
+        factor = math.degrees(1.0)
+    ratio, position = follower.ratio * (factor / leader_factor), leader
+    if ratio != 1.0:
+        position = f"{number(ratio)} × {leader}"
+    if follower.offset > 0:
+        position += f" +{number(factor * follower.offset)}"
+    elif follower.offset:
+        position += f" {number(factor * follower.offset)}"
     return f"follows {position}"
 
 
@@ -217,7 +229,7 @@ def _tree(model: Model, level: Level) -> Branch:
 
     Deeper levels continue at the left margin.
     """
-    frames_of_bodies: dict[int, list[str]] = {i: [] for i in range(BASE, len(model.bodies))}
+    frames_of_bodies: dict[int, list[str]] = defaultdict(list)
     for name, frame in model.all_frames.items():
         frames_of_bodies[frame.body].append(name)
     root = Branch(Line(*_frames("base", frames_of_bodies[BASE])), level=level)
@@ -237,6 +249,7 @@ def _tree(model: Model, level: Level) -> Branch:
 
 def _frames(link: str, frames: list[str]) -> list[Piece]:
     """Text of a link and the other frames of its body."""
-    others = [name for name in frames if name != link]
-    further = f"  + {', '.join(others)}" if others else ""
+    further, others = "", [name for name in frames if name != link]
+    if others:
+        further = f"  + {', '.join(others)}"
     return [(link, Style.STRONG), (further, Style.QUIET)]

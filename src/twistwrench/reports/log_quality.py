@@ -81,13 +81,15 @@ class LogQuality:
         """
         file = open_motion_file(path, topic, episode)
         text, notes = text_columns(file), list(file.notes)
-        used = [k for k in range(len(file.header)) if k not in text]
-        if not used:
-            used = list(range(len(file.header)))  # all columns are words: the first row raises
-        elif text:
+        all_columns = range(len(file.header))
+        used = sorted({*all_columns} - {*text}) or list(all_columns)  # if all are words, the first row raises
+        if 0 < len(text) < len(file.header):
             notes.append(f"Ignored, as they hold words: {listed([repr(file.header[k]) for k in text])}.")
         header = [file.header[k] for k in used]
-        check_header(header, f"{path}: line {file.header_line}" if isinstance(file, CsvFile) else str(path))
+        where = str(path)
+        if isinstance(file, CsvFile):
+            where += f": line {file.header_line}"
+        check_header(header, where)
         table = file.table(used)
         if not len(table):
             raise TrajectoryError(f"{path}: no rows after the header.")
@@ -98,7 +100,9 @@ class LogQuality:
             k, factor = time_column
             time, clock = header[k], _clock(table[:, k] * factor)
             value_columns.remove(k)
-        runs = excerpts(table, *_RUNS) if 8 * table.size > MAX_TABLE_IN_MEMORY else [table]
+        runs = [table]
+        if 8 * table.size > MAX_TABLE_IN_MEMORY:
+            runs = excerpts(table, *_RUNS)
         columns = tuple(_column(header[k], table, runs, k) for k in value_columns)
         return cls(file.path, len(table), time, *clock, columns, tuple(notes))
 
@@ -110,8 +114,11 @@ def _grid_and_noise(runs: list[Array]) -> tuple[float, float]:
     grid = quantum(runs)
     if min(map(len, runs)) < _MIN_ROWS_FOR_NOISE:
         return grid, 0.0
-    row_numbers = [np.arange(len(x), dtype=float) for x in runs]
-    return grid, float(noise(row_numbers, [x[:, None] for x in runs], grid)[0])
+    row_numbers, columns = list[Array](), list[Array]()
+    for run in runs:
+        row_numbers.append(np.arange(len(run), dtype=float))
+        columns.append(run[:, None])
+    return grid, float(noise(row_numbers, columns, grid)[0])
 
 
 def _time_of(header: Sequence[str], table: Array) -> tuple[int, float] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,7 +37,7 @@ from ..motion.model_doubts import (
 from ..motion.motion_log import ASKED
 from .statistics import INTERVAL
 from .support.judgement import standing_words, support_verdict
-from .torque_report import NEGLIGIBLE, SMALL, ZERO, BearingUse, TorqueReport
+from .torque_report import MIN_NOISE_SHARE, MIN_REFERENCE_SHARE, ZERO, BearingUse, TorqueReport
 from .torque_verdict import (
     KINDS,
     because,
@@ -71,18 +72,20 @@ def verdict_view(report: TorqueReport, judged: Verdict | None = None) -> Headlin
         clauses = assumptions(load.robot.model, load.payloads, friction=load.friction, unjudged=report.limits)
         assumed = assumed_words(clauses)
     margin, further = _payload_margin(report), []
-    if margin is not None:
-        further.append(Line(margin.words_alone if _has_other_limits(report) else margin.words))
+    if margin is not None and _has_other_limits(report):
+        further.append(Line(margin.words_alone))
+    elif margin is not None:
+        further.append(Line(margin.words))
     if report.held.support is not None and not judged.ok and support_verdict(report.held.support).ok:
-        text = standing_words(report.held.support)
-        further.append(Line(f"{text[0].upper()}{text[1:]}."))
+        further.append(Line(f"{_capitalised(standing_words(report.held.support))}."))
     if report.held.grip is not None and report.held.grip.verdict.ok:
         further.append(Line(report.held.grip.line))
     if report.held.mounting is not None:
         further.append(Line(report.held.mounting.line))
     if report.clearance is not None:
-        further += [Line(text) for text in report.clearance.lines]
-    further += [Line((question, strong(Style.NEAR)), f" {remark}") for question, remark in _questions(report)]
+        further += map(Line, report.clearance.lines)
+    for question, remark in _questions(report):
+        further.append(Line((question, strong(Style.NEAR)), f" {remark}"))
     reasons = [f"{reason}." for reason in others]
     return Headline(judged.word, f"{first}{assumed}.", reasons=reasons, further=further)
 
@@ -94,11 +97,12 @@ def verdict_text(report: TorqueReport) -> str:
 
 def _questions(report: TorqueReport) -> list[tuple[str, str]]:
     """Questions to the user, with their causes."""
-    found = [
-        ("IS THE UNIT RIGHT?", f"{doubt}.") for doubt in report.doubts if doubt.level == "note" and doubt.kind in ASKED
-    ]
+    unit_notes = [doubt for doubt in report.doubts if doubt.level == "note" and doubt.kind in ASKED]
+    questions = [("IS THE UNIT RIGHT?", f"{doubt}.") for doubt in unit_notes]
     remark = force_remark(report.load.with_load.model, report.joints)
-    return [*found, (MISSING_CONTACT, remark)] if remark else found
+    if remark:
+        questions.append((MISSING_CONTACT, remark))
+    return questions
 
 
 def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
@@ -106,7 +110,10 @@ def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
     if report.payload_margin is None or report.verdict.word not in (Word.OK, Word.OVER_LIMIT):
         return None
     fits = report.payload_margin.mass >= report.load.payloads[0].mass
-    return report.payload_margin if fits != any(e.kind == "effort" for e in report.excesses) else None
+    exceeds = any(e.kind == "effort" for e in report.excesses)
+    if fits == exceeds:
+        return None
+    return report.payload_margin
 
 
 def _has_other_limits(report: TorqueReport) -> bool:
@@ -134,17 +141,26 @@ def _nearest(report: TorqueReport) -> str:
     j = max(limited, key=lambda j: j.share)
     if report.is_zero(j.largest):
         return sentence("no torque")
-    smoothed = _over_as_logged(report)
-    sure = sentence("sure", share=percent(INTERVAL * report.reach(j) / j.limit, 2)) if smoothed else ""
+    sure, smoothed = "", _joints_over_before_smoothing(report)
+    if smoothed:
+        sure = sentence("sure", share=percent(INTERVAL * report.reach(j) / j.limit, 2))
     share = percent_of_limit(j.share)
     nearest = sentence("nearest", joint=j.joint, share=share, sure=sure, time=seconds(j.time), because=because(j))
     bearing = max(report.bearings, key=lambda use: use.share, default=None)
     if bearing is not None and bearing.share > j.share:
         of_torques = sentence("near", kind="Torque", joint=j.joint, share=share + sure, time=seconds(j.time))
         nearest = f"{_nearest_bearing(bearing)}. {of_torques}"
-    clauses = [nearest, *_also_near(report, j.share), *([sentence("smoothed", joints=smoothed)] if smoothed else [])]
-    hidden = report.gaps.hidden_words if report.gaps.hidden else ""
-    return ". ".join([*clauses, *([f"{hidden[0].upper()}{hidden[1:]}"] if hidden else [])])
+    sentences = [nearest, *_also_near(report, j.share)]
+    if smoothed:
+        sentences.append(sentence("smoothed", joints=smoothed))
+    if report.gaps.hidden:
+        sentences.append(_capitalised(report.gaps.hidden_words))
+    return ". ".join(sentences)
+
+
+def _capitalised(text: str) -> str:
+    """Text with a capital first letter."""
+    return f"{text[0].upper()}{text[1:]}"
 
 
 def _nearest_bearing(use: BearingUse) -> str:
@@ -163,37 +179,38 @@ AT_STOP = 0.99
 
 def _near_limits(report: TorqueReport) -> list[dict[str, Any]]:
     """Velocity, position and measured torque nearest to a limit, with the share ``least`` from which each is named."""
-    found = []
+    near_by_kind = {near.kind: near for near in reversed(report.near)}
+    nearest = []
     for kind, least in (("velocity", NEAR_LIMIT), ("position", AT_STOP)):
-        near = next((x for x in report.near if x.kind == kind), None)
-        found += [] if near is None else [vars(near) | {"least": least}]
+        if kind in near_by_kind:
+            nearest.append(vars(near_by_kind[kind]) | {"least": least})
     if report.measured:
         m = max(report.measured, key=lambda m: m.share)
-        found.append(
+        nearest.append(
             {"joint": m.joint, "kind": "measured torque", "share": m.share, "time": m.time, "least": NEAR_LIMIT}
         )
-    return found
+    return nearest
 
 
 def _also_near(report: TorqueReport, share: float) -> list[str]:
     """Sentences on what is nearer to a limit than the torque of this ``share``."""
-    return [
-        sentence(
-            "near",
-            kind=f"{near['kind'][0].upper()}{near['kind'][1:]}",
-            joint=near["joint"],
-            share=percent_of_limit(near["share"]),
-            time=seconds(near["time"]),
-        )
-        for near in _near_limits(report)
-        if near["share"] > max(share, near["least"])
-    ]
+    sentences = []
+    for near in _near_limits(report):
+        if near["share"] > max(share, near["least"]):
+            kind, near_share = _capitalised(near["kind"]), percent_of_limit(near["share"])
+            time = seconds(near["time"])
+            sentences.append(sentence("near", kind=kind, joint=near["joint"], share=near_share, time=time))
+    return sentences
 
 
-def _over_as_logged(report: TorqueReport) -> str:
+def _joints_over_before_smoothing(report: TorqueReport) -> str:
     """Text with the number of joints over a limit before smoothing; empty if there are none."""
-    count = len({e.joint for e in report.derived.excesses}) if report.derived is not None else 0
-    return f"{count} joint{'s' * (count > 1)}" if count else ""
+    if report.derived is None or not report.derived.excesses:
+        return ""
+    count = len({e.joint for e in report.derived.excesses})
+    if count == 1:
+        return "1 joint"
+    return f"{count} joints"
 
 
 # ── The same as data
@@ -212,14 +229,21 @@ def verdict_data(
     Without a ``report``, as for arrays, the motion has no noise; its contradictions and exceeded position limits are
     arguments.
     """
-    model, payload = load.robot.model, load.payloads[0] if load.payloads else Payload(1.0)
+    model = load.robot.model
     coordinates = Coordinates.from_model(model)
-    carried = replace(payload, mass=1.0)  # whose mass the page sets
-    assumed = [
-        assumed_words(assumptions(model, p, friction=load.friction, unjudged=limits, mass="{mass}"))
-        for p in ((), (carried,))
-    ]
-    before, after = (model_warnings(load.with_load.model), []) if report is None else carried_doubts(report)
+    payload = Payload(1.0)  # the page sets its mass
+    if load.payloads:
+        payload = replace(load.payloads[0], mass=1.0)
+    assume = partial(assumptions, model, friction=load.friction, unjudged=limits, mass="{mass}")
+    if report is None:
+        before, after, look_again = model_warnings(load.with_load.model), list[str](), list(refused)
+    else:
+        before, after = carried_doubts(report)
+        look_again = contradictions(report)
+    closest, clearance_reasons = list[str](), dict[str, Sequence[str]]()
+    if clearance is not None:
+        closest = clearance.lines
+        clearance_reasons = {clearance.verdict.word: clearance.verdict.reasons}
     velocities = np.where(np.isfinite(limits.velocity), limits.velocity, -1.0)
     data = {
         "fixed": why_fixed(load) or why_doubted(report),
@@ -230,34 +254,41 @@ def verdict_data(
         },
         "bounds": {
             "tolerance": TOLERANCE, "loaded": load_case.MIN_SHARE_OF_LARGEST, "zero": ZERO,
-            "negligible": NEGLIGIBLE, "small": SMALL, "near": NEAR_LIMIT, "interval": INTERVAL,
+            "negligible": MIN_NOISE_SHARE, "small": MIN_REFERENCE_SHARE, "near": NEAR_LIMIT, "interval": INTERVAL,
             "confidence": confidence(int(np.isfinite(limits.effort).sum())),
         },
         "driven": driven_entries(model).tolist(),
         "followers": [_follower(model, k) for k in model.limited_followers],
         "force": _force_at_base(model),
-        "lookAgain": list(refused) if report is None else contradictions(report),
+        "lookAgain": look_again,
         "doubts": {"first": base_doubts(model, "hanging, feet"), "before": before, "after": after},
         "placeholders": {
             "words": load_case.placeholder_doubt(load.robot, limits), "confirmed": limits.has_unit("effort").tolist(),
         },
-        "assumed": {"empty": assumed[0], "loaded": assumed[1], "tip": model.tip},
+        "assumed": {
+            "empty": assumed_words(assume(())), "loaded": assumed_words(assume((payload,))), "tip": model.tip,
+        },
         "velocities": velocities.tolist(),
         "turns": coordinates.angular_velocity.tolist(),
         "leastPerKilogram": load_case.least_torque_per_kilogram(model),
         "margin": not (load.friction and model.friction.load.any()),
-        "passed": [_passed(v, model) for v in positions],
+        "passed": [_exceeded_stop(v, model) for v in positions],
         "noisy": [], "joints": None, "gap": None, "asLogged": "", "near": [], "questions": [],
-        "closest": [] if clearance is None else clearance.lines,
-        "clearance": {} if clearance is None else {clearance.verdict.word: clearance.verdict.reasons},
+        "closest": closest,
+        "clearance": clearance_reasons,
     }  # fmt: skip
-    return data if report is None else data | _of_the_log(report)
+    if report is not None:
+        data |= _log_data(report)
+    return data
 
 
-def _passed(v: Violation, model: Model) -> dict[str, Any]:
+def _exceeded_stop(v: Violation, model: Model) -> dict[str, Any]:
     """Exceeded position limit, in the form of :class:`Excess`."""
     turns = bool(Coordinates.from_model(model).angular_velocity[model.velocity_names.index(v.joint)])
-    return vars(v) | {"kind": "upper" if v.value > v.limit else "lower", "angular": turns}
+    kind = "lower"
+    if v.value > v.limit:
+        kind = "upper"
+    return vars(v) | {"kind": kind, "angular": turns}
 
 
 def _follower(model: Model, k: int) -> dict[str, Any]:
@@ -270,29 +301,38 @@ def _follower(model: Model, k: int) -> dict[str, Any]:
 
 def _force_at_base(model: Model) -> dict[str, Any] | None:
     """Figures that show whether a floating base lacks a force; None if the base is driven."""
-    if not (rows := base_velocities(model)):
+    rows = base_velocities(model)
+    if not rows:
         return None
     strength = float(np.linalg.norm(model.gravity))
     bounds = {"share": SHARE, "least": SHARE_OF_WEIGHT_ON_EARTH * STRENGTH, "sure": SURE_FORCE}
     return {"rows": rows, "mass": model.moving_mass, "strength": strength, "question": MISSING_CONTACT, **bounds}
 
 
-def _of_the_log(report: TorqueReport) -> dict[str, Any]:
+def _log_data(report: TorqueReport) -> dict[str, Any]:
     """Data available only for a log: noise of each joint's peak, pauses, exceeded limits of the motion."""
-    passed = [e for e in report.excesses if e.kind in ("lower", "upper") and not is_noise(report, e)]
-    noise = [e.joint for e in report.excesses if e.kind == "velocity" and is_noise(report, e)]
-    joints = [
-        {"chance": j.chance, "reach": report.reach(j), "end": report.at_an_end(j), "sigma": j.uncertainty}
-        for j in report.joints
-    ]
-    hidden = report.gaps.hidden
-    gap = {"hidden": hidden, "words": report.gaps.hidden_words, "most": most_hidden(report)} if hidden else None
+    exceeded_stops, noisy_velocities = [], []
+    for e in report.excesses:
+        is_stop = e.kind in ("lower", "upper")
+        if is_stop and not is_noise(report, e):
+            exceeded_stops.append(vars(e))
+        if e.kind == "velocity" and is_noise(report, e):
+            noisy_velocities.append(e.joint)
+    joints = None
+    if report.noisy:
+        joints = []
+        for j in report.joints:
+            at_end = report.at_an_end(j)
+            joints.append({"chance": j.chance, "reach": report.reach(j), "end": at_end, "sigma": j.uncertainty})
+    gap = None
+    if report.gaps.hidden:
+        gap = {"hidden": report.gaps.hidden, "words": report.gaps.hidden_words, "most": most_hidden(report)}
     return {
-        "passed": [vars(e) for e in passed],
-        "noisy": noise,
-        "joints": joints if report.noisy else None,
+        "passed": exceeded_stops,
+        "noisy": noisy_velocities,
+        "joints": joints,
         "gap": gap,
-        "asLogged": _over_as_logged(report),
+        "asLogged": _joints_over_before_smoothing(report),
         "near": _near_limits(report),
         "questions": [f"{question} {remark}" for question, remark in _questions(report) if question != MISSING_CONTACT],
         "text": verdict_text(report),

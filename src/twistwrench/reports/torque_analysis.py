@@ -6,8 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
-from operator import attrgetter
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -41,7 +40,7 @@ from .motors import MotorFigures, MotorUse, Steps
 from .statistics import INTERVAL, Bins, Gaps, PeakBootstrap, PeakEstimate, Runs, gap_edges, mean_weights
 from .support.view import further_columns
 from .torque_report import (
-    NEGLIGIBLE,
+    MIN_NOISE_SHARE,
     ZERO,
     AsDerived,
     BearingUse,
@@ -107,8 +106,8 @@ class Extremes:
         passed = dict(first.passed)
         for kind in passed:
             passed[kind] = Extrema.merge([part.passed[kind] for part in parts])
-        peak = Extrema.merge([part.peak for part in parts])
-        return cls(first.load, first.limits, passed, peak, Extrema.merge([part.borne for part in parts]))
+        peak, borne = Extrema.merge(_each(parts, "peak")), Extrema.merge(_each(parts, "borne"))
+        return cls(first.load, first.limits, passed, peak, borne)
 
     @property
     def _model(self) -> Model:
@@ -125,7 +124,9 @@ class Extremes:
             return ()
         limited = np.isfinite(limits.velocity)
         shares = np.abs(velocity.signed) / np.where(limited, limits.velocity, 1.0)
-        near = _nearest_limit(names, "velocity", np.where(limited, shares, 0.0), velocity.time) if limited.any() else []
+        near = []
+        if limited.any():
+            near = _nearest_limit(names, "velocity", np.where(limited, shares, 0.0), velocity.time)
         bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper) & (limits.upper > limits.lower)
         if bounded.any():
             ranges = np.where(bounded, limits.upper - limits.lower, 1.0)
@@ -239,10 +240,7 @@ class MotionFigures:
     @classmethod
     def from_parts(cls, parts: Sequence[MotionFigures]) -> MotionFigures:
         """Figures of consecutive rows from those of their parts."""
-
-        def each(name: str) -> list[Any]:
-            return [getattr(part, name) for part in parts]
-
+        each = partial(_each, parts)
         drives = np.arange(parts[0].whole.peak.value.size)
         part_with_peak = np.argmax([part.whole.peak.value for part in parts], axis=0)
         states_at_peaks = _join_samples(each("at_peaks"))
@@ -265,22 +263,29 @@ class MotionFigures:
             stationary=np.sum(each("stationary"), axis=0),
             outliers=np.concatenate(each("outliers")),
             motors=_join_optional(MotorFigures.from_parts, each("motors")),
-            margin=_join_optional(PayloadShares.joined, each("margin")),
+            margin=_join_optional(PayloadShares.from_parts, each("margin")),
             carried=max(each("carried")),
             compared=tuple(map(TorqueComparison.from_parts, zip(*each("compared"), strict=True))),
             above=np.concatenate(each("above")),
         )
 
 
+def _each(parts: Sequence[Any], name: str) -> list[Any]:
+    """One figure of each part."""
+    return [getattr(part, name) for part in parts]
+
+
 def _join_samples(parts: Sequence[MotionSamples]) -> MotionSamples:
-    columns_of = attrgetter(*(field.name for field in fields(MotionSamples)))
-    return MotionSamples(*map(np.concatenate, zip(*map(columns_of, parts), strict=True)))
+    """Samples of consecutive rows."""
+    return MotionSamples(*[np.concatenate(_each(parts, field.name)) for field in fields(MotionSamples)])
 
 
 def _join_optional(join: Callable[[Sequence[T]], T], parts: Sequence[T | None]) -> T | None:
     """Joined figures; None if the parts have none."""
     present = [part for part in parts if part is not None]
-    return join(present) if present else None
+    if not present:
+        return None
+    return join(present)
 
 
 def _moved_velocities(model: Model, column: int) -> tuple[slice, float]:
@@ -386,7 +391,9 @@ class MotionPass:
         """Extremes without doubtful rows; torques of all rows if they do not depend on derived rates."""
         if not self.spans:
             return whole
-        rows = np.ones(len(s), bool) if self.plan.source == "given" else ~doubted
+        rows = ~doubted
+        if self.plan.source == "given":
+            rows = np.ones(len(s), bool)
         return Extremes.from_states(self.load, self.limits, s[~doubted], (s.time[rows], torques[rows], borne[rows]))
 
     def _payload_shares(self, s: MotionSamples, torques: Array, borne: Array) -> PayloadShares | None:
@@ -430,7 +437,9 @@ class MotionPass:
         """Outliers (m, 5); the last column is 1 if the sample, if real, implies a torque beyond a limit or without a limit."""
         if not s.outlier.any():
             return np.zeros((0, 5))
-        order = 1 if self.plan.source == "velocities" else 2
+        order = 2  # accelerations are this derivative of the smoothed columns
+        if self.plan.source == "velocities":
+            order = 1
         gain = pulse_peak(order, self.plan.quality.step)
         rows, columns = np.nonzero(s.outlier[:, :, 0])
         outliers = np.column_stack([columns, s.time[rows], s.outlier[rows, columns], np.zeros(len(rows))])
@@ -462,7 +471,9 @@ class MotionPass:
     def terms(self, found: MotionFigures) -> dict[str, Array]:
         """Causes (nv,) of the peak of each torque."""
         terms = self.load.terms(found.at_peaks)
-        return {name: np.diagonal(self.load.drive_torques(torques)).copy() for name, torques in terms.items()}
+        for name, torques in terms.items():
+            terms[name] = np.diagonal(self.load.drive_torques(torques)).copy()
+        return terms
 
     def around(self, found: MotionFigures, joint: int) -> MotionSamples:
         """States on either side of a joint's peak."""
@@ -488,7 +499,9 @@ class MotionPass:
         if not found.compared:
             return ()
         best = min(found.compared, key=lambda comparison: comparison.misfit)
-        step = float(np.median(np.diff(self.time))) if found.rows > 1 else 0.0
+        step = 0.0
+        if found.rows > 1:
+            step = float(np.median(np.diff(self.time)))
         above = TimeAbove.from_rows(self.time, found.above)
         labels = self.load.with_load.model.drive_labels
         return best.torques(labels, self.load.units, self.limits.effort, above, step)
@@ -530,7 +543,7 @@ def analyse(
     else:
         derived = run.once(differentiation)
         report = _report(*derived)
-        if any(j.noise > NEGLIGIBLE * report.reference(j) for j in report.joints):
+        if any(j.noise > MIN_NOISE_SHARE * report.reference(j) for j in report.joints):
             report = run.answer(differentiation.with_smoothing(steps.next()), derived)
     steps.done()
     return report
@@ -554,7 +567,10 @@ class _Run:
             s = states[inner]
             torques = self.load.drive_torques(self.load.torques(s))
             _check_finite(torques, s)
-            parts.append(passing.figures(first, s, torques, None if motion.tau is None else motion.tau[inner]))
+            measured = motion.tau
+            if measured is not None:
+                measured = measured[inner]
+            parts.append(passing.figures(first, s, torques, measured))
             first += len(s)
         return passing, MotionFigures.from_parts(parts)
 
@@ -575,8 +591,9 @@ def _report(
     if derived is not None:
         joints = _with_unsmoothed_figures(joints, derived[1])
     if estimates is not None:
-        joints = [replace(j, estimate=e) for j, e in zip(joints, estimates, strict=True)]
-    worst = worst_joint([abs(j.peak) for j in joints], [j.limit for j in joints])
+        for k, estimate in enumerate(estimates):
+            joints[k] = replace(joints[k], estimate=estimate)
+    worst = worst_joint(joints)
     has_mass = any(payload.mass for payload in load.payloads)
     unloaded = found.carried <= ZERO * float(found.whole.peak.value.max(initial=0.0))
     largest_payload = None
@@ -636,11 +653,15 @@ def _measured_noise(plan: Differentiation) -> Array:
     log, nv = plan.trajectory, plan.model.nv
     if log.columns.places["tau"] is None:
         return np.zeros(nv)
-    runs = [log.motion(table) for table in excerpts(log.table, *_NOISE_RUNS)]
-    torques = [rows.tau for rows in runs if rows.tau is not None]
+    times, torques = list[Array](), list[Array]()
+    for table in excerpts(log.table, *_NOISE_RUNS):
+        rows = log.motion(table)
+        if rows.tau is not None:
+            times.append(rows.time)
+            torques.append(rows.tau)
     if not torques:
         return np.zeros(nv)
-    return noise([rows.time for rows in runs], torques)
+    return noise(times, torques)
 
 
 _NOISE_RUNS = 8, 2048
@@ -655,8 +676,10 @@ def _doubts(run: MotionPass, figures: MotionFigures, *, glitches: bool) -> tuple
     if any(doubt.refuses for doubt in found):
         return found
     corners = replace(run.spans, instants=tuple(i for i in log.instants if i.cause is not InstantKind.ROWS))
-    strong = impossible_torque(robot, figures.alone, log.origin, corners)
-    return found if strong is None else (strong, *found)
+    too_strong = impossible_torque(robot, figures.alone, log.origin, corners)
+    if too_strong is None:
+        return found
+    return (too_strong, *found)
 
 
 def _joints(run: MotionPass, found: MotionFigures) -> list[JointTorque]:
@@ -681,9 +704,11 @@ def _joints(run: MotionPass, found: MotionFigures) -> list[JointTorque]:
 
 def _with_unsmoothed_figures(joints: Sequence[JointTorque], derived: MotionFigures) -> list[JointTorque]:
     """Joints with noise, peak and its time of the unsmoothed log."""
-    noise, raw = derived.noise.tolist(), derived.whole.peak.signed.tolist()
-    times = derived.whole.peak.time.tolist()
-    return [replace(j, noise=noise[k], raw=raw[k], raw_time=times[k]) for k, j in enumerate(joints)]
+    peak, unsmoothed = derived.whole.peak, []
+    for k, j in enumerate(joints):
+        raw, time = float(peak.signed[k]), float(peak.time[k])
+        unsmoothed.append(replace(j, noise=float(derived.noise[k]), raw=raw, raw_time=time))
+    return unsmoothed
 
 
 def _check_finite(torques: Array, s: MotionSamples) -> None:

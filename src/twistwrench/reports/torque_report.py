@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from ..statics.support import Support
 
 ZERO = 1e-9
-SMALL = 0.02
+MIN_REFERENCE_SHARE = 0.02
 """Fraction of the robot's largest torque, or of the joint's limit, below which a peak is not a reference for noise."""
-NEGLIGIBLE = 0.001
+MIN_NOISE_SHARE = 0.001
 """Fraction of a peak above which noise is estimated and shown in a column."""
 _ROWS = 8192
 """Rows of a slice."""
@@ -80,7 +80,9 @@ class JointTorque:
     @property
     def peak(self) -> float:
         """Largest torque of the motion, with its sign; noise-corrected if an estimate exists."""
-        return self.largest if self.estimate is None else self.estimate.value
+        if self.estimate is None:
+            return self.largest
+        return self.estimate.value
 
     @property
     def chance(self) -> float:
@@ -90,7 +92,9 @@ class JointTorque:
     @property
     def uncertainty(self) -> float:
         """Standard deviation of :attr:`peak`."""
-        return self.noise if self.estimate is None else self.estimate.sigma
+        if self.estimate is None:
+            return self.noise
+        return self.estimate.sigma
 
     @property
     def share(self) -> float:
@@ -100,10 +104,13 @@ class JointTorque:
     @property
     def main_cause(self) -> tuple[str, float]:
         """Largest term in the direction of the peak, and its share of the sum of terms in this direction."""
-        along = {name: value * np.sign(self.largest) for name, value in self.terms.items()}
-        name = max(along, key=lambda n: float(along[n]))
-        total = sum(v for v in along.values() if v > 0)
-        return name, float(along[name] / total) if total else 0.0
+        along = np.array(list(self.terms.values())) * np.sign(self.largest)
+        main = int(along.argmax())
+        name = list(self.terms)[main]
+        total = sum(along[along > 0])
+        if not total:
+            return name, 0.0
+        return name, float(along[main] / total)
 
 
 @dataclass(frozen=True)
@@ -179,10 +186,10 @@ class Joints(tuple[JointTorque, ...]):
     def __getitem__(self, key: Any) -> Any:  # a number, a slice, or a name
         if not isinstance(key, str):
             return super().__getitem__(key)
-        found = next((joint for joint in self if joint.joint == key), None)
-        if found is None:
-            raise UnknownNameError.from_choices("joint", key, [joint.joint for joint in self])
-        return found
+        for joint in self:
+            if joint.joint == key:
+                return joint
+        raise UnknownNameError.from_choices("joint", key, [joint.joint for joint in self])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -337,10 +344,9 @@ class TorqueReport(Answer):
         if self.verdict.word is Word.OVER_LIMIT and self.excesses and self.excesses[0].kind != "effort":
             return f"{self.excesses[0].joint}, {self.excesses[0].kind} limit"
         joint = self.joints[self.worst]
-        share = (
-            percent_of_limit(joint.share) if math.isfinite(joint.limit) else f"{self.label(joint.peak)} {joint.unit}"
-        )
-        return f"{joint.joint} {share}"
+        if math.isfinite(joint.limit):
+            return f"{joint.joint} {percent_of_limit(joint.share)}"
+        return f"{joint.joint} {self.label(joint.peak)} {joint.unit}"
 
     def blocks(self) -> Iterator[Block]:
         """Verdict, peaks, causes, measured torques, motors, exceeded limits and remarks."""
@@ -358,7 +364,9 @@ class TorqueReport(Answer):
         if self.worst is None:
             return {}
         joint = self.joints[self.worst]
-        share = percent_of_limit(joint.share) if math.isfinite(joint.limit) else MISSING
+        share = MISSING
+        if math.isfinite(joint.limit):
+            share = percent_of_limit(joint.share)
         return {
             f"peak of {joint.joint}": f"{self.label(joint.peak)} {joint.unit}",
             "limit": quantity(joint.limit, joint.unit),
@@ -509,7 +517,7 @@ class TorqueReport(Answer):
     @property
     def scale(self) -> float:
         """Largest torque; about 1e-9 of it is a rounding error."""
-        return max((abs(j.largest) for j in self.joints), default=0.0)
+        return max((abs(joint.largest) for joint in self.joints), default=0.0)
 
     def is_zero(self, value: float) -> bool:
         """True if a torque is a rounding error of the others.
@@ -535,7 +543,9 @@ class TorqueReport(Answer):
         -------
         text : str
         """
-        return "0" if self.is_zero(value) else torque(value)
+        if self.is_zero(value):
+            return "0"
+        return torque(value)
 
     def reference(self, joint: JointTorque) -> float:
         """Reference for the noise of the joint's torque: its peak unless negligible.
@@ -548,8 +558,10 @@ class TorqueReport(Answer):
         -------
         torque : float [N m or N]
         """
-        known = joint.limit if np.isfinite(joint.limit) else 0.0
-        return max(abs(joint.peak), SMALL * max(known, self.scale))
+        largest = self.scale
+        if np.isfinite(joint.limit):
+            largest = max(joint.limit, largest)
+        return max(abs(joint.peak), MIN_REFERENCE_SHARE * largest)
 
     def at_an_end(self, joint: JointTorque) -> bool:
         """True if the joint's peak is at an end of the log, where derived accelerations are less accurate.
@@ -565,7 +577,9 @@ class TorqueReport(Answer):
         d = self.differentiation
         if d.source == "given":
             return False
-        steps = 3 if not d.smooths else math.ceil(d.strengths.max() ** (1 / 6))
+        steps = 3
+        if d.smooths:
+            steps = math.ceil(d.strengths.max() ** (1 / 6))
         return bool(np.abs(joint.time - d.ends).min() < steps * self.quality.step)
 
     def reach(self, joint: JointTorque) -> float:
@@ -579,16 +593,18 @@ class TorqueReport(Answer):
         -------
         sigma : float [N m or N]
         """
-        return joint.uncertainty * (_AT_AN_END if self.at_an_end(joint) else 1.0)
+        if self.at_an_end(joint):
+            return joint.uncertainty * _AT_AN_END
+        return joint.uncertainty
 
     @property
     def worst(self) -> int | None:
         """Joint nearest to its limit, or with the largest peak if no limit is known; None without joints."""
         if not self.joints:
             return None
-        return worst_joint([abs(j.peak) for j in self.joints], [j.limit for j in self.joints])
+        return worst_joint(self.joints)
 
 
-def worst_joint(peaks: Sequence[float] | Array, limits: Sequence[float] | Array) -> int:
+def worst_joint(joints: Sequence[JointTorque]) -> int:
     """Index of the joint with the largest ratio of peak to limit; without limits, with the largest peak."""
-    return max(range(len(peaks)), key=lambda k: (peaks[k] / limits[k], peaks[k]))
+    return max(range(len(joints)), key=lambda k: (joints[k].share, abs(joints[k].peak)))

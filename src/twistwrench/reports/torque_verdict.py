@@ -24,18 +24,18 @@ from ..motion.limits_file import notes_on_limits
 from ..motion.load_case import cause_label, drives_without_limit, limit_doubts, limits_remedy
 from ..motion.model_doubts import (
     PeakTorque,
-    as_it_hangs,
     base_doubts,
+    hanging_excess,
     missing_force,
     model_warnings,
+    open_loop_excess,
     open_loop_joints,
-    with_open_loops,
 )
 from ..motion.plausibility import Origin
 from .measured_torque import MeasuredTorque
 from .statistics import INTERVAL
 from .support.judgement import support_notes, support_verdict
-from .torque_report import NEGLIGIBLE, Excess, JointTorque, TorqueReport
+from .torque_report import MIN_NOISE_SHARE, Excess, JointTorque, TorqueReport
 
 KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effort": "torque"} | {
     "axial": "axial force",
@@ -74,15 +74,20 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     doubts = _unsure_doubts([*doubts_of_limits(report), *report.load.doubts]) + rows_in_doubt(report)
     if over and not certain:
         doubts.append(_doubtful_excess(report, _excess_sentences(over)[0], hanging=bool(hanging)))
-    small_motors = [f"the motor of {use.words} is too small" for use in report.motors if use.too_small]
-    if hanging:
-        doubts += map(as_it_hangs, small_motors)
-    else:
-        excess_reasons += small_motors
-    missing_limits = limit_doubts(report.load.robot, report.limits, [j.peak for j in report.joints])
+    for use in report.motors:
+        if not use.too_small:
+            continue
+        excess = f"the motor of {use.words} is too small"
+        if hanging:
+            doubts.append(hanging_excess(excess))
+        else:
+            excess_reasons.append(excess)
+    missing_limits = limit_doubts(report.load.robot, report.limits, report.peaks)
     before, after = carried_doubts(report, report.joints)
-    near_limit = max((j.share for j in report.joints), default=0.0) > NEAR_LIMIT
-    gaps = _gap_doubts(report, 0.0 if near_limit else most_hidden(report))
+    max_hidden = most_hidden(report)
+    if max((j.share for j in report.joints), default=0.0) > NEAR_LIMIT:
+        max_hidden = 0.0
+    gaps = _gap_doubts(report, max_hidden)
     after = [reason for reason in after if reason not in doubts]
     own = Verdict.from_reasons(
         look_again=contradictions(report),
@@ -107,9 +112,12 @@ def _join_further_verdicts(report: TorqueReport, verdict: Verdict) -> Verdict:
 
 def _motion_excesses(report: TorqueReport, *, degrees: bool) -> list[tuple[Excess, str]]:
     """Exceeded position and velocity limits; not the stops of joints that are read after a turn more or less."""
-    excesses, _ = _judge_motion(report, degrees=degrees)
+    excesses = []
     turned_joints = _turned_joints(report, level="note")
-    return [(e, text) for e, text in excesses if not (e.kind in _STOPS and e.joint in turned_joints)]
+    for e, text in _judge_motion(report, degrees=degrees)[0]:
+        if e.kind not in _STOPS or e.joint not in turned_joints:
+            excesses.append((e, text))
+    return excesses
 
 
 def _certain_excesses(
@@ -130,7 +138,9 @@ def _doubtful_excess(report: TorqueReport, excess: str, *, hanging: bool) -> str
     """Sentence on the worst excess with the condition under which it is certain."""
     if doubted_excesses(report):
         return f"{condition_of_excesses(report)} {Word.OVER_LIMIT}: {excess}"
-    return as_it_hangs(excess) if hanging else with_open_loops(excess)
+    if hanging:
+        return hanging_excess(excess)
+    return open_loop_excess(excess)
 
 
 def _gap_doubts(report: TorqueReport, max_hidden: float) -> list[str]:
@@ -143,6 +153,10 @@ def _gap_doubts(report: TorqueReport, max_hidden: float) -> list[str]:
 def _unsure_doubts(doubts: Iterable[Doubt], kind: str | None = None) -> list[str]:
     """Sentences of the doubts that make a verdict unsure, of one ``kind`` if given."""
     return [str(doubt) for doubt in doubts if doubt.level == "unsure" and kind in (None, doubt.kind)]
+
+
+def _kinds_of_doubts(doubts: Iterable[Doubt]) -> set[str]:
+    return {doubt.kind for doubt in doubts}
 
 
 _EVERYWHERE = (
@@ -162,8 +176,7 @@ _MIN_DECISIVE_CHANGE = 0.05
 def doubted_excesses(report: TorqueReport) -> set[tuple[str, str]]:
     """Joint and kind of the excesses that stand only at instants, or in a log, whose rows are in doubt."""
     doubted = _doubted_by_log(report)
-    kinds_of_doubts = {doubt.kind for doubt in doubts_of_limits(report)}
-    if not kinds_of_doubts.isdisjoint(("effort-unit", "effort-weight")):
+    if not _kinds_of_doubts(doubts_of_limits(report)).isdisjoint(("effort-unit", "effort-weight")):
         doubted = doubted | _joints_and_kinds(report.excesses, ["effort"])
     return doubted
 
@@ -172,7 +185,7 @@ def _doubted_by_log(report: TorqueReport) -> set[tuple[str, str]]:
     if report.differentiation.trajectory.origin is Origin.PLAN:
         return set()
     excesses = _joints_and_kinds(report.excesses)
-    if any(doubt.kind in _EVERYWHERE for doubt in report.doubts):
+    if not _kinds_of_doubts(report.doubts).isdisjoint(_EVERYWHERE):
         return excesses
     refuted = _refuted_excesses(report)
     if report.sound is None:
@@ -186,8 +199,10 @@ def _joints_and_kinds(excesses: Iterable[Excess], kinds: Collection[str] = tuple
 
 def _refuted_excesses(report: TorqueReport) -> set[tuple[str, str]]:
     """Joint and kind of the excesses that a measured torque or a turn more or less contradicts."""
-    refuted = {(m.joint, "effort") for m in report.measured if m.refutes}
-    refuted.update(itertools.product(_turned_joints(report, level="unsure"), _STOPS))
+    refuted = set(itertools.product(_turned_joints(report, level="unsure"), _STOPS))
+    for m in report.measured:
+        if m.refutes:
+            refuted.add((m.joint, "effort"))
     return _joints_and_kinds(report.excesses) & refuted
 
 
@@ -207,10 +222,14 @@ def rows_in_doubt(report: TorqueReport) -> list[str]:
     """Sentences on rows that are missing, repeated or wrong, if they decide a figure; empty otherwise."""
     doubted = _doubted_by_log(report)
     everywhere = [str(doubt) for doubt in report.doubts if doubt.kind in _EVERYWHERE and not doubt.refuses]
+    if everywhere and not doubted:
+        return []
     if everywhere:
-        return everywhere if doubted else []
+        return everywhere
     others = _unsure_doubts(report.doubts, "wound")
-    others += [m.refuting_words for m in report.measured if m.refutes and (m.joint, "effort") in doubted]
+    for m in report.measured:
+        if m.refutes and (m.joint, "effort") in doubted:
+            others.append(m.refuting_words)
     unexplained = doubted - _refuted_excesses(report)
     if report.sound is None or (doubted and not unexplained):
         return others
@@ -224,8 +243,7 @@ def rows_in_doubt(report: TorqueReport) -> list[str]:
 
 def _change_of_share(report: TorqueReport, sound_peaks: Array) -> float:
     """Largest share of a torque limit, less that of the peaks in sound rows."""
-    limits = np.array([j.limit for j in report.joints])
-    largest = np.array([abs(j.largest) for j in report.joints])
+    largest, limits = np.array([(abs(j.largest), j.limit) for j in report.joints]).reshape(-1, 2).T
     return float((largest / limits).max(initial=0.0) - (sound_peaks / limits).max(initial=0.0))
 
 
@@ -241,23 +259,23 @@ def condition_of_excesses(report: TorqueReport) -> str:
 def most_hidden(report: TorqueReport) -> float:
     """Longest gap [s] with motion that leaves the verdict sure; 0 if a peak may continue in a gap, or be in it."""
     reach = _MAX_STEPS_TO_GAP * report.quality.step
-    peak_times = [j.time for j in report.joints if not report.is_zero(j.largest)]
-    if report.gaps.exceeds_logged_motion or any(report.gaps.beside(time, reach) for time in peak_times):
+    if report.gaps.exceeds_logged_motion:
         return 0.0
+    for j in report.joints:
+        if not report.is_zero(j.largest) and report.gaps.beside(j.time, reach):
+            return 0.0
     return _MAX_HIDDEN_SHARE * (report.end - report.begin)
 
 
 def contradictions(report: TorqueReport) -> list[str]:
     """Reasons to look again at the input that do not depend on payload and speed."""
     refusing = [str(doubt) for doubt in (*doubts_of_limits(report), *report.doubts) if doubt.refuses]
-    contradicted = [m for m in _different(report) if m.contradicts]
-    return [*report.load.contradictions, *refusing, *_against(report, contradicted)]
+    return [*report.load.contradictions, *refusing, *_against(report, contradicting=True)]
 
 
 def doubts_of_limits(report: TorqueReport) -> list[Doubt]:
     """Doubts about the limits of the comparison; those of the weight only if a torque limit is exceeded."""
-    exceeds = any(e.kind == "effort" for e in report.excesses)
-    return credible_limits(report.limits, report.load.robot, weight=exceeds)
+    return credible_limits(report.limits, report.load.robot, weight=bool(_torque_excesses(report)))
 
 
 def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> tuple[list[str], list[str]]:
@@ -288,13 +306,13 @@ def _reasons_of_log(report: TorqueReport) -> list[str]:
     for cause in report.causes:
         if _alarms(cause) and not _explains_some(cause, different):
             reasons.append(cause.sentence.rstrip("."))
-    return reasons + _against(report, [m for m in different if not m.contradicts])
+    return reasons + _against(report, contradicting=False)
 
 
 def _different(report: TorqueReport) -> list[MeasuredTorque]:
     """Measured torques whose difference from the computed ones affects the verdict."""
-    limits = {j.joint: j.limit for j in report.joints if math.isfinite(j.limit)}
-    return [m for m in report.measured if m.disagrees and m.residual > _MIN_RESIDUAL * limits.get(m.joint, 0.0)]
+    least = {j.joint: _MIN_RESIDUAL * j.limit for j in _limited_joints(report)}
+    return [m for m in report.measured if m.disagrees and m.residual > least.get(m.joint, 0.0)]
 
 
 _MIN_RESIDUAL = 0.02
@@ -323,10 +341,17 @@ def _alarms(cause: Doubt) -> bool:
     return cause.refuses and doubt_table()[cause.kind].stage in (2, 3) and cause.kind not in _MINOR_CAUSES
 
 
-def _against(report: TorqueReport, different: Sequence[MeasuredTorque]) -> list[str]:
-    """Reasons from differing measured torques: named causes, and figures of joints without a cause."""
-    causes = [cause for cause in report.causes if _explains_some(cause, different)]
-    reasons = [cause.sentence.rstrip(".") for cause in causes]
+def _against(report: TorqueReport, *, contradicting: bool) -> list[str]:
+    """Reasons from differing measured torques: named causes, and figures of joints without a cause.
+
+    They are those of the torques that contradict the model, or of those that do not.
+    """
+    different = [m for m in _different(report) if m.contradicts == contradicting]
+    causes, reasons = list[Doubt](), list[str]()
+    for cause in report.causes:
+        if _explains_some(cause, different):
+            causes.append(cause)
+            reasons.append(cause.sentence.rstrip("."))
     unexplained = [m.words for m in different if not _is_explained(m.joint, causes)]
     if unexplained:
         figures = listed(unexplained, _MAX_LISTED, "; ")
@@ -363,7 +388,8 @@ def _judge_torques(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list
 
 def _limited_joints(report: TorqueReport) -> list[JointTorque]:
     """Joints with a torque limit, the largest share first."""
-    return sorted((j for j in report.joints if math.isfinite(j.limit)), key=lambda j: -j.share)
+    limited = [j for j in report.joints if math.isfinite(j.limit)]
+    return sorted(limited, key=lambda j: -j.share)
 
 
 def _torque_excesses(report: TorqueReport) -> dict[str, Excess]:
@@ -372,10 +398,13 @@ def _torque_excesses(report: TorqueReport) -> dict[str, Excess]:
 
 def _open_sentence(report: TorqueReport, j: JointTorque) -> str:
     """Sentence on a joint for which noise decides whether its limit is exceeded."""
+    end = ""
+    if report.at_an_end(j):
+        end = sentence("end")
     return sentence(
         "open",
         joint=j.joint,
-        end=sentence("end") if report.at_an_end(j) else "",
+        end=end,
         peak=torque(j.peak),
         sigma=deviation(report.reach(j)),
         unit=j.unit,
@@ -402,15 +431,18 @@ def _wide_peaks(report: TorqueReport) -> list[str]:
 
 def _judge_followers(report: TorqueReport) -> list[tuple[Excess | None, str]]:
     """Mimic joints over their torque limits, as uncertain as their leaders; without the excess if noise may explain it."""
-    factor = confidence(sum(math.isfinite(j.limit) for j in report.joints))
+    factor = confidence(len(_limited_joints(report)))
     leaders = {j.joint for j in report.joints}
+    bodies = {body.joint.name: body for body in report.load.robot.model.bodies}
     judged: list[tuple[Excess | None, str]] = []
-    for e in report.excesses:
-        if e.kind != "effort" or e.joint in leaders:
+    for name, e in _torque_excesses(report).items():
+        if name in leaders:
             continue
-        body = next(b for b in report.load.robot.model.bodies if b.joint.name == e.joint)
+        body = bodies[name]
         leader = report.joints[body.v_index]
-        reach = report.reach(leader) / abs(body.ratio) if body.ratio else 0.0
+        reach = 0.0
+        if body.ratio:
+            reach = report.reach(leader) / abs(body.ratio)
         share = percent_of_limit(abs(e.value) / e.limit)
         figures = {"peak": torque(e.value), "unit": e.unit, "limit": number(e.limit), "share": share}
         if abs(e.value) - factor * reach > e.limit:
@@ -429,7 +461,9 @@ def _is_wide(report: TorqueReport, j: JointTorque) -> bool:
     too_wide = half_width > _MAX_UNCERTAIN_SHARE * size
     if math.isfinite(j.limit):
         return too_wide and size + half_width > _MIN_SHARE_OF_LIMIT * j.limit
-    raw = abs(j.largest if j.raw is None else j.raw)
+    raw = abs(j.largest)
+    if j.raw is not None:
+        raw = abs(j.raw)
     mostly_noise = raw - size > _MAX_UNCERTAIN_SHARE * raw
     largest = max(abs(other.peak) for other in report.joints if other.unit == j.unit)
     return (too_wide or mostly_noise) and max(size + half_width, raw) > _MIN_SHARE_OF_LARGEST * largest
@@ -450,7 +484,7 @@ def _peak_text(report: TorqueReport, j: JointTorque) -> str:
 def _over_sentence(report: TorqueReport, j: JointTorque) -> str:
     reach = report.reach(j)
     doubt = ""
-    if reach > NEGLIGIBLE * report.reference(j):
+    if reach > MIN_NOISE_SHARE * report.reference(j):
         doubt = sentence("doubt", sigma=deviation(reach))
     return sentence(
         "over",
@@ -475,20 +509,22 @@ def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[
     """Exceeded position and velocity limits, and sentences on those explained by noise."""
     over: list[tuple[Excess, str]] = []
     doubtful: dict[str, list[str]] = {}
-    excesses = {(e.joint, e.kind): e for e in report.excesses if e.kind != "effort"}
-    for e in excesses.values():
+    for e in report.excesses:
+        if e.kind == "effort":
+            continue
         if is_noise(report, e):
             doubtful.setdefault(KINDS[e.kind], []).append(e.joint)
         else:
             over.append((e, _excess_sentence(e, degrees=degrees)))
     if report.derived is not None:
+        exceeded = _joints_and_kinds(report.excesses)
         for e in report.derived.excesses:
-            if e.kind == "velocity" and (e.joint, e.kind) not in excesses and _reaches(report, e):
+            if e.kind == "velocity" and (e.joint, e.kind) not in exceeded and _reaches(report, e):
                 doubtful.setdefault(KINDS[e.kind], []).append(e.joint)
-    return over, [
-        f"noise explains why the {kind} limit of {listed(joints, _MAX_LISTED)} is passed"
-        for kind, joints in doubtful.items()
-    ]
+    doubts = []
+    for kind, joints in doubtful.items():
+        doubts.append(f"noise explains why the {kind} limit of {listed(joints, _MAX_LISTED)} is passed")
+    return over, doubts
 
 
 def _excess_sentence(e: Excess, *, degrees: bool) -> str:
@@ -500,7 +536,9 @@ def _excess_sentence(e: Excess, *, degrees: bool) -> str:
         coordinate, excess = "dq", abs(e.value) - e.limit
     else:
         coordinate, excess = "q", abs(e.value - e.limit)
-    scale = math.degrees(1.0) if degrees and e.angular else 1.0
+    scale = 1.0
+    if degrees and e.angular:
+        scale = math.degrees(1.0)
     return sentence(
         "motion",
         joint=e.joint,
@@ -565,7 +603,7 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
     yield from notes_on_limits(report.limits)
     yield from _contact_notes(report)
     model = report.load.with_load.model
-    missing = drives_without_limit(model, report.limits.effort, [j.peak for j in report.joints])
+    missing = drives_without_limit(model, report.limits.effort, report.peaks)
     if missing and report.verdict.word is not Word.UNSURE:  # otherwise among the reasons
         yield f"No torque limit is known for {listed(missing)}: {limits_remedy(model.source)}."
     yield from _payload_notes(report)
@@ -595,7 +633,9 @@ def _derivation_notes(report: TorqueReport) -> Iterator[str]:
 
 def _gap_note(report: TorqueReport) -> str:
     gaps = report.gaps
-    times = "time" if gaps.count == 1 else "times"
+    times = "times"
+    if gaps.count == 1:
+        times = "time"
     note = (
         f"Time jumps {gaps.count} {times} by more than {number(gaps.threshold / report.quality.step)} usual steps; "
         f"the longest gap is {number(gaps.longest)} s, after t = {seconds(gaps.longest_at, 4)} s."
@@ -618,8 +658,11 @@ def _contact_notes(report: TorqueReport) -> Iterator[str]:
 def _payload_notes(report: TorqueReport) -> Iterator[str]:
     """Notes on payloads that do not load any joint."""
     model = report.load.robot.model
-    frames = [f"{payload.frame or model.tip}" for payload in report.load.payloads]
-    frames_at_base = [frame for frame in frames if model.frame(frame).body == BASE]
+    frames_at_base = []
+    for payload in report.load.payloads:
+        frame = f"{payload.frame or model.tip}"
+        if model.frame(frame).body == BASE:
+            frames_at_base.append(frame)
     if frames_at_base:
         yield f"The payload at {', '.join(frames_at_base)} rests on the fixed base and loads no joint."
     if report.idle_payload:
@@ -659,13 +702,19 @@ def _measured_notes(report: TorqueReport) -> Iterator[str]:
     for cause in report.causes:
         if cause.sentence.rstrip(".") not in report.verdict.reasons:
             yield f"{cause.sentence[0].upper()}{cause.sentence[1:]}"
-    different = [m.joint for m in report.measured if m.disagrees and not _is_explained(m.joint, report.causes)]
+    different, within_noise, constant = list[str](), list[str](), list[str]()
+    for m in report.measured:
+        if m.disagrees and not _is_explained(m.joint, report.causes):
+            different.append(m.joint)
+        if m.differs and not m.disagrees:
+            within_noise.append(m.joint)
+        if m.dead:
+            constant.append(m.joint)
     if different:
         yield (
             f"The file's own torques are grossly different from those computed for {', '.join(different)}: friction or load "
             "that the model lacks, another robot, or another unit."
         )
-    within_noise = [m.joint for m in report.measured if m.differs and not m.disagrees]
     if within_noise:
         yield (
             f"The file's own torques are grossly different from those computed for {', '.join(within_noise)}, as noise of the "
@@ -677,7 +726,6 @@ def _measured_notes(report: TorqueReport) -> Iterator[str]:
                 f"The measured torque of {m.joint} has a peak of {number(1e3 * m.above, 2)} ms above its limit, "
                 f"{torque(m.peak)} {m.unit} of {number(m.limit)}, as in an impact."
             )
-    constant = [m.joint for m in report.measured if m.dead]
     if constant:
         yield f"The torque column never changes, and is not compared, for {', '.join(constant)}."
 
@@ -685,7 +733,9 @@ def _measured_notes(report: TorqueReport) -> Iterator[str]:
 def _stray_notes(report: TorqueReport) -> Iterator[str]:
     d = report.differentiation
     columns = d.trajectory.columns
-    factors = columns.factors["dq" if d.source == "velocities" else "q"]
+    factors = columns.factors["q"]
+    if d.source == "velocities":
+        factors = columns.factors["dq"]
     samples = []
     for outlier in report.outliers[:_MAX_LISTED]:
         name = columns.header[int(d.places[outlier.column])]
@@ -712,7 +762,7 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
     if d.source == "given":
         return
     if not report.noisy:
-        yield f"Noise of the log moves no torque by more than {percent(NEGLIGIBLE, 1)} of its peak."
+        yield f"Noise of the log moves no torque by more than {percent(MIN_NOISE_SHARE, 1)} of its peak."
         return
     yield _noise_note(report)
     note = (

@@ -36,52 +36,62 @@ from .measured_torque import MeasuredTorque
 from .motors import Demand, MotorUse
 from .spoken_verdict import verdict_view
 from .support.view import contact_tables, imbalance
-from .torque_report import NEGLIGIBLE, BearingUse, Excess, JointTorque, TorqueReport
+from .torque_report import MIN_NOISE_SHARE, BearingUse, Excess, JointTorque, TorqueReport
 from .torque_verdict import KINDS, notes_of
 
-_DIGITS, _ROUNDING = 3, 6
-"""Digits of currents, voltages, speeds and powers, and decimals below which they are rounding errors."""
+_DIGITS = 3
+"""Digits of currents, voltages, speeds and powers."""
+_MAX_DECIMALS = 6
+"""Decimals of these beyond which they are rounding errors."""
+_MAX_LISTED_MOTORS = 3
 
 
 def motors_table(motors: Sequence[MotorUse]) -> Table:
     """Table with one row per motor; limits are shown behind the values, exceeding values are red."""
     columns = [words("joint", [use.joint for use in motors])]
-    for demands in zip(*(use.demands for use in motors), strict=True):
-        name = demands[0].what.replace(" current", "")
+    for k, demand in enumerate(motors[0].demands):  # each motor has the same kinds of demands, a column for each
+        name = demand.what.replace(" current", "")  # the unit tells it
+        demands = [use.demands[k] for use in motors]
         limits = [demand.limit for demand in demands]
-        columns.append(numbers(name, map(_demand, demands), unit=demands[0].unit, limits=limits))
-    shares = [use.tightest.share for use in motors]
+        columns.append(numbers(name, map(_demand_cell, demands), unit=demand.unit, limits=limits))
+    shares = np.array([use.tightest.share for use in motors])
+    known_shares = np.where(shares == 0.0, np.nan, shares)  # without a limit a share is 0
     return Table(
         "Motors",
         *columns,
         numbers("power", [use.power for use in motors], _figure, "W", wide_only=True),
         numbers("heat", [use.heat for use in motors], _figure, "W", wide_only=True),
-        numbers("used", [share or math.nan for share in shares], share_cell),
+        numbers("used", known_shares.tolist(), share_cell),
         most=_MAX_ROWS,
-        by=shares,
+        by=shares.tolist(),
     )
 
 
-def _demand(demand: Demand) -> Line:
-    limit = f" / {number(demand.limit, _DIGITS)}" if math.isfinite(demand.limit) else ""
-    red = Style.OVER if over_limit(demand.share) else ""
-    return Line((_figure(demand.value), red), (limit, Style.QUIET), value=demand.value)
+def _demand_cell(demand: Demand) -> Line:
+    """Value, red beyond its limit, and the limit behind it."""
+    limit, style = "", ""
+    if math.isfinite(demand.limit):
+        limit = f" / {number(demand.limit, _DIGITS)}"
+    if over_limit(demand.share):
+        style = Style.OVER
+    return Line((_figure(demand.value), style), (limit, Style.QUIET), value=demand.value)
 
 
 def _figure(value: float) -> str:
-    return number(value, _DIGITS, decimals=_ROUNDING)
+    return number(value, _DIGITS, decimals=_MAX_DECIMALS)
 
 
 def motors_verdict(motors: Sequence[MotorUse]) -> Line:
     """Line on the motors that are too small, or on the motor nearest to its limits."""
-    small = sorted((use for use in motors if use.too_small), key=lambda use: -use.tightest.share)
-    if small:
-        return Line(("MOTOR TOO SMALL", strong(Style.OVER)), f": {listed((use.words for use in small), 3, '; ')}.")
-    known = [use for use in motors if any(math.isfinite(d.limit) for d in use.demands)]
-    if not known:
-        return Line(("MOTORS", Style.STRONG), ": their limits are not known.")
-    nearest = max(known, key=lambda use: use.tightest.share)
-    return Line(("MOTORS OK", strong(Style.GOOD)), f": all limits kept. Closest: {nearest.words}.")
+    by_share = sorted(motors, key=lambda use: -use.tightest.share)
+    too_small = [use.words for use in by_share if use.too_small]
+    if too_small:
+        text = listed(too_small, _MAX_LISTED_MOTORS, "; ")
+        return Line(("MOTOR TOO SMALL", strong(Style.OVER)), f": {text}.")
+    for use in by_share:
+        if any(math.isfinite(demand.limit) for demand in use.demands):
+            return Line(("MOTORS OK", strong(Style.GOOD)), f": all limits kept. Closest: {use.words}.")
+    return Line(("MOTORS", Style.STRONG), ": their limits are not known.")
 
 
 def report_view(report: TorqueReport) -> Iterator[Block]:
@@ -116,10 +126,11 @@ def report_view(report: TorqueReport) -> Iterator[Block]:
 
 def _heading(report: TorqueReport) -> Line:
     load = report.load
-    rows = "1 row" if report.rows == 1 else f"{report.rows:,} rows"
-    motion = f"{Path(report.trajectory).name}: {number(report.end - report.begin)} s, {rows}"
-    if report.rows > 1:
-        motion += f" at {number(1e3 * report.quality.step)} ms"
+    motion = f"{Path(report.trajectory).name}: {number(report.end - report.begin)} s, "
+    if report.rows == 1:
+        motion += "1 row"
+    else:
+        motion += f"{report.rows:,} rows at {number(1e3 * report.quality.step)} ms"
     parts = [motion]
     for payload in load.payloads:
         carried = f"payload {number(payload.mass)} kg at {payload.frame or load.robot.model.tip}"
@@ -136,12 +147,14 @@ def _heading(report: TorqueReport) -> Line:
 
 _MAX_ROWS = 11
 """Rows of a table in a short report."""
+_MAX_LIMIT_ROWS = 5
+"""Rows of the table of exceeded limits of the motion, which is the last, in a short report."""
 
 
-def _torques(
+def _torque_column(
     report: TorqueReport, name: str, values: Iterable[float | Line | None], show: Callable[[Any], Cell]
 ) -> Column:
-    """Column of a table of joints; the unit is shown by the table."""
+    """Column of torques of a table of joints; the unit is shown by the table."""
     units = sorted({j.unit for j in _driven_joints(report)})
     return numbers(name, values, show, ", ".join(units), headed=False)
 
@@ -155,13 +168,17 @@ def _joint_table(title: str, joints: Sequence[JointTorque], *columns: Column | N
     elif units:
         unit_column = words("unit", units, style=Style.QUIET)
     limited = any(math.isfinite(j.limit) for j in joints)
+    if limited:
+        ranks = [j.share for j in joints]
+    else:
+        ranks = [abs(j.peak) for j in joints]
     return Table(
         title,
         words("joint", [j.joint for j in joints]),
         unit_column,
         *columns,
         most=_MAX_ROWS,
-        by=[j.share if limited else abs(j.peak) for j in joints],
+        by=ranks,
         of_limits=limited,
     )
 
@@ -170,12 +187,12 @@ def _driven_joints(report: TorqueReport) -> list[JointTorque]:
     """Joints of the tables: all, or those that are driven if the ground bears the rest."""
     if report.held.support is None:
         return list(report.joints)
-    borne = base_velocities(report.load.robot.model)
-    return [joint for k, joint in enumerate(report.joints) if k not in borne]
+    borne_rows = base_velocities(report.load.robot.model)  # torques have a row for each velocity
+    return [joint for row, joint in enumerate(report.joints) if row not in borne_rows]
 
 
 def _peaks(report: TorqueReport) -> Table:
-    joints, column = _driven_joints(report), partial(_torques, report)
+    joints, column = _driven_joints(report), partial(_torque_column, report)
     bars, shares = list[Cell](), list[Cell]()
     for j in joints:
         if math.isfinite(j.limit):
@@ -202,29 +219,33 @@ def _peaks(report: TorqueReport) -> Table:
 
 
 def _causes(report: TorqueReport) -> Table:
-    joints, column = _driven_joints(report), partial(_torques, report)
-
-    def cause_cell(j: JointTorque, term: str) -> Line:
-        main = term == j.main_cause[0] and not report.is_zero(j.largest)
-        return Line((report.label(j.terms[term]), Style.STRONG if main else ""), value=j.terms[term])
-
-    def main_cause_text(j: JointTorque) -> str:
-        if report.is_zero(j.largest):
-            return MISSING
-        term, share = j.main_cause
-        return f"{cause_label(term)} {percent(share)}"
-
-    def term_column(term: str) -> Column:
-        return column(cause_label(term), [cause_cell(j, term) for j in joints], cell_text)
-
-    def matters(term: str) -> bool:
-        return not all(report.is_zero(j.terms[term]) for j in joints)
-
-    columns = [term_column(term) for term in report.load.causes if matters(term)]
-    if any(abs(j.chance) > NEGLIGIBLE * report.reference(j) for j in joints):
+    joints, column = _driven_joints(report), partial(_torque_column, report)
+    columns = []
+    for term in report.load.causes:
+        torques = [j.terms[term] for j in joints]
+        if not all(map(report.is_zero, torques)):
+            cells = map(partial(_cause_cell, report, term), joints)
+            columns.append(column(cause_label(term), cells, cell_text))
+    if any(abs(j.chance) > MIN_NOISE_SHARE * report.reference(j) for j in joints):
         columns.append(column("noise", [j.chance for j in joints], report.label))
-    columns.append(words("mostly", map(main_cause_text, joints), fold=False))
+    columns.append(words("mostly", map(partial(_main_cause_text, report), joints), fold=False))
     return _joint_table("What the peak is made of", joints, *columns)
+
+
+def _cause_cell(report: TorqueReport, term: str, j: JointTorque) -> Line:
+    """Torque of one cause, strong if it is the main one."""
+    style = ""
+    if term == j.main_cause[0] and not report.is_zero(j.largest):
+        style = Style.STRONG
+    return Line((report.label(j.terms[term]), style), value=j.terms[term])
+
+
+def _main_cause_text(report: TorqueReport, j: JointTorque) -> str:
+    """Main cause of a peak and its share; a dash for a peak of zero."""
+    if report.is_zero(j.largest):
+        return MISSING
+    term, share = j.main_cause
+    return f"{cause_label(term)} {percent(share)}"
 
 
 def _bearings(uses: Sequence[BearingUse]) -> Table:
@@ -245,12 +266,10 @@ def _bearings(uses: Sequence[BearingUse]) -> Table:
 
 def _measured_table(report: TorqueReport) -> Table:
     """Table of measured and computed torques."""
-    driven, column = {j.joint for j in _driven_joints(report)}, partial(_torques, report)
-    joints, measured = [], []
-    for j, m in zip(report.joints, report.measured, strict=True):
-        if not m.dead and j.joint in driven:
-            joints.append(j)
-            measured.append(m)
+    column = partial(_torque_column, report)
+    measured_of = {m.joint: m for m in report.measured if not m.dead}
+    joints = [j for j in _driven_joints(report) if j.joint in measured_of]
+    measured = [measured_of[j.joint] for j in joints]
     return _joint_table(
         "The file's own torques",
         joints,
@@ -274,54 +293,62 @@ def _difference_cell(m: MeasuredTorque) -> Line:
 def _why(report: TorqueReport, k: int) -> Table:
     """Peak of the worst joint by link and by term."""
     joint, states = report.joints[k], report.around
-    why = report.load.explain(states[int(np.argmin(np.abs(states.time - joint.time)))])
-    if abs(joint.chance) > NEGLIGIBLE * report.reference(joint):
-        why = why.with_term("noise", np.where(np.arange(len(report.joints)) == k, joint.chance, 0.0))
-    heads, *rows = why.rows(why.joints[k])
-    links, *terms = zip(*rows, strict=True)
-    parts = np.array([why.parts[:, why.causes.index(link), k] for link in links[:-1]])
-    parts = np.vstack([parts, why.by_term[:, k]])  # the last row and column are sums
+    nearest = int(np.argmin(np.abs(states.time - joint.time)))
+    why = report.load.explain(states[nearest])
+    if abs(joint.chance) > MIN_NOISE_SHARE * report.reference(joint):
+        noise = np.zeros(len(report.joints))
+        noise[k] = joint.chance
+        why = why.with_term("noise", noise)
+    (first_head, *heads), *rows = why.rows(why.joints[k])
+    links, *columns_of_texts = zip(*rows, strict=True)  # a column for each term and for the sum
+    shown_causes = list(map(why.causes.index, links[:-1]))  # the last row is the sum
+    parts = np.vstack([why.parts[:, shown_causes, k].T, why.by_term[:, k]])
     values = np.column_stack([parts, parts.sum(axis=1)])
 
-    unit = heads[-1].partition("[")[2].rstrip("]")
-    columns = [words(heads[0], links)]
-    for head, texts, torques in zip(heads[1:], terms, values.T.tolist(), strict=True):
-        if set(texts) != {NEGLIGIBLE_PART}:
-            cells = map(_part, texts, torques)
-            columns.append(numbers(head.partition(" [")[0], cells, unit=unit, headed=False))
+    unit = why.units[k]
+    columns = [words(first_head, links)]
+    for head, texts, torques in zip(heads, columns_of_texts, values.T.tolist(), strict=True):
+        if set(texts) != {NEGLIGIBLE_PART}:  # a term without effect has no column
+            cells = map(_part_cell, texts, torques)
+            columns.append(numbers(head.removesuffix(f" [{unit}]"), cells, unit=unit, headed=False))
     title = f"Why {joint.joint} at t = {seconds(joint.time)} s"
     if report.load.payloads:
         title += ", payload's part below each term"
     return Table(f"{title} [{unit}]", *columns, styles=[""] * (len(rows) - 1) + [Style.STRONG])
 
 
-def _part(text: str, value: float) -> Cell:
+def _part_cell(text: str, value: float) -> Cell:
     if text == NEGLIGIBLE_PART:
         return Glyphs(text)
     return Line(torque(value), value=value)
 
 
+_LIMIT_LABELS = KINDS | {"lower": "position, lower", "upper": "position, upper"}
+"""Quantity of each kind of limit, and the side of a position's."""
+
+
 def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
-    units, quantities, factors = [], [], []
+    """Exceeded limits of the motion and of bearings."""
+    units, quantities, values, limits = [], [], [], []
     for e in excesses:
-        coordinate = "dq" if e.kind == "velocity" else "q"
+        coordinate, factor = "q", 1.0
+        if e.kind == "velocity":
+            coordinate = "dq"
+        if degrees and e.angular:
+            factor = math.degrees(1.0)
         unit = BEARING_UNITS.get(e.kind) or unit_of(coordinate, e.angular, degrees=degrees)
         units.append(unit)
-        quantities.append(f"{_LIMIT_LABELS.get(e.kind, KINDS[e.kind])} [{unit}]")
-        factors.append(math.degrees(1.0) if degrees and e.angular else 1.0)
+        quantities.append(f"{_LIMIT_LABELS[e.kind]} [{unit}]")
+        values.append(e.value * factor)
+        limits.append(e.limit * factor)
     column = partial(numbers, show=lambda x: number(x, 5), unit=", ".join(dict.fromkeys(units)), headed=False)
-    values = np.array([e.value for e in excesses]) * factors
-    limits = np.array([e.limit for e in excesses]) * factors
     return Table(
         "Motion limits passed",
         words("joint", [e.joint for e in excesses], fold=False),
         words("what", quantities, fold=False),
-        column("worst", values.tolist()),
-        column("limit", limits.tolist()),
+        column("worst", values),
+        column("limit", limits),
         numbers("when", [e.time for e in excesses], seconds, "s"),
         style=strong(Style.OVER),
-        most=_MAX_ROWS // 2,
+        most=_MAX_LIMIT_ROWS,
     )
-
-
-_LIMIT_LABELS = {"lower": "position, lower", "upper": "position, upper"}

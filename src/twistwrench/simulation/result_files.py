@@ -20,7 +20,7 @@ from ..core.third_party import third_party_errors
 from ..core.typing import Array
 from ..motion.column_names import DEGREES, ENERGIES, MOMENTUM, SUFFIX, WORK, time_column
 from ..motion.coordinates import Coordinates
-from ..motion.log_table import FileEnds
+from ..motion.readers.file_ends import FileEnds
 from ..motion.readers.numpy_files import check_archive
 from .events import Happening
 from .forces import WORKS

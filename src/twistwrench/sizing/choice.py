@@ -25,7 +25,7 @@ from ..mechanics.model.actuators import RATINGS, moving
 from ..mechanics.model.limits import BEARINGS
 from ..motion.coordinates import Coordinates
 from ..motion.limits_file import robot_origin
-from ..motion.model_doubts import as_it_hangs, base_doubts, model_warnings
+from ..motion.model_doubts import base_doubts, hanging_excess, model_warnings
 from ..motion.motion import Motion
 from ..reports.load_states import LoadStates
 from ..reports.motors import Demand
@@ -314,7 +314,7 @@ class Sizing(Answer):
             over += joint.excess
             unsure += [*joint.open, *joint.missing]
         if base_doubts(self.problem.robot.model):  # other torques are those of a robot that stands
-            over, unsure = [], [*map(as_it_hangs, over[:1]), *unsure]
+            over, unsure = [], [*map(hanging_excess, over[:1]), *unsure]
         return Verdict.from_reasons(over=over, unsure=[*self.problem.doubts, *unsure])
 
     # ── The answer on every surface

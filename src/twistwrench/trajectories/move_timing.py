@@ -21,7 +21,7 @@ from ..mechanics.model.couplings import motor_torques
 from ..mechanics.model.limits import Limits
 from ..motion.bounds import Violation
 from ..motion.coordinates import ConfigurationGiven, Coordinates
-from ..motion.model_doubts import as_it_hangs, base_doubts
+from ..motion.model_doubts import hanging_excess, base_doubts
 from ..motion.readers.csv_reader import CsvFile, table_errors
 from ..robot import Robot
 from .fastest import fastest as fastest_timing
@@ -140,7 +140,7 @@ def untimed_verdict(problem: PathError, robot: Robot, *, can_stand: bool) -> tup
     hanging = base_doubts(robot.model)
     if not hanging:
         return Word.OVER_LIMIT, problem
-    return Word.UNSURE, PathError("; ".join([*hanging, as_it_hangs(str(problem))]))
+    return Word.UNSURE, PathError("; ".join([*hanging, hanging_excess(str(problem))]))
 
 
 def certain_violations(violations: tuple[Violation, ...], robot: Robot) -> tuple[tuple[Violation, ...], list[str]]:
@@ -148,5 +148,5 @@ def certain_violations(violations: tuple[Violation, ...], robot: Robot) -> tuple
     hanging = base_doubts(robot.model)
     if not hanging:
         return violations, []
-    torques = [as_it_hangs(str(v)) for v in violations if v.kind == "torque"]
+    torques = [hanging_excess(str(v)) for v in violations if v.kind == "torque"]
     return tuple(v for v in violations if v.kind != "torque"), [*hanging, *torques[:1]]

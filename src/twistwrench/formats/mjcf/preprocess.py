@@ -51,14 +51,18 @@ class Settings:
     @property
     def angle(self) -> float:
         """Radians in the file's unit of angles."""
-        return math.pi / 180.0 if self.degrees else 1.0
+        if self.degrees:
+            return math.pi / 180.0
+        return 1.0
 
     @classmethod
     def from_root(cls, root: Element) -> Settings:
         """Settings of a file; later elements override earlier ones."""
-        elements = root.all("compiler")
-        attributes = {name: value for e in elements for name, value in e.attributes.items()}
-        one = (elements[-1] if elements else root).with_attributes(attributes)
+        last, attributes = root, dict[str, str]()
+        for element in root.all("compiler"):
+            last = element
+            attributes |= element.attributes
+        one = last.with_attributes(attributes)
         if one.word("coordinate", ("local", "global"), "local") == "global":
             raise RobotFileError(
                 f'{one} has coordinate="global", which MuJoCo dropped too. Write poses relative to the parent body.'
@@ -86,14 +90,18 @@ class Settings:
 
 def disabled_by(root: Element) -> set[str]:
     """Forces that the flags of ``<option>`` disable: gravity, spring, damper, equality and others."""
-    found: set[str] = set()
+    disabled: set[str] = set()
     for option in root.all("option"):
         for flag in option.all("flag"):
-            found |= {name for name, value in flag.attributes.items() if value.strip() == "disable"}
-            found -= {name for name, value in flag.attributes.items() if value.strip() == "enable"}
+            for name, value in flag.attributes.items():
+                if value.strip() == "disable":
+                    disabled.add(name)
+                elif value.strip() == "enable":
+                    disabled.discard(name)
     for group, forces in (("passive", {"spring", "damper"}), ("constraint", {"equality", "frictionloss"})):
-        found |= forces if group in found else set()
-    return found
+        if group in disabled:
+            disabled |= forces
+    return disabled
 
 
 def gravity_of(root: Element) -> list[float]:
@@ -101,7 +109,9 @@ def gravity_of(root: Element) -> list[float]:
     gravity = list(GRAVITY)
     for option in root.all("option"):
         gravity = option.floats("gravity", gravity)
-    return [0.0, 0.0, 0.0] if "gravity" in disabled_by(root) else gravity
+    if "gravity" in disabled_by(root):
+        return [0.0, 0.0, 0.0]
+    return gravity
 
 
 def fluid_of(root: Element) -> Element | None:
@@ -121,7 +131,9 @@ class Folders:
     """Folders from which a robot file may read other files; none for a robot given as text."""
 
     def __init__(self, home: Path | None, others: Sequence[Path] = ()) -> None:
-        folders = [*others] if home is None else [home, *others]
+        folders = list(others)
+        if home is not None:
+            folders.insert(0, home)
         self.allowed = [folder.resolve() for folder in folders]
 
     def find(self, name: str, asked: Element, near: Path | None = None) -> Path:
@@ -137,10 +149,13 @@ class Folders:
                 f"names the file {name[:200]!r}, and a robot given as text has no folder. Load it from its path, or "
                 "pass include_paths=[folder]."
             )
-        folders = [self.allowed[0], *self.allowed[1:]] if near is None else [self.allowed[0], near, *self.allowed[1:]]
+        home, *others = self.allowed
+        folders = [home, *others]
+        if near is not None:
+            folders = [home, near, *others]
         try:
             places = [(folder / name).resolve() for folder in folders]
-            within = [path for path in places if any(path.is_relative_to(folder) for folder in self.allowed)]
+            within = list(filter(self._is_allowed, places))
             files = [path for path in within if path.is_file()]
         except (OSError, RuntimeError):  # a link to itself is a RuntimeError before Python 3.13
             within, files = [Path(name)], []
@@ -152,6 +167,10 @@ class Folders:
                 "include_paths=[its folder]."
             )
         raise asked.error(f"names the file {name[:200]!r}, which is not there.")
+
+    def _is_allowed(self, place: Path) -> bool:
+        """True if a resolved path lies below one of the folders."""
+        return any(place.is_relative_to(folder) for folder in self.allowed)
 
 
 def expand(root: Element, folders: Folders, max_bodies: int) -> None:
@@ -272,13 +291,18 @@ def merge_defaults(default: dict[str, str] | None, element: Element) -> dict[str
     if not own.keys().isdisjoint(_TURNED):
         attributes = {name: value for name, value in attributes.items() if name not in _TURNED}
     if element.tag in ACTUATORS:
-        shortcut = element.tag if element.tag != "general" else attributes.get(SHORTCUT, "general")
+        shortcut = element.tag
+        if shortcut == "general":
+            shortcut = attributes.get(SHORTCUT, "general")
         return {**attributes, **own, SHORTCUT: shortcut}
     return {**attributes, **own}
 
 
 def _key(tag: str) -> str:
-    return "actuator" if tag in ACTUATORS else tag
+    """Name under which defaults of an element are kept: one for all kinds of actuators."""
+    if tag in ACTUATORS:
+        return "actuator"
+    return tag
 
 
 _MODES = ("legacy", "exact", "convex", "shell")
@@ -352,8 +376,9 @@ class Meshes:
             volume, parameters = _solid(vertices[faces], np.zeros(3), signed=True)
         if not volume > 0:
             raise element.error(f"encloses no volume. Give the body of {geom} an <inertial>.")
-        weight = mass if mass is not None else volume * float(density or 0.0)
-        return SpatialInertia.from_parameters(parameters * (weight / volume))
+        if mass is None:
+            mass = volume * float(density or 0.0)
+        return SpatialInertia.from_parameters(parameters * (mass / volume))
 
     def _surface(self, element: Element, geom: Element) -> tuple[Array, Array]:
         """Vertices (n, 3) [m] in the frame that geoms place, and triangles (k, 3)."""
@@ -361,7 +386,10 @@ class Meshes:
             vertices, faces = self._read(element, geom)
         elif "vertex" in element.attributes:
             vertices = _triples(element, "vertex")
-            faces = _triples(element, "face").astype(int) if "face" in element.attributes else _hull(vertices, element)
+            if "face" in element.attributes:
+                faces = _triples(element, "face").astype(int)
+            else:
+                faces = _hull(vertices, element)
         else:
             raise element.error(f"has neither a file nor vertices, so the mass of {geom} is not known.")
         if faces.min() < 0 or faces.max() >= len(vertices):

@@ -43,7 +43,8 @@ def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"])
     """
     if not is_marked(text):
         return ""
-    root = parse(text) if root is None else root
+    if root is None:
+        root = parse(text)
     if root.tag != "robot":
         return ""
     stack = [(root, rows.get(root.tag, {}))]
@@ -53,9 +54,9 @@ def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"])
             return f"{element} is unexpanded xacro"
         for name, value in element.attributes.items():
             if row.get(name) is READ and _has_expression(value):
-                # A name stands in that of the element.
-                text_of_attribute = "" if name == "name" else f": {shorten(f'{name}={value!r}')}"
-                return f"{element} is unexpanded xacro{text_of_attribute}"
+                if name == "name":  # it stands in the text of the element
+                    return f"{element} is unexpanded xacro"
+                return f"{element} is unexpanded xacro: {shorten(f'{name}={value!r}')}"
         children = [c for c in element.children if c.tag.startswith(_ELEMENT) or row.get(f"<{c.tag}>") is READ]
         stack.extend((child, _row_of(child, element, rows)) for child in reversed(children))
     return ""
@@ -73,14 +74,17 @@ def xacro_arguments(arguments: Mapping[str, Any] | bool | None) -> Mapping[str, 
     """Arguments of a xacro file; empty for True, None without expansion. Raises ValueRangeError."""
     if arguments is None or arguments is False:
         return None
-    values = {} if arguments is True else arguments
-    if not isinstance(values, Mapping) or not all(isinstance(value, str | int | float) for value in values.values()):
+    if arguments is True:
+        return {}
+    if not isinstance(arguments, Mapping):
         raise _wrong_arguments(arguments)
     texts = {}
-    for name, value in values.items():
-        if not isinstance(name, str):
+    for name, value in arguments.items():
+        if not isinstance(name, str) or not isinstance(value, str | int | float):
             raise _wrong_arguments(arguments)
-        texts[name] = str(value).lower() if isinstance(value, bool) else str(value)
+        texts[name] = str(value)
+        if isinstance(value, bool):
+            texts[name] = texts[name].lower()
     return texts
 
 
@@ -125,7 +129,9 @@ def expand_xacro(
 
 def _expansion_error(reason: str, declared: Mapping[str, None] = MappingProxyType({})) -> RobotFileError:
     """Error for a file that xacro cannot expand, with the arguments it declares, if they are known."""
-    arguments = f" It declares the arguments {listed(declared)}." if declared else ""
+    arguments = ""
+    if declared:
+        arguments = f" It declares the arguments {listed(declared)}."
     return RobotFileError(
         f"xacro cannot expand it: {reason}.{arguments} Folders of packages that are not above the file, and of other files "
         f"that it reads, go into {spell(Argument('include_paths', option='include-path'))} or ROS_PACKAGE_PATH."
@@ -133,15 +139,18 @@ def _expansion_error(reason: str, declared: Mapping[str, None] = MappingProxyTyp
 
 
 def _request(text: str, path: Path | None, arguments: Mapping[str, Any], folders: Sequence[Path]) -> dict[str, Any]:
-    allowed = [] if path is None else [path.resolve().parent, *_package_around(path)]
+    file, allowed = None, list[Path]()
+    if path is not None:
+        file = str(path)
+        allowed += [path.resolve().parent, *_package_around(path)]
     allowed += folders
     for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
-        allowed += [Path(folder) for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
+        allowed += map(Path, filter(None, os.environ.get(variable, "").split(os.pathsep)))
     return {
         "text": text,
-        "file": None if path is None else str(path),
+        "file": file,
         "arguments": dict(arguments),
-        "include_paths": [str(folder) for folder in folders],
+        "include_paths": list(map(str, folders)),
         "folders": [str(folder.resolve()) for folder in allowed],
         "bytes": MOST_BYTES,
     }

@@ -20,7 +20,7 @@ from ...core.typing import Array
 from ...motion.motion import Motion
 from ...robot import Robot, load
 from ...robot.base import require_robot
-from .linear_start import linear_start, scale_torques
+from .linear_start import linear_start, scale_determining_torques
 from .output_error import OutputErrorFit, OutputErrorProblem, position_errors, probability, with_model_changes
 from .replay import LAWS, QUANTITIES, Hold, ServoLog, ServoReplay
 from .result import IdentifiedServos
@@ -241,7 +241,7 @@ def _model_changes(robot: Robot, problem: OutputErrorProblem, fit: OutputErrorFi
     excess = np.maximum(squares - rows * fit.sigma**2, 0.0)
     kp = np.exp(fit.p[:-1].reshape(-1, len(QUANTITIES))[:, -1])
     unexplained = kp * np.sqrt(excess / rows / (fit.freedom + 1.0))
-    scale = unexplained / np.maximum(scale_torques(robot, fit.replay.logs), 1e-12)
+    scale = unexplained / np.maximum(scale_determining_torques(robot, fit.replay.logs), 1e-12)
     return [*changes, *problem.scale_changes(fit, J, np.minimum(scale, _MAX_SCALE))]
 
 

@@ -1,11 +1,12 @@
 """Initial values of servo parameters by linear regression of the tracking error.
 
-With r the torques of the file's bodies, each joint's rows are
+Each joint's rows are, with the command c, its delay δ, the armature a, damping d, Coulomb friction C and gain kp of the
+joint's drive, and the torque r of the file's bodies,
 
     e = c(t - δ) - q = (a ddq + d dq + C sgn dq + r) / kp.
 
-r and ddq are derivatives of positions and thus noisy. The ratios a/kp, d/kp and C/kp are told even if r is too small to
-tell 1/kp; then kp follows from a guess of the armature. The delay δ minimises Σ_j log |residual_j|².
+r and ddq are derivatives of positions and thus noisy. The ratios a/kp, d/kp and C/kp are determined even if r is too small
+to determine 1/kp; then kp follows from a guess of the armature. The delay δ minimises Σ_j log |residual_j|².
 """
 
 from __future__ import annotations
@@ -24,28 +25,33 @@ from .replay import Hold, ServoLog
 _MAX_CUTOFF, _CUTOFF_SHARE = 10.0, 0.2
 """Largest cut-off of the low-pass [Hz], and as a share of the sampling rate."""
 _MIN_SPEED, _FRICTION_SPEED = 0.05, 0.02
-"""Least speed of rows, and speed at which friction turns [rad/s, m/s]."""
-_MAX_DELAY, _DELAYS = 0.12, 61
+"""Least speed of the rows that are used, and speed v of tanh(dq/v) in place of sgn dq [rad/s, m/s]."""
+_MAX_DELAY, _DELAY_COUNT = 0.12, 61
+"""Largest delay [s], and number of delays that are compared."""
 _MIN_DEVIATIONS = 8.0
 """Deviations from zero at which 1/kp counts as determined."""
 _BLOCK = 1.0
 """Length of blocks [s], for deviations of autocorrelated residuals."""
 _INERTIA_SHARE = 0.1
-"""Guess of an armature that the file does not have, as a share of the joint's inertia."""
-_LEAST_SHARE = 1e-3
-"""Smallest initial value, as a share of its typical torque."""
+"""Guess of an armature that the file does not have, as a share of the largest inertia of all joints."""
+_MIN_SHARE_OF_ERROR = 1e-3
+"""Smallest part in the error of an initial value, as a share of the largest part of the joint."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Rows of a log on even times, low-passed alike: columns (n, nv, 4) and positions (n, nv)."""
+    """Rows of a log on even times, all filtered by the same low-pass."""
 
     log: ServoLog
     time: Array
     cutoff: float
+    """Of the low-pass [Hz]."""
     columns: Array
+    """(n, nv, 4): ddq, dq, sgn dq and the torques r of the bodies."""
     q: Array
+    """(n, nv)"""
     block: Array
+    """(n,) number of each row's block of time."""
 
     @classmethod
     def from_log(cls, robot: Robot, log: ServoLog) -> _Rows:
@@ -63,11 +69,12 @@ class _Rows:
         """(n, nv) tracking error with a delayed command."""
         rate = (len(self.time) - 1) / float(self.time[-1])
         period = 1.0 / rate
-        c = self.log.mean_command(self.time - delay - 0.5 * period, period, hold)
+        begin = self.time - delay - 0.5 * period  # the mean is over a period about each time
+        c = self.log.mean_command(begin, period, hold)
         return np.asarray(low_pass(c, self.cutoff, rate) - self.q)
 
 
-def scale_torques(robot: Robot, logs: Sequence[ServoLog]) -> Array:
+def scale_determining_torques(robot: Robot, logs: Sequence[ServoLog]) -> Array:
     """(nv,) rms torques of the file's bodies that armature, damping and friction cannot imitate: they determine the scale."""
     bodies = _without_armature(robot)
     columns = np.concatenate([_Rows.from_log(bodies, log).columns for log in logs])
@@ -81,11 +88,17 @@ def scale_torques(robot: Robot, logs: Sequence[ServoLog]) -> Array:
 
 
 def _without_armature(robot: Robot) -> Robot:
-    return robot.with_armature(dict.fromkeys(robot.model.velocity_names, 0.0)) if robot.armature.any() else robot
+    if not robot.armature.any():
+        return robot
+    return robot.with_armature(dict.fromkeys(robot.model.velocity_names, 0.0))
 
 
 def linear_start(robot: Robot, logs: Sequence[ServoLog], hold: Hold) -> tuple[Array, Array]:
-    """Logarithms (nv, 4) of armature, damping, Coulomb friction and kp, with the delay last (4 nv + 1,); guessed armatures."""
+    """Unknowns (4 nv + 1,), and the guessed armatures (nv,).
+
+    The unknowns are the logarithms of armature, damping, Coulomb friction and kp of each joint, four in a row, and last the
+    delay [s].
+    """
     bodies = _without_armature(robot)
     rows = [_Rows.from_log(bodies, log) for log in logs]
     parts, blocks, count = list[Array](), list[Array](), 0
@@ -99,12 +112,12 @@ def linear_start(robot: Robot, logs: Sequence[ServoLog], hold: Hold) -> tuple[Ar
         e = np.concatenate([one.error(delay, hold) for one in rows])
         return [_JointFit.from_rows(columns[:, j], e[:, j], block) for j in range(robot.nv)]
 
-    delays = np.linspace(0.0, _MAX_DELAY, _DELAYS)
-    scores = [_score(joint_fits(delay)) for delay in delays]
-    delay = float(delays[int(np.argmin(scores))])
+    delays = np.linspace(0.0, _MAX_DELAY, _DELAY_COUNT)
+    errors = [_log_square_residuals(joint_fits(delay)) for delay in delays]
+    delay = float(delays[int(np.argmin(errors))])
     guess = _guessed_armatures(robot, np.concatenate([log.q for log in logs]))
-    x = np.stack([_start(fit, guess[j]) for j, fit in enumerate(joint_fits(delay))])
-    return np.append(np.log(x).ravel(), delay), guess
+    parameters = [_drive_parameters(fit, armature) for fit, armature in zip(joint_fits(delay), guess, strict=True)]
+    return np.append(np.log(parameters).ravel(), delay), guess
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +127,7 @@ class _JointFit:
     x: Array
     """(4,) coefficients of acceleration, velocity, sign of the velocity and torque of the bodies."""
     X: Array
+    """(n, 4) rows of these."""
     residual: Array
     block: Array
 
@@ -127,29 +141,34 @@ class _JointFit:
         return cls(x, X, y - X @ x, block[moving])
 
 
-def _score(fits: Sequence[_JointFit]) -> float:
+def _log_square_residuals(fits: Sequence[_JointFit]) -> float:
     """Σ_j log |residual_j|² of the joints that move, to be minimised."""
-    score = 0.0
+    total = 0.0
     for fit in fits:
         if len(fit.residual):
-            score += float(np.log((fit.residual**2).mean() + 1e-30))
-    return score
+            total += float(np.log((fit.residual**2).mean() + 1e-30))
+    return total
 
 
-def _start(fit: _JointFit, armature: float) -> Array:
-    """Armature, damping, Coulomb friction and kp of one joint from its ratios x (4,)."""
+def _drive_parameters(fit: _JointFit, armature: float) -> Array:
+    """Armature, damping, Coulomb friction and kp of one joint from its ratios x (4,); the armature is a guess."""
     x, X = fit.x, fit.X
-    size, pull, scores = np.ones(4), 1.0, np.zeros((1, 4))
+    rms, largest_part, block_sums = np.ones(4), 1.0, np.zeros((1, 4))
     if len(X):
-        size = np.sqrt((X**2).mean(axis=0))
-        pull = float(np.abs(x * size).max())
-        edges = np.flatnonzero(np.diff(fit.block, prepend=-1))
-        scores = np.add.reduceat(X * fit.residual[:, None], edges)
-    ratio = np.maximum(x, _LEAST_SHARE * pull / np.maximum(size, 1e-12))
+        rms = np.sqrt((X**2).mean(axis=0))
+        largest_part = float(np.abs(x * rms).max())  # in the tracking error
+        block_begins = np.flatnonzero(np.diff(fit.block, prepend=-1))
+        block_sums = np.add.reduceat(X * fit.residual[:, None], block_begins)
+    least = _MIN_SHARE_OF_ERROR * largest_part / np.maximum(rms, 1e-12)
+    ratio = np.maximum(x, least)  # logarithms need numbers above zero
     N = np.linalg.pinv(X.T @ X)
-    deviation = float(np.sqrt((N @ scores.T @ scores @ N)[3, 3]))
-    kp = 1.0 / x[3] if x[3] > _MIN_DEVIATIONS * deviation > 0.0 else armature / ratio[0]
-    return np.array([*(kp * ratio[:3]), kp])
+    covariance = N @ block_sums.T @ block_sums @ N  # residuals within a block may be correlated
+    deviation = float(np.sqrt(covariance[3, 3]))
+    if deviation > 0.0 and x[3] > _MIN_DEVIATIONS * deviation:  # the torque of the bodies determines 1/kp
+        kp = 1.0 / x[3]
+    else:
+        kp = armature / ratio[0]
+    return np.append(kp * ratio[:3], kp)
 
 
 def _guessed_armatures(robot: Robot, q: Array) -> Array:

@@ -20,9 +20,10 @@ from ...core.text import Argument, listed
 from ...core.third_party import third_party_errors
 from ...core.typing import Array
 from .. import log_table
-from ..log_table import FileEnds, check_ratio
+from ..log_table import check_ratio
 from .arrow_files import read_arrow
 from .columnar_file import ArrayFile
+from .file_ends import FileEnds
 from .hdf5_files import read_hdf5
 from .lerobot import EPISODES, read_metadata
 from .mat_files import read_mat
@@ -66,16 +67,22 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         rows = _episode_rows(path, arrays.get(EPISODES), episode)
 
     def read(used: Sequence[int]) -> Iterator[Array]:
-        used_columns, begin = [columns[k] for k in used or (0,)], 0
+        used_columns = [columns[k] for k in used or (0,)]
         used_arrays = {column.array: arrays[column.array] for column in used_columns}
-        check_ratio(path, sum(array.size for array in used_arrays.values()), file.size)
-        row_size = max(1, *(array.row_size for array in used_arrays.values()))
+        size, row_size = 0, 1
+        for array in used_arrays.values():
+            size += array.size
+            row_size = max(row_size, array.row_size)
+        check_ratio(path, size, file.size)
         row_limit = max(1, min(log_table.ROWS, _PORTION_SIZE // row_size))
         begins: dict[int, Array] = {}
-        for portions in zip(*(array.portions(row_limit) for array in used_arrays.values()), strict=True):
+        begin = 0
+        for portions in zip(*[array.portions(row_limit) for array in used_arrays.values()], strict=True):
             portion_of = dict(zip(used_arrays, portions, strict=True))
             count = len(portions[0])
-            selected = ... if rows is None else rows[begin : begin + count]
+            selected: Any = ...
+            if rows is not None:
+                selected = rows[begin : begin + count]
             begin += count
             values = []
             for k, column in enumerate(used_columns):
@@ -106,30 +113,40 @@ def _columns(arrays: Mapping[str, StoredArray]) -> list[_Column]:
     for name, array in arrays.items():
         if array.shape:
             by_length[array.shape[0]] += _array_columns(name, array)
-    counts = {n: len(columns) for n, columns in by_length.items() if n > 1 and columns}
-    if not counts:
+    lengths = [n for n, columns in by_length.items() if n > 1 and columns]
+    if not lengths:
         return []
-    rows = max(counts, key=lambda n: (counts[n], n))
-    return by_length[rows]
+    return by_length[max(lengths, key=lambda n: (len(by_length[n]), n))]
 
 
 def _array_columns(name: str, array: StoredArray) -> list[_Column]:
     """Numeric columns of an array (n,), with fields or without, or (n, k)."""
     dtype, shape = array.dtype, array.shape
-    columns = []
     if len(shape) == 1 and dtype.names:
-        prefix = f"{name}." if name else ""
-        fields = [field for field in dtype.names if dtype[field].kind in NUMBER_KINDS and not dtype[field].shape]
-        columns += [_Column(prefix + field, name, field) for field in fields]
-    elif dtype.kind not in NUMBER_KINDS:
+        return _field_columns(name, dtype)
+    if dtype.kind not in NUMBER_KINDS:
         return []
-    elif len(shape) == 1:
-        columns.append(_Column(name, name, ...))
-    elif len(shape) == 2:
+    if len(shape) == 1:
+        return [_Column(name, name, ...)]
+    columns = []
+    if len(shape) == 2:
         labels = [f"{name}.{column}" for column in array.names]
         if not labels:
             labels = [f"{name}{k + 1}" for k in range(shape[1])]
-        columns += [_Column(label, name, np.s_[:, k]) for k, label in enumerate(labels)]
+        for k, label in enumerate(labels):
+            columns.append(_Column(label, name, np.s_[:, k]))
+    return columns
+
+
+def _field_columns(name: str, dtype: np.dtype[Any]) -> list[_Column]:
+    """Columns of the fields of an array (n,) that hold one number each."""
+    columns = []
+    for field in dtype.names or ():
+        if dtype[field].kind in NUMBER_KINDS and not dtype[field].shape:
+            label = field
+            if name:
+                label = f"{name}.{field}"
+            columns.append(_Column(label, name, field))
     return columns
 
 
@@ -149,7 +166,9 @@ def _episode_rows(path: Path, episodes: StoredArray | None, episode: int | None)
     if episode is None and len(episode_numbers) < 2:
         return None
     if episode is None or episode not in episode_numbers:
-        finding = "several episodes" if episode is None else f"no episode {episode}"
+        finding = "several episodes"
+        if episode is not None:
+            finding = f"no episode {episode}"
         first, last = int(episode_numbers[0]), int(episode_numbers[-1])
         raise TrajectoryError(
             f"{path}: has {finding}: {first} to {last}. Choose one: {{0}}.", Argument("episode", first)

@@ -14,7 +14,8 @@ from ...core.errors import MissingExtraError, TrajectoryError
 from ...core.typing import Array
 from .. import log_table
 from ..column_names import PART_OF
-from ..log_table import FileEnds, most_unpacked
+from ..log_table import most_unpacked
+from .file_ends import FileEnds
 from .lerobot import EPISODES, STATE, read_metadata
 from .stored_array import StoredArray
 

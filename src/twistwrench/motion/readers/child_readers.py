@@ -13,9 +13,10 @@ from typing import Any
 from ...core.child_process import ChildLimits, run_in_child, sandboxed, stream_from_child
 from ...core.errors import TrajectoryError
 from ...core.typing import Array
-from ..log_table import FileEnds, most_unpacked, slices, table_of
+from ..log_table import most_unpacked, slices, table_of
 from .array_files import array_file
 from .columnar_file import ArrayFile, unreadable_rows
+from .file_ends import FileEnds
 
 _FOREIGN = (".h5", ".hdf5", ".parquet", ".feather", ".arrow")
 _HDF5 = b"\x89HDF", b"MATLAB 7.3"
@@ -105,16 +106,16 @@ def _limits(path: Path) -> ChildLimits:
 
 def head_of_arrays(path: str, episode: int | None) -> tuple[Any, ...]:
     """Header, size, notes and unit of a file of arrays."""
-    file = _opened(path, episode)
+    file = _file_of_arrays(path, episode)
     return file.header, file.size, file.notes, file.dataset
 
 
 def rows_of_arrays(path: str, episode: int | None, used: Sequence[int]) -> Iterator[Array]:
     """Portions of the rows of some columns."""
-    return _opened(path, episode).read(used)
+    return _file_of_arrays(path, episode).read(used)
 
 
-def _opened(path: str, episode: int | None) -> ArrayFile:
+def _file_of_arrays(path: str, episode: int | None) -> ArrayFile:
     return array_file(FileEnds.from_path(Path(path)), episode)
 
 

@@ -20,7 +20,9 @@ from ...core.files import as_path
 from ...core.tables import unescape_cell
 from ...core.typing import Array
 from ..column_names import PART_OF, SUFFIX
-from ..log_table import FileEnds, TextSource, table_of
+from ..log_table import table_of
+from .file_ends import FileEnds
+from .text_source import TextSource
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
 _SEPARATORS = (";", "\t", ",", None)
@@ -49,17 +51,22 @@ class Dialect:
     @classmethod
     def from_header(cls, header: str, row: str | None) -> Dialect:
         """Dialect for which the header and the row below it (None if absent) have the same number of cells."""
-        counts = {separator: len(cls(separator).cells(header)) for separator in _SEPARATORS}
-        counts = {separator: count for separator, count in counts.items() if count > 1}
+        counts = {}
+        for separator in _SEPARATORS:
+            count = len(cls(separator).cells(header))
+            if count > 1:
+                counts[separator] = count
         if not counts:  # one column
-            return cls(";") if row is not None and _DECIMAL_COMMA.fullmatch(row) else cls()
+            if row is not None and _DECIMAL_COMMA.fullmatch(row):
+                return cls(";")
+            return cls()
         if set(counts) == {None} and row is not None and len(row.split()) == 1:  # one column, with a blank in its name
             return cls()
         if row is not None:
             for separator, count in counts.items():
                 if len(cls(separator).cells(row)) == count:
                     return cls(separator)
-        return cls(next(separator for separator in (";", "\t", ",", None) if separator in counts))
+        return cls(min(counts, key=(";", "\t", ",", None).index))
 
     def cells(self, line: str) -> list[str]:
         """Cells of a line, stripped of blanks; an unclosed quote is an ordinary character."""
@@ -73,7 +80,11 @@ class Dialect:
 
     def has_decimal_commas(self, text: str | bytes) -> bool:
         """True if a text contains decimal commas."""
-        return self.separator != "," and ("," in text if isinstance(text, str) else b"," in text)
+        if self.separator == ",":
+            return False
+        if isinstance(text, str):
+            return "," in text
+        return b"," in text
 
     def number(self, cell: str) -> float | None:
         """Finite number in a cell, with a decimal comma unless commas are the separator; None for other text.
@@ -82,8 +93,12 @@ class Dialect:
         (-0.5, 0.5, 1000.0, None)
         """
         comma = self.has_decimal_commas(cell)
-        value = float(cell.replace(",", ".")) if is_number(cell, decimal_comma=comma) else math.inf
-        return value if math.isfinite(value) else None
+        if not is_number(cell, decimal_comma=comma):
+            return None
+        value = float(cell.replace(",", "."))
+        if not math.isfinite(value):
+            return None
+        return value
 
     @property
     def name(self) -> str:
@@ -194,13 +209,18 @@ def _number_fault(fields: Sequence[str], names: Sequence[str], *, decimal_comma:
             return f"{column} is {value}, with a point where other rows have decimal commas. Write all of them alike."
         if "," in field and not decimal_comma and is_number(field, decimal_comma=True):
             return f"{column} is {value}. Where commas separate values, decimals are written with a point (0.5)."
-        fault = f"is {value}, which is not a number" if field else "is blank"
+        fault = "is blank"
+        if field:
+            fault = f"is {value}, which is not a number"
         return f"{column} {fault}. Every row needs a number such as -0.25 in every column that is used."
     return None
 
 
 def _clip(raw: str) -> str:
-    return repr(raw if len(raw) <= 60 else raw[:57] + "…")
+    """Line in quotes, cut after 57 characters if it is longer than 60."""
+    if len(raw) > 60:
+        raw = raw[:57] + "…"
+    return repr(raw)
 
 
 _CONTROL = bytes(k for k in range(32) if k not in (9, 10)) + b"\x7f"
@@ -220,7 +240,8 @@ def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]
     plain = text.isascii() and b'"' not in text
     if dialect.has_decimal_commas(text):
         plain = plain and b"." not in text
-        text = text.replace(b",", b".") if plain else text
+        if plain:
+            text = text.replace(b",", b".")
     table = None
     if plain:
         table = _parse_with_numpy(text, dialect, columns, used)
@@ -235,7 +256,9 @@ def normalise_newlines(text: bytes) -> bytes:
         text = text.replace(b"\r\n", b"\n")
     if text.isspace() or not text:
         return b""
-    return text if text.endswith(b"\n") else text + b"\n"
+    if not text.endswith(b"\n"):
+        text += b"\n"
+    return text
 
 
 def _parse_with_numpy(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
@@ -256,7 +279,9 @@ def _parse_with_numpy(text: bytes, dialect: Dialect, columns: int, used: Sequenc
         return None
     if all_columns and table.shape[1] == columns:
         table = table[:, list(used)]
-    return np.asarray(table) if table.shape[1] == len(used) and np.isfinite(table).all() else None
+    if table.shape[1] != len(used) or not np.isfinite(table).all():
+        return None
+    return np.asarray(table)
 
 
 def _has_equal_lines(text: bytes, dialect: Dialect, columns: int) -> bool:
@@ -288,7 +313,9 @@ def _parse_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int
             return None
         rows.append([float(cell.replace(",", ".")) for cell in row])
     table = np.array(rows, float).reshape(len(rows), len(used))
-    return table if np.isfinite(table).all() else None
+    if not np.isfinite(table).all():
+        return None
+    return table
 
 
 _BYTES_OF_BLOCK = 1 << 18  # bytes per read: the parsed block fits into the processor's cache
@@ -336,7 +363,10 @@ class CsvFile:
         rows is the header, as written by ``numpy.savetxt``. Raises :class:`~twistwrench.NotFoundError` and
         :class:`~twistwrench.TrajectoryError`.
         """
-        source = TextSource.from_ends(path if isinstance(path, FileEnds) else FileEnds.from_path(as_path(path)))
+        ends = path
+        if not isinstance(ends, FileEnds):
+            ends = FileEnds.from_path(as_path(ends))
+        source = TextSource.from_ends(ends)
         with source.open() as file:
             text, line, offset, comment = _header(file, source.path)
             row = next(_rows(file), None)
@@ -350,8 +380,7 @@ class CsvFile:
         if row is not None and any(_ROS_NAME.fullmatch(cell) for cell in cells):
             with source.open() as file:
                 file.seek(offset)
-                rows = [dialect.cells(text) for text in islice(_rows(file), _MAX_ROWS_READ)]
-            cells = _ros_header(cells, rows, source.path)
+                cells = _ros_header(cells, _first_rows(file, dialect, len(cells)), source.path)
         return cls(source, tuple(cells), line, offset, dialect, cut)
 
     @property
@@ -398,11 +427,9 @@ class CsvFile:
         """Columns with only words or blanks in the first rows, such as states (RUN)."""
         with self.source.open() as file:
             file.seek(self.data_offset)
-            rows = [self.dialect.cells(text) for text in islice(_rows(file), _MAX_ROWS_READ)]
-        complete = [row for row in rows if len(row) == len(self.header)]
-        if not complete:
-            return ()
-        return tuple(k for k, cells in enumerate(zip(*complete, strict=True)) if all(map(_is_word, cells)))
+            rows = _first_rows(file, self.dialect, len(self.header))
+        columns = zip(*rows, strict=True)
+        return tuple(k for k, cells in enumerate(columns) if all(map(_is_word, cells)))
 
     def place(self, row: int) -> str:
         """Description of a row's place, ``line 12``."""
@@ -470,6 +497,12 @@ def _rows(file: BinaryIO) -> Iterator[str]:
             yield text
 
 
+def _first_rows(file: BinaryIO, dialect: Dialect, columns: int) -> list[list[str]]:
+    """Cells of the first lines that have as many as there are columns."""
+    rows = map(dialect.cells, islice(_rows(file), _MAX_ROWS_READ))
+    return [cells for cells in rows if len(cells) == columns]
+
+
 _ROS_NAME, _ROS_CELL = re.compile(r"field\.name(\d+)"), re.compile(r"field\.(position|velocity|effort)(\d+)")
 _MAX_ROWS_READ = 1000
 """Number of rows inspected for constant joint names and for columns of text."""
@@ -477,7 +510,6 @@ _MAX_ROWS_READ = 1000
 
 def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str]:
     """Replace the columns ``field.nameN`` of ``rostopic echo -p`` by a header with the joint names in their cells."""
-    rows = [row for row in rows if len(row) == len(cells)]
     joint_of = {}  # by the number in the name of a column
     for k, cell in enumerate(cells):
         match = _ROS_NAME.fullmatch(cell)
@@ -493,8 +525,12 @@ def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str
     header = []
     for cell in cells:
         match = _ROS_CELL.fullmatch(cell)
-        joint = joint_of.get(match[2]) if match else None
-        header.append(f"{joint}{SUFFIX[PART_OF[match[1]]]}" if match and joint else cell)
+        if match:
+            quantity, number = match.groups()
+            joint = joint_of.get(number)
+            if joint:
+                cell = joint + SUFFIX[PART_OF[quantity]]
+        header.append(cell)
     return header
 
 
@@ -506,8 +542,9 @@ def _seems_cut(end: bytes, dialect: Dialect) -> bool:
     digits = []
     for line in lines[-_MIN_LINES_ABOVE - 1 :]:
         if line.strip():
-            parts = re.split("[.,]", (dialect.cells(line) or [""])[-1])
-            digits.append(len(parts[-1]) if len(parts) > 1 else 0)
+            last_cell = (dialect.cells(line) or [""])[-1]
+            _, mark, decimals = last_cell.replace(",", ".").rpartition(".")
+            digits.append(len(decimals) if mark else 0)
     return len(set(digits[:-1])) == 1 and digits[-1] < digits[0]
 
 
@@ -515,7 +552,9 @@ def _decode(raw: bytes, path: Path, number: int) -> str:
     if len(raw) >= _MAX_BYTES_OF_LINE:
         raise _long_line(path)
     try:
-        return raw.decode("utf-8-sig" if number == 1 else "utf-8")
+        if number == 1:
+            return raw.decode("utf-8-sig")
+        return raw.decode("utf-8")
     except UnicodeDecodeError:
         raise TrajectoryError(f"{path}: line {number} is not UTF-8 text. Save it as CSV in UTF-8.") from None
 

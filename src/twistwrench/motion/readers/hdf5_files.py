@@ -11,7 +11,8 @@ from ...core.errors import MissingExtraError
 from ...core.numbers import number
 from ...core.text import listed
 from ...core.typing import Array
-from ..log_table import FileEnds, most_unpacked, slices
+from ..log_table import most_unpacked, slices
+from .file_ends import FileEnds
 from .stored_array import NUMBER_KINDS, StoredArray, is_line
 
 

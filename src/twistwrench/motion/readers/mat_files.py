@@ -13,7 +13,7 @@ import numpy as np
 
 from ...core.errors import TrajectoryError
 from ...core.typing import Array
-from ..log_table import FileEnds
+from .file_ends import FileEnds
 from .hdf5_files import read_hdf5
 from .stored_array import StoredArray, check_unpacked
 

@@ -18,8 +18,9 @@ from ...core.errors import TrajectoryError
 from ...core.third_party import third_party_errors
 from ...core.typing import Array
 from ..column_names import STATES, SUFFIX, time_column
-from ..log_table import FileEnds, check_ratio, slices
+from ..log_table import check_ratio, slices
 from .columnar_file import ArrayFile
+from .file_ends import FileEnds
 from .stored_array import StoredArray, check_unpacked, is_line
 
 

@@ -23,20 +23,20 @@ _LENGTH = 1 << 20
 """Length of a value [bytes] that a database of any size may have; a longer value is no longer than its file."""
 _STEPS, _STEPS_A_BYTE = 10_000_000, 50
 """Steps of SQLite's machine: constant, and per byte of the file. A message of 100 bytes takes about 30 steps."""
-_BETWEEN = 100_000
-"""Steps between looks at the clock and at Ctrl-C: a few milliseconds."""
+_STEPS_BETWEEN_LOOKS = 100_000
+"""Steps of the machine between looks at the clock and at Ctrl-C: a few milliseconds."""
 
 
 @contextmanager
 def recording_database(path: Path) -> Iterator[sqlite3.Connection]:
     """Database of a recording, for reading. Raises TrajectoryError unless its tables are plain, and for too many steps."""
     size = path.stat().st_size
-    steps = _Steps((_STEPS + _STEPS_A_BYTE * size) // _BETWEEN)
+    steps = _Steps((_STEPS + _STEPS_A_BYTE * size) // _STEPS_BETWEEN_LOOKS)
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(_LENGTH, size))
         database.execute("pragma trusted_schema=off")
         database.execute("pragma cell_size_check=on")
-        database.set_progress_handler(steps.stops().__next__, _BETWEEN)
+        database.set_progress_handler(steps.stops().__next__, _STEPS_BETWEEN_LOOKS)
         try:
             _check_tables(database, path)
             yield database
@@ -75,12 +75,16 @@ def _check_tables(database: sqlite3.Connection, path: Path) -> None:
     """Raise TrajectoryError unless the tables of a recording are plain tables: no views, virtual tables or computed columns."""
     wanted = ", ".join("?" for _ in TABLES)
     about = database.execute(f"select name, type, rootpage from sqlite_master where name in ({wanted})", TABLES)
-    kinds = {
-        str(name): "virtual table" if kind == "table" and not rootpage else str(kind) for name, kind, rootpage in about
-    }
-    if odd := [f"{name!r} is a {kind}" for name, kind in kinds.items() if kind != "table"]:
-        raise TrajectoryError(f"{path}: cannot be read as a recording of ROS: {listed(odd)}, and a table is needed.")
-    for name in kinds:
+    names, others = list[str](), list[str]()
+    for name, kind, rootpage in about:
+        names.append(name)
+        if kind != "table":
+            others.append(f"{name!r} is a {kind}")
+        elif not rootpage:
+            others.append(f"{name!r} is a virtual table")
+    if others:
+        raise TrajectoryError(f"{path}: cannot be read as a recording of ROS: {listed(others)}, and a table is needed.")
+    for name in names:
         hidden = [str(column[1]) for column in database.execute(f"pragma table_xinfo({name})") if column[6]]
         if hidden:
             raise TrajectoryError(
@@ -133,8 +137,10 @@ class BoundedFile(io.BufferedReader):
 
     def read(self, size: int | None = -1, /) -> bytes:
         """At most ``size`` bytes."""
-        left = max(0, self.size - self.tell())
-        return super().read(left if size is None or size < 0 else min(size, left))
+        remaining = max(0, self.size - self.tell())
+        if size is None or size < 0:
+            size = remaining
+        return super().read(min(size, remaining))
 
 
 def check_chunks(path: Path) -> None:

@@ -30,16 +30,24 @@ _MAX_ROWS = 1_000_000
 """Largest number of rows of a plan; longer plans have a larger step."""
 
 _CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
-_HEADER_AND_NAMES = "std_msgs/Header header\nstring[] joint_names\n"
-_POINT = "trajectory_msgs/JointTrajectoryPoint"
+_OLD_CONTROLLER_STATE = """std_msgs/Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint desired
+trajectory_msgs/JointTrajectoryPoint actual
+trajectory_msgs/JointTrajectoryPoint error
+"""
+_CONTROLLER_STATE = """std_msgs/Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint reference
+trajectory_msgs/JointTrajectoryPoint feedback
+trajectory_msgs/JointTrajectoryPoint error
+trajectory_msgs/JointTrajectoryPoint output
+"""
 _DEFINITIONS = {
     "moveit_msgs/msg/RobotTrajectory": (
         "trajectory_msgs/JointTrajectory joint_trajectory\ntrajectory_msgs/MultiDOFJointTrajectory multi_dof_joint_trajectory",
     ),
-    _CONTROLLER: (
-        _HEADER_AND_NAMES + "".join(f"{_POINT} {name}\n" for name in ("reference", "feedback", "error", "output")),
-        _HEADER_AND_NAMES + "".join(f"{_POINT} {name}\n" for name in ("desired", "actual", "error")),
-    ),
+    _CONTROLLER: (_CONTROLLER_STATE, _OLD_CONTROLLER_STATE),
 }
 """Message definitions for databases before ROS 2 Iron, which lack them."""
 
@@ -109,9 +117,13 @@ def _reader_of(path: Path) -> Callable[[Path, Callable[[Topics], str]], Iterator
 def _choose_topic(path: Path, topics: Topics, requested: str | None, argument: Argument) -> list[str]:
     """Name of the topic, its type, the selected part, and a note if other topics are possible."""
     name, _, part = (requested or "").partition(":")
-    kinds = {topic: kind.rpartition("/")[2] for topic, (kind, _) in topics.items()}
-    readable = [topic for topic, kind in kinds.items() if kind in _KINDS and topics[topic][1]]
-    topic_list = listed([f"{topic} ({kind})" for topic, (kind, _) in topics.items()]) or "none"
+    kinds, readable, topics_with_types = dict[str, str](), list[str](), list[str]()
+    for topic, (full_kind, count) in topics.items():
+        topics_with_types.append(f"{topic} ({full_kind})")
+        kinds[topic] = full_kind.rpartition("/")[2]
+        if kinds[topic] in _KINDS and count:
+            readable.append(topic)
+    topic_list = listed(topics_with_types) or "none"
     if requested is None and not readable:
         raise TrajectoryError(f"{path}: has no messages of the types {listed(_KINDS)}. Topics: {topic_list}.")
     if requested is not None and name not in readable:
@@ -156,45 +168,46 @@ def _joint_states(messages: Sequence[Any], where: str) -> tuple[list[str], Array
     states = [message for message in messages if set(message.name) >= set(names)]
     header, columns = ["time [s]"], [_stamps(states, states[0])[:, None]]
     for field, part in (("position", "q"), ("velocity", "dq"), ("effort", "tau")):
-        rows = [_values_of(state, field, names) for state in states]
-        if all(row is not None for row in rows):
-            columns.append(np.array(rows))
+        values = _values_of(states, field, names)
+        if values is not None:
+            columns.append(values)
             header += _headers(names, part)
     if len(columns) == 1:
         raise TrajectoryError(f"{where}: its messages have neither positions nor efforts for their joints.")
     return header, np.concatenate(columns, axis=1)
 
 
-def _values_of(state: Any, field: str, names: Sequence[str]) -> Array | None:
-    """Values of a joint state in the order of the names; None unless it has one for each of its joints."""
-    values = np.asarray(getattr(state, field), float)
-    own_names = list(state.name)
-    if len(values) != len(own_names):
-        return None
-    return values[[own_names.index(name) for name in names]]
+def _values_of(states: Sequence[Any], field: str, names: Sequence[str]) -> Array | None:
+    """Values (n, k) of joint states in the order of the names; None unless each state has one for each of its joints."""
+    rows = []
+    for state in states:
+        own_names, values = list(state.name), np.asarray(getattr(state, field), float)
+        if len(values) != len(own_names):
+            return None
+        rows.append(values[list(map(own_names.index, names))])
+    return np.array(rows)
 
 
 def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[list[str], Array]:
     """Header and table of the measured or reference points of a controller's state; measured ones with their commands."""
-    fields = ("reference", "desired") if part else ("feedback", "actual")
-    field = fields[0] if hasattr(messages[0], fields[0]) else fields[1]
+    reference, feedback = "desired", "actual"  # names in older versions of the message
+    if hasattr(messages[0], "reference"):
+        reference, feedback = "reference", "feedback"
     names = list(messages[0].joint_names)
     states = [message for message in messages if list(message.joint_names) == names]
-    time = _stamps(states, states[0])
-    q, dq, ddq, effort = _values([getattr(state, field) for state in states], len(names), where)
+    references = [getattr(state, reference) for state in states]
     if part:
+        q, dq, ddq, _ = _values(references, len(names), where)
         arrays = {"q": q, "dq": dq, "ddq": ddq}
     else:
-        arrays = {"q": q, "dq": dq, "tau": effort}
-        command_field = "reference" if hasattr(messages[0], "reference") else "desired"
-        commands = [np.asarray(getattr(state, command_field).positions, float) for state in states]
-        if all(len(command) == len(names) for command in commands):
-            arrays["command"] = np.array(commands)
-    arrays = {kind: array for kind, array in arrays.items() if array is not None}
-    header = ["time [s]"]
-    for kind in arrays:
-        header += _headers(names, kind)
-    return header, np.concatenate([time[:, None], *arrays.values()], axis=1)
+        q, dq, _, effort = _values([getattr(state, feedback) for state in states], len(names), where)
+        arrays = {"q": q, "dq": dq, "tau": effort, "command": _array_of(references, "positions", len(names))}
+    header, columns = ["time [s]"], [_stamps(states, states[0])[:, None]]
+    for kind, array in arrays.items():
+        if array is not None:
+            header += _headers(names, kind)
+            columns.append(array)
+    return header, np.concatenate(columns, axis=1)
 
 
 def _with_commands(
@@ -212,8 +225,8 @@ def _with_commands(
         )
     names = list(messages[0].name)
     time = _stamps(messages, first)
-    valid = [m for m in messages if list(m.name) == names and len(m.position) == len(names)]
-    if len(valid) < len(messages) or (np.diff(time) < 0.0).any():
+    positions = [m.position for m in messages if list(m.name) == names and len(m.position) == len(names)]
+    if len(positions) < len(messages) or (np.diff(time) < 0.0).any():
         raise TrajectoryError(
             f"{where}: each message needs a later stamp and one position for each of {listed(names)}. Record the topic of one "
             "controller."
@@ -222,7 +235,7 @@ def _with_commands(
     rows = latest >= 0
     if not rows.any():
         raise TrajectoryError(f"{where}: its first stamp is after the last one of the positions, on another clock.")
-    commands = np.array([np.asarray(message.position, float) for message in valid])[latest[rows]]
+    commands = np.array(positions, float)[latest[rows]]
     return [*header, *_headers(names, "command")], np.concatenate([table[rows], commands], axis=1)
 
 
@@ -233,14 +246,19 @@ def _headers(names: Sequence[str], part: str) -> list[str]:
 
 def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
     """Positions, velocities, accelerations and efforts (n, count) of points; None unless all points have them."""
-    arrays: list[Any] = []
-    for field in ("positions", "velocities", "accelerations", "effort"):
-        rows = [np.asarray(getattr(point, field), float) for point in points]
-        complete = all(len(row) == count for row in rows)
-        arrays.append(np.array(rows) if complete else None)
+    fields = ("positions", "velocities", "accelerations", "effort")
+    arrays = [_array_of(points, field, count) for field in fields]
     if arrays[0] is None:
         raise TrajectoryError(f"{where}: a point has not one position for each of the {count} joints that are named.")
     return arrays
+
+
+def _array_of(points: Sequence[Any], field: str, count: int) -> Array | None:
+    """One field of points, (n, count); None unless each point has all its values."""
+    rows = [getattr(point, field) for point in points]
+    if {*map(len, rows)} != {count}:
+        return None
+    return np.array(rows, float)
 
 
 def _accelerations(points: Sequence[Any], count: int) -> tuple[Array, Array]:
@@ -271,8 +289,10 @@ def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
     if dq is not None:
         _check_finite("velocities", dq, where)
     _check_finite("accelerations", np.where(with_acceleration[:, None], ddq, 0.0), where)
-    curve = "a quintic" if with_acceleration.all() else "a cubic"
-    if (with_acceleration[1:] & with_acceleration[:-1]).any() and not with_acceleration.all():
+    curve = "a cubic"
+    if with_acceleration.all():
+        curve = "a quintic"
+    elif (with_acceleration[1:] & with_acceleration[:-1]).any():
         curve = "a quintic where both have accelerations, else a cubic"
     if dq is None:
         if len(time) < FEWEST:
@@ -307,7 +327,9 @@ def _points(message: Any) -> tuple[list[str], list[Any], Array]:
     parts = [getattr(part, "joint_trajectory", part) for part in getattr(message, "trajectory", [message])]
     if not parts:
         return [], [], np.zeros(0)
-    names, points, times, begin = list(parts[0].joint_names), list[Any](), list[float](), 0.0
+    names = list(parts[0].joint_names)
+    points, times = list[Any](), list[float]()
+    begin = 0.0
     for part in parts:
         if list(part.joint_names) != names:
             continue
@@ -317,7 +339,8 @@ def _points(message: Any) -> tuple[list[str], list[Any], Array]:
             if not repeats_end:
                 points.append(point)
                 times.append(time)
-        begin = times[-1] if times else 0.0
+        if times:
+            begin = times[-1]
     return names, points, np.array(times)
 
 
@@ -352,8 +375,12 @@ def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) ->
     a0 = np.where(with_acceleration, h * h * ddq[:-1], 2 * b)
     a1 = np.where(with_acceleration, h * h * ddq[1:], 2 * b + 6 * c)
     e0, e1, e2 = displacement - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
-    powers = [q[:-1], v0, 0.5 * a0, 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2]
-    curve = PPoly(np.array([c / h**k for k, c in enumerate(powers)])[::-1], time)
+    coefficients = np.array(  # of 1, s, s² … s⁵, where s = 0 … 1 in a segment
+        [q[:-1], v0, 0.5 * a0, 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2]
+    )
+    for k, coefficient in enumerate(coefficients):
+        coefficient /= h**k
+    curve = PPoly(coefficients[::-1], time)
     grid = np.arange(time[0], time[-1], step)
     close = np.abs(time[np.clip(np.searchsorted(time, grid), 1, len(time) - 1)] - grid) < 0.01 * step
     close |= np.abs(time[np.clip(np.searchsorted(time, grid) - 1, 0, None)] - grid) < 0.01 * step
@@ -371,22 +398,25 @@ def _mcap(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
         from mcap_ros2.decoder import DecoderFactory
     except ImportError:
         raise MissingExtraError.from_extra("mcap", "logs", "Reading MCAP") from None
-    kinds, counts = dict[str, str](), dict[str, int]()
+    topics: dict[str, tuple[str, int]] = {}
+
+    def count_messages(channel: Any, schema: Any, count: int) -> None:
+        kind = "" if schema is None else str(schema.name)
+        _, counted = topics.get(channel.topic, ("", 0))
+        topics[channel.topic] = kind, counted + count
+
     check_chunks(path)
     with BoundedFile(path) as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
         if summary is not None and summary.statistics is not None:
             for k, channel in summary.channels.items():
-                kinds[channel.topic] = summary.schemas[channel.schema_id].name if channel.schema_id else ""
-                count = summary.statistics.channel_message_counts.get(k, 0)
-                counts[channel.topic] = counts.get(channel.topic, 0) + count
+                schema = summary.schemas[channel.schema_id] if channel.schema_id else None
+                count_messages(channel, schema, summary.statistics.channel_message_counts.get(k, 0))
         else:
             for schema, channel, _ in reader.iter_messages():
-                kinds[channel.topic] = schema.name if schema is not None else ""
-                counts[channel.topic] = counts.get(channel.topic, 0) + 1
-        topic = choose({name: (kind, counts[name]) for name, kind in kinds.items()})
-        for *_, message in reader.iter_decoded_messages(topics=[topic]):
+                count_messages(channel, schema, 1)
+        for *_, message in reader.iter_decoded_messages(topics=[choose(topics)]):
             yield message
 
 

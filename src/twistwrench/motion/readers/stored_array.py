@@ -13,7 +13,8 @@ import numpy as np
 from ...core.errors import TrajectoryError
 from ...core.numbers import number
 from ...core.typing import Array
-from ..log_table import FileEnds, slices
+from ..log_table import slices
+from .file_ends import FileEnds
 
 MAX_UNPACKED_SIZE = 1 << 30
 """Largest unpacked size [bytes] of data that must be read whole."""

@@ -88,9 +88,13 @@ class Recording:
     @cached_property
     def joints(self) -> tuple[list[str], Array, Array]:
         """Joints with one coordinate: names and indices in q and in dq."""
-        bodies = [b for b in self.robot.model.leaders if b.joint.nq == 1]
-        q_indices = np.array([b.q_index for b in bodies], int)
-        return [b.joint.name for b in bodies], q_indices, np.array([b.v_index for b in bodies], int)
+        names, q_indices, v_indices = list[str](), list[int](), list[int]()
+        for body in self.robot.model.leaders:
+            if body.joint.nq == 1:
+                names.append(body.joint.name)
+                q_indices.append(body.q_index)
+                v_indices.append(body.v_index)
+        return names, np.array(q_indices, int), np.array(v_indices, int)
 
     @cached_property
     def units(self) -> dict[str, list[str]]:
@@ -147,6 +151,9 @@ def _results(report: TorqueReport) -> Iterator[Portion]:
 
 def _logged_states(motion: LogRows, rows: slice) -> JointStates:
     """States of a log in some rows; velocities and torques if it has them."""
-    dq = None if motion.dq is None else motion.dq[rows]
-    tau = None if motion.tau is None else motion.tau[rows]
+    dq, tau = motion.dq, motion.tau
+    if dq is not None:
+        dq = dq[rows]
+    if tau is not None:
+        tau = tau[rows]
     return JointStates(motion.q[rows], dq, tau)

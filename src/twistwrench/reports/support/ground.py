@@ -87,9 +87,22 @@ class Ground:
         return tuple(dict.fromkeys(str(c.frame) for c in self.contacts))
 
     @cached_property
+    def normals(self) -> Array:
+        """(c, 3): unit normals of the contacts in the base frame."""
+        return np.array([contact.normal for contact in self.contacts])
+
+    @cached_property
+    def frictions(self) -> Array:
+        """(c,): coefficients of friction of the contacts."""
+        return np.array([contact.friction for contact in self.contacts])
+
+    @cached_property
     def unlimited_contacts(self) -> tuple[Contact, ...]:
-        """The contacts on ground of unlimited friction."""
-        return tuple(replace(c, friction=UNLIMITED_FRICTION) if c.friction > 0 else c for c in self.contacts)
+        """The contacts on ground of unlimited friction; those without friction remain so."""
+        contacts = list(self.contacts)
+        for k in np.flatnonzero(self.frictions > 0):
+            contacts[k] = replace(contacts[k], friction=UNLIMITED_FRICTION)
+        return tuple(contacts)
 
     @property
     def feet(self) -> dict[str, Array]:
@@ -209,7 +222,9 @@ def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
 def _set_friction(contacts: list[Contact], given: FrictionGiven) -> list[Contact]:
     """Contacts with the friction of their frames, or with the one given for all."""
     frames = sorted({str(contact.frame) for contact in contacts})
-    coefficients = given if isinstance(given, Mapping) else dict.fromkeys(frames, given)
+    coefficients = given
+    if not isinstance(coefficients, Mapping):
+        coefficients = dict.fromkeys(frames, coefficients)
     for frame in coefficients:
         if frame not in frames:
             raise UnknownNameError.from_choices("frame in contact", frame, frames)
@@ -238,7 +253,9 @@ def _normal(robot: Robot, given: ArrayLike | None) -> Array:
 
 def _wheels(robot: Robot, given: FramesGiven, friction: float, option: str, normal: Array) -> list[Contact]:
     """Contacts of wheels or casters at one frame or several."""
-    frames = [given] if isinstance(given, str) else given
+    frames = given
+    if isinstance(frames, str):
+        frames = [frames]
     return [_wheel(robot, frame, friction, option, normal) for frame in frames]
 
 

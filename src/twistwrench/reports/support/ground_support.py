@@ -161,7 +161,7 @@ def _with_torque_limits(
     robot, effort = load.with_load, np.where(floating_entries(load.robot), np.inf, limits)
     tau, friction, torques = load.torques_in_the_air(s), part.friction.copy(), part.torques
     if load.ground.given:
-        max_friction = max(contact.friction for contact in load.ground.contacts)
+        max_friction = float(load.ground.frictions.max())
         rows = np.flatnonzero(part.holds)
     else:
         max_friction = UNLIMITED_FRICTION

@@ -178,12 +178,12 @@ def _resting_pose_words(found: GroundSupport, k: int) -> str:
 
 
 def _given_friction(found: GroundSupport) -> str:
-    return number(max(contact.friction for contact in found.contacts))
+    return number(float(found.ground.frictions.max()))
 
 
 def _has_friction(found: GroundSupport) -> bool:
     """True if any contact carries friction."""
-    return any(contact.friction > 0 for contact in found.contacts)
+    return bool((found.ground.frictions > 0).any())
 
 
 def _margin_text(value: float) -> str:
@@ -205,8 +205,7 @@ def _failure_and_frames(found: GroundSupport, k: int) -> tuple[str, list[str]]:
         how, motion = _failure_without_slip(found, k)
     maps, _ = contact_maps(found.robot, found.states.q[k : k + 1], found.contacts)
     velocity = np.einsum("vck,v->ck", maps[0], motion)
-    normals = np.array([contact.normal for contact in found.contacts])
-    friction = np.array([contact.friction for contact in found.contacts])
+    normals, friction = found.ground.normals, found.ground.frictions
     active = found.in_contact[k]
     speeds = np.linalg.norm(velocity, axis=1)
     max_still = _MAX_STILL_VELOCITY * float(speeds[active].max(initial=0.0))

@@ -34,17 +34,20 @@ class StandingCase(LoadCase):
     @property
     def causes(self) -> tuple[str, ...]:
         """Causes of a torque, in order."""
-        return (*TERMS[:-1], CONTACT, TERMS[-1])
+        *without_friction, friction = TERMS
+        return (*without_friction, CONTACT, friction)
 
     @property
     def fixed_words(self) -> str:
-        """Reason why a page cannot judge other loads."""
+        """Reason why torques of other payloads are not known from those of this one, so that a page has no slider for them."""
         return "contact forces change with the load"
 
     @property
     def payload_mass(self) -> float:
         """Mass of the single payload [kg]; 0 without one, or with several."""
-        return self.payloads[0].mass if len(self.payloads) == 1 else 0.0
+        if len(self.payloads) != 1:
+            return 0.0
+        return self.payloads[0].mass
 
     def wrenches_on(self, s: MotionSamples) -> dict[str, Array] | None:
         """Given wrenches (n, 6) by frame, without those of contacts; None without any."""
@@ -65,8 +68,8 @@ class StandingCase(LoadCase):
     def _forces(self, robot: Robot, q: Array, tau: Array, carrying: Array) -> ContactForces:
         """Contact forces that balance torques (n, nv) at the free base.
 
-        If no friction is given, instants that need more than is assumed, to balance or to keep the torque limits, are those
-        of unlimited friction.
+        If no friction is given, some instants need more than the assumed friction, to balance or to keep the torque limits.
+        Their forces are those with unlimited friction.
         """
         assumed = contact_forces(robot, q, tau, self.ground.contacts, carrying, self.effort)
         rows = np.flatnonzero((~assumed.holds | self._exceeds(tau, assumed)) & carrying.any(axis=1))
@@ -74,9 +77,10 @@ class StandingCase(LoadCase):
             return assumed
         contacts = self.ground.unlimited_contacts
         unlimited = contact_forces(robot, q[rows], tau[rows], contacts, carrying[rows], self.effort)
-        better = ~assumed.holds[rows] | ~self._exceeds(tau[rows], unlimited)
+        # Forces that balance stay if torques exceed their limits with unlimited friction as well.
+        stays = assumed.holds[rows] & self._exceeds(tau[rows], unlimited)
         forces, holds = assumed.forces.copy(), assumed.holds.copy()
-        forces[rows[better]], holds[rows[better]] = unlimited.forces[better], unlimited.holds[better]
+        forces[rows[~stays]], holds[rows[~stays]] = unlimited.forces[~stays], unlimited.holds[~stays]
         return ContactForces(forces, assumed.maps, holds)
 
     def _exceeds(self, tau: Array, contacts: ContactForces) -> Array:
@@ -88,48 +92,63 @@ class StandingCase(LoadCase):
 
     def torques(self, s: MotionSamples) -> Array:
         """Inverse dynamics with payloads, wrenches, contact forces and friction; (n,) states → (n, nv)."""
-        return self._without_base(super().torques(s))
+        return self._without_base(super().torques(s))  # whose wrenches are those of _wrenches, with the contacts
 
     def unloaded_torques(self, s: MotionSamples) -> Array:
         """Torques without payloads and wrenches, on the ground."""
         forces, _ = self.contact(s, self.robot)
         tau = np.asarray(self.robot.inverse_dynamics(s.q, s.dq, s.ddq)) - _torques_of(forces)
-        if self.friction:
-            tau = tau + self._friction(s, tau)
-        return self._without_base(tau)
+        return self._without_base(self._with_friction(s, tau))
 
     def terms(self, s: MotionSamples) -> dict[str, Array]:
         """Causes, (n, nv) each, in the order of :attr:`causes`; their sum is :meth:`torques`."""
-        terms = super().terms(s)
-        del terms["friction"]
+        terms = super().terms(s)  # its wrenches are the given ones, without those of the contacts
+        del terms["friction"]  # which depends on all other torques
         terms[CONTACT] = -_torques_of(self.contact(s)[0])
         tau = np.sum(list(terms.values()), axis=0)
-        terms["friction"] = self._friction(s, tau) if self.friction else np.zeros_like(s.dq)
+        terms["friction"] = np.zeros_like(s.dq)
+        if self.friction:
+            terms["friction"] = self._friction(s, tau)
         return terms
 
     def mass_matrix(self, q: Array) -> Array:
         """Drive torques per joint acceleration (..., nv, nv), with the contact forces of least norm that it changes."""
         M = np.asarray(super().mass_matrix(q))
         rows = np.asarray(q, float).reshape(-1, q.shape[-1])
-        zeros = np.zeros((len(rows), self.robot.nv))
-        states = MotionSamples(zeros[:, 0], rows, zeros, zeros, rows, zeros.astype(bool), np.zeros((len(rows), 0)))
+        at_rest = np.zeros((len(rows), self.robot.nv))
+        states = MotionSamples(
+            time=at_rest[:, 0],
+            q=rows,
+            dq=at_rest,
+            ddq=at_rest,
+            measured=rows,
+            stationary=at_rest.astype(bool),
+            outlier=np.zeros((len(rows), 0)),
+        )
         free = floating_entries(self.robot)
         forces, carrying = self.contact(states)
-        G = (forces.maps * carrying[:, None, :, None]).reshape(len(rows), self.robot.nv, -1)
+        maps = (
+            forces.maps * carrying[:, None, :, None]
+        )  # (n, nv, c, 3): torques of the force of each contact that carries
+        G = maps.reshape(len(rows), self.robot.nv, -1)
         in_the_air = np.asarray(M).reshape(-1, *M.shape[-2:])
         borne = G @ np.linalg.pinv(G[:, free]) @ in_the_air[:, free]
         return np.asarray((in_the_air - borne).reshape(M.shape))
 
     def explain(self, s: MotionSamples) -> Explanation:
         """Drive torques of one state by link and by term, with contact forces and friction."""
-        row = MotionSamples(*(np.asarray(x)[None] for x in vars(s).values()))
-        why = replace(self, friction=False)._plain_explanation(s)
+        row = MotionSamples(
+            *[np.asarray(values)[None] for values in vars(s).values()]
+        )  # one state as a motion of one row
+        # Friction depends on the forces of the contacts, so it comes last.
+        why = replace(self, friction=False)._explanation_in_the_air(s)
         why = why.with_term(CONTACT, -_torques_of(self.contact(row)[0])[0])
         if not self.friction:
             return why
         return why.with_term("friction", self._friction(s, why.torque))
 
-    def _plain_explanation(self, s: MotionSamples) -> Explanation:
+    def _explanation_in_the_air(self, s: MotionSamples) -> Explanation:
+        """Drive torques without contacts, by the method that :meth:`explain` replaces."""
         return super().explain(s)
 
     def _wrenches(self, s: MotionSamples) -> dict[str, Array] | None:
@@ -143,7 +162,8 @@ class StandingCase(LoadCase):
             for k in self.ground.contacts_at(frame):
                 contact, f = self.ground.contacts[k], forces.forces[:, k]
                 moment = np.cross(R @ contact.point - contact.radius * contact.normal, f)
-                wrench += np.concatenate([np.einsum("nji,nj->ni", R, x) for x in (moment, f)], axis=1)
+                wrench[:, :3] += np.einsum("nji,nj->ni", R, moment)
+                wrench[:, 3:] += np.einsum("nji,nj->ni", R, f)
             wrenches[frame] = wrenches.get(frame, 0.0) + wrench
         return wrenches
 

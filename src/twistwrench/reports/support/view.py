@@ -23,7 +23,9 @@ def imbalance(found: GroundSupport) -> Iterator[Line]:
     """Line on instants at which no forces of the ground balance, so that the torques are none of a real motion."""
     unbalanced = int((found.aground & ~found.balanced).sum())
     if unbalanced:
-        instants = "this instant" if len(found.time) == 1 else f"{unbalanced} of {len(found.time)} instants"
+        instants = f"{unbalanced} of {len(found.time)} instants"
+        if len(found.time) == 1:
+            instants = "this instant"
         yield Line(
             ("NO EQUILIBRIUM", strong(Style.OVER)),
             f": at {instants} no forces of the ground balance. Torques there are as if the contacts stuck to it.",
@@ -69,8 +71,7 @@ class _FrameForces(NamedTuple):
 
 def _frame_forces(found: GroundSupport, frame: str) -> _FrameForces:
     contacts = found.ground.contacts_at(frame)
-    normals = np.array([found.contacts[k].normal for k in contacts])
-    friction = np.array([found.contacts[k].friction for k in contacts])
+    normals, friction = found.ground.normals[contacts], found.ground.frictions[contacts]
     forces = np.where(found.balanced[:, None, None], found.balanced_forces[:, contacts], 0.0)
     pressing = (forces * normals).sum(axis=-1)
     sliding = np.linalg.norm(forces - pressing[..., None] * normals, axis=-1)
@@ -109,7 +110,7 @@ def support_columns(found: GroundSupport) -> dict[str, Array]:
     """Columns (n,) of a written table: force and centre of pressure of each frame, margins, zero moment point."""
     columns: dict[str, Array] = {}
     _, points = contact_maps(found.robot, found.states.q, found.contacts)
-    normals = np.array([contact.normal for contact in found.contacts])
+    normals = found.ground.normals
     axes = tangents(normals[0])
     for frame in found.ground.frames:
         contacts = found.ground.contacts_at(frame)

@@ -1,0 +1,282 @@
+"""Stage of a USD file: layers below allowed folders, bodies and joints with poses in metres, and values of attributes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import MissingExtraError, RobotFileError
+from ...core.gravity import STRENGTH
+from ...core.numbers import printed
+from ...core.text import shorten
+from ...core.third_party import capture_stderr, third_party_errors
+from ...core.typing import Array
+from ...mechanics.lie import quaternion, se3, so3
+from ...mechanics.lie.identity import IDENTITY, pose_rows
+
+_SINGLE_PRECISION = 1e-5
+"""Error of rotations in single precision."""
+
+
+def open_stage(path: Path, folders: Sequence[Path]) -> Any:
+    """Open the stage of a file whose layers are all below ``folders``. Raises MissingExtraError and RobotFileError."""
+    try:
+        from pxr import Usd
+    except ImportError:
+        raise MissingExtraError.from_extra("usd-core", "usd", "Reading USD") from None
+    allowed = [folder.resolve() for folder in folders]
+    with (
+        third_party_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
+        capture_stderr() as library_messages,
+    ):
+        layers = _check_and_open_layers(path.resolve(), allowed)
+        stage = Usd.Stage.Open(str(path.resolve()))
+    if str(library_messages):  # a missing layer is a warning of the library, but a missing part of the robot
+        raise RobotFileError(f"it cannot be read whole: {' '.join(str(library_messages).split())[:300]}")
+    for layer in stage.GetUsedLayers():  # those too whose names are computed, by variables and variants
+        if layer.realPath:
+            _check_place(layer.realPath, allowed)
+    del layers  # those that are held are not read again for the stage
+    return stage
+
+
+_MAX_LAYERS = 1000
+"""Largest number of layers of a stage."""
+
+
+def _check_and_open_layers(path: Path, allowed: Sequence[Path]) -> list[Any]:
+    """Layers that a file names, itself or by its layers. Raises RobotFileError before one outside ``allowed`` is opened."""
+    from pxr import Sdf
+
+    waiting, layers = [str(path)], []
+    for name in waiting:
+        layer = Sdf.Layer.FindOrOpen(name)
+        layers.append(layer)
+        if layer is None:  # reported when the stage is opened
+            continue
+        for named in layer.GetCompositionAssetDependencies():
+            place = layer.ComputeAbsolutePath(named)
+            _check_place(place, allowed)
+            if place not in waiting:
+                waiting.append(place)
+        if len(waiting) > _MAX_LAYERS:
+            raise RobotFileError(f"it has more than {_MAX_LAYERS} layers.")
+    return layers
+
+
+def _check_place(name: str, allowed: Sequence[Path]) -> None:
+    """Raise RobotFileError if a layer is not a file below ``allowed``. A part of an archive is ``robot.usdz[part.usd]``."""
+    place = Path(name.partition("[")[0]).resolve()
+    if not any(place.is_relative_to(folder) for folder in allowed):
+        raise RobotFileError(
+            f"it takes in {shorten(str(place))!r}, which lies outside its folder. To read it, pass include_paths=[its folder]."
+        )
+    if place.exists() and not place.is_file():
+        raise RobotFileError(f"it takes in {shorten(str(place))!r}, which is not a file.")
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """One side of a joint: its body, None for the world, and the joint's frame in it."""
+
+    body: Any
+    T: Array
+
+    @property
+    def path(self) -> Any:
+        """Path of the body; None for the world."""
+        if self.body is None:
+            return None
+        return self.body.GetPath()
+
+
+class Stage:
+    """Bodies and joints of a stage in document order, with poses in metres."""
+
+    def __init__(self, stage: Any, max_bodies: int) -> None:
+        from pxr import Usd, UsdGeom, UsdPhysics
+
+        self.metre = float(UsdGeom.GetStageMetersPerUnit(stage))
+        self.kilogram = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
+        for name, unit in (("metersPerUnit", self.metre), ("kilogramsPerUnit", self.kilogram)):
+            if not 0 < unit < math.inf:
+                raise RobotFileError(f"it has {name} = {printed(unit)}; a positive number is expected.")
+        self.up = 1
+        """Axis of the stage that points up: 1 for y, 2 for z."""
+        if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z:
+            self.up = 2
+        self.cache = UsdGeom.XformCache(Usd.TimeCode.Default())
+        prims = list(stage.Traverse(Usd.TraverseInstanceProxies()))
+        self.bodies = [prim for prim in prims if prim.HasAPI(UsdPhysics.RigidBodyAPI) and moves(prim)]
+        if len(self.bodies) > max_bodies:
+            raise RobotFileError(
+                f"it has more than {max_bodies:,} bodies ({who(self.bodies[max_bodies])}). Raise the limit, max_bodies=, if it "
+                "is meant."
+            )
+        self.joints, self.roots, self.scenes = list[Any](), list[Any](), list[Any]()
+        for prim in prims:
+            if prim.IsA(UsdPhysics.Joint) and value_of(prim, "physics:jointEnabled", default=True):
+                self.joints.append(prim)
+            if prim.HasAPI(UsdPhysics.ArticulationRootAPI):
+                self.roots.append(prim)
+            if prim.IsA(UsdPhysics.Scene):
+                self.scenes.append(prim)
+        self.body_paths = {prim.GetPath() for prim in self.bodies}
+        self.default = stage.GetDefaultPrim()
+        self.prim_at = stage.GetPrimAtPath
+
+    def pose_and_scale(self, prim: Any) -> tuple[Array, Array]:
+        """Pose (4, 4) of a prim on the stage, and the scale (3,) of its content."""
+        M = np.array(self.cache.GetLocalToWorldTransform(prim))
+        scale = np.sqrt((M[:3, :3] ** 2).sum(axis=1))
+        if not scale.min() > 0:
+            raise RobotFileError(f"{who(prim)} is scaled to nothing.")
+        R = (M[:3, :3] / scale[:, None]).T  # rows of the library's matrices are the images of the axes
+        if np.abs(R.T @ R - np.eye(3)).max() > _SINGLE_PRECISION or np.linalg.det(R) < 0:
+            raise RobotFileError(
+                f"{who(prim)} is sheared or mirrored by its transforms, which no body can be. Apply them to its shapes."
+            )
+        return se3.pose(so3.project(R), M[3, :3] * self.metre), scale
+
+    def parts(self, body: Any) -> Iterator[Any]:
+        """Prims of a body, starting with the body, without those of nested bodies."""
+        from pxr import Usd
+
+        prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
+        for prim in prims:
+            if prim != body and prim.GetPath() in self.body_paths:
+                prims.PruneChildren()
+            else:
+                yield prim
+
+    def has_shape(self, body: Any) -> bool:
+        """True if a body has a visual or a collider."""
+        from pxr import UsdGeom
+
+        return any(prim.IsA(UsdGeom.Gprim) for prim in self.parts(body))
+
+    def colliders(self, body: Any) -> list[Any]:
+        """Colliders of a body."""
+        from pxr import UsdPhysics
+
+        return [prim for prim in self.parts(body) if prim.HasAPI(UsdPhysics.CollisionAPI)]
+
+    def gravity(self) -> Array:
+        """Gravity (3,) of the scene [m/s²]; by default the earth's, downward."""
+        down = -np.eye(3)[self.up]
+        if not self.scenes:
+            return STRENGTH * down
+        direction = vector_of(self.scenes[0], "physics:gravityDirection", (0.0, 0.0, 0.0))
+        magnitude = number_of(self.scenes[0], "physics:gravityMagnitude", -math.inf)
+        strength = magnitude * self.metre
+        if magnitude < 0:
+            strength = STRENGTH
+        length = float(np.linalg.norm(direction))
+        if not length > 0:
+            return strength * down
+        return strength * (direction / length)
+
+    def end(self, joint: Any, which: int) -> End:
+        """Body and joint frame at one side of a joint; the stage if the side has no body."""
+        targets = joint.GetRelationship(f"physics:body{which}").GetTargets()
+        if len(targets) > 1:
+            raise RobotFileError(f"{who(joint)} has {len(targets)} targets for body{which}; one is allowed.")
+        T, scale, prim = IDENTITY, np.ones(3), None
+        if targets:
+            prim = self.prim_at(targets[0])
+            if not prim:
+                raise RobotFileError(f"{who(joint)} has body{which} at {targets[0]}, where nothing is.")
+            T, scale = self.pose_and_scale(prim)
+        local = vector_of(joint, f"physics:localPos{which}", (0.0, 0.0, 0.0)) * scale * self.metre
+        turn = quaternion_of(joint, f"physics:localRot{which}")
+        T = T @ pose_rows(quaternion.rotation(turn).tolist(), local.tolist())
+        while prim and prim.GetPath() not in self.body_paths:  # a part of a body belongs to the body
+            prim = prim.GetParent()
+        if not prim:
+            return End(None, T)
+        return End(prim, np.asarray(se3.inverse(self.pose_and_scale(prim)[0]) @ T))
+
+
+def who(prim: Any) -> str:
+    """Name of a prim in messages."""
+    return f"prim <{prim.GetPath()}>"
+
+
+def value_of(prim: Any, name: str, *, default: Any) -> Any:
+    """Value of an attribute: the file's, the schema's default, or ``default``; raises RobotFileError for an array."""
+    attribute = prim.GetAttribute(name)
+    if attribute and attribute.GetTypeName().isArray:  # of any size, so it is not read
+        raise _wrong_type(prim, name, f"an array, {attribute.GetTypeName()}", "a single value")
+    if not attribute:
+        return default
+    value = attribute.Get()
+    if value is None:
+        return default
+    return value
+
+
+def _wrong_type(prim: Any, name: str, found: str, expected: str) -> RobotFileError:
+    return RobotFileError(f"{who(prim)} has {name} = {shorten(found)}; expected {expected}.")
+
+
+def number_of(prim: Any, name: str, default: float = 0.0) -> float:
+    """Value of a scalar attribute."""
+    return _decimal(prim, name, value_of(prim, name, default=default))
+
+
+def vector_of(prim: Any, name: str, default: Sequence[float]) -> Array:
+    """Value of an attribute with several numbers."""
+    value = value_of(prim, name, default=default)
+    if not hasattr(value, "__len__") or isinstance(value, str) or len(value) != len(default):
+        raise _wrong_type(prim, name, str(value), f"{len(default)} numbers")
+    return np.array([_decimal(prim, name, x) for x in value])
+
+
+def _decimal(prim: Any, name: str, x: Any) -> float:
+    """Shortest decimal that rounds to the same single-precision number."""
+    if not isinstance(x, int | float):
+        raise _wrong_type(prim, name, str(x), "a number")
+    x = float(x)
+    if math.isnan(x):
+        raise RobotFileError(f"{who(prim)} has {name} = nan, which is not a number.")
+    with np.errstate(over="ignore"):
+        single = np.float32(x)
+    if float(single) != x:
+        return x
+    return float(str(single))
+
+
+def quaternion_of(prim: Any, name: str) -> list[float]:
+    """Quaternion (w, x, y, z); zeros mean the identity."""
+    value = value_of(prim, name, default=None)
+    if value is not None and not hasattr(value, "GetImaginary"):
+        raise _wrong_type(prim, name, str(value), "a quaternion")
+    identity = [1.0, 0.0, 0.0, 0.0]
+    if value is None:
+        return identity
+    Q = [float(value.GetReal()), *map(float, value.GetImaginary())]
+    if not all(map(math.isfinite, Q)):
+        raise _wrong_type(prim, name, str(value), "finite numbers")
+    if not any(Q):
+        return identity
+    return Q
+
+
+def axis_of(prim: Any, name: str = "physics:axis", default: str = "X") -> int:
+    """Axis (0, 1 or 2) of a joint's motion, or of a shape."""
+    axis = str(value_of(prim, name, default=default))
+    if axis not in ("X", "Y", "Z"):
+        raise _wrong_type(prim, name, repr(axis), "X, Y or Z")
+    return "XYZ".index(axis)
+
+
+def moves(prim: Any) -> bool:
+    """True if forces move a body: it is enabled and not kinematic."""
+    return bool(value_of(prim, "physics:rigidBodyEnabled", default=True)) and not value_of(
+        prim, "physics:kinematicEnabled", default=False
+    )

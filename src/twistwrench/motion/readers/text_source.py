@@ -1,0 +1,183 @@
+"""Text of a file in any form on disk, as seekable UTF-8 with newlines: plain, UTF-16, gzip, or a pipe.
+
+A copy in memory, or in a temporary file without a name, holds text that is not plain on disk.
+"""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import gzip
+import os
+import stat
+import tempfile
+import weakref
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO, cast
+
+from ...core.errors import NotFoundError, TrajectoryError
+from ..log_table import check_ratio
+from .file_ends import FileEnds
+
+_GZIP = b"\x1f\x8b"
+_BOMS = (
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_PORTION_SIZE = 1 << 20
+"""Bytes of a text that are decoded at once."""
+_HEAD_SIZE = 1 << 12
+"""First bytes of a file by which its form is recognised."""
+_MAX_COPY_IN_MEMORY = 1 << 24
+"""Largest copy of a text in memory [bytes]."""
+
+
+@dataclass(frozen=True, eq=False)
+class TextSource:
+    """Seekable text of a file, readable repeatedly; copied to memory or a temporary file unless it is plain text."""
+
+    ends: FileEnds
+    """Beginning and end of the plain text, and its size."""
+    _copy: BinaryIO | None = None
+
+    @classmethod
+    def from_ends(cls, ends: FileEnds) -> TextSource:
+        """Text of a file whose ends were read; raises NotFoundError, and TrajectoryError if it cannot be read."""
+        path = ends.path
+        if os.path.isdir(path):  # noqa: PTH112  False if the text cannot be a path
+            raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")
+        if ends.start and _is_plain(ends.start):
+            return cls(ends)
+        copy = _plain_copy(path)
+        source = cls(FileEnds.from_file(path, copy), copy)
+        weakref.finalize(source, copy.close)
+        return source
+
+    @property
+    def path(self) -> Path:
+        """Path of the file."""
+        return self.ends.path
+
+    @property
+    def size(self) -> int:
+        """Size of the plain text [bytes]."""
+        return self.ends.size
+
+    @contextlib.contextmanager
+    def open(self) -> Iterator[BinaryIO]:
+        """Open the text at its beginning."""
+        if self._copy is None:
+            with self.ends.open() as file:
+                yield file
+        else:
+            self._copy.seek(0)
+            yield self._copy
+
+
+def _is_plain(start: bytes) -> bool:
+    """True if a file with these first bytes is text in UTF-8 with newlines."""
+    head = start[:_HEAD_SIZE]
+    return not (head.startswith(_GZIP) or _encoding(head) or _has_old_line_ends(head))
+
+
+def _has_old_line_ends(head: bytes) -> bool:
+    """True if lines end in carriage returns alone."""
+    return b"\r" in head and b"\n" not in head
+
+
+def _plain_copy(path: Path) -> BinaryIO:
+    """Copy of a text in UTF-8 with newlines; raises NotFoundError and TrajectoryError."""
+    try:
+        with path.open("rb") as file:
+            raw: BinaryIO = file
+            if not stat.S_ISREG(path.stat().st_mode):
+                raw = _copy_portions(_portions(file))
+            size = raw.seek(0, os.SEEK_END)
+            raw.seek(0)
+            packed = raw.read(2) == _GZIP
+            raw.seek(0)
+            text: BinaryIO = raw
+            if packed:
+                text = cast("BinaryIO", gzip.GzipFile(fileobj=raw))
+            head = text.read(_HEAD_SIZE)
+            text.seek(0)
+            if raw is not file and _is_plain(head) and not packed:
+                return raw
+            plain = _plain_portions(text, _encoding(head), old=_has_old_line_ends(head))
+            if packed:
+                plain = _check_proportion(plain, path, size)
+            return _copy_portions(plain)
+    except TrajectoryError:
+        raise
+    except FileNotFoundError:
+        raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile) as problem:
+        raise TrajectoryError(f"{path}: cannot be unpacked: {problem}. Pack it again, or give it unpacked.") from None
+    except UnicodeError as problem:
+        raise TrajectoryError(
+            f"{path}: is not text in the encoding of its first bytes: {problem}. Save it as UTF-8."
+        ) from None
+    except (OSError, ValueError) as problem:  # ValueError: a path with a NUL
+        reason = getattr(problem, "strerror", None) or problem
+        raise TrajectoryError(f"{path}: cannot be read: {reason}. A file that can be read is needed.") from None
+
+
+def _portions(file: BinaryIO) -> Iterator[bytes]:
+    return iter(partial(file.read, _PORTION_SIZE), b"")
+
+
+def _copy_portions(portions: Iterator[bytes]) -> BinaryIO:
+    """Copy in memory, or in a temporary file without a name if large, at its beginning."""
+    copy = cast("BinaryIO", tempfile.SpooledTemporaryFile(_MAX_COPY_IN_MEMORY))  # noqa: SIM115  it lives as long as the source
+    try:
+        for portion in portions:
+            copy.write(portion)
+    except BaseException:
+        copy.close()
+        raise
+    copy.seek(0)
+    return copy
+
+
+def _check_proportion(portions: Iterator[bytes], path: Path, packed: int) -> Iterator[bytes]:
+    """Portions of a packed text, as long as they are in proportion to its size."""
+    size = 0
+    for portion in portions:
+        size += len(portion)
+        check_ratio(path, size, packed)
+        yield portion
+
+
+def _plain_portions(file: BinaryIO, encoding: str | None, *, old: bool) -> Iterator[bytes]:
+    """Portions of the text in UTF-8; ``old`` if lines end in carriage returns."""
+    portions = _portions(file)
+    if encoding:
+        portions = _encode_utf_8(portions, encoding)
+    for portion in portions:
+        yield portion.replace(b"\r", b"\n") if old else portion
+
+
+def _encode_utf_8(portions: Iterator[bytes], encoding: str) -> Iterator[bytes]:
+    """Portions of a text in another encoding, in UTF-8."""
+    decoder = codecs.getincrementaldecoder(encoding)()
+    for portion in portions:
+        yield decoder.decode(portion).encode("utf-8")
+    yield decoder.decode(b"", final=True).encode("utf-8")
+
+
+def _encoding(head: bytes) -> str | None:
+    """Encoding detected from the first bytes; None if it may be UTF-8."""
+    for mark, name in _BOMS:
+        if head.startswith(mark):
+            return name
+    if len(head) >= 4 and head[0] and not head[1] and head[2] and not head[3]:
+        return "utf-16-le"
+    if len(head) >= 4 and not head[0] and head[1] and not head[2] and head[3]:
+        return "utf-16-be"
+    return None
