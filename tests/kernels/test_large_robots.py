@@ -207,7 +207,7 @@ def test_wide_results_need_no_large_stack(monkeypatch, way):
 
 
 def test_a_program_without_end_is_refused(bundled, monkeypatch):
-    monkeypatch.setattr(tracing, "LARGEST", 500)
+    monkeypatch.setattr(tracing, "MAX_EXPRESSIONS", 500)
     with pytest.raises(tw.KernelError, match=r"more than 500 operations a state.*reference"):
         bundled("panda").program("inverse_dynamics")
 

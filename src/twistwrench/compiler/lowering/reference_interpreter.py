@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.typing import Array
-from ..ir.loops import AFTER, ALLOWED, ATTEMPTS, BEFORE, TIMES, ColumnSolve, Form, Products, Scan, Search, Source
+from ..ir.loops import AFTER, ATTEMPTS, BEFORE, TIMES, TOLERANCES, ColumnSolve, Form, Products, Scan, Search, Source
 from ..ir.program import FUSED, Program
 
 Functions = Mapping[str, Callable[..., Any]]
@@ -238,7 +238,7 @@ class NumpySearch:
         passed = self._attempt(given, x, int(settings[TIMES]))
         starts, rows = np.ones(len(x)), np.flatnonzero(_goes_on(passed[:, size]))
         gap = wanted[rows][:, list(s.near), None] - reached
-        far = (settings[ALLOWED + self._count() :, None] * (gap * gap)).sum(axis=1)
+        far = (settings[TOLERANCES + self._count() :, None] * (gap * gap)).sum(axis=1)
         for _ in range(int(settings[ATTEMPTS])):
             if not len(rows):
                 break
@@ -263,7 +263,7 @@ class NumpySearch:
         return self.search.program.inputs[-1].size - self.search.target.size
 
     def _allowed(self, settings: Array) -> Array:
-        return settings[ALLOWED : ALLOWED + self._count()]
+        return settings[TOLERANCES : TOLERANCES + self._count()]
 
     def _attempt(self, given: Array, x: Array, times: int) -> Array:
         """Memory after the last step of an attempt, which ends when the target is found or progress stops."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..ir.loops import ALLOWED, ATTEMPTS, PLACES, TIMES, Search
+from ..ir.loops import ATTEMPTS, PLACES, TIMES, TOLERANCES, Search
 from ..ir.program import Program, TensorSpec
 from .batch_loop import LINE, ON_STACK, Loop, Step, allocate, buffer_size, call_block, call_copy, copying, nan_filler
 from .ir_builder import LlvmWriter
@@ -289,7 +289,7 @@ class _Attempts(SearchState):
         self.copied_in(0, given, sample)
         size = self.s.target.size * self.bytes
         rest = self.ports[GIVEN].size * self.bytes - size
-        self.move(w.gep(given, size), w.gep(self.settings, ALLOWED * self.bytes), rest)
+        self.move(w.gep(given, size), w.gep(self.settings, TOLERANCES * self.bytes), rest)
         with w.when(w.new(f"icmp eq i64 {attempt}, 0")):
             self.copied_in(1, x, sample)
             self._bring_inside(x)
@@ -319,7 +319,7 @@ class _Attempts(SearchState):
     def _distances(self, target: str, mine: str) -> None:
         """Distances of the start configurations from the target."""
         w = self.w
-        far, first = self.row(FAR, mine), ALLOWED + self.ports[GIVEN].size - self.s.target.size
+        far, first = self.row(FAR, mine), TOLERANCES + self.ports[GIVEN].size - self.s.target.size
         pairs = [
             [
                 f"{w.vector} {self._everywhere(self.number(*there))}"

@@ -74,7 +74,7 @@ class KernelMetadata(NamedTuple):
     @property
     def signature(self) -> str:
         """Gufunc signature, equal to the program's."""
-        return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
+        return signature_of(self.inputs, self.outputs)
 
 
 class _Returned:
