@@ -12,8 +12,8 @@ import twistwrench as tw
 from twistwrench.compiler.ir.loops import ColumnSolve
 from twistwrench.compiler.lowering import batch_loop
 from twistwrench.compiler.lowering.batch_loop import LINE
+from twistwrench.compiler.lowering.numpy_kernels import NumpyColumns
 from twistwrench.compiler.lowering.partition import partitioned
-from twistwrench.compiler.lowering.reference_interpreter import NumpyColumns
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, host
 from twistwrench.compiler.runtime.gufunc import owner_of
 from twistwrench.robot import Robot, programs

@@ -12,7 +12,7 @@ import twistwrench as tw
 from twistwrench.compiler.ir.program import Program
 from twistwrench.compiler.ir.tracer import trace
 from twistwrench.compiler.lowering.lower import CUT_OUTPUTS, WIDE
-from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.lowering.numpy_kernels import NumpyKernel
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, host
 from twistwrench.compiler.runtime.gufunc import make_ufunc
 from twistwrench.core.errors import KernelError

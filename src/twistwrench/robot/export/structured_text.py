@@ -16,7 +16,8 @@ import numpy as np
 
 from ...compiler.ir.program import FUSED, TensorSpec
 from ...compiler.ir.tracer import trace
-from ...compiler.lowering.reference_interpreter import NumpyKernel, evaluated
+from ...compiler.lowering.numpy_kernels import NumpyKernel
+from ...compiler.lowering.reference_interpreter import evaluated
 from ...compiler.printers.c99 import identifier, literal
 from ...core import arguments
 from ...core.errors import KernelError, ModelError, ValueRangeError
