@@ -153,7 +153,7 @@ def test_results_past_the_caches_have_the_same_bits(name, dtype, monkeypatch):
     """From arrays at any place: whole vectors where arrays begin with one, else not past the caches at all."""
     from twistwrench.compiler.lowering import lower
 
-    monkeypatch.setattr(lower, "LONG", 0)
+    monkeypatch.setattr(lower, "MAX_INSTRUCTIONS", 0)
     monkeypatch.setattr(programs, "COLUMN_LOOP_FROM", 0)
     robot = random_robot(3, 4, ("revolute", "prismatic"), floating_base=True)
     arrays = [x.astype(dtype) for x in states(robot)][: None if name == NAME else 1]
