@@ -63,7 +63,9 @@ def log_command(
         if json is not None:
             write_text(json, f"{_data(found)}\n")
     for path, reason in failed:
-        click.echo(f"error: {reason if path in reason else f'{path}: {reason}'}", err=True)
+        if path not in reason:
+            reason = f"{path}: {reason}"
+        click.echo(f"error: {reason}", err=True)
     return ExitCode.BAD_INPUT if failed else ExitCode.FINE
 
 
