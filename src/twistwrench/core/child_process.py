@@ -142,7 +142,8 @@ class _Child:
 
     def __init__(self) -> None:
         package = Path(__file__).parents[1]
-        places = [str(package.parent), *(str(Path(place).absolute()) for place in sys.path if place)]
+        import_folders = [Path(place).absolute() for place in sys.path if place]
+        places = [str(package.parent), *map(str, import_folders)]
         try:
             self.process = subprocess.Popen(
                 [sys.executable or "python", "-I", "-S", "-c", _BEGIN],
@@ -309,7 +310,9 @@ def _error_from(name: str, text: str, *arguments: Any) -> TwistWrenchError:
     """Error of this library by its name, with the arguments in its text."""
     kind = getattr(errors, name) if name in errors.__all__ else TwistWrenchError
     given = [Argument(*one) for one in arguments]
-    return kind(text, *given) if issubclass(kind, TwistWrenchError) else TwistWrenchError(text, *given)
+    if issubclass(kind, TwistWrenchError):
+        return kind(text, *given)
+    return TwistWrenchError(text, *given)
 
 
 def _parts(problem: TwistWrenchError) -> tuple[Any, ...]:
@@ -364,7 +367,9 @@ def _plain(content: bytes) -> Any:
 
 
 def _amount(size: int) -> str:
-    return f"{number(size / 2**30)} GiB" if size >= 1 << 28 else f"{number(size / 2**20)} MiB"
+    if size >= 1 << 28:
+        return f"{number(size / 2**30)} GiB"
+    return f"{number(size / 2**20)} MiB"
 
 
 # ── Child

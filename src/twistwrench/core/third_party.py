@@ -96,17 +96,29 @@ def lazy_by_blocks(
             arguments = parameters.bind(owner, *args, **options).arguments
             del arguments[first]
             places: list[Place] = [(name, None) for name in arguments if name in _STATES]
-            places += [(name, key) for name in _WRENCHES for key in arguments.get(name) or ()]
+            for name in _WRENCHES:
+                places += [(name, key) for key in arguments.get(name) or ()]
             arrays = [_array(owner, method.__name__, arguments, place) for place in places]
-            inputs = ",".join(f"({x.shape[-1]})" for x in arrays)
-            outputs = ",".join(f"({','.join(map(str, shape))})" for shape in shapes(owner, arguments))
+            inputs = _signature_part([x.shape[-1:] for x in arrays])
+            outputs = _signature_part(shapes(owner, arguments))
             block = _Block(owner, method.__name__, arguments, tuple(places))
             values = later(block, f"{inputs}->{outputs}", arrays, dtype)
-            return values if result is None else result(*values)
+            if result is None:
+                return values
+            return result(*values)
 
         return call  # type: ignore[return-value]
 
     return decorate
+
+
+def _signature_part(shapes: Sequence[Sequence[int]]) -> str:
+    """Shapes as in one half of a gufunc's signature: ``(6),(6,6)``."""
+    parts = []
+    for shape in shapes:
+        sizes = ",".join(map(str, shape))
+        parts.append(f"({sizes})")
+    return ",".join(parts)
 
 
 @dataclass(frozen=True)
@@ -131,14 +143,13 @@ class _Block:
 def _array(owner: Any, method: str, arguments: Mapping[str, Any], place: Place) -> Any:
     """Array argument at ``place``, checked to have the owner's size in its last axis."""
     name, key = place
-    x = arguments[name] if key is None else arguments[name][key]
+    x, label = arguments[name], name
+    size = owner.nq if name.startswith("q") else owner.nv
+    if key is not None:  # a wrench on a frame
+        x, label, size = x[key], f"{name}[{key!r}]", 6
     if not is_lazy(x):
         x = np.asarray(x)
-    size = owner.nq if name.startswith("q") else owner.nv
-    if key is not None:
-        size = 6
     if x.shape[-1:] != (size,):
-        label = name if key is None else f"{name}[{key!r}]"
         raise ShapeError(f"{method}: {label} has shape {x.shape}, expected {size} in the last axis.")
     return x
 
@@ -175,7 +186,9 @@ class Workers:
     @classmethod
     def from_client(cls, client: Any) -> Workers:
         """Workers of a Dask client; this process if it is None."""
-        return cls() if client is None else cls(client, 3 * max(1, sum(client.nthreads().values())))
+        if client is None:
+            return cls()
+        return cls(client, 3 * max(1, sum(client.nthreads().values())))
 
     def results(
         self, function: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[float], None] | None = None
@@ -338,7 +351,9 @@ class ForeignOutput:
 
     def __str__(self) -> str:
         words = " ".join(self.text.split())
-        return words if len(words) <= _MOST_OUTPUT else f"{words[:_MOST_OUTPUT]}…"
+        if len(words) <= _MOST_OUTPUT:
+            return words
+        return f"{words[:_MOST_OUTPUT]}…"
 
 
 @contextlib.contextmanager

@@ -238,7 +238,9 @@ def NearZero(z: ArrayLike) -> Any:
     -------
     near : (...) array of bool
     """
-    return abs(z) < 1e-6 if type(z) is float else np.abs(arguments.real(z, "z")) < 1e-6
+    if type(z) is float:
+        return abs(z) < 1e-6
+    return np.abs(arguments.real(z, "z")) < 1e-6
 
 
 def Normalize(V: ArrayLike) -> Array:
@@ -381,7 +383,9 @@ def _newton(
     def left(theta: Array) -> Array:
         T_sb = forward(theta) @ M if space else M @ forward(theta)
         V_b = _twist(se3.inverse(T_sb) @ T)
-        return Ad(T_sb) @ V_b if space else V_b
+        if space:
+            return Ad(T_sb) @ V_b
+        return V_b
 
     def there(V: Array) -> bool:
         return bool(np.linalg.norm(V[:3]) <= eomg and np.linalg.norm(V[3:]) <= ev)

@@ -200,7 +200,9 @@ class Chain:
 
     def checked(self, x: ArrayLike, name: str) -> Array:
         """Input of a kernel: gravity, a wrench at the tip, or one number per joint."""
-        return arguments.real(x, name, SIZES[name]) if name in SIZES else self.joints(x, name)
+        if name in SIZES:
+            return arguments.real(x, name, SIZES[name])
+        return self.joints(x, name)
 
     def run(self, quantity: str, **arrays: Array) -> Array:
         """Evaluate a quantity; raises ShapeError for batches that do not broadcast."""

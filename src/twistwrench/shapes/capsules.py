@@ -204,7 +204,9 @@ def _capsules_of(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
 
 def _bulge(solid: Solid) -> float:
     """Largest distance between a round surface and its facets [m]."""
-    return 0.0 if solid.shape.kind in ("box", "mesh") else _FACET_GAP_OF_RADIUS * max(solid.shape.sizes)
+    if solid.shape.kind in ("box", "mesh"):
+        return 0.0
+    return _FACET_GAP_OF_RADIUS * max(solid.shape.sizes)
 
 
 def _capsule_of(solid: Solid) -> tuple[Array, float]:

@@ -125,7 +125,9 @@ def _colour(part: Element, text: UrdfText) -> Colour | None:
     if own_colour is not None:
         return own_colour
     named = text.materials.get(material.attributes.get("name", ""))
-    return None if named is None else _rgb(named)
+    if named is None:
+        return None
+    return _rgb(named)
 
 
 def _rgb(material: Element) -> Colour | None:

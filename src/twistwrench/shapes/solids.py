@@ -52,7 +52,9 @@ class LinkSolids:
     @property
     def diagonal(self) -> float:
         """Diagonal of the bounding box along the link's axes [m]."""
-        return float(np.linalg.norm(np.ptp(self.points, axis=0))) if len(self.points) else 0.0
+        if len(self.points):
+            return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+        return 0.0
 
     @cached_property
     def uniform(self) -> SpatialInertia | None:

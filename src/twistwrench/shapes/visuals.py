@@ -73,7 +73,9 @@ class _Surfaces:
         if shape.problem:
             self.problems[shape.element] = shape.problem
             return []
-        return parts if shape.kind == "mesh" else [(SIMPLE[shape.kind](*shape.sizes), None)]
+        if shape.kind == "mesh":
+            return parts
+        return [(SIMPLE[shape.kind](*shape.sizes), None)]
 
     def _scaled_mesh(self, shape: ShapeSpec) -> _Parts:
         key = shape.mesh, shape.sizes

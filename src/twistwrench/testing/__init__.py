@@ -233,7 +233,9 @@ def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = No
     with np.errstate(invalid="ignore", divide="ignore"):
         gap = np.abs(a - b).max()
         size = np.abs(b).max() if scale is None else scale
-        return 0.0 if gap == 0 else float(gap / size)
+        if gap == 0:
+            return 0.0
+        return float(gap / size)
 
 
 def assert_close(

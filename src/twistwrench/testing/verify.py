@@ -102,7 +102,9 @@ class VerifyReport(Answer):
     def verdict(self) -> Verdict:
         """OK, or LOOK AGAIN with the checks that disagree."""
         failed = [check.name for check in self.checks if check.failed]
-        return Verdict(Word.LOOK_AGAIN, (f"checks that disagree: {', '.join(failed)}",)) if failed else Verdict(Word.OK)
+        if failed:
+            return Verdict(Word.LOOK_AGAIN, (f"checks that disagree: {', '.join(failed)}",))
+        return Verdict(Word.OK)
 
     @property
     def robot_name(self) -> str:

@@ -34,7 +34,9 @@ def _compares(check: Check) -> str | Line:
 
 
 def _figure(check: Check, value: float) -> str | Line:
-    return "" if check.skipped else Line(residual(value), value=value)
+    if check.skipped:
+        return ""
+    return Line(residual(value), value=value)
 
 
 def _agreement(check: Check) -> Line:
