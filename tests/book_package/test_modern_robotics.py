@@ -322,7 +322,7 @@ def test_lists_are_known_by_what_is_in_them():
 
 
 def test_no_more_lists_are_kept_than_said():
-    assert names._built.cache_info().maxsize == names.CACHED
+    assert names._built.cache_info().maxsize == names.MAX_CACHED_CHAINS
 
 
 def test_a_body_that_cannot_exist_is_accepted_with_a_warning():

@@ -38,7 +38,7 @@ __all__ = [
     "se3ToVec", "so3ToVec",
 ]  # fmt: skip
 
-FAR = 1e9
+DISTANCE_OF_MIRRORED = 1e9
 """Distance returned for a matrix with non-positive determinant."""
 STEPS = 20
 """Maximum number of Newton steps of inverse kinematics, as in the book's package."""
@@ -83,7 +83,8 @@ def _signed(R: Array, w: Array) -> Array:
     """Logarithm w of R; for a half turn, the one with a positive last non-negligible entry, as in the book's package."""
     if w.ndim == 1 and R[0, 1] != R[1, 0]:  # not a half turn
         return w
-    if np.any(half := np.all(np.swapaxes(R, -1, -2) == R, axis=(-1, -2)) & (np.sum(w * w, axis=-1) > 1.0)):
+    half = np.all(np.swapaxes(R, -1, -2) == R, axis=(-1, -2)) & (np.sum(w * w, axis=-1) > 1.0)
+    if np.any(half):
         x, y, z = np.moveaxis(np.where(np.abs(w) > 1e-3 * np.pi, w, 0.0), -1, 0)
         last = np.where(z != 0, z, np.where(y != 0, y, x))
         w = np.where((half & (last < 0))[..., None], -w, w)
@@ -214,7 +215,8 @@ def _twist(T: Array) -> Array:
     """Logarithm of a pose T, with that of a half turn as in :func:`_signed`."""
     V = se3.log(T)
     turn = V[..., :3]
-    if (w := _signed(T[..., :3, :3], turn)) is not turn:
+    w = _signed(T[..., :3, :3], turn)
+    if w is not turn:
         V = np.concatenate([w, (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]], axis=-1)
     return V
 
@@ -255,8 +257,10 @@ def Normalize(V: ArrayLike) -> Array:
     unit : (..., n) array
     """
     V = np.atleast_1d(arguments.real(V, "V"))
-    if V.ndim == 1 and 0.0 < (length := math.hypot(*V.tolist())) < math.inf:
-        return V / V.dtype.type(length)
+    if V.ndim == 1:
+        length = math.hypot(*V.tolist())
+        if 0.0 < length < math.inf:
+            return V / V.dtype.type(length)
     largest = np.abs(V).max(axis=-1, keepdims=True, initial=0.0)
     if not np.all(largest > 0):
         raise ValueRangeError("V is zero, or not a number, so it has no direction. Give a vector with a nonzero entry.")
@@ -280,8 +284,10 @@ def ProjectToSE3(mat: ArrayLike) -> Poses:
 
 def _distance(R: Array, row: Array | None = None) -> Any:
     off = np.swapaxes(R, -1, -2) @ R - np.eye(3)
-    square = np.sum(off * off, axis=(-1, -2)) + (0.0 if row is None else np.sum(row * row, axis=-1))
-    return np.where(np.linalg.det(R) > 0, np.sqrt(square), FAR)[()]
+    square = np.sum(off * off, axis=(-1, -2))
+    if row is not None:
+        square = square + np.sum(row * row, axis=-1)
+    return np.where(np.linalg.det(R) > 0, np.sqrt(square), DISTANCE_OF_MIRRORED)[()]
 
 
 def _pose_distance(T: Array) -> Any:
@@ -404,7 +410,8 @@ def _finite_pose(T: ArrayLike, name: str) -> Array:
 
 
 def _bound(x: float, name: str) -> float:
-    if not (bound := arguments.number(x, name)) >= 0:
+    bound = arguments.number(x, name)
+    if not bound >= 0:
         raise ValueRangeError(f"{name} is {x!r}: what may be left is 0 or more, such as 1e-6.")
     return bound
 
@@ -466,7 +473,8 @@ def EulerStep(
     """
     q, dq = arguments.real(thetalist, "thetalist"), arguments.real(dthetalist, "dthetalist")
     ddq, step = arguments.real(ddthetalist, "ddthetalist"), arguments.real(dt, "dt")
-    step = step[..., None] if step.ndim else step
+    if step.ndim:  # a step for each state
+        step = step[..., None]
     try:
         return q + step * dq, dq + step * ddq
     except ValueError:

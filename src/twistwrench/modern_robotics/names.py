@@ -88,7 +88,7 @@ def _built_from(declared: Declared, evaluate: Callable[[tuple[Any, ...]], Any], 
 
 # ── Checks of arrays, with errors that name the argument
 
-ROUNDED = 0.01
+MAX_ROUNDING = 0.01
 """Largest deviation of an entry from the nearest rotation; rotations rounded to two digits are accepted."""
 
 
@@ -114,7 +114,7 @@ def _nearest(
         return judged(X, name)
     except ValueRangeError:
         try:
-            return project(X, ROUNDED)
+            return project(X, MAX_ROUNDING)
         except ValueRangeError as problem:
             reason = str(problem).partition(".project: ")[2] or str(problem)
             raise ValueRangeError(f"{name}: {reason} mr.ProjectToSO3 and mr.ProjectToSE3 take any.") from None
@@ -129,10 +129,10 @@ def skew(W: ArrayLike, name: str) -> Array:
             return W
     with np.errstate(all="ignore"):
         off = np.abs(W + np.swapaxes(W, -1, -2))
-        largest = np.maximum(arguments.TOLERANCE / ROUNDED, np.abs(W).max(axis=(-2, -1), keepdims=True))
+        largest = np.maximum(arguments.TOLERANCE / MAX_ROUNDING, np.abs(W).max(axis=(-2, -1), keepdims=True))
     arguments.refuse(
         off / largest,
-        ROUNDED,
+        MAX_ROUNDING,
         f"{name} is not skew-symmetric: with its transpose added it is {{gap}} of its largest entry, allowed "
         "{allowed}; mr.VecToso3 and mr.VecTose3 make such matrices of vectors, mr.MatrixLog3 and mr.MatrixLog6 of rotations "
         "and poses",
@@ -155,7 +155,7 @@ def twist_matrix(X: ArrayLike, name: str) -> Array:
 # ``thetalist``, ``dthetalist`` … are (..., n); ``g`` (..., 3) m/s² in the space frame; ``Ftip`` (..., 6) the wrench applied
 # by the robot, in the end-effector frame {n+1}; ``Mlist`` (n + 1, 4, 4); ``Glist`` (n, 6, 6); ``Slist`` (6, n).
 
-CACHED = 64
+MAX_CACHED_CHAINS = 64
 """Maximum number of cached sets of lists (least recently used are dropped). Machine code remains cached on disk."""
 LISTS = ("Mlist", "Glist", "Slist", "Blist")
 SIZES = {"g": 3, "Ftip": 6}
@@ -184,7 +184,8 @@ class Chain:
 
     def kernel(self, name: str) -> np.ufunc:
         """Kernel for a key of the table."""
-        if (found := self._kernels.get(name)) is None:
+        found = self._kernels.get(name)
+        if found is None:
             quantity, options = _KERNELS[name]
             if "wrenches" in options:
                 options = {**options, "wrenches": (str(self.robot.tip),)}
@@ -238,7 +239,7 @@ _HOME = np.eye(4).tobytes()
 Shape = tuple[int, ...]
 
 
-@lru_cache(maxsize=CACHED)
+@lru_cache(maxsize=MAX_CACHED_CHAINS)
 def _built(steps: bytes, inertias: bytes, screws: bytes, shapes: tuple[Shape, Shape, Shape]) -> Chain:
     raw = zip((steps, inertias, screws), shapes, strict=True)
     Mlist, Glist, Slist = (np.frombuffer(data).reshape(shape) for data, shape in raw)

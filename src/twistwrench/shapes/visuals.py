@@ -51,10 +51,8 @@ def read_visuals(model: Model, role: Role = "visual") -> tuple[list[Visual], lis
     visuals = []
     for link in links:
         for shape in link.parts:
-            visuals += [
-                Visual(link.link, surface, shape.pose, colour or shape.colour or GREY)
-                for surface, colour in surfaces.of(shape)
-            ]
+            for surface, colour in surfaces.of(shape):
+                visuals.append(Visual(link.link, surface, shape.pose, colour or shape.colour or GREY))
     return visuals, surfaces.remarks()
 
 

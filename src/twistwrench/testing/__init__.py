@@ -94,7 +94,8 @@ def random_builder(
     'random'
     """
     rng = np.random.default_rng(rng)
-    if unknown := [kind for kind in kinds if kind not in KINDS]:
+    unknown = [kind for kind in kinds if kind not in KINDS]
+    if unknown:
         raise ValueRangeError(f"no joint kinds {unknown}. Choose from: {', '.join(KINDS)}.")
     builder = ModelBuilder("random")
     builder.add_link("link0", random_inertia(rng))
@@ -107,16 +108,11 @@ def random_builder(
             kind = str(rng.choice(list(_SCREWS)))
         parent = f"link{i - 1 if rng.random() < 0.6 else rng.integers(i)}"
         builder.add_link(f"link{i}", random_inertia(rng))
+        placement, mimic = random_pose(rng), None
+        if follows:  # leader, ratio and offset
+            mimic = str(rng.choice(leaders)), float(rng.uniform(-2.0, 2.0)), float(rng.uniform(-1.0, 1.0))
         builder.add_joint(
-            f"joint{i}",
-            kind,
-            parent,
-            f"link{i}",
-            placement=random_pose(rng),
-            mimic=(str(rng.choice(leaders)), float(rng.uniform(-2.0, 2.0)), float(rng.uniform(-1.0, 1.0)))
-            if follows
-            else None,
-            **_options(rng, kind),
+            f"joint{i}", kind, parent, f"link{i}", placement=placement, mimic=mimic, **_options(rng, kind)
         )
         if kind in _SCREWS and not follows:
             leaders.append(f"joint{i}")
@@ -125,7 +121,11 @@ def random_builder(
 
 def _options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
     """Axis, limits and losses of a joint. Some axes are coordinate axes, which use other code paths."""
-    options: dict[str, Any] = {"axis": rng.standard_normal(3) if rng.random() < 0.7 else np.eye(3)[rng.integers(3)]}
+    options: dict[str, Any] = {}
+    if rng.random() < 0.7:
+        options["axis"] = rng.standard_normal(3)
+    else:
+        options["axis"] = np.eye(3)[rng.integers(3)]
     joint = _SCREWS.get(kind)
     if joint is not None and joint.has_pitch:
         options["pitch"] = rng.uniform(-0.5, 0.5)
@@ -232,10 +232,11 @@ def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = No
         return 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
         gap = np.abs(a - b).max()
-        size = np.abs(b).max() if scale is None else scale
         if gap == 0:
             return 0.0
-        return float(gap / size)
+        if scale is None:
+            return float(gap / np.abs(b).max())
+        return float(gap / np.float64(scale))
 
 
 def assert_close(
@@ -269,10 +270,11 @@ def assert_close(
     gap = relative_gap(a, b, scale)
     if gap <= rtol:
         return
-    size = np.abs(b).max() if scale is None else scale
+    size, whose = scale, "the scale"
+    if size is None:
+        size, whose = float(np.abs(b).max()), "the largest entry"
     apart = np.where(np.isfinite(a - b), np.abs(a - b), np.inf)
     worst = tuple(int(i) for i in np.unravel_index(int(np.argmax(apart)), a.shape))
-    whose = "the largest entry" if scale is None else "the scale"
     raise AssertionError(
         f"{name}: off by {printed(gap, 3)} of {whose}, {printed(size)}; allowed {printed(rtol)}.\n"
         f"Worst at {worst}: actual {a[worst]}, desired {b[worst]}. "

@@ -144,7 +144,9 @@ def verify(robot: Robot | str | Path, states: int = 4, seed: int = 0) -> VerifyR
     >>> verify(tw.robots.planar_2r(), states=2).passed
     True
     """
-    robot = require_robot(load(robot) if isinstance(robot, str | Path) else robot, "verify")
+    if isinstance(robot, str | Path):
+        robot = load(robot)
+    robot = require_robot(robot, "verify")
     rng = np.random.default_rng(seed)
     motions = [random_state(robot, rng) for _ in range(max(states, 1))]
     checks = [_check(robot, motions, *row) for row in _LAWS]
@@ -295,8 +297,9 @@ def _file_of(robot: Robot, library: str, kind: str) -> Path:
         raise NotFoundError(f"robot {robot.name!r} has no file that another library could read; load it from a path.")
     if _is_expanded(path):
         raise RobotFileError(f"{path.name} is xacro; with {library}, {kind.upper()} files are compared.")
-    if (found := format_of_file(path)) != kind:
-        raise RobotFileError(f"{path.name} is {found.upper()}; with {library}, {kind.upper()} files are compared.")
+    own_kind = format_of_file(path)
+    if own_kind != kind:
+        raise RobotFileError(f"{path.name} is {own_kind.upper()}; with {library}, {kind.upper()} files are compared.")
     return path
 
 
@@ -365,7 +368,8 @@ def _mujoco(robot: Robot) -> Residual:
     model = _read_by("MuJoCo", path, lambda: mujoco.MjModel.from_xml_path(str(path)))
     kept = ("mjDSBL_GRAVITY", "mjDSBL_EULERDAMP", "mjDSBL_SPRING")
     for name, flag in mujoco.mjtDisableBit.__members__.items():  # contacts, limits and friction are not compared
-        model.opt.disableflags |= 0 if name in kept else int(flag.value)
+        if name not in kept:
+            model.opt.disableflags |= int(flag.value)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     model.opt.gravity[:] = robot.gravity
     model.opt.density = model.opt.viscosity = 0.0  # the file reader warns of fluids

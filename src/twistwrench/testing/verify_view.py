@@ -14,7 +14,9 @@ def verification_view(report: VerifyReport) -> Iterator[Block]:
     """Verdict, and for each check the compared quantities, residual and tolerance."""
     checks = report.checks
     count = sum(not check.skipped for check in checks)
-    sentence = f"{report.verdict.reasons[0]}." if report.verdict.reasons else f"{count} checks agree."
+    sentence = f"{count} checks agree."
+    if report.verdict.reasons:
+        sentence = f"{report.verdict.reasons[0]}."
     yield Headline(report.verdict.word, sentence)
     yield ""
     yield Table(
