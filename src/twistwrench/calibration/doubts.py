@@ -54,9 +54,6 @@ def _causes_to_name(every: list[Offered]) -> list[Doubt]:
     return [one.doubt for one in every if one is best or one.left > _MIN_UNEXPLAINED]
 
 
-# ── Readings without a model
-
-
 def _contradictory_rows(found: CalibratedRobot) -> Iterator[Doubt]:
     """Repeated readings, outliers, positions outside the limits."""
     limits = found.original.limits
@@ -92,9 +89,6 @@ def _duplicates(found: CalibratedRobot, q: Array, labels: Array) -> Iterator[Dou
         rows = np.flatnonzero(copied)
         pairs = listed([f"{row} of {other[row]}" for row in rows], 5)
         yield doubt("calibration-duplicate", rows=pairs, found={"value": float(rows[0])})
-
-
-# ── What the measurements cannot see
 
 
 def _unseen_effects(found: CalibratedRobot) -> Iterator[Doubt]:

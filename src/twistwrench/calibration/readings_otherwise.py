@@ -148,9 +148,6 @@ def _misfit(fit: CalibrationFit) -> float:
     return float(np.quantile(np.concatenate(sizes), 0.75))
 
 
-# ── Alternatives
-
-
 def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
     """All readings taken otherwise, the most usual first."""
     chain, kinds = problem.chain, {m.kind for m in problem.measured}
@@ -264,9 +261,6 @@ _ANGLES: dict[str, Callable[[Array], Array]] = {
     "roll, pitch, yaw": partial(_read_again, angles=so3.log, rotations=rotations_from_roll),
 }
 """Orientations read by other conventions."""
-
-
-# ── Sag and gears
 
 
 def effect_doubts(found: CalibratedRobot) -> Iterator[Offered]:

@@ -89,8 +89,6 @@ def _contents(x: Any) -> Any:
     return x.to_numpy()
 
 
-# ── Rotations, and their deviations
-
 TOLERANCE = 1e-6
 """Largest deviation of R' R from the identity for a rotation; rounding to float32 stays below it."""
 
@@ -155,8 +153,6 @@ def last_row(T: Array, what: str, allowed: float = TOLERANCE) -> None:
     deviation = np.abs(T[..., 3:, :] - np.array([0.0, 0.0, 0.0, 1.0]))
     refuse(deviation, allowed, f"{what} is not a pose: its last row is {{gap}} off (0, 0, 0, 1), allowed {{allowed}}")
 
-
-# ── Arrays and numbers: arguments converted to the required form, or errors that name them and the remedy
 
 # ``to_numbers`` and ``plain`` accept any kind of array: NumPy's unchanged, tables by the names of their columns, all else as
 # ``np.asarray`` does; ``to_numbers`` keeps Dask arrays lazy. ``array``, ``real`` and ``finite`` also check types and shapes;
@@ -439,9 +435,6 @@ def pose(T: ArrayLike, what: str) -> Array:
     return M
 
 
-# ── Texts of options: numbers separated by commas, and ``NAME=VALUE``
-
-
 def parse_numbers(text: str, what: str, form: str, *counts: int) -> list[float]:
     """Parse finite numbers separated by commas, of one of these counts; ValueRangeError shows the form."""
     try:
@@ -475,8 +468,6 @@ def assignments(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
         values[name] = value
     return values
 
-
-# ── Signatures of functions that pass all their arguments on to another function
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")

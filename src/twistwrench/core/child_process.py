@@ -126,9 +126,6 @@ def stream_from_child(
     return _answers(target, args, limits or ChildLimits(), error_of, whole=False)
 
 
-# ── Parent
-
-
 class _FailedCall(Exception):
     """Call that ended without a result; the text is the reason."""
 
@@ -371,8 +368,6 @@ def _amount(size: int) -> str:
         return f"{number(size / 2**30)} GiB"
     return f"{number(size / 2**20)} MiB"
 
-
-# ── Child
 
 _BEGIN = """
 import json, sys, types

@@ -26,7 +26,9 @@ from ..core.typing import Array, JointTorques, Poses, Rotations, Twists
 from ..mechanics.algorithms.time_scalings import PosePath, cubic_share, quintic_share
 from ..mechanics.lie import se3, so3
 from ..mechanics.lie.adjoint import Ad
-from .names import Chain, chain_of, named, of_chain, pose, real, rotation, screws_of, skew, twist_matrix
+from .chains import Chain, chain_of, screws_of
+from .checks import pose, real, rotation, skew, twist_matrix
+from .names import named, of_chain
 
 __all__ = [
     "Adjoint", "AxisAng3", "AxisAng6", "CartesianTrajectory", "ComputedTorque", "CubicTimeScaling", "DistanceToSE3",
@@ -42,8 +44,6 @@ DISTANCE_OF_MIRRORED = 1e9
 """Distance returned for a matrix with non-positive determinant."""
 STEPS = 20
 """Maximum number of Newton steps of inverse kinematics, as in the book's package."""
-
-# ── Chapter 3: rotations
 
 
 @named(lambda R: np.swapaxes(R, -1, -2).copy(), "section 3.2.1", "", real(3, 3))
@@ -94,9 +94,6 @@ def _signed(R: Array, w: Array) -> Array:
 @named(lambda R: so3.hat(_signed(R, so3.log(R))), "eq. 3.53, 3.54", "so3mat : (..., 3, 3) array [rad]", rotation)
 def MatrixLog3(R: ArrayLike) -> Array:
     """Matrix logarithm of SO(3): [omg] theta with 0 ≤ theta ≤ π; R with few digits is replaced by the nearest rotation."""
-
-
-# ── Chapter 3: rigid motions
 
 
 @named(se3.pose, "section 3.3.1", "", real(3, 3), real(3))
@@ -226,9 +223,6 @@ def MatrixLog6(T: ArrayLike) -> Array:
     """Matrix logarithm of SE(3): [S] theta with 0 ≤ theta ≤ π; T with few digits is replaced by the nearest pose."""
 
 
-# ── Chapter 3: tests and projections
-
-
 def NearZero(z: ArrayLike) -> Any:
     """True if a number is near zero: |z| < 1e-6, a threshold that this package does not use (MR section 3.2).
 
@@ -312,9 +306,6 @@ def TestIfSO3(mat: ArrayLike) -> Any:
 @named(lambda T: _pose_distance(T) < 1e-3, "section 3.3", "answer : (...) array of bool", real(4, 4))
 def TestIfSE3(mat: ArrayLike) -> Any:
     """True if a matrix is a pose: distance to SE(3) below 1e-3."""
-
-
-# ── Chapters 4 to 6: forward kinematics, Jacobians, inverse kinematics
 
 
 def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Poses:
@@ -414,9 +405,6 @@ def _bound(x: float, name: str) -> float:
     if not bound >= 0:
         raise ValueRangeError(f"{name} is {x!r}: what may be left is 0 or more, such as 1e-6.")
     return bound
-
-
-# ── Chapter 8: dynamics
 
 
 @of_chain("inverse_dynamics", "eq. 8.50 to 8.54", "")
@@ -573,9 +561,6 @@ def _tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
     return F
 
 
-# ── Chapter 9: time scalings, and motions from point to point in joint space and in SE(3)
-
-
 def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
     """Cubic time scaling s(t) = 3 (t/Tf)² - 2 (t/Tf)³, from rest to rest (MR eq. 9.10).
 
@@ -659,9 +644,6 @@ def _scaling(Tf: float, N: float, method: int) -> Array:
         raise ValueRangeError(f"method is {method!r}; choose 3, cubic, or 5, quintic time scaling.")
     _fraction(arguments.number(Tf, "Tf"), 0.0)
     return np.asarray(scalings[method](np.arange(n) / (n - 1.0)))
-
-
-# ── Chapter 11: computed torque control
 
 
 def ComputedTorque(

@@ -53,9 +53,6 @@ class PageLoops:
     """Assumptions for the page's notes."""
 
 
-# ── Closed robots
-
-
 def closed_by_file(robot: Robot) -> ConstrainedRobot | None:
     """Robot with the loops of its file closed; None if it has no loops or they cannot be closed."""
     closed: Any = robot
@@ -116,9 +113,6 @@ def _dependent(A: Array, rank: Array) -> Array:
 
     order = qr(A * 1e-2**rank, mode="r", pivoting=True)[1]
     return np.isin(np.arange(A.shape[1]), order[: len(A)])
-
-
-# ── Feet on the floor
 
 
 def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:

@@ -162,8 +162,6 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
     return C, trace**2 / np.maximum(square, 1e-300)
 
 
-# ── Covariance of groups of parameters: the sandwich over blocks of time
-
 # Rows of a block of time are one cluster (Liang and Zeger, "Longitudinal data analysis using generalized linear
 # models", Biometrika 73, 1986), with Bell and McCaffrey's correction for few clusters, as in the fits of sensors. The
 # textbook formula s² (W'W)^-1 treats every row as a cluster, and is several times too small.
@@ -407,8 +405,6 @@ def _covariance(
     inflated = half @ half.T * correlation_length
     return GroupCovariance(inflated, np.full(len(sizes), 1e9), textbook, 0.0)
 
-
-# ── Autocorrelation of residuals in the order of the log, and tests of it
 
 _MIN_CHANCE = 1e-3  # probability of a false alarm for white residuals, over all channels
 _LAGS = 20  # lags of the Ljung-Box test

@@ -151,8 +151,6 @@ def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
     return np.asarray(units * solution / size)
 
 
-# ── Weighted least squares of rows with Huber's loss
-
 # Iteratively reweighted least squares with Huber's weights min(1, k / |u|), u = r / s, k = 1.345 and s = 1.4826 median |r|
 # (Holland and Welsch, "Robust regression using iteratively reweighted least-squares", Comm. Statistics A6, 1977).
 
@@ -197,9 +195,6 @@ def weighted_fit(
         if done:
             break
     return x, sigma, weights
-
-
-# ── Least squares by orthogonal columns, and null space
 
 
 def orthogonal_fit(A: Array, y: Array, root: Array, sizes: Array) -> tuple[Array, Array, Array]:
