@@ -15,7 +15,7 @@ import pytest
 
 import twistwrench as tw
 import twistwrench.modern_robotics as mr
-from twistwrench.modern_robotics import names
+from twistwrench.modern_robotics import chains
 
 AGREE = 1e-12
 SEEDS = range(12)
@@ -286,15 +286,15 @@ def test_other_gravity_and_other_wrenches_compile_nothing_anew():
     rng = np.random.default_rng(5)
     robot, q = lists(rng, 3), joints(rng, 3)
     mr.InverseDynamics(q, q, q, [0, 0, -9.81], np.zeros(6), *robot)
-    found = names.chain_of(*robot)
-    kernel, before = found.kernel("inverse_dynamics"), names._built.cache_info().misses
+    found = chains.chain_of(*robot)
+    kernel, before = found.kernel("inverse_dynamics"), chains._built.cache_info().misses
     for _ in range(3):
         g, F = rng.standard_normal(3), rng.standard_normal(6)
         tau = mr.InverseDynamics(q, q, q, g, F, *robot)
         same = tw.from_screws(None, robot[2], robot[0], robot[1], gravity=g)
         assert gap(tau, same.inverse_dynamics(q, q, q, wrench_by_robot={same.tip: F})) <= 1e-13
-    assert names._built.cache_info().misses == before
-    assert names.chain_of(*robot).kernel("inverse_dynamics") is kernel
+    assert chains._built.cache_info().misses == before
+    assert chains.chain_of(*robot).kernel("inverse_dynamics") is kernel
 
 
 def test_gravity_may_be_the_last_input_of_a_robots_kernel():
@@ -322,7 +322,7 @@ def test_lists_are_known_by_what_is_in_them():
 
 
 def test_no_more_lists_are_kept_than_said():
-    assert names._built.cache_info().maxsize == names.CACHED
+    assert chains._built.cache_info().maxsize == chains.MAX_CACHED_CHAINS
 
 
 def test_a_body_that_cannot_exist_is_accepted_with_a_warning():

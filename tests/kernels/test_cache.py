@@ -21,7 +21,7 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.compiler.ir.tracer import trace
-from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.lowering.numpy_kernels import NumpyKernel
 from twistwrench.compiler.lowering.target_machine import DOUBLE, LOOP, SINGLE, chosen
 from twistwrench.compiler.runtime.gufunc import make_ufunc
 from twistwrench.compiler.runtime.jit import cached_code, compile_form

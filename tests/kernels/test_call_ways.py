@@ -78,7 +78,7 @@ def warm(call, times=3):
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
     """Long programs wait for no more calls than short ones."""
-    monkeypatch.setattr(dispatch, "LONG", 1_000_000)
+    monkeypatch.setattr(dispatch, "LONG_PROGRAM", 1_000_000)
 
 
 # ── bits ──
@@ -406,8 +406,8 @@ def test_ways_may_be_made_by_many_threads_at_once():
 
 def test_long_programs_wait_for_more_calls_and_are_compiled_once(monkeypatch):
     robot = tw.robots.planar_2r()
-    monkeypatch.setattr(dispatch, "LONG", 1)
-    monkeypatch.setattr(dispatch, "EACH", 4)
+    monkeypatch.setattr(dispatch, "LONG_PROGRAM", 1)
+    monkeypatch.setattr(dispatch, "INSTRUCTIONS_PER_CALL", 4)
     monkeypatch.setattr(gufunc, "LONGEST_SCALAR", 1)
     q, dq, ddq = states(robot, "inverse_dynamics", 1)[0]
     wanted = len(robot.program("inverse_dynamics").instructions) // 4

@@ -12,8 +12,8 @@ import twistwrench as tw
 from twistwrench.compiler.ir.loops import ColumnSolve
 from twistwrench.compiler.lowering import batch_loop
 from twistwrench.compiler.lowering.batch_loop import LINE
+from twistwrench.compiler.lowering.numpy_kernels import NumpyColumns
 from twistwrench.compiler.lowering.partition import partitioned
-from twistwrench.compiler.lowering.reference_interpreter import NumpyColumns
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, host
 from twistwrench.compiler.runtime.gufunc import owner_of
 from twistwrench.robot import Robot
@@ -154,7 +154,7 @@ def test_results_past_the_caches_have_the_same_bits(name, dtype, monkeypatch):
     """From arrays at any place: whole vectors where arrays begin with one, else not past the caches at all."""
     from twistwrench.compiler.lowering import lower
 
-    monkeypatch.setattr(lower, "LONG", 0)
+    monkeypatch.setattr(lower, "MAX_INSTRUCTIONS", 0)
     monkeypatch.setattr(large_robots, "COLUMN_LOOP_FROM", 0)
     robot = random_robot(3, 4, ("revolute", "prismatic"), floating_base=True)
     arrays = [x.astype(dtype) for x in states(robot)][: None if name == NAME else 1]

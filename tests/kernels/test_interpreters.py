@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.lowering.numpy_kernels import NumpyKernel
 from twistwrench.compiler.runtime import batch_threads, dispatch, dispatch_ir, gufunc, interpreter
 
 WAIT = 120.0

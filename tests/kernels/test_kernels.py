@@ -11,8 +11,8 @@ import pytest
 import twistwrench as tw
 from twistwrench.compiler.ir.program import Program
 from twistwrench.compiler.ir.tracer import trace
-from twistwrench.compiler.lowering.lower import CUT_OUTPUTS, WIDE
-from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.lowering.lower import CUT_OUTPUTS, MAX_UNCUT_OUTPUTS
+from twistwrench.compiler.lowering.numpy_kernels import NumpyKernel
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, host
 from twistwrench.compiler.runtime.gufunc import make_ufunc
 from twistwrench.core.errors import KernelError
@@ -214,7 +214,7 @@ def wide() -> Program:
         return W, np.array([W[-1, -1], W[0, 0], made[-1], x[3], 1.0], object)
 
     program = trace(results, [("x", (7,))], ["W", "y"])
-    assert len(program.results) > max(WIDE, 10 * CUT_OUTPUTS)
+    assert len(program.results) > max(MAX_UNCUT_OUTPUTS, 10 * CUT_OUTPUTS)
     return program
 
 

@@ -68,8 +68,8 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_0
     """The kernel in one function, and the kernel in sections of so many instructions, five to a module."""
     whole = make_ufunc(program, "whole", "")
     whole(*states(program, 1, np.float32))  # single precision is compiled at its first call
-    for name, value in (("LONG", 0), ("PARTITION", section), ("EACH", 5)):
-        monkeypatch.setattr(lower if name == "LONG" else partition, name, value)
+    for name, value in (("MAX_INSTRUCTIONS", 0), ("PARTITION", section), ("EACH", 5)):
+        monkeypatch.setattr(lower if name == "MAX_INSTRUCTIONS" else partition, name, value)
     monkeypatch.setattr(batch_loop, "ON_STACK", on_stack)
     cut = make_ufunc(program, "cut", "")
     cut(*states(program, 1, np.float32))
@@ -83,7 +83,7 @@ def both_ways(monkeypatch, program: Program, section: int, on_stack: int = 100_0
 @pytest.mark.parametrize(("section", "on_stack"), [(50, 100_000), (170, 0)], ids=["short", "in memory"])
 def test_sections_change_no_bit(bundled, monkeypatch, name, quantity, section, on_stack):
     program = bundled(name).program(quantity)
-    monkeypatch.setattr(lower, "LONG", len(program.instructions))
+    monkeypatch.setattr(lower, "MAX_INSTRUCTIONS", len(program.instructions))
     whole, cut = both_ways(monkeypatch, program, section, on_stack)
     for dtype in (np.float64, np.float32):
         arrays = states(program, COUNT, dtype)
@@ -168,7 +168,7 @@ def test_without_memory_results_are_nan(bundled, monkeypatch):
     assert "declare ptr @malloc(i64)" in text
     none = "define internal ptr @malloc(i64 %size) noinline {\n  ret ptr null\n}"
     monkeypatch.setattr(lower, "assembly", lambda *_: text.replace("declare ptr @malloc(i64)", none))
-    monkeypatch.setattr(lower, "LONG", len(program.instructions))
+    monkeypatch.setattr(lower, "MAX_INSTRUCTIONS", len(program.instructions))
     kernel = make_ufunc(program, "starved", "")
     out = np.zeros((3, 7, 7, 2))
     assert np.isnan(kernel(np.zeros((3, 7)), out=out[..., 0])).all()
@@ -198,7 +198,7 @@ def wide() -> Program:
 def test_wide_results_need_no_large_stack(monkeypatch, way):
     program = wide()
     if way != "usual":
-        monkeypatch.setattr(lower, "LONG", 0 if way == "cut" else 10**9)
+        monkeypatch.setattr(lower, "MAX_INSTRUCTIONS", 0 if way == "cut" else 10**9)
     kernel = make_ufunc(program, "wide", "")
     x = np.random.default_rng(2).normal(size=(COUNT, 4))
     expected = np.einsum("ni,nj->nij", np.tile(x, 75), np.tile(x, 10))
@@ -207,7 +207,7 @@ def test_wide_results_need_no_large_stack(monkeypatch, way):
 
 
 def test_a_program_without_end_is_refused(bundled, monkeypatch):
-    monkeypatch.setattr(tracing, "LARGEST", 500)
+    monkeypatch.setattr(tracing, "MAX_EXPRESSIONS", 500)
     with pytest.raises(tw.KernelError, match=r"more than 500 operations a state.*reference"):
         bundled("panda").program("inverse_dynamics")
 
@@ -395,8 +395,8 @@ def test_a_long_chain_s_christoffel_symbols_are_refused_in_bounded_memory():
 
 def test_codes_of_several_modules_come_from_the_cache(bundled, monkeypatch):
     program = bundled("planar_2r").program("forward_dynamics")
-    for name, value in (("LONG", 0), ("PARTITION", 10), ("EACH", 2)):
-        monkeypatch.setattr(lower if name == "LONG" else partition, name, value)
+    for name, value in (("MAX_INSTRUCTIONS", 0), ("PARTITION", 10), ("EACH", 2)):
+        monkeypatch.setattr(lower if name == "MAX_INSTRUCTIONS" else partition, name, value)
     assert len(list(lower.modules(program, DOUBLE, host()))) > 2
     assert not jit.compile_form(program, DOUBLE).cached
     assert jit.compile_form(program, DOUBLE).cached

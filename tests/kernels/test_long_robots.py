@@ -10,7 +10,7 @@ import pytest
 import twistwrench as tw
 from twistwrench.compiler.ir.loops import Products
 from twistwrench.compiler.ir.program import Program
-from twistwrench.compiler.lowering.reference_interpreter import NumpyProducts
+from twistwrench.compiler.lowering.numpy_kernels import NumpyProducts
 from twistwrench.compiler.lowering.target_machine import SINGLE, host
 from twistwrench.compiler.runtime.gufunc import owner_of
 from twistwrench.robot import Robot

@@ -13,8 +13,9 @@ import pytest
 from twistwrench.compiler.ir.tracer import trace
 from twistwrench.compiler.lowering.lower import modules
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, chosen
-from twistwrench.compiler.runtime import elf_loader, jit
-from twistwrench.compiler.runtime.elf_loader import UnsupportedObject, load_objects
+from twistwrench.compiler.runtime import elf_loader, executable_memory, jit
+from twistwrench.compiler.runtime.elf_loader import load_objects
+from twistwrench.compiler.runtime.executable_memory import UnsupportedObject
 from twistwrench.compiler.runtime.gufunc import make_ufunc, owner_of
 
 pytestmark = pytest.mark.skipif(
@@ -160,9 +161,9 @@ def test_where_the_system_refuses_llvm_links(monkeypatch, why):
         raise OSError(12, "Cannot allocate memory")
 
     if why == "memory":
-        monkeypatch.setattr(elf_loader.mmap, "mmap", no_memory)
+        monkeypatch.setattr(executable_memory.mmap, "mmap", no_memory)
     else:
-        monkeypatch.setattr(elf_loader, "_process", lambda: SimpleNamespace(mprotect=lambda *_: -1))
+        monkeypatch.setattr(executable_memory, "_process", lambda: SimpleNamespace(mprotect=lambda *_: -1))
     kernel = make_ufunc(LINE, "line", "")
     assert not isinstance(owner_of(kernel).code["d"].keep, elf_loader.LoadedObject)
     assert kernel(0.5) == 3.0 * np.sin(0.5) + 0.5

@@ -13,9 +13,10 @@ from twistwrench.compiler.ir.program import axes_of
 from twistwrench.compiler.lowering import batch_loop
 from twistwrench.compiler.lowering.lower import modules
 from twistwrench.compiler.lowering.target_machine import DOUBLE, LOOP, SINGLE, Machine, chosen
-from twistwrench.compiler.runtime import elf_loader, jit
+from twistwrench.compiler.runtime import elf_loader, executable_memory, jit
 from twistwrench.compiler.runtime.dispatch_ir import loop_steps
-from twistwrench.compiler.runtime.elf_loader import ExecutableMemory, UnsupportedObject, load_objects
+from twistwrench.compiler.runtime.elf_loader import load_objects
+from twistwrench.compiler.runtime.executable_memory import ExecutableMemory, UnsupportedObject
 from twistwrench.compiler.runtime.gufunc import make_ufunc
 
 pytestmark = pytest.mark.skipif(
@@ -139,8 +140,8 @@ class Kernel32:
 def test_windows_gives_pages_to_write_then_to_run_and_takes_them_back_whole(monkeypatch):
     """Numbers of winnt.h: MEM_COMMIT and MEM_RESERVE, PAGE_READWRITE, PAGE_EXECUTE_READ; MEM_RELEASE takes a size of 0."""
     system = Kernel32()
-    monkeypatch.setattr(elf_loader.sys, "platform", "win32")
-    monkeypatch.setattr(elf_loader, "_kernel32", lambda: system)
+    monkeypatch.setattr(executable_memory.sys, "platform", "win32")
+    monkeypatch.setattr(executable_memory, "_kernel32", lambda: system)
     pages = ExecutableMemory.from_image(np.full(100, 0xC3, np.uint8))
     at = pages.address
     assert (at, system.memory.raw[:101]) == (ctypes.addressof(system.memory), b"\xc3" * 100 + b"\0")

@@ -10,8 +10,7 @@ from random_trees import DIFFERENCES, ROUNDING, frames, tree
 from twistwrench import Robot, SpatialInertia
 from twistwrench.core.errors import ValueRangeError
 from twistwrench.mechanics.algorithms.closed_form import closed_form
-from twistwrench.testing import assert_close, derivative_along, random_robot, random_state, strategies
-from twistwrench.testing import verify as laws
+from twistwrench.testing import assert_close, derivative_along, laws, random_robot, random_state, strategies
 
 pytest_plugins = ("random_tree_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

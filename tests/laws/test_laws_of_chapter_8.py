@@ -23,11 +23,11 @@ from twistwrench.testing import (
     assert_close,
     derivative,
     derivative_along,
+    laws,
     random_robot,
     random_state,
     relative_gap,
 )
-from twistwrench.testing import verify as laws
 
 pytest_plugins = ("random_tree_fixtures",)
 pytestmark = pytest.mark.usefixtures("on_numpy")

@@ -10,8 +10,7 @@ import pytest
 from quick import mostly_slow
 
 import twistwrench as tw
-from twistwrench.testing import assert_close, derivative, random_robot, random_state
-from twistwrench.testing import verify as laws
+from twistwrench.testing import assert_close, derivative, laws, random_robot, random_state
 
 ARMATURE = {"joint1": 0.3, "joint2": 0.05}
 

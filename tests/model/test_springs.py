@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
-from twistwrench.testing import State, assert_close, random_state
-from twistwrench.testing import verify as laws
+from twistwrench.testing import State, assert_close, laws, random_state
 
 J, G, K = 1e-4, 50.0, 800.0
 

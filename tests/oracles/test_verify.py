@@ -234,8 +234,8 @@ def test_a_slide_without_gravity_agrees_though_nothing_is_left_of_its_coriolis_f
 
 @pytest.mark.parametrize("off, code", [(0.0, 0), (1e-6, 1), (np.nan, 1)])
 def test_the_command_ends_with_1_where_a_check_disagrees(monkeypatch, off, code):
-    monkeypatch.setattr(module, "_LAWS", (("a law", "what it compares", 1e-9, lambda _robot, _at: off),))
-    monkeypatch.setattr(module, "_PEERS", ())
+    monkeypatch.setattr(module, "LAWS", (("a law", "what it compares", 1e-9, lambda _robot, _at: off),))
+    monkeypatch.setattr(module, "PEERS", ())
     done = CliRunner().invoke(main, ["verify", "pendulum"])
     assert done.exit_code == code, done.output
     assert ("DISAGREES" in done.output) is bool(code)

@@ -24,7 +24,7 @@ from random_trees import tree
 import twistwrench as tw
 from twistwrench.compiler.ir.program import Program
 from twistwrench.compiler.ir.tracer import trace
-from twistwrench.compiler.lowering import reference_interpreter, target_machine
+from twistwrench.compiler.lowering import numpy_kernels, target_machine
 from twistwrench.compiler.lowering.lower import assembly
 from twistwrench.compiler.lowering.target_machine import DOUBLE, SINGLE, X86_LEVELS, Machine, choices, chosen, host
 from twistwrench.compiler.runtime import gufunc
@@ -138,8 +138,8 @@ def test_without_fused_products_every_operation_is_numpys(made_for, monkeypatch,
     program, arrays = case(name, quantity, precision.char)
     functions = made_for(FUNCTIONS, vector_bits=128, fused=False)
     for k, op in enumerate(("sin", "cos", "exp")):
-        monkeypatch.setitem(reference_interpreter._FUNCTIONS, op, lambda x, k=k: functions(x)[k])
-    oracle = reference_interpreter.NumpyKernel(program, name, "")(*arrays)
+        monkeypatch.setitem(numpy_kernels._FUNCTIONS, op, lambda x, k=k: functions(x)[k])
+    oracle = numpy_kernels.NumpyKernel(program, name, "")(*arrays)
     found = made_for(program, vector_bits=256, fused=False)(*arrays)
     pairs = zip(*(x if isinstance(x, tuple) else (x,) for x in (found, oracle)), strict=True)
     assert all(np.array_equal(a, b) and a.dtype == b.dtype for a, b in pairs)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from twistwrench import robots
 from twistwrench.compiler.ir.program import FUSED, Program
 from twistwrench.compiler.ir.tracer import Trace, trace
-from twistwrench.compiler.lowering.reference_interpreter import CHUNK, NumpyKernel
+from twistwrench.compiler.lowering.numpy_kernels import CHUNK, NumpyKernel
 
 
 def traced(function, inputs="xyzw") -> Program:

@@ -15,7 +15,7 @@ from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench.compiler.ir.program import FUSED, Program
-from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.lowering.numpy_kernels import NumpyKernel
 from twistwrench.mechanics.lie import se3
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.robot import Robot

@@ -13,7 +13,7 @@ import twistwrench as tw
 from twistwrench.compiler.ir.autodiff import along, gradient, jacobian, work
 from twistwrench.compiler.ir.program import ARITY, FUSED, Program
 from twistwrench.compiler.ir.tracer import Trace, trace
-from twistwrench.compiler.lowering.reference_interpreter import NumpyKernel
+from twistwrench.compiler.lowering.numpy_kernels import NumpyKernel
 from twistwrench.testing import assert_close
 
 ROUNDING = 1e-13

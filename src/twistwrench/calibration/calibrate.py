@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-import numpy as np
-
 from ..core import arguments
 from ..core.errors import ShapeError, ValueRangeError
 from ..core.glossary import complete
@@ -18,7 +16,7 @@ from .doubts import doubts_of
 from .fit import CalibrationProblem
 from .groups import fitted_in_groups
 from .held_out import cross_validated, error_of_test
-from .measurements import MIN_CONFIGURATIONS, Measurements, ReadingKind, read_measurements
+from .measurements import MIN_CONFIGURATIONS, Measurements, ReadingKind, length_and_angle, read_measurements
 from .result import CalibratedRobot
 
 MeasurementsGiven: TypeAlias = str | Path | Measurements
@@ -94,8 +92,7 @@ def calibrate(
     (True, True)
     """
     arguments.choice(outliers, "outliers", ("trim", "keep"))
-    length_accuracy, axis_accuracy = (arguments.positive(x, "file_accuracy") for x in np.broadcast_to(file_accuracy, 2))
-    accuracy = length_accuracy, axis_accuracy
+    accuracy = length_and_angle(file_accuracy, "file_accuracy")
     arm = robot if isinstance(robot, Robot) else load(robot)
     chain = TipChain.from_robot(arm, tip, [assume] if isinstance(assume, str) else assume)
 

@@ -37,8 +37,9 @@ def doubts_of(found: CalibratedRobot) -> list[Doubt]:
     """All doubts, the most severe first."""
     contradictions = computed_doubts(found) or step_doubts(found) or reading_doubts(found)
     readings = [*_contradictory_rows(found), *contradictions]
-    if any(one.refuses for one in readings):
-        return [one for one in readings if one.refuses]
+    refusing = [one for one in readings if one.refuses]
+    if refusing:
+        return refusing
     offered = _causes_to_name([*effect_doubts(found), *instrument_doubts(found)])
     explained = any(one.level != "note" for one in offered)
     doubts = [*readings, *offered, *_unseen_effects(found)]
@@ -51,9 +52,6 @@ def _causes_to_name(every: list[Offered]) -> list[Doubt]:
     """Causes that lower the residual: the best of them; and those that leave it, as a scale does."""
     best = min(every, key=lambda one: one.left, default=None)
     return [one.doubt for one in every if one is best or one.left > _MIN_UNEXPLAINED]
-
-
-# ── Readings without a model
 
 
 def _contradictory_rows(found: CalibratedRobot) -> Iterator[Doubt]:
@@ -70,7 +68,7 @@ def _contradictory_rows(found: CalibratedRobot) -> Iterator[Doubt]:
     outliers = found.outliers
     if not outliers:
         return
-    share = len(outliers) / sum(m.count for m in found.fit.problem.measured)
+    share = len(outliers) / found.fit.problem.count
     rows = listed([f"row {row} by {millimetres(size)}" for row, size in outliers], 5)
     yield doubt(
         "calibration-outlier", level="note" if share <= _FEW_OUTLIERS else "unsure", rows=rows,
@@ -91,9 +89,6 @@ def _duplicates(found: CalibratedRobot, q: Array, labels: Array) -> Iterator[Dou
         rows = np.flatnonzero(copied)
         pairs = listed([f"{row} of {other[row]}" for row in rows], 5)
         yield doubt("calibration-duplicate", rows=pairs, found={"value": float(rows[0])})
-
-
-# ── What the measurements cannot see
 
 
 def _unseen_effects(found: CalibratedRobot) -> Iterator[Doubt]:

@@ -203,6 +203,11 @@ class CalibrationProblem:
 
     # ── Solution
 
+    @property
+    def count(self) -> int:
+        """Number of readings."""
+        return sum(m.count for m in self.measured)
+
     def solve(self, start: Estimate | None = None, *, frames_only: bool = False) -> CalibrationFit:
         """Least squares from a start; with ``frames_only``, of targets and tip alone."""
         state = self.start() if start is None else start

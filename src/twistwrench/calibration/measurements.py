@@ -41,6 +41,12 @@ MAX_JOINT_DIFFERENCE = 1e-9
 """Largest difference of the joints at one configuration [rad, m]."""
 
 
+def length_and_angle(values: float | tuple[float, float] | Array, name: str) -> tuple[float, float]:
+    """Two positive numbers, for lengths [m] and angles [rad], from two or from one for both."""
+    length, angle = [arguments.positive(x, name) for x in np.broadcast_to(values, 2).tolist()]
+    return length, angle
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Measurements:
     """Configurations of the joints, and readings of the tip there.
@@ -100,8 +106,7 @@ class Measurements:
         if self.targets is not None:
             values["targets"] = tuple(map(str, self.targets))
         if self.noise is not None:
-            size = [arguments.positive(x, "noise") for x in np.broadcast_to(self.noise, 2).tolist()]
-            values["noise"] = tuple(size)
+            values["noise"] = length_and_angle(self.noise, "noise")
         if self.length is not None:
             values["length"] = arguments.positive(self.length, "length", "m")
         for name, value in values.items():
@@ -117,7 +122,9 @@ class Measurements:
             has = 0 if given is None else len(given)
             raise ValueRangeError(f"kind {kind} has {has} readings for {wanted[str(kind)]}. Give one for each.")
         for name in ("q", "positions", "distances"):
-            values = np.abs(np.zeros(0) if getattr(self, name) is None else getattr(self, name))
+            if getattr(self, name) is None:
+                continue
+            values = np.abs(getattr(self, name))
             if values.size and values.max() > MAX_VALUE:
                 row = int(np.unravel_index(values.argmax(), values.shape)[0])
                 raise ValueRangeError(
@@ -481,7 +488,8 @@ class _MeasurementFile:
 
 def rotations_from_roll(angles: Array) -> Array:
     """Rotations (n, 3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
-    x, y, z = (np.asarray(so3.exp(angles[:, k, None] * np.eye(3)[k])) for k in range(3))
+    turns = angles[:, :, None] * np.eye(3)  # one around each axis
+    x, y, z = np.moveaxis(np.asarray(so3.exp(turns)), 1, 0)
     return np.asarray(z @ y @ x)
 
 

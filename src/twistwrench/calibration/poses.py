@@ -26,7 +26,7 @@ from ..shapes.capsules import CapsuleDistances, LinkCapsules
 from .chain import Corrections, TipChain
 from .fit import CalibrationFit, CalibrationProblem, Estimate
 from .groups import ParameterGroups, Remaining
-from .measurements import Measurements, read_measurements
+from .measurements import Measurements, length_and_angle, read_measurements
 from .targets import CentreTarget, FrameTarget, MeasuredTarget, PairTarget
 
 PlannedKind = Literal["pose", "position", "distance", "pair"]
@@ -176,10 +176,11 @@ class MeasuringPoses(Answer):
         names, factors = coordinates.headers(degrees=degrees), np.ones(len(coordinates.names))
         if degrees:
             factors[coordinates.angular] = np.degrees(1.0)
-        pairs = self.kind == "pair"
-        with csv_table(path, [*names, *(["pair"] if pairs else [])]) as table:
+        in_pairs = self.kind == "pair"
+        with csv_table(path, [*names, "pair"] if in_pairs else names) as table:
             for row, q in enumerate(self.q * factors):
-                table.row([*q, *([row ^ 1] if pairs else [])])
+                partner = row ^ 1  # 0 and 1, 2 and 3, ...
+                table.row([*q, partner] if in_pairs else q)
         return Path(path)
 
 
@@ -246,8 +247,8 @@ def measuring_poses(
     if not 3 <= most <= _MAX_READINGS:
         raise ValueRangeError(f"count is {most}. Plan 3 to {_MAX_READINGS:,} readings, better 30.")
     arguments.choice(kind, "kind", ("pose", "position", "distance", "pair"))
-    length, angle = (arguments.positive(x, "noise") for x in np.broadcast_to(NOISE if noise is None else noise, 2))
-    accuracy = tuple(arguments.positive(x, "file_accuracy") for x in np.broadcast_to(file_accuracy, 2))
+    length, angle = length_and_angle(NOISE if noise is None else noise, "noise")
+    accuracy = length_and_angle(file_accuracy, "file_accuracy")
     arm = robot if isinstance(robot, Robot) else load(robot)
     chain = TipChain.from_robot(arm, tip, [assume] if isinstance(assume, str) else assume)
     goal = None
@@ -265,7 +266,7 @@ def measuring_poses(
     at, off_axis = _start(chain, existing)
     capsules = _capsules(arm, clear=clear, floor=floor)
     q = _clear_configurations(chain, at, capsules, goal if kind != "distance" else None, seed)
-    design = _Design(chain, at, existing, (length, angle), (accuracy[0], accuracy[1]))
+    design = _Design(chain, at, existing, (length, angle), accuracy)
     candidates = _expected_readings(chain, at, q, kind, goal)
     if candidates.count < most:
         raise ValueRangeError(

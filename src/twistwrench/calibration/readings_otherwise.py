@@ -71,14 +71,18 @@ def reading_doubts(found: CalibratedRobot) -> list[Doubt]:
     """Doubts of readings that fit much better if taken otherwise; of readings that no alternative explains."""
     fit = found.fit
     turn = max((float(np.sqrt(np.mean(t**2))) for t in fit.turns if t.size), default=0.0)
-    many = len(fit.outliers) > _MANY_OUTLIERS * sum(m.count for m in fit.problem.measured)
+    many = len(fit.outliers) > _MANY_OUTLIERS * fit.problem.count
     improved = fit.rms < _MIN_RESIDUAL_SHARE * found.before or found.needs_nothing
     explained = fit.rms < _MIN_RESIDUAL and turn < _MIN_TURN and improved and not many
     if explained and not _has_large_zero(found):
         return []
     problem = replace(fit.problem, independent=None)
-    plain = _misfit(found.plain if explained else replace(problem, keep_outliers=True).solve())
-    best = _best_convention(problem, plain) if explained else _best(problem, plain)
+    if explained:
+        plain = _misfit(found.plain)
+        best = _best_convention(problem, plain)
+    else:
+        plain = _misfit(replace(problem, keep_outliers=True).solve())
+        best = _best(problem, plain)
     if best is not None:
         one, misfit = best
         return [
@@ -100,15 +104,23 @@ def _has_large_zero(found: CalibratedRobot) -> bool:
 
 def _best_convention(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
     """Alternative with which the file is nearly right, where the fit has moved a zero all the way."""
-    tried = [(_misfit_with(problem, one, frames_only=True), k, one) for k, one in enumerate(_alternatives(problem))]
-    misfit, _, one = min(tried, key=lambda entry: entry[:2])
-    return (one, misfit) if misfit < _MIN_RESIDUAL_SHARE * plain else None
+    misfit, _, alternative = _by_misfit(problem)[0]
+    if misfit < _MIN_RESIDUAL_SHARE * plain:
+        return alternative, misfit
+    return None
+
+
+def _by_misfit(problem: CalibrationProblem) -> list[tuple[float, int, Alternative]]:
+    """Misfit with targets and tip alone, number and alternative; the best first, equal ones in their order."""
+    fits = []
+    for k, alternative in enumerate(_alternatives(problem)):
+        fits.append((_misfit_with(problem, alternative, frames_only=True), k, alternative))
+    return sorted(fits, key=lambda entry: entry[:2])
 
 
 def _best(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
     """Alternative that more than halves the misfit: the three best of targets and tip alone are fitted in full."""
-    first = [(_misfit_with(problem, one, frames_only=True), k, one) for k, one in enumerate(_alternatives(problem))]
-    best = sorted(first, key=lambda entry: entry[:2])[:_FULL_FITS]
+    best = _by_misfit(problem)[:_FULL_FITS]
     full = [_misfit_with(problem, one, frames_only=False) for _, _, one in best]
     alike = [k for k, misfit in enumerate(full) if misfit <= max(_MAX_EQUAL_RATIO * min(full), _MIN_RESIDUAL)]
     if not min(full) < min(_MAX_MISFIT_SHARE * plain, _NOTHING_FITS):
@@ -130,11 +142,10 @@ def _misfit_with(problem: CalibrationProblem, one: Alternative, *, frames_only: 
 
 def _misfit(fit: CalibrationFit) -> float:
     """Upper quartile of the residuals [m], with angles times 0.3 m: outliers do not matter."""
-    sizes = [np.hypot(e, _LEVER * turn) if turn.size else e for e, turn in zip(fit.errors, fit.turns, strict=True)]
+    sizes = []
+    for error, turn in zip(fit.errors, fit.turns, strict=True):
+        sizes.append(np.hypot(error, _LEVER * turn) if turn.size else error)
     return float(np.quantile(np.concatenate(sizes), 0.75))
-
-
-# ── Alternatives
 
 
 def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
@@ -250,9 +261,6 @@ _ANGLES: dict[str, Callable[[Array], Array]] = {
     "roll, pitch, yaw": partial(_read_again, angles=so3.log, rotations=rotations_from_roll),
 }
 """Orientations read by other conventions."""
-
-
-# ── Sag and gears
 
 
 def effect_doubts(found: CalibratedRobot) -> Iterator[Offered]:

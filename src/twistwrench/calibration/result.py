@@ -225,7 +225,8 @@ class CalibratedRobot(Answer):
     def remaining_before(self) -> float:
         """Predicted error of the tip [m] (rms) with the file as it is: change by the calibration, and what remains."""
         chain = self.fit.problem.chain
-        after, before = (chain.tips(self.reference, fit.state.corrections)[:, :3, 3] for fit in (self.fit, self.plain))
+        after = chain.tips(self.reference, self.fit.state.corrections)[:, :3, 3]
+        before = chain.tips(self.reference, self.plain.state.corrections)[:, :3, 3]
         X = rigid_motion(before, after)
         moved = ((after - before @ X[:3, :3].T - X[:3, 3]) ** 2).sum(axis=1).mean()
         return float(np.hypot(np.sqrt(moved), self.remaining.rms))
@@ -323,18 +324,16 @@ class CalibratedRobot(Answer):
         pairs = {}
         for name in ("zeros", "sag", "gears"):
             pairs[name] = {joint: list(pair) for joint, pair in getattr(self, name).items()}
-        groups = [
-            {"name": g.text, "terms": dict(g.terms), "value": g.value, "low": low, "high": high, "unit": g.unit}
-            for g, (low, high) in zip(self._group_list, self.interval().tolist(), strict=True)
-        ]
+        groups, doubts = [], []
+        for group, (low, high) in zip(self._group_list, self.interval().tolist(), strict=True):
+            limits = {"value": group.value, "low": low, "high": high, "unit": group.unit}
+            groups.append({"name": group.text, "terms": dict(group.terms), **limits})
+        for doubt in self.doubts:
+            name, joints = doubt.kind.removeprefix(PREFIX), list(doubt.joints)
+            entry = {"name": name, "joints": joints, "value": doubt.value, "unit": doubt.unit, "sentence": str(doubt)}
+            doubts.append(entry)
         return super().to_dict() | {
-            "doubts": [
-                {
-                    "name": d.kind.removeprefix(PREFIX), "joints": list(d.joints), "value": d.value, "unit": d.unit,
-                    "sentence": str(d),
-                }
-                for d in self.doubts
-            ],
+            "doubts": doubts,
             "before": self.before,
             "held_out": {
                 "rms": self.held_out.rms, "max": self.held_out.max, "poses": self.held_out.poses, "angle": self.held_out.angle,

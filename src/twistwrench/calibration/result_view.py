@@ -113,7 +113,7 @@ def _largest(found: CalibratedRobot) -> str:
 def _errors(found: CalibratedRobot) -> Iterator[Table]:
     """Errors before and after: one table of the tip; two if the readings are not its places."""
     measured = [
-        ("before, with the file", found.before, None, sum(m.count for m in found.fit.problem.measured)),
+        ("before, with the file", found.before, None, found.fit.problem.count),
         ("after, held out", found.held_out.rms, found.held_out.max, found.held_out.poses),
     ]
     remaining = ("predicted to remain", found.remaining.rms, found.remaining.worst, len(found.reference))

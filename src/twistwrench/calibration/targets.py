@@ -65,9 +65,6 @@ class MeasuredTarget(ABC):
         return np.eye(4)
 
 
-# ── Frames: poses and positions
-
-
 def _nearest_rotation(M: Array) -> Array:
     """Rotation R with the largest trace of R' M."""
     U, _, V = np.linalg.svd(M)
@@ -145,9 +142,6 @@ def turn_of_target(measured: Array, turned: Array) -> Array:
     return _nearest_rotation(inverse * np.sign(np.linalg.det(inverse))).T
 
 
-# ── Distances from a centre, and between two places of the tip
-
-
 @dataclass(frozen=True, eq=False)
 class CentreTarget(MeasuredTarget):
     """Fixed end of a ball bar or of a string."""
@@ -201,9 +195,6 @@ class PairTarget(MeasuredTarget):
         return ReadingRows(
             (far - self.given.sizes)[:, None], u @ (linear[first] - linear[second]), np.zeros((len(u), 1, 0))
         )
-
-
-# ── Touches: points, planes and spheres
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,7 +60,8 @@ def doctor_command(
 
     Exit code: 1 with errors or warnings.
     """
-    for folder in meshes if isinstance(meshes, list) else ():
+    folders = meshes if isinstance(meshes, list) else []
+    for folder in folders:
         if not Path(folder).is_dir():
             raise ValueRangeError(
                 f"--meshes {folder!r} is not a folder. Give the one that holds the meshes or their package."

@@ -107,8 +107,11 @@ def _quantity(text: str) -> tuple[str, dict[str, Any]]:
     """Parse ``name:option=value,…`` into name and options."""
     name, colon, rest = text.partition(":")
     form = "OPTION=VALUE, as in jacobian:frame=tool0,kind=space"
-    options = assignments(rest.split(",") if colon else (), f"--quantity {text!r}:", form)
-    return name.strip(), {k: tuple(value.split("+")) if k in _LISTS else value for k, value in options.items()}
+    entries = rest.split(",") if colon else []
+    options: dict[str, Any] = dict(assignments(entries, f"--quantity {text!r}:", form))
+    for key in options.keys() & set(_LISTS):
+        options[key] = tuple(options[key].split("+"))
+    return name.strip(), options
 
 
 # ── ``convert``: a robot into a file of another format

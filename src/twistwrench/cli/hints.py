@@ -38,14 +38,19 @@ def unknown_command(word: str, known: Iterable[str]) -> str:
     """Sentence on a command that does not exist: the robot's commands, the command of another name, or similar ones."""
     from ..core.first_calls import rows_of, similar_names
 
-    if robot := _robot_hint(word):
-        return robot
+    robot_hint = _robot_hint(word)
+    if robot_hint:
+        return robot_hint
     text = f"No such command {word!r}."
-    if rows := rows_of(word, "command"):
+    rows = rows_of(word, "command")
+    if rows:
         use = rows[0].use
-        return f"{text} {'Use' if use.startswith('twistwrench') else 'In Python:'} {use}."
+        where = "Use" if use.startswith("twistwrench") else "In Python:"
+        return f"{text} {where} {use}."
     near = similar_names(word, known)
-    return f"{text} Did you mean {near}?" if near else text
+    if near:
+        text += f" Did you mean {near}?"
+    return text
 
 
 def _robot_hint(word: str) -> str:
@@ -74,13 +79,22 @@ def unknown_option(error: click.NoSuchOption, typed: list[str]) -> str:
         if use in known or not use.startswith("-"):
             robot = next((word for word in typed[1:] if not word.startswith("-")), "ROBOT")
             differs = row.differs.format(command=error.ctx.info_name, robot=robot, name=Path(robot).stem)
-            meant = "" if row.only else f" Did you mean {row.use}?"
-            return f"{text}{meant}{f' {differs[0].upper()}{differs[1:]}.' if differs else ''}"
+            if not row.only:
+                text += f" Did you mean {row.use}?"
+            if differs:
+                text += f" {differs[0].upper()}{differs[1:]}."
+            return text
     near = similar_names(name, known)
-    return f"{text} Did you mean {near.replace(chr(39), '')}?" if near else text
+    if near:
+        text += f" Did you mean {near.replace(chr(39), '')}?"
+    return text
 
 
 def missing_parameter(error: click.MissingParameter) -> str:
     """Sentence on a missing argument with its meaning, or on a missing option."""
-    name = (error.param.metavar or "").strip("[].") if isinstance(error.param, click.Argument) else ""
-    return f"Missing {name}: {MEANINGS[name]}." if name in MEANINGS else error.format_message()
+    name = ""
+    if isinstance(error.param, click.Argument):
+        name = (error.param.metavar or "").strip("[].")
+    if name in MEANINGS:
+        return f"Missing {name}: {MEANINGS[name]}."
+    return error.format_message()

@@ -11,8 +11,8 @@ from typing import Any, Literal, TypeAlias
 import click
 
 from ..core.errors import UnknownNameError, ValueRangeError
-from ..core.third_party import workers_of
 from ..core.verdict import Word
+from ..core.workers import workers_of
 from ..formats.actuators import read_log_side
 from ..identification.actuator_text import OF_COUPLED_MOTORS
 from ..identification.exciting_trajectory import ExcitingMotion, excite
@@ -57,7 +57,9 @@ def parse_friction(text: str, _flag: str = "") -> tuple[str, ...]:
     >>> parse_friction("viscous, offset"), parse_friction("none")
     (('viscous', 'offset'), ())
     """
-    return () if text.strip() == "none" else tuple(name.strip() for name in text.split(","))
+    if text.strip() == "none":
+        return ()
+    return tuple(name.strip() for name in text.split(","))
 
 
 def _number(text: str, flag: str) -> float | None:
@@ -194,7 +196,8 @@ def identify_command(
     if add is not None:
         raise ValueRangeError(f"--add and --information are gone: give all logs at once. {_ALL_LOGS}")
     _check_payload(payload_only, outputs.flags)
-    fitted, predicted = ([str(path) for path in log_paths(given, robot.source)] for given in (logs, test))
+    fitted = [str(path) for path in log_paths(logs, robot.source)]
+    predicted = [str(path) for path in log_paths(test, robot.source)]
     names = shared.parse_columns(columns, [*fitted, *predicted])
     if command_hold is not None and not from_commands:
         raise ValueRangeError("--command-hold belongs to --from-commands. Add it, or leave it out.")
@@ -222,9 +225,11 @@ def _servos(
     robot: Robot, logs: Sequence[str], test: Sequence[str], hold: CommandHold, reading: dict[str, Any], asked: Asked
 ) -> IdentifiedServos:
     """Servos from logs of commands and positions."""
-    if ignored := [name for name in asked if name not in _OF_SERVOS]:
+    ignored = [name for name in asked if name not in _OF_SERVOS]
+    if ignored:
         raise ValueRangeError(f"--{ignored[0].replace('_', '-')} is for torques. Leave it out with --from-commands.")
-    fitted, predicted = ([Motion.from_file(path, robot, **reading) for path in paths] for paths in (logs, test))
+    fitted = [Motion.from_file(path, robot, **reading) for path in logs]
+    predicted = [Motion.from_file(path, robot, **reading) for path in test]
     with progress_bar("identifying") as progress:
         return identify_servos(robot, fitted, test=predicted, hold=hold, progress=progress, **asked)
 
@@ -244,13 +249,18 @@ def _with_motors(
     if file is None:
         return robot, None
     couplings = read_log_side(robot.model, file).couplings
-    known = [*robot.model.velocity_names, *locked, *(motor for c in couplings for motor in c.motors)]
-    if others := [name for name in file.entries.get("actuators") or () if name not in known]:
-        raise UnknownNameError(f"{file}: {UnknownNameError.from_choices('joint', others[0], known)}")
+    known = [*robot.model.velocity_names, *locked]
+    for coupling in couplings:
+        known += coupling.motors
+    for name in file.entries.get("actuators") or ():
+        if name not in known:
+            raise UnknownNameError(f"{file}: {UnknownNameError.from_choices('joint', name, known)}")
     side = motor_side(robot.model, file)
     if couplings and writes_actuators:
         raise ValueRangeError(f"--out-actuators: {OF_COUPLED_MOTORS}; --json has the results.")
-    return robot if side.names else Robot(with_couplings(robot.model, couplings)), side
+    if side.names:
+        return robot, side
+    return Robot(with_couplings(robot.model, couplings)), side
 
 
 def _plan_files(
@@ -269,12 +279,17 @@ def _plan_files(
         outputs.leave_out_all_but("--json", "--plot")
         return
     given: Mapping[str, object] | None = None if robot.drives is None else robot.drives.entries
-    names = ["+".join(Path(part).name for part in log.split("+")) for log in logs]
+    names = []
+    for log in logs:
+        parts = [Path(part).name for part in log.split("+")]
+        names.append("+".join(parts))
 
     def write(found: Identified, path: str) -> None:
         if path != (out or actuators):
             return
-        further: dict[str, Any] = {"given": given, "logs": names} if isinstance(found, IdentifiedRobot) else {}
+        further: dict[str, Any] = {}
+        if isinstance(found, IdentifiedRobot):
+            further = {"given": given, "logs": names}
         for each in found.write(out, actuators, force=force, **further):
             note(each)
 

@@ -8,8 +8,8 @@ from functools import partial
 import click
 
 from ..core.files import check_outputs, refuse_existing
-from ..core.third_party import Failure, workers_of
 from ..core.verdict import ExitCode
+from ..core.workers import Failure, workers_of
 from ..reports.checked_motions import expanded_paths
 from ..reports.log_report import LogReport, check_log
 from .main import plain_command
@@ -63,7 +63,9 @@ def log_command(
         if json is not None:
             write_text(json, f"{_data(found)}\n")
     for path, reason in failed:
-        click.echo(f"error: {reason if path in reason else f'{path}: {reason}'}", err=True)
+        if path not in reason:
+            reason = f"{path}: {reason}"
+        click.echo(f"error: {reason}", err=True)
     return ExitCode.BAD_INPUT if failed else ExitCode.FINE
 
 

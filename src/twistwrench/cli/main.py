@@ -73,15 +73,16 @@ class GroupedHelp(click.Command):
             if isinstance(param, click.Option) and record is not None and not {"--help", "--help-all"} & {*param.opts}:
                 heading = _HEADING_OF.get(param.opts[0], QUESTION)
                 groups[_HEADING_IN.get((self.name or "", param.opts[0]), heading)].append(record)
-        every = bool(ctx.meta.get(_ALL))
+        with_full_texts = bool(ctx.meta.get(_ALL))
         for heading, records in groups.items():
-            if records and (every or heading != RARE):
+            if records and (with_full_texts or heading != RARE):
                 with formatter.section(heading):
-                    if every:
+                    if with_full_texts:
                         formatter.write_dl(records)
-                    for form, text in () if every else records:
+                        continue
+                    for form, text in records:
                         formatter.write(f"{'':{formatter.current_indent}}{_in_a_line(form, text)}\n")
-        if groups[RARE] and not every:
+        if groups[RARE] and not with_full_texts:
             formatter.write_paragraph()
             formatter.write_text(f"{len(groups[RARE])} more options, and full texts: --help-all.")
 
@@ -194,7 +195,7 @@ _REFUSED = tuple(
 )
 """Error numbers of the operating system that are not program errors, such as full disks and long names."""
 
-_LONGEST = 80
+_MAX_SHOWN_PATH = 80
 _HEARD: list[bool] = []
 """Nonempty after Ctrl-C."""
 
@@ -215,12 +216,13 @@ class Commands(click.Group):
         use_utf8()
         _HEARD.clear()
         output = None if sys.stdout is None else LastingStream(sys.stdout)
-        streams: Any = (VisibleStream(stream) if stream is not None else None for stream in (output, sys.stderr))
+        visible_output: Any = None if output is None else VisibleStream(output)
+        visible_errors: Any = None if sys.stderr is None else VisibleStream(sys.stderr)
         with (
             _handling(signal.SIGTERM, _end, (signal.SIG_DFL,)),
             _handling(signal.SIGINT, _interrupt, (signal.default_int_handler, end_at_once)),
-            redirect_stdout(next(streams)),
-            redirect_stderr(next(streams)),
+            redirect_stdout(visible_output),
+            redirect_stderr(visible_errors),
         ):
             try:
                 return super().main(*args, **options)
@@ -277,15 +279,18 @@ def _own_endings() -> Iterator[None]:
         if isinstance(fault, MemoryError) or (isinstance(fault, OSError) and fault.errno in _REFUSED):
             place = getattr(fault, "filename", None)
             what = getattr(fault, "strerror", None) or "more memory is needed than there is"
-            _say(f"error: {what}{'' if place is None else f': {str(place)[:_LONGEST]}'}.")
+            if place is not None:
+                what += f": {str(place)[:_MAX_SHOWN_PATH]}"
+            _say(f"error: {what}.")
             if isinstance(fault, OSError):
                 drop_output()
             sys.exit(ExitCode.BAD_INPUT)
         traced = os.environ.get(TRACEBACK, "").lower() not in ("", "0", "off", "false")
         if traced:
             _say("".join(traceback.format_exception(fault)).rstrip())
-        text = " ".join(str(fault).split())
-        what = f"{type(fault).__name__}: {text[:300]}" if text else type(fault).__name__
+        text, what = " ".join(str(fault).split()), type(fault).__name__
+        if text:
+            what += f": {text[:300]}"
         hint = "" if traced else f"; {TRACEBACK}=1 shows where it arose"
         _say(
             f"error: a fault of twistwrench itself, not of your input: {what}. Please report it with the command{hint}."
@@ -297,7 +302,9 @@ def _usage_sentence(error: click.UsageError) -> str:
     """Message of a usage error, with what to type instead."""
     if isinstance(error, click.NoSuchOption) and error.ctx is not None:
         return unknown_option(error, error.ctx.meta.get(ARGUMENTS, []))
-    return missing_parameter(error) if isinstance(error, click.MissingParameter) else error.format_message()
+    if isinstance(error, click.MissingParameter):
+        return missing_parameter(error)
+    return error.format_message()
 
 
 def _say(text: str) -> None:
@@ -567,9 +574,9 @@ def help_command(topic: str | None) -> None:
         formatter = click.HelpFormatter(width=80)
         with formatter.section("Robot options"):
             context = click.Context(torques)
-            formatter.write_dl(
-                [r for p in torques.params if isinstance(p, RobotOption) and (r := p.get_help_record(context))]
-            )
+            robot_options = [param for param in torques.params if isinstance(param, RobotOption)]
+            records = [option.get_help_record(context) for option in robot_options]
+            formatter.write_dl([record for record in records if record is not None])
         click.echo(formatter.getvalue(), nl=False)
         return
     name = f"{_GUIDES[topic]}.md"

@@ -49,37 +49,48 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, FunctionParameter]:
     FunctionParameter(name='clearance', annotation='Metres', default=None, text='Check the least distance between links [m].')
     """
     texts, given = _descriptions(inspect.getdoc(function) or ""), inspect.signature(function).parameters
-    return {
-        name: FunctionParameter(
-            name, str(one.annotation).removesuffix(" | None"), one.default, _in_the_shell(texts.get(name, ""), given)
-        )
-        for name, one in given.items()
-    }
+    parameters = {}
+    for name, parameter in given.items():
+        annotation = str(parameter.annotation).removesuffix(" | None")
+        text = _with_flags(texts.get(name, ""), given)
+        parameters[name] = FunctionParameter(name, annotation, parameter.default, text)
+    return parameters
 
 
 def _descriptions(docstring: str) -> dict[str, str]:
     """Description of each parameter: its indented lines, or without them the words after its type."""
     section = re.search(r"^Parameters\n-+\n(.*?)(?:\n\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
-    found: dict[str, str] = {}
-    for entry in re.split(r"\n(?=\S)", section[1] if section else ""):
+    if section is None:
+        return {}
+    descriptions: dict[str, str] = {}
+    for entry in re.split(r"\n(?=\S)", section[1]):
         head, *lines = entry.split("\n")
         names, _, rest = head.partition(" : ")
-        words = " ".join(line.strip() for line in lines) or _without_type(rest)
+        words = " ".join(map(str.strip, lines)) or _without_type(rest)
         text = re.sub(r":\w+:`(?:[^`<]*<)?~?([^`>]*)>?`", r"\1", words)
-        for name in names.split(", "):
-            found[name] = f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
-    return found
+        if text:
+            text = f"{text[:1].upper()}{text[1:].rstrip('.')}."
+        descriptions |= dict.fromkeys(names.split(", "), text)
+    return descriptions
 
 
-def _in_the_shell(text: str, parameters: Container[str]) -> str:
+def _with_flags(text: str, parameters: Container[str]) -> str:
     """Description with options in place of parameters between backticks."""
-    return re.sub(r"``(.*?)``", lambda found: f"--{found[1]}" if found[1] in parameters else found[1], text)
+
+    def replacement(quoted: re.Match[str]) -> str:
+        if quoted[1] in parameters:
+            return f"--{quoted[1]}"
+        return quoted[1]
+
+    return re.sub(r"``(.*?)``", replacement, text)
 
 
 def _without_type(rest: str) -> str:
     """Words after ``float, optional,``."""
     _, optional, after = rest.partition(", optional, ")
-    return after if optional else rest.partition(", ")[2]
+    if optional:
+        return after
+    return rest.partition(", ")[2]
 
 
 # ── Forms of options, by annotation
@@ -110,27 +121,36 @@ def _listed(text: str, _flag: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
+def _entries(texts: Iterable[str]) -> list[str]:
+    """Entries of texts such as ``a=0,b=0``; a comma without a name after it belongs to the value."""
+    entries: list[str] = []
+    for text in texts:
+        entries += re.split(r",(?=[^,=]*=)", text)
+    return entries
+
+
 def _positions(texts: Iterable[str], flag: str) -> dict[str, float]:
-    parts = (part for text in texts for part in re.split(r",(?=[^,=]*=)", text))  # a=0,b=0
-    given = assignments(parts, flag, "JOINT=VALUE, for example gripper=0.02")
+    given = assignments(_entries(texts), flag, "JOINT=VALUE, for example gripper=0.02")
     return {joint: parse_numbers(value, f"{flag} {joint}", "a number", 1)[0] for joint, value in given.items()}
 
 
 def _macro_arguments(texts: Sequence[str], flag: str) -> dict[str, str]:
     """Arguments of a xacro file; empty if the option has no value."""
-    given = [text.strip() for text in texts if text.strip()]
-    for text in given:
-        if not text.partition(":=")[0] or ":=" not in text:
+    arguments = {}
+    for text in filter(None, map(str.strip, texts)):
+        name, sign, value = text.partition(":=")
+        if not name or not sign:
             raise ValueRangeError(
                 f"{flag} {text!r} is not ARG:=VALUE, for example hand:=true. Without a value, it stands after ROBOT."
             )
-    return dict(text.partition(":=")[::2] for text in given)
+        arguments[name] = value
+    return arguments
 
 
 def _coefficients(texts: Sequence[str], flag: str) -> float | dict[str, float]:
     """One number, or a number for each frame."""
     form = "a number, or FRAME=NUMBER for each frame, for example 0.7"
-    entries = [part for text in texts for part in text.split(",")]
+    entries = ",".join(texts).split(",")
     if len(entries) == 1 and "=" not in entries[0]:
         return parse_numbers(entries[0], flag, form, 1)[0]
     given = assignments(entries, flag, form)
@@ -141,8 +161,9 @@ def _contact_source(texts: Sequence[str], flag: str) -> str | dict[str, str]:
     """One word, or a column for each foot."""
     if len(texts) == 1 and "=" not in texts[0]:
         return texts[0]
-    entries = (part for text in texts for part in re.split(r",(?=[^,=]*=)", text))
-    return assignments(entries, flag, "auto, log, or FRAME=COLUMN for each foot, for example left_foot=left_force")
+    return assignments(
+        _entries(texts), flag, "auto, log, or FRAME=COLUMN for each foot, for example left_foot=left_force"
+    )
 
 
 DEMO = "demo"
@@ -237,7 +258,9 @@ class Question:
         kinds: Mapping[str, Kind] = MappingProxyType({}),
     ) -> None:
         self.function = function
-        self.parameters = {name: one for name, one in parameters_of(function).items() if name not in left_out}
+        self.parameters = parameters_of(function)
+        for name in self.parameters.keys() & set(left_out):
+            del self.parameters[name]
         self.spellings = {**SPELLINGS, **spellings}
         self.kinds = {**_KINDS, **kinds}
         self._kept = kept
@@ -261,8 +284,10 @@ class Question:
     def choices(self, parameter: FunctionParameter) -> tuple[str, ...]:
         """Values of a Literal, or of one and a sequence of it; empty for other parameters."""
         annotation = self._type(parameter)
-        literal = next((each for each in (annotation, *get_args(annotation)) if get_origin(each) is Literal), None)
-        return get_args(literal)
+        for kind in (annotation, *get_args(annotation)):
+            if get_origin(kind) is Literal:
+                return get_args(kind)
+        return ()
 
     def _type(self, parameter: FunctionParameter) -> Any:
         return getattr(self.function, "__globals__", {}).get(parameter.annotation)
@@ -270,8 +295,9 @@ class Question:
     def _is_flag(self, parameter: FunctionParameter) -> bool:
         """True if the option has no value."""
         spelled = self.spellings.get(parameter.name)
-        values = None if spelled is None else spelled.values
-        return parameter.annotation == "bool" if values is None else "" in values
+        if spelled is None or spelled.values is None:
+            return parameter.annotation == "bool"
+        return "" in spelled.values
 
     def declarations(self, cls: type[click.Option] = click.Option) -> Iterator[Decorator]:
         """Options in the order of the signature. An option that is not given is None or empty: the default applies."""
@@ -283,17 +309,23 @@ class Question:
 
     def _declaration(self, parameter: FunctionParameter, cls: type[click.Option]) -> Decorator:
         spelled, kind = self.spellings.get(parameter.name), self.kinds.get(parameter.annotation)
-        text = (spelled.text if spelled else "") or parameter.text
+        form, text, own_values = parameter.flag, parameter.text, tuple[str, ...]()
         if self._is_flag(parameter):
-            flag = f"--no-{parameter.flag[2:]}" if parameter.default else parameter.flag
+            if parameter.default:
+                form = f"--no-{parameter.flag[2:]}"
+        elif kind is not None:
+            form = f"{parameter.flag} {kind.form}"
+        if spelled is not None:
+            form, text, own_values = spelled.form, spelled.text or text, tuple(spelled.values or ())
+        if self._is_flag(parameter):
             if parameter.annotation == "bool" and parameter.default:
                 text = f"Do not {text[:1].lower()}{text[1:]}"
-            return option(spelled.form if spelled else flag, text, parameter.name, cls=cls)
-        if parameter.default not in (None, (), "", inspect.Parameter.empty) and not (spelled and spelled.values):
+            return option(form, text, parameter.name, cls=cls)
+        if parameter.default not in (None, (), "", inspect.Parameter.empty) and not own_values:
             text += f" [default: {_printed(parameter.default)}]"
-        form = f"{parameter.flag} {kind.form}" if kind else parameter.flag
         settings: dict[str, Any] = {"required": parameter.default is inspect.Parameter.empty}
-        if choices := tuple(spelled.values) if spelled and spelled.values else self.choices(parameter):
+        choices = own_values or self.choices(parameter)
+        if choices:
             settings["choices"] = choices
             if get_args(self._type(parameter)) and get_origin(self._type(parameter)) is not Literal:
                 settings |= REPEATED
@@ -302,7 +334,7 @@ class Question:
             settings |= kind.settings or {}
         if "multiple" in settings:
             text = f"{text[:-1]}; may be repeated."
-        return option(spelled.form if spelled else form, text, parameter.name, cls=cls, **settings)
+        return option(form, text, parameter.name, cls=cls, **settings)
 
     def values(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Values of the options that are given, by parameter; ``demo`` is a file of the robot."""
@@ -337,12 +369,12 @@ class Question:
 
     def files(self, values: Mapping[str, Any]) -> dict[str, str]:
         """Files that the function reads, by option."""
-        kinds = {each: self.kinds.get(each.annotation) for each in self.options}
-        return {
-            each.flag: str(values[each.name])
-            for each, kind in kinds.items()
-            if kind is not None and kind.is_file and each.name in values
-        }
+        files = {}
+        for parameter in self.options:
+            kind = self.kinds.get(parameter.annotation)
+            if kind is not None and kind.is_file and parameter.name in values:
+                files[parameter.flag] = str(values[parameter.name])
+        return files
 
 
 def _opposite(parameter: FunctionParameter) -> str:
@@ -351,4 +383,6 @@ def _opposite(parameter: FunctionParameter) -> str:
 
 
 def _printed(value: object) -> str:
-    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+    if isinstance(value, tuple):
+        return ",".join(map(str, value))
+    return str(value)

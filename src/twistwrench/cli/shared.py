@@ -95,8 +95,11 @@ class RobotOptions:
     @property
     def files(self) -> dict[str, str | None]:
         """Input files of the robot by argument; None for bundled files. Outputs must not overwrite them."""
-        given = {"ROBOT": self.source, "--actuators": self.actuators}
-        return {name: path if path and Path(path).is_file() else None for name, path in given.items()}
+        files: dict[str, str | None] = {}
+        for name, path in (("ROBOT", self.source), ("--actuators", self.actuators)):
+            is_file = bool(path) and Path(path).is_file()
+            files[name] = path if is_file else None
+        return files
 
     @property
     def actuator_file(self) -> Path | None:
@@ -110,7 +113,9 @@ class RobotOptions:
         """Content of the actuator file, read once."""
         from ..formats.actuators import ActuatorFile
 
-        return None if self.actuator_file is None else ActuatorFile.from_source(self.actuator_file)
+        if self.actuator_file is None:
+            return None
+        return ActuatorFile.from_source(self.actuator_file)
 
     def load_and_locked(
         self, *, stiff: bool = False, held: Callable[[Model], Iterable[str]] | None = None
@@ -131,8 +136,8 @@ class RobotOptions:
         free = whole.model
         lock = joints_held(free, given, degrees=self.degrees)
         if self.chain is not None:
-            single = {b.joint.name: float(whole.neutral[b.q_index]) for b in free.leaders if b.joint.nv == 1}
-            lock = {name: single[name] for name in joints_beside(free, *self.chain) if name in single} | lock
+            neutral = _neutral_positions(whole)
+            lock = {name: neutral[name] for name in joints_beside(free, *self.chain) if name in neutral} | lock
         if held is not None:
             lock |= self._missing(whole, [name for name in held(free) if name not in lock])
         if self.actuators:
@@ -144,20 +149,22 @@ class RobotOptions:
 
     def _missing(self, robot: Robot, names: list[str]) -> dict[str, float]:
         """Neutral positions of joints without a column; empty if all lack one, since the file is then read wrongly."""
-        single = {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
         if len(names) == len(robot.model.leaders):
             return {}
-        found = {name: float(robot.neutral[single[name].q_index]) for name in names if name in single}
-        if found:
-            held = ", ".join(f"{n}={printed(v)}" for n, v in found.items())
-            note(f"held still, as the motion has no column for them: {held}.")
-        return found
+        neutral = _neutral_positions(robot)
+        held = {name: neutral[name] for name in names if name in neutral}
+        if held:
+            listing = ", ".join(f"{name}={printed(position)}" for name, position in held.items())
+            note(f"held still, as the motion has no column for them: {listing}.")
+        return held
 
     def _driven(self, robot: Robot, *, stiff: bool) -> Robot:
         from ..formats.actuators import add_actuators
         from ..robot import Robot
 
-        return robot if self.drives is None else Robot(add_actuators(robot.model, self.drives, stiff=stiff))
+        if self.drives is None:
+            return robot
+        return Robot(add_actuators(robot.model, self.drives, stiff=stiff))
 
     def _maker(self) -> Callable[..., Robot]:
         from .. import robots
@@ -171,7 +178,9 @@ class RobotOptions:
             make: Callable[..., Robot] = getattr(robots, name)
             return make
         source = robot_source(self.source)
-        return partial(load, source if is_text(source) or usd_path(source) is not None else RobotFile.from_path(source))
+        if is_text(source) or usd_path(source) is not None:
+            return partial(load, source)
+        return partial(load, RobotFile.from_path(source))
 
 
 ROBOT = option_group(
@@ -258,6 +267,12 @@ PLAN = option(
 # ── The motion: its options, its robot and its file
 
 
+def _neutral_positions(robot: Robot) -> dict[str, float]:
+    """Neutral position of each joint with one degree of freedom that follows no other."""
+    leaders = [body for body in robot.model.leaders if body.joint.nv == 1]
+    return {body.joint.name: float(robot.neutral[body.q_index]) for body in leaders}
+
+
 def motion_argument(*, required: bool) -> Decorator:
     """Argument MOTION and the option --trajectory, which is another way to give it."""
 
@@ -321,7 +336,9 @@ def open_motion(
 
     columns = parse_columns(log.columns, logs or [str(path)])
     file = open_motion_file(path, log.topic, log.episode)
-    held = partial(joints_without_column, file, columns=columns) if log.lock_missing else None
+    held = None
+    if log.lock_missing:
+        held = partial(joints_without_column, file, columns=columns)
     robot, _ = options.load_and_locked(stiff=not moves_motors(file), held=held)
     if stands:
         from ..reports.support.standing_log import robot_of_log
@@ -362,14 +379,23 @@ def parse_columns(texts: Iterable[str], logs: Sequence[str]) -> dict[str, str]:
         if text.startswith("@"):
             pairs += _column_map(text[1:])
             continue
-        entries = [found[0] for found in _ENTRY.finditer(text)] if text.strip() else [""]
-        sides = [_SIDES.fullmatch(entry) for entry in entries]
-        bare = [k for k, found in enumerate(sides) if found is None]
-        if bare and (len(bare) < len(entries) or "" in entries or (len(entries) == 1 and not _quoted(text))):
+        entries = [""]
+        if text.strip():
+            entries = [match[0] for match in _ENTRY.finditer(text)]
+        named: list[tuple[str, str]] = []  # of JOINT=COLUMN
+        listed_in_order: list[tuple[str, str]] = []  # of COLUMN alone
+        for k, entry in enumerate(entries, start=1):
+            sides = _SIDES.fullmatch(entry)
+            if sides is None:
+                listed_in_order.append((f"#{k}", _unquoted(entry)))
+            else:
+                named.append((_unquoted(sides[1]), _unquoted(sides[2])))
+        if listed_in_order and (named or "" in entries or (len(entries) == 1 and not _quoted(text))):
             raise ValueRangeError(f"--columns {text!r} is not {form}.")
-        if bare:
-            pairs += [(f"#{k + 1}", _unquoted(entry)) for k, entry in enumerate(entries)]
-        pairs += [(_unquoted(found[1]), _unquoted(found[2])) for found in sides if found]
+        pairs += named or listed_in_order
+    log_names: list[str] = []
+    for name in logs:
+        log_names += (f"{name}:", f"{Path(name).name}:")
     found: dict[str, str] = {}
     for key, column in pairs:
         log = key.rpartition(":")[0]
@@ -377,7 +403,7 @@ def parse_columns(texts: Iterable[str], logs: Sequence[str]) -> dict[str, str]:
             raise ValueRangeError(f"--columns '{key}={column}' is not {form}.")
         if key in found:
             raise ValueRangeError(f"--columns {key} is given twice. Keep one of them.")
-        if "." in log and not key.startswith(tuple(f"{one}:" for name in logs for one in (name, Path(name).name))):
+        if "." in log and not key.startswith(tuple(log_names)):
             raise ValueRangeError(f"--columns {key}={column}: there is no log {log!r}. Logs: {listed(logs)}.")
         found[key] = column
     return found
@@ -394,7 +420,9 @@ def _quoted(text: str) -> bool:
 
 def _unquoted(text: str) -> str:
     text = text.strip()
-    return text[1:-1].replace('""', '"') if len(text) > 1 and text[0] == text[-1] == '"' else text
+    if len(text) > 1 and text[0] == text[-1] == '"':
+        return text[1:-1].replace('""', '"')
+    return text
 
 
 def _column_map(path: str) -> list[tuple[str, str]]:
@@ -423,7 +451,9 @@ def current_gains(
     from ..formats.actuators import read_log_side
 
     given = assignments(texts, "--gain", "JOINT=VALUE, for example elbow=11.1")
-    own = {joint: parse_numbers(text, f"--gain {joint}", "a number", 1)[0] for joint, text in given.items()}
+    own: dict[str, float] = {}
+    for joint, text in given.items():
+        (own[joint],) = parse_numbers(text, f"--gain {joint}", "a number", 1)
     if source is None:
         return own
     side = read_log_side(model, source)
@@ -434,10 +464,15 @@ def current_gains(
                 f"--gain {joint}={number(gain)}, and {source} gives {number(known, 4)} N m/A (torque constant times ratio, or "
                 "log: gain:). Leave out one of them."
             )
-    names = {*model.velocity_names, *model.drive_names}
-    found = own | {f"{name}.current": gain for name, gain in side.of_currents.items() if name in names}
-    applied = side.gain if of_side else {}
-    return {name: 1.0 if name.removesuffix(".current") in applied else gain for name, gain in found.items()}
+    names, gains = {*model.velocity_names, *model.drive_names}, dict(own)
+    for name, gain in side.of_currents.items():
+        if name in names:
+            gains[f"{name}.current"] = gain
+    if of_side:
+        for name in gains:
+            if name.removesuffix(".current") in side.gain:
+                gains[name] = 1.0
+    return gains
 
 
 # ── Batches: the files of folders and patterns

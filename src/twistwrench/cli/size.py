@@ -39,5 +39,7 @@ def size_command(robot: RobotOptions, log: LogOptions, asked: Asked, emergency: 
             "the catalogue describes the drives, and --actuators describes others. Leave --actuators out."
         )
     arm, motion = open_motion(robot, log, log.path(robot))
-    stop = None if emergency is None else open_motion(robot, log, motion_path(robot, emergency))[1]
+    stop = None
+    if emergency is not None:
+        _, stop = open_motion(robot, log, motion_path(robot, emergency))
     return size_drives(arm, motion, emergency=stop, **asked)

@@ -133,9 +133,11 @@ class Outputs(Generic[A]):
         for file in self.files:
             file.require()
         named = {file.flag: path for file, path in self.files.items() if path != "-"}
-        named |= {} if self.report is None else {"--report": self.report}
-        check_outputs({**(also or {}), **named}, self.inputs)
-        for path in (also or {}).values():
+        if self.report is not None:
+            named["--report"] = self.report
+        also = also or {}
+        check_outputs({**also, **named}, self.inputs)
+        for path in also.values():
             refuse_existing(path, overwrite=overwrite)
         for file, path in self.files.items():
             if file.is_data and path != "-":
@@ -144,17 +146,22 @@ class Outputs(Generic[A]):
     @cached_property
     def printed(self) -> OutputFile[A] | None:
         """File that is printed in place of the report."""
-        found = [file for file, path in self.files.items() if path == "-"]
-        if len(found) > 1:
-            flags = " and ".join(f"{file.flag} -" for file in found)
+        to_print = [file for file, path in self.files.items() if path == "-"]
+        if not to_print:
+            return None
+        if len(to_print) > 1:
+            flags = " and ".join(f"{file.flag} -" for file in to_print)
             raise ValueRangeError(f"{flags} would print two files as one. Choose one, or give the other a name.")
-        return found[0] if found else None
+        return to_print[0]
 
     def written_by(self, flag: str, write: Callable[[A, str], object]) -> None:
         """Write the file of an option by another method."""
-        self.files = {
-            replace(file, write=write) if file.flag == flag else file: path for file, path in self.files.items()
-        }
+        files = {}
+        for file, path in self.files.items():
+            if file.flag == flag:
+                file = replace(file, write=write)
+            files[file] = path
+        self.files = files
 
     def leave_out_all_but(self, *flags: str) -> None:
         """Write only the files of these options."""
@@ -266,7 +273,9 @@ _OFFERED = ("asked", "robot", "log", "outputs")
 
 def _names(function: Callable[..., Any] | None) -> list[str]:
     """Names of a function's arguments."""
-    return [] if function is None else [*inspect.signature(function).parameters]
+    if function is None:
+        return []
+    return list(inspect.signature(function).parameters)
 
 
 @dataclass(frozen=True)
@@ -331,8 +340,10 @@ class Call(Generic[A]):
         if self._asks("degrees") and given["degrees"]:
             values["degrees"] = True
         outputs = self._outputs(given, inputs)
-        asked = {each: value for each, value in values.items() if each not in self.wanted}
-        defaults = {name: value for question in self.questions for name, value in question.defaults.items()}
+        asked = {name: value for name, value in values.items() if name not in self.wanted}
+        defaults: dict[str, Any] = {}
+        for question in self.questions:
+            defaults |= question.defaults
         arguments = {**given, **defaults, **values, "asked": asked, "robot": robot, "log": log, "outputs": outputs}
         found = self.body(**{each: arguments[each] for each in self.wanted})
         self._show(found, outputs)
@@ -349,12 +360,12 @@ class Call(Generic[A]):
 
     def _show(self, found: A, outputs: Outputs[A]) -> None:
         """Print the report, or the file in its place, and write the files."""
-        printed = outputs.printed if outputs.printed is not None and outputs.printed.exists(found) else None
-        if printed is None:
+        prints_file = outputs.printed is not None and outputs.printed.exists(found)
+        if not prints_file:
             show_answer(found)
         outputs.write(found)
         if outputs.report is not None:
             answer_report(found, outputs.report, outputs.inputs, full_paths=outputs.full_paths)
-            show_written(outputs.report, to_error=printed is not None)
-        if printed is not None:
+            show_written(outputs.report, to_error=prints_file)
+        if prints_file:
             outputs.print(found)

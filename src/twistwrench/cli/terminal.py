@@ -39,7 +39,7 @@ def show_answer(answer: Answer) -> None:
 
 _PATIENCE = 1.0
 """Delay [s] before a bar is shown."""
-_BETWEEN = 0.1
+_SECONDS_BETWEEN_DRAWINGS = 0.1
 """Time [s] between updates of a bar."""
 
 
@@ -83,7 +83,7 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None] | None]:
                 bar.start()
                 begun = True
             bar.update(task, completed=share)
-            due = now + _BETWEEN
+            due = now + _SECONDS_BETWEEN_DRAWINGS
 
     try:
         yield tick

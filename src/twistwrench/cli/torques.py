@@ -29,7 +29,9 @@ def _of_one(report: Checked) -> TorqueReport:
 
 
 def _to_csv(report: Checked, path: str) -> Path:
-    return report.to_csv(path, split=True) if isinstance(report, TorqueReport) else report.to_csv(path)
+    if isinstance(report, TorqueReport):
+        return report.to_csv(path, split=True)
+    return report.to_csv(path)
 
 
 def _require_mcap() -> None:

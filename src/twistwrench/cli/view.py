@@ -62,10 +62,13 @@ class ShownRobot(Answer):
     @property
     def verdict(self) -> Verdict:
         """LOOK AGAIN if the motion contradicts itself; with a required clearance its verdict; otherwise DONE."""
-        own = Verdict(Word.OK) if self.motion is None else self.motion.verdict
-        if self.motion is not None and self.motion.clearance is not None:
-            return own.joined(self.motion.clearance.verdict)
-        return Verdict(Word.DONE) if own.ok else own
+        if self.motion is None:
+            return Verdict(Word.DONE)
+        if self.motion.clearance is not None:
+            return self.motion.verdict.joined(self.motion.clearance.verdict)
+        if self.motion.verdict.ok:
+            return Verdict(Word.DONE)
+        return self.motion.verdict
 
     def blocks(self) -> Iterator[Block]:
         """Clearance of the motion, if one is required."""
@@ -74,8 +77,11 @@ class ShownRobot(Answer):
 
     def write_page(self, path: str) -> None:
         """Write the page; loops of the file are closed unless a motion or a section moves the joints."""
-        shown = self.robot if self.motion is None else robot_of_motion(self.motion)[0]
-        closed = closed_by_file(self.robot) if self.motion is None and self.page["section"] is None else None
+        shown, closed = self.robot, None
+        if self.motion is not None:
+            shown, _ = robot_of_motion(self.motion)
+        elif self.page["section"] is None:
+            closed = closed_by_file(self.robot)
         write_page(
             closed or self.robot, path, motion=self.motion, wrench_on_robot=self.wrenches,
             scene=scene_of(shown, meshes=self.meshes), **self.page,
@@ -241,7 +247,8 @@ def _check_files(outputs: Outputs[Shown], log: LogOptions, section: str | None, 
 def _judged(robot: RobotOptions, log: LogOptions, asked: Asked) -> tuple[Robot, dict[str, Array], DrawnMotion | None]:
     """Robot with its payloads, wrenches on it, and its motion, judged as in ``torques``; doubts are notes."""
     if log.trajectory is None:
-        if unused := [name for name in (*log.given, *_OF_MOTION) if name in {*log.given, *asked}]:
+        unused = [*log.given, *(name for name in _OF_MOTION if name in asked)]
+        if unused:
             flag = f"--{unused[0].replace('_', '-')}"
             raise ValueRangeError(f"{flag} is about a motion, and none is given. Add --trajectory.")
         if {"clearance", "srdf"} & {*asked}:

@@ -73,9 +73,13 @@ def _labels(x: Any) -> list[Any] | None:
         return list(columns)
     dims, coords = getattr(x, "dims", None), getattr(x, "coords", None)
     if isinstance(dims, tuple) and coords is not None:
-        return list(coords[dims[-1]].values.tolist()) if dims and dims[-1] in coords else None
+        if dims and dims[-1] in coords:
+            return list(coords[dims[-1]].values.tolist())
+        return None
     index = getattr(x, "index", None)
-    return list(index) if index is not None and not callable(index) and hasattr(x, "__array__") else None
+    if index is not None and not callable(index) and hasattr(x, "__array__"):
+        return list(index)
+    return None
 
 
 def _contents(x: Any) -> Any:
@@ -84,8 +88,6 @@ def _contents(x: Any) -> Any:
         return x.data
     return x.to_numpy()
 
-
-# ── Rotations, and their deviations
 
 TOLERANCE = 1e-6
 """Largest deviation of R' R from the identity for a rotation; rounding to float32 stays below it."""
@@ -151,8 +153,6 @@ def last_row(T: Array, what: str, allowed: float = TOLERANCE) -> None:
     deviation = np.abs(T[..., 3:, :] - np.array([0.0, 0.0, 0.0, 1.0]))
     refuse(deviation, allowed, f"{what} is not a pose: its last row is {{gap}} off (0, 0, 0, 1), allowed {{allowed}}")
 
-
-# ── Arrays and numbers: arguments converted to the required form, or errors that name them and the remedy
 
 # ``to_numbers`` and ``plain`` accept any kind of array: NumPy's unchanged, tables by the names of their columns, all else as
 # ``np.asarray`` does; ``to_numbers`` keeps Dask arrays lazy. ``array``, ``real`` and ``finite`` also check types and shapes;
@@ -255,7 +255,9 @@ def finite(x: ArrayLike, what: str, *shape: int, names: Sequence[str] = ()) -> A
 def one(x: ArrayLike, what: str, *shape: int, symbols: bool = False, names: Sequence[str] = ()) -> Array:
     """x as float64 numbers, or symbols if allowed, of exactly this shape: one value, not a batch."""
     M = (array if symbols else real)(x, what, *shape, batch=False, names=names)
-    return M if M.dtype == object else np.asarray(M, float)
+    if M.dtype == object:
+        return M
+    return np.asarray(M, float)
 
 
 _UNITS: Mapping[str, Mapping[str, float]] = {
@@ -273,7 +275,9 @@ def read_quantity(text: str, what: str, unit: str) -> float:
     """
     match, factors = _WITH_UNIT.fullmatch(text), _UNITS[unit]
     try:
-        return float(match["number"]) * factors[match["unit"]] if match else float(text)
+        if match:
+            return float(match["number"]) * factors[match["unit"]]
+        return float(text)
     except (KeyError, ValueError):
         *units, last_unit = list(factors)[1:]
         raise ValueRangeError(
@@ -293,7 +297,10 @@ def number(x: Any, what: str) -> float:
 
 def positive(x: Any, what: str, unit: str = "", *, zero: bool = False, infinite: bool = False) -> float:
     """x as one number above 0 [``unit``], or text with one; ``zero`` and ``infinite`` allow those. Raises ValueRangeError."""
-    value = read_quantity(x, what, unit) if isinstance(x, str) and unit in _UNITS else number(x, what)
+    if isinstance(x, str) and unit in _UNITS:
+        value = read_quantity(x, what, unit)
+    else:
+        value = number(x, what)
     if not (value > 0 or (zero and value == 0)) or (value == np.inf and not infinite):
         requirement = "a number, at least 0" if zero else "a positive number"
         unit_text = f" [{unit}]" if unit else ""
@@ -312,10 +319,10 @@ def whole(x: Any, what: str, least: int = 1) -> int:
 def integer(x: Any, what: str, least: int = 1) -> int:
     """x as an integer of at least ``least``, also a NumPy integer; 6.0 and True are rejected. Raises ValueRangeError."""
     try:
-        value = least - 1 if isinstance(x, bool) else operator.index(x)
+        value = operator.index(x)
     except TypeError:
         value = least - 1
-    if value < least:
+    if isinstance(x, bool) or value < least:
         raise ValueRangeError(f"{what}={value_text(x)}: give a whole number of at least {least}.")
     return value
 
@@ -358,8 +365,12 @@ def value_text(x: Any) -> str:
         x, str | bytes | int | float | complex | list | tuple | dict | set | np.generic
     ):
         return f"a {type(x).__name__}"
-    text = repr(x.item() if isinstance(x, np.generic) else x)
-    return text if len(text) <= _MAX_VALUE_LENGTH else f"{text[:_MAX_VALUE_LENGTH]}…"
+    if isinstance(x, np.generic):
+        x = x.item()
+    text = repr(x)
+    if len(text) <= _MAX_VALUE_LENGTH:
+        return text
+    return f"{text[:_MAX_VALUE_LENGTH]}…"
 
 
 def matrix_of_rotation(x: Any, what: str, kind: str) -> Array:
@@ -395,7 +406,9 @@ def _array(x: Any, what: str, shape: tuple[int, ...], batch: bool = False, names
 
 
 def _shape_text(shape: tuple[int, ...], batch: bool) -> str:
-    return f"({', '.join(['...', *map(str, shape)])})" if batch else str(shape)
+    if batch:
+        return f"({', '.join(['...', *map(str, shape)])})"
+    return str(shape)
 
 
 def _is_number(kind: type) -> bool:
@@ -406,8 +419,11 @@ def _is_number(kind: type) -> bool:
 def _kind_text(x: Array) -> str:
     kind = x.dtype.kind
     if kind == "O" and x.size:
-        return f"shape {x.shape} of {', '.join(sorted({type(e).__name__ for e in x.flat}))}"
-    return f"shape {x.shape}" + (f" of {_NAMES.get(kind, x.dtype.name)}" if kind not in "biufO" else "")
+        type_names = {type(entry).__name__ for entry in x.flat}
+        return f"shape {x.shape} of {', '.join(sorted(type_names))}"
+    if kind in "biufO":
+        return f"shape {x.shape}"
+    return f"shape {x.shape} of {_NAMES.get(kind, x.dtype.name)}"
 
 
 def pose(T: ArrayLike, what: str) -> Array:
@@ -417,9 +433,6 @@ def pose(T: ArrayLike, what: str) -> Array:
         last_row(M, what)
         rotation(M[..., :3, :3], what)
     return M
-
-
-# ── Texts of options: numbers separated by commas, and ``NAME=VALUE``
 
 
 def parse_numbers(text: str, what: str, form: str, *counts: int) -> list[float]:
@@ -447,7 +460,7 @@ def assignments(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
     """Values by name from texts ``NAME=VALUE``; ValueRangeError shows the form."""
     values: dict[str, str] = {}
     for text in texts:
-        name, equals, value = (part.strip() for part in text.partition("="))
+        name, equals, value = map(str.strip, text.partition("="))
         if not (name and equals and value):
             raise ValueRangeError(f"{option} {text!r} is not {form}.")
         if name in values:
@@ -455,8 +468,6 @@ def assignments(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
         values[name] = value
     return values
 
-
-# ── Signatures of functions that pass all their arguments on to another function
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")

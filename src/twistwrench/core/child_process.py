@@ -126,9 +126,6 @@ def stream_from_child(
     return _answers(target, args, limits or ChildLimits(), error_of, whole=False)
 
 
-# ── Parent
-
-
 class _FailedCall(Exception):
     """Call that ended without a result; the text is the reason."""
 
@@ -142,7 +139,8 @@ class _Child:
 
     def __init__(self) -> None:
         package = Path(__file__).parents[1]
-        places = [str(package.parent), *(str(Path(place).absolute()) for place in sys.path if place)]
+        import_folders = [Path(place).absolute() for place in sys.path if place]
+        places = [str(package.parent), *map(str, import_folders)]
         try:
             self.process = subprocess.Popen(
                 [sys.executable or "python", "-I", "-S", "-c", _BEGIN],
@@ -309,7 +307,9 @@ def _error_from(name: str, text: str, *arguments: Any) -> TwistWrenchError:
     """Error of this library by its name, with the arguments in its text."""
     kind = getattr(errors, name) if name in errors.__all__ else TwistWrenchError
     given = [Argument(*one) for one in arguments]
-    return kind(text, *given) if issubclass(kind, TwistWrenchError) else TwistWrenchError(text, *given)
+    if issubclass(kind, TwistWrenchError):
+        return kind(text, *given)
+    return TwistWrenchError(text, *given)
 
 
 def _parts(problem: TwistWrenchError) -> tuple[Any, ...]:
@@ -364,10 +364,10 @@ def _plain(content: bytes) -> Any:
 
 
 def _amount(size: int) -> str:
-    return f"{number(size / 2**30)} GiB" if size >= 1 << 28 else f"{number(size / 2**20)} MiB"
+    if size >= 1 << 28:
+        return f"{number(size / 2**30)} GiB"
+    return f"{number(size / 2**20)} MiB"
 
-
-# ── Child
 
 _BEGIN = """
 import json, sys, types

@@ -160,19 +160,19 @@ def doubt(
     row = doubt_table().get(kind)
     if row is None:
         raise UnknownNameError.from_choices("doubt", kind, doubt_table())
-    values: dict[str, object] = {"joints": ", ".join(joints) if named is None else named}
+    if named is None:
+        named = ", ".join(joints)
+    values: dict[str, object] = {"joints": named, **words}
     for name, word in words.items():
-        values[name] = spell(word) if isinstance(word, Argument) else word
+        if isinstance(word, Argument):
+            values[name] = spell(word)
     evidence, remedy = spell_out(row.sentence).format(**values), spell_out(row.remedy).format(**values)
     sentence = f"{evidence} {remedy}".strip()
-    return Doubt(
-        kind,
-        f"{log}: {sentence}" if log else sentence,
-        tuple(joints),
-        level or ("unsure" if row.level == "effect" else row.level),
-        remedy=remedy,
-        **(found or {}),
-    )
+    if log:
+        sentence = f"{log}: {sentence}"
+    if level is None:
+        level = "unsure" if row.level == "effect" else row.level
+    return Doubt(kind, sentence, tuple(joints), level, remedy=remedy, **(found or {}))
 
 
 def verdict_from_doubts(doubts: Iterable[Doubt]) -> Verdict:

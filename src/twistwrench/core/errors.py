@@ -241,7 +241,9 @@ class MissingExtraError(TwistWrenchError, ImportError):
         "pip install -e '.[plot]' in a checkout of twistwrench"
         """
         checkout = f"pip install -e '.[{extra}]' in a checkout of twistwrench"
-        return f"{checkout}, or pip install 'twistwrench[{extra}]'" if ON_INDEX else checkout
+        if ON_INDEX:
+            return f"{checkout}, or pip install 'twistwrench[{extra}]'"
+        return checkout
 
 
 class CacheWarning(UserWarning):

@@ -39,11 +39,13 @@ def vertical_axis(gravity: ArrayLike) -> Array:
     [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]
     """
     size = np.abs(np.asarray(gravity, float))
-    steep = size[2] < _STEEPEST * np.linalg.norm(size)
-    return np.eye(3)[int(size.argmax()) if steep else 2]
+    axis = 2
+    if size[2] < _MIN_VERTICAL_SHARE * np.linalg.norm(size):
+        axis = int(size.argmax())
+    return np.eye(3)[axis]
 
 
-_STEEPEST = 0.5
+_MIN_VERTICAL_SHARE = 0.5
 """Cosine of the angle from z up to which gravity is that of a slope in a file whose z axis is vertical."""
 
 

@@ -79,7 +79,10 @@ def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> s
     ('0.123457', '1e-09', '12.3', '+2', 'nan')
     """
     x = float(value)
-    return ("+" if signed and x >= 0.0 else "") + number(x, digits, missing=f"{x:g}")
+    text = number(x, digits, missing=f"{x:g}")
+    if signed and x >= 0.0:
+        return f"+{text}"
+    return text
 
 
 def file_number(value: float) -> str:
@@ -103,7 +106,9 @@ def quantity(value: SupportsFloat | None, unit: str, digits: int = DIGITS, *, de
     text = number(value, digits, decimals=decimals)
     if text == MISSING:
         return text
-    return f"{text}°" if unit == "°" else f"{text} {unit}"
+    if unit == "°":
+        return f"{text}°"
+    return f"{text} {unit}"
 
 
 def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
@@ -119,7 +124,9 @@ def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
         return MISSING
     if digits is None and abs(x) < _MIN_ABBREVIATED:
         return f"{x:.0f} %"
-    return f"{number(x, DIGITS if digits is None else digits)} %"
+    if digits is None:
+        digits = DIGITS
+    return f"{number(x, digits)} %"
 
 
 def percent_of_limit(share: SupportsFloat | None) -> str:
@@ -143,7 +150,9 @@ def deviation(sigma: float, decimals: int = 3) -> str:
         return MISSING
     last_decimal = 10.0**-decimals
     if sigma < 0.5 * last_decimal:
-        return f"<{last_decimal:.{decimals}f}" if sigma > 0 else "0"
+        if sigma > 0:
+            return f"<{last_decimal:.{decimals}f}"
+        return "0"
     if sigma >= _MIN_ABBREVIATED:
         return number(sigma, 2)
     rounded = float(f"{sigma:.1e}")
@@ -167,7 +176,8 @@ def _rounded_text(x: float, decimals: int) -> str:
 
 def plus_minus(value: SupportsFloat, sigma: SupportsFloat, unit: str = "") -> str:
     """Estimate with its standard deviation, or half its interval, as one text."""
-    return " ± ".join(estimate(float(value), float(sigma))) + (f" {unit}" if unit else "")
+    text = " ± ".join(estimate(float(value), float(sigma)))
+    return f"{text} {unit}" if unit else text
 
 
 def seconds(time: float, decimals: int = 3) -> str:
@@ -177,7 +187,9 @@ def seconds(time: float, decimals: int = 3) -> str:
 
 def residual(value: float) -> str:
     """Text of a quantity that should be zero."""
-    return f"{value:.1e}" if value else "0"
+    if value:
+        return f"{value:.1e}"
+    return "0"
 
 
 def vector(x: Array, digits: int = 6) -> str:

@@ -49,7 +49,9 @@ class ProbeRule:
     def shares(self, h: float) -> tuple[Array, Array]:
         """Times (m,) as fractions of a step, and weights (m,) that give the missed part of the mean force."""
         rules = math.ceil(h / (_SPACINGS * self.spacing))
-        return self._one if rules <= 1 else self._rules(rules)
+        if rules <= 1:
+            return self._one
+        return self._rules(rules)
 
     def _rules(self, n: int) -> tuple[Array, Array]:
         inside = ((np.arange(n)[:, None] + _NODES) / n).ravel()

@@ -34,7 +34,9 @@ def harmless_text(text: str) -> str:
     """Single-line text that no spreadsheet reads as a formula; :func:`unescape_cell` restores the original."""
     if _UNREADABLE.search(text):
         return json.dumps(text, ensure_ascii=False)
-    return f"'{text}" if _FORMULA.match(text) else text
+    if _FORMULA.match(text):
+        return f"'{text}"
+    return text
 
 
 def unescape_cell(cell: str) -> str:
@@ -46,7 +48,9 @@ def unescape_cell(cell: str) -> str:
     if len(cell) > 1 and cell[0] == cell[-1] == '"':
         with suppress(ValueError):
             return str(json.loads(cell))
-    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
+    if cell.startswith("'") and _FORMULA.match(cell):
+        return cell[1:]
+    return cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +78,9 @@ class CsvWriter:
 def _cell_text(cell: str | float | None) -> str:
     if cell is None:
         return ""
-    return harmless_text(cell) if isinstance(cell, str) else repr(float(cell))
+    if isinstance(cell, str):
+        return harmless_text(cell)
+    return repr(float(cell))
 
 
 @contextmanager
@@ -114,7 +120,9 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
 
 
 def _display_text(value: Any) -> str:
-    return number(value) if value is None or isinstance(value, float) else str(value)
+    if value is None or isinstance(value, float):
+        return number(value)
+    return str(value)
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:

@@ -23,7 +23,9 @@ _QUOTED = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_MAX_QUOTED}}}(?:[^{q}\\]|\\.
 
 def shorten(text: str) -> str:
     """Text from another author's file, shortened for messages."""
-    return text if len(text) <= _MAX_QUOTED else f"{text[:_MAX_QUOTED]}…"
+    if len(text) <= _MAX_QUOTED:
+        return text
+    return f"{text[:_MAX_QUOTED]}…"
 
 
 def with_clipped_quotations(message: str) -> str:
@@ -46,7 +48,9 @@ def bounded_message(message: str) -> str:
     (221, 1001)
     """
     text = with_clipped_quotations(message)
-    return text if len(text) <= _LONGEST_MESSAGE else f"{text[:_LONGEST_MESSAGE]}…"
+    if len(text) <= _LONGEST_MESSAGE:
+        return text
+    return f"{text[:_LONGEST_MESSAGE]}…"
 
 
 class ReadingNote(str):
@@ -143,7 +147,9 @@ def spell(argument: Argument, *, shell: bool | None = None) -> str:
     """
     if shell is None:
         shell = _IN_COMMAND.get()
-    return _option_text(argument) if shell else _python_text(argument)
+    if shell:
+        return _option_text(argument)
+    return _python_text(argument)
 
 
 def _python_text(argument: Argument) -> str:
@@ -152,7 +158,9 @@ def _python_text(argument: Argument) -> str:
         return argument.name
     if value is ...:
         return f"{argument.name}=…"
-    return f"{argument.name}={value if isinstance(value, Placeholder) else repr(value)}"
+    if isinstance(value, Placeholder):
+        return f"{argument.name}={value}"
+    return f"{argument.name}={value!r}"
 
 
 def _option_text(argument: Argument) -> str:
@@ -165,7 +173,9 @@ def _option_text(argument: Argument) -> str:
     if isinstance(value, Mapping):
         text = ",".join(f"{quote_name(key)}={quote_name(str(entry))}" for key, entry in value.items())
         has_words = any(isinstance(entry, str) for entry in value.values())
-        return f"--{name} '{text}'" if has_words and "'" not in text else f"--{name} {shlex.quote(text)}"
+        if has_words and "'" not in text:
+            return f"--{name} '{text}'"
+        return f"--{name} {shlex.quote(text)}"
     parts = value if isinstance(value, tuple) else (value,)
     words = [part if isinstance(part, Placeholder) else shlex.quote(str(part)) for part in parts]
     return " ".join([f"--{name}", *words])
@@ -205,7 +215,9 @@ def spell_out(template: str) -> str:
         name, text, option = match.groups("")
         value = ast.literal_eval(text)
         if isinstance(value, str):  # it may have places of the template
-            return spell(Argument(name, Placeholder(value) if in_the_shell() else value, option))
+            if in_the_shell():
+                value = Placeholder(value)
+            return spell(Argument(name, value, option))
         return spell(Argument(name, value, option)).replace("{", "{{").replace("}", "}}")
 
     return _ARGUMENT.sub(replacement, template)

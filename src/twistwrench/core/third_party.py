@@ -1,4 +1,4 @@
-"""Third-party libraries: Dask arrays by blocks and Dask workers, lazy imports, and foreign errors and output."""
+"""Third-party libraries: Dask arrays by blocks, imports on first use, and foreign errors and output."""
 
 from __future__ import annotations
 
@@ -9,18 +9,15 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import partial, wraps
+from dataclasses import dataclass
+from functools import wraps
 from typing import Any, TypeVar
 
 import numpy as np
 
-from .errors import MissingExtraError, ShapeError, TwistWrenchError, ValueRangeError
-from .text import argument
+from .errors import ShapeError, TwistWrenchError
 from .typing import Array
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 Method = TypeVar("Method", bound=Callable[..., Any])
 Shapes = Callable[[Any, Mapping[str, Any]], Sequence[tuple[int, ...]]]
 Place = tuple[str, str | None]
@@ -96,17 +93,29 @@ def lazy_by_blocks(
             arguments = parameters.bind(owner, *args, **options).arguments
             del arguments[first]
             places: list[Place] = [(name, None) for name in arguments if name in _STATES]
-            places += [(name, key) for name in _WRENCHES for key in arguments.get(name) or ()]
+            for name in _WRENCHES:
+                places += [(name, key) for key in arguments.get(name) or ()]
             arrays = [_array(owner, method.__name__, arguments, place) for place in places]
-            inputs = ",".join(f"({x.shape[-1]})" for x in arrays)
-            outputs = ",".join(f"({','.join(map(str, shape))})" for shape in shapes(owner, arguments))
+            inputs = _signature_part([x.shape[-1:] for x in arrays])
+            outputs = _signature_part(shapes(owner, arguments))
             block = _Block(owner, method.__name__, arguments, tuple(places))
             values = later(block, f"{inputs}->{outputs}", arrays, dtype)
-            return values if result is None else result(*values)
+            if result is None:
+                return values
+            return result(*values)
 
         return call  # type: ignore[return-value]
 
     return decorate
+
+
+def _signature_part(shapes: Sequence[Sequence[int]]) -> str:
+    """Shapes as in one half of a gufunc's signature: ``(6),(6,6)``."""
+    parts = []
+    for shape in shapes:
+        sizes = ",".join(map(str, shape))
+        parts.append(f"({sizes})")
+    return ",".join(parts)
 
 
 @dataclass(frozen=True)
@@ -131,135 +140,15 @@ class _Block:
 def _array(owner: Any, method: str, arguments: Mapping[str, Any], place: Place) -> Any:
     """Array argument at ``place``, checked to have the owner's size in its last axis."""
     name, key = place
-    x = arguments[name] if key is None else arguments[name][key]
+    x, label = arguments[name], name
+    size = owner.nq if name.startswith("q") else owner.nv
+    if key is not None:  # a wrench on a frame
+        x, label, size = x[key], f"{name}[{key!r}]", 6
     if not is_lazy(x):
         x = np.asarray(x)
-    size = owner.nq if name.startswith("q") else owner.nv
-    if key is not None:
-        size = 6
     if x.shape[-1:] != (size,):
-        label = name if key is None else f"{name}[{key!r}]"
         raise ShapeError(f"{method}: {label} has shape {x.shape}, expected {size} in the last axis.")
     return x
-
-
-# ── Independent jobs in this process, in local processes, or on a Dask cluster, with results in order
-
-# Dask does scheduling, retries, data transfer and the dashboard. This library's own threads are disabled in its workers.
-
-RETRIES = 3
-"""Retries of a job whose worker died; Dask counts worker deaths with the same number."""
-_PATIENCE = 10.0
-"""Timeout for a scheduler [s]."""
-_ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "TWISTWRENCH_THREADS": "1"}
-"""Environment of local worker processes: one per core, with one thread each."""
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Reason for the failure of a job: a message of this library, or kind and text of another error."""
-
-    reason: str
-    problem: TwistWrenchError | None = field(default=None, compare=False)
-    """Error of this library, with its arguments."""
-
-
-@dataclass
-class Workers:
-    """Workers: this process, or the workers of a Dask client."""
-
-    client: Any = None
-    ahead: int = 1
-    """Number of jobs submitted ahead, which limits the results that wait for their turn."""
-
-    @classmethod
-    def from_client(cls, client: Any) -> Workers:
-        """Workers of a Dask client; this process if it is None."""
-        return cls() if client is None else cls(client, 3 * max(1, sum(client.nthreads().values())))
-
-    def results(
-        self, function: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[float], None] | None = None
-    ) -> Iterator[Result | Failure]:
-        """``function`` of each item, in the order of the items; an error in one item does not stop the others."""
-        tell = progress or (lambda _share: None)
-        work = partial(_result_or_failure, function)  # picklable for other processes
-        if self.client is None:
-            for k, item in enumerate(items, start=1):
-                yield work(item)
-                tell(k / len(items))
-            return
-        from concurrent.futures import CancelledError
-
-        from distributed.comm.core import CommClosedError
-        from distributed.scheduler import KilledWorker
-
-        waiting: list[Any] = []
-        given = 0
-        for k in range(len(items)):
-            while given < len(items) and given < k + self.ahead:
-                waiting.append(self.client.submit(work, items[given], pure=False, retries=RETRIES))
-                given += 1
-            future = waiting.pop(0)
-            try:
-                yield future.result()
-            except (KilledWorker, CommClosedError, CancelledError, MemoryError, OSError) as problem:
-                first = (str(problem).splitlines() or ["no details were reported"])[0]
-                yield Failure(f"{type(problem).__name__}: {first}")
-            future.release()
-            tell((k + 1) / len(items))
-
-
-@contextmanager
-def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iterator[Workers]:
-    """Workers of one kind: this process by default, a number of local processes, or a cluster by its address.
-
-    Raises MissingExtraError without Dask, and ValueRangeError if both are given or the address does not respond.
-    """
-    if workers is None and scheduler is None:
-        yield Workers()
-        return
-    if workers is not None and scheduler is not None:
-        raise ValueRangeError(f"both {argument('workers')} and {argument('scheduler')} are given. Choose one.")
-    if workers is not None and not 1 <= workers <= 4096:
-        raise ValueRangeError(
-            f"{workers!r} is not a valid number of workers. Give 1 or more; this machine has {os.cpu_count()} cores."
-        )
-    try:
-        from dask import config
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise MissingExtraError.from_extra("dask", "dask", "Working on several processes or machines") from None
-    settings = {"distributed.scheduler.allowed-failures": RETRIES, "distributed.nanny.pre-spawn-environ": _ALONE}
-    with config.set(settings):
-        if workers is not None:
-            local: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
-            with LocalCluster(n_workers=workers, **local) as cluster, Client(cluster) as client:
-                yield Workers.from_client(client)
-            return
-        try:
-            client = Client(scheduler, timeout=_PATIENCE)
-        except (OSError, TimeoutError, ValueError, TypeError) as problem:
-            raise ValueRangeError(
-                f"no Dask scheduler answers at {scheduler!r}: {str(problem).splitlines()[0]}. Start one with `dask scheduler` "
-                "and workers with `dask worker ADDRESS`, and give the address that it prints, such as tcp://10.0.0.1:8786."
-            ) from None
-        with client:
-            if not client.nthreads():
-                raise ValueRangeError(
-                    f"the Dask scheduler at {scheduler!r} has no workers. Start some with `dask worker {scheduler}`."
-                )
-            yield Workers.from_client(client)
-
-
-def _result_or_failure(function: Callable[[Item], Result], item: Item) -> Result | Failure:
-    """Result, or the reason for an input error, which does not depend on the worker and is not retried."""
-    try:
-        return function(item)
-    except TwistWrenchError as problem:
-        return Failure(str(problem), problem)
-
-
-# ── Large packages that are imported on first use
 
 
 class _LazyModule:
@@ -278,8 +167,6 @@ def lazy_module(name: str) -> Any:
     """Module of that name, imported when one of its names is first used."""
     return _LazyModule(name)
 
-
-# ── Errors of parsers and other libraries, converted to errors of this library
 
 _MAX_REASON_LENGTH = 200
 """Maximum number of displayed characters of a foreign message."""
@@ -325,8 +212,6 @@ def _text_of(problem: Exception) -> str:
         return ""
 
 
-# ── Output of other libraries to the standard error of the process, bypassing Python: captured, and shown if useful
-
 _MOST_OUTPUT = 300
 """Maximum number of displayed characters of the output."""
 
@@ -338,7 +223,9 @@ class ForeignOutput:
 
     def __str__(self) -> str:
         words = " ".join(self.text.split())
-        return words if len(words) <= _MOST_OUTPUT else f"{words[:_MOST_OUTPUT]}…"
+        if len(words) <= _MOST_OUTPUT:
+            return words
+        return f"{words[:_MOST_OUTPUT]}…"
 
 
 @contextlib.contextmanager

@@ -171,10 +171,14 @@ class Verdict:
     @property
     def exit_code(self) -> ExitCode:
         """Exit code of a command with this verdict."""
-        return ExitCode.FINE if self.ok else ExitCode.NO
+        if self.ok:
+            return ExitCode.FINE
+        return ExitCode.NO
 
     def __str__(self) -> str:
-        return f"{self.word}: {'; '.join(self.reasons)}" if self.reasons else str(self.word)
+        if self.reasons:
+            return f"{self.word}: {'; '.join(self.reasons)}"
+        return str(self.word)
 
 
 # ── Ctrl-C during the import of the package: the command ends as later, without a traceback
@@ -188,7 +192,7 @@ def end_at_once(*_: Any) -> None:
 
 def _is_command() -> bool:
     """True if the process is the command ``twistwrench``, False for a program that imports the library."""
-    name = sys.argv[0] if getattr(sys, "argv", None) else ""
+    name, *_ = getattr(sys, "argv", None) or [""]
     by_module = name == "-m" and " -m twistwrench " in f" {' '.join(sys.orig_argv)} "
     return by_module or Path(name).name in ("twistwrench", "twistwrench.exe")
 

@@ -72,7 +72,7 @@ def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
         axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
         axes.set_title(f"{name} [{unit_of('tau', turns)}]", loc="left")
         axes.set_xlabel("speed [rad/s]" if turns else "speed [m/s]")
-        axes.tick_params(labelsize=style.SMALL)
+        axes.tick_params(labelsize=style.SMALL_FONT)
     grid[0].legend()
 
 
@@ -111,8 +111,10 @@ def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
         x = at + (k - 1.5) * _BAR
         axes.bar(x, np.minimum(100 * shares, 100.0), _BAR, color=colour, label=label)
         for j in np.flatnonzero(shares > 1.0):
-            axes.text(x[j], 99.0, f"{percent(shares[j], 3)}", rotation=90, ha="center", va="top", fontsize=style.SMALL)
-    axes.set_xticks(at, names, fontsize=style.SMALL)
+            axes.text(
+                x[j], 99.0, f"{percent(shares[j], 3)}", rotation=90, ha="center", va="top", fontsize=style.SMALL_FONT
+            )
+    axes.set_xticks(at, names, fontsize=style.SMALL_FONT)
     axes.set_ylabel("% unexplained, 5-fold cross-validation")
     axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
@@ -269,7 +271,7 @@ def _groups(axes: style.Axes, found: IdentifiedRobot) -> None:
     axes.set_ylim(-1.6, 1.6)
     if len(k) <= _NAMED_GROUPS:
         axes.set_xticks(k, [_short(found.groups[i]) for i in k], rotation=55, ha="right", rotation_mode="anchor")
-        axes.tick_params(axis="x", labelsize=style.SMALL)
+        axes.tick_params(axis="x", labelsize=style.SMALL_FONT)
     else:
         axes.set_xlabel("group, in the order of the table")
     axes.set_ylabel("share of the larger of value and file")
@@ -290,7 +292,7 @@ def _pull(axes: style.Axes, found: IdentifiedRobot) -> None:
     axes.axvline(found.consistent.fit.strength, color=style.AXIS, linewidth=0.8, linestyle=":")
     axes.set_xticks(strengths, [number(x) for x in strengths])
     axes.minorticks_off()
-    axes.tick_params(axis="x", labelsize=style.SMALL)
+    axes.tick_params(axis="x", labelsize=style.SMALL_FONT)
     axes.set_xlabel("weight of the prior γ")
     axes.set_ylabel("% left, held out")
     axes.set_ylim(bottom=0)

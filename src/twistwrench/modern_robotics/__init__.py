@@ -26,7 +26,9 @@ from ..core.typing import Array, JointTorques, Poses, Rotations, Twists
 from ..mechanics.algorithms.time_scalings import PosePath, cubic_share, quintic_share
 from ..mechanics.lie import se3, so3
 from ..mechanics.lie.adjoint import Ad
-from .names import Chain, chain_of, named, of_chain, pose, real, rotation, screws_of, skew, twist_matrix
+from .chains import Chain, chain_of, screws_of
+from .checks import pose, real, rotation, skew, twist_matrix
+from .names import named, of_chain
 
 __all__ = [
     "Adjoint", "AxisAng3", "AxisAng6", "CartesianTrajectory", "ComputedTorque", "CubicTimeScaling", "DistanceToSE3",
@@ -38,12 +40,10 @@ __all__ = [
     "se3ToVec", "so3ToVec",
 ]  # fmt: skip
 
-FAR = 1e9
+DISTANCE_OF_MIRRORED = 1e9
 """Distance returned for a matrix with non-positive determinant."""
 STEPS = 20
 """Maximum number of Newton steps of inverse kinematics, as in the book's package."""
-
-# ── Chapter 3: rotations
 
 
 @named(lambda R: np.swapaxes(R, -1, -2).copy(), "section 3.2.1", "", real(3, 3))
@@ -83,7 +83,8 @@ def _signed(R: Array, w: Array) -> Array:
     """Logarithm w of R; for a half turn, the one with a positive last non-negligible entry, as in the book's package."""
     if w.ndim == 1 and R[0, 1] != R[1, 0]:  # not a half turn
         return w
-    if np.any(half := np.all(np.swapaxes(R, -1, -2) == R, axis=(-1, -2)) & (np.sum(w * w, axis=-1) > 1.0)):
+    half = np.all(np.swapaxes(R, -1, -2) == R, axis=(-1, -2)) & (np.sum(w * w, axis=-1) > 1.0)
+    if np.any(half):
         x, y, z = np.moveaxis(np.where(np.abs(w) > 1e-3 * np.pi, w, 0.0), -1, 0)
         last = np.where(z != 0, z, np.where(y != 0, y, x))
         w = np.where((half & (last < 0))[..., None], -w, w)
@@ -93,9 +94,6 @@ def _signed(R: Array, w: Array) -> Array:
 @named(lambda R: so3.hat(_signed(R, so3.log(R))), "eq. 3.53, 3.54", "so3mat : (..., 3, 3) array [rad]", rotation)
 def MatrixLog3(R: ArrayLike) -> Array:
     """Matrix logarithm of SO(3): [omg] theta with 0 ≤ theta ≤ π; R with few digits is replaced by the nearest rotation."""
-
-
-# ── Chapter 3: rigid motions
 
 
 @named(se3.pose, "section 3.3.1", "", real(3, 3), real(3))
@@ -214,7 +212,8 @@ def _twist(T: Array) -> Array:
     """Logarithm of a pose T, with that of a half turn as in :func:`_signed`."""
     V = se3.log(T)
     turn = V[..., :3]
-    if (w := _signed(T[..., :3, :3], turn)) is not turn:
+    w = _signed(T[..., :3, :3], turn)
+    if w is not turn:
         V = np.concatenate([w, (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]], axis=-1)
     return V
 
@@ -222,9 +221,6 @@ def _twist(T: Array) -> Array:
 @named(lambda T: se3.hat(_twist(T)), "eq. 3.91, 3.92", "se3mat : (..., 4, 4) array", pose)
 def MatrixLog6(T: ArrayLike) -> Array:
     """Matrix logarithm of SE(3): [S] theta with 0 ≤ theta ≤ π; T with few digits is replaced by the nearest pose."""
-
-
-# ── Chapter 3: tests and projections
 
 
 def NearZero(z: ArrayLike) -> Any:
@@ -238,7 +234,9 @@ def NearZero(z: ArrayLike) -> Any:
     -------
     near : (...) array of bool
     """
-    return abs(z) < 1e-6 if type(z) is float else np.abs(arguments.real(z, "z")) < 1e-6
+    if type(z) is float:
+        return abs(z) < 1e-6
+    return np.abs(arguments.real(z, "z")) < 1e-6
 
 
 def Normalize(V: ArrayLike) -> Array:
@@ -253,8 +251,10 @@ def Normalize(V: ArrayLike) -> Array:
     unit : (..., n) array
     """
     V = np.atleast_1d(arguments.real(V, "V"))
-    if V.ndim == 1 and 0.0 < (length := math.hypot(*V.tolist())) < math.inf:
-        return V / V.dtype.type(length)
+    if V.ndim == 1:
+        length = math.hypot(*V.tolist())
+        if 0.0 < length < math.inf:
+            return V / V.dtype.type(length)
     largest = np.abs(V).max(axis=-1, keepdims=True, initial=0.0)
     if not np.all(largest > 0):
         raise ValueRangeError("V is zero, or not a number, so it has no direction. Give a vector with a nonzero entry.")
@@ -278,8 +278,10 @@ def ProjectToSE3(mat: ArrayLike) -> Poses:
 
 def _distance(R: Array, row: Array | None = None) -> Any:
     off = np.swapaxes(R, -1, -2) @ R - np.eye(3)
-    square = np.sum(off * off, axis=(-1, -2)) + (0.0 if row is None else np.sum(row * row, axis=-1))
-    return np.where(np.linalg.det(R) > 0, np.sqrt(square), FAR)[()]
+    square = np.sum(off * off, axis=(-1, -2))
+    if row is not None:
+        square = square + np.sum(row * row, axis=-1)
+    return np.where(np.linalg.det(R) > 0, np.sqrt(square), DISTANCE_OF_MIRRORED)[()]
 
 
 def _pose_distance(T: Array) -> Any:
@@ -304,9 +306,6 @@ def TestIfSO3(mat: ArrayLike) -> Any:
 @named(lambda T: _pose_distance(T) < 1e-3, "section 3.3", "answer : (...) array of bool", real(4, 4))
 def TestIfSE3(mat: ArrayLike) -> Any:
     """True if a matrix is a pose: distance to SE(3) below 1e-3."""
-
-
-# ── Chapters 4 to 6: forward kinematics, Jacobians, inverse kinematics
 
 
 def FKinBody(M: ArrayLike, Blist: ArrayLike, thetalist: ArrayLike) -> Poses:
@@ -381,7 +380,9 @@ def _newton(
     def left(theta: Array) -> Array:
         T_sb = forward(theta) @ M if space else M @ forward(theta)
         V_b = _twist(se3.inverse(T_sb) @ T)
-        return Ad(T_sb) @ V_b if space else V_b
+        if space:
+            return Ad(T_sb) @ V_b
+        return V_b
 
     def there(V: Array) -> bool:
         return bool(np.linalg.norm(V[:3]) <= eomg and np.linalg.norm(V[3:]) <= ev)
@@ -400,12 +401,10 @@ def _finite_pose(T: ArrayLike, name: str) -> Array:
 
 
 def _bound(x: float, name: str) -> float:
-    if not (bound := arguments.number(x, name)) >= 0:
+    bound = arguments.number(x, name)
+    if not bound >= 0:
         raise ValueRangeError(f"{name} is {x!r}: what may be left is 0 or more, such as 1e-6.")
     return bound
-
-
-# ── Chapter 8: dynamics
 
 
 @of_chain("inverse_dynamics", "eq. 8.50 to 8.54", "")
@@ -462,7 +461,8 @@ def EulerStep(
     """
     q, dq = arguments.real(thetalist, "thetalist"), arguments.real(dthetalist, "dthetalist")
     ddq, step = arguments.real(ddthetalist, "ddthetalist"), arguments.real(dt, "dt")
-    step = step[..., None] if step.ndim else step
+    if step.ndim:  # a step for each state
+        step = step[..., None]
     try:
         return q + step * dq, dq + step * ddq
     except ValueError:
@@ -561,9 +561,6 @@ def _tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
     return F
 
 
-# ── Chapter 9: time scalings, and motions from point to point in joint space and in SE(3)
-
-
 def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
     """Cubic time scaling s(t) = 3 (t/Tf)² - 2 (t/Tf)³, from rest to rest (MR eq. 9.10).
 
@@ -647,9 +644,6 @@ def _scaling(Tf: float, N: float, method: int) -> Array:
         raise ValueRangeError(f"method is {method!r}; choose 3, cubic, or 5, quintic time scaling.")
     _fraction(arguments.number(Tf, "Tf"), 0.0)
     return np.asarray(scalings[method](np.arange(n) / (n - 1.0)))
-
-
-# ── Chapter 11: computed torque control
 
 
 def ComputedTorque(

@@ -69,7 +69,7 @@ def compile_form(form: Form, name: str, doc: str, *, scalar: bool = False) -> An
     # samples of at most three axes; second derivatives of matrices have four.
     empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
     if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
-        from ..compiler.lowering.reference_interpreter import on_numpy
+        from ..compiler.lowering.numpy_kernels import on_numpy
 
         return on_numpy(form, name, doc)
     from ..compiler.runtime.gufunc import make_ufunc

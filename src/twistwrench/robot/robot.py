@@ -349,7 +349,7 @@ class Robot(
             other_torques["armature"] = armature_forces(self.model, dq, ddq)
         if friction and self.model.friction.any:
             other_torques["friction"] = self.friction_forces(dq, load=tau)
-        from ..compiler.lowering.reference_interpreter import NumpyKernel
+        from ..compiler.lowering.numpy_kernels import NumpyKernel
         from .explanation import explain_torques
 
         # evaluated rarely: compiling it would take a second

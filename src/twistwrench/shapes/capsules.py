@@ -83,7 +83,7 @@ class LinkCapsules:
             assumed = _assumed_capsules(robot, bodies)
             thickness = assumed[0][2]
             capsules += assumed
-        links, ends, radii = (np.array(column) for column in zip(*capsules, strict=True))
+        links, ends, radii = map(np.array, zip(*capsules, strict=True))
         return cls(links, ends, radii, moving, thickness)
 
     @property
@@ -100,7 +100,7 @@ class LinkCapsules:
 
     def separable_pairs(self, robot: Robot) -> Array:
         """Pairs (m, 2) of capsules on links that are not connected by a joint."""
-        bodies = np.array([robot.model.frames[robot.link_names[k]].body for k in self.links], int)
+        bodies = _bodies_of_links(robot, self.links)
         parents = np.array([BASE if b == BASE else robot.model.bodies[b].parent for b in bodies], int)
         i, j = np.triu_indices(len(bodies), 1)
         apart = (bodies[i] != bodies[j]) & (parents[i] != bodies[j]) & (parents[j] != bodies[i])
@@ -121,6 +121,11 @@ class LinkCapsules:
         columns[link_of_capsule, :3, :, np.arange(count)] = np.swapaxes(self.ends, 1, 2)
         columns[link_of_capsule, 3, :, np.arange(count)] = 1.0
         return links, columns.reshape(-1, 2 * count)
+
+
+def _bodies_of_links(robot: Robot, links: Array) -> Array:
+    """Body of each link (n,), given by number."""
+    return np.array([robot.model.frames[robot.link_names[k]].body for k in links], int)
 
 
 def link_solids(robot: Robot) -> tuple[list[list[Solid]], list[str]]:
@@ -191,11 +196,11 @@ def _solids_of_one_role(shapes: LinkSolids) -> list[Solid]:
 
 def _capsules_of(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
     """One capsule per shape, or one around all shapes if it is hardly larger in volume."""
-    capsules = [_capsule_of(solid) for solid in solids]
+    capsules = list(map(_capsule_of, solids))
     if len(capsules) < 2:
         return capsules
     ends, radius = capsule_around(np.concatenate([solid.points for solid in solids]))
-    radius += max(_bulge(solid) for solid in solids)
+    radius += max(map(_bulge, solids))
     single_volumes = sum(_volume(*capsule) for capsule in capsules)
     if _volume(ends, radius) <= _MAX_VOLUME_RATIO * single_volumes:
         return [(ends, radius)]
@@ -204,7 +209,9 @@ def _capsules_of(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
 
 def _bulge(solid: Solid) -> float:
     """Largest distance between a round surface and its facets [m]."""
-    return 0.0 if solid.shape.kind in ("box", "mesh") else _FACET_GAP_OF_RADIUS * max(solid.shape.sizes)
+    if solid.shape.kind in ("box", "mesh"):
+        return 0.0
+    return _FACET_GAP_OF_RADIUS * max(solid.shape.sizes)
 
 
 def _capsule_of(solid: Solid) -> tuple[Array, float]:
@@ -301,7 +308,7 @@ def _split_by_floor(robot: Robot, capsules: LinkCapsules, q: Array, floor: float
     keeps_height = np.ptp(poses[:, capsules.links, 2, 3], axis=0) <= _MAX_HEIGHT_CHANGE
     always_near = (heights - capsules.radii - floor < MARGIN).mean(axis=0) >= ALWAYS
     low = keeps_height & always_near
-    bodies = np.array([robot.model.frames[robot.link_names[k]].body for k in capsules.links], int)
+    bodies = _bodies_of_links(robot, capsules.links)
     return np.flatnonzero(changes_height & ~low), np.flatnonzero((bodies != BASE) & low)
 
 
@@ -327,7 +334,9 @@ class CapsuleDistances:
         Capsules that are always near the floor, on a link with an origin of constant height, are also left out.
         """
         names = robot.link_names
-        pairs = capsules.separable_pairs(robot) if itself else np.zeros((0, 2), int)
+        pairs = np.zeros((0, 2), int)
+        if itself:
+            pairs = capsules.separable_pairs(robot)
         q, no_capsules = robot.random_configuration(0, _SAMPLES), np.zeros(0, int)
         all_pairs = cls(robot, capsules, pairs, no_capsules, None, no_capsules, itself)
         distances = all_pairs.evaluate(q)[0]

@@ -75,7 +75,10 @@ def read_shapes(model: Model, role: Role | None = None) -> tuple[LinkShapes, ...
 
 def link_shapes(text: RobotText, link: str, role: Role | None = None) -> LinkShapes:
     """Shapes of one link; planes, height fields and empty elements are left out."""
-    shapes = _mjcf_shapes(text, link) if isinstance(text, MjcfText) else _shapes(text, link)
+    if isinstance(text, MjcfText):
+        shapes = _mjcf_shapes(text, link)
+    else:
+        shapes = _shapes(text, link)
     return LinkShapes(link, tuple(shape for shape in shapes if role in (None, shape.role)))
 
 
@@ -96,12 +99,13 @@ def _urdf_shape(part: Element, role: Role, text: UrdfText) -> ShapeSpec | None:
         if not geometry.children:
             return None
         shape = geometry.children[0]
-        mesh = shape.text("filename") if shape.tag == "mesh" else ""
-        sizes: list[float] = []
+        mesh, sizes = "", list[float]()
         for name, count in _SIZES.get(shape.tag, ()):
             sizes += shape.values(name, count)
-        if mesh:
-            sizes = shape.values("scale", 3) if "scale" in shape.attributes else [1.0, 1.0, 1.0]
+        if shape.tag == "mesh":
+            mesh = shape.text("filename")
+            if mesh:
+                sizes = shape.values("scale", 3) if "scale" in shape.attributes else [1.0, 1.0, 1.0]
         T = origin_of(part)
     except RobotFileError as error:  # such a file can be loaded
         kind = "unknown" if part.all("geometry") else ""
@@ -125,7 +129,9 @@ def _colour(part: Element, text: UrdfText) -> Colour | None:
     if own_colour is not None:
         return own_colour
     named = text.materials.get(material.attributes.get("name", ""))
-    return None if named is None else _rgb(named)
+    if named is None:
+        return None
+    return _rgb(named)
 
 
 def _rgb(material: Element) -> Colour | None:

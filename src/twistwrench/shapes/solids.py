@@ -52,7 +52,9 @@ class LinkSolids:
     @property
     def diagonal(self) -> float:
         """Diagonal of the bounding box along the link's axes [m]."""
-        return float(np.linalg.norm(np.ptp(self.points, axis=0))) if len(self.points) else 0.0
+        if len(self.points):
+            return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+        return 0.0
 
     @cached_property
     def uniform(self) -> SpatialInertia | None:
@@ -85,9 +87,15 @@ class SolidReader:
 
     def read(self, link: LinkShapes) -> LinkSolids:
         """Solids of a link; shapes that cannot be read have none."""
-        shapes = [shape for shape in link.parts if shape.kind]
-        solids = [self._solid(shape) for shape in shapes]
-        return LinkSolids(tuple(shapes), tuple(solid for solid in solids if solid is not None))
+        shapes, solids = [], []
+        for shape in link.parts:
+            if not shape.kind:
+                continue
+            shapes.append(shape)
+            solid = self._solid(shape)
+            if solid is not None:
+                solids.append(solid)
+        return LinkSolids(tuple(shapes), tuple(solids))
 
     def _solid(self, shape: ShapeSpec) -> Solid | None:
         solid = self._mesh(shape) if shape.kind == "mesh" else _simple(shape.kind, shape.sizes)
@@ -176,9 +184,9 @@ def nearest(tensor: Array, metric: str = "frobenius", reference: Array | None = 
     if metric not in METRICS:
         raise ValueRangeError(f"metric={metric!r} is not allowed. Choose from: {', '.join(map(repr, METRICS))}.")
     S = second_moments(tensor)
-    return rotational_inertia(
-        clip_eigenvalues(S, _MIN_SHARE_OF_MOMENT) if metric == "frobenius" else _drawn_in(S, reference)
-    )
+    if metric == "frobenius":
+        return rotational_inertia(clip_eigenvalues(S, _MIN_SHARE_OF_MOMENT))
+    return rotational_inertia(_drawn_in(S, reference))
 
 
 def _drawn_in(S: Array, reference: Array | None) -> Array:

@@ -272,7 +272,9 @@ class Decimation:
 
     def result(self) -> Array:
         """Kept rows in order, including the first and the last."""
-        return np.zeros((0, 0)) if self._rows is None else self._rows
+        if self._rows is None:
+            return np.zeros((0, 0))
+        return self._rows
 
     def _decimate(self) -> None:
         if self._rows is None or not len(self._rows):

@@ -51,10 +51,8 @@ def read_visuals(model: Model, role: Role = "visual") -> tuple[list[Visual], lis
     visuals = []
     for link in links:
         for shape in link.parts:
-            visuals += [
-                Visual(link.link, surface, shape.pose, colour or shape.colour or GREY)
-                for surface, colour in surfaces.of(shape)
-            ]
+            for surface, colour in surfaces.of(shape):
+                visuals.append(Visual(link.link, surface, shape.pose, colour or shape.colour or GREY))
     return visuals, surfaces.remarks()
 
 
@@ -73,7 +71,9 @@ class _Surfaces:
         if shape.problem:
             self.problems[shape.element] = shape.problem
             return []
-        return parts if shape.kind == "mesh" else [(SIMPLE[shape.kind](*shape.sizes), None)]
+        if shape.kind == "mesh":
+            return parts
+        return [(SIMPLE[shape.kind](*shape.sizes), None)]
 
     def _scaled_mesh(self, shape: ShapeSpec) -> _Parts:
         key = shape.mesh, shape.sizes

@@ -14,7 +14,9 @@ def verification_view(report: VerifyReport) -> Iterator[Block]:
     """Verdict, and for each check the compared quantities, residual and tolerance."""
     checks = report.checks
     count = sum(not check.skipped for check in checks)
-    sentence = f"{report.verdict.reasons[0]}." if report.verdict.reasons else f"{count} checks agree."
+    sentence = f"{count} checks agree."
+    if report.verdict.reasons:
+        sentence = f"{report.verdict.reasons[0]}."
     yield Headline(report.verdict.word, sentence)
     yield ""
     yield Table(
@@ -34,7 +36,9 @@ def _compares(check: Check) -> str | Line:
 
 
 def _figure(check: Check, value: float) -> str | Line:
-    return "" if check.skipped else Line(residual(value), value=value)
+    if check.skipped:
+        return ""
+    return Line(residual(value), value=value)
 
 
 def _agreement(check: Check) -> Line:

@@ -439,9 +439,10 @@ def film(
 def _mark_overloaded_links(scene: Scene, motion: DrawnMotion) -> Scene:
     """Scene without inertia ellipsoids, with links of joints over their torque limits in red."""
     over = over_limit(motion.peaks / np.where(motion.limits.effort > 0, motion.limits.effort, np.inf))
-    overloaded = {
-        k for k, body in enumerate(scene.robot.model.bodies) if not body.follows and over[body.places[1]].any()
-    }
+    overloaded = set()
+    for k, body in enumerate(scene.robot.model.bodies):
+        if not body.follows and over[body.v_index : body.v_index + body.joint.nv].any():
+            overloaded.add(k)
     looks = []
     for shape in scene.shapes:
         if shape.layer != "looks":
@@ -459,11 +460,11 @@ def _write_verdict(figure: Any, report: TorqueReport) -> None:
     colour = COLOURS[Style(word_style(word).split()[-1])].plot
     at: dict[str, Any] = {"x": 0.03, "va": "top", "ha": "left"}
     figure.text(
-        y=0.97, s=f"payload {carried}" if carried else "no payload", fontsize=style.SMALL, color=style.INK, **at
+        y=0.97, s=f"payload {carried}" if carried else "no payload", fontsize=style.SMALL_FONT, color=style.INK, **at
     )
-    figure.text(y=0.925, s=word, fontsize=style.SMALL + 6, color=colour, fontweight="bold", **at)
+    figure.text(y=0.925, s=word, fontsize=style.SMALL_FONT + 6, color=colour, fontweight="bold", **at)
     reason = fill(first.removeprefix(f"{word}: "), 72)
-    figure.text(y=0.855, s=reason, fontsize=style.SMALL, color=style.INK, **at)
+    figure.text(y=0.855, s=reason, fontsize=style.SMALL_FONT, color=style.INK, **at)
 
 
 def movie_path(path: str | Path) -> str:
@@ -568,12 +569,12 @@ class _Bars:
         for side in (-1, 1):
             axis.axvline(side, **style.LIMIT)
         axis.set_xlim(-reach, reach)
-        axis.set_yticks(rows, names, fontsize=style.SMALL)
+        axis.set_yticks(rows, names, fontsize=style.SMALL_FONT)
         axis.set_ylim(max(len(rows), 4) - 0.4, -0.6)
         axis.grid(visible=False, axis="y")
         peaks = "" if self.limited[self.chosen].all() else ", or / peak"
-        axis.set_xlabel(f"torque / limit{peaks}", fontsize=style.SMALL)
-        self.clock = axis.set_title("", loc="right", color=style.QUIET, fontsize=style.SMALL + 1)
+        axis.set_xlabel(f"torque / limit{peaks}", fontsize=style.SMALL_FONT)
+        self.clock = axis.set_title("", loc="right", color=style.QUIET, fontsize=style.SMALL_FONT + 1)
         axis.tick_params(labelcolor=style.INK)
 
     def show(self, tau: Array, moment: float) -> None:

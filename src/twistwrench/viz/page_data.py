@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..core import arguments
 from ..core.typing import Array
 from ..mechanics.lie import se3
+from ..mechanics.model.model import Body
 from ..motion.coordinates import Coordinates
 from ..robot import Robot
 from .colours import COLOURS, SHARES, torque_marks
@@ -32,16 +33,24 @@ def robot_data(robot: Robot, start: Array) -> dict[str, Any]:
         "coordinates": [
             {"name": n, "turns": bool(t)} for n, t in zip(coordinates.names, coordinates.endless, strict=True)
         ],
-        "bodies": [
-            {"name": b.link, "kind": b.joint.kind, "q": b.q_index, "follows": b.follows, "parent": b.parent}
-            for b in model.bodies
-        ],
-        "frames": [{"name": n, **frame_data(f)} for n, f in model.all_frames.items()],
+        "bodies": list(map(_body_data, model.bodies)),
+        "frames": [{"name": name, **frame_data(frame)} for name, frame in model.all_frames.items()],
         "torques": _torque_data(robot, coordinates),
         "limbs": limbs_of(model) if model.nv > MAX_TORQUES else [],
         "hands": sliders_of(model),
         "colours": {**COLOURS, "shares": SHARES, "payload": PAYLOAD},
         "marks": [{**vars(m), "pose": m.pose.ravel().tolist(), "reversed": _REVERSED} for m in torque_marks(model)],
+    }
+
+
+def _body_data(body: Body) -> dict[str, Any]:
+    """Name, joint and parent of a body."""
+    return {
+        "name": body.link,
+        "kind": body.joint.kind,
+        "q": body.q_index,
+        "follows": body.follows,
+        "parent": body.parent,
     }
 
 

@@ -23,9 +23,9 @@ from ..robot.constraints.states import joints
 from ..shapes.visuals import read_visuals
 from ..statics.contacts import Contact
 from ..statics.torque_limits import effort_limits
-from .page_programs import driven_velocities
+from .page_programs import driven_velocities, last_bodies
 from .sliders import finite_or_none
-from .starting_pose import chain_to_base, clear_of_stops, starting_pose
+from .starting_pose import chain_to_base, clear_of_stops, single_joints, starting_pose
 
 if TYPE_CHECKING:
     from ..robot.doors import ConstrainedRobot
@@ -51,9 +51,6 @@ class PageLoops:
     """Indices of the bodies that stand on the floor."""
     remarks: tuple[str, ...] = ()
     """Assumptions for the page's notes."""
-
-
-# ── Closed robots
 
 
 def closed_by_file(robot: Robot) -> ConstrainedRobot | None:
@@ -118,9 +115,6 @@ def _dependent(A: Array, rank: Array) -> Array:
     return np.isin(np.arange(A.shape[1]), order[: len(A)])
 
 
-# ── Feet on the floor
-
-
 def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
     """Robot with a floating base on its feet (the lowest shapes of its last bodies); None for other robots."""
     model = robot.model
@@ -138,7 +132,7 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
     for k, sole in zip(feet, soles, strict=True):
         name = f"sole of {model.bodies[k].link}"
         frames[name] = Frame(k, se3.pose(np.eye(3), sole.mean(axis=0)))
-        rows = tuple(range(6)) if len(sole) > 2 else (3, 4, 5)
+        rows = (0, 1, 2, 3, 4, 5) if len(sole) > 2 else (3, 4, 5)  # an edge or a point may turn
         closures.append(Closure(GROUND, name, rows, tuple(map(tuple, (T[k] @ frames[name].pose).tolist()))))
     leg_bodies = {body for foot in feet for body in chain_to_base(model, foot)} - {0}
     loops = {
@@ -165,8 +159,7 @@ def _may_stand(model: Model) -> bool:
 def _feet(model: Model, scene: Scene, q: Array, shapes: Mapping[int, Array]) -> list[int]:
     """Last bodies whose lowest points are about as low as the lowest of all."""
     poses = scene.body_poses(q)
-    last_bodies = set(shapes) - {body.parent for body in model.bodies}
-    heights = {k: _lowest_height(shapes[k], poses[k]) for k in sorted(last_bodies)}
+    heights = {k: _lowest_height(shapes[k], poses[k]) for k in sorted(last_bodies(model) & shapes.keys())}
     max_height = min(heights.values(), default=0.0) + 0.08 * scene.size
     return [k for k, height in heights.items() if height < max_height]
 
@@ -196,15 +189,16 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
         return None
     q, shapes = starting_pose(robot), _points_of_bodies(robot.model, scene)
     feet = [leg[-1] for leg in hanging.legs]
-    missing = [robot.model.bodies[foot].link for foot in feet if foot not in shapes]
+    missing = [robot.model.bodies[foot].link for foot in feet if foot not in shapes]  # without a shape
     if missing:
         return q, f"{spell_out(HELD)}; no standing pose found: no shape of {', '.join(missing)}"
     if any(body.joint.nv != 1 for body in robot.model.leaders):
         return q, f"{spell_out(HELD)}; no standing pose found: joints of several degrees of freedom"
     start, lift, soles = _stance_on(robot, scene, q, feet, shapes)
     T = scene.body_poses(start)
-    heights = np.concatenate([_heights(sole, T[k]) + lift for k, sole in zip(feet, soles, strict=True)])
-    max_height = float(np.abs(heights).max())
+    max_height = 0.0  # of a corner above or below the floor
+    for k, sole in zip(feet, soles, strict=True):
+        max_height = max(max_height, float(np.abs(_heights(sole, T[k]) + lift).max()))
     if max_height <= _MAX_HEIGHT:
         return start, spell_out(HELD)
     gap = number(1e3 * max_height, 2)
@@ -232,8 +226,11 @@ def _stance_on(
 
 def contacts_of(robot: Robot, standing: Mapping[str, Any]) -> list[Contact]:
     """Contacts of a page header in the form used by ``statics``."""
-    links = [body.link for body in robot.model.bodies]
-    return [Contact(c["point"], friction=FRICTION, frame=links[c["body"]]) for c in standing["contacts"]]
+    contacts = []
+    for contact in standing["contacts"]:
+        link = robot.model.bodies[contact["body"]].link
+        contacts.append(Contact(contact["point"], friction=FRICTION, frame=link))
+    return contacts
 
 
 def _standing_data(robot: Robot, feet: Sequence[int], soles: Sequence[Array]) -> dict[str, Any]:
@@ -281,7 +278,8 @@ def _sole(points: Array, T: Array, size: float) -> Array:
     x, y = placed[lowest, 0], placed[lowest, 1]
     if max(np.ptp(x), np.ptp(y)) < 0.04 * size:
         return np.asarray(points[lowest].mean(axis=0, keepdims=True))
-    corners = dict.fromkeys(int(lowest[np.argmax(a * x + b * y)]) for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1)))
+    farthest = [np.argmax(x + y), np.argmax(x - y), np.argmax(-x - y), np.argmax(y - x)]
+    corners = dict.fromkeys(lowest[farthest].tolist())
     return np.asarray(points[list(corners)])
 
 
@@ -292,7 +290,7 @@ def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Se
     """
     from scipy.optimize import least_squares
 
-    joints = [body.q_index for body in robot.model.leaders if body.joint.nv == 1]
+    joints = [body.q_index for body in single_joints(robot.model)]
     lower, upper = clear_of_stops(robot)
     low, high = np.concatenate([[-np.inf], lower]), np.concatenate([[np.inf], upper])
     poses = scene.body_poses(q)

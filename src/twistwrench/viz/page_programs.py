@@ -140,7 +140,8 @@ class PagePrograms:
 
     def script(self) -> str:
         """Programs as plain script, since the page must not create functions from strings."""
-        parts = ",\n".join(f"{name}: {text}" for name, text in self._functions.items())
+        entries = [f"{name}: {text}" for name, text in self._functions.items()]
+        parts = ",\n".join(entries)
         return f'"use strict";\nconst PROGRAMS = {{\n{parts}\n}};\n'
 
     @cached_property
@@ -298,17 +299,21 @@ def tips_of(model: Model) -> list[str]:
     >>> tips_of(tw.robots.quadruped().model)
     ['FL_foot', 'FR_foot', 'RL_foot', 'RR_foot']
     """
-    last = set(range(len(model.bodies))) - {body.parent for body in model.bodies}
+    last = last_bodies(model)
     ends = {model.frames[name].body: name for name in model.leaves if model.frames[name].body in last}
     tools = [name for name, frame in model.all_frames.items() if frame.body != BASE and _TOOLS.search(name)]
     return list(dict.fromkeys([*ends.values(), *tools]))[:MAX_TIPS]
 
 
+def last_bodies(model: Model) -> set[int]:
+    """Bodies that carry no other."""
+    return set(range(len(model.bodies))) - {body.parent for body in model.bodies}
+
+
 def one_arm(model: Model) -> bool:
     """True if all last bodies are moved by one joint with a motor, as in an arm with a gripper."""
-    parents = {body.parent for body in model.bodies}
     shared = set(range(len(model.bodies)))
-    for k in shared - parents:
+    for k in last_bodies(model):
         shared = shared.intersection(chain_to_base(model, k))
     return any(model.bodies[k].joint.driven for k in shared)
 
@@ -339,4 +344,5 @@ def round_above(x: float) -> float:
     (0.5, 20.0)
     """
     power = 10.0 ** np.floor(np.log10(x))
-    return float(next(step * power for step in (1, 2, 5, 10) if step * power >= x * (1 - 1e-9)))
+    series = power * np.array([1, 2, 5, 10])
+    return float(series[np.argmax(series >= x * (1 - 1e-9))])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -59,21 +60,21 @@ def skeleton(model: Model) -> Skeleton:
     for k, b in bodies.items():
         start = _axis_point(b.joint)
         ends[b.parent].append(b.placement[:3, :3] @ start + b.placement[:3, 3])
-        looks += [(k, s, JOINT) for s in _joint(b.joint, start, r)]
-        looks += [(b.parent, s, TUBE) for s in _rail(model, b, size, r)]
+        looks += _parts(k, _joint(b.joint, start, r), JOINT)
+        looks += _parts(b.parent, _rail(model, b, size, r), TUBE)
     for k, b in bodies.items():
         start = _axis_point(b.joint)
         if b.joint.nv > 1 and b.inertia.mass > 0:
             start = np.array(b.inertia.com, float)
         for end in ends[k] or _far_ends(model, k, start):
-            looks += [(k, s, TUBE) for s in _tube(start, end, r)]
+            looks += _parts(k, _tube(start, end, r), TUBE)
     if all(b.joint.driven or b.parent != BASE for b in bodies.values()):
         looks.append((BASE, cylinder(2.6 * r, 0.5 * r).placed(se3.pose(np.eye(3), [0, 0, -0.25 * r])), GROUND))
         for end in ends[BASE]:
-            looks += [(BASE, s, GROUND) for s in _tube(np.zeros(3), end, r)]
+            looks += _parts(BASE, _tube(np.zeros(3), end, r), GROUND)
     ellipsoids: list[Part] = []
     for k, b in bodies.items():
-        ellipsoids += [(k, e, ELLIPSOID) for e in equal_inertia_ellipsoid(b.inertia)]
+        ellipsoids += _parts(k, equal_inertia_ellipsoid(b.inertia), ELLIPSOID)
     with_looks = {k for k, *_ in looks}  # a single floating body has no other shape than its ellipsoid
     looks += [(k, s, TUBE) for k, s, _ in ellipsoids if k not in with_looks]
     return Skeleton(looks, ellipsoids, size)
@@ -134,6 +135,11 @@ def _axis_point(joint: Joint) -> Array:
     return np.asarray(so3.cross(w, v) / (w @ w))
 
 
+def _parts(body: int, surfaces: Iterable[Surface], colour: Colour) -> list[Part]:
+    """Parts of a body with the same colour."""
+    return [(body, surface, colour) for surface in surfaces]
+
+
 def _far_ends(model: Model, k: int, start: Array) -> list[Array]:
     """End of the tube of a last body: its farthest frame, or its centre of mass."""
     places = [f.pose[:3, 3] for f in model.frames.values() if f.body == k]
@@ -162,7 +168,8 @@ def _rail(model: Model, body: Body, size: float, r: float) -> list[Surface]:
         return []
     ends = np.array([model.limits.lower[body.v_index], model.limits.upper[body.v_index]]) * body.ratio + body.offset
     ends = np.where(np.isfinite(ends), np.clip(ends, -size, size), [-size / 4, size / 4])
-    low, high = (body.placement[:3, :3] @ (x * axis[3:]) + body.placement[:3, 3] for x in ends)
+    R, origin = body.placement[:3, :3], body.placement[:3, 3]
+    low, high = R @ (ends[0] * axis[3:]) + origin, R @ (ends[1] * axis[3:]) + origin
     return _tube(low, high, 0.5 * r)
 
 
@@ -334,7 +341,8 @@ class Scene:
         for shape in self.shapes:
             share = math.floor(most * len(shape.surface.faces) / total)
             lighter.setdefault(id(shape.surface), shape.surface.decimated(max(_MIN_TRIANGLES, share)))
-        return replace(self, shapes=tuple(replace(s, surface=lighter[id(s.surface)]) for s in self.shapes))
+        shapes = [replace(shape, surface=lighter[id(shape.surface)]) for shape in self.shapes]
+        return replace(self, shapes=tuple(shapes))
 
 
 def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
@@ -365,7 +373,9 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
     (2, 4, 4)
     """
     model = robot.model
-    visuals, remarks = read_visuals(model) if meshes else ([], [])
+    visuals, remarks = [], []
+    if meshes:
+        visuals, remarks = read_visuals(model)
     shapes, dressed, own_frame = [], set(), np.eye(4)
     for visual in visuals:
         frame = model.frames[visual.link]

@@ -67,8 +67,6 @@ class SectionPanel:
             )
 
 
-# ── Formulas as HTML: letters, indices, powers, dots
-
 _TOKEN = re.compile(
     r"([_^])(?:\{((?:[^{}]|\{[^{}]*\})*)\}|(\w+))|(Ad|ad|diag|rank|sign|sin|cos)|([A-Za-zτθωβ𝒱ℱ𝒢𝒫])([\u0307\u0308]?)"
 )
@@ -104,8 +102,6 @@ def formula_html(text: str) -> str:
     return _TOKEN.sub(html, text)
 
 
-# ── Directions of the base in which a tip can move freely
-
 AXES = ("vx", "vy", "vz")
 _POSES = 16
 
@@ -124,8 +120,6 @@ def ik_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
             found.append(k)
     return tuple(AXES[k] for k in found)
 
-
-# ── Panel of a section: text, formulas, sliders, constants of links
 
 _NAMES = {
     "dq": ("θ̇", "velocities of the joints"),
@@ -253,8 +247,6 @@ def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, lis
     }
 
 
-# ── Programs by the names used in pages
-
 Asked = Mapping[str, tuple[str, dict[str, Any]]]
 """Quantities and their options, by the names used in the page."""
 
@@ -311,9 +303,6 @@ def _rows(programs: PagePrograms) -> tuple[str, ...]:
             f"section has nothing to show. Load it with another tip: {spell(Argument('tip', Placeholder('FRAME')))}."
         )
     return found
-
-
-# ── The sections, in the order of the book
 
 
 def section_panel(number: str) -> SectionPanel:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.typing import Array
-from ..mechanics.model.model import BASE, Model
+from ..mechanics.model.model import BASE, Body, Model
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -30,7 +30,7 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
     """
     if tip is None:
         tip = robot.model.tip
-    joints = [body for body in robot.model.leaders if body.joint.nv == 1]
+    joints = single_joints(robot.model)
     low, high = clear_of_stops(robot)
     neutral = robot.neutral.copy()
     coordinates = [body.q_index for body in joints]
@@ -48,6 +48,11 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
         Q[0] = best
         best = Q[np.argmax(_merit(robot, Q, tip, neutral))]
     return np.asarray(best)
+
+
+def single_joints(model: Model) -> list[Body]:
+    """Bodies of the joints with one degree of freedom that follow no other."""
+    return [body for body in model.leaders if body.joint.nv == 1]
 
 
 def is_arm(model: Model) -> bool:
@@ -78,7 +83,7 @@ def chain_to_base(model: Model, body: int) -> list[int]:
 
 def clear_of_stops(robot: Robot) -> tuple[Array, Array]:
     """Ends of the joint ranges reduced by a tenth of the range, at most ± half a turn; (joints of one degree,) each."""
-    at = [body.v_index for body in robot.model.leaders if body.joint.nv == 1]
+    at = [body.v_index for body in single_joints(robot.model)]
     low, high = robot.limits.lower[at], robot.limits.upper[at]
     room = np.where(np.isfinite(high - low), STOP_CLEARANCE * (high - low), 0.0)
     low, high = low + room, high - room

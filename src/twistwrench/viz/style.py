@@ -54,7 +54,7 @@ CAUSES: Mapping[str, str] = MappingProxyType(
 """Colours of the causes of a torque."""
 LIMIT: Mapping[str, Any] = MappingProxyType({"color": OVER, "linewidth": 0.9, "linestyle": (0, (4, 3))})
 """Line style of a limit."""
-SMALL = 8
+SMALL_FONT = 8
 """Font size in points of legends and remarks; titles and labels use :data:`STYLE`."""
 STYLE = MappingProxyType(
     {
@@ -68,7 +68,7 @@ STYLE = MappingProxyType(
         "grid.linewidth": 0.7,
         "axes.axisbelow": True,
         "figure.dpi": 150,
-        "legend.fontsize": SMALL,
+        "legend.fontsize": SMALL_FONT,
         "legend.frameon": False,
         "text.parse_math": False,  # names of robots, joints and files may contain dollars
     }
@@ -286,7 +286,7 @@ def titles(axis: Axes, name: str, remark: str = "", colour: str = QUIET) -> None
     """Write the name of a panel at its left and a small remark at its right."""
     axis.set_title(name, loc="left", fontweight="bold")
     if remark:
-        axis.set_title(remark, loc="right", color=colour, fontsize=SMALL)
+        axis.set_title(remark, loc="right", color=colour, fontsize=SMALL_FONT)
 
 
 def stack(axis: Axes, x: Array, terms: Iterable[tuple[str, str, Array]]) -> tuple[dict[str, Any], Array, Array]:

@@ -69,7 +69,8 @@ class Folder:
             places = list(self.path.glob(name))
         for place in places:
             yield place
-            yield from place.rglob("*") if place.is_dir() else ()
+            if place.is_dir():
+                yield from place.rglob("*")
 
     def _holds(self, path: Path) -> bool:
         try:
@@ -141,9 +142,10 @@ def _robots() -> list[str]:
 
 def _caches() -> list[str]:
     """Folders that compiled code and lists of fonts are kept in."""
-    fonts = os.environ.get("MPLCONFIGDIR")
-    places = (
-        [fonts] if fonts else [str(Path.home() / ".cache" / "matplotlib"), str(Path.home() / ".config" / "matplotlib")]
-    )
-    compiled = object_cache.folder()
-    return [*places, *([] if compiled is None else [str(compiled)])]
+    fonts, code = os.environ.get("MPLCONFIGDIR"), object_cache.folder()
+    folders = [str(Path.home() / ".cache" / "matplotlib"), str(Path.home() / ".config" / "matplotlib")]
+    if fonts:
+        folders = [fonts]
+    if code is not None:
+        folders.append(str(code))
+    return folders

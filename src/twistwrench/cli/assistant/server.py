@@ -12,7 +12,7 @@ from .tools import Tools, server_instructions
 
 _VERSIONS = ("2025-11-25", "2025-06-18", "2025-03-26", "2024-11-05")
 """Versions of the protocol, the newest first."""
-_LONGEST = 1 << 20
+_MAX_LINE = 1 << 20
 """Largest line [bytes]."""
 _PARSE_ERROR, _INVALID_REQUEST, _UNKNOWN_METHOD, _INVALID_PARAMS = -32700, -32600, -32601, -32602
 
@@ -83,10 +83,10 @@ class Server:
 
 def _lines(requests: BinaryIO) -> Iterator[bytes | None]:
     """Lines that are not blank; None for a line that is too long, whose rest is skipped."""
-    while line := requests.readline(_LONGEST + 1):
-        if len(line) > _LONGEST:
+    while line := requests.readline(_MAX_LINE + 1):  # empty at the end
+        if len(line) > _MAX_LINE:
             while line and not line.endswith(b"\n"):
-                line = requests.readline(_LONGEST)
+                line = requests.readline(_MAX_LINE)
             yield None
         elif line.strip():
             yield line
@@ -103,7 +103,7 @@ def _called_method(request: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
 def _parsed(line: bytes | None) -> dict[str, Any]:
     """Request of a line."""
     if line is None:
-        raise _ProtocolError(_INVALID_REQUEST, f"the line has more than {_LONGEST:,} bytes")
+        raise _ProtocolError(_INVALID_REQUEST, f"the line has more than {_MAX_LINE:,} bytes")
     try:
         request = json.loads(line)
     except (ValueError, RecursionError) as problem:

@@ -40,7 +40,7 @@ _FILES = re.compile(r"FILE|FOLDER|DIR|LOG|MOTION|OUT|ROBOT")
 """Placeholders of options and arguments that name files."""
 _PLAIN = ("VALUE", "NAME", "FRAME", "N", "SECONDS", "CELSIUS", "OUT", "LOG")
 """Placeholders that add nothing to the name of their option."""
-_LONGEST = 200_000
+_MAX_RESULT = 200_000
 """Largest result [characters]."""
 
 
@@ -73,9 +73,12 @@ class Tool:
 
     def description(self) -> dict[str, Any]:
         """Name, purpose and schema of the arguments."""
-        properties = {name: _schema(parameter) for name, parameter in self.parameters.items()}
+        properties, required = {}, []
+        for name, parameter in self.parameters.items():
+            properties[name] = _schema(parameter)
+            if isinstance(parameter, click.Argument):
+                required.append(name)
         properties[_MORE] = {"type": "string"}
-        required = [name for name, one in self.parameters.items() if isinstance(one, click.Argument)]
         schema = {"type": "object", "properties": properties, "required": required}
         return {"name": self.name, "description": _first_sentence(self.command.help or ""), "inputSchema": schema}
 
@@ -135,9 +138,9 @@ class Tools:
             value = given.get(str(parameter.name))
             if value is None or not isinstance(value, str | list | tuple):
                 continue
-            label = (
-                str(parameter.metavar or parameter.name) if isinstance(parameter, click.Argument) else parameter.opts[0]
-            )
+            label = parameter.opts[0]
+            if isinstance(parameter, click.Argument):
+                label = str(parameter.metavar or parameter.name)
             if parameter.name in _NEVER:
                 raise ValueRangeError(
                     f"{label} is not an option of this server: {_NEVER[str(parameter.name)]}. Leave it out."
@@ -175,7 +178,9 @@ def _schema(parameter: click.Parameter) -> dict[str, Any]:
         if parameter.nargs == -1:
             kind = {"type": "array", "items": kind}
         name = (parameter.metavar or "").strip("[].")
-        return kind if name == "ROBOT" else {**kind, "description": _clause(MEANINGS[name])}
+        if name != "ROBOT":
+            kind["description"] = _clause(MEANINGS[name])
+        return kind
     assert isinstance(parameter, click.Option)
     text = _clause(parameter.help or "")
     if parameter.metavar and parameter.metavar not in _PLAIN:
@@ -185,14 +190,14 @@ def _schema(parameter: click.Parameter) -> dict[str, Any]:
     if isinstance(parameter.type, click.Choice):
         kind = {"enum": list(parameter.type.choices)}
     else:
-        number = parameter.type in (click.FLOAT, click.INT) or isinstance(parameter.type, Seconds)
-        kind = {"type": "number" if number else "string"}
+        is_number = parameter.type in (click.FLOAT, click.INT) or isinstance(parameter.type, Seconds)
+        kind = {"type": "number" if is_number else "string"}
     if parameter.multiple and "JOINT=VALUE" in (parameter.metavar or ""):  # of one joint each
         kind = {"type": "array", "items": kind}
     return {**kind, "description": text}
 
 
-_SHORT = 48
+_MAX_CLAUSE = 48
 """Largest description of a property [characters]: every conversation of the assistant begins with all of them."""
 
 
@@ -204,9 +209,11 @@ def _first_sentence(text: str) -> str:
 def _clause(text: str) -> str:
     """First clause, cut at a word."""
     clause = _first_sentence(text)
-    if len(clause) > _SHORT:
+    if len(clause) > _MAX_CLAUSE:
         clause = clause.split(", ")[0]
-    return clause if len(clause) <= _SHORT else f"{clause[:_SHORT].rpartition(' ')[0]}…"
+    if len(clause) > _MAX_CLAUSE:
+        clause = f"{clause[:_MAX_CLAUSE].rpartition(' ')[0]}…"
+    return clause
 
 
 def _option_words(parameter: click.Parameter, name: str, value: Any) -> list[str]:
@@ -264,9 +271,9 @@ def _result(text: str) -> ToolResult:
         return ToolResult(text, is_error=False)
     first = {key: data[key] for key in ("verdict", "sentences") if key in data}
     shown = json.dumps({**first, **data}, ensure_ascii=False, separators=(",", ":"))
-    if len(shown) > _LONGEST:
+    if len(shown) > _MAX_RESULT:
         return ToolResult(
-            f"error: the result has {len(shown):,} characters; at most {_LONGEST:,} are sent. Write a file instead, with "
+            f"error: the result has {len(shown):,} characters; at most {_MAX_RESULT:,} are sent. Write a file instead, with "
             "--csv OUT.csv or --report OUT.html in `more`, or give fewer motions.",
             is_error=True,
         )

@@ -26,21 +26,29 @@ Calibration: TypeAlias = CalibratedRobot | FactoryCalibration | MeasuringPoses
 
 def _sizes(text: str, flag: str) -> list[float]:
     """Numbers with units, such as 1mm,0.1deg, in m and rad."""
-    found = list[float]()
+    problem = ValueRangeError(f"{flag} {text!r} is not a length and an angle above 0. Write for example 1mm,0.1deg.")
+    sizes = list[float]()
     for part in text.split(","):
         match = _QUANTITY.fullmatch(part)
+        if match is None:
+            raise problem
         try:
-            found.append(float(match[1]) * _UNITS[match[2]] if match else float("nan"))
+            size = float(match[1]) * _UNITS[match[2]]
         except (ValueError, KeyError):
-            found.append(float("nan"))
-    if not 1 <= len(found) <= 2 or not all(x > 0 for x in found):
-        raise ValueRangeError(f"{flag} {text!r} is not a length and an angle above 0. Write for example 1mm,0.1deg.")
-    return found
+            raise problem from None
+        if not size > 0:  # also for NaN
+            raise problem
+        sizes.append(size)
+    if len(sizes) > 2:
+        raise problem
+    return sizes
 
 
 def _noise(text: str, flag: str) -> float | tuple[float, ...]:
-    found = _sizes(text, flag)
-    return found[0] if len(found) == 1 else tuple(found)
+    sizes = _sizes(text, flag)
+    if len(sizes) == 1:
+        return sizes[0]
+    return tuple(sizes)
 
 
 def _accuracy(text: str, flag: str) -> tuple[float, ...]:
@@ -161,8 +169,9 @@ def _planned(
     """Configurations to measure after at most one file of readings."""
     if len(measurements) > 1:
         raise ValueRangeError(f"--plan takes one file of existing readings, and {len(measurements)} are given.")
-    if ignored := [name for name in ("test", "length") if asked.get(name)]:
-        raise ValueRangeError(f"--{ignored[0]} belongs to measurements. Leave it out with --plan.")
+    for name in ("test", "length"):
+        if asked.get(name):
+            raise ValueRangeError(f"--{name} belongs to measurements. Leave it out with --plan.")
     shared = {name: asked[name] for name in _OF_PLANS if name in asked}
     if towards is not None:
         shared["towards"] = parse_numbers(towards, "--towards", "X,Y,Z in m", 3)

@@ -36,8 +36,8 @@ def jacobian(results: Sequence[Expr], known: Known, directions: int, mode: str =
     ``mode``: ``"forward"``, ``"reverse"``, or ``"auto"`` for the mode with fewer operations by :func:`work`.
     """
     if mode == "auto":
-        counted = work(results, known)
-        mode = "forward" if counted.forward <= counted.reverse else "reverse"
+        operations = work(results, known)
+        mode = "reverse" if operations.reverse < operations.forward else "forward"
     J = np.full((len(results), directions), 0.0, object)
     if mode == "forward":
         for direction, column in enumerate(_forward(results, known, directions)):
@@ -53,21 +53,29 @@ def jacobian(results: Sequence[Expr], known: Known, directions: int, mode: str =
 
 def along(results: Sequence[Expr], known: Known, direction: Sequence[Any]) -> list[Any]:
     """Derivative of each result along one combination of the directions, by forward mode."""
-    mixed: dict[Expr, dict[int, Expr]] = {}
+    rates: dict[Expr, dict[int, Expr]] = {}
     for e, row in known.items():
+        rates[e] = {}
         rate = e.trace.zero
         for d, slope in row.items():
             rate = rate + slope * direction[d]
-        mixed[e] = {} if rate is e.trace.zero else {0: rate}
-    return _forward(results, mixed, 1)[0]
+        if rate is not e.trace.zero:
+            rates[e][0] = rate
+    return _forward(results, rates, 1)[0]
 
 
 def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, directions: int) -> Array:
     """Derivative of Σ weights · results along every direction for constant weights, by reverse mode; (directions,)."""
     nodes = _active(results, known)
     adjoint: dict[Expr, Any] = {}
+
+    def add(node: Expr, part: Any) -> None:
+        if node in adjoint:
+            part = adjoint[node] + part
+        adjoint[node] = part
+
     for result, weight in zip(results, weights, strict=True):
-        adjoint[result] = adjoint[result] + weight if result in adjoint else weight
+        add(result, weight)
     total = np.full(directions, 0.0, object)
     for node in reversed(nodes):
         weight = adjoint.get(node)
@@ -78,8 +86,7 @@ def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, dire
                 total[d] = total[d] + slope * weight
             continue
         for operand, slope in _slopes(node, nodes):
-            part = slope * weight
-            adjoint[operand] = adjoint[operand] + part if operand in adjoint else part
+            add(operand, slope * weight)
     return total
 
 
@@ -90,8 +97,9 @@ def work(results: Sequence[Expr], known: Known) -> Work:
     """
     reach = _active(results, known)
     used = dict.fromkeys(reach, 0)  # results that depend on each expression, as bits
-    for k, result in enumerate(dict.fromkeys(r for r in results if r in reach)):
-        used[result] |= 1 << k
+    for k, result in enumerate(dict.fromkeys(results)):
+        if result in reach:
+            used[result] |= 1 << k
     forward = reverse = 0
     for node in reversed(reach):
         if node in known:
@@ -114,8 +122,9 @@ def work(results: Sequence[Expr], known: Known) -> Work:
 
 def _share_of_first(node: Expr, a: Any, b: Any) -> Any:
     """1 if a minimum or maximum is its first operand, 0 if it is the second, ½ if they are equal."""
-    difference = b - a if node.op == "min" else a - b
-    return 0.5 + 0.5 * difference.sign()
+    if node.op == "min":
+        return 0.5 + 0.5 * (b - a).sign()
+    return 0.5 + 0.5 * (a - b).sign()
 
 
 _RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
@@ -148,9 +157,10 @@ def _made_of(node: Expr) -> tuple[Expr, ...]:
 
 def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
     """Varying operands of an operation, each with the derivative by it."""
-    composed, operands = node.trace.composed.get(node.index), _made_of(node)
+    operands = _made_of(node)
     if not operands:
         return []
+    composed = node.trace.composed.get(node.index)
     rules = _RULES[node.op if composed is None else composed.name]
     a, b = (*operands, None)[:2]
     return [(x, rule(node, a, b)) for x, rule in zip(operands, rules, strict=True) if x in active]
@@ -159,18 +169,21 @@ def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
 def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[list[Any]]:
     """One sweep for each direction, in the order of evaluation."""
     active = _active(results, known)
-    steps = [(node, reach, () if node in known else _slopes(node, active)) for node, reach in active.items()]
+    slopes_of: dict[Expr, Sequence[tuple[Expr, Any]]] = {}
+    for node in active:
+        if node not in known:
+            slopes_of[node] = _slopes(node, active)
     columns = []
     for d in range(directions):
         rates: dict[Expr, Any] = {}
-        for node, reach, slopes in steps:
+        for node, reach in active.items():
             if not reach >> d & 1:
                 continue
             if node in known:
                 rates[node] = known[node][d]
                 continue
             total: Any = 0.0
-            for operand, slope in slopes:
+            for operand, slope in slopes_of[node]:
                 if operand in rates:
                     total = total + slope * rates[operand]
             rates[node] = total

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .program import arctan2, log, tanh
+from .composed_functions import arctan2, log, tanh
 
 if TYPE_CHECKING:
     from .tracer import Trace
@@ -82,21 +82,27 @@ class Expr:
             return _elementwise(np.power, self, power)
         if isinstance(power, Expr):
             return (power * self.log()).exp()
-        twice = 2 * float(power) if isinstance(power, int | float | np.number) else np.nan
-        if not abs(twice) <= _LARGEST_POWER:
-            raise TypeError(f"a traced value to the power of {power!r}: powers up to 64 can be traced.")
+        is_number = isinstance(power, int | float | np.number)
+        if not is_number or not abs(float(power)) <= _MAX_POWER:
+            raise TypeError(f"a traced value to the power of {power!r}: powers up to {_MAX_POWER} can be traced.")
+        twice = 2 * float(power)
         if twice != int(twice):
             return (float(power) * self.log()).exp()
         if twice < 0:
             return 1.0 / self ** (-power)
-        whole, half = divmod(int(twice), 2)
-        result, square = self.sqrt() if half else self.trace.one, self
-        while whole:
-            result, square, whole = (result * square if whole & 1 else result), square * square, whole >> 1
+        exponent, has_half = divmod(int(twice), 2)
+        result = self.sqrt() if has_half else self.trace.one
+        square = self  # x, x², x⁴, ...: one for each binary digit of the exponent
+        while exponent:
+            if exponent & 1:
+                result = result * square
+            square, exponent = square * square, exponent >> 1
         return result
 
     def __rpow__(self, base: Any) -> Any:
-        return _elementwise(np.power, base, self) if isinstance(base, np.ndarray) else self.trace.lift(base) ** self
+        if isinstance(base, np.ndarray):
+            return _elementwise(np.power, base, self)
+        return self.trace.lift(base) ** self
 
     def __eq__(self, other: object) -> bool:
         if self is other:
@@ -166,7 +172,7 @@ class Expr:
         return self.trace.sign(self)
 
 
-_LARGEST_POWER = 128
+_MAX_POWER = 64
 
 
 def _elementwise(ufunc: np.ufunc, a: Any, b: Any) -> Any:

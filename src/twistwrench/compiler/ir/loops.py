@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from .program import Program, TensorSpec, signature_of
+from .program import Program, TensorSpec, gufunc_signature, signature_of
 
 STEPS, KEPT = "k", "m"
 """Names of the two sizes in the signature."""
@@ -56,38 +56,40 @@ class Scan:
 
     @property
     def reported(self) -> tuple[int, ...]:
-        """Numbers of the results that are reported at the beginning of each step."""
+        """Numbers of the results that are reported at the beginning of each step: all after the states."""
         return tuple(range(self.visible + self.hidden, len(self.program.outputs)))
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
         """Inputs of the kernel for one step: states, then those given for each step."""
-        return (*self.program.outputs[: self.visible], *(self.program.inputs[k] for k in self.given))
+        given = [self.program.inputs[k] for k in self.given]
+        return (*self.program.outputs[: self.visible], *given)
 
     @property
     def outputs(self) -> tuple[TensorSpec, ...]:
         """One row of the kernel's results: states, then reports of steps."""
-        return (*self.program.outputs[: self.visible], *(self.program.outputs[k] for k in self.reported))
+        return self.program.outputs[: self.visible] + self.program.outputs[self.visible + self.hidden :]
 
     @cached_property
     def signature(self) -> str:
         """Gufunc signature, as in ``(7),(7),(k,7)->(m,7),(m,7)``."""
-        ins: list[Sequence[int | str]] = [port.shape for port in self.inputs[: self.visible]]
-        ins += [(STEPS, *port.shape) for port in self.inputs[self.visible :]]
-        return signature_of(ins, [(KEPT, *port.shape) for port in self.outputs])
+        inputs: list[Sequence[int | str]] = []
+        for k, port in enumerate(self.inputs):
+            is_given_each_step = k >= self.visible
+            inputs.append((STEPS, *port.shape) if is_given_each_step else port.shape)
+        return gufunc_signature(inputs, [(KEPT, *port.shape) for port in self.outputs])
 
 
-# ── Search: a program evaluated until it reports success, for one start configuration after another
-
-# The loop is part of the kernel. An attempt begins at a start configuration. It ends when the program stops it, or after the
-# number of steps in the settings; the next one begins at the nearest unused start. The result is that of the first successful
-# attempt, else the nearest. It depends neither on other samples nor on the number of parallel attempts.
+# A search is a program evaluated until it reports success, for one start configuration after another. An attempt begins at a
+# start configuration. It ends when the program stops it, or after the number of steps in the settings; the next one begins at
+# the nearest unused start. The result is that of the first successful attempt, else the nearest. It depends neither on other
+# samples nor on the number of parallel attempts.
 
 PLACES = 64
 """Number of start configurations in a table, besides the first."""
 
-TIMES, ATTEMPTS, ALLOWED = 0, 1, 2
-"""Positions in the settings: maximum steps per attempt, further attempts, and the first number passed to the program."""
+TIMES, ATTEMPTS, TOLERANCES = 0, 1, 2
+"""Positions in the settings: maximum steps per attempt, further attempts, and the first tolerance passed to the program."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +125,8 @@ class Search:
     @property
     def settings(self) -> TensorSpec:
         """Maximum steps, attempts, tolerances and weights."""
-        numbers = self.program.inputs[-1].size - self.target.size
-        return TensorSpec("settings", (ALLOWED + numbers + len(self.near),))
+        numbers = self.program.inputs[-1].size - self.target.size  # tolerances follow the target in the last input
+        return TensorSpec("settings", (TOLERANCES + numbers + len(self.near),))
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
@@ -141,12 +143,11 @@ class Search:
     @cached_property
     def signature(self) -> str:
         """Gufunc signature."""
-        return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
+        return signature_of(self.inputs, self.outputs)
 
 
-# ── Column solve: a program with result matrices whose columns are solved in a loop, which is shorter than unrolled code
-
-# The program computes values common to all columns once, such as the factors of the solve. Columns with zeros in the same rows
+# A column solve is a program with result matrices whose columns are solved in a loop, which is shorter than unrolled code. The
+# program computes values common to all columns once, such as the factors of the solve. Columns with zeros in the same rows
 # form a group, and each group has one program that maps a column to its solution.
 
 
@@ -181,7 +182,7 @@ class ColumnSolve:
     @cached_property
     def signature(self) -> str:
         """Gufunc signature."""
-        return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
+        return signature_of(self.inputs, self.outputs)
 
     @cached_property
     def first_entries(self) -> tuple[int, ...]:
@@ -200,8 +201,8 @@ class ColumnSolve:
         """Rows that are nonzero before or after the solve."""
         rows = []
         for row, is_zero_after in enumerate(group.program.zeros):
-            entries = [self.entry(matrix, row, column) for matrix, column in group.places]
-            if not (is_zero_after and all(self.program.zeros[entry] for entry in entries)):
+            zero_before = [self.program.zeros[self.entry(matrix, row, column)] for matrix, column in group.places]
+            if not (is_zero_after and all(zero_before)):
                 rows.append(row)
         return rows
 
@@ -224,10 +225,9 @@ class ColumnSolve:
         return tuple(zeros)
 
 
-# ── Products: a program whose results are factors of matrices; loops multiply the factors
-
-# Entry (r, c) of such a matrix is a dot product of row r of one factor and column c of the other. Which pair of factors applies
-# depends on which of the two joints carries the other. A chain of n joints has n² dot products; loops need only a few lines.
+# Products are a program whose results are factors of matrices; loops multiply the factors. Entry (r, c) of such a matrix is a
+# dot product of row r of one factor and column c of the other. Which pair of factors applies depends on which of the two joints
+# carries the other. A chain of n joints has n² dot products; loops need only a few lines.
 
 NEITHER, BEFORE, AFTER = 0, 1, 2
 """Kinds of an entry: zero; its row's joint carries its column's; or the reverse, including equal joints."""
@@ -267,14 +267,15 @@ class Products:
     @cached_property
     def signature(self) -> str:
         """Gufunc signature."""
-        return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
+        return signature_of(self.inputs, self.outputs)
 
-
-# ── Forms of compiled code: a program, or a program with a loop around or after it
 
 Form = Program | Products | ColumnSolve | Scan | Search
+"""Forms of compiled code: a program, or a program with a loop around or after it."""
 
 
 def program_of(form: Form) -> Program:
     """Program without its loop."""
-    return form if isinstance(form, Program) else form.program
+    if isinstance(form, Program):
+        return form
+    return form.program

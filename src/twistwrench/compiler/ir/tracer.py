@@ -18,8 +18,9 @@ import numpy as np
 
 from ...core.errors import KernelError
 from ...core.typing import Array
+from .composed_functions import Composed
 from .expr import Expr
-from .program import FUSED, Composed, Instruction, Program, TensorSpec
+from .program import FUSED, Instruction, Program, TensorSpec
 
 
 def build(results: Sequence[Expr], inputs: tuple[TensorSpec, ...], outputs: tuple[TensorSpec, ...]) -> Program:
@@ -32,15 +33,18 @@ def build(results: Sequence[Expr], inputs: tuple[TensorSpec, ...], outputs: tupl
 def _sort_nodes(results: Sequence[Expr]) -> list[Expr]:
     """All expressions that the results need, in order of creation, but sines, cosines and their operands first."""
     nodes = reachable(results)
-    angles = {node.index for node in reachable([node for node in nodes if node.op in ("sin", "cos")])}
-    return sorted(nodes, key=lambda node: (node.index not in angles, node.index))
+    sines_and_cosines = [node for node in nodes if node.op in ("sin", "cos")]
+    first = {node.index for node in reachable(sines_and_cosines)}
+    return sorted(nodes, key=lambda node: (node.index not in first, node.index))
 
 
 def operands_of(node: Expr) -> tuple[Expr, ...]:
     """Operands of an expression: none, one or two."""
     if node.a is None:
         return ()
-    return (node.a,) if node.b is None else (node.a, node.b)
+    if node.b is None:
+        return (node.a,)
+    return node.a, node.b
 
 
 def reachable(results: Sequence[Expr], operands: Callable[[Expr], Sequence[Expr]] = operands_of) -> list[Expr]:
@@ -70,7 +74,7 @@ def _fusions(nodes: Sequence[Expr], results: Sequence[Expr]) -> dict[int, tuple[
     for node in nodes:
         if node.op not in ("add", "sub") or node.a is None or node.b is None:
             continue
-        sign = 1 if node.op == "add" else -1
+        sign = {"add": 1, "sub": -1}[node.op]
         if node.b.op == "mul" and uses[node.b.index] == 1:
             fused[node.index] = _FUSED_BY_SIGNS[sign, 1], node.b, node.a
         elif node.a.op == "mul" and uses[node.a.index] == 1:
@@ -96,12 +100,11 @@ def _emit(nodes: Sequence[Expr], fused: dict[int, tuple[str, Expr, Expr]]) -> tu
     return instructions, numbers
 
 
-# ── The trace: a table of distinct expressions, which are folded on creation
+# A trace is a table of distinct expressions, which are folded on creation: constants are folded, terms 0 and factors 1 are
+# removed, negations are moved outward, and common subexpressions are shared. Folding may reassociate constants (``2 * (3 *
+# x)`` is ``6 * x``), but never drops a term that is not exactly zero.
 
-# Constants are folded, terms 0 and factors 1 are removed, negations are moved outward, and common subexpressions are shared.
-# Folding may reassociate constants (``2 * (3 * x)`` is ``6 * x``), but never drops a term that is not exactly zero.
-
-LARGEST = 2_000_000
+MAX_EXPRESSIONS = 2_000_000
 """Maximum number of expressions in a trace: each takes half a kilobyte until the program is built, a gigabyte in all."""
 
 
@@ -116,14 +119,19 @@ class Trace:
         self.one = self.constant(1.0)
 
     def _make(self, op: str, a: Expr | None = None, b: Expr | None = None, value: float = 0.0) -> Expr:
-        key = (op, -1 if a is None else a.index, -1 if b is None else b.index, value)
+        key = (
+            op,
+            -1 if a is None else a.index,
+            -1 if b is None else b.index,
+            value,
+        )  # folded: called for every operation
         found = self._table.get(key)
         if found is None:
             if (a is not None and a.trace is not self) or (b is not None and b.trace is not self):
                 raise ValueError("an expression of another trace was mixed in.")
-            if len(self._table) >= LARGEST:
+            if len(self._table) >= MAX_EXPRESSIONS:
                 raise KernelError(
-                    f"this takes more than {LARGEST:,} operations a state, too many for a program without loops. "
+                    f"this takes more than {MAX_EXPRESSIONS:,} operations a state, too many for a program without loops. "
                     "robot.reference evaluates one state by the algorithm itself; a robot with some joints locked has less."
                 )
             found = self._table[key] = Expr(self, op, a, b, value, len(self._table))
@@ -263,7 +271,9 @@ class Trace:
         if a.index in self._turned:
             x, y = self._turned[a.index]
             return self.add(self.mul(self.sin(x), self.cos(y)), self.mul(self.cos(x), self.sin(y)))
-        return self.neg(self.sin(a.a)) if a.op == "neg" and a.a is not None else self._make("sin", a)
+        if a.op == "neg" and a.a is not None:
+            return self.neg(self.sin(a.a))
+        return self._make("sin", a)
 
     def cos(self, a: Expr) -> Expr:
         """Return cos a, folded as an even function."""
@@ -272,33 +282,45 @@ class Trace:
         if a.index in self._turned:
             x, y = self._turned[a.index]
             return self.sub(self.mul(self.cos(x), self.cos(y)), self.mul(self.sin(x), self.sin(y)))
-        return self.cos(a.a) if a.op == "neg" and a.a is not None else self._make("cos", a)
+        if a.op == "neg" and a.a is not None:
+            return self.cos(a.a)
+        return self._make("cos", a)
 
     def sqrt(self, a: Expr) -> Expr:
         """Return the square root, folded."""
-        return self.constant(math.sqrt(a.value)) if a.op == "const" else self._make("sqrt", a)
+        if a.op == "const":
+            return self.constant(math.sqrt(a.value))
+        return self._make("sqrt", a)
 
     def exp(self, a: Expr) -> Expr:
         """Return e to the power of a, folded."""
-        return self.constant(math.exp(a.value)) if a.op == "const" else self._make("exp", a)
+        if a.op == "const":
+            return self.constant(math.exp(a.value))
+        return self._make("exp", a)
 
     def min(self, a: Expr, b: Expr) -> Expr:
         """Return a if a < b, else b, folded."""
-        if a.op == "const" and (a.value == math.inf or b.op == "const"):
-            return a if b.op == "const" and a.value < b.value else b
-        return b if a is b else self._make("min", a, b)
+        if a.op == "const" and b.op == "const":
+            return a if a.value < b.value else b
+        if a is b or (a.op == "const" and a.value == math.inf):
+            return b
+        return self._make("min", a, b)
 
     def max(self, a: Expr, b: Expr) -> Expr:
         """Return a if a > b, else b, folded."""
-        if a.op == "const" and (a.value == -math.inf or b.op == "const"):
-            return a if b.op == "const" and a.value > b.value else b
-        return b if a is b else self._make("max", a, b)
+        if a.op == "const" and b.op == "const":
+            return a if a.value > b.value else b
+        if a is b or (a.op == "const" and a.value == -math.inf):
+            return b
+        return self._make("max", a, b)
 
     def sign(self, a: Expr) -> Expr:
         """Return the sign, folded as an odd function."""
         if a.op == "const":
             return self.constant((a.value > 0) - (a.value < 0))
-        return self.neg(self.sign(a.a)) if a.op == "neg" and a.a is not None else self._make("sign", a)
+        if a.op == "neg" and a.a is not None:
+            return self.neg(self.sign(a.a))
+        return self._make("sign", a)
 
 
 def trace(
@@ -317,7 +339,7 @@ def trace(
     arguments, ports, number = [], [], 0
     for name, shape in inputs:
         array = owner.inputs(number, shape)
-        arguments.append(array if shape else array[()])
+        arguments.append(array if shape else array[()])  # a number is passed as an expression, not as an array of one
         ports.append(TensorSpec(name, shape))
         number += math.prod(shape)
     try:
@@ -325,10 +347,13 @@ def trace(
             returned = function(*arguments)
             if not isinstance(returned, tuple):
                 returned = (returned,)
-            arrays = [np.asarray(result, object) for result in returned]
-            results = [owner.lift(x) for array in arrays for x in array.reshape(-1)]
-            out_ports = tuple(TensorSpec(name, array.shape) for name, array in zip(outputs, arrays, strict=True))
-            return build(results, tuple(ports), out_ports)
+            out_ports: list[TensorSpec] = []
+            results: list[Expr] = []
+            for name, result in zip(outputs, returned, strict=True):
+                array = np.asarray(result, object)
+                out_ports.append(TensorSpec(name, array.shape))
+                results += map(owner.lift, array.reshape(-1))
+            return build(results, tuple(ports), tuple(out_ports))
     finally:
         owner.forget()
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from ..ir.program import Program, TensorSpec
-from .ir_builder import LlvmWriter
+from .ir_builder import LlvmWriter, typed_list
 from .target_machine import Precision
 
 Step = tuple[str, list[str]]
@@ -29,14 +29,20 @@ def call_arrays(w: LlvmWriter, ports: Sequence[TensorSpec]) -> tuple[str, list[s
     """Number of samples, addresses and strides of a call of the loop."""
     samples = w.new("load i64, ptr %dims, align 8")
     bases = [w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8") for k in range(len(ports))]
-    steps, following = [], 8 * len(ports)
+    steps, following = [], len(ports)
     for k, port in enumerate(ports):
-        outer = w.new(f"load i64, ptr {w.gep('%steps', 8 * k)}, align 8")
-        axes = range(len(port.shape))
-        inner = [w.new(f"load i64, ptr {w.gep('%steps', following + 8 * axis)}, align 8") for axis in axes]
-        following += 8 * len(port.shape)
-        steps.append((outer, inner))
+        axes = len(port.shape)
+        steps.append(load_strides(w, k, following, axes))
+        following += axes
     return samples, bases, steps
+
+
+def load_strides(w: LlvmWriter, operand: int, first_inner: int, axes: int) -> Step:
+    """Distance between samples of an operand, and distances within a sample, which begin at place ``first_inner``."""
+    outer = w.new(f"load i64, ptr {w.gep('%steps', 8 * operand)}, align 8")
+    places = range(first_inner, first_inner + axes)
+    inner = [w.new(f"load i64, ptr {w.gep('%steps', 8 * place)}, align 8") for place in places]
+    return outer, inner
 
 
 def buffer_size(w: LlvmWriter, port: TensorSpec) -> int:
@@ -44,18 +50,23 @@ def buffer_size(w: LlvmWriter, port: TensorSpec) -> int:
     return max(port.size, 1) * w.lanes * w.precision.bytes
 
 
+def buffer_sizes(w: LlvmWriter, ports: Sequence[TensorSpec]) -> list[int]:
+    """Size of a block of samples of each array [bytes]."""
+    return [buffer_size(w, port) for port in ports]
+
+
 def call_block(w: LlvmWriter, pointers: list[str], name: str = "block") -> None:
     """Call ``@block``, or another function of pointers."""
-    w.do(f"call void @{name}({', '.join(f'ptr {p}' for p in pointers)})")
+    w.do(f"call void @{name}({typed_list('ptr', pointers)})")
 
 
 def allocate(
     w: LlvmWriter, sizes: list[int], samples: str, outputs: Sequence[tuple[str, Sequence[int | str], Step]]
 ) -> tuple[str, str, list[str]]:
     """Allocate buffers; returns the pointer to free, the current label, and the buffers. If malloc fails, results are NaN."""
-    lines = [-(-size // LINE) * LINE for size in sizes]
-    taken = w.new(f"call ptr @malloc(i64 {sum(lines) + LINE})")
-    none, some = w.label("nomemory"), w.label("memory")
+    padded = [-(-size // LINE) * LINE for size in sizes]  # whole cache lines
+    taken = w.new(f"call ptr @malloc(i64 {sum(padded) + LINE})")
+    none, some = w.labels("nomemory", "memory")
     w.do(f"br i1 {w.new(f'icmp eq ptr {taken}, null')}, label %{none}, label %{some}")
     w.begin(none)
     for place, shape, step in outputs:
@@ -64,7 +75,7 @@ def allocate(
     w.begin(some)
     beyond = w.new(f"add i64 {w.new(f'ptrtoint ptr {taken} to i64')}, {LINE - 1}")
     place = w.new(f"inttoptr i64 {w.new(f'and i64 {beyond}, {-LINE}')} to ptr")
-    return taken, some, [w.gep(place, sum(lines[:k])) for k in range(len(lines))]
+    return taken, some, [w.gep(place, sum(padded[:k])) for k in range(len(padded))]
 
 
 def call_copy(
@@ -98,13 +109,12 @@ def copying(name: str, precision: Precision, lanes: int, *, inward: bool) -> str
             near = w.gep(packed, w.new(f"mul i64 {number}, {precision.bytes}"))
             far = w.gep(w.gep(place, w.new(f"mul i64 {i}, %s0")), w.new(f"mul i64 {j}, %s1"))
             with w.loop("%n2", w.after) as k:  # the only work per element: it dominates a single call
-                close, away = (
-                    w.gep(near, w.new(f"mul i64 {k}, {precision.bytes}")),
-                    w.gep(far, w.new(f"mul i64 {k}, %s2")),
-                )
-                here, there = (away, close) if inward else (close, away)
-                value = w.new(f"load {word}, ptr {here}, align {precision.bytes}")
-                w.do(f"store {word} {value}, ptr {there}, align {precision.bytes}")
+                source = w.gep(near, w.new(f"mul i64 {k}, {precision.bytes}"))
+                target = w.gep(far, w.new(f"mul i64 {k}, %s2"))
+                if inward:
+                    source, target = target, source
+                value = w.new(f"load {word}, ptr {source}, align {precision.bytes}")
+                w.do(f"store {word} {value}, ptr {target}, align {precision.bytes}")
     if inward:
         _pad(w, word, per_sample, size)
     arguments = "ptr %buffer, ptr %place, i64 %count, i64 %outer, i64 %n0, i64 %s0, i64 %n1, i64 %s1, i64 %n2, i64 %s2"
@@ -167,6 +177,9 @@ BEYOND_CACHES = 1 << 24
 """Size of results [bytes] above which they bypass the caches; otherwise they would evict the code of large programs too."""
 
 
+MEMORY_DECLARATIONS = "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"
+COPY_DECLARATION = "declare void @llvm.memcpy.inline.p0.p0.i64(ptr, ptr, i64 immarg, i1 immarg)"
+
 SHORTEST_PIECE, SHORTEST_ROW = 16, 256
 """Minimum size [bytes] of a store that bypasses the caches, and of a sample's results for which such stores pay."""
 
@@ -179,44 +192,47 @@ def loop(name: str, program: Program, precision: Precision, lanes: int, frame: i
     """
     ports = [*program.inputs, *program.outputs]
     w = LlvmWriter(precision, lanes)
-    large = frame + sum(buffer_size(w, port) for port in ports) > ON_STACK
-    row = precision.bytes * sum(port.size for port in program.outputs)
-    piece = lanes * precision.bytes if row >= SHORTEST_ROW and group == 1 else 0
-    piece = piece if piece >= SHORTEST_PIECE else 0
+    large = frame + sum(buffer_sizes(w, ports)) > ON_STACK
+    result_row = precision.bytes * sum(port.size for port in program.outputs)
+    vector = lanes * precision.bytes
+    piece = 0  # size of a store that bypasses the caches [bytes]; 0 if none does
+    if result_row >= SHORTEST_ROW and vector >= SHORTEST_PIECE and group == 1:
+        piece = vector
     _body(w, ports, len(program.inputs), frame, large, group, piece)
-    return "\n".join(
-        [
-            copying("gather", precision, lanes, inward=True),
-            copying("scatter", precision, lanes, inward=False),
-            *([streaming(precision, lanes)] if piece else []),
-            *([nan_filler(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] if large else []),
-            f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
-            *w.lines,
-            "  ret void\n}\n",
-        ]
-    )
+    helpers = [copying("gather", precision, lanes, inward=True), copying("scatter", precision, lanes, inward=False)]
+    if piece:
+        helpers.append(streaming(precision, lanes))
+    if large:
+        helpers += [nan_filler(precision, lanes), MEMORY_DECLARATIONS]
+    return "\n".join([*helpers, *loop_function(name, w)])
+
+
+def loop_function(name: str, w: LlvmWriter) -> list[str]:
+    """Lines of the function that NumPy calls, around the writer's lines."""
+    return [f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:", *w.lines, "  ret void\n}\n"]
 
 
 def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large: bool, group: int, piece: int) -> None:
     size = w.precision.bytes
     samples, bases, step = call_arrays(w, ports)
     taken, start = "", "entry"
+    further: list[str] = []  # the frame, if there is one, is the last argument of blocks
     if large:
-        sizes = [*(buffer_size(w, port) for port in ports), frame]
         results = [(bases[k], ports[k].shape, step[k]) for k in range(inputs, len(ports))]
-        taken, start, (*buffers, room) = allocate(w, sizes, samples, results)
+        taken, start, (*buffers, room) = allocate(w, [*buffer_sizes(w, ports), frame], samples, results)
+        further = [room] if frame else []
     else:
         buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
-        room = w.new(f"alloca [{frame} x i8], align {LINE}") if frame else ""
-    further = [room] if frame else []
+        if frame:
+            further = [w.new(f"alloca [{frame} x i8], align {LINE}")]
     if frame:
-        w.do(f"call void @prepare(ptr {room})")
+        w.do(f"call void @prepare(ptr {further[0]})")
     direct = [_is_direct(w, port, *step[k], size) for k, port in enumerate(ports)]
-    every = direct[0]
+    all_direct = direct[0]
     for flag in direct[1:]:
-        every = w.new(f"and i1 {every}, {flag}")
+        all_direct = w.new(f"and i1 {all_direct}, {flag}")
     whole = w.new(f"sdiv i64 {samples}, {w.lanes}")
-    quick = w.new(f"select i1 {every}, i64 {whole}, i64 0")
+    quick = w.new(f"select i1 {all_direct}, i64 {whole}, i64 0")
     outputs = list(zip(bases, ports, strict=True))[inputs:]
     at, left = bases, quick
     if piece:
@@ -258,14 +274,17 @@ def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large
 
 def _many_and_aligned(w: LlvmWriter, samples: str, outputs: list[tuple[str, TensorSpec]], piece: int) -> str:
     """True if results should bypass the caches and can: blocks and arrays are multiples of ``piece`` bytes."""
-    sizes = [port.size * w.precision.bytes for _, port in outputs]
-    if any(w.lanes * size % piece for size in sizes):
-        return "false"
-    yes = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // sum(sizes)}")
+    row = 0  # size of all results of a sample [bytes]
+    for _, port in outputs:
+        size = port.size * w.precision.bytes
+        if w.lanes * size % piece:
+            return "false"
+        row += size
+    bypasses = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // row}")
     for base, _ in outputs:
-        odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, {piece - 1}")
-        yes = w.new(f"and i1 {yes}, {w.new(f'icmp eq i64 {odd}, 0')}")
-    return yes
+        misalignment = w.new(f"and i64 {w.new(f'ptrtoint ptr {base} to i64')}, {piece - 1}")
+        bypasses = w.new(f"and i1 {bypasses}, {w.new(f'icmp eq i64 {misalignment}, 0')}")
+    return bypasses
 
 
 def _blocks_past_caches(
@@ -291,25 +310,32 @@ def _blocks_past_caches(
 
 def _moved(w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str, group: int) -> list[str]:
     """Addresses of the arrays after ``count`` groups of blocks."""
-    rows = group * w.lanes * w.precision.bytes
-    return [w.gep(base, w.new(f"mul i64 {count}, {port.size * rows}")) for base, port in zip(bases, ports, strict=True)]
+    group_bytes = group * w.lanes * w.precision.bytes  # size of one column of a group
+    moved = []
+    for base, port in zip(bases, ports, strict=True):
+        offset = w.new(f"mul i64 {count}, {port.size * group_bytes}")
+        moved.append(w.gep(base, offset))
+    return moved
 
 
 def _blocks_in_place(
     w: LlvmWriter, ports: list[TensorSpec], bases: list[str], count: str, label: str, further: list[str], group: int = 1
 ) -> str:
     """Call ``count`` blocks, or groups of blocks, on the arrays themselves; returns the current label."""
+    function = "block" if group == 1 else "blocks"
     with w.loop(count, label) as k:
-        call_block(w, [*_moved(w, ports, bases, k, group), *further], "block" if group == 1 else "blocks")
+        call_block(w, [*_moved(w, ports, bases, k, group), *further], function)
     return w.after
 
 
 def _is_direct(w: LlvmWriter, port: TensorSpec, outer: str, inner: list[str], size: int) -> str:
     """True if samples are adjacent and in C order."""
-    expected, flag = size, "true"
-    for length, stride in reversed(list(zip(port.shape, inner, strict=True))):
+    expected, flag = size, ""
+    lengths = [*reversed(port.shape), 1]
+    for length, stride in zip(lengths, [*reversed(inner), outer], strict=True):
         same = w.new(f"icmp eq i64 {stride}, {expected}")
-        flag = same if flag == "true" else w.new(f"and i1 {flag}, {same}")
+        if flag:
+            same = w.new(f"and i1 {flag}, {same}")
+        flag = same
         expected *= length
-    same = w.new(f"icmp eq i64 {outer}, {expected}")
-    return same if flag == "true" else w.new(f"and i1 {flag}, {same}")
+    return flag

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from ..ir.loops import ColumnGroup, ColumnSolve
-from .ir_builder import LlvmWriter
+from .ir_builder import LlvmWriter, typed_list
 from .lower import Emitter
 from .spill_frame import RowLayout, load_slot, store_slot
 from .target_machine import Precision
@@ -19,9 +19,9 @@ def column_programs(columns: ColumnSolve, writer: Callable[[], LlvmWriter]) -> I
     """Table of the groups' columns, and their functions."""
     for number, group in enumerate(columns.groups):
         w = writer()
-        places = [columns.entry(matrix, 0, column) for matrix, column in group.places]
-        listed = ", ".join(f"i64 {place * w.lanes * w.precision.bytes}" for place in places)
-        yield f"@columns{number} = internal constant [{len(places)} x i64] [{listed}]"
+        slot = w.lanes * w.precision.bytes
+        offsets = [slot * columns.entry(matrix, 0, column) for matrix, column in group.places]
+        yield f"@columns{number} = internal constant [{len(offsets)} x i64] [{typed_list('i64', offsets)}]"
         e = _Column(w, columns, group)
         e.walk(0, len(group.program.instructions), columns.stored_entries(group), large=False)
         body = "\n".join(w.lines)
@@ -88,7 +88,7 @@ def lane_column_programs(
     """Function of each group for ``count`` columns, starting at the first row of the first column."""
     for number, group in enumerate(columns.groups):
         w = LlvmWriter(precision, WIDTH // precision.bytes, fused=fused)
-        lanes = ", ".join(f"i64 {k}" for k in range(w.lanes))
+        lanes = typed_list("i64", range(w.lanes))
         first = w.new(f"insertelement <{w.lanes} x i64> poison, i64 %count, i32 0")
         count = w.new(
             f"shufflevector <{w.lanes} x i64> {first}, <{w.lanes} x i64> poison, <{w.lanes} x i32> zeroinitializer"

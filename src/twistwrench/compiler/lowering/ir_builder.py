@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from .target_machine import DOUBLE, Precision
+
+
+def typed_list(kind: str, values: Iterable[object]) -> str:
+    """Values with their type, as in ``i64 1, i64 2``: arguments of a call, or entries of a constant table."""
+    return ", ".join(f"{kind} {value}" for value in values)
 
 
 class LlvmWriter:
@@ -30,6 +35,10 @@ class LlvmWriter:
         """Return a fresh label."""
         self._names += 1
         return f"{stem}{self._names}"
+
+    def labels(self, *stems: str) -> tuple[str, ...]:
+        """Return a fresh label for each stem."""
+        return tuple(self.label(stem) for stem in stems)
 
     def do(self, text: str) -> None:
         """Add an instruction without a result."""
@@ -71,12 +80,13 @@ class LlvmWriter:
 
     def intrinsic(self, op: str, *operands: str) -> str:
         """Vector intrinsic, as in ``fma``."""
-        arguments = ", ".join(f"{self.vector} {x}" for x in operands)
-        return self.new(f"call {self.vector} @llvm.{op}.{self.suffix}({arguments})")
+        return self.new(f"call {self.vector} @llvm.{op}.{self.suffix}({typed_list(self.vector, operands)})")
 
     def fma(self, a: str, b: str, c: str) -> str:
         """a b + c, rounded once; without hardware fma rounded twice, since LLVM would call the C library for each lane."""
-        return self.intrinsic("fma", a, b, c) if self.fused else self.binary("fadd", self.binary("fmul", a, b), c)
+        if self.fused:
+            return self.intrinsic("fma", a, b, c)
+        return self.binary("fadd", self.binary("fmul", a, b), c)
 
     def select(self, condition: str, a: str, b: str) -> str:
         """For each lane, a if the condition holds, else b."""
@@ -85,8 +95,9 @@ class LlvmWriter:
     def shuffle(self, a: str, b: str, indices: Sequence[int], length: int | None = None) -> str:
         """Elements of a and b by index through both, each of ``length``."""
         source = f"<{length or self.lanes} x {self.element}>"
-        picks = ", ".join(f"i32 {i}" for i in indices)
-        return self.new(f"shufflevector {source} {a}, {source} {b}, <{len(indices)} x i32> <{picks}>")
+        return self.new(
+            f"shufflevector {source} {a}, {source} {b}, <{len(indices)} x i32> <{typed_list('i32', indices)}>"
+        )
 
     def gep(self, base: str, offset: int | str) -> str:
         """Pointer moved by ``offset`` bytes."""
@@ -124,7 +135,7 @@ class LlvmWriter:
 
         Yields the counter; :attr:`after` is the label after the loop.
         """
-        head, body, latch, end = (self.label(stem) for stem in ("head", "body", "latch", "end"))
+        head, body, latch, end = self.labels("head", "body", "latch", "end")
         counter, following = self.name(), self.name()
         self.do(f"br label %{head}")
         self.begin(head)
@@ -154,7 +165,9 @@ def _pieces(columns: int, width: int) -> list[int]:
     if columns < width:
         return []
     starts = list(range(0, columns - width + 1, width))
-    return starts if columns % width == 0 else [*starts, columns - width]
+    if columns % width:
+        starts.append(columns - width)  # overlaps its neighbour
+    return starts
 
 
 class _Rows:
@@ -166,17 +179,21 @@ class _Rows:
         self.groups = w.lanes // self.width
         self.align = w.precision.bytes
         self.piece = f"<{self.width} x {w.element}>"
-        self.starts = (
-            _pieces(columns, self.width) if self.groups else []
-        )  # fewer lanes than a piece is wide: one by one
+        self.starts: list[int] = []  # stays empty if there are fewer lanes than a piece is wide: one by one
+        if self.groups:
+            self.starts = _pieces(columns, self.width)
 
     def address(self, row: int, column: int) -> str:
         return self.w.gep(self.base, (row * self.columns + column) * self.w.precision.bytes)
 
     def within(self, a: str, b: str, picks: list[int]) -> str:
         """Shuffle with the same pattern in every 128-bit group; picks number the group's elements of a, then of b."""
-        n, width = self.w.lanes, self.width
-        indices = [g * width + (i if i < width else n + i - width) for g in range(self.groups) for i in picks]
+        first_of_b = self.w.lanes - self.width  # shuffles number the elements of b after all of a
+        indices: list[int] = []
+        for group in range(self.groups):
+            for i in picks:
+                of_b = i >= self.width
+                indices.append(group * self.width + i + of_b * first_of_b)
         return self.w.shuffle(a, b, indices)
 
     def transpose(self, v: list[str]) -> list[str]:
@@ -187,7 +204,12 @@ class _Rows:
         a, b = self.within(v[0], v[1], low), self.within(v[2], v[3], low)
         c, d = self.within(v[0], v[1], high), self.within(v[2], v[3], high)
         first, second = [0, 1, 4, 5], [2, 3, 6, 7]
-        return [self.within(x, y, p) for x, y in ((a, b), (c, d)) for p in (first, second)]
+        return [
+            self.within(a, b, first),
+            self.within(a, b, second),
+            self.within(c, d, first),
+            self.within(c, d, second),
+        ]
 
 
 class RowLoader(_Rows):
@@ -239,9 +261,14 @@ class RowStorer(_Rows):
 
     def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
         super().__init__(w, base, columns)
-        self.span = 2 * self.width if columns >= 2 * self.width else self.width
+        self.span = self.width  # columns of a tile
+        if columns >= 2 * self.width:
+            self.span = 2 * self.width
         self._ready: dict[int, str] = {}
-        self._missing = dict.fromkeys(_pieces(columns, self.span) if self.groups else [], self.span)
+        self._missing: dict[int, int] = {}
+        """Number of columns that each tile lacks, by the tile's first column."""
+        if self.groups:
+            self._missing = dict.fromkeys(_pieces(columns, self.span), self.span)
         self._single = not self._missing
 
     def put(self, c: int, vector: str) -> None:
@@ -265,9 +292,11 @@ class RowStorer(_Rows):
         left, right = self._transposed(start), self._transposed(start + span - width)
         for k in range(width):
             for g in range(self.groups):
-                group = list(range(g * width, g * width + width))
-                both = group + [w.lanes + i for i in group] if span > width else group
-                part = w.shuffle(left[k], right[k], both)
+                first = g * width
+                picks = list(range(first, first + width))
+                if span > width:
+                    picks += range(w.lanes + first, w.lanes + first + width)
+                part = w.shuffle(left[k], right[k], picks)
                 w.do(f"store {tile} {part}, ptr {self.address(g * width + k, start)}, align {self.align}")
 
     def clear(self) -> None:

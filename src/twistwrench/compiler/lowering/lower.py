@@ -12,22 +12,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from ..ir.loops import ColumnSolve, Form, Products, Scan, program_of
 from ..ir.program import FUSED, Program
 from .batch_loop import Loop, loop
-from .ir_builder import LlvmWriter, RowLoader, RowStorer
+from .ir_builder import LlvmWriter, RowLoader, RowStorer, typed_list
 from .target_machine import LOOP, Machine, Precision
 from .vector_math import exp, sincos, wrap, wrapper
 
-LONG = 2000
+MAX_INSTRUCTIONS = 2000
 """Maximum number of instructions in one function; longer programs are partitioned, which also makes them faster."""
 
 
 def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:
     """Assembly texts to compile and link together."""
     program, around = program_of(given), _around(given, machine)
-    cut = given if isinstance(given, ColumnSolve) else program
-    if cut is not program or len(program.instructions) > LONG:
+    solves_columns = isinstance(given, ColumnSolve)
+    if solves_columns or len(program.instructions) > MAX_INSTRUCTIONS:
         from .partition import partitioned
 
-        yield from partitioned(cut, precision, machine, around)
+        yield from partitioned(given if solves_columns else program, precision, machine, around)
     else:
         yield assembly(program, precision, machine, around)
 
@@ -51,19 +51,19 @@ def _around(given: Form, machine: Machine) -> Loop:
 
 # ── One block in one function
 
-CUT = 500
+INSTRUCTIONS_PER_BLOCK = 500
 """Number of instructions per basic block of a large program."""
 
-SIDE_BY_SIDE = 6
-"""Number of angles whose sine and cosine are computed in lockstep."""
+MAX_ANGLES_IN_LOCKSTEP = 6
+"""Maximum number of angles whose sine and cosine are computed in lockstep."""
 
-LARGE = 6000
+MAX_UNCUT_INSTRUCTIONS = 6000
 """Number of instructions above which programs are cut: LLVM's time grows faster than the length of a basic block."""
 
 CUT_OUTPUTS = 125
 """Number of stored result entries per basic block of a wide program."""
 
-WIDE = 500
+MAX_UNCUT_OUTPUTS = 500
 """Number of result entries above which programs are also cut: LLVM's schedulers compare all pairs of stores in a block."""
 
 
@@ -75,10 +75,10 @@ def assembly(program: Program, precision: Precision, machine: Machine, around: L
     entries: dict[int, list[int]] = {}
     for k, result in enumerate(program.results):
         entries.setdefault(result, []).append(k)
-    e.walk(0, len(program.instructions), entries, large=len(program.instructions) > LARGE)
+    e.walk(0, len(program.instructions), entries, large=len(program.instructions) > MAX_UNCUT_INSTRUCTIONS)
     body = "\n".join(w.lines)
     ports = len(program.inputs) + len(program.outputs)
-    arguments = ", ".join(f"ptr noalias %a{k}" for k in range(ports))
+    arguments = typed_list("ptr noalias", [f"%a{k}" for k in range(ports)])
     return "\n".join(
         [
             declarations(w),
@@ -109,10 +109,11 @@ class Emitter:
         self.label = "entry"
         self.pairs: dict[int, tuple[str, str]] = {}
         self.waiting: dict[int, str] = {}
-        loaders = [RowLoader(w, f"%a{k}", port.size) for k, port in enumerate(program.inputs)]
-        self._inputs = [
-            (loader, c) for loader, port in zip(loaders, program.inputs, strict=True) for c in range(port.size)
-        ]
+        self._inputs: list[tuple[RowLoader, int]] = []
+        """Loader and column of each input element."""
+        for k, port in enumerate(program.inputs):
+            loader = RowLoader(w, f"%a{k}", port.size)
+            self._inputs += [(loader, column) for column in range(port.size)]
 
     def input(self, number: int) -> str:
         """Vector of an input."""
@@ -126,7 +127,9 @@ class Emitter:
     def value(self, number: int) -> str:
         """Vector of an earlier instruction; constants are written at each use."""
         instruction = self.program.instructions[number]
-        return self.w.splat(instruction.value) if instruction.op == "const" else self.values[number]
+        if instruction.op == "const":
+            return self.w.splat(instruction.value)
+        return self.values[number]
 
     def record(self, number: int, value: str) -> None:
         """Record the vector of an instruction."""
@@ -146,7 +149,7 @@ class Emitter:
                 for k in entries.get(number, ()):
                     self.output(k, self.w.splat(value))
                 continue
-            if large and number % CUT == CUT - 1:
+            if large and number % INSTRUCTIONS_PER_BLOCK == INSTRUCTIONS_PER_BLOCK - 1:
                 self.cut()
             if op in ("sin", "cos"):
                 self.record(number, self.sincos(args[0])[op == "cos"])
@@ -172,14 +175,16 @@ class Emitter:
         for number in angles:
             self.values[number] = self.input(int(self.program.instructions[number].value))
         if angles:
-            checked, self.label = wrap(self.w, [self.values[number] for number in angles], self.label)
+            vectors = [self.values[number] for number in angles]
+            checked, self.label = wrap(self.w, vectors, self.label)
             self.waiting = dict(zip(angles, checked, strict=True))
 
     def sincos(self, angle: int) -> tuple[str, str]:
         """Sine and cosine of an angle, computed at the first use in lockstep with those of other pending angles."""
         if angle not in self.pairs:
             if angle in self.waiting:  # other pending angles are computed in lockstep
-                group = [angle, *(a for a in self.waiting if a != angle)][:SIDE_BY_SIDE]
+                others = [a for a in self.waiting if a != angle]
+                group = [angle, *others][:MAX_ANGLES_IN_LOCKSTEP]
                 reachable = [self.waiting.pop(a) for a in group]
             else:
                 group = [angle]
@@ -193,10 +198,13 @@ class _Whole(Emitter):
 
     def __init__(self, w: LlvmWriter, program: Program) -> None:
         super().__init__(w, program)
-        self.wide, self.stored = len(program.results) > WIDE, 0
+        self.wide, self.stored = len(program.results) > MAX_UNCUT_OUTPUTS, 0
         first = len(program.inputs)
-        storers = [RowStorer(w, f"%a{k}", port.size) for k, port in enumerate(program.outputs, start=first)]
-        self._outputs = [(s, c) for s, port in zip(storers, program.outputs, strict=True) for c in range(port.size)]
+        self._outputs: list[tuple[RowStorer, int]] = []
+        """Storer and column of each result entry."""
+        for k, port in enumerate(program.outputs, start=first):
+            storer = RowStorer(w, f"%a{k}", port.size)
+            self._outputs += [(storer, column) for column in range(port.size)]
 
     def output(self, number: int, value: str) -> None:
         """Store an entry of the results."""
@@ -209,9 +217,11 @@ class _Whole(Emitter):
 
 def _plain_angles(program: Program, first: int, end: int) -> list[int]:
     """Inputs that are arguments of sines and cosines: their sizes are checked together at the start."""
-    some = program.instructions[first:end]
-    taken = {i.args[0] for i in some if i.op in ("sin", "cos")}
-    return sorted(k for k in taken if program.instructions[k].op == "input")
+    angles = set()
+    for op, args, _ in program.instructions[first:end]:
+        if op in ("sin", "cos") and program.instructions[args[0]].op == "input":
+            angles.add(args[0])
+    return sorted(angles)
 
 
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
@@ -221,15 +231,21 @@ def _operation(w: LlvmWriter, op: str, x: list[str]) -> str:
     if op in _BINARY:
         return w.binary(_BINARY[op], x[0], x[1])
     if op in FUSED:
-        product, addend = FUSED[op]
-        return w.fma(w.negate(x[0]) if product < 0 else x[0], x[1], w.negate(x[2]) if addend < 0 else x[2])
+        product_sign, addend_sign = FUSED[op]
+        a, b, addend = x
+        if product_sign < 0:
+            a = w.negate(a)
+        if addend_sign < 0:
+            addend = w.negate(addend)
+        return w.fma(a, b, addend)
     if op == "neg":
         return w.negate(x[0])
     if op == "sign":  # 0 stays 0 and NaN stays NaN; an equality comparison raises no flags
         neither = w.new(f"fcmp ueq {w.vector} {x[0]}, {w.splat(0.0)}")
         return w.select(neither, x[0], w.intrinsic("copysign", w.splat(1.0), x[0]))
     if op in ("min", "max"):
-        return w.select(w.new(f"fcmp {'olt' if op == 'min' else 'ogt'} {w.vector} {x[0]}, {x[1]}"), x[0], x[1])
+        comparison = {"min": "olt", "max": "ogt"}[op]
+        return w.select(w.new(f"fcmp {comparison} {w.vector} {x[0]}, {x[1]}"), x[0], x[1])
     if op == "exp":
         return exp(w, x[0])
     return w.intrinsic(op, x[0])

@@ -13,9 +13,9 @@ from itertools import pairwise
 
 from ..ir.loops import ColumnSolve
 from ..ir.program import Program
-from .batch_loop import Loop
+from .batch_loop import Loop, call_block
 from .column_solve import call_lane_columns, column_loop, column_programs, lane_column_programs
-from .ir_builder import LlvmWriter, RowStorer
+from .ir_builder import LlvmWriter, RowStorer, typed_list
 from .lower import CUT_OUTPUTS, Emitter, declarations
 from .spill_frame import (
     FrameLayout,
@@ -41,9 +41,9 @@ def partitioned(given: Program | ColumnSolve, precision: Precision, machine: Mac
     """Texts of the modules to compile and link together."""
     columns = given if isinstance(given, ColumnSolve) else ColumnSolve(given, 0, ())
     frame = SpillFrame(columns.program, PARTITION)
-    head, places = (
-        (_head, FrameLayout(columns)) if machine.lanes(precision) > 1 else (_head_of_one_lane, RowLayout(columns))
-    )
+    head, places = _head, FrameLayout(columns)
+    if machine.lanes(precision) == 1:
+        head, places = _head_of_one_lane, RowLayout(columns)
     yield head(columns, frame, precision, machine, around)
     partitions = list(enumerate(pairwise(frame.starts)))
     for k in range(0, len(partitions), EACH):
@@ -56,17 +56,14 @@ def _writer(precision: Precision, machine: Machine) -> LlvmWriter:
     return LlvmWriter(precision, machine.lanes(precision), fused=machine.fused)
 
 
-# ── The loop, and the functions it calls
-
-
 def _head(columns: ColumnSolve, frame: SpillFrame, precision: Precision, machine: Machine, around: Loop) -> str:
     """Module with the loop, the frame's preparation, and the block, which calls partitions, solves columns and makes rows."""
     w = _writer(precision, machine)
     declared = _call_partitions(w, frame, FrameLayout(columns).pointers)
     tables = []
     for k, (port, entry) in enumerate(zip(columns.outputs, columns.first_entries, strict=False)):
-        zero, span = columns.zeros[entry : entry + port.size], RowStorer(w, "", port.size).span
-        tables.append(zero_tiles(f"zeros{k}", zero, span))
+        is_zero = columns.zeros[entry : entry + port.size]
+        tables.append(zero_tiles(f"zeros{k}", is_zero, RowStorer(w, "", port.size).span))
     label = column_loop(w, columns, "entry")
     for k, (port, table) in enumerate(zip(columns.outputs, tables, strict=True)):
         array, zeros = f"%a{len(columns.inputs) + k}", f"zeros{k}" if table else ""
@@ -107,20 +104,17 @@ def _head_of_one_lane(
 
 def _call_partitions(w: LlvmWriter, frame: SpillFrame, pointers: Sequence[str]) -> list[str]:
     """Call all partitions in order; returns their declarations."""
-    partitions, given = range(len(frame.starts) - 1), ", ".join(f"ptr {pointer}" for pointer in pointers)
-    for k in partitions:
-        w.do(f"call void @partition{k}({given})")
     types = ", ".join(["ptr"] * len(pointers))
-    return [f"declare void @partition{k}({types})" for k in partitions]
+    declarations_of_partitions = []
+    for k in range(len(frame.starts) - 1):
+        call_block(w, pointers, f"partition{k}")
+        declarations_of_partitions.append(f"declare void @partition{k}({types})")
+    return declarations_of_partitions
 
 
 def _block(w: LlvmWriter, pointers: Sequence[str]) -> str:
-    arguments = ", ".join(f"ptr noalias {pointer}" for pointer in pointers)
-    body = "\n".join(w.lines)
+    arguments, body = typed_list("ptr noalias", pointers), "\n".join(w.lines)
     return f'define internal void @block({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
-
-
-# ── One partition
 
 
 def _partition(
@@ -128,8 +122,7 @@ def _partition(
 ) -> str:
     w = _writer(precision, machine)
     _Partition(w, frame, places).walk(*bounds, frame.entries, large=False)
-    arguments = ", ".join(f"{places.pointer} {pointer}" for pointer in places.pointers)
-    body = "\n".join(w.lines)
+    arguments, body = typed_list(places.pointer, places.pointers), "\n".join(w.lines)
     return f'define void @partition{number}({arguments}) noinline "stackrealign" {{\nentry:\n{body}\n  ret void\n}}\n'
 
 
@@ -146,11 +139,13 @@ class _Partition(Emitter):
     def value(self, number: int) -> str:
         """Vector of an instruction, from a register, an input or the frame."""
         op, _, value = self.program.instructions[number]
-        if op != "const" and number not in self.values:
-            self.values[number] = (
-                self.input(int(value)) if op == "input" else load_slot(self.w, *self.place(self.frame.slots[number]))
-            )
-        return super().value(number)
+        if op == "const" or number in self.values:
+            return super().value(number)
+        if op == "input":
+            self.values[number] = self.input(int(value))
+        else:
+            self.values[number] = load_slot(self.w, *self.place(self.frame.slots[number]))
+        return self.values[number]
 
     def record(self, number: int, value: str) -> None:
         """Record the vector of an instruction, and store it if a later partition needs it and :meth:`output` does not."""

@@ -7,28 +7,33 @@ order of the factors, so an entry's bits do not depend on its tile.
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..ir.loops import AFTER, BEFORE, NEITHER, Product, Products
 from ..ir.program import Program, TensorSpec
 from .batch_loop import (
     BEYOND_CACHES,
     LINE,
+    MEMORY_DECLARATIONS,
     SHORTEST_PIECE,
     Loop,
     allocate,
-    buffer_size,
+    buffer_sizes,
     call_arrays,
     call_block,
     call_copy,
     copying,
+    loop_function,
     nan_filler,
     streaming,
 )
-from .ir_builder import LlvmWriter
+from .ir_builder import LlvmWriter, typed_list
 from .target_machine import Precision
 
-LEAST = 16
+MIN_MATRIX_SIZE = 16
 """Minimum number of rows and columns of a matrix."""
-_MIXED = 3
+_MIXED_TILE = 3
+"""Kind of a tile with entries of several kinds; the other kinds are those of entries."""
 
 
 def products_over(products: Products, *, fused: bool) -> Loop:
@@ -43,13 +48,11 @@ def products_over(products: Products, *, fused: bool) -> Loop:
                 copying("scatter", precision, 1, inward=False),
                 streaming(precision, lanes),
                 nan_filler(precision, lanes),
-                "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n",
+                MEMORY_DECLARATIONS,
                 loop.tables(),
                 loop.declaration() if fused else "",
                 *(loop.matrix(number, matrix) for number, matrix in enumerate(products.matrices)),
-                f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
-                *loop.w.lines,
-                "  ret void\n}\n",
+                *loop_function(name, loop.w),
             ]
         )
 
@@ -68,7 +71,8 @@ class _Matrices:
         self.p, self.w, self.frame = products, w, frame
         self.bytes, self.n = w.precision.bytes, len(products.relations)
         # Tile sizes for which sums fit into registers. Their vectors may be wider than the program's, with other intrinsics.
-        self.height, self.width = 4 if w.lanes * self.bytes >= LINE else 2, 16 if w.lanes != 16 else 8
+        self.height = 4 if w.lanes * self.bytes >= LINE else 2
+        self.width = 8 if w.lanes == 16 else 16
         self.rows, self.columns = _starts(self.n, self.height), _starts(self.n, self.width)
 
     def declaration(self) -> str:
@@ -78,26 +82,33 @@ class _Matrices:
 
     def tables(self) -> str:
         """Tables of the tiles' first rows and columns, and of the kinds of tiles and entries."""
+        relations = np.array(self.p.relations)
         kinds = []
         for i in self.rows:
             for j in self.columns:
-                found = {self.p.relations[r][c] for r in range(i, i + self.height) for c in range(j, j + self.width)}
-                kinds.append(found.pop() if len(found) == 1 else _MIXED)
-        entries = [kind for row in self.p.relations for kind in row]
+                tile = relations[i : i + self.height, j : j + self.width]
+                is_uniform = (tile == tile[0, 0]).all()
+                kinds.append(int(tile[0, 0]) if is_uniform else _MIXED_TILE)
 
         def table(name: str, kind: str, numbers: list[int]) -> str:
-            listed = ", ".join(f"{kind} {x}" for x in numbers)
-            return f"@tile_{name} = internal constant [{len(numbers)} x {kind}] [{listed}], align {LINE}"
+            entries = typed_list(kind, numbers)
+            return f"@tile_{name} = internal constant [{len(numbers)} x {kind}] [{entries}], align {LINE}"
 
-        tables = ("rows", "i64", self.rows), ("columns", "i64", self.columns), ("kinds", "i8", kinds)
-        return "\n".join([*(table(*one) for one in tables), table("entries", "i8", entries)])
+        return "\n".join(
+            [
+                table("rows", "i64", self.rows),
+                table("columns", "i64", self.columns),
+                table("kinds", "i8", kinds),
+                table("entries", "i8", relations.ravel().tolist()),
+            ]
+        )
 
     # ── one matrix of one sample ──
 
     def matrix(self, number: int, matrix: Product) -> str:
         """Function that computes a matrix from the factors of one sample."""
         w = LlvmWriter(self.w.precision, self.width, fused=self.w.fused)
-        of = self.p.program.outputs
+
         tile = w.new(f"alloca [{self.height * self.width} x {w.element}], align {LINE}")
         with w.loop(str(len(self.rows)), "entry") as a:
             i = self._entry(w, "@tile_rows", a)
@@ -113,7 +124,7 @@ class _Matrices:
                 with w.when(w.new(f"icmp eq i8 {kind}, {NEITHER}")):
                     for row in range(self.height):
                         self._store(w, w.splat(0.0), w.gep(corner, row * self.n * self.bytes))
-                with w.when(w.new(f"icmp eq i8 {kind}, {_MIXED}")):
+                with w.when(w.new(f"icmp eq i8 {kind}, {_MIXED_TILE}")):
                     self._tile(w, matrix.before, i, j, tile, self.width)
                     self._tile(w, matrix.after, i, j, corner, self.n)
                     for row in range(self.height):
@@ -125,7 +136,7 @@ class _Matrices:
             before = w.new(f"load {w.element}, ptr {place}, align {self.bytes}")
             total = w.new(f"fadd {w.element} {before}, {w.number(x)}")
             w.do(f"store {w.element} {total}, ptr {place}, align {self.bytes}")
-        arguments = ", ".join(["ptr %matrix", *(f"ptr %f{k}" for k in range(len(of)))])
+        arguments = typed_list("ptr", ["%matrix", *(f"%f{k}" for k in range(len(self.p.program.outputs)))])
         body = "\n".join(w.lines)
         return f"define internal void @matrix{number}({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
@@ -177,9 +188,10 @@ class _Matrices:
         samples, bases, strides = call_arrays(w, ports)
         count, factors = len(p.inputs), p.program.outputs
         one = TensorSpec("one matrix", (-(-self.n * self.n // w.lanes),))
-        sizes = [buffer_size(w, port) for port in (*p.inputs, *factors, one)]
+        sizes = buffer_sizes(w, [*p.inputs, *factors, one])
         results = [(bases[k], ports[k].shape, strides[k]) for k in range(count, len(ports))]
         taken, label, (*buffers, matrix, room) = allocate(w, [*sizes, self.frame], samples, results)
+        further = [room] if self.frame else []
         if self.frame:
             w.do(f"call void @prepare(ptr {room})")
         size = self.n * self.n * self.bytes
@@ -190,13 +202,12 @@ class _Matrices:
             for k, port in enumerate(p.inputs):
                 place = w.gep(bases[k], w.new(f"mul i64 {first}, {strides[k][0]}"))
                 call_copy(w, "gather", buffers[k], place, some, port.shape, strides[k])
-            call_block(w, [*buffers, *([room] if self.frame else [])])
+            call_block(w, [*buffers, *further])
             with w.loop(some, w.after) as lane:
                 row = w.new(f"add i64 {first}, {lane}")
-                mine = [
-                    w.gep(buffer, w.new(f"mul i64 {lane}, {port.size * self.bytes}"))
-                    for buffer, port in zip(buffers[count:], factors, strict=True)
-                ]
+                own_factors = []  # of this lane
+                for buffer, port in zip(buffers[count:], factors, strict=True):
+                    own_factors.append(w.gep(buffer, w.new(f"mul i64 {lane}, {port.size * self.bytes}")))
                 for number in range(len(p.matrices)):
                     base, (outer, inner) = bases[count + number], strides[count + number]
                     place = w.gep(base, w.new(f"mul i64 {row}, {outer}"))
@@ -204,7 +215,8 @@ class _Matrices:
                     plain = w.new(f"and i1 {plain}, {w.new(f'icmp eq i64 {inner[0]}, {self.n * self.bytes}')}")
                     past = w.new(f"and i1 {self._may_go_past(many, place)}, {plain}")
                     direct = w.new(f"and i1 {plain}, {w.new(f'xor i1 {past}, true')}")
-                    call_block(w, [w.new(f"select i1 {direct}, ptr {place}, ptr {matrix}"), *mine], f"matrix{number}")
+                    target = w.new(f"select i1 {direct}, ptr {place}, ptr {matrix}")
+                    call_block(w, [target, *own_factors], f"matrix{number}")
                     with w.when(past):
                         w.do(f"call void @stream(ptr {matrix}, ptr {place}, i64 {size // (w.lanes * self.bytes)})")
                     with w.when(w.new(f"xor i1 {plain}, true")):

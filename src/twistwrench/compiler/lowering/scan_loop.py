@@ -10,8 +10,24 @@ from collections.abc import Sequence
 
 from ..ir.loops import Scan
 from ..ir.program import Program, TensorSpec, axes_of
-from .batch_loop import LINE, ON_STACK, Loop, Step, allocate, buffer_size, call_block, call_copy, copying, nan_filler
-from .ir_builder import LlvmWriter
+from .batch_loop import (
+    COPY_DECLARATION,
+    LINE,
+    MEMORY_DECLARATIONS,
+    ON_STACK,
+    Loop,
+    Step,
+    allocate,
+    buffer_size,
+    buffer_sizes,
+    call_block,
+    call_copy,
+    copying,
+    load_strides,
+    loop_function,
+    nan_filler,
+)
+from .ir_builder import LlvmWriter, typed_list
 from .target_machine import Precision
 
 TABLE = "stages"
@@ -24,28 +40,22 @@ def loop_over(recurrence: Scan) -> Loop:
     def write(name: str, _program: Program, precision: Precision, lanes: int, frame: int, _group: int) -> str:
         loop = _Steps(recurrence, LlvmWriter(precision, lanes), frame)
         loop.write()
-        return "\n".join(
-            [
-                copying("gather", precision, lanes, inward=True),
-                copying("scatter", precision, lanes, inward=False),
-                *([nan_filler(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] * loop.large),
-                "declare void @llvm.memcpy.inline.p0.p0.i64(ptr, ptr, i64 immarg, i1 immarg)",
-                _table(recurrence, loop.w),
-                f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
-                *loop.w.lines,
-                "  ret void\n}\n",
-            ]
-        )
+        helpers = [copying("gather", precision, lanes, inward=True), copying("scatter", precision, lanes, inward=False)]
+        if loop.large:
+            helpers += [nan_filler(precision, lanes), MEMORY_DECLARATIONS]
+        return "\n".join([*helpers, COPY_DECLARATION, _table(recurrence, loop.w), *loop_function(name, loop.w)])
 
     return write
 
 
 def _table(recurrence: Scan, w: LlvmWriter) -> str:
-    numbers = [w.number(x) for row in recurrence.table for x in list(row) * w.lanes]
+    numbers: list[str] = []
+    for row in recurrence.table:
+        numbers += [w.number(x) for x in row] * w.lanes
     if not numbers:
         return ""
     kind = f"[{len(numbers)} x {w.element}]"
-    return f"@{TABLE} = internal constant {kind} [{', '.join(f'{w.element} {x}' for x in numbers)}], align {LINE}"
+    return f"@{TABLE} = internal constant {kind} [{typed_list(w.element, numbers)}], align {LINE}"
 
 
 class _Operand:
@@ -53,9 +63,14 @@ class _Operand:
 
     def __init__(self, port: TensorSpec, base: str, outer: str, inner: list[str], *, stepped: bool) -> None:
         self.port, self.base, self.outer = port, base, outer
-        self.along = inner[0] if stepped else "0"
-        self.inner = inner[1:] if stepped else inner
         self.strides = inner
+        self.along, self.inner = "0", inner
+        if stepped:
+            self.along, *self.inner = inner
+
+    def with_rows(self, rows: str) -> tuple[str, list[int | str], Step]:
+        """Address, shape and strides of a result with its axis of ``rows``."""
+        return self.base, [rows, *self.port.shape], (self.outer, self.strides)
 
     @property
     def step(self) -> Step:
@@ -70,10 +85,10 @@ class _Steps:
         self.r, self.w, self.frame = recurrence, w, frame
         self.program = recurrence.program
         self.starts = sorted({s.state for s in recurrence.sources if s.kind == "start"})
-        fed = [*recurrence.states, *(recurrence.states[j] for j in self.starts)]
+        starts = [recurrence.states[j] for j in self.starts]
         given = [self.program.inputs[k] for k in recurrence.given]
-        self.ports = [*fed, *given, *self.program.outputs]
-        self.large = frame + sum(buffer_size(w, port) for port in self.ports) > ON_STACK
+        self.ports = [*recurrence.states, *starts, *given, *self.program.outputs]
+        self.large = frame + sum(buffer_sizes(w, self.ports)) > ON_STACK
 
     def write(self) -> None:
         """Write the body of the loop function."""
@@ -101,9 +116,9 @@ class _Steps:
                 self._take_given(number, places[r.visible : len(inputs)], inputs[r.visible :])
                 begins = w.new(f"icmp eq i64 {between}, 0")
                 ends = w.new(f"icmp eq i64 {w.new(f'add i64 {between}, 1')}, {every}")
-                rows = [
-                    w.gep(places[len(inputs) + k], w.new(f"mul i64 {row}, {x.along}")) for k, x in enumerate(outputs)
-                ]
+                rows = []
+                for place, operand in zip(places[len(inputs) :], outputs, strict=True):
+                    rows.append(w.gep(place, w.new(f"mul i64 {row}, {operand.along}")))
                 self._step(begins, rows[r.visible :], outputs[r.visible :])
                 with w.when(ends):
                     for k, operand in enumerate(outputs[: r.visible]):
@@ -115,16 +130,16 @@ class _Steps:
 
     def _operands(self) -> list[_Operand]:
         w, r = self.w, self.r
-        ports, stepped = [*r.inputs, *r.outputs], [k >= r.visible for k in range(len(r.inputs) + len(r.outputs))]
-        found, following = [], 8 * len(ports)
-        for k, (port, has_steps) in enumerate(zip(ports, stepped, strict=True)):
+        ports = [*r.inputs, *r.outputs]
+        operands, following = [], len(ports)
+        for k, port in enumerate(ports):
+            has_steps = k >= r.visible  # all but the initial states
             base = w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8")
-            outer = w.new(f"load i64, ptr {w.gep('%steps', 8 * k)}, align 8")
             axes = len(port.shape) + has_steps
-            inner = [w.new(f"load i64, ptr {w.gep('%steps', following + 8 * axis)}, align 8") for axis in range(axes)]
-            following += 8 * axes
-            found.append(_Operand(port, base, outer, inner, stepped=has_steps))
-        return found
+            outer, inner = load_strides(w, k, following, axes)
+            following += axes
+            operands.append(_Operand(port, base, outer, inner, stepped=has_steps))
+        return operands
 
     def _size(self, operand: int) -> str:
         """Length of an operand's step or row axis."""
@@ -134,15 +149,15 @@ class _Steps:
     def _places(self, samples: str, outputs: Sequence[_Operand], kept: str) -> tuple[str, str]:
         """Allocate all buffers; returns the pointer to free, and the current label."""
         w, taken, label = self.w, "", "entry"
+        sizes = buffer_sizes(w, self.ports)
+        self.room = ""
         if self.large:
-            sizes = [*(buffer_size(w, port) for port in self.ports), self.frame]
-            results: list[tuple[str, list[int | str], Step]] = [
-                (x.base, [kept, *x.port.shape], (x.outer, x.strides)) for x in outputs
-            ]
-            taken, label, (*buffers, self.room) = allocate(w, sizes, samples, results)
+            results = [x.with_rows(kept) for x in outputs]
+            taken, label, (*buffers, self.room) = allocate(w, [*sizes, self.frame], samples, results)
         else:
-            buffers = [w.new(f"alloca [{buffer_size(w, port)} x i8], align {LINE}") for port in self.ports]
-            self.room = w.new(f"alloca [{self.frame} x i8], align {LINE}") if self.frame else ""
+            buffers = [w.new(f"alloca [{size} x i8], align {LINE}") for size in sizes]
+            if self.frame:
+                self.room = w.new(f"alloca [{self.frame} x i8], align {LINE}")
         states, starts = len(self.r.states), len(self.starts)
         given = len(self.r.given)
         self.state, buffers = buffers[:states], buffers[states:]
@@ -169,7 +184,8 @@ class _Steps:
             self._move(start, self.state[j], r.states[j])
         further = [self.room] if self.frame else []
         for stage in range(len(r.table)):
-            call_block(w, [*(self._input(k, stage) for k in range(len(r.sources))), *self.results, *further])
+            inputs = [self._input(k, stage) for k in range(len(r.sources))]
+            call_block(w, [*inputs, *self.results, *further])
             if stage == 0 and reported:
                 with w.when(begins):
                     for k, row, operand in zip(r.reported, rows, reported, strict=True):
@@ -184,7 +200,9 @@ class _Steps:
         if source.kind == "stage":
             row = buffer_size(self.w, self.program.inputs[k])
             return self.w.gep(f"@{TABLE}", stage * row)
-        return self.start[source.state] if source.kind == "start" else self.state[source.state]
+        if source.kind == "start":
+            return self.start[source.state]
+        return self.state[source.state]
 
     def _copy(self, which: str, buffer: str, place: str, operand: _Operand) -> None:
         """Copy like :func:`.batch_loop.call_copy`, but without a call if rows are contiguous and complete."""
@@ -196,7 +214,8 @@ class _Steps:
             for lane in range(w.lanes):
                 near = w.gep(buffer, lane * operand.port.size * size)
                 far = w.gep(place, w.new(f"mul i64 {operand.outer}, {lane}"))
-                self._bytes(*((near, far) if which == "gather" else (far, near)), operand.port.size * size, size)
+                target, source = (near, far) if which == "gather" else (far, near)
+                self._bytes(target, source, operand.port.size * size, size)
         with w.when(w.new(f"xor i1 {plain}, true")):
             call_copy(w, which, buffer, place, self.count, operand.port.shape, operand.step)
 

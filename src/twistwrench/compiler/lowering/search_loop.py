@@ -4,13 +4,29 @@ from __future__ import annotations
 
 import math
 
-from ..ir.loops import ALLOWED, ATTEMPTS, PLACES, TIMES, Search
+from ..ir.loops import ATTEMPTS, PLACES, TIMES, TOLERANCES, Search
 from ..ir.program import Program, TensorSpec
-from .batch_loop import LINE, ON_STACK, Loop, Step, allocate, buffer_size, call_block, call_copy, copying, nan_filler
-from .ir_builder import LlvmWriter
+from .batch_loop import (
+    COPY_DECLARATION,
+    LINE,
+    MEMORY_DECLARATIONS,
+    ON_STACK,
+    Loop,
+    Step,
+    allocate,
+    buffer_size,
+    buffer_sizes,
+    call_block,
+    call_copy,
+    copying,
+    load_strides,
+    loop_function,
+    nan_filler,
+)
+from .ir_builder import LlvmWriter, typed_list
 from .target_machine import Precision
 
-NONE = 1 << 62
+NO_ATTEMPT = 1 << 62
 """Attempt number that represents no attempt."""
 
 OF_SAMPLE, OF_LANE = ("sample", "next", "winner", "flying", "nearest"), ("attempt", "times")
@@ -40,7 +56,7 @@ class SearchState:
         self.ports += search.inputs
         self.samples = ""
         """Number of samples."""
-        self.large = frame + sum(buffer_size(w, port) for port in self.ports) > ON_STACK
+        self.large = frame + sum(buffer_sizes(w, self.ports)) > ON_STACK
 
     # ── data ──
 
@@ -50,13 +66,11 @@ class SearchState:
         self.bases: list[str] = []
         self.strides: list[Step] = []
         self.plain: list[str] = []
-        following = 8 * len(ports)
+        following = len(ports)
         for k, port in enumerate(ports):
             self.bases.append(w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8"))
-            outer = w.new(f"load i64, ptr {w.gep('%steps', 8 * k)}, align 8")
-            axes = range(len(port.shape))
-            inner = [w.new(f"load i64, ptr {w.gep('%steps', following + 8 * axis)}, align 8") for axis in axes]
-            following += 8 * len(port.shape)
+            outer, inner = load_strides(w, k, following, len(port.shape))
+            following += len(port.shape)
             self.strides.append((outer, inner))
             plain, expected = "true", self.bytes
             for length, stride in reversed(list(zip(port.shape, inner, strict=True))):
@@ -70,17 +84,18 @@ class SearchState:
         w.after = "entry"
         self.counts = w.new(f"alloca [{len(OF_SAMPLE + OF_LANE) * w.lanes} x i64], align {LINE}")
         self.queue, self.working, self.found = (w.new("alloca i64, align 8") for _ in range(3))
+        self.frame_room = ""
+        sizes = buffer_sizes(w, self.ports)
         self.least = w.new(f"alloca {w.element}, align 8")
         if self.large:
-            sizes = [*(buffer_size(w, port) for port in self.ports), self.frame]
-            results = [
-                (self.bases[k], port.shape, self.strides[k])
-                for k, port in enumerate(self.s.outputs, len(self.s.inputs))
-            ]
-            taken, w.after, (*self.buffers, self.frame_room) = allocate(w, sizes, self.samples, results)
+            first = len(self.s.inputs)
+            shapes = [port.shape for port in self.s.outputs]
+            results = list(zip(self.bases[first:], shapes, self.strides[first:], strict=True))
+            taken, w.after, (*self.buffers, self.frame_room) = allocate(w, [*sizes, self.frame], self.samples, results)
         else:
-            self.buffers = [w.new(f"alloca [{buffer_size(w, port)} x i8], align {LINE}") for port in self.ports]
-            self.frame_room = w.new(f"alloca [{self.frame} x i8], align {LINE}") if self.frame else ""
+            self.buffers = [w.new(f"alloca [{size} x i8], align {LINE}") for size in sizes]
+            if self.frame:
+                self.frame_room = w.new(f"alloca [{self.frame} x i8], align {LINE}")
         if self.frame:
             w.do(f"call void @prepare(ptr {self.frame_room})")
         return taken
@@ -95,9 +110,8 @@ class SearchState:
                 call_copy(w, "gather", buffer, self.bases[k], "1", self.s.inputs[k].shape, self.strides[k])
             found.append(w.new(f"select i1 {self.plain[k]}, ptr {self.bases[k]}, ptr {buffer}"))
         self.settings, self.places, self.reached = found
-        self.most_times, self.most_attempts = (
-            w.new(f"fptosi {w.element} {self.number(self.settings, k)} to i64") for k in (TIMES, ATTEMPTS)
-        )
+        self.most_times = w.new(f"fptosi {w.element} {self.number(self.settings, TIMES)} to i64")
+        self.most_attempts = w.new(f"fptosi {w.element} {self.number(self.settings, ATTEMPTS)} to i64")
 
     # ── Data access ──
 
@@ -145,11 +159,14 @@ class SearchState:
 
     def both(self, *conditions: str) -> str:
         """Condition (i1): all conditions hold; each is a value, or an instruction that returns one."""
-        found = "true"
-        for one in conditions:
-            value = self.w.new(one) if " " in one else one
-            found = value if found == "true" else self.w.new(f"and i1 {found}, {value}")
-        return found
+        holds = "true"
+        for condition in conditions:
+            is_instruction = " " in condition
+            value = self.w.new(condition) if is_instruction else condition
+            if holds != "true":
+                value = self.w.new(f"and i1 {holds}, {value}")
+            holds = value
+        return holds
 
     def copied_in(self, k: int, there: str, sample: str) -> None:
         """Copy one sample of an input into a row."""
@@ -185,26 +202,18 @@ def search_over(search: Search) -> Loop:
         loop = _Attempts(search, LlvmWriter(precision, lanes), frame)
         loop.write()
         w = loop.w
-        tables = {"begins": search.begins, "least": search.least, "most": search.most}
-        return "\n".join(
-            [
-                copying("gather", precision, 1, inward=True),
-                copying("scatter", precision, 1, inward=False),
-                *([nan_filler(precision, lanes), "declare ptr @malloc(i64)\ndeclare void @free(ptr)\n"] * loop.large),
-                "declare void @llvm.memcpy.inline.p0.p0.i64(ptr, ptr, i64 immarg, i1 immarg)",
-                *(f"@{table} = internal constant {_constant(w, numbers)}" for table, numbers in tables.items()),
-                f"define void @{name}(ptr %args, ptr %dims, ptr %steps, ptr %data) {{\nentry:",
-                *w.lines,
-                "  ret void\n}\n",
-            ]
-        )
+        helpers = [copying("gather", precision, 1, inward=True), copying("scatter", precision, 1, inward=False)]
+        if loop.large:
+            helpers += [nan_filler(precision, lanes), MEMORY_DECLARATIONS]
+        tables = [_table("begins", w, search.begins), _table("least", w, search.least), _table("most", w, search.most)]
+        return "\n".join([*helpers, COPY_DECLARATION, *tables, *loop_function(name, w)])
 
     return write
 
 
-def _constant(w: LlvmWriter, numbers: tuple[float, ...]) -> str:
-    listed = ", ".join(f"{w.element} {w.number(x)}" for x in numbers)
-    return f"[{len(numbers)} x {w.element}] [{listed}], align {LINE}"
+def _table(name: str, w: LlvmWriter, numbers: tuple[float, ...]) -> str:
+    entries = typed_list(w.element, map(w.number, numbers))
+    return f"@{name} = internal constant [{len(numbers)} x {w.element}] [{entries}], align {LINE}"
 
 
 class _Attempts(SearchState):
@@ -223,7 +232,13 @@ class _Attempts(SearchState):
             for k in (X, PASSED, GIVEN):  # lanes without work compute, too
                 self.clear(self.buffers[k], self.ports[k])
         with w.loop(lanes, w.after) as lane:
-            for name, value in (("sample", -1), ("next", NONE), ("winner", NONE), ("flying", 0), ("attempt", -1)):
+            for name, value in (
+                ("sample", -1),
+                ("next", NO_ATTEMPT),
+                ("winner", NO_ATTEMPT),
+                ("flying", 0),
+                ("attempt", -1),
+            ):
                 self.put(name, lane, value)
         w.do(f"store i64 0, ptr {self.queue}, align 8")
         head, body, found = w.label("search"), w.label("step"), w.label("found")
@@ -236,7 +251,8 @@ class _Attempts(SearchState):
         w.do(f"br i1 {w.new(f'icmp sgt i64 {working}, 0')}, label %{body}, label %{found}")
         w.begin(body)
         x, passed, given, moved, passed_on = self.buffers[:BEST]
-        call_block(w, [x, x, passed, given, moved, passed_on, *([self.frame_room] if self.frame else [])])
+        further = [self.frame_room] if self.frame else []
+        call_block(w, [x, x, passed, given, moved, passed_on, *further])
         self.move(x, moved, buffer_size(w, self.ports[X]), LINE)
         self.move(passed, passed_on, buffer_size(w, self.ports[PASSED]), LINE)
         with w.loop(lanes, body) as lane:
@@ -253,14 +269,14 @@ class _Attempts(SearchState):
         w = self.w
         with w.when(w.new(f"icmp slt i64 {self.count('attempt', lane)}, 0")):
             mine = w.new(f"mul i64 {lane}, {self.own}")
-            none = w.new(f"icmp eq i64 {self.count('winner', mine)}, {NONE}")
+            none = w.new(f"icmp eq i64 {self.count('winner', mine)}, {NO_ATTEMPT}")
             more = self.both(none, f"icmp sle i64 {self.count('next', mine)}, {self.most_attempts}")
             idle = w.new(f"icmp eq i64 {self.count('flying', mine)}, 0")
             with w.when(self.both(f"xor i1 {more}, true", idle)):
                 with w.when(w.new(f"icmp sge i64 {self.count('sample', mine)}, 0")):
                     self._report(mine)
                 self._next_sample(mine)
-            none = w.new(f"icmp eq i64 {self.count('winner', mine)}, {NONE}")
+            none = w.new(f"icmp eq i64 {self.count('winner', mine)}, {NO_ATTEMPT}")
             with w.when(self.both(none, f"icmp sle i64 {self.count('next', mine)}, {self.most_attempts}")):
                 self._start(lane, mine)
         with w.when(w.new(f"icmp sge i64 {self.count('attempt', lane)}, 0")):
@@ -272,9 +288,9 @@ class _Attempts(SearchState):
         sample = w.new(f"load i64, ptr {self.queue}, align 8")
         there = w.new(f"icmp slt i64 {sample}, {self.samples}")
         self.put("sample", mine, self.either(there, sample, -1))
-        self.put("next", mine, self.either(there, 0, NONE))
-        self.put("winner", mine, NONE)
-        self.put("nearest", mine, NONE)
+        self.put("next", mine, self.either(there, 0, NO_ATTEMPT))
+        self.put("winner", mine, NO_ATTEMPT)
+        self.put("nearest", mine, NO_ATTEMPT)
         w.do(f"store i64 {self.either(there, w.new(f'add i64 {sample}, 1'), sample)}, ptr {self.queue}, align 8")
 
     def _start(self, lane: str, mine: str) -> None:
@@ -285,11 +301,11 @@ class _Attempts(SearchState):
         self.put("times", lane, 0)
         self.put("next", mine, w.new(f"add i64 {attempt}, 1"))
         self.put("flying", mine, w.new(f"add i64 {self.count('flying', mine)}, 1"))
-        given, x, passed = (self.row(k, lane) for k in (GIVEN, X, PASSED))
+        given, x, passed = self.row(GIVEN, lane), self.row(X, lane), self.row(PASSED, lane)
         self.copied_in(0, given, sample)
         size = self.s.target.size * self.bytes
         rest = self.ports[GIVEN].size * self.bytes - size
-        self.move(w.gep(given, size), w.gep(self.settings, ALLOWED * self.bytes), rest)
+        self.move(w.gep(given, size), w.gep(self.settings, TOLERANCES * self.bytes), rest)
         with w.when(w.new(f"icmp eq i64 {attempt}, 0")):
             self.copied_in(1, x, sample)
             self._bring_inside(x)
@@ -319,14 +335,12 @@ class _Attempts(SearchState):
     def _distances(self, target: str, mine: str) -> None:
         """Distances of the start configurations from the target."""
         w = self.w
-        far, first = self.row(FAR, mine), ALLOWED + self.ports[GIVEN].size - self.s.target.size
-        pairs = [
-            [
-                f"{w.vector} {self._everywhere(self.number(*there))}"
-                for there in ((target, entry), (self.settings, first + k))
-            ]
-            for k, entry in enumerate(self.s.near)
-        ]
+        far, first = self.row(FAR, mine), TOLERANCES + self.ports[GIVEN].size - self.s.target.size
+        pairs = []  # a target entry and its weight, each in every lane
+        for k, entry in enumerate(self.s.near):
+            wanted = f"{w.vector} {self._everywhere(self.number(target, entry))}"
+            weight = f"{w.vector} {self._everywhere(self.number(self.settings, first + k))}"
+            pairs.append((wanted, weight))
         with w.loop(str(PLACES // w.lanes), w.after) as k:
             offset, total = w.new(f"mul i64 {k}, {w.lanes * self.bytes}"), w.splat(0.0)
             for entry, (wanted, weight) in enumerate(pairs):
@@ -391,7 +405,7 @@ class _Attempts(SearchState):
         known = f"fcmp ord {w.element} {cost}, {cost}"
         nearer = self.both(known, f"fcmp ult {w.element} {cost}, {least}")  # or the best is NaN
         same = self.both(f"fcmp oeq {w.element} {cost}, {least}", f"icmp slt i64 {attempt}, {nearest}")
-        first = w.new(f"icmp eq i64 {nearest}, {NONE}")
+        first = w.new(f"icmp eq i64 {nearest}, {NO_ATTEMPT}")
         better = ends
         for one in (nearer, same, first):
             better = w.new(f"or i1 {better}, {one}")
@@ -403,7 +417,7 @@ class _Attempts(SearchState):
         """Store the results of a sample."""
         w = self.w
         sample, winner, best = self.count("sample", mine), self.count("winner", mine), self.row(BEST, mine)
-        none = w.new(f"icmp eq i64 {winner}, {NONE}")
+        none = w.new(f"icmp eq i64 {winner}, {NO_ATTEMPT}")
         starts = self.either(none, self.count("next", mine), w.new(f"add i64 {winner}, 1"))
         status = self.row(STATUS, mine)
         self.store(status, 0, w.new(f"sitofp i64 {starts} to {w.element}"))

@@ -15,7 +15,7 @@ from itertools import accumulate, pairwise
 
 from ..ir.loops import ColumnSolve
 from ..ir.program import Program
-from .ir_builder import LlvmWriter, RowStorer
+from .ir_builder import LlvmWriter, RowStorer, typed_list
 
 AT_HAND = ("const", "input")
 """Operations whose values every part can load from their origin."""
@@ -103,16 +103,16 @@ class SpillFrame:
     @cached_property
     def size(self) -> int:
         """Number of vectors in the frame."""
-        return max([len(self.program.results), *(slot + 1 for slot in self.slots.values())])
-
-
-# ── Frame operations as assembly: loading and storing vectors, storing constants, writing rows of results
+        last_slot = max(self.slots.values(), default=-1)
+        return max(len(self.program.results), last_slot + 1)
 
 
 def _slot_address(w: LlvmWriter, slot: int | str, base: str) -> str:
     """Address of a vector in the frame."""
     size = w.lanes * w.precision.bytes
-    return w.gep(base, slot * size if isinstance(slot, int) else w.new(f"mul i64 {slot}, {size}"))
+    if isinstance(slot, int):
+        return w.gep(base, slot * size)
+    return w.gep(base, w.new(f"mul i64 {slot}, {size}"))
 
 
 def load_slot(w: LlvmWriter, slot: int | str, base: str = "%frame") -> str:
@@ -159,10 +159,10 @@ def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str
 
 def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
     """Table of the tiles of a row that are all zero; empty if there are none."""
-    tiles = [all(zero[k : k + span]) for k in range(0, len(zero) - span + 1, span)]
+    tiles = [int(all(zero[k : k + span])) for k in range(0, len(zero) - span + 1, span)]
     if not any(tiles):
         return ""
-    return f"@{name} = internal constant [{len(tiles)} x i8] [{', '.join(f'i8 {int(t)}' for t in tiles)}]"
+    return f"@{name} = internal constant [{len(tiles)} x i8] [{typed_list('i8', tiles)}]"
 
 
 def _tile(w: LlvmWriter, base: str, columns: int, first: str, entry: str) -> None:
@@ -183,7 +183,7 @@ def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name
     return f"define internal void @{name}(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-# ── Layouts: all slots in the frame, or, for one lane, result entries directly in the output rows
+# There are two layouts: all slots in the frame, or, for one lane, result entries directly in the output rows.
 
 WIDEST_STORE = 64
 """Size of constants per store [bytes]."""
@@ -196,12 +196,12 @@ class FrameLayout:
     """Pointer type. ``noalias`` lets LLVM move loads before stores."""
 
     def __init__(self, columns: ColumnSolve) -> None:
-        self.inputs = len(columns.inputs)
+        self.inputs = self.arrays = len(columns.inputs)
 
     @property
     def pointers(self) -> list[str]:
-        """Arguments of a part: the inputs and the frame."""
-        return [*(f"%a{k}" for k in range(self.inputs)), "%frame"]
+        """Arguments of a part: the arrays that it accesses, which are the inputs, and the frame."""
+        return [*(f"%a{k}" for k in range(self.arrays)), "%frame"]
 
     def place(self, slot: int) -> tuple[int, str]:
         """Index of a slot relative to a pointer, and that pointer."""
@@ -217,24 +217,23 @@ class RowLayout(FrameLayout):
     def __init__(self, columns: ColumnSolve) -> None:
         super().__init__(columns)
         self.starts = [0, *accumulate(port.size for port in columns.outputs)]
-
-    @property
-    def pointers(self) -> list[str]:
-        """Arguments of a part: the inputs, the results and the frame."""
-        return [*(f"%a{k}" for k in range(self.inputs + len(self.starts) - 1)), "%frame"]
+        """First slot of each result, and of the frame."""
+        self.arrays = self.inputs + len(columns.outputs)
 
     def place(self, slot: int) -> tuple[int, str]:
         """Index of a slot relative to a pointer, and that pointer."""
         result = bisect_right(self.starts, slot) - 1
-        return slot - self.starts[result], "%frame" if slot >= self.starts[-1] else f"%a{self.inputs + result}"
+        pointer = "%frame" if slot >= self.starts[-1] else f"%a{self.inputs + result}"
+        return slot - self.starts[result], pointer
 
     def fill(self, w: LlvmWriter, first: int, count: int, value: float) -> None:
         """Store a constant in ``count`` slots from ``first`` on."""
         size, end = w.precision.bytes, first + count
         while first < end:
             number, base = self.place(first)
-            nearest = min((start - first for start in self.starts if start > first), default=count)
-            together = min(end - first, nearest, WIDEST_STORE // size)
+            following = bisect_right(self.starts, first)  # a store ends where the next array begins
+            array_end = self.starts[following] if following < len(self.starts) else end
+            together = min(end - first, array_end - first, WIDEST_STORE // size)
             constant = f"splat ({w.element} {w.number(value)})"
             w.do(f"store <{together} x {w.element}> {constant}, ptr {w.gep(base, number * size)}, align {size}")
             first += together

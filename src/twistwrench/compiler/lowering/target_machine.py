@@ -41,7 +41,9 @@ class CompilerFacts(NamedTuple):
 
 def compiler() -> CompilerFacts:
     """Properties from LLVM if it is loaded, else those cached for this processor."""
-    return _llvm_facts() if "llvmlite.binding" in sys.modules else _cached_facts()
+    if "llvmlite.binding" in sys.modules:
+        return _llvm_facts()
+    return _cached_facts()
 
 
 def _llvm_facts() -> CompilerFacts:
@@ -60,11 +62,12 @@ def _cached_facts() -> CompilerFacts:
     if about is None:
         return _llvm_facts()
     key = object_cache.digest("compiler", *_llvmlite(), about).hex()
-    if (kept := _facts_in(object_cache.load(key) or b"")) is not None:
-        return kept
-    found = _llvm_facts()
-    object_cache.store(key, "\n".join(found).encode())
-    return found
+    cached_facts = _facts_in(object_cache.load(key) or b"")
+    if cached_facts is not None:
+        return cached_facts
+    facts = _llvm_facts()
+    object_cache.store(key, "\n".join(facts).encode())
+    return facts
 
 
 def _facts_in(entry: bytes) -> CompilerFacts | None:
@@ -73,7 +76,9 @@ def _facts_in(entry: bytes) -> CompilerFacts | None:
         words = entry.decode().split("\n")
     except UnicodeDecodeError:
         return None
-    return CompilerFacts(*words) if len(words) == len(CompilerFacts._fields) else None
+    if len(words) != len(CompilerFacts._fields):
+        return None
+    return CompilerFacts(*words)
 
 
 def _llvmlite() -> list[str]:
@@ -81,8 +86,11 @@ def _llvmlite() -> list[str]:
     import llvmlite
 
     folder = Path(str(llvmlite.__file__)).parent / "binding"
-    stats = [path.stat() for path in sorted(folder.glob("*llvmlite*"))]
-    return [llvmlite.__version__, *(f"{s.st_size} {s.st_mtime_ns}" for s in stats)]
+    words = [llvmlite.__version__]
+    for path in sorted(folder.glob("*llvmlite*")):
+        about = path.stat()
+        words.append(f"{about.st_size} {about.st_mtime_ns}")
+    return words
 
 
 _CPUINFO = Path("/proc/cpuinfo")
@@ -97,7 +105,7 @@ def _processor() -> str | None:
     """
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
-    seen: dict[str, bool] = getattr(_multiarray_umath, "__cpu_features__", {})
+    features: dict[str, bool] = getattr(_multiarray_umath, "__cpu_features__", {})
     try:
         with _CPUINFO.open("rb", buffering=0) as file:
             text = (file.read(8192) or b"").decode("utf-8", "replace")
@@ -105,9 +113,11 @@ def _processor() -> str | None:
         return None
     first, end, _ = text.partition("\n\n")  # the first core
     lines = [line for line in first.splitlines() if line.partition(":")[0].strip() not in _OF_A_CORE]
-    if not (end and seen and any(line.startswith(("flags", "Features")) for line in lines)):
+    names_features = any(line.startswith(("flags", "Features")) for line in lines)
+    if not (end and features and names_features):
         return None
-    return "\n".join([platform.machine(), *lines, *(name for name, there in seen.items() if there)])
+    present = [name for name, is_present in features.items() if is_present]
+    return "\n".join([platform.machine(), *lines, *present])
 
 
 # ── Target processor: name, features, vector width, and fused products
@@ -209,8 +219,9 @@ def chosen() -> Machine:
         return host()
     allowed = choices()
     if name not in allowed:
-        lacking = _lacking(name) if name in X86_LEVELS and _is_x86(host().triple) else []
-        why = f" {name} wants {', '.join(lacking)}." if lacking else ""
+        why = ""
+        if name in X86_LEVELS and _is_x86(host().triple):
+            why = f" {name} wants {', '.join(_lacking(name))}."
         raise ValueRangeError(
             f"{VARIABLE}: {os.environ[VARIABLE]!r} names no processor whose code this one ({host().cpu}) runs.{why}"
             f" Allowed here: {', '.join(allowed)}."
@@ -224,7 +235,8 @@ def _machine(triple: str, cpu: str, features: str, present: frozenset[str]) -> M
         wide = ",".join(filter(None, [features, "-prefer-256-bit"]))
         return Machine(triple, cpu, wide, 512)
     fused = not _is_x86(triple) or bool({"fma", "fma4"} & present)
-    return Machine(triple, cpu, features, 256 if "avx" in present else 128, fused)
+    vector_bits = 256 if "avx" in present else 128
+    return Machine(triple, cpu, features, vector_bits, fused)
 
 
 def _is_x86(triple: str) -> bool:
@@ -233,6 +245,9 @@ def _is_x86(triple: str) -> bool:
 
 def _lacking(level: str) -> list[str]:
     """Features of an x86-64 level, and of those below it, that the host lacks."""
-    present, names = compiler().present, list(X86_LEVELS)
-    wanted = [f for name in names[: names.index(level) + 1] for f in X86_LEVELS[name]]
-    return [f for f in wanted if f not in present]
+    present, lacking = compiler().present, []
+    for name, features in X86_LEVELS.items():
+        lacking += [feature for feature in features if feature not in present]
+        if name == level:
+            break
+    return lacking

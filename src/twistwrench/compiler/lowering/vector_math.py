@@ -43,7 +43,7 @@ COSINE = {
 
 def limit(precision: Precision) -> float:
     """Largest angle for which the fast reduction is used."""
-    return 2.0**30 if precision.bits == 64 else 2.0**15
+    return {64: 2.0**30, 32: 2.0**15}[precision.bits]
 
 
 def limit_pattern(precision: Precision) -> int:
@@ -62,7 +62,8 @@ def sincos(w: LlvmWriter, angles: list[str]) -> list[tuple[str, str]]:
     shifted = [w.fma(x, w.splat(TWO_OVER_PI), w.splat(magic)) for x in angles]
     turns = [w.binary("fsub", s, w.splat(magic)) for s in shifted]
     reduced = angles
-    for part in (HALF_PI if w.fused else HALF_PI_SHORT)[bits]:
+    parts_of_half_pi = HALF_PI if w.fused else HALF_PI_SHORT
+    for part in parts_of_half_pi[bits]:
         reduced = [w.fma(k, w.splat(-part), r) for k, r in zip(turns, reduced, strict=True)]
     squares = [w.binary("fmul", r, r) for r in reduced]
     sines = _horner(w, SINE[bits], squares)
@@ -104,14 +105,16 @@ def wrap(w: LlvmWriter, angles: list[str], block: str) -> tuple[list[str], str]:
 
     Takes the current label; returns the angles to use and the current label.
     """
-    bound, huge = w.bits(limit_pattern(w.precision)), None
+    bound, huge = w.bits(limit_pattern(w.precision)), ""
     for x in angles:  # integer comparison has the same order; comparing NaNs would raise a flag
         size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
         over = w.new(f"icmp sgt {w.integer} {size}, {bound}")
-        huge = over if huge is None else w.new(f"or {w.mask} {huge}, {over}")
+        if huge:
+            over = w.new(f"or {w.mask} {huge}, {over}")
+        huge = over
     some = w.new(f"bitcast {w.mask} {huge} to i{w.lanes}")
     some = w.new(f"icmp ne i{w.lanes} {some}, 0")
-    far, near = w.label("far"), w.label("near")
+    far, near = w.labels("far", "near")
     w.do(f'br i1 {some}, label %{far}, label %{near}, !prof !{{!"branch_weights", i32 1, i32 100000}}')
     w.begin(far)
     wrapped = [w.new(f"call {w.vector} @{_wrapper_name(w)}({w.vector} {x})") for x in angles]
@@ -132,7 +135,9 @@ def wrapper(precision: Precision, lanes: int) -> str:
     result = "%x"
     for lane in range(lanes):
         x = w.new(f"extractelement {w.vector} %x, i32 {lane}")
-        wide = x if precision.bits == 64 else w.new(f"fpext {w.element} {x} to {double}")
+        wide = x
+        if precision.bits == 32:
+            wide = w.new(f"fpext {w.element} {x} to {double}")
         sine = w.new(f"call {double} @sin({double} {wide})")
         cosine = w.new(f"call {double} @cos({double} {wide})")
         angle = w.new(f"call {double} @atan2({double} {sine}, {double} {cosine})")
@@ -163,8 +168,8 @@ DEGREE = {64: 13, 32: 7}
 
 def bounds(precision: Precision) -> tuple[float, float]:
     """Arguments below the first bound give 0, above the second infinity: results would not be normal numbers."""
-    largest = 1023 if precision.bits == 64 else 127
-    return (1.0 - largest) * math.log(2.0) * (1 - 1e-6), (largest + 1.0) * math.log(2.0) * (1 - 1e-6)
+    max_exponent = {64: 1023, 32: 127}[precision.bits]
+    return (1.0 - max_exponent) * math.log(2.0) * (1 - 1e-6), (max_exponent + 1.0) * math.log(2.0) * (1 - 1e-6)
 
 
 def exp(w: LlvmWriter, x: str) -> str:

@@ -56,7 +56,9 @@ def literal(value: float, precision: str) -> str:
     with np.errstate(over="ignore"):
         number = np.float32(value) if precision == "float" else np.float64(value)
     if not np.isfinite(number):
-        advice = "It needs precision='double'" if np.isfinite(value) else "Look for a division by zero in it"
+        advice = "Look for a division by zero in it"
+        if np.isfinite(value):
+            advice = "It needs precision='double'"
         raise KernelError(f"the constant {value!r} is not a finite {precision}. {advice}.")
     return f"{number!s}{PRECISIONS[precision]}"
 
@@ -84,12 +86,10 @@ class CFunction:
     @property
     def prototype(self) -> str:
         """Declaration, without a semicolon."""
-        made = len(self.program.inputs)
-        ports = (*self.program.inputs, *self.program.outputs)
-        parameters = [
-            f"{'const ' if k < made else ''}{self.precision} {name}[{port.size}]"
-            for k, (name, port) in enumerate(zip(self.parameters, ports, strict=True))
-        ]
+        inputs, outputs = self.program.inputs, self.program.outputs
+        types = [f"const {self.precision}"] * len(inputs) + [self.precision] * len(outputs)
+        named = zip(types, self.parameters, (*inputs, *outputs), strict=True)
+        parameters = [f"{kind} {name}[{port.size}]" for kind, name, port in named]
         line = f"void {self.name}({', '.join(parameters)})"
         if len(line) <= _WIDTH:
             return line
@@ -151,10 +151,13 @@ class _Body:
 
     def _inputs(self, names: Sequence[str]) -> None:
         """Read all used inputs before anything is written, so that an output may use the array of an input."""
-        elements = [(n, k) for n, port in zip(names, self.program.inputs, strict=False) for k in range(port.size)]
+        elements: list[tuple[str, int]] = []  # array and index of each input
+        for name, port in zip(names, self.program.inputs, strict=False):
+            elements += [(name, k) for k in range(port.size)]
         used = sorted((int(i.value), n) for n, i in enumerate(self.program.instructions) if i.op == "input")
+        used_names = {elements[element][0] for element, _ in used}
         for name in names[: len(self.program.inputs)]:
-            if not any(elements[e][0] == name for e, _ in used):
+            if name not in used_names:
                 self.lines.append(f"    (void){name};")
         for element, number in used:
             name, k = elements[element]
@@ -170,7 +173,10 @@ class _Body:
         for number, (op, args, _) in enumerate(self.program.instructions):
             if op in ("sin", "cos"):
                 by_angle.setdefault(args[0], []).append(number)
-        return {number: tuple(pair) for pair in by_angle.values() for number in pair}
+        partners: dict[int, tuple[int, ...]] = {}
+        for pair in by_angle.values():
+            partners |= dict.fromkeys(pair, tuple(pair))
+        return partners
 
     def _operations(self, number: int, partners: tuple[int, ...]) -> None:
         """Write an operation, with its partner if it has one."""
@@ -199,7 +205,8 @@ class _Body:
 
     def _store(self, number: int) -> None:
         """Store results as soon as they are computed, so that values no longer needed occupy no register or stack."""
-        self.lines += [f"    {place} = {self.written[number]};" for place in self.slots.get(number, ())]
+        for place in self.slots.get(number, ()):
+            self.lines.append(f"    {place} = {self.written[number]};")
 
     def _expression(self, op: str, x: list[str]) -> str:
         if op in _INFIX:
@@ -209,7 +216,8 @@ class _Body:
         if op == "neg":
             return f"-{x[0]}"
         if op in ("min", "max"):
-            return f"{x[0]} {'<' if op == 'min' else '>'} {x[1]} ? {x[0]} : {x[1]}"
+            comparison = {"min": "<", "max": ">"}[op]
+            return f"{x[0]} {comparison} {x[1]} ? {x[0]} : {x[1]}"
         if op == "sign":  # 0 stays 0 and NaN stays NaN
             one, zero = f"1.0{self.suffix}", f"0.0{self.suffix}"
             return f"{x[0]} > {zero} ? {one} : {x[0]} < {zero} ? -{one} : {x[0]}"

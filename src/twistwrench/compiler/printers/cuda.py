@@ -68,22 +68,25 @@ class CudaFunction:
         real, suffix = self.precision, PRECISIONS[self.precision]
         names = CFunction(self.name, self.program, self.precision).parameters
         inputs, outputs = names[: len(self.program.inputs)], names[len(self.program.inputs) :]
-        sizes = [port.size for port in self.program.outputs]
-
-        row = [f"const {real} *__restrict__ {x}" for x in inputs] + [f"{real} *__restrict__ {y}" for y in outputs]
-        entries = [f"{y}[{k}]" for y, size in zip(outputs, sizes, strict=True) for k in range(size)]
+        row_parameters, arrays, rows = [], [], []
+        for x in inputs:
+            row_parameters.append(f"const {real} *__restrict__ {x}")
+            arrays.append(f"const {real} *{x}, long long {x}_step")
+            rows.append(f"{x} + i * {x}_step")
+        entries: list[str] = []
+        for y, port in zip(outputs, self.program.outputs, strict=True):
+            row_parameters.append(f"{real} *__restrict__ {y}")
+            arrays.append(f"{real} *{y}")
+            rows.append(f"{y} + i * {port.size}")
+            entries += [f"{y}[{k}]" for k in range(port.size)]
         stores = zip(entries, self.program.results, strict=True)
         body = statements(self.program, real, names, stores, sincos="SINCOS")
-
-        arrays = [f"const {real} *{x}, long long {x}_step" for x in inputs] + [f"{real} *{y}" for y in outputs]
-        rows = [f"{x} + i * {x}_step" for x in inputs]
-        rows += [f"{y} + i * {size}" for y, size in zip(outputs, sizes, strict=True)]
         call = ["    EACH_SAMPLE(i, samples) compute_row(", f"{_one_a_line(rows, 8)});"]
         kernel = f'extern "C" __global__ void __launch_bounds__(THREADS) {self.name}'
         return "\n".join([
             PRELUDE.format(threads=THREADS, suffix=suffix),
             FUSED_MACROS.format(fma=f"fma{suffix}"),
-            f"INLINE void compute_row(\n{_one_a_line(row, 4)})", "{", *body, "}\n",
+            f"INLINE void compute_row(\n{_one_a_line(row_parameters, 4)})", "{", *body, "}\n",
             f"{kernel}(\n{_one_a_line(['long long samples', *arrays], 4)})", "{", *call, "}\n",
         ])  # fmt: skip
 

@@ -44,7 +44,7 @@ SINE, ENTRY = 18, 6
 ONE_ROOM, SEVERAL_ROOMS = 1 << 24, 1 << 19
 """Size of one result, and of several [bytes], above which they are allocated here; smaller ones cause no page faults."""
 
-NOTABLE = 2048
+MIN_ELEMENTS_FOR_ROOMS = 2048
 """Minimum number of elements in the first input for a check of the sizes; 4 times as many for a single result."""
 
 FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
@@ -66,9 +66,13 @@ def cost_model(form: Form) -> int:
     from ..ir.loops import ColumnSolve, program_of
 
     program = program_of(form)
-    entries = sum(port.size for port in (*program.inputs, *program.outputs))
-    columns = form.groups if isinstance(form, ColumnSolve) else ()
-    return _operations(program) + ENTRY * entries + sum(len(g.places) * _operations(g.program) for g in columns)
+    operations = _operations(program)
+    for port in (*program.inputs, *program.outputs):
+        operations += ENTRY * port.size
+    if isinstance(form, ColumnSolve):
+        for group in form.groups:
+            operations += len(group.places) * _operations(group.program)
+    return operations
 
 
 def _operations(program: Program) -> int:
@@ -89,31 +93,41 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     if batch is None:
         return None
     single = _is_single(arrays)
-    work = math.prod(batch) * owner.cost / (2 if single else 1)
+    work = math.prod(batch) * owner.cost
+    if single:
+        work /= 2  # twice as many lanes
     count = min(int(work / MIN_PART), PARTS_EACH * threads)
     if count < 2:
         return None
     count = max(count // threads * threads, min(count, threads))  # the same number for each thread, if there are enough
     shapes = [batch + port.shape for port in owner.given.outputs]
-    outputs = _outputs(out, shapes, FLOAT32 if single else FLOAT64, arrays)
+    dtype = FLOAT32 if single else FLOAT64
+    outputs = _outputs(out, shapes, dtype, arrays)
     if outputs is None:
         return None
     if single:
         owner.address(SINGLE)  # compiled before the threads start, and here, where exceptions propagate
-    long_axes = [k for k, n in enumerate(batch) if n >= PARTS_EACH * count]
-    axis = (
-        long_axes[0] if long_axes else batch.index(max(batch))
-    )  # the first long one, so that inner axes are not divided
+    axis = _divided_axis(batch, count)
     rows = -(-batch[axis] // count)
     if rows >= ROWS:
         rows = -(-rows // ROWS) * ROWS
-    slices = [slice(first, first + rows) for first in range(0, batch[axis], rows)]
-    views = []
-    for a, port in zip((*arrays, *outputs), (*owner.given.inputs, *owner.given.outputs), strict=True):
-        before = _axis(a, port, axis - len(batch))
-        views.append([a] * len(slices) if before is None else [a[(*before, samples)] for samples in slices])
-    n = len(arrays)
-    return [Part(v[:n], v[n:]) for v in zip(*views, strict=True)], outputs
+    ports = (*owner.given.inputs, *owner.given.outputs)
+    indices = [_axis(a, port, axis - len(batch)) for a, port in zip((*arrays, *outputs), ports, strict=True)]
+    parts = []
+    for first in range(0, batch[axis], rows):
+        samples, views = slice(first, first + rows), []
+        for a, before in zip((*arrays, *outputs), indices, strict=True):
+            views.append(a if before is None else a[(*before, samples)])
+        parts.append(Part(tuple(views[: len(arrays)]), tuple(views[len(arrays) :])))
+    return parts, outputs
+
+
+def _divided_axis(batch: tuple[int, ...], count: int) -> int:
+    """Batch axis to divide into ``count`` parts: the first long one, so that inner axes stay whole; else the longest."""
+    for axis, n in enumerate(batch):
+        if n >= PARTS_EACH * count:
+            return axis
+    return batch.index(max(batch))
 
 
 @cache
@@ -127,7 +141,7 @@ def _owner_of() -> Any:
 def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
     """New arrays for the results of a call that is not divided; None if NumPy's own allocation is as fast."""
     first = arrays[0]
-    if kernel.nout == 1 and first.size < 4 * NOTABLE:
+    if kernel.nout == 1 and first.size < 4 * MIN_ELEMENTS_FOR_ROOMS:
         return None
     owner = _owner_of()(kernel)
     if owner is None or type(first) is not np.ndarray or len(arrays) != len(owner.given.inputs):
@@ -139,7 +153,8 @@ def room_for_results(kernel: Any, arrays: tuple[Any, ...]) -> Arrays | None:
     batch = _batch(arrays, owner.given.inputs)
     if batch is None:
         return None
-    return result_arrays([batch + port.shape for port in ports], FLOAT32 if _is_single(arrays) else FLOAT64)
+    dtype = FLOAT32 if _is_single(arrays) else FLOAT64
+    return result_arrays([batch + port.shape for port in ports], dtype)
 
 
 def _is_single(arrays: Arrays) -> bool:
@@ -185,7 +200,9 @@ def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arra
 def _axis(a: Array, port: TensorSpec, axis: int) -> tuple[slice, ...] | None:
     """Index of all axes before the divided one, which is counted from the batch's last; None if it is broadcast."""
     position = a.ndim - len(port.shape) + axis
-    return None if position < 0 or a.shape[position] == 1 else (slice(None),) * position
+    if position < 0 or a.shape[position] == 1:
+        return None
+    return (slice(None),) * position
 
 
 # ── Calls with many samples on a thread pool: disabled until ``set_threads`` or ``TWISTWRENCH_THREADS`` sets more than one
@@ -243,25 +260,36 @@ def get_threads() -> int:
     >>> tw.get_threads()
     1
     """
-    wanted = _THREADS.wanted
-    if wanted is None:
-        text = os.environ.get(VARIABLE, "").strip() or "1"
-        wanted = _THREADS.wanted = _thread_count(int(text) if text.isdecimal() and len(text) < 9 else text, VARIABLE)
-    alone = wanted == 1 or not interpreter.is_main() or (not _THREADS.told and _is_worker_process())
-    return 1 if alone else wanted
+    count = _THREADS.wanted
+    if count is None:
+        count = _THREADS.wanted = _count_from_environment()
+    if count == 1 or not interpreter.is_main():
+        return 1
+    if not _THREADS.told and _is_worker_process():
+        return 1
+    return count
+
+
+def _count_from_environment() -> int:
+    text = os.environ.get(VARIABLE, "").strip() or "1"
+    is_number = text.isdecimal() and len(text) < 9
+    return _thread_count(int(text) if is_number else text, VARIABLE)
 
 
 def call(kernel: Any, arrays: tuple[Any, ...], out: Any = None) -> Any:
     """Result of ``kernel(*arrays, out=out)``, on several threads if allowed and worthwhile."""
     threads = get_threads()
-    shared = cut(kernel, arrays, out, threads) if threads > 1 and not _is_worker_thread() else None
-    if shared is None:
-        if out is None and arrays and arrays[0].size >= NOTABLE:
-            out = room_for_results(kernel, arrays)
-        return kernel(*arrays) if out is None else kernel(*arrays, out=out)
-    parts, outputs = shared
-    share(kernel, parts)
-    return outputs[0] if len(outputs) == 1 else outputs
+    if threads > 1 and not _is_worker_thread():
+        divided = cut(kernel, arrays, out, threads)
+        if divided is not None:
+            parts, outputs = divided
+            share(kernel, parts)
+            return outputs[0] if len(outputs) == 1 else outputs
+    if out is None and arrays and arrays[0].size >= MIN_ELEMENTS_FOR_ROOMS:
+        out = room_for_results(kernel, arrays)
+    if out is None:
+        return kernel(*arrays)
+    return kernel(*arrays, out=out)
 
 
 def share(kernel: Any, parts: Iterable[Part]) -> None:
@@ -283,10 +311,10 @@ def share(kernel: Any, parts: Iterable[Part]) -> None:
 
 def _thread_count(count: Any, who: str) -> int:
     try:
-        threads = 0 if isinstance(count, bool) else operator.index(count)
+        threads = operator.index(count)
     except TypeError:
         threads = 0
-    if not 1 <= threads <= MAX_THREADS:
+    if isinstance(count, bool) or not 1 <= threads <= MAX_THREADS:
         raise ValueRangeError(
             f"{who}: {value_text(count)} is not a number of threads. Give a whole number from 1 (off) to {MAX_THREADS};"
             f" this machine has {os.cpu_count() or 1} processors."

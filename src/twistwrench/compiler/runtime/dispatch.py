@@ -30,8 +30,9 @@ from .jit import Code, assemble
 MOST_IN_A_ROW = 16
 """Maximum number of builtins of one method, for different options or arrays."""
 
-LONG, EACH = 4000, 100
-"""Programs of ``LONG`` instructions take a second to compile. Builtins of long programs wait for length / ``EACH`` calls."""
+LONG_PROGRAM, INSTRUCTIONS_PER_CALL = 4000, 100
+"""Number of instructions of a program that takes a second to compile. Builtins of longer programs wait for a call for each of
+so many instructions."""
 
 _SCALAR, _NEW_FROM_DESCRIPTOR = 60, 94
 """Slots of PyArray_Scalar and PyArray_NewFromDescr in NumPy's array API table; fixed since NumPy 1.0."""
@@ -116,7 +117,9 @@ def address_of(name: str) -> int:
 
 def _owner(kernel: Any) -> Any:
     """Owner of a compiled kernel in CPython with the GIL; otherwise None."""
-    return owner_of(kernel) if abi_matches() else None
+    if not abi_matches():
+        return None
+    return owner_of(kernel)
 
 
 def make_call(
@@ -136,8 +139,9 @@ def make_call(
         return None
     dtype, place = np.dtype(call.char), ctypes.c_void_p(id(method))
     loop, names = owner.scalar_code(layout.precision), list(parameters.parameters)
-    wanted = {name: p.default for name, p in parameters.parameters.items()} | dict(call.options)
-    objects = [*names, *(wanted[names[k]] for k, _ in layout.options)]
+    options, objects = dict(call.options), list[Any](names)
+    for k, _ in layout.options:
+        objects.append(options.get(names[k], parameters.parameters[names[k]].default))
     addresses = {
         "array_type": id(np.ndarray),
         "list_type": id(list),
@@ -155,7 +159,8 @@ def make_call(
         "loop": loop.address,
         "fallback": ctypes.addressof(place),
     }
-    context = kernel(table_of([*(addresses[n] for n in POINTERS), *map(id, objects)]))
+    pointers = [addresses[name] for name in POINTERS]
+    context = kernel(table_of([*pointers, *map(id, objects)]))
     context.owner = method.__self__  # type: ignore[attr-defined]
     context.kept = {
         "ufunc": ufunc,
@@ -165,8 +170,8 @@ def make_call(
         "dtype": dtype,
         "objects": objects,
     }
-    shown = [p.replace(annotation=p.empty) for p in parameters.parameters.values()]
-    doc = f"{name}{inspect.Signature(shown)}\n--\n\n{method.__doc__ or ''}"  # parsed by inspect.signature
+    without_annotations = [p.replace(annotation=p.empty) for p in parameters.parameters.values()]
+    doc = f"{name}{inspect.Signature(without_annotations)}\n--\n\n{method.__doc__ or ''}"  # parsed by inspect.signature
     code = assemble(call_assembly(layout), CALL, owner.machine)
     found: Callable[..., Any] = builtin(name, doc, code, FASTCALL | KEYWORDS, context, context.kept)
     return found
@@ -174,35 +179,41 @@ def make_call(
 
 def _layout(program: Form | KernelMetadata, signature: inspect.Signature, call: CallSignature) -> CallLayout | None:
     """Layout of calls of one kind; None if no builtin can handle them."""
-    inputs, outputs = (
-        tuple(TensorSpec(spec.name, call.batch + spec.shape) for spec in specs)
-        for specs in (program.inputs, program.outputs)
-    )
+    inputs, outputs = _with_batch(program.inputs, call.batch), _with_batch(program.outputs, call.batch)
     count, options, parameters = len(inputs), dict(call.options), signature.parameters
     names = list(parameters)
-    scalar = len(outputs) > 1 and not all(spec.shape for spec in program.outputs)
-    unknown = {*options} - {*names[count:]}
-    missing = [n for n in names[count:] if n not in options and parameters[n].default is inspect.Parameter.empty]
-    if any(n != 1 for n in call.batch) or scalar or unknown or missing or count > len(names):
+    if count > len(names) or any(n != 1 for n in call.batch) or options.keys() - names[count:]:
         return None
-    if not all(spec.size for spec in (*inputs, *outputs)):
+    returns_numbers = len(outputs) > 1 and not all(port.shape for port in program.outputs)
+    if returns_numbers or not all(port.size for port in (*inputs, *outputs)):
         return None
-
-    def is_default(name: str) -> bool:
+    option_defaults, out = [], -1
+    for k, name in enumerate(names[count:], start=count):
         default = parameters[name].default
+        if name not in options and default is inspect.Parameter.empty:
+            return None
+        if name == "out":
+            out = k
+            continue
         value = options.get(name, default)
-        return value is default or (type(value) is str and value == default)
-
+        is_default = value is default or (type(value) is str and value == default)
+        option_defaults.append((k, is_default))
+    keyword_only = [p for p in parameters.values() if p.kind is p.KEYWORD_ONLY]
     return CallLayout(
         inputs,
         outputs,
         SINGLE if call.char == SINGLE.char else DOUBLE,
         len(names),
-        sum(p.kind is not p.KEYWORD_ONLY for p in parameters.values()),
-        tuple((k, is_default(names[k])) for k in range(count, len(names)) if names[k] != "out"),
-        names.index("out") if "out" in names else -1,
+        len(names) - len(keyword_only),
+        tuple(option_defaults),
+        out,
         len(call.batch),
     )
+
+
+def _with_batch(ports: Sequence[TensorSpec], batch: tuple[int, ...]) -> tuple[TensorSpec, ...]:
+    """Arrays with batch axes before their own."""
+    return tuple(TensorSpec(port.name, batch + port.shape) for port in ports)
 
 
 def is_made_here(function: Any) -> bool:
@@ -225,7 +236,7 @@ def calls_before(ufunc: Any) -> int:
     owner = _owner(ufunc)
     if owner is None:
         return 0
-    return 2 if owner.length < LONG else owner.length // EACH
+    return 2 if owner.length < LONG_PROGRAM else owner.length // INSTRUCTIONS_PER_CALL
 
 
 # ── Prepared calls of a kernel's loop, row by row: NumPy's overhead for a ufunc exceeds the run time of short loops
@@ -303,11 +314,11 @@ def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, passed: int) -
         further = len(axes) - len(port.shape)  # a scan's sizes of steps and rows are 1
         sizes |= dict(zip(axes, (1,) * further + port.shape, strict=True))
         strides += [0] * further + list(array.strides[1:])
-    first = np.array([array.ctypes.data for array, _ in operands], np.intp)
-    apart = np.array([array.strides[0] for array, _ in operands], np.intp)
-    numbers = np.stack([which for _, which in operands], axis=1)
+    arrays, row_numbers = zip(*operands, strict=True)
+    first_rows = np.array([array.ctypes.data for array in arrays], np.intp)
+    row_strides = np.array([array.strides[0] for array in arrays], np.intp)
     tables = {
-        "table": np.ascontiguousarray(first + numbers * apart),
+        "table": np.ascontiguousarray(first_rows + np.stack(row_numbers, axis=1) * row_strides),
         "sizes": np.array([sizes[k] for k in range(len(sizes))], np.intp),
         "strides": np.array(strides, np.intp),
     }
@@ -321,7 +332,9 @@ def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, passed: int) -
         "new_float": address_of("PyFloat_FromDouble"),
         "incref": address_of("Py_IncRef"),
         "loop": owner.code[DOUBLE.char].address,
-        **{name: table.ctypes.data for name, table in tables.items()},
+        "table": tables["table"].ctypes.data,
+        "sizes": tables["sizes"].ctypes.data,
+        "strides": tables["strides"].ctypes.data,
     }
     kept = {"kernel": kernel, "operands": tuple(operands), "tables": tables, "dtype": dtype}
     context = table_of([addresses[name] for name in ROW_POINTERS])

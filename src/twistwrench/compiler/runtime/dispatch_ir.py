@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..ir.program import TensorSpec
-from ..lowering.ir_builder import LlvmWriter
+from ..lowering.ir_builder import LlvmWriter, typed_list
 from ..lowering.target_machine import DOUBLE, Precision
 from .interpreter import runs_machine_code
 
@@ -38,10 +38,10 @@ FIELDS = {"type": 8, "data": 16, "nd": 24, "dims": 32, "descr": 56, "flags": 64}
 BYTES_DATA, SIZE, LIST_ITEMS, TUPLE_ITEMS, FLOAT_VALUE = 32, 16, 24, tuple.__basicsize__, 16
 """Offsets of the contents of bytes, the size of a list or tuple, its items, and the value of a float."""
 
-CONTIGUOUS_AND_ALIGNED, WRITABLE, BACK, WARNS = 0x1 | 0x100, 0x400, 0x2000, 1 << 31
+CONTIGUOUS_AND_ALIGNED, WRITABLE_FLAG, BACK_FLAG, WARNS_FLAG = 0x1 | 0x100, 0x400, 0x2000, 1 << 31
 """NumPy's array flags; the last two mark arrays with side effects of writing."""
 
-_UNROLLED = 16
+_MAX_UNROLLED = 16
 """Maximum number of vectors tested for finite numbers one by one; more are tested in a loop."""
 
 
@@ -128,10 +128,7 @@ def call_assembly(layout: CallLayout) -> str:
 
 
 def _table(values: Sequence[int]) -> str:
-    return f"[{len(values)} x i64] [{', '.join(f'i64 {n}' for n in values)}]"
-
-
-# ── Helper functions: arguments in parameter order, lists of numbers, non-finite results
+    return f"[{len(values)} x i64] [{typed_list('i64', values)}]"
 
 
 def _sort() -> str:
@@ -228,10 +225,10 @@ def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str,
 
     step, sums = width * w.precision.bytes, [times_zero((size - width) * w.precision.bytes)]
     whole = size // width
-    if whole <= _UNROLLED:
+    if whole <= _MAX_UNROLLED:
         sums += [times_zero(k * step) for k in range(whole)]
     else:
-        head, body, end, following = (w.label(stem) for stem in ("head", "body", "end", "next"))
+        head, body, end, following = w.labels("head", "body", "end", "next")
         first, counter, total = w.name(), w.name(), w.name()
         w.do(f"br label %{head}")
         w.begin(head)
@@ -245,15 +242,15 @@ def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str,
         w.do(f"%{following} = add i64 {counter}, 1")
         w.do(f"br label %{head}")
         w.begin(end)
-        label, sums = end, [total, *([times_zero((whole - 1) * step)] if whole % 2 else [])]
-    while len(sums) > 1:
-        sums = [*(plus(a, b) for a, b in zip(sums[::2], sums[1::2], strict=False)), *sums[len(sums) // 2 * 2 :]]
+        label, sums = end, [total]
+        if whole % 2:
+            sums.append(times_zero((whole - 1) * step))
+    while len(sums) > 1:  # in pairs, so that few sums wait for one another
+        without_partner = sums[len(sums) // 2 * 2 :]
+        sums = [plus(a, b) for a, b in zip(sums[::2], sums[1::2], strict=False)] + without_partner
     unordered = w.new(f"fcmp uno {kind} {sums[0]}, {zero}")
     bits = w.new(f"bitcast <{width} x i1> {unordered} to i{width}")
     return w.new(f"icmp ne i{width} {bits}, 0"), label
-
-
-# ── Writers of builtin functions
 
 
 class BuiltinWriter:
@@ -265,8 +262,9 @@ class BuiltinWriter:
 
     def known(self, what: str | int) -> str:
         """Address from the context, by name, or by number after the named ones."""
-        number = self.pointers.index(what) if isinstance(what, str) else len(self.pointers) + what
-        return self.entry(self.context, number)
+        if isinstance(what, str):
+            return self.entry(self.context, self.pointers.index(what))
+        return self.entry(self.context, len(self.pointers) + what)
 
     def entry(self, table: str, number: int, kind: str = "ptr") -> str:
         """Load an entry of a table."""
@@ -329,7 +327,7 @@ class _Call(BuiltinWriter):
         arguments, outs = self.arguments()
         for k, spec in enumerate(layout.inputs):
             self.input(k, self.entry(arguments, k), spec)
-        fresh, lent, run, hand, kept = (w.label(stem) for stem in ("fresh", "lent", "run", "hand", "kept"))
+        fresh, lent, run, hand, kept = w.labels("fresh", "lent", "run", "hand", "kept")
         after_lent = ""
         if layout.out >= 0:
             none = w.new(f"icmp eq ptr {outs}, {self.known('none')}")
@@ -351,7 +349,7 @@ class _Call(BuiltinWriter):
         for k, spec in enumerate(layout.outputs, start=len(layout.inputs)):
             found, self.label = has_nonfinite(w, self.entry(self.data, k), spec.size, self.label)
             bad = w.new(f"or i1 {bad}, {found}")
-        wrong, fine, drop = (w.label(stem) for stem in ("wrong", "fine", "drop"))
+        wrong, fine, drop = w.labels("wrong", "fine", "drop")
         w.do(f"br i1 {bad}, label %{wrong}, label %{fine}")
         self.begin(wrong)  # for non-finite results, the fallback repeats the call, with NumPy's warnings
         w.do(f"br i1 {mine}, label %{drop}, label %slow")
@@ -373,10 +371,11 @@ class _Call(BuiltinWriter):
     def arguments(self) -> tuple[str, str]:
         """Arguments in parameter order, and ``out``; positional inputs alone are in order already."""
         w, layout = self.w, self.layout
-        quick, sort, ready = (w.label(stem) for stem in ("quick", "sort", "ready"))
-        every = all(is_default for _, is_default in layout.options)
+        quick, sort, ready = w.labels("quick", "sort", "ready")
+        all_default = all(is_default for _, is_default in layout.options)
+        quick_count = len(layout.inputs) if all_default else -1  # no call has -1 arguments
         plain = w.new("icmp eq ptr %names, null")
-        as_many = w.new(f"icmp eq i64 %count, {len(layout.inputs) if every else -1}")
+        as_many = w.new(f"icmp eq i64 %count, {quick_count}")
         self.fork(f"and i1 {plain}, {as_many}", quick, sort)
         self.begin(quick)
         w.do(f"br label %{ready}")
@@ -392,7 +391,10 @@ class _Call(BuiltinWriter):
             same = w.new(f"icmp eq ptr {option}, {self.known(number)}")
             missing = w.new(f"icmp eq ptr {option}, null")
             self.check(f"or i1 {same}, {missing if is_default else 'false'}")
-        found, last = self.entry(self.slots, layout.out) if layout.out >= 0 else "null", self.label
+        found = "null"
+        if layout.out >= 0:
+            found = self.entry(self.slots, layout.out)
+        last = self.label
         w.do(f"br label %{ready}")
         self.begin(ready)
         arguments = w.new(f"phi ptr [%args, %{quick}], [{self.slots}, %{last}]")
@@ -405,10 +407,12 @@ class _Call(BuiltinWriter):
         if self.layout.precision is not DOUBLE or len(spec.shape) != 1:
             self.put(self.data, k, self.array(given, spec))
             return
-        array, listed, done = (w.label(stem) for stem in ("array", "list", "given"))
+        array, listed, done = w.labels("array", "list", "given")
         self.fork(f"icmp eq ptr {self.field(given, 'type', 'ptr')}, {self.known('array_type')}", array, listed)
         self.begin(listed)
-        types = ", ".join(f"ptr {self.known(t)}" for t in ("list_type", "tuple_type", "float_type", "double_type"))
+        types = typed_list(
+            "ptr", [self.known(name) for name in ("list_type", "tuple_type", "float_type", "double_type")]
+        )
         fine = w.new(f"call i1 @numbers(ptr {given}, i64 {spec.size}, ptr {self.buffers[k]}, {types})")
         self.check(f"icmp eq i1 {fine}, true")
         self.put(self.data, k, self.buffers[k])
@@ -426,9 +430,9 @@ class _Call(BuiltinWriter):
             self.check(f"icmp eq ptr {self.field(outs, 'type', 'ptr')}, {self.known('tuple_type')}")
             self.check(f"icmp eq i64 {self.entry(w.gep(outs, SIZE), 0, 'i64')}, {len(outputs)}")
             objects = [self.entry(w.gep(outs, TUPLE_ITEMS), k) for k in range(len(outputs))]
-        wanted = CONTIGUOUS_AND_ALIGNED | WRITABLE
+        wanted = CONTIGUOUS_AND_ALIGNED | WRITABLE_FLAG
         for k, (item, spec) in enumerate(zip(objects, outputs, strict=True), start=before):
-            place = self.array(item, spec, (wanted | BACK | WARNS, wanted))
+            place = self.array(item, spec, (wanted | BACK_FLAG | WARNS_FLAG, wanted))
             for j in range(k):
                 other = self.entry(self.data, j)
                 ends = [self.ends_before(place, spec, other), self.ends_before(other, self.specs[j], place)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import mmap
 import sys
 from collections.abc import Sequence
 from functools import cache
@@ -12,13 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.typing import Array
+from .executable_memory import ExecutableMemory, UnsupportedObject
 
 PAGE = 4096
 """Maximum alignment of sections [bytes]."""
-
-
-class UnsupportedObject(Exception):
-    """Raised for code that is not loaded here, or if the system does not execute such pages."""
 
 
 class CodeSection(NamedTuple):
@@ -51,14 +47,18 @@ class ObjectFile(NamedTuple):
 
     def undefined(self) -> set[bytes]:
         """Names used by relocations but not defined in the file."""
-        used = {k for r in self.relocations for k in r.symbols.tolist()}  # np.unique imports numpy.ma, which is slow
-        return {self.names[k] for k in used if self.names[k] and not self.symbol_sections[k]}
+        undefined = set()
+        for relocations in self.relocations:
+            for k in relocations.symbols.tolist():
+                if self.names[k] and not self.symbol_sections[k]:
+                    undefined.add(self.names[k])
+        return undefined
 
 
 MAGIC = b"\x7fELF\x02\x01"
 """First bytes of a 64-bit little-endian file."""
 
-_RELOCATABLE, _X86_64 = 1, 62
+_RELOCATABLE_FILE, _X86_64 = 1, 62
 _FILE = np.dtype("V16, <u2, <u2, V20, <u8, V12, <u2, V2")
 """File header: magic, type, machine, and offset and length of the section table."""
 
@@ -75,7 +75,7 @@ _SECTION = _rows(
 _SYMBOL = _rows(24, "name kind section value", "<u4 u1 <u2 <u8", (0, 4, 6, 8))
 _RELOCATION = np.dtype([("place", "<u8"), ("type", "<u4"), ("symbol", "<u4"), ("addend", "<i8")])
 _PROGRAM, _SYMBOLS, _RELOCATIONS, _UNWINDING = 1, 2, 4, 0x70000001
-_WRITTEN, _LOADED = 1, 2
+_WRITTEN_FLAG, _LOADED_FLAG = 1, 2
 _RELATIVE = (2, 4)
 """R_X86_64_PC32, R_X86_64_PLT32: four-byte address of a symbol relative to the reference."""
 
@@ -83,25 +83,27 @@ _RELATIVE = (2, 4)
 def read_elf(raw: bytes) -> ObjectFile:
     """Sections, symbols and relocations of a file. Raises :class:`UnsupportedObject` for features that kernels do not need."""
     _, kind, machine, _, first, _, count, _ = table(raw, _FILE, 0, 1)[0].item()
-    if not raw.startswith(MAGIC) or kind != _RELOCATABLE or machine != _X86_64:
+    if not raw.startswith(MAGIC) or kind != _RELOCATABLE_FILE or machine != _X86_64:
         raise UnsupportedObject
     headers = table(raw, _SECTION, first, count)
     sections = {}
     for number, (kind, flags, offset, size, _, _, align) in enumerate(headers.tolist()):
-        if not flags & _LOADED or kind == _UNWINDING:
+        if not flags & _LOADED_FLAG or kind == _UNWINDING:
             continue
-        if kind != _PROGRAM or flags & _WRITTEN or offset + size > len(raw) or align > PAGE:
+        if kind != _PROGRAM or flags & _WRITTEN_FLAG or offset + size > len(raw) or align > PAGE:
             raise UnsupportedObject
         sections[number] = CodeSection(raw[offset : offset + size], max(align, 1))
     tables = headers[headers["type"] == _SYMBOLS]
     if len(tables) != 1:
         raise UnsupportedObject
-    (at,) = tables
-    symbols = table(raw, _SYMBOL, int(at["offset"]), int(at["size"]) // _SYMBOL.itemsize)
-    where = headers[int(at["link"])]
-    texts = raw[int(where["offset"]) : int(where["offset"] + where["size"])]
-    named = symbols[["name", "kind"]].tolist()
-    names = [texts[k : texts.index(b"\0", k)] if kind >> 4 else b"" for k, kind in named]
+    (symbol_table,) = tables
+    symbols = table(raw, _SYMBOL, int(symbol_table["offset"]), int(symbol_table["size"]) // _SYMBOL.itemsize)
+    text_section = headers[int(symbol_table["link"])]
+    texts = raw[int(text_section["offset"]) : int(text_section["offset"] + text_section["size"])]
+    names = []
+    for first_byte, kind in symbols[["name", "kind"]].tolist():
+        is_local = not kind >> 4
+        names.append(b"" if is_local else texts[first_byte : texts.index(b"\0", first_byte)])
     relocations = []
     for header in headers[headers["type"] == _RELOCATIONS]:
         if int(header["info"]) not in sections:
@@ -121,82 +123,12 @@ def table(raw: bytes, kind: np.dtype[Any], offset: int, count: int) -> Array:
     return np.frombuffer(raw, kind, count, offset)
 
 
-# ── Memory pages with code: written first, then executable, never both at once
-
-_RESERVE_AND_COMMIT, _RELEASE = 0x3000, 0x8000
-_READ_WRITE, _EXECUTE_READ = 0x04, 0x20
-"""Arguments of VirtualAlloc, VirtualFree and VirtualProtect of Windows."""
-
-
-class ExecutableMemory:
-    """Readable and executable memory; freed with this object."""
-
-    address: int
-
-    @staticmethod
-    def from_image(image: Array) -> ExecutableMemory:
-        """Pages with those bytes. Raises :class:`UnsupportedObject` if the system does not execute such pages."""
-        return _WindowsMemory(image) if sys.platform == "win32" else _MappedMemory(image)
-
-
-class _MappedMemory(ExecutableMemory):
-    """Pages on a system with mmap."""
-
-    def __init__(self, image: Array) -> None:
-        try:
-            memory = mmap.mmap(-1, len(image), flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-        except (OSError, AttributeError):
-            raise UnsupportedObject from None
-        memory[:] = image.tobytes()
-        self._first = ctypes.c_char.from_buffer(memory)  # keeps the memory mapped
-        self.address = ctypes.addressof(self._first)
-        if _process().mprotect(self.address, len(image), mmap.PROT_READ | mmap.PROT_EXEC):
-            raise UnsupportedObject
-
-
-class _WindowsMemory(ExecutableMemory):
-    """Pages on Windows."""
-
-    def __init__(self, image: Array) -> None:
-        self._system = _kernel32()
-        self.address = self._system.VirtualAlloc(None, len(image), _RESERVE_AND_COMMIT, _READ_WRITE) or 0
-        if not self.address:
-            raise UnsupportedObject
-        ctypes.memmove(self.address, image.ctypes.data, len(image))
-        before = ctypes.c_uint32()
-        if not self._system.VirtualProtect(self.address, len(image), _EXECUTE_READ, ctypes.byref(before)):
-            raise UnsupportedObject
-
-    def __del__(self) -> None:
-        if self.address:
-            self._system.VirtualFree(self.address, 0, _RELEASE)
-
-
-@cache
-def _process() -> Any:
-    """Libraries loaded in this process, including the C library."""
-    library = ctypes.CDLL(None)
-    library.mprotect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
-    return library
-
-
-@cache
-def _kernel32() -> Any:
-    library = ctypes.CDLL("kernel32")
-    library.VirtualAlloc.restype = ctypes.c_void_p
-    library.VirtualAlloc.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32, ctypes.c_uint32]
-    library.VirtualFree.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32]
-    library.VirtualProtect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32, ctypes.c_void_p]
-    return library
-
-
-# ── Linking: object code in memory, to the extent that cached kernels need it
-
-# It does not change run times; it saves the time of loading LLVM: the first torque of panda takes 72 ms instead of 97. It
-# links sections that are only read or executed, relocations relative to the code, and functions of the C library. Other code,
-# such as that for macOS, is left to LLVM's linker. Pages are written first, then executable, never both at once. All
-# sections of a kernel are in one block, so that every distance fits into four bytes. LLVM's linker for Windows places each
-# separately, and ends the process if a distance is too large.
+# Object code is linked in memory, to the extent that cached kernels need it. It does not change run times; it saves the time
+# of loading LLVM: the first torque of panda takes 72 ms instead of 97. It links sections that are only read or executed,
+# relocations relative to the code, and functions of the C library. Other code, such as that for macOS, is left to LLVM's
+# linker. Pages are written first, then executable, never both at once. All sections of a kernel are in one block, so that
+# every distance fits into four bytes. LLVM's linker for Windows places each separately, and ends the process if a distance is
+# too large.
 
 _JUMP = b"\xff\x25\x02\x00\x00\x00\x90\x90"
 """``jmp [rip+2]`` and two NOP bytes: jumps to the address in the following eight bytes."""
@@ -240,7 +172,9 @@ def link_files(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
         for name, section, value in zip(file.names, file.symbol_sections, file.values, strict=True):
             if name and section in offsets:
                 functions[name] = offsets[section] + int(value)
-    undefined = set[bytes]().union(*(file.undefined() for file in files))
+    undefined: set[bytes] = set()
+    for file in files:
+        undefined |= file.undefined()
     library_functions = sorted(undefined - set(functions))
     first = -(-end // _STUB) * _STUB
     stubs = {name: first + _STUB * k for k, name in enumerate(library_functions)}

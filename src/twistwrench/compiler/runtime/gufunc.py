@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copyreg
 import ctypes
+import itertools
 import threading
 import weakref
 from ast import literal_eval
@@ -33,7 +34,7 @@ _FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
 """Slot of PyUFunc_FromFuncAndDataAndSignature in NumPy's ufunc API table; fixed since NumPy 1.0."""
 
 _NONE_IDENTITY = -1
-_MOST_OPERANDS = 32
+_MAX_OPERANDS = 32
 
 LONGEST_SCALAR = 40_000
 """Maximum number of instructions of a program that is compiled again for single samples."""
@@ -48,10 +49,19 @@ class _UFuncObject(ctypes.Structure):
             ctypes.c_byte * (object.__basicsize__ - ctypes.sizeof(ctypes.c_void_p)),
         ),  # more without Python's lock
         ("type", ctypes.c_void_p),
-        *((name, ctypes.c_int) for name in ("nin", "nout", "nargs", "identity")),
-        *((name, ctypes.c_void_p) for name in ("functions", "data")),
-        *((name, ctypes.c_int) for name in ("ntypes", "reserved")),
-        *((name, ctypes.c_void_p) for name in ("name", "types", "doc", "pointer", "owner")),
+        ("nin", ctypes.c_int),
+        ("nout", ctypes.c_int),
+        ("nargs", ctypes.c_int),
+        ("identity", ctypes.c_int),
+        ("functions", ctypes.c_void_p),
+        ("data", ctypes.c_void_p),
+        ("ntypes", ctypes.c_int),
+        ("reserved", ctypes.c_int),
+        ("name", ctypes.c_void_p),
+        ("types", ctypes.c_void_p),
+        ("doc", ctypes.c_void_p),
+        ("pointer", ctypes.c_void_p),
+        ("owner", ctypes.c_void_p),
     )
 
 
@@ -74,7 +84,7 @@ class KernelMetadata(NamedTuple):
     @property
     def signature(self) -> str:
         """Gufunc signature, equal to the program's."""
-        return signature_of([p.shape for p in self.inputs], [p.shape for p in self.outputs])
+        return signature_of(self.inputs, self.outputs)
 
 
 class _Returned:
@@ -106,18 +116,23 @@ class _Owner:
 
     def __init__(self, program: Form | KernelMetadata, name: str, doc: str, *, scalar: bool) -> None:
         operands = len(program.inputs) + len(program.outputs)
-        if operands > _MOST_OPERANDS:
+        if operands > _MAX_OPERANDS:
             raise KernelError(
-                f"kernel {name!r} has {operands} arrays; NumPy allows {_MOST_OPERANDS}. Add up what can be."
+                f"kernel {name!r} has {operands} arrays; NumPy allows {_MAX_OPERANDS}. Add up what can be."
             )
         self.is_scalar = scalar
-        self.machine = chosen().narrowed(DOUBLE.bits) if scalar else chosen()
-        known = cached_code(program.code, self.machine) if isinstance(program, KernelMetadata) else None
-        self.given = program.form() if isinstance(program, KernelMetadata) and known is None else program
-        self.description = doc
-        self.key = program.key if isinstance(program, KernelMetadata) else ""
+        self.machine = chosen()
+        if scalar:
+            self.machine = self.machine.narrowed(DOUBLE.bits)
+        self.given, self.description = program, doc
+        self.key = ""
         """Key of the cached kernel; empty if it is not cached."""
-        self.code: dict[str, Code] = {"d": known or compile_form(self.form, DOUBLE, self.machine)}
+        code = None
+        if isinstance(program, KernelMetadata):
+            self.key, code = program.key, cached_code(program.code, self.machine)
+            if code is None:
+                self.given = program.form()
+        self.code: dict[str, Code] = {"d": code or compile_form(self.form, DOUBLE, self.machine)}
         self.scalar: dict[str, Code] = {}
         self.lazy_stub = _LOOP(self._single)
         self.interrupt: Any = None
@@ -126,8 +141,8 @@ class _Owner:
             ctypes.cast(self.lazy_stub, ctypes.c_void_p).value, self.code["d"].address
         )
         self.data = (ctypes.c_void_p * 2)()
-        letters = [np.dtype(p.char).num for p in (SINGLE, DOUBLE) for _ in range(operands)]
-        self.types = (ctypes.c_byte * len(letters))(*letters)
+        type_numbers = [np.dtype(np.float32).num] * operands + [np.dtype(np.float64).num] * operands
+        self.types = (ctypes.c_byte * len(type_numbers))(*type_numbers)
         self.name, self.doc = ctypes.create_string_buffer(name.encode()), ctypes.create_string_buffer(doc.encode())
         if not interpreter.is_main():
             self.address(SINGLE)
@@ -135,7 +150,9 @@ class _Owner:
     @cached_property
     def form(self) -> Form:
         """Program with its loop, if it has one."""
-        return self.given.form() if isinstance(self.given, KernelMetadata) else self.given
+        if isinstance(self.given, KernelMetadata):
+            return self.given.form()
+        return self.given
 
     @cached_property
     def program(self) -> Program:
@@ -147,14 +164,18 @@ class _Owner:
     @cached_property
     def length(self) -> int:
         """Number of instructions of the program."""
-        return self.given.length if isinstance(self.given, KernelMetadata) else len(self.program.instructions)
+        if isinstance(self.given, KernelMetadata):
+            return self.given.length
+        return len(self.program.instructions)
 
     @cached_property
     def cost(self) -> int:
         """Number of operations per sample, or per step if there are several."""
         from .batch_threads import cost_model
 
-        return self.given.cost if isinstance(self.given, KernelMetadata) else cost_model(self.given)
+        if isinstance(self.given, KernelMetadata):
+            return self.given.cost
+        return cost_model(self.given)
 
     @cached_property
     def row(self) -> int:
@@ -186,15 +207,17 @@ class _Owner:
     def _fill_nan(self, args: int, dims: int, steps: int) -> None:
         """Write NaN into every float32 result of a call of the loop."""
         operands = axes_of(self.given.signature)
-        sizes = (ctypes.c_ssize_t * (1 + max((k for axes in operands for k in axes), default=0))).from_address(dims)
-        distances = list((ctypes.c_ssize_t * (len(operands) + sum(map(len, operands)))).from_address(steps))
-        inner = distances[len(operands) :]
+        all_axes = list(itertools.chain(*operands))
+        sizes = list((ctypes.c_ssize_t * (1 + max(all_axes, default=0))).from_address(dims))
+        strides = list((ctypes.c_ssize_t * (len(operands) + len(all_axes))).from_address(steps))
+        outer, inner = strides[: len(operands)], strides[len(operands) :]
         for k, axes in enumerate(operands):
-            strides, inner = inner[: len(axes)], inner[len(axes) :]
+            own_strides, inner = [outer[k], *inner[: len(axes)]], inner[len(axes) :]
             if k >= len(self.given.inputs):
                 start = ctypes.c_void_p.from_address(args + k * ctypes.sizeof(ctypes.c_void_p)).value
-                for index in np.ndindex(sizes[0], *(sizes[axis] for axis in axes)):
-                    offset = sum(i * step for i, step in zip(index, [distances[k], *strides], strict=True))
+                shape = [sizes[0], *(sizes[axis] for axis in axes)]
+                for index in np.ndindex(*shape):
+                    offset = int(np.dot(index, own_strides))
                     ctypes.c_float.from_address((start or 0) + offset).value = float("nan")
 
     def address(self, precision: Precision) -> int:
@@ -269,7 +292,9 @@ def owner_of(kernel: Any) -> _Owner | None:
         owner = ctypes.py_object.from_address(id(kernel) + _UFuncObject.owner.offset).value
     except ValueError:  # a null pointer
         return None
-    return owner if isinstance(owner, _Owner) else None
+    if not isinstance(owner, _Owner):
+        return None
+    return owner
 
 
 def load_ufunc(key: str, form: Callable[[], Form]) -> np.ufunc | None:
@@ -296,8 +321,7 @@ def store_ufunc(key: str, kernel: Any) -> None:
         return
     owner.key, code = key, owner.code["d"]
     if code.keys:
-        inputs = tuple((port.name, port.shape) for port in owner.given.inputs)
-        outputs = tuple((port.name, port.shape) for port in owner.given.outputs)
+        inputs, outputs = tuple(map(tuple, owner.given.inputs)), tuple(map(tuple, owner.given.outputs))
         about = (kernel.__name__, owner.description, inputs, outputs, owner.length, owner.cost, code.keys)
         object_cache.store(key, repr(about).encode())
 
@@ -318,11 +342,15 @@ class _Recipe:
 
 
 def _kernel_of(recipe: Any) -> Any:
-    return recipe.kernel if isinstance(recipe, _Recipe) else recipe
+    if isinstance(recipe, _Recipe):
+        return recipe.kernel
+    return recipe
 
 
 def _reduce(ufunc: np.ufunc) -> Any:
-    return (_kernel_of, (_Recipe(ufunc),)) if owner_of(ufunc) else _reduce_by_numpy(ufunc)
+    if owner_of(ufunc):
+        return _kernel_of, (_Recipe(ufunc),)
+    return _reduce_by_numpy(ufunc)
 
 
 _reduce_by_numpy: Any = copyreg.dispatch_table[np.ufunc]

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from ...core.errors import ValueRangeError
-from .elf_loader import ExecutableMemory, UnsupportedObject
+from .executable_memory import ExecutableMemory, UnsupportedObject
 
 VARIABLE = "TWISTWRENCH_JIT"
 

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ...core import object_cache
 from ...core.errors import KernelError
 from ..lowering.target_machine import LOOP, Machine, Precision, chosen, compiler
-from .elf_loader import UnsupportedObject, load_objects
+from .elf_loader import load_objects
+from .executable_memory import UnsupportedObject
 
 if TYPE_CHECKING:
     from ..ir.loops import Form
@@ -127,21 +128,23 @@ def _link_modules(texts: Callable[[], Iterable[str]], symbol: str, machine: Mach
     with _JIT.lock:
         try:
             objects = [_object(text, machine) for text in texts()]
+            keys, codes, from_cache = zip(*objects, strict=True)
             try:
-                loaded = _load([code for _, code, _ in objects], symbol, machine, cached=all(c for *_, c in objects))
+                loaded = _load(codes, symbol, machine, cached=all(from_cache))
             except _UNLINKED:  # cache entries that no longer link are compiled again
-                if not any(cached for *_, cached in objects):
+                if not any(from_cache):
                     raise
                 objects = [_object(text, machine, afresh=True) for text in texts()]
-                loaded = _load([code for _, code, _ in objects], symbol, machine, cached=False)
+                keys, codes, from_cache = zip(*objects, strict=True)
+                loaded = _load(codes, symbol, machine, cached=False)
         except RuntimeError as problem:
             raise KernelError(
                 f"LLVM refused a kernel ({problem}). Set TWISTWRENCH_JIT=0 to run on NumPy, and please report this."
             ) from problem
-        for key, code, cached in objects:
-            if not cached:
+        for key, code, is_cached in objects:
+            if not is_cached:
                 object_cache.store(key, code)
-        return loaded._replace(keys=tuple(key for key, *_ in objects))
+        return loaded._replace(keys=keys)
 
 
 def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
@@ -149,9 +152,10 @@ def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, 
     import llvmlite
 
     key = object_cache.digest(f"{llvmlite.__version__} {compiler().version} {machine}", text).hex()
-    code = None if afresh else object_cache.load(key)
-    if code is not None:
-        return key, code, True
+    if not afresh:
+        cached_code = object_cache.load(key)
+        if cached_code is not None:
+            return key, cached_code, True
     import llvmlite.binding as llvm
 
     # In the global context, the module's constants would never be freed. Both are freed here, the module first. Otherwise an

@@ -12,7 +12,7 @@ import ctypes
 import math
 import mmap
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -84,8 +84,8 @@ class ResultPool:
             if block.size == size and self._remove(block):
                 return _Lease(self, block)
         idle = list(self.idle)
-        free = bound() - size - sum(block.size for block in self.blocks)
-        if free + sum(block.size for block in idle) < 0:
+        free = bound() - size - _total_size(self.blocks)
+        if free + _total_size(idle) < 0:
             return None
         for block in idle:
             if free < 0 and self._remove(block):
@@ -154,6 +154,10 @@ def _limits() -> list[int]:
     return limits
 
 
+def _total_size(blocks: Iterable[_Block]) -> int:
+    return sum(block.size for block in blocks)
+
+
 # ── Results of one call: one block for all of them, or pooled blocks if they are large
 
 # The C library returns a result's memory to the system when the result is freed: always above 32 MB, and below that if several
@@ -191,9 +195,10 @@ def result_arrays(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tu
 
 
 def _apart(shape: tuple[int, ...], dtype: np.dtype[Any], size: int) -> Array:
-    lease = _POOL.acquire(size) if size >= LEAST_POOLED and may_use_huge_pages() else None
-    if lease is not None:
-        return np.asarray(lease)[:size].view(dtype).reshape(shape)
+    if size >= LEAST_POOLED and may_use_huge_pages():
+        lease = _POOL.acquire(size)
+        if lease is not None:
+            return np.asarray(lease)[:size].view(dtype).reshape(shape)
     try:
         return np.empty(shape, dtype)
     except MemoryError:

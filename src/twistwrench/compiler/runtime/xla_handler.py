@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..ir.program import TensorSpec
-from ..lowering.ir_builder import LlvmWriter
+from ..lowering.ir_builder import LlvmWriter, typed_list
 from ..lowering.target_machine import DOUBLE, SINGLE, Precision
 from .dispatch_ir import loop_steps
 from .gufunc import owner_of
@@ -28,7 +28,7 @@ EXTENSION, STAGE, ARGUMENTS, RESULTS = 8, 32, 72, 112
 DATA, RANK, DIMENSIONS = 24, 32, 40
 """Offsets in a buffer."""
 
-TYPE, METADATA, MAJOR, MINOR = 8, 24, 24, 28
+TYPE, METADATA, MAJOR_VERSION, MINOR_VERSION = 8, 24, 24, 28
 """Offsets in an extension: its type and its pointer to metadata. Offsets in metadata: the handler's API version."""
 
 IS_METADATA, EXECUTE = 1, 3
@@ -52,7 +52,7 @@ def handler_assembly(
     w.do(f"br i1 {queried}, label %answer, label %call")
     w.begin("answer")
     metadata = load(extension, METADATA)
-    for offset, number in zip((MAJOR, MINOR), version, strict=True):
+    for offset, number in zip((MAJOR_VERSION, MINOR_VERSION), version, strict=True):
         w.do(f"store i32 {number}, ptr {w.gep(metadata, offset)}")
     w.do("ret ptr null")
     w.begin("call")
@@ -73,11 +73,11 @@ def handler_assembly(
     w.do(f"call void {w.new('load ptr, ptr @loop')}(ptr {arrays}, ptr {samples}, ptr @steps, ptr null)")
     w.do("br label %done")
     w.begin("done")
-    steps = ", ".join(f"i64 {n}" for n in loop_steps(specs, precision))
+    steps = loop_steps(specs, precision)
     return "\n".join(
         [
             "@loop = internal global ptr null",
-            f"@steps = internal constant [{steps.count('i64')} x i64] [{steps}]",
+            f"@steps = internal constant [{len(steps)} x i64] [{typed_list('i64', steps)}]",
             "define ptr @handler(ptr %frame) {\nentry:",
             *w.lines,
             f"  ret ptr null\n}}\ndefine ptr @{INSTALL}(ptr %address) {{",
@@ -111,7 +111,10 @@ def make_handler(kernel: Any, char: str, version: tuple[int, int], *, scalar: bo
     if owner is None:
         raise TypeError("kernel must be compiled (see its is_compiled)")
     precision = SINGLE if char == SINGLE.char else DOUBLE
-    loop = owner.scalar_code(precision).address if scalar else owner.address(precision)
+    if scalar:
+        loop = owner.scalar_code(precision).address
+    else:
+        loop = owner.address(precision)
     code = assemble(
         handler_assembly(owner.given.inputs, owner.given.outputs, precision, version), INSTALL, owner.machine
     )

@@ -73,8 +73,9 @@ class Headline:
     def from_verdict(cls, verdict: Verdict, *, further: Sequence[Line] = ()) -> Headline:
         """Headline with all reasons of a verdict."""
         first, *others = verdict.reasons or ("",)
+        sentence = f"{first.removesuffix('.')}." if first else ""
         reasons = [f"{reason.removesuffix('.')}." for reason in others]
-        return cls(verdict.word, f"{first.removesuffix('.')}." if first else "", reasons=reasons, further=further)
+        return cls(verdict.word, sentence, reasons=reasons, further=further)
 
     @property
     def pieces(self) -> list[Piece]:
@@ -101,7 +102,9 @@ class Remark:
     @property
     def words(self) -> str:
         """Remedy and sentence."""
-        return f"{self.do}: {self.sentence}" if self.do else self.sentence
+        if self.do:
+            return f"{self.do}: {self.sentence}"
+        return self.sentence
 
     @property
     def pieces(self) -> list[Piece]:
@@ -125,7 +128,9 @@ class Bar:
     @property
     def label(self) -> list[Piece]:
         """The text in the colour of the share."""
-        return [(self.text, self.style)] if self.text else []
+        if self.text:
+            return [(self.text, self.style)]
+        return []
 
     @property
     def style(self) -> Style:
@@ -158,7 +163,9 @@ def cell_text(value: Any) -> Cell:
     """Text of a cell: words unchanged, integers in full, other numbers rounded."""
     if isinstance(value, str | Line | Bar | Glyphs):
         return value
-    return str(value) if isinstance(value, int | np.integer) else number(value)
+    if isinstance(value, int | np.integer):
+        return str(value)
+    return number(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +195,9 @@ class Column:
     @property
     def head(self) -> str:
         """Name with the unit."""
-        return f"{self.name} [{self.unit}]" if self.unit and self.headed else self.name
+        if self.unit and self.headed:
+            return f"{self.name} [{self.unit}]"
+        return self.name
 
 
 def words(
@@ -326,13 +335,17 @@ def limit_style(share: float) -> Style:
     """Style of a share of a limit: over, near, or good."""
     if over_limit(share):
         return Style.OVER
-    return Style.NEAR if share > NEAR_LIMIT else Style.GOOD
+    if share > NEAR_LIMIT:
+        return Style.NEAR
+    return Style.GOOD
 
 
 def mark_style(share: float) -> Style:
     """Style of the joint that a sentence names, with its share of a limit (nan without one)."""
     style = limit_style(share)
-    return Style.POINTED if style is Style.GOOD or math.isnan(share) else style
+    if style is Style.GOOD or math.isnan(share):
+        return Style.POINTED
+    return style
 
 
 def share_cell(share: float) -> str | Line:
@@ -400,13 +413,17 @@ def shorten_table(table: Table, hint: str, rows: int | None = None, uncut_rows: 
     short = Table(table.title, *columns, styles=styles, style=table.style, level=table.level)
     if not hint:
         return [short]
-    largest = shares[omitted[0]] if table.of_limits else 0.0
-    bound = f" below {math.floor(_PERCENT * largest + _ROUNDING) + 1} %" if largest > 0 else ""
+    largest, bound = shares[omitted[0]], ""
+    if table.of_limits and largest > 0:
+        bound = f" below {math.floor(_PERCENT * largest + _ROUNDING) + 1} %"
     return [short, Line((f"{len(omitted)} more{bound}: {hint}", Style.QUIET))]
 
 
 def _rows_of(column: Column, rows: Sequence[int]) -> Column:
     """Some rows of a column."""
-    narrow = None if column.narrow is None else _rows_of(column.narrow, rows)
-    limits = None if column.limits is None else [column.limits[k] for k in rows]
-    return replace(column, values=[column.values[k] for k in rows], limits=limits, narrow=narrow)
+    column = replace(column, values=[column.values[k] for k in rows])
+    if column.limits is not None:
+        column = replace(column, limits=[column.limits[k] for k in rows])
+    if column.narrow is not None:
+        column = replace(column, narrow=_rows_of(column.narrow, rows))
+    return column

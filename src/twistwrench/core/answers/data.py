@@ -102,10 +102,10 @@ _UNIT = re.compile(r" \[[^\]]*\]$")
 
 def report_data(blocks: Sequence[Block]) -> dict[str, Any]:
     """Verdict (None without one), sentences, tables and notes of a report, for JSON."""
-    headlines = [block for block in blocks if isinstance(block, Headline)]
-    verdict = str(headlines[0].word) if headlines else None
-    data: dict[str, Any] = {"verdict": verdict, "sentences": [], "tables": [], "notes": []}
+    data: dict[str, Any] = {"verdict": None, "sentences": [], "tables": [], "notes": []}
     for block in blocks:
+        if isinstance(block, Headline) and data["verdict"] is None:
+            data["verdict"] = str(block.word)
         if isinstance(block, Table):
             data["tables"].append(table_data(block))
         elif isinstance(block, Remark):
@@ -165,14 +165,20 @@ def _cell(column: Column, value: Any) -> str | float | None:
         return _number(value)
     cell = column.show(value)
     if isinstance(cell, Bar):
-        return _number(cell.share) if cell.text.strip() else ""
+        if cell.text.strip():
+            return _number(cell.share)
+        return ""
     text = " ".join(plain(cell).split())
     if isinstance(cell, Line) and cell.value is not None and text:
         return _number(cell.value)
-    return None if not column.words and text in ("", MISSING) else text
+    if not column.words and text in ("", MISSING):
+        return None
+    return text
 
 
 def _number(value: float | np.number[Any]) -> float | None:
     if isinstance(value, int | np.integer):
         return int(value)
-    return float(value) if math.isfinite(value) else None
+    if math.isfinite(value):
+        return float(value)
+    return None

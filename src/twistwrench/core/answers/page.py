@@ -184,11 +184,12 @@ class ReportPage:
     def _parts(self) -> list[str]:
         """Verdict, pictures, results, details, doubts and provenance, in HTML."""
         head, body = self._head_and_body()
-        parts = [_verdict(head, self.facts)]
-        parts += [_picture(picture) for picture in self.pictures if isinstance(picture.content, bytes)]
+        renderings = [picture for picture in self.pictures if isinstance(picture.content, bytes)]
+        drawings = [picture for picture in self.pictures if isinstance(picture.content, str)]
+        parts = [_verdict(head, self.facts), *map(_picture, renderings)]
         if self.viewer is not None:
             parts.append(_MOVE)
-        parts += [_picture(picture) for picture in self.pictures if isinstance(picture.content, str)]
+        parts += map(_picture, drawings)
         parts += ["<h2>Results</h2>", *map(block_html, body)]
         if self.details:
             parts += ["<h2>Details</h2>", *map(block_html, self.details)]
@@ -226,7 +227,9 @@ class ReportPage:
         return path
 
     def _without_folders(self, part: str) -> str:
-        return part if "base64," in part else self.shorten(part)
+        if "base64," in part:
+            return part
+        return self.shorten(part)
 
     def _data(self) -> str:
         """Verdict, facts and tables as JSON."""
@@ -275,21 +278,31 @@ def answer_page(
 
     Folders are cut from paths unless ``full_paths``.
     """
-    blocks, origin = list(answer.blocks()), list(answer.origin())
+    blocks, details = list[Block](), list[Block]()
+    for block in answer.blocks():
+        if isinstance(block, str) or block.level < Level.PAGE:
+            blocks.append(block)
+        elif block.level is Level.PAGE:
+            details.append(block)
+    tables, settings = list[Table](), list[tuple[str, str]]()
+    for entry in answer.origin():
+        if isinstance(entry, Table):
+            tables.append(entry)
+        else:
+            settings.append(entry)
     sources = {name: str(path) for name, path in answer.sources().items()}
     sources |= {n: str(path) for n, path in files.items() if path is not None and str(path) not in sources.values()}
     command_line = [("command", shlex.join(["twistwrench", *command]))] if command else []
-    settings = [entry for entry in origin if not isinstance(entry, Table)]
     return ReportPage(
         answer.call,
         answer.subject,
-        [block for block in blocks if isinstance(block, str) or block.level < Level.PAGE],
-        details=[block for block in blocks if not isinstance(block, str) and block.level is Level.PAGE],
+        blocks,
+        details=details,
         facts=list(answer.facts().items()),
         pictures=list(answer.pictures()),
         notes=notes,
         provenance=[*command_line, *provenance(sources), *settings, *versions()],
-        tables=[entry for entry in origin if isinstance(entry, Table)],
+        tables=tables,
         shorten=str if full_paths else without_folders([*command, *sources.values()]),
         viewer=answer.viewer(),
     )
@@ -305,7 +318,7 @@ def without_folders(texts: Iterable[str]) -> Callable[[str], str]:
     for text in texts:
         parts = [text]
         for sign in _SPLIT:
-            parts = [piece for part in parts for piece in part.split(sign)]
+            parts = sign.join(parts).split(sign)
         for part in parts:
             path = Path(part)
             if path.name and path.parent.is_dir() and path.name != part:
@@ -332,8 +345,9 @@ def provenance(files: Mapping[str, str | Path | None]) -> Iterator[tuple[str, st
 def versions() -> Iterator[tuple[str, str]]:
     """Versions of the programs, and the date."""
     yield "versions", f"twistwrench {__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
-    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
-    now = datetime.fromtimestamp(int(epoch), UTC) if epoch.isdigit() else datetime.now().astimezone()
+    epoch, now = os.environ.get("SOURCE_DATE_EPOCH", ""), datetime.now().astimezone()
+    if epoch.isdigit():  # for reproducible files
+        now = datetime.fromtimestamp(int(epoch), UTC)
     yield "date", now.isoformat(sep=" ", timespec="seconds")
 
 
@@ -379,7 +393,10 @@ def _line(line: Block | Cell) -> str:
 def _pieces(pieces: Iterable[Piece]) -> str:
     spans = []
     for piece in pieces:
-        text, style = (piece, "") if isinstance(piece, str) else piece
+        if isinstance(piece, str):
+            spans.append(_escape(piece))
+            continue
+        text, style = piece
         escaped = _escape(text)
         spans.append(f'<span class="{style}">{escaped}</span>' if style else escaped)
     return "".join(spans)
@@ -391,8 +408,9 @@ def paragraphs(line: Block) -> list[str]:
     for part in _line(line).split("\n"):
         lines.append(f"{opened}{part}")
         tags = re.findall(r'<span class="[^"]*">|</span>', lines[-1])
-        opened = "" if not tags or tags[-1] == "</span>" else tags[-1]
-        if opened:
+        opened = ""  # tag of a span that goes on in the next line
+        if tags and tags[-1] != "</span>":
+            opened = tags[-1]
             lines[-1] += "</span>"
     return lines
 
@@ -407,7 +425,9 @@ def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
     further = "".join(f"<p>{text}</p>" for text in others)
     verdict = f'<div class="verdict"><h1>{first}</h1>{further}</div>'
     numbers = "".join(f"<div><dt>{_escape(name)}</dt><dd>{_escape(value)}</dd></div>" for name, value in facts)
-    return f'{verdict}<dl class="facts">{numbers}</dl>' if numbers else verdict
+    if numbers:
+        return f'{verdict}<dl class="facts">{numbers}</dl>'
+    return verdict
 
 
 def _picture(picture: Picture) -> str:
@@ -427,21 +447,28 @@ def block_html(block: Block) -> str:
         return f"<ul><li>{_line(block.label)}{''.join(map(block_html, block.branches))}</li></ul>"
     if isinstance(block, Aligned):
         caption = f"<h3>{_escape(block.title)}</h3>" if block.title else ""
-        return caption + "".join(f"<p>{_escape(f'{name} {text}')}</p>" for name, text in block.rows)
+        lines = [f"{name} {text}" for name, text in block.rows]
+        return caption + "".join(f"<p>{_escape(line)}</p>" for line in lines)
     start = '<p class="below">' if isinstance(block, Line) and block.indent else "<p>"
     return "".join(f"{start}{text}</p>" for text in paragraphs(block) if text)
 
 
 def table_html(table: Table) -> str:
     """Table with its title as caption; columns in their narrow form if they have one."""
-    columns = [c.narrow or c for c in table.columns]
-    columns = [c for c in columns if any(_line(c.show(value)) for value in c.values)]
-    classes = [_column_class(c) for c in columns]
-    heads = "".join(f'<th scope="col"{a}>{_escape(c.head)}</th>' for a, c in zip(classes, columns, strict=True))
+    heads, cells_by_column = "", []
+    for column in table.columns:
+        shown = column.narrow or column
+        cells = [_line(shown.show(value)) for value in shown.values]
+        if not any(cells):
+            continue
+        kind = _column_class(shown)
+        heads += f'<th scope="col"{kind}>{_escape(shown.head)}</th>'
+        cells_by_column.append([f"<td{kind}>{cell}</td>" for cell in cells])
     rows = []
     for k, style in enumerate(table.styles):
-        cells = "".join(f"<td{a}>{_line(c.show(c.values[k]))}</td>" for a, c in zip(classes, columns, strict=True))
-        rows.append(f'<tr class="{style}">{cells}</tr>' if style else f"<tr>{cells}</tr>")
+        row_class = f' class="{style}"' if style else ""
+        row_cells = "".join(cells[k] for cells in cells_by_column)
+        rows.append(f"<tr{row_class}>{row_cells}</tr>")
     name = _escape(table.title)
     caption = f"<caption>{name}</caption>" if name else ""
     return (
@@ -454,7 +481,9 @@ def _column_class(column: Column) -> str:
     """Attribute of the cells of a column, by the kind of its text."""
     if not column.words:
         return ' class="number"'
-    return ' class="word whole"' if column.whole else ' class="word"'
+    if column.whole:
+        return ' class="word whole"'
+    return ' class="word"'
 
 
 def _list(pairs: Iterable[tuple[str, str]]) -> str:

@@ -137,7 +137,9 @@ def renderable(block: Block, output: Console) -> RenderableType:
     text = _text(block)
     if isinstance(block, Headline | Line) and block.whole:
         text.no_wrap = True
-    return Padding(text, (0, 0, 0, block.indent)) if isinstance(block, Line) and block.indent else text
+    if isinstance(block, Line) and block.indent:
+        return Padding(text, (0, 0, 0, block.indent))
+    return text
 
 
 def _aligned_text(block: Aligned, width: int) -> Text:
@@ -159,7 +161,9 @@ def _text(words: Headline | Remark | More | Cell) -> Text:
 
 
 def _rich_piece(piece: Piece) -> str | tuple[str, str]:
-    return piece if isinstance(piece, str) else (piece[0], terminal_style(piece[1]))
+    if isinstance(piece, str):
+        return piece
+    return (piece[0], terminal_style(piece[1]))
 
 
 def _tree(content: Branch, parent: Tree | None = None) -> Tree:
@@ -206,9 +210,11 @@ class TerminalTable(table.Table):
         for text in texts:
             text.no_wrap = column.whole or None
         if column.whole:
-            widths = [cell_len(line) for text in texts for line in text.plain.split("\n")]
+            lines = "\n".join(text.plain for text in texts).split("\n")
+            widths = [cell_len(line) for line in lines]
         else:
-            widths = [min(cell_len(part), _MIN_PIECE_WIDTH) for text in texts for part in text.plain.split()]
+            pieces = " ".join(text.plain for text in texts).split()
+            widths = [min(cell_len(piece), _MIN_PIECE_WIDTH) for piece in pieces]
         if column.min_width is not None:
             widths.append(column.min_width)
         elif not column.words:

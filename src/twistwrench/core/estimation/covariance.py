@@ -70,7 +70,9 @@ def f_test_freedom(freedom: Array) -> float:
         exact).
     """
     excess = float((2.0 / (np.maximum(freedom, _MIN_FREEDOM) - 2.0)).sum())  # E - k
-    return 2.0 * (len(freedom) + excess) / excess if excess else np.inf
+    if excess:
+        return 2.0 * (len(freedom) + excess) / excess
+    return np.inf
 
 
 def sum_freedom(variances: Array, freedom: Array) -> Array:
@@ -136,10 +138,10 @@ def cluster_moments(columns: Callable[[Array], Array], left: Array, label: Array
 
 def cluster_numbers(label: Array) -> Array:
     """Cluster numbers (n,) 0, 1, … for the labels; more than a thousand clusters are grouped with neighbours."""
-    place = np.unique(label, return_inverse=True)[1]
-    return np.asarray(
-        place * _MAX_SINGLE_CLUSTERS // (place.max() + 1) if place.max() >= _MAX_SINGLE_CLUSTERS else place
-    )
+    numbers = np.unique(label, return_inverse=True)[1]
+    if numbers.max() >= _MAX_SINGLE_CLUSTERS:
+        numbers = numbers * _MAX_SINGLE_CLUSTERS // (numbers.max() + 1)
+    return np.asarray(numbers)
 
 
 def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
@@ -159,8 +161,6 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
     square = (d**2).sum(axis=0) - 2 * (d * size).sum(axis=0) + (cross**2).sum(axis=(1, 2))
     return C, trace**2 / np.maximum(square, 1e-300)
 
-
-# ── Covariance of groups of parameters: the sandwich over blocks of time
 
 # Rows of a block of time are one cluster (Liang and Zeger, "Longitudinal data analysis using generalized linear
 # models", Biometrika 73, 1986), with Bell and McCaffrey's correction for few clusters, as in the fits of sensors. The
@@ -406,8 +406,6 @@ def _covariance(
     return GroupCovariance(inflated, np.full(len(sizes), 1e9), textbook, 0.0)
 
 
-# ── Autocorrelation of residuals in the order of the log, and tests of it
-
 _MIN_CHANCE = 1e-3  # probability of a false alarm for white residuals, over all channels
 _LAGS = 20  # lags of the Ljung-Box test
 _MIN_ROWS_OF_LJUNG_BOX = 100  # minimum rows for the Ljung-Box test
@@ -474,7 +472,9 @@ class Whiteness:
             chance = min(len(names) * len(tests) * chance, 1.0)
             channels.append(cls(axis, product / squares, chance, 1, test))
         least_white = min(channels, key=lambda channel: channel.chance)
-        return least_white if least_white.white else replace(least_white, length=_correlated_rows(e))
+        if least_white.white:
+            return least_white
+        return replace(least_white, length=_correlated_rows(e))
 
 
 def _neighbours(x: Array) -> Array:
@@ -491,4 +491,6 @@ def _correlated_rows(e: Array) -> int:
     max_lag = max(2, n // 10)
     largest = np.max([autocorrelation(column, min(max_lag, n - 2))[1:] for column in e.T], axis=0)
     noise_lags = np.flatnonzero(largest < 2.0 / np.sqrt(n))
-    return int(min(2 * (int(noise_lags[0]) + 1), max_lag)) if noise_lags.size else max_lag
+    if noise_lags.size:
+        return int(min(2 * (int(noise_lags[0]) + 1), max_lag))
+    return max_lag

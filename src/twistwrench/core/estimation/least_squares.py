@@ -41,7 +41,8 @@ def sum_of(parts: Sequence[Information]) -> Information:
 def left_out(parts: Sequence[Information]) -> Iterator[tuple[Information, Information]]:
     """Yield each part with the sum of the others; a single part with itself."""
     for k, part in enumerate(parts):
-        yield part, sum_of([p for j, p in enumerate(parts) if j != k] or [part])
+        others = [*parts[:k], *parts[k + 1 :]]
+        yield part, sum_of(others or [part])
 
 
 def squares_of(part: Information, x: Array) -> float:
@@ -72,9 +73,13 @@ class NormalEquations:
         nv, r = W.shape[1:]
         N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
         used = slice(None) if rows is None else rows
-        tau = tau[used] if root is None else tau[used] * root[used]
+        tau = tau[used]
+        if root is not None:
+            tau = tau * root[used]
+        if active is None:
+            active = np.ones((nv, r), bool)
         for j in range(nv):
-            columns = np.arange(r) if active is None else np.flatnonzero(active[j])
+            columns = np.flatnonzero(active[j])
             A = np.ascontiguousarray(W[used, j][:, columns])
             if root is not None:
                 A *= root[used, j, None]
@@ -146,8 +151,6 @@ def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
     return np.asarray(units * solution / size)
 
 
-# ── Weighted least squares of rows with Huber's loss
-
 # Iteratively reweighted least squares with Huber's weights min(1, k / |u|), u = r / s, k = 1.345 and s = 1.4826 median |r|
 # (Holland and Welsch, "Robust regression using iteratively reweighted least-squares", Comm. Statistics A6, 1977).
 
@@ -192,9 +195,6 @@ def weighted_fit(
         if done:
             break
     return x, sigma, weights
-
-
-# ── Least squares by orthogonal columns, and null space
 
 
 def orthogonal_fit(A: Array, y: Array, root: Array, sizes: Array) -> tuple[Array, Array, Array]:

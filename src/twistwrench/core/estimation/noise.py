@@ -75,7 +75,9 @@ def quantum(parts: Sequence[Array]) -> float:
         return 0.0
     grid = max(_common_step(increments), _decimal_grid(values, size))
     kinks = sum(int((np.abs(np.diff(part, 3)) > 0.5 * grid).sum()) for part in parts)
-    return grid if kinks >= _MIN_KINKS else 0.0
+    if kinks >= _MIN_KINKS:
+        return grid
+    return 0.0
 
 
 def _decimal_grid(values: Array, size: float) -> float:

@@ -63,7 +63,9 @@ def new_rows(q: Array) -> Array | None:
     if _have_equal_intervals(changes) and float(np.median(fastest[changes[1:]])) > _MIN_COUNTS * count:
         return changes
     bends = np.pad((np.abs(np.diff(q, 2, axis=0)) > _MAX_ROUNDING * np.ptp(q, axis=0).max()).any(axis=1), 1)
-    return bends if _have_equal_intervals(bends) else None
+    if _have_equal_intervals(bends):
+        return bends
+    return None
 
 
 def _have_equal_intervals(rows: Array) -> bool:
@@ -78,7 +80,9 @@ def _have_equal_intervals(rows: Array) -> bool:
 
 def moves(x: Array) -> Array:
     """Mask (k,) of columns (n, k) whose variance is far above that of their white noise, by second differences."""
-    noise = (np.diff(x, 2, axis=0) ** 2).mean(axis=0) / 6.0 if len(x) > 2 else np.zeros(x.shape[1])
+    noise = np.zeros(x.shape[1])
+    if len(x) > 2:
+        noise = (np.diff(x, 2, axis=0) ** 2).mean(axis=0) / 6.0
     return np.asarray(x.var(axis=0) > np.maximum(_MIN_RATIO_TO_NOISE * noise, _MAX_ROUNDING**2))
 
 
@@ -132,7 +136,9 @@ def _held_row_count(step: int, steps: Array) -> int:
         first -= 1
     neighbours = [steps[k] for k in (first - 2, first - 1, step + 1, step + 2) if 0 <= k < len(steps)]
     missing = steps[step] - (step - first + 1) * np.mean(neighbours, axis=0)
-    return step - first if np.linalg.norm(missing) < _MAX_DISAGREEMENT * np.linalg.norm(steps[step]) else 0
+    if np.linalg.norm(missing) < _MAX_DISAGREEMENT * np.linalg.norm(steps[step]):
+        return step - first
+    return 0
 
 
 def held_rows(time: Array, gaps: Sequence[Gap]) -> Array:

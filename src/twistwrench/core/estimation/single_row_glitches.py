@@ -106,4 +106,6 @@ def _stamp_delay(d: Array, speed: Array) -> float:
     if (np.abs(speed) > _MIN_MOVING_SPEED * np.abs(speed).max(initial=0.0)).sum() < 2:
         return 0.0
     shift = float(d @ speed) / float(speed @ speed)
-    return -shift if np.abs(d - shift * speed).max() < _MAX_REMAINDER * np.abs(d).max() else 0.0
+    if np.abs(d - shift * speed).max() < _MAX_REMAINDER * np.abs(d).max():
+        return -shift
+    return 0.0

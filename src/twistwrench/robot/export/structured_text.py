@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...compiler.ir.program import FUSED
-from ...compiler.lowering.reference_interpreter import NumpyKernel, evaluated
+from ...compiler.lowering.numpy_kernels import NumpyKernel
+from ...compiler.lowering.reference_interpreter import evaluated
 from ...compiler.printers.c99 import identifier, literal
 from ...core import arguments
 from ...core.errors import KernelError, ValueRangeError

@@ -72,9 +72,9 @@ def draw_inertias(
             axes.plot(x, y, color=colour, linestyle=dashes, linewidth=1.4, label=name, zorder=3)
         axes.plot(*inertia.com[list(view)], "+", color=colour, zorder=4)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=style.SMALL)
-    axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=style.SMALL)
-    axes.tick_params(labelsize=style.SMALL, colors=style.QUIET)
+    axes.set_xlabel(f"{'xyz'[view[0]]} [m]", fontsize=style.SMALL_FONT)
+    axes.set_ylabel(f"{'xyz'[view[1]]} [m]", fontsize=style.SMALL_FONT)
+    axes.tick_params(labelsize=style.SMALL_FONT, colors=style.QUIET)
 
 
 def _outline(points: Array) -> Array:

@@ -48,8 +48,12 @@ def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, A
     wrenches = [name for name in apart if name not in _APART]
     for k, name in enumerate(wrenches):
         looks[name] = {"color": style.AXIS, "hatch": _hatch(k)}
-    looks |= {name: {"color": _APART[name]} for name in apart if name in _APART}
-    return {name: {**look, "edgecolor": style.PAPER} for name, look in looks.items()}
+    for name in apart:
+        if name in _APART:
+            looks[name] = {"color": _APART[name]}
+    for look in looks.values():
+        look["edgecolor"] = style.PAPER
+    return looks
 
 
 def _hatch(repetition: int) -> str | None:
@@ -94,7 +98,7 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
             above, below = above + np.maximum(row, 0), below + np.minimum(row, 0)
         axis.plot(places, why.torque, "_", color=style.INK, markersize=30, markeredgewidth=1.6, label="together")
         axis.axhline(0, color=style.QUIET, linewidth=0.7)
-        axis.set_xticks(places, [j.replace("_", "\n", 1) for j in why.joints], fontsize=style.SMALL)
+        axis.set_xticks(places, [j.replace("_", "\n", 1) for j in why.joints], fontsize=style.SMALL_FONT)
         axis.set_ylabel(", ".join(map(torque_word, sorted(set(why.units), reverse=True))))
         axis.grid(visible=False, axis="x")
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="medium")

@@ -114,7 +114,7 @@ def plot_split(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         (seen["together"],) = axis.plot(motion.time, motion.torques[:, k], color=style.INK, linewidth=1.2)
         axis.axhline(0, color=style.AXIS, linewidth=0.7)
         style.titles(axis, names[k], f"peak {quantity(motion.peaks[k], units[k])}")
-        axis.set_ylabel(torque_word(units[k]), fontsize=style.SMALL)
+        axis.set_ylabel(torque_word(units[k]), fontsize=style.SMALL_FONT)
         axis.margins(x=0)
 
     return _panels(motion, path, joints, "contributions to each torque", draw, seen, "time [s]")
@@ -227,8 +227,8 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
             if over_limit(share):
                 colour = style.OVER
         style.titles(axis, robot.model.velocity_names[k], remark, colour)
-        axis.set_ylabel(f"velocity [{unit_of('dq', angular)}]", fontsize=style.SMALL)
-        axis.set_xlabel(f"position [{unit_of('q', angular)}]", fontsize=style.SMALL)
+        axis.set_ylabel(f"velocity [{unit_of('dq', angular)}]", fontsize=style.SMALL_FONT)
+        axis.set_xlabel(f"position [{unit_of('q', angular)}]", fontsize=style.SMALL_FONT)
 
     return _panels(motion, path, joints, "velocity over position", draw, seen, "", shades)
 
@@ -253,7 +253,7 @@ def _panels(
             draw(axis, chosen[k])
             if below and len(chosen) <= k + columns:
                 axis.tick_params(labelbottom=True)
-                axis.set_xlabel(below, fontsize=style.SMALL)
+                axis.set_xlabel(below, fontsize=style.SMALL_FONT)
         if shades is not None:
             from matplotlib.cm import ScalarMappable
 

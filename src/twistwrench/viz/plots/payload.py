@@ -192,7 +192,9 @@ def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid)
     middle, reach = (low + high) / 2, 0.5 * (high - low).max()
     for k, letter in enumerate("xyz"):
         getattr(axis, f"set_{letter}lim")(middle[k] - reach, middle[k] + reach)
-        getattr(axis, f"set_{letter}label")(f"f{letter} [N]", fontsize=style.SMALL, labelpad=7 if letter == "y" else 3)
+        getattr(axis, f"set_{letter}label")(
+            f"f{letter} [N]", fontsize=style.SMALL_FONT, labelpad=7 if letter == "y" else 3
+        )
     axis.tick_params(labelsize=7, pad=1)
     axis.tick_params(axis="z", pad=4)
     axis.set_box_aspect((1, 1, 1))

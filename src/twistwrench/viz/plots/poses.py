@@ -62,7 +62,7 @@ def _draw_tilts(axis: Any, found: PoseProposal) -> None:
     for tilt in _RINGS:
         radius = 2.0 * math.sin(tilt / 2)
         axis.plot(radius * np.cos(_CIRCLE), radius * np.sin(_CIRCLE), color=style.PALE, linewidth=0.8)
-        axis.annotate(f"{number(math.degrees(tilt))}°", (0.0, radius), color=style.QUIET, fontsize=style.SMALL)
+        axis.annotate(f"{number(math.degrees(tilt))}°", (0.0, radius), color=style.QUIET, fontsize=style.SMALL_FONT)
     if found.log is not None:
         read = _projection(found.log.gravity)
         axis.plot(*read.T, "o", markersize=3, color=style.QUIET, linestyle="none", label="read already")

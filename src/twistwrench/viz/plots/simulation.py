@@ -184,11 +184,11 @@ def _draw_active_limits(axis: style.Axes, fast: Fastest, names: tuple[str, ...])
         if max(map(len, name.split("\n"))) <= max_letters:
             box = {"facecolor": look["color"], "edgecolor": "none", "pad": 1.5}
             place = (touch.begin + touch.end) / 2, 0
-            axis.text(*place, name, color=style.PAPER, ha="center", va="center", fontsize=style.SMALL, bbox=box)
+            axis.text(*place, name, color=style.PAPER, ha="center", va="center", fontsize=style.SMALL_FONT, bbox=box)
     axis.set_yticks([])
     axis.grid(visible=False)
     caption = "active limits: torques plain, velocities hatched (dotted beside)"
-    axis.set_title(caption, loc="left", color=style.QUIET, fontsize=style.SMALL)
+    axis.set_title(caption, loc="left", color=style.QUIET, fontsize=style.SMALL_FONT)
     axis.set_xlim(0, fast.duration)
 
 

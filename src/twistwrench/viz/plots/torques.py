@@ -109,11 +109,11 @@ def _draw_joint(axis: style.Axes, report: TorqueReport, k: int, *, last: bool) -
     if math.isfinite(joint.limit):
         remark = f"{percent_of_limit(joint.share)} of {number(joint.limit)} {joint.unit}"
     style.titles(axis, joint.joint, remark, style.OVER if over else style.QUIET)
-    axis.set_ylabel(joint.unit, color=style.QUIET, fontsize=style.SMALL)
+    axis.set_ylabel(joint.unit, color=style.QUIET, fontsize=style.SMALL_FONT)
     axis.margins(x=0)
     if last:
         axis.tick_params(labelbottom=True)
-        axis.set_xlabel("time [s]", color=style.QUIET, fontsize=style.SMALL)
+        axis.set_xlabel("time [s]", color=style.QUIET, fontsize=style.SMALL_FONT)
 
 
 def _draw_peak(axis: style.Axes, report: TorqueReport, joint: JointTorque, colour: str) -> None:
@@ -134,7 +134,7 @@ def _draw_peak(axis: style.Axes, report: TorqueReport, joint: JointTorque, colou
         ha=ha,
         va=va,
         color=colour,
-        fontsize=style.SMALL,
+        fontsize=style.SMALL_FONT,
         bbox={"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
     )
 
@@ -277,9 +277,9 @@ def plot_sizing(sizing: Sizing, path: str | Path) -> Path:
 def _label_motor_axes(axes: list[Any], columns: int) -> None:
     """Label the speeds of the last panel of each column, and the torques of the first panel of each row."""
     for axis in axes[-columns:]:
-        axis.set_xlabel("speed [rad/s]", fontsize=style.SMALL)
+        axis.set_xlabel("speed [rad/s]", fontsize=style.SMALL_FONT)
     for axis in axes[::columns]:
-        axis.set_ylabel("torque at the rotor [N m]", fontsize=style.SMALL)
+        axis.set_ylabel("torque at the rotor [N m]", fontsize=style.SMALL_FONT)
 
 
 def _use_of(sizing: Sizing, joint: SizedJoint) -> MotorUse:
@@ -328,7 +328,12 @@ def _draw_motor(axis: style.Axes, use: MotorUse, span: tuple[float, float]) -> A
         low = -np.clip(motor.greatest_torque(-w, current), -reach, reach)
         axis.fill_between(w, low, high, where=(high > low).tolist(), color=colour, linewidth=0)
         axis.text(
-            0.97 * w[np.argmax(high > low)], 0.96 * high.max(), name, va="top", fontsize=style.SMALL, color=style.AXIS
+            0.97 * w[np.argmax(high > low)],
+            0.96 * high.max(),
+            name,
+            va="top",
+            fontsize=style.SMALL_FONT,
+            color=style.AXIS,
         )
     max_torque, max_reverse = motor.greatest_torque(speed), motor.greatest_torque(-speed)
     within = np.asarray((torque <= max_torque + margin(max_torque)) & (-torque <= max_reverse + margin(max_reverse)))

@@ -1,0 +1,83 @@
+"""Memory pages with code: written first, then executable, never both at once."""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import sys
+from functools import cache
+from typing import Any
+
+from ...core.typing import Array
+
+_RESERVE_AND_COMMIT, _RELEASE = 0x3000, 0x8000
+_READ_WRITE, _EXECUTE_READ = 0x04, 0x20
+"""Arguments of VirtualAlloc, VirtualFree and VirtualProtect of Windows."""
+
+
+class UnsupportedObject(Exception):
+    """Raised for code that is not loaded here, or if the system does not execute such pages."""
+
+
+class ExecutableMemory:
+    """Readable and executable memory; freed with this object."""
+
+    address: int
+
+    @staticmethod
+    def from_image(image: Array) -> ExecutableMemory:
+        """Pages with those bytes. Raises :class:`UnsupportedObject` if the system does not execute such pages."""
+        if sys.platform == "win32":
+            return _WindowsMemory(image)
+        return _MappedMemory(image)
+
+
+class _MappedMemory(ExecutableMemory):
+    """Pages on a system with mmap."""
+
+    def __init__(self, image: Array) -> None:
+        try:
+            memory = mmap.mmap(-1, len(image), flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        except (OSError, AttributeError):
+            raise UnsupportedObject from None
+        memory[:] = image.tobytes()
+        self._first = ctypes.c_char.from_buffer(memory)  # keeps the memory mapped
+        self.address = ctypes.addressof(self._first)
+        if _process().mprotect(self.address, len(image), mmap.PROT_READ | mmap.PROT_EXEC):
+            raise UnsupportedObject
+
+
+class _WindowsMemory(ExecutableMemory):
+    """Pages on Windows."""
+
+    def __init__(self, image: Array) -> None:
+        self._system = _kernel32()
+        self.address = self._system.VirtualAlloc(None, len(image), _RESERVE_AND_COMMIT, _READ_WRITE) or 0
+        if not self.address:
+            raise UnsupportedObject
+        ctypes.memmove(self.address, image.ctypes.data, len(image))
+        before = ctypes.c_uint32()
+        if not self._system.VirtualProtect(self.address, len(image), _EXECUTE_READ, ctypes.byref(before)):
+            raise UnsupportedObject
+
+    def __del__(self) -> None:
+        if self.address:
+            self._system.VirtualFree(self.address, 0, _RELEASE)
+
+
+@cache
+def _process() -> Any:
+    """Libraries loaded in this process, including the C library."""
+    library = ctypes.CDLL(None)
+    library.mprotect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+    return library
+
+
+@cache
+def _kernel32() -> Any:
+    library = ctypes.CDLL("kernel32")
+    library.VirtualAlloc.restype = ctypes.c_void_p
+    library.VirtualAlloc.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32, ctypes.c_uint32]
+    library.VirtualFree.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32]
+    library.VirtualProtect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32, ctypes.c_void_p]
+    return library

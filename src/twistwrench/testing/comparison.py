@@ -1,0 +1,88 @@
+"""Comparison of arrays by norm, with explained differences."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core.glossary import complete
+from ..core.numbers import printed
+
+
+def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = None) -> float:
+    """Relative difference of two arrays by norm: the largest difference over the largest entry of ``desired``.
+
+    Parameters
+    ----------
+    scale : float, optional, in place of the largest entry
+
+    Returns
+    -------
+    gap : float
+
+    Notes
+    -----
+    The norm is used because an entry near zero is the difference of large terms and has their rounding error. Entries
+    that are not finite in both arrays make the gap infinite or NaN, so ``gap <= tolerance`` is false.
+
+    Examples
+    --------
+    >>> relative_gap([100.0, 0.5], [100.0, 0.0])
+    0.005
+    """
+    a, b = np.asarray(actual, float), np.asarray(desired, float)
+    if a.size == 0:
+        return 0.0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gap = np.abs(a - b).max()
+        if gap == 0:
+            return 0.0
+        if scale is None:
+            return float(gap / np.abs(b).max())
+        return float(gap / np.float64(scale))
+
+
+def assert_close(
+    actual: ArrayLike, desired: ArrayLike, rtol: float, what: str = "", *, scale: float | None = None
+) -> None:
+    """Assert that two arrays agree: equal shapes, and :func:`relative_gap` at most ``rtol``.
+
+    Parameters
+    ----------
+    rtol : float, largest allowed gap
+    what : str, name of the compared quantity
+    scale : float, optional, in place of the largest entry of ``desired``
+        For a small difference of large terms: the size of these terms, computed in the test.
+
+    Raises
+    ------
+    AssertionError
+        The arrays do not agree.
+
+    Examples
+    --------
+    >>> assert_close([1.0, 2.0], [1.0, 2.1], 1e-3, "the torque of joint 2")
+    Traceback (most recent call last):
+    AssertionError: the torque of joint 2: off by 0.0476 of the largest entry, 2.1; allowed 0.001.
+    Worst at (1,): actual 2.0, desired 2.1. Entries beyond the tolerance: 1 of 2.
+    """
+    a, b = np.asarray(actual, float), np.asarray(desired, float)
+    name = what or "the arrays"
+    if a.shape != b.shape:
+        raise AssertionError(f"{name}: actual has shape {a.shape}, desired {b.shape}.")
+    gap = relative_gap(a, b, scale)
+    if gap <= rtol:
+        return
+    size, whose = scale, "the scale"
+    if size is None:
+        size, whose = float(np.abs(b).max()), "the largest entry"
+    apart = np.where(np.isfinite(a - b), np.abs(a - b), np.inf)
+    worst = tuple(int(i) for i in np.unravel_index(int(np.argmax(apart)), a.shape))
+    raise AssertionError(
+        f"{name}: off by {printed(gap, 3)} of {whose}, {printed(size)}; allowed {printed(rtol)}.\n"
+        f"Worst at {worst}: actual {a[worst]}, desired {b[worst]}. "
+        f"Entries beyond the tolerance: {np.count_nonzero(apart > rtol * size)} of {a.size}."
+    )
+
+
+complete(globals())

@@ -1,0 +1,139 @@
+"""Laws of mechanics that the dynamics of every robot obeys, as residuals at one state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..core.typing import Array
+from ..mechanics.algorithms.inverse_dynamics import closed_form
+from ..mechanics.lie.adjoint import ad
+from ..robot import Robot
+from .comparison import relative_gap
+from .derivatives import derivative, derivative_along
+from .random_robots import State
+
+Residual = Callable[[Robot, State], float]
+
+ROUNDING = 1e-10
+"""Tolerance between two float64 computations: some thousand operations with errors of 1e-16, and a margin for cancellation."""
+DIFFERENCES = 1e-9
+"""Tolerance if one side is a numerical derivative."""
+
+
+def torque_size(robot: Robot, at: State, tau: Array) -> float:
+    """Size of the terms that add up to τ, which determines the rounding error if they cancel.
+
+    A single revolute or prismatic joint has c = 0, the difference of terms as large as M dq².
+    """
+    M = np.abs(robot.mass_matrix(at.q))
+    products = M.max(initial=0.0) * float(np.max(np.abs(at.dq), initial=0.0)) ** 2
+    return float(max(np.abs(tau).max(initial=0.0), (M @ np.abs(at.ddq)).max(initial=0.0), products))
+
+
+def closed_form_gap(robot: Robot, at: State) -> float:
+    """Gap between inverse dynamics and the block matrices of MR section 8.4."""
+    tau = closed_form(robot.model, at.q, at.dq).inverse_dynamics(at.ddq)
+    return relative_gap(robot.inverse_dynamics(*at), tau, torque_size(robot, at, tau))
+
+
+def lagrange_gap(robot: Robot, at: State) -> float:
+    """Gap between inverse dynamics and :func:`lagrange_torques`, relative to the larger of torques and energies."""
+    tau = lagrange_torques(robot, at)
+    return relative_gap(robot.inverse_dynamics(*at), tau, max(float(np.abs(tau).max()), _energies(robot, at)))
+
+
+def lagrange_torques(robot: Robot, at: State) -> Array:
+    """Joint torques (nv,) from kinetic and potential energy only: Lagrange's equations, MR section 8.1.
+
+    With p = ∂K/∂dq, which for the quadratic K is exactly K(dq + e) - K(dq) - K(e),
+
+        τ = dp/dt - ∂(K - P)/∂q - [V, ·]' p,
+
+    with derivatives by q along ``robot.add``. The last term accounts for velocities of planar and floating joints,
+    which are not coordinate rates (Hamel, 1904); [V, ·] is the bracket of the joint's own twists.
+    """
+    q, dq, ddq = at
+    unit = np.eye(robot.nv)
+
+    def momenta(t: Array) -> Array:
+        x, v = robot.add(q, np.multiply.outer(t, dq))[:, None], (dq + np.multiply.outer(t, ddq))[:, None]
+        K = robot.kinetic_energy
+        return np.asarray(K(x, v + unit) - K(x, v) - K(x, unit))
+
+    def lagrangian(x: Array) -> Array:
+        return np.asarray(robot.kinetic_energy(x, dq) - robot.potential_energy(x))
+
+    p = momenta(np.zeros(1))[0]
+    tau = derivative(momenta, _rate(dq)) - derivative_along(robot, lagrangian, q, unit)
+    for body in robot.model.leaders:
+        mine, axes = body.places[1], body.joint.axes
+        if body.joint.nv > 1:
+            bracket = np.array([axes @ (ad(dq[mine] @ axes) @ S) for S in axes])  # row a: [V, S_a] in the joint's axes
+            tau[mine] -= bracket @ p[mine]
+    return tau
+
+
+def power_gap(robot: Robot, at: State) -> float:
+    """Gap between the power of the joints and the rate of the energy, relative to the larger of powers and energies."""
+    q, dq, ddq = at
+
+    def energy(t: Array) -> Array:
+        x = robot.add(q, np.multiply.outer(t, dq))
+        return np.asarray(robot.kinetic_energy(x, dq + np.multiply.outer(t, ddq)) + robot.potential_energy(x))
+
+    powers = robot.inverse_dynamics(*at) * dq
+    size = max(float(np.abs(powers).max()), _energies(robot, at))
+    return relative_gap(powers.sum(), derivative(energy, _rate(dq)), size)
+
+
+def skewness_gap(robot: Robot, at: State) -> float:
+    """Deviation of dM/dt - 2C from skew symmetry, dM/dt = C + C', relative to their entries and those of M."""
+    M, C = robot.mass_matrix(at.q), robot.coriolis_matrix(at.q, at.dq)
+    dM = derivative_along(robot, robot.mass_matrix, at.q, at.dq)
+    return relative_gap(C + C.T, dM, float(max(np.abs(dM).max(), np.abs(C).max(), np.abs(M).max())))
+
+
+def coriolis_gap(robot: Robot, at: State) -> float:
+    """Gap between C dq and the velocity products of inverse dynamics, relative to the summands of C dq and to M dq²."""
+    C = robot.coriolis_matrix(at.q, at.dq)
+    at_rest = at._replace(ddq=np.zeros(robot.nv))
+    return relative_gap(C @ at.dq, robot.coriolis_forces(at.q, at.dq), torque_size(robot, at_rest, C * at.dq))
+
+
+def round_trip_gap(robot: Robot, at: State) -> float:
+    """Gap of torques after forward and inverse dynamics; unlike M⁻¹, M q̈ is not large for nearly massless links."""
+    tau = robot.inverse_dynamics(*at)
+    ddq = robot.forward_dynamics(at.q, at.dq, tau)
+    size = float(np.abs(robot.mass_matrix(at.q) * ddq).max() + np.abs(tau).max())
+    return relative_gap(robot.inverse_dynamics(at.q, at.dq, ddq), tau, size)
+
+
+def _compiled(robot: Robot, at: State) -> float:
+    return against(robot, at, robot.reference("inverse_dynamics", *at), robot.reference("mass_matrix", at.q))
+
+
+def against(robot: Robot, at: State, tau: Array, M: Array) -> float:
+    """Gap between compiled inverse dynamics and mass matrix, and others of the same state."""
+    size = torque_size(robot, at, tau)
+    return max(relative_gap(robot.inverse_dynamics(*at), tau, size), relative_gap(robot.mass_matrix(at.q), M))
+
+
+def _rate(dq: Array) -> float:
+    return max(1.0, float(np.abs(dq).sum()))
+
+
+def _energies(robot: Robot, at: State) -> float:
+    return abs(float(robot.kinetic_energy(at.q, at.dq))) + abs(float(robot.potential_energy(at.q)))
+
+
+LAWS: tuple[tuple[str, str, float, Residual], ...] = (
+    ("closed form", "inverse dynamics, block matrices of MR section 8.4", ROUNDING, closed_form_gap),
+    ("energies", "inverse dynamics, Lagrange's equations from K and P", DIFFERENCES, lagrange_gap),
+    ("power", "torques times velocities, rate of K + P", DIFFERENCES, power_gap),
+    ("Ṁ − 2C skew", "Coriolis matrix, rate of the mass matrix", DIFFERENCES, skewness_gap),
+    ("C dq = c", "Coriolis matrix, inverse dynamics", ROUNDING, coriolis_gap),
+    ("forward∘inverse", "forward dynamics, inverse dynamics", ROUNDING, round_trip_gap),
+    ("compiled", "kernels, the algorithms on plain floats", ROUNDING, _compiled),
+)

@@ -1,0 +1,184 @@
+"""Random robots of every joint kind, and random states of motion."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core.errors import ModelWarning, ValueRangeError
+from ..core.glossary import complete
+from ..core.typing import Array
+from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.bodies.solids import rotational_inertia
+from ..mechanics.joints import JOINT_TYPES
+from ..mechanics.joints.screw_joint import ScrewJoint
+from ..mechanics.lie import se3, so3
+from ..mechanics.model.builder import ModelBuilder
+from ..robot import Robot
+
+KINDS = (*JOINT_TYPES, "mimic", "fixed")
+"""Kinds of random joints: moving joints, mimic joints of earlier one-degree joints, and fixed joints."""
+
+_SCREWS = {kind: joint for kind, joint in JOINT_TYPES.items() if issubclass(joint, ScrewJoint)}
+
+
+def random_robot(
+    rng: np.random.Generator | int | None = None,
+    joints: int = 7,
+    kinds: Sequence[str] = KINDS,
+    *,
+    floating_base: bool = False,
+    mimic: str = "follow",
+) -> Robot:
+    """Random robot: a tree with the given number of joints; the same ``rng`` seed gives the same robot.
+
+    Parameters
+    ----------
+    floating_base : bool, let the root link float
+    mimic : "follow" or "independent", which frees mimic joints
+
+    Returns
+    -------
+    robot : Robot, with gravity in a random direction
+
+    Examples
+    --------
+    >>> random_robot(1, joints=3, kinds=("revolute",)).nv
+    3
+    """
+    rng = np.random.default_rng(rng)
+    builder = random_builder(rng, joints, kinds)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # a floating joint on a floating base is intended
+        return Robot(builder.build(floating_base=floating_base, mimic=mimic, gravity=rng.uniform(-10.0, 10.0, 3)))
+
+
+def random_builder(
+    rng: np.random.Generator | int | None = None, joints: int = 7, kinds: Sequence[str] = KINDS
+) -> ModelBuilder:
+    """Description of a random robot, as used by :func:`random_robot`.
+
+    Returns
+    -------
+    builder : ModelBuilder, with links ``link0`` (the root), ``link1``, …, joints ``joint1``, …
+
+    Notes
+    -----
+    The parent of each link is a random earlier link, most often the last, so that branches and chains both occur.
+
+    Examples
+    --------
+    >>> random_builder(0, joints=3).build().name
+    'random'
+    """
+    rng = np.random.default_rng(rng)
+    unknown = [kind for kind in kinds if kind not in KINDS]
+    if unknown:
+        raise ValueRangeError(f"no joint kinds {unknown}. Choose from: {', '.join(KINDS)}.")
+    builder = ModelBuilder("random")
+    builder.add_link("link0", random_inertia(rng))
+    leaders: list[str] = []
+    moving = tuple(kind for kind in kinds if kind not in ("mimic", "fixed")) or ("revolute",)
+    for i in range(1, joints + 1):
+        kind = str(rng.choice(moving if i == 1 else tuple(kinds)))
+        follows = kind == "mimic" and bool(leaders)
+        if kind == "mimic":
+            kind = str(rng.choice(list(_SCREWS)))
+        parent = f"link{i - 1 if rng.random() < 0.6 else rng.integers(i)}"
+        builder.add_link(f"link{i}", random_inertia(rng))
+        placement, mimic = random_pose(rng), None
+        if follows:  # leader, ratio and offset
+            mimic = str(rng.choice(leaders)), float(rng.uniform(-2.0, 2.0)), float(rng.uniform(-1.0, 1.0))
+        builder.add_joint(
+            f"joint{i}", kind, parent, f"link{i}", placement=placement, mimic=mimic, **_options(rng, kind)
+        )
+        if kind in _SCREWS and not follows:
+            leaders.append(f"joint{i}")
+    return builder
+
+
+def _options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
+    """Axis, limits and losses of a joint. Some axes are coordinate axes, which use other code paths."""
+    options: dict[str, Any] = {}
+    if rng.random() < 0.7:
+        options["axis"] = rng.standard_normal(3)
+    else:
+        options["axis"] = np.eye(3)[rng.integers(3)]
+    joint = _SCREWS.get(kind)
+    if joint is not None and joint.has_pitch:
+        options["pitch"] = rng.uniform(-0.5, 0.5)
+    if joint is not None and not joint.has_pitch and not joint.wraps:
+        options |= {"lower": rng.uniform(-3.0, -0.5), "upper": rng.uniform(0.5, 3.0)}
+    if joint is not None:
+        options |= {"damping": rng.uniform(0.0, 1.0), "friction": rng.uniform(0.0, 1.0)}
+    return options
+
+
+def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInertia:
+    """Random inertia of a physically consistent body.
+
+    Random second moments S in rotated axes, about a centre of mass away from the origin.
+
+    Examples
+    --------
+    >>> random_inertia(3).defects()
+    []
+    """
+    rng = np.random.default_rng(rng)
+    A = 0.2 * rng.standard_normal((3, 3))
+    mass = rng.uniform(0.2, 5.0)
+    S = mass * (A @ A.T + 1e-3 * np.eye(3))
+    return SpatialInertia.from_com(mass, 0.3 * rng.standard_normal(3), rotational_inertia(S))
+
+
+def random_pose(rng: np.random.Generator | int | None = None) -> Array:
+    """Random pose with any rotation and a position within ±0.5 m.
+
+    Returns
+    -------
+    T : (4, 4) array
+
+    Examples
+    --------
+    >>> random_pose(0).shape
+    (4, 4)
+    """
+    rng = np.random.default_rng(rng)
+    w = rng.standard_normal(3)
+    return np.asarray(se3.pose(so3.exp(w / np.linalg.norm(w) * rng.uniform(0.0, np.pi)), rng.uniform(-0.5, 0.5, 3)))
+
+
+class State(NamedTuple):
+    """State and acceleration of a robot: q (..., nq), dq and ddq (..., nv)."""
+
+    q: Array
+    """Configuration (..., nq)."""
+    dq: Array
+    """Velocities (..., nv), rad/s or m/s."""
+    ddq: Array
+    """Accelerations (..., nv), rad/s² or m/s²."""
+
+
+def random_state(robot: Robot, rng: np.random.Generator | int | None = None, size: int | tuple[int, ...] = ()) -> State:
+    """Random state: a configuration inside the limits, velocities and accelerations of order 1.
+
+    Returns
+    -------
+    state : State, q (*size, nq), dq and ddq (*size, nv)
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> random_state(tw.robots.ur5(), 0, size=4).dq.shape
+    (4, 6)
+    """
+    rng = np.random.default_rng(rng)
+    shape = (size,) if isinstance(size, int) else tuple(size)
+    q = robot.random_configuration(rng, shape)
+    return State(q, rng.standard_normal((*shape, robot.nv)), rng.standard_normal((*shape, robot.nv)))
+
+
+complete(globals())
