@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..core.typing import Array
-from ..mechanics.algorithms.inverse_dynamics import closed_form
+from ..mechanics.algorithms.closed_form import closed_form
 from ..mechanics.lie.adjoint import ad
 from ..robot import Robot
 from .comparison import relative_gap

@@ -21,7 +21,7 @@ from ..mechanics.model.couplings import motor_torques
 from ..mechanics.model.limits import Limits
 from ..motion.bounds import Violation
 from ..motion.coordinates import ConfigurationGiven, Coordinates
-from ..motion.model_doubts import hanging_excess, base_doubts
+from ..motion.model_doubts import base_doubts, hanging_excess
 from ..motion.readers.csv_reader import CsvFile, table_errors
 from ..robot import Robot
 from .fastest import fastest as fastest_timing

@@ -169,9 +169,9 @@ def products_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Pro
     looped = _LOOPED.get(name)
     if looped is None or not _is_alone(requested, name):
         return None
-    from ...compiler.lowering.product_loop import LEAST
+    from ...compiler.lowering.product_loop import MIN_MATRIX_SIZE
 
-    if model.nv < LEAST or not joint_pair_factors.joints_are_independent(model):
+    if model.nv < MIN_MATRIX_SIZE or not joint_pair_factors.joints_are_independent(model):
         return None
     carries, bodies = joint_pair_factors.relations(model)
     estimated = looped.for_a_joint * model.nv + looped.for_a_pair * int(carries.sum())
