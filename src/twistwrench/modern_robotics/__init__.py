@@ -234,8 +234,9 @@ def NearZero(z: ArrayLike) -> Any:
     -------
     near : (...) array of bool
     """
-    if type(z) is float:
-        return abs(z) < 1e-6
+    number: Any = z
+    if type(number) is float:
+        return abs(number) < 1e-6
     return np.abs(arguments.real(z, "z")) < 1e-6
 
 

@@ -244,6 +244,7 @@ class LimitCheck:
         """Violations, sorted by their ratio to the tolerance, largest first."""
         excesses = []
         for kind, worst in self._worst.items():
+            turns: Sequence[bool] | Array
             names, turns = self.model.velocity_names, Coordinates.from_model(self.model).angular_velocity
             if kind == "torque":
                 names, turns = self.model.drive_labels, drive_turns(self.model)

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -275,7 +275,7 @@ def configuration_of(
         q = np.array(start)
     name = spell(replace(what, value=None))
     unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
-    texts = given
+    texts: Any = given
     if isinstance(texts, str):
         texts = [texts]
     if texts is None:

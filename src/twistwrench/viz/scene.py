@@ -373,9 +373,7 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
     (2, 4, 4)
     """
     model = robot.model
-    visuals, remarks = [], []
-    if meshes:
-        visuals, remarks = read_visuals(model)
+    visuals, remarks = read_visuals(model) if meshes else ([], [])
     shapes, dressed, own_frame = [], set(), np.eye(4)
     for visual in visuals:
         frame = model.frames[visual.link]

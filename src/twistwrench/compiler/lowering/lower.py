@@ -23,13 +23,13 @@ MAX_INSTRUCTIONS = 2000
 def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:
     """Assembly texts to compile and link together."""
     program, around = program_of(given), _around(given, machine)
-    solves_columns = isinstance(given, ColumnSolve)
-    if solves_columns or len(program.instructions) > MAX_INSTRUCTIONS:
-        from .partition import partitioned
-
-        yield from partitioned(given if solves_columns else program, precision, machine, around)
-    else:
+    if not isinstance(given, ColumnSolve) and len(program.instructions) <= MAX_INSTRUCTIONS:
         yield assembly(program, precision, machine, around)
+        return
+    from .partition import partitioned
+
+    form = given if isinstance(given, ColumnSolve) else program
+    yield from partitioned(form, precision, machine, around)
 
 
 def _around(given: Form, machine: Machine) -> Loop:
