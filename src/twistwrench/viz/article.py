@@ -18,6 +18,7 @@ from ..core.answers.page import digest
 from ..core.colours import page_colours
 from ..core.files import replacing
 from ..core.glossary import complete
+from ..core.numbers import number
 from .colours import quantity_colours
 from .page_scripts import POLICY, joined_script
 from .section_pages import SECTIONS, formula_html
@@ -113,8 +114,8 @@ def _body(
     yield f'<p class="question">{html.escape(article["question"])}</p>'
     yield from _paragraphs(article["lead"], {})
     yield "<noscript><p><b>The pictures are drawn by this page's own script, which is switched off.</b></p></noscript>"
-    for number, picture in enumerate(article["picture"], 1):
-        yield from _picture(number, picture)
+    for place, picture in enumerate(article["picture"], 1):
+        yield from _picture(place, picture)
     yield "<h2>Without looking back</h2>"
     for row in article["question_at_end"]:
         yield f"<details><summary>{_text_html(row['ask'], {})}</summary>{''.join(_paragraphs(row['answer'], {}))}</details>"
@@ -130,11 +131,11 @@ def _code(text: str) -> str:
     return f'<pre tabindex="0" role="region" aria-label="Code">{html.escape(text)}</pre>'
 
 
-def _picture(number: int, picture: Mapping[str, Any]) -> Iterator[str]:
+def _picture(place: int, picture: Mapping[str, Any]) -> Iterator[str]:
     """Section of one picture: text with its slider, canvases, controls, exercise."""
     sliders, views, name = {row["name"]: row for row in picture["sliders"]}, picture["views"], picture["name"]
     predict, exercise = picture.get("predict"), picture.get("exercise")
-    yield f'<section id="{name}"><h2>{number}. {html.escape(picture["title"])}</h2>'
+    yield f'<section id="{name}"><h2>{place}. {html.escape(picture["title"])}</h2>'
     yield from _paragraphs(picture["text"], sliders)
     yield f'<figure data-picture="{name}"{" class=two" if len(views) > 1 else ""}><div class="views">'
     arrow = " Shift and arrow keys move the guess." if predict and predict["kind"] == "arrow" else ""
@@ -162,7 +163,7 @@ def _guess(name: str, predict: Mapping[str, Any]) -> str:
     """Slider of a guessed number."""
     span = f'min="{predict["least"]}" max="{predict["most"]}" step="{predict["step"]}" value="{predict["least"]}"'
     label = f'<label for="guess-{name}">{html.escape(predict["label"])}</label>'
-    ends = "".join(f"<small>{predict[end]:g}</small>" for end in ("least", "most")).replace("-", "−")
+    ends = "".join(f"<small>{number(predict[end])}</small>" for end in ("least", "most")).replace("-", "−")
     field = f'<input id="guess-{name}" type="range" {span}>'
     return f'<div class="guess">{label}<span class="range">{field}{ends}</span><output></output></div>'
 

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from .page_loops import PageLoops
 
 _MAX_TRIANGLES = 300_000
-_HIDDEN = 0.05
+_HIDDEN_SHARE = 0.05
 """Share of the robot's size up to which ellipsoids, as of point masses, are hidden within joints and links."""
 KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
 
@@ -544,7 +544,7 @@ def _switches(
     if data["loops"] and data["loops"]["dependent"]:
         degrees = data["loops"]["dependent"].count(False)
     ellipsoids = [shape.surface.vertices for shape in scene.shapes if shape.layer == "inertia"]
-    has_inertia = any(np.ptp(points, axis=0).max() > _HIDDEN * scene.size for points in ellipsoids)
+    has_inertia = any(np.ptp(points, axis=0).max() > _HIDDEN_SHARE * scene.size for points in ellipsoids)
     with_torques = bool(data["marks"]) and (book is None or "torques" in book.shown)
     weighed = book is None and "mass" in data["programs"]
     standing = data["standing"] is not None
