@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...core import arguments
 from ...core.errors import ShapeError, ValueRangeError
+from ...core.glossary import complete
 from ...core.numbers import printed
 from ...core.typing import Array
 
@@ -239,3 +240,6 @@ def _solid_about_centre(
     """Solid about its centre, from its principal moments per unit mass."""
     m = total_mass(shape, float(volume), mass, density)
     return cls.from_com(m, moment_about_com=m * np.diag(np.asarray(moments, float)))
+
+
+complete(globals())

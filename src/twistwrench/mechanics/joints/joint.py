@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...core.glossary import complete
 from ...core.typing import Array
 from ..bodies.inertia import SpatialInertia
 from ..lie import quaternion
@@ -439,3 +440,6 @@ class Joint:
     def sliders(self) -> tuple[Slider, ...]:
         """Sliders that move the joint's coordinates."""
         raise NotImplementedError
+
+
+complete(globals())
