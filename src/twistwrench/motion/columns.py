@@ -77,7 +77,7 @@ class Choice:
 _NO_COLUMN = Choice(-1)
 """Column of a joint without one."""
 _DEFAULT_UNITS = {CURRENT: "A"}
-"""Units of quantities whose names tell it."""
+"""Units that follow from the quantity, if the column names none."""
 
 
 @dataclass(frozen=True, eq=False)

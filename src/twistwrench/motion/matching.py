@@ -362,7 +362,7 @@ def _matches_by_prefix(
             for column in found:
                 if column.words[: len(prefix)] == prefix:
                     columns.setdefault(column.words[len(prefix) :], []).append(column)
-            match = list[Candidate | None]()
+            match: list[Candidate | None] = []
             for ending in endings:
                 with_ending = columns.get(ending, [])
                 match += with_ending if len(with_ending) == 1 else [None]

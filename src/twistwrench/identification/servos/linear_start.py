@@ -45,7 +45,7 @@ class _Rows:
     log: ServoLog
     time: Array
     cutoff: float
-    """Of the low-pass [Hz]."""
+    """Cut-off of the low-pass [Hz]."""
     columns: Array
     """(n, nv, 4): ddq, dq, sgn dq and the torques r of the bodies."""
     q: Array
