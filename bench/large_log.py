@@ -63,7 +63,7 @@ def write(folder: Path, seconds: float, files: int) -> None:
 
 def read(folder: Path, cutoff: float | None, workers: int | None) -> dict[str, object]:
     """Identify; s of processor and of the clock, and the most memory that this process had [MB]."""
-    from twistwrench.core.workers import workers_of
+    from twistwrench.core.third_party.workers import workers_of
 
     robot = tw.robots.panda()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

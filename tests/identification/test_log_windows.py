@@ -268,7 +268,7 @@ def test_a_log_of_other_torques_is_named(log):
 def test_bits_do_not_depend_on_workers(log, tmp_path, short):
     """Two files in windows, read by two processes and by this one."""
     pytest.importorskip("distributed")
-    from twistwrench.core.workers import workers_of
+    from twistwrench.core.third_party.workers import workers_of
 
     paths = [recorded(tmp_path / f"{k}.npy", log[a:b]) for k, (a, b) in enumerate([(0, 14_000), (14_000, 30_000)])]
     alone = identify(ARM, paths, **FIXED)

@@ -24,8 +24,8 @@ from twistwrench.motion.load_case import LoadCase, Payload
 from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports import drawn_motion as motion_module
 from twistwrench.viz import energies, film, motion_of, movie, plot_phase, plot_power, plot_split, read_motion, scene_of
-from twistwrench.viz.movie import Camera, Painter, still
 from twistwrench.viz.pictures import robot_picture
+from twistwrench.viz.plots.robot_picture import Camera, Painter, still
 
 T = np.linspace(0.0, 2.0, 401)
 

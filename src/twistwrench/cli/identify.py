@@ -11,8 +11,8 @@ from typing import Any, Literal, TypeAlias
 import click
 
 from ..core.errors import UnknownNameError, ValueRangeError
+from ..core.third_party.workers import workers_of
 from ..core.verdict import Word
-from ..core.workers import workers_of
 from ..formats.actuators import read_log_side
 from ..identification.actuator_text import OF_COUPLED_MOTORS
 from ..identification.exciting_trajectory import ExcitingMotion, excite

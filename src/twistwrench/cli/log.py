@@ -8,8 +8,8 @@ from functools import partial
 import click
 
 from ..core.files import check_outputs, refuse_existing
+from ..core.third_party.workers import Failure, workers_of
 from ..core.verdict import ExitCode
-from ..core.workers import Failure, workers_of
 from ..reports.checked_motions import expanded_paths
 from ..reports.log_report import LogReport, check_log
 from .main import plain_command

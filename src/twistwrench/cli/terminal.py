@@ -12,7 +12,8 @@ import click
 from rich.console import Console
 
 from ..core.answers.answer import Answer
-from ..core.answers.blocks import Block, shown_blocks
+from ..core.answers.blocks import Block
+from ..core.answers.shown_blocks import shown_blocks
 from ..core.answers.terminal import console, renderable, short_form
 from ..core.text import visible
 

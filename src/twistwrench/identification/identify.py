@@ -19,8 +19,8 @@ from ..core.estimation.least_squares import Method, NormalEquations, Prior, weig
 from ..core.estimation.sampling import moves
 from ..core.numbers import percent
 from ..core.text import listed
+from ..core.third_party.workers import Failure, Workers
 from ..core.typing import Array, Frame, Hertz, Seconds
-from ..core.workers import Failure, Workers
 from ..motion.motion import Motion
 from ..reports.checked_motions import expanded_paths
 from ..robot import Robot, load

@@ -21,8 +21,8 @@ from ..core.errors import ShapeError, TrajectoryError, ValueRangeError
 from ..core.estimation.sampling import dropouts, gaps, held_rows, new_rows, spikes
 from ..core.estimation.single_row_glitches import OVERLAP, SingleRowGlitches
 from ..core.text import Argument
+from ..core.third_party.workers import Failure, Workers
 from ..core.typing import Array
-from ..core.workers import Failure, Workers
 from ..motion.contradictions import row_doubts
 from ..motion.coordinates import Coordinates
 from ..motion.log_table import slices, spread_rows

@@ -17,8 +17,8 @@ from ..core.errors import ValueRangeError
 from ..core.files import as_path
 from ..core.numbers import quantity
 from ..core.tables import csv_table
+from ..core.third_party.workers import Failure, workers_of
 from ..core.verdict import Verdict, Word
-from ..core.workers import Failure, workers_of
 from ..motion.readers import format_of
 from .check import CheckOptions, check, robot_of
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from ..reports.drawn_motion import DrawnMotion, motion_of, read_motion
 from .article import write_article
-from .movie import Camera, draw, film, movie
+from .movie import film, movie
 from .page import write_page
+from .plots.robot_picture import Camera, draw
 from .scene import Scene, Shape, scene_of
 
 __all__ = [

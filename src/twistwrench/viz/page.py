@@ -485,7 +485,7 @@ _STILL_WIDTH, _MAX_STILL_BYTES = 480, 25_000
 
 def _still_image(scene: Scene, start: Array, motion: DrawnMotion | None) -> str:
     """Image of the first frame, joints over their limits in red; empty where pictures cannot be drawn."""
-    from .movie import first_frame
+    from .plots.robot_picture import first_frame
 
     try:
         image = first_frame(scene, start, motion, _STILL_WIDTH, _MAX_STILL_BYTES)

@@ -23,7 +23,7 @@ def plot_picture(title: str, plot: Plot) -> Picture:
 
 def robot_picture(robot: Robot, q: Any, marked: MarkedJoint | None, title: str, scene: Scene | None = None) -> Picture:
     """Picture of the robot at a configuration (None: a typical one), with a marked joint."""
-    from .movie import still
+    from .plots.robot_picture import still
 
     if marked is None:
         return Picture(title, still(robot, q, scene=scene))

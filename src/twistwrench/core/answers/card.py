@@ -13,8 +13,9 @@ from ..colours import COLOURS, NEAR_LIMIT, Style
 from ..numbers import number
 from ..text import visible
 from ..typing import Array
-from .blocks import Block, Headline, Table, limit_style, shown_blocks
+from .blocks import Block, Headline, Table, limit_style
 from .page import block_html, paragraphs
+from .shown_blocks import shown_blocks
 
 if TYPE_CHECKING:
     from .answer import Answer

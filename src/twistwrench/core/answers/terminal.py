@@ -18,21 +18,8 @@ from rich.tree import Tree
 
 from ..colours import Style, terminal_style
 from ..text import visible
-from .blocks import (
-    Aligned,
-    Block,
-    Branch,
-    Cell,
-    Column,
-    Headline,
-    Level,
-    Line,
-    More,
-    Piece,
-    Remark,
-    Table,
-    shown_blocks,
-)
+from .blocks import Aligned, Block, Branch, Cell, Column, Headline, Level, Line, More, Piece, Remark, Table
+from .shown_blocks import shown_blocks
 
 
 class _Output(Console):

@@ -17,7 +17,7 @@ from ...statics.contacts import contact_maps, tangents
 from ...statics.reactions import MountingLoad
 from ...statics.support import Support
 from .. import style
-from ..movie import draw
+from .robot_picture import draw
 
 if TYPE_CHECKING:
     from ...robot import Robot

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
 
-from .errors import MissingExtraError, TwistWrenchError, ValueRangeError
-from .text import argument
+from ..errors import MissingExtraError, TwistWrenchError, ValueRangeError
+from ..text import argument
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .errors import ShapeError, TwistWrenchError
-from .typing import Array
+from ..errors import ShapeError, TwistWrenchError
+from ..typing import Array
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 Shapes = Callable[[Any, Mapping[str, Any]], Sequence[tuple[int, ...]]]

@@ -1,0 +1,348 @@
+"""Pictures of a robot drawn by Matplotlib: camera, painter of triangles, and stills."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core import arguments
+from ...core.colours import COLOURS, Style
+from ...core.errors import ShapeError
+from ...core.glossary import complete
+from ...core.numbers import over_limit
+from ...core.typing import Array
+from ...mechanics.model.model import BASE
+from ...reports.drawn_motion import DrawnMotion
+from .. import style
+from ..scene import Scene, Shape, scene_of
+from ..starting_pose import starting_pose
+
+if TYPE_CHECKING:
+    from ...robot import Robot
+    from ...shapes.surface import Surface
+
+_SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
+_SHADOW = (0.80, 0.82, 0.85)
+CAMERA_DISTANCE = 2.6
+"""Camera distance as a multiple of the scene size."""
+_MAX_SHADOW_TRIANGLES = 1500
+"""Maximum number of triangles that cast a shadow."""
+MAX_TRIANGLES = 5000
+"""Maximum number of triangles of a robot in a picture."""
+_ALPHA = {"looks": 1.0, "inertia": 0.3}
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Camera at some distance from a target point in the base frame, with azimuth about z and elevation.
+
+    Examples
+    --------
+    >>> camera = Camera(np.zeros(3), 2.0)
+    >>> camera.axes().shape, camera.project([0.0, 0.0, 0.0])[1].item()
+    ((3, 3), 2.0)
+    """
+
+    target: Array
+    """Target point (3,) [m]."""
+    distance: float
+    """Distance from the target [m]."""
+    azimuth: float = -0.9
+    """Azimuth about z [rad]."""
+    elevation: float = 0.35
+    """Elevation above the horizontal [rad]."""
+
+    def axes(self) -> Array:
+        """Axes of the picture as rows: right, up and back.
+
+        Returns
+        -------
+        axes : (3, 3) array, in the base frame
+        """
+        c, s = np.cos(self.elevation), np.sin(self.elevation)
+        ca, sa = np.cos(self.azimuth), np.sin(self.azimuth)
+        back = np.array([c * ca, c * sa, s])
+        right = np.array([-sa, ca, 0.0])
+        return np.stack([right, np.cross(back, right), back])
+
+    def project(self, points: ArrayLike) -> tuple[Array, Array]:
+        """Perspective projection to picture coordinates and depths.
+
+        Parameters
+        ----------
+        points : (..., 3) array_like, in the base frame [m]
+
+        Returns
+        -------
+        places : (..., 2) array, in metres at the target
+        depths : (...) array [m]
+        """
+        seen = (np.asarray(points) - self.target) @ self.axes().T
+        away = np.maximum(self.distance - seen[..., 2], 1e-3 * self.distance)
+        return seen[..., :2] * (self.distance / away)[..., None], away
+
+
+def overview(scene: Scene, poses: Array, azimuth: float = -0.9, elevation: float = 0.35) -> tuple[Camera, float]:
+    """Camera that shows all poses (n, nq) from a minimum distance, and the height of their lowest point."""
+    bounds = np.stack([scene.bounds(q) for q in poses])
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    size = max(scene.size, float(np.linalg.norm(high - low)))
+    return Camera((low + high) / 2, CAMERA_DISTANCE * size, azimuth, elevation), float(low[2])
+
+
+class Painter:
+    """Painter of a scene as polygons, picture by picture; the floor is at height ``floor``."""
+
+    def __init__(self, scene: Scene, camera: Camera, floor: float) -> None:
+        self.scene, self.camera, self.floor = scene, camera, floor
+        shown = {"looks"} if scene.dressed or scene.doubtful else {"looks", "inertia"}
+        self.parts = [(s, s.surface.placed(s.pose)) for s in scene.shapes if s.layer in shown]
+        self.shades = [
+            (s, s.surface.placed(s.pose)) for s in scene.decimated(_MAX_SHADOW_TRIANGLES).shapes if s.layer == "looks"
+        ]
+
+    def paint(self, q: Array) -> tuple[Array, Array]:
+        """Triangles (k, 3, 2) with colours (k, 4), from far to near after the shadows; q (nq,)."""
+        poses = self.scene.body_poses(q)
+        corners = np.concatenate([_base_corners(shape, s, poses) for shape, s in self.parts])
+        own = [np.tile((*shape.colour, _ALPHA[shape.layer]), (len(s.faces), 1)) for shape, s in self.parts]
+        colours = np.concatenate(own)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        eye = self.camera.target + self.camera.distance * self.camera.axes()[2]
+        facing = np.einsum("ij,ij->i", normals, eye - corners.mean(axis=1))
+        near = (facing > 0) | (colours[:, 3] == 1.0)  # transparent shapes show front faces only
+        corners, colours, facing, normals = corners[near], colours[near], facing[near], normals[near]
+        normals = normals * np.where(facing < 0, -1.0, 1.0)[:, None]
+        light = 0.50 + 0.16 * normals[:, 2] + 0.46 * np.maximum(normals @ _SUN, 0.0)
+        colours[:, :3] = np.clip(colours[:, :3] * light[:, None], 0.0, 1.0)
+        flat, away = self.camera.project(corners)
+        order = np.argsort(-away.mean(axis=1))
+        fallen = np.concatenate([_base_corners(shape, s, poses) for shape, s in self.shades])
+        fallen = fallen - (fallen[..., 2:] - self.floor) * (_SUN / _SUN[2])
+        shadow = self.camera.project(fallen)[0]
+        dark = np.tile((*_SHADOW, 1.0), (len(shadow), 1))
+        return np.concatenate([shadow, flat[order]]), np.concatenate([dark, colours[order]])
+
+    def grid(self, size: float) -> Array:
+        """Grid lines on the floor, (k, 2, 2)."""
+        step = 10.0 ** np.floor(np.log10(size / 4))
+        count = int(np.ceil(0.9 * size / step))
+        middle = np.round(self.camera.target[:2] / step) * step
+        far = count * step
+        along = np.arange(-count, count + 1) * step
+        ends = np.array([[-far, far]]) + np.zeros((len(along), 1))
+        across = np.stack([along, along], axis=1)
+        lines = np.concatenate([np.stack([ends, across], axis=-1), np.stack([across, ends], axis=-1)]) + middle
+        whole = np.concatenate([lines, np.full((*lines.shape[:-1], 1), self.floor)], axis=-1)
+        return self.camera.project(whole)[0]
+
+
+def _base_corners(shape: Shape, surface: Surface, poses: Array) -> Array:
+    """Corners of a shape's triangles (k, 3, 3) in the base frame."""
+    corners = surface.vertices[surface.faces]
+    if shape.body == BASE:
+        return corners
+    T = poses[shape.body]
+    return np.asarray(corners @ T[:3, :3].T + T[:3, 3])
+
+
+_MIN_SHADE = 0.28
+
+
+def draw(
+    axes: style.Axes,
+    robot: Robot,
+    q: ArrayLike,
+    *,
+    azimuth: float = -0.9,
+    elevation: float = 0.35,
+    floor: float | None = None,
+    inertia: bool = True,
+    scene: Scene | None = None,
+) -> Camera:
+    """Draw a robot into Matplotlib axes, at one configuration or at several of a motion.
+
+    Parameters
+    ----------
+    axes : Matplotlib's Axes
+    q : (nq,) or (n, nq) array_like, configurations; the first is drawn palest
+    azimuth : float, of the camera about z [rad]
+    elevation : float, above the horizontal [rad]
+    floor : float, optional, height of the floor for the shadow [m]; None: below the lowest point of the robot
+    inertia : bool, draw inertia ellipsoids of bodies without visuals
+
+    Returns
+    -------
+    camera : Camera
+        Its ``project`` maps points (..., 3) [m] of the base frame to the axes.
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> from twistwrench.viz.style import figure
+    >>> from twistwrench.viz import draw
+    >>> with figure(4, 3, "two poses") as drawn:
+    ...     camera = draw(drawn.subplots(), tw.robots.planar_2r(), [[0.0, 0.5], [0.3, 0.8]])
+    >>> camera.project([0.0, 0.0, 0.0])[0].shape
+    (2,)
+    """
+    style.require_matplotlib("Drawing a robot")
+    from matplotlib.collections import PolyCollection
+
+    poses = np.atleast_2d(arguments.finite(q, "draw: q", robot.nq, names=robot.coordinate_names))
+    if poses.ndim > 2 or not len(poses):
+        raise ShapeError(f"draw: q has shape {np.shape(q)}, expected ({robot.nq},), or (n, {robot.nq}) for n poses.")
+    if scene is None:
+        scene = scene_of(robot)
+    camera, floor_height = overview(scene, poses, azimuth, elevation)
+    if floor is not None:
+        floor_height = arguments.number(floor, "draw: floor")
+    painter = Painter(scene, camera, floor_height)
+    shadows = sum(len(surface.faces) for _, surface in painter.shades)
+    for k, pose in enumerate(poses):
+        triangles, colours = painter.paint(pose)
+        shade = 1.0
+        if len(poses) > 1:
+            shade = _MIN_SHADE + (1.0 - _MIN_SHADE) * (k + 1) / len(poses)
+        colours[:, :3] = 1.0 - shade * (1.0 - colours[:, :3])
+        edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # edges hide seams of opaque shapes
+        shadow = np.arange(len(triangles)) < shadows  # shadows lie below all poses
+        for mask, order in ((shadow, 1), (~shadow & (inertia | (colours[:, 3] == 1.0)), 2)):
+            look: dict[str, Any] = {"facecolors": colours[mask], "edgecolors": edges[mask], "linewidths": 0.3}
+            axes.add_collection(PolyCollection(list(triangles[mask]), zorder=order, **look))
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_axis_off()
+    return camera
+
+
+def still(
+    robot: Robot,
+    q: ArrayLike | None = None,
+    joint: str | None = None,
+    label: str = "",
+    *,
+    mark: Style = Style.POINTED,
+    scene: Scene | None = None,
+) -> bytes:
+    """Picture of a robot at one configuration, with the link moved by ``joint`` in the colour ``mark``.
+
+    Parameters
+    ----------
+    q : (nq,) array_like, optional, configuration; None: neutral, within the limits
+    joint : str, optional, highlighted joint
+    label : str, label of the joint
+    mark : Style, meaning of the colour: over a limit, near it, or only named
+
+    Returns
+    -------
+    image : bytes, PNG with a transparent background
+
+    Examples
+    --------
+    >>> import twistwrench as tw
+    >>> still(tw.robots.planar_2r(), [0.3, 0.5], "joint2", "joint2")[1:4]
+    b'PNG'
+    """
+    q = starting_pose(robot) if q is None else np.asarray(q, float)
+    if scene is None:
+        scene = scene_of(robot)
+    marked = _bodies_of_joint(robot, joint)
+    shapes = []
+    for shape in scene.shapes:
+        if shape.body in marked and shape.layer == "looks":
+            shape = replace(shape, colour=COLOURS[mark].scene)
+        shapes.append(shape)
+    with style.figure(6.4, 4.6, "", "Drawing the report") as drawn:
+        axes = drawn.subplots()
+        scene = replace(scene, shapes=tuple(shapes)).decimated(MAX_TRIANGLES)
+        camera = draw(axes, robot, q, scene=scene, inertia=False, azimuth=_broadest_azimuth(scene, q))
+        if label and marked:
+            x, y = camera.project(scene.body_poses(q)[marked[0], :3, 3])[0]
+            _write_label(axes, float(x), float(y), label, COLOURS[mark].plot)
+        buffer = BytesIO()
+        drawn.savefig(buffer, format="png", dpi=150, transparent=True, bbox_inches="tight")
+    return buffer.getvalue()
+
+
+def _bodies_of_joint(robot: Robot, joint: str | None) -> list[int]:
+    """Bodies moved by a joint, or by all joints of a coupled motor of that name."""
+    names = {joint}
+    for coupling in robot.model.couplings:
+        if joint in [coupling.label(motor) for motor in coupling.motors]:
+            names.update(coupling.joints)
+    return [k for k, body in enumerate(robot.model.bodies) if body.joint.name in names]
+
+
+def _write_label(axes: style.Axes, x: float, y: float, label: str, colour: str) -> None:
+    """Write a label beside the picture, on the side of a point to which a line leads."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    place, side = (-0.02, (y - low) / (high - low)), "right"
+    if x > (left + right) / 2:
+        place, side = (1.02, (y - low) / (high - low)), "left"
+    axes.annotate(
+        label, (x, y), place, textcoords="axes fraction", ha=side, va="center", color=colour, fontsize=11, fontweight="bold",
+        arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 1.0},
+    )  # fmt: skip
+
+
+def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, most: int) -> bytes:
+    """First frame of a page as WebP, of a given width in pixels and limited in bytes.
+
+    Links of joints that pass their torque limits on the motion are red.
+
+    Returns
+    -------
+    image : bytes
+
+    Raises
+    ------
+    MissingExtraError
+        Matplotlib is not installed.
+    """
+    from PIL import Image
+
+    if motion is not None:
+        scene = mark_overloaded_links(scene, motion)
+    with Image.open(BytesIO(still(scene.robot, q, scene=scene))) as drawn:
+        small = drawn.convert("RGBA")
+        small.thumbnail((width, width))
+        for quality in (80, 60, 40, 20):
+            buffer = BytesIO()
+            small.save(buffer, "WEBP", quality=quality)
+            if buffer.tell() <= most:
+                break
+    return buffer.getvalue()
+
+
+def _broadest_azimuth(scene: Scene, q: Array) -> float:
+    """Azimuth of the widest view of the robot's bodies."""
+    poses = scene.body_poses(q)
+    points = np.concatenate([np.zeros((1, 3)), poses[np.isfinite(poses[:, 0, 3]), :3, 3]])
+    views = [Camera(points.mean(axis=0), CAMERA_DISTANCE * scene.size, -0.9 + k * np.pi / 4) for k in (0, 1, -1, 2)]
+    return max(views, key=lambda view: float(np.prod(np.ptp(view.project(points)[0], axis=0)))).azimuth
+
+
+def mark_overloaded_links(scene: Scene, motion: DrawnMotion) -> Scene:
+    """Scene without inertia ellipsoids, with links of joints over their torque limits in red."""
+    over = over_limit(motion.peaks / np.where(motion.limits.effort > 0, motion.limits.effort, np.inf))
+    overloaded = set()
+    for k, body in enumerate(scene.robot.model.bodies):
+        if not body.follows and over[body.v_index : body.v_index + body.joint.nv].any():
+            overloaded.add(k)
+    looks = []
+    for shape in scene.shapes:
+        if shape.layer != "looks":
+            continue
+        if shape.body in overloaded:
+            shape = replace(shape, colour=COLOURS[Style.OVER].scene)
+        looks.append(shape)
+    return replace(scene, shapes=tuple(looks))
+
+
+complete(globals())
