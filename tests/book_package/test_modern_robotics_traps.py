@@ -71,6 +71,15 @@ def test_turns_beyond_what_is_compiled_and_nan():
     assert np.isnan(mr.MatrixExp3(np.full((3, 3), np.nan))).all()
 
 
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_lengths_whose_squares_are_no_numbers_are_lengths(size):
+    """By 3² + 4² = 5², for one vector and for rows of them."""
+    for vectors in (size * np.array([3.0, 0.0, 4.0]), size * np.array([[3.0, 0.0, 4.0]])):
+        axis, angle = mr.AxisAng3(vectors)
+        np.testing.assert_allclose(np.ravel(axis), [0.6, 0.0, 0.8], rtol=FEW)
+        np.testing.assert_allclose(angle, 5.0 * size, rtol=FEW)
+
+
 def test_single_and_batched_motions_agree_in_float32_too():
     rng = np.random.default_rng(0)
     V = rng.standard_normal((20, 6)).astype(np.float32)

@@ -32,3 +32,5 @@ def test_it_is_a_list_with_a_verdict(tmp_path):
     lost = type(saved)(["the tip is not kept"], tmp_path / "arm.urdf", "arm", strict=True)
     assert lost and lost.verdict.word == "UNSURE" and lost.verdict.exit_code == 1
     assert json.loads(lost.to_json())["ok"] is False
+    kept = type(saved)(["the tip is not kept"], tmp_path / "arm.urdf", "arm")  # nobody asked for all of it
+    assert kept and kept.verdict.word == "DONE" and kept.verdict.exit_code == 0

@@ -133,6 +133,7 @@ def test_every_hint_is_one_line_of_at_most_200_letters():
         for word in row.words:
             text = str(missing_attribute("module 'twistwrench'", word, row.where[0], []))
             assert len(text) <= LONGEST and "\n" not in text and "`" not in text, text
+            assert "(guess)" not in text, text
 
 
 def test_all_functions_of_the_book_have_a_row():

@@ -68,6 +68,18 @@ def test_the_curvature_of_a_distance_has_no_hole_at_no_turn(turn, dtype):
 
 
 @pytest.mark.parametrize("kind", TURNING)
+def test_a_difference_leads_from_one_configuration_to_the_other(kind):
+    """q₀ ⊕ (q₁ ⊖ q₀) is the pose of q₁, and q₁ ⊖ q₀ is the logarithm of T₀⁻¹ T₁ along the joint's axes."""
+    robot = one_joint(kind)
+    q1, q0 = robot.random_configuration(3, 2)
+    dv = robot.subtract(q1, q0)
+    T1, T0 = (robot.forward_kinematics(q, "body") for q in (q1, q0))
+    assert np.abs(robot.forward_kinematics(robot.add(q0, dv), "body") - T1).max() < 1e-14
+    V = tw.se3.log(tw.se3.inverse(T0) @ T1)
+    assert np.abs(robot.model.bodies[0].joint.axes.T @ dv - V).max() < 1e-13
+
+
+@pytest.mark.parametrize("kind", TURNING)
 def test_derivatives_by_any_configuration_are_along_add(kind):
     robot = one_joint(kind)
     q1, q0 = robot.random_configuration(3, 2)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from quick import mostly_slow
@@ -52,6 +54,14 @@ def test_positions_that_are_late_by_turns_have_their_delay(seed, late):
     (found,) = doubts(np.where(waits[:, None], series(seed, T - late), series(seed)), torques(seed))
     assert (found.kind, found.unit) == ("buffered", "ms")
     assert found.value == pytest.approx(1e3 * late, rel=0.1)
+
+
+def test_positions_that_are_late_by_turns_are_so_for_a_share_of_the_time():
+    """Late from 4 to 9 s and from 13 to 20 s: twelve seconds of twenty."""
+    waits = ((T >= 4.0) & (T < 9.0)) | (T >= 13.0)
+    (found,) = doubts(np.where(waits[:, None], series(1, T - 0.1), series(1)), torques(1))
+    (share,) = re.findall(r"in ([\d.]+) % of the time", found.sentence)
+    assert float(share) == pytest.approx(60.0, abs=1.0)
 
 
 @pytest.mark.parametrize("seed", range(5))

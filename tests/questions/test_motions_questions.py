@@ -125,6 +125,10 @@ def test_energy_of_a_motion():
     power = np.sum(motion.torques() * motion.dq, axis=1)
     print(f"{energy.work[-1]:.2f} J, at most {power.max():.1f} W")
     assert energy.work[-1] == approx(9.81, abs=1e-3)
+    hasty = tw.trajectories.Trajectory(mass, path, tw.trajectories.quintic(0.5)).sample(0.001)
+    energy = tw.viz.energies(tw.viz.motion_of(mass, hasty))  # the joint brakes, and gets back what it had put in
+    assert energy.work.max() > 10.0
+    assert energy.work[-1] == approx(9.81, abs=1e-3)
 
 
 def test_joint_forces_of_a_motion():

@@ -48,6 +48,7 @@ def test_power_of_standing():
     loads = arm.motor_loads([np.pi / 2], [0], [0])
     print(f"{loads.current[0]:.3f} A, {loads.power[0]:.3f} W")
     assert loads.power[0] == approx(0.4 * (9.81 / (50 * 0.1)) ** 2)
+    assert loads.heat[0] == approx(loads.power[0])  # nothing moves, so that all of it is heat
 
 
 def test_coupled_drives():
