@@ -62,6 +62,7 @@ class Prediction {
       picture.changed();
     };
     view.grasp = (x, y, reach) => {
+      if (!view.onScreen) this.figure.draw(); // pressed before the first frame
       const head = view.onScreen(times(scale(), picture.guess ?? picture.grasped));
       if (this.done || Math.hypot(head[0] - x, head[1] - y) > Math.max(28, reach)) return null;
       move(0, 0);
