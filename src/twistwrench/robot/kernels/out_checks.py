@@ -34,7 +34,8 @@ def refuse_text(out: Any) -> None:
 
 def unfit(name: str, out: Any, program: Program, arrays: Sequence[Any]) -> ShapeError:
     """Error for an ``out`` that does not fit the results."""
-    kind, batch = "float32", ()
+    kind = "float32"
+    batch: tuple[int, ...] = ()
     for array, port in zip(map(np.asarray, arrays), program.inputs, strict=True):
         batch = np.broadcast_shapes(batch, array.shape[: array.ndim - len(port.shape)])
         if not np.can_cast(array.dtype, np.float32):
