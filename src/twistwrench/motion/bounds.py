@@ -244,7 +244,7 @@ class LimitCheck:
         """Violations, sorted by their ratio to the tolerance, largest first."""
         excesses = []
         for kind, worst in self._worst.items():
-            names, turns = self.model.velocity_names, Coordinates.from_model(self.model).angular_velocity
+            names, turns = self.model.velocity_names, Coordinates.from_model(self.model).angular_velocity.tolist()
             if kind == "torque":
                 names, turns = self.model.drive_labels, drive_turns(self.model)
             for k, value in enumerate(worst.signed.tolist()):

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -275,9 +275,9 @@ def configuration_of(
         q = np.array(start)
     name = spell(replace(what, value=None))
     unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
-    texts = given
-    if isinstance(texts, str):
-        texts = [texts]
+    texts: Any = given
+    if isinstance(given, str):
+        texts = [given]
     if texts is None:
         return q
     if isinstance(texts, Mapping):
@@ -287,7 +287,7 @@ def configuration_of(
             q[body.places[0]] *= unit[body.places[0]]
         return q
     if not (isinstance(texts, Sequence) and all(isinstance(text, str) for text in texts)):
-        return configuration(robot, cast("ArrayLike", texts), name) * unit
+        return configuration(robot, texts, name) * unit
     configurations = [text for text in texts if "=" not in text]
     positions = [text for text in texts if "=" in text]
     if len(configurations) > 1:

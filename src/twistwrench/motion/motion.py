@@ -270,11 +270,11 @@ class Motion(MotionDoors, metaclass=HintedClass):
                 doubt_notes.append(str(doubt))
             elif doubt.kind in ASKED:
                 other_notes.append(str(doubt))
+        rates: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq}  # None for those that the log has not
         motion = cls(
             rows.time,
             rows.q,
-            rows.dq,
-            rows.ddq,
+            **rates,
             robot=robot,
             tau=rows.tau,
             command=rows.command,
@@ -311,7 +311,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
             raise ValueRangeError(f"Motion: {rows} chooses no rows: {problem}. Write motion[10:200].") from None
         if not len(indices):
             raise ValueRangeError(f"Motion: {rows} leaves none of the {len(self)} states.")
-        rows_of: dict[str, Array] = {}
+        rows_of: dict[str, Any] = {}
         for name in ("time", "q", "dq", "ddq", "tau", "command"):
             values = getattr(self, name)
             if values is not None:
