@@ -19,7 +19,7 @@ from ..mechanics.joints.units import Part, unit_of
 from ..mechanics.model.couplings import drive_turns, motor_torques
 from ..mechanics.model.joint_loads import follower_torques
 from ..mechanics.model.limits import Limits
-from ..robot.base import require_robot
+from ..robot.task_space_methods import require_robot
 from .coordinates import Coordinates
 
 if TYPE_CHECKING:
@@ -244,8 +244,7 @@ class LimitCheck:
         """Violations, sorted by their ratio to the tolerance, largest first."""
         excesses = []
         for kind, worst in self._worst.items():
-            turns: Sequence[bool] | Array
-            names, turns = self.model.velocity_names, Coordinates.from_model(self.model).angular_velocity
+            names, turns = self.model.velocity_names, Coordinates.from_model(self.model).angular_velocity.tolist()
             if kind == "torque":
                 names, turns = self.model.drive_labels, drive_turns(self.model)
             for k, value in enumerate(worst.signed.tolist()):

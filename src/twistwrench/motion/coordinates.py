@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -276,8 +276,8 @@ def configuration_of(
     name = spell(replace(what, value=None))
     unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
     texts: Any = given
-    if isinstance(texts, str):
-        texts = [texts]
+    if isinstance(given, str):
+        texts = [given]
     if texts is None:
         return q
     if isinstance(texts, Mapping):
@@ -287,7 +287,7 @@ def configuration_of(
             q[body.places[0]] *= unit[body.places[0]]
         return q
     if not (isinstance(texts, Sequence) and all(isinstance(text, str) for text in texts)):
-        return configuration(robot, cast("ArrayLike", texts), name) * unit
+        return configuration(robot, texts, name) * unit
     configurations = [text for text in texts if "=" not in text]
     positions = [text for text in texts if "=" in text]
     if len(configurations) > 1:

@@ -26,7 +26,7 @@ from ..core.tables import csv_table, data_frame
 from ..core.text import shorten
 from ..core.typing import Array
 from ..mechanics.model.limits import Limits
-from ..robot.base import require_robot
+from ..robot.task_space_methods import require_robot
 from .bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from .column_names import time_column
 from .contradictions import Contradictions
@@ -270,7 +270,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
                 doubt_notes.append(str(doubt))
             elif doubt.kind in ASKED:
                 other_notes.append(str(doubt))
-        rates: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq}
+        rates: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq}  # None for those that the log has not
         motion = cls(
             rows.time,
             rows.q,

@@ -240,7 +240,8 @@ def verdict_data(
     else:
         before, after = carried_doubts(report)
         look_again = contradictions(report)
-    closest, clearance_reasons = list[str](), dict[str, Sequence[str]]()
+    closest: Sequence[str] = []
+    clearance_reasons: dict[str, Sequence[str]] = {}
     if clearance is not None:
         closest = clearance.lines
         clearance_reasons = {clearance.verdict.word: clearance.verdict.reasons}
