@@ -55,7 +55,7 @@ def buffer_sizes(w: LlvmWriter, ports: Sequence[TensorSpec]) -> list[int]:
     return [buffer_size(w, port) for port in ports]
 
 
-def call_block(w: LlvmWriter, pointers: list[str], name: str = "block") -> None:
+def call_block(w: LlvmWriter, pointers: Sequence[str], name: str = "block") -> None:
     """Call ``@block``, or another function of pointers."""
     w.do(f"call void @{name}({typed_list('ptr', pointers)})")
 

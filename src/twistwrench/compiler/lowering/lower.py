@@ -23,11 +23,11 @@ MAX_INSTRUCTIONS = 2000
 def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:
     """Assembly texts to compile and link together."""
     program, around = program_of(given), _around(given, machine)
-    solves_columns = isinstance(given, ColumnSolve)
-    if solves_columns or len(program.instructions) > MAX_INSTRUCTIONS:
+    divided = given if isinstance(given, ColumnSolve) else program
+    if divided is not program or len(program.instructions) > MAX_INSTRUCTIONS:
         from .partition import partitioned
 
-        yield from partitioned(given if solves_columns else program, precision, machine, around)
+        yield from partitioned(divided, precision, machine, around)
     else:
         yield assembly(program, precision, machine, around)
 
