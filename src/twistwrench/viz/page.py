@@ -36,7 +36,7 @@ from .page_data import robot_data, wrench_data
 from .page_floor import pedestal_of, spheres_of
 from .page_loops import held_pose, loops_of, standing_of
 from .page_motion import motion_data, notes_of_motion, python_source, robot_of_motion
-from .page_programs import PagePrograms
+from .page_programs import PagePrograms, moving_mass
 from .page_scripts import POLICY, joined_script, page_style, script_names
 from .scene import Scene, scene_of
 from .section_pages import SectionPanel, section_data, section_panel
@@ -512,7 +512,7 @@ def _freedom_text(subject: _Subject) -> str:
 
 def _motion_text(subject: _Subject) -> str:
     """Moving mass, payload that no slider sets, and length of the motion."""
-    text = f"{number(sum(float(b.inertia.mass) for b in subject.robot.model.bodies))} kg moving"
+    text = f"{number(moving_mass(subject.robot.model))} kg moving"
     motion = subject.motion
     if motion is None:
         return text

@@ -89,7 +89,7 @@ def loops_of(closed: ConstrainedRobot, q: Array | None, actuated: Iterable[str] 
     rows = independent_constraints(closed.constraints, closed.independent)
     closures = tuple(constraint for constraint in rows if isinstance(constraint, Closure))
     loops = {
-        "rows": [list(closure.rows) for closure in closures],
+        "rows": _rows_of(closures),
         "dependent": dependent.tolist(),
         "actuated": motors.tolist(),
         "legs": [],
@@ -115,6 +115,11 @@ def _dependent(A: Array, rank: Array) -> Array:
     return np.isin(np.arange(A.shape[1]), order[: len(A)])
 
 
+def _rows_of(closures: Iterable[Closure]) -> list[list[int]]:
+    """Rows of the twist that each closure holds at zero."""
+    return [list(closure.rows) for closure in closures]
+
+
 def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
     """Robot with a floating base on its feet (the lowest shapes of its last bodies); None for other robots."""
     model = robot.model
@@ -136,7 +141,7 @@ def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
         closures.append(Closure(GROUND, name, rows, tuple(map(tuple, (T[k] @ frames[name].pose).tolist()))))
     leg_bodies = {body for foot in feet for body in chain_to_base(model, foot)} - {0}
     loops = {
-        "rows": [list(closure.rows) for closure in closures],
+        "rows": _rows_of(closures),
         "dependent": None,
         "actuated": None,
         "legs": _velocity_mask(model, leg_bodies),

@@ -96,7 +96,7 @@ class PagePrograms:
     def data(self) -> dict[str, Any]:
         """Header entry: names of the programs, and the data needed to run them."""
         robot = self.robot
-        mass = sum(float(b.inertia.mass) for b in robot.model.bodies)
+        mass = moving_mass(robot.model)
         weight = mass * float(np.linalg.norm(robot.model.gravity))
         payload, push = None, None
         if self.tips:
@@ -303,6 +303,11 @@ def tips_of(model: Model) -> list[str]:
     ends = {model.frames[name].body: name for name in model.leaves if model.frames[name].body in last}
     tools = [name for name, frame in model.all_frames.items() if frame.body != BASE and _TOOLS.search(name)]
     return list(dict.fromkeys([*ends.values(), *tools]))[:MAX_TIPS]
+
+
+def moving_mass(model: Model) -> float:
+    """Mass of all moving bodies [kg]."""
+    return sum(float(body.inertia.mass) for body in model.bodies)
 
 
 def last_bodies(model: Model) -> set[int]:

@@ -19,7 +19,7 @@ from ..core.text import Argument, Placeholder, spell
 from ..core.typing import Array
 from ..mechanics.joints.units import unit_of
 from ..motion.coordinates import Coordinates
-from .page_programs import PagePrograms, round_above
+from .page_programs import PagePrograms, moving_mass, round_above
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -176,6 +176,12 @@ _NEAR = ["sign", "double", "half"]
 """Near-misses that are named if an exercise lists none: player/article/near_misses.js has their words."""
 
 
+def _finite_limits(limits: Array, others: float) -> list[float]:
+    """Limits of joints, with ``others`` for those without one."""
+    has_limit = (limits > 0) & (limits < np.inf)
+    return list(np.where(has_limit, limits, others).tolist())
+
+
 @cache
 def _exercise_table() -> Mapping[str, list[dict[str, Any]]]:
     import tomllib
@@ -211,14 +217,14 @@ def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, lis
     coordinates, limits = Coordinates.from_model(robot.model), robot.limits
     turns = coordinates.angular_velocity
     holding = np.asarray(robot.holding_torques(start))
-    weight = sum(float(b.inertia.mass) for b in robot.model.bodies) * float(np.linalg.norm(robot.model.gravity))
+    weight = moving_mass(robot.model) * float(np.linalg.norm(robot.model.gravity))
     push = round_above(weight / 2 or 10.0)
     if section.presses:
         J = np.asarray(robot.jacobian(start, kind="world_aligned"))[3 + AXES.index(ik_rows(robot)[0])]
         holding = holding + push / 4 * J  # with gravity: tau = g + J' F
     most_torque = round_above(max(2 * float(np.abs(holding).max()), 1.0))
-    torque = [e if 0 < e < np.inf else most_torque for e in limits.effort.tolist()]
-    rates = [v if 0 < v < np.inf else 3.0 for v in limits.velocity.tolist()]
+    torque = _finite_limits(limits.effort, most_torque)
+    rates = _finite_limits(limits.velocity, 3.0)
 
     def joints(unit: str, most: list[float], begin: list[float]) -> list[dict[str, Any]]:
         return [

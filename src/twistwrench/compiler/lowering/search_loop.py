@@ -337,9 +337,9 @@ class _Attempts(SearchState):
         w = self.w
         far, first = self.row(FAR, mine), TOLERANCES + self.ports[GIVEN].size - self.s.target.size
         pairs = []  # a target entry and its weight, each in every lane
-        for k, entry in enumerate(self.s.near):
+        for number, entry in enumerate(self.s.near, start=first):
             wanted = f"{w.vector} {self._everywhere(self.number(target, entry))}"
-            weight = f"{w.vector} {self._everywhere(self.number(self.settings, first + k))}"
+            weight = f"{w.vector} {self._everywhere(self.number(self.settings, number))}"
             pairs.append((wanted, weight))
         with w.loop(str(PLACES // w.lanes), w.after) as k:
             offset, total = w.new(f"mul i64 {k}, {w.lanes * self.bytes}"), w.splat(0.0)

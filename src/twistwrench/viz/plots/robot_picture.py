@@ -175,6 +175,7 @@ def draw(
     elevation : float, above the horizontal [rad]
     floor : float, optional, height of the floor for the shadow [m]; None: below the lowest point of the robot
     inertia : bool, draw inertia ellipsoids of bodies without visuals
+    scene : Scene, optional, the robot's appearance
 
     Returns
     -------
@@ -333,7 +334,7 @@ def mark_overloaded_links(scene: Scene, motion: DrawnMotion) -> Scene:
     over = over_limit(motion.peaks / np.where(motion.limits.effort > 0, motion.limits.effort, np.inf))
     overloaded = set()
     for k, body in enumerate(scene.robot.model.bodies):
-        if not body.follows and over[body.v_index : body.v_index + body.joint.nv].any():
+        if not body.follows and over[body.places[1]].any():
             overloaded.add(k)
     looks = []
     for shape in scene.shapes:
