@@ -81,6 +81,17 @@ def test_right_angles_become_exact():
     assert np.array_equal(snap_rotation(noisy, 0), noisy)
 
 
+def test_a_turn_beside_a_right_angle_of_eleven_digits_has_exact_zeros():
+    """Rz(0.7) Rx(90°), its sines and cosines of eleven digits too: two columns are turned across the third, and stay a rotation."""
+    typed = rotation_of_rpy([1.57079632679, 0.0, 0.7])
+    typed[:2, [0, 2]] = np.round(typed[:2, [0, 2]], 11)
+    R = snap_rotation(typed, 1e-9)
+    assert np.abs(R @ R.T - np.eye(3)).max() <= 1e-15
+    assert (R == 0.0).tolist() == [[False, True, False], [False, True, False], [True, False, True]]
+    assert R[2, 1] == 1.0
+    np.testing.assert_allclose(R[:2, [0, 2]], [[np.cos(0.7), np.sin(0.7)], [np.sin(0.7), -np.cos(0.7)]], atol=1e-11)
+
+
 @pytest.mark.parametrize("angle", [2e-9, 1e-8, 1e-6, 1e-5, 1e-3])
 def test_a_small_angle_is_left_to_the_last_bit(angle):
     R = se3.exp([0, 0, angle, 0, 0, 0])[:3, :3]

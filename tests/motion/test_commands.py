@@ -42,6 +42,13 @@ def test_names_of_commands_in_logs(positions, names, tmp_path):
     np.testing.assert_array_equal(motion.command, COMMAND)
 
 
+@pytest.mark.parametrize("ending", [".target_velocity", "_cmd_vel", ".commanded_torque"])
+def test_commanded_velocities_and_torques_are_no_commanded_positions(ending, tmp_path):
+    motion = tw.Motion.from_file(written(tmp_path / "log.csv", [f"{name}{ending}" for name in NAMES]), ARM)
+    np.testing.assert_array_equal(motion.q, Q)
+    assert motion.command is None and motion.tau is None
+
+
 def test_a_motion_keeps_its_commands_in_files_and_parts(tmp_path):
     """Written and read again, with radians and degrees, as a part, as a table and as a dataset."""
     motion = tw.Motion(TIME, Q, robot=ARM, command=COMMAND)

@@ -173,6 +173,15 @@ def test_columns_named_alike_that_are_left_over_win_nothing(case, tmp_path):
         MotionLog.open(path, tw.load(named(names)).model)
 
 
+def test_of_two_series_of_columns_none_is_the_only_one(tmp_path):
+    """A1 and A2 may be the two joints in order, and that is proposed; beside B1 and B2 nothing is."""
+    for others, proposed in ((["E1"], True), (["B1", "B2"], False)):
+        path = written(tmp_path / "log.csv", ["time", "A1", "A2", *others], TIME, Q[:, : 2 + len(others)])
+        with pytest.raises(TrajectoryError, match="no column for joint1") as caught:
+            tw.Motion.from_file(path, tw.robots.planar_2r())
+        assert ("If they are the joints in order" in str(caught.value)) is proposed
+
+
 def test_locked_joints_are_no_columns_left_over(tmp_path):
     """Seven columns of another prefix, and the robot's last two joints held still."""
     path = written(tmp_path / "log.csv", ["time", *(f"fer_joint{k}" for k in range(1, 7))], TIME, Q)

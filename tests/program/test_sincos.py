@@ -76,6 +76,12 @@ def within_limit() -> dict[str, np.ndarray]:
     }
 
 
+def test_what_is_stored_of_half_a_turn_has_the_digits_of_three_numbers():
+    """What is left is less than half of the last bit of the third one, which is 2^-162 and, in single precision, 2^-73."""
+    assert TAILS[64] <= 2.0**-163
+    assert TAILS[32] <= 2.0**-74
+
+
 @pytest.mark.parametrize("where", within_limit())
 def test_fast_reduction(sincos, where):
     absolute, ulps = errors(sincos, within_limit()[where])

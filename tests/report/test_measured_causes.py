@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import twistwrench as tw
+from twistwrench.core.doubts import doubt_table
+from twistwrench.identification.diagnosis.cause_doubts import _level_of_row
 from twistwrench.motion.differentiation import Differentiation
 from twistwrench.motion.load_case import LoadCase
 from twistwrench.motion.motion_log import MotionLog
@@ -76,6 +78,13 @@ def test_a_difference_below_a_fiftieth_of_the_limit_is_a_note(tmp_path):
         limits = replace(ARM.model.limits, effort=np.full(3, effort))
         words.append(" ".join(report(tmp_path, tau=MEASURED + np.array([0, 0, off]), limits=limits).verdict.reasons))
     assert "disagrees" in words[0] and "disagrees" not in words[1]
+
+
+def test_a_cause_that_is_seen_without_a_model_is_a_note_where_it_changes_nothing():
+    """A push within a log: unsure by its row of the table, unless the predictions are the same without it."""
+    row = doubt_table()["push"]
+    assert (row.stage, row.level) == (1, "unsure")
+    assert [_level_of_row(row, level) for level in ("note", "unsure", "refuse")] == ["note", "unsure", "unsure"]
 
 
 def test_a_law_of_a_joint_is_a_note_whatever_its_size(tmp_path):
