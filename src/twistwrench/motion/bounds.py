@@ -19,7 +19,7 @@ from ..mechanics.joints.units import Part, unit_of
 from ..mechanics.model.couplings import drive_turns, motor_torques
 from ..mechanics.model.joint_loads import follower_torques
 from ..mechanics.model.limits import Limits
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .coordinates import Coordinates
 
 if TYPE_CHECKING:

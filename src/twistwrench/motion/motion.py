@@ -26,7 +26,7 @@ from ..core.tables import csv_table, data_frame
 from ..core.text import shorten
 from ..core.typing import Array
 from ..mechanics.model.limits import Limits
-from ..robot.task_space_methods import require_robot
+from ..robot.base import require_robot
 from .bounds import LimitCheck, Violation, bounds_or_own, velocities_inside
 from .column_names import time_column
 from .contradictions import Contradictions
