@@ -338,13 +338,20 @@ def test_the_least_force_of_a_foot_is_that_of_the_instants_that_balance():
     """Forces of 100 N; at the second instant none balance."""
     forces = np.zeros((3, 2, 3))
     forces[:, :, 2] = [[40.0, 60.0], [0.0, 0.0], [70.0, 30.0]]
-    ground = SimpleNamespace(frames=("a", "b"), contacts_at=lambda frame: np.array(["ab".index(frame)]), given=True)
+    contact = tw.statics.Contact()
+    ground = SimpleNamespace(
+        frames=("a", "b"),
+        contacts_at=lambda frame: np.array(["ab".index(frame)]),
+        given=True,
+        normals=np.tile(contact.normal, (2, 1)),
+        frictions=np.full(2, contact.friction),
+    )
     found = SimpleNamespace(
         balanced=np.array([True, False, True]),
         balanced_forces=forces,
         aground=np.ones(3, bool),
         in_contact=np.ones((3, 2), bool),
-        contacts=(tw.statics.Contact(), tw.statics.Contact()),
+        contacts=(contact, contact),
         time=np.arange(3.0),
         ground=ground,
     )
