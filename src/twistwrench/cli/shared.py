@@ -97,7 +97,7 @@ class RobotOptions:
         """Input files of the robot by argument; None for bundled files. Outputs must not overwrite them."""
         files: dict[str, str | None] = {}
         for name, path in (("ROBOT", self.source), ("--actuators", self.actuators)):
-            is_file = bool(path) and Path(path).is_file()
+            is_file = path is not None and path != "" and Path(path).is_file()
             files[name] = path if is_file else None
         return files
 
