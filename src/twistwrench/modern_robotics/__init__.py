@@ -234,10 +234,7 @@ def NearZero(z: ArrayLike) -> Any:
     -------
     near : (...) array of bool
     """
-    number: Any = z
-    if type(number) is float:
-        return abs(number) < 1e-6
-    return np.abs(arguments.real(z, "z")) < 1e-6
+    return abs(z) < 1e-6 if type(z) is float else np.abs(arguments.real(z, "z")) < 1e-6
 
 
 def Normalize(V: ArrayLike) -> Array:

@@ -21,11 +21,6 @@ from .engine import Engine
 from .kernels.disk_cache import CachedModel
 
 if TYPE_CHECKING:
-    from .robot import Robot
-if TYPE_CHECKING:
-    from ..mechanics.model.model import Model
-
-if TYPE_CHECKING:
     from ..compiler.ir.program import Program
     from ..compiler.runtime.dispatch import CallSignature
     from ..mechanics.algorithms.constraints import Constraint

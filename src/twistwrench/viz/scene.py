@@ -17,7 +17,7 @@ from ..mechanics.algorithms.recursion import base_poses, joint_poses
 from ..mechanics.lie import se3, so3
 from ..mechanics.model.model import BASE, Body, Model
 from ..shapes.surface import Colour, Surface, box, cylinder, ellipsoid, sphere
-from ..shapes.visuals import read_visuals
+from ..shapes.visuals import Visual, read_visuals
 
 if TYPE_CHECKING:
     from ..mechanics.bodies.inertia import SpatialInertia
@@ -373,7 +373,9 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
     (2, 4, 4)
     """
     model = robot.model
-    visuals, remarks = read_visuals(model) if meshes else ([], [])
+    visuals, remarks = list[Visual](), list[str]()
+    if meshes:
+        visuals, remarks = read_visuals(model)
     shapes, dressed, own_frame = [], set(), np.eye(4)
     for visual in visuals:
         frame = model.frames[visual.link]
