@@ -290,7 +290,6 @@ class RobotBase:
         -------
         q : (*size, nq) array
         """
-        from ..core import arguments
         from ..mechanics.model import configurations
 
         try:
