@@ -239,6 +239,7 @@ def still(
     joint : str, optional, highlighted joint
     label : str, label of the joint
     mark : Style, meaning of the colour: over a limit, near it, or only named
+    scene : Scene, optional, the robot's appearance
 
     Returns
     -------
