@@ -166,6 +166,7 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "motion": "DrawnMotion",
         "path": "str or Path; the suffix sets the kind (.png, .pdf, .svg)",
         "report": "TorqueReport",
+        "scene": "Scene, optional, the robot's appearance",
     },
     "robot": {
         "model": "the other library's model of the same robot",

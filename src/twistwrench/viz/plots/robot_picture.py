@@ -175,7 +175,6 @@ def draw(
     elevation : float, above the horizontal [rad]
     floor : float, optional, height of the floor for the shadow [m]; None: below the lowest point of the robot
     inertia : bool, draw inertia ellipsoids of bodies without visuals
-    scene : Scene, optional, the robot's appearance
 
     Returns
     -------
@@ -239,7 +238,6 @@ def still(
     joint : str, optional, highlighted joint
     label : str, label of the joint
     mark : Style, meaning of the colour: over a limit, near it, or only named
-    scene : Scene, optional, the robot's appearance
 
     Returns
     -------
