@@ -490,6 +490,21 @@ def test_a_guess_says_what_comes_next_and_readouts_wait_for_it(article):
     assert page.complaints == []
 
 
+def test_an_arrow_that_is_pressed_before_the_first_frame_is_held(article):
+    page = article()
+    kept_views(page)
+    head(page, "push")
+    page.run("viewer.pictures.push.changed()")
+    page.wait("!!window.views.push")
+    pressed = """(() => {
+        const p = viewer.pictures.push, view = views.push, [x, y] = view.onScreen(times(p.perUnit, p.grasped));
+        delete view.onScreen;
+        return typeof view.grasp(x, y, 0);
+    })()"""
+    assert page.run(pressed) == "function"
+    assert page.complaints == []
+
+
 def test_a_guessed_arrow_may_become_longer_where_its_length_is_asked(article):
     """The guess ends at the pointer; a right direction with a wrong length is told as that."""
     page = article()
