@@ -58,8 +58,12 @@ def test_trees_of_all_joints_have_the_derivatives_they_have_unrolled(seed, float
     plain, loop = (kernel_of(robot, monkeypatch, least) for least in (10**9, 0))
     found, wanted = loop(*states(robot)), plain(*states(robot))
     assert off(found, wanted) <= 1e-12
-    if not floating:  # branches know nothing of each other
-        assert all(((a == 0) == (b == 0)).all() for a, b in zip(found, wanted, strict=True))
+    if (
+        not floating
+    ):  # branches know nothing of each other, in every state; a single state may round to zero in one of the two
+        for a, b in zip(found, wanted, strict=True):
+            np.testing.assert_array_equal((a == 0).all(axis=0), (b == 0).all(axis=0))
+            assert (a == 0).all(axis=0).any()
 
 
 @pytest.mark.parametrize(
