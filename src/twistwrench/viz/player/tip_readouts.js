@@ -83,7 +83,7 @@ Object.assign(READOUTS, {
     return {
       tables: [...(ranks.linear ? [table("Velocity of the tip, J<sub>v</sub>", ["m/s", "N", "force"], linear)] : []), ...(ranks.angular ? [table("Turning of the tip, J<sub>ω</sub>", ["rad/s", "N m", "moment"], angular)] : [])],
       values: [["μ<sub>1</sub>, longest by shortest semi-axis of the first table", long / short, ""], ["μ<sub>2</sub> = μ<sub>1</sub>²", (long / short) ** 2, ""], ["μ<sub>3</sub>, product of the semi-axes, as the volume", known.reduce((x, { value }) => x * value, 1), ""]],
-      solids: !ranks.linear ? [] : [drawn("velocities, |θ̇| = 1", (value) => value, start[0].value, 0.2 * size, "m/s", 0), drawn("forces, |τ| = 1", (value) => 1 / value, 1 / middle, 0.05 * size, "N", 1)],
+      solids: !ranks.linear ? [] : [drawn("velocities, |θ̇| = 1", (value) => value, start[0].value, 0.2 * size, "m/s", "twist"), drawn("forces, |τ| = 1", (value) => 1 / value, 1 / middle, 0.05 * size, "N", "wrench")],
       arrows: [],
     };
   },
