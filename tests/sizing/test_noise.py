@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.reports import motors
-from twistwrench.sizing import choice, drives
+from twistwrench.sizing import choice, cycle
 
 FOLDER = tw.robots.path_of("ur5").parent
 CATALOG = json.loads(json.dumps(yaml.safe_load((FOLDER / "ur5_demo.drives.yaml").read_text())))
@@ -71,7 +71,7 @@ def test_what_noise_adds_to_a_demand_is_taken_off():
     log = exact + 0.3 * rng.normal(size=exact.shape)
     draws = [[demand(log + 0.3 * rng.normal(size=exact.shape))] for _ in range(12)]
     assert demand(log).value == pytest.approx(0.5 + 0.09, abs=0.02)
-    (found,) = drives.with_noise([demand(log)], draws)
+    (found,) = cycle.with_noise([demand(log)], draws)
     assert found.value == pytest.approx(0.5, abs=0.03) and 0 < found.sigma < 0.03
 
 

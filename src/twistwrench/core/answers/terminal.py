@@ -79,30 +79,36 @@ def short_form(blocks: Iterable[Block], hint: str) -> list[Block]:
 
 
 def _short_forms(blocks: list[Block], hint: str) -> Iterator[list[Block]]:
-    """Short forms, the most complete first: all rows, fewer rows, the first table alone, fewer of its rows."""
+    """Short forms, the most complete first: all rows, fewer rows, then without the last tables."""
     yield shown_blocks(blocks, every=False, hint=hint)
     for rows in _ROWS:
         yield shown_blocks(blocks, every=False, hint=hint, rows=rows)
-    first = _with_first_table_alone(blocks)
-    for rows in _ROWS:
-        yield shown_blocks(first, every=False, hint=hint, rows=rows, uncut_rows=rows)
+    tables = sum(map(_is_short_table, blocks))
+    for count in range(max(tables - 1, 1), 0, -1):
+        first_tables = _with_first_tables(blocks, count)
+        for rows in _ROWS:
+            yield shown_blocks(first_tables, every=False, hint=hint, rows=rows, uncut_rows=rows)
 
 
-def _with_first_table_alone(blocks: list[Block]) -> list[Block]:
-    """Blocks with one table; a last line names what else the short form would have."""
+def _is_short_table(block: Block) -> bool:
+    """True for the tables and trees of the short form."""
+    return isinstance(block, Table | Branch) and block.level <= Level.SHORT
+
+
+def _with_first_tables(blocks: list[Block], count: int) -> list[Block]:
+    """Blocks with so many tables; a last line names the others."""
     kept, titles = list[Block](), list[str]()
-    has_table = False
     for block in blocks:
-        if not isinstance(block, Table | Branch) or block.level > Level.SHORT:
+        if not _is_short_table(block) or count > 0:
+            count -= _is_short_table(block)
             kept.append(block)
-        elif isinstance(block, Branch):
-            titles.append("tree")
-        elif has_table:
+        elif isinstance(block, Table):
             titles.append(re.split(r"[:,(]", block.title)[0].strip())
         else:
-            kept.append(block)
-            has_table = True
-    return [*kept, More(", ".join(titles))] if titles else kept
+            titles.append("tree")
+    if titles:
+        kept.append(More(", ".join(titles)))
+    return kept
 
 
 def _print(blocks: Iterable[Block], output: Console) -> None:
