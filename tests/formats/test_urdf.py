@@ -413,6 +413,14 @@ def test_a_constraint_of_urdf_offers_the_loop_that_it_describes(kind):
         assert_close(b[:3, 2], [0, 1, 0], 1e-9, "z lies along the axis")
 
 
+def test_a_constraint_without_an_axis_turns_about_x_as_joints_do():
+    open_ = load(FOUR_BARS.replace("TYPE", "revolute").replace('<parent_axis xyz="0 1 0"/>', ""))
+    site, coupler = (
+        np.asarray(tw.Robot(open_).forward_kinematics(np.zeros(3), name)) for name in ("loop:coupler", "coupler")
+    )
+    assert_close(coupler[:3, :3].T @ site[:3, 2], [1, 0, 0], 1e-12, "z of the loop's frame lies along x of its parent")
+
+
 @pytest.mark.parametrize(("kind", "rows"), [("prismatic", "wx wy wz vx vy"), ("link", "wx wy wz vx vy vz")])
 def test_a_constraint_that_cuts_a_slide_or_a_link_holds_its_rows(kind, rows):
     assert load(FOUR_BARS.replace("TYPE", kind)).closures["loop"].rows == rows

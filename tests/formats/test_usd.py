@@ -339,6 +339,10 @@ SHAPES = {
         [("Capsule", "double radius = 0.1\ndouble height = 0.5\nrel material:binding:physics = </arm/oak>", ONES)], "",
         tw.SpatialInertia.capsule(0.1, 0.5, density=700).in_frame(UP),
     ),
+    "the body's density, though its material has one": (
+        [("Cube", "double size = 0.2\nrel material:binding:physics = </arm/oak>", ONES)], "float physics:density = 200",
+        BOX((0.2, 0.2, 0.2), density=200).in_frame(UP),
+    ),
     "its own mass": ([("Cube", "float physics:mass = 3", ONES)], "", BOX((2, 2, 2), mass=3).in_frame(UP)),
     "two shapes": (
         [("Cube", "float physics:mass = 3", ONES), ("Sphere", "float physics:mass = 2", ONES)], "",

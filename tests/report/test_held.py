@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 
 import numpy as np
 import pytest
@@ -182,7 +183,7 @@ def test_a_push_on_the_tool_is_on_the_foundation_too():
     assert_allclose(pushed[:, 3:] - plain[:, 3:], np.tile(R @ [0, 0, 20.0], (8, 1)), atol=1e-9)
 
 
-def test_a_legged_robot_on_a_stand_is_judged_hanging_excess():
+def test_a_legged_robot_on_a_stand_is_judged_as_it_hangs():
     robot = tw.load(tw.robots.path_of("quadruped"))
     q = np.tile([0.0, 0.8, -1.6], (8, 4))
     still = tw.Motion(np.linspace(0, 1, 8), q, 0 * q, 0 * q, robot=robot)
@@ -226,6 +227,18 @@ def test_a_grip_is_held_along_a_motion_as_its_wrench_says():
     need = answer.grip_force.max()
     for factor, ok in ((1.001, True), (0.999, False)):
         assert tw.check("ur5", "demo", payload=5, grip=f"{need * factor},0.5").grip.holds.all() == ok
+
+
+def test_a_grip_holds_up_to_the_speed_that_its_sentence_states():
+    """Played at s times the speed, accelerations are s² times as large: the fingers hold just below the stated s, and not above."""
+    robot = tw.robots.ur5()
+    demo = tw.check(robot, "demo").motion
+    asked = {"payload": 2, "grip": "60,0.5"}
+    answer = tw.check(robot, demo, **asked)
+    stated = float(re.search(r"holds up to ([\d.]+) × this speed", str(answer)).group(1))
+    for s, holds in ((stated, True), (1.01 * stated, False)):
+        faster = tw.Motion(demo.time / s, demo.q, s * demo.dq, s**2 * demo.ddq, robot=robot)
+        assert tw.check(robot, faster, **asked).grip.holds.all() == holds
 
 
 TURNTABLE = """<robot name="turntable"><link name="base"/><link name="plate"><inertial><mass value="5"/>
