@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -104,6 +106,17 @@ def walking(seed):
     return rng, ReadingLog.from_arrays(
         SENSOR.predict(R) + bias + 0.1 * NOISE * rng.normal(size=(100, 6)), pose=R, time=t
     )
+
+
+def test_a_drift_is_offered_with_its_sign_and_size():
+    """From the first reading to the last; a tenth of the largest force is left for noise in the estimate."""
+    rng, change = np.random.default_rng(5), np.array([0.05, -0.08, 0.03, 1.2, -0.9, 2.5])
+    R = orientations(rng, 100)
+    readings = SENSOR.predict(R) + np.outer(np.linspace(0.0, 1.0, 100), change) + NOISE * rng.normal(size=(100, 6))
+    (said,) = [str(d) for d in identify(ReadingLog.from_arrays(readings, pose=R)).doubts if d.kind == "sensor-drift"]
+    offered = {name: float(x) for name, x in re.findall(r"\b([mf][xyz]) (-?[\d.]+)", said)}
+    for name, expected in zip(("mx", "my", "mz", "fx", "fy", "fz"), change, strict=True):
+        assert offered[name] == pytest.approx(expected, rel=0.1, abs=0.01), name
 
 
 def test_readings_that_a_drift_explains_are_not_left_out():
