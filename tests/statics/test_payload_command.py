@@ -155,6 +155,27 @@ def test_a_joint_that_can_give_nothing_is_drawn_too(tmp_path):
     assert (tmp_path / "out.png").stat().st_size > 10_000
 
 
+def test_the_ellipsoid_that_is_drawn_is_that_of_the_robot(tmp_path, monkeypatch):
+    """Each point of the wireframe is as far from the tip as the ellipsoid reaches in its direction."""
+    pytest.importorskip("matplotlib")
+    from mpl_toolkits.mplot3d import Axes3D
+
+    from twistwrench.viz.plots.payload import plot_payload
+
+    drawn, wireframe = [], Axes3D.plot_wireframe
+
+    def record(axis, x, y, z, **look):
+        drawn.append(np.stack([x, y, z], axis=-1).reshape(-1, 3))
+        return wireframe(axis, x, y, z, **look)
+
+    monkeypatch.setattr(Axes3D, "plot_wireframe", record)
+    robot, q = tw.robots.ur5(), [0.3, -1.1, 0.9, -0.4, 0.7, 0.2]
+    plot_payload(tw.payload(robot, q), tmp_path / "out.png")
+    (points,) = drawn
+    reach = tw.statics.wrench_ellipsoid(robot, q, limits=robot.limits.effort).reach(points)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), reach, rtol=1e-9)
+
+
 def test_a_map_is_of_the_payload_asked_for(run, weak_limits):
     """The place of the mass in the frame counts, not the frame alone."""
     said = []
