@@ -17,6 +17,7 @@ from twistwrench.identification.servos.output_error import OutputErrorFit, Outpu
 from twistwrench.identification.servos.replay import ServoLog, _hermite
 from twistwrench.identification.servos.result import IdentifiedServos
 from twistwrench.identification.servos.result_view import _accuracy, _cells
+from twistwrench.identification.servos.servo_doubts import command_doubts
 
 VALUES = {"armature": [0.5, 0.3], "damping": [4.0, 2.0], "coulomb": [0.6, 0.4], "kp": [120.0, 70.0]}
 
@@ -172,6 +173,15 @@ def log_of(command, positions=None, rate=RATE):
     time = rate * np.arange(len(command))
     q = command if positions is None else positions
     return ServoLog(time, q[:, None], command[:, None], np.zeros(1))
+
+
+def test_commands_in_degrees_are_named_with_the_slope_of_positions_by_commands():
+    """Positions in rad that follow their command in degrees at once move by π/180 of it."""
+    robot = tw.robots.pendulum()
+    positions = np.sin(2 * np.pi * np.arange(0.0, 4.0, RATE))
+    (named,) = command_doubts(robot, [log_of(np.degrees(positions), positions)])
+    assert named.kind == "servo-unit"
+    assert "move by 0.0175 of their command" in str(named)
 
 
 def fit_of(covariance, p):
