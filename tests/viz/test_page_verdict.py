@@ -244,7 +244,10 @@ def test_the_assumption_of_a_tip_is_said_at_every_payload_of_the_slider(tmp_path
 
 @pytest.mark.slow
 def test_a_floating_base_is_judged_at_every_load(tmp_path):
-    robot = tw.robots.quadruped()
+    """Of a robot without stops: a log beyond them is in doubt, and its page carries the answer of the command's load."""
+    quadruped = tw.robots.quadruped()
+    unlimited = replace(quadruped.limits, lower=np.full(quadruped.nv, -np.inf), upper=np.full(quadruped.nv, np.inf))
+    robot = tw.Robot(replace(quadruped.model, limits=unlimited))
     log = log_of(robot, tmp_path / "log.csv")
     page = page_of(report_of(robot, log), tmp_path / "page.html")
     expected = [said(report_of(robot, log, *([Payload(mass, frame="FL_foot")] if mass else []))) for mass in (0.0, 2.0)]
