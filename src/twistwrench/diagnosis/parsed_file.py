@@ -13,8 +13,8 @@ from ..core.typing import Array
 from ..formats import FORMATS
 from ..formats.robot_text import TEXTS, RobotText, WrittenInertia
 from ..formats.xml import Element
-from ..mechanics.algorithms.recursion import base_poses, joint_poses
 from ..mechanics.bodies.inertia import SpatialInertia
+from ..mechanics.model.legs import frame_poses
 from ..mechanics.model.model import BASE, Model
 from ..shapes.reader import link_shapes
 from ..shapes.solids import LinkSolids, SolidReader
@@ -78,15 +78,7 @@ class ParsedFile:
     @cached_property
     def neutral_poses(self) -> Mapping[str, Array]:
         """Poses (4, 4) of the links in the base frame at zero joint positions."""
-        model = self.model
-        bodies = base_poses(model, joint_poses(model, model.neutral))
-        poses = {}
-        for name, frame in model.frames.items():
-            T = frame.pose
-            if frame.body != BASE:
-                T = bodies[frame.body] @ T
-            poses[name] = np.asarray(T)
-        return poses
+        return frame_poses(self.model, self.model.neutral)
 
     @cached_property
     def span(self) -> float:
