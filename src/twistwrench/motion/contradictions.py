@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.doubts import Doubt, Level, doubt, doubt_table
 from ..core.estimation.logged_rates import rate_delays, rate_scales
-from ..core.estimation.sampling import Gap, dropouts, gaps, late_by_turns, new_rows, spikes
+from ..core.estimation.sampling import Gap, LatePositions, dropouts, gaps, late_by_turns, new_rows, spikes
 from ..core.estimation.single_row_glitches import OVERLAP, SingleRowGlitches
 from ..core.numbers import number, percent, printed, seconds
 from ..core.text import Argument, Placeholder, listed, spell
@@ -640,21 +640,27 @@ class Contradictions:
         return durations
 
 
+def _share_text(late: LatePositions) -> str:
+    """Share of the time in percent: a range if changes were not seen."""
+    least, largest = percent(late.min_share), percent(late.max_share)
+    return largest if least == largest else f"{least.removesuffix(' %')} to {largest}"
+
+
 def _gap_doubts(deviations: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
     """Doubts about simultaneous deviations of all joints from their paths: buffered or missing rows."""
     if not deviations:
         return
-    turns = None
+    late = None
     if len(times) == 1:
-        turns = late_by_turns(deviations, times[0][0], times[0][-1])
-    if turns is not None:
-        delay, share = turns
+        late = late_by_turns(deviations, times[0][0], times[0][-1])
+    if late is not None:
+        delay = 1e3 * late.delay  # ms
         yield doubt(
-            "buffered", found={"value": 1e3 * delay, "unit": "ms"}, share=percent(share, 2), late=number(1e3 * delay, 3),
+            "buffered", found={"value": delay, "unit": "ms"}, share=_share_text(late), late=number(delay, 3),
             count=len(deviations), time=seconds(deviations[0].time, 4),
         )  # fmt: skip
         return
-    time, held_rows, late = np.array([(gap.time, gap.held, gap.late) for gap in deviations]).T
+    time, held_rows, delays = np.array([(gap.time, gap.held, gap.late) for gap in deviations]).T
     repeated = held_rows > 0
     if repeated.any():
         rows = int(held_rows.max())
@@ -663,6 +669,6 @@ def _gap_doubts(deviations: Sequence[Gap], times: Sequence[Array]) -> Iterator[D
     if not pauses.any():
         return
     why = "rows are missing there, and the stamps were closed up"
-    if (late[pauses] > 0).all():  # where rows are missing, positions are early
-        why = f"positions are {number(1e3 * late[pauses][0], 2)} ms late from there on: a clock was shifted"
+    if (delays[pauses] > 0).all():  # where rows are missing, positions are early
+        why = f"positions are {number(1e3 * delays[pauses][0], 2)} ms late from there on: a clock was shifted"
     yield doubt("pause", when=_times_text(time[pauses]), why=why, found={"value": float(time[pauses][0]), "unit": "s"})

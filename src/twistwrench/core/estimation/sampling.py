@@ -150,17 +150,35 @@ def held_rows(time: Array, gaps: Sequence[Gap]) -> Array:
     return mask
 
 
-def late_by_turns(gaps: Sequence[Gap], begin: float, end: float) -> tuple[float, float] | None:
-    """Delay [s], and fraction of time late, of positions that alternate between late and on time; otherwise None."""
+class LatePositions(NamedTuple):
+    """Positions that alternate between late and on time."""
+
+    delay: float
+    """How late [s]."""
+    min_share: float
+    """Smallest share of the time in which they are late."""
+    max_share: float
+    """Largest share: larger than the smallest if a change was not seen, as at rest, so that its time is unknown."""
+
+
+def late_by_turns(gaps: Sequence[Gap], begin: float, end: float) -> LatePositions | None:
+    """Delay of positions that alternate between late and on time from ``begin`` to ``end`` [s]; otherwise None."""
     delays = np.array([gap.late for gap in gaps])
     if not ((delays > 0).any() and (delays < 0).any()):
         return None
     size = float(np.median(np.abs(delays[np.isfinite(delays)])))
     if not ((np.abs(delays) > 0.5 * size) & (np.abs(delays) < 2.0 * size)).mean() > _MIN_REGULAR_SHARE:
         return None
-    edges = np.array([begin, *(gap.time for gap in gaps), end])
-    is_late = np.array([delays[0] < 0, *(delays > 0)])
-    return size, float(np.diff(edges)[is_late].sum() / (end - begin))
+    changes = np.isfinite(delays)
+    becomes_late = delays[changes] > 0
+    times = np.array([gap.time for gap in gaps])[changes]
+    lengths = np.diff(np.concatenate([[begin], times, [end]]))
+    late_at_start = np.concatenate([[not becomes_late[0]], becomes_late])
+    late_at_end = np.concatenate([~becomes_late, [becomes_late[-1]]])
+    late_throughout = float(lengths[late_at_start & late_at_end].sum())
+    late_in_part = float(lengths[late_at_start != late_at_end].sum())
+    duration = end - begin
+    return LatePositions(size, late_throughout / duration, (late_throughout + late_in_part) / duration)
 
 
 def spikes(x: Array) -> Array:
