@@ -226,38 +226,70 @@ _RELATIVE_UNCERTAINTY = 0.12
 
 
 class Runs(NamedTuple):
-    """Runs of equally many consecutive rows: number (m,), and maximum, first and last row (m, columns) of each."""
+    """Runs of equally many consecutive rows: the largest of their maxima, and the runs at both ends, which other parts continue.
 
+    A run does not count, and its maximum is -inf, if the maximum lies at its border next to a larger value: it is the flank of
+    its neighbour, and both have correlated noise.
+    """
+
+    maxima: Array
+    """(k, columns) maxima of the inner runs, in descending order by column, at most :data:`_MAX_RUNS`."""
     number: Array
+    """(e,) numbers of the runs at the ends, from 0; their other figures are (e, columns)."""
     largest: Array
     first: Array
     last: Array
+    before: Array
+    """Values of the row before a run; nan if another part has it."""
+    after: Array
 
     @classmethod
     def from_rows(cls, first: int, values: Array, rows: int) -> Runs:
         """Runs of ``rows`` rows each, counted from the first row of the motion; values begin at the row ``first``."""
         starts = np.arange(-(first % rows), len(values), rows).clip(min=0)
         ends = np.append(starts[1:], len(values)) - 1
-        return cls((first + starts) // rows, np.maximum.reduceat(values, starts), values[starts], values[ends])
+        largest = np.maximum.reduceat(values, starts)
+        unknown = np.full((1, values.shape[1]), np.nan)
+        before, after = np.concatenate([unknown, values[ends[:-1]]]), np.concatenate([values[starts[1:]], unknown])
+        inner = _without_flanks(largest, before, after)[1:-1]
+        at_end = np.unique([0, len(starts) - 1])
+        return cls(
+            _descending(inner),
+            (first + starts[at_end]) // rows,
+            *(figure[at_end] for figure in (largest, values[starts], values[ends], before, after)),
+        )
 
     @classmethod
     def from_parts(cls, parts: Sequence[Runs]) -> Runs:
         """Runs of consecutive rows from those of their parts, which may begin and end within a run."""
-        number, largest, first, last = map(np.concatenate, zip(*parts, strict=True))
+        maxima, number, largest, first, last, before, after = map(np.concatenate, zip(*parts, strict=True))
         starts = np.flatnonzero(np.diff(number, prepend=-1))
         ends = np.append(starts[1:], len(number)) - 1
-        return cls(number[starts], np.maximum.reduceat(largest, starts), first[starts], last[ends])
+        number, largest = number[starts], np.maximum.reduceat(largest, starts)
+        first, last, before, after = first[starts], last[ends], before[starts], after[ends]
+        before[1:] = np.where(np.isnan(before[1:]), last[:-1], before[1:])
+        after[:-1] = np.where(np.isnan(after[:-1]), first[1:], after[:-1])
+        return cls(_descending(maxima), number, largest, first, last, before, after)
+
+    @property
+    def count(self) -> int:
+        """Number of runs."""
+        return int(self.number[-1]) + 1
 
     def contenders(self, column: int) -> Array:
-        """Maxima (runs,) of a column in the first few thousand runs, in descending order; -inf for runs that do not count.
+        """Maxima (runs,) of a column in the first few thousand runs, in descending order; -inf for runs that do not count."""
+        at_ends = _without_flanks(self.largest, self.before, self.after)
+        return _descending(np.concatenate([self.maxima, at_ends]))[:, column]
 
-        A run does not count if its maximum lies at its border next to a larger value: it is the flank of its neighbour, and
-        both have correlated noise.
-        """
-        largest = self.largest[:, column]
-        before, after = np.append(-np.inf, self.last[:-1, column]), np.append(self.first[1:, column], -np.inf)
-        own = np.where((largest >= before) & (largest >= after), largest, -np.inf)
-        return np.sort(own)[::-1][:_MAX_RUNS]
+
+def _without_flanks(largest: Array, before: Array, after: Array) -> Array:
+    """Maxima (m, columns) of runs; -inf where the value before or after the run is larger."""
+    return np.where((largest < before) | (largest < after), -np.inf, largest)
+
+
+def _descending(maxima: Array) -> Array:
+    """The largest few thousand of each column (m, columns), in descending order."""
+    return np.sort(maxima, axis=0)[::-1][:_MAX_RUNS]
 
 
 def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, float]:

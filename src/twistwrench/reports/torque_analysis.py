@@ -488,7 +488,7 @@ class MotionPass:
         estimates, terms = [], self.terms(found)
         for k in range(self.load.robot.nv):
             steady, speed = float(sum(terms[name][k] for name in STEADY)), float(found.speed.signed[k])
-            each, runs = found.runs.contenders(k), len(found.runs.number)
+            each, runs = found.runs.contenders(k), found.runs.count
             estimates.append(self.bootstrap.estimate(k, found.whole.peak, each, runs, steady, speed))
             if progress is not None:
                 progress((k + 1) / self.load.robot.nv)
