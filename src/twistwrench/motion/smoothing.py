@@ -22,6 +22,7 @@ from ..core.typing import Array
 from ..mechanics.algorithms.kinematics import brackets
 from ..mechanics.model.model import Model
 from .coordinates import Coordinates
+from .log_table import slices
 
 if TYPE_CHECKING:
     from ..robot import Robot
@@ -197,9 +198,9 @@ def stretch_edges(t: Array) -> list[int]:
     >>> stretch_edges(np.r_[np.arange(10) * 0.01, 2.0 + np.arange(10) * 0.01])
     [0, 10, 20]
     """
-    steps = np.diff(t)
-    if len(steps) < FEWEST:
+    if len(t) <= FEWEST or _largest_step(t) <= _PAUSE:
         return [0, len(t)]
+    steps = np.diff(t)
     shortest_pause = max(_PAUSE, _GAP * float(np.median(steps)))
     if steps.max() <= shortest_pause:
         return [0, len(t)]
@@ -209,6 +210,11 @@ def stretch_edges(t: Array) -> list[int]:
         if k + 1 - edges[-1] >= FEWEST and len(t) - k - 1 >= FEWEST:
             edges.append(k + 1)
     return [*edges, len(t)]
+
+
+def _largest_step(t: Array) -> float:
+    """Largest time step of times (n,); in portions, as a log may have millions of rows."""
+    return max(float(np.diff(t[s.start : s.stop + 1]).max(initial=0.0)) for s in slices(len(t)))
 
 
 def spline_rates(t: Array, x: Array) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from ..motion.bounds import Extrema
 from ..motion.coordinates import joint_rates
 from ..motion.differentiation import SIGNIFICANT_SIGMAS, Differentiation, MotionSamples
 from ..motion.load_case import LoadCase
+from ..motion.log_table import slices
 from ..motion.motion_log import LogRows
 from ..motion.smoothing import spline_rates
 
@@ -107,18 +108,20 @@ class Gaps:
         ``edges`` are coordinates (m, nq) and velocities (m, nv) of the rows of :func:`gap_edges`; ``rates`` is true if
         velocities are the rates of the coordinates.
         """
-        steps, rows = np.diff(time), gap_edges(time, threshold)
+        begins = long_steps(time, threshold)
+        lengths = time[begins + 1] - time[begins]
         longest, longest_at = 0.0, math.nan
-        if len(steps) and steps.max() > threshold:
-            k = int(np.argmax(steps))
-            longest, longest_at = float(steps[k]), float(time[k])
-        q, dq = edges
+        if len(lengths):
+            k = int(np.argmax(lengths))
+            longest, longest_at = float(lengths[k]), float(time[begins[k]])
+        rows, (q, dq) = gap_edges(time, threshold), edges
         gaps = []
-        for begin in np.flatnonzero(steps > max(threshold, _MIN_GAP)).tolist():
+        for begin, length in zip(begins.tolist(), lengths.tolist(), strict=True):
+            if length <= _MIN_GAP:
+                continue
             k = int(np.searchsorted(rows, begin))
-            gap = _gap(float(time[begin]), float(steps[begin]), q[k : k + 2], dq[k : k + 2], rates=rates)
-            gaps.append(gap)
-        return cls(threshold, int((steps > threshold).sum()), longest, longest_at, tuple(gaps), most, stops)
+            gaps.append(_gap(float(time[begin]), length, q[k : k + 2], dq[k : k + 2], rates=rates))
+        return cls(threshold, len(begins), longest, longest_at, tuple(gaps), most, stops)
 
     @property
     def hiding(self) -> list[tuple[float, float]]:
@@ -160,9 +163,20 @@ class Gaps:
         return any(min(abs(time - at), abs(time - at - step)) <= within for at, step in self.hiding)
 
 
+def long_steps(time: Array, threshold: float) -> Array:
+    """Rows (m,) after which the time step is longer than ``threshold`` [s].
+
+    Steps are computed in portions: those of a log with millions of rows would take as much memory as its times.
+    """
+    is_long = np.zeros(max(0, len(time) - 1), bool)
+    for s in slices(len(is_long)):
+        is_long[s] = np.diff(time[s.start : s.stop + 1]) > threshold
+    return np.flatnonzero(is_long)
+
+
 def gap_edges(time: Array, threshold: float) -> Array:
     """Rows (m,) at either end of the gaps that are long enough for a motion."""
-    begins = np.flatnonzero(np.diff(time) > max(threshold, _MIN_GAP))
+    begins = long_steps(time, max(threshold, _MIN_GAP))
     return np.unique(np.concatenate([begins, begins + 1]))
 
 
@@ -226,7 +240,7 @@ _RELATIVE_UNCERTAINTY = 0.12
 
 
 class Runs(NamedTuple):
-    """Runs of equally many consecutive rows: the largest of their maxima, and the runs at both ends, which other parts continue.
+    """Runs of equally many consecutive rows: the largest of their maxima, and the runs at both ends, which may go on there.
 
     A run does not count, and its maximum is -inf, if the maximum lies at its border next to a larger value: it is the flank of
     its neighbour, and both have correlated noise.
@@ -289,7 +303,7 @@ def _without_flanks(largest: Array, before: Array, after: Array) -> Array:
 
 def _descending(maxima: Array) -> Array:
     """The largest few thousand of each column (m, columns), in descending order."""
-    return np.sort(maxima, axis=0)[::-1][:_MAX_RUNS]
+    return np.sort(maxima, axis=0)[::-1][:_MAX_RUNS].copy()  # a view would keep the others
 
 
 def excess_of_largest(values: Array, sigma: float, runs: int) -> tuple[float, float]:
