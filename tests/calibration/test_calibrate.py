@@ -23,6 +23,7 @@ from twistwrench.calibration.groups import ParameterGroup, ParameterGroups, fitt
 from twistwrench.calibration.measurements import rotations_from_roll
 from twistwrench.calibration.result import CalibratedRobot
 from twistwrench.calibration.result_view import _group_figures
+from twistwrench.calibration.targets import rigid_motion
 from twistwrench.cli.main import main
 from twistwrench.core.errors import TwistWrenchError
 
@@ -304,6 +305,21 @@ def test_joints_that_sag_are_found():
 
 
 # ── Files
+
+
+def test_a_displacement_that_no_file_can_have_is_stated():
+    """The frame of a link is that of its joint: the robot is right with .tip_pose, and without it off by the displacement."""
+    robot = tw.robots.ur5()
+    world = World.drawn(robot, 11, tip="wrist_3_link")
+    found = tw.calibration.calibrate(robot, world.measured("pose", 60), tip="wrist_3_link")
+    assert "The target is at (50, 30.7, 20) mm in wrist_3_link." in " ".join(str(found).split())
+    q = robot.random_configuration(3, (100,))
+    points = found.robot.forward_kinematics(q, frame="wrist_3_link") @ found.tip_pose
+    places = world.poses(q)[:, :3, 3]
+    moved = (rigid_motion(points[:, :3, 3], places) @ points)[:, :3, 3]
+    assert np.abs(moved - places).max() < 2e-4  # four deviations of a reading
+    tool = World.drawn(robot, 11, tip="tool0")
+    assert tw.calibration.calibrate(robot, tool.measured("pose", 60), tip="tool0").tip_note == ""
 
 
 def test_the_written_file_has_the_calibrated_poses(tmp_path):

@@ -98,6 +98,11 @@ class TipChain:
                 )
         return cls(robot, frame, tuple(chain), tuple(name for name in EFFECTS if name in assume))
 
+    @property
+    def moves_tip(self) -> bool:
+        """True if a robot's file can move the tip alone; False for the frame of a moving link, which is that of its joint."""
+        return self.frame != self.robot.model.bodies[self.bodies[-1]].link
+
     # ── What the file has
 
     @cached_property
@@ -275,14 +280,13 @@ class TipChain:
         return self.poses(q, self.loads(q), at)[0]
 
     def calibrated_robot(self, at: Corrections) -> Robot:
-        """Robot whose placements and tip have the corrections; gears and sags are left out."""
+        """Robot whose placements, and tip if a file can move it, have the corrections; gears and sags are left out."""
         model = self.robot.model
         bodies, bends = list(model.bodies), self.bends(at)
         for k, i in enumerate(self.bodies):
             bodies[i] = replace(bodies[i], placement=bodies[i].placement @ bends[k])
         frames = dict(model.frames)
-        # The frame of a moving link is that of its joint and has no pose of its own, so its displacement is left out.
-        if self.frame != model.bodies[self.bodies[-1]].link:
+        if self.moves_tip:
             frames[self.frame] = replace(frames[self.frame], pose=at.tip)
         return Robot(replace(model, bodies=tuple(bodies), frames=frames))
 

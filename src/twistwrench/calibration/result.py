@@ -16,9 +16,12 @@ from ..core.answers.answer import Answer
 from ..core.answers.blocks import Block
 from ..core.doubts import Doubt, verdict_from_doubts
 from ..core.errors import ValueRangeError
+from ..core.numbers import number
 from ..core.tables import csv_table
+from ..core.text import argument
 from ..core.typing import Array
 from ..core.verdict import Verdict, Word
+from ..mechanics.lie import se3
 from ..motion.limits_file import robot_origin
 from ..robot import Robot
 from .fit import CalibrationFit
@@ -29,6 +32,8 @@ from .targets import FrameTarget, rigid_motion
 if TYPE_CHECKING:
     from ..core.answers.page import Setting
 
+_MIN_STATED_SHIFT = 1e-6
+"""Smallest displacement of the tip [m] that is stated where no file can have it."""
 PREFIX = "calibration-"
 """Beginning of the doubts' names in the table."""
 
@@ -170,6 +175,20 @@ class CalibratedRobot(Answer):
     def tip_pose(self) -> Array:
         """(4, 4) pose of the target on the robot in its last moving link."""
         return self.fit.state.corrections.tip
+
+    @property
+    def tip_note(self) -> str:
+        """Sentence on a displacement of the tip that no file can have; empty if :attr:`robot` has it."""
+        chain = self.fit.problem.chain
+        shift = (np.asarray(se3.inverse(chain.start.tip)) @ self.tip_pose)[:3, 3]
+        if chain.moves_tip or not np.linalg.norm(shift) > _MIN_STATED_SHIFT:
+            return ""
+        place = ", ".join(number(1e3 * x, 3) for x in shift)  # mm
+        return (
+            f"The target is at ({place}) mm in {chain.frame}. A file cannot have this displacement, as {chain.frame} is the "
+            f"frame of {chain.joints[-1]}: in a written robot the target is at .tip_pose. "
+            f"To have it written, name a frame that is fixed to the link: {argument('tip', 'FRAME')}."
+        )
 
     @property
     def target_pose(self) -> Array:

@@ -44,8 +44,7 @@ def calibration_view(found: CalibratedRobot) -> Iterator[Block]:
         f"Noise of a reading: {noise} (1 σ)."
     )
     notes = [str(doubt) for doubt in found.doubts if doubt.level == "note"]
-    if found.held_out.note:
-        notes.append(found.held_out.note)
+    notes += [note for note in (found.tip_note, found.held_out.note) if note]
     for m in found.fit.problem.measured:
         notes += m.notes
     yield from remarks(notes)
