@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..core.errors import ValueRangeError
 from ..core.text import visible
 from .names import names_of
@@ -24,8 +22,8 @@ from .source_code import (
 if TYPE_CHECKING:
     from .equations import Equations
 
-# :mod:`..targets.c` prints recorded programs with one numbered operation a line and bit-exact kernel results. Equations
-# are printed here for reading: one formula a line with its own names, which programs do not keep.
+# :mod:`..targets.c` prints recorded programs for machines: one numbered operation a line, with the kernel's results to the last
+# bit. This module prints equations for readers: one formula a line, with the names of the equations.
 
 
 def c_source(equations: Equations, prefix: str | None = None) -> str:
@@ -44,46 +42,46 @@ def c_source(equations: Equations, prefix: str | None = None) -> str:
     remarks = header(equations)
     if symbols:
         remarks.append(f"p = ({', '.join(names_of(symbols))})")
-    text = visible("\n".join(remarks)).replace("*/", "* /").replace("/*", "/ *")
-    comment = "\n".join(f" * {line}" for line in text.splitlines())
+    remarks_text = visible("\n".join(remarks)).replace("*/", "* /").replace("/*", "/ *")  # must not end the comment
+    comment = "\n".join(f" * {line}" for line in remarks_text.splitlines())
     parts = [f"/*\n{comment}\n * Matrices are stored row by row.\n */", "#include <math.h>"]
-    signatures, prototypes = {}, []
-    for name in FUNCTIONS:
-        signatures[name] = _signature(name, prefix, n, len(symbols))
-        prototypes.append(f"{signatures[name]};")
-    parts.append("\n".join(prototypes))
+    signatures = {name: _signature(name, prefix, n, len(symbols)) for name in FUNCTIONS}
+    parts.append("\n".join(f"{signature};" for signature in signatures.values()))
     values = equations.values
-    if symbols and values.keys() >= set(symbols):
+    all_have_values = values.keys() >= set(symbols)
+    if symbols and all_have_values:
         rows = "\n".join(f"    {float(values[symbol])!r}, /* {symbol.name} */" for symbol in symbols)
         parts.append(
             f"extern const double {prefix}_parameters[{len(symbols)}];\n"
             f"const double {prefix}_parameters[{len(symbols)}] = {{\n{rows}\n}};"
         )
     for name, signature in signatures.items():
-        parts.append(_function(routine(equations, name, names), signature, n, bool(symbols)))
+        parts.append(_function(routine(equations, name, names), signature, bool(symbols)))
     return "\n\n".join(parts) + "\n"
 
 
-def _signature(name: str, prefix: str, n: int, parameters: int) -> str:
+def _signature(name: str, prefix: str, n: int, parameter_count: int) -> str:
+    """Declaration of a function: its input arrays, the parameters p if there are any, and the array of results."""
     arrays, letter, axes, _ = FUNCTIONS[name]
-    inputs = [f"const double {a}[{n}]" for a in arrays]
-    if parameters:
-        inputs.append(f"const double p[{parameters}]")
+    inputs = [f"const double {array}[{n}]" for array in arrays]
+    if parameter_count:
+        inputs.append(f"const double p[{parameter_count}]")
     return f"void {prefix}_{name}({', '.join(inputs)}, double {letter}[{n**axes}])"
 
 
-def _function(function: Routine, signature: str, n: int, has_parameters: bool) -> str:
-    arrays, letter, axes, meaning = FUNCTIONS[function.name]
+def _function(function: Routine, signature: str, has_parameters: bool) -> str:
+    """Definition of a function with its comment."""
+    arrays, letter, _, meaning = FUNCTIONS[function.name]
     if has_parameters:
         arrays = (*arrays, "p")
     lines = [f"/* {meaning}. */", signature, "{"]
-    lines += [f"    (void){name};" for name in unread_arrays(arrays, function)]
-    for array, k, name in function.inputs:
-        lines.append(f"    const double {name} = {array}[{k}];")
+    lines += [f"    (void){name};" for name in unread_arrays(arrays, function)]  # no warnings of unused arguments
+    for array, index, name in function.inputs:
+        lines.append(f"    const double {name} = {array}[{index}];")
     for name, expr in function.lines:
         lines.append(f"    const double {name} = {expression_text(expr, _C)};")
-    for k, (_, expr) in enumerate(zip(np.ndindex((n,) * axes), function.results, strict=True)):
-        lines.append(f"    {letter}[{k}] = {expression_text(expr, _C)};")
+    for index, expr in enumerate(function.results):
+        lines.append(f"    {letter}[{index}] = {expression_text(expr, _C)};")
     return "\n".join([*lines, "}"])
 
 

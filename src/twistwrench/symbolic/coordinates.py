@@ -49,8 +49,8 @@ def rate_symbol(name: str, mark: str = "dot") -> str:
     >>> rate_symbol("theta_1"), rate_symbol("x", "ddot")
     ('thetadot_1', 'xddot')
     """
-    stem, line, index = name.partition("_")
-    return f"{stem}{mark}{line}{index}"
+    stem, separator, index = name.partition("_")
+    return f"{stem}{mark}{separator}{index}"
 
 
 def variable_names(coordinates: Iterable[Coordinate | Variable]) -> tuple[list[str], list[str], list[str]]:
@@ -64,26 +64,28 @@ def variable_names(coordinates: Iterable[Coordinate | Variable]) -> tuple[list[s
 
 
 def coordinates_of(model: Model) -> tuple[Coordinate, ...]:
-    """Coordinates in the order of q, numbered by joints with their own coordinates."""
+    """Coordinates in the order of q. Their symbols have the number of the joint, where followers do not count."""
     coordinates = []
-    for n, body in enumerate(model.leaders, 1):
+    for number, body in enumerate(model.leaders, 1):
         for entry in body.joint.chart:
-            meaning = f"{entry.meaning.format(body.joint.name)} [{'rad' if entry.angle else 'm'}]"
-            coordinates.append(Coordinate(f"{entry.letter}_{n}", entry.angle, meaning))
+            unit = "rad" if entry.angle else "m"
+            meaning = f"{entry.meaning.format(body.joint.name)} [{unit}]"
+            coordinates.append(Coordinate(f"{entry.letter}_{number}", entry.angle, meaning))
     return tuple(coordinates)
 
 
 def to_robot(model: Model, u: Array, du: Array, ddu: Array) -> tuple[Array, Array, Array, Array]:
-    """State in these coordinates, (nv,) each, as the robot's q (nq,), dq and ddq (nv,), and N (nv, nv) with dq = N du.
+    """The robot's q (nq,), dq and ddq (nv,) of a state in these coordinates, and N (nv, nv) with dq = N du.
 
-    Torques of the coordinates are N' tau.
+    The state is u, du and ddu, (nv,) each. Torques that belong to the coordinates u are N' tau.
     """
     q, dq, ddq = model.neutral, np.zeros(model.nv), np.zeros(model.nv)
     N = np.zeros((model.nv, model.nv))
     for body in model.leaders:
         q_slice, v_slice = body.places
-        dx, ddx = du[v_slice], ddu[v_slice]
-        q[q_slice], B, dB = body.joint.from_chart(u[v_slice], dx)
+        du_joint, ddu_joint = du[v_slice], ddu[v_slice]
+        q[q_slice], B, dB = body.joint.from_chart(u[v_slice], du_joint)
         N[v_slice, v_slice] = B
-        dq[v_slice], ddq[v_slice] = B @ dx, B @ ddx + dB @ dx
+        dq[v_slice] = B @ du_joint
+        ddq[v_slice] = B @ ddu_joint + dB @ du_joint
     return q, dq, ddq, N

@@ -23,10 +23,10 @@ from ..robot.base import require_robot
 from .coordinates import Coordinate, coordinates_of, variable_names
 from .derivation_check import TOLERANCE, DerivationCheck, check_derivation
 from .derivation_size import (
-    LARGEST_POSITION,
-    LARGEST_ROTATION,
     MAX_AUTOMATIC_PRODUCTS,
     MAX_EXPANDED_COORDINATES,
+    MAX_POSITION_TERMS,
+    MAX_ROTATION_TERMS,
     check_expanded,
     check_named,
 )
@@ -90,8 +90,9 @@ class Derivation(Answer, Equations):
         """DONE, or LOOK AGAIN if the equations disagree with the compiled kernels."""
         if self.check is None or self.check.worst <= TOLERANCE:
             return Verdict(Word.DONE)
-        gap, allowed = residual(self.check.worst), printed(TOLERANCE)
-        return Verdict(Word.LOOK_AGAIN, (f"the equations disagree with Newton–Euler by {gap} (allowed {allowed})",))
+        deviation, allowed = residual(self.check.worst), printed(TOLERANCE)
+        reason = f"the equations disagree with Newton–Euler by {deviation} (allowed {allowed})"
+        return Verdict(Word.LOOK_AGAIN, (reason,))
 
     @property
     def robot_name(self) -> str:
@@ -101,7 +102,8 @@ class Derivation(Answer, Equations):
     @property
     def brief(self) -> str:
         """Number of joints."""
-        return f"{len(self.q)} joint{'s' * (len(self.q) > 1)}"
+        noun = "joints" if len(self.q) > 1 else "joint"
+        return f"{len(self.q)} {noun}"
 
     def blocks(self) -> Iterator[Block]:
         """Verdict, symbols with their values, steps of the derivation, check and remarks.
@@ -229,35 +231,36 @@ def derive(
     ring = ring_of(entries, coordinates)
     motion = None
     if form == "expanded" or (form == "auto" and model.nv <= MAX_EXPANDED_COORDINATES):
-        motion = motion_of(model, entries, coordinates, ring, LARGEST_POSITION, LARGEST_ROTATION)
-        work = float("inf")
+        motion = motion_of(model, entries, coordinates, ring, MAX_POSITION_TERMS, MAX_ROTATION_TERMS)
+        products = float("inf")
         if motion is not None:
-            work = motion.products([body.inertia for body in entries.bodies])
+            products = motion.products([body.inertia for body in entries.bodies])
         if form == "expanded":
-            check_expanded(robot.name, work, model.nv)
-        elif work > MAX_AUTOMATIC_PRODUCTS:
+            check_expanded(robot.name, products, model.nv)
+        elif products > MAX_AUTOMATIC_PRODUCTS:
             motion = None
     if motion is None:
         check_named(robot)
         fields = named_derivation(model, entries, coordinates)
     else:
         fields = _expanded_derivation(model, entries, coordinates, ring, motion)
-    exprs = [fields["lagrangian"], *fields["tau"]]
-    exprs += dict(fields.get("definitions", ())).values()
+    expressions = [fields["lagrangian"], *fields["tau"]]
+    expressions += dict(fields.get("definitions", ())).values()
     for step in fields["steps"]:
-        exprs += dict(step.lines).values()
-    used = set(names_of(free_symbols(exprs)))
+        expressions += dict(step.lines).values()
+    used_names = set(names_of(free_symbols(expressions)))
     names, rates, accelerations = variable_names(coordinates)
     derivation = Derivation(
         name=robot.name,
         q=_symbols(names),
         dq=_symbols(rates),
         ddq=_symbols(accelerations),
-        parameters=tuple(p for p in entries.parameters if p.name in used),
-        meanings=tuple((c.name, c.meaning) for c in coordinates),
+        parameters=tuple(parameter for parameter in entries.parameters if parameter.name in used_names),
+        meanings=tuple((coordinate.name, coordinate.meaning) for coordinate in coordinates),
         remarks=_friction_remark(robot),
         source=model.source,
-        **fields | {"split": True},  # rounding errors of cancelled numbers
+        # A robot has no further terms; rounding errors of cancelled numbers may look like some.
+        **fields | {"split": True},
     )
     selected = None
     if steps is not None:
@@ -272,18 +275,18 @@ def _expanded_derivation(
     arithmetic, zero = RingArithmetic(ring, coordinates), ring.number(0.0)
     kinetic, potential = energies(entries, motion, arithmetic)
     springs, drives = spring_energies(model, entries, arithmetic), drive_energies(entries, arithmetic)
-    terms = Terms(ring, coordinates, sum((*kinetic, *drives), zero), sum((*potential, *springs), zero))
-    masses = [p.name for p in entries.parameters if "masses" in p.kinds]
+    K, P = sum((*kinetic, *drives), zero), sum((*potential, *springs), zero)
+    masses = [parameter.name for parameter in entries.parameters if "masses" in parameter.kinds]
     writer = EquationWriter(ring, chain_angles(model, ring, coordinates), masses=masses)
-    fields = assemble_equations(terms, writer)
+    fields = assemble_equations(Terms(ring, coordinates, K, P), writer)
     tags = [body.tag for body in entries.bodies]
-    energy = kinetic, potential, springs, drives
-    energy_steps = _energy_steps(writer, coordinates, tags, motion, energy, fields["lagrangian"])
+    all_energies = kinetic, potential, springs, drives
+    energy_steps = _energy_steps(writer, coordinates, tags, motion, all_energies, fields["lagrangian"])
     return fields | {"steps": (*energy_steps, *fields["steps"]), "form": "expanded"}
 
 
 def _moving_robot(robot: Robot) -> Robot:
-    """The robot; raises ShapeError for another object, and ValueRangeError without a joint that moves."""
+    """The robot; raises ShapeError for another object, and ValueRangeError for a robot without a joint that moves."""
     if not isinstance(robot, Robot):
         raise ShapeError(f"derive takes a robot, got {robot!r}: tw.load(path) or one of tw.robots.")
     require_robot(robot, "derive")
@@ -298,13 +301,15 @@ def _named_steps(steps: Names) -> Iterable[str] | None:
 
 
 def _friction_remark(robot: Robot) -> tuple[str, ...]:
+    """Remark that friction is left out, with the joints that have friction; empty for a robot without friction."""
     friction = robot.model.friction
     if not friction.any:
         return ()
     has_friction = friction.viscous.astype(bool) | friction.static.astype(bool) | friction.load.astype(bool)
-    names = []
+    names = []  # a joint with several velocities is counted for each
     for body in robot.model.leaders:
-        names += [body.joint.name] * np.count_nonzero(has_friction[body.places[1]])
+        _, columns = body.places
+        names += [body.joint.name] * np.count_nonzero(has_friction[columns])
     return (f"Friction is left out of these equations; the robot has some at {listed(names, 6)}.",)
 
 
@@ -313,16 +318,17 @@ def _symbols(names: Iterable[str]) -> tuple[Any, ...]:
 
 
 def _energy_steps(
-    writer: EquationWriter, coordinates: Any, tags: list[str], motion: SymbolicMotion, energy: Any, L: Any
+    writer: EquationWriter, coordinates: Any, tags: list[str], motion: SymbolicMotion, all_energies: Any, L: Any
 ) -> tuple[Step, ...]:
-    _, motions, _ = variable_names(coordinates)
-    K, P, springs, drives = energy
+    """Steps before Lagrange's equations, of :data:`_ENERGY_STEPS`; ``tags`` are the suffixes of the bodies' symbols."""
+    _, rates, _ = variable_names(coordinates)
+    K, P, springs, drives = all_energies
 
     def column(vector: Any) -> Any:
-        return sympy.ImmutableMatrix([writer.write_by_motion(x, motions, writer.write_by_angle) for x in vector])
+        return sympy.ImmutableMatrix([writer.write_by_motion(entry, rates, writer.write_by_angle) for entry in vector])
 
     def energy_by_mass(total: Any) -> Any:
-        return writer.write_by_motion(total, motions, writer.write_by_mass)
+        return writer.write_by_motion(total, rates, writer.write_by_mass)
 
     lines: defaultdict[str, list[Line]] = defaultdict(list)
     for i, tag in enumerate(tags):
@@ -333,10 +339,10 @@ def _energy_steps(
         if K[i]:
             lines["kinetic_energies"].append((Label(f"K_{tag}"), energy_by_mass(K[i])))
             lines["potential_energies"].append((Label(f"P_{tag}"), writer.write_by_angle(P[i])))
-    for n, spring in enumerate(springs, 1):
-        lines["spring_energies"].append((Label(f"E_{n}"), writer.write_by_angle(spring)))
-    for n, drive in enumerate(drives, 1):
-        lines["drive_energies"].append((Label(f"T_{n}"), energy_by_mass(drive)))
+    for number, spring_energy in enumerate(springs, 1):
+        lines["spring_energies"].append((Label(f"E_{number}"), writer.write_by_angle(spring_energy)))
+    for number, drive_energy in enumerate(drives, 1):
+        lines["drive_energies"].append((Label(f"T_{number}"), energy_by_mass(drive_energy)))
     lines["lagrangian"].append((Label("L"), L))
     steps = []
     for name, remark in _ENERGY_STEPS.items():

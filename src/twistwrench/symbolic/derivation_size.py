@@ -7,30 +7,28 @@ from ..core.text import argument
 from ..mechanics.model.model import BASE
 from ..robot import Robot
 
-LARGEST_POSITION = 1500
+MAX_POSITION_TERMS = 1500
 """Maximum number of terms in a centre-of-mass coordinate for an expanded derivation."""
-LARGEST_ROTATION = 100
+MAX_ROTATION_TERMS = 100
 """Maximum number of terms in an entry of a rotation."""
 MAX_AUTOMATIC_PRODUCTS = 30_000
 """Maximum number of products of two terms in the kinetic energy for which equations are expanded by default."""
-LARGEST_EXPANDED = 1_000_000
+MAX_EXPANDED_PRODUCTS = 1_000_000
 """Maximum number of products times coordinates for an expanded derivation; more would fill hundreds of pages."""
 MAX_EXPANDED_COORDINATES = 4
-"""Maximum number of coordinates for which equations are expanded by default; longer ones are unreadable."""
-LARGEST_NAMED = 8_000
+"""Maximum number of coordinates for which equations are expanded by default; equations of more coordinates are unreadable."""
+MAX_NAMED_LINES = 8_000
 """Maximum number of lines of named intermediate results."""
 
 
 def check_expanded(name: str, products: float, coordinates: int) -> None:
-    """Raise ValueRangeError beyond :data:`LARGEST_EXPANDED`."""
-    if products * coordinates > LARGEST_EXPANDED:
-        count = (
-            f"more than {LARGEST_POSITION:,} terms in a coordinate of a position, or {LARGEST_ROTATION} in a rotation"
-        )
+    """Raise ValueRangeError beyond :data:`MAX_EXPANDED_PRODUCTS`."""
+    if products * coordinates > MAX_EXPANDED_PRODUCTS:
+        count = f"more than {MAX_POSITION_TERMS:,} terms in a coordinate of a position, or {MAX_ROTATION_TERMS} in a rotation"
         if products < float("inf"):
             count = (
                 f"{int(products):,} products of terms in its kinetic energy, to be differentiated by {coordinates} "
-                f"coordinates; allowed are {LARGEST_EXPANDED // coordinates:,}"
+                f"coordinates; allowed are {MAX_EXPANDED_PRODUCTS // coordinates:,}"
             )
         raise ValueRangeError(
             f"{name!r} is too large to write out: {count}. Leave {argument('form', 'expanded')} out and "
@@ -42,24 +40,26 @@ def check_expanded(name: str, products: float, coordinates: int) -> None:
 def named_lines(robot: Robot) -> int:
     """Approximate number of lines with named intermediate results: columns of Jacobians and their derivatives."""
     model = robot.model
-    depths: list[int] = []
+    columns_of_bodies: list[int] = []  # number of nonzero columns of each body's Jacobian
     lines = 0
     for body in model.bodies:
-        depth = body.joint.nv
+        columns = body.joint.nv
         if body.parent != BASE:
-            depth += depths[body.parent]
-        depths.append(depth)
-        lines += 9 * depth + 9 * depth * (depth - 1) // 2
+            columns += columns_of_bodies[body.parent]
+        columns_of_bodies.append(columns)
+        derivatives = columns * (columns - 1) // 2  # of each column by the joints before it
+        lines += 9 * columns + 9 * derivatives
     n = model.nv
-    return lines + n * n * (n + 1) // 4
+    mass_matrix_derivatives = n * n * (n + 1) // 4  # n derivatives of n (n + 1)/2 entries; about half of them are zero
+    return lines + mass_matrix_derivatives
 
 
 def check_named(robot: Robot) -> None:
-    """Raise ValueRangeError beyond :data:`LARGEST_NAMED` lines."""
+    """Raise ValueRangeError beyond :data:`MAX_NAMED_LINES` lines."""
     lines = named_lines(robot)
-    if lines > LARGEST_NAMED:
+    if lines > MAX_NAMED_LINES:
         raise ValueRangeError(
             f"{robot.name!r} is too large to derive: its {robot.nv} coordinates would take about {lines:,} lines of named "
-            f"intermediate results; allowed are {LARGEST_NAMED:,}. Lock joints (robot.lock), derive a leg or an arm by itself, "
-            "or use the compiled kernels (robot.inverse_dynamics), which have no such limit."
+            f"intermediate results; allowed are {MAX_NAMED_LINES:,}. Lock joints (robot.lock), derive a leg or an arm by "
+            "itself, or use the compiled kernels (robot.inverse_dynamics), which have no such limit."
         )

@@ -18,40 +18,45 @@ from .names import Text, sympy
 if TYPE_CHECKING:
     from .derivation import Derivation
 
-_MAX_LINES, _WIDTH = 45, 80
-"""Maximum number of lines of the short form, and the columns for which lines are counted."""
-_FRAME = 6
-"""Lines of the short form beside symbols and steps: verdict, check, remark, and the way to the rest."""
-_TABLE_LINES = 5
+_MAX_LINES = 45
+"""Maximum number of lines of the short form."""
+_WIDTH = 80
+"""Width in characters for which lines are counted."""
+_OTHER_LINES = 6
+"""Lines of the short form that are neither symbols nor steps: verdict, check, remark, and the way to the full form."""
+_TABLE_HEAD_LINES = 5
 """Lines of a table beside its rows."""
 _MAX_STEP_LINES = 20
 """Maximum number of lines of a step that is printed beside the table of steps."""
-_MAIN = ("mass_matrix", "centripetal", "coriolis", "gravity_forces", "equations")
-"""Steps of a derivation that is written out, unless others are selected."""
-_FIRST = ("equations", "gravity_forces", "mass_matrix", "lagrangian")
-"""Steps printed beside the table of steps, if they are short enough."""
+_EXPANDED_STEPS = ("mass_matrix", "centripetal", "coriolis", "gravity_forces", "equations")
+"""Steps printed of an expanded derivation, unless others are selected."""
+_STEPS_BESIDE_TABLE = ("equations", "gravity_forces", "mass_matrix", "lagrangian")
+"""Steps printed beside the table of steps, if they are short enough; in the order of their importance."""
 
 
 def derivation_view(derivation: Derivation) -> Iterator[Block]:
     """Blocks of a derivation, verdict first."""
     yield _headline(derivation)
-    legend, steps = _legend(derivation), {step.name: _equations(step) for step in derivation.steps}
+    legend = _legend(derivation)
+    steps = {step.name: _equations(step) for step in derivation.steps}
     names = derivation.selected
     if not names:
-        names = _MAIN if derivation.form == "expanded" else tuple(steps)
-    shown = [steps[name] for name in names if name in steps]
-    if derivation.selected is None and _height(legend) + sum(map(_height, shown)) + _FRAME > _MAX_LINES:
+        names = _EXPANDED_STEPS if derivation.form == "expanded" else tuple(steps)
+    printed_steps = [steps[name] for name in names if name in steps]
+    is_selection = derivation.selected is not None
+    line_count = _height(legend) + sum(map(_height, printed_steps)) + _OTHER_LINES
+    if not is_selection and line_count > _MAX_LINES:
         yield from _overview(derivation, legend, steps)
     else:
         yield legend
-        yield _steps(derivation, Level.PAGE)
-        yield from shown
-        if derivation.selected is None:
+        yield _step_table(derivation, Level.PAGE)
+        yield from printed_steps
+        if not is_selection:
             for block in steps.values():
-                if block not in shown:
+                if block not in printed_steps:
                     yield replace(block, level=Level.ALL)
         yield from _check(derivation, Level.SHORT)
-        if derivation.selected is None:
+        if not is_selection:
             yield More(f"All {len(steps)} steps")
     yield from remarks(derivation.remarks)
 
@@ -68,39 +73,42 @@ def _headline(derivation: Derivation) -> Headline:
 
 
 def _overview(derivation: Derivation, legend: Aligned, steps: dict[str, Aligned]) -> Iterator[Block]:
-    """Table of the steps, and short steps or the shortest entry of M; everything with all lines."""
-    yield _steps(derivation, Level.SHORT)
-    room = _MAX_LINES - _FRAME - len(steps) - _TABLE_LINES
-    short: list[str] = []
-    for name in _FIRST:
-        if name in steps and _height(steps[name]) <= min(room, _MAX_STEP_LINES):
-            short.append(name)
-            room -= _height(steps[name])
-    if "mass_matrix" not in short:
-        left, right = min(steps["mass_matrix"].rows, key=lambda row: text_width(row[1]))
-        yield Line(f"{left} {right}")
+    """Table of the steps, short steps, and an entry of M if M is not among them; with ``Level.ALL`` everything."""
+    yield _step_table(derivation, Level.SHORT)
+    remaining_lines = _MAX_LINES - _OTHER_LINES - len(steps) - _TABLE_HEAD_LINES
+    short_steps: list[str] = []
+    for name in _STEPS_BESIDE_TABLE:
+        if name in steps and _height(steps[name]) <= min(remaining_lines, _MAX_STEP_LINES):
+            short_steps.append(name)
+            remaining_lines -= _height(steps[name])
+    if "mass_matrix" not in short_steps:
+        label, shortest_entry = min(steps["mass_matrix"].rows, key=lambda row: text_width(row[1]))
+        yield Line(f"{label} {shortest_entry}")
     yield replace(legend, level=Level.ALL)
     for name, block in steps.items():
-        if name in short:
+        if name in short_steps:
             yield block
         else:
             yield replace(block, level=Level.ALL)
     yield from _check(derivation, Level.ALL)
-    yield More(f"All {_height(legend) + sum(map(_height, steps.values()))} lines of symbols and steps")
+    line_count = _height(legend) + sum(map(_height, steps.values()))
+    yield More(f"All {line_count} lines of symbols and steps")
 
 
 def _height(block: Aligned) -> int:
-    """Lines of a block in the columns for which lines are counted; a title has a blank line before it."""
+    """Number of lines of a block at the width ``_WIDTH``; a title has a blank line before it."""
     title = block.title_lines(_WIDTH)
-    return len(block.lines(_WIDTH)) + len(title) + bool(title)
+    blank_lines = 1 if title else 0
+    return len(block.lines(_WIDTH)) + len(title) + blank_lines
 
 
 def _legend(derivation: Derivation) -> Aligned:
+    """Symbols with their meanings, and values of parameters."""
     notation = Text()
-    rows = []
-    for name, meaning in derivation.meanings:
-        rows.append((notation.symbol(name), meaning))
-    rows += [(notation.symbol(p.name), f"{p.meaning}: {number(p.value, 6)}") for p in derivation.parameters]
+    meanings = dict(derivation.meanings)
+    for parameter in derivation.parameters:
+        meanings[parameter.name] = f"{parameter.meaning}: {number(parameter.value, 6)}"
+    rows = [(notation.symbol(name), meaning) for name, meaning in meanings.items()]
     return Aligned("", rows, wrap, gap="  ")
 
 
@@ -117,26 +125,27 @@ def _check(derivation: Derivation, level: Level) -> Iterator[Block]:
         yield Aligned(str(derivation.check), (), wrap, level=level)
 
 
-def _steps(derivation: Derivation, level: Level) -> Table:
+def _step_table(derivation: Derivation, level: Level) -> Table:
     """Number of entries and terms of each step, and its longest entry."""
     notation, steps = Text(), derivation.steps
-    totals, largest = [], []
+    term_counts, longest_entries = [], []
     for step in steps:
-        counts = [_terms(expr) for _, expr in step.lines]
-        label, _ = step.lines[counts.index(max(counts))]
-        totals.append(sum(counts))
-        largest.append(label.write(notation))
+        entry_counts = [_term_count(expr) for _, expr in step.lines]
+        longest = entry_counts.index(max(entry_counts))
+        label, _ = step.lines[longest]
+        term_counts.append(sum(entry_counts))
+        longest_entries.append(label.write(notation))
     return Table(
         "Steps",
         words("step", map(heading, steps)),
         numbers("entries", [len(step.lines) for step in steps]),
-        numbers("terms", totals),
-        words("largest", largest),
+        numbers("terms", term_counts),
+        words("largest", longest_entries),
         level=level,
     )
 
 
-def _terms(expr: Any) -> int:
+def _term_count(expr: Any) -> int:
     """Number of terms of a sum, or of all entries of a column."""
     entries = list(expr) if hasattr(expr, "shape") else [expr]
     return sum(map(len, map(sympy.Add.make_args, entries)))

@@ -38,10 +38,11 @@ class Latex(Notation):
         return f"{mantissa} \\cdot 10^{{{int(power)}}}"
 
     def function(self, name: str, argument: str, power: str = "") -> str:
-        head = f"\\{name}^{{{power}}}" if power else f"\\{name}"
-        if re.fullmatch(r"\\?\w+(_\{\w+\})?", argument):
-            return f"{head}{{{argument}}}"
-        return f"{head}({argument})"
+        function = f"\\{name}^{{{power}}}" if power else f"\\{name}"
+        is_single_symbol = re.fullmatch(r"\\?\w+(_\{\w+\})?", argument)  # needs no parentheses
+        if is_single_symbol:
+            return f"{function}{{{argument}}}"
+        return f"{function}({argument})"
 
     def superscript(self, base: str, power: str) -> str:
         return f"{base}^{{{power}}}"
@@ -67,8 +68,8 @@ class Latex(Notation):
         return "\\begin{bmatrix} " + " \\\\ ".join(map(" & ".join, rows)) + " \\end{bmatrix}"
 
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
-        slope = f"\\frac{{\\partial {top}}}{{\\partial {variable}}}"
-        return f"\\frac{{d}}{{dt}} {slope}" if rate else slope
+        derivative = f"\\frac{{\\partial {top}}}{{\\partial {variable}}}"
+        return f"\\frac{{d}}{{dt}} {derivative}" if rate else derivative
 
     def partial(self, variable: str, inner: str) -> str:
         return f"\\frac{{\\partial}}{{\\partial {variable}}} {inner}"
@@ -77,7 +78,8 @@ class Latex(Notation):
         return str(sympy.latex(expr))
 
 
-_MARGIN = 4  # symbols: the equals sign, or the indentation of a continuation line
+_MARGIN = 4
+"""Width in symbols of the equals sign, or of the indentation of a continuation line."""
 _AXES = "xyz"
 
 _HEADINGS = {
@@ -101,9 +103,9 @@ def heading(step: Step) -> str:
 
 
 def sentence(remark: str) -> str:
-    """Remark with a full stop, and a capital letter if it begins with a word."""
+    """Remark with a full stop, and with a capital letter unless it begins with a symbol."""
     first_word = remark.partition(" ")[0]
-    if first_word.isalpha() and len(first_word) > 1:
+    if first_word.isalpha() and len(first_word) > 1:  # a single letter is a symbol
         remark = remark[:1].upper() + remark[1:]
     return f"{remark}."
 
@@ -126,28 +128,29 @@ def latex_document(equations: Equations, steps: tuple[Step, ...], notation: Late
     body = "\n".join(parts)
     if not whole:
         return body + "\n"
-    rows = [f"${notation.symbol(name)}$ & {_latex_text(meaning)} \\\\" for name, meaning in legend(equations)]
+    symbol_rows = [f"${notation.symbol(name)}$ & {_latex_text(meaning)} \\\\" for name, meaning in legend(equations)]
     table = ""
-    if rows:
-        table = "\n".join(["\\begin{tabular}{ll}", *rows, "\\end{tabular}", ""])
-    head = (
+    if symbol_rows:
+        table = "\n".join(["\\begin{tabular}{ll}", *symbol_rows, "\\end{tabular}", ""])
+    preamble = (
         "\\documentclass[a4paper]{article}\n\\usepackage{amsmath,amssymb}\n\\usepackage[margin=20mm]{geometry}\n"
         "\\allowdisplaybreaks\n\\setlength{\\parindent}{0pt}\n\\begin{document}\n"
     )
     title = f"\\section*{{Equations of motion of {_latex_text(equations.name)}}}\n"
     remarks = "".join(f"{_latex_text(text)}\n\n" for text in remarks_of(equations))
-    return f"{head}{title}{remarks}{table}{body}\n\\end{{document}}\n"
+    return f"{preamble}{title}{remarks}{table}{body}\n\\end{{document}}\n"
 
 
 def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: Notation) -> str:
     """Markdown: headings, a table of symbols, and formulas between dollars."""
-    parts = [f"# Equations of motion of {_markdown_text(equations.name)}", *map(_markdown_text, remarks_of(equations))]
-    rows = []
+    title = f"# Equations of motion of {_markdown_text(equations.name)}"
+    parts = [title, *map(_markdown_text, remarks_of(equations))]
+    symbol_rows = []
     for name, meaning in legend(equations):
         cell = _markdown_text(meaning).replace("|", "\\|")
-        rows.append(f"| ${notation.symbol(name)}$ | {cell} |")
-    if rows:
-        parts.append("\n".join(["| symbol | meaning |", "|---|---|", *rows]))
+        symbol_rows.append(f"| ${notation.symbol(name)}$ | {cell} |")
+    if symbol_rows:
+        parts.append("\n".join(["| symbol | meaning |", "|---|---|", *symbol_rows]))
     for step in steps:
         parts.append(f"## {heading(step)}\n\n{sentence(step.remark)}")
         lines = _aligned_lines(step, notation)
@@ -156,58 +159,62 @@ def markdown_document(equations: Equations, steps: tuple[Step, ...], notation: N
 
 
 def _markdown_text(text: str) -> str:
-    """Text without links and HTML elements."""
+    """Text in which Markdown does not see links and HTML elements."""
     return visible(text).replace("](", "]\\(").replace("<", "&lt;")
 
 
 def legend(equations: Equations) -> list[tuple[str, str]]:
     """Names of the symbols with their meanings and values."""
-    values = [(p.name, f"{p.meaning}: {printed(p.value)}") for p in equations.parameters]
-    return [*equations.meanings, *values]
+    meanings = [
+        (parameter.name, f"{parameter.meaning}: {printed(parameter.value)}") for parameter in equations.parameters
+    ]
+    return [*equations.meanings, *meanings]
 
 
 def _aligned_lines(step: Step, notation: Notation) -> list[str]:
     """Aligned ``left &= right`` for each line; long sums take several lines, long columns one line per entry."""
-    room = _room(step.lines, notation)
+    width = _right_side_width(step.lines, notation)
     lines: list[Line] = []
     for line in step.lines:
-        lines.extend(_entries(line, room, notation))
-    room = min(room, _room(lines, notation))
+        lines.extend(_split_column(line, width, notation))
+    width = min(width, _right_side_width(lines, notation))  # entries of columns have longer labels
     formulas = []
     for label, expr in lines:
-        rows = [notation.write(expr)]
+        right_sides = [notation.write(expr)]
         if not hasattr(expr, "shape"):
-            rows = break_lines(rows[0], room, latex_symbols)
-        formulas.append(f"{label.write(notation)} &= " + " \\\\\n&\\quad ".join(rows))
+            right_sides = break_lines(right_sides[0], width, latex_symbols)
+        formulas.append(f"{label.write(notation)} &= " + " \\\\\n&\\quad ".join(right_sides))
     return formulas
 
 
-def _room(lines: Iterable[Line], notation: Notation) -> int:
-    """Number of symbols left of the widest left-hand side."""
-    widths = [latex_symbols(label.write(notation)) for label, _ in lines]
-    return LINE_SYMBOLS - _MARGIN - max(widths, default=0)
+def _right_side_width(lines: Iterable[Line], notation: Notation) -> int:
+    """Number of symbols that remain for right-hand sides beside the widest left-hand side."""
+    label_widths = [latex_symbols(label.write(notation)) for label, _ in lines]
+    return LINE_SYMBOLS - _MARGIN - max(label_widths, default=0)
 
 
-def _entries(line: Line, room: int, notation: Notation) -> list[Line]:
-    """Column that is too wide, as three lines such as p_2x, p_2y and p_2z."""
+def _split_column(line: Line, width: int, notation: Notation) -> list[Line]:
+    """The line, or three lines such as p_2x, p_2y and p_2z if its right-hand side is a column that is too wide."""
     label, expr = line
     if not hasattr(expr, "shape"):
         return [line]
-    width = max(latex_symbols(notation.write(entry)) for entry in expr)
-    if width + _MARGIN <= room:
+    widest_entry = max(latex_symbols(notation.write(entry)) for entry in expr)
+    if widest_entry + _MARGIN <= width:
         return [line]
-    return [(replace(label, name=f"{label.name}{axis}"), x) for axis, x in zip(_AXES, expr, strict=True)]
+    return [(replace(label, name=f"{label.name}{axis}"), entry) for axis, entry in zip(_AXES, expr, strict=True)]
 
 
-_PLAIN = {
+_LATEX_OF_CHARACTERS = {
     "Γ": "$\\Gamma$", "τ": "$\\tau$", "Σ": "$\\Sigma$", "ω": "$\\omega$", "½": "$\\tfrac12$", "∂": "$\\partial$", "−": "$-$",
     "·": "$\\cdot$", "≤": "$\\le$", "q̇": "$\\dot q$", "q̈": "$\\ddot q$", "²": "$^2$", "–": "--", "…": "\\dots{}",
     "_": "\\_", "%": "\\%", "&": "\\&", "#": "\\#", "$": "\\$", "{": "\\{", "}": "\\}", "^": "\\^{}", "~": "\\~{}",
     "\\": "\\textbackslash{}",
 }  # fmt: skip
-_SPECIAL = re.compile("|".join(map(re.escape, sorted(_PLAIN, key=len, reverse=True))))
+# The longest come first: a letter with a combining dot is longer than the letter.
+_SPECIAL = re.compile("|".join(map(re.escape, sorted(_LATEX_OF_CHARACTERS, key=len, reverse=True))))
 
 
 def _latex_text(text: str) -> str:
     """Names and sentences in LaTeX, with adjacent formulas joined."""
-    return re.sub(r"(?<!\\)\$\$", "", _SPECIAL.sub(lambda match: _PLAIN[match.group()], text))
+    latex = _SPECIAL.sub(lambda match: _LATEX_OF_CHARACTERS[match.group()], text)
+    return re.sub(r"(?<!\\)\$\$", "", latex)  # the end of a formula and the begin of the next one

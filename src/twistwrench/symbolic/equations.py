@@ -30,21 +30,26 @@ from .web_page import html_page
 
 @dataclass(frozen=True)
 class Label:
-    """Left-hand side of an equation: a symbol, or a derivative of L, K or P with respect to one."""
+    """Left-hand side of an equation: a symbol, or a derivative of L, K or P with respect to a symbol."""
 
     name: str
+    """Symbol, or letter of the quantity that is differentiated."""
     variable: str = ""
+    """Symbol of differentiation; empty for a plain symbol."""
     rate: bool = False
+    """True for the derivative's rate, d/dt of it."""
     time: str = ""
-    """Symbol of time, for the part of a rate due to time alone."""
+    """Symbol of time, for the part of a rate due to time alone, ∂/∂t of the derivative."""
 
     def write(self, notation: Notation) -> str:
         """Text in the given notation."""
-        top = notation.symbol(self.name)
+        quantity = notation.symbol(self.name)
         if not self.variable:
-            return top
-        slope = notation.slope(top, notation.symbol(self.variable), rate=self.rate)
-        return notation.partial(notation.symbol(self.time), slope) if self.time else slope
+            return quantity
+        derivative = notation.slope(quantity, notation.symbol(self.variable), rate=self.rate)
+        if self.time:
+            return notation.partial(notation.symbol(self.time), derivative)
+        return derivative
 
 
 Line = tuple[Label, Any]
@@ -151,7 +156,7 @@ class Equations:
     @property
     def values(self) -> dict[Any, float]:
         """Map from symbols of the named parameters to numbers, for ``subs``."""
-        return {sympy.Symbol(p.name): p.value for p in self.parameters}
+        return {sympy.Symbol(parameter.name): parameter.value for parameter in self.parameters}
 
     # ── output ──
 
@@ -285,23 +290,23 @@ class Equations:
         if not isinstance(name, str) or name not in FUNCTIONS:
             raise UnknownNameError.from_choices("function", name, FUNCTIONS)
         if "module" not in self.cache:
-            scope: dict[str, Any] = {}
-            exec(compile(self.numpy_source(), f"<equations of {self.name}>", "exec"), scope)
-            self.cache["module"] = scope
-        return _complete(self.cache["module"][name], names_of(constants(self)))
+            module: dict[str, Any] = {}
+            exec(compile(self.numpy_source(), f"<equations of {self.name}>", "exec"), module)
+            self.cache["module"] = module
+        return _with_checked_parameters(self.cache["module"][name], names_of(constants(self)))
 
 
-def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., Any]:
-    """Wrap the function with a check that every constant has a number."""
-    form = signature(function)
+def _with_checked_parameters(function: Callable[..., Any], names: list[str]) -> Callable[..., Any]:
+    """Wrap the function with a check that every constant has a number. ``names`` are the names of all constants."""
+    function_signature = signature(function)
+    has_defaults = function_signature.parameters["parameters"].default is not Argument.empty
 
     @wraps(function)
     def check_and_call(*args: Any, **kwargs: Any) -> Any:
-        bound = form.bind_partial(*args, **kwargs).arguments
-        has_defaults = form.parameters["parameters"].default is not Argument.empty
-        if "parameters" not in bound and has_defaults:
+        arguments = function_signature.bind_partial(*args, **kwargs).arguments
+        if "parameters" not in arguments and has_defaults:
             return function(*args, **kwargs)
-        numbers = bound.get("parameters", {})
+        numbers = arguments.get("parameters", {})
         if not isinstance(numbers, Mapping):
             raise ShapeError(
                 f"parameters={numbers!r}: give a dict of {', '.join(names) or 'nothing'} and their numbers."
@@ -318,7 +323,7 @@ def _complete(function: Callable[..., Any], names: list[str]) -> Callable[..., A
                 f"parameters= of {function.__name__} has no number for {', '.join(missing)}. All are wanted: "
                 f"{', '.join(names)}."
             )
-        return function(**{**bound, "parameters": values})
+        return function(**{**arguments, "parameters": values})
 
     return check_and_call
 
@@ -343,8 +348,9 @@ STEPS = {
 
 def entry_name(letter: str, *indices: int) -> str:
     """Name of an entry: M, 0, 1 → M_12; indices beyond nine are separated."""
-    apart = "_" if max(indices) > 8 else ""
-    return f"{letter}_{apart.join(str(i + 1) for i in indices)}"
+    separator = "_" if max(indices) > 8 else ""
+    index_text = separator.join(str(index + 1) for index in indices)
+    return f"{letter}_{index_text}"
 
 
 def weighted_sum(coefficients: Iterable[Any], factors: Iterable[Any]) -> Any:
@@ -357,19 +363,20 @@ def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     n, ring = len(terms.coordinates), terms.ring
     names, rates, accelerations = variable_names(terms.coordinates)
     motions = [*rates, *accelerations]
-    speed, push = list(map(ring.symbol, rates)), list(map(ring.symbol, accelerations))
+    dq, ddq = list(map(ring.symbol, rates)), list(map(ring.symbol, accelerations))
     L = terms.kinetic - terms.potential
 
-    def moving(total: TrigPolynomial) -> Any:
+    def write_force(total: TrigPolynomial) -> Any:
         return writer.write_by_motion(total, motions, writer.write_by_angle)
 
-    def energetic(total: TrigPolynomial) -> Any:
+    def write_energy(total: TrigPolynomial) -> Any:
         return writer.write_by_motion(total, motions, writer.write_by_mass)
 
-    def rate(total: TrigPolynomial) -> TrigPolynomial:
+    def rate_of(total: TrigPolynomial) -> TrigPolynomial:
+        """Derivative with respect to time, by the chain rule."""
         result = terms.zero
-        for c, v, a in zip(terms.coordinates, speed, push, strict=True):
-            result = result + total.diff(c.name) * v + total.diff(c.rate) * a
+        for coordinate, v, a in zip(terms.coordinates, dq, ddq, strict=True):
+            result = result + total.diff(coordinate.name) * v + total.diff(coordinate.rate) * a
         return result
 
     def product_sum(coefficients: Iterable[TrigPolynomial], factors: Iterable[TrigPolynomial]) -> TrigPolynomial:
@@ -378,26 +385,31 @@ def assemble_equations(terms: Terms, writer: EquationWriter) -> dict[str, Any]:
     M, gamma, g = terms.mass_matrix, terms.christoffel, terms.gravity_forces
     C: Any = np.empty((n, n), object)
     for i, j in np.ndindex(n, n):
-        C[i, j] = product_sum(gamma[i, j], speed)
-    c = [product_sum(C[i], speed) for i in range(n)]
-    momenta, slopes = list(map(L.diff, rates)), list(map(L.diff, names))
+        C[i, j] = product_sum(gamma[i, j], dq)
+    c = [product_sum(C[i], dq) for i in range(n)]
+    momenta = list(map(L.diff, rates))  # ∂L/∂q̇
+    slopes = list(map(L.diff, names))  # ∂L/∂q
+    momentum_rates = list(map(rate_of, momenta))
     matrix = sympy.ImmutableMatrix
     written_M = matrix(n, n, lambda i, j: writer.write_by_mass(M[min(i, j), max(i, j)]))
     written_gamma = sympy.ImmutableDenseNDimArray(list(map(writer.write_by_angle, gamma.flat)), gamma.shape)
-    written_C = matrix(n, n, lambda i, j: moving(C[i, j]))
-    written_c, written_g = matrix(list(map(moving, c))), matrix(list(map(writer.write_by_angle, g)))
-    ddq = [writer.symbols[name] for name in accelerations]
-    # Further parts of L besides ½ q̇'M q̇ and its potential: terms linear in the rates also produce forces.
+    written_C = matrix(n, n, lambda i, j: write_force(C[i, j]))
+    written_c = matrix(list(map(write_force, c)))
+    written_g = matrix(list(map(writer.write_by_angle, g)))
+    written_ddq = [writer.symbols[name] for name in accelerations]
+    # If L has terms linear in the rates besides ½ q̇'M q̇ and a potential, they produce further forces.
     tau, split = [], True
     for i in range(n):
-        further = (rate(momenta[i]) - slopes[i] - product_sum(M[i], push) - c[i] - g[i]).without_dust(0.0)
-        split &= not further.terms
-        tau.append(weighted_sum(written_M.row(i), ddq) + written_c[i] + written_g[i] + moving(further))
+        M_ddq = product_sum(M[i], ddq)
+        further_terms = (momentum_rates[i] - slopes[i] - M_ddq - c[i] - g[i]).without_dust(0.0)
+        split &= not further_terms.terms
+        inertia_terms = weighted_sum(written_M.row(i), written_ddq)
+        tau.append(inertia_terms + written_c[i] + written_g[i] + write_force(further_terms))
     fields = equation_fields(
         names, rates, written_M, written_gamma, written_C, written_c, written_g, matrix(tau),
-        list(map(energetic, momenta)), [energetic(rate(p)) for p in momenta], list(map(moving, slopes)),
+        list(map(write_energy, momenta)), list(map(write_energy, momentum_rates)), list(map(write_force, slopes)),
     )  # fmt: skip
-    return {**fields, "lagrangian": energetic(L), "split": split}
+    return {**fields, "lagrangian": write_energy(L), "split": split}
 
 
 def equation_fields(
@@ -416,7 +428,10 @@ def equation_fields(
     explicit_time: Sequence[Line] = (),
     only: Iterable[str] = STEPS,
 ) -> dict[str, Any]:
-    """Fields of :class:`Equations`, and the steps of :data:`STEPS` that have lines (only those in ``only``, if given)."""
+    """Fields of :class:`Equations`, with the steps of :data:`STEPS` that have lines and whose names are in ``only``.
+
+    ``q`` and ``dq`` are names of symbols, ``momenta`` are ∂L/∂q̇, ``rates`` their rates, and ``slopes`` ∂L/∂q.
+    """
     lines: defaultdict[str, list[Line]] = defaultdict(list)
     lines["explicit_time"] = list(explicit_time)
     n = len(q)

@@ -2,8 +2,9 @@
 
 Kinematics works with any arithmetic: sums of products in :mod:`.trig_polynomial`, SymPy expressions, floats.
 
-The recursive algorithms are not used. Positions come from the joints' placements and axes, and velocities are their
-derivatives. K = Σ ½ m v'v + ½ ω'I ω, and the rest is differentiation. Modern Robotics section 8.1.
+The recursive algorithms are not used. Positions follow from the joints' placements and axes, and velocities are derivatives of
+positions. The kinetic energy is K = Σ ½ m v'v + ½ ω'I ω; the equations are derivatives of energies. Modern Robotics section
+8.1.
 """
 
 from __future__ import annotations
@@ -40,20 +41,21 @@ class Arithmetic(Protocol):
 
 def numbers_of(arithmetic: Arithmetic, entries: Any) -> Array:
     """Array of entries in this arithmetic."""
-    return np.asarray(np.frompyfunc(arithmetic.number, 1, 1)(np.array(entries, object)))
+    number_of_each = np.frompyfunc(arithmetic.number, 1, 1)
+    return np.asarray(number_of_each(np.array(entries, object)))
 
 
 def joint_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
     """Pose of a body's frame in its parent's frame, R (3, 3) and p (3,); MR eq. 3.51 and 3.88."""
-    R0, p0 = exact(body.placement[:3, :3]), numbers_of(arithmetic, entries.place)
+    R_placement, p_placement = exact(body.placement[:3, :3]), numbers_of(arithmetic, entries.place)
     joint, first = body.joint, body.v_index
     if not joint.moves_body:
         R, p = exact(np.eye(3)), numbers_of(arithmetic, (Entry(0.0),) * 3)
     elif joint.nv == 1:
-        R, p = _screw(arithmetic, body, entries)
+        R, p = _screw_motion(arithmetic, body, entries)
     else:
         R, p = joint.chart_pose(chart_waves(arithmetic, body), lambda k: arithmetic.coordinate(first + k))
-    return R0 @ R, p0 + R0 @ p
+    return R_placement @ R, p_placement + R_placement @ p
 
 
 def chart_waves(arithmetic: Arithmetic, body: Body) -> CosineSine:
@@ -61,12 +63,13 @@ def chart_waves(arithmetic: Arithmetic, body: Body) -> CosineSine:
     return lambda k: arithmetic.cosine_sine(body.v_index + k, 1.0, 0.0)
 
 
-def _screw(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
+def _screw_motion(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Array, Array]:
+    """R (3, 3) and p (3,) of a joint of one degree of freedom, from the point of its axis and its pitch."""
     w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
     k, rate = body.v_index, float(np.linalg.norm(w))
-    if abs(rate - 1.0) < 1e-15:
+    if abs(rate - 1.0) < 1e-15:  # a unit vector up to rounding
         rate = 1.0
-    x = exact(body.ratio) * arithmetic.coordinate(k) + exact(body.offset)
+    x = exact(body.ratio) * arithmetic.coordinate(k) + exact(body.offset)  # coordinate of this joint
     if rate == 0.0:
         return exact(np.eye(3)), exact(v) * x
     w = w / rate
@@ -75,17 +78,20 @@ def _screw(arithmetic: Arithmetic, body: Body, entries: BodyEntries) -> tuple[Ar
     return R, point - R @ point + exact(w) * (pitch * (exact(rate) * x))
 
 
-_DUST = 1e-14
+_ROUNDING_SHARE = 1e-14
 """Terms below this share of an energy's largest coefficient are rounding errors of cancelled terms."""
 
 
 @dataclass(frozen=True, eq=False)
 class SymbolicMotion:
-    """Positions and velocities of the centres of mass in the base frame, and angular velocities in body axes; (3,) each."""
+    """Motion of all bodies as sums of products; (3,) each."""
 
     positions: tuple[Array, ...]
+    """Positions of the centres of mass in the base frame."""
     velocities: tuple[Array, ...]
+    """Velocities of the centres of mass in the base frame."""
     turning: tuple[Array, ...]
+    """Angular velocities in body axes."""
 
     def products(self, inertias: Iterable[tuple[Entries, ...]]) -> int:
         """Number of products of two terms in the kinetic energy."""
@@ -93,9 +99,9 @@ class SymbolicMotion:
         for v, w, I in zip(self.velocities, self.turning, inertias, strict=True):
             for component in v:
                 count += len(component) ** 2
-            for a, b in np.ndindex(3, 3):
-                if I[a][b].value:
-                    count += len(w[a]) * len(w[b])
+            for row, column in np.ndindex(3, 3):
+                if I[row][column].value:
+                    count += len(w[row]) * len(w[column])
         return count
 
 
@@ -104,7 +110,7 @@ class RingArithmetic:
 
     def __init__(self, ring: Ring, coordinates: tuple[Coordinate, ...]) -> None:
         self.ring, self.coordinates = ring, coordinates
-        self._places = {name: k for k, name in enumerate(ring.angles)}
+        self._angle_indices = {name: k for k, name in enumerate(ring.angles)}
 
     def number(self, entry: Entry) -> TrigPolynomial:
         """Number of the model, or its symbol."""
@@ -118,29 +124,31 @@ class RingArithmetic:
 
     def cosine_sine(self, k: int, rate: float, offset: float) -> tuple[TrigPolynomial, TrigPolynomial]:
         """Cosine and sine of ``rate`` times coordinate k plus ``offset``."""
-        multiples: list[Any] = [0] * len(self._places)
+        multiples: list[Any] = [0] * len(self._angle_indices)
         multiple: Any = Fraction(rate)  # a float is a fraction, so sums of multiples are exact
         if multiple.denominator == 1:
             multiple = int(multiple)
-        multiples[self._places[self.coordinates[k].name]] = multiple
+        multiples[self._angle_indices[self.coordinates[k].name]] = multiple
         c, s = self.ring.wave("cos", multiples), self.ring.wave("sin", multiples)
         if not offset:
             return c, s
-        c0, s0 = _without_round_off(np.cos(offset)), _without_round_off(np.sin(offset))
-        return c * c0 - s * s0, s * c0 + c * s0
+        c_offset, s_offset = _without_round_off(np.cos(offset)), _without_round_off(np.sin(offset))
+        return c * c_offset - s * s_offset, s * c_offset + c * s_offset
 
 
 def _without_round_off(x: float) -> float:
-    """Nearest integer if a cosine or sine equals it but for rounding, else the number itself."""
-    return round(x) if abs(x - round(x)) < 1e-15 else x
+    """Nearest integer if a cosine or sine equals it up to rounding, else the number itself."""
+    nearest = round(x)
+    return nearest if abs(x - nearest) < 1e-15 else x
 
 
 def ring_of(entries: ModelEntries, coordinates: tuple[Coordinate, ...]) -> Ring:
     """Ring of a robot: its parameters, coordinates and rates."""
     names = names_of(entries.parameters)
-    for c in coordinates:
-        names += [c.name, c.rate, c.acceleration]
-    return Ring(names, [c.name for c in coordinates if c.angle])
+    for coordinate in coordinates:
+        names += [coordinate.name, coordinate.rate, coordinate.acceleration]
+    angles = [coordinate.name for coordinate in coordinates if coordinate.angle]
+    return Ring(names, angles)
 
 
 def motion_of(
@@ -148,13 +156,13 @@ def motion_of(
     entries: ModelEntries,
     coordinates: tuple[Coordinate, ...],
     ring: Ring,
-    largest_position: int,
-    largest_rotation: int,
+    max_position_terms: int,
+    max_rotation_terms: int,
 ) -> SymbolicMotion | None:
     """Positions and velocities of all bodies; None if an entry has more terms than allowed."""
     arithmetic = RingArithmetic(ring, coordinates)
     poses: list[tuple[Array, Array]] = []
-    positions, velocities, turning = [], [], []
+    positions, velocities, angular_velocities = [], [], []
 
     def rates_of(array: Array) -> Array:
         return np.asarray(np.frompyfunc(lambda x: _rate(x, coordinates, ring), 1, 1)(array))
@@ -163,41 +171,44 @@ def motion_of(
     for body, numbers in zip(model.bodies, entries.bodies, strict=True):
         R, p = joint_motion(arithmetic, body, numbers)
         if body.parent != BASE:
-            R_p, p_p = poses[body.parent]
-            R, p = R_p @ R, p_p + R_p @ p
+            R_parent, p_parent = poses[body.parent]
+            R, p = R_parent @ R, p_parent + R_parent @ p
         poses.append((R, p))
         centre = p + R @ numbers_of(arithmetic, numbers.com)
-        if _terms(centre, ring) > largest_position or _terms(R.flat, ring) > largest_rotation:
+        if _max_terms(centre, ring) > max_position_terms or _max_terms(R.flat, ring) > max_rotation_terms:
             return None
         R = _sums(R, zero)
-        spin = [zero] * 3
-        if not body.joint.moves_body:  # rotates a frame of the same body
+        rotor_velocity = [zero] * 3
+        if not body.joint.moves_body:  # a rotor rotates, but its frame does not
             rate = ring.symbol(coordinates[body.v_index].rate)
             for axis, component in enumerate(body.joint.axes[0, :3]):
-                spin[axis] = float(component) * arithmetic.number(numbers.ratio) * rate
+                rotor_velocity[axis] = float(component) * arithmetic.number(numbers.ratio) * rate
         W = rates_of(R)
         if W.any():
             W = R.T @ W  # [ω_b] = R'Ṙ, MR eq. 3.33
-        omega = np.array([W[2, 1], W[0, 2], W[1, 0]], object) + np.array(spin, object)
-        positions.append(_sums(centre, zero))
-        velocities.append(rates_of(positions[-1]))
-        turning.append(np.array([x.without_dust(_DUST) for x in omega], object))
-    return SymbolicMotion(tuple(positions), tuple(velocities), tuple(turning))
+        omega = np.array([W[2, 1], W[0, 2], W[1, 0]], object) + np.array(rotor_velocity, object)
+        position = _sums(centre, zero)
+        positions.append(position)
+        velocities.append(rates_of(position))
+        angular_velocities.append(np.array([component.without_dust(_ROUNDING_SHARE) for component in omega], object))
+    return SymbolicMotion(tuple(positions), tuple(velocities), tuple(angular_velocities))
 
 
 def _sums(array: Array, zero: TrigPolynomial) -> Array:
-    """Entries as sums of the ring, numbers too."""
+    """Entries as sums of the ring; an entry that is a number becomes a constant sum."""
     return np.asarray(np.frompyfunc(lambda x: zero + x, 1, 1)(array))
 
 
-def _terms(entries: Iterable[Any], ring: Ring) -> int:
-    return max(len(ring.number(0.0) + x) for x in entries)
+def _max_terms(entries: Iterable[Any], ring: Ring) -> int:
+    """Number of terms of the longest entry."""
+    return max(len(ring.number(0.0) + entry) for entry in entries)
 
 
 def _rate(x: TrigPolynomial, coordinates: tuple[Coordinate, ...], ring: Ring) -> TrigPolynomial:
+    """dx/dt = Σ ∂x/∂q_j q̇_j."""
     total = ring.number(0.0)
-    for c in coordinates:
-        total = total + x.diff(c.name) * ring.symbol(c.rate)
+    for coordinate in coordinates:
+        total = total + x.diff(coordinate.name) * ring.symbol(coordinate.rate)
     return total
 
 
@@ -205,11 +216,11 @@ def spring_energies(model: Model, entries: ModelEntries, arithmetic: RingArithme
     """½ k (Σ weight · coordinate - rest)² of each spring."""
     v_index = {body.joint.name: body.v_index for body in model.leaders}
     energies = []
-    for spring, k in zip(model.springs, entries.springs, strict=True):
+    for spring, stiffness in zip(model.springs, entries.springs, strict=True):
         stretch = arithmetic.ring.number(-spring.rest)
         for joint, weight in spring.terms:
             stretch = stretch + arithmetic.coordinate(v_index[joint]) * weight
-        energies.append(arithmetic.number(k) * stretch * stretch * 0.5)
+        energies.append(arithmetic.number(stiffness) * stretch * stretch * 0.5)
     return energies
 
 
@@ -232,31 +243,38 @@ def energies(
     for body, p, v, w in zip(entries.bodies, motion.positions, motion.velocities, motion.turning, strict=True):
         m, I = arithmetic.number(body.mass), numbers_of(arithmetic, body.inertia)
         K = (m * (v @ v) + w @ (I @ w)) * 0.5
-        kinetic.append(K.without_dust(_DUST))
-        potential.append((-1.0 * m * (gravity @ p)).without_dust(_DUST))
+        P = -1.0 * m * (gravity @ p)
+        kinetic.append(K.without_dust(_ROUNDING_SHARE))
+        potential.append(P.without_dust(_ROUNDING_SHARE))
     return kinetic, potential
 
 
 def chain_angles(model: Model, ring: Ring, coordinates: tuple[Coordinate, ...]) -> Array:
-    """(n, n) integers: row j is the sum of joint angles that rotates body j if the preceding axes are parallel."""
+    """(n, n) integers: row j is the sum of angles θ_j ± θ_i ± … along the chain of parallel axes that ends with joint j."""
     sums = np.eye(len(ring.angles), dtype=int)
     for body in model.bodies:
-        if body.follows or body.joint.nv > 1 or not coordinates[body.v_index].angle or body.parent == BASE:
+        if body.parent == BASE or not _has_own_angle(body):
             continue
         parent = model.bodies[body.parent]
-        if parent.follows or parent.joint.nv > 1 or not parent.joint.axes[0, :3].any():
+        if not _has_own_angle(parent):
             continue
-        cosine = float((body.placement[:3, :3] @ body.joint.axes[0, :3]) @ parent.joint.axes[0, :3])
-        if abs(abs(cosine) - 1.0) < 1e-12:
+        axis_in_parent = body.placement[:3, :3] @ body.joint.axes[0, :3]
+        cosine = float(axis_in_parent @ parent.joint.axes[0, :3])
+        if abs(abs(cosine) - 1.0) < 1e-12:  # parallel or opposite
             j = ring.angles.index(coordinates[body.v_index].name)
             i = ring.angles.index(coordinates[parent.v_index].name)
             sums[j] += int(np.sign(cosine)) * sums[i]
     return sums
 
 
+def _has_own_angle(body: Body) -> bool:
+    """True if a body's joint has one coordinate, an angle, that is not the leader's."""
+    return not body.follows and body.joint.nv == 1 and bool(body.joint.axes[0, :3].any())
+
+
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Derivatives of K and P that make up the equations."""
+    """Energies K and P as sums of products, and their derivatives that make up the equations."""
 
     ring: Ring
     coordinates: tuple[Coordinate | Variable, ...]
@@ -274,10 +292,10 @@ class Terms:
         n = len(self.coordinates)
         M = np.empty((n, n), object)
         L = self.kinetic - self.potential
-        for i, c in enumerate(self.coordinates):
-            momentum = L.diff(c.rate)
-            for j, other in enumerate(self.coordinates):
-                M[i, j] = momentum.diff(other.rate)
+        for i, row in enumerate(self.coordinates):
+            momentum = L.diff(row.rate)
+            for j, column in enumerate(self.coordinates):
+                M[i, j] = momentum.diff(column.rate)
         return M
 
     @cached_property
@@ -287,18 +305,18 @@ class Terms:
         M: Any = self.mass_matrix
         dM = np.empty((n, n, n), object)
         for i, j, k in np.ndindex(n, n, n):
-            if i <= j:
+            if i <= j:  # M is symmetric
                 dM[i, j, k] = dM[j, i, k] = M[i, j].diff(self.coordinates[k].name)
         gamma = np.empty((n, n, n), object)
         for i, j, k in np.ndindex(n, n, n):
-            if j <= k:
+            if j <= k:  # Γ_ijk = Γ_ikj
                 gamma[i, j, k] = gamma[i, k, j] = 0.5 * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i])
         return gamma
 
     @cached_property
     def gravity_forces(self) -> Array:
-        """g_i = ∂P/∂q_i; for energies without rates, also of L."""
+        """g_i = -∂L₀/∂q_i, where L₀ are the terms of L without rates; ∂P/∂q_i if all terms of K have rates."""
         names, rates, _ = variable_names(self.coordinates)
-        by_motion = (self.kinetic - self.potential).split(rates)
-        still = by_motion.get(0, self.zero)
-        return np.array([-still.diff(name) for name in names], object)
+        terms_by_rates = (self.kinetic - self.potential).split(rates)
+        without_rates = terms_by_rates.get(0, self.zero)
+        return np.array([-without_rates.diff(name) for name in names], object)

@@ -1,8 +1,8 @@
 """Readable forms of sums of products: squares and products of sines if they are shorter, with masses factored out.
 
-Each coefficient is written in the shortest of a few forms: with sums of angles, cos(θ_1 + θ_2); or with products of
-sines and cosines, either of single joint angles or of angles along a chain of parallel axes, cos²(θ_2), cos θ_2 cos(θ_2
-+ θ_3).
+Each coefficient is written in the shortest of a few forms. One has sums of angles, cos(θ_1 + θ_2). The others have products of
+sines and cosines, either of single joint angles, cos²(θ_2), or of angles along a chain of parallel axes, cos θ_2 cos(θ_2 +
+θ_3).
 """
 
 from __future__ import annotations
@@ -25,11 +25,17 @@ Row = tuple[Any, int, Waves]
 Term = tuple[Any, int]
 """Coefficient and monomial."""
 
-_MAX_FACTORED_TERMS, _MAX_FACTORED_NAMES = 28, 7  # numbers of terms and symbols in the square of a sum of seven
+# Sums up to the square of a sum of seven symbols are factored: it has 28 terms.
+_MAX_FACTORED_SYMBOLS = 7
+_MAX_FACTORED_TERMS = 28
 
 
 class EquationWriter:
-    """Writer of sums of one ring as SymPy expressions. ``expressions`` maps the ring's symbols to expressions."""
+    """Writer of sums of one ring as SymPy expressions.
+
+    ``sums`` (n, n) are angles along chains of parallel axes, as rows of integer multiples of the ring's n angles. ``masses``
+    are names of symbols to be factored out. ``expressions`` maps symbols of the ring to the expressions that replace them.
+    """
 
     def __init__(
         self,
@@ -40,38 +46,39 @@ class EquationWriter:
         expressions: Mapping[str, Any] | None = None,
     ) -> None:
         self.ring = ring
-        known = expressions or {}
-        self.symbols = {name: known.get(name, sympy.Symbol(name)) for name in ring.symbols}
-        n = len(ring.angles)
-        families = [np.eye(n, dtype=int)]
-        if sums is not None and (sums != families[0]).any():
+        replacements = expressions or {}
+        self.symbols = {name: replacements.get(name, sympy.Symbol(name)) for name in ring.symbols}
+        single_angles = np.eye(len(ring.angles), dtype=int)
+        families = [single_angles]
+        if sums is not None and (sums != single_angles).any():
             families.append(sums)
         self._forms = ShortestForms(families)
         self._masses = frozenset(masses)
-        self._waves: dict[Basis, Any] = {}
-        self._products: dict[frozenset[Term], Any] = {}
+        self._waves: dict[Basis, Any] = {}  # expressions of sines and cosines
+        self._products: dict[frozenset[Term], Any] = {}  # factored forms by terms; None if there is none
 
     # ── expressions ──
 
     def write_by_mass(self, total: TrigPolynomial) -> Any:
         """Sum with masses factored out: m_2 (L_1² + 2 L_1 L_2 cos θ_2 + L_2²)."""
         parts: list[Any] = []
-        for common, rows in _groups(self._rows(total), lambda row: self._mass_part(row[1])).items():
-            if not common or len(rows) == 1:
+        rows_by_mass = _groups(self._rows(total), lambda row: self._mass_part(row[1]))
+        for mass, rows in rows_by_mass.items():
+            if not mass or len(rows) == 1:
                 parts.extend(starmap(self._product, rows))
                 continue
             coefficients, _, _ = zip(*rows, strict=True)
             content = _content(coefficients)
-            quotients = [(c / content, m - common, waves) for c, m, waves in rows]
-            parts.append(self._product(content, common, (), self._write_by_waves(quotients)))
+            quotients = [(coefficient / content, monomial - mass, waves) for coefficient, monomial, waves in rows]
+            parts.append(self._product(content, mass, (), self._write_by_waves(quotients)))
         return sympy.Add(*parts)
 
     def write_by_angle(self, total: TrigPolynomial) -> Any:
         """Sum with terms of equal sines and cosines collected: (m_1 + m_2) L_1 g cos θ_1."""
         parts: list[Any] = []
         for waves, terms in _terms_by_waves(self._rows(total)).items():
-            content, common, quotient = self._divide_by_content(terms)
-            parts.append(self._product(content, common, waves, self._bracket(quotient)))
+            content, common_monomial, quotient = self._divide_by_content(terms)
+            parts.append(self._product(content, common_monomial, waves, self._bracket(quotient)))
         return sympy.Add(*parts)
 
     def _bracket(self, terms: list[Term]) -> Any:
@@ -79,52 +86,54 @@ class EquationWriter:
         product = self._factorize(terms)
         if product is not None:
             return product
-        groups = _groups(terms, lambda term: self._mass_part(term[1]))
+        terms_by_mass = _groups(terms, lambda term: self._mass_part(term[1]))
         parts: list[Any] = []
-        for mass, members in groups.items():
-            if not mass or len(members) == 1 or len(groups) == 1:
+        for mass, members in terms_by_mass.items():
+            if not mass or len(members) == 1 or len(terms_by_mass) == 1:
                 parts.append(self._sum(members))
                 continue
-            content, common, quotient = self._divide_by_content(members)
+            content, common_monomial, quotient = self._divide_by_content(members)
             inner = self._factorize(quotient)
             if inner is None:
                 inner = self._sum(quotient)
-            parts.append(self._product(content, common, (), inner))
+            parts.append(self._product(content, common_monomial, (), inner))
         return sympy.Add(*parts)
 
     def _sum(self, terms: list[Term]) -> Any:
-        return sympy.Add(*[self._product(c, m, ()) for c, m in terms])
+        return sympy.Add(*[self._product(coefficient, monomial, ()) for coefficient, monomial in terms])
 
     def _divide_by_content(self, terms: list[Term]) -> tuple[Any, int, list[Term]]:
         """Number and monomial that divide all terms, and the quotients."""
         coefficients, monomials = zip(*terms, strict=True)
-        content, common = _content(coefficients), self._common(monomials)
+        content = _content(coefficients)
+        common_monomial = self._common_monomial(monomials)
         quotients = []
         for coefficient, monomial in terms:
-            quotients.append((coefficient / content, monomial - common))
-        return content, common, quotients
+            quotients.append((coefficient / content, monomial - common_monomial))
+        return content, common_monomial, quotients
 
     def _factorize(self, terms: list[Term]) -> Any:
         """Polynomial of three or more terms as squares and products such as (L_2 + x_3)²; None if there are none."""
         if not 3 <= len(terms) <= _MAX_FACTORED_TERMS:
             return None
         for coefficient, _ in terms:
-            if not float(64 * coefficient).is_integer():
+            if not float(64 * coefficient).is_integer():  # not a simple fraction: a measured value
                 return None
         key = frozenset(terms)
         if key not in self._products:
-            self._products[key] = self._factors(terms)
+            self._products[key] = self._product_of_factors(terms)
         return self._products[key]
 
-    def _factors(self, terms: list[Term]) -> Any:
-        powers = [self.ring.exponents(m) for _, m in terms]
-        names = sorted(set().union(*powers))
-        if not 0 < len(names) <= _MAX_FACTORED_NAMES:
+    def _product_of_factors(self, terms: list[Term]) -> Any:
+        """Product of the polynomial's irreducible factors; None if there is only one, or if it has too many symbols."""
+        all_powers = [self.ring.exponents(monomial) for _, monomial in terms]
+        names = sorted(set().union(*all_powers))
+        if not 0 < len(names) <= _MAX_FACTORED_SYMBOLS:
             return None
         coefficients = {}
-        for (c, _), p in zip(terms, powers, strict=True):
-            exponents = tuple(p.get(name, 0) for name in names)
-            coefficients[exponents] = sympy.Rational(Fraction(c))
+        for (coefficient, _), powers in zip(terms, all_powers, strict=True):
+            exponents = tuple(powers.get(name, 0) for name in names)
+            coefficients[exponents] = sympy.Rational(Fraction(coefficient))
         polynomial = sympy.Poly.from_dict(coefficients, *map(sympy.Symbol, names), domain=sympy.QQ)
         if polynomial.total_degree() < 2:
             return None
@@ -137,31 +146,39 @@ class EquationWriter:
         return sympy.Mul(content, *_flat_factors(written_factors))
 
     def _expression(self, polynomial: Any, names: list[str]) -> Any:
+        """SymPy expression of a SymPy polynomial in the symbols with these names."""
         symbols = [self.symbols[name] for name in names]
-        terms = [sympy.Mul(c, *map(pow, symbols, powers)) for powers, c in polynomial.terms()]
+        terms = [sympy.Mul(coefficient, *map(pow, symbols, powers)) for powers, coefficient in polynomial.terms()]
         return sympy.Add(*terms)
 
     def write_by_motion(self, total: TrigPolynomial, motions: list[str], write: Callable[[TrigPolynomial], Any]) -> Any:
-        """Sum sorted by products of rates and accelerations; terms with proportional coefficients are combined."""
+        """Sum sorted by products of rates and accelerations; terms with proportional coefficients are combined.
+
+        ``motions`` are the names of rates and accelerations; ``write`` writes a coefficient. A motion in this function is the
+        monomial of such a product, 0 for terms without any.
+        """
+        # Each group is a coefficient with its members (ratio to the coefficient, motion).
         groups: list[tuple[TrigPolynomial, list[tuple[Any, int]]]] = []
         for motion, coefficient in sorted(total.split(motions).items()):
-            members, ratio = _proportional_group(groups, coefficient) if motion else (None, None)
+            members, ratio = None, None
+            if motion:
+                members, ratio = _proportional_group(groups, coefficient)
             if members is None:
                 groups.append((coefficient, [(1, motion)]))
             else:
                 members.append((ratio, motion))
         parts: list[Any] = []
         for coefficient, members in groups:
-            if not members[0][1]:
+            ratios, member_motions = zip(*members, strict=True)
+            if not member_motions[0]:
                 parts.append(write(coefficient))
                 continue
-            ratios, _ = zip(*members, strict=True)
             scale = min(map(abs, ratios))
-            positive = np.count_nonzero(np.array(ratios) > 0)
-            if 2 * positive < len(ratios):
+            positive_count = np.count_nonzero(np.array(ratios) > 0)
+            if 2 * positive_count < len(ratios):  # most motions get a plus sign
                 scale = -scale
             sign = 1
-            if all(scale * c < 0 for c in coefficient.terms.values()):
+            if all(scale * value < 0 for value in coefficient.terms.values()):
                 sign = -1
             inner = sympy.Add(*[sympy_number(ratio / scale) * self._power(motion) for ratio, motion in members])
             outer = write(coefficient * (sign * scale))
@@ -183,38 +200,41 @@ class EquationWriter:
                 for coefficient, monomial in group:
                     parts.append(self._product(coefficient, monomial, waves))
         factor_lists = list(map(sympy.Mul.make_args, parts))
-        shared = [factor for factor in factor_lists[0] if factor.is_Add]
+        shared_factors = [factor for factor in factor_lists[0] if factor.is_Add]
         for factors in factor_lists[1:]:
-            shared = [factor for factor in shared if factor in factors]
+            shared_factors = [factor for factor in shared_factors if factor in factors]
         quotients = []
         for factors in factor_lists:
-            own_factors = [factor for factor in factors if factor not in shared]
+            own_factors = [factor for factor in factors if factor not in shared_factors]
             quotients.append(sympy.Mul(*own_factors))
-        remainder = sympy.Add(*quotients)
-        return sympy.Mul(*shared, *sympy.Mul.make_args(remainder))
+        quotient_sum = sympy.Add(*quotients)
+        return sympy.Mul(*shared_factors, *sympy.Mul.make_args(quotient_sum))
 
     def _disjoint_groups(self, terms: list[Term]) -> list[list[Term]]:
-        """Groups of terms without common symbols: r² beside (L + x)²."""
-        groups: list[tuple[set[str], list[Term]]] = []
+        """Groups of terms; no symbol is in two groups, as in r² beside (L + x)²."""
+        groups: list[tuple[set[str], list[Term]]] = []  # names of symbols, and terms, of each group
         for term in terms:
-            names, members = set(self.ring.exponents(term[1])), [term]
-            disjoint = []
+            names = set(self.ring.exponents(term[1]))
+            members = [term]
+            disjoint_groups = []
             for group_names, group_members in groups:
                 if group_names & names:
                     names |= group_names
                     members = group_members + members
                 else:
-                    disjoint.append((group_names, group_members))
-            groups = [*disjoint, (names, members)]
+                    disjoint_groups.append((group_names, group_members))
+            groups = [*disjoint_groups, (names, members)]
         return [members for _, members in groups]
 
     def _product(self, coefficient: Any, monomial: int, waves: Waves, inner: Any = 1) -> Any:
+        """Expression of a row, times the expression ``inner``."""
         factors = [sympy_number(coefficient), self._power(monomial), inner]
         for basis, power in waves:
             factors.append(self._wave(basis) ** power)
         return sympy.Mul(*_flat_factors(factors))
 
     def _power(self, monomial: int) -> Any:
+        """Expression of a monomial, a product of powers."""
         powers = self.ring.exponents(monomial)
         factors = []
         for name, power in powers.items():
@@ -222,6 +242,7 @@ class EquationWriter:
         return sympy.Mul(*factors)
 
     def _wave(self, basis: Basis) -> Any:
+        """Expression of a sine or cosine."""
         if basis not in self._waves:
             kind, multiples = basis
             terms = []
@@ -232,30 +253,33 @@ class EquationWriter:
         return self._waves[basis]
 
     def _mass_part(self, monomial: int) -> int:
+        """Monomial of the masses among the symbols of a monomial."""
         powers = self.ring.exponents(monomial)
         for name in powers.keys() - self._masses:
             del powers[name]
         return self.ring.monomial(powers)
 
-    def _common(self, monomials: Sequence[int]) -> int:
+    def _common_monomial(self, monomials: Sequence[int]) -> int:
+        """Greatest common divisor of monomials."""
         common, *others = map(self.ring.exponents, monomials)
         for powers in others:
             common = {name: min(power, powers[name]) for name, power in common.items() if name in powers}
         return self.ring.monomial(common)
 
     def _rows(self, total: TrigPolynomial) -> list[Row]:
-        by_monomial: dict[int, dict[Basis, Any]] = defaultdict(dict)
+        """Terms of a sum, with sines and cosines in their shortest form."""
+        terms_by_monomial: dict[int, dict[Basis, Any]] = defaultdict(dict)
         for (monomial, base), value in total.terms.items():
-            by_monomial[monomial][self.ring.bases[base]] = value
+            terms_by_monomial[monomial][self.ring.bases[base]] = value
         rows = []
-        for monomial, terms in by_monomial.items():
+        for monomial, terms in terms_by_monomial.items():
             for waves, coefficient in self._forms.shortest(terms).items():
                 rows.append((coefficient, monomial, waves))
         return rows
 
 
 def _flat_factors(factors: Iterable[Any]) -> list[Any]:
-    """Factors, with products among them taken apart."""
+    """Factors; a factor that is a product is replaced by its own factors."""
     return list(chain.from_iterable(sympy.Mul.make_args(sympy.sympify(factor)) for factor in factors))
 
 
@@ -276,22 +300,25 @@ def _groups(items: Iterable[Any], key: Callable[[Any], Any]) -> dict[Any, list[A
 
 
 def _proportional_group(groups: list[tuple[TrigPolynomial, list[Any]]], total: TrigPolynomial) -> tuple[Any, Any]:
-    """Members of the group to which a sum is proportional, and its ratio to the group's sum; None if there is none.
+    """Members of the group to which a sum is proportional, and its ratio to the group's sum; None, None if there is none.
 
-    Groups of terms without rates (motion 0) are left out.
+    Groups of terms without rates (motion 0) are ignored.
     """
-    for first, members in groups:
-        ratio = _ratio(total, first) if members[0][1] else None
+    for group_sum, members in groups:
+        _, motion = members[0]
+        if not motion:
+            continue
+        ratio = _ratio(total, group_sum)
         if ratio is not None:
             return members, ratio
     return None, None
 
 
-def _ratio(one: TrigPolynomial, other: TrigPolynomial) -> Any:
-    """one / other if it is a number, else None."""
-    if one.terms.keys() != other.terms.keys() or not one.terms:
+def _ratio(dividend: TrigPolynomial, divisor: TrigPolynomial) -> Any:
+    """dividend / divisor if it is a number, else None."""
+    if dividend.terms.keys() != divisor.terms.keys() or not dividend.terms:
         return None
-    ratios = [one.terms[key] / other.terms[key] for key in one.terms]
+    ratios = [dividend.terms[key] / divisor.terms[key] for key in dividend.terms]
     for ratio in ratios:
         if not abs(ratio - ratios[0]) <= 1e-12 * abs(ratios[0]):
             return None
@@ -299,15 +326,15 @@ def _ratio(one: TrigPolynomial, other: TrigPolynomial) -> Any:
 
 
 def _content(coefficients: Sequence[Any]) -> Any:
-    """Largest simple number that divides all coefficients, with the majority sign; 1 for measured values."""
+    """Largest simple fraction that divides all coefficients, negative if all of them are; 1 for measured values."""
     sign = 1
     if max(coefficients) < 0:
         sign = -1
     sizes = set(map(abs, coefficients))
     if len(sizes) == 1:
         return sign * abs(coefficients[0])
-    fractions = [Fraction(c).limit_denominator(1 << 20) for c in coefficients]
-    if fractions != list(map(Fraction, coefficients)):
+    fractions = [Fraction(coefficient).limit_denominator(1 << 20) for coefficient in coefficients]
+    if fractions != list(map(Fraction, coefficients)):  # measured values
         return 1
     denominators = [fraction.denominator for fraction in fractions]
     if max(denominators) > 64:

@@ -21,13 +21,14 @@ from .trig_polynomial import HIGHEST, Ring, TrigPolynomial
 
 
 def symbols_of(value: Any, what: str) -> tuple[Any, ...]:
-    """Symbol, or several different ones, as a tuple; raises ShapeError for other input."""
+    """Symbol, or several different symbols, as a tuple; raises ShapeError for other input."""
     symbols: tuple[Any, ...] = ()
     if isinstance(value, sympy.Symbol):
         symbols = (value,)
     elif isinstance(value, Sequence | sympy.MatrixBase | sympy.Tuple):
         symbols = tuple(value)
-    if not symbols or not all(isinstance(s, sympy.Symbol) for s in symbols) or len(set(symbols)) < len(symbols):
+    all_are_symbols = all(isinstance(entry, sympy.Symbol) for entry in symbols)
+    if not symbols or not all_are_symbols or len(set(symbols)) < len(symbols):
         raise ShapeError(
             f"{what}={value!r} are not different SymPy symbols. Write theta instead of theta(t): the rates are symbols of "
             "their own, theta, thetadot = sympy.symbols('theta thetadot')."
@@ -36,7 +37,10 @@ def symbols_of(value: Any, what: str) -> tuple[Any, ...]:
 
 
 def time_of(value: Any, moving: tuple[Any, ...]) -> Any:
-    """Symbol of time, None if there is none; raises ShapeError for other input, and for a coordinate or rate."""
+    """Symbol of time, None if there is none; raises ShapeError for other input, and for one of the ``moving`` symbols.
+
+    ``moving`` are the coordinates and their rates.
+    """
     if value is None:
         return None
     if not isinstance(value, sympy.Symbol) or value in moving:
@@ -54,22 +58,22 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
             f"L contains {_symbols_text(functions)}. Write coordinates and rates as symbols, theta and thetadot instead of "
             "theta(t) and its derivative: L.subs({theta(t).diff(t): thetadot}).subs({theta(t): theta})."
         )
-    known = {symbol.name: symbol for symbol in (*q, *dq)}
+    listed_symbols = {symbol.name: symbol for symbol in (*q, *dq)}
     if time is not None:
-        known[time.name] = time
-    twins, unlisted_rates, clocks = set[Any](), set[Any](), set[Any]()
-    for symbol in L.free_symbols - set(known.values()):
-        if symbol.name in known:
-            twins.add(symbol)
+        listed_symbols[time.name] = time
+    namesakes, unlisted_rates, times = set[Any](), set[Any](), set[Any]()
+    for symbol in L.free_symbols - set(listed_symbols.values()):
+        if symbol.name in listed_symbols:
+            namesakes.add(symbol)
         # By the naming rule (xdot, thetaddot_1) or a common other one (theta_1dot, x_dot).
         if re.fullmatch(r"[^_]+dot(_.*)?|.+dot", symbol.name, flags=re.DOTALL):
             unlisted_rates.add(symbol)
         if symbol.name == "t":
-            clocks.add(symbol)
-    if twins:
+            times.add(symbol)
+    if namesakes:
         raise ValueRangeError(
-            f"L contains another {_symbols_text(twins)} than the coordinates, rates or time given: symbols of one name with "
-            "different assumptions (real=True) differ in SymPy. Make each symbol once."
+            f"L contains another {_symbols_text(namesakes)} than the coordinates, rates or time given: symbols of one name "
+            "with different assumptions (real=True) differ in SymPy. Make each symbol once."
         )
     if unlisted_rates:
         raise ValueRangeError(
@@ -77,9 +81,9 @@ def check_lagrangian(L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], time: Any)
             f"q={_symbols_text(q)}, or a derivative of too high an order: L may depend on the rates {_symbols_text(dq)}. Add "
             "the coordinate to q, name rates of other names in rates=[…], or give a constant a name that does not end in dot."
         )
-    if time is None and clocks:
+    if time is None and times:
         raise ValueRangeError(
-            f"L contains {_symbols_text(clocks)}. If it is the time, pass time=t; if it is a constant, give it another name."
+            f"L contains {_symbols_text(times)}. If it is the time, pass time=t; if it is a constant, give it another name."
         )
     if not L.free_symbols & set(dq):
         raise ValueRangeError(
@@ -133,25 +137,28 @@ def lagrange(L: Any, q: Any, rates: Any = None, *, time: Any = None, name: str =
     L = _expression(L)
     coordinates = symbols_of(q, "q")
     velocities = _rates(rates, coordinates, L)
-    now = time_of(time, (*coordinates, *velocities))
-    check_lagrangian(L, coordinates, velocities, now)
-    accelerations = tuple(sympy.Symbol(rate_symbol(s.name, "ddot")) for s in coordinates)
-    depends_on_time = now is not None and now in L.free_symbols
-    sums = None if depends_on_time else _read_sums(L, coordinates, velocities, accelerations)
-    if sums is None:
-        fields = _differentiate(L, coordinates, velocities, accelerations, now if depends_on_time else None)
+    time_symbol = time_of(time, (*coordinates, *velocities))
+    check_lagrangian(L, coordinates, velocities, time_symbol)
+    if time_symbol not in L.free_symbols:
+        time_symbol = None
+    accelerations = tuple(sympy.Symbol(rate_symbol(coordinate.name, "ddot")) for coordinate in coordinates)
+    sum_of_products = None
+    if time_symbol is None:
+        sum_of_products = _read_sum_of_products(L, coordinates, velocities, accelerations)
+    if sum_of_products is None:
+        fields = _differentiate(L, coordinates, velocities, accelerations, time_symbol)
     else:
-        terms, expressions = sums
-        masses = [n for n in terms.ring.symbols if n.startswith("m") and not n.startswith("mu")]
+        terms, expressions = sum_of_products
+        masses = [symbol for symbol in terms.ring.symbols if symbol.startswith("m") and not symbol.startswith("mu")]
         fields = assemble_equations(terms, EquationWriter(terms.ring, masses=masses, expressions=expressions))
-    first = Step("lagrangian", "as given", ((Label("L"), L),))
-    fields = {**fields, "lagrangian": L, "steps": (first, *fields["steps"])}
-    meanings = tuple((s.name, "coordinate") for s in coordinates)
+    lagrangian_step = Step("lagrangian", "as given", ((Label("L"), L),))
+    fields = {**fields, "lagrangian": L, "steps": (lagrangian_step, *fields["steps"])}
+    meanings = tuple((coordinate.name, "coordinate") for coordinate in coordinates)
     return Equations(name=name, q=coordinates, dq=velocities, ddq=accelerations, meanings=meanings, **fields)
 
 
 def _expression(L: Any) -> Any:
-    # Strings are rejected: SymPy would evaluate them as Python.
+    """L as a SymPy expression; raises ShapeError for other input. Strings are rejected: SymPy would run them as Python."""
     if not isinstance(L, bool) and isinstance(L, Real):
         return sympy.sympify(L)
     if not isinstance(L, sympy.Expr) or L.is_Matrix:
@@ -163,12 +170,13 @@ def _expression(L: Any) -> Any:
 
 
 def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
+    """Symbols of the rates: given ones, or by the naming rule, those of L, which may have assumptions."""
     if rates is None:
-        known = {s.name: s for s in L.free_symbols}
+        symbols_by_name = {symbol.name: symbol for symbol in L.free_symbols}
         velocities = []
         for coordinate in coordinates:
             name = rate_symbol(coordinate.name)
-            velocities.append(known.get(name, sympy.Symbol(name)))
+            velocities.append(symbols_by_name.get(name, sympy.Symbol(name)))
         return tuple(velocities)
     symbols = symbols_of(rates, "rates")
     if len(symbols) != len(coordinates) or set(symbols) & set(coordinates):
@@ -177,13 +185,13 @@ def _rates(rates: Any, coordinates: tuple[Any, ...], L: Any) -> tuple[Any, ...]:
     return symbols
 
 
-def _read_sums(
+def _read_sum_of_products(
     L: Any, q: tuple[Any, ...], dq: tuple[Any, ...], ddq: tuple[Any, ...]
 ) -> tuple[Terms, Mapping[str, Any]] | None:
-    """L as a sum of products with the meaning of its ring's symbols, or None if it does not have that form."""
-    moving = {*q, *dq}
-    atoms: dict[Any, str] = {s: s.name for s in (*q, *dq, *ddq)}
-    if not _collect(L, moving, atoms) or len(set(atoms.values())) < len(atoms):
+    """L as a sum of products, and the expression of each symbol of its ring; None if L does not have that form."""
+    atoms: dict[Any, str] = {symbol: symbol.name for symbol in (*q, *dq, *ddq)}
+    has_form = _collect_atoms(L, {*q, *dq}, atoms)
+    if not has_form or len(set(atoms.values())) < len(atoms):  # two symbols may have one name
         return None
     if _degree(L, atoms) > HIGHEST - _EXPONENT_INCREASE:
         return None
@@ -196,22 +204,26 @@ def _read_sums(
     coordinates = tuple(map(Variable, names, rates, accelerations))
     terms = Terms(ring, coordinates, total, ring.number(0))
     for monomial in total.split(rates):
-        if sum(ring.exponents(monomial).values()) > 2:
+        degree_in_rates = sum(ring.exponents(monomial).values())
+        if degree_in_rates > 2:
             return None
     return terms, dict(zip(atoms.values(), atoms, strict=True))
 
 
-def _collect(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
-    """Collect the constants in which L is polynomial: symbols, and constant subexpressions that are not polynomial."""
+def _collect_atoms(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
+    """Add to ``atoms`` the constants in which an expression is polynomial, each with a name; False if it is not polynomial.
+
+    Constants are symbols, and subexpressions without ``moving`` symbols that are not polynomial, such as √(1 + a).
+    """
     if expr.is_Rational or expr in atoms:
         return True
     if expr.is_Symbol:
         atoms[expr] = expr.name
         return True
     if expr.is_Add or expr.is_Mul:
-        return all(_collect(x, moving, atoms) for x in expr.args)
+        return all(_collect_atoms(operand, moving, atoms) for operand in expr.args)
     if expr.is_Pow and expr.exp.is_Integer and 0 < expr.exp < 8:
-        return _collect(expr.base, moving, atoms)
+        return _collect_atoms(expr.base, moving, atoms)
     if expr.func.__name__ in ("sin", "cos") and expr.free_symbols & moving:
         return True
     if not expr.free_symbols & moving:
@@ -221,7 +233,7 @@ def _collect(expr: Any, moving: set[Any], atoms: dict[Any, str]) -> bool:
 
 
 _EXPONENT_INCREASE = 4
-"""Increase of exponents by Lagrange's equations: c multiplies by two rates, momentum rates by a rate or acceleration."""
+"""Upper bound of the increase of exponents by Lagrange's equations: c multiplies by two rates, d/dt ∂L/∂q̇ by one."""
 
 
 def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
@@ -229,7 +241,7 @@ def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
     if expr in atoms:
         return 1
     if expr.is_Add or expr.is_Mul:
-        degrees = [_degree(x, atoms) for x in expr.args]
+        degrees = [_degree(operand, atoms) for operand in expr.args]
         return max(degrees) if expr.is_Add else sum(degrees)
     if expr.is_Pow:
         return int(expr.exp) * _degree(expr.base, atoms)
@@ -237,7 +249,7 @@ def _degree(expr: Any, atoms: Mapping[Any, str]) -> int:
 
 
 def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]) -> TrigPolynomial:
-    """L as a sum of products. Raises SymPy's PolynomialError."""
+    """L as a sum of products. Raises SymPy's PolynomialError for angles that are not multiples of coordinates."""
 
     def read(expr: Any) -> TrigPolynomial:
         if expr.is_Rational:
@@ -253,11 +265,12 @@ def _polynomial(L: Any, ring: Ring, atoms: Mapping[Any, str], q: tuple[Any, ...]
         return wave(expr)
 
     def wave(expr: Any) -> TrigPolynomial:
-        factors = [sympy.Poly(expr.args[0], *q).coeff_monomial(s) for s in q]
-        remainder = sympy.expand(expr.args[0] - weighted_sum(factors, q))
-        if remainder != 0 or not all(f.is_Integer for f in factors):
+        angle = expr.args[0]
+        multiples = [sympy.Poly(angle, *q).coeff_monomial(coordinate) for coordinate in q]
+        remainder = sympy.expand(angle - weighted_sum(multiples, q))
+        if remainder != 0 or not all(multiple.is_Integer for multiple in multiples):
             raise sympy.PolynomialError(f"{expr}: the angle is not a sum of whole multiples of coordinates")
-        return ring.wave(expr.func.__name__, list(map(int, factors)))
+        return ring.wave(expr.func.__name__, list(map(int, multiples)))
 
     return read(L)
 
@@ -267,39 +280,41 @@ def _differentiate(
 ) -> dict[str, Any]:
     """Fields of the equations by SymPy's derivatives; ``time`` is None if L does not depend on it."""
     n, matrix = len(q), sympy.ImmutableMatrix
-    momenta, slopes = list(map(L.diff, dq)), list(map(L.diff, q))
+    momenta = list(map(L.diff, dq))  # ∂L/∂q̇
+    slopes = list(map(L.diff, q))  # ∂L/∂q
     M = matrix(n, n, lambda i, j: sympy.expand(momenta[i].diff(dq[j])))
     if M.free_symbols & set(dq):
         raise ValueRangeError(
             "L is not a polynomial of degree two in the rates, so its equations have no mass matrix of the coordinates alone. "
             "Use kinetic energies ½ q̇'M q̇."
         )
-    rates, explicit_time = [], []
-    for p, p_rate in zip(momenta, dq, strict=True):
+    momentum_rates, explicit_time = [], []
+    for momentum, rate in zip(momenta, dq, strict=True):
         chain_rule = []
         for x, v, a in zip(q, dq, ddq, strict=True):
-            chain_rule.append(p.diff(x) * v + p.diff(v) * a)
+            chain_rule.append(momentum.diff(x) * v + momentum.diff(v) * a)
         explicit_rate = sympy.Integer(0)
         if time is not None:
-            explicit_rate = sympy.expand(p.diff(time))
+            explicit_rate = sympy.expand(momentum.diff(time))
         if explicit_rate != 0:
-            explicit_time.append((Label("L", p_rate.name, time=time.name), explicit_rate))
-        rates.append(sympy.Add(explicit_rate, *chain_rule))
+            explicit_time.append((Label("L", rate.name, time=time.name), explicit_rate))
+        momentum_rates.append(sympy.Add(explicit_rate, *chain_rule))
     gamma = _christoffel_symbols(M, q)
     C = matrix(n, n, lambda i, j: weighted_sum(gamma[i, j], dq))
     at_rest = dict.fromkeys(dq, 0)
-    c, g, tau, split = [], [], [], True
+    c, g, tau = [], [], []
+    is_standard = True  # τ = M q̈ + c + g
     for i in range(n):
         c.append(sympy.expand(weighted_sum(C.row(i), dq)))
         g.append(-slopes[i].subs(at_rest))
-        tau.append(sympy.collect(sympy.expand(rates[i] - slopes[i]), (*ddq, *dq)))
+        tau.append(sympy.collect(sympy.expand(momentum_rates[i] - slopes[i]), (*ddq, *dq)))
         standard_terms = sympy.Add(weighted_sum(M.row(i), ddq), c[i], g[i])
-        split &= bool(sympy.expand(tau[i] - standard_terms) == 0)
+        is_standard &= bool(sympy.expand(tau[i] - standard_terms) == 0)
     fields = equation_fields(
-        names_of(q), names_of(dq), M, gamma, C, matrix(c), matrix(g), matrix(tau), momenta, rates, slopes,
+        names_of(q), names_of(dq), M, gamma, C, matrix(c), matrix(g), matrix(tau), momenta, momentum_rates, slopes,
         explicit_time=explicit_time,
     )  # fmt: skip
-    return {**fields, "split": split}
+    return {**fields, "split": is_standard}
 
 
 def _christoffel_symbols(M: Any, q: tuple[Any, ...]) -> Any:
@@ -308,7 +323,8 @@ def _christoffel_symbols(M: Any, q: tuple[Any, ...]) -> Any:
     dM = np.empty((n, n, n), object)
     for i, j, k in np.ndindex(n, n, n):
         dM[i, j, k] = M[i, j].diff(q[k])
-    half, symbols = sympy.Rational(1, 2), []
+    half = sympy.Rational(1, 2)
+    symbols = []
     for i, j, k in np.ndindex(n, n, n):
         symbols.append(sympy.expand(half * (dM[i, j, k] + dM[i, k, j] - dM[j, k, i])))
     return sympy.ImmutableDenseNDimArray(symbols, (n, n, n))

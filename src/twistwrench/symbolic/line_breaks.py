@@ -1,4 +1,4 @@
-"""Line breaks of long sums: before + and − outside brackets first, never inside a function or a fraction.
+"""Line breaks of long sums: before + and −, outside brackets if possible, never inside a function or a fraction.
 
 In plain text and in LaTeX, a line may end inside a bracket, since parentheses need not match within a line.
 """
@@ -13,44 +13,53 @@ from itertools import accumulate, pairwise
 LINE_SYMBOLS = 88
 """Symbols per line of LaTeX, about 5 points each: the text width of A4 with margins of 20 mm."""
 
-_MIN_BREAK_SHARE = 0.35  # share of a line; a later break inside brackets is preferred to an earlier one
+_MIN_BREAK_SHARE = 0.35
+"""Least length of a line that ends at a preferred break, as a share of the width; breaks before are used only if needed."""
 
 
 def break_lines(text: str, width: float, measure: Callable[[str], float]) -> list[str]:
     """Break a formula into lines, each at most ``width`` by ``measure`` if there are enough places to break."""
     breaks = _possible_breaks(text)
+    depths = [depth for _, depth in breaks]
+    # The text is cut at its begin, at all breaks, and at its end; cut k is break k - 1.
     cuts = [0, *(position for position, _ in breaks), len(text)]
-    ends = [0.0, *accumulate(measure(text[a:b]) for a, b in pairwise(cuts))]
-    lines, first = [], 0
-    while ends[-1] - ends[first] > width and first < len(breaks):
-        end = min(bisect_right(ends, ends[first] + width), len(breaks) + 1)
-        last = max(first + 1, end - 1)
-        preferred = [k for k in range(first + 1, end) if ends[k] - ends[first] >= _MIN_BREAK_SHARE * width]
-        if preferred:
-            last = min(preferred, key=lambda k: (breaks[k - 1][1], -k))
-        lines.append(text[cuts[first] : cuts[last]].strip())
-        first = last
-    return [*lines, text[cuts[first] :].strip()]
+    widths_to_cuts = [0.0, *accumulate(measure(text[begin:end]) for begin, end in pairwise(cuts))]
+    lines, begin = [], 0  # first cut of the line
+    while widths_to_cuts[-1] - widths_to_cuts[begin] > width and begin < len(breaks):
+        max_width = widths_to_cuts[begin] + width
+        stop = min(bisect_right(widths_to_cuts, max_width), len(breaks) + 1)  # first cut beyond the line
+        end = max(begin + 1, stop - 1)
+        min_width = _MIN_BREAK_SHARE * width
+        preferred = [k for k in range(begin + 1, stop) if widths_to_cuts[k] - widths_to_cuts[begin] >= min_width]
+        if preferred:  # fewest open brackets, then the longest line
+            end = min(preferred, key=lambda k: (depths[k - 1], -k))
+        lines.append(text[cuts[begin] : cuts[end]].strip())
+        begin = end
+    return [*lines, text[cuts[begin] :].strip()]
 
 
 def _possible_breaks(text: str) -> list[tuple[int, int]]:
     """Positions of possible line breaks, before plus and minus, with the number of open brackets."""
-    breaks, brackets, braces = [], [], 0
+    breaks = []
+    open_brackets: list[bool] = []  # True for brackets of a function's argument
+    open_braces = 0
     for k, character in enumerate(text):
         if character == "{":
-            braces += 1
+            open_braces += 1
         elif character == "}":
-            braces -= 1
+            open_braces -= 1
         elif character == "(":
             before = text[max(0, k - 24) : k]
-            brackets.append(re.search(r"(\\?[a-z]{3,}[⁰¹²³⁴-⁹]*|\\[a-z]+\^\{\d+\})$", before) is not None)
-        elif character == ")" and brackets:
-            brackets.pop()
-        elif character == " " and not braces and not any(brackets) and text[k + 1 : k + 3] in ("+ ", "− ", "- "):
-            breaks.append((k, len(brackets)))
+            function = re.search(r"(\\?[a-z]{3,}[⁰¹²³⁴-⁹]*|\\[a-z]+\^\{\d+\})$", before)  # such as sin² or \sin^{2}
+            open_brackets.append(function is not None)
+        elif character == ")" and open_brackets:
+            open_brackets.pop()
+        elif text[k : k + 3] in (" + ", " − ", " - ") and not open_braces and not any(open_brackets):
+            breaks.append((k, len(open_brackets)))
     return breaks
 
 
+# Layout commands have no width; other commands are one symbol; braces and indices are not symbols.
 _SYMBOL = re.compile(
     r"\\(?P<layout>t?frac|d?dot|mathit|mathrm|quad)|(?P<name>\\(?:sin|cos|tan))|\\[A-Za-z]+|[^\s{}^_\\]"
 )

@@ -23,13 +23,13 @@ def require_sympy(purpose: str = "Deriving equations") -> None:
         raise MissingExtraError.from_extra("sympy", "symbolic", purpose) from None
 
 
-def names_of(named: Iterable[Any]) -> list[str]:
+def names_of(entries: Iterable[Any]) -> list[str]:
     """Names of symbols, parameters, coordinates or steps."""
-    return [entry.name for entry in named]
+    return [entry.name for entry in entries]
 
 
 _ROUND_OFF = 4e-16
-"""Two units in the last place."""
+"""Relative rounding error of a few operations: two units in the last place."""
 
 
 def shortest(value: float, scale: float = 0.0) -> float:
@@ -39,11 +39,11 @@ def shortest(value: float, scale: float = 0.0) -> float:
     (0.01, 0.3, 0.3333333333333333)
     """
     value = float(value)
-    allowed = _ROUND_OFF * max(abs(value), scale)
+    max_error = _ROUND_OFF * max(abs(value), scale)
     for digits in range(1, 17):
-        near = float(f"{value:.{digits}g}")
-        if abs(near - value) <= allowed:
-            return near
+        rounded = float(f"{value:.{digits}g}")
+        if abs(rounded - value) <= max_error:
+            return rounded
     return value
 
 
@@ -56,7 +56,7 @@ GREEK = {
     "Lambda": "Λ", "Xi": "Ξ", "Pi": "Π", "Sigma": "Σ", "Phi": "Φ", "Psi": "Ψ", "Omega": "Ω",
 }  # fmt: skip
 
-MARKS = {"ddot": "\u0308", "dot": "\u0307"}
+MARKS = {"ddot": "\u0308", "dot": "\u0307"}  # combining dots above the letter; ddot first, since it also ends in "dot"
 
 
 def name_parts(name: str) -> tuple[str, str, str]:
@@ -69,7 +69,7 @@ def name_parts(name: str) -> tuple[str, str, str]:
 
 
 def link_number(index: str) -> tuple[int, bool]:
-    """Number of a link or joint; rotors (r1) sort after links of the same number."""
+    """Number of a link, joint or rotor (r1), and True for a rotor, so that rotors sort after links of the same number."""
     number = re.match(r"(r?)(\d+)", index)
     if number is None:
         return 0, False
@@ -78,7 +78,11 @@ def link_number(index: str) -> tuple[int, bool]:
 
 # ── Order of factors and terms
 
+# Order of factors: numbers, masses, inertias, lengths, gravity, sines and cosines, sums, rates, accelerations. Order of
+# terms: with accelerations, with rates, without; then by link number.
+
 RANKS = {"G": -0.7, "m": 0, "I": 1, "L": 2, "r": 2, "a": 2, "h": 2, "g": 3, "t": 4.5}
+"""Rank of a symbol among the factors of a product by its stem; other symbols have rank 4."""
 
 
 def _factors(expr: Any) -> list[Any]:
@@ -91,9 +95,9 @@ def is_sum(factors: list[Any]) -> bool:
 
 
 def signed_factors(term: Any) -> tuple[bool, list[Any]]:
-    """Sign of a term and its factors without sign; sums among them are normalised to a positive first term."""
+    """True for a negative term, and its factors without sign; sums among them are normalised to a positive first term."""
     coefficient, symbolic_part = term.as_coeff_Mul()
-    negative = bool(coefficient.is_negative)
+    is_negative = bool(coefficient.is_negative)
     factors = []
     if abs(coefficient) != 1:
         factors.append(abs(coefficient))
@@ -101,12 +105,15 @@ def signed_factors(term: Any) -> tuple[bool, list[Any]]:
         base, power = factor, 1
         if factor.is_Pow and factor.exp.is_Integer and factor.exp.is_positive:
             base, power = factor.base, int(factor.exp)
-        if base.is_Add and signed_factors(ordered_terms(base)[0])[0]:
-            negative ^= bool(power % 2)
-            factor = (-base) ** power
+        if base.is_Add:
+            first_term = ordered_terms(base)[0]
+            first_is_negative, _ = signed_factors(first_term)
+            if first_is_negative:
+                is_negative ^= bool(power % 2)  # (-1)^power changes the sign if the power is odd
+                factor = (-base) ** power
         if factor != 1:
             factors.append(factor)
-    return negative, factors or [abs(coefficient)]
+    return is_negative, factors or [abs(coefficient)]
 
 
 @lru_cache(maxsize=1 << 14)
@@ -118,7 +125,7 @@ def ordered_terms(expr: Any) -> list[Any]:
 
 
 def _exponent(term: Any, symbol: Any) -> int:
-    """Whole power of a symbol in a term; 1 if it is another."""
+    """Integer power of a symbol in a term; 1 if its power is not an integer."""
     for factor in _factors(term):
         if factor.is_Pow and factor.base == symbol and factor.exp.is_Integer:
             return int(factor.exp)
@@ -126,6 +133,7 @@ def _exponent(term: Any, symbol: Any) -> int:
 
 
 def _term_key(term: Any) -> tuple[Any, ...]:
+    """Sort key of a term in a sum; numbers sort by their text."""
     marks, symbol_keys = set(), []
     for symbol in term.free_symbols:
         stem, mark, index = name_parts(symbol.name)
@@ -133,20 +141,18 @@ def _term_key(term: Any) -> tuple[Any, ...]:
         rank = 9 if mark else RANKS.get(stem, 4)
         symbol_keys.append((link_number(index), rank, symbol.name, -_exponent(term, symbol)))
     number_text = "" if symbol_keys else str(term)
-    return ("ddot" not in marks, "dot" not in marks, tuple(sorted(symbol_keys)), number_text)
+    without_acceleration, without_rate = "ddot" not in marks, "dot" not in marks
+    return (without_acceleration, without_rate, tuple(sorted(symbol_keys)), number_text)
 
 
 # ── Notations: plain text, and the base of LaTeX and MathML
-
-# Order of factors: numbers, masses, inertias, lengths, gravity, sines and cosines, sums, rates, accelerations. Order of
-# terms: with accelerations, with rates, without; then by link number.
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")  # Unicode has a subscript x, but not y and z
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 class Notation:
-    """Order of writing; subclasses define the appearance."""
+    """Writer of expressions as plain text; subclasses for LaTeX and MathML keep the order and define the appearance."""
 
     def write(self, expr: Any) -> str:
         """Text of an expression, a column or a matrix."""
@@ -167,19 +173,19 @@ class Notation:
         return self.other(expr)
 
     def terms(self, expr: Any) -> list[tuple[str, str]]:
-        """Terms of a sum, each with its sign."""
+        """Terms of a sum, each as (sign, text)."""
         terms = []
         for term in ordered_terms(expr):
-            negative, factors = signed_factors(term)
-            if negative:
+            is_negative, factors = signed_factors(term)
+            if is_negative:
                 terms.append(("-", self._negative_operand(factors)))
             else:
                 terms.append(("+", self._quotient(factors)))
         return terms
 
     def _product(self, expr: Any) -> str:
-        negative, factors = signed_factors(expr)
-        if negative:
+        is_negative, factors = signed_factors(expr)
+        if is_negative:
             return self.minus(self._negative_operand(factors))
         return self._quotient(factors)
 
@@ -189,21 +195,23 @@ class Notation:
         return self.bracket(operand) if is_sum(factors) else operand
 
     def _quotient(self, factors: list[Any]) -> str:
-        above: list[Any] = []
-        below: list[Any] = []
+        """Product, or a fraction if some factors have negative powers."""
+        numerator: list[Any] = []
+        denominator: list[Any] = []
         for factor in factors:
             if factor.is_Pow and factor.exp.is_Number and factor.exp.is_negative:
-                below.append(factor.base**-factor.exp)
+                denominator.append(factor.base**-factor.exp)
             else:
-                above.append(factor)
-        top = self._factors(above)
-        if not below:
+                numerator.append(factor)
+        top = self._factors(numerator)
+        if not denominator:
             return top
-        if is_sum(above):
+        if is_sum(numerator):
             top = self.above(top)
-        return self.fraction(top or "1", self._factors(below))
+        return self.fraction(top or "1", self._factors(denominator))
 
     def _factors(self, factors: list[Any]) -> str:
+        """Factors in textbook order; sums among several factors are put in brackets."""
         texts = []
         for factor in sorted(factors, key=self._factor_key):
             text = self.write(factor)
@@ -213,6 +221,7 @@ class Notation:
         return self.times(texts)
 
     def _factor_key(self, factor: Any) -> tuple[Any, ...]:
+        """Sort key of a factor: rank as in :data:`RANKS`, link number, name."""
         base = factor.base if factor.is_Pow else factor
         if base.is_Number:
             return (-1, 0, "")
@@ -220,12 +229,14 @@ class Notation:
             stem, mark, index = name_parts(base.name)
             rank = {"": RANKS.get(stem, 4), "dot": 8, "ddot": 9}[mark]
             return (rank, link_number(index), base.name)
-        if not base.is_Add:
+        if not base.is_Add:  # sine or cosine
             return (6, 0, str(base))
-        parts = [name_parts(s.name) for s in base.free_symbols]
-        if any(mark for _, mark, _ in parts):
+        parts = [name_parts(symbol.name) for symbol in base.free_symbols]
+        has_rate = any(mark for _, mark, _ in parts)
+        if has_rate:
             return (7, 0, str(base))
-        if any(stem in ("m", "I") for stem, _, _ in parts) and not base.has(sympy.sin, sympy.cos):
+        has_mass = any(stem in ("m", "I") for stem, _, _ in parts)
+        if has_mass and not base.has(sympy.sin, sympy.cos):
             return (-0.5, 0, str(base))
         return (5, 0, str(base))
 
@@ -313,14 +324,16 @@ class Notation:
         return "−" if sign == "-" else "+"
 
     def matrix(self, rows: list[list[str]]) -> str:
-        """Matrix in parentheses; columns are written as rows."""
-        if all(len(row) == 1 for row in rows):
+        """Matrix in brackets; a column is written as a row in parentheses."""
+        is_column = all(len(row) == 1 for row in rows)
+        if is_column:
             return "(" + ", ".join(row[0] for row in rows) + ")"
         return "[" + "; ".join(map(", ".join, rows)) + "]"
 
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
-        """∂top/∂variable, or its rate."""
-        return f"{'d/dt ' if rate else ''}∂{top}/∂{variable}"
+        """∂top/∂variable, or with ``rate`` its derivative with respect to time."""
+        time_derivative = "d/dt " if rate else ""
+        return f"{time_derivative}∂{top}/∂{variable}"
 
     def partial(self, variable: str, inner: str) -> str:
         """∂/∂variable of an expression."""

@@ -18,7 +18,8 @@ def numpy_source(equations: Equations) -> str:
     values, symbols = equations.values, constants(equations)
     docstring = "\n".join(header(equations)).replace("\\", "").replace('"', "'")
     parts = [f'"""{docstring}\n"""\n\nimport numpy as np\n']
-    if values.keys() >= set(symbols):
+    all_have_values = values.keys() >= set(symbols)
+    if all_have_values:
         rows = [f"    {symbol.name!r}: {float(values[symbol])!r}," for symbol in symbols]
         parts.append("\n".join(["PARAMETERS = {", *rows, "}\n"]))
     else:
@@ -29,6 +30,7 @@ def numpy_source(equations: Equations) -> str:
 
 
 def _numpy_function(equations: Equations, function: Routine) -> str:
+    """Text of one function: reads its arrays, evaluates intermediate results, and fills the array of results."""
     arrays, letter, axes, meaning = FUNCTIONS[function.name]
     n, symbols = len(equations.q), constants(equations)
     result_shape = ", ".join([str(n)] * axes)
@@ -39,7 +41,7 @@ def _numpy_function(equations: Equations, function: Routine) -> str:
         batch_shapes.append(f"{array}.shape[:-1]")
     targets = ", ".join(arrays)
     if len(arrays) == 1:
-        targets += ","
+        targets += ","  # unpack a tuple of one
     lines = [
         f"\ndef {function.name}({', '.join(arrays)}, parameters{default}):",
         f'    """{meaning}; {", ".join(input_shapes)} -> (..., {result_shape})."""',
@@ -48,17 +50,18 @@ def _numpy_function(equations: Equations, function: Routine) -> str:
     for name in arrays:
         message = f'f"{name} has shape {{{name}.shape}}, wanted (..., {n})"'
         lines += [f"    if {name}.shape[-1:] != ({n},):", f"        raise ValueError({message})"]
-    for array, k, name in function.inputs:
+    for array, index, name in function.inputs:
         if array == "p":
-            lines.append(f"    {name} = parameters[{symbols[k].name!r}]")
+            lines.append(f"    {name} = parameters[{symbols[index].name!r}]")
         else:
-            lines.append(f"    {name} = {array}[..., {k}]")
+            lines.append(f"    {name} = {array}[..., {index}]")
     for name, expr in function.lines:
         lines.append(f"    {name} = {expression_text(expr, _NUMPY)}")
     lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({', '.join(batch_shapes)}), {result_shape}))")
-    for place, expr in zip(np.ndindex((n,) * axes), function.results, strict=True):
+    for index, expr in zip(np.ndindex((n,) * axes), function.results, strict=True):
         if expr != 0:
-            lines.append(f"    {letter}[..., {', '.join(map(str, place))}] = {expression_text(expr, _NUMPY)}")
+            index_text = ", ".join(map(str, index))
+            lines.append(f"    {letter}[..., {index_text}] = {expression_text(expr, _NUMPY)}")
     lines.append(f"    return {letter}\n")
     return "\n".join(lines)
 

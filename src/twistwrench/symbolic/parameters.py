@@ -15,8 +15,9 @@ from ..mechanics.model.model import BASE, Body, Model
 from .names import names_of, shortest
 
 _AXES = "xyz"
-_LENGTH_TOLERANCE = 1e-12  # tolerance: a centre of mass is a quotient, with rounding error
-_DUST = 1e-14
+_LENGTH_TOLERANCE = 1e-12
+"""Relative difference of lengths that count as equal: a centre of mass is a quotient, with a rounding error."""
+_ROUNDING_SHARE = 1e-14
 """Share of the largest entry below which an entry is a rounding error."""
 
 
@@ -44,7 +45,9 @@ class Entry:
     @property
     def sign(self) -> int:
         """Sign of the value relative to the parameter."""
-        return -1 if self.parameter is not None and self.value * self.parameter.value < 0 else 1
+        if self.parameter is not None and self.value * self.parameter.value < 0:
+            return -1
+        return 1
 
 
 Entries = tuple[Entry, ...]
@@ -52,16 +55,21 @@ Entries = tuple[Entry, ...]
 
 @dataclass(frozen=True)
 class BodyEntries:
-    """Numbers of one body: joint position, point of the joint axis, pitch, mass, centre of mass, and inertia about it."""
+    """Numbers of one body and of the joint that carries it."""
 
     tag: str
     """Suffix of its symbols: its number, or r1 for the rotor of joint 1."""
     place: Entries
+    """Position of the joint in the parent's frame."""
     point: Entries
+    """Point of the joint's axis in the child's frame."""
     pitch: Entry
+    """Pitch of the joint."""
     mass: Entry
     com: Entries
+    """Centre of mass."""
     inertia: tuple[Entries, ...]
+    """Rotational inertia about the centre of mass."""
     ratio: Entry
     """Ratio of its joint's rate to the rate of the coordinate; a symbol for a gear."""
 
@@ -90,20 +98,20 @@ class Namer:
     def entries(self) -> ModelEntries:
         """Numbers of the model, with names where they have one."""
         bodies = self.model.bodies
-        lengths = {i: self._lengths(i) for i in range(BASE, len(bodies))}
+        lengths_of_bodies = {i: self._lengths(i) for i in range(BASE, len(bodies))}  # BASE is -1
         body_entries = []
         for i, body in enumerate(bodies):
-            body_entries.append(self._body(i, body, lengths))
+            body_entries.append(self._body(i, body, lengths_of_bodies))
         gravity = []
-        several = np.count_nonzero(self.model.gravity) > 1
+        has_several = np.count_nonzero(self.model.gravity) > 1
         for axis, value in zip(_AXES, self.model.gravity, strict=True):
-            name = f"g_{axis}" if several else "g"
+            name = f"g_{axis}" if has_several else "g"
             gravity.append(self._named_entry(name, value, "gravity", "gravity [m/s²]"))
         springs = []
-        for n, spring in enumerate(self.model.springs, 1):
+        for number, spring in enumerate(self.model.springs, 1):
             joints = " and ".join(joint for joint, _ in spring.terms)
             meaning = f"stiffness between {joints} [N m/rad or N/m]"
-            parameter = self._new(f"k_{n}", spring.stiffness, ["springs"], meaning)
+            parameter = self._new(f"k_{number}", spring.stiffness, ["springs"], meaning)
             springs.append(Entry(spring.stiffness, parameter))
         return ModelEntries(
             tuple(body_entries), tuple(gravity), tuple(springs), self._armature(), tuple(self.parameters)
@@ -112,20 +120,23 @@ class Namer:
     def _armature(self) -> Entries:
         refuse_couplings(self.model, "derivation of equations of motion")
         armature = [Entry(0.0)] * self.model.nv
-        for n, body in enumerate(self.model.leaders, 1):
-            values = self.model.armature[body.places[1]]
-            if body.joint.nv > 1 and values.any():
+        for number, body in enumerate(self.model.leaders, 1):
+            _, columns = body.places
+            values = self.model.armature[columns]
+            if not values.any():
+                continue
+            if body.joint.nv > 1:
                 raise ValueRangeError(
                     f"joint {body.joint.name!r} is {body.joint.kind} and has an armature, which equations of motion are not "
                     f"derived with. Leave it out: robot.with_armature({{{body.joint.name!r}: 0}})."
                 )
-            if values.any():
-                meaning = f"inertia of the drive of joint {body.joint.name} [kg m² or kg]"
-                value = float(values[0])
-                armature[body.v_index] = Entry(value, self._new(f"J_{n}", value, ["gears"], meaning))
+            meaning = f"inertia of the drive of joint {body.joint.name} [kg m² or kg]"
+            value = float(values[0])
+            armature[body.v_index] = Entry(value, self._new(f"J_{number}", value, ["gears"], meaning))
         return tuple(armature)
 
     def _new(self, name: str, value: float, kinds: Iterable[str], meaning: str, *, signed: bool = False) -> Parameter:
+        """New parameter of the model; its value is positive unless ``signed``."""
         if not signed:
             value = abs(value)
         parameter = Parameter(name, float(value), frozenset(kinds), meaning)
@@ -140,106 +151,126 @@ class Namer:
 
     def _lengths(self, i: int) -> dict[tuple[int, float], Parameter]:
         """Symbols of lengths of body i, by coordinate axis and size of the displacement, for its joints and its tip."""
-        com, where, tag = np.zeros(3), "in the base", "0"
-        if i != BASE:
+        if i == BASE:
+            com, where, tag = np.zeros(3), "in the base", "0"
+        else:
             body = self.model.bodies[i]
-            com, where, tag = body.inertia.com, self._massive_link(body)[1], self.tags[i]
-        sizes: dict[tuple[int, float], str] = {}
+            _, where = self._massive_link(body)
+            com, tag = body.inertia.com, self.tags[i]
+        first_child: dict[tuple[int, float], str] = {}  # with a displacement of this axis and size
         for child, position in self._child_positions(i):
-            for k, x in enumerate(position):
-                if x and not any(_same(k, x, key) for key in sizes):
-                    sizes[k, shortest(abs(x))] = child
+            for axis, x in enumerate(position):
+                if x and not any(_is_length(axis, x, length) for length in first_child):
+                    first_child[axis, shortest(abs(x))] = child
         lengths: dict[tuple[int, float], Parameter] = {}
-        for (k, size), child in sizes.items():
+        for (axis, size), child in first_child.items():
             name = f"L_{tag}"
-            if len(sizes) > 1:
-                name += _AXES[k]
-            earlier_lengths = [key for key in lengths if key[0] == k]
+            if len(first_child) > 1:
+                name += _AXES[axis]
+            earlier_lengths = [length for length in lengths if length[0] == axis]
             if earlier_lengths:
                 name += f"_{len(earlier_lengths) + 1}"
-            kinds, meaning = ["lengths"], f"{_AXES[k]} of {child} {where}"
-            if _same(k, com[k], (k, size)):
+            kinds, meaning = ["lengths"], f"{_AXES[axis]} of {child} {where}"
+            if _is_length(axis, com[axis], (axis, size)):
                 kinds.append("coms")
                 meaning += ", and of its centre of mass"
-            lengths[k, size] = self._new(name, size, kinds, f"{meaning} [m]")
+            lengths[axis, size] = self._new(name, size, kinds, f"{meaning} [m]")
         return lengths
 
     def _child_positions(self, i: int) -> list[tuple[str, Array]]:
         """Joints on body i and its tip, in words, with their positions (3,) in the body's frame."""
-        children = [(f"joint {b.joint.name}", b.placement[:3, 3]) for b in self.model.bodies if b.parent == i]
+        bodies = [body for body in self.model.bodies if body.parent == i]
+        children = [(f"joint {body.joint.name}", body.placement[:3, 3]) for body in bodies]
         tip = self.model.all_frames.get(self.model.tip or "")
         if i != BASE and tip is not None and tip.body == i:
             children.append((f"frame {self.model.tip}", tip.pose[:3, 3]))
         return children
 
     def _massive_link(self, body: Body) -> tuple[str, str]:
-        """Link with the mass of a body, and words for the body's frame; of a DH table, the user never named that frame."""
+        """Link with the mass of a body, and words for the body's frame.
+
+        If a single other link of the body has mass, as in a robot from a DH table, the words name the joint: the user never
+        named the body's frame.
+        """
         G, frames = self.model.link_inertias, self.model.frames
         index = self.model.bodies.index(body)
-        fixed = []
+        massive_links = []
         for name, frame in frames.items():
             if frame.body == index and name in G and G[name].parameters.any():
-                fixed.append(name)
-        if body.link in fixed or len(fixed) != 1:
+                massive_links.append(name)
+        if body.link in massive_links or len(massive_links) != 1:
             return body.link, f"in {body.link}"
-        return fixed[0], f"from joint {body.joint.name}"
+        return massive_links[0], f"from joint {body.joint.name}"
 
-    def _body(self, i: int, body: Body, lengths: dict[int, dict[tuple[int, float], Parameter]]) -> BodyEntries:
-        n, (link, where), G = self.tags[i], self._massive_link(body), body.inertia
-        mass = self._named_entry(f"m_{n}", shortest(G.mass), "masses", f"mass of {link} [kg]")
-        place = tuple(_with_length(k, x, lengths[body.parent]) for k, x in enumerate(body.placement[:3, 3]))
-        extent = float(np.abs(G.com).max())
+    def _body(
+        self, i: int, body: Body, lengths_of_bodies: dict[int, dict[tuple[int, float], Parameter]]
+    ) -> BodyEntries:
+        """Numbers of body i; its parameters are added in the order mass, centre of mass, axis, inertia, ratio."""
+        tag = self.tags[i]
+        link, where = self._massive_link(body)
+        G = body.inertia
+        mass = self._named_entry(f"m_{tag}", shortest(G.mass), "masses", f"mass of {link} [kg]")
+        parent_lengths = lengths_of_bodies[body.parent]
+        place = tuple(_with_length(axis, x, parent_lengths) for axis, x in enumerate(body.placement[:3, 3]))
+        largest = float(np.abs(G.com).max())
         com = []
-        for k, x in enumerate(G.com):
-            rounded = 0.0 if abs(x) <= _DUST * extent else shortest(x, extent)
-            com.append(_with_length(k, rounded, lengths[i]))
+        for axis, x in enumerate(G.com):
+            rounded = 0.0 if abs(x) <= _ROUNDING_SHARE * largest else shortest(x, largest)
+            com.append(_with_length(axis, rounded, lengths_of_bodies[i]))
         frame = link if link == body.link else f"{link} {where}"
-        unnamed = [k for k, entry in enumerate(com) if entry.value and entry.parameter is None]
-        for k in unnamed:
-            name = f"r_{n}{_AXES[k]}" if len(unnamed) > 1 else f"r_{n}"
-            com[k] = self._named_entry(name, com[k].value, "coms", f"{_AXES[k]} of the centre of mass of {frame} [m]")
-        point, pitch = self._axis(n, body)
-        return BodyEntries(n, place, point, pitch, mass, tuple(com), self._inertia(n, body), self._ratio(n, body))
+        unnamed_axes = [axis for axis, entry in enumerate(com) if entry.value and entry.parameter is None]
+        for axis in unnamed_axes:
+            name = f"r_{tag}{_AXES[axis]}" if len(unnamed_axes) > 1 else f"r_{tag}"
+            meaning = f"{_AXES[axis]} of the centre of mass of {frame} [m]"
+            com[axis] = self._named_entry(name, com[axis].value, "coms", meaning)
+        point, pitch = self._axis(tag, body)
+        inertia = self._inertia(tag, body)
+        ratio = self._ratio(tag, body)
+        return BodyEntries(tag, place, point, pitch, mass, tuple(com), inertia, ratio)
 
-    def _ratio(self, n: str, body: Body) -> Entry:
+    def _ratio(self, tag: str, body: Body) -> Entry:
+        """Ratio of a body's rate; a symbol for the gear of a rotor."""
         if body.joint.moves_body or abs(body.ratio) == 1.0:
             return Entry(body.ratio)
+        name = f"G_{tag.removeprefix('r')}"
         meaning = f"gear ratio of {_driven_joint(self.model, body)}"
-        return Entry(body.ratio, self._new(f"G_{n.removeprefix('r')}", body.ratio, ["gears"], meaning))
+        return Entry(body.ratio, self._new(name, body.ratio, ["gears"], meaning))
 
-    def _axis(self, n: str, body: Body) -> tuple[Entries, Entry]:
-        """Point of the axis in the child's frame, and the pitch; zeros for joints that do not rotate about one axis."""
-        none = (Entry(0.0),) * 3
+    def _axis(self, tag: str, body: Body) -> tuple[Entries, Entry]:
+        """Point ω × v/|ω|² of the axis in the child's frame, and the pitch ω·v/|ω|²; zeros for joints without such an axis."""
         if body.joint.nv > 1 or not body.joint.axes[0, :3].any():
-            return none, Entry(0.0)
+            return (Entry(0.0),) * 3, Entry(0.0)
         w, v = body.joint.axes[0, :3], body.joint.axes[0, 3:]
-        position, h = np.cross(w, v) / (w @ w), float(w @ v / (w @ w))
-        is_dust = np.abs(position) <= _DUST * np.abs(position).max()
-        position = np.where(is_dust, 0.0, [shortest(x) for x in position])
-        name, several = body.joint.name, np.count_nonzero(position) > 1
+        position, pitch = np.cross(w, v) / (w @ w), float(w @ v / (w @ w))
+        is_rounding_error = np.abs(position) <= _ROUNDING_SHARE * np.abs(position).max()
+        position = np.where(is_rounding_error, 0.0, [shortest(x) for x in position])
+        has_several = np.count_nonzero(position) > 1
         entries = []
         for axis, value in zip(_AXES, position, strict=True):
-            symbol = f"a_{n}{axis}" if several else f"a_{n}"
-            meaning = f"{axis} of the axis of {name} in {body.link} [m]"
-            entries.append(self._named_entry(symbol, value, "lengths", meaning))
+            name = f"a_{tag}{axis}" if has_several else f"a_{tag}"
+            meaning = f"{axis} of the axis of {body.joint.name} in {body.link} [m]"
+            entries.append(self._named_entry(name, value, "lengths", meaning))
         point = tuple(entries)
-        if abs(h) <= _DUST * float(np.abs(v).max(initial=0.0)):
+        if abs(pitch) <= _ROUNDING_SHARE * float(np.abs(v).max(initial=0.0)):
             return point, Entry(0.0)
-        return point, Entry(h, self._new(f"h_{n}", h, ["lengths"], f"pitch of {name} [m/rad]"))
+        parameter = self._new(f"h_{tag}", pitch, ["lengths"], f"pitch of {body.joint.name} [m/rad]")
+        return point, Entry(pitch, parameter)
 
-    def _inertia(self, n: str, body: Body) -> tuple[Entries, ...]:
-        I, scale = body.inertia.moment_about_com, float(np.abs(body.inertia.moment_about_origin).max())
+    def _inertia(self, tag: str, body: Body) -> tuple[Entries, ...]:
+        """Rotational inertia about the centre of mass, (3, 3), with a symbol for each nonzero entry of the upper triangle."""
+        I = body.inertia.moment_about_com
+        scale = float(np.abs(body.inertia.moment_about_origin).max())
         entries: list[list[Entry]] = [[Entry(0.0)] * 3 for _ in range(3)]
         link, _ = self._massive_link(body)
-        for a in range(3):
-            for b in range(a, 3):
-                value = shortest(I[a, b], scale)  # the parallel-axis term leaves a rounding error
-                if abs(value) > _DUST * scale:
-                    axes = _AXES[a] + _AXES[b]
+        for row in range(3):
+            for column in range(row, 3):
+                value = shortest(I[row, column], scale)  # the parallel-axis term leaves a rounding error
+                if abs(value) > _ROUNDING_SHARE * scale:
+                    axes = _AXES[row] + _AXES[column]
                     meaning = f"rotational inertia {axes} of {link} about its centre of mass [kg m²]"
                     # Products of inertia keep their sign, as in the matrix.
-                    parameter = self._new(f"I_{n}{axes}", value, ["inertias"], meaning, signed=True)
-                    entries[a][b] = entries[b][a] = Entry(value, parameter)
+                    parameter = self._new(f"I_{tag}{axes}", value, ["inertias"], meaning, signed=True)
+                    entries[row][column] = entries[column][row] = Entry(value, parameter)
         return tuple(map(tuple, entries))
 
 
@@ -252,7 +283,7 @@ def _driven_joint(model: Model, rotor: Body) -> str:
 
 def _tags(model: Model) -> list[str]:
     """Suffixes of the symbols of bodies: their number; for a rotor, r and the number of the driven joint."""
-    numbers = {body.joint.name: n for n, body in enumerate(model.leaders, 1)}
+    numbers = {body.joint.name: number for number, body in enumerate(model.leaders, 1)}
     tags: list[str] = []
     for i, body in enumerate(model.bodies, 1):
         tag = str(i)
@@ -265,14 +296,16 @@ def _tags(model: Model) -> list[str]:
     return tags
 
 
-def _same(k: int, x: Any, key: tuple[int, float]) -> bool:
-    return key[0] == k and abs(abs(float(x)) - key[1]) <= _LENGTH_TOLERANCE * key[1]
+def _is_length(axis: int, x: Any, length: tuple[int, float]) -> bool:
+    """True if a displacement x along an axis has the axis and the size of ``length``."""
+    length_axis, size = length
+    return length_axis == axis and abs(abs(float(x)) - size) <= _LENGTH_TOLERANCE * size
 
 
-def _with_length(k: int, x: Any, lengths: dict[tuple[int, float], Parameter]) -> Entry:
-    """Entry of a displacement along axis k, with the symbol of the length that is as large."""
-    for key, parameter in lengths.items():
-        if x and _same(k, x, key):
+def _with_length(axis: int, x: Any, lengths: dict[tuple[int, float], Parameter]) -> Entry:
+    """Entry of a displacement x along an axis, with the symbol of the length of the same size, if there is one."""
+    for length, parameter in lengths.items():
+        if x and _is_length(axis, x, length):
             return Entry(shortest(x), parameter)
     return Entry(shortest(x))
 
@@ -282,7 +315,10 @@ KINDS = ("lengths", "coms", "masses", "inertias", "gravity", "springs", "gears")
 
 
 def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEntries:
-    """Name the model's numbers selected by ``symbols``: kinds, names, ``"all"`` or ``"none"``; raises UnknownNameError."""
+    """Numbers of the model, with symbols for those selected by ``symbols``: kinds, names, ``"all"`` or ``"none"``.
+
+    Raises UnknownNameError for other words.
+    """
     entries = Namer(model).entries()
     selected = _selected_names(symbols, entries.parameters)
 
@@ -307,6 +343,7 @@ def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEn
 
 
 def _selected_names(symbols: str | Iterable[str], parameters: tuple[Parameter, ...]) -> set[str]:
+    """Names of the parameters that the words in ``symbols`` select."""
     words = [symbols] if isinstance(symbols, str) else symbols
     try:
         words = [str(word).strip() for word in words]

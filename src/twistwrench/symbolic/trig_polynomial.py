@@ -19,7 +19,10 @@ import numpy as np
 from ..core.typing import Array
 
 Basis = tuple[str, tuple[Any, ...]]
-"""``("cos" | "sin", multiple of each angle)``; the first non-zero multiple is positive. cos 0 represents 1."""
+"""Cosine or sine of a sum of angles: ``("cos" | "sin", multiple of each angle)``.
+
+The first non-zero multiple is positive. The constant 1 is cos 0, the base number 0.
+"""
 
 _BITS = 8
 _MASK = (1 << _BITS) - 1
@@ -30,24 +33,24 @@ HIGHEST = _MASK
 class Ring:
     """Symbols and angles of the sums, with a table of products of sines and cosines computed so far.
 
-    Angles are symbols too: ``angles`` lists them. Coefficients are floats, exact if all are multiples of powers of two;
-    with ``exact=True`` they are fractions.
+    ``angles`` are those of the ``symbols`` that stand in sines and cosines. Coefficients are floats; their sums are exact if
+    all are multiples of powers of two. With ``exact=True`` they are fractions.
     """
 
     def __init__(self, symbols: Sequence[str], angles: Sequence[str], *, exact: bool = False) -> None:
         self.symbols, self.angles, self.exact = tuple(symbols), tuple(angles), exact
         self.place = {name: k for k, name in enumerate(self.symbols)}
         self._angle_place = {name: k for k, name in enumerate(self.angles)}
-        zero: tuple[Any, ...] = (0,) * len(self.angles)
-        self.bases: list[Basis] = [("cos", zero)]
-        self._numbers: dict[Basis, int] = {self.bases[0]: 0}
-        self._products: dict[tuple[int, int], tuple[tuple[int, int], ...]] = {}
-        self._slopes: dict[tuple[int, int], tuple[int, Any]] = {}
+        zero_multiples: tuple[Any, ...] = (0,) * len(self.angles)
+        self.bases: list[Basis] = [("cos", zero_multiples)]
+        self._base_numbers: dict[Basis, int] = {self.bases[0]: 0}
+        self._products: dict[tuple[int, int], tuple[tuple[int, int], ...]] = {}  # of two base numbers, see product()
+        self._derivatives: dict[tuple[int, int], tuple[int, Any]] = {}  # by base and angle, see base_derivative()
 
     # ── constructors ──
 
     def number(self, value: Any) -> TrigPolynomial:
-        """Constant."""
+        """Constant sum."""
         if not value:
             return TrigPolynomial(self, {})
         if self.exact and not isinstance(value, float):
@@ -56,14 +59,15 @@ class Ring:
 
     def symbol(self, name: str) -> TrigPolynomial:
         """Symbol with the given name."""
-        return TrigPolynomial(self, {(1 << (_BITS * self.place[name]), 0): self._coefficient(1)})
+        monomial = self.monomial({name: 1})
+        return TrigPolynomial(self, {(monomial, 0): self._coefficient(1)})
 
     def wave(self, kind: str, multiples: Sequence[Any]) -> TrigPolynomial:
         """Cosine or sine of a sum of multiples of the angles."""
         basis, sign = _canonical(kind, tuple(multiples))
         if not sign:
             return TrigPolynomial(self, {})
-        return TrigPolynomial(self, {(0, self._number(basis)): self._coefficient(sign)})
+        return TrigPolynomial(self, {(0, self._base_number(basis)): self._coefficient(sign)})
 
     def _coefficient(self, value: Any) -> Any:
         return Fraction(value) if self.exact else float(value)
@@ -72,12 +76,12 @@ class Ring:
 
     def exponents(self, monomial: int) -> dict[str, int]:
         """Map from symbols to non-zero exponents."""
-        exponents, k = {}, 0
-        while monomial:
+        exponents = {}
+        for symbol in self.symbols:
             power = monomial & _MASK
             if power:
-                exponents[self.symbols[k]] = power
-            monomial, k = monomial >> _BITS, k + 1
+                exponents[symbol] = power
+            monomial >>= _BITS
         return exponents
 
     def monomial(self, exponents: dict[str, int]) -> int:
@@ -89,42 +93,44 @@ class Ring:
 
     # ── sines and cosines ──
 
-    def _number(self, basis: Basis) -> int:
-        number = self._numbers.get(basis)
+    def _base_number(self, basis: Basis) -> int:
+        number = self._base_numbers.get(basis)
         if number is None:
-            number = self._numbers[basis] = len(self.bases)
+            number = self._base_numbers[basis] = len(self.bases)
             self.bases.append(basis)
         return number
 
     def product(self, a: int, b: int) -> tuple[tuple[int, int], ...]:
-        """Twice the product of two bases, as (base, sign) pairs."""
+        """Twice the product of two bases, as (base, sign) pairs. Bases are numbers."""
         terms = self._products.get((a, b))
         if terms is None:
-            terms = self._products[a, b] = self._products[b, a] = tuple(self._expand_product(a, b))
+            terms = tuple(self._expand_product(a, b))
+            self._products[a, b] = self._products[b, a] = terms
         return terms
 
     def _expand_product(self, a: int, b: int) -> Iterable[tuple[int, int]]:
         (kind_a, f), (kind_b, g) = self.bases[a], self.bases[b]
         plus, minus = tuple(map(operator.add, f, g)), tuple(map(operator.sub, f, g))
-        if kind_a == kind_b == "cos":  # cos cos = ½ (cos⁻ + cos⁺)
-            parts = [("cos", minus, 1), ("cos", plus, 1)]
-        elif kind_a == kind_b:  # sin sin = ½ (cos⁻ - cos⁺)
-            parts = [("cos", minus, 1), ("cos", plus, -1)]
-        elif kind_a == "sin":  # sin f cos g = ½ (sin⁺ + sin⁻)
-            parts = [("sin", plus, 1), ("sin", minus, 1)]
-        else:  # cos f sin g = ½ (sin⁺ - sin⁻)
-            parts = [("sin", plus, 1), ("sin", minus, -1)]
-        for kind, multiples, sign in parts:
+        # cos⁺ = cos(f + g), cos⁻ = cos(f - g), and sines likewise
+        if kind_a == kind_b == "cos":  # 2 cos f cos g = cos⁻ + cos⁺
+            waves = [("cos", minus, 1), ("cos", plus, 1)]
+        elif kind_a == kind_b:  # 2 sin f sin g = cos⁻ - cos⁺
+            waves = [("cos", minus, 1), ("cos", plus, -1)]
+        elif kind_a == "sin":  # 2 sin f cos g = sin⁺ + sin⁻
+            waves = [("sin", plus, 1), ("sin", minus, 1)]
+        else:  # 2 cos f sin g = sin⁺ - sin⁻
+            waves = [("sin", plus, 1), ("sin", minus, -1)]
+        for kind, multiples, sign in waves:
             basis, basis_sign = _canonical(kind, multiples)
             if basis_sign:
-                yield self._number(basis), basis_sign * sign
+                yield self._base_number(basis), basis_sign * sign
 
-    def slope(self, base: int, angle: int) -> tuple[int, Any]:
+    def base_derivative(self, base: int, angle: int) -> tuple[int, Any]:
         """d(base)/d(angle) as (base, factor)."""
-        slope = self._slopes.get((base, angle))
-        if slope is None:
-            slope = self._slopes[base, angle] = self._differentiate(base, angle)
-        return slope
+        derivative = self._derivatives.get((base, angle))
+        if derivative is None:
+            derivative = self._derivatives[base, angle] = self._differentiate(base, angle)
+        return derivative
 
     def _differentiate(self, base: int, angle: int) -> tuple[int, Any]:
         kind, multiples = self.bases[base]
@@ -132,18 +138,19 @@ class Ring:
         if not factor:
             return 0, factor
         if kind == "cos":
-            return self._number(("sin", multiples)), -factor
-        return self._number(("cos", multiples)), factor
+            return self._base_number(("sin", multiples)), -factor
+        return self._base_number(("cos", multiples)), factor
 
 
 def _canonical(kind: str, multiples: tuple[Any, ...]) -> tuple[Basis, int]:
-    """Basis with a positive first multiple, and the factor 1, -1 or 0 (sin 0) that it takes."""
-    first = next((x for x in multiples if x), 0)
-    if first < 0:
+    """Basis whose first non-zero multiple is positive, and its factor: -1 if the sine changed its sign, 0 for sin 0, else 1."""
+    first_nonzero = next((multiple for multiple in multiples if multiple), 0)
+    if first_nonzero < 0:
         opposite = tuple(map(operator.neg, multiples))
-        return (kind, opposite), 1 if kind == "cos" else -1
-    is_zero = first == 0 and kind == "sin"
-    return (kind, multiples), 0 if is_zero else 1
+        factor = 1 if kind == "cos" else -1  # cos(-x) = cos x, sin(-x) = -sin x
+        return (kind, opposite), factor
+    is_sin_0 = first_nonzero == 0 and kind == "sin"
+    return (kind, multiples), 0 if is_sin_0 else 1
 
 
 class TrigPolynomial:
@@ -168,11 +175,12 @@ class TrigPolynomial:
             if not other:
                 return self
             other = self.ring.number(other)
-        if len(other.terms) > len(self.terms):
-            self, other = other, self
-        terms = dict(self.terms)
-        for key, value in other.terms.items():
-            total = terms.get(key, 0) + value
+        longer, shorter = self.terms, other.terms
+        if len(shorter) > len(longer):
+            longer, shorter = shorter, longer
+        terms = dict(longer)
+        for key, coefficient in shorter.items():
+            total = terms.get(key, 0) + coefficient
             if total:
                 terms[key] = total
             else:
@@ -196,16 +204,18 @@ class TrigPolynomial:
             if not factor:
                 return TrigPolynomial(self.ring, {})
             return TrigPolynomial(self.ring, {key: factor * value for key, value in self.terms.items()})
-        ring, terms = self.ring, dict[tuple[int, int], Any]()
-        for (m, a), x in self.terms.items():
-            for (n, b), y in other.terms.items():
-                if not a or not b:
-                    key = (m + n, a or b)
+        ring = self.ring
+        terms: dict[tuple[int, int], Any] = {}
+        for (monomial_a, a), x in self.terms.items():
+            for (monomial_b, b), y in other.terms.items():
+                monomial = monomial_a + monomial_b
+                if not a or not b:  # one base is 1, whose number is 0: the product is the other one
+                    key = (monomial, a or b)
                     terms[key] = terms.get(key, 0) + x * y
                     continue
                 half = x * y / 2
                 for base, sign in ring.product(a, b):
-                    key = (m + n, base)
+                    key = (monomial, base)
                     terms[key] = terms.get(key, 0) + (half if sign > 0 else -half)
         return TrigPolynomial(ring, {key: value for key, value in terms.items() if value})
 
@@ -217,26 +227,28 @@ class TrigPolynomial:
         shift = _BITS * ring.place[name]
         angle = ring._angle_place.get(name)
         terms: dict[tuple[int, int], Any] = {}
-        for (m, base), value in self.terms.items():
-            power = (m >> shift) & _MASK
-            if power:
-                key = (m - (1 << shift), base)
+        for (monomial, base), value in self.terms.items():
+            power = (monomial >> shift) & _MASK
+            if power:  # power rule: the exponent decreases by one
+                key = (monomial - (1 << shift), base)
                 terms[key] = terms.get(key, 0) + power * value
             if angle is not None and base:
-                other, factor = ring.slope(base, angle)
+                new_base, factor = ring.base_derivative(base, angle)
                 if factor:
-                    terms[m, other] = terms.get((m, other), 0) + ring._coefficient(factor) * value
+                    key = (monomial, new_base)
+                    terms[key] = terms.get(key, 0) + ring._coefficient(factor) * value
         return TrigPolynomial(ring, {key: value for key, value in terms.items() if value})
 
     def split(self, names: Sequence[str]) -> dict[int, TrigPolynomial]:
-        """Coefficients of the monomials in some of the symbols."""
+        """Coefficients of the monomials in some of the symbols, as sums in the other symbols, by monomial."""
         mask = 0
         for name in names:
             mask |= _MASK << (_BITS * self.ring.place[name])
-        parts: dict[int, dict[tuple[int, int], Any]] = {}
-        for (m, base), value in self.terms.items():
-            parts.setdefault(m & mask, {})[m & ~mask, base] = value
-        return {motion: TrigPolynomial(self.ring, terms) for motion, terms in parts.items()}
+        terms_by_monomial: dict[int, dict[tuple[int, int], Any]] = {}
+        for (monomial, base), value in self.terms.items():
+            terms = terms_by_monomial.setdefault(monomial & mask, {})
+            terms[monomial & ~mask, base] = value
+        return {monomial: TrigPolynomial(self.ring, terms) for monomial, terms in terms_by_monomial.items()}
 
     def without_dust(self, share: float) -> TrigPolynomial:
         """Sum without terms below a share of its largest term, which are rounding errors of cancelled terms."""
@@ -252,51 +264,55 @@ Waves = tuple[tuple[Basis, int], ...]
 Powers = tuple[tuple[int, int], ...]
 """Powers of the cosine and of the sine of each angle."""
 
-# Products are sought for sums of at most so many terms, angles involved, and multiples of one angle.
-_MAX_TERMS, _MAX_ANGLES, _MAX_MULTIPLE = 40, 4, 4
+# Products are sought only for small sums, since the number of products grows with all three.
+_MAX_TERMS = 40
+_MAX_ANGLES = 4
+_MAX_MULTIPLE = 4
+"""Largest multiple of one angle."""
 
 
 class ShortestForms:
     """Shortest form of each coefficient of symbols, cached.
 
-    ``families`` are the sets of angles allowed in products, as rows of integer multiples of joint angles.
+    Each of ``families`` is a set of angles allowed in products: a matrix whose rows are integer multiples of joint angles.
     """
 
     def __init__(self, families: list[Array]) -> None:
         self._families = families
-        self._cache: dict[Any, dict[Waves, Any]] = {}
+        self._cache: dict[Any, dict[Waves, Any]] = {}  # shortest form by terms
 
     def shortest(self, terms: dict[Basis, Any]) -> dict[Waves, Any]:
         """Sum of cosines and sines, unchanged or as products if those are shorter."""
-        plain: dict[Waves, Any] = {_waves_of({basis: 1}): c for basis, c in terms.items()}
-        multiples = [x for _, f in terms for x in f]
-        if len(terms) > _MAX_TERMS or not all(isinstance(x, int) for x in multiples):
-            return plain
-        if len(terms) == 1 and max(map(abs, multiples), default=0) <= 1:
-            return plain
+        unchanged: dict[Waves, Any] = {_waves_of({basis: 1}): coefficient for basis, coefficient in terms.items()}
+        all_multiples = [multiple for _, multiples in terms for multiple in multiples]
+        if len(terms) > _MAX_TERMS or not all(isinstance(multiple, int) for multiple in all_multiples):
+            return unchanged
+        if len(terms) == 1 and max(map(abs, all_multiples), default=0) <= 1:
+            return unchanged
         key = tuple(sorted(terms.items()))
         if key not in self._cache:
-            forms = [plain]
-            for sums in self._families:
-                forms.extend(_products(terms, sums))
+            forms = [unchanged]
+            for family in self._families:
+                forms.extend(_products(terms, family))
             self._cache[key] = min(forms, key=_length)
         return self._cache[key]
 
 
 def _length(form: dict[Waves, Any]) -> tuple[int, int, int, int]:
-    """Sort key: number of terms, doubled angles, halves, factors."""
-    doubled = factors = halves = 0
+    """Sort key: numbers of terms, of waves with a multiple angle such as 2θ, of half-integer coefficients, and of factors."""
+    multiple_angles = factors = halves = 0
     for waves, coefficient in form.items():
         if float(2 * coefficient).is_integer() and not float(coefficient).is_integer():
             halves += 1
         for (_, multiples), power in waves:
             factors += power
-            doubled += max(map(abs, multiples)) > 1
-    return len(form), doubled, halves, factors
+            if max(map(abs, multiples)) > 1:
+                multiple_angles += 1
+    return len(form), multiple_angles, halves, factors
 
 
 def _waves_of(powers: Mapping[Basis, int]) -> Waves:
-    """Product of powers, without those that are 1: the power zero, and cos 0."""
+    """Product of powers, without those that equal 1: powers with exponent zero, and powers of cos 0."""
     waves = []
     for (kind, multiples), power in powers.items():
         if power and any(multiples):
@@ -304,48 +320,57 @@ def _waves_of(powers: Mapping[Basis, int]) -> Waves:
     return tuple(sorted(waves))
 
 
-def _products(terms: dict[Basis, Any], sums: Array) -> Iterable[dict[Waves, Any]]:
-    """Sum as polynomials in the cosines and sines of the angles in the rows of ``sums``, with reduced squares."""
-    polynomial = _angle_polynomial(terms, sums)
+def _products(terms: dict[Basis, Any], family: Array) -> Iterable[dict[Waves, Any]]:
+    """Sum as polynomials in the cosines and sines of the angles in the rows of ``family``.
+
+    There is a polynomial for each choice, angle by angle, of the squares that remain: those of the cosine or of the sine.
+    """
+    polynomial = _angle_polynomial(terms, family)
     if polynomial is None:
         return
-    exponents = np.array(list(polynomial), int).reshape(-1, len(sums), 2)
+    exponents = np.array(list(polynomial), int).reshape(-1, len(family), 2)
     involved = np.flatnonzero(exponents.any(axis=(0, 2))).tolist()
     if len(involved) > _MAX_ANGLES:
         return
-    rows = list(map(tuple, sums.tolist()))
+    angles = list(map(tuple, family.tolist()))
     for remaining_squares in product((0, 1), repeat=len(involved)):  # squares of cosines (0) or sines (1)
         form = dict(polynomial)
         for j, square in zip(involved, remaining_squares, strict=True):
             form = _reduce_squares(form, j, square)
-        threshold = 1e-14 * max(map(abs, form.values()), default=0)
+        rounding_error = 1e-14 * max(map(abs, form.values()), default=0)
         waves_form = {}
         for powers, coefficient in form.items():
-            if abs(coefficient) > threshold:
+            if abs(coefficient) > rounding_error:
                 wave_powers = {}
                 for j in involved:
-                    wave_powers["cos", rows[j]], wave_powers["sin", rows[j]] = powers[j]
+                    cosine_power, sine_power = powers[j]
+                    wave_powers["cos", angles[j]] = cosine_power
+                    wave_powers["sin", angles[j]] = sine_power
                 waves_form[_waves_of(wave_powers)] = coefficient
         yield waves_form
 
 
-def _angle_polynomial(terms: dict[Basis, Any], sums: Array) -> dict[Powers, Any] | None:
-    """Sum as a polynomial in cosines and sines of the angles in the rows of ``sums``; None if its degree is too high."""
-    inverse = np.rint(np.linalg.inv(sums)).astype(int)
+def _angle_polynomial(terms: dict[Basis, Any], family: Array) -> dict[Powers, Any] | None:
+    """Sum as a polynomial in cosines and sines of the angles in the rows of ``family``; None if its degree is too high."""
+    inverse = np.rint(np.linalg.inv(family)).astype(int)  # joint angles as integer multiples of the family's angles
     polynomial: dict[Powers, Any] = defaultdict(int)
     for (kind, f), value in terms.items():
         multiples = np.array(f, int) @ inverse
         if np.abs(multiples).max(initial=0) > _MAX_MULTIPLE:
             return None
-        for powers, (real, imaginary) in _expansion(tuple(map(int, multiples))).items():
-            part = real if kind == "cos" else imaginary
-            if part:
-                polynomial[powers] += part * value
+        # The cosine is the real part of the exponential, the sine its imaginary part.
+        for powers, (real, imaginary) in _expand_exponential(tuple(map(int, multiples))).items():
+            coefficient = real if kind == "cos" else imaginary
+            if coefficient:
+                polynomial[powers] += coefficient * value
     return polynomial
 
 
-def _expansion(multiples: tuple[int, ...]) -> dict[Powers, tuple[int, int]]:
-    """exp(i Σ g_j ψ_j) = Π (cos ψ_j ± i sin ψ_j)^|g_j| as powers (of cos, sin) → (real, imaginary) coefficient."""
+def _expand_exponential(multiples: tuple[int, ...]) -> dict[Powers, tuple[int, int]]:
+    """exp(i Σ g_j ψ_j) = Π (cos ψ_j ± i sin ψ_j)^|g_j| of the multiples g.
+
+    The result maps the powers of cosines and sines to the real and imaginary part of their coefficient.
+    """
     total: dict[Powers, complex] = {((0, 0),) * len(multiples): 1}
     for j, multiple in enumerate(multiples):
         sine_factor = 1j if multiple > 0 else -1j
@@ -361,17 +386,19 @@ def _expansion(multiples: tuple[int, ...]) -> dict[Powers, tuple[int, int]]:
 
 def _reduce_squares(form: Mapping[Any, Any], j: int, square: int) -> dict[Any, Any]:
     """Replace sin² = 1 - cos² (square 0) or cos² = 1 - sin² (square 1) of angle j until none is left."""
-    remaining, reduced = dict(form), defaultdict[Any, Any](int)
+    remaining = dict(form)
+    reduced: dict[Any, Any] = defaultdict(int)
+    kept, replaced = square, 1 - square  # indices into the powers (of the cosine, of the sine)
     while remaining:
-        powers, c = remaining.popitem()
-        if powers[j][1 - square] < 2:
-            reduced[powers] += c
+        powers, coefficient = remaining.popitem()
+        if powers[j][replaced] < 2:
+            reduced[powers] += coefficient
             continue
-        low, high = list(powers[j]), list(powers[j])
-        low[1 - square] -= 2
-        high[1 - square] -= 2
-        high[square] += 2
-        for angle_powers, sign in ((low, 1), (high, -1)):
+        times_one, times_square = list(powers[j]), list(powers[j])
+        times_one[replaced] -= 2
+        times_square[replaced] -= 2
+        times_square[kept] += 2
+        for angle_powers, sign in ((times_one, 1), (times_square, -1)):
             key = (*powers[:j], tuple(angle_powers), *powers[j + 1 :])
-            remaining[key] = remaining.get(key, 0) + sign * c
+            remaining[key] = remaining.get(key, 0) + sign * coefficient
     return dict(reduced)

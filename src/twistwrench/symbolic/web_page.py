@@ -34,10 +34,10 @@ class MathML(Notation):
         return f"<mn>{mantissa}</mn><mo>·</mo><msup><mn>10</mn><mn>{exponent}</mn></msup>"
 
     def function(self, name: str, argument: str, power: str = "") -> str:
-        head = f"<mi>{name}</mi>"
+        function = f"<mi>{name}</mi>"
         if power:
-            head = f"<msup>{head}<mn>{power}</mn></msup>"
-        return f"<mrow>{head}{self.bracket(argument)}</mrow>"
+            function = f"<msup>{function}<mn>{power}</mn></msup>"
+        return f"<mrow>{function}{self.bracket(argument)}</mrow>"
 
     def superscript(self, base: str, power: str) -> str:
         return f"<msup><mrow>{base}</mrow><mn>{power.replace('-', '−')}</mn></msup>"
@@ -61,18 +61,18 @@ class MathML(Notation):
         return f"<mo>{self.operator(sign)}</mo>"
 
     def matrix(self, rows: list[list[str]]) -> str:
-        lines = []
+        row_elements = []
         for row in rows:
-            cells = "".join(f"<mtd>{x}</mtd>" for x in row)
-            lines.append(f"<mtr>{cells}</mtr>")
-        # Brackets are drawn by the style sheet: stretched ones need a mathematical font, which many systems lack.
-        return f'<mtable class="matrix">{"".join(lines)}</mtable>'
+            cells = "".join(f"<mtd>{entry}</mtd>" for entry in row)
+            row_elements.append(f"<mtr>{cells}</mtr>")
+        # The style sheet draws the brackets: stretched brackets need a mathematical font, which many systems lack.
+        return f'<mtable class="matrix">{"".join(row_elements)}</mtable>'
 
     def slope(self, top: str, variable: str, *, rate: bool = False) -> str:
-        slope = f"<mfrac><mrow><mo>∂</mo>{top}</mrow><mrow><mo>∂</mo>{variable}</mrow></mfrac>"
+        derivative = f"<mfrac><mrow><mo>∂</mo>{top}</mrow><mrow><mo>∂</mo>{variable}</mrow></mfrac>"
         if rate:
-            return f"<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>{slope}"
-        return slope
+            return f"<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>{derivative}"
+        return derivative
 
     def partial(self, variable: str, inner: str) -> str:
         return f"<mfrac><mo>∂</mo><mrow><mo>∂</mo>{variable}</mrow></mfrac>{inner}"
@@ -84,7 +84,7 @@ class MathML(Notation):
 
 
 def _element(text: str) -> str:
-    """MathML element; bare digits become a number."""
+    """MathML element; text without an element, as of ½, becomes a number."""
     return text if text.startswith("<") else f"<mn>{text}</mn>"
 
 
@@ -107,17 +107,17 @@ mtable.matrix { border: solid currentColor; border-width: 0 1.5px; padding: .1em
 
 
 def html_page(equations: Equations, steps: tuple[Step, ...]) -> str:
-    """HTML page; sums are split at their terms, so that browsers break lines there."""
+    """HTML page; sums are split at their terms, so that browsers break lines between terms."""
     notation = MathML()
     title = f"Equations of motion of {escape(equations.name)}"
-    checks = [f'<p class="check">{escape(text)}</p>' for text in remarks_of(equations)]
+    remarks = [f'<p class="check">{escape(text)}</p>' for text in remarks_of(equations)]
     links = [f'<a href="#{step.name}">{escape(heading(step))}</a>' for step in steps]
     parts = [
         "<!doctype html>",
         '<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>{title}</title><style>{_STYLE}</style></head><body>",
         f"<h1>{title}</h1>",
-        *checks,
+        *remarks,
         f"<nav>{' '.join(links)}</nav>",
         _symbol_table(equations, notation),
     ]
@@ -132,24 +132,27 @@ def html_page(equations: Equations, steps: tuple[Step, ...]) -> str:
 
 
 def _symbol_table(equations: Equations, notation: MathML) -> str:
-    rows = [(name, meaning, "") for name, meaning in equations.meanings]
-    rows += [(p.name, p.meaning, printed(p.value)) for p in equations.parameters]
+    """Table of symbols, meanings and values; empty if there are no symbols with a meaning."""
+    coordinates = [(name, meaning, "") for name, meaning in equations.meanings]
+    parameters = [(parameter.name, parameter.meaning, printed(parameter.value)) for parameter in equations.parameters]
+    rows = coordinates + parameters
     if not rows:
         return ""
-    html = ""
+    row_elements = ""
     for name, meaning, value in rows:
         symbol = f"<math>{notation.symbol(name)}</math>"
-        html += f"<tr><td>{symbol}</td><td>{escape(meaning)}</td><td>{value}</td></tr>"
-    return f'<table class="symbols">{html}</table>'
+        row_elements += f"<tr><td>{symbol}</td><td>{escape(meaning)}</td><td>{value}</td></tr>"
+    return f'<table class="symbols">{row_elements}</table>'
 
 
 def _line(left: str, expr: Any, notation: MathML) -> str:
+    """Equation as a line of the page; each term of a sum is a formula of its own, between which browsers break lines."""
     if not getattr(expr, "is_Add", False):
         return f'<div class="line"><math>{left}<mo>=</mo>{notation.write(expr)}</math></div>'
     (first_sign, first), *others = notation.terms(expr)
     if first_sign == "-":
         first = notation.minus(first)
-    pieces = [f"<math>{left}<mo>=</mo>{first}</math>"]
+    formulas = [f"<math>{left}<mo>=</mo>{first}</math>"]
     for sign, term in others:
-        pieces.append(f'<math><mo form="infix">{notation.operator(sign)}</mo>{term}</math>')
-    return f'<div class="line">{" ".join(pieces)}</div>'
+        formulas.append(f'<math><mo form="infix">{notation.operator(sign)}</mo>{term}</math>')
+    return f'<div class="line">{" ".join(formulas)}</div>'

@@ -3,10 +3,10 @@
 Two kinds of constraints, both plain data. A :class:`Closure` attaches a frame {b} to a frame {c}, which is fixed in {a}.
 With T_cb = (R, p), its six rows are the angular velocity of {b} relative to {c} and the rate of p,
 
-    V_cb = (w, dp/dt),   [w] = (dR/dt) R',
+    V_cb = (w, dp/dt),   [w] = (dR/dt) R'.
 
-of which the chosen ones are zero. A :class:`Rolling` sets chosen rows of one frame's Jacobian to zero; such rows may be
-nonholonomic. λ is the wrench that the robot exerts: {b} on {a}, at the origin of {b}, axes of {c}, like the book's F_tip.
+The closure sets the chosen rows of V_cb to zero. A :class:`Rolling` sets chosen rows of one frame's Jacobian to zero; such
+rows may be nonholonomic. λ is the wrench that {b} exerts on {a}, at the origin of {b} in axes of {c}, like the book's F_tip.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ GROUND = "ground"
 
 @dataclass(frozen=True)
 class Closure:
-    """{b} attached to {c}, whose pose in {a} is ``pose``, in the chosen rows of their relative twist, axes of {c}."""
+    """Attachment of {b} to {c}: the chosen rows of the twist V_cb are zero. ``pose`` is the pose of {c} in {a}."""
 
     frame_a: str
     frame_b: str
@@ -54,12 +54,13 @@ class Closure:
         return T
 
     def __getstate__(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in fields(self)}  # arrays come out of a pickle writable
+        # Without the cached T_ac: an array comes out of a pickle writable.
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
 @dataclass(frozen=True)
 class Rolling:
-    """Chosen rows of a frame's twist are zero; ``kind`` is that of the Jacobian."""
+    """Chosen rows of a frame's twist are zero; ``kind`` is the kind of Jacobian that gives the twist."""
 
     frame: str
     rows: tuple[int, ...]
@@ -76,113 +77,134 @@ Constraint = Closure | Rolling
 
 def names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
     """Name of each constraint, made of its frames; repeated names get a number."""
-    plain = [c.name for c in constraints]
-    before = [plain[:n].count(name) for n, name in enumerate(plain)]
-    return tuple(f"{name} #{n + 1}" if n else name for name, n in zip(plain, before, strict=True))
+    frame_names = [constraint.name for constraint in constraints]
+    numbered = []
+    for k, name in enumerate(frame_names):
+        repetitions = frame_names[:k].count(name)
+        numbered.append(f"{name} #{repetitions + 1}" if repetitions else name)
+    return tuple(numbered)
 
 
 def row_names(constraints: Sequence[Constraint]) -> tuple[str, ...]:
     """Name of each row of A: the constraint's name and the name of the twist's row."""
-    return tuple(f"{name} {TWIST[k]}" for name, c in zip(names(constraints), constraints, strict=True) for k in c.rows)
+    texts: list[str] = []
+    for name, constraint in zip(names(constraints), constraints, strict=True):
+        texts += [f"{name} {TWIST[row]}" for row in constraint.rows]
+    return tuple(texts)
 
 
 def with_gaps(constraints: Sequence[Constraint]) -> list[bool]:
     """True for each row of A that belongs to a closure: these rows have a position error (gap)."""
-    return [isinstance(c, Closure) for c in constraints for _ in c.rows]
+    return [isinstance(constraint, Closure) for constraint in constraints for _ in constraint.rows]
 
 
 def independent_constraints(constraints: Sequence[Constraint], independent: Sequence[int]) -> tuple[Constraint, ...]:
-    """Constraints reduced to the rows of A with the given numbers; constraints without any of these rows are dropped."""
+    """Constraints with only the rows of A whose numbers are in ``independent``; a constraint without such rows is dropped."""
     reduced, first_row = [], 0
-    for c in constraints:
-        rows = tuple(row for n, row in enumerate(c.rows) if first_row + n in independent)
-        first_row += len(c.rows)
+    for constraint in constraints:
+        rows = tuple(row for n, row in enumerate(constraint.rows) if first_row + n in independent)
+        first_row += len(constraint.rows)
         if rows:
-            reduced.append(replace(c, rows=rows))
+            reduced.append(replace(constraint, rows=rows))
     return tuple(reduced)
 
 
 def place_of(model: Model, frame: str) -> Frame:
     """Frame of that name; ``"ground"`` gives the base frame."""
-    return Frame(BASE, np.eye(4)) if frame == GROUND and frame not in model.all_frames else model.frame(frame)
+    if frame == GROUND and frame not in model.all_frames:
+        return Frame(BASE, np.eye(4))
+    return model.frame(frame)
 
 
-def _walk(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array, float]], Array]:
+def _joint_path(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array, float]], Array]:
     """Joints on the path from {c} to {b}, in that order, as (body, T_c,body, sign); and T_cb.
 
-    The sign is -1 from {c} up to the nearest common ancestor, where a joint moves {c}, and 1 from there down to {b}.
+    The path leads from {c} up to the nearest common ancestor and from there down to {b}. The sign is -1 on the way up, where
+    a joint moves {c}, and 1 on the way down, where a joint moves {b}.
     """
     a, b = place_of(model, closure.frame_a), place_of(model, closure.frame_b)
-    T = joint_poses(model, q)
+    poses_in_parents = joint_poses(model, q)
     up, down = list(ancestors(model, a.body)), list(ancestors(model, b.body))
-    while up and down and up[-1] == down[-1]:
-        up.pop(), down.pop()
-    walk: list[tuple[Body, Array, float]] = []
-    X = se3.inverse(a.pose @ closure.T_ac)
+    while up and down and up[-1] == down[-1]:  # common ancestors move both frames alike
+        up.pop()
+        down.pop()
+    path: list[tuple[Body, Array, float]] = []
+    T = se3.inverse(a.pose @ closure.T_ac)  # pose in {c} of the body that the path has reached
     for i in up:
-        walk.append((model.bodies[i], X, -1.0))
-        X = X @ se3.inverse(T[i])
+        path.append((model.bodies[i], T, -1.0))
+        T = T @ se3.inverse(poses_in_parents[i])
     for i in reversed(down):
-        X = X @ T[i]
-        walk.append((model.bodies[i], X, 1.0))
-    return walk, np.asarray(X @ b.pose)
+        T = T @ poses_in_parents[i]
+        path.append((model.bodies[i], T, 1.0))
+    return path, np.asarray(T @ b.pose)
 
 
-def _columns(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array]], Array]:
-    """(body, contribution of its joint to the twist of {b} in {c}, (k, 6)) along the path, and the position p of {b} in {c}."""
-    walk, T_cb = _walk(model, q, closure)
-    return [(b, sign * b.ratio * Ad(X).apply(b.joint.axes)) for b, X, sign in walk], T_cb[:3, 3]
+def _axes_on_path(model: Model, q: Array, closure: Closure) -> tuple[list[tuple[Body, Array]], Array]:
+    """Each body on the path with its joint's screw axes (k, 6) in {c}; and the position p of {b} in {c}.
+
+    The axes carry the sign and the gear ratio, so that their sum over all joints, times dq, is the twist of {b}.
+    """
+    path, T_cb = _joint_path(model, q, closure)
+    axes = [(body, sign * body.ratio * Ad(T).apply(body.joint.axes)) for body, T, sign in path]
+    return axes, T_cb[:3, 3]
 
 
 def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
     """Jacobian J with V_cb = J dq; (6, nv)."""
     J = zeros(6, model.nv)
-    columns, p = _columns(model, q, closure)
-    for body, axes in columns:
-        block = body.places[1]
-        J[:, block] = J[:, block] + np.array([_twist_at_point(p, V) for V in axes]).T
+    axes_on_path, p = _axes_on_path(model, q, closure)
+    for body, axes in axes_on_path:
+        columns = body.places[1]
+        J[:, columns] = J[:, columns] + np.array([_twist_at_point(p, axis) for axis in axes]).T
     return J
 
 
 def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array:
     """dV_cb/dt at ddq = 0; (6,). A joint's axes move with the joints before it on the path: d(axis)/dt = [V, axis]."""
     V, dV = zeros(6), zeros(6)
-    columns, p = _columns(model, q, closure)
-    for body, axes in columns:
+    axes_on_path, p = _axes_on_path(model, q, closure)
+    for body, axes in axes_on_path:
         V_joint = dq[body.places[1]] @ axes
-        dV = dV + ad(V) @ V_joint  # V before or after this joint gives the same: [mine, mine] = 0
+        dV = dV + ad(V) @ V_joint  # V may include V_joint or not, since [V_joint, V_joint] = 0
         V = V + V_joint
     dp = _twist_at_point(p, V)[3:]
     return np.concatenate([dV[:3], _twist_at_point(p, dV)[3:] + so3.cross(V[:3], dp)])
 
 
 def _twist_at_point(p: Array, V: Array) -> Array:
-    """(w, v + w × p): twist with the velocity of the point p in place of that of the origin."""
+    """(w, v + w × p): the linear part becomes the velocity of the point p; that of V = (w, v) is taken at the origin."""
     return np.concatenate([V[:3], V[3:] + so3.cross(V[:3], p)])
 
 
 def closure_poses(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
     """T_cb of each closure; (n, 4, 4)."""
-    return np.array([_walk(model, q, c)[1] for c in constraints if isinstance(c, Closure)]).reshape(-1, 4, 4)
+    closures = [constraint for constraint in constraints if isinstance(constraint, Closure)]
+    T_cb = [_joint_path(model, q, closure)[1] for closure in closures]
+    return np.array(T_cb).reshape(-1, 4, 4)
 
 
 def constraint_jacobian(model: Model, q: Array, constraints: tuple[Constraint, ...]) -> Array:
     """A in A dq = 0; (k, nv). MR section 8.7."""
     rows = []
-    for c in constraints:
-        J = _relative_jacobian(model, q, c) if isinstance(c, Closure) else jacobian(model, q, c.frame, c.kind)
-        rows.append(J[list(c.rows)])
+    for constraint in constraints:
+        if isinstance(constraint, Closure):
+            J = _relative_jacobian(model, q, constraint)
+        else:
+            J = jacobian(model, q, constraint.frame, constraint.kind)
+        rows.append(J[list(constraint.rows)])
     return np.concatenate(rows)
 
 
 def constraint_bias(model: Model, q: Array, dq: Array, constraints: tuple[Constraint, ...]) -> Array:
     """(dA/dt) dq, so that A ddq + (dA/dt) dq = 0; (k,). MR section 8.7."""
     biases = []
-    for c in constraints:
-        if isinstance(c, Closure):
-            biases.append(_relative_bias(model, q, dq, c)[list(c.rows)])
+    for constraint in constraints:
+        rows = list(constraint.rows)
+        if isinstance(constraint, Closure):
+            biases.append(_relative_bias(model, q, dq, constraint)[rows])
         else:
-            biases.append(jacobian_rate(model, q, dq, c.frame, c.kind)[list(c.rows)] @ dq)
+            dJ = jacobian_rate(model, q, dq, constraint.frame, constraint.kind)
+            biases.append(dJ[rows] @ dq)
     return np.concatenate(biases)
 
 
@@ -196,50 +218,62 @@ def constrained_dynamics(
 ) -> tuple[Array, Array, Array]:
     """q̈ and λ of τ = M q̈ + h + A'λ, A q̈ + (dA/dt) dq = 0, and the pivots of A M⁻¹ A'; (nv,), (k,), (k,).
 
-    M = L'DL is factored once: with Y = L⁻ᵀA' and z = L⁻ᵀ(τ - h), A M⁻¹ A' is Y'D⁻¹Y.
+    M = L'DL is factored once. With Y = L⁻ᵀA' and z = L⁻ᵀ(τ - h),
+
+        S λ = Y'D⁻¹z + (dA/dt) dq,   S = A M⁻¹ A' = Y'D⁻¹Y = R'ER
+        q̈ = M⁻¹ (τ - h - A'λ) = L⁻¹ D⁻¹ (z - Yλ)
+
+    and the pivots are E. In the code ``D_inverse`` and ``E_inverse`` stand for D⁻¹ and E⁻¹, which :func:`ldl_factors` returns.
     """
-    L, D = ldl_factors(mass_matrix(model, q))
+    L, D_inverse = ldl_factors(mass_matrix(model, q))
     Y = solve_transposed(L, constraint_jacobian(model, q, constraints).T)
     z = solve_transposed(L, tau - bias_forces(model, q, dq, wrenches))
-    R, E = ldl_factors(Y.T @ (D[:, None] * Y))
-    lam = solve_ldl(
-        R, E, Y.T @ (D * z) + constraint_bias(model, q, dq, constraints)
-    )  # S λ = A M⁻¹ (τ - h) + (dA/dt) dq
-    return solve_triangular(L, D * (z - Y @ lam)), lam, 1.0 / E  # q̈ = M⁻¹ (τ - h - A'λ)
+    R, E_inverse = ldl_factors(Y.T @ (D_inverse[:, None] * Y))
+    right_side = Y.T @ (D_inverse * z) + constraint_bias(model, q, dq, constraints)
+    lam = solve_ldl(R, E_inverse, right_side)
+    ddq = solve_triangular(L, D_inverse * (z - Y @ lam))
+    return ddq, lam, 1.0 / E_inverse
 
 
 SINGULAR_VALUE = 1e-9
-"""Singular value, relative to the norm of A' with rows of usual size, below which a direction of λ has no effect on joints."""
+"""Largest singular value, relative to the norm of the scaled A', that counts as zero: such a direction of λ has no effect on
+joints."""
 MAX_RESIDUAL_TORQUE = 1e-6
-"""Residual torques at joints without motors, relative to the largest torque. Above this value, no motor torques produce the
-motion. The value allows for the constraint errors that integrators leave in configurations and velocities."""
+"""Largest residual torque at joints without motors, relative to the largest torque. If it is larger, no motor torques produce
+the motion. The value allows for the constraint errors that integrators leave in configurations and velocities."""
 
 
 def balance(f: Array, A: Array, sizes: Array, driven: Array) -> tuple[Array, Array]:
     """λ (..., k) and the residual torques f + A'λ at the joints without motors, by two least-squares problems in sequence.
 
     λ minimises the residual at the joints without motors, then the torques at the ``driven`` ones. f (..., nv) is M q̈ + h;
-    ``driven`` (nv,) is true where there is a motor.
+    ``driven`` (nv,) is true where there is a motor. ``sizes`` (k,) are the usual sizes W of the rows of A: the unknowns are
+    x = W λ, so that all columns of A'W⁻¹ are of one size.
     """
-    At = np.swapaxes(A, -1, -2) / sizes  # A'λ = (A'W⁻¹)(W λ), columns of one size
-    f = f[..., None]
-    with_motor, without_motor = At[..., driven, :], At[..., ~driven, :]
-    floor = SINGULAR_VALUE * np.linalg.norm(At, axis=(-2, -1))
-    inverse = _pseudoinverse(without_motor, floor)
-    x = -inverse @ f[..., ~driven, :]
-    free = np.eye(len(sizes)) - inverse @ without_motor  # changes of λ without effect on joints without motors
-    x = x - free @ _pseudoinverse(with_motor @ free, floor) @ (f[..., driven, :] + with_motor @ x)
-    return x[..., 0] / sizes, (f[..., ~driven, :] + without_motor @ x)[..., 0]
+    At = np.swapaxes(A, -1, -2) / sizes  # A'W⁻¹
+    f_column = f[..., None]
+    f_driven, f_undriven = f_column[..., driven, :], f_column[..., ~driven, :]
+    At_driven, At_undriven = At[..., driven, :], At[..., ~driven, :]
+    min_singular = SINGULAR_VALUE * np.linalg.norm(At, axis=(-2, -1))
+    inverse = _pseudoinverse(At_undriven, min_singular)
+    x = -inverse @ f_undriven
+    null_space = (
+        np.eye(len(sizes)) - inverse @ At_undriven
+    )  # projector on changes of x without effect on undriven joints
+    x = x - null_space @ _pseudoinverse(At_driven @ null_space, min_singular) @ (f_driven + At_driven @ x)
+    residual = f_undriven + At_undriven @ x
+    return x[..., 0] / sizes, residual[..., 0]
 
 
-def _pseudoinverse(X: Array, floor: Array) -> Array:
-    """Moore–Penrose inverse; singular values up to ``floor`` (...) count as zero."""
+def _pseudoinverse(X: Array, min_singular: Array) -> Array:
+    """Moore–Penrose inverse; singular values up to ``min_singular`` (...) count as zero."""
     if 0 in X.shape[-2:]:
         return np.swapaxes(X, -1, -2)
     U, sigma, Vt = np.linalg.svd(X, full_matrices=False)
-    significant = sigma > floor[..., None]
-    inverse = np.where(significant, 1.0 / np.where(significant, sigma, 1.0), 0.0)
-    return np.asarray(np.swapaxes(Vt, -1, -2) @ (inverse[..., None] * np.swapaxes(U, -1, -2)))
+    is_significant = sigma > min_singular[..., None]
+    safe_sigma = np.where(is_significant, sigma, 1.0)
+    sigma_inverse = np.where(is_significant, 1.0 / safe_sigma, 0.0)
+    return np.asarray(np.swapaxes(Vt, -1, -2) @ (sigma_inverse[..., None] * np.swapaxes(U, -1, -2)))
 
 
 class ConstrainedMotion(NamedTuple):
@@ -280,20 +314,21 @@ class ConstrainedDerivatives(NamedTuple):
     """Derivative with respect to the independent accelerations: the mass matrix of the motors."""
 
 
-# With the independent velocities u, which are those of the motors, dq = (d, u) and A = (A_d, A_u):
+# The velocities dq consist of the independent ones u, which are those of the motors, and of the dependent ones d. With the
+# columns of A in the same order, dq = (d, u), A = (A_d, A_u) and b = (dA/dt) dq:
 #
 #     (1)  dq = N u,  N = (-A_d⁻¹ A_u, 1)                             A dq = 0
 #     (2)  A_d q̈_d = -(A_u q̈_u + b)                                  A q̈ + b = 0, MR section 8.7
 #     (3)  A_d' λ = -f_d,   τ = f_u + A_u' λ                           f = M q̈ + h, no torque at the other joints
 #
-# and along a direction of the independent coordinates, ∂ at constant u and q̈_u,
+# ∂ is the derivative along a direction of the independent coordinates, at constant u and q̈_u:
 #
 #     (4)  A_d ∂dq_d = -∂A dq                                          ∂A = (dA/dq) N
 #     (5)  A_d ∂q̈_d = -(∂A q̈ + ∂b),   ∂b = (db/dq) N + (db/ddq) ∂dq
 #     (6)  ∂f = (df/dq) N + (df/ddq) ∂dq + M ∂q̈
 #     (7)  A_d' ∂λ = -(∂f_d + ∂A_d' λ),   ∂τ = ∂f_u + ∂A_u' λ + A_u' ∂λ
 #
-# where d/ddq is the derivative with respect to dq. For derivatives by u, N replaces ∂dq, and ∂A is zero.
+# Here d/ddq is the derivative with respect to the velocities dq. For derivatives by u, N replaces ∂dq, and ∂A is zero.
 
 
 class Slopes(NamedTuple):
@@ -318,34 +353,45 @@ class Slopes(NamedTuple):
 
 
 def constrained_derivatives(at: Slopes, dq: Array, ddq: Array, driven: Array) -> ConstrainedDerivatives:
-    """Derivatives of the torques of the ``driven`` joints (nv,), one per degree of freedom, by their q, dq and ddq."""
+    """Derivatives of the torques of the ``driven`` joints by their q, dq and ddq.
+
+    ``at`` are the derivatives of the open robot at a state; ``driven`` (nv,) is true at as many joints as there are degrees of
+    freedom. A name such as ``b_along_q`` is ∂b of equations (4) to (7), ``b_along_dq`` the same for derivatives by u.
+    """
     u, d = driven, ~driven
+    freedom = int(u.sum())
     A_d, A_u = at.A[..., d], at.A[..., u]
-    N = _all_columns(-np.linalg.solve(A_d, A_u), driven, np.eye(int(u.sum())))  # (1)
-    lam = -np.linalg.solve(_t(A_d), at.f[..., d, None])[..., 0]  # (3)
-    dA = np.einsum("...ijk,...kl->...ijl", at.A_by_q, N)
-    none = np.zeros((int(u.sum()),) * 2)
+    N = _all_rows(-np.linalg.solve(A_d, A_u), np.eye(freedom), driven)  # (1)
+    lam = -np.linalg.solve(_transpose(A_d), at.f[..., d, None])[..., 0]  # (3)
+    constant_u = np.zeros((freedom, freedom))
 
-    def torques(df: Array, dA: Array | float) -> Array:
-        pressed = np.einsum("...ijl,...i->...jl", dA, lam) if isinstance(dA, np.ndarray) else np.zeros_like(df)
-        dlam = -np.linalg.solve(_t(A_d), df[..., d, :] + pressed[..., d, :])  # (7)
-        return np.asarray(df[..., u, :] + pressed[..., u, :] + _t(A_u) @ dlam)
+    def torque_changes(f_along: Array, At_lam_along: Array) -> Array:  # ∂τ from ∂f and ∂A' λ
+        lam_along = -np.linalg.solve(_transpose(A_d), f_along[..., d, :] + At_lam_along[..., d, :])  # (7)
+        return np.asarray(f_along[..., u, :] + At_lam_along[..., u, :] + _transpose(A_u) @ lam_along)
 
-    dv = _all_columns(-np.linalg.solve(A_d, np.einsum("...ijl,...j->...il", dA, dq)), driven, none)  # (4)
-    db = at.b_by_q @ N + at.b_by_dq @ dv
-    da = _all_columns(-np.linalg.solve(A_d, np.einsum("...ijl,...j->...il", dA, ddq) + db), driven, none)  # (5)
-    by_q = torques(at.f_by_q @ N + at.f_by_dq @ dv + at.M @ da, dA)  # (6)
-    da = _all_columns(-np.linalg.solve(A_d, at.b_by_dq @ N), driven, none)
-    by_dq = torques(at.f_by_dq @ N + at.M @ da, 0.0)
-    return ConstrainedDerivatives(by_q, by_dq, _t(N) @ at.M @ N)
+    A_along_q = np.einsum("...ijk,...kl->...ijl", at.A_by_q, N)
+    A_dq_along_q = np.einsum("...ijl,...j->...il", A_along_q, dq)
+    A_ddq_along_q = np.einsum("...ijl,...j->...il", A_along_q, ddq)
+    At_lam_along_q = np.einsum("...ijl,...i->...jl", A_along_q, lam)
+    dq_along_q = _all_rows(-np.linalg.solve(A_d, A_dq_along_q), constant_u, driven)  # (4)
+    b_along_q = at.b_by_q @ N + at.b_by_dq @ dq_along_q
+    ddq_along_q = _all_rows(-np.linalg.solve(A_d, A_ddq_along_q + b_along_q), constant_u, driven)  # (5)
+    f_along_q = at.f_by_q @ N + at.f_by_dq @ dq_along_q + at.M @ ddq_along_q  # (6)
+    tau_by_q = torque_changes(f_along_q, At_lam_along_q)
 
-
-def _all_columns(dependent: Array, driven: Array, of_driven: Array) -> Array:
-    """Columns for all velocities, assembled from those of the dependent and of the driven ones; (..., nv, m)."""
-    columns = np.zeros((*dependent.shape[:-2], len(driven), of_driven.shape[-1]))
-    columns[..., ~driven, :], columns[..., driven, :] = dependent, of_driven
-    return columns
+    ddq_along_dq = _all_rows(-np.linalg.solve(A_d, at.b_by_dq @ N), constant_u, driven)
+    f_along_dq = at.f_by_dq @ N + at.M @ ddq_along_dq
+    tau_by_dq = torque_changes(f_along_dq, np.zeros_like(f_along_dq))
+    return ConstrainedDerivatives(tau_by_q, tau_by_dq, _transpose(N) @ at.M @ N)
 
 
-def _t(X: Array) -> Array:
+def _all_rows(dependent_rows: Array, driven_rows: Array, driven: Array) -> Array:
+    """Rows of all velocities (..., nv, m), assembled from the rows of the dependent and of the driven ones."""
+    rows = np.zeros((*dependent_rows.shape[:-2], len(driven), driven_rows.shape[-1]))
+    rows[..., ~driven, :] = dependent_rows
+    rows[..., driven, :] = driven_rows
+    return rows
+
+
+def _transpose(X: Array) -> Array:
     return np.swapaxes(X, -1, -2)

@@ -11,8 +11,9 @@ c is evaluated at dq; with friction, at the mean of dq and a first estimate of v
 for dissipation, so that energy gain is negligible.
 
 Terms linear in v are added to M. Two discrete choices remain for each joint: it sticks or slides, and its torque is within
-the limits or at one. A guess of this state is a pair of numbers: s is 0 for a joint that sticks and otherwise sign(v); t is
-0 within the limits and otherwise the sign of the limit. For a given guess the equations are linear:
+the limits or at one of them. A guess of these choices is a pair of numbers for each joint: s is 0 if it sticks and otherwise
+sign(v); t is 0 if its torque is within the limits and otherwise the sign of the limit. For a given guess the equations are
+linear:
 
     (4)  K = M + h V + h (1 - t²) kd
     (5)  K v = K dq + h (clipped τ - c - g - V dq) - h φ     rows with s = 0 are replaced by v = 0
@@ -45,10 +46,12 @@ from .mass_matrix import ldl_factors, mass_matrix, solve_ldl, with_diagonal
 from .operational_space import clip_torques
 from .recursion import zeros
 
-ROUNDS, WITH_LIMITS = 4, 6
-"""Number of guesses, without and with torque limits on a control law. In steps of falling arms, hands and humanoids, 98 %
-converge within two guesses, and all but a few in 10⁵ within four. Without convergence the error lasts one step: a joint is
-held by more than its friction, or slides against it."""
+_GUESSES = 4
+"""Number of guesses without torque limits on a control law. In steps of falling arms, hands and humanoids, 98 % converge within
+two guesses, and all but a few in 10⁵ within four. Without convergence the error lasts one step: a joint is held by more than
+its friction, or slides against it."""
+_GUESSES_WITH_LIMITS = 6
+"""Number of guesses with torque limits on a control law."""
 SLIDING_SOFTNESS = 0.01
 """Inertia of a joint that slides the wrong way, as a fraction of M_ii. Guesses may cycle if it exceeds the part of M_ii that
 the other joints leave. This small fraction costs one more guess if a joint reverses within a step."""
@@ -68,19 +71,25 @@ def velocity_step(
     if limits is not None and gains is None:
         tau, limits = clip_torques(tau, limits), None
     viscous = model.friction.viscous if friction else zeros(model.nv)
-    dry = dry_friction_indices(model) if friction else ()
-    if dry or limits is not None:
-        return _StepEquations(model, q, dq, h, tau, gains, limits, viscous, dry, friction, push, wrenches).solve()
+    dry_joints = dry_friction_indices(model) if friction else ()
+    if dry_joints or limits is not None:
+        return _StepEquations(
+            model, q, dq, h, tau, gains, limits, viscous, dry_joints, friction, push, wrenches
+        ).solve()
     force = tau if push is None else tau + push
-    brakes = h * viscous if gains is None else h * (viscous + gains)
     if friction:
         force = force - viscous * dq
-    added = brakes if friction or gains is not None else None
-    change = h * forward_dynamics(model, q, dq, force, wrenches, added)
-    if friction:
-        change = h * forward_dynamics(model, q, dq + 0.5 * change, force, wrenches, added)
+    added_inertia = None  # of K in (4), with t = 0
+    if gains is not None:
+        added_inertia = h * (viscous + gains)
+    elif friction:
+        added_inertia = h * viscous
+    change = h * forward_dynamics(model, q, dq, force, wrenches, added_inertia)
+    if friction:  # c at the midpoint
+        change = h * forward_dynamics(model, q, dq + 0.5 * change, force, wrenches, added_inertia)
     v = dq + change
-    return v, tau if gains is None else tau - gains * change, -viscous * v
+    applied = tau if gains is None else tau - gains * change  # (2)
+    return v, applied, -viscous * v
 
 
 class _StepEquations:
@@ -88,94 +97,113 @@ class _StepEquations:
 
     def __init__(
         self, model: Model, q: Array, dq: Array, h: Any, tau: Array, gains: Array | None, limits: Array | None, viscous: Array,
-        dry: Sequence[int], friction: bool, push: Array | None, wrenches: Wrenches | None,
+        dry_joints: Sequence[int], friction: bool, push: Array | None, wrenches: Wrenches | None,
     ) -> None:  # fmt: skip
         n = model.nv
-        self.dq, self.h, self.tau, self.viscous, self.dry = dq, h, tau, viscous, dry
+        self.model, self.q, self.dq, self.h = model, q, dq, h
+        self.tau, self.wrenches, self.friction = tau, wrenches, friction
+        self.viscous, self.dry_joints = viscous, dry_joints
         self.gains = zeros(n) if gains is None else gains
-        self.limits, self.limited, drive_torques = zeros(n), [], tau
+        self.limits = zeros(n)
+        self.limited_joints: list[int] = []
+        drive_torques = tau
         if limits is not None:
-            self.limits = np.array([L.clip(0.0, NO_LIMIT) for L in limits], object)
-            self.limited, drive_torques = [i for i in range(n) if not is_zero(self.gains[i])], clip_torques(tau, limits)
+            self.limits = np.array([limit.clip(0.0, NO_LIMIT) for limit in limits], object)
+            self.limited_joints = [i for i in range(n) if not is_zero(self.gains[i])]
+            drive_torques = clip_torques(tau, limits)
         M = mass_matrix(model, q)
-        self.soft, self.A = SLIDING_SOFTNESS * M.diagonal(), with_diagonal(M, h * viscous)
-        self.model, self.q, self.wrenches = model, q, wrenches
-        self.known = -viscous * dq if push is None else push - viscous * dq
-        self.friction = friction
-        back, forth = friction_bounds(model, dq, drive_torques)
-        self.back, self.forth = h * back, h * forth
+        self.sliding_inertia = SLIDING_SOFTNESS * M.diagonal()
+        self.M_viscous = with_diagonal(M, h * viscous)  # M + h V
+        self.push = -viscous * dq if push is None else push - viscous * dq
+        backward_friction, forward_friction = friction_bounds(model, dq, drive_torques)
+        self.backward_impulse, self.forward_impulse = h * backward_friction, h * forward_friction
 
     def solve(self) -> tuple[Array, Array, Array]:
         """v, τ and the friction torques of the last guess; torques are within their limits for any guess."""
         s, t = zeros(len(self.dq)) + 1.0, zeros(len(self.dq))
-        moving = signs(self.dq)
-        for i in self.dry:
-            s[i] = moving[i]  # moving joints slide on, resting joints stick
-        self.load = self.known - bias_forces(self.model, self.q, self.dq, self.wrenches)
-        v, taken, tau = self._step_for_guess(s, t)
-        for _ in range((WITH_LIMITS if self.limited else ROUNDS) - 1):
-            s, t = self._next_slips(s, v, taken), self._next_limits(t, tau)
-            v, taken, tau = self._step_for_guess(s, t)
-        if self.friction:
-            self.load = self.known - bias_forces(self.model, self.q, 0.5 * (self.dq + v), self.wrenches)
-            v, taken, tau = self._step_for_guess(s, t)
-        if self.limited:
-            used = self._torques_at_limits(t, tau)
-            tau = clip_torques(used, self.limits)
-            v = v + self._velocity_changes(self.A, s * s, self.h * (tau - used))  # zero if the guess was right
-        return v, tau, -self.viscous * v - taken / self.h
+        directions = signs(self.dq)
+        for i in self.dry_joints:
+            s[i] = directions[i]  # moving joints slide on, resting joints stick
+        self.load = self.push - bias_forces(self.model, self.q, self.dq, self.wrenches)
+        v, friction_impulse, tau = self._step_for_guess(s, t)
+        guesses = _GUESSES_WITH_LIMITS if self.limited_joints else _GUESSES
+        for _ in range(guesses - 1):
+            s, t = self._next_slips(s, v, friction_impulse), self._next_limits(t, tau)
+            v, friction_impulse, tau = self._step_for_guess(s, t)
+        if self.friction:  # c at the midpoint
+            self.load = self.push - bias_forces(self.model, self.q, 0.5 * (self.dq + v), self.wrenches)
+            v, friction_impulse, tau = self._step_for_guess(s, t)
+        if self.limited_joints:
+            guessed_tau = self._torques_at_limits(t, tau)
+            tau = clip_torques(guessed_tau, self.limits)
+            excess_impulse = self.h * (tau - guessed_tau)  # zero if the guess was right
+            v = v + self._velocity_changes(self.M_viscous, s * s, excess_impulse)
+        return v, tau, -self.viscous * v - friction_impulse / self.h
 
     def _step_for_guess(self, s: Array, t: Array) -> tuple[Array, Array, Array]:
-        """v, friction impulse, and torque of the control law for a guess."""
-        slides, within = s * s, 1.0 - t * t
-        K = with_diagonal(self.A, self.h * within * self.gains)  # (4)
-        impulse = self.h * (self.load + self._torques_at_limits(t, self.tau)) + K @ ((1.0 - slides) * self.dq)
-        dry = self._dry_impulses(s)
-        x = self._velocity_changes(K, slides, impulse - dry)
-        v = slides * self.dq + x  # (5)
-        taken = dry + (1.0 - slides) * (impulse - K @ x)  # (6)
-        return v, taken, self.tau - self.gains * (v - self.dq)  # (2)
+        """v, friction impulse, and torque of the control law for a guess.
 
-    def _next_slips(self, s: Array, v: Array, taken: Array) -> Array:
+        x is the change of velocity of joints that slide, and the velocity 0 of joints that stick.
+        """
+        slides, within = s * s, 1.0 - t * t
+        K = with_diagonal(self.M_viscous, self.h * within * self.gains)  # (4)
+        # K (v - dq) moves the velocities dq of sticking joints to the right side, where they act like an impulse.
+        impulse = self.h * (self.load + self._torques_at_limits(t, self.tau)) + K @ ((1.0 - slides) * self.dq)
+        dry_impulse = self._dry_impulses(s)
+        x = self._velocity_changes(K, slides, impulse - dry_impulse)
+        v = slides * self.dq + x  # (5)
+        friction_impulse = dry_impulse + (1.0 - slides) * (impulse - K @ x)  # (6)
+        law_torque = self.tau - self.gains * (v - self.dq)  # (2)
+        return v, friction_impulse, law_torque
+
+    def _next_slips(self, s: Array, v: Array, friction_impulse: Array) -> Array:
         """Improved guess of sliding joints: a joint moving against its friction sticks, one beyond its bound slides."""
         s = s.copy()
-        for i in self.dry:
-            x = self.soft[i] * v[i] + taken[i]
-            s[i] = (x - x.clip(-self.back[i], self.forth[i])).sign()
+        for i in self.dry_joints:
+            x = self.sliding_inertia[i] * v[i] + friction_impulse[i]
+            s[i] = (x - x.clip(-self.backward_impulse[i], self.forward_impulse[i])).sign()
         return s
 
     def _next_limits(self, t: Array, tau: Array) -> Array:
-        """Improved guess of torques at their limits: the law's torque returns within its limit, or exceeds it."""
+        """Improved guess of torques at their limits: the law's torque returns within its limit, or exceeds it.
+
+        If a torque was guessed at its limit, its distance from the limit is divided by 1 + r, r = h kd / (softness M_ii): the
+        rate gain, which (4) left out for this guess, would reduce the distance.
+        """
         t = t.copy()
-        for i in self.limited:
-            L, stiff = self.limits[i], self.h * self.gains[i] / self.soft[i]
-            at = t[i] * L
-            x = at + (tau[i] - at) * (1.0 - t[i] * t[i] * (stiff / (1.0 + stiff)))
-            t[i] = (x - x.clip(-L, L)).sign()
+        for i in self.limited_joints:
+            limit = self.limits[i]
+            r = self.h * self.gains[i] / self.sliding_inertia[i]
+            guessed_limit = t[i] * limit
+            x = guessed_limit + (tau[i] - guessed_limit) * (1.0 - t[i] * t[i] * (r / (1.0 + r)))
+            t[i] = (x - x.clip(-limit, limit)).sign()
         return t
 
     def _torques_at_limits(self, t: Array, tau: Array) -> Array:
-        """Torques, replaced by their limits where the guess has them at the limit."""
-        used = tau.copy()
-        for i in self.limited:
-            used[i] = (1.0 - t[i] * t[i]) * tau[i] + t[i] * self.limits[i]
-        return used
+        """Torques of a guess: the limit for joints guessed at their limits, else ``tau``."""
+        torques = tau.copy()
+        for i in self.limited_joints:
+            torques[i] = (1.0 - t[i] * t[i]) * tau[i] + t[i] * self.limits[i]
+        return torques
 
     def _dry_impulses(self, s: Array) -> Array:
         """Impulses of dry friction on sliding joints; 0 for sticking ones."""
         impulses = zeros(len(s))
-        for i in self.dry:
-            back, forth = self.back[i], self.forth[i]
-            impulses[i] = s[i] * forth if back is forth else 0.5 * s[i] * (s[i] * (forth - back) + (forth + back))
+        for i in self.dry_joints:
+            backward, forward = self.backward_impulse[i], self.forward_impulse[i]
+            if backward is forward:  # the same symbol in both directions
+                impulses[i] = s[i] * forward
+            else:  # forward for s = 1, -backward for s = -1, 0 for s = 0
+                impulses[i] = 0.5 * s[i] * (s[i] * (forward - backward) + (forward + backward))
         return impulses
 
     def _velocity_changes(self, K: Array, slides: Array, impulse: Array) -> Array:
         """Velocities of the sliding joints due to impulses while the others stick; exactly 0 for sticking joints."""
-        lower = K.copy()
+        K_sliding = K.copy()  # without entries that couple sticking joints; only the lower triangle is used
         for i in range(len(K)):
             for j in range(i):
-                lower[i, j] = slides[i] * (slides[j] * K[i, j])
-        return solve_ldl(*ldl_factors(lower), slides * impulse)
+                K_sliding[i, j] = slides[i] * (slides[j] * K[i, j])
+        return solve_ldl(*ldl_factors(K_sliding), slides * impulse)
 
 
 # ── Compliant contact forces, law of Hunt and Crossley: points on a plane, joints at their stops
@@ -191,11 +219,14 @@ def largest(values: Iterable[Any]) -> Any:
     return reduce(lambda a, b: a.clip(b, np.inf), values)
 
 
-def contact_force(depth: Any, sinking: Any, k: Any, n: float, c: Any) -> Any:
+def contact_force(depth: Any, depth_rate: Any, k: Any, n: float, c: Any) -> Any:
     """f = k dⁿ max(0, 1 + c d') of one point; exactly 0 if d ≤ 0."""
-    inside = depth.clip(0.0, np.inf)
-    power = inside**n if 2 * n == int(2 * n) else inside.sign() * depth.clip(_MIN_LENGTH, np.inf) ** n
-    return k * power * (1.0 + c * sinking).clip(0.0, np.inf)
+    positive_depth = depth.clip(0.0, np.inf)
+    if 2 * n == int(2 * n):  # multiples of 1/2 need products and roots only
+        power = positive_depth**n
+    else:
+        power = positive_depth.sign() * depth.clip(_MIN_LENGTH, np.inf) ** n
+    return k * power * (1.0 + c * depth_rate).clip(0.0, np.inf)
 
 
 def plane_contact(
@@ -203,20 +234,21 @@ def plane_contact(
 ) -> tuple[Array, Array]:
     """Torques J'F of a plane's contact forces on points (n, 3) of a frame, (nv,), and the depth of each point, (n,).
 
-    ``law`` is (height, k, c, μ, slip). The friction force on a point with tangential velocity v is μ f v / √(|v|² + slip²).
+    ``law`` is (height, k, c, μ, slip), with the height of the plane along its normal. The friction force on a point with
+    tangential velocity v is -μ f v / √(|v|² + slip²).
     """
     height, k, c, mu, slip = law
     T, V = forward_kinematics(model, q, frame), frame_velocity(model, q, dq, frame)
-    R, n = T[:3, :3], normal
+    R = T[:3, :3]
     F, depths = zeros(6), zeros(len(points))
     for i, p in enumerate(points):
-        depths[i] = height - n @ (R @ p + T[:3, 3])
+        depths[i] = height - normal @ (R @ p + T[:3, 3])
         v = R @ (V[3:] + so3.cross(V[:3], p))  # velocity of the point, in the base frame
-        sinking = -(n @ v)
-        f = contact_force(depths[i], sinking, k, exponent, c)
-        slide = v + sinking * n
-        friction = mu * f / (slide @ slide + slip * slip).sqrt()
-        force = R.T @ (f * n - friction * slide)  # force on the point, in the frame
+        depth_rate = -(normal @ v)
+        f = contact_force(depths[i], depth_rate, k, exponent, c)
+        v_tangential = v + depth_rate * normal
+        friction_per_velocity = mu * f / (v_tangential @ v_tangential + slip * slip).sqrt()
+        force = R.T @ (f * normal - friction_per_velocity * v_tangential)  # force on the point, in the frame
         F = F + np.concatenate([so3.cross(p, force), force])
     return wrench_torques(model, q, F, frame), depths
 
@@ -224,13 +256,16 @@ def plane_contact(
 def stop_contact(
     q: Array, dq: Array, indices: Sequence[tuple[int, int]], exponent: float, lower: Array, upper: Array, law: Array
 ) -> tuple[Array, Array]:
-    """Torques of stops on joints at ``places`` in q and in dq, (nv,), and the penetration of the nearer stop, (m,).
+    """Torques of stops, (nv,), and the penetration of the nearer stop of each joint, (m,).
 
-    ``law`` is (k, c).
+    ``indices`` of each joint are its places in q and in dq; ``law`` is (k, c).
     """
-    (k, c), tau, depths = law, zeros(len(dq)), zeros(len(indices))
-    for j, (i, v) in enumerate(indices):
-        over, under = q[i] - upper[j], lower[j] - q[i]
-        tau[v] = contact_force(under, -dq[v], k, exponent, c) - contact_force(over, dq[v], k, exponent, c)
-        depths[j] = largest([over, under])
+    k, c = law
+    tau, depths = zeros(len(dq)), zeros(len(indices))
+    for j, (q_index, v_index) in enumerate(indices):
+        upper_depth, lower_depth = q[q_index] - upper[j], lower[j] - q[q_index]
+        lower_force = contact_force(lower_depth, -dq[v_index], k, exponent, c)
+        upper_force = contact_force(upper_depth, dq[v_index], k, exponent, c)
+        tau[v_index] = lower_force - upper_force
+        depths[j] = largest([upper_depth, lower_depth])
     return tau, depths

@@ -16,15 +16,15 @@ from .inverse_dynamics import Wrenches, applied_wrenches, bias_forces, body_moti
 from .mass_matrix import composite_inertias, inverse_factor, ldl_factors, mass_matrix, solve_ldl, symmetric_product
 from .recursion import add_entry, ancestors, armature_symbols, inward, joint_poses, spread, spring_stiffness, zeros
 
-# Coordinate j moves all bodies it carries along S_j. In frames that move along, body k has (λ the parent of j's body)
+# Coordinate j moves all bodies it carries along S_j. Let λ be the parent of j's body. In frames that move along, body k has
 #
 #     (1)  P_j = [V_λ, S_j]                                 ∂V_k/∂q_j = P_j
 #     (2)  Q_j = [dV_λ, S_j] + [V_λ, P_j]                   ∂dV_k/∂q_j = Q_j - [V_k, P_j]
 #     (3)  R_j = P_j + [V_j, S_j]
 #
-# with everything expressed in body k. The bracket with V_k is combined with the velocity products, which give 2 B P_j. B is
-# the operator of the Coriolis matrix and adds up over bodies like the inertia G. With G, B and F of all bodies that i
-# carries, for j before i, or j = i in (4) and (6),
+# where all vectors are expressed in body k. The bracket with V_k is combined with the velocity products: both together give
+# 2 B P_j. B is the operator of the Coriolis matrix and adds up over bodies like the inertia G. With the sums G, B and F of all
+# bodies that i carries, for j before i, or j = i in (4) and (6),
 #
 #     (4)  ∂τ_i/∂q_j = P_j·(2B)'S_i + Q_j·G S_i             (5)  ∂τ_j/∂q_i = S_j·(2B P_i + G Q_i - [S_i, ·]'F)
 #     (6)  ∂τ_i/∂dq_j = S_j·(2B)'S_i + R_j·G S_i            (7)  ∂τ_j/∂dq_i = S_j·(2B S_i + G R_i)
@@ -49,8 +49,9 @@ def inverse_dynamics_derivatives(
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
     twice_B, F, columns = composite_terms(model, T, V, dq, ddq, wrenches)
-    to_parent = [Ad(X).inverse.T for X in T]
-    by_q, by_dq = zeros(model.nv, model.nv) + spring_stiffness(model), zeros(model.nv, model.nv)
+    to_parent = [Ad(pose).inverse.T for pose in T]
+    by_q = zeros(model.nv, model.nv) + spring_stiffness(model)
+    by_dq = zeros(model.nv, model.nv)
     for i, body in enumerate(model.bodies):
         for k, own in enumerate(columns[i]):
             GS, BS = G[i] @ own.S, twice_B[i].transposed_times(own.S)
@@ -83,12 +84,15 @@ def composite_terms(
         body = model.bodies[i]
         F.append(inertial_wrench(body.inertia, motion))
         V_parent = V[i] - Adq[i]
-        dV = np.concatenate([motion.dw, motion.a - so3.cross(V[i][:3], V[i][3:])])  # from a, that of the origin
+        w, v = V[i][:3], V[i][3:]
+        dV = np.concatenate([motion.dw, motion.a - so3.cross(w, v)])  # the acceleration of the origin is a = dv + w × v
         dV_parent = dV - Addq[i] - ad(V_parent) @ Adq[i]  # dV = dV_parent + S q̈ + [V_parent, S dq]
         joint_columns = []
         for S in body.joint.axes:
             P = ad(V_parent) @ S  # (1)
-            joint_columns.append(_Column(S, P, ad(dV_parent) @ S + ad(V_parent) @ P, P + ad(V[i]) @ S))  # (2), (3)
+            Q = ad(dV_parent) @ S + ad(V_parent) @ P  # (2)
+            R = P + ad(V[i]) @ S  # (3)
+            joint_columns.append(_Column(S, P, Q, R))
         columns.append(joint_columns)
     for i, F_by in applied_wrenches(model, wrenches):
         F[i] = F[i] + F_by
@@ -102,7 +106,7 @@ def composite_terms(
 def _add_to_ancestors(
     matrix: Array, model: Model, columns: list[list[_Column]], to_parent: list[Ad], i: int, k: int, F: Array
 ) -> None:
-    """Add torques of a wrench F on body i at the joints before it: rows of these joints, column of i's velocity k."""
+    """Add torques of a wrench F on body i at the joints before i: in their rows, in the column of velocity k of i's joint."""
     F = to_parent[i] @ F
     for j in ancestors(model, i):
         if j == i:

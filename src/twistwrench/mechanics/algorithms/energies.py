@@ -28,54 +28,65 @@ def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
     Adq = spread(model, dq)
     V: list[Array] = []
     for i, p in outward(model):
-        V.append(Adq[i] if p == BASE else Ad(T[i]).inverse @ V[p] + Adq[i])
+        if p == BASE:
+            V.append(Adq[i])
+        else:
+            V.append(Ad(T[i]).inverse @ V[p] + Adq[i])
     return V
 
 
 def kinetic_energy(model: Model, q: Array, dq: Array) -> Any:
     """½ Σ V' G V plus the energy of the drives' armature [J]. MR section 8.1.2."""
-    V = body_velocities(model, joint_poses(model, q), dq)
-    u = motor_velocities(model, dq)
-    drives = 0.5 * (u @ (model.armature * u))
-    return sum((0.5 * (v @ (body.inertia @ v)) for body, v in zip(model.bodies, V, strict=True)), start=drives)
+    motor_dq = motor_velocities(model, dq)
+    energy = 0.5 * (motor_dq @ (model.armature * motor_dq))
+    twists = body_velocities(model, joint_poses(model, q), dq)
+    for body, V in zip(model.bodies, twists, strict=True):
+        energy = energy + 0.5 * (V @ (body.inertia @ V))
+    return energy
 
 
-def _first_moments(model: Model, q: Array) -> tuple[float, Array]:
+def _mass_and_first_moment(model: Model, q: Array) -> tuple[float, Array]:
     """Mass and first moment (3,) of all moving bodies together, in the base frame."""
     mass, h = 0.0, zeros(3)
-    for body, T in zip(model.bodies, base_poses(model, joint_poses(model, q)), strict=True):
+    T_s = base_poses(model, joint_poses(model, q))
+    for body, T in zip(model.bodies, T_s, strict=True):
         mass += body.inertia.mass
         h = h + T[:3, :3] @ body.inertia.first_moment + body.inertia.mass * T[:3, 3]
     return mass, h
 
 
 def potential_energy(model: Model, q: Array) -> Any:
-    """-Σ m g·c, zero with every centre of mass at the base origin, plus the energy of springs [J]."""
-    return -(model.gravity @ _first_moments(model, q)[1]) + spring_energy(model, q)
+    """-Σ m g·c plus the energy of springs [J]. The sum is zero with every centre of mass c at the base origin."""
+    _, h = _mass_and_first_moment(model, q)
+    return -(model.gravity @ h) + spring_energy(model, q)
 
 
 def center_of_mass(model: Model, q: Array) -> Array:
     """Centre of mass of the moving bodies in the base frame, NaN if their mass is zero; (3,)."""
-    mass, h = _first_moments(model, q)
-    return h * _per(mass)
+    mass, h = _mass_and_first_moment(model, q)
+    return h * _mass_inverse(mass)
 
 
-def _per(mass: Any) -> Any:
+def _mass_inverse(mass: Any) -> Any:
     """1 / mass, NaN for zero mass; symbolic masses count as nonzero."""
-    return np.nan if isinstance(mass, int | float) and mass == 0 else 1.0 / mass
+    if isinstance(mass, int | float) and mass == 0:
+        return np.nan
+    return 1.0 / mass
 
 
 def com_jacobian(model: Model, q: Array) -> Array:
     """J with d(center_of_mass)/dt = J dq; (3, nv). Each joint moves the composite body that it carries."""
-    T = joint_poses(model, q)
-    T_s, G = base_poses(model, T), composite_inertias(model, q)
+    T_s = base_poses(model, joint_poses(model, q))
+    G = composite_inertias(model, q)
     J = zeros(3, model.nv)
     for i, body in enumerate(model.bodies):
-        for b, S in enumerate(body.joint.axes):
-            c = body.v_index + b
-            J[:, c] = J[:, c] + body.ratio * (T_s[i][:3, :3] @ (G[i] @ S)[3:])
+        R = T_s[i][:3, :3]
+        for k, S in enumerate(body.joint.axes):
+            column = body.v_index + k
+            linear_momentum = R @ (G[i] @ S)[3:]  # of the composite body at unit rate, in the base frame
+            J[:, column] = J[:, column] + body.ratio * linear_momentum
     mass = sum(body.inertia.mass for body in model.bodies)
-    return J * _per(mass)
+    return J * _mass_inverse(mass)
 
 
 def momentum(model: Model, q: Array, dq: Array) -> Array:
@@ -91,4 +102,6 @@ def momentum(model: Model, q: Array, dq: Array) -> Array:
 def momentum_about_com(model: Model, q: Array, dq: Array) -> Array:
     """Centroidal momentum: the spatial momentum about the centre of mass, axes of {s}; (6,)."""
     P = momentum(model, q, dq)
-    return np.concatenate([P[:3] - so3.cross(center_of_mass(model, q), P[3:]), P[3:]])
+    angular, linear = P[:3], P[3:]
+    angular_about_com = angular - so3.cross(center_of_mass(model, q), linear)
+    return np.concatenate([angular_about_com, linear])

@@ -15,75 +15,87 @@ from ..model.model import Model
 def friction_forces(model: Model, dq: Array, load: Array | None = None) -> Array:
     """Torques that overcome friction at dq for joints that transmit the torque ``load``; (nv,)."""
     u = motor_velocities(model, dq)
-    lost = _drive_friction(model, u, None if load is None else motor_torques(model, load))
-    return np.asarray(joint_torques(model, lost))
+    drive_load = None if load is None else motor_torques(model, load)
+    return np.asarray(joint_torques(model, _drive_friction(model, u, drive_load)))
 
 
 def _drive_friction(model: Model, u: Array, load: Array | None = None) -> Array:
-    """Friction law at the velocities u of drives that transmit ``load``; (nv,)."""
-    f, s = model.friction, signs(u)
-    tau = f.viscous * u + s * _dry_friction(model, u)
-    return np.asarray(tau if load is None else tau + s * f.load * (signs(load) * load))
+    """Torques of the friction law at the velocities u of drives that transmit ``load``; (nv,)."""
+    friction, direction = model.friction, signs(u)
+    tau = friction.viscous * u + direction * _dry_friction(model, u)
+    if load is not None:
+        tau = tau + direction * friction.load * (signs(load) * load)
+    return np.asarray(tau)
 
 
 def torque_past_friction(model: Model, dq: Array, tau: Array) -> Array:
     """Part of the torques tau that remains after friction; (nv,).
 
-    The transmitted torque x solves x + sign(dq) load |x| = y, where y is the torque after the load-independent friction. As
-    load < 1, x has the sign of y.
+    The transmitted torque x solves x + sign(dq) load |x| = y, where y is the torque that remains after the friction that does
+    not depend on the load. As load < 1, x has the sign of y, and x = y / (1 + load sign(dq) sign(y)).
     """
     u = motor_velocities(model, dq)
     y = motor_torques(model, tau) - _drive_friction(model, u)
-    return np.asarray(joint_torques(model, y / (1.0 + model.friction.load * (signs(u) * signs(y)))))
+    x = y / (1.0 + model.friction.load * (signs(u) * signs(y)))
+    return np.asarray(joint_torques(model, x))
 
 
 def torque_past_eased_friction(model: Model, dq: Array, tau: Array, share: Array) -> Array:
     """Like :func:`torque_past_friction`, but dry friction is multiplied by ``share`` of :func:`eased`; (nv,)."""
     u = motor_velocities(model, dq)
-    damping = model.friction.viscous * u
-    y = motor_torques(model, tau) - damping - share * (_drive_friction(model, u) - damping)
-    return np.asarray(joint_torques(model, y / (1.0 + share * model.friction.load * (signs(u) * signs(y)))))
+    viscous = model.friction.viscous * u
+    y = motor_torques(model, tau) - viscous - share * (_drive_friction(model, u) - viscous)
+    x = y / (1.0 + share * model.friction.load * (signs(u) * signs(y)))
+    return np.asarray(joint_torques(model, x))
 
 
 def sliding_share(dq: Array, creep: Array) -> Array:
     """tanh(|dq| / creep), the fraction of dry friction at low speeds; (nv,).
 
-    Symbols use the exponential. Near rest its error is 1e-16 absolute; the relative error is larger.
+    For symbols, tanh x = 1 - 2 / (e^(2x) + 1). Near rest the absolute error of this form is 1e-16, so the relative error is
+    larger.
     """
     if dq.dtype != object:
         return np.asarray(np.tanh(np.abs(dq) / creep))
-    return np.asarray(1.0 - 2.0 / (_exp(2.0 * (signs(dq) * dq / creep)) + 1.0))
+    x = signs(dq) * dq / creep
+    return np.asarray(1.0 - 2.0 / (_exp(2.0 * x) + 1.0))
 
 
 def dry_friction_indices(model: Model) -> list[int]:
     """Indices of the velocities with dry friction."""
-    f = model.friction
-    laws = zip(f.coulomb, f.static, f.load, strict=True)
-    return [k for k, law in enumerate(laws) if not all(map(is_zero, law))]
+    friction = model.friction
+    dry_parameters = zip(friction.coulomb, friction.static, friction.load, strict=True)
+    return [k for k, parameters in enumerate(dry_parameters) if not all(map(is_zero, parameters))]
 
 
 def friction_bounds(model: Model, dq: Array, tau: Array) -> tuple[Array, Array]:
     """Largest dry friction of joints that slide backward and forward, at the speeds dq; (nv,) each.
 
-    The two differ if friction grows with the load: the transmitted torque is the part of tau that friction leaves.
+    The two differ if friction grows with the load: the transmitted torque is the part of tau that remains after friction, as
+    in :func:`torque_past_friction`.
     """
-    dry, load = _dry_friction(model, dq), model.friction.load
+    dry = _dry_friction(model, dq)
     backward, forward = dry.copy(), dry.copy()
-    for k, c in enumerate(load):
-        if not is_zero(c):
-            y = tau[k] - model.friction.viscous[k] * dq[k]
-            for bounds, sign in ((backward, -1.0), (forward, 1.0)):
-                carried = y - sign * dry[k]
-                bounds[k] = dry[k] + c * (abs(carried) / (1.0 + sign * c * carried.sign()))
+    for k, load_factor in enumerate(model.friction.load):
+        if is_zero(load_factor):
+            continue
+        after_viscous = tau[k] - model.friction.viscous[k] * dq[k]
+        for bounds, direction in ((backward, -1.0), (forward, 1.0)):
+            y = after_viscous - direction * dry[k]
+            bounds[k] = dry[k] + load_factor * (abs(y) / (1.0 + direction * load_factor * y.sign()))
     return backward, forward
 
 
 def _dry_friction(model: Model, dq: Array) -> Array:
-    """Coulomb friction plus the static friction that remains at this speed; (nv,)."""
-    f = model.friction
+    """Coulomb friction c plus the part of static friction s that remains at this speed, c + (s - c) exp(-(dq/v)²); (nv,)."""
+    friction = model.friction
     dry = np.full(dq.shape, 0.0, object)
-    for k, (c, s, v, x) in enumerate(zip(f.coulomb, f.static, f.stribeck, dq, strict=True)):
-        dry[k] = c if _are_equal(c, s) else c + (s - c) * _exp(-(x / v) * (x / v))
+    laws = zip(friction.coulomb, friction.static, friction.stribeck, dq, strict=True)
+    for k, (c, s, v, speed) in enumerate(laws):
+        if _are_equal(c, s):
+            dry[k] = c
+        else:
+            dry[k] = c + (s - c) * _exp(-(speed / v) * (speed / v))
     return dry
 
 
@@ -97,13 +109,17 @@ def is_zero(x: Any) -> bool:
     return isinstance(x, float) and x == 0.0
 
 
+# Symbols have their own functions exp, sign and clip; numbers have not.
+
+
 def _exp(x: Any) -> Any:
     return x.exp() if hasattr(x, "exp") else np.exp(x)
 
 
 def signs(x: Array) -> Array:
-    """-1, 0 or 1, for symbols and numbers."""
-    return np.array([e.sign() if hasattr(e, "sign") else np.sign(e) for e in x], object).reshape(x.shape)
+    """-1, 0 or 1 of each entry, for symbols and numbers."""
+    entry_signs = [entry.sign() if hasattr(entry, "sign") else np.sign(entry) for entry in x]
+    return np.array(entry_signs, object).reshape(x.shape)
 
 
 # ── Branch-free switching functions, for numbers and symbols
@@ -111,8 +127,8 @@ def signs(x: Array) -> Array:
 
 def positive(x: Any) -> Any:
     """1 if a number is above 0, else 0."""
-    s = signs(np.array([x], object))[0]
-    return 0.5 * (s + s * s)
+    (sign,) = signs(np.array([x], object))
+    return 0.5 * (sign + sign * sign)
 
 
 def either(which: Any, a: Any, b: Any) -> Any:
@@ -121,14 +137,14 @@ def either(which: Any, a: Any, b: Any) -> Any:
 
 
 def largest(numbers: Iterable[Any], bound: Any) -> Any:
-    """Largest absolute value, at least ``least``; NaN if any number is NaN."""
+    """Largest absolute value, at least ``bound``; NaN if any number is NaN."""
     for x in numbers:
         bound = abs(x).clip(bound, np.inf) if hasattr(x, "clip") else max(abs(x), bound)
     return bound
 
 
 def smallest(numbers: Iterable[Any], bound: Any) -> Any:
-    """Smallest number, at most ``most``; NaN if any number is NaN."""
+    """Smallest number, at most ``bound``; NaN if any number is NaN."""
     for x in numbers:
         bound = x.clip(-np.inf, bound) if hasattr(x, "clip") else min(x, bound)
     return bound

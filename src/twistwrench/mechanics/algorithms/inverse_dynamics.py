@@ -1,8 +1,8 @@
 """Newton–Euler inverse dynamics on trees (MR section 8.3), and its regressor.
 
-The laws of Newton and Euler hold in every inertial frame. For each body, the frame is the one that at this instant moves
-with the body's own origin: there v = 0, the linear part of dV is the ordinary acceleration ``a`` of the origin, and
-(8.51)–(8.53) lose a third of their terms. The acceleration of a body point at r is then ``a + U r`` with
+The laws of Newton and Euler hold in every inertial frame. For each body, the inertial frame that at this instant moves with the
+body's origin is used. There v = 0, the linear part of dV is the ordinary acceleration ``a`` of the origin, and (8.51)–(8.53)
+lose a third of their terms. The acceleration of a body point at r is then ``a + U r`` with
 
     U = [dw] + [w]²,      the upper left block of  T⁻¹ T̈ = [dV] + [V]².
 """
@@ -46,15 +46,18 @@ def body_motions(
 ) -> Iterator[tuple[int, BodyMotion]]:
     """(body, its motion) from the base outward; with gravity, the base accelerates upward."""
     Adq, Addq = spread(model, dq), spread(model, ddq)
-    motion = {BASE: BodyMotion(zeros(3), zeros(3), -model.gravity if gravity else zeros(3))}
+    base_acceleration = -model.gravity if gravity else zeros(3)
+    motions = {BASE: BodyMotion(zeros(3), zeros(3), base_acceleration)}
     for i, p in outward(model):
-        R, r, up = T[i][:3, :3], T[i][:3, 3], motion[p]
-        wJ, vJ, dwJ, dvJ = Adq[i][:3], Adq[i][3:], Addq[i][:3], Addq[i][3:]
-        w = R.T @ up.w + wJ  # (8.51)
-        dw = R.T @ up.dw + so3.cross(w, wJ) + dwJ  # (8.52), angular part
-        a = R.T @ (up.a + up.U @ r) + so3.cross(2.0 * w - wJ, vJ) + dvJ  # (8.52), origin
-        motion[i] = BodyMotion(w, dw, a)
-        yield i, motion[i]
+        parent = motions[p]
+        R, r = T[i][:3, :3], T[i][:3, 3]
+        w_joint, v_joint = Adq[i][:3], Adq[i][3:]
+        dw_joint, dv_joint = Addq[i][:3], Addq[i][3:]
+        w = R.T @ parent.w + w_joint  # (8.51)
+        dw = R.T @ parent.dw + so3.cross(w, w_joint) + dw_joint  # (8.52), angular part
+        a = R.T @ (parent.a + parent.U @ r) + so3.cross(2.0 * w - w_joint, v_joint) + dv_joint  # (8.52), origin
+        motions[i] = BodyMotion(w, dw, a)
+        yield i, motions[i]
 
 
 def joint_wrenches(
@@ -87,8 +90,12 @@ def applied_wrenches(model: Model, wrenches: Wrenches | None) -> Iterator[tuple[
 def inertial_wrench(G: SpatialInertia, motion: BodyMotion) -> Array:
     """G dV - ad(V)' G V for V = (w, 0), dV = (dw, a): the Newton–Euler equations with products of inertia.
 
-    I dw + w × I w uses entries of U, which are already computed. Without products of inertia its rows are Euler's equations,
-    ``m_x = I_xx dw_x + (I_zz - I_yy) w_y w_z``.
+    The moment n and the force f are
+
+        n = I dw + w × I w + h × a,   f = m a + U h
+
+    The row x of I dw + w × I w is written with entries of U, which are already computed. Without products of inertia it is
+    Euler's equation, I_xx dw_x + (I_zz - I_yy) w_y w_z. The rows y and z follow by cyclic exchange.
     """
     m, h, I = G.mass, G.first_moment, G.moment_about_origin
     w, dw, a, U = motion.w, motion.dw, motion.a, motion.U
@@ -108,7 +115,9 @@ def inverse_dynamics(
     """Joint torques τ = M q̈ + h + Σ J'F_by, with friction on request; (nv,). MR eq. 8.54."""
     tau = collect(model, joint_wrenches(model, q, dq, ddq, wrenches)) + armature_forces(model, dq, ddq)
     tau = tau + spring_forces(model, q)
-    return tau + friction_forces(model, dq, load=tau) if friction else tau
+    if friction:
+        tau = tau + friction_forces(model, dq, load=tau)
+    return tau
 
 
 def bias_forces(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> Array:
@@ -118,14 +127,14 @@ def bias_forces(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
 
 def coriolis_forces(model: Model, q: Array, dq: Array) -> Array:
     """c, the centripetal and Coriolis terms; (nv,)."""
-    still = zeros(model.nv)
-    return collect(model, joint_wrenches(model, q, dq, still, gravity=False)) + armature_forces(model, dq, still)
+    ddq = zeros(model.nv)
+    return collect(model, joint_wrenches(model, q, dq, ddq, gravity=False)) + armature_forces(model, dq, ddq)
 
 
 def gravity_forces(model: Model, q: Array, wrenches: Wrenches | None = None) -> Array:
     """g, plus Σ J'F_by if wrenches are given; (nv,)."""
-    still = zeros(model.nv)
-    return collect(model, joint_wrenches(model, q, still, still, wrenches))
+    dq = ddq = zeros(model.nv)
+    return collect(model, joint_wrenches(model, q, dq, ddq, wrenches))
 
 
 def holding_torques(model: Model, q: Array, wrenches: Wrenches | None = None) -> Array:
@@ -138,9 +147,10 @@ def drive_torques(
 ) -> tuple[Array, Array]:
     """Torques of gears and of rotors at the joints, which add up to τ; (nv,) each. MR section 8.9.3."""
     F = joint_wrenches(model, q, dq, ddq, wrenches)
-    spins = np.array([[float(not body.joint.moves_body)] for body in model.bodies])
-    rotors = collect(model, spins * F) + armature_forces(model, dq, ddq)
-    return collect(model, (1.0 - spins) * F) + spring_forces(model, q), rotors
+    is_rotor = np.array([[float(not body.joint.moves_body)] for body in model.bodies])
+    rotor_torques = collect(model, is_rotor * F) + armature_forces(model, dq, ddq)
+    gear_torques = collect(model, (1.0 - is_rotor) * F) + spring_forces(model, q)
+    return gear_torques, rotor_torques
 
 
 # ── Regressor: inverse dynamics linear in the inertial parameters. Atkeson, An and Hollerbach, 1986
@@ -148,20 +158,22 @@ def drive_torques(
 PARAMETER_NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """The ten parameters of a body about its frame's origin, in the order of ``SpatialInertia.parameters``."""
 
-_UNITS = [SpatialInertia.from_parameters(e) for e in np.eye(10)]
+_UNIT_INERTIAS = [SpatialInertia.from_parameters(unit_vector) for unit_vector in np.eye(10)]
+"""Inertias with one parameter 1 and the others 0."""
 
 
 def regressor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
     """Y in τ = Y π, π the ten parameters of each body in turn, without springs and armature; (nv, 10 nbodies)."""
     T = joint_poses(model, q)
-    up = [Ad(X).inverse.T for X in T]
+    to_parent = [Ad(pose).inverse.T for pose in T]
     Y = zeros(model.nv, 10 * len(model.bodies))
     for i, motion in body_motions(model, T, dq, ddq):
-        for k, unit in enumerate(_UNITS):
-            F, column = inertial_wrench(unit, motion), 10 * i + k
+        for k, unit_inertia in enumerate(_UNIT_INERTIAS):
+            column = 10 * i + k
+            F = inertial_wrench(unit_inertia, motion)
             for j in ancestors(model, i):
                 body = model.bodies[j]
-                rows = body.places[1]
+                _, rows = body.places
                 Y[rows, column] = Y[rows, column] + body.ratio * (body.joint.axes @ F)
-                F = up[j] @ F
+                F = to_parent[j] @ F
     return Y

@@ -18,9 +18,10 @@ from .recursion import ancestors, armature_symbols, base_poses, joint_poses, spr
 # M_ji = S_j·(G S_i),
 #     ∂τ_i/∂q_j = P_j·((2B)' S_i) + Q_j·(G S_i),      ∂τ_j/∂q_i = S_j·(2B P_i + G Q_i - [S_i, ·]'F)     for j before i,
 #
-# and so on: the equations of :mod:`.mass_matrix` and :mod:`.dynamics_derivatives`, which transform a wrench to the base joint
-# by joint. In base coordinates no transformation is needed, so that an entry is one dot product. Bodies far from the base lose
-# digits, about as many as their distance in body lengths. B' S is a pure couple in every frame.
+# and likewise for the other entries. These are the equations of :mod:`.mass_matrix` and :mod:`.dynamics_derivatives`, which
+# transform a wrench to the base joint by joint. In base coordinates no transformation is needed, so that an entry is one dot
+# product. Bodies far from the base lose accuracy: by a factor of about their distance in body lengths. B' S is a pure couple in
+# every frame, so that three numbers are enough for it.
 
 
 class Relations(NamedTuple):
@@ -34,15 +35,17 @@ class Relations(NamedTuple):
 
 def joints_are_independent(model: Model) -> bool:
     """True if joints share neither velocities nor motors, and no armature has velocity products: only bodies depend on dq."""
-    shared = model.couplings or any(body.follows for body in model.bodies)
-    return not shared and not any(True for _ in armature_symbols(model))
+    if model.couplings or any(body.follows for body in model.bodies):
+        return False
+    return next(iter(armature_symbols(model)), None) is None
 
 
 def relations(model: Model) -> Relations:
-    """Table of which joints carry which."""
+    """Table of which joints carry which, and the body of each velocity."""
     bodies = np.zeros(model.nv, int)
     for k, body in enumerate(model.bodies):
-        bodies[body.places[1]] = k
+        _, columns = body.places
+        bodies[columns] = k
     carries = np.zeros((model.nv, model.nv), bool)
     for column, body in enumerate(bodies):
         carries[:, column] = np.isin(bodies, list(ancestors(model, int(body))))
@@ -52,13 +55,15 @@ def relations(model: Model) -> Relations:
 def mass_matrix_factors(model: Model, q: Array) -> tuple[Array, ...]:
     """S (nv, 6), G S (6, nv), G S (nv, 6), S (6, nv).
 
-    M_ji is row j of the first times column i of the second if j is before i; else the same of the third and the last.
+    M_ji is row j of the first matrix times column i of the second if j is before i, else row j of the third matrix times column
+    i of the last.
     """
-    T = joint_poses(model, q)
     S, GS = zeros(model.nv, 6), zeros(model.nv, 6)
-    for body, X, G in zip(model.bodies, base_poses(model, T), composite_inertias(model, q), strict=True):
+    poses = base_poses(model, joint_poses(model, q))
+    for body, T_s, G in zip(model.bodies, poses, composite_inertias(model, q), strict=True):
         for k, axis in enumerate(body.joint.axes, start=body.v_index):
-            S[k], GS[k] = Ad(X) @ axis, Ad(X).inverse.T @ (G @ axis)
+            S[k] = Ad(T_s) @ axis
+            GS[k] = Ad(T_s).inverse.T @ (G @ axis)
     return S, GS.T, GS, S.T
 
 
@@ -70,24 +75,30 @@ def constant_mass(model: Model) -> Array:
 def derivative_factors(
     model: Model, q: Array, dq: Array, ddq: Array, wrenches: Wrenches | None = None
 ) -> tuple[Array, ...]:
-    """S (nv, 6) and its factors by q and by dq, (6, nv); (B' S, G S) (nv, 9) and its factor, (9, nv)."""
+    """Factors of ∂τ/∂q and ∂τ/∂dq: row j of a first factor times column i of a second one is the entry of joints j and i.
+
+    For j before i, the first factor is S (nv, 6); the second factors by q and by dq are wrenches, (6, nv). For i before j, or
+    the same, the first factor is (2B' S, G S) (nv, 9); the second factors by q and by dq are (P, Q) and (S, R), (9, nv). The
+    result is in this order.
+    """
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
     twice_B, F, columns = composite_terms(model, T, V, dq, ddq, wrenches)
-    axes, by_position, by_velocity = zeros(model.nv, 6), zeros(model.nv, 6), zeros(model.nv, 6)
-    left_factor, by_q, by_dq = zeros(model.nv, 9), zeros(model.nv, 9), zeros(model.nv, 9)
-    for i, (body, X) in enumerate(zip(model.bodies, base_poses(model, T), strict=True)):
-        R, to_base, wrench_to_base = X[:3, :3], Ad(X), Ad(X).inverse.T
-        for k, c in enumerate(columns[i], start=body.v_index):
-            axes[k] = to_base @ c.S
-            couple = twice_B[i].transposed_times(c.S)[:3]
-            left_factor[k] = np.concatenate([R @ couple, wrench_to_base @ (G[i] @ c.S)])
-            by_dq[k] = np.concatenate([axes[k, :3], to_base @ c.R])
-            by_velocity[k] = wrench_to_base @ (twice_B[i] @ c.S + G[i] @ c.R)
+    axes, wrenches_by_q, wrenches_by_dq = zeros(model.nv, 6), zeros(model.nv, 6), zeros(model.nv, 6)
+    momenta, motions_by_q, motions_by_dq = zeros(model.nv, 9), zeros(model.nv, 9), zeros(model.nv, 9)
+    for i, (body, T_s) in enumerate(zip(model.bodies, base_poses(model, T), strict=True)):
+        R, to_base, wrench_to_base = T_s[:3, :3], Ad(T_s), Ad(T_s).inverse.T
+        for k, column in enumerate(columns[i], start=body.v_index):
+            S, P, Q, R_column = column
+            axes[k] = to_base @ S
+            couple = twice_B[i].transposed_times(S)[:3]
+            momenta[k] = np.concatenate([R @ couple, wrench_to_base @ (G[i] @ S)])
+            motions_by_dq[k] = np.concatenate([axes[k, :3], to_base @ R_column])
+            wrenches_by_dq[k] = wrench_to_base @ (twice_B[i] @ S + G[i] @ R_column)
             if changes_dynamics(body):
-                by_q[k] = np.concatenate([R @ c.P[:3], to_base @ c.Q])
-                by_position[k] = wrench_to_base @ (twice_B[i] @ c.P + G[i] @ c.Q - ad(c.S).T @ F[i])
-    return axes, by_position.T, by_velocity.T, left_factor, by_q.T, by_dq.T
+                motions_by_q[k] = np.concatenate([R @ P[:3], to_base @ Q])
+                wrenches_by_q[k] = wrench_to_base @ (twice_B[i] @ P + G[i] @ Q - ad(S).T @ F[i])
+    return axes, wrenches_by_q.T, wrenches_by_dq.T, momenta, motions_by_q.T, motions_by_dq.T
 
 
 def constant_stiffness(model: Model) -> Array:

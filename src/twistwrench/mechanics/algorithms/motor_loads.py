@@ -36,18 +36,20 @@ def driven_velocities(model: Model) -> list[int]:
 
 
 def motor_loads(model: Model, dq: Array, carried: Array, rotor: Array) -> MotorLoads:
-    """Motor loads from the gear and rotor torques, both at the joints; (..., nv) each. MR eq. 8.122 and 8.123.
+    """Motor loads from the torques ``carried`` by the gears and the ``rotor`` torques; MR eq. 8.122 and 8.123.
 
-    A gear of efficiency η transmits the fraction η of the power that enters it, in either direction; at rest the motor
-    carries the larger torque, T/η.
+    Both torques are given at the joints, (..., nv) each. A gear of efficiency η transmits the fraction η of the power that
+    enters it, in either direction. At rest the motor carries the larger torque, T/η.
     """
-    at, actuators = driven_velocities(model), model.actuators.values()
-    dq, carried, rotor = motor_velocities(model, dq), motor_torques(model, carried), motor_torques(model, rotor)
+    driven, actuators = driven_velocities(model), model.actuators.values()
+    dq = motor_velocities(model, dq)
+    carried, rotor = motor_torques(model, carried), motor_torques(model, rotor)
+    dq, carried, rotor = (x[..., driven] for x in np.broadcast_arrays(dq, carried, rotor))
     gears = [(actuator.ratio, actuator.efficiency, actuator.no_load_torque) for actuator in actuators]
     G, eta, no_load_torque = np.array(gears, float).reshape(-1, 3).T
-    dq, carried, rotor = (x[..., at] for x in np.broadcast_arrays(dq, carried, rotor))
     speed = G * dq
-    torque = (gear_input(carried, dq, eta) + rotor) / G + no_load_torque * np.sign(G * moving(dq))
+    direction = np.sign(G * moving(dq))  # 0 at rest
+    torque = (gear_input(carried, dq, eta) + rotor) / G + no_load_torque * direction
     current, voltage, heat = np.full((3, *torque.shape), np.nan)
     for k, actuator in enumerate(actuators):
         motor = actuator.motor
@@ -76,12 +78,15 @@ class PowerBalance(NamedTuple):
     def __str__(self) -> str:
         if np.ndim(self.joints):
             return f"<PowerBalance of states {np.shape(self.joints)}>"
-        parts = ", ".join(f"{name} {printed(float(value), 4, signed=True)} W" for name, value in self._asdict().items())
-        return f"into the mechanism from: {parts}"
+        powers = [f"{name} {printed(float(value), 4, signed=True)} W" for name, value in self._asdict().items()]
+        return f"into the mechanism from: {', '.join(powers)}"
 
 
 def power_balance(dq: Array, tau: Array, moving: Array, pushing: Array, lost: Array) -> PowerBalance:
-    """Power balance from τ and its parts M ddq + h, Σ J'F and friction; (..., nv) each."""
+    """Power balance from τ and its parts M ddq + h (``moving``), Σ J'F (``pushing``) and friction (``lost``).
+
+    All are (..., nv).
+    """
 
     def power(torques: Array) -> Array:
         return np.asarray(np.sum(torques * dq, axis=-1))

@@ -32,19 +32,32 @@ from .recursion import zeros
 if TYPE_CHECKING:
     from .loop_closure import LoopRows
 
-PATIENCE, PROGRESS = 6, 0.99
-"""Number of steps allowed without progress, and the factor on the least residual that counts as progress."""
+PATIENCE = 6
+"""Number of steps allowed without progress."""
+PROGRESS = 0.99
+"""Largest residual that counts as progress, relative to the least residual so far."""
 FIRST_RESIDUAL = 1e300
 """Residual before the first evaluation."""
 _MAX_POSE_ERROR = 2e-7
 """Largest error of a matrix that is certainly a pose; :mod:`..core.arguments` allows at least five times as much."""
-_LONGEST_POSTURE_STEP, _CONVERGED_STEP = 0.2, 1e-7
-"""Longest step towards a posture, and the step length below which the search has converged [rad or m]."""
-_HESITATION, _MAX_STEP_RATIO = 0.25, 0.9
-"""Increase of the divisor of steps towards a posture, after a step longer than this fraction of the previous one."""
+_LONGEST_STEP = 1.0
+"""Longest step without a posture [rad or m]."""
+_LONGEST_POSTURE_STEP = 0.2
+"""Longest step of a search that also approaches a posture [rad or m]."""
+_CONVERGED_STEP = 1e-7
+"""Step length [rad or m] below which the search for a posture has converged."""
+_MAX_STEP_RATIO = 0.9
+"""Largest length of a step towards a posture, relative to the previous step, at which the divisor of steps stays."""
+_DIVISOR_INCREASE = 0.25
+"""Increase of the divisor of steps towards a posture after a longer step."""
 _SHARE_FOR_LOOPS = 1e-2
 """Part of the poses' damping that is added to the loops' own damping; small, so that the search follows loops."""
-_LIMIT_MARGIN, _MIN_OUTWARD_STEP, _LONGEST_STEP, _MIN_DAMPING = 1e-12, 1e-9, 1.0, 1e-13
+_MIN_DAMPING = 1e-13
+"""Smallest damping λ, so that the equations can be solved at singular configurations without residual."""
+_LIMIT_MARGIN = 1e-12
+"""Distance to a limit [rad or m] below which a joint is at the limit."""
+_MIN_OUTWARD_STEP = 1e-9
+"""Smallest step beyond a limit [rad or m] that counts; smaller ones are rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +72,11 @@ class NewtonStep:
     low: Array
     """(nv,) lower limits of joints of one degree of freedom; -inf for all others."""
     high: Array
-    """(nv,) upper limits, inf for all others."""
+    """(nv,) upper limits of joints of one degree of freedom; inf for all others."""
     coordinates: tuple[int, ...]
-    """(nv,) coordinate of each such joint; -1 for all others."""
+    """(nv,) index in q of each joint of one degree of freedom; -1 for all others."""
     posture: bool = False
-    """True if the search also approaches a posture as far as the poses allow; the posture follows the poses in ``inputs``."""
+    """True if the search also approaches a posture, which follows the poses in ``inputs``."""
     loops: LoopRows | None = None
     """Rows of closed loops that have to close at the poses."""
     gaps: tuple[float, ...] = ()
@@ -83,127 +96,142 @@ class NewtonStep:
 
     @property
     def begins(self) -> tuple[float, ...]:
-        """Values passed to the first step, after q."""
-        return (0.0, FIRST_RESIDUAL, *[0.0] * (len(self.scale) + self.model.nv), 0.0, 1.0)
+        """Values passed to the first step, after q: status, cost, residual and held joints, idle steps, 1 for going on."""
+        residual_and_held = [0.0] * (len(self.scale) + self.model.nv)
+        return (0.0, FIRST_RESIDUAL, *residual_and_held, 0.0, 1.0)
 
     def __call__(self, angles: Array, q: Array, passed: Array, inputs: Array) -> tuple[Array, Array]:
         """Next q, and the values passed to the next step, of :attr:`sizes`.
 
         Passed on: the best q so far; its status (1 converged, -1 if a T_d is not a pose) and its |V|; its residual twist; the
-        joints held at limits; the number of steps without progress, and 1 while the search continues. ``angles`` are q for
-        sines and cosines. ``inputs``: the poses T_d, the posture if there is one, and the squared tolerances [rad², m²].
+        joints held at limits; the number of steps without progress, and 1 while the search continues. With a posture, the
+        length of the whole step to it replaces |V|, and the divisor of steps less 1 replaces the number of steps.
+
+        ``angles`` are q for sines and cosines. ``inputs`` are the poses T_d, the posture if there is one, and the squared
+        tolerances [rad², m²]. Conditions are numbers 0 and 1, since compiled code has no branches here.
         """
-        best_q, (best_status, best_cost), best_e, held, (idle, runs) = np.split(passed, np.cumsum(self.sizes)[:-1])
-        poses = 16 * len(self.frames)
-        targets, posture, tolerances = np.split(inputs, [poses, len(inputs) - 2])
-        targets = targets.reshape(-1, 4, 4)
+        best_q, (best_status, best_cost), best_e, held, (idle, continues) = np.split(passed, np.cumsum(self.sizes)[:-1])
+        pose_values = 16 * len(self.frames)
+        flat_targets, posture, tolerances = np.split(inputs, [pose_values, len(inputs) - 2])
+        targets = flat_targets.reshape(-1, 4, 4)
         e, displacements = self.residual(angles, targets)  # (1)
         V = self.scale * e
         dq, held_now, any_held = self.step(angles, q, V, posture, 1.0 + idle)
-        arrived = self.is_within_tolerance(e, displacements, tolerances)
-        invalid = 1.0 - self.are_poses(targets)
-        cost = np.sqrt(V @ V)
+        has_arrived = self.is_within_tolerance(e, displacements, tolerances)
+        is_invalid = 1.0 - self.are_poses(targets)
         if self.posture:  # the last step counts as best; steps that do not get shorter are divided by more
-            arrived = arrived * (1.0 - positive(dq @ dq - _CONVERGED_STEP * _CONVERGED_STEP))
+            has_arrived = has_arrived * (1.0 - positive(dq @ dq - _CONVERGED_STEP * _CONVERGED_STEP))
             cost = np.sqrt(dq @ dq) * (1.0 + idle)
-            nearer, idle = runs, idle + _HESITATION * positive(cost - _MAX_STEP_RATIO * best_cost)
+            is_best = continues
+            idle = idle + _DIVISOR_INCREASE * positive(cost - _MAX_STEP_RATIO * best_cost)
         else:
-            nearer = runs * (arrived + (1.0 - arrived) * positive(best_cost - cost))
+            cost = np.sqrt(V @ V)
+            is_best = continues * (has_arrived + (1.0 - has_arrived) * positive(best_cost - cost))
             idle = (idle + 1.0) * (1.0 - positive(PROGRESS * best_cost - cost))
-        runs = runs * (1.0 - arrived) * (1.0 - invalid)
+        continues = continues * (1.0 - has_arrived) * (1.0 - is_invalid)
         if not self.posture:
-            runs = runs * positive(PATIENCE - idle)
+            continues = continues * positive(PATIENCE - idle)
         if self.rounds == 1:
-            runs = runs * (1.0 - any_held)
-        status = either(invalid, -1.0, either(nearer, arrived, best_status))
+            continues = continues * (1.0 - any_held)
+        status = either(is_invalid, -1.0, either(is_best, has_arrived, best_status))
         passed_on = [
-            either(nearer, q, best_q),
-            np.array([status, either(nearer, cost, best_cost)]),
-            either(nearer, e, best_e),
-            either(runs, held_now, held),
-            np.array([idle, runs]),
+            either(is_best, q, best_q),
+            np.array([status, either(is_best, cost, best_cost)]),
+            either(is_best, e, best_e),
+            either(continues, held_now, held),
+            np.array([idle, continues]),
         ]
-        q_next = kinematics.add_at_angles(self.model, q, runs * dq, angles)
+        q_next = kinematics.add_at_angles(self.model, q, continues * dq, angles)
         return self.clip_to_limits(q_next), np.concatenate(passed_on)  # (3)
 
     def are_poses(self, targets: Array) -> Any:
-        """1 if all targets (k, 4, 4) are certainly poses."""
-        valid: Any = 1.0
-        for M in targets:
-            deviations = np.array([*gaps(M[:3, :3].tolist()), *(M[3] - np.array([0.0, 0.0, 0.0, 1.0]))])
-            valid = valid * (1.0 - positive(deviations @ deviations - _MAX_POSE_ERROR * _MAX_POSE_ERROR))
-        return valid
+        """1 if all targets (k, 4, 4) are certainly poses, else 0."""
+        all_valid: Any = 1.0
+        for T in targets:
+            rotation_errors = gaps(T[:3, :3].tolist())
+            last_row_errors = T[3] - np.array([0.0, 0.0, 0.0, 1.0])
+            errors = np.array([*rotation_errors, *last_row_errors])
+            all_valid = all_valid * (1.0 - positive(errors @ errors - _MAX_POSE_ERROR * _MAX_POSE_ERROR))
+        return all_valid
 
     def residual(self, angles: Array, targets: Array) -> tuple[Array, Array]:
-        """Body twists V of (1), frame by frame, then the loops' gaps; and the displacements of the origins, requested rows.
+        """Requested rows of the body twists V of (1), frame by frame, then the loops' gaps; displacements of the origins.
 
-        If only some rows of a frame are requested, its angular and linear parts are evaluated separately.
+        If only some rows of a frame are requested, its angular and linear parts are evaluated separately. The displacements are
+        the requested linear rows of all frames.
         """
-        parts, displacements = [], [np.zeros(0)]
+        residuals, displacements = [], [np.zeros(0)]
+        last_row = np.array([[0.0, 0.0, 0.0, 1.0]])
         for (frame, rows), T_d in zip(self.frames, targets, strict=True):
-            T, last_row = forward_kinematics(self.model, angles, frame), np.array([[0.0, 0.0, 0.0, 1.0]])
+            T = forward_kinematics(self.model, angles, frame)
             difference = se3.inverse(T) @ np.concatenate([T_d[:3], last_row])
             displacements.append(difference[[row - 3 for row in rows if row >= 3], 3])
             if len(rows) == 6:
-                parts.append(pose_log(difference)[0])
+                residuals.append(pose_log(difference)[0])
             else:
-                turn = rotation_log(difference[:3, :3])[0]
-                parts.append(np.concatenate([turn, difference[:3, 3]])[list(rows)])
+                rotation_vector = rotation_log(difference[:3, :3])[0]
+                residuals.append(np.concatenate([rotation_vector, difference[:3, 3]])[list(rows)])
         if self.loops is not None:
-            parts.append(-self.loops.gaps(self.model, angles))
-        return np.concatenate(parts), np.concatenate(displacements)
+            residuals.append(-self.loops.gaps(self.model, angles))
+        return np.concatenate(residuals), np.concatenate(displacements)
 
     def is_within_tolerance(self, e: Array, displacements: Array, tolerances: Array) -> Any:
-        """1 if the residual is within the tolerance."""
+        """1 if the residual is within the squared tolerances [rad², m²] and the gaps are within theirs, else 0."""
         is_angular = np.array([row < 3 for row in self.rows])
         twists, gaps = np.split(e, [len(is_angular)])
-        angle_bound, displacement_bound = tolerances
-        within: Any = 1.0
-        for part, bound in (
-            (twists[is_angular], angle_bound),
-            (displacements, displacement_bound),
+        square_of_angle, square_of_displacement = tolerances
+        errors_and_squares = (
+            (twists[is_angular], square_of_angle),
+            (displacements, square_of_displacement),
             (gaps / np.array(self.gaps), 1.0),
-        ):
-            if len(part):
-                within = within * (1.0 - positive(part @ part - bound))
-        return within
+        )
+        all_within: Any = 1.0
+        for error, max_square in errors_and_squares:
+            if len(error):
+                all_within = all_within * (1.0 - positive(error @ error - max_square))
+        return all_within
 
-    def step(self, angles: Array, q: Array, V: Array, posture: Array, slower: Any) -> tuple[Array, Array, Any]:
-        """dq of (2) or (4), without joints that their limits hold; which joints these are; 1 if there are any."""
+    def step(self, angles: Array, q: Array, V: Array, posture: Array, divisor: Any) -> tuple[Array, Array, Any]:
+        """dq of (2) or (4), zero at joints that their limits hold; 1 for each of these joints; 1 if there are any.
+
+        The displacement to the posture is divided by ``divisor``.
+        """
         blocks = [jacobian(self.model, angles, frame)[list(rows)] for frame, rows in self.frames]
         if self.loops is not None:
             blocks.append(self.loops.jacobian(self.model, angles))
         J = self.scale[:, None] * np.concatenate(blocks)
         damping = self.damping(V)
         limits = self.limit_masks(q)
-        z = kinematics.subtract(self.model, posture, q) / slower if self.posture else None
+        z = kinematics.subtract(self.model, posture, q) / divisor if self.posture else None
         dq = _damped_step(J, damping, V, z)
-        free = 1.0 - _leaving(dq, *limits)
-        any_held = 1.0 - np.prod(free)
-        for number in range(1, self.rounds):
-            dq_free = _damped_step(J * free, damping, V, None if z is None else z * free)
-            free = free * (1.0 - _leaving(dq_free, *limits))
-            if number == self.rounds - 1:
-                dq = np.array([either(any_held, a, b) for a, b in zip(dq_free, dq, strict=True)])
+        is_free = 1.0 - _exceeds_limits(dq, *limits)
+        any_held = 1.0 - np.prod(is_free)
+        for round_number in range(1, self.rounds):
+            z_free = None if z is None else z * is_free
+            dq_free = _damped_step(J * is_free, damping, V, z_free)
+            is_free = is_free * (1.0 - _exceeds_limits(dq_free, *limits))
+            if round_number == self.rounds - 1:
+                dq = np.array([either(any_held, with_held, x) for with_held, x in zip(dq_free, dq, strict=True)])
         longest = _LONGEST_POSTURE_STEP if self.posture else _LONGEST_STEP
-        return dq * (longest / largest(dq, longest)), 1.0 - free, any_held
+        shortened = dq * (longest / largest(dq, longest))
+        return shortened, 1.0 - is_free, any_held
 
     def damping(self, V: Array) -> Array:
-        """λ 1 of (2), with a damping of their own for the rows of loops."""
-        poses, gaps = np.split(V, [len(self.rows)])
-        of_poses = 0.5 * (V @ V)
-        of_gaps = 0.5 * (gaps @ gaps) + _SHARE_FOR_LOOPS * of_poses
-        return np.diag(np.array([of_poses] * len(poses) + [of_gaps] * len(gaps)) + _MIN_DAMPING)
+        """Diagonal matrix in place of λ 1 of (2): λ for the rows of poses, a smaller value for the rows of loops."""
+        twists, gaps = np.split(V, [len(self.rows)])
+        pose_damping = 0.5 * (V @ V)
+        loop_damping = 0.5 * (gaps @ gaps) + _SHARE_FOR_LOOPS * pose_damping
+        return np.diag(np.array([pose_damping] * len(twists) + [loop_damping] * len(gaps)) + _MIN_DAMPING)
 
     def limit_masks(self, q: Array) -> tuple[Array, Array]:
         """1 for each joint at its lower limit, and 1 for each joint at its upper limit."""
-        low, high = zeros(self.model.nv), zeros(self.model.nv)
+        at_low, at_high = zeros(self.model.nv), zeros(self.model.nv)
         for k, i in enumerate(self.coordinates):
             if np.isfinite(self.low[k]):
-                low[k] = 1.0 - positive(q[i] - (self.low[k] + _LIMIT_MARGIN))
+                at_low[k] = 1.0 - positive(q[i] - (self.low[k] + _LIMIT_MARGIN))
             if np.isfinite(self.high[k]):
-                high[k] = 1.0 - positive((self.high[k] - _LIMIT_MARGIN) - q[i])
-        return low, high
+                at_high[k] = 1.0 - positive((self.high[k] - _LIMIT_MARGIN) - q[i])
+        return at_low, at_high
 
     def clip_to_limits(self, q: Array) -> Array:
         """q with the joints of one degree of freedom clipped to their limits."""
@@ -215,16 +243,16 @@ class NewtonStep:
 
 
 def _damped_step(F: Array, damping: Array, V: Array, z: Array | None) -> Array:
-    """dq of (2), or of (4)."""
+    """dq of (2), or of (4) if a displacement z to a posture is given. ``damping`` is the matrix λ 1."""
     factors = ldl_factors(F @ F.T + damping)
     if z is None:
         return np.asarray(F.T @ solve_ldl(*factors, V))  # (2)
     return np.asarray(z + F.T @ solve_ldl(*factors, V - F @ z))  # (4)
 
 
-def _leaving(dq: Array, low: Array, high: Array) -> Array:
+def _exceeds_limits(dq: Array, at_low: Array, at_high: Array) -> Array:
     """1 for each joint at a limit that the step would exceed."""
-    outward = []
-    for a, b, x in zip(low, high, dq, strict=True):
-        outward.append(a * positive(-x - _MIN_OUTWARD_STEP) + b * positive(x - _MIN_OUTWARD_STEP))
-    return np.array(outward)
+    exceeds = []
+    for is_low, is_high, x in zip(at_low, at_high, dq, strict=True):
+        exceeds.append(is_low * positive(-x - _MIN_OUTWARD_STEP) + is_high * positive(x - _MIN_OUTWARD_STEP))
+    return np.array(exceeds)

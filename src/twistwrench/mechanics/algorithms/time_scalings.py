@@ -16,6 +16,7 @@ from ...core.numbers import printed
 from ...core.typing import Array
 from ..lie import se3, so3
 
+# Coefficients of 1, x, x², … with x = t/T
 _CUBIC = (0.0, 0.0, 3.0, -2.0)
 _QUINTIC = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
 _UNIFORM = (0.0, 1.0)
@@ -36,10 +37,17 @@ class Polynomial:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Constant before 0 and after T."""
         t = arguments.real(t, "t")
         x = np.clip(t / self.duration, 0.0, 1.0)
-        moving = (t >= 0) & (t <= self.duration) | np.isnan(t)
-        rates = derivative_coefficients(self.coefficients)
-        s, ds, dds = (horner(c, x) for c in (self.coefficients, rates, derivative_coefficients(rates)))
-        return s, np.where(moving, ds / self.duration, 0.0), np.where(moving, dds / self.duration**2, 0.0)
+        is_moving = self._is_moving(t)
+        first = derivative_coefficients(self.coefficients)
+        second = derivative_coefficients(first)
+        s = horner(self.coefficients, x)
+        ds = np.where(is_moving, horner(first, x) / self.duration, 0.0)
+        dds = np.where(is_moving, horner(second, x) / self.duration**2, 0.0)
+        return s, ds, dds
+
+    def _is_moving(self, t: Array) -> Array:
+        """True from 0 to T, and for NaN, so that derivatives there are NaN."""
+        return np.asarray((t >= 0) & (t <= self.duration) | np.isnan(t))
 
     def third(self, t: ArrayLike) -> Array:
         """d³s/dt³ at t [s]; zero before 0 and after T.
@@ -58,11 +66,11 @@ class Polynomial:
         27.6
         """
         t = arguments.real(t, "t")
-        p = horner(
-            derivative_coefficients(derivative_coefficients(derivative_coefficients(self.coefficients))),
-            np.clip(t / self.duration, 0.0, 1.0),
-        )
-        return np.where((t >= 0) & (t <= self.duration) | np.isnan(t), p / self.duration**3, 0.0)
+        coefficients = self.coefficients
+        for _ in range(3):
+            coefficients = derivative_coefficients(coefficients)
+        third_by_x = horner(coefficients, np.clip(t / self.duration, 0.0, 1.0))
+        return np.where(self._is_moving(t), third_by_x / self.duration**3, 0.0)
 
     def stretched(self, duration: float) -> Polynomial:
         """The same shape over another duration.
@@ -77,15 +85,16 @@ class Polynomial:
 
 def horner(coefficients: tuple[float, ...], x: Array) -> Array:
     """Polynomial with coefficients of 1, x, x², … at x (...)."""
-    p = np.zeros_like(x)
-    for c in reversed(coefficients):
-        p = p * x + c
-    return np.asarray(p)
+    total = np.zeros_like(x)
+    for coefficient in reversed(coefficients):
+        total = total * x + coefficient
+    return np.asarray(total)
 
 
 def derivative_coefficients(coefficients: tuple[float, ...]) -> tuple[float, ...]:
     """Coefficients of the polynomial's derivative."""
-    return tuple(k * c for k, c in enumerate(coefficients))[1:]
+    multiplied = [power * coefficient for power, coefficient in enumerate(coefficients)]
+    return tuple(multiplied[1:])
 
 
 def cubic_share(x: Any) -> Any:
@@ -164,14 +173,20 @@ class Trapezoid:
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Constant before 0 and after T."""
         t = arguments.real(t, "t")
-        T, ta, v, a = self.duration, self.ramp, self.v, self.a
-        up, down = np.clip(t, 0.0, ta), np.clip(T - t, 0.0, ta)
-        coast = np.clip(t - ta, 0.0, max(T - 2 * ta, 0.0))
-        s = np.where(t < T - ta, 0.5 * a * up * up + v * coast, 1.0 - 0.5 * a * down * down)
-        ds = np.minimum(a * np.minimum(up, down), v)
-        dds = np.where((t >= 0) & (t < ta), a, 0.0) - np.where((t > T - ta) & (t <= T), a, 0.0)
-        unknown = np.where(np.isnan(t), np.nan, 0.0)
-        return s + unknown, ds + unknown, dds + unknown
+        T, v, a = self.duration, self.v, self.a
+        t_a = self.ramp
+        t_up, t_down = (
+            np.clip(t, 0.0, t_a),
+            np.clip(T - t, 0.0, t_a),
+        )  # time since the start and until the end, up to t_a
+        t_coast = np.clip(t - t_a, 0.0, max(T - 2 * t_a, 0.0))
+        s = np.where(t < T - t_a, 0.5 * a * t_up * t_up + v * t_coast, 1.0 - 0.5 * a * t_down * t_down)
+        ds = np.minimum(a * np.minimum(t_up, t_down), v)
+        speeds_up = (t >= 0) & (t < t_a)
+        slows_down = (t > T - t_a) & (t <= T)
+        dds = np.where(speeds_up, a, 0.0) - np.where(slows_down, a, 0.0)
+        nan_of_t = np.where(np.isnan(t), np.nan, 0.0)  # clipping and comparing would lose it
+        return s + nan_of_t, ds + nan_of_t, dds + nan_of_t
 
     def stretched(self, duration: float) -> Trapezoid:
         """The same shape over another duration.
@@ -181,15 +196,15 @@ class Trapezoid:
         >>> trapezoid(v=1.0, a=2.0).stretched(3.0).v
         0.5
         """
-        slower = self.duration / _positive(duration, "duration")
-        return Trapezoid(self.v * slower, self.a * slower**2)
+        rate_factor = self.duration / _positive(duration, "duration")
+        return Trapezoid(self.v * rate_factor, self.a * rate_factor**2)
 
 
 def trapezoid(*, v: float | None = None, a: float | None = None, duration: float | None = None) -> Trapezoid:
     """Trapezoidal time scaling from two of the three: rate, acceleration, duration (MR section 9.2.2.2).
 
-    With v and a: if v² > a, the scaling has no coasting, and its peak rate √a is below v. With v and duration T,
-    1 < v T ≤ 2 is required; with a and T, a T² ≥ 4.
+    With v and a: if v² > a, the scaling has no coasting, and its peak rate √a is below v. With v and the duration T,
+    1 < v T ≤ 2 is required. With a and T, a T² ≥ 4 is required.
 
     Parameters
     ----------
@@ -203,30 +218,34 @@ def trapezoid(*, v: float | None = None, a: float | None = None, duration: float
     (1.5, 4.5, 2.0)
     """
     options = {"v": v, "a": a, "duration": duration}
-    numbers = {name: _positive(x, name) for name, x in options.items() if x is not None}
-    if len(numbers) != 2:
+    given_options = {name: _positive(x, name) for name, x in options.items() if x is not None}
+    if len(given_options) != 2:
         raise ValueRangeError(
-            f"give exactly two of v, a and duration, which determine the third; got {', '.join(numbers) or 'none'}."
+            f"give exactly two of v, a and duration, which determine the third; got {', '.join(given_options) or 'none'}."
         )
-    if "duration" not in numbers:
-        v, a = numbers["v"], numbers["a"]
-        return Trapezoid(min(v, float(np.sqrt(a))), a)  # v² > a: bang-bang, whose peak is √a
-    T = numbers["duration"]
-    if "v" in numbers:
-        v = numbers["v"]
+    if "duration" not in given_options:
+        v, a = given_options["v"], given_options["a"]
+        peak_without_coasting = float(np.sqrt(a))
+        return Trapezoid(min(v, peak_without_coasting), a)
+    T = given_options["duration"]
+    if "v" in given_options:
+        v = given_options["v"]
         if not 1.0 < v * T <= 2.0 * (1 + 1e-12):
             raise ValueRangeError(
                 f"v = {printed(v)} over T = {printed(T)} does not allow a trapezoid: 1 < v T ≤ 2 is needed, so "
                 f"v above {printed(1 / T)} and up to {printed(2 / T)}."
             )
-        return Trapezoid(v, max(v * v / (v * T - 1.0), v * v))  # MR eq. 9.18
-    a = numbers["a"]
+        a = max(v * v / (v * T - 1.0), v * v)  # MR eq. 9.18; at v T = 2, rounding must not make it less than v²
+        return Trapezoid(v, a)
+    a = given_options["a"]
     if a * T * T < 4.0 * (1 - 1e-12):
         raise ValueRangeError(
             f"a = {printed(a)} over T = {printed(T)} is too slow: a T² ≥ 4 is needed, so a from {printed(4 / T**2)} or "
             f"T from {printed(2 / a**0.5)}."
         )
-    return Trapezoid(0.5 * (a * T - float(np.sqrt(max(a * (a * T * T - 4.0), 0.0)))), a)  # MR eq. 9.19
+    discriminant = max(a * (a * T * T - 4.0), 0.0)  # not negative by rounding at a T² = 4
+    v = 0.5 * (a * T - float(np.sqrt(discriminant)))  # MR eq. 9.19
+    return Trapezoid(v, a)
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,43 +267,51 @@ class Averaged:
 
     @cached_property
     def _second_integral(self) -> tuple[Any, Array]:
-        """Second integral of the scaling before averaging, extended beyond both ends, and the times of its knots."""
+        """Second integral of the scaling before averaging, extended beyond both ends, and the times of its knots.
+
+        Each average is a difference of integrals, so two averages are differences of the second integral. Before its first
+        knot the scaling is 0, after its last knot 1.
+        """
         from scipy.interpolate import PPoly
 
-        steps = 2.0 * np.diff(self.places) / (self.rates[1:] + self.rates[:-1])
-        t = np.concatenate([[0.0], np.cumsum(steps)])
-        pieces = np.stack([0.5 * np.diff(self.rates) / steps, self.rates[:-1], self.places[:-1]])
-        constant = np.array([[0.0], [0.0], [1.0]])
+        durations = 2.0 * np.diff(self.places) / (self.rates[1:] + self.rates[:-1])  # the rate is linear in time
+        t = np.concatenate([[0.0], np.cumsum(durations)])
+        pieces = np.stack([0.5 * np.diff(self.rates) / durations, self.rates[:-1], self.places[:-1]])
+        one = np.array([[0.0], [0.0], [1.0]])  # coefficients of t², t and 1
         margin = sum(self.windows)
-        ends = np.concatenate([[-margin - 1.0], t, [t[-1] + margin + 1.0]])
-        return PPoly(np.concatenate([0.0 * constant, pieces, constant], axis=1), ends).antiderivative(2), t
+        breaks = np.concatenate([[-margin - 1.0], t, [t[-1] + margin + 1.0]])
+        scaling = PPoly(np.concatenate([0.0 * one, pieces, one], axis=1), breaks)
+        return scaling.antiderivative(2), t
 
     @cached_property
     def duration(self) -> float:
         """T [s]."""
-        return float(self._second_integral[1][-1]) + sum(self.windows)
+        _, knot_times = self._second_integral
+        return float(knot_times[-1]) + sum(self.windows)
 
     @cached_property
     def knots(self) -> Array:
         """Times between which the third derivative is linear [s]."""
-        t, (a, b) = self._second_integral[1], self.windows
+        _, t = self._second_integral
+        a, b = self.windows
         return np.unique(np.concatenate([t, t + a, t + b, t + (a + b)]))
 
     def _derivative(self, t: Array, order: int) -> Array:
-        """Derivative of s at t (...)."""
-        curve, (a, b) = self._second_integral[0], self.windows
+        """Derivative of s at t (...); order 0 is s itself."""
+        integral, _ = self._second_integral
+        a, b = self.windows
         t = np.clip(t, 0.0, self.duration)
-        return np.asarray(
-            (curve(t, order) - curve(t - a, order) - curve(t - b, order) + curve(t - (a + b), order)) / (a * b)
-        )
+        late, late_a, late_b = integral(t - (a + b), order), integral(t - a, order), integral(t - b, order)
+        return np.asarray((integral(t, order) - late_a - late_b + late) / (a * b))
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Constant before 0 and after T."""
         t = arguments.real(t, "t")
-        before, after = t <= 0, t >= self.duration
+        is_before, is_after = t <= 0, t >= self.duration
+        at_rest = is_before | is_after
         s, ds, dds = (self._derivative(t, order) for order in range(3))
-        s = np.where(after, 1.0, np.where(before, 0.0, np.clip(s, 0.0, 1.0)))
-        return s, np.where(before | after, 0.0, ds), np.where(before | after, 0.0, dds)
+        s = np.where(is_after, 1.0, np.where(is_before, 0.0, np.clip(s, 0.0, 1.0)))
+        return s, np.where(at_rest, 0.0, ds), np.where(at_rest, 0.0, dds)
 
     def third(self, t: ArrayLike) -> Array:
         """d³s/dt³ at t [s]; zero before 0 and after T.
@@ -313,8 +340,9 @@ class Averaged:
         >>> [round(window, 12) for window in s_curve(1.0).stretched(3.0).windows]
         [0.666666666667, 0.333333333333]
         """
-        k = _positive(duration, "duration") / self.duration
-        return replace(self, rates=self.rates / k, windows=(self.windows[0] * k, self.windows[1] * k))
+        factor = _positive(duration, "duration") / self.duration
+        first_window, second_window = self.windows
+        return replace(self, rates=self.rates / factor, windows=(first_window * factor, second_window * factor))
 
 
 def s_curve(duration: float, *, alpha: float = 1 / 3, beta: float = 1 / 3) -> Averaged:
@@ -339,9 +367,11 @@ def s_curve(duration: float, *, alpha: float = 1 / 3, beta: float = 1 / 3) -> Av
     for name, x in shares.items():
         if not 0 < x <= 0.5:
             raise ValueRangeError(f"{name} is {printed(x)}: give a share of the time above 0 and at most 0.5.")
-    ramp, rate = shares["alpha"] * T, 1.0 / ((1.0 - shares["alpha"]) * T)
-    windows = (ramp * (1.0 - shares["beta"]), ramp * shares["beta"])
-    return Averaged(np.array([0.0, 1.0]), np.array([rate, rate]), windows, "s-curve")
+    acceleration_time = shares["alpha"] * T
+    peak_rate = 1.0 / ((1.0 - shares["alpha"]) * T)
+    # The first window makes a trapezoid of the constant rate, the second one rounds its corners.
+    windows = (acceleration_time * (1.0 - shares["beta"]), acceleration_time * shares["beta"])
+    return Averaged(np.array([0.0, 1.0]), np.array([peak_rate, peak_rate]), windows, "s-curve")
 
 
 def _positive(x: Any, name: str) -> float:
@@ -377,7 +407,8 @@ class PosePath:
         if not self.straight:
             return np.asarray(self.start @ se3.exp(s * self.twist))
         R = self.start[:3, :3] @ so3.exp(s * self.twist[:3])
-        return se3.pose(R, s * self.end[:3, 3] + (1.0 - s) * self.start[:3, 3])
+        p = s * self.end[:3, 3] + (1.0 - s) * self.start[:3, 3]  # exactly p0 and p1 at both ends
+        return se3.pose(R, p)
 
     def body_twist(self, s: ArrayLike) -> Array:
         """Body twist along the path, V(s) with dT/ds = T [V].
@@ -399,7 +430,7 @@ class PosePath:
         if not self.straight:
             return np.broadcast_to(self.twist, (*s.shape, 6)).copy()
         R = self(s)[..., :3, :3]
-        v = (np.swapaxes(R, -1, -2) @ self.twist[3:, None])[..., 0]
+        v = (np.swapaxes(R, -1, -2) @ self.twist[3:, None])[..., 0]  # from base axes to the frame
         return np.concatenate([np.broadcast_to(self.twist[:3], v.shape), v], axis=-1)
 
 
@@ -431,13 +462,15 @@ def straight_path(start: ArrayLike, end: ArrayLike) -> PosePath:
 
 
 def _poses(start: ArrayLike, end: ArrayLike) -> tuple[Array, Array]:
-    poses = []
-    for name, T in (("start", start), ("end", end)):
-        M = np.asarray(arguments.pose(arguments.finite(T, name, 4, 4), name), float)
-        if M.shape != (4, 4):
-            raise ShapeError(f"{name} has shape {M.shape}: a path leads from one pose (4, 4) to another.")
-        poses.append(M)
-    return poses[0], poses[1]
+    """Both ends of a path as single poses; raises an error if one is not."""
+    return _single_pose(start, "start"), _single_pose(end, "end")
+
+
+def _single_pose(T: ArrayLike, name: str) -> Array:
+    pose = np.asarray(arguments.pose(arguments.finite(T, name, 4, 4), name), float)
+    if pose.shape != (4, 4):
+        raise ShapeError(f"{name} has shape {pose.shape}: a path leads from one pose (4, 4) to another.")
+    return pose
 
 
 complete(globals())

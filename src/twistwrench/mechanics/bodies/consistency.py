@@ -34,8 +34,8 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
 
     Notes
     -----
-    Conditions: finite; mass ≥ 0; about the centre of mass positive semidefinite; principal moments obey the triangle
-    inequality. The tolerance is 1e-6 of the sum of the moments.
+    All values must be finite and the mass at least 0. The inertia about the centre of mass must be positive semidefinite, and
+    its principal moments must obey the triangle inequality. The tolerance is 1e-6 of the sum of the moments.
     """
     if not np.isfinite(G.parameters).all():
         return ["has a value that is not a finite number"]
@@ -45,15 +45,17 @@ def defects(G: SpatialInertia, *, size: float = 0.0) -> list[str]:
         if np.any(G.parameters != 0):
             return ["zero mass but nonzero inertia or first moment"]
         return []
-    A, B, C = (float(x) for x in G.principal()[0])
-    # Rounding error of moments about a distant origin, when moved to the centre of mass.
-    slack = 1e-6 * abs(A + B + C) + 2e-15 * max(size, abs(float(G.moment_about_origin.trace())))
+    principal_moments, _ = G.principal()
+    A, B, C = principal_moments.tolist()  # ascending
+    # Moments about a distant origin leave a rounding error when moved to the centre of mass.
+    rounding_error = 2e-15 * max(size, abs(float(G.moment_about_origin.trace())))
+    tolerance = 1e-6 * abs(A + B + C) + rounding_error
     problems = []
-    if -slack > A:
+    if -tolerance > A:
         problems.append(
             f"negative principal moment {number(A, 6)} kg m² (moments {number(A, 6)}, {number(B, 6)}, {number(C, 6)})"
         )
-    if A + B + slack < C:
+    if A + B + tolerance < C:
         problems.append(
             f"triangle inequality: the largest principal moment {number(C, 6)} kg m² exceeds the sum of the others, "
             f"{number(A, 6)} + {number(B, 6)}, by {number(C - A - B, 3)}"
@@ -128,7 +130,7 @@ class Repair:
 
     @property
     def reasons(self) -> list[str]:
-        """Violated conditions."""
+        """Violated conditions, as returned by :meth:`SpatialInertia.defects` before the repair."""
         return self.before.defects()
 
     @property
@@ -139,8 +141,11 @@ class Repair:
     @property
     def largest(self) -> float:
         """Largest change of a moment, relative to the largest moment before."""
-        size = float(np.abs(self.before.principal()[0]).max())
-        return float(np.abs(np.linalg.eigvalsh(self.moved)).max()) / size if size else 0.0
+        moments_before, _ = self.before.principal()
+        largest_moment = float(np.abs(moments_before).max())
+        if not largest_moment:
+            return 0.0
+        return float(np.abs(np.linalg.eigvalsh(self.moved)).max()) / largest_moment
 
     def __str__(self) -> str:
         if not self.reasons:
@@ -157,7 +162,8 @@ class Repair:
 
 
 def _moments_text(G: SpatialInertia) -> str:
-    return ", ".join(number(x, 6) for x in G.principal()[0] + 0.0)
+    moments, _ = G.principal()
+    return ", ".join(number(moment, 6) for moment in moments + 0.0)  # no -0.0
 
 
 # ── Parametrisations of the ten parameters
@@ -167,8 +173,8 @@ def _moments_text(G: SpatialInertia) -> str:
 # optimisers and estimators need (Rucker and Wensing, "Smooth parameterization of rigid-body inertia", RA-L 7(2), 2022).
 
 _MAX_GYRATION_RADIUS = 100.0
-"""Radius of gyration [m] above which a matrix is taken to have its linear part first, of a body below a centimetre. The
-matrix of a ball or cube alone does not show the order."""
+"""Largest radius of gyration [m] in a matrix (6, 6). With a larger one, the matrix is taken for that of a body below a
+centimetre with its linear part first. The matrix of a ball or a cube itself does not show the order of its parts."""
 
 
 def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
@@ -194,17 +200,18 @@ def from_matrix(cls: type[SpatialInertia], G: ArrayLike) -> SpatialInertia:
     G = arguments.one(G, "a spatial inertia matrix", 6, 6)
     if not np.isfinite(G).all():
         raise InertiaError("no spatial inertia [[I, m[c]], [-m[c], m 1]]: an entry is not a finite number.")
-    h = so3.vee(0.5 * (G[:3, 3:] - G[:3, 3:].T))
-    I = 0.5 * (G[:3, :3] + G[:3, :3].T)
-    inertia = cls.from_parameters(ten_parameters(G[3:, 3:].trace() / 3, h, I))
-    # Tolerances per unit: kg m² and kg differ by a factor of a million for a body of a millimetre.
-    moment, mass = float(np.abs(G[:3, :3]).max()), float(np.abs(G[3:, 3:]).max())
-    root = np.sqrt(np.repeat([moment, mass], 3))
-    gap = np.abs(inertia.matrix - G)
-    if not (gap <= 1e-6 * np.outer(root, root)).all():
+    moment_block, coupling_block, mass_block = G[:3, :3], G[:3, 3:], G[3:, 3:]
+    I = 0.5 * (moment_block + moment_block.T)
+    h = so3.vee(0.5 * (coupling_block - coupling_block.T))
+    inertia = cls.from_parameters(ten_parameters(mass_block.trace() / 3, h, I))
+    # Blocks have tolerances of their own: kg m² and kg differ by a factor of a million for a body of a millimetre.
+    moment, mass = float(np.abs(moment_block).max()), float(np.abs(mass_block).max())
+    roots = np.sqrt(np.repeat([moment, mass], 3))
+    deviation = np.abs(inertia.matrix - G)
+    if not (deviation <= 1e-6 * np.outer(roots, roots)).all():
         raise InertiaError(
             "no spatial inertia [[I, m[c]], [-m[c], m 1]], angular part first: the matrix is off by "
-            f"{printed(gap.max(), 3)}. Is its linear part first? Then swap the blocks."
+            f"{printed(deviation.max(), 3)}. Is its linear part first? Then swap the blocks."
         )
     if moment > _MAX_GYRATION_RADIUS**2 * mass > 0:
         raise InertiaError(
@@ -231,16 +238,16 @@ def from_pseudo_inertia(cls: type[SpatialInertia], J: ArrayLike) -> SpatialInert
     >>> bool(np.allclose(SpatialInertia.from_pseudo_inertia(G.pseudo_inertia).parameters, G.parameters))
     True
     """
-    P = arguments.one(J, "a pseudo-inertia", 4, 4)
-    P = 0.5 * (P + P.T)
-    I = rotational_inertia(P[:3, :3])
-    return cls.from_parameters(ten_parameters(P[3, 3], P[:3, 3], I))
+    matrix = arguments.one(J, "a pseudo-inertia", 4, 4)
+    matrix = 0.5 * (matrix + matrix.T)
+    S, h, m = matrix[:3, :3], matrix[:3, 3], matrix[3, 3]
+    return cls.from_parameters(ten_parameters(m, h, rotational_inertia(S)))
 
 
 def log_cholesky(G: SpatialInertia) -> Array:
-    """Log-Cholesky parameters of an inertia, ten numbers with J = U U' for the pseudo-inertia J.
+    """Log-Cholesky parameters of an inertia: ten numbers that make up U in J = U U', where J is the pseudo-inertia.
 
-    U is that of Rucker and Wensing eq. 9.
+    U is the upper triangular matrix of Rucker and Wensing eq. 9.
 
     Returns
     -------
@@ -258,16 +265,19 @@ def log_cholesky(G: SpatialInertia) -> Array:
     >>> SpatialInertia.from_com(1.0, (1, 2, 3), 2 * np.eye(3)).log_cholesky().tolist()
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0]
     """
-    m, I = float(G.mass), G.moment_about_com
-    problem = "; ".join(G.defects()) or ("" if m > 0 else "it has no mass")
-    S = np.zeros((3, 3)) if problem else second_moments(I) / m
-    try:
-        U = np.linalg.cholesky(S[::-1, ::-1])[::-1, ::-1]  # upper triangular: S = U U'
-    except np.linalg.LinAlgError:
-        problem = problem or "it has no extent in some direction"
-        raise InertiaError(
-            f"this inertia has no log-Cholesky parameters: {problem}. Try nearest_consistent() first."
-        ) from None
+    m = float(G.mass)
+    problem = "; ".join(G.defects())
+    if not problem and not m > 0:
+        problem = "it has no mass"
+    U = None
+    if not problem:
+        S = second_moments(G.moment_about_com) / m
+        try:
+            U = np.linalg.cholesky(S[::-1, ::-1])[::-1, ::-1]  # S = U U'; the reversed order makes U upper triangular
+        except np.linalg.LinAlgError:
+            problem = "it has no extent in some direction"
+    if U is None:
+        raise InertiaError(f"this inertia has no log-Cholesky parameters: {problem}. Try nearest_consistent() first.")
     return np.array([0.5 * np.log(m), *np.log(U.diagonal()), U[0, 1], U[1, 2], U[0, 2], *G.com])
 
 
@@ -287,14 +297,14 @@ def from_log_cholesky(cls: type[SpatialInertia], theta: ArrayLike) -> SpatialIne
     x = arguments.one(theta, "log-Cholesky parameters", 10)
     if not np.isfinite(x).all():
         raise ValueRangeError(f"log-Cholesky parameters must be finite, got {x}.")
-    alpha, d1, d2, d3, s12, s23, s13, *t = x.tolist()
+    alpha, d1, d2, d3, s12, s23, s13, *com = x.tolist()
     with np.errstate(over="ignore", invalid="ignore"):
         m = np.exp(2.0 * alpha)
         U = np.array([[np.exp(d1), s12, s13], [0.0, np.exp(d2), s23], [0.0, 0.0, np.exp(d3)]])
         S = m * U @ U.T
     if not np.isfinite([m, S.trace()]).all():
         raise ValueRangeError(f"log-Cholesky parameters overflow: mass exp(2 α) = {printed(m, 3)} kg; got {x}.")
-    return cls.from_com(m, t, rotational_inertia(S))
+    return cls.from_com(m, com, rotational_inertia(S))
 
 
 def principal_axes(moments: Array, axes: Array) -> Array:
@@ -302,19 +312,21 @@ def principal_axes(moments: Array, axes: Array) -> Array:
 
     Moments count as repeated if they differ by at most their rounding error, 8 eps of their sum.
     """
-    close = np.diff(moments) <= 8 * np.finfo(float).eps * abs(moments.sum())
-    if close.all():
+    is_repeated = np.diff(moments) <= 8 * np.finfo(float).eps * abs(moments.sum())  # first and second, second and third
+    if is_repeated.all():
         return np.eye(3)
     axes = axes.copy()
-    if close.any():
-        single = 2 if close[0] else 0
-        n = axes[:, single]
-        n *= np.copysign(1.0, n[np.argmax(np.abs(n))])
-        e = np.eye(3)[np.argmin(np.abs(n))]  # the coordinate axis nearest to perpendicular to the single axis
-        e = e - (e @ n) * n
-        axes[:, (single + 1) % 3] = e / np.linalg.norm(e)
-        axes[:, (single + 2) % 3] = so3.cross(n, axes[:, (single + 1) % 3])
-    axes[:, 2] = so3.cross(axes[:, 0], axes[:, 1])
+    if is_repeated.any():
+        single = 2 if is_repeated[0] else 0  # column of the axis whose moment is not repeated
+        single_axis = axes[:, single]
+        largest_component = single_axis[np.argmax(np.abs(single_axis))]
+        single_axis *= np.copysign(1.0, largest_component)  # a view of the column: ``axes`` changes, too
+        e = np.eye(3)[np.argmin(np.abs(single_axis))]  # the coordinate axis nearest to perpendicular to the single axis
+        e = e - (e @ single_axis) * single_axis
+        second, third = (single + 1) % 3, (single + 2) % 3
+        axes[:, second] = e / np.linalg.norm(e)
+        axes[:, third] = so3.cross(single_axis, axes[:, second])
+    axes[:, 2] = so3.cross(axes[:, 0], axes[:, 1])  # a rotation, not a reflection
     return axes
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from ...core.typing import Array
 from .shells import edges_of, nest, shell_numbers, winding
 
-_INSIDE = 0.5
-"""Winding number above which a point is inside a closed shell; around an open one it is only inside most of it."""
+_MIN_WINDING = 0.5
+"""Winding number above which a point is inside a closed shell. An open shell then surrounds most of the point's directions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class Shell:
     triangles: Array
     """Corners (k, 3, 3)."""
     closed: bool
-    """True if every edge belongs to two faces, or to another even number."""
+    """True if every edge belongs to two faces, or to another even number of faces."""
 
     @cached_property
     def box(self) -> tuple[Array, Array]:
@@ -33,10 +33,10 @@ class Shell:
         low, high = self.box
         if not ((low < point) & (point < high)).all():
             return None
-        w = float(winding(point[None], self.triangles)[0])
-        if not abs(w) > _INSIDE:
+        winding_number = float(winding(point[None], self.triangles)[0])
+        if not abs(winding_number) > _MIN_WINDING:  # also for NaN: the point is on a face
             return None
-        return self.triangles if w > 0 else self.triangles[:, ::-1]
+        return self.triangles if winding_number > 0 else self.triangles[:, ::-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +58,14 @@ class Enclosure:
         """
         if not len(self.faces):
             return ()
-        _, label = shell_numbers(self.faces)
-        order = np.argsort(label, kind="stable")
-        parts = np.split(self.faces[order], np.flatnonzero(np.diff(label[order])) + 1)
-        return tuple(_shell(self.vertices, faces) for faces in parts)
+        _, shell_of_face = shell_numbers(self.faces)
+        order = np.argsort(shell_of_face, kind="stable")
+        first_faces = np.flatnonzero(np.diff(shell_of_face[order])) + 1
+        faces_of_shells = np.split(self.faces[order], first_faces)
+        return tuple(_shell(self.vertices, faces) for faces in faces_of_shells)
 
     def holds(self, points: Array) -> bool | None:
-        """True if points (n, 3), which no face separates, lie in the solid, not in a cavity; None if open shells hide it.
+        """True if points (n, 3) that no face separates lie in the solid, not in a cavity; None if open shells leave it open.
 
         Parameters
         ----------
@@ -84,19 +85,20 @@ class Enclosure:
         """
         if not self.reaches(points).all():
             return False
-        walls, in_open_shell = list[Array](), False
+        closed_shells, is_in_open_shell = list[Array](), False
         for shell in self.shells:
             faces = shell.around(points[0])
             if faces is not None and shell.closed:
-                walls.append(faces)
+                closed_shells.append(faces)
             elif faces is not None:
-                in_open_shell = True
-        if walls:
-            label = np.repeat(np.arange(len(walls)), [len(part) for part in walls])
-            nesting = nest(np.concatenate(walls), label, len(walls))
-            if nesting.cutting or int(nesting.depth.max()) % 2 == 0:  # the innermost shell around it bounds a solid
+                is_in_open_shell = True
+        if closed_shells:
+            shell_of_face = np.repeat(np.arange(len(closed_shells)), [len(faces) for faces in closed_shells])
+            nesting = nest(np.concatenate(closed_shells), shell_of_face, len(closed_shells))
+            innermost_bounds_solid = int(nesting.depth.max()) % 2 == 0
+            if nesting.cutting or innermost_bounds_solid:
                 return True
-        return None if in_open_shell else False
+        return None if is_in_open_shell else False
 
     @cached_property
     def _box(self) -> tuple[Array, Array]:
@@ -119,5 +121,8 @@ class Enclosure:
 
 
 def _shell(vertices: Array, faces: Array) -> Shell:
-    _, counts = np.unique(np.sort(edges_of(faces), axis=1), axis=0, return_counts=True)
-    return Shell(np.asarray(vertices[faces], float), bool((counts % 2 == 0).all()))
+    """Shell of some faces (k, 3) of a mesh."""
+    edges = np.sort(edges_of(faces), axis=1)
+    _, faces_per_edge = np.unique(edges, axis=0, return_counts=True)
+    closed = bool((faces_per_edge % 2 == 0).all())
+    return Shell(np.asarray(vertices[faces], float), closed)

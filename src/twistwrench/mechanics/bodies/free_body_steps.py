@@ -1,4 +1,4 @@
-"""Steps of a free rigid body: torque-free, under a wrench, of adaptive length; and the impulse that quadrature misses."""
+"""Steps of a free rigid body: torque-free, under a wrench, and of adaptive length. Estimate of the impulse that steps miss."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ _MAX_IMPULSE_ERROR = 0.05
 """Fraction of the momentum above which a quadrature error is reported."""
 
 State = tuple[Array, Array, Array, Array]
+"""Quaternion q (4,), position p, angular momentum l and linear momentum f, (3,) each."""
 Push = Callable[..., Array]
-"""Wrench (6,) about the centre of mass from time, quaternion, position, angular and linear momentum."""
+"""Function that returns the wrench (6,) about the centre of mass from the time and the four parts of a state."""
 
 
 def six(name: str, x: ArrayLike) -> Array:
@@ -35,38 +36,49 @@ def six(name: str, x: ArrayLike) -> Array:
 
 
 class MissedImpulse:
-    """Estimate of the impulses missed so far (absolute values), and the time of the largest."""
+    """Estimate of the impulses missed so far (absolute values), and the time of the largest.
+
+    A step ``h`` evaluates the wrench in the middle of each of its ``fractions``. Between these times the wrench is evaluated
+    additionally, ``spacing`` [s] apart at most, to estimate what they miss.
+    """
 
     def __init__(self, fractions: Sequence[float], h: float, spacing: float) -> None:
-        b = np.array(fractions)
-        self.h, self.rule = h, ProbeRule(np.cumsum(b) - 0.5 * b, b, spacing)
+        lengths = np.array(fractions)
+        midpoints = np.cumsum(lengths) - 0.5 * lengths
+        self.h = h
+        self.rule = ProbeRule(midpoints, lengths, spacing)
         self.needed = bool(np.isfinite(spacing)) and self.rule.needed(h)
         self.sum = np.zeros(6)
-        self.worst, self.when = 0.0, 0.0
+        self.largest = 0.0
+        self.time_of_largest = 0.0
 
-    def look(self, t: float, push: Push, before: State, after: State) -> None:
+    def record(self, t: float, push: Push, before: State, after: State) -> None:
         """Record a step from t: the wrench is evaluated along the straight line between the two states."""
         if not self.needed:
             return
         shares, weights = self.rule.shares(self.h)
-        wrenches = []
+        probes = []
         for share in shares.tolist():
-            q, *state = ((1.0 - share) * a + share * b for a, b in zip(before, after, strict=True))
-            wrenches.append(push(t + share * self.h, q / np.linalg.norm(q), *state))
-        forces = np.array(wrenches)
-        missing = self.h * np.abs(left_out(weights, forces))
-        self.sum += missing
-        if missing.max() > self.worst:
-            deviation = np.abs(forces - np.median(forces, axis=0)).max(axis=1)
-            self.worst, self.when = float(missing.max()), t + self.h * float(shares[int(deviation.argmax())])
+            q, *other_parts = ((1.0 - share) * a + share * b for a, b in zip(before, after, strict=True))
+            probes.append(push(t + share * self.h, q / np.linalg.norm(q), *other_parts))
+        wrenches = np.array(probes)
+        missed_impulse = self.h * np.abs(left_out(weights, wrenches))
+        self.sum += missed_impulse
+        if missed_impulse.max() > self.largest:
+            deviations = np.abs(wrenches - np.median(wrenches, axis=0)).max(axis=1)
+            share_of_peak = float(shares[int(deviations.argmax())])
+            self.largest = float(missed_impulse.max())
+            self.time_of_largest = t + self.h * share_of_peak
 
     def remark(self, linear: float, angular: float) -> str:
         """Remark if the missed impulse is a large part of the largest linear [N s] or angular momentum [N m s]; else empty."""
-        if not (self.sum[3:].max() > _MAX_IMPULSE_ERROR * linear or self.sum[:3].max() > _MAX_IMPULSE_ERROR * angular):
+        missed_angular, missed_linear = self.sum[:3].max(), self.sum[3:].max()
+        is_large = missed_linear > _MAX_IMPULSE_ERROR * linear or missed_angular > _MAX_IMPULSE_ERROR * angular
+        if not is_large:
             return ""
         return (
             f"the wrench changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all "
-            f"about t = {printed(self.when)} s: take a smaller dt"
+            f"about t = {printed(self.time_of_largest)} s: take a smaller dt"
         )
 
 
@@ -79,7 +91,9 @@ class FreeBody:
 
     mass: float
     moments: Array
+    """Principal moments (3,), ascending."""
     T_bc: Array
+    """Pose of {c} in {b}."""
 
     @cached_property
     def T_cb(self) -> Array:
@@ -93,27 +107,32 @@ class FreeBody:
 
     def state(self, T_sb: Array, V_b: Array) -> tuple[Array, Array, Array, Array]:
         """Quaternion (4,), position (3,), spatial angular momentum about the centre of mass and linear momentum (3,)."""
-        T, V = T_sb @ self.T_bc, se3.Ad(self.T_cb).apply(V_b)
-        R = T[:3, :3]
-        return quaternion.from_matrix(R), T[:3, 3], R @ (self.moments * V[:3]), self.mass * (R @ V[3:])
+        T_sc, V_c = T_sb @ self.T_bc, se3.Ad(self.T_cb).apply(V_b)
+        R, p = T_sc[:3, :3], T_sc[:3, 3]
+        l = R @ (self.moments * V_c[:3])
+        f = self.mass * (R @ V_c[3:])
+        return quaternion.from_matrix(R), p, l, f
 
     def motion(self, q: Array, p: Array, l: Array, f: Array) -> tuple[Array, Array]:
         """Pose of {b} (..., 4, 4) and its twist (..., 6)."""
         R = quaternion.rotation(q)
         Rt = np.swapaxes(R, -1, -2)
-        w, v = (Rt @ l[..., None])[..., 0] / self.moments, (Rt @ f[..., None])[..., 0] / self.mass
-        return se3.pose(R, p) @ self.T_cb, np.concatenate([w, v], axis=-1) @ self.Ad_bc.T
+        w = (Rt @ l[..., None])[..., 0] / self.moments
+        v = (Rt @ f[..., None])[..., 0] / self.mass
+        V_c = np.concatenate([w, v], axis=-1)
+        return se3.pose(R, p) @ self.T_cb, V_c @ self.Ad_bc.T
 
     def push(self, law: WrenchLaw, t: float, q: Array, p: Array, l: Array, f: Array) -> tuple[Array, float]:
         """Wrench (6,) on the body about its centre of mass in the axes of {s}, and its power [W], for one state."""
         w, x, y, z = q.tolist()
         R = np.array(quaternion.entries(w, x, y, z, 2.0 / (w * w + x * x + y * y + z * z))).reshape(3, 3)
-        V = self.Ad_bc @ np.concatenate([(l @ R) / self.moments, (f @ R) / self.mass])
+        V_b = self.Ad_bc @ np.concatenate([(l @ R) / self.moments, (f @ R) / self.mass])
         T_sc = np.eye(4)
-        T_sc[:3, :3], T_sc[:3, 3] = R, p
-        F = six("the wrench", law(t, T_sc @ self.T_cb, V))
-        F_c = F @ self.Ad_bc
-        return np.concatenate([R @ F_c[:3], R @ F_c[3:]]), float(F @ V)
+        T_sc[:3, :3] = R
+        T_sc[:3, 3] = p
+        F_b = six("the wrench", law(t, T_sc @ self.T_cb, V_b))
+        F_c = F_b @ self.Ad_bc
+        return np.concatenate([R @ F_c[:3], R @ F_c[3:]]), float(F_b @ V_b)
 
 
 Rows = tuple[Array, Array, Array, Array, Array, Array]
@@ -123,23 +142,28 @@ Rows = tuple[Array, Array, Array, Array, Array, Array]
 def torque_free_motion(
     body: FreeBody, start: tuple[Array, ...], h: float, n: int, stride: int, fractions: tuple[float, ...]
 ) -> Rows:
-    """Record of torque-free motion: rotation steps are composed of split rotors with the given fractions."""
-    q0, p, l, f = start
+    """Record of torque-free motion in ``n`` steps ``h``, every ``stride`` steps and at the end.
+
+    Rotation steps are composed of split rotors with the given fractions. The centre of mass moves uniformly.
+    """
+    q_start, p, l, f = start
     rotor = SplitRotor.from_moments(_vec(body.moments))
     turns, last_turn = rotor.schedule(h, fractions)
     _require_computable(l, 0.0)
-    q = _quat(q0)
-    L = _vec(l)
+    q = _quat(q_start)
+    l_floats = _vec(l)
     record = array("d", q)
     for i in range(1, n + 1):
-        q = rotor.step(q, L, h, turns, last_turn)
+        q = rotor.step(q, l_floats, h, turns, last_turn)
         if i % stride == 0 or i == n:
             record.extend(q)
-    Q = np.frombuffer(record).reshape(-1, 4)
-    k = len(Q)
+    quaternions = np.frombuffer(record).reshape(-1, 4)
+    k = len(quaternions)
     t = np.append(np.arange(0, n, stride), n) * h
     positions = p + np.multiply.outer(t, f / body.mass)
-    return Q, positions, np.broadcast_to(l, (k, 3)), np.broadcast_to(f, (k, 3)), np.zeros((k, 6)), np.zeros(k)
+    angular_momenta, linear_momenta = np.broadcast_to(l, (k, 3)), np.broadcast_to(f, (k, 3))
+    no_impulse, no_work = np.zeros((k, 6)), np.zeros(k)
+    return quaternions, positions, angular_momenta, linear_momenta, no_impulse, no_work
 
 
 def motion_under_wrench(
@@ -152,36 +176,40 @@ def motion_under_wrench(
     law: WrenchLaw,
     missed: MissedImpulse,
 ) -> Rows:
-    """Record of motion under a wrench. Each fraction of a step: half of it free, the whole impulse, the other half free."""
+    """Record of motion under a wrench in ``n`` steps ``h``, every ``stride`` steps and at the end.
+
+    Each fraction of a step: half of it free, the impulse of the whole fraction, the other half free.
+    """
     q, p, l, f = start
     rotor = SplitRotor.from_moments(_vec(body.moments))
-    half_steps = [(0.5 * c * h, *rotor.schedule(0.5 * c * h, COMPOSITIONS[2])) for c in fractions]
+    half_steps = []
+    for fraction in fractions:
+        half = 0.5 * fraction * h
+        half_steps.append((half, *rotor.schedule(half, COMPOSITIONS[2])))
     impulse, work = np.zeros(6), 0.0
     record = [(q, p, l, f, impulse, work)]
     for i in range(1, n + 1):
         t, before = (i - 1) * h, (q, p, l, f)
         for half, turns, last_turn in half_steps:
             _require_computable(l, t)
-            q, p, t = (
-                np.array(rotor.step(_quat(q), _vec(l), half, turns, last_turn)),
-                p + half / body.mass * f,
-                t + half,
-            )
-            F, power = _midpoint(body, law, t, q, p, l, f, 2.0 * half)
-            l, f = l + 2.0 * half * F[:3], f + 2.0 * half * F[3:]
+            q = np.array(rotor.step(_quat(q), _vec(l), half, turns, last_turn))
+            p = p + half / body.mass * f
+            t = t + half
+            F, power = _midpoint_wrench(body, law, t, q, p, l, f, 2.0 * half)
+            l = l + 2.0 * half * F[:3]
+            f = f + 2.0 * half * F[3:]
             about_origin = np.concatenate([F[:3] + so3.cross(p, F[3:]), F[3:]])
-            impulse, work = impulse + 2.0 * half * about_origin, work + 2.0 * half * power
+            impulse = impulse + 2.0 * half * about_origin
+            work = work + 2.0 * half * power
             _require_computable(l, t)
-            q, p, t = (
-                np.array(rotor.step(_quat(q), _vec(l), half, turns, last_turn)),
-                p + half / body.mass * f,
-                t + half,
-            )
-        missed.look((i - 1) * h, lambda t, *state: body.push(law, t, *state)[0], before, (q, p, l, f))
+            q = np.array(rotor.step(_quat(q), _vec(l), half, turns, last_turn))
+            p = p + half / body.mass * f
+            t = t + half
+        missed.record((i - 1) * h, lambda t, *state: body.push(law, t, *state)[0], before, (q, p, l, f))
         if i % stride == 0 or i == n:
             record.append((q, p, l, f, impulse, work))
-    q, p, l, f, J, W = (np.array(x) for x in zip(*record, strict=True))
-    return q, p, l, f, J, W
+    q, p, l, f, impulses, works = (np.array(column) for column in zip(*record, strict=True))
+    return q, p, l, f, impulses, works
 
 
 def _require_computable(l: Array, t: float) -> None:
@@ -192,19 +220,22 @@ def _require_computable(l: Array, t: float) -> None:
         )
 
 
-def _midpoint(
+def _midpoint_wrench(
     body: FreeBody, law: WrenchLaw, t: float, q: Array, p: Array, l: Array, f: Array, h: float
 ) -> tuple[Array, float]:
     """Wrench of an impulse of duration ``h`` at the mean of the momenta before and after it, by fixed-point iteration."""
     F, power = body.push(law, t, q, p, l, f)
     change = np.inf
     for _ in range(60):
-        old, before, size = F, change, np.abs(F).max()
-        F, power = body.push(law, t, q, p, l + 0.5 * h * old[:3], f + 0.5 * h * old[3:])
-        change = np.abs(F - old).max()
-        if change <= 1e-15 * size or before <= change <= 1e-12 * size:  # converged, or down to rounding errors
+        previous_F, previous_change = F, change
+        size = np.abs(F).max()
+        F, power = body.push(law, t, q, p, l + 0.5 * h * previous_F[:3], f + 0.5 * h * previous_F[3:])
+        change = np.abs(F - previous_F).max()
+        has_converged = change <= 1e-15 * size
+        is_rounding_error = previous_change <= change <= 1e-12 * size  # it does not decrease further
+        if has_converged or is_rounding_error:
             return F, power
-        if change > 2.0 * before:
+        if change > 2.0 * previous_change:
             break
     raise ValueRangeError(
         f"at t = {printed(t)} s the wrench depends on the twist so steeply that a step of {printed(abs(h))} s finds no "
@@ -227,17 +258,23 @@ def adaptive_motion(
         dq = 0.5 * quaternion.multiply(q, np.append(0.0, w))
         return np.concatenate([dq, f / body.mass, F, F[:3] + so3.cross(p, F[3:]), F[3:], [power]])
 
-    # Absolute tolerances in units of the body: its radius of gyration, and one radius or radian per flight.
+    # Sizes of the unknowns for absolute tolerances: lengths are compared with the radius of gyration r, speeds with one radius
+    # per flight plus the initial speeds of translation and rotation.
 
     T, m, r = times[-1], body.mass, float(np.sqrt(body.moments[2] / body.mass))
     speed = r / T + np.linalg.norm(f) / m + np.linalg.norm(l) / (m * r)
-    sizes = [1.0] * 4 + [r] * 3 + [m * r * speed] * 3 + [m * speed] * 3 + [m * r * speed] * 3 + [m * speed] * 3
-    atol = tolerance * np.array([*sizes, m * speed**2])
-    y0 = np.concatenate([q, p, l, f, np.zeros(7)])
-    out = solve_ivp(rate, (0.0, T), y0, method="DOP853", t_eval=times, rtol=tolerance, atol=atol, max_step=longest)
-    if not out.success:
-        raise ValueRangeError(f"the adaptive integration stopped at t = {printed(out.t[-1])} s: {out.message}")
-    y = out.y.T
+    momentum_sizes = [m * r * speed] * 3 + [m * speed] * 3  # angular, linear; the impulse has the same
+    sizes = [1.0] * 4 + [r] * 3 + momentum_sizes + momentum_sizes + [m * speed**2]
+    y_start = np.concatenate([q, p, l, f, np.zeros(7)])
+    solution = solve_ivp(
+        rate, (0.0, T), y_start, method="DOP853", t_eval=times,
+        rtol=tolerance, atol=tolerance * np.array(sizes), max_step=longest,
+    )  # fmt: skip
+    if not solution.success:
+        raise ValueRangeError(
+            f"the adaptive integration stopped at t = {printed(solution.t[-1])} s: {solution.message}"
+        )
+    y = solution.y.T
     return y[:, :4], y[:, 4:7], y[:, 7:10], y[:, 10:13], y[:, 13:19], y[:, 19]
 
 

@@ -26,8 +26,8 @@ class SpatialInertia(metaclass=HintedClass):
     """Mass, first moment and rotational inertia of a body, about the origin of a frame fixed to it.
 
     The object has no frame label. Its frame is that of the operand it is used with: the twist in ``G @ V``, the other
-    inertia in ``G1 + G2``, ``frame=`` in ``with_payload``. A sum of inertias about two frames is wrong without an error;
-    convert one first with :meth:`in_frame`. The constructor does not check physical consistency; :meth:`defects` does.
+    inertia in ``G1 + G2``, ``frame=`` in ``with_payload``. A sum of inertias about two different frames is wrong and raises no
+    error; convert one first with :meth:`in_frame`. The constructor does not check physical consistency; :meth:`defects` does.
     ``G @ V`` is the momentum of the body moving with twist V. The parameters may be symbols.
 
     Examples
@@ -62,15 +62,16 @@ class SpatialInertia(metaclass=HintedClass):
 
     def __repr__(self) -> str:
         if self.parameters.dtype == object or not np.isfinite(self.parameters).all():
-            ten = ", ".join(map(str, self.parameters))
-            return f"SpatialInertia: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz = ({ten}) about the origin"
+            parameters = ", ".join(map(str, self.parameters))
+            return f"SpatialInertia: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz = ({parameters}) about the origin"
         I, c = self.moment_about_com, self.com
-        products = I[[0, 0, 1], [1, 2, 2]]
-        scale = float(np.abs(I).max() + self.mass * c @ c)  # rounding error of Steiner's terms
-        moments = f"Ixx, Iyy, Izz = {vector(without_noise(I.diagonal(), scale))}"
-        if without_noise(products, scale).any():
-            moments += f", Ixy, Ixz, Iyz = {vector(without_noise(products, scale))}"
-        return f"SpatialInertia: mass {number(self.mass, 6)} kg, com {vector(c)} m, about the com {moments} kg m²"
+        scale = float(np.abs(I).max() + self.mass * c @ c)  # of Steiner's terms, which leave rounding errors in I
+        moments = without_noise(I.diagonal(), scale)
+        products = without_noise(I[[0, 0, 1], [1, 2, 2]], scale)
+        text = f"Ixx, Iyy, Izz = {vector(moments)}"
+        if products.any():
+            text += f", Ixy, Ixz, Iyz = {vector(products)}"
+        return f"SpatialInertia: mass {number(self.mass, 6)} kg, com {vector(c)} m, about the com {text} kg m²"
 
     def _repr_html_(self) -> str | None:
         if self.parameters.dtype == object:
@@ -123,28 +124,30 @@ class SpatialInertia(metaclass=HintedClass):
         m, c = arguments.number(mass, "mass"), arguments.one(com, "com", 3)
         I = np.zeros((3, 3)) if moment_about_com is None else moment_matrix(moment_about_com)
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = I.tolist()
-        gap = max(abs(xy - yx), abs(xz - zx), abs(yz - zy))
+        asymmetry = max(abs(xy - yx), abs(xz - zx), abs(yz - zy))
         largest = max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz)))
-        if not gap <= 1e-9 * largest and np.isfinite(I).all():
+        if not asymmetry <= 1e-9 * largest and np.isfinite(I).all():
             raise InertiaError(
-                f"moment_about_com is not symmetric: entries that should be equal differ by {number(gap, 3)} kg m²."
+                f"moment_about_com is not symmetric: entries that should be equal differ by {number(asymmetry, 3)} kg m²."
             )
         x, y, z = c.tolist()
         hx, hy, hz = m * x, m * y, m * z
-        if hx or hy or hz:  # Steiner: I_o = I_com - m [c]^2
-            h_hat, c_hat = [[0.0, -hz, hy], [hz, 0.0, -hx], [-hy, hx, 0.0]], [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+        if hx or hy or hz:  # Steiner: I_o = I_com - [h] [c], h = m c
+            h_hat = np.array([[0.0, -hz, hy], [hz, 0.0, -hx], [-hy, hx, 0.0]])
+            c_hat = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
             with np.errstate(over="ignore", invalid="ignore"):  # defects() reports values that are not finite
-                (sxx, sxy, sxz), (_, syy, syz), (_, _, szz) = (np.array(h_hat) @ np.array(c_hat)).tolist()
-            xx, xy, yy, xz, yz, zz = xx - sxx, xy - sxy, yy - syy, xz - sxz, yz - syz, zz - szz
-        return cls._of(np.array([m, hx, hy, hz, xx, xy, yy, xz, yz, zz]))
+                (sxx, sxy, sxz), (_, syy, syz), (_, _, szz) = (h_hat @ c_hat).tolist()
+            xx, yy, zz = xx - sxx, yy - syy, zz - szz
+            xy, xz, yz = xy - sxy, xz - sxz, yz - syz
+        return cls._from_floats(np.array([m, hx, hy, hz, xx, xy, yy, xz, yz, zz]))
 
     @classmethod
-    def _of(cls, parameters: Array) -> SpatialInertia:
-        """Inertia of ten floats in an array that the caller does not keep."""
-        made = object.__new__(cls)
+    def _from_floats(cls, parameters: Array) -> SpatialInertia:
+        """Inertia of ten floats, without checks, in an array that the caller does not keep."""
+        inertia = object.__new__(cls)
         parameters.setflags(write=False)
-        object.__setattr__(made, "parameters", parameters)
-        return made
+        object.__setattr__(inertia, "parameters", parameters)
+        return inertia
 
     @classmethod
     def zero(cls) -> SpatialInertia:
@@ -155,7 +158,7 @@ class SpatialInertia(metaclass=HintedClass):
         >>> SpatialInertia.zero().mass
         0.0
         """
-        return cls._of(np.zeros(10))
+        return cls._from_floats(np.zeros(10))
 
     from_points = classmethod(solids.from_points)
     box = classmethod(solids.box)
@@ -246,8 +249,8 @@ class SpatialInertia(metaclass=HintedClass):
     @property
     def moment_about_com(self) -> Array:
         """Rotational inertia (3, 3) about the centre of mass, in the frame's axes [kg m²]."""
-        c = so3.hat(self.com)
-        return self.moment_about_origin + self.mass * c @ c
+        C = so3.hat(self.com)
+        return self.moment_about_origin + self.mass * C @ C  # Steiner: I_com = I_o + m [c]²
 
     @property
     def matrix(self) -> Array:
@@ -291,7 +294,8 @@ class SpatialInertia(metaclass=HintedClass):
     def in_frame(self, T_ab: ArrayLike) -> SpatialInertia:
         """Inertia of the same body in another frame {a}, given this one in {b}.
 
-        G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42, by blocks.
+        G_a = Ad(T_ba)' G_b Ad(T_ba), MR eq. 8.42. By blocks, with T_ab = (R, p), h and I rotated to the axes of {a}, and
+        u = h + ½ m p, the first moment becomes h + m p, and I becomes I + 2 (u·p) 1 - u p' - p u'.
 
         Parameters
         ----------
@@ -310,17 +314,21 @@ class SpatialInertia(metaclass=HintedClass):
         """
         T = arguments.pose(arguments.one(T_ab, "T_ab", 4, 4, symbols=True), "T_ab")
         R, p, m = T[:3, :3], T[:3, 3], self.mass
-        h, I = R @ self.first_moment, R @ self.moment_about_origin @ R.T
+        h = R @ self.first_moment
+        I = R @ self.moment_about_origin @ R.T
         u = h + 0.5 * m * p
         d = 2.0 * (u @ p)
         # I + d 1 - u p' - p u', entry by entry: for three numbers this is faster than NumPy operations.
-        (x, y, z), (a, b, c), ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = p.tolist(), u.tolist(), I.tolist()
+        (x, y, z), (ux, uy, uz) = p.tolist(), u.tolist()
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = I.tolist()
         moments = [
-            xx + d - a * x - x * a, xy - a * y - x * b, yy + d - b * y - y * b,
-            xz - a * z - x * c, yz - b * z - y * c, zz + d - c * z - z * c,
+            xx + d - ux * x - x * ux, xy - ux * y - x * uy, yy + d - uy * y - y * uy,
+            xz - ux * z - x * uz, yz - uy * z - y * uz, zz + d - uz * z - z * uz,
         ]  # fmt: skip
-        pi = [m, *(h + m * p).tolist(), *moments]
-        return SpatialInertia._of(np.array(pi)) if I.dtype == np.float64 else SpatialInertia.from_parameters(pi)
+        parameters = [m, *(h + m * p).tolist(), *moments]
+        if I.dtype == np.float64:
+            return SpatialInertia._from_floats(np.array(parameters))
+        return SpatialInertia.from_parameters(parameters)
 
     def turned(self, k: int, angle: Any) -> SpatialInertia:
         """Inertia of the body rotated about a coordinate axis, in the same frame.
@@ -332,8 +340,9 @@ class SpatialInertia(metaclass=HintedClass):
 
         Notes
         -----
-        With e = s (I_xx - I_yy) + 2 c I_xy for a rotation about z, the rotated block is I_xx - s e, I_yy + s e, c e - I_xy:
-        eight multiplications instead of the eighteen of the congruence.
+        For a rotation about z with cosine c and sine s, let e = s (I_xx - I_yy) + 2 c I_xy. The new entries are I_xx - s e,
+        I_yy + s e and c e - I_xy for the product xy. All takes eight multiplications; R I R' would take eighteen. For other
+        axes k, z stands for k, x and y for the next axes in cyclic order.
 
         Examples
         --------
@@ -344,13 +353,14 @@ class SpatialInertia(metaclass=HintedClass):
             raise ValueRangeError(f"no coordinate axis {k!r}; choose 0, 1 or 2.")
         arguments.one(angle, "angle", symbols=True)
         x, y, z = (k + 1) % 3, (k + 2) % 3, k
-        s, c, h = np.sin(angle), np.cos(angle), self.first_moment.astype(object)
+        s, c = np.sin(angle), np.cos(angle)
+        h = self.first_moment.astype(object)
         h[x], h[y] = c * h[x] - s * h[y], s * h[x] + c * h[y]
         I = self.moment_about_origin.astype(object)
         e = s * (I[x, x] - I[y, y]) + c * (I[x, y] + I[x, y])
         xz, yz = c * I[x, z] - s * I[y, z], s * I[x, z] + c * I[y, z]
-        I[x, x], I[y, y], xy = I[x, x] - s * e, I[y, y] + s * e, c * e - I[x, y]
-        I[x, y] = I[y, x] = xy
+        I[x, x], I[y, y] = I[x, x] - s * e, I[y, y] + s * e
+        I[x, y] = I[y, x] = c * e - I[x, y]
         I[x, z] = I[z, x] = xz
         I[y, z] = I[z, y] = yz
         return SpatialInertia.from_parameters(ten_parameters(self.mass, h, I))
@@ -367,12 +377,12 @@ class SpatialInertia(metaclass=HintedClass):
             )
         V = arguments.array(V, "V", 6)
         w, v, h = V[..., :3], V[..., 3:], self.first_moment
-        return np.concatenate(
-            [w @ self.moment_about_origin + so3.cross(h, v), self.mass * v - so3.cross(h, w)], axis=-1
-        )
+        angular = w @ self.moment_about_origin + so3.cross(h, v)  # w'I = (I w)', since I is symmetric
+        linear = self.mass * v - so3.cross(h, w)
+        return np.concatenate([angular, linear], axis=-1)
 
     def __add__(self, other: SpatialInertia) -> SpatialInertia:
-        return SpatialInertia.from_parameters(self.parameters + self._ten(other, "+"))
+        return SpatialInertia.from_parameters(self.parameters + self._parameters_of(other, "+"))
 
     def __radd__(self, other: Any) -> SpatialInertia:
         if np.ndim(other) == 0 and not isinstance(other, str) and other == 0:  # for sum()
@@ -380,10 +390,10 @@ class SpatialInertia(metaclass=HintedClass):
         raise InertiaError(f"{type(other).__name__} + SpatialInertia: an inertia goes with another SpatialInertia.")
 
     def __sub__(self, other: SpatialInertia) -> SpatialInertia:
-        return SpatialInertia.from_parameters(self.parameters - self._ten(other, "-"))
+        return SpatialInertia.from_parameters(self.parameters - self._parameters_of(other, "-"))
 
     @staticmethod
-    def _ten(other: Any, sign: str) -> Array:
+    def _parameters_of(other: Any, sign: str) -> Array:
         if not isinstance(other, SpatialInertia):
             raise InertiaError(
                 f"SpatialInertia {sign} {type(other).__name__}: an inertia goes with another SpatialInertia."
@@ -405,14 +415,15 @@ if not TYPE_CHECKING:  # type checkers have the signature of the fields
 
 # ── Momentum-conserving steps of free rotation about the centre of mass
 
-# In principal axes the rotational energy of body momentum m is split, with the middle moment I2 set apart,
+# In principal axes, with the body momentum m = (m1, m2, m3) and the middle moment I2, the rotational energy is split into
 #
-#     K = |m|²/(2 I2) + ½ (1/I1 - 1/I2) m1² + ½ (1/I3 - 1/I2) m3²,
+#     K = |m|²/(2 I2) + ½ (1/I1 - 1/I2) m1² + ½ (1/I3 - 1/I2) m3².
 #
-# The first part rotates the body about the fixed momentum, the others rotate it about a body axis; each is solved exactly. The
-# first commutes with the rest; the others are composed symmetrically. So every step is a product of exact motions, each of
-# which conserves the spatial momentum. The composition is symplectic and symmetric, so the energy error is bounded for
-# exponentially long times. A body with two equal moments moves exactly, as its two remaining parts commute. Sources: McLachlan,
+# The motion of each part alone has an exact solution. The first part rotates the body about the constant momentum, the second
+# about body axis 1, the third about body axis 3. The first commutes with the others, which are composed symmetrically. So every
+# step is a product of exact motions, each of which conserves the spatial momentum. The composition is symplectic and symmetric,
+# so the energy error is bounded for exponentially long times. A body with two equal moments moves exactly: one of the last two
+# parts is zero, and the two that remain commute. Sources: McLachlan,
 # "Explicit Lie-Poisson integration and the Euler equations", PRL 71, 1993; Fassò, "Comparison of splitting algorithms for the
 # rigid body", J. Comput. Phys. 189, 2003; Hairer, Lubich and Wanner, Geometric Numerical Integration, VII.5.3 and V.3.
 #
@@ -421,67 +432,81 @@ if not TYPE_CHECKING:  # type checkers have the signature of the fields
 Quat = tuple[float, float, float, float]
 Vec = tuple[float, float, float]
 
-_S = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
-_K = (0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.08221359629355080023)
+_SUZUKI = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
+_KAHAN_LI = (0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.08221359629355080023)
 
 COMPOSITIONS: dict[int, tuple[float, ...]] = {
     2: (1.0,),
-    4: (_S, _S, 1.0 - 4.0 * _S, _S, _S),  # Suzuki, 1990
-    6: (*_K, 1.0 - 2.0 * sum(_K), *reversed(_K)),  # Kahan and Li, 1997
+    4: (_SUZUKI, _SUZUKI, 1.0 - 4.0 * _SUZUKI, _SUZUKI, _SUZUKI),  # Suzuki, 1990
+    6: (*_KAHAN_LI, 1.0 - 2.0 * sum(_KAHAN_LI), *reversed(_KAHAN_LI)),  # Kahan and Li, 1997
 }
 """Fractions of a step, per order: symmetric, with sum 1, and zero sums of the odd powers below the order."""
 
 
 def body_momentum(q: Quat, l: Vec) -> Vec:
-    """R(q)ᵀ l for a unit quaternion."""
+    """R(q)ᵀ l = l + w t + t × v with t = 2 l × v, for a unit quaternion q = (w, v)."""
     w, x, y, z = q
-    a, b, c = l
-    tx, ty, tz = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
-    return a + w * tx + ty * z - tz * y, b + w * ty + tz * x - tx * z, c + w * tz + tx * y - ty * x
+    lx, ly, lz = l
+    tx, ty, tz = 2.0 * (ly * z - lz * y), 2.0 * (lz * x - lx * z), 2.0 * (lx * y - ly * x)
+    return lx + w * tx + ty * z - tz * y, ly + w * ty + tz * x - tx * z, lz + w * tz + tx * y - ty * x
 
 
 @dataclass(frozen=True)
 class SplitRotor:
-    """Body rotating about its centre of mass: reciprocal moments, relative to the middle one, in 1/(kg m²)."""
+    """Body rotating about its centre of mass, with the factors of the three parts of K in 1/(kg m²)."""
 
     middle: float
+    """1/I2."""
     first: float
+    """1/I1 - 1/I2."""
     third: float
+    """1/I3 - 1/I2."""
 
     @classmethod
     def from_moments(cls, moments: Vec) -> SplitRotor:
         """Rotor from principal moments, ascending."""
-        a, b, c = (1.0 / x for x in moments)
-        return cls(b, a - b, c - b)
+        first, middle, third = (1.0 / moment for moment in moments)
+        return cls(middle, first - middle, third - middle)
 
     def schedule(self, h: float, fractions: tuple[float, ...]) -> tuple[list[tuple[float, float]], float]:
-        """Half-angle factors of the alternating rotations about axes 1 and 3, neighbours merged, and of the last rotation."""
-        a, b = 0.25 * h * self.first, 0.5 * h * self.third
-        ends = (0.0, *fractions)
-        return [(a * (ends[i] + f), b * f) for i, f in enumerate(fractions)], a * fractions[-1]
+        """Factors of the alternating rotations about axes 1 and 3 in a step ``h``, and of the last rotation about axis 1.
+
+        A factor times the momentum about its axis is half the angle. Each fraction f of the step rotates by f/2 about axis 1,
+        by f about axis 3, and by f/2 about axis 1; neighbouring rotations about axis 1 are merged.
+        """
+        first_half, third = 0.25 * h * self.first, 0.5 * h * self.third
+        previous_fractions = (0.0, *fractions)
+        factors = []
+        for previous, fraction in zip(previous_fractions, fractions, strict=False):
+            factors.append((first_half * (previous + fraction), third * fraction))
+        return factors, first_half * fractions[-1]
 
     def step(self, q: Quat, l: Vec, h: float, turns: list[tuple[float, float]], last_turn: float) -> Quat:
-        """Quaternion after a step ``h``; ``l`` is the spatial angular momentum, which is constant."""
+        """Quaternion after a step ``h``; ``l`` is the spatial angular momentum, which is constant.
+
+        ``turns`` and ``last_turn`` are the factors of :meth:`schedule`.
+        """
         w, x, y, z = q
-        k, m, n = body_momentum(q, l)
-        for a, b in turns:
-            s, c = sin(a * k), cos(a * k)
+        m1, m2, m3 = body_momentum(q, l)
+        for first_turn, third_turn in turns:
+            s, c = sin(first_turn * m1), cos(first_turn * m1)  # about axis 1, of half the angle
             w, x, y, z = w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s
-            s, c = 2.0 * s * c, 1.0 - 2.0 * s * s
-            m, n = m * c + n * s, n * c - m * s
-            s, c = sin(b * n), cos(b * n)
+            s, c = 2.0 * s * c, 1.0 - 2.0 * s * s  # of the angle
+            m2, m3 = m2 * c + m3 * s, m3 * c - m2 * s
+            s, c = sin(third_turn * m3), cos(third_turn * m3)  # about axis 3
             w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
             s, c = 2.0 * s * c, 1.0 - 2.0 * s * s
-            k, m = k * c + m * s, m * c - k * s
-        s, c = sin(last_turn * k), cos(last_turn * k)
+            m1, m2 = m1 * c + m2 * s, m2 * c - m1 * s
+        s, c = sin(last_turn * m1), cos(last_turn * m1)
         w, x, y, z = w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s
 
+        # Rotation about the momentum, of the first part of K: the quaternion (c, i, j, k) times q.
         lx, ly, lz = l
         size = sqrt(lx * lx + ly * ly + lz * lz)
         if size == 0.0:
             return q
-        half = 0.5 * h * self.middle * size
-        s, c = sin(half) / size, cos(half)
+        half_angle = 0.5 * h * self.middle * size
+        s, c = sin(half_angle) / size, cos(half_angle)
         i, j, k = lx * s, ly * s, lz * s
         w, x, y, z = (
             c * w - i * x - j * y - k * z,
@@ -489,8 +514,10 @@ class SplitRotor:
             c * y - i * z + j * w + k * x,
             c * z + i * y - j * x + k * w,
         )
-        s = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)  # normalise
-        return s * w, s * x, s * y, s * z
+        scale = 1.5 - 0.5 * (
+            w * w + x * x + y * y + z * z
+        )  # 1/|q| to first order in |q|² - 1, which is a rounding error
+        return scale * w, scale * x, scale * y, scale * z
 
 
 complete(globals())

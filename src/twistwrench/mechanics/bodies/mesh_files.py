@@ -1,4 +1,4 @@
-"""Files of meshes: what a file names and unpacks is checked before trimesh reads it."""
+"""Files of meshes. Names of other files, and sizes of unpacked arrays, are checked before trimesh reads them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
 """Suffixes of the mesh files that a robot file may name. Others are never opened."""
 _MAX_BYTES = 256 * 2**20
 """Largest file of a mesh [bytes]."""
-_GLB, _JSON = b"glTF", slice(20, None)
-"""First bytes of binary glTF, and its JSON behind two heads."""
+_GLB_MAGIC = b"glTF"
+"""First bytes of a file in binary glTF."""
+_GLB_JSON = slice(20, None)
+"""Bytes from the JSON of binary glTF on, after two headers."""
 
 
 class MeshPart(NamedTuple):
@@ -37,8 +39,8 @@ class MeshPart(NamedTuple):
 def read_parts(path: Path) -> list[MeshPart]:
     """Parts of a mesh file that trimesh reads.
 
-    Raises MissingExtraError, NotFoundError, and ModelError with a sentence without its subject.
-    Materials and buffers in other files are read only from the folder of the mesh and those below.
+    Raises MissingExtraError, NotFoundError, and ModelError whose text is a sentence without its subject. Materials and buffers
+    in other files are read only from the folder of the mesh and from folders below.
     """
     try:
         import trimesh
@@ -47,14 +49,16 @@ def read_parts(path: Path) -> list[MeshPart]:
     if not path.is_file():
         raise NotFoundError(f"no mesh file {str(path)!r}.")
     with third_party_errors(lambda reason: ModelError(f"cannot be read as a mesh: {reason}")):
-        parts, scene = [], _scene(path, trimesh)
+        parts = []
+        scene = _scene(path, trimesh)
         for node in scene.graph.nodes_geometry:
             T, name = scene.graph[node]
             mesh = scene.geometry[name]
             if not len(getattr(mesh, "faces", ())):
                 continue
-            if np.shape(mesh.vertices)[1:] != (3,):
-                raise ModelError(f"has vertices of {np.shape(mesh.vertices)[-1]} numbers, and three are needed")
+            shape = np.shape(mesh.vertices)
+            if shape[1:] != (3,):
+                raise ModelError(f"has vertices of {shape[-1]} numbers, and three are needed")
             check_faces(mesh.faces, len(mesh.vertices))
             vertices = np.asarray(mesh.vertices, float) @ T[:3, :3].T + T[:3, 3]
             parts.append(MeshPart(vertices, np.asarray(mesh.faces, np.int64), _colour_of(mesh)))
@@ -64,6 +68,7 @@ def read_parts(path: Path) -> list[MeshPart]:
 
 
 def _colour_of(mesh: Any) -> tuple[float, float, float] | None:
+    """Main colour of a mesh, 0 to 1 each; None if the file gives none."""
     if mesh.visual.kind not in ("texture", "face", "vertex"):
         return None
     source = mesh.visual.material if mesh.visual.kind == "texture" else mesh.visual
@@ -78,37 +83,48 @@ def _scene(path: Path, trimesh: Any) -> Any:
         """Files beside a mesh; versions of trimesh before 5 read any file."""
 
         def get(self, name: str) -> bytes:
-            home = path.resolve().parent
-            place = (home / name.strip()).resolve()
-            if not place.is_relative_to(home):
+            folder = path.resolve().parent
+            named_path = (folder / name.strip()).resolve()
+            if not named_path.is_relative_to(folder):
                 raise ModelError(f"names {name[:200]!r}, which lies outside the folder of the mesh")
-            return read_bytes(place, _MAX_BYTES)
+            return read_bytes(named_path, _MAX_BYTES)
 
-    data, kind = read_bytes(path, _MAX_BYTES), path.suffix.lower()
-    if kind == ".dae":
+    data = read_bytes(path, _MAX_BYTES)
+    suffix = path.suffix.lower()
+    if suffix == ".dae":
         from ...core.entities import refuse_entities
 
         refuse_entities(data, lambda name: ModelError(f"declares the entity {name[:200]!r}, which is refused"))
-    elif kind in (".gltf", ".glb"):
+    elif suffix in (".gltf", ".glb"):
         _check_gltf(data)
-    return trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=Neighbours(str(path)))
+    file_type = suffix.removeprefix(".")
+    return trimesh.load_scene(io.BytesIO(data), file_type=file_type, resolver=Neighbours(str(path)))
 
 
 def check_faces(faces: Any, count: int) -> None:
-    """Raise ModelError, a sentence without its subject, for a face of a vertex that is not one of ``count``."""
+    """Raise ModelError, a sentence without its subject, for a face whose vertex number is not below ``count``."""
     lowest, highest = int(faces.min()), int(faces.max())
     if lowest < 0 or highest >= count:
-        raise ModelError(f"has a face of vertex {highest if highest >= count else lowest}, and {count} vertices")
+        wrong_number = highest if highest >= count else lowest
+        raise ModelError(f"has a face of vertex {wrong_number}, and {count} vertices")
 
 
 def _check_gltf(data: bytes) -> None:
-    """Raise ModelError for arrays without data, which have any size, and for nodes with several parents, which multiply."""
-    start = int.from_bytes(data[12:16], "little")
-    content: dict[str, Any] = json.loads(data[_JSON][:start] if data.startswith(_GLB) else data)
-    empty = [k for k, accessor in enumerate(content.get("accessors", ())) if "bufferView" not in accessor]
-    if empty:
-        raise ModelError(f"has an accessor without data (number {empty[0]}), which is refused")
-    parents = Counter(child for node in content.get("nodes", ()) for child in node.get("children", ()))
-    shared = [node for node, count in parents.items() if count > 1]
-    if shared:
-        raise ModelError(f"has a node with {parents[shared[0]]} parents (number {shared[0]}); one is allowed")
+    """Raise ModelError for contents that would grow without limit when unpacked.
+
+    These are arrays without data, which may have any size, and nodes with several parents, which are copied for each parent.
+    """
+    json_text = data
+    if data.startswith(_GLB_MAGIC):
+        json_length = int.from_bytes(data[12:16], "little")
+        json_text = data[_GLB_JSON][:json_length]
+    content: dict[str, Any] = json.loads(json_text)
+    for number, accessor in enumerate(content.get("accessors", ())):
+        if "bufferView" not in accessor:
+            raise ModelError(f"has an accessor without data (number {number}), which is refused")
+    parent_counts: Counter[int] = Counter()
+    for node in content.get("nodes", ()):
+        parent_counts.update(node.get("children", ()))
+    for node_number, parent_count in parent_counts.items():
+        if parent_count > 1:
+            raise ModelError(f"has a node with {parent_count} parents (number {node_number}); one is allowed")

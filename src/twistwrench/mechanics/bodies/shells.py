@@ -9,9 +9,9 @@ import numpy as np
 from ...core.glossary import complete
 from ...core.typing import Array
 
-# A solid may be bounded by several shells: its outer one, those of cavities, and those of separate parts. The orientation of
-# faces is ignored: an outer shell bounds a solid, a shell inside it a cavity, a shell inside a cavity a solid again. Shells
-# that intersect do not nest.
+# A solid may be bounded by several shells: its outer one, those of cavities, and those of separate parts. Only nesting tells
+# which is which, not the orientation of faces: an outer shell bounds a solid, a shell inside it a cavity, a shell inside a
+# cavity a solid again. Shells that intersect do not nest.
 
 _MAX_SAMPLE_POINTS = 64
 """Number of sample points (vertices and face centres) per shell in the containment test."""
@@ -50,85 +50,101 @@ def shell_numbers(faces: Array) -> tuple[int, Array]:
 
     k = len(faces)
     ends = np.sort(edges_of(faces), axis=1)
-    _, edge = np.unique(ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1], return_inverse=True)
+    vertex_count = int(faces.max()) + 1
+    edge_keys = ends[:, 0] * vertex_count + ends[:, 1]
+    _, edge = np.unique(edge_keys, return_inverse=True)
     face = np.tile(np.arange(k), 3)
-    n = k + int(edge.max()) + 1
-    graph = coo_array((np.ones(3 * k, bool), (face, k + edge)), shape=(n, n))
-    count, label = connected_components(graph, directed=False)
-    return int(count), label[:k]
+    # Nodes of the graph are the faces, then the edges; each face is linked to its three edges.
+    node_count = k + int(edge.max()) + 1
+    graph = coo_array((np.ones(3 * k, bool), (face, k + edge)), shape=(node_count, node_count))
+    count, shell_of_node = connected_components(graph, directed=False)
+    return int(count), shell_of_node[:k]
 
 
 def nest(triangles: Array, shell: Array, count: int) -> Nest:
     """Nesting of shells; triangles (k, 3, 3), faces oriented outwards, shell (k,) in 0 … count - 1."""
-    parts = [triangles[shell == i] for i in range(count)]
-    low = np.array([part.min(axis=(0, 1)) for part in parts])
-    high = np.array([part.max(axis=(0, 1)) for part in parts])
+    shells = [triangles[shell == i] for i in range(count)]
+    low = np.array([faces.min(axis=(0, 1)) for faces in shells])
+    high = np.array([faces.max(axis=(0, 1)) for faces in shells])
     depth, cutting = np.zeros(count, int), []
     for i in range(count):
-        near = np.flatnonzero((low[i] <= high).all(axis=1) & (low <= high[i]).all(axis=1))
-        for j in near[near > i]:
-            inside = _inside(parts[i], parts[j]), _inside(parts[j], parts[i])
-            if None in inside or _edges_cut(parts[i], parts[j]) or _edges_cut(parts[j], parts[i]):
+        boxes_meet = (low[i] <= high).all(axis=1) & (low <= high[i]).all(axis=1)
+        candidates = np.flatnonzero(boxes_meet)
+        for j in candidates[candidates > i]:  # each pair once
+            i_inside_j, j_inside_i = _is_inside(shells[i], shells[j]), _is_inside(shells[j], shells[i])
+            is_unclear = i_inside_j is None or j_inside_i is None
+            if is_unclear or _edges_cut(shells[i], shells[j]) or _edges_cut(shells[j], shells[i]):
                 cutting.append((i, int(j)))
             else:
-                depth[i] += bool(inside[0])
-                depth[j] += bool(inside[1])
+                depth[i] += bool(i_inside_j)
+                depth[j] += bool(j_inside_i)
     return Nest(depth, tuple(cutting))
 
 
-def _inside(part: Array, other: Array) -> bool | None:
+def _is_inside(shell: Array, other: Array) -> bool | None:
     """True if a shell (n, 3, 3) lies inside another, False if outside; None if partly inside, or on its surface."""
-    points = np.concatenate([part.mean(axis=1), part.reshape(-1, 3)])
-    points = points[:: max(1, len(points) // _MAX_SAMPLE_POINTS)]
-    w = winding(points, other)
-    is_inside = w[~np.isnan(w)] > 0.5
-    if not is_inside.size:
+    points = np.concatenate([shell.mean(axis=1), shell.reshape(-1, 3)])
+    step = max(1, len(points) // _MAX_SAMPLE_POINTS)
+    winding_numbers = winding(points[::step], other)
+    is_inside = winding_numbers[~np.isnan(winding_numbers)] > 0.5
+    if not is_inside.size or is_inside.any() != is_inside.all():
         return None
-    return bool(is_inside[0]) if (is_inside == is_inside[0]).all() else None
+    return bool(is_inside[0])
 
 
 def winding(points: Array, triangles: Array) -> Array:
     """Winding number of the surface about each point: 1 inside, 0 outside, NaN on it; (n, 3), (k, 3, 3) → (n,).
 
-    From the solid angle of each face: van Oosterom and Strackee, 1983.
+    The winding number is the sum of the solid angles Ω of all faces, over 4π. With the vectors a, b, c from the point to the
+    vertices of a face (van Oosterom and Strackee, 1983),
+
+        tan(Ω/2) = a·(b × c) / (|a| |b| |c| + (a·b) |c| + (b·c) |a| + (c·a) |b|)
     """
-    total = np.zeros(len(points))
-    portion = max(1, _PAIRS_PER_BLOCK // (16 * len(triangles)))
+    winding_numbers = np.zeros(len(points))
+    portion = max(
+        1, _PAIRS_PER_BLOCK // (16 * len(triangles))
+    )  # a pair takes about 16 times the memory of a pair of boxes
     for k in range(0, len(points), portion):
         a, b, c = np.moveaxis(triangles - points[k : k + portion, None, None], 2, 0)
-        la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
-        volume = (a * np.cross(b, c)).sum(axis=-1)
-        denominator = la * lb * lc + (a * b).sum(axis=-1) * lc + (b * c).sum(axis=-1) * la + (c * a).sum(axis=-1) * lb
-        rounding = _MIN_DISTANCE_RATIO * np.maximum(np.maximum(la, lb), lc) ** 3
-        on_face = ((np.abs(volume) <= rounding) & (denominator <= rounding)).any(axis=-1)
-        total[k : k + portion] = np.where(on_face, np.nan, np.arctan2(volume, denominator).sum(axis=-1) / (2.0 * np.pi))
-    return total
+        len_a, len_b, len_c = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
+        ab, bc, ca = (a * b).sum(axis=-1), (b * c).sum(axis=-1), (c * a).sum(axis=-1)
+        numerator = (a * np.cross(b, c)).sum(axis=-1)
+        denominator = len_a * len_b * len_c + ab * len_c + bc * len_a + ca * len_b
+        rounding_error = _MIN_DISTANCE_RATIO * np.maximum(np.maximum(len_a, len_b), len_c) ** 3
+        on_face = ((np.abs(numerator) <= rounding_error) & (denominator <= rounding_error)).any(axis=-1)
+        half_angle_sum = np.arctan2(numerator, denominator).sum(axis=-1)
+        winding_numbers[k : k + portion] = np.where(on_face, np.nan, half_angle_sum / (2.0 * np.pi))
+    return winding_numbers
 
 
-def _edges_cut(part: Array, other: Array) -> bool:
+def _edges_cut(shell: Array, other: Array) -> bool:
     """True if an edge of one shell passes through a face of the other."""
-    starts, ends = part.reshape(-1, 3), np.roll(part, -1, axis=1).reshape(-1, 3)
-    low, high = other.min(axis=(0, 1)), other.max(axis=(0, 1))
-    near = (np.minimum(starts, ends) <= high).all(axis=1) & (np.maximum(starts, ends) >= low).all(axis=1)
-    starts, ends = starts[near], ends[near]
-    low, high = part.min(axis=(0, 1)), part.max(axis=(0, 1))
-    faces = other[(other.min(axis=1) <= high).all(axis=1) & (other.max(axis=1) >= low).all(axis=1)]
+    starts, ends = shell.reshape(-1, 3), np.roll(shell, -1, axis=1).reshape(-1, 3)
+    other_low, other_high = other.min(axis=(0, 1)), other.max(axis=(0, 1))
+    edge_is_near = (np.minimum(starts, ends) <= other_high).all(axis=1) & (np.maximum(starts, ends) >= other_low).all(
+        axis=1
+    )
+    starts, ends = starts[edge_is_near], ends[edge_is_near]
+    low, high = shell.min(axis=(0, 1)), shell.max(axis=(0, 1))
+    face_is_near = (other.min(axis=1) <= high).all(axis=1) & (other.max(axis=1) >= low).all(axis=1)
+    faces = other[face_is_near]
     if not len(starts) or not len(faces):
         return False
     step = max(1, len(starts) * len(faces) // _MAX_PAIRS)
-    min_volume = _MIN_DISTANCE_RATIO * max(float(np.ptp(x, axis=(0, 1)).max()) for x in (part, other)) ** 3
     starts, ends = starts[::step], ends[::step]
+    extent = max(float(np.ptp(x, axis=(0, 1)).max()) for x in (shell, other))
+    min_volume = _MIN_DISTANCE_RATIO * extent**3
     portion = max(1, _PAIRS_PER_BLOCK // len(faces))
     for k in range(0, len(starts), portion):
         p, q = starts[k : k + portion], ends[k : k + portion]
-        edge, face = _boxes_meet(np.minimum(p, q), np.maximum(p, q), faces.min(axis=1), faces.max(axis=1))
+        edge, face = _intersecting_boxes(np.minimum(p, q), np.maximum(p, q), faces.min(axis=1), faces.max(axis=1))
         if _edges_through_faces(p[edge], q[edge], faces[face], min_volume).any():
             return True
     return False
 
 
-def _boxes_meet(low: Array, high: Array, other_low: Array, other_high: Array) -> tuple[Array, Array]:
-    """Pairs of boxes (m, 3) and (n, 3) that intersect."""
+def _intersecting_boxes(low: Array, high: Array, other_low: Array, other_high: Array) -> tuple[Array, Array]:
+    """Indices of the pairs of boxes, given by their lowest and highest corners (m, 3) and (n, 3), that intersect."""
     meet = np.ones((len(low), len(other_low)), bool)
     for axis in range(3):
         meet &= low[:, None, axis] <= other_high[None, :, axis]
@@ -138,13 +154,19 @@ def _boxes_meet(low: Array, high: Array, other_low: Array, other_high: Array) ->
 
 
 def _edges_through_faces(p: Array, q: Array, faces: Array, min_volume: float) -> Array:
-    """True for each edge from p to q (n, 3) that passes through its face (n, 3, 3), beyond touching it."""
+    """True for each edge from p to q (n, 3) that passes through its face (n, 3, 3), beyond touching it.
+
+    p and q must be on different sides of the face's plane, and the line through them must have all sides of the face on the
+    same hand. Both are signs of volumes of parallelepipeds; volumes up to ``min_volume`` count as touching.
+    """
     a, b, c = np.moveaxis(faces, 1, 0)
     normal = np.cross(b - a, c - a)
-    before, after = (((x - a) * normal).sum(axis=1) for x in (p, q))
-    passes = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > min_volume)
-    sides = [((q - p) * np.cross(x - p, y - p)).sum(axis=1) for x, y in ((a, b), (b, c), (c, a))]
-    return np.asarray(passes & ((np.min(sides, axis=0) > min_volume) | (np.max(sides, axis=0) < -min_volume)))
+    volume_p, volume_q = (((x - a) * normal).sum(axis=1) for x in (p, q))
+    crosses_plane = (volume_p * volume_q < 0) & (np.minimum(np.abs(volume_p), np.abs(volume_q)) > min_volume)
+    side_volumes = [((q - p) * np.cross(x - p, y - p)).sum(axis=1) for x, y in ((a, b), (b, c), (c, a))]
+    all_positive = np.min(side_volumes, axis=0) > min_volume
+    all_negative = np.max(side_volumes, axis=0) < -min_volume
+    return np.asarray(crosses_plane & (all_positive | all_negative))
 
 
 complete(globals())

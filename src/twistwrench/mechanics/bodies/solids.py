@@ -1,6 +1,7 @@
 """Second moments of mass, point masses and uniform solids.
 
-S = ∫ r r' dm and I = tr(S) 1 - S, (3, 3) each. A body can have I if S has no negative eigenvalue.
+The second moments are S = ∫ r r' dm, the rotational inertia is I = tr(S) 1 - S, (3, 3) each. A real body has this I if S has no
+negative eigenvalue.
 """
 
 from __future__ import annotations
@@ -47,10 +48,10 @@ def moment_matrix(I: ArrayLike) -> Array:
         return arguments.one(I, "moment_about_com", 3, 3)
     except ShapeError as problem:
         try:
-            three = np.shape(I) == (3,)
-        except ValueError:  # ragged
-            three = False
-        hint = " Three moments about the axes are np.diag(…) of them." if three else ""
+            is_three_numbers = np.shape(I) == (3,)
+        except ValueError:  # rows of different lengths
+            is_three_numbers = False
+        hint = " Three moments about the axes are np.diag(…) of them." if is_three_numbers else ""
         raise ShapeError(f"{problem}{hint}") from None
 
 
@@ -78,17 +79,18 @@ def from_points(cls: type[SpatialInertia], masses: ArrayLike, points: ArrayLike)
     >>> G.mass, G.com.tolist(), G.moment_about_origin.diagonal().tolist()
     (4.0, [0.0, 0.0, -0.5], [4.0, 4.0, 0.0])
     """
-    m, r = np.asarray(arguments.real(masses, "masses"), float), np.asarray(arguments.real(points, "points"), float)
+    m = np.asarray(arguments.real(masses, "masses"), float)
+    r = np.asarray(arguments.real(points, "points"), float)
     if m.ndim != 1 or r.shape != (m.size, 3):
         raise ShapeError(f"masses have shape {m.shape} and points {r.shape}, expected (n,) and (n, 3).")
-    bad = np.flatnonzero(~((m >= 0) & (m < np.inf) & np.isfinite(r).all(axis=1)))
-    if bad.size:
-        i = bad[0]
+    is_valid = (m >= 0) & (m < np.inf) & np.isfinite(r).all(axis=1)
+    if not is_valid.all():
+        i = int(np.argmin(is_valid))  # the first that is not valid
         raise ValueRangeError(
             f"point {i}, mass {printed(m[i])} kg at {r[i]}, must be finite with a mass of at least 0."
         )
-    S = (m * r.T) @ r  # second moments; -[r]² = r'r 1 - r r'
-    I = rotational_inertia(S)
+    S = (m * r.T) @ r  # Σ m_i r_i r_i'
+    I = rotational_inertia(S)  # -[r]² = r'r 1 - r r'
     return cls.from_parameters(ten_parameters(m.sum(), m @ r, I))
 
 
@@ -107,8 +109,10 @@ def box(
     >>> SpatialInertia.box((1, 2, 3), mass=12).moment_about_com.diagonal().tolist()
     [13.0, 10.0, 5.0]
     """
-    a = _lengths("size", size, 3)
-    return _solid_about_centre(cls, "box", float(a.prod()), (a @ a - a**2) / 12.0, mass, density)
+    edges = _lengths("size", size, 3)
+    volume = float(edges.prod())
+    moments = (edges @ edges - edges**2) / 12.0  # about x: (y² + z²)/12
+    return _solid_about_centre(cls, "box", volume, moments, mass, density)
 
 
 def ellipsoid(
@@ -126,10 +130,10 @@ def ellipsoid(
     >>> SpatialInertia.ellipsoid((1, 2, 3), mass=5).moment_about_com.diagonal().tolist()
     [13.0, 10.0, 5.0]
     """
-    a = _lengths("semi_axes", semi_axes, 3)
-    return _solid_about_centre(
-        cls, "ellipsoid", 4.0 / 3.0 * np.pi * float(a.prod()), (a @ a - a**2) / 5.0, mass, density
-    )
+    lengths = _lengths("semi_axes", semi_axes, 3)
+    volume = 4.0 / 3.0 * np.pi * float(lengths.prod())
+    moments = (lengths @ lengths - lengths**2) / 5.0  # about x: (y² + z²)/5
+    return _solid_about_centre(cls, "ellipsoid", volume, moments, mass, density)
 
 
 def sphere(
@@ -159,8 +163,9 @@ def cylinder(
     [4.0, 4.0, 2.0]
     """
     (r,), (h,) = _lengths("radius", radius, 1), _lengths("length", length, 1)
-    across = r * r / 4.0 + h * h / 12.0
-    return _solid_about_centre(cls, "cylinder", np.pi * r * r * h, (across, across, r * r / 2.0), mass, density)
+    across, along = r * r / 4.0 + h * h / 12.0, r * r / 2.0
+    volume = np.pi * r * r * h
+    return _solid_about_centre(cls, "cylinder", volume, (across, across, along), mass, density)
 
 
 def capsule(
@@ -180,13 +185,16 @@ def capsule(
     True
     """
     (r,), (h,) = _lengths("radius", radius, 1), _lengths("length", length, 1)
-    tube, ball = np.pi * r * r * h, 4.0 / 3.0 * np.pi * r**3
-    # The centre of mass of a hemisphere is 3r/8 above its flat face: Steiner from the ball's centre to there, and on by h/2.
+    tube, ball = (
+        np.pi * r * r * h,
+        4.0 / 3.0 * np.pi * r**3,
+    )  # volumes of the cylinder, and of both hemispheres together
+    # A hemisphere's centre of mass is 3r/8 above its flat face, which is h/2 above the origin. By Steiner's theorem, its moment
+    # per volume, 2/5 r² about the face's centre, grows by (h/2 + 3r/8)² - (3r/8)² = h²/4 + 3/8 h r.
     across = tube * (r * r / 4.0 + h * h / 12.0) + ball * (2.0 / 5.0 * r * r + h * h / 4.0 + 3.0 / 8.0 * h * r)
     along = tube * r * r / 2.0 + ball * 2.0 / 5.0 * r * r
-    return _solid_about_centre(
-        cls, "capsule", tube + ball, np.array([across, across, along]) / (tube + ball), mass, density
-    )
+    volume = tube + ball
+    return _solid_about_centre(cls, "capsule", volume, np.array([across, across, along]) / volume, mass, density)
 
 
 def cone(
@@ -208,10 +216,9 @@ def cone(
     [12.0, 12.0, 12.0]
     """
     (r,), (h,) = _lengths("radius", radius, 1), _lengths("height", height, 1)
-    across = 3.0 / 20.0 * r * r + 3.0 / 80.0 * h * h
-    return _solid_about_centre(
-        cls, "cone", np.pi / 3.0 * r * r * h, (across, across, 3.0 / 10.0 * r * r), mass, density
-    )
+    across, along = 3.0 / 20.0 * r * r + 3.0 / 80.0 * h * h, 3.0 / 10.0 * r * r
+    volume = np.pi / 3.0 * r * r * h
+    return _solid_about_centre(cls, "cone", volume, (across, across, along), mass, density)
 
 
 def total_mass(shape: str, volume: float, mass: float | None, density: float | None) -> float:
@@ -227,11 +234,15 @@ def total_mass(shape: str, volume: float, mass: float | None, density: float | N
 
 
 def _lengths(name: str, value: ArrayLike, count: int) -> Array:
-    a = arguments.one(value, name, count) if count > 1 else np.array([arguments.number(value, name)])
-    if not ((a >= 1e-100) & (a <= 1e100)).all():  # outside this range, squares and products overflow or underflow
-        text = a.tolist() if count > 1 else a[0]
+    """One length or several, (count,), in the range where squares and products neither overflow nor underflow."""
+    if count > 1:
+        lengths = arguments.one(value, name, count)
+    else:
+        lengths = np.array([arguments.number(value, name)])
+    if not ((lengths >= 1e-100) & (lengths <= 1e100)).all():
+        text = lengths.tolist() if count > 1 else lengths[0]
         raise ValueRangeError(f"{name} is {text}; lengths must be positive and finite, 1e-100 to 1e100 m.")
-    return a
+    return lengths
 
 
 def _solid_about_centre(

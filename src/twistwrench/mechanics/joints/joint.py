@@ -15,6 +15,7 @@ from ..bodies.inertia import SpatialInertia
 from ..lie import quaternion
 
 CosineSine = Callable[[int], tuple[Any, Any]]
+"""Function of a chart entry's number that returns cosine and sine of the angle, in any arithmetic."""
 
 
 def exact(values: Any) -> Any:
@@ -23,16 +24,19 @@ def exact(values: Any) -> Any:
         x = float(values)
         return int(x) if x.is_integer() else x
     array = np.empty(np.shape(values), object)
-    for place in np.ndindex(array.shape):
-        array[place] = exact(np.asarray(values)[place])
+    for index in np.ndindex(array.shape):
+        array[index] = exact(np.asarray(values)[index])
     return array
 
 
 def exact_rodrigues(w: Array, cosine: Any, sine: Any) -> Array:
-    """Rodrigues' formula about a unit vector, arranged so that axis-aligned rotations reduce to four entries; MR eq. 3.51."""
-    along = np.outer(w, w)
+    """Rotation about a unit vector, w w' + (1 - w w') cos θ + [w] sin θ; MR eq. 3.51 with [w]² = w w' - 1.
+
+    In this form a rotation about a coordinate axis reduces to four entries.
+    """
+    ww = np.outer(w, w)
     W = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
-    return exact(along) + exact(np.eye(3) - along) * cosine + exact(W) * sine
+    return exact(ww) + exact(np.eye(3) - ww) * cosine + exact(W) * sine
 
 
 def euler_rotation(first: int, cosine_sine: CosineSine) -> Array:
@@ -44,20 +48,27 @@ def euler_rotation(first: int, cosine_sine: CosineSine) -> Array:
 
 def euler_axis(k: int, first: int, cosine_sine: CosineSine) -> Array:
     """ω_b per unit rate of alpha, beta or gamma (k = 0, 1, 2)."""
-    (cb, sb), (cc, sc) = cosine_sine(first + 1), cosine_sine(first + 2)
-    return np.array([(-sb, cb * sc, cb * cc), (0, cc, -sc), (1, 0, 0)][k], object)
+    # cb, sb: cosine and sine of beta; cg, sg: of gamma
+    (cb, sb), (cg, sg) = cosine_sine(first + 1), cosine_sine(first + 2)
+    columns = [(-sb, cb * sg, cb * cg), (0, cg, -sg), (1, 0, 0)]  # of E in euler_rates
+    return np.array(columns[k], object)
 
 
 def euler_rates(angles: Array, rates: Array) -> tuple[Array, Array, Array]:
     """Quaternion of ZYX Euler angles, E in ω_b = E times their rates, and dE/dt."""
-    (cb, cc), (sb, sc) = np.cos(angles[1:]), np.sin(angles[1:])
-    _, db, dc = rates
-    E = np.array([[-sb, 0, 1], [cb * sc, cc, 0], [cb * cc, -sc, 0]])
+    # cb, sb: cosine and sine of beta; cg, sg: of gamma; db, dg: rates of both
+    (cb, cg), (sb, sg) = np.cos(angles[1:]), np.sin(angles[1:])
+    _, db, dg = rates
+    E = np.array([[-sb, 0, 1], [cb * sg, cg, 0], [cb * cg, -sg, 0]])
     dE = np.array(
-        [[-cb * db, 0, 0], [-sb * sc * db + cb * cc * dc, -sc * dc, 0], [-sb * cc * db - cb * sc * dc, -cc * dc, 0]]
+        [[-cb * db, 0, 0], [-sb * sg * db + cb * cg * dg, -sg * dg, 0], [-sb * cg * db - cb * sg * dg, -cg * dg, 0]]
     )
-    turns = [np.r_[np.cos(a / 2), np.sin(a / 2) * e] for a, e in zip(angles, np.eye(3)[::-1], strict=True)]
-    return quaternion.multiply(quaternion.multiply(turns[0], turns[1]), turns[2]), E, dE
+    z, y, x = np.eye(3)[::-1]
+    Q_z, Q_y, Q_x = (
+        np.r_[np.cos(angle / 2), np.sin(angle / 2) * axis] for angle, axis in zip(angles, (z, y, x), strict=True)
+    )
+    Q = quaternion.multiply(quaternion.multiply(Q_z, Q_y), Q_x)
+    return Q, E, dE
 
 
 # ── Interface of all joint types
@@ -108,6 +119,7 @@ class Joint:
     coordinate_suffixes: ClassVar[tuple[str, ...]] = ("",)
     """Suffixes of the coordinate names, appended to the joint's name; one empty text for joints with one coordinate."""
     velocity_suffixes: ClassVar[tuple[str, ...]] = ("",)
+    """Suffixes of the velocity names, likewise."""
     quaternion: ClassVar[int | None] = None
     """Index of the first entry of a quaternion (w, x, y, z) among its coordinates."""
     plain_rates: ClassVar[bool] = True
@@ -147,7 +159,10 @@ class Joint:
         answer : bool
         """
         first = self.quaternion
-        return first is None or bool(np.any(q[..., first : first + 4], axis=-1).all())
+        if first is None:
+            return True
+        is_nonzero = np.any(q[..., first : first + 4], axis=-1)
+        return bool(is_nonzero.all())
 
     @property
     def turning(self) -> tuple[bool, ...]:
@@ -161,7 +176,7 @@ class Joint:
 
     @property
     def angle(self) -> tuple[int, int] | None:
-        """Coordinate whose sine and cosine are used, and its velocity; None for joints without an angle."""
+        """Index of the coordinate whose sine and cosine are used, and of its velocity; None for joints without an angle."""
         return 0, 0
 
     @classmethod

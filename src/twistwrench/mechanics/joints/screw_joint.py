@@ -21,9 +21,9 @@ def numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     try:
         array = np.array(values, float)
     except (TypeError, ValueError):
-        raise ModelError(f"{what} is {values!r}, expected {_shape_in_words(shape)}.") from None
+        raise ModelError(f"{what} is {values!r}, expected {_shape_text(shape)}.") from None
     if array.shape != shape:
-        raise ModelError(f"{what} has shape {array.shape}, expected {_shape_in_words(shape)}.")
+        raise ModelError(f"{what} has shape {array.shape}, expected {_shape_text(shape)}.")
     if not all(map(math.isfinite, array.ravel().tolist())):
         raise ModelError(f"{what} is {array.tolist()}; every number must be finite.")
     return array
@@ -31,10 +31,12 @@ def numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
 
 def number(value: float | ArrayLike, what: str) -> float:
     """Return ``value`` as a finite float. Raises :class:`~twistwrench.ModelError` that names ``what``."""
-    return float(value) if isinstance(value, float) and math.isfinite(value) else float(numbers(value, (), what))
+    if isinstance(value, float) and math.isfinite(value):  # the usual case, without an array
+        return float(value)
+    return float(numbers(value, (), what))
 
 
-def _shape_in_words(shape: tuple[int, ...]) -> str:
+def _shape_text(shape: tuple[int, ...]) -> str:
     return f"numbers of shape {shape}" if shape else "a number"
 
 
@@ -53,46 +55,57 @@ def no_pitch(kind: str, pitch: float, who: str) -> None:
 
 
 def screw_of(kind: str, turning: bool, axis: ArrayLike, pitch: float, normalise: bool, who: str) -> Array:
-    """Screw axis (6,) of a rotating or sliding joint: from a direction and a pitch, or a given screw axis."""
+    """Screw axis (6,) of a joint that rotates (``turning``) or slides.
+
+    ``axis`` is a direction (3,), to which the pitch is added, or a whole screw axis (6,), which needs no pitch. With
+    ``normalise`` its direction becomes a unit vector.
+    """
     if np.shape(axis) == (6,):
         if pitch:
             raise ModelError(
                 f"{who} has a screw axis and a pitch; a screw axis has its pitch in it, so leave out pitch."
             )
-        return _screw(kind, turning, numbers(axis, (6,), f"the axis of {who}"), normalise, who)
+        screw = numbers(axis, (6,), f"the axis of {who}")
+        return _checked_screw(kind, turning, screw, normalise, who)
     direction = direction_of(axis, who)
-    direction = unit_vector(direction) if normalise else direction
+    if normalise:
+        direction = unit_vector(direction)
     if not turning:
         return np.concatenate([np.zeros(3), direction])
-    return np.concatenate([direction, np.zeros(3) + pitch * direction])
+    return np.concatenate([direction, np.zeros(3) + pitch * direction])  # + 0 turns -0 into 0
 
 
-def _screw(kind: str, turning: bool, S: Array, normalise: bool, who: str) -> Array:
-    turns, slides = bool(S[:3].any()), bool(S[3:].any())
-    if not turns and not slides:
+def _checked_screw(kind: str, turning: bool, screw: Array, normalise: bool, who: str) -> Array:
+    """Given screw axis (6,), normalised if requested; raises ModelError unless it suits the kind of joint."""
+    omega, v = screw[:3], screw[3:]
+    if not omega.any() and not v.any():
         raise ModelError(f"{who} has a zero screw axis, so it does not move. Give (omega, v) with a nonzero part.")
-    if turns != turning:
-        allowed = "a nonzero omega" if turning else "(0, 0, 0, v)"
-        raise ModelError(f"{who} is {kind}, so its screw axis (omega, v) needs {allowed}; got {S.tolist()}.")
+    if bool(omega.any()) != turning:
+        needed = "a nonzero omega" if turning else "(0, 0, 0, v)"
+        raise ModelError(f"{who} is {kind}, so its screw axis (omega, v) needs {needed}; got {screw.tolist()}.")
     if not normalise:
-        return S
-    return np.concatenate([np.zeros(3), unit_vector(S[3:])]) if not turns else np.array(S / np.linalg.norm(S[:3]))
+        return screw
+    if turning:
+        return np.array(screw / np.linalg.norm(omega))
+    return np.concatenate([np.zeros(3), unit_vector(v)])
 
 
 def screw_through(kind: str, direction: Array, point: Array) -> Array:
     """Screw axis (6,) along a unit direction through a point: (ω, -ω × p), or (0, v) for a prismatic joint."""
     if kind == "prismatic":
         return np.concatenate([np.zeros(3), direction])
-    return np.concatenate([direction, so3.cross(point, direction) + 0.0])
+    v = so3.cross(point, direction) + 0.0  # p × ω = -ω × p; + 0 turns -0 into 0
+    return np.concatenate([direction, v])
 
 
 def unit_vector(v: Array) -> Array:
     """Unit vector along v. Scaled by the largest entry first, so that multiples of coordinate axes become exact."""
-    x = v.tolist()
-    if len(x) - x.count(0.0) == 1:  # coordinate axes, the usual case in files
+    entries = v.tolist()
+    nonzero_count = len(entries) - entries.count(0.0)
+    if nonzero_count == 1:  # coordinate axes, the usual case in files
         return np.sign(v)
-    v = v / np.abs(v).max()
-    return np.array(v / np.linalg.norm(v))
+    scaled = v / np.abs(v).max()
+    return np.array(scaled / np.linalg.norm(scaled))
 
 
 def plane_of(normal: Array) -> Array:
@@ -106,10 +119,14 @@ def plane_of(normal: Array) -> Array:
         e1, e2 = np.eye(3)[(k + 1) % 3], np.eye(3)[(k + 2) % 3]
     else:
         z = np.array([0.0, 0.0, 1.0])
-        w = so3.cross(z, normal)
-        s, c = float(np.linalg.norm(w)), float(normal[2])
-        turn = so3.exp(w / s * np.arctan2(s, c)) if s > 0 else np.diag([1.0, -1.0, -1.0])
-        e1, e2 = turn[:, 0], turn[:, 1]
+        rotation_axis = so3.cross(z, normal)
+        sine = float(np.linalg.norm(rotation_axis))
+        cosine = float(normal[2])
+        if sine > 0:
+            R = so3.exp(rotation_axis / sine * np.arctan2(sine, cosine))
+        else:  # normal -z: half a turn about x
+            R = np.diag([1.0, -1.0, -1.0])
+        e1, e2 = R[:, 0], R[:, 1]
     zero = np.zeros(3)
     return np.stack([np.r_[normal, zero], np.r_[zero, e1], np.r_[zero, e2]])
 
@@ -142,14 +159,16 @@ class ScrewJoint(Joint):
 
     @property
     def chart(self) -> tuple[ChartEntry, ...]:
-        """The joint's own coordinate."""
-        turns = self.turning[0]
-        return (ChartEntry("theta" if turns else "x", turns, "joint {}"),)
+        """Entry of the joint's only coordinate."""
+        is_angle = self.turning[0]
+        return (ChartEntry("theta" if is_angle else "x", is_angle, "joint {}"),)
 
     @property
     def sliders(self) -> tuple[Slider, ...]:
-        """A single slider."""
-        return (Slider("", 0, "°", math.pi) if self.turning[0] else Slider("", 0, "m", 1.0),)
+        """Slider in degrees for an angle, in metres for a displacement."""
+        if self.turning[0]:
+            return (Slider("", 0, "°", math.pi),)
+        return (Slider("", 0, "m", 1.0),)
 
 
 def screw_motion(axis: Array, theta: Any) -> Array:
@@ -163,18 +182,22 @@ def screw_motion(axis: Array, theta: Any) -> Array:
         rate = 1.0
     if rate == 0.0:
         return se3.pose(np.eye(3), v * theta)
-    w, v, angle = w / rate, v / rate, (theta if rate == 1.0 else rate * theta)
+    angle = theta if rate == 1.0 else rate * theta
+    w, v = w / rate, v / rate
     W = so3.hat(w)
-    sin, cos = np.sin(angle), np.cos(angle)
-    # G(theta) v of MR eq. 3.88, by terms: the pitch along w moves by angle, the rest rotates.
-    p = sin * (-(W @ W) @ v) + (1.0 - cos) * (W @ v) + angle * (w * (w @ v))
-    return se3.pose(rodrigues(w, cos, sin), p)
+    sine, cosine = np.sin(angle), np.cos(angle)
+    # G(θ) v of MR eq. 3.88 with [w]² = w w' - 1:  -sin θ [w]² v + (1 - cos θ) [w] v + θ w (w'v). The last term is the pitch.
+    p = sine * (-(W @ W) @ v) + (1.0 - cosine) * (W @ v) + angle * (w * (w @ v))
+    return se3.pose(rodrigues(w, cosine, sine), p)
 
 
 def rodrigues(w: Array, cosine: Any, sine: Any) -> Array:
-    """Rotation about a unit vector, arranged so that axis-aligned rotations reduce to four entries; MR eq. 3.51."""
-    along = np.outer(w, w)
-    return along + cosine * (np.eye(3) - along) + sine * so3.hat(w)
+    """Rotation about a unit vector, w w' + cos θ (1 - w w') + sin θ [w]; MR eq. 3.51 with [w]² = w w' - 1.
+
+    In this form a rotation about a coordinate axis reduces to four entries.
+    """
+    ww = np.outer(w, w)
+    return ww + cosine * (np.eye(3) - ww) + sine * so3.hat(w)
 
 
 class Revolute(ScrewJoint):
@@ -220,7 +243,7 @@ class RotorJoint(ScrewJoint):
     moves_body = False
 
     def pose(self, q: Array) -> Array:
-        """Identity: the rotor's frame stays at its place on the carrier body."""
+        """Identity: the rotor's frame is fixed to the carrier body."""
         return np.eye(4)
 
     def carry(self, G: SpatialInertia, q: Array) -> SpatialInertia:

@@ -46,14 +46,17 @@ def screw_axis(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: 
     >>> screw_axis([0, 0, 2], point=[1, 0, 0], pitch=0.1).tolist()
     [0.0, 0.0, 1.0, 0.0, -1.0, 0.1]
     """
-    s, length = _unit(_doubles(direction, "the direction of an axis", 3))
+    s, length = _unit_and_length(_floats(direction, "the direction of an axis", 3))
     if not np.all(length > 0) or not np.isfinite(length).all():
         raise ValueRangeError("an axis needs a direction: three finite numbers that are not all zero.")
-    q, h = _doubles(point, "the point of an axis", 3), _doubles(pitch, "the pitch of an axis")[..., None]
+    q = _floats(point, "the point of an axis", 3)
+    h = _floats(pitch, "the pitch of an axis")[..., None]
     s, q, h = arguments.together(direction=s, point=q, pitch=h)
-    translation = np.isinf(h)
-    linear = np.where(translation, np.sign(h) * s, cross(q, s) + np.where(translation, 0.0, h) * s)
-    return np.concatenate([np.where(translation, 0.0, s), linear], axis=-1)
+    is_translation = np.isinf(h)
+    finite_h = np.where(is_translation, 0.0, h)  # avoids inf * 0
+    angular = np.where(is_translation, 0.0, s)
+    linear = np.where(is_translation, np.sign(h) * s, cross(q, s) + finite_h * s)
+    return np.concatenate([angular, linear], axis=-1)
 
 
 def axis_of(S: ArrayLike) -> Axis:
@@ -72,8 +75,9 @@ def axis_of(S: ArrayLike) -> Axis:
     >>> axis.point.tolist(), float(axis.pitch), float(axis.magnitude)
     ([1.0, 0.0, 0.0], 0.1, 2.0)
     """
-    S = _doubles(S, _SCREW, 6)
-    return _axis(S[..., :3], S[..., 3:], "twist")
+    S = _floats(S, _SCREW, 6)
+    w, v = S[..., :3], S[..., 3:]
+    return _axis(w, v, "twist")
 
 
 def line_of_action(F: ArrayLike) -> Axis:
@@ -91,8 +95,9 @@ def line_of_action(F: ArrayLike) -> Axis:
     >>> axis.point.tolist(), float(axis.pitch)
     ([2.0, 0.0, 0.0], 0.0)
     """
-    F = _doubles(F, _SCREW, 6)
-    return _axis(F[..., 3:], F[..., :3], "wrench")
+    F = _floats(F, _SCREW, 6)
+    m, f = F[..., :3], F[..., 3:]
+    return _axis(f, m, "wrench")
 
 
 def wrench_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0), pitch: ArrayLike = 0.0) -> Array:
@@ -131,8 +136,10 @@ def reciprocal_product(S1: ArrayLike, S2: ArrayLike) -> Array:
     >>> float(reciprocal_product(screw_axis([0, 0, 1]), screw_axis([1, 0, 0], point=[0, 2, 0])))
     -2.0
     """
-    S1, S2 = arguments.together(S1=_doubles(S1, _SCREW, 6), S2=_doubles(S2, _SCREW, 6))
-    return np.asarray(np.sum(S1[..., :3] * S2[..., 3:] + S1[..., 3:] * S2[..., :3], axis=-1))
+    S1, S2 = arguments.together(S1=_floats(S1, _SCREW, 6), S2=_floats(S2, _SCREW, 6))
+    w1, v1 = S1[..., :3], S1[..., 3:]
+    w2, v2 = S2[..., :3], S2[..., 3:]
+    return np.asarray(np.sum(w1 * v2 + v1 * w2, axis=-1))
 
 
 def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
@@ -142,9 +149,9 @@ def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
 
     Parameters
     ----------
-    first : (..., 3) array, gives the direction
-    second : (..., 3) array, gives the moment about the origin
-    names : four str, for zero pitch, infinite pitch, finite pitch, zero
+    first : (..., 3) array, the half along the axis: ω of a twist, f of a wrench
+    second : (..., 3) array, the half at the origin: v of a twist, m of a wrench
+    names : four str, for zero pitch, infinite pitch, finite pitch, and a screw that is zero
 
     Returns
     -------
@@ -155,18 +162,22 @@ def kinds(first: Array, second: Array, names: tuple[str, str, str, str]) -> Any:
     >>> kinds(np.array([0.0, 0, 1]), np.zeros(3), ("line", "couple", "screw", "nothing"))
     'line'
     """
-    a, b = _doubles(first, "the first half", 3), _doubles(second, "the second half", 3)
-    u, size = _unit(a)
-    along, rest = np.abs(np.sum(u * b, axis=-1)), _length(b)
-    flat = along <= 16 * np.finfo(float).eps * rest
-    found = np.select([(size == 0) & (rest == 0), size == 0, flat], [names[3], names[1], names[0]], names[2])
-    return found if found.ndim else str(found)
+    line, moment = _floats(first, "the first half", 3), _floats(second, "the second half", 3)
+    direction, line_length = _unit_and_length(line)
+    moment_along_line, moment_length = np.abs(np.sum(direction * moment, axis=-1)), _length(moment)
+    has_no_line = line_length == 0
+    is_zero = has_no_line & (moment_length == 0)
+    has_zero_pitch = moment_along_line <= 16 * np.finfo(float).eps * moment_length
+    zero_pitch, infinite_pitch, finite_pitch, zero = names
+    kind = np.select([is_zero, has_no_line, has_zero_pitch], [zero, infinite_pitch, zero_pitch], finite_pitch)
+    return kind if kind.ndim else str(kind)
 
 
 _SCREW = "a screw, angular part first,"
+"""Name of an argument in messages."""
 
 
-def _doubles(x: ArrayLike, what: str, *shape: int) -> Array:
+def _floats(x: ArrayLike, what: str, *shape: int) -> Array:
     return np.asarray(arguments.real(x, what, *shape), float)
 
 
@@ -174,23 +185,26 @@ def _length(x: Array) -> Array:
     return np.asarray(np.hypot(np.hypot(x[..., 0], x[..., 1]), x[..., 2]))  # hypot avoids underflow of squares
 
 
-def _unit(x: Array) -> tuple[Array, Array]:
+def _unit_and_length(x: Array) -> tuple[Array, Array]:
+    """Unit vector along x, zero for x = 0, and the length of x."""
     length = _length(x)
-    return x / np.where(length == 0, 1.0, length)[..., None], length
+    nonzero_length = np.where(length == 0, 1.0, length)
+    return x / nonzero_length[..., None], length
 
 
 def _axis(first: Array, second: Array, what: str) -> Axis:
-    u, size = _unit(first)
-    w, other = _unit(second)
-    free = size == 0
-    if np.any(free & (other == 0)) or not np.isfinite(size + other).all():
+    """Axis of a screw from its half along the axis and its half at the origin; ``what`` names the screw in messages."""
+    line_direction, line_length = _unit_and_length(first)
+    moment_direction, moment_length = _unit_and_length(second)
+    has_no_line = line_length == 0
+    if np.any(has_no_line & (moment_length == 0)) or not np.isfinite(line_length + moment_length).all():
         raise ValueRangeError(f"a {what} needs six finite numbers that are not all zero to have an axis.")
-    b = second / np.where(free, 1.0, size)[..., None]
+    moment_ratio = second / np.where(has_no_line, 1.0, line_length)[..., None]
     return Axis(
-        direction=np.where(free[..., None], w, u),
-        point=np.where(free[..., None], 0.0, cross(u, b)) + 0.0,  # no -0.0
-        pitch=np.where(free, np.inf, np.sum(u * b, axis=-1)),
-        magnitude=np.where(free, other, size),
+        direction=np.where(has_no_line[..., None], moment_direction, line_direction),
+        point=np.where(has_no_line[..., None], 0.0, cross(line_direction, moment_ratio)) + 0.0,  # no -0.0
+        pitch=np.where(has_no_line, np.inf, np.sum(line_direction * moment_ratio, axis=-1)),
+        magnitude=np.where(has_no_line, moment_length, line_length),
     )
 
 

@@ -10,10 +10,11 @@ import numpy as np
 from .series import cot_coefficients
 
 # Quotients such as sin(x)/x are power series in x² up to 1 rad and closed forms above. Both are evaluated, each with its
-# argument clipped to its own side of 1 rad, and one is selected. So values and all derivatives are accurate at every angle.
+# argument clipped to its own side of 1 rad, and one is selected by a factor 0 or 1. So there is no branch, and values and all
+# derivatives are accurate at every angle.
 
 LARGEST_HALF_TURN = 2.0**14
-"""Maximum half angle [rad] of one step, which makes sines defined without a test; steps of real motions are shorter."""
+"""Maximum half angle [rad] of one step. Larger ones are clipped, so that their sines are finite; no real step is that long."""
 
 
 class HalfAngle(NamedTuple):
@@ -27,6 +28,7 @@ class HalfAngle(NamedTuple):
     """(angle - sin(angle)) / angle³."""
 
 
+# Coefficients in angle² of the functions of HalfAngle; the first omitted terms are below 1e-19 at 1 rad.
 _HALF = [(-1.0) ** k / (2.0 ** (2 * k + 1) * math.factorial(2 * k + 1)) for k in range(9)]
 _COSINE = [(-1.0) ** k / (4.0**k * math.factorial(2 * k)) for k in range(9)]
 _THIRD = [(-1.0) ** k / math.factorial(2 * k + 3) for k in range(9)]
@@ -38,28 +40,31 @@ _COTANGENT = list(cot_coefficients(28))
 
 def half_angle(square: Any) -> HalfAngle:
     """Half-angle terms from the square of an angle. Angles are clipped at twice :data:`LARGEST_HALF_TURN`."""
-    near, far = _least(square, 1.0), _largest(square, 1.0)
-    angle = np.sqrt(far)
-    x = _least(0.5 * angle, LARGEST_HALF_TURN)
-    sine, cosine = np.sin(x), np.cos(x)
-    beyond = 0.5 + 0.5 * _sign(square - 1.0)
-    closed_forms = (sine / angle, cosine, (1.0 - 2.0 * sine * cosine / angle) / far)
+    small_square, large_square = _clip_above(square, 1.0), _clip_below(square, 1.0)
+    angle = np.sqrt(large_square)
+    half = _clip_above(0.5 * angle, LARGEST_HALF_TURN)
+    sine, cosine = np.sin(half), np.cos(half)
+    is_large = 0.5 + 0.5 * _sign(square - 1.0)  # 1 above 1 rad, 0 below
+    closed_third = (1.0 - 2.0 * sine * cosine / angle) / large_square  # with sin(angle) = 2 sin(half) cos(half)
+    closed_forms = (sine / angle, cosine, closed_third)
     functions: list[Any] = []
-    for closed, coefficients in zip(closed_forms, (_HALF, _COSINE, _THIRD), strict=True):
-        series = _polynomial(coefficients, near)
-        functions.append(beyond * closed + (1.0 - beyond) * series)
+    for closed_form, coefficients in zip(closed_forms, (_HALF, _COSINE, _THIRD), strict=True):
+        series = _polynomial(coefficients, small_square)
+        functions.append(is_large * closed_form + (1.0 - is_large) * series)
     return HalfAngle(*functions)
 
 
 def half_turn(cosine: Any, sine_square: Any) -> Any:
     """x / sin(x) of the angle 0 ≤ x ≤ π/2, from its cosine and its squared sine.
 
-    The tangent is halved three times, tan(x/2) = tan(x) / (1 + √(1 + tan²(x))); only its quotients by the sine are computed.
+    The angle is halved three times by tan(x/2) = tan(x) / (1 + √(1 + tan²(x))), and x = 8 atan(t) with t = tan(x/8). Only
+    quotients of the tangents by sin(x) are computed, so that x = 0 needs no case of its own.
     """
     quotient = 1.0 / (1.0 + cosine)  # tan(x/2) / sin(x)
-    for _ in range(2):
+    for _ in range(2):  # then tan(x/4) / sin(x) and tan(x/8) / sin(x)
         quotient = quotient / (1.0 + np.sqrt(1.0 + quotient * quotient * sine_square))
-    return 8.0 * quotient * _polynomial(_ARCTANGENT, quotient * quotient * sine_square)
+    tangent_square = quotient * quotient * sine_square
+    return 8.0 * quotient * _polynomial(_ARCTANGENT, tangent_square)
 
 
 def cotangent_quotient(square: Any) -> Any:
@@ -70,23 +75,27 @@ def cotangent_quotient(square: Any) -> Any:
 def short_way(cosine: Any) -> Any:
     """-1 if the rotation with this cosine of its half angle exceeds π, so that its opposite is shorter, else 1."""
     sign = _sign(cosine)
-    return sign + (1.0 - sign * sign)
+    return sign + (1.0 - sign * sign)  # the second term makes it 1 at cosine 0, where the sign is 0
 
 
 def _polynomial(coefficients: list[float], x: Any) -> Any:
+    """Polynomial by Horner's scheme; ``coefficients`` begin with the constant."""
     total: Any = coefficients[-1]
-    for c in coefficients[-2::-1]:
-        total = c + x * total
+    for coefficient in coefficients[-2::-1]:
+        total = coefficient + x * total
     return total
+
+
+# Traced variables have their own sign and clip; numbers have not.
 
 
 def _sign(x: Any) -> Any:
     return x.sign() if hasattr(x, "sign") else np.sign(x)
 
 
-def _least(x: Any, most: float) -> Any:
-    return x.clip(-np.inf, most) if hasattr(x, "sign") else min(x, most)
+def _clip_above(x: Any, maximum: float) -> Any:
+    return x.clip(-np.inf, maximum) if hasattr(x, "sign") else min(x, maximum)
 
 
-def _largest(x: Any, least: float) -> Any:
-    return x.clip(least, np.inf) if hasattr(x, "sign") else max(x, least)
+def _clip_below(x: Any, minimum: float) -> Any:
+    return x.clip(minimum, np.inf) if hasattr(x, "sign") else max(x, minimum)

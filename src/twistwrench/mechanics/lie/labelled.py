@@ -25,17 +25,21 @@ def frame_name(name: object, role: str) -> str:
 
 def symbol(letter: str, *frames: str) -> str:
     """Letter with its frames as in the book: T_ab, F_b, T_tool0_base."""
-    return f"{letter}_{('' if all(len(f) == 1 for f in frames) else '_').join(frames)}"
+    have_short_names = all(len(frame) == 1 for frame in frames)
+    separator = "" if have_short_names else "_"
+    return f"{letter}_{separator.join(frames)}"
 
 
 def hash_of(numbers: Array, *names: object) -> int:
     """Hash that is equal for equal names and equal numbers, regardless of their type and of the sign of zero."""
-    entries = tuple(numbers.flat) if numbers.dtype == object else (numbers.astype(float) + 0.0).tobytes()
-    return hash((*names, numbers.shape, entries))
+    if numbers.dtype == object:
+        return hash((*names, numbers.shape, tuple(numbers.flat)))
+    without_negative_zeros = numbers.astype(float) + 0.0
+    return hash((*names, numbers.shape, without_negative_zeros.tobytes()))
 
 
 def missing_pose(to: str, of: str) -> str:
-    """Advice text for the missing pose."""
+    """Definition of the pose of {of} in {to}, as advice in a message."""
     return f"{symbol('T', to, of)} = Pose(…, to={to!r}, of={of!r})"
 
 
@@ -50,25 +54,27 @@ class Labelled:
 
     __array_ufunc__ = None  # array + labelled raises TypeError instead of broadcasting
     _kind: ClassVar[str]
+    """Name of the quantity: twist or wrench."""
     _letter: ClassVar[str]
+    """Letter of the book, V or F."""
     _halves: ClassVar[tuple[tuple[str, str], tuple[str, str]]]
-    """Names and units of the angular and of the linear part."""
+    """Name and unit of the angular and of the linear part."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self.values.setflags(write=False)  # unpickled arrays are writable
 
     def __init__(self, values: ArrayLike, frame: str) -> None:
-        given: Any = values
-        if isinstance(given, Labelled):
+        input_values: Any = values
+        if isinstance(input_values, Labelled):
             raise FrameError(
-                f"a {self._kind} of a {given._kind} in {given.frame!r}: its numbers are {given.symbol}.values; a pose, T @ …, "
-                "brings it to another frame."
+                f"a {self._kind} of a {input_values._kind} in {input_values.frame!r}: its numbers are "
+                f"{input_values.symbol}.values; a pose, T @ …, brings it to another frame."
             )
-        what = f"a {self._kind}, angular part first,"
-        numbers = np.array(arguments.array(given, what, 6))
+        name_in_messages = f"a {self._kind}, angular part first,"
+        numbers = np.array(arguments.array(input_values, name_in_messages, 6))
         if numbers.dtype != object:  # symbols are not checked
-            arguments.finite(numbers, what, 6)
+            arguments.finite(numbers, name_in_messages, 6)
         numbers.setflags(write=False)
         object.__setattr__(self, "values", numbers)
         object.__setattr__(self, "frame", frame)
@@ -94,25 +100,32 @@ class Labelled:
         return self.values.shape[:-1]
 
     def __repr__(self) -> str:
-        parts = zip(self._halves, (self.values[..., :3], self.values[..., 3:]), strict=True)
+        halves = (self.values[..., :3], self.values[..., 3:])
+        title = f"{type(self).__name__} in {self.frame!r}"
         if not self.shape:
-            said = [f"{name} = {vector(x)} {unit}" for (name, unit), x in parts]
-            return f"{type(self).__name__} in {self.frame!r}: {', '.join(said)}"
-        what = f"{type(self).__name__} in {self.frame!r}, batch {self.shape}"
+            texts = [f"{name} = {vector(half)} {unit}" for (name, unit), half in zip(self._halves, halves, strict=True)]
+            return f"{title}: {', '.join(texts)}"
+        title += f", batch {self.shape}"
         if self.values.dtype == object or not self.values.size:
-            return what
-        said = [f"|{name}| up to {number(np.linalg.norm(x, axis=-1).max(), 6)} {unit}" for (name, unit), x in parts]
-        return f"{what}: {', '.join(said)}"
+            return title
+        texts = []
+        for (name, unit), half in zip(self._halves, halves, strict=True):
+            largest = np.linalg.norm(half, axis=-1).max()
+            texts.append(f"|{name}| up to {number(largest, 6)} {unit}")
+        return f"{title}: {', '.join(texts)}"
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         return np.array(self.values, dtype, copy=copy)
 
     def __getitem__(self, rows: Any) -> Self:
+        all_rows = np.arange(self.values.size // 6).reshape(
+            self.shape
+        )  # so that ``rows`` cannot index the six components
         try:
-            picked = np.arange(self.values.size // 6).reshape(self.shape)[rows]
+            selected_rows = all_rows[rows]
         except IndexError as error:
             raise ShapeError(f"no row {rows!r} in a {self._kind} of batch shape {self.shape}: {error}.") from None
-        return type(self)(self.values.reshape(-1, 6)[picked], self.frame)
+        return type(self)(self.values.reshape(-1, 6)[selected_rows], self.frame)
 
     def __iter__(self) -> Iterator[Self]:
         if not self.shape:
@@ -122,12 +135,14 @@ class Labelled:
     def __add__(self, other: Any) -> Self:
         if not isinstance(other, Labelled) and np.ndim(other) == 0 and other == 0:  # for sum()
             return self
-        return type(self)(np.add(*self._same(other, "+")), self.frame)
+        own_values, other_values = self._values_of_both(other, "+")
+        return type(self)(own_values + other_values, self.frame)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Self:
-        return type(self)(np.subtract(*self._same(other, "−")), self.frame)
+        own_values, other_values = self._values_of_both(other, "−")
+        return type(self)(own_values - other_values, self.frame)
 
     def __neg__(self) -> Self:
         return type(self)(-self.values, self.frame)
@@ -135,8 +150,9 @@ class Labelled:
     def __mul__(self, factor: ArrayLike) -> Self:
         if isinstance(factor, Labelled):
             raise ValueRangeError(f"{self._kind} * {factor._kind}: power is F @ V, and * is for numbers.")
-        each = arguments.array(factor, f"the factor of a {self._kind}")[..., None]
-        return type(self)(np.multiply(*arguments.together(**{self._kind: self.values, "factor": each})), self.frame)
+        column = arguments.array(factor, f"the factor of a {self._kind}")[..., None]
+        values, factors = arguments.together(**{self._kind: self.values, "factor": column})
+        return type(self)(values * factors, self.frame)
 
     __rmul__ = __mul__
 
@@ -151,7 +167,7 @@ class Labelled:
                 f"{self._kind} @ {name}: power is wrench @ twist, both with their frames; the Lie bracket of two twists is "
                 "V1.bracket(V2)."
             )
-        self._in_frame_of(other, f"{self._kind} in {self.frame!r} @ {other._kind}")
+        self._require_frame_of(other, f"{self._kind} in {self.frame!r} @ {other._kind}")
         F, V = arguments.together(**{self._kind: self.values, other._kind: other.values})
         return np.sum(F * V, axis=-1)
 
@@ -179,8 +195,8 @@ class Labelled:
             )
         return type(self)(operator.apply(self.values), to)
 
-    def _same(self, other: Any, sign: str) -> tuple[Array, ...]:
-        """Numbers of this object and of another one of the same kind in the same frame."""
+    def _values_of_both(self, other: Any, sign: str) -> tuple[Array, ...]:
+        """Values of this object and of another one; raises an error unless both have one kind and one frame."""
         if not isinstance(other, Labelled):
             raise FrameError(
                 f"{self._kind} in {self.frame!r} {sign} {type(other).__name__}: plain numbers name no frame; write "
@@ -191,13 +207,14 @@ class Labelled:
                 f"{self._kind} {sign} {other._kind}: a {self._kind} goes with another {self._kind}; the power of the "
                 "two is F @ V."
             )
-        self._in_frame_of(other, f"{self._kind} in {self.frame!r} {sign} {other._kind}")
+        self._require_frame_of(other, f"{self._kind} in {self.frame!r} {sign} {other._kind}")
         return arguments.together(first=self.values, second=other.values)
 
-    def _in_frame_of(self, other: Labelled, what: str) -> None:
+    def _require_frame_of(self, other: Labelled, operation: str) -> None:
+        """Raise FrameError, naming the operation, unless both frames are the same."""
         if other.frame != self.frame:
             raise FrameError(
-                f"{what} in {other.frame!r}: move one first, {symbol('T', other.frame, self.frame)} @ {self.symbol} with "
+                f"{operation} in {other.frame!r}: move one first, {symbol('T', other.frame, self.frame)} @ {self.symbol} with "
                 f"Pose(…, to={other.frame!r}, of={self.frame!r})."
             )
 

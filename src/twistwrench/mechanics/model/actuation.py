@@ -29,11 +29,15 @@ def with_actuators(model: Model, actuators: Iterable[Actuator]) -> Model:
     joint cannot be driven this way or has an actuator, and :class:`~twistwrench.InertiaError` if a link cannot contain
     its rotor.
     """
-    actuators = list(actuators)
-    joints = {actuator.joint for actuator in actuators}
-    remaining = {name: a for name, a in model.actuators.items() if a.rotor is not None or a.joint not in joints}
+    new_actuators = list(actuators)
+    new_joints = {actuator.joint for actuator in new_actuators}
+    remaining = {
+        name: actuator
+        for name, actuator in model.actuators.items()
+        if actuator.rotor is not None or actuator.joint not in new_joints
+    }
     model = replace(model, actuators=remaining)
-    for actuator in actuators:
+    for actuator in new_actuators:
         model = _with_actuator(model, actuator)
     return model
 
@@ -54,10 +58,12 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
     """
     friction = model.friction
     for joint, law in laws.items():
-        k, link_law = model.drive_index(joint), _full_law(joint, law)
+        k = model.drive_index(joint)
+        link_law = _full_law(joint, law)
         gear_law = {name: float(getattr(friction, name)[k]) for name in LAWS}
-        falling = [x for x in (gear_law, link_law) if x["static"] > x["coulomb"]]
-        if len({x["stribeck"] for x in falling}) > 1:
+        # only a law with static friction above Coulomb friction has a Stribeck speed that matters
+        stribeck_speeds = [x["stribeck"] for x in (gear_law, link_law) if x["static"] > x["coulomb"]]
+        if len(set(stribeck_speeds)) > 1:
             raise ModelError(
                 f"the friction and the link_friction of joint {joint!r}, on one coordinate as its gear is rigid, have two "
                 "Stribeck speeds. Give both the same one, or one of them no static friction."
@@ -67,7 +73,7 @@ def with_link_friction(model: Model, laws: Mapping[str, Mapping[str, float]]) ->
             raise ValueRangeError(
                 f"load friction of joint {joint!r} adds up to {printed(total['load'])}; it must be below 1."
             )
-        stribeck = falling[0]["stribeck"] if falling else gear_law["stribeck"]
+        stribeck = stribeck_speeds[0] if stribeck_speeds else gear_law["stribeck"]
         friction = friction.replaced(k, **total, stribeck=stribeck)
     return replace(model, friction=friction)
 
@@ -83,31 +89,33 @@ def _full_law(joint: str, law: Mapping[str, float]) -> dict[str, float]:
             f"the static friction of joint {joint!r} is above its Coulomb friction, so there is a speed at which the one "
             "goes over into the other: give stribeck, such as 0.05 rad/s."
         )
-    full = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": 1.0, "load": 0.0, **law}
-    for name, value in full.items():
+    full_law = {"viscous": 0.0, "coulomb": coulomb, "static": coulomb, "stribeck": 1.0, "load": 0.0, **law}
+    for name, value in full_law.items():
         if not 0 <= value <= LARGEST:
             raise ValueRangeError(
                 f"{name} friction of joint {joint!r} is {printed(value)}; it must be at least 0 and at most {printed(LARGEST)}."
             )
-    if full["static"] < coulomb or full["stribeck"] == 0 or full["load"] >= 1:
+    if full_law["static"] < coulomb or full_law["stribeck"] == 0 or full_law["load"] >= 1:
         raise ValueRangeError(
-            f"the friction of joint {joint!r} cannot be meant: static {printed(full['static'])} must be at least coulomb "
-            f"{printed(coulomb)}, the Stribeck speed {printed(full['stribeck'])} above 0, and load {printed(full['load'])} "
-            "below 1."
+            f"the friction of joint {joint!r} cannot be meant: static {printed(full_law['static'])} must be at least coulomb "
+            f"{printed(coulomb)}, the Stribeck speed {printed(full_law['stribeck'])} above 0, and load "
+            f"{printed(full_law['load'])} below 1."
         )
-    return full
+    return full_law
 
 
 def _with_actuator(model: Model, actuator: Actuator) -> Model:
+    """Model with one more actuator: its rotor becomes a body, and its elastic gear a spring."""
     k = model.drive_index(actuator.joint)
     driven = next(body for body in model.leaders if body.v_index == k)
-    if actuator.joint in model.actuators or any(a.joint == actuator.joint for a in model.actuators.values()):
+    driven_joints = {other.joint for other in model.actuators.values()}
+    if actuator.joint in model.actuators or actuator.joint in driven_joints:
         raise ModelError(f"joint {actuator.joint!r} has an actuator already. Describe it once.")
     check_actuator(actuator)
     if actuator.joint in model.drive_names and actuator.joint != driven.joint.name:
         return _with_coupled_motor(model, actuator, k)
-    flexible = np.isfinite(actuator.stiffness)
-    name = f"{actuator.joint}.motor" if flexible else actuator.joint
+    is_elastic = np.isfinite(actuator.stiffness)
+    name = f"{actuator.joint}.motor" if is_elastic else actuator.joint
     if actuator.rotor is not None and model.armature[driven.v_index]:
         raise ModelError(
             f"joint {actuator.joint!r} has an armature of {printed(model.armature[driven.v_index])}, and its actuator a "
@@ -115,23 +123,27 @@ def _with_actuator(model: Model, actuator: Actuator) -> Model:
             "or leave out the rotor."
         )
     if actuator.rotor is None:
-        if flexible:
+        if is_elastic:
             raise ModelError(
                 f"the actuator of joint {name!r} is elastic, so its rotor moves by itself and needs an inertia."
             )
         return replace(model, actuators={**model.actuators, name: actuator})
     model, rotor = _with_rotor_mounted(model, driven, actuator, actuator.rotor)
-    if flexible:
-        model, rotor = _with_coordinate(model, driven, actuator, replace(rotor, joint=replace(rotor.joint, name=name)))
+    if is_elastic:
+        motor_joint = replace(rotor.joint, name=name)
+        model, rotor = _with_motor_coordinate(model, driven, actuator, replace(rotor, joint=motor_joint))
     return replace(model, bodies=(*model.bodies, rotor), actuators={**model.actuators, name: actuator})
 
 
-_NO_COUPLES = "rotors of coupled motors count by their inertia about their axes; their gyroscopic couples are left out"
+_NOTE_ON_COUPLES = (
+    "rotors of coupled motors count by their inertia about their axes; their gyroscopic couples are left out"
+)
 
 
 def _with_coupled_motor(model: Model, actuator: Actuator, k: int) -> Model:
-    """Model with the actuator of a coupled motor; its rotor becomes an armature, since it turns with several joints."""
-    armature, rotor = model.armature.copy(), actuator.rotor
+    """Model with the actuator of coupled motor ``k``; its rotor becomes an armature, since it turns with several joints."""
+    armature = model.armature.copy()
+    rotor = actuator.rotor
     who = f"motor {actuator.joint!r}, which moves several joints,"
     if np.isfinite(actuator.stiffness):
         raise ModelError(f"{who} is elastic, and couplings are rigid. Leave out its stiffness.")
@@ -141,51 +153,57 @@ def _with_coupled_motor(model: Model, actuator: Actuator, k: int) -> Model:
                 f"{who} has a rotor with a place, axis, link or mass. It counts by its inertia about its axis alone: leave "
                 "out the rest."
             )
-        reflected = actuator.ratio**2 * rotor.inertia
-        if armature[k] not in (0.0, reflected):
+        reflected_inertia = actuator.ratio**2 * rotor.inertia
+        if armature[k] not in (0.0, reflected_inertia):
             raise ModelError(f"{who} has a rotor and an armature: its inertia would count twice. Keep one of them.")
-        armature[k] = reflected
-        if _NO_COUPLES not in model.defects:
-            model = replace(model, defects=(*model.defects, _NO_COUPLES))
+        armature[k] = reflected_inertia
+        if _NOTE_ON_COUPLES not in model.defects:
+            model = replace(model, defects=(*model.defects, _NOTE_ON_COUPLES))
     return replace(model, armature=armature, actuators={**model.actuators, actuator.joint: actuator})
 
 
 def _with_rotor_mounted(model: Model, driven: Body, actuator: Actuator, rotor: Rotor) -> tuple[Model, Body]:
-    """Model with the rotor as a body, and without its inertia in the carrying link if that includes it."""
-    carrier, T, axis = _rotor_mount(model, driven, rotor)
-    placement = T @ se3.pose(np.eye(3), np.asarray(rotor.place, float))
-    # Modelled as a thin ring: its transverse moments move with the carrier and are not counted twice.
-    spin = rotor.inertia * np.outer(axis, axis)
-    G = SpatialInertia.from_com(rotor.mass, np.zeros(3), spin + 0.5 * (rotor.inertia * np.eye(3) - spin))
+    """Model without the rotor's inertia in the carrying link, if the link includes it; and the rotor as a body."""
+    carrier, reference, axis = _rotor_mount(model, driven, rotor)
+    placement = reference @ se3.pose(np.eye(3), np.asarray(rotor.place, float))
+    # A thin ring: moment J about the axis, J/2 about transverse axes. The link loses all of it and carries the rotor with all
+    # of it, so that the transverse moments have no effect.
+    axial = rotor.inertia * np.outer(axis, axis)
+    transverse = 0.5 * (rotor.inertia * np.eye(3) - axial)
+    G = SpatialInertia.from_com(rotor.mass, np.zeros(3), axial + transverse)
     if carrier != BASE and not rotor.extra:
-        body = model.bodies[carrier]
-        _check_contained(model, carrier, placement[:3, :3] @ axis, actuator.joint, rotor.inertia)
-        without = replace(body, inertia=body.inertia - G.in_frame(placement))
-        bodies = (*model.bodies[:carrier], without, *model.bodies[carrier + 1 :])
+        link = model.bodies[carrier]
+        axis_in_link = placement[:3, :3] @ axis
+        _check_contained(model, carrier, axis_in_link, actuator.joint, rotor.inertia)
+        link_alone = replace(link, inertia=link.inertia - G.in_frame(placement))
+        bodies = (*model.bodies[:carrier], link_alone, *model.bodies[carrier + 1 :])
         model = replace(model, bodies=bodies)
-    turning = RotorJoint(f"{actuator.joint}.rotor", np.concatenate([axis, np.zeros(3)])[None, :])
-    return model, Body(
-        turning, turning.name, carrier, placement, G, driven.q_index, driven.v_index, ratio=actuator.ratio, follows=True
-    )
+    rotor_joint = RotorJoint(f"{actuator.joint}.rotor", np.concatenate([axis, np.zeros(3)])[None, :])
+    rotor_body = Body(
+        rotor_joint, rotor_joint.name, carrier, placement, G,
+        driven.q_index, driven.v_index, ratio=actuator.ratio, follows=True,
+    )  # fmt: skip
+    return model, rotor_body
 
 
 def _check_contained(model: Model, carrier: int, axis: Array, joint: str, J: float) -> None:
-    """Raise an error if a link contains less inertia about a rotor's axis than its rotors: M would not be positive definite.
+    """Raise an error if a link has less inertia than its rotors about their axes: M would not be positive definite.
 
-    Other moments of rotors are unknown and have no effect; those of rotors removed earlier are added back.
+    ``axis`` (in the link's frame) and J belong to the new rotor. The inertia of rotors that were subtracted from the link
+    earlier is added back. Moments of rotors about other axes are unknown and have no effect.
     """
     body = model.bodies[carrier]
-    whole, spinning = body.inertia, J * np.outer(axis, axis)
+    whole_inertia = body.inertia
+    axial_moments = J * np.outer(axis, axis)  # of all rotors, as a tensor in the link's frame
     for rotor in model.bodies:
         if not rotor.joint.moves_body and rotor.parent == carrier and is_in_link_mass(model, rotor):
-            whole = whole + rotor.inertia.in_frame(rotor.placement)
+            whole_inertia = whole_inertia + rotor.inertia.in_frame(rotor.placement)
             rotor_axis = rotor.joint.axes[0, :3]
             axis_in_link = rotor.placement[:3, :3] @ rotor_axis
-            spinning = spinning + (rotor_axis @ rotor.inertia.moment_about_origin @ rotor_axis) * np.outer(
-                axis_in_link, axis_in_link
-            )
-    I = whole.moment_about_com
-    if np.linalg.eigvalsh(I - spinning).min() < -1e-9 * np.abs(I).max():
+            rotor_moment = rotor_axis @ rotor.inertia.moment_about_origin @ rotor_axis
+            axial_moments = axial_moments + rotor_moment * np.outer(axis_in_link, axis_in_link)
+    I = whole_inertia.moment_about_com
+    if np.linalg.eigvalsh(I - axial_moments).min() < -1e-9 * np.abs(I).max():
         raise InertiaError(
             f"link {body.link!r} cannot contain the rotor of joint {joint!r}, {printed(J)} kg m² about its axis: all of "
             f"the link has {printed(axis @ I @ axis, 3)} kg m² about that direction. Check the unit; if the link was weighed "
@@ -218,8 +236,10 @@ def _rotor_mount(model: Model, driven: Body, rotor: Rotor) -> tuple[int, Array, 
 
 
 def _axis(joint: Joint, rotor: Rotor) -> Array:
-    default = joint.axes[0, :3] if joint.axes[0, :3].any() else joint.axes[0, 3:]
-    axis = np.asarray(default if rotor.axis is None else rotor.axis, float)
+    """Unit vector along the rotor's axis as given, or else along the joint's axis."""
+    omega, v = joint.axes[0, :3], joint.axes[0, 3:]
+    joint_axis = omega if omega.any() else v
+    axis = np.asarray(joint_axis if rotor.axis is None else rotor.axis, float)
     length = float(np.linalg.norm(axis)) if axis.shape == (3,) else 0.0
     if not 0 < length < np.inf:
         raise ModelError(
@@ -228,27 +248,29 @@ def _axis(joint: Joint, rotor: Rotor) -> Array:
     return axis / length
 
 
-def _with_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body) -> tuple[Model, Body]:
-    """Model with one more coordinate at the end, the motor's angle referred to the joint, and the spring between the two.
+def _with_motor_coordinate(model: Model, driven: Body, actuator: Actuator, rotor: Body) -> tuple[Model, Body]:
+    """Model with the motor's angle, referred to the joint, as one more coordinate at the end, and with the gear's spring.
 
-    The motor takes over the limits of speed and effort, and the friction of motor and gear. Only the spring drives the
-    joint.
+    The second result is the rotor, which moves by the new coordinate. The motor takes over the limits of speed and effort, and
+    the friction of motor and gear. Only the spring drives the joint.
     """
-    k, old = driven.v_index, model.limits
-    spring = Spring(((actuator.joint, 1.0), (rotor.joint.name, -1.0)), actuator.stiffness)
-    inf = np.inf
+    k, inf = driven.v_index, np.inf
+    old = model.limits
+    remaining_effort = np.where(np.arange(model.nv) == k, inf, old.effort)
+    other_limits = [np.append(getattr(old, field.name), inf) for field in fields(Limits)[4:]]
     limits = Limits(
         np.append(old.lower, -inf),
         np.append(old.upper, inf),
         np.append(old.velocity, old.velocity[k]),
-        np.append(np.where(np.arange(model.nv) == k, inf, old.effort), old.effort[k]),
-        *(np.append(getattr(old, f.name), inf) for f in fields(Limits)[4:]),
+        np.append(remaining_effort, old.effort[k]),
+        *other_limits,
     )
+    spring = Spring(((actuator.joint, 1.0), (rotor.joint.name, -1.0)), actuator.stiffness)
     rotor = replace(rotor, q_index=model.nq, v_index=model.nv, follows=False)
     friction = model.friction.extended().moved(k, model.nv)
     configurations = {name: np.append(q, q[driven.q_index]) for name, q in model.configurations.items()}
-    wider = replace(
+    extended_model = replace(
         model, limits=limits, friction=friction, springs=(*model.springs, spring),
         armature=np.append(model.armature, 0.0), configurations=configurations,
     )  # fmt: skip
-    return wider, rotor
+    return extended_model, rotor

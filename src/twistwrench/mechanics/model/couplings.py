@@ -1,8 +1,8 @@
 """Coupled drives: motors that move several joints together, q̇_m = A q̇_j with a constant matrix A, and so τ_j = A'τ_m.
 
-Armature, friction and effort of the model are those of its drives, (nv,) each: in the places of coupled joints, in the order
-of both lists, stand those of the motors. Where no joints are coupled, a drive's velocity is the joint's, and nothing is
-computed. Motor velocities are those behind the gear: the rotor turns ``ratio`` times as fast.
+Armature, friction and effort of the model belong to its drives, (nv,) each. The entries of coupled joints hold the values of
+the motors: the first joint of a coupling has the values of its first motor, and so on. If joints are not coupled, a drive's
+velocity is the joint's. Motor velocities are those behind the gear: the rotor turns ``ratio`` times as fast.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ class Coupling:
     """True if the matrix given is A⁻¹: velocity of each joint, in the rows, per velocity of each motor."""
 
     def __post_init__(self, inverted: bool) -> None:
-        A, n, m = np.array(self.motor_per_joint, float), len(self.joints), len(self.motors)
+        A = np.array(self.motor_per_joint, float)
+        n, m = len(self.joints), len(self.motors)
         for names, kind in ((self.motors, "motor"), (self.joints, "joint")):
             repeated = [name for name, count in Counter(names).items() if count > 1]
             if repeated:
@@ -58,9 +59,10 @@ class Coupling:
             )
         if not (np.isfinite(A).all() and np.abs(A).max() <= LARGEST):
             raise ModelError(f"coupling {self.name!r} has the matrix {A.tolist()}; its numbers must be finite.")
-        size = np.linalg.norm(A, axis=0)
-        s = np.linalg.svd(A / np.where(size > 0, size, 1.0), compute_uv=False)
-        rank = int((s > _MIN_SINGULAR_RATIO * s[0]).sum())
+        lengths = np.linalg.norm(A, axis=0)
+        unit_columns = A / np.where(lengths > 0, lengths, 1.0)
+        sigma = np.linalg.svd(unit_columns, compute_uv=False)
+        rank = int((sigma > _MIN_SINGULAR_RATIO * sigma[0]).sum())
         if rank < n:
             raise ModelError(
                 f"coupling {self.name!r} has a singular matrix, of rank {rank} for {n} joints: some motion on one side moves "
@@ -79,7 +81,7 @@ class Coupling:
     def label(self, motor: str) -> str:
         """Motor with the joints that it loads: ``motor m5 (wrist_2_joint and wrist_3_joint)``."""
         row = self.motor_per_joint[self.motors.index(motor)]
-        joints = [joint for joint, a in zip(self.joints, row, strict=True) if a]
+        joints = [joint for joint, entry in zip(self.joints, row, strict=True) if entry]
         names = listed(joints)
         if len(joints) < 3:
             names = " and ".join(joints)
@@ -87,41 +89,45 @@ class Coupling:
 
 
 def with_couplings(model: Model, couplings: Iterable[Coupling]) -> Model:
-    """Model with joints driven by coupled motors, in place of its armature, friction and effort at these joints.
+    """Model with joints driven by coupled motors; armature, friction and effort of these joints are removed.
 
-    Raises :class:`~twistwrench.ModelError` for joints that are driven otherwise, and for names that are taken.
+    Raises :class:`~twistwrench.ModelError` for joints with another drive, and for motors with the name of a joint.
     """
-    added = tuple(couplings)
-    all_couplings = (*model.couplings, *added)
+    new_couplings = tuple(couplings)
+    all_couplings = (*model.couplings, *new_couplings)
     _check_one_coupling_each(all_couplings, "motor")
     _check_one_coupling_each(all_couplings, "joint")
     model_joints = {body.joint.name for body in model.bodies}
     indices: list[int] = []
     coupled_joints: set[str] = set()
-    for c in added:
-        coupled_joints.update(c.joints)
-        indices += [model.drive_index(joint) for joint in c.joints]
-        namesakes = [motor for motor in c.motors if motor in model_joints]
+    for coupling in new_couplings:
+        coupled_joints.update(coupling.joints)
+        indices += [model.drive_index(joint) for joint in coupling.joints]
+        namesakes = [motor for motor in coupling.motors if motor in model_joints]
         if namesakes:
             raise ModelError(
-                f"motor {namesakes[0]!r} of coupling {c.name!r} has the name of a joint. Rename the motor."
+                f"motor {namesakes[0]!r} of coupling {coupling.name!r} has the name of a joint. Rename the motor."
             )
-    for a in model.actuators.values():
-        if a.joint in coupled_joints and a.rotor is not None:
-            raise ModelError(f"joint {a.joint!r} has an actuator of its own and is in a coupling. Keep one of them.")
+    for actuator in model.actuators.values():
+        if actuator.joint in coupled_joints and actuator.rotor is not None:
+            raise ModelError(
+                f"joint {actuator.joint!r} has an actuator of its own and is in a coupling. Keep one of them."
+            )
     return replace(_without_drives(model, indices, coupled_joints), couplings=all_couplings)
 
 
 def _check_one_coupling_each(couplings: Iterable[Coupling], kind: str) -> None:
     """Raise ModelError if a motor or joint, selected by ``kind``, is in two couplings."""
-    owners: dict[str, str] = {}
-    for c in couplings:
-        for name in {"motor": c.motors, "joint": c.joints}[kind]:
-            if name in owners:
+    coupling_names: dict[str, str] = {}  # by motor or joint
+    for coupling in couplings:
+        members = coupling.motors if kind == "motor" else coupling.joints
+        for member in members:
+            if member in coupling_names:
                 raise ModelError(
-                    f"{kind} {name!r} is in couplings {owners[name]!r} and {c.name!r}. Each {kind} belongs to one coupling."
+                    f"{kind} {member!r} is in couplings {coupling_names[member]!r} and {coupling.name!r}. Each {kind} belongs "
+                    "to one coupling."
                 )
-            owners[name] = c.name
+            coupling_names[member] = coupling.name
 
 
 def without_couplings(model: Model) -> Model:
@@ -131,25 +137,27 @@ def without_couplings(model: Model) -> Model:
 
 
 def _without_drives(model: Model, indices: list[int], driven: set[str]) -> Model:
-    """Model without armature, friction and effort at some indices of dq, and without the actuators of those ``driven``."""
+    """Model without armature, friction and effort at some indices of dq, and without actuators of the ``driven`` joints."""
     effort, armature, friction = model.limits.effort.copy(), model.armature.copy(), model.friction
-    effort[indices], armature[indices] = np.inf, 0.0
+    effort[indices] = np.inf
+    armature[indices] = 0.0
     for k in indices:
         friction = friction.replaced(k, viscous=0.0, coulomb=0.0, static=0.0, stribeck=1.0, load=0.0)
-    actuators = {name: a for name, a in model.actuators.items() if a.joint not in driven}
+    actuators = {name: actuator for name, actuator in model.actuators.items() if actuator.joint not in driven}
     limits = replace(model.limits, effort=effort)
     return replace(model, limits=limits, armature=armature, friction=friction, actuators=actuators)
 
 
 def refuse_couplings(model: Model, what: str) -> None:
-    """Raise ModelError if joints of the model are coupled: ``what`` would treat its motors as if each drove one joint."""
+    """Raise ModelError if joints of the model are coupled: ``what`` treats motors as if each drove one joint."""
     if model.couplings:
         joints: list[str] = []
-        for c in model.couplings:
-            joints += c.joints
+        for coupling in model.couplings:
+            joints += coupling.joints
+        names = [coupling.name for coupling in model.couplings]
         raise ModelError(
             f"{what} does not support coupled drives, and {listed(joints)} of robot {model.name!r} are coupled "
-            f"({listed([c.name for c in model.couplings])}). Use the robot without couplings:, or another actuator file."
+            f"({listed(names)}). Use the robot without couplings:, or another actuator file."
         )
 
 
@@ -165,7 +173,7 @@ def refuse_coupled(model: Model, joints: Iterable[str], what: str) -> None:
 
 
 def coupled_entries(model: Model) -> Array:
-    """Entries of dq, (nv,) of bool, that belong to coupled joints: those of friction, armature and effort are motors'."""
+    """True for entries of dq that belong to coupled joints, (nv,): friction, armature and effort there belong to motors."""
     mask = np.zeros(model.nv, bool)
     for indices, _, _ in model.coupled:
         mask[indices] = True
@@ -179,7 +187,7 @@ def drive_turns(model: Model) -> list[bool]:
 
 
 def joint_effort(model: Model, effort: Array) -> Array:
-    """Efforts (nv,) of joints alone: inf where motors are coupled, whose limits no joint has by itself."""
+    """Efforts (nv,) of joints by themselves: infinite for coupled joints, whose efforts are limits of motors."""
     return np.where(coupled_entries(model), np.inf, effort)
 
 
@@ -207,14 +215,15 @@ def joint_torques(model: Model, tau: Any) -> Any:
 
 
 def _block_products(model: Model, x: Any, *, inverse: bool, transposed: bool) -> Any:
-    """Entries x[at] of each coupling as x[at] B, with B = A, A', A⁻¹ or A⁻ᵀ; x itself without couplings."""
+    """x with the entries of each coupling multiplied by a matrix B from the right: A, A', A⁻¹ or A⁻ᵀ.
+
+    For a single x of shape (nv,), x B is B'x: so A gives A'x.
+    """
     if not model.coupled:
         return x
     products = np.array(x)
     for indices, A, A_inverse in model.coupled:
-        B = A
-        if inverse:
-            B = A_inverse
+        B = A_inverse if inverse else A
         if transposed:
             B = B.T
         products[..., indices] = products[..., indices] @ B

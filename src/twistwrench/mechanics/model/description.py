@@ -23,7 +23,7 @@ from ..lie.identity import IDENTITY, UPRIGHT
 from .limits import Limits
 
 _MAX_LISTED_SUBJECTS = 4
-"""Number of subjects named in a grouped sentence; the others are counted, and listed in ``robot.defects``."""
+"""Number of subjects named in a grouped sentence; further ones are counted, and ``robot.defects`` lists all."""
 
 
 class ModelNote(str):
@@ -43,26 +43,30 @@ class ModelNote(str):
 
 
 def grouped(remarks: Iterable[str]) -> list[str]:
-    """Notes in their order; equal notes on several subjects are joined into one sentence.
+    """Notes in their order, as sentences; notes on several subjects with one predicate are joined into one sentence.
 
     >>> grouped([ModelNote("joint 'a'", "has no limit"), "x", ModelNote("joint 'b'", "has no limit")])
     ["joint 'a' has no limit; the same of joint 'b'", 'x']
     """
-    later_subjects: dict[str, list[str]] = {}  # by predicate
+    later_subjects: dict[str, list[str]] = {}  # by predicate; without the first subject
     first_remarks: list[str] = []
     for remark in remarks:
-        predicate = remark.predicate if isinstance(remark, ModelNote) else remark
-        if predicate in later_subjects and isinstance(remark, ModelNote):
-            later_subjects[predicate].append(remark.subject)
-        else:
-            later_subjects.setdefault(predicate, [])
+        if not isinstance(remark, ModelNote):
+            later_subjects.setdefault(remark, [])
             first_remarks.append(remark)
-    sentences: list[str] = []
+        elif remark.predicate in later_subjects:
+            later_subjects[remark.predicate].append(remark.subject)
+        else:
+            later_subjects[remark.predicate] = []
+            first_remarks.append(remark)
+    joined: list[str] = []
     for remark in first_remarks:
         subjects = later_subjects[remark.predicate] if isinstance(remark, ModelNote) else []
-        addition = f"; the same of {listed(subjects, _MAX_LISTED_SUBJECTS)}" if subjects else ""
-        sentences.append(f"{remark}{addition}")
-    return sentences
+        if subjects:
+            joined.append(f"{remark}; the same of {listed(subjects, _MAX_LISTED_SUBJECTS)}")
+        else:
+            joined.append(str(remark))
+    return joined
 
 
 def sentences(name: str, remarks: Iterable[str]) -> list[str]:
@@ -80,7 +84,10 @@ def frames_to_user() -> int:
     """Stack level of the first caller outside this package, for warnings that point to the user's line."""
     package = __name__.partition(".")[0]
     level, frame = 1, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+    while frame.f_back is not None:
+        root_package = frame.f_globals.get("__name__", "").partition(".")[0]
+        if root_package != package:
+            break
         level, frame = level + 1, frame.f_back
     return level
 
@@ -91,14 +98,14 @@ Mimic = tuple[str, float, float]
 """Leader, multiplier and offset: the joint's coordinate is multiplier * leader + offset."""
 
 _MAX_ROW_GAP = 1e-15
-"""Largest gap between rows for which the deviation is certainly within the 1e-14 that leaves rotations unchanged."""
+"""Largest gap of the rows for which R'R is certainly within 1e-14 of the identity, so that R is left unchanged."""
 
 TYPES: Mapping[str, type[Joint]] = {**JOINT_TYPES, Fixed.kind: Fixed}
 """Types of joints that may be described; fixed ones are removed when the model is built."""
 
 
 def label(kind: str, name: str, where: str) -> str:
-    """Name of a link or joint in messages: ``joint 'elbow' (line 12)``."""
+    """Name of a link or joint in messages, with its place in the file: ``joint 'elbow' (line 12)``."""
     name = shorten(name) if isinstance(name, str) else name
     return f"{kind} {name!r} ({where})" if where else f"{kind} {name!r}"
 
@@ -207,15 +214,17 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
         return IDENTITY
     T = numbers(T, (4, 4), f"the placement of {who}")
     rows = [row[:3] for row in T[:3].tolist()]
-    if T[3].tolist() == [0.0, 0.0, 0.0, 1.0] and (rows == UPRIGHT or max(map(abs, gaps(rows))) <= _MAX_ROW_GAP):
+    has_last_row = T[3].tolist() == [0.0, 0.0, 0.0, 1.0]
+    if has_last_row and (rows == UPRIGHT or max(map(abs, gaps(rows))) <= _MAX_ROW_GAP):  # the usual case
         return T
     R = T[:3, :3]
+    deviation = np.abs(R.T @ R - np.eye(3)).max()
     # 1e-6 accepts rotations written with six digits.
-    if np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or np.any(T[3] != (0, 0, 0, 1)):
+    if deviation > 1e-6 or np.linalg.det(R) < 0 or not has_last_row:
         raise ModelError(
             f"the placement of {who} is not a pose: a rotation, a position and the last row 0 0 0 1 are required."
         )
-    if np.abs(R.T @ R - np.eye(3)).max() > 1e-14:  # nearest rotation, so that the transpose is the inverse
+    if deviation > 1e-14:  # nearest rotation, so that the transpose is the inverse
         U, _, Vt = np.linalg.svd(R)
         T = T.copy()
         T[:3, :3] = U @ Vt
@@ -225,24 +234,29 @@ def placement_of(T: ArrayLike | None, who: str) -> Array:
 def limits_of(
     joint: Joint, lower: float | None, upper: float | None, largest: Mapping[str, float | None], who: str
 ) -> tuple[Limits, list[str]]:
-    """Limits of a joint, (nv,) each, infinite if not given, and notes on implausible ones; ``largest``: limits of magnitude."""
+    """Limits of a joint, (nv,) each, infinite if not given, and notes on implausible ones.
+
+    ``largest`` are the limits of magnitudes, such as the velocity, by name.
+    """
     remarks: list[str] = []
     if joint.nv != 1:
-        if joint.nv and any(x is not None for x in (lower, upper, *largest.values())):
+        has_limits = any(limit is not None for limit in (lower, upper, *largest.values()))
+        if joint.nv and has_limits:
             remarks.append(ModelNote(who, f"is {joint.kind}; limits of joints with several coordinates are not kept"))
         infinite = np.full(joint.nv, np.inf)
         return Limits(-infinite, infinite, infinite, infinite), remarks
-    low, high = _bounds(bool(joint.wraps), lower, upper, who, remarks)
+    low, high = _position_limits(bool(joint.wraps), lower, upper, who, remarks)
     magnitudes = {name: np.array([_magnitude(name, value, who, remarks)]) for name, value in largest.items()}
     return Limits(np.array([low]), np.array([high]), **magnitudes), remarks
 
 
-def _bounds(
-    endless: bool, lower: float | None, upper: float | None, who: str, remarks: list[str]
+def _position_limits(
+    is_continuous: bool, lower: float | None, upper: float | None, who: str, remarks: list[str]
 ) -> tuple[float, float]:
+    """Limits of position, infinite where there is none; adds to ``remarks`` if they cannot be meant."""
     low = -np.inf if lower is None else _limit_number("lower", lower, who)
     high = np.inf if upper is None else _limit_number("upper", upper, who)
-    if endless:  # limits of continuous joints are ignored
+    if is_continuous:  # its limits are ignored, but must be numbers
         return -np.inf, np.inf
     if low == high == 0:
         remarks.append(ModelNote(who, "has lower = upper = 0, taken to mean that no limits are given"))
@@ -256,6 +270,7 @@ def _bounds(
 
 
 def _limit_number(what: str, value: float, who: str) -> float:
+    """Limit as a float; raises ModelError if it is not a number."""
     try:
         value = float(value)
     except (TypeError, ValueError):
@@ -268,6 +283,7 @@ def _limit_number(what: str, value: float, who: str) -> float:
 
 
 def _magnitude(what: str, value: float | None, who: str, remarks: list[str]) -> float:
+    """Limit of a magnitude, infinite if there is none; a limit of 0 adds to ``remarks``."""
     if value is None:
         return float(np.inf)
     value = _limit_number(what, value, who)

@@ -26,7 +26,7 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
 
     Parameters
     ----------
-    inertia : SpatialInertia, about the frame's origin, in its axes
+    inertia : SpatialInertia, about the frame's origin, in the frame's axes
 
     Raises
     ------
@@ -44,23 +44,23 @@ def with_payload(model: Model, inertia: SpatialInertia, frame: str | None = None
     defects = inertia.defects()
     if defects:
         raise InertiaError(f"a payload at {name!r} cannot exist: {'; '.join(defects)}. Correct its numbers.")
-    moved = inertia.in_frame(carrier.pose)
-    links = model.link_inertias
-    if name in links:
-        links = {**links, name: links[name] + inertia}
-    model = replace(model, link_inertias=links, payloads=(*model.payloads, (str(name), inertia)))
+    inertia_in_body = inertia.in_frame(carrier.pose)
+    link_inertias = model.link_inertias
+    if name in link_inertias:
+        link_inertias = {**link_inertias, name: link_inertias[name] + inertia}
+    model = replace(model, link_inertias=link_inertias, payloads=(*model.payloads, (str(name), inertia)))
     if carrier.body == BASE:
-        return replace(model, base_inertia=model.base_inertia + moved)
+        return replace(model, base_inertia=model.base_inertia + inertia_in_body)
     body = model.bodies[carrier.body]
-    loaded = replace(body, inertia=body.inertia + moved)
-    size = moved_moments(model, carrier.body) + abs(float(moved.moment_about_origin.trace()))
-    if not reasons(body.inertia, size):  # an inconsistent body that was accepted at loading stays accepted
-        defects = loaded.inertia.defects(size=size)
+    loaded_body = replace(body, inertia=body.inertia + inertia_in_body)
+    size_of_moments = moved_moments(model, carrier.body) + abs(float(inertia_in_body.moment_about_origin.trace()))
+    if not reasons(body.inertia, size_of_moments):  # an inconsistent body that was accepted at loading stays accepted
+        defects = loaded_body.inertia.defects(size=size_of_moments)
         if defects:
             raise InertiaError(
                 f"with a payload at {name!r}, the body of joint {body.joint.name!r} cannot exist: {'; '.join(defects)}."
             )
-    bodies = (*model.bodies[: carrier.body], loaded, *model.bodies[carrier.body + 1 :])
+    bodies = (*model.bodies[: carrier.body], loaded_body, *model.bodies[carrier.body + 1 :])
     return replace(model, bodies=bodies)
 
 
@@ -89,7 +89,7 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
     >>> with_armature(tw.robots.planar_2r().model, {"joint2": 0.5}).armature.tolist()
     [0.0, 0.5]
     """
-    rotor_joints = {actuator.joint for actuator in model.actuators.values() if actuator.rotor is not None}
+    joints_with_rotor = {actuator.joint for actuator in model.actuators.values() if actuator.rotor is not None}
     armature = model.armature.copy()
     for name, value in joints.items():
         columns = _armature_columns(model, name)
@@ -99,11 +99,12 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
             raise ShapeError(
                 f"the armature of joint {name!r} is {value!r}, expected a number, or {len(armature[columns])} of them."
             ) from None
-        if not (np.isfinite(values).all() and (values >= 0).all()):
+        is_valid = np.isfinite(values) & (values >= 0)
+        if not is_valid.all():
             raise ValueRangeError(
                 f"the armature of joint {name!r} is {np.asarray(value).tolist()}; it must be finite and not negative."
             )
-        if values.any() and name in rotor_joints:
+        if values.any() and name in joints_with_rotor:
             raise ValueRangeError(
                 f"joint {name!r} has an actuator with a rotor: with an armature too, the inertia of the drive would count "
                 "twice. Leave one of them out."
@@ -114,7 +115,8 @@ def with_armature(model: Model, joints: Mapping[str, ArrayLike]) -> Model:
 
 def _armature_columns(model: Model, name: str) -> slice:
     """Indices in the armature of a joint or of a coupled motor."""
-    if name in model.coupled_motors or any(name in c.joints for c in model.couplings):
+    coupled_joints = {joint for coupling in model.couplings for joint in coupling.joints}
+    if name in model.coupled_motors or name in coupled_joints:
         k = model.drive_index(name)
         return slice(k, k + 1)
     leaders = model.leaders_by_name
@@ -132,8 +134,8 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
 
     Notes
     -----
-    Their bodies become part of the parents, and joints that mimic them are fixed too. Rotations are snapped as in
-    loading.
+    The bodies of locked joints become part of their parents, and joints that mimic locked joints are fixed too. Rotations
+    are snapped as in loading.
 
     Examples
     --------
@@ -141,45 +143,46 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
     >>> lock(tw.robots.planar_3r().model, {"joint2": 0.5}).joint_names
     ('joint1', 'joint3')
     """
-    moving = {body.joint.name: body for body in model.bodies if not body.follows}
+    leaders = {body.joint.name: body for body in model.bodies if not body.follows}
     followers = {body.joint.name: body for body in model.bodies if body.follows}
-    poses: dict[int, Array] = {}
-    coordinates: dict[str, float] = {}
-    mimicking: dict[str, tuple[str, ...]] = {}
+    poses: dict[int, Array] = {}  # of fixed bodies in their joints' frames, by index
+    coordinates: dict[str, float] = {}  # of locked joints
+    followers_of: dict[str, tuple[str, ...]] = {}
     for name, value in positions.items():
         if name in followers:
-            leader = next(b.joint.name for b in moving.values() if b.v_index == followers[name].v_index)
+            leader = next(body.joint.name for body in leaders.values() if body.v_index == followers[name].v_index)
             raise ValueRangeError(
                 f"joint {name!r} mimics {leader!r} and moves with it. "
                 f"Lock {leader!r}, or load with {argument('mimic', 'independent')}."
             )
-        if name not in moving:
-            raise UnknownNameError.from_choices("moving joint", name, moving)
-        q = _coordinates(moving[name].joint, value)
+        if name not in leaders:
+            raise UnknownNameError.from_choices("moving joint", name, leaders)
+        q = _coordinates(leaders[name].joint, value)
         coordinates[name] = float(q[0])
-        mimicking[name] = ()
+        followers_of[name] = ()
         for i, body in enumerate(model.bodies):
-            if body.v_index != moving[name].v_index:
+            if body.v_index != leaders[name].v_index:
                 continue
             poses[i] = body.joint.pose(body.ratio * q + body.offset)
             if body.follows:
-                mimicking[name] = (*mimicking[name], body.joint.name)
+                followers_of[name] = (*followers_of[name], body.joint.name)
     locked = set(coordinates)
-    couplings = tuple(c for c in model.couplings if not set(c.joints) <= locked)
+    couplings = tuple(coupling for coupling in model.couplings if not set(coupling.joints) <= locked)
     refuse_coupled(replace(model, couplings=couplings), locked, "cannot be locked alone. Lock all of them, or none")
-    without_actuator = set(locked)
-    for c in model.couplings:
-        if c not in couplings:
-            without_actuator.update(c.motors)
+    undriven = set(locked)  # joints and motors that lose their actuators
+    for coupling in model.couplings:
+        if coupling not in couplings:
+            undriven.update(coupling.motors)
     springs = [spring.with_fixed(coordinates) for spring in model.springs]
-    fixes_base = any(model.bodies[i].parent == BASE and not model.bodies[i].joint.driven for i in poses)
+    fixed_bodies = [model.bodies[i] for i in poses]
+    fixes_base = any(body.parent == BASE and not body.joint.driven for body in fixed_bodies)
     fused = replace(
         fuse(model, poses),
         springs=tuple(spring for spring in springs if spring.terms),
-        actuators={joint: a for joint, a in model.actuators.items() if joint not in without_actuator},
+        actuators={name: actuator for name, actuator in model.actuators.items() if name not in undriven},
         couplings=couplings,
         mounted=model.mounted or fixes_base,
-        locked=_in_file_order(model, {**model.locked, **mimicking}),
+        locked=_in_file_order(model, {**model.locked, **followers_of}),
     )
     if fused.tip is None:
         return replace(fused, tip=default_tip(fused))
@@ -188,11 +191,13 @@ def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:
 
 def _in_file_order(model: Model, locked: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
     """Locked joints in the order of the file, whatever the order in which they were locked."""
-    places = {joint: place for place, (_, joint) in enumerate(model.mounts.values())}
-    return dict(sorted(locked.items(), key=lambda item: places.get(item[0], len(places))))
+    order = {joint: number for number, (_, joint) in enumerate(model.mounts.values())}
+    in_order = sorted(locked, key=lambda joint: order.get(joint, len(order)))
+    return {joint: locked[joint] for joint in in_order}
 
 
 def _coordinates(joint: Joint, value: ArrayLike) -> Array:
+    """Coordinates (nq,) of a joint's position; raises an error if they are not a configuration."""
     try:
         q = np.atleast_1d(np.array(value, float))
     except (TypeError, ValueError):

@@ -16,7 +16,7 @@ from .description import ModelNote
 from .model import BASE, Body, Model
 
 _MAX_LISTED_BODIES = 3
-"""Number of impossible bodies that an error describes; several often have the same cause."""
+"""Number of impossible bodies that an error describes; many often have the same cause."""
 INERTIA_POLICIES = ("error", "accept", "repair")
 """Policies for a moving body with a physically impossible inertia: error, keep it, or use the nearest consistent inertia."""
 
@@ -31,10 +31,11 @@ _PLANAR = (
 def reasons(inertia: SpatialInertia, size: float = 0.0) -> list[str]:
     """Violated conditions of physical consistency, as text with amounts; without mass, only the rotational inertia is checked.
 
-    Files use such inertias for rotors whose mass is counted elsewhere; they cause a warning, never an error. ``size``
+    Files give moments without mass to rotors whose mass is counted elsewhere; these cause a warning, never an error. ``size``
     [kg m²] is the size of the summed moments, which determines rounding errors.
     """
-    if inertia.mass == 0 and inertia.parameters[4:].any():
+    moments = inertia.parameters[4:]
+    if inertia.mass == 0 and moments.any():
         return SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).defects()
     return inertia.defects(size=size)
 
@@ -45,11 +46,12 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
     Raises :class:`~twistwrench.InertiaError` under the policy ``error``, listing every inconsistent body.
     """
     remarks: list[str] = []
-    refused: list[str] = []
-    planar = False
+    errors: list[str] = []
+    has_planar_body = False
     bodies = list(model.bodies)
     impossible: set[int] = set()
-    for i in np.flatnonzero(~_consistent_mask([body.inertia for body in bodies])).tolist():
+    doubtful = np.flatnonzero(~_consistent_mask([body.inertia for body in bodies])).tolist()
+    for i in doubtful:
         inertia = bodies[i].inertia
         violations = reasons(inertia, moved_moments(model, i))
         if not violations:
@@ -57,36 +59,39 @@ def judge(model: Model, policy: str, link: Callable[[str], str]) -> tuple[Model,
         impossible.add(i)
         text = f"{_body_label(model, i, link)} cannot exist: {'; '.join(violations)}"
         if policy == "error":
-            refused.append(text)
-            planar = planar or _has_one_moment(inertia)
+            errors.append(text)
+            has_planar_body = has_planar_body or _has_one_moment(inertia)
         elif policy == "accept":
             remarks.append(f"{text}; accepted as it is")
         else:
             bodies[i], change = _repair(bodies[i])
             remarks.append(f"{text}; repaired, {change}")
-    if refused:
-        raise InertiaError(_refusal(refused, planar))
+    if errors:
+        raise InertiaError(_error_message(errors, has_planar_body))
     remarks.extend(_link_remarks(model, impossible, link))
-    return replace(model, bodies=tuple(bodies)) if impossible else model, remarks
+    if impossible:
+        model = replace(model, bodies=tuple(bodies))
+    return model, remarks
 
 
 def _has_one_moment(inertia: SpatialInertia) -> bool:
     """True for a body with a moment about one axis only, as in a planar problem."""
     if inertia.mass <= 0:
         return False
-    A, B, C = inertia.principal()[0]
+    moments, _ = inertia.principal()
+    A, B, C = moments  # ascending
     return bool(max(abs(A), abs(B)) < 1e-9 * C)
 
 
-def _refusal(refused: Sequence[str], planar: bool) -> str:
+def _error_message(errors: Sequence[str], has_planar_body: bool) -> str:
     """Error message on inconsistent bodies: the first ones, the number of others, and the remedies."""
     addition = ""
-    if len(refused) > _MAX_LISTED_BODIES:
-        addition = f" {len(refused) - _MAX_LISTED_BODIES} more cannot exist either."
-    if planar:
+    if len(errors) > _MAX_LISTED_BODIES:
+        addition = f" {len(errors) - _MAX_LISTED_BODIES} more cannot exist either."
+    if has_planar_body:
         addition += _PLANAR
     return (
-        f"{'. '.join(refused[:_MAX_LISTED_BODIES])}.{addition} Correct the numbers, or load with "
+        f"{'. '.join(errors[:_MAX_LISTED_BODIES])}.{addition} Correct the numbers, or load with "
         f"{argument('inertia', 'repair')} to take the nearest "
         f"valid ones, or with {argument('inertia', 'accept')} to keep them."
     )
@@ -94,19 +99,20 @@ def _refusal(refused: Sequence[str], planar: bool) -> str:
 
 def _consistent_mask(inertias: Sequence[SpatialInertia]) -> Array:
     """Mask (n,) of inertias that are consistent without a tolerance; a vectorised check that settles most bodies."""
-    p = np.array([G.parameters for G in inertias]).reshape(-1, 10)
+    parameters = np.array([G.parameters for G in inertias]).reshape(-1, 10)
     with np.errstate(all="ignore"):
-        m, h = p[:, 0], p[:, 1:4]
+        m, h = parameters[:, 0], parameters[:, 1:4]
         c = h / m[:, None]
-        I = p[:, [4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(-1, 3, 3)
-        I = I - (h * c).sum(axis=1)[:, None, None] * np.eye(3) + h[:, :, None] * c[:, None, :]
-        known = np.isfinite(I).all(axis=(1, 2)) & (m > 0)
-        low, middle, high = np.linalg.eigvalsh(np.where(known[:, None, None], I, 0.0)).T
-    return np.asarray(known & (low > 0) & (low + middle >= high))
+        I_origin = parameters[:, [4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(-1, 3, 3)
+        # Steiner's theorem: I_com = I_origin - h·c 1 + h c'
+        I_com = I_origin - (h * c).sum(axis=1)[:, None, None] * np.eye(3) + h[:, :, None] * c[:, None, :]
+        is_known = np.isfinite(I_com).all(axis=(1, 2)) & (m > 0)
+        low, middle, high = np.linalg.eigvalsh(np.where(is_known[:, None, None], I_com, 0.0)).T
+    return np.asarray(is_known & (low > 0) & (low + middle >= high))
 
 
 def moved_moments(model: Model, index: int) -> float:
-    """Largest moments [kg m²] in the sums and differences of a body with fixed links, each moved along its levers."""
+    """Size [kg m²] of the moments in the sum over a body's links, each moved to the body's frame; it sets rounding errors."""
     total = 0.0
     for name, frame in model.frames.items():
         if frame.body == index:
@@ -117,28 +123,31 @@ def moved_moments(model: Model, index: int) -> float:
 
 def _body_label(model: Model, index: int, link: Callable[[str], str]) -> str:
     """Name of the body by its links: the inconsistent ones, if any, else all with a mass."""
-    members = [n for n, f in model.frames.items() if f.body == index and model.link_inertias[n].parameters.any()]
-    named = [n for n in members if reasons(model.link_inertias[n])] or members
-    fused = f", with the {len(members)} links fused to one body," if len(members) > 1 else ""
-    return f"{' and '.join(map(link, named))}{fused} moved by joint {model.bodies[index].joint.name!r}"
+    links_of_body = [name for name, frame in model.frames.items() if frame.body == index]
+    members = [name for name in links_of_body if model.link_inertias[name].parameters.any()]
+    inconsistent = [name for name in members if reasons(model.link_inertias[name])]
+    names_text = " and ".join(map(link, inconsistent or members))
+    fused_text = f", with the {len(members)} links fused to one body," if len(members) > 1 else ""
+    return f"{names_text}{fused_text} moved by joint {model.bodies[index].joint.name!r}"
 
 
 def _repair(body: Body) -> tuple[Body, str]:
+    """Body with the nearest consistent inertia, and the change as text."""
     inertia = body.inertia
-    if inertia.mass == 0:  # without mass there is no centre of mass
-        stand_in = SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).nearest_consistent()
-        near = SpatialInertia.from_com(0.0, np.zeros(3), stand_in.moment_about_com)
+    if inertia.mass == 0:  # without mass there is no centre of mass, so a mass is assumed and removed again
+        with_mass = SpatialInertia.from_com(1.0, np.zeros(3), inertia.moment_about_origin).nearest_consistent()
+        nearest = SpatialInertia.from_com(0.0, np.zeros(3), with_mass.moment_about_com)
     else:
-        near = inertia.nearest_consistent()
-    change = np.abs(near.parameters - inertia.parameters).max()
-    return replace(body, inertia=near), f"changing its moments by {printed(change, 3)} kg m² at most"
+        nearest = inertia.nearest_consistent()
+    change = np.abs(nearest.parameters - inertia.parameters).max()
+    return replace(body, inertia=nearest), f"changing its moments by {printed(change, 3)} kg m² at most"
 
 
 def _link_remarks(model: Model, impossible: set[int], link: Callable[[str], str]) -> list[str]:
     """Notes on links that are inconsistent by themselves without effect on their body."""
     remarks: list[str] = []
-    consistent = _consistent_mask(list(model.link_inertias.values()))
-    for (name, inertia), is_consistent in zip(model.link_inertias.items(), consistent.tolist(), strict=True):
+    consistent_mask = _consistent_mask(list(model.link_inertias.values()))
+    for (name, inertia), is_consistent in zip(model.link_inertias.items(), consistent_mask.tolist(), strict=True):
         body = model.frames[name].body
         moments = inertia.parameters[4:]
         if inertia.mass == 0 and moments.any():
@@ -167,23 +176,26 @@ def massless_links(model: Model) -> tuple[str, ...]:
     * if it has a shape in the file (``model.shaped``): a visible body has a mass;
     * if no link of the file has a shape, and the next joint is at a distance: a physical link is between them.
 
-    Other massless bodies combine several joints to one, such as the three of a ball joint or of a planar base; they are
-    accepted. So are bodies with moments but no mass, such as rotors whose mass is counted with their housing. A
-    massless frame on a fixed joint is part of the body it is fixed to.
+    Other massless bodies combine several joints to one, for example three joints to a ball joint or to a planar base; they are
+    accepted. Bodies with moments but no mass are accepted, too, such as rotors whose mass is counted with their housing. A
+    massless frame on a fixed joint is part of the body to which it is fixed.
     """
     n = len(model.bodies)
     has_inertia = [bool(body.inertia.parameters.any()) for body in model.bodies]
-    carries, reaches, shaped = list(has_inertia), [False] * n, [False] * n
+    carries_inertia = list(has_inertia)
+    has_distant_joint, has_shape = [False] * n, [False] * n
     for i in reversed(range(n)):  # children before parents
         body = model.bodies[i]
         if body.parent != BASE:
-            carries[body.parent] |= carries[i]
-            reaches[body.parent] |= max(map(abs, body.placement[:3, 3].tolist())) > 1e-9  # above rounding errors
+            distance = max(map(abs, body.placement[:3, 3].tolist()))
+            carries_inertia[body.parent] |= carries_inertia[i]
+            has_distant_joint[body.parent] |= distance > 1e-9  # above rounding errors
     for link, frame in model.frames.items():
         if link in model.shaped and frame.body != BASE:
-            shaped[frame.body] = True
-    physical = shaped if model.shaped else reaches
-    massless = {
-        body.link for i, body in enumerate(model.bodies) if not has_inertia[i] and (not carries[i] or physical[i])
-    }
+            has_shape[frame.body] = True
+    is_physical = has_shape if model.shaped else has_distant_joint
+    massless: set[str] = set()
+    for i, body in enumerate(model.bodies):
+        if not has_inertia[i] and (not carries_inertia[i] or is_physical[i]):
+            massless.add(body.link)
     return tuple(link for link in model.frames if link in massless)

@@ -21,6 +21,7 @@ from .model import BASE, Model, OfferedClosure, Spring
 from .parts import ModelParts, disassemble, fixed_entry, reassemble
 
 _MAX_LISTED_NAMES = 6
+"""Number of names that an error message lists; further ones are counted."""
 _Value = TypeVar("_Value")
 
 
@@ -31,36 +32,37 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     :class:`~twistwrench.ModelError` for duplicate names.
     """
     model.frame(frame)
-    link, T = str(model.tip if frame is None else frame), pose
-    whole, part = disassemble(model, extra=False), _with_prefix(disassemble(other, extra=False), prefix)
+    link, pose_in_link = str(model.tip if frame is None else frame), pose
+    whole = disassemble(model, extra=False)
+    part = _with_prefix(disassemble(other, extra=False), prefix)
     if link in whole.additions.sites:
         site = whole.additions.sites[link]
-        link, T = site.link, np.asarray(site.pose @ pose)
+        link, pose_in_link = site.link, np.asarray(site.pose @ pose)
     _check_names(whole, part, prefix)
     whole.additions.motor_joints = _motors_of_both(whole, part)
     whole.links |= part.links
     connection = unused(f"{part.root}.attached", _joint_names([*whole.joints, *part.joints]))
-    whole.joints += [fixed_entry(connection, link, part.root, T), *part.joints]
+    whole.joints += [fixed_entry(connection, link, part.root, pose_in_link), *part.joints]
     whole.friction |= _without_root_joint(part, part.friction)
     whole.armature |= _without_root_joint(part, part.armature)
     whole.actuators += part.actuators
     whole.couplings += part.couplings
     whole.payloads += part.payloads
-    additions, added = whole.additions, part.additions
-    additions.sites |= added.sites
-    additions.springs += added.springs
-    additions.closures |= added.closures
-    additions.locked |= added.locked
-    for label, positions in added.configurations.items():
-        present = additions.configurations.get(label, {})
-        additions.configurations[label] = present | _without_root_joint(part, positions)
+    additions, new_additions = whole.additions, part.additions
+    additions.sites |= new_additions.sites
+    additions.springs += new_additions.springs
+    additions.closures |= new_additions.closures
+    additions.locked |= new_additions.locked
+    for configuration, positions in new_additions.configurations.items():
+        own_positions = additions.configurations.get(configuration, {})
+        additions.configurations[configuration] = own_positions | _without_root_joint(part, positions)
     whole.name = name
     joined = reassemble(whole)
     return replace(joined, defects=(*model.defects, *other.defects))
 
 
 def _without_root_joint(part: ModelParts, values: Mapping[str, _Value]) -> dict[str, _Value]:
-    """Values by joint, without the joint of a floating base, which is fixed to the other robot."""
+    """Values by joint, without the joint of a floating base: this base is now fixed to the other robot."""
     remaining = dict(values)
     if part.floating:
         remaining.pop(ROOT_JOINT, None)
@@ -68,7 +70,10 @@ def _without_root_joint(part: ModelParts, values: Mapping[str, _Value]) -> dict[
 
 
 def _motors_of_both(whole: ModelParts, part: ModelParts) -> set[str]:
-    """Joints with motors of two joined robots; a file without actuators drives all its joints."""
+    """Joints with motors of two joined robots, empty if neither file names any: then all joints are driven.
+
+    If only one of the files names joints with motors, all joints of the other robot are driven.
+    """
     if not (whole.additions.motor_joints or part.additions.motor_joints):
         return set()
     motor_joints: set[str] = set()
@@ -79,9 +84,9 @@ def _motors_of_both(whole: ModelParts, part: ModelParts) -> set[str]:
 
 
 def chain(model: Model, base: str | None, tip: str | None) -> Model:
-    """Part of the model with a fixed base: the subtree of a link, or only the joints between it and a tip.
+    """Part of the model with a fixed base: the subtree of a link, or only the joints between the link and a tip.
 
-    Links fixed to the part belong to it; gravity is that in the new base frame with every joint neutral.
+    Links fixed to the part belong to it. Gravity is expressed in the new base frame at neutral joints.
 
     Raises :class:`~twistwrench.UnknownNameError` for unknown frames, :class:`~twistwrench.FrameError` if the base does
     not carry the tip, and :class:`~twistwrench.ModelError` if the part depends on joints outside it.
@@ -132,36 +137,38 @@ def with_free_base(model: Model) -> Model:
 
 
 def _without_locked_root(parts: ModelParts) -> ModelParts:
-    """Parts without the world and the joint by which a floating base was locked at the origin."""
+    """Parts without the world and its joint, if this joint is a floating base's that was locked at the origin."""
     world = parts.root
     root_joints = [joint for joint in parts.joints if joint.parent == world]
     if len(root_joints) != 1 or parts.links[world].inertia.mass:
         return parts
-    lock = root_joints[0]
-    if lock.name != ROOT_JOINT or not lock.fixed or not np.array_equal(lock.placement, np.eye(4)):
+    (root_joint,) = root_joints
+    is_at_origin = np.array_equal(root_joint.placement, np.eye(4))
+    if root_joint.name != ROOT_JOINT or not root_joint.fixed or not is_at_origin:
         return parts
     del parts.links[world]
     for name, site in parts.additions.sites.items():
         if site.link == world:
-            parts.additions.sites[name] = replace(site, link=lock.child)
-    parts.joints = [joint for joint in parts.joints if joint is not lock]
-    parts.root = lock.child
+            parts.additions.sites[name] = replace(site, link=root_joint.child)
+    parts.joints = [joint for joint in parts.joints if joint is not root_joint]
+    parts.root = root_joint.child
     return parts
 
 
 _AT_ORIGIN = np.array([1.0, 0, 0, 0, 0, 0, 0])
-"""Unit quaternion and position."""
+"""Coordinates of a floating base at the origin: unit quaternion and position."""
 
 
 def _check_names(whole: ModelParts, part: ModelParts, prefix: str) -> None:
+    """Raise ModelError if both robots have entries of one kind with the same name."""
     part_names = _names_by_kind(part)
     for kind, names in _names_by_kind(whole).items():
-        present = set(names)
-        shared = [name for name in part_names[kind] if name in present]
-        if shared:
-            form = "FILE@FRAME:hand_" if in_the_shell() else "prefix='hand_'"
-            advice = "another prefix" if prefix else f"a prefix for the names of the one attached, such as {form}"
-            names_text = listed(map(repr, shared), _MAX_LISTED_NAMES)
+        whole_names = set(names)
+        shared_names = [name for name in part_names[kind] if name in whole_names]
+        if shared_names:
+            example = "FILE@FRAME:hand_" if in_the_shell() else "prefix='hand_'"
+            advice = "another prefix" if prefix else f"a prefix for the names of the one attached, such as {example}"
+            names_text = listed(map(repr, shared_names), _MAX_LISTED_NAMES)
             raise ModelError(f"both robots have a {kind} called {names_text}. Give {advice}.")
 
 
@@ -255,16 +262,16 @@ def _actuator_with_prefix(actuator: Actuator, prefix: str) -> Actuator:
 
 
 def _links_of_part(parts: ModelParts, root: str, tip: str | None) -> set[str]:
-    """Links to keep: the subtree of the root, or the chain to a tip with everything fixed to it."""
-    carried = {joint.child: joint for joint in parts.joints}
+    """Links to keep: the subtree of the root, or the chain to a tip with everything fixed to the chain."""
+    carrying_joints = {joint.child: joint for joint in parts.joints}
     path = {root}
     if tip is not None:
         link = parts.additions.sites[tip].link if tip in parts.additions.sites else tip
         while link != root:
-            if link not in carried:
+            if link not in carrying_joints:
                 raise FrameError(f"frame {tip!r} is not carried by link {root!r}. Name a base before it.")
             path.add(link)
-            link = carried[link].parent
+            link = carrying_joints[link].parent
     links = {root}
     for joint in parts.joints:  # parents first
         if joint.parent in links and (tip is None or joint.child in path or joint.fixed):
@@ -286,17 +293,17 @@ def _rotation(model: Model, link: str) -> Array:
 def _part_with_links(parts: ModelParts, links: set[str]) -> ModelParts:
     """Parts with some links only, without entries that concern other links."""
     joints = [joint for joint in parts.joints if {joint.parent, joint.child} <= links]
-    names = _joint_names(joints)
+    joint_names = _joint_names(joints)
     if parts.floating:
-        names.add(ROOT_JOINT)
-    _check_leaders(joints, names)
-    couplings = [coupling for coupling in parts.couplings if names & set(coupling.joints)]
-    _check_coupled_joints(couplings, names)
-    drives = set(names)
+        joint_names.add(ROOT_JOINT)
+    _check_leaders(joints, joint_names)
+    couplings = [coupling for coupling in parts.couplings if joint_names & set(coupling.joints)]
+    _check_coupled_joints(couplings, joint_names)
+    drives = set(joint_names)
     for coupling in couplings:
         drives.update(coupling.motors)
     actuators = [actuator for actuator in parts.actuators if actuator.joint in drives]
-    additions = _additions_of_part(parts.additions, links, names)
+    additions = _additions_of_part(parts.additions, links, joint_names)
     frames = links | set(additions.sites)
     _check_rotor_links(actuators, frames)
     return replace(
@@ -334,18 +341,23 @@ def _additions_of_part(additions: Additions, links: set[str], joints: set[str]) 
     )
 
 
-def _check_leaders(joints: Sequence[JointEntry], names: set[str]) -> None:
+def _check_leaders(joints: Sequence[JointEntry], joint_names: set[str]) -> None:
+    """Raise ModelError if the leader of a mimic joint is not in the part."""
     for joint in joints:
-        if joint.mimic is not None and joint.mimic[0] not in names:
+        if joint.mimic is None:
+            continue
+        leader, _, _ = joint.mimic
+        if leader not in joint_names:
             raise ModelError(
-                f"joint {joint.name!r} follows {joint.mimic[0]!r}, which is not in that part of the robot. Load with "
+                f"joint {joint.name!r} follows {leader!r}, which is not in that part of the robot. Load with "
                 f"{argument('mimic', 'independent')}, or lock the leader first."
             )
 
 
-def _check_coupled_joints(couplings: Sequence[Coupling], names: set[str]) -> None:
+def _check_coupled_joints(couplings: Sequence[Coupling], joint_names: set[str]) -> None:
+    """Raise ModelError if only some joints of a coupling are in the part."""
     for coupling in couplings:
-        outside = [joint for joint in coupling.joints if joint not in names]
+        outside = [joint for joint in coupling.joints if joint not in joint_names]
         if outside:
             raise ModelError(
                 f"joint {outside[0]!r} of coupling {coupling.name!r} is not in that part of the robot. Cut the part out "
@@ -354,6 +366,7 @@ def _check_coupled_joints(couplings: Sequence[Coupling], names: set[str]) -> Non
 
 
 def _check_rotor_links(actuators: Sequence[Actuator], frames: set[str]) -> None:
+    """Raise ModelError if a rotor is on a link that is not in the part."""
     for actuator in actuators:
         if actuator.rotor is not None and actuator.rotor.link not in (None, *frames):
             raise ModelError(

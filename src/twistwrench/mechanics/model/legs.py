@@ -1,10 +1,10 @@
 """Robots on legs whose base is held in the air: a rule on the geometry of the neutral configuration.
 
-A file without a statement about its base fixes it. Torques of a legged robot are then those of a robot that hangs, which differ
-from those of one that stands.
+If a file states nothing about its base, the base is fixed. A legged robot then has the torques of a robot that hangs, which
+differ from the torques of a robot that stands.
 
-Geometry cannot tell two arms under a ceiling from two legs, so that both are held in the air: their torques are right only if
-something holds the base, which the user states.
+Geometry cannot tell two arms under a ceiling from two legs, so the rule holds for both. Their torques are right only if the
+user states that something holds the base.
 """
 
 from __future__ import annotations
@@ -22,31 +22,37 @@ from .edit import lock, with_gravity
 from .model import BASE, Body, Model
 
 MAX_HEIGHT_DIFFERENCE = 0.05
-"""Height difference of the lowest frames of two legs, as a share of the robot's size."""
+"""Largest height difference of the lowest frames of two legs, as a share of the robot's size."""
 MIN_BASE_HEIGHT = 0.3
-"""Least height of the base above the lowest frames of the legs, as a share of the robot's size. Among 140 files, the least of
-legged robots is 0.41, and the largest of others with two such branches, an upper body on a stand, 0.23."""
+"""Least height of the base above the lowest frames of the legs, as a share of the robot's size.
+
+Among 140 files, the legged robots have at least 0.41. Other robots with two such branches have at most 0.23, an upper body on a
+stand.
+"""
 MIN_POLYGON_WIDTH = 0.05
 """Least width of the support polygon of three legs or more, as a share of the robot's size; fingers in a row have less."""
-MIN_JOINTS_OF_LEG, MIN_FLAT_LEGS = 2, 4
-"""Least number of joints of a leg, and of legs that lie flat around the base."""
+MIN_JOINTS_OF_LEG = 2
+"""Least number of joints of a leg."""
+MIN_FLAT_LEGS = 4
+"""Least number of legs that lie flat around the base."""
 MAX_MASS_DIFFERENCE = 0.1
-"""Relative difference of the masses of legs that lie flat: fingers differ from their thumb by more."""
+"""Largest relative difference of the masses of legs that lie flat: fingers differ from their thumb by more."""
 MIN_OUTWARD_REACH = 0.05
 """Least distance by which the end of a leg that lies flat is farther out than its hip, as a share of the robot's size."""
 MIN_PARALLEL_COSINE = 0.99
-"""Cosine from which two axes are parallel."""
+"""Least cosine of the angle between two axes that count as parallel."""
 MIN_SHARE_OF_MASS = 0.01
-"""Share of the robot's mass from which a link counts for its size; lighter ones may be parked anywhere."""
+"""Least mass of a link that counts for the robot's size, as a share of the robot's mass; files place lighter links anywhere."""
 _WORLD = "world"
 """Link that stands for the world; it is not a part of the robot."""
 
 Chain = tuple[int, ...]
+"""Indices of the bodies of a branch, from the base outward."""
 
 
 @dataclass(frozen=True)
 class HangingBase:
-    """Base of a legged robot that nothing is stated to hold."""
+    """Base of a legged robot without a statement that something holds it."""
 
     link: str
     """Heaviest link of the base."""
@@ -55,15 +61,15 @@ class HangingBase:
 
 
 def hanging_base(model: Model) -> HangingBase | None:
-    """Base held in the air by nothing that the file or the user states; None for other robots.
+    """Base of a robot on legs if neither the file nor the user states what holds it; None for other robots.
 
-    Legs are branches of two or more joints, and one of these holds:
+    Legs are branches of two or more joints for which one of these rules holds:
 
-    * At least two reach the lowest frames of the robot, well below everything that is fixed to the root. Their support polygon
-      is not a line: fingers in a row, and branches that move in one common vertical plane, fall over.
-    * The same along another axis of the base, in a file whose height is not along gravity, if a heavier branch reaches the
-      other way, as trunk and arm do.
-    * At least four are alike and lie flat around the base, outward from their hips.
+    * At least two branches reach the lowest frames of the robot, well below everything that is fixed to the root. Their support
+      polygon is not a line: fingers in a row, and branches that move in one common vertical plane, fall over.
+    * The first rule holds along another axis of the base, because the file's height is not along gravity. A heavier branch must
+      reach the other way, as trunk and arm do.
+    * At least four branches are alike and lie flat around the base, outward from their hips.
 
     Branches joined by loop closures are one mechanism, such as a parallel robot. Fingers of a hand on an arm are not legs: a
     finger has fewer joints than the arm before it.
@@ -113,9 +119,10 @@ def _bodies_on_free_roots(model: Model) -> list[Body]:
 
 
 def _base_on_legs(model: Model) -> HangingBase | None:
+    """Base and legs by the rules of :func:`hanging_base`, whatever holds the base; None for robots without legs."""
     stance = _Stance(model)
     up = vertical_axis(model.gravity)
-    if model.gravity @ up > 0.0:
+    if model.gravity @ up > 0.0:  # the axis points down
         up = -up
     legs = stance.lowest_branches(up) or stance.sideways_branches(up) or stance.flat_branches(up)
     if not legs:
@@ -134,10 +141,11 @@ class _Stance:
         """Positions (3,) of the frames of links [m]."""
         self.base = _base_links(model)
         self.chains = _chains(model)
-        least_mass = MIN_SHARE_OF_MASS * (model.moving_mass + model.base_inertia.mass)
-        heavy_links = [name for name in self.positions if model.link_inertias[name].mass > least_mass]
-        links = heavy_links or list(self.positions)
-        self.size = float(np.linalg.norm(np.ptp(self.positions_of(links), axis=0)))
+        min_mass = MIN_SHARE_OF_MASS * (model.moving_mass + model.base_inertia.mass)
+        heavy_links = [name for name in self.positions if model.link_inertias[name].mass > min_mass]
+        sized_links = heavy_links or list(self.positions)
+        box_edges = np.ptp(self.positions_of(sized_links), axis=0)
+        self.size = float(np.linalg.norm(box_edges))
         """Diagonal of the box around the frames of heavy links [m]."""
 
     def positions_of(self, names: Sequence[str]) -> Array:
@@ -152,13 +160,13 @@ class _Stance:
         """Branches that reach the lowest frames, well below the base, with a support polygon that is not a line."""
         if not self.base or not self.chains:
             return set()
-        lowest = {chain: float(self.heights(names, up).min()) for chain, names in self.chains.items()}
-        ground = min(lowest.values())
-        base_height = self.heights(self.base, up).min() - ground
+        lowest_heights = {chain: float(self.heights(names, up).min()) for chain, names in self.chains.items()}
+        ground_height = min(lowest_heights.values())
+        base_height = self.heights(self.base, up).min() - ground_height
         if base_height <= MIN_BASE_HEIGHT * self.size:
             return set()
-        top = ground + MAX_HEIGHT_DIFFERENCE * self.size
-        on_ground = [branch for branch, height in lowest.items() if height <= top]
+        max_height = ground_height + MAX_HEIGHT_DIFFERENCE * self.size
+        on_ground = [branch for branch, height in lowest_heights.items() if height <= max_height]
         legs = set[Chain]()
         for pair in combinations(on_ground, 2):
             if _are_legs(self.model, *pair):
@@ -168,17 +176,18 @@ class _Stance:
         return legs
 
     def _fall_over(self, legs: set[Chain], up: Array) -> bool:
-        """True if feet stand in one line, and nothing keeps the robot from falling over it.
+        """True if feet stand in one line, and nothing keeps the robot from falling over that line.
 
-        That is so for three legs or more, and for two if all their joints turn about the horizontal normal of that line.
+        Three legs or more cannot keep it. Two legs cannot if all their joints turn about the horizontal normal of the line.
         """
-        ends = np.array([self._end(leg, up) for leg in sorted(legs)])
-        footprint = ends - np.outer(ends @ up, up)
+        feet = np.array([self._foot(leg, up) for leg in sorted(legs)])
+        footprint = feet - np.outer(feet @ up, up)  # horizontal positions
         _, _, directions = np.linalg.svd(footprint - footprint.mean(axis=0))
-        along_feet = directions[0]  # line in which the feet lie best
+        along_feet = directions[0]  # direction of the line of best fit
         normal = np.cross(up, along_feet)
         if _hip_count(legs) > 2:
-            return bool(np.ptp(footprint @ normal) < MIN_POLYGON_WIDTH * self.size)
+            polygon_width = np.ptp(footprint @ normal)
+            return bool(polygon_width < MIN_POLYGON_WIDTH * self.size)
         for leg in legs:
             for body in leg:
                 axis = self._axis(body)
@@ -186,9 +195,11 @@ class _Stance:
                     return False
         return True
 
-    def _end(self, leg: Chain, up: Array) -> Array:
+    def _foot(self, leg: Chain, up: Array) -> Array:
+        """Position of the lowest frame of a leg."""
         names = self.chains[leg]
-        return self.positions[names[int(self.heights(names, up).argmin())]]
+        lowest = int(self.heights(names, up).argmin())
+        return self.positions[names[lowest]]
 
     def _axis(self, body: int) -> Array | None:
         """Unit vector along the axis of a body's hinge; None for other joints."""
@@ -206,13 +217,14 @@ class _Stance:
             legs = self.lowest_branches(height_axis)
             if _hip_count(legs) < 2:
                 continue
-            lengths = [(self._hip(leg) - self._end(leg, height_axis)) @ height_axis for leg in legs]
+            lengths = [(self._hip(leg) - self._foot(leg, height_axis)) @ height_axis for leg in legs]
             if min(lengths) <= MIN_BASE_HEIGHT * self.size:
                 continue
-            top = float(self.heights(self.base, height_axis).max()) + MIN_BASE_HEIGHT * self.size
+            base_height = float(self.heights(self.base, height_axis).max())
+            min_height = base_height + MIN_BASE_HEIGHT * self.size
             upper_masses: list[float] = []
             for branch, names in self.chains.items():
-                if branch not in legs and self.heights(names, height_axis).max() > top:
+                if branch not in legs and self.heights(names, height_axis).max() > min_height:
                     upper_masses.append(self._mass(branch))
             if max(upper_masses, default=0.0) > max(map(self._mass, legs)):
                 return legs
@@ -229,26 +241,28 @@ class _Stance:
         """Four branches or more that are alike and lie around the base, outward from their hips and no higher than it."""
         if not self.base:
             return set()
-        top = float(self.heights(self.base, up).max()) + MAX_HEIGHT_DIFFERENCE * self.size
-        outward = list[Chain]()
+        max_height = float(self.heights(self.base, up).max()) + MAX_HEIGHT_DIFFERENCE * self.size
+        outward_branches = list[Chain]()
         for chain, names in self.chains.items():
-            long_and_low = len(chain) >= MIN_JOINTS_OF_LEG and self.heights(names, up).max() <= top
-            if long_and_low and self._outward_reach(chain, up) > MIN_OUTWARD_REACH * self.size:
-                outward.append(chain)
-        for first in outward:
-            alike = {chain for chain in outward if self._are_alike(chain, first)}
+            is_long = len(chain) >= MIN_JOINTS_OF_LEG
+            is_low = self.heights(names, up).max() <= max_height
+            if is_long and is_low and self._outward_reach(chain, up) > MIN_OUTWARD_REACH * self.size:
+                outward_branches.append(chain)
+        for branch in outward_branches:
+            alike = {other for other in outward_branches if self._are_alike(other, branch)}
             if _hip_count(alike) < MIN_FLAT_LEGS or not self._surround(alike, up):
                 continue
             for pair in combinations(sorted(alike), 2):
                 if not _are_legs(self.model, *pair):
-                    return set()  # other groups are not tried: these branches surround the base, and are one mechanism
+                    return set()  # these branches surround the base and are one mechanism, so no others are legs
             return alike
         return set()
 
-    def _are_alike(self, chain: Chain, first: Chain) -> bool:
+    def _are_alike(self, chain: Chain, reference: Chain) -> bool:
         """True if two branches have equally many joints and nearly the same mass."""
-        mass = self._mass(first)
-        return len(chain) == len(first) and abs(self._mass(chain) - mass) <= MAX_MASS_DIFFERENCE * mass
+        reference_mass = self._mass(reference)
+        mass_difference = abs(self._mass(chain) - reference_mass)
+        return len(chain) == len(reference) and mass_difference <= MAX_MASS_DIFFERENCE * reference_mass
 
     def _hip_offset(self, chain: Chain, up: Array) -> Array:
         """Horizontal vector from the base's centre to a branch's first joint."""
@@ -270,23 +284,26 @@ class _Stance:
         return np.asarray(np.mean(self.positions_of(self.base), axis=0))
 
     def _surround(self, legs: set[Chain], up: Array) -> bool:
-        """True if the base's centre is inside the polygon of the hips: as seen from it, no two neighbours are 180° apart."""
+        """True if the base's centre is inside the polygon of the hips: seen from it, neighbours are less than 180° apart."""
         hips = np.array([self._hip_offset(leg, up) for leg in sorted(legs)])
         _, _, directions = np.linalg.svd(up[None])
-        horizontal = directions[1]  # some unit vector across ``up``, which is directions[0]
-        angles = np.sort(np.arctan2(hips @ np.cross(up, horizontal), hips @ horizontal))
-        return bool(np.diff(angles, append=angles[0] + 2 * np.pi).max() < np.pi)
+        x_axis = directions[1]  # some horizontal unit vector; directions[0] is along ``up``
+        y_axis = np.cross(up, x_axis)
+        angles = np.sort(np.arctan2(hips @ y_axis, hips @ x_axis))
+        angles_between_neighbours = np.diff(angles, append=angles[0] + 2 * np.pi)
+        return bool(angles_between_neighbours.max() < np.pi)
 
 
 def _hip_count(legs: set[Chain]) -> int:
-    """Number of hips: branches that part below their first joint have it in common."""
+    """Number of first joints; branches that part further out share theirs."""
     return len({leg[0] for leg in legs})
 
 
 def _base_links(model: Model) -> list[str]:
     """Links fixed to the root that have mass or a shape; all of them if none has."""
-    fixed = [name for name, frame in model.frames.items() if frame.body == BASE and name != _WORLD]
-    return [name for name in fixed if name in model.shaped or model.link_inertias[name].mass > 0] or fixed
+    fixed_links = [name for name, frame in model.frames.items() if frame.body == BASE and name != _WORLD]
+    real_links = [name for name in fixed_links if name in model.shaped or model.link_inertias[name].mass > 0]
+    return real_links or fixed_links
 
 
 def frame_poses(model: Model, q: Array) -> dict[str, Array]:
@@ -321,24 +338,25 @@ def _body_poses(model: Model, q: Array) -> list[Array]:
 
 
 def _chains(model: Model) -> Mapping[tuple[int, ...], list[str]]:
-    """Bodies from the base to each last body, with the links on them."""
+    """Bodies from the base to each last body, with the links on them; branches without links are left out."""
     moving = [i for i, body in enumerate(model.bodies) if body.joint.moves_body]
-    leaves = set(moving) - {model.bodies[i].parent for i in moving}
-    links: dict[int, list[str]] = {}
+    last_bodies = set(moving) - {model.bodies[i].parent for i in moving}
+    links_of_body: dict[int, list[str]] = {}
     for name, frame in model.frames.items():
-        links.setdefault(frame.body, []).append(name)
+        links_of_body.setdefault(frame.body, []).append(name)
     links_of_chain: dict[Chain, list[str]] = {}
-    for leaf in sorted(leaves):
-        bodies = tuple(_chain(model, leaf))[::-1]
+    for last_body in sorted(last_bodies):
+        chain = tuple(_inward_chain(model, last_body))[::-1]
         names: list[str] = []
-        for body in bodies:
-            names += links.get(body, [])
+        for body in chain:
+            names += links_of_body.get(body, [])
         if names:
-            links_of_chain[bodies] = names
+            links_of_chain[chain] = names
     return links_of_chain
 
 
-def _chain(model: Model, body: int) -> Iterator[int]:
+def _inward_chain(model: Model, body: int) -> Iterator[int]:
+    """A body and all bodies that carry it, from the body inward."""
     while body != BASE:
         yield body
         body = model.bodies[body].parent
@@ -346,40 +364,43 @@ def _chain(model: Model, body: int) -> Iterator[int]:
 
 def _are_legs(model: Model, first_chain: tuple[int, ...], second_chain: tuple[int, ...]) -> bool:
     """True if two chains part near the base, have enough joints of their own, and no loop joins them."""
-    shared = len(set(first_chain) & set(second_chain))
-    first, second = set(first_chain[shared:]), set(second_chain[shared:])
+    shared_joints = len(set(first_chain) & set(second_chain))
+    first, second = set(first_chain[shared_joints:]), set(second_chain[shared_joints:])
     fewest_joints = min(len(first), len(second))
-    if fewest_joints < MIN_JOINTS_OF_LEG or fewest_joints < shared:  # too short; or they part far from the base
+    if fewest_joints < MIN_JOINTS_OF_LEG or fewest_joints < shared_joints:  # too short; or they part far from the base
         return False
     return not _loops_join(model, first, second)
 
 
-def _loops_join(model: Model, one: set[int], other: set[int]) -> bool:
-    """True if loop closures of the file join two branches, directly or by others, or hold one of them to the base."""
-    children = Counter(body.parent for body in model.bodies if body.joint.moves_body)
-    loops = [_tail(model, c.frame_a, children) | _tail(model, c.frame_b, children) for c in model.closures.values()]
-    first, second = _bodies_joined_by(one, loops), _bodies_joined_by(other, loops)
-    if first & other:  # what is joined to one is joined from the other too
+def _loops_join(model: Model, first: set[int], second: set[int]) -> bool:
+    """True if loop closures join two branches, directly or by other bodies, or hold one of them to the base."""
+    child_counts = Counter(body.parent for body in model.bodies if body.joint.moves_body)
+    loops = []
+    for closure in model.closures.values():
+        side_a, side_b = _tail(model, closure.frame_a, child_counts), _tail(model, closure.frame_b, child_counts)
+        loops.append(side_a | side_b)
+    joined_to_first, joined_to_second = _bodies_joined_to(first, loops), _bodies_joined_to(second, loops)
+    if joined_to_first & second:  # then joined_to_second contains bodies of the first, too
         return True
-    return BASE in first | second
+    return BASE in joined_to_first | joined_to_second
 
 
-def _bodies_joined_by(start: set[int], loops: Sequence[set[int]]) -> set[int]:
-    """Bodies that loop closures join to those of ``start``, directly or by others."""
-    reached, previous_count = set(start), 0
-    while previous_count != len(reached):
-        previous_count = len(reached)
+def _bodies_joined_to(start: set[int], loops: Sequence[set[int]]) -> set[int]:
+    """Bodies of ``start``, and those that loop closures join to them, directly or by other bodies."""
+    joined, previous_count = set(start), 0
+    while previous_count != len(joined):
+        previous_count = len(joined)
         for loop in loops:
-            if loop & reached:
-                reached |= loop
-    return reached
+            if loop & joined:
+                joined |= loop
+    return joined
 
 
-def _tail(model: Model, frame: str, children: Mapping[int, int]) -> set[int]:
-    """Bodies from a frame's own body inward, up to the first that carries several; the base for a frame on it."""
+def _tail(model: Model, frame: str, child_counts: Mapping[int, int]) -> set[int]:
+    """Bodies from a frame's own body inward, up to the first that carries several bodies; {BASE} for a frame on the base."""
     bodies = set[int]()
-    for body in _chain(model, model.all_frames[frame].body):
-        carries_several = children[body] > 1
+    for body in _inward_chain(model, model.all_frames[frame].body):
+        carries_several = child_counts[body] > 1
         if bodies and carries_several:  # the frame's own body belongs to the loop, whatever it carries
             break
         bodies.add(body)

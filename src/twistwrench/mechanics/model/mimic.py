@@ -33,27 +33,31 @@ def find_drives(joints: Iterable[JointEntry]) -> dict[str, Drive]:
     """
     by_name = {joint.name: joint for joint in joints}
     drives: dict[str, Drive] = {}
-    for joint in by_name.values():
-        path: dict[str, tuple[JointEntry, Mimic]] = {}  # followers up to a resolved or independent joint
+    for first_joint in by_name.values():
+        joint = first_joint
+        chain: dict[str, Mimic] = {}  # entries of followers up to a resolved or independent joint
         while joint.mimic is not None and not joint.fixed and joint.name not in drives:
-            leader = joint.mimic[0]
+            leader, _, _ = joint.mimic
             _check_pair(joint, leader, by_name)
-            path[joint.name] = joint, joint.mimic
-            if leader in path:
-                names = [*path]
-                loop = listed(map(repr, [*names[names.index(leader) :], leader]), between=" → ")
+            chain[joint.name] = joint.mimic
+            if leader in chain:
+                names = [*chain]
+                cycle = [*names[names.index(leader) :], leader]
+                cycle_text = listed(map(repr, cycle), between=" → ")
                 raise ModelError(
-                    f"{path[names[0]][0]} is part of a mimic cycle, {loop}. Remove the <mimic> of one of them."
+                    f"{first_joint} is part of a mimic cycle, {cycle_text}. Remove the <mimic> of one of them."
                 )
             joint = by_name[leader]
         drive = drives.get(joint.name, Drive(joint.name, 1.0, 0.0))
-        for name, (_, (_, ratio, offset)) in reversed(path.items()):
+        for name, (_, ratio, offset) in reversed(chain.items()):
+            # q = ratio q_next + offset, where q_next = drive.ratio q_leader + drive.offset
             drive = Drive(drive.leader, ratio * drive.ratio, offset + ratio * drive.offset)
             drives[name] = drive
     return drives
 
 
 def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry]) -> None:
+    """Raise ModelError if the leader of a mimic joint does not exist, or if one of both has several coordinates."""
     if leader not in by_name:
         error = UnknownNameError.from_choices("joint", leader, by_name)
         raise ModelError(
@@ -70,30 +74,35 @@ def _check_pair(joint: JointEntry, leader: str, by_name: Mapping[str, JointEntry
 def shared_limits(
     leader: JointEntry, followers: Iterable[JointEntry], drives: Mapping[str, Drive]
 ) -> tuple[Limits, list[str]]:
-    """Limits of a leader within which its followers keep theirs, and a note on each follower for which none exist.
+    """Limits of a leader within which its followers keep theirs, and a note on each follower for which there are none.
 
-    Limits of position and velocity are shared. A follower keeps its own effort limit: see :func:`follower_torques`.
+    Limits of position, velocity, acceleration, deceleration and jerk are shared. A follower keeps its own effort limit: see
+    :func:`follower_torques`.
     """
     limits, remarks = leader.limits, []
-    for joint in followers:
-        drive = drives[joint.name]
-        if not drive.ratio:
+    for follower in followers:
+        drive = drives[follower.name]
+        if not drive.ratio:  # the follower does not move
             continue
-        slack = limits.tolerance
-        ends = np.stack([joint.limits.lower, joint.limits.upper])  # of the follower
-        lower, upper = np.sort((ends - drive.offset) / drive.ratio, axis=0)  # as the leader's coordinate
-        lower = np.where(lower > limits.lower + slack, lower, limits.lower)
-        upper = np.where(upper < limits.upper - slack, upper, limits.upper)
-        if (upper - lower <= slack).any() and (limits.upper - limits.lower > slack).all():
-            limits_text = f"{number(float(joint.limits.lower[0]))} to {number(float(joint.limits.upper[0]))}"
+        tolerance = limits.tolerance
+        follower_limits = np.stack([follower.limits.lower, follower.limits.upper])
+        # As values of the leader's coordinate; a negative ratio exchanges the two.
+        lower, upper = np.sort((follower_limits - drive.offset) / drive.ratio, axis=0)
+        lower = np.where(lower > limits.lower + tolerance, lower, limits.lower)
+        upper = np.where(upper < limits.upper - tolerance, upper, limits.upper)
+        leaves_no_range = (upper - lower <= tolerance).any()
+        leader_has_range = (limits.upper - limits.lower > tolerance).all()
+        if leaves_no_range and leader_has_range:
+            limits_text = f"{number(float(follower.limits.lower[0]))} to {number(float(follower.limits.upper[0]))}"
             remarks.append(
-                f"{joint} follows {leader} by {number(drive.ratio)} and cannot keep to its limits, {limits_text}, wherever "
+                f"{follower} follows {leader} by {number(drive.ratio)} and cannot keep to its limits, {limits_text}, wherever "
                 "that moves within its own; they are left out"
             )
         else:
             limits = replace(limits, lower=lower, upper=upper)
         for name in ("velocity", "acceleration", "deceleration", "jerk"):
-            follower_limit, limit = getattr(joint.limits, name) / abs(drive.ratio), getattr(limits, name)
-            shared = np.where(follower_limit < (1 - TOLERANCE) * limit, follower_limit, limit)
-            limits = replace(limits, **{name: shared})
+            leader_limit = getattr(limits, name)
+            follower_limit = getattr(follower.limits, name) / abs(drive.ratio)
+            shared_limit = np.where(follower_limit < (1 - TOLERANCE) * leader_limit, follower_limit, leader_limit)
+            limits = replace(limits, **{name: shared_limit})
     return limits, remarks

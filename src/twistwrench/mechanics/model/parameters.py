@@ -1,9 +1,9 @@
 """Parameters of a model: base-parameter regrouping, and parameters that vary from sample to sample.
 
-A part G_s of a body's inertia that is invariant under the joint's motion and has no momentum in it (G_s A = 0) acts as
-if it were fixed to the parent. For a revolute joint about w through the origin, G_s comprises the mass, the first
-moment along w, and a rotational inertia J (1 - w w'); for a prismatic joint, the whole rotational inertia. The
-remaining inertia has zeros in their places, which cost nothing in traced programs.
+Let G_s be a part of a body's inertia that does not change with the joint's motion along its screw axis A, and that has no
+momentum in this motion (G_s A = 0). Such a part acts as if it were fixed to the parent. For a revolute joint about w through
+the origin, G_s comprises the mass, the first moment along w, and a rotational inertia J (1 - w w'). For a prismatic joint, it
+is the whole rotational inertia. The remaining inertia has zeros instead, which cost nothing in traced programs.
 
 Source: Gautier and Khalil, "Direct calculation of minimum set of inertial parameters of serial robots", IEEE T-RA 6(3),
 1990. The regrouped model has the same torques and mass matrix, but other energies, momenta and joint wrenches.
@@ -57,21 +57,23 @@ def _part_without_effect(joint: Joint, G: SpatialInertia) -> SpatialInertia | No
     if v.any():  # the axis misses the origin, or the joint is helical
         return None
     w = w / np.linalg.norm(w)
-    across = np.eye(3)[(int(np.argmax(np.abs(w))) + 1) % 3]
+    largest = int(np.argmax(np.abs(w)))
+    across = np.eye(3)[(largest + 1) % 3]
     across = across - (across @ w) * w
-    J = (across @ I @ across) / (across @ across) * (np.eye(3) - np.outer(w, w))
+    J = (across @ I @ across) / (across @ across)  # moment about an axis across w
     h = (G.first_moment @ w) * w
-    return SpatialInertia.from_parameters(ten_parameters(G.mass, h, J))
+    return SpatialInertia.from_parameters(ten_parameters(G.mass, h, J * (np.eye(3) - np.outer(w, w))))
 
 
 def _clear_rounding(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
-    """Parameters with differences due to rounding errors set to zero."""
-    p = G.parameters.copy()
-    scale = np.repeat(
-        [abs(before.mass), np.abs(before.first_moment).max(), np.abs(before.parameters[4:]).max()], [1, 3, 6]
-    )
-    p[np.abs(p) <= 4e-16 * scale] = 0.0
-    return SpatialInertia.from_parameters(p)
+    """Inertia G, a difference from ``before``, with parameters that are rounding errors set to zero."""
+    parameters = G.parameters.copy()
+    mass, first_moment, moment = (
+        abs(before.mass), np.abs(before.first_moment).max(), np.abs(before.parameters[4:]).max()
+    )  # fmt: skip
+    scales = np.repeat([mass, first_moment, moment], [1, 3, 6])
+    parameters[np.abs(parameters) <= 4e-16 * scales] = 0.0
+    return SpatialInertia.from_parameters(parameters)
 
 
 # ── Parameters that may vary by sample: masses, centres of mass, moments, lengths, friction, drives and springs
@@ -80,7 +82,7 @@ def _clear_rounding(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia
 # ``<joint>.x`` … (position in the parent body), ``<joint>.viscous`` and the other friction parameters,
 # ``<joint>.armature``, ``<joint>.rotor_inertia`` (about the rotor's axis, before the gear), or ``<joint>.stiffness`` of
 # the spring at the joint or in its gear. Coupled motors have names of their own. The link may be massless: ``tool0.mass``
-# is a payload. Static friction equal to Coulomb friction follows if only ``<joint>.coulomb`` is given.
+# is a payload. If only ``<joint>.coulomb`` is given, static friction that equals Coulomb friction changes with it.
 
 _LINK_PARAMETERS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _JOINT_PARAMETERS = ("x", "y", "z")
@@ -97,8 +99,9 @@ def nominal(model: Model) -> dict[str, float]:
         for parameter, x in zip(_JOINT_PARAMETERS, body.placement[:3, 3], strict=True):
             values[f"{body.joint.name}.{parameter}"] = float(x)
         if not body.follows and body.joint.nv == 1:
+            drive = model.drive_names[body.v_index]
             for law in LAWS:
-                values[f"{model.drive_names[body.v_index]}.{law}"] = float(getattr(model.friction, law)[body.v_index])
+                values[f"{drive}.{law}"] = float(getattr(model.friction, law)[body.v_index])
     for drive, k in _armatures(model).items():
         values[f"{drive}.armature"] = float(model.armature[k])
     for drive, (rotor, _, _) in _rotors(model).items():
@@ -109,39 +112,39 @@ def nominal(model: Model) -> dict[str, float]:
 
 
 def _armatures(model: Model) -> dict[str, int]:
-    """Index in the armature of each drive of one degree of freedom without a rotor, whose inertia would count twice."""
-    rotors = {a.joint for a in model.actuators.values() if a.rotor is not None}
+    """Index in the armature of each drive of one degree of freedom; drives with a rotor have no armature besides."""
+    joints_with_rotor = {actuator.joint for actuator in model.actuators.values() if actuator.rotor is not None}
     indices: dict[str, int] = {}
     for body in model.leaders:
         drive = model.drive_names[body.v_index]
-        if body.joint.nv == 1 and drive.removesuffix(".motor") not in rotors:
+        if body.joint.nv == 1 and drive.removesuffix(".motor") not in joints_with_rotor:
             indices[drive] = body.v_index
     return indices
 
 
 def _rotors(model: Model) -> dict[str, tuple[Rotor, float, int | None]]:
-    """Rotor, gear ratio and body by driven joint or motor; rotors of coupled motors have no body."""
-    bodies = {body.joint.name: i for i, body in enumerate(model.bodies) if not body.joint.moves_body}
+    """Rotor, gear ratio and index of the body, by driven joint or motor; rotors of coupled motors have no body."""
+    rotor_bodies = {body.joint.name: i for i, body in enumerate(model.bodies) if not body.joint.moves_body}
     rotors: dict[str, tuple[Rotor, float, int | None]] = {}
     for name, actuator in model.actuators.items():
         if actuator.rotor is not None:
-            body = bodies.get(f"{actuator.joint}.rotor", bodies.get(name))
+            body = rotor_bodies.get(f"{actuator.joint}.rotor", rotor_bodies.get(name))
             rotors[actuator.joint] = actuator.rotor, actuator.ratio, body
     return rotors
 
 
 def _springs(model: Model) -> dict[str, int]:
-    """Index of the spring at each joint, or between it and its motor; of several, the first."""
+    """Index of the first spring at each joint, or between the joint and its motor."""
     indices: dict[str, int] = {}
     for k, spring in enumerate(model.springs):
-        first, *others = spring.joints
-        if others in ([], [f"{first}.motor"]):
-            indices.setdefault(first, k)
+        joint, *others = spring.joints
+        if others in ([], [f"{joint}.motor"]):
+            indices.setdefault(joint, k)
     return indices
 
 
 def moves_joints(model: Model, names: Sequence[str]) -> bool:
-    """True if lengths are among them. Without lengths, a quantity linear in the parameters stays so after regrouping."""
+    """True if lengths are among the names. Without lengths, quantities linear in the parameters stay so after regrouping."""
     lengths = {f"{body.joint.name}.{parameter}" for body in model.bodies for parameter in _JOINT_PARAMETERS}
     return not lengths.isdisjoint(names)
 
@@ -158,112 +161,115 @@ def matching(model: Model, patterns: Sequence[str]) -> tuple[str, ...]:
 
     Raises :class:`~twistwrench.UnknownNameError` for a pattern without a match.
     """
-    known = nominal(model)
-    names: dict[str, None] = {}
+    all_names = nominal(model)
+    names: dict[str, None] = {}  # an ordered set
     for pattern in patterns:
-        matches = fnmatch.filter(known, pattern)
+        matches = fnmatch.filter(all_names, pattern)
         if not matches:
-            raise UnknownNameError.from_choices("parameter", pattern, known)
+            raise UnknownNameError.from_choices("parameter", pattern, all_names)
         names.update(dict.fromkeys(matches))
     return tuple(names)
 
 
 def with_symbolic_parameters(model: Model, names: Sequence[str], values: Sequence[Any]) -> Model:
     """Model with these numbers or symbols in place of its own parameters."""
-    new = dict(zip(names, values, strict=True))
-    bodies = [_moved_body(body, new) for body in model.bodies]
-    owners: set[str] = set()
+    new_values = dict(zip(names, values, strict=True))
+    bodies = [_moved_body(body, new_values) for body in model.bodies]
+    changed_links: set[str] = set()
     for name in names:
         owner, _, parameter = name.rpartition(".")
         if parameter in _LINK_PARAMETERS:
-            owners.add(owner)
+            changed_links.add(owner)
     for link, frame in model.frames.items():
-        if link not in owners:
+        if link not in changed_links:
             continue
-        numbers = [new.get(name, x) for name, x in _link_values(model, link).items()]
+        numbers = [new_values.get(name, nominal_value) for name, nominal_value in _link_values(model, link).items()]
         body = bodies[frame.body]
-        without_link = body.inertia - model.link_inertias.get(link, SpatialInertia.zero()).in_frame(frame.pose)
-        bodies[frame.body] = replace(body, inertia=without_link + _inertia(numbers).in_frame(frame.pose))
-    armature = _armature_with_parameters(model, bodies, new)
-    friction, springs = _friction_with_parameters(model, new), _springs_with_parameters(model, new)
+        old_inertia = model.link_inertias.get(link, SpatialInertia.zero())
+        without_link = body.inertia - old_inertia.in_frame(frame.pose)
+        new_inertia = _inertia(numbers)
+        bodies[frame.body] = replace(body, inertia=without_link + new_inertia.in_frame(frame.pose))
+    armature = _change_drive_inertias(model, bodies, new_values)
+    friction, springs = _friction_with_parameters(model, new_values), _springs_with_parameters(model, new_values)
     return replace(model, bodies=tuple(bodies), friction=friction, armature=armature, springs=springs)
 
 
-def _armature_with_parameters(model: Model, bodies: list[Any], new: dict[str, Any]) -> Array:
-    """Armature with the numbers of drives; those of rotors change the ``bodies`` of rotors and of links that hold them."""
-    values: dict[int, Any] = {}
+def _change_drive_inertias(model: Model, bodies: list[Any], new_values: dict[str, Any]) -> Array:
+    """Armature with new values. New inertias of rotors change the list ``bodies``: rotors, and links that hold them."""
+    armature_values: dict[int, Any] = {}
     for drive, k in _armatures(model).items():
         name = f"{drive}.armature"
-        if name in new:
-            values[k] = new[name]
+        if name in new_values:
+            armature_values[k] = new_values[name]
     for drive, (rotor, ratio, i) in _rotors(model).items():
         name = f"{drive}.rotor_inertia"
-        if name not in new:
+        if name not in new_values:
             continue
         if i is None:  # a coupled motor
-            values[model.drive_index(drive)] = ratio**2 * new[name]
+            armature_values[model.drive_index(drive)] = ratio**2 * new_values[name]
             continue
         body = bodies[i]
-        change = _ring_inertia(body.joint.axes[0, :3], new[name] - rotor.inertia)
+        change = _ring_inertia(body.joint.axes[0, :3], new_values[name] - rotor.inertia)
         bodies[i] = replace(body, inertia=body.inertia + change)
-        if body.parent != BASE and not rotor.extra:
+        if body.parent != BASE and not rotor.extra:  # the link's inertia without the rotor decreases by as much
             carrier = bodies[body.parent]
             bodies[body.parent] = replace(carrier, inertia=carrier.inertia - change.in_frame(body.placement))
-    if not values:
+    if not armature_values:
         return model.armature
     armature = model.armature.astype(object)
-    for k, x in values.items():
-        armature[k] = x
+    for k, value in armature_values.items():
+        armature[k] = value
     return armature
 
 
 def _ring_inertia(axis: Array, J: Any) -> SpatialInertia:
-    """Inertia of a thin ring of moment J about an axis, without mass."""
-    spin = np.outer(axis, axis)
-    return SpatialInertia.from_parameters(
-        np.array(ten_parameters(0.0, np.zeros(3), J * (0.5 * (np.eye(3) + spin))), object)
-    )
+    """Inertia of a thin ring without mass, J about a unit vector and J/2 across it: J ½ (1 + axis axis')."""
+    moments = J * (0.5 * (np.eye(3) + np.outer(axis, axis)))
+    return SpatialInertia.from_parameters(np.array(ten_parameters(0.0, np.zeros(3), moments), object))
 
 
-def _springs_with_parameters(model: Model, new: dict[str, Any]) -> tuple[Spring, ...]:
+def _springs_with_parameters(model: Model, new_values: dict[str, Any]) -> tuple[Spring, ...]:
     springs = list(model.springs)
     for joint, k in _springs(model).items():
         name = f"{joint}.stiffness"
-        if name in new:
-            springs[k] = replace(springs[k], stiffness=new[name])
+        if name in new_values:
+            springs[k] = replace(springs[k], stiffness=new_values[name])
     return tuple(springs)
 
 
-def _moved_body(body: Any, new: dict[str, Any]) -> Any:
+def _moved_body(body: Any, new_values: dict[str, Any]) -> Any:
+    """Body with the new_values position of its joint, if there is one."""
     names = [f"{body.joint.name}.{parameter}" for parameter in _JOINT_PARAMETERS]
-    if new.keys().isdisjoint(names):
+    if new_values.keys().isdisjoint(names):
         return body
     placement = body.placement.astype(object)
     for k, name in enumerate(names):
-        placement[k, 3] = new.get(name, placement[k, 3])
+        placement[k, 3] = new_values.get(name, placement[k, 3])
     return replace(body, placement=placement)
 
 
 def _inertia(numbers: Sequence[Any]) -> SpatialInertia:
     """Inertia from mass, centre of mass, and moments about the centre of mass."""
-    m, c, I = numbers[0], np.array(numbers[1:4], object), numbers[4:]
-    about_com = np.array([[I[0], I[1], I[3]], [I[1], I[2], I[4]], [I[3], I[4], I[5]]], object)
-    J = about_com - m * (so3.hat(c) @ so3.hat(c))  # parallel-axis theorem
-    return SpatialInertia.from_parameters(np.array(ten_parameters(m, m * c, J), object))
+    m, x, y, z, xx, xy, yy, xz, yz, zz = numbers
+    c = np.array([x, y, z], object)
+    I_com = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], object)
+    I_origin = I_com - m * (so3.hat(c) @ so3.hat(c))  # parallel-axis theorem
+    return SpatialInertia.from_parameters(np.array(ten_parameters(m, m * c, I_origin), object))
 
 
-def _friction_with_parameters(model: Model, new: dict[str, Any]) -> Friction:
+def _friction_with_parameters(model: Model, new_values: dict[str, Any]) -> Friction:
     columns = {law: getattr(model.friction, law).astype(object) for law in LAWS}
     changed = False
     for i, drive in enumerate(model.drive_names):
         for law in LAWS:
             name = f"{drive}.{law}"
-            if name in new:
-                columns[law][i] = new[name]
+            if name in new_values:
+                columns[law][i] = new_values[name]
                 changed = True
         coulomb, static = f"{drive}.coulomb", f"{drive}.static"
-        if coulomb in new and static not in new and model.friction.static[i] == model.friction.coulomb[i]:
-            columns["static"][i] = new[coulomb]
+        only_coulomb_is_new = coulomb in new_values and static not in new_values
+        if only_coulomb_is_new and model.friction.static[i] == model.friction.coulomb[i]:
+            columns["static"][i] = new_values[coulomb]
     if not changed:
         return model.friction
     return Friction(**columns)
@@ -279,8 +285,8 @@ _MOMENT_TOLERANCE = 1e-6
 def refuse_impossible(model: Model, parameters: Mapping[str, Array]) -> None:
     """Raise an error for negative masses or friction, and for physically impossible moments of inertia; NaN passes.
 
-    ``parameters``: numbers of any shape by the names of :func:`~twistwrench.mechanics.model.parameters.nominal`. An inertia
-    tensor is checked together with its fixed links, unless its body was already inconsistent when loaded. Raises
+    ``parameters`` are numbers of any shape by the names of :func:`~twistwrench.mechanics.model.parameters.nominal`. The inertia
+    tensor of a link is checked as a part of its body, unless the body was already inconsistent when loaded. Raises
     InertiaError and ValueRangeError, naming the link or joint and the sample.
     """
     tensor_links = set[str]()
@@ -306,11 +312,13 @@ def refuse_impossible(model: Model, parameters: Mapping[str, Array]) -> None:
 
 
 def _refuse_friction(name: str, law: str, values: Array) -> None:
-    impossible, bounds = values < 0, "at least 0"
+    """Raise ValueRangeError if a friction parameter is out of its range."""
     if law == "stribeck":
         impossible, bounds = values <= 0, "above 0"
-    if law == "load":
-        impossible, bounds = impossible | (values >= 1), "at least 0 and below 1"
+    elif law == "load":
+        impossible, bounds = (values < 0) | (values >= 1), "at least 0 and below 1"
+    else:
+        impossible, bounds = values < 0, "at least 0"
     if impossible.any():
         raise ValueRangeError(
             f"parameters: {_value_text(name, values, impossible)}, and friction of a joint is {bounds} there."
@@ -318,26 +326,30 @@ def _refuse_friction(name: str, law: str, values: Array) -> None:
 
 
 def _refuse_tensor(model: Model, link: str, parameters: Mapping[str, Array]) -> None:
+    """Raise InertiaError for the first sample whose tensor of a link makes its body impossible.
+
+    A link alone may be impossible: only its body moves, which may have other links.
+    """
     body = model.frames[link].body
-    if reasons(model.bodies[body].inertia, moved_moments(model, body)):
+    if reasons(model.bodies[body].inertia, moved_moments(model, body)):  # inconsistent when loaded
         return
     impossible = _impossible_samples(model, link, parameters)
     if not impossible.any():
         return
     parameters_of_body: dict[str, Array] = {}
     for name, samples in parameters.items():
-        owner = name.rpartition(".")[0]
+        owner, _, _ = name.rpartition(".")
         if owner in model.frames and model.frames[owner].body == body:
             parameters_of_body[name] = samples
     shape = np.broadcast_shapes(*(samples.shape for samples in parameters_of_body.values()))
     for sample in map(tuple, np.argwhere(np.broadcast_to(impossible, shape))):
         values = [float(np.broadcast_to(samples, shape)[sample]) for samples in parameters_of_body.values()]
         with np.errstate(all="ignore"):
-            changed = with_symbolic_parameters(model, list(parameters_of_body), values)
-        numbers = changed.bodies[body].inertia.parameters.astype(float)
-        if not np.isfinite(numbers).all():
+            changed_model = with_symbolic_parameters(model, list(parameters_of_body), values)
+        inertial_parameters = changed_model.bodies[body].inertia.parameters.astype(float)
+        if not np.isfinite(inertial_parameters).all():
             continue
-        violations = reasons(SpatialInertia.from_parameters(numbers), moved_moments(model, body))
+        violations = reasons(SpatialInertia.from_parameters(inertial_parameters), moved_moments(model, body))
         if violations:
             where = f" in sample {_sample_text(sample)}" if sample else ""
             raise InertiaError(
@@ -348,19 +360,20 @@ def _refuse_tensor(model: Model, link: str, parameters: Mapping[str, Array]) -> 
 
 def _impossible_samples(model: Model, link: str, parameters: Mapping[str, Array]) -> Array:
     """True for samples whose principal moments about the link's centre of mass violate the triangle inequality; (...,)."""
-    default = nominal(model)
+    nominal_values = nominal(model)
     names = [f"{link}.{entry}" for entry in _TENSOR]
-    moments = [np.asarray(parameters.get(name, default[name]), float) for name in names]
-    xx, xy, yy, xz, yz, zz = np.broadcast_arrays(*moments)
+    entries = [np.asarray(parameters.get(name, nominal_values[name]), float) for name in names]
+    xx, xy, yy, xz, yz, zz = np.broadcast_arrays(*entries)
     I = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*xx.shape, 3, 3)
-    known = np.isfinite(I).all(axis=(-2, -1))
-    A, B, C = np.moveaxis(np.linalg.eigvalsh(np.where(known[..., None, None], I, np.eye(3))), -1, 0)
-    slack = _MOMENT_TOLERANCE * np.abs(A + B + C)
-    return np.asarray((-slack > A) | (A + B + slack < C))
+    is_finite = np.isfinite(I).all(axis=(-2, -1))
+    finite_I = np.where(is_finite[..., None, None], I, np.eye(3))  # NaN passes, as a ball does
+    A, B, C = np.moveaxis(np.linalg.eigvalsh(finite_I), -1, 0)  # principal moments, ascending
+    tolerance = _MOMENT_TOLERANCE * np.abs(A + B + C)
+    return np.asarray((-tolerance > A) | (A + B + tolerance < C))
 
 
 def _value_text(name: str, values: Array, mask: Array, unit: str = "") -> str:
-    """First value in a mask, with its sample."""
+    """Parameter with the first value for which the mask is true, and the number of its sample."""
     sample = tuple(np.argwhere(mask)[0])
     where = f" in sample {_sample_text(sample)}" if sample else ""
     return f"{name!r} is {printed(float(values[sample]))}{unit}{where}"

@@ -42,7 +42,7 @@ class ModelParts:
     root: str
     """Fixed root link, or the first moving link of a floating base."""
     floating: bool
-    """True if the root floats."""
+    """True if the root link is on a floating joint."""
     links: dict[str, LinkEntry] = field(default_factory=dict)
     """Links in document order."""
     joints: list[JointEntry] = field(default_factory=list)
@@ -57,13 +57,15 @@ class ModelParts:
     couplings: list[Coupling] = field(default_factory=list)
     """Coupled drives; friction, armature and effort of their joints are those of the motors at the same indices."""
     payloads: tuple[tuple[str, SpatialInertia], ...] = ()
+    """Frame and inertia of each payload."""
     additions: Additions = field(default_factory=Additions)
     """Sites, springs, configurations, closures, joints with motors, locked joints, and what is stated about the base."""
 
 
 def disassemble(model: Model, *, extra: bool = True) -> ModelParts:
-    """Links and joints of a model. Link inertias include their rotors; ``extra`` also includes rotors not counted in the file.
+    """Links and joints of a model.
 
+    Link inertias include the rotors on the links that the file counts; with ``extra`` also the rotors that it does not count.
     Links that are fixed together are separated as described in the file. Later changes of a body's inertia, such as a
     payload at a site or a repair, are assigned to the link on its joint.
     """
@@ -76,36 +78,37 @@ class _Disassembly:
     def __init__(self, model: Model, extra: bool) -> None:
         self.model, self.extra = model, extra
         self.bodies = {body.link: i for i, body in enumerate(model.bodies) if body.joint.moves_body}
+        """Index of the body of each link on a moving joint."""
         self.motors: dict[str, Body] = {}
         """Motors behind elastic gears, which have coordinates of their own, by the joint they drive."""
         for body in model.leaders:
             if not body.joint.moves_body:
                 self.motors[model.actuators[body.joint.name].joint] = body
-        self.by_column = {body.v_index: body for body in model.leaders}
-        self.names = list(dict.fromkeys([*model.frames, *self.bodies]))
-        links = set(self.names)
-        self.parents = {link: self._carrier(link, links) for link in links if link in model.mounts}
+        self.leaders = {body.v_index: body for body in model.leaders}
+        self.link_names = list(dict.fromkeys([*model.frames, *self.bodies]))
+        remaining_links = set(self.link_names)
+        self.parents = {link: self._carrier(link, remaining_links) for link in remaining_links if link in model.mounts}
 
-    def _carrier(self, link: str, links: set[str]) -> str:
+    def _carrier(self, link: str, remaining_links: set[str]) -> str:
         """Nearest ancestor link that remains; hidden links of locked joints are removed."""
-        parent = self.model.mounts[link][0]
-        while parent and parent not in links:
-            parent = self.model.mounts[parent][0]
+        parent, _ = self.model.mounts[link]
+        while parent and parent not in remaining_links:
+            parent, _ = self.model.mounts[parent]
         return parent
 
     def parts(self) -> ModelParts:
         """All parts of the model."""
         model = self.model
-        first = next((link for link in self.names if not self.parents.get(link, "")), "world")
-        floating = first in self.bodies
-        locked = not floating and first in self.parents  # a locked floating root is placed in the base frame
-        root = unused("world", {*self.names}) if locked else first
+        first_link = next((link for link in self.link_names if not self.parents.get(link, "")), "world")
+        floating = first_link in self.bodies
+        is_locked = not floating and first_link in self.parents  # a locked floating root: fixed to a new root link
+        root = unused("world", {*self.link_names}) if is_locked else first_link
         parts = ModelParts(
             model.name, model.gravity, model.snap, model.source, root=root, floating=floating,
             actuators=list(model.actuators.values()), couplings=list(model.couplings), payloads=model.payloads,
         )  # fmt: skip
-        if locked:
-            self.parents[first] = root
+        if is_locked:
+            self.parents[first_link] = root
             parts.links[root] = LinkEntry(root, SpatialInertia.zero(), "")
         self._add_links(parts)
         parts.joints = [self._joint(link) for link in self._depth_first(root) if link != root]
@@ -118,47 +121,53 @@ class _Disassembly:
         return parts
 
     def _add_links(self, parts: ModelParts) -> None:
+        """Add all links; what the inertia of a body exceeds the sum of its links by is added to the link on its joint."""
         model = self.model
-        whole = {i: body.inertia for i, body in enumerate(model.bodies) if body.joint.moves_body}
-        whole[BASE] = model.base_inertia
+        whole_inertias = {i: body.inertia for i, body in enumerate(model.bodies) if body.joint.moves_body}
+        whole_inertias[BASE] = model.base_inertia
         for body in model.bodies:
             if not body.joint.moves_body and (self.extra or is_in_link_mass(model, body)):
-                whole[body.parent] = whole[body.parent] + body.inertia.in_frame(body.placement)
-        remainder = dict(whole)  # of each body, without its links
+                rotor_inertia = body.inertia.in_frame(body.placement)
+                whole_inertias[body.parent] = whole_inertias[body.parent] + rotor_inertia
+        remainders = dict(whole_inertias)  # of each body, without its links
         for name, frame in model.frames.items():
             inertia = model.link_inertias.get(name, SpatialInertia.zero())
             if inertia.parameters.any():
-                remainder[frame.body] = remainder[frame.body] - inertia.in_frame(frame.pose)
-        for name in self.names:
+                remainders[frame.body] = remainders[frame.body] - inertia.in_frame(frame.pose)
+        for name in self.link_names:
             inertia = model.link_inertias.get(name, SpatialInertia.zero())
             i = self.bodies.get(name, BASE)
-            if (i != BASE or name == parts.root) and _exceeds_rounding(remainder[i], whole[i]):
-                inertia = inertia + remainder[i]
+            is_main_link = i != BASE or name == parts.root
+            if is_main_link and _exceeds_rounding(remainders[i], whole_inertias[i]):
+                inertia = inertia + remainders[i]
             hidden = name not in model.frames
             parts.links[name] = LinkEntry(name, inertia, "", name in model.shaped, hidden)
-        parts.whole = {link: whole[i] for link, i in self.bodies.items()}
-        parts.whole.setdefault(parts.root, whole[BASE])
+        parts.whole = {link: whole_inertias[i] for link, i in self.bodies.items()}
+        parts.whole.setdefault(parts.root, whole_inertias[BASE])
 
     def _depth_first(self, root: str) -> Iterator[str]:
-        """Links in an order that yields the bodies in their order."""
-        children: dict[str, list[str]] = {name: [] for name in (root, *self.names)}
-        for link in self.names:
+        """Links depth first, in an order that yields the bodies in their order."""
+        children: dict[str, list[str]] = {name: [] for name in (root, *self.link_names)}
+        for link in self.link_names:
             if link != root and link in self.parents:
                 children[self.parents[link]].append(link)
-        first = {link: self.bodies.get(link, len(self.bodies)) for link in children}
-        ordered, stack = [], [root]
+        parents_first, stack = [], [root]
         while stack:
-            ordered.append(stack.pop())
-            stack.extend(children[ordered[-1]])
-        for link in reversed(ordered):
+            link = stack.pop()
+            parents_first.append(link)
+            stack.extend(children[link])
+        # Lowest index of the bodies on a link and beyond it; links without bodies come last.
+        first_body = {link: self.bodies.get(link, len(self.bodies)) for link in children}
+        for link in reversed(parents_first):
             parent = self.parents.get(link, "")
-            if parent in first:
-                first[parent] = min(first[parent], first[link])
+            if parent in first_body:
+                first_body[parent] = min(first_body[parent], first_body[link])
         stack = [root]
         while stack:
             link = stack.pop()
             yield link
-            stack.extend(reversed(sorted(children[link], key=first.__getitem__)))  # noqa: C413  what is equal stays in order
+            in_order = sorted(children[link], key=first_body.__getitem__)
+            stack.extend(reversed(in_order))
 
     def _pose(self, link: str) -> tuple[int, Array]:
         """Body that a link is fixed to, and the link's pose in it."""
@@ -170,43 +179,44 @@ class _Disassembly:
         return BASE, np.eye(4)
 
     def _joint(self, link: str) -> JointEntry:
+        """Joint that carries a link, with its limits; a follower gets its mimic entry and its own limits."""
         model, parent = self.model, self.parents[link]
-        name = model.mounts[link][1]
+        _, name = model.mounts[link]
         _, T_parent = self._pose(parent)
         if link not in self.bodies:
             _, T = self._pose(link)
             return fixed_entry(name, parent, link, _relative_pose(T_parent, T))
         body = model.bodies[self.bodies[link]]
-        columns = body.places[1]
+        _, columns = body.places
         limits = model.limits.select(columns)
-        if name in self.motors:  # which has the effort limit
-            limits = replace(limits, effort=model.limits.effort[self.motors[name].places[1]])
+        if name in self.motors:  # behind an elastic gear; the motor has the effort limit
+            _, motor_columns = self.motors[name].places
+            limits = replace(limits, effort=model.limits.effort[motor_columns])
         entry = _entry(body.joint, parent, link, _relative_pose(T_parent, body.placement), limits)
         if not body.follows:
             return entry
-        leader = self.by_column[body.v_index]
-        ends = np.sort(body.ratio * np.array([limits.lower, limits.upper]) + body.offset, axis=0)
-        free = np.full(1, np.inf)
-        effort = np.array([body.effort])
-        reach = Limits(-free, free, free, effort)
-        if body.ratio:
-            reach = Limits(ends[0], ends[1], free, effort)
-        return replace(entry, mimic=(leader.joint.name, body.ratio, body.offset), limits=reach)
+        leader = self.leaders[body.v_index]
+        infinite, effort = np.full(1, np.inf), np.array([body.effort])
+        if body.ratio:  # a negative ratio exchanges lower and upper
+            lower, upper = np.sort(body.ratio * np.array([limits.lower, limits.upper]) + body.offset, axis=0)
+            follower_limits = Limits(lower, upper, infinite, effort)
+        else:
+            follower_limits = Limits(-infinite, infinite, infinite, effort)
+        return replace(entry, mimic=(leader.joint.name, body.ratio, body.offset), limits=follower_limits)
 
     def _add_losses(self, parts: ModelParts, body: Body) -> None:
         """Store friction and armature of a joint, and of the motor behind its elastic gear."""
         motor = self.motors.get(body.joint.name)
         for drive in filter(None, (body, motor)):
-            columns = drive.places[1]
+            _, columns = drive.places
             parts.friction[drive.joint.name] = self.model.friction.select(np.arange(columns.start, columns.stop))
             parts.armature[drive.joint.name] = self.model.armature[columns]
 
     def _add_additions(self, parts: ModelParts) -> None:
+        """Add everything beside links and joints; springs in elastic gears belong to the actuators."""
         model, additions = self.model, parts.additions
         for name, frame in model.sites.items():
-            link = parts.root
-            if frame.body != BASE:
-                link = model.bodies[frame.body].link
+            link = parts.root if frame.body == BASE else model.bodies[frame.body].link
             additions.sites[name] = SiteEntry(name, link, frame.pose)
         joints = {joint.name for joint in parts.joints} | {ROOT_JOINT}
         additions.springs = [spring for spring in model.springs if joints.issuperset(spring.joints)]
@@ -214,7 +224,8 @@ class _Disassembly:
         for name, q in model.configurations.items():
             additions.configurations[name] = {body.joint.name: q[body.places[0]] for body in leaders}
         additions.closures = dict(model.closures)
-        additions.motor_joints, additions.mounted = set(model.motor_joints), model.mounted
+        additions.motor_joints = set(model.motor_joints)
+        additions.mounted = model.mounted
         additions.locked = dict(model.locked)
 
 
@@ -239,9 +250,11 @@ def _relative_pose(T_ab: Array, T_ac: Array) -> Array:
 
 def _exceeds_rounding(remainder: SpatialInertia, whole: SpatialInertia) -> bool:
     """True if the difference between a body and its links exceeds rounding errors."""
-    difference, size = np.abs(remainder.parameters), np.abs(whole.parameters)
-    for part in (slice(0, 1), slice(1, 4), slice(4, 10)):  # mass, first moment, moments about the origin
-        if difference[part].max() > _MAX_ROUNDING * max(size[part].max(), size.max() * 1e-3):
+    differences, sizes = np.abs(remainder.parameters), np.abs(whole.parameters)
+    mass, first_moment, moments = slice(0, 1), slice(1, 4), slice(4, 10)
+    for entries in (mass, first_moment, moments):  # of three units, so their sizes may differ
+        scale = max(sizes[entries].max(), sizes.max() * 1e-3)
+        if differences[entries].max() > _MAX_ROUNDING * scale:
             return True
     return False
 
@@ -260,8 +273,9 @@ def reassemble(parts: ModelParts) -> Model:
     model = replace(model, armature=np.concatenate([np.zeros(0), *armature]), payloads=parts.payloads)
     model = replace(model, couplings=tuple(parts.couplings))
     model = with_actuators(model, parts.actuators)
-    laws = [parts.friction[name] for name in model.joint_names]  # also of motors
-    columns: dict[str, Array] = {}
+    laws = [parts.friction[name] for name in model.joint_names]  # now with the motors of elastic gears
+    friction: dict[str, Array] = {}
     for parameter in LAWS:
-        columns[parameter] = np.concatenate([np.zeros(0), *(getattr(law, parameter) for law in laws)])
-    return replace(model, friction=Friction(**columns), tip=default_tip(model))
+        values = [getattr(law, parameter) for law in laws]
+        friction[parameter] = np.concatenate([np.zeros(0), *values])
+    return replace(model, friction=Friction(**friction), tip=default_tip(model))

@@ -10,13 +10,14 @@ from ..lie.identity import IDENTITY, UPRIGHT
 DEFAULT_SNAP = 1e-9
 """Distance from 0 or ±1 below which an entry of a fixed rotation is set to it."""
 
-_MAX_ROUNDING, _MAX_ROUNDING_AFTER_SNAP = 4.5e-16, 1e-15
-"""Deviations of R'R and R R' from the identity within rounding errors of three products: a rotation with a smaller one is
-kept; the second bound applies after orthonormalisation."""
+_MAX_ROUNDING = 4.5e-16
+"""Deviation of R'R and R R' from the identity that is a rounding error of three products; such a matrix is a rotation."""
+_MAX_ROUNDING_AFTER_SNAP = 1e-15
+"""The same after orthonormalisation."""
 
 
 def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
-    """R (3, 3) with entries within ``tolerance`` of 0 or ±1 set to it, orthonormalised again; a tolerance of 0 disables it.
+    """R (3, 3) with entries within ``tolerance`` of 0 or ±1 set to 0 or ±1, orthonormalised again; 0 disables this.
 
     Robot files write a right angle as 1.57079632679, and the cosine of the nearest float to π/2 is 6e-17. Exact zeros
     and ones vanish from compiled kernels; these values do not. An entry becomes ±1 only together with the zeros beside
@@ -26,35 +27,38 @@ def snap_rotation(R: Array, tolerance: float = DEFAULT_SNAP) -> Array:
     """
     if tolerance == 0:
         return R
-    zero = np.abs(R) <= tolerance
-    zeros_in_row, zeros_in_column = zero.sum(axis=1), zero.sum(axis=0)
-    unit = (
-        ~zero & (zeros_in_row[:, None] == 2) & (zeros_in_column[None, :] == 2)
-    )  # two zeros beside and two above or below
-    snapped = np.where(unit, np.copysign(1.0, R), np.where(zero, 0.0, R))
-    if np.array_equal(snapped, R) or unit.sum() == 3 or _is_rotation(snapped, _MAX_ROUNDING):
+    is_zero = np.abs(R) <= tolerance
+    zeros_in_row, zeros_in_column = is_zero.sum(axis=1), is_zero.sum(axis=0)
+    alone_in_row, alone_in_column = zeros_in_row[:, None] == 2, zeros_in_column[None, :] == 2
+    is_unit = ~is_zero & alone_in_row & alone_in_column
+    snapped = np.where(is_unit, np.copysign(1.0, R), np.where(is_zero, 0.0, R))
+    if np.array_equal(snapped, R) or is_unit.sum() == 3 or _is_rotation(snapped, _MAX_ROUNDING):
         return snapped
-    if unit.any():
-        i, j = np.argwhere(unit)[0]
-        block = np.ix_([k for k in range(3) if k != i], [k for k in range(3) if k != j])
+    if is_unit.any():  # rotation about one axis: a block of two rows and columns remains
+        i, j = np.argwhere(is_unit)[0]
+        other_rows, other_columns = [k for k in range(3) if k != i], [k for k in range(3) if k != j]
+        block = np.ix_(other_rows, other_columns)
         snapped[block] = _nearest_orthogonal(snapped[block])
-    elif zero.sum() == 1:
-        snapped = _orthonormalise_from_row(snapped, int(zeros_in_row.argmax()))
+    elif is_zero.sum() == 1:
+        row_with_zero = int(zeros_in_row.argmax())
+        snapped = _orthonormalise_from_row(snapped, row_with_zero)
     return snapped if _is_rotation(snapped, _MAX_ROUNDING_AFTER_SNAP) else R
 
 
 def _is_rotation(R: Array, tolerance: float) -> bool:
-    one = np.eye(3)
-    return bool(np.abs(R.T @ R - one).max() <= tolerance and np.abs(R @ R.T - one).max() <= tolerance)
+    """True if R'R and R R' equal the identity within a tolerance; a reflection passes too."""
+    deviations = np.array([R.T @ R - np.eye(3), R @ R.T - np.eye(3)])
+    return bool(np.abs(deviations).max() <= tolerance)
 
 
 def _nearest_orthogonal(B: Array) -> Array:
     """Orthogonal matrix nearest to B (2, 2): a rotation or a reflection, like B."""
     (a, b), (c, d) = B
-    side = 1.0 if a * d - b * c > 0 else -1.0
-    x, y = a + side * d, c - side * b
-    x, y = x / np.hypot(x, y), y / np.hypot(x, y)
-    return np.array([[x, -side * y], [y, side * x]])
+    determinant = 1.0 if a * d - b * c > 0 else -1.0  # of the result
+    x, y = a + determinant * d, c - determinant * b
+    length = np.hypot(x, y)
+    cosine, sine = x / length, y / length
+    return np.array([[cosine, -determinant * sine], [sine, determinant * cosine]])
 
 
 def _orthonormalise_from_row(R: Array, i: int) -> Array:
