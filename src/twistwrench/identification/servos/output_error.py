@@ -146,7 +146,7 @@ class OutputErrorProblem:
         return [e[0] for e in self.residuals(p[None])]
 
     def flat(self, p: Array) -> Array:
-        """(S, M) residuals r of all logs, in units of their expected size; motions that are not finite give a large residual."""
+        """(S, M) residuals r of all logs, in units of their expected size; large for motions that are not finite."""
         residuals = [(e / self.sigma).reshape(len(p), -1) for e in self.residuals(p)]
         return np.nan_to_num(np.concatenate(residuals, axis=1), nan=1e6, posinf=1e6, neginf=-1e6)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.doubts import Doubt, doubt
+from ...core.doubts import Doubt, Level, doubt
 from ...core.numbers import number, percent
 from ...core.text import listed
 from ...core.typing import Array
@@ -119,7 +119,7 @@ def _error_doubts(found: IdentifiedServos) -> Iterator[Doubt]:
     if is_large.any():
         worst = int(np.argmax(np.where(is_large, error_shares, 0.0)))
         share = float(error_shares[worst])
-        level = "refuse" if share > _LOOK_AGAIN_ERROR else "unsure"
+        level: Level = "refuse" if share > _LOOK_AGAIN_ERROR else "unsure"
         yield doubt(
             "servo-unexplained", [found.joints[worst]], share=percent(share, 2), level=level, found={"value": share}
         )
