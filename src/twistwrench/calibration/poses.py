@@ -283,14 +283,10 @@ def measuring_poses(
     reference = arm.random_configuration(seed + 1, REFERENCE)
     counts = (*(n for n in _MILESTONES if n < reading_count), reading_count)
 
-    def remaining_error(n: int) -> float:
-        """Predicted error [m] (rms) after the first n chosen readings."""
-        first_readings = candidates.taken(chosen[:n])
-        return Remaining(design.fit(first_readings, goal), reference, design.accuracy).rms
-
-    fit = design.fit(candidates.taken(chosen), goal)
+    fits = [design.fit(candidates.taken(chosen[:n]), goal) for n in counts]  # of the first n chosen readings
+    remaining = np.array([Remaining(fit, reference, design.accuracy).rms for fit in fits])
+    fit = fits[-1]
     ordered_q = _in_order_of_moves(fit.problem.measured[-1])
-    remaining = np.array([remaining_error(n) for n in counts])
     by_file = Remaining(fit, reference, design.accuracy).by_file
     return MeasuringPoses(arm, ordered_q, fit, counts, remaining, by_file, (length, angle), is_off_axis, capsules)
 

@@ -187,18 +187,14 @@ def identify(
     read = read_logs((*sources, *tests), Workers.from_client(client), lambda share: report_progress(0.2 * share))
     training_logs, test_logs = _readable(read[: len(sources)]), _readable(read[len(sources) :])
     read_doubts = _unreadable((*sources, *tests), read)
-    fit = partial(
-        _identify_once, unknown, robot, training_logs, test_logs, method=method, payload_only=payload_only,
-        read_doubts=read_doubts,
-    )  # fmt: skip
+    fixed: dict[str, Any] = {"method": method, "payload_only": payload_only, "read_doubts": read_doubts}
+    fit = partial(_identify_once, unknown, robot, training_logs, test_logs, **fixed)
     found, laws = fit(options, wanted, report_progress=lambda share: report_progress(0.2 + 0.5 * share))
     if may_fit_laws and laws and not payload_only:
-        options_of_laws = _options_at_cutoff(options, found)
-        with_laws, _ = fit(options_of_laws, (*wanted, *laws), report_progress=report_progress)
+        with_laws, _ = fit(_options_at_cutoff(options, found), (*wanted, *laws), report_progress=report_progress)
         found = _better_with(laws, found, with_laws)
     report_progress(1.0)
-    found = replace(found, strength=keep_close, logs=_files(*logs, *test))
-    return _with_thresholds(found, training_logs, thresholds)
+    return _with_thresholds(replace(found, strength=keep_close, logs=_files(*logs, *test)), training_logs, thresholds)
 
 
 def _robot_with_name(robot: Robot | str | Path) -> tuple[Robot, str]:
@@ -315,33 +311,17 @@ def _identify_once(
     causes, laws = list[Doubt](), tuple[WantedCause, ...]()
     noise_covariance = covariance.matrix  # for doubts: the covariance by noise and states alone
     if not payload_only:
-        # a chosen delay may have another cause: the search starts without it
-        settings_of_search = replace(settings, shift=options.shift or 0.0)
-        causes, laws, changes = _diagnosis(rows, settings_of_search, settings.shift, wanted)
+        initial = replace(settings, shift=options.shift or 0.0)  # a chosen delay may have another cause
+        causes, laws, changes = _diagnosis(rows, initial, settings.shift, wanted)
         covariance = covariance.widened(changes @ base.grouping.T)
-    logs = (*training_logs, *test_logs)
     fifths = tuple(_normal_equations(trial, sigma, weights, trial.fold == b) for b in range(FOLDS))
     fitted = FittedLog(
-        base=base,
-        logs=logs,
-        W=trial.W,
-        tau=trial.tau,
-        settings=settings,
-        prior=prior,
-        x=x,
-        covariance=noise_covariance,
-        held_out=held_out,
-        trained=five_fold,
-        fifths=fifths,
-        speed=trial.rows.speed,
-        acceleration=trial.rows.acceleration,
-        rate=lowest_rate(rows.samples),
-        dead=rows.dead,
-        causes=causes,
+        base=base, logs=(*training_logs, *test_logs), W=trial.W, tau=trial.tau, settings=settings, prior=prior, x=x,
+        covariance=noise_covariance, held_out=held_out, trained=five_fold, fifths=fifths, speed=trial.rows.speed,
+        acceleration=trial.rows.acceleration, rate=lowest_rate(rows.samples), dead=rows.dead, causes=causes,
         payload_only=payload_only is not None,
-    )
+    )  # fmt: skip
     report_progress(1.0)
-    assumed_notes = [f"Assumed: {cause}." for cause in settings.assumed]
     found = IdentifiedRobot(
         original=without_coupled_motors(robot),
         base=base,
@@ -357,10 +337,15 @@ def _identify_once(
         sizes=chosen.sizes,
         _fifths=fifths,
         payload_frame=payload_only,
-        notes=(*assumed_notes, *_remarks(logs)),
+        notes=(*_assumed_notes(settings), *_remarks(fitted.logs)),
         torque_shares=fitted.torque_shares,
     )
     return found, laws
+
+
+def _assumed_notes(settings: FitSettings) -> list[str]:
+    """Note on each assumed cause."""
+    return [f"Assumed: {cause}." for cause in settings.assumed]
 
 
 def _with_covariance(
