@@ -298,9 +298,8 @@ class CalibrationProblem:
         """Degrees of freedom of the residuals, as a share of the rows: rows less fitted parameters; at least 0.1."""
         rows = sum(e.shape[1] * int(used.sum()) for e, used in zip(equations.residuals, self.masks, strict=True))
         target_parameters = equations.length_rows.shape[1] - len(self.chain.parameters)
-        chain_parameters = (
-            6 if frames_only else 4 * len(self.chain.joints)
-        )  # a chain has four independent ones per joint
+        # the tip alone has six; a chain has four independent ones per joint
+        chain_parameters = 6 if frames_only else 4 * len(self.chain.joints)
         return max(1.0 - (target_parameters + chain_parameters) / rows, 0.1)
 
     def _weights(self, equations: LinearRows, frames_only: bool, *, trim: bool) -> list[Array]:

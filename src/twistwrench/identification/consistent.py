@@ -554,6 +554,5 @@ def model_residuals(
         squares[2] += held_out.squares(weak.solve(N, c))
         squares[3] += held_out.squares(base.project(consistent.values))
         squared_torques += held_out.y
-    return ModelResiduals(
-        *np.sqrt(squares / np.where(squared_torques > 0, squared_torques, np.inf))
-    )  # 0 without torques
+    shares = np.sqrt(squares / np.where(squared_torques > 0, squared_torques, np.inf))  # 0 without torques
+    return ModelResiduals(*shares)
