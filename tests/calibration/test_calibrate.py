@@ -826,7 +826,7 @@ def test_readings_that_are_too_short_have_a_scale_below_one(monkeypatch):
     monkeypatch.setattr(instrument, "_instrument_error", lambda *_: error)
     measured = [SimpleNamespace(points=np.ones((2, 3)))]
     found = SimpleNamespace(fit=SimpleNamespace(problem=SimpleNamespace(measured=measured)))
-    ((_, offered),) = instrument._scale(found)
+    ((_, offered),) = instrument._scale_error(found)
     assert offered.doubt.value == pytest.approx(0.8)
 
 

@@ -11,7 +11,7 @@ from scipy import stats
 
 import twistwrench as tw
 from twistwrench.core.estimation.cross_validation import HeldOut
-from twistwrench.identification.servos.identify_servos import _first_rows, _sizes, _sums_of_squares
+from twistwrench.identification.servos.identify_servos import _first_rows, _sums_of_squares, _typical_sizes
 from twistwrench.identification.servos.linear_start import scale_determining_torques
 from twistwrench.identification.servos.output_error import OutputErrorFit, OutputErrorProblem
 from twistwrench.identification.servos.replay import ServoLog, _hermite
@@ -224,7 +224,7 @@ def test_what_short_logs_do_not_need_goes_to_long_ones():
 def test_sizes_are_those_of_acceleration_and_speed():
     """A sine of 0.5 rad at 2 Hz: rms speed 0.5 ω / √2, rms acceleration 0.5 ω² / √2."""
     omega = 4.0 * np.pi
-    sizes = _sizes([log_of(0.5 * np.sin(omega * RATE * np.arange(10_000)))])
+    sizes = _typical_sizes([log_of(0.5 * np.sin(omega * RATE * np.arange(10_000)))])
     np.testing.assert_allclose(sizes[0], [0.5 * omega**2 / np.sqrt(2), 0.5 * omega / np.sqrt(2), 1.0], rtol=2e-2)
 
 

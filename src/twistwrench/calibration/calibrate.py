@@ -20,7 +20,7 @@ from .measurements import MIN_CONFIGURATIONS, Measurements, ReadingKind, length_
 from .result import CalibratedRobot
 
 MeasurementsGiven: TypeAlias = str | Path | Measurements
-"""One measurement: a path, or the arrays."""
+"""One measurement: a path, or its arrays."""
 Cause: TypeAlias = Literal["sag", "gears"]
 Causes: TypeAlias = Cause | Collection[Cause]
 Outliers: TypeAlias = Literal["trim", "keep"]
@@ -97,13 +97,17 @@ def calibrate(
     chain = TipChain.from_robot(arm, tip, [assume] if isinstance(assume, str) else assume)
 
     def read(given: MeasurementsGiven | Sequence[MeasurementsGiven]) -> tuple[Measurements, ...]:
+        """Measurements of the argument ``measurements`` or ``test``."""
         if not isinstance(given, str | Path | Measurements | Iterable):
             raise ValueRangeError(
                 f"measurements={given!r}: give a path, Measurements(q, positions=…), or a list of them."
             )
         sources = [given] if isinstance(given, str | Path | Measurements) else list(given)
-        found = [read_measurements(source, arm, kind, tip, degrees=degrees) for source in sources]
-        return tuple(_require_readings(_with_options(m, length, noise), arm) for m in found)
+        read_sources = []
+        for source in sources:
+            measurement = read_measurements(source, arm, kind, tip, degrees=degrees)
+            read_sources.append(_with_options(measurement, length, noise))
+        return tuple(_require_readings(measurement, arm) for measurement in read_sources)
 
     measured = read(measurements)
     if not measured:
@@ -117,18 +121,17 @@ def calibrate(
         "file_accuracy": list(accuracy), "outliers": outliers, "seed": seed,
     }  # fmt: skip
     files = {}
-    for number, m in enumerate(measured, 1):
-        if m.path and number == 1:
-            files["MEASUREMENTS"] = m.path
-        elif m.path:
-            files[f"MEASUREMENTS{number}"] = m.path
+    for index, measurement in enumerate(measured, 1):
+        name = "MEASUREMENTS" if index == 1 else f"MEASUREMENTS{index}"
+        if measurement.path:
+            files[name] = measurement.path
     reference = arm.random_configuration(seed, CONFIGURATIONS)
     found = CalibratedRobot(arm, fit, plain, held_out, (), accuracy, reference, settings, files)
     return replace(found, doubts=tuple(doubts_of(found)))
 
 
 def _with_options(m: Measurements, length: float | None, noise: float | tuple[float, float] | None) -> Measurements:
-    """Measurements with the length and the noise of the call, where they have none."""
+    """Measurements with the length and the noise of the call, unless they have their own."""
     if noise is not None and m.noise is None:
         m = replace(m, noise=noise)
     if length is not None and m.length is None:
@@ -137,8 +140,9 @@ def _with_options(m: Measurements, length: float | None, noise: float | tuple[fl
 
 
 def _require_readings(m: Measurements, robot: Robot) -> Measurements:
-    """Measurements of this robot, enough for any estimate."""
-    if m.q.ndim != 2 or m.q.shape[1] != robot.nq:
+    """Return the measurements if they are of this robot and enough for any estimate; otherwise raise."""
+    has_rows_of_robot = m.q.ndim == 2 and m.q.shape[1] == robot.nq
+    if not has_rows_of_robot:
         raise ShapeError(
             f"q has the shape {m.q.shape}, and robot {robot.name!r} has {robot.nq} coordinates. Give (n, {robot.nq})."
         )

@@ -4,11 +4,13 @@ With the placement P_k of joint k in its parent's moving link and its screw S_k 
 
     T_n = Π_k P_k D_k e^[S_k] (q_k (1 + g_k) - c_k τ_k(q)),   tip = T_n E D
 
-(local product of exponentials; Lynch and Park, Modern Robotics, 4.1, and Wu et al., IEEE T-ASE 12(2), 2015). D_k is a turn
-w_k about a point of the joint's axis, and then a shift p_k, both in the axes that the joint's frame has in the file. So an
-offset of the joint's zero, however large, is w_k alone, and does not turn the direction of p_k. g_k is the error of a gear,
-and c_k the compliance of a joint that gives way to the torque τ_k that holds it. E is the pose of the tip in the last moving
-link, as the file has it, and D its displacement, a turn about the tip and a shift in the tip's axes.
+(local product of exponentials; Lynch and Park, Modern Robotics, 4.1, and Wu et al., IEEE T-ASE 12(2), 2015).
+
+- D_k is a turn w_k about a point of the joint's axis, followed by a shift p_k, both in the axes that the joint's frame has in
+  the file. So an offset of the joint's zero, however large, changes w_k alone, and does not turn the direction of p_k.
+- g_k is the error of the gear, and c_k the compliance of the joint under the torque τ_k that holds it.
+- E is the pose of the tip in the last moving link in the file, and D its displacement: a turn about the tip and a shift, in
+  the tip's axes.
 """
 
 from __future__ import annotations
@@ -33,7 +35,10 @@ _RANDOM_CONFIGURATIONS = 100
 """Configurations in which torques of gravity are compared."""
 _ROUNDING = 1e-9
 """Torque of gravity, as a share of the largest joint's, below which it is rounding."""
-ANGLES, LENGTHS = ("rx", "ry", "rz"), ("x", "y", "z")
+ANGLES = ("rx", "ry", "rz")
+"""Endings of the names of parameters that are turns."""
+LENGTHS = ("x", "y", "z")
+"""Endings of the names of parameters that are shifts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +84,14 @@ class TipChain:
         frame = str(robot.tip)
         if tip is not None:
             frame = tip
-        chain, i = list[int](), model.frame(frame).body
+        bodies = list[int]()
+        i = model.frame(frame).body
         while i != BASE:
-            chain.insert(0, i)
+            bodies.insert(0, i)
             i = model.bodies[i].parent
-        if not chain:
+        if not bodies:
             raise ModelError(f"no joint moves the frame {frame!r}, so there is nothing to calibrate. Give another tip.")
-        for i in chain:
+        for i in bodies:
             body = model.bodies[i]
             if body.follows:
                 raise ModelError(
@@ -96,7 +102,7 @@ class TipChain:
                     f"joint {body.joint.name!r} on the way to {frame!r} has {body.joint.nv} degrees of freedom. Only joints "
                     "that turn or slide about one axis can be calibrated: load the robot with a fixed base."
                 )
-        return cls(robot, frame, tuple(chain), tuple(name for name in EFFECTS if name in assume))
+        return cls(robot, frame, tuple(bodies), tuple(name for name in EFFECTS if name in assume))
 
     @property
     def moves_tip(self) -> bool:
@@ -127,7 +133,7 @@ class TipChain:
 
     @cached_property
     def screws(self) -> Array:
-        """(n, 6) axes S."""
+        """(n, 6) screws S of the joints, each in its own frame."""
         return np.array([self.robot.model.bodies[i].joint.axes[0] for i in self.bodies], float)
 
     @cached_property
@@ -137,21 +143,21 @@ class TipChain:
 
     @cached_property
     def own(self) -> list[int]:
-        """Entry, 0 to 5, of each joint's twist about or along its own axis, or about or along the nearest of x, y and z."""
-        return list(map(int, np.abs(self.screws).argmax(axis=1)))
+        """Index, 0 to 5, of the largest entry of each screw: the joint's own motion, or the nearest of rx, ry, rz, x, y, z."""
+        return [int(entry) for entry in np.abs(self.screws).argmax(axis=1)]
 
     @cached_property
     def axes(self) -> Array:
-        """(n, 3, 3) axes of turns and shifts as columns: x, y, z, with the own axis in place of the nearest."""
+        """(n, 3, 3) axes of turns and shifts, as columns: x, y and z, the nearest of which is replaced by the joint's axis."""
         axes = np.zeros((len(self.bodies), 3, 3))
-        for k, (screw, own) in enumerate(zip(self.screws, self.own, strict=True)):
-            half, own_column = divmod(own, 3)  # half of the screw: angular for a joint that turns, else linear
+        for k, (screw, own_entry) in enumerate(zip(self.screws, self.own, strict=True)):
+            half, own_column = divmod(own_entry, 3)  # half of the screw: angular for a joint that turns, else linear
             R = np.eye(3)
             R[:, own_column] = screw.reshape(2, 3)[half]
             for j in range(3):  # Gram-Schmidt: the own axis stays, the others become normal to it and to one another
                 if j == own_column:
                     continue
-                done = sorted({own_column, *range(j)})
+                done = sorted({own_column, *range(j)})  # columns that are already final
                 R[:, j] -= R[:, done] @ (R[:, done].T @ R[:, j])
                 R[:, j] /= np.linalg.norm(R[:, j])
             axes[k] = R
@@ -159,23 +165,25 @@ class TipChain:
 
     @cached_property
     def start(self) -> Corrections:
-        """No corrections."""
+        """Corrections of zero; the tip as in the file."""
         n = len(self.bodies)
-        end = np.asarray(self.robot.model.frame(self.frame).pose, float)
-        return Corrections(np.zeros((n, 6)), np.zeros(n), np.zeros(n), end)
+        tip_pose = np.asarray(self.robot.model.frame(self.frame).pose, float)
+        return Corrections(np.zeros((n, 6)), np.zeros(n), np.zeros(n), tip_pose)
 
     def loads(self, q: Array) -> Array:
-        """(N, n) torques that hold the joints at rest; zeros if none sags."""
+        """(N, n) torques that hold the joints at rest; zeros if sag is not fitted."""
         if "sag" not in self.assume:
             return np.zeros((len(q), len(self.bodies)))
-        return np.asarray(self.robot.gravity_forces(q))[:, [self.robot.model.bodies[i].v_index for i in self.bodies]]
+        velocity_columns = [self.robot.model.bodies[i].v_index for i in self.bodies]
+        return np.asarray(self.robot.gravity_forces(q))[:, velocity_columns]
 
     @cached_property
     def loaded_joints(self) -> list[str]:
         """Joints that sag: those with a torque of gravity in some configuration, if sag is fitted."""
         q = self.robot.random_configuration(0, _RANDOM_CONFIGURATIONS)
-        largest = np.abs(self.loads(q)).max(axis=0)
-        return [joint for joint, load in zip(self.joints, largest, strict=True) if load > _ROUNDING * largest.max()]
+        largest_loads = np.abs(self.loads(q)).max(axis=0)
+        min_load = _ROUNDING * largest_loads.max()
+        return [joint for joint, load in zip(self.joints, largest_loads, strict=True) if load > min_load]
 
     # ── Parameters: twists of the joints, gears, sags, twist of the tip
 
@@ -183,47 +191,53 @@ class TipChain:
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters; the turn or slide about the own axis is called ``zero``."""
         names = list[str]()
-        for joint, own in zip(self.joints, self.own, strict=True):
-            words = [*ANGLES, *LENGTHS]
-            words[own] = "zero"
-            names += [f"{joint}.{word}" for word in words]
-        for effect, word in (("gears", "gear"), ("sag", "sag")):
+        for joint, own_entry in zip(self.joints, self.own, strict=True):
+            endings = [*ANGLES, *LENGTHS]
+            endings[own_entry] = "zero"
+            names += [f"{joint}.{ending}" for ending in endings]
+        for effect, ending in (("gears", "gear"), ("sag", "sag")):
             if effect in self.assume:
-                names += [f"{joint}.{word}" for joint in self.joints]
-        return (*names, *(f"tip.{word}" for word in (*ANGLES, *LENGTHS)))
+                names += [f"{joint}.{ending}" for joint in self.joints]
+        names += [f"tip.{ending}" for ending in (*ANGLES, *LENGTHS)]
+        return tuple(names)
 
     @cached_property
     def are_lengths(self) -> Array:
-        """True for parameters in m."""
-        slide_zeros = set()
+        """True for parameters in m: shifts, and zeros of joints that slide."""
+        zeros_of_sliding = set()
         for joint, turns in zip(self.joints, self.turning, strict=True):
             if not turns:
-                slide_zeros.add(f"{joint}.zero")
-        return np.array([name in slide_zeros or name.rpartition(".")[2] in LENGTHS for name in self.parameters])
+                zeros_of_sliding.add(f"{joint}.zero")
+        is_length = []
+        for name in self.parameters:
+            _, _, ending = name.rpartition(".")
+            is_length.append(ending in LENGTHS or name in zeros_of_sliding)
+        return np.array(is_length)
 
     def scales(self, angle: float, length: float, gear: float, sag: float, tip: tuple[float, float]) -> Array:
-        """A number for each parameter by its kind; ``tip`` are those of its angles and lengths."""
-        sizes = np.where(self.are_lengths, length, angle)
+        """(p,) numbers that are given by kind of parameter; ``tip`` has those of the tip's angles and lengths."""
+        scales = np.where(self.are_lengths, length, angle)
         endings = np.array([name.rpartition(".")[2] for name in self.parameters])
-        sizes[endings == "gear"] = gear
-        sizes[endings == "sag"] = sag
-        sizes[-6:] = np.repeat(tip, 3)
-        return sizes
+        scales[endings == "gear"] = gear
+        scales[endings == "sag"] = sag
+        scales[-6:] = np.repeat(tip, 3)
+        return scales
 
     def values(self, at: Corrections) -> Array:
         """Parameters (p,) of corrections; those of the tip are turn and shift from the file's pose."""
-        parts = [at.displacements.ravel()]
+        values = [at.displacements.ravel()]
         if "gears" in self.assume:
-            parts.append(at.gears)
+            values.append(at.gears)
         if "sag" in self.assume:
-            parts.append(at.sags)
+            values.append(at.sags)
         displacement = np.asarray(se3.inverse(self.start.tip)) @ at.tip
-        return np.concatenate([*parts, np.asarray(so3.log(displacement[:3, :3])), displacement[:3, 3]])
+        return np.concatenate([*values, np.asarray(so3.log(displacement[:3, :3])), displacement[:3, 3]])
 
     def corrections(self, values: Array) -> Corrections:
         """Corrections with the parameters (p,), as :meth:`values` returns them."""
         n = len(self.bodies)
-        effects, gears, sags = values[6 * n : -6], np.zeros(n), np.zeros(n)
+        gears, sags = np.zeros(n), np.zeros(n)
+        effects = values[6 * n : -6]  # gears, then sags, as far as they are fitted
         if "gears" in self.assume:
             gears = effects[:n]
         if "sag" in self.assume:
@@ -236,10 +250,11 @@ class TipChain:
         return self.corrections(self.values(at) + x)
 
     def bends(self, at: Corrections) -> Array:
-        """(n, 4, 4) displacements D."""
+        """(n, 4, 4) displacements D: a turn R about the centre c, then a shift p, so that x moves to R (x - c) + c + p."""
         turns, shifts = self.turns_and_shifts(at)
         R = np.asarray(so3.exp(turns))
-        return np.asarray(se3.pose(R, self.centres + shifts - np.einsum("kij,kj->ki", R, self.centres)))
+        rotated_centres = np.einsum("kij,kj->ki", R, self.centres)
+        return np.asarray(se3.pose(R, self.centres + shifts - rotated_centres))
 
     def turns_and_shifts(self, at: Corrections) -> tuple[Array, Array]:
         """(n, 3) turns w and (n, 3) shifts p in the axes of the frames."""
@@ -250,41 +265,44 @@ class TipChain:
 
     def poses(self, q: Array, loads: Array, at: Corrections) -> tuple[Array, Array]:
         """Poses (N, 4, 4) of the tip in the base, and twist columns (N, 6, p) of the parameters in the base frame."""
-        T, bends = np.tile(np.eye(4), (len(q), 1, 1)), self.bends(at)
+        T = np.tile(np.eye(4), (len(q), 1, 1))
+        displacements = self.bends(at)
         turns, shifts = self.turns_and_shifts(at)
-        twists, gears, sags = list[Array](), list[Array](), list[Array]()
+        displacement_columns, gear_columns, sag_columns = list[Array](), list[Array](), list[Array]()
         for k, column in enumerate(self.columns):
             point = self.centres[k] + shifts[k]  # of the axis about which D_k turns, after its shift
-            twists.append(_displacement_columns(T @ self.placements[k], point, turns[k], self.axes[k]))
-            T = T @ (self.placements[k] @ bends[k])
+            displacement_columns.append(_displacement_columns(T @ self.placements[k], point, turns[k], self.axes[k]))
+            T = T @ (self.placements[k] @ displacements[k])
             screw = Ad(T) @ self.screws[k]
-            gears.append(screw * q[:, column, None])
-            sags.append(-screw * loads[:, k, None])
+            gear_columns.append(screw * q[:, column, None])
+            sag_columns.append(-screw * loads[:, k, None])
             turn = q[:, column] * (1.0 + at.gears[k]) - at.sags[k] * loads[:, k]
             T = T @ np.asarray(se3.exp(turn[:, None] * self.screws[k]))
-        displacement = np.asarray(se3.inverse(self.start.tip)) @ at.tip
-        tip_turn = np.asarray(so3.log(displacement[:3, :3]))
-        tip = _displacement_columns(T @ self.start.tip, displacement[:3, 3], tip_turn, np.eye(3))
+        tip_displacement = np.asarray(se3.inverse(self.start.tip)) @ at.tip
+        tip_turn = np.asarray(so3.log(tip_displacement[:3, :3]))
+        tip_columns = _displacement_columns(T @ self.start.tip, tip_displacement[:3, 3], tip_turn, np.eye(3))
         T = T @ at.tip
-        parts = [np.concatenate(twists, axis=2)]
+        columns = [np.concatenate(displacement_columns, axis=2)]
         if "gears" in self.assume:
-            parts.append(np.stack(gears, axis=2))
+            columns.append(np.stack(gear_columns, axis=2))
         if "sag" in self.assume:
-            parts.append(np.stack(sags, axis=2))
-        return T, np.concatenate([*parts, tip], axis=2)
+            columns.append(np.stack(sag_columns, axis=2))
+        return T, np.concatenate([*columns, tip_columns], axis=2)
 
     def tips(self, q: Array, at: Corrections | None = None) -> Array:
         """Poses (N, 4, 4) of the tip alone."""
         if at is None:
             at = self.start
-        return self.poses(q, self.loads(q), at)[0]
+        tip_poses, _ = self.poses(q, self.loads(q), at)
+        return tip_poses
 
     def calibrated_robot(self, at: Corrections) -> Robot:
         """Robot whose placements, and tip if a file can move it, have the corrections; gears and sags are left out."""
         model = self.robot.model
-        bodies, bends = list(model.bodies), self.bends(at)
+        bodies = list(model.bodies)
+        displacements = self.bends(at)
         for k, i in enumerate(self.bodies):
-            bodies[i] = replace(bodies[i], placement=bodies[i].placement @ bends[k])
+            bodies[i] = replace(bodies[i], placement=bodies[i].placement @ displacements[k])
         frames = dict(model.frames)
         if self.moves_tip:
             frames[self.frame] = replace(frames[self.frame], pose=at.tip)
@@ -292,9 +310,10 @@ class TipChain:
 
 
 def _displacement_columns(T: Array, point: Array, turn: Array, axes: Array) -> Array:
-    """Twist columns (N, 6, 6) in the base of a turn w about a point and of its shift, in frames T (N, 4, 4) and ``axes``.
+    """Twist columns (N, 6, 6) in the base frame: for a change of a turn w about a point, and of the point's shift.
 
-    The velocity of rotation is J(w) dw with the left Jacobian J.
+    T (N, 4, 4) are the poses of the frame in which ``point`` (3,) and ``turn`` w (3,) are given, and the columns of ``axes``
+    (3, 3) the directions of both changes. The velocity of rotation is J(w) dw with the left Jacobian J.
     """
     R = T[:, :3, :3]
     angular = R @ (np.asarray(so3.left_jacobian(turn)) @ axes)

@@ -1,9 +1,9 @@
 """Factory calibration of UR robots, from ``calibration.conf`` of the controller or the YAML of UR's ROS tools.
 
-The controller's corrections are those of a Denavit-Hartenberg table, whose frames lie hundreds of metres away if axes 2, 3
-and 4 are nearly parallel. With screw axes they need no correction algorithm: e^[S_1]q_1 … e^[S_6]q_6 M depends on the axes
-and on M alone. Each link frame is moved the shortest way onto its new axis: turned by the smallest rotation, shifted along
-the normal.
+The controller's corrections are those of a Denavit-Hartenberg table. Axes 2, 3 and 4 are nearly parallel, so that frames of
+the corrected table lie hundreds of metres away. This is no problem for screw axes: e^[S_1]q_1 … e^[S_6]q_6 M depends on the
+axes and on M alone. Each link frame is moved the shortest way onto its new axis: turned by the smallest rotation, and shifted
+along the common normal.
 """
 
 from __future__ import annotations
@@ -40,18 +40,19 @@ if TYPE_CHECKING:
 
 _JOINTS = 6
 _ALPHA = np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0]) * np.pi / 2
-"""Twists of the nominal table [rad]."""
-_GEOMETRY = 1e-5
-"""Largest difference of an axis from the table's."""
-_OTHER_MODEL = 20e-3
+"""Angles α between successive axes of the nominal table [rad]."""
+_MAX_AXIS_DIFFERENCE = 1e-5
+"""Largest difference of an entry of a screw axis from the table's."""
+_MAX_AXIS_SHIFT = 20e-3
 """Shift [m] of an axis above which the corrections are of another model."""
 _CONFIGURATIONS = 500
 """Number of configurations of the mean displacement."""
 _LISTS = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
+"""Entries of ``calibration.conf``: corrections of θ, d, a and α."""
 _LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Entries of the YAML: poses of the joints' frames in their predecessors, which turn about z."""
-_FLANGE = 5e-3
-"""Largest difference [m] of the flange's distance from the file's frame there."""
+_MAX_FLANGE_DIFFERENCE = 5e-3
+"""Largest difference [m] between the flange's distance in the YAML and that of a frame of the robot."""
 
 
 def factory(robot: Robot, path: str | Path) -> Robot:
@@ -89,24 +90,27 @@ def factory(robot: Robot, path: str | Path) -> Robot:
     >>> bool(np.abs(off).max() < 1e-12)
     True
     """
-    chain, file = TipChain.from_robot(robot), as_path(path)
+    chain = TipChain.from_robot(robot)
+    file = as_path(path)
     if len(chain.joints) != _JOINTS or not all(chain.turning):
         raise ModelError(
             f"robot {robot.name!r} has not the six turning joints of a UR, so its factory calibration means nothing."
         )
-    old, table = _nominal(chain)
+    nominal_frames, (d, a) = _nominal_table(chain)
     if file.suffix.lower() in (".yaml", ".yml"):
-        new = _frames_of_placements(chain, old, _placements(file))
+        placements = _placements(file)
+        nominal_frames[_JOINTS] = _flange_frame(chain, nominal_frames, placements[-1])
+        frames = _frames_of_placements(nominal_frames[0], placements)
     else:
-        theta, d, a, alpha = _corrections(file)
-        new = _frames(old[0], theta, table[0] + d, table[1] + a, _ALPHA + alpha)
-    moved = max(_axis_shift(T, S) for T, S in zip(old, new, strict=True))
-    if moved > _OTHER_MODEL:
+        delta_theta, delta_d, delta_a, delta_alpha = _corrections(file)
+        frames = _frames_of_table(nominal_frames[0], delta_theta, d + delta_d, a + delta_a, _ALPHA + delta_alpha)
+    shift = max(_axis_shift(before, after) for before, after in zip(nominal_frames, frames, strict=True))
+    if shift > _MAX_AXIS_SHIFT:
         raise ModelError(
-            f"{file}: the corrections move an axis of {robot.name!r} by {number(1e3 * moved, 3)} mm; some mm are usual. "
+            f"{file}: the corrections move an axis of {robot.name!r} by {number(1e3 * shift, 3)} mm; some mm are usual. "
             "Were they made for another model? Load that one."
         )
-    return _with_frames(chain, old, new)
+    return _with_frames(chain, nominal_frames, frames)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,8 +166,8 @@ class FactoryCalibration(Answer):
     def displacement(self) -> float:
         """Displacement of the frame [m], root mean square over 500 configurations."""
         q = self.original.random_configuration(0, _CONFIGURATIONS)
-        both = (self.original, self.robot)
-        before, after = (np.asarray(one.forward_kinematics(q, frame=self.frame))[:, :3, 3] for one in both)
+        before = np.asarray(self.original.forward_kinematics(q, frame=self.frame))[:, :3, 3]
+        after = np.asarray(self.robot.forward_kinematics(q, frame=self.frame))[:, :3, 3]
         return float(np.sqrt(((after - before) ** 2).sum(axis=1).mean()))
 
     @property
@@ -178,8 +182,8 @@ class FactoryCalibration(Answer):
         -------
         blocks : iterator of Block
         """
-        moved = f"the factory calibration moves {self.frame} by {millimetres(self.displacement)} (rms over the reach)."
-        yield Headline(Word.DONE, moved)
+        text = f"the factory calibration moves {self.frame} by {millimetres(self.displacement)} (rms over the reach)."
+        yield Headline(Word.DONE, text)
 
     def facts(self) -> Mapping[str, str]:
         """Displacement of the tip.
@@ -215,96 +219,118 @@ class FactoryCalibration(Answer):
         -------
         path : Path of the file
         """
-        said = f"factory calibration of {self.path.name}"
-        return write_geometry(self.original, self.robot, self.frame, path, said)
+        summary = f"factory calibration of {self.path.name}"
+        return write_geometry(self.original, self.robot, self.frame, path, summary)
 
 
-def _nominal(chain: TipChain) -> tuple[list[Array], tuple[Array, Array]]:
-    """Frames before each joint and after the last, and d and a (6,) of the table, from the robot's own axes."""
-    S = np.array([np.asarray(Ad(T).matrix) @ s for T, s in zip(_homes(chain), chain.screws, strict=True)])
-    foot = np.cross(S[:, :3], S[:, 3:])
-    up = S[0, :3]
-    R = np.column_stack([np.cross(-S[1, :3], up), -S[1, :3], up])
-    X = np.asarray(se3.pose(R, foot[0] - up * (up @ foot[0])))
-    p = (foot - X[:3, 3]) @ R
+def _nominal_table(chain: TipChain) -> tuple[list[Array], tuple[Array, Array]]:
+    """Frames before each joint and after the last, and d and a (6,) of the nominal table, from the robot's own axes."""
+    S = np.array([np.asarray(Ad(T).matrix) @ s for T, s in zip(_link_frames(chain), chain.screws, strict=True)])
+    axis_points = np.cross(S[:, :3], S[:, 3:])  # of each axis, nearest to the base's origin
+    z, x_normal = S[0, :3], S[1, :3]
+    R = np.column_stack([np.cross(-x_normal, z), -x_normal, z])
+    X = np.asarray(se3.pose(R, axis_points[0] - z * (z @ axis_points[0])))
+    p = (axis_points - X[:3, 3]) @ R
     a = np.array([0.0, p[2, 0] - p[1, 0], p[3, 0] - p[2, 0], 0.0, 0.0, 0.0])
     d = np.array([p[1, 2], 0.0, 0.0, -p[4, 1], p[3, 2] - p[5, 2], 0.0])
-    frames = _frames(X, np.zeros(_JOINTS), d, a, _ALPHA)
-    off = max(float(np.abs(np.asarray(Ad(T).matrix)[:, 2] - s).max()) for T, s in zip(frames, S, strict=False))
-    if not off < _GEOMETRY:
+    frames = _frames_of_table(X, np.zeros(_JOINTS), d, a, _ALPHA)
+    differences = []
+    for T, screw in zip(frames[:_JOINTS], S, strict=True):
+        table_screw = np.asarray(Ad(T).matrix)[:, 2]  # rotation about the frame's z axis
+        differences.append(float(np.abs(table_screw - screw).max()))
+    difference = max(differences)
+    if not difference < _MAX_AXIS_DIFFERENCE:
         raise ModelError(
-            f"robot {chain.robot.name!r} has not the geometry of a UR: an axis differs by {number(off, 2)} from the table's."
+            f"robot {chain.robot.name!r} has not the geometry of a UR: "
+            f"an axis differs by {number(difference, 2)} from the table's."
         )
     return frames, (d, a)
 
 
-def _homes(chain: TipChain) -> list[Array]:
+def _link_frames(chain: TipChain) -> list[Array]:
     """Frames of the links at zero of all joints."""
-    T, found = np.eye(4), list[Array]()
+    T = np.eye(4)
+    frames = list[Array]()
     for P in chain.placements:
         T = T @ P
-        found.append(T)
-    return found
+        frames.append(T)
+    return frames
 
 
-def _frames(X: Array, theta: Array, d: Array, a: Array, alpha: Array) -> list[Array]:
-    """Frames before each joint, turning about z, and after the last: Rz(θ) Tz(d) Tx(a) Rx(α)."""
-    found = [X]
+def _frames_of_table(X: Array, theta: Array, d: Array, a: Array, alpha: Array) -> list[Array]:
+    """Frames before each joint, which turns about z, and after the last; successive by Rz(θ) Tz(d) Tx(a) Rx(α) from X."""
+    frames = [X]
     for i in range(_JOINTS):
-        along_z, along_x = np.array([0, 0, theta[i], 0, 0, d[i]]), np.array([alpha[i], 0, 0, a[i], 0, 0])
-        found.append(found[-1] @ np.asarray(se3.exp(along_z)) @ np.asarray(se3.exp(along_x)))
-    return found
+        screw_along_z = np.array([0, 0, theta[i], 0, 0, d[i]])
+        screw_along_x = np.array([alpha[i], 0, 0, a[i], 0, 0])
+        frames.append(frames[-1] @ np.asarray(se3.exp(screw_along_z)) @ np.asarray(se3.exp(screw_along_x)))
+    return frames
 
 
-def _frames_of_placements(chain: TipChain, old: list[Array], placements: list[Array]) -> list[Array]:
-    """Frames of the joints from their placements, and after the last; the table's last frame moves to the flange.
+def _frames_of_placements(base: Array, placements: list[Array]) -> list[Array]:
+    """Frames of the joints from their placements, the first in ``base``, and after the last, as which the last counts.
 
     Without corrections the placements are Tx(a) Rx(α) Rz(θ) Tz(d) of the table, with the distance d_6 of the flange.
     """
-    frames = [old[0] @ placements[0]]
+    frames = [base @ placements[0]]
     for P in placements[1:]:
         frames.append(frames[-1] @ P)
-    last = placements[-1]
-    given = float(last[:3, 2] @ last[:3, 3])
-    home, body = _homes(chain)[-1], chain.bodies[-1]
-    inside = np.asarray(se3.inverse(old[_JOINTS - 1])) @ home
-    heights = [float((inside @ frame.pose)[2, 3]) for frame in chain.robot.model.frames.values() if frame.body == body]
-    flange = min(heights, key=lambda height: abs(height - given))
-    if abs(flange - given) > _FLANGE:
-        raise ModelError(
-            f"robot {chain.robot.name!r} has no frame at the flange, {number(1e3 * given)} mm along the last axis; the nearest "
-            f"is at {number(1e3 * flange)} mm. Was the calibration made for another model? Load that one."
-        )
-    old[_JOINTS] = old[_JOINTS] @ np.asarray(se3.exp(np.array([0, 0, 0, 0, 0, flange])))
     return [*frames, frames[-1]]
 
 
+def _flange_frame(chain: TipChain, nominal_frames: list[Array], last_placement: Array) -> Array:
+    """Last frame of the nominal table moved along the last axis to the flange, where the last placement has its frame.
+
+    The flange is the robot's frame on the last link at the distance that the placement has; raises ModelError without one.
+    """
+    distance = float(last_placement[:3, 2] @ last_placement[:3, 3])
+    last_body = chain.bodies[-1]
+    link_in_table = np.asarray(se3.inverse(nominal_frames[_JOINTS - 1])) @ _link_frames(chain)[-1]
+    poses_on_link = [frame.pose for frame in chain.robot.model.frames.values() if frame.body == last_body]
+    distances = [float((link_in_table @ pose)[2, 3]) for pose in poses_on_link]  # along the last axis
+    flange = min(distances, key=lambda frame_distance: abs(frame_distance - distance))
+    if abs(flange - distance) > _MAX_FLANGE_DIFFERENCE:
+        raise ModelError(
+            f"robot {chain.robot.name!r} has no frame at the flange, {number(1e3 * distance)} mm along the last axis; "
+            f"the nearest is at {number(1e3 * flange)} mm. Was the calibration made for another model? Load that one."
+        )
+    return nominal_frames[_JOINTS] @ np.asarray(se3.exp(np.array([0, 0, 0, 0, 0, flange])))
+
+
 def _axis_shift(old: Array, new: Array) -> float:
-    """Distance [m] of the old frame's nearest axis point from the new axis; ends compare their origins."""
+    """Distance [m] of the old frame's origin from the z axis of the new frame."""
     z = new[:3, 2]
-    between = new[:3, 3] - old[:3, 3]
-    return float(np.linalg.norm(between - z * (z @ between)))
+    difference = new[:3, 3] - old[:3, 3]
+    return float(np.linalg.norm(difference - z * (z @ difference)))
 
 
 def _with_frames(chain: TipChain, old: Sequence[Array], new: Sequence[Array]) -> Robot:
-    """Robot whose axes are those of the new frames."""
-    frames = [np.eye(4)]
-    for home, screw, T in zip(_homes(chain), chain.screws, new, strict=False):
-        z, o, w = T[:3, 2], T[:3, 3], home[:3, :3] @ screw[:3]
-        z = z if z @ w > 0 else -z
-        axis = np.cross(w, z)
-        sine = float(np.linalg.norm(axis))
-        turn = so3.exp(axis / sine * np.arctan2(sine, w @ z)) if sine > 0 else np.eye(3)
-        frames.append(np.asarray(se3.pose(turn @ home[:3, :3], o + z * (z @ (home[:3, 3] - o)))))
-    end = new[_JOINTS] @ np.asarray(se3.inverse(old[_JOINTS])) @ _homes(chain)[-1] @ chain.start.tip
+    """Robot whose axes are those of the new frames, and whose tip moves as the last frame of the table does."""
+    link_frames = _link_frames(chain)
+    moved_frames = [np.eye(4)]  # of the base and of the links
+    for link_frame, screw, T in zip(link_frames, chain.screws, new[:_JOINTS], strict=True):
+        R, p = link_frame[:3, :3], link_frame[:3, 3]
+        old_axis = R @ screw[:3]
+        new_axis, new_point = T[:3, 2], T[:3, 3]
+        if not new_axis @ old_axis > 0:
+            new_axis = -new_axis
+        cross = np.cross(old_axis, new_axis)
+        sine = float(np.linalg.norm(cross))
+        rotation = np.eye(3)  # the smallest one that turns the old axis to the new one
+        if sine > 0:
+            rotation = so3.exp(cross / sine * np.arctan2(sine, old_axis @ new_axis))
+        nearest_point = new_point + new_axis * (new_axis @ (p - new_point))  # of the new axis
+        moved_frames.append(np.asarray(se3.pose(rotation @ R, nearest_point)))
+    tip = new[_JOINTS] @ np.asarray(se3.inverse(old[_JOINTS])) @ link_frames[-1] @ chain.start.tip
     model = chain.robot.model
     bodies = list(model.bodies)
-    for i, before, after in zip(chain.bodies, frames, frames[1:], strict=False):
+    for i, before, after in zip(chain.bodies, moved_frames[:-1], moved_frames[1:], strict=True):
         bodies[i] = replace(bodies[i], placement=np.asarray(se3.inverse(before)) @ after)
-    named = dict(model.frames)
+    named_frames = dict(model.frames)
     if chain.frame != bodies[chain.bodies[-1]].link:  # a moving link's frame stays on its joint
-        named[chain.frame] = replace(named[chain.frame], pose=np.asarray(se3.inverse(frames[-1])) @ end)
-    return Robot(replace(model, bodies=tuple(bodies), frames=named))
+        tip_in_link = np.asarray(se3.inverse(moved_frames[-1])) @ tip
+        named_frames[chain.frame] = replace(named_frames[chain.frame], pose=tip_in_link)
+    return Robot(replace(model, bodies=tuple(bodies), frames=named_frames))
 
 
 # ── Files
@@ -336,26 +362,26 @@ def _placements(path: Path) -> list[Array]:
     content, _ = read_yaml(path, "factory calibration", "kinematics")
     try:
         links = Section(content, "").section("kinematics")
-        entries = [links.section(name) for name in _LINKS]
-        values = list(map(_pose_numbers, entries))
+        poses = [_pose_numbers(links.section(name)) for name in _LINKS]
     except (KeyError, ModelError) as problem:
         raise RobotFileError(
             f"{path}: is not a kinematics file of a UR ({str(problem).splitlines()[0]}). "
             f"It has x, y, z, roll, pitch and yaw of {', '.join(_LINKS)} below kinematics."
         ) from None
-    return [np.asarray(se3.pose(rotation_of_rpy(x[3:]), np.array(x[:3]))) for x in values]
+    return [np.asarray(se3.pose(rotation_of_rpy(pose[3:]), np.array(pose[:3]))) for pose in poses]
 
 
 def _pose_numbers(entry: Section) -> list[float]:
-    """Numbers of one link's entry."""
+    """Position [m] and angles [rad] of one link's entry."""
     return [entry.number(name, "") for name in ("x", "y", "z", "roll", "pitch", "yaw")]
 
 
 def _numbers(text: str) -> Array:
-    found = np.array([float(x) for x in text.strip().strip("[]").split(",")])
-    if len(found) != _JOINTS or not np.isfinite(found).all():
-        raise ValueError(f"{len(found)} numbers")
-    return found
+    """Numbers (6,) of a list; raises ValueError for another text."""
+    numbers = np.array([float(entry) for entry in text.strip().strip("[]").split(",")])
+    if len(numbers) != _JOINTS or not np.isfinite(numbers).all():
+        raise ValueError(f"{len(numbers)} numbers")
+    return numbers
 
 
 complete(globals())

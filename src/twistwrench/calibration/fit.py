@@ -23,19 +23,32 @@ ROBUST = 3.0
 """Huber's k of a whole reading, in its standard deviations (rms of its rows)."""
 OUTLIER = 0.6
 """Huber weight below which a reading is an outlier."""
-PRIOR, SCALELESS_PRIOR = (1e-2, 4e-2), (2e-3, 4e-3)
-"""Standard deviations [m, rad] of the file during the fit; the second if nothing contains a length."""
-TIP, GEAR, SAG = (0.5, 0.3), 1e-2, 1e-2
-"""Same of the tip [rad, m], of gears, and of sags [rad/(N m)]."""
+PRIOR = (1e-2, 4e-2)
+"""Standard deviations of the file's lengths [m] and angles [rad] during the fit."""
+SCALELESS_PRIOR = (2e-3, 4e-3)
+"""The same if no measurement contains a length."""
+TIP = (0.5, 0.3)
+"""Standard deviations of the tip's rotation [rad] and position [m] during the fit."""
+GEAR = 1e-2
+"""Standard deviation of gear errors during the fit, as a share."""
+SAG = 1e-2
+"""Standard deviation of sags during the fit [rad/(N m)]."""
 KNOWN_LENGTH = 1e-5
 """Standard deviation of a known length [m]."""
-_FRAMES_ONLY, _ITERATIONS, _TRIALS = 8, 40, 10
+_FRAME_ITERATIONS = 8
+"""Number of first iterations that change only targets and tip."""
+_MAX_ITERATIONS = 40
+_MAX_TRIALS = 10
+"""Maximum number of trials, each with more damping, for one step."""
+_MIN_DAMPING = 1e-9
 _MAX_CHANGE = 1e-3
-"""Change of weights and of the cost at which a fit has settled."""
+"""Change of weights and of the cost, as a share, below which a fit has converged."""
+_INITIAL_WEIGHTS = (3e2, 1e3)
+"""Initial weights of angles [1/rad] and lengths [1/m]: of standard deviations of about 3 mrad and 1 mm."""
 _MIN_DEVIATION = 1e-9
 """Smallest standard deviation [m, rad]: rounding."""
 _MEDIANS = {1: 0.4549, 3: 0.7887, 6: 0.8914}
-"""Medians of chi² over its degrees of freedom."""
+"""Medians of chi² over its degrees of freedom, by number of degrees of freedom."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +70,9 @@ class LinearRows:
     design: tuple[Array, ...]
     """(m, r, p + targets) of each measurement."""
     lengths: Array
-    """(k,) residuals of known lengths over their deviation."""
+    """(k,) residuals of known lengths over their standard deviation."""
     length_rows: Array
-    """(k, p + targets)."""
+    """(k, p + targets) derivatives of these residuals."""
 
     def weighted_rows(self, weights: Sequence[Array]) -> tuple[Array, Array]:
         """Design (rows, p + targets) and residuals (rows,) times weights (m, r) of each measurement."""
@@ -72,12 +85,12 @@ class LinearRows:
 
 @dataclass(frozen=True, eq=False)
 class IndependentParameters:
-    """Parameters that alone are fitted, one for each group; the others keep the values of the file."""
+    """The fitted parameters, one for each group; the others keep the values of the file."""
 
     columns: tuple[int, ...]
-    """Their places among the names of the fit, those of targets at the end."""
+    """Their indices among the names of the fit: first those of the chain, then those of targets."""
     terms: Array
-    """(k, p) factors of the chain's parameters in the group of each."""
+    """(k, p) factors of the chain's parameters in the group of each fitted parameter."""
 
     def prior(self, wide: Array) -> Array:
         """Prior of the groups from that of all parameters: L⁻¹ with L L' = G diag(wide²) G'.
@@ -96,8 +109,9 @@ class IndependentParameters:
         array([[0. , 0.2]])
         """
         S = self.terms * wide
+        L = np.linalg.cholesky(S @ S.T)
         rows = np.zeros(self.terms.shape)
-        rows[:, self.columns[: len(rows)]] = np.linalg.inv(np.linalg.cholesky(S @ S.T))
+        rows[:, self.columns[: len(rows)]] = np.linalg.inv(L)
         return rows
 
 
@@ -118,12 +132,14 @@ class CalibrationProblem:
 
     @cached_property
     def masks(self) -> tuple[Array, ...]:
-        """(m,) True for readings that count."""
-        return self.used or tuple(np.ones(m.count, bool) for m in self.measured)
+        """Mask (m,) of the readings that count, for each measurement."""
+        if self.used:
+            return self.used
+        return tuple(np.ones(m.count, bool) for m in self.measured)
 
     @cached_property
     def loads(self) -> list[Array]:
-        """Torques of gravity at each configuration."""
+        """Torques of gravity at each configuration, for each measurement."""
         return [self.chain.loads(m.q) for m in self.measured]
 
     @cached_property
@@ -135,12 +151,15 @@ class CalibrationProblem:
     @cached_property
     def prior(self) -> Array:
         """(k, p) rows of the prior on the chain's parameters, over their deviations."""
-        return np.diag(1.0 / self.wide) if self.independent is None else self.independent.prior(self.wide)
+        if self.independent is None:
+            return np.diag(1.0 / self.wide)
+        return self.independent.prior(self.wide)
 
     def free(self, count: int, *, frames_only: bool) -> Array:
         """(count,) True for the columns of a step: tip and targets alone, or those that are fitted."""
         if frames_only:
-            return np.arange(count) >= len(self.chain.parameters) - 6
+            first_tip_column = len(self.chain.parameters) - 6  # targets follow after the tip
+            return np.arange(count) >= first_tip_column
         if self.independent is None:
             return np.ones(count, bool)
         mask = np.zeros(count, bool)
@@ -153,52 +172,61 @@ class CalibrationProblem:
         return all(m.is_scaleless for m in self.measured)
 
     def start(self) -> Estimate:
-        """Corrections of zero, a tip turned as the target of measured poses, and targets for them."""
-        at = self.chain.start
+        """Estimate before the first iteration: the file's geometry, and targets computed from its poses.
+
+        If poses are measured, the tip is rotated as the target of the first such measurement.
+        """
+        corrections = self.chain.start
         for m, mask in zip(self.measured, self.masks, strict=True):
             if m.kind != "pose":
                 continue
-            T, _ = self.chain.poses(m.q, self.chain.loads(m.q), at)
-            turn = np.eye(4)
-            turn[:3, :3] = turn_of_target(m.rotations[mask], T[mask, :3, :3])
-            at = replace(at, tip=at.tip @ turn)
+            T, _ = self.chain.poses(m.q, self.chain.loads(m.q), corrections)
+            rotation = np.eye(4)
+            rotation[:3, :3] = turn_of_target(m.rotations[mask], T[mask, :3, :3])
+            corrections = replace(corrections, tip=corrections.tip @ rotation)
             break
         tips = []
         for m, loads in zip(self.measured, self.loads, strict=True):
-            tip_poses, _ = self.chain.poses(m.q, loads, at)
+            tip_poses, _ = self.chain.poses(m.q, loads, corrections)
             tips.append(tip_poses)
-        return Estimate(at, tuple(targets_from_tips(self.measured, tips)))
+        return Estimate(corrections, tuple(targets_from_tips(self.measured, tips)))
 
     def equations(self, state: Estimate) -> LinearRows:
         """Residuals and their derivatives at a state."""
-        sizes = [len(target.names) for target in state.targets]
+        target_counts = [len(target.names) for target in state.targets]
         p = len(self.chain.parameters)
-        places = p + np.cumsum([0, *sizes])
+        first_columns = p + np.cumsum([0, *target_counts])  # of each target; the last is the number of all columns
+        column_count = first_columns[-1]
         residuals, design, lengths, length_rows = [], [], [], []
-        for b, (m, target) in enumerate(zip(self.measured, state.targets, strict=True)):
-            T, J = self.chain.poses(m.q, self.loads[b], state.corrections)
-            e, D, own = target.rows(T, J)
-            A = np.zeros((*e.shape, places[-1]))
-            A[..., :p], A[..., places[b] : places[b + 1]] = D, own
+        for k, (m, target) in enumerate(zip(self.measured, state.targets, strict=True)):
+            own_columns = slice(first_columns[k], first_columns[k + 1])
+            T, J = self.chain.poses(m.q, self.loads[k], state.corrections)
+            e, by_chain, by_target = target.rows(T, J)
+            A = np.zeros((*e.shape, column_count))
+            A[..., :p] = by_chain
+            A[..., own_columns] = by_target
             residuals.append(e)
             design.append(A)
             length_row = target.length_row(T, J)
             if length_row is not None:
-                row = np.zeros(places[-1])
-                row[:p], row[places[b] : places[b + 1]] = length_row[1], length_row[2]
-                lengths.append(length_row[0] / KNOWN_LENGTH)
+                length_error, length_by_chain, length_by_target = length_row
+                row = np.zeros(column_count)
+                row[:p] = length_by_chain
+                row[own_columns] = length_by_target
+                lengths.append(length_error / KNOWN_LENGTH)
                 length_rows.append(row / KNOWN_LENGTH)
-        rows = np.array(length_rows).reshape(len(lengths), places[-1])
-        return LinearRows(tuple(residuals), tuple(design), np.array(lengths), rows)
+        known_length_rows = np.array(length_rows).reshape(len(lengths), column_count)  # also without known lengths
+        return LinearRows(tuple(residuals), tuple(design), np.array(lengths), known_length_rows)
 
     def step(self, state: Estimate, x: Array) -> Estimate:
-        """Estimate after a step."""
-        at = len(self.chain.parameters)
-        corrections = self.chain.step(state.corrections, x[:at])
+        """Estimate after a step x: first the chain's parameters, then those of each target."""
+        column = len(self.chain.parameters)
+        corrections = self.chain.step(state.corrections, x[:column])
         targets = list[MeasuredTarget]()
         for target in state.targets:
-            targets.append(target.step(x[at : at + len(target.names)]))
-            at += len(target.names)
+            next_column = column + len(target.names)
+            targets.append(target.step(x[column:next_column]))
+            column = next_column
         return Estimate(corrections, tuple(targets))
 
     # ── Solution
@@ -212,68 +240,76 @@ class CalibrationProblem:
         """Least squares from a start; with ``frames_only``, of targets and tip alone."""
         state = self.start() if start is None else start
         weights, damping = self._first_weights(), 1e-3
-        equations, trimmed = self.equations(state), 0
-        for k in range(_FRAMES_ONLY if frames_only else _ITERATIONS):
-            frames = frames_only or (start is None and k < _FRAMES_ONLY)
-            last = weights
-            if not frames or (frames_only and k > 2):
-                weights = self._weights(equations, frames, trim=trimmed > 0)
-            state, equations, damping, lowered = self._step(state, equations, weights, damping, frames)
-            change = max(float(np.abs(W - V).max() / V.max()) for W, V in zip(weights, last, strict=True))
-            if trimmed or (not frames and change < _MAX_CHANGE and lowered < _MAX_CHANGE):
-                trimmed += 1
-                if trimmed > 2 and change < _MAX_CHANGE:
+        equations = self.equations(state)
+        trimmed_iterations = 0  # iterations since the fit converged, in which outliers have no weight
+        for k in range(_FRAME_ITERATIONS if frames_only else _MAX_ITERATIONS):
+            changes_frames_only = frames_only or (start is None and k < _FRAME_ITERATIONS)
+            previous_weights = weights
+            if not changes_frames_only or (frames_only and k > 2):
+                weights = self._weights(equations, changes_frames_only, trim=trimmed_iterations > 0)
+            state, equations, damping, decrease = self._step(state, equations, weights, damping, changes_frames_only)
+            change = max(_relative_change(W, V) for W, V in zip(weights, previous_weights, strict=True))
+            has_converged = not changes_frames_only and change < _MAX_CHANGE and decrease < _MAX_CHANGE
+            if trimmed_iterations or has_converged:
+                trimmed_iterations += 1
+                if trimmed_iterations > 2 and change < _MAX_CHANGE:
                     break
-        return CalibrationFit(
-            self, state, equations, tuple(self._weights(equations, frames_only, trim=True)), frames_only
-        )
+        weights = self._weights(equations, frames_only, trim=True)
+        return CalibrationFit(self, state, equations, tuple(weights), frames_only)
 
     def _step(
-        self, state: Estimate, equations: LinearRows, weights: Sequence[Array], damping: float, frames: bool
+        self, state: Estimate, equations: LinearRows, weights: Sequence[Array], damping: float, frames_only: bool
     ) -> tuple[Estimate, LinearRows, float, float]:
-        """Levenberg step that lowers the cost: new state and equations, damping, and the lowered share of the cost."""
+        """Levenberg step that lowers the cost: new state and equations, damping, and decrease of the cost as a share."""
         A, y = equations.weighted_rows(weights)
         prior = np.zeros((len(self.prior), A.shape[1]))
         prior[:, : self.prior.shape[1]] = self.prior
         B = np.concatenate([A, prior])
         r = np.concatenate([y, self.prior @ self.chain.values(state.corrections)])
-        free = self.free(B.shape[1], frames_only=frames)
-        size = np.linalg.norm(B[:, free], axis=0) + 1e-12
-        N, c = (B[:, free] / size).T @ (B[:, free] / size), (B[:, free] / size).T @ r
+        free = self.free(B.shape[1], frames_only=frames_only)
+        norms = np.linalg.norm(B[:, free], axis=0) + 1e-12
+        free_columns = B[:, free]
+        N, c = (free_columns / norms).T @ (free_columns / norms), (free_columns / norms).T @ r
         cost = float(r @ r)
-        for _ in range(_TRIALS):
+        for _ in range(_MAX_TRIALS):
             x = np.zeros(B.shape[1])
-            x[free] = -np.linalg.solve(N + (damping + 1e-13) * np.eye(len(N)), c) / size
+            x[free] = -np.linalg.solve(N + (damping + 1e-13) * np.eye(len(N)), c) / norms
             trial = self.step(state, x)
-            found = self.equations(trial)
-            left = np.concatenate([found.weighted_rows(weights)[1], self.prior @ self.chain.values(trial.corrections)])
-            if left @ left <= cost * (1.0 + 1e-12):
-                return trial, found, max(damping / 10.0, 1e-9), 1.0 - float(left @ left) / max(cost, 1e-300)
+            trial_equations = self.equations(trial)
+            _, trial_y = trial_equations.weighted_rows(weights)
+            trial_r = np.concatenate([trial_y, self.prior @ self.chain.values(trial.corrections)])
+            trial_cost = float(trial_r @ trial_r)
+            if trial_cost <= cost * (1.0 + 1e-12):
+                decrease = 1.0 - trial_cost / max(cost, 1e-300)
+                return trial, trial_equations, max(damping / 10.0, _MIN_DAMPING), decrease
             damping = max(damping * 10.0, 1e-6)
         return state, equations, damping, 0.0
 
     def _first_weights(self) -> list[Array]:
-        """Weights of 1 mm and 3 mrad."""
-        found = [np.full((m.count, m.rows_each), 1e3) for m in self.measured]
-        for W, m, used in zip(found, self.measured, self.masks, strict=True):
-            W[:, : m.angle_rows] = 3e2
+        """Weights of the first iterations, (m, r) for each measurement."""
+        angle_weight, length_weight = _INITIAL_WEIGHTS
+        weights = [np.full((m.count, m.rows_each), length_weight) for m in self.measured]
+        for W, m, used in zip(weights, self.measured, self.masks, strict=True):
+            W[:, : m.angle_rows] = angle_weight
             W[~used] = 0.0
-        return found
+        return weights
 
-    def _freedom(self, equations: LinearRows, frames: bool) -> float:
-        """Share of the rows that parameters do not use up."""
+    def _freedom(self, equations: LinearRows, frames_only: bool) -> float:
+        """Degrees of freedom of the residuals, as a share of the rows: rows less fitted parameters; at least 0.1."""
         rows = sum(e.shape[1] * int(used.sum()) for e, used in zip(equations.residuals, self.masks, strict=True))
-        n = len(self.chain.joints)
-        used = equations.length_rows.shape[1] - len(self.chain.parameters) + (6 if frames else 4 * n)
-        return max(1.0 - used / rows, 0.1)
+        target_parameters = equations.length_rows.shape[1] - len(self.chain.parameters)
+        # the tip alone has six; a chain has four independent ones per joint
+        chain_parameters = 6 if frames_only else 4 * len(self.chain.joints)
+        return max(1.0 - (target_parameters + chain_parameters) / rows, 0.1)
 
-    def _weights(self, equations: LinearRows, frames: bool, *, trim: bool) -> list[Array]:
-        """Weights of whole readings over one deviation for lengths and one for angles.
+    def _weights(self, equations: LinearRows, frames_only: bool, *, trim: bool) -> list[Array]:
+        """Weight of each reading over the standard deviation of its row, (m, r) for each measurement.
 
-        Huber's weights w with deviations by the median until the fit has settled; then outliers get none, and the
-        deviation is that of the others.
+        A measurement has one deviation for lengths and one for angles. Before the fit has converged, weights are Huber's,
+        with deviations by the median. With ``trim``, outliers have weight 0, and the deviation is that of the others.
         """
-        free, found = self._freedom(equations, frames), list[Array]()
+        freedom = self._freedom(equations, frames_only)
+        weights_by_measurement = list[Array]()
         for m, e, used in zip(self.measured, equations.residuals, self.masks, strict=True):
             parts = [slice(None)]
             if m.angle_rows:
@@ -281,22 +317,29 @@ class CalibrationProblem:
             deviations = np.ones(e.shape[1])
             for k, part in enumerate(parts):
                 if m.noise is not None:
+                    # the noise of lengths stands before that of angles, the rows of angles before those of lengths
                     deviations[part] = float(np.broadcast_to(m.noise, 2)[len(parts) - 1 - k])
                     continue
                 squares = (e[used, part] ** 2).mean(axis=1)
-                median = float(np.median(squares)) / _MEDIANS[len(deviations[part])]
+                variance = float(np.median(squares)) / _MEDIANS[len(deviations[part])]
                 if not self.keep_outliers:
-                    squares = squares[squares <= (ROBUST / OUTLIER) ** 2 * median / free]
-                size = float(squares.mean()) if trim and squares.size else median
-                deviations[part] = np.sqrt(size / free) + _MIN_DEVIATION
-            distances = np.sqrt(((e / deviations) ** 2).mean(axis=1))
+                    squares = squares[squares <= (ROBUST / OUTLIER) ** 2 * variance / freedom]
+                if trim and squares.size:
+                    variance = float(squares.mean())
+                deviations[part] = np.sqrt(variance / freedom) + _MIN_DEVIATION
+            distances = np.sqrt(((e / deviations) ** 2).mean(axis=1))  # of whole readings, in deviations
             weights = np.ones(len(distances))
-            if not (self.keep_outliers or frames):
+            if not (self.keep_outliers or frames_only):
                 weights = huber_weights(distances, ROBUST)
             if trim:
                 weights = np.where(weights < OUTLIER, 0.0, 1.0)
-            found.append(np.where(used, weights, 0.0)[:, None] / deviations)
-        return found
+            weights_by_measurement.append(np.where(used, weights, 0.0)[:, None] / deviations)
+        return weights_by_measurement
+
+
+def _relative_change(weights: Array, previous: Array) -> float:
+    """Largest change of a weight, over the largest previous weight."""
+    return float(np.abs(weights - previous).max() / previous.max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,9 +361,9 @@ class CalibrationFit:
     def names(self) -> tuple[str, ...]:
         """Names of all parameters, with ``target.`` or ``target2.`` before those of targets."""
         names = list(self.problem.chain.parameters)
-        for b, target in enumerate(self.state.targets):
-            number = "" if b == 0 else str(b + 1)
-            names += [f"target{number}.{word}" for word in target.names]
+        for k, target in enumerate(self.state.targets):
+            number = "" if k == 0 else str(k + 1)  # target, target2, target3, ...
+            names += [f"target{number}.{name}" for name in target.names]
         return tuple(names)
 
     @cached_property
@@ -328,35 +371,36 @@ class CalibrationFit:
         """Standard deviations [m, rad] of a reading of each measurement; rad is 0 without angles."""
         deviations = []
         for m, W in zip(self.problem.measured, self.weights, strict=True):
-            angle = 0.0
+            # a reading that is no outlier has the largest weight of its column, 1 / deviation
+            length_deviation = float(1.0 / W[:, -1].max(initial=1e-300))
+            angle_deviation = 0.0
             if m.angle_rows:
-                angle = float(1.0 / W[:, 0].max())
-            deviations.append((float(1.0 / W[:, -1].max(initial=1e-300)), angle))
+                angle_deviation = float(1.0 / W[:, 0].max())
+            deviations.append((length_deviation, angle_deviation))
         return deviations
 
     @cached_property
     def outliers(self) -> list[tuple[int, int, float]]:
-        """Measurement, reading and size [m] of readings without weight."""
-        found = []
-        for b, (used, W) in enumerate(zip(self.problem.masks, self.weights, strict=True)):
-            found += [(b, int(i), float(self.errors[b][i])) for i in np.flatnonzero(used & (W[:, -1] == 0.0))]
-        return sorted(found, key=lambda outlier: -outlier[2])
+        """Indices of measurement and reading, and error [m], of outliers; the largest error first."""
+        outliers = []
+        for k, (used, W) in enumerate(zip(self.problem.masks, self.weights, strict=True)):
+            is_outlier = used & (W[:, -1] == 0.0)
+            outliers += [(k, row, float(self.errors[k][row])) for row in np.flatnonzero(is_outlier).tolist()]
+        return sorted(outliers, key=lambda outlier: -outlier[2])
 
     @cached_property
     def errors(self) -> list[Array]:
         """Size (m,) of each reading's residual [m]."""
-        measured = zip(self.equations.residuals, self.problem.measured, strict=True)
         errors = []
-        for e, m in measured:
+        for e, m in zip(self.equations.residuals, self.problem.measured, strict=True):
             errors.append(np.linalg.norm(e[:, m.angle_rows :], axis=1))
         return errors
 
     @cached_property
     def turns(self) -> list[Array]:
         """Size (m,) of each reading's residual [rad]; empty without angles."""
-        measured = zip(self.equations.residuals, self.problem.measured, strict=True)
         turns = []
-        for e, m in measured:
+        for e, m in zip(self.equations.residuals, self.problem.measured, strict=True):
             if m.angle_rows:
                 turns.append(np.linalg.norm(e[:, : m.angle_rows], axis=1))
             else:
@@ -366,15 +410,17 @@ class CalibrationFit:
     @cached_property
     def rms(self) -> float:
         """Root mean square of the residual [m], without outliers."""
-        kept = [e[W[:, -1] > 0] for e, W in zip(self.errors, self.weights, strict=True)]
-        return float(np.sqrt(np.mean(np.concatenate(kept) ** 2)))
+        used_errors = [e[W[:, -1] > 0] for e, W in zip(self.errors, self.weights, strict=True)]
+        return float(np.sqrt(np.mean(np.concatenate(used_errors) ** 2)))
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of a reading as a distance [m]."""
-        rows = [m.rows_each - m.angle_rows for m in self.problem.measured]
-        sizes = [d[0] ** 2 * r for d, r in zip(self.deviations, rows, strict=True)]
-        return float(np.sqrt(np.average(sizes, weights=[m.count for m in self.problem.measured])))
+        """Standard deviation of a whole reading [m], as the norm of its rows of lengths; mean of all measurements."""
+        measured = self.problem.measured
+        squares = []  # expected squared norm of a reading: variance of a row times number of rows
+        for m, (length_deviation, _) in zip(measured, self.deviations, strict=True):
+            squares.append(length_deviation**2 * (m.rows_each - m.angle_rows))
+        return float(np.sqrt(np.average(squares, weights=[m.count for m in measured])))
 
     @cached_property
     def weighted_rows(self) -> tuple[Array, Array]:

@@ -16,27 +16,39 @@ from ..mechanics.lie import so3
 from .chain import LENGTHS, point_columns
 from .fit import CalibrationFit, Estimate, IndependentParameters
 
-_DISTINCT, _DEPENDENT = 5e-2, 1e-3
-"""Length of a column beside the kept ones, as a share of its length, from which it is independent; clear ones come first.
+# Independent columns are found in two passes. The first keeps only columns that are long and clearly independent. Axes that
+# are nearly parallel would otherwise give groups of 440 m, as in Denavit and Hartenberg's table.
 
-Axes that are nearly parallel would otherwise give groups of 440 m, as in Denavit and Hartenberg's table."""
-_ZERO_COLUMN, _SHORT_COLUMN = 1e-9, 1e-3
-"""Length of a column, as a share of the longest, below which it is rounding; or below which others come first: the zero of a
-joint whose axis goes through the target."""
-_AS_GOOD = 1.05
-"""Largest ratio of the residual with one parameter of each group to that with all."""
-_CHOICES = 4
-"""Most choices of a parameter for each group."""
-_TERM = 1e-4
-"""Smallest factor of a group's further term."""
-_MAX_RATIO_TO_NOISE, _MAX_SHARE_OF_FILE_ERROR, _NOISE_OF_TIP, _MIN_ERROR = 3.0, 0.1, 2.0, 1e-6
-"""Readings do not show all that moves the tip if the predicted error is more than 3 times its part by noise, or more than a
-tenth of the file's error and 2 times the noise of a reading; errors below 1 µm do not matter."""
+_CLEAR_REMAINDER = 5e-2
+"""Remainder of a column beside the kept ones, as a share of its length, from which it is independent in the first pass."""
+_MIN_REMAINDER = 1e-3
+"""The same in the second pass."""
+_CLEAR_LENGTH = 1e-3
+"""Length of a column, as a share of the longest, below which the first pass leaves it out.
+
+The zero of a joint whose axis goes through the target has a short column."""
+_MIN_LENGTH = 1e-9
+"""Length of a column, as a share of the longest, below which it consists of rounding errors."""
+_MAX_RESIDUAL_RATIO = 1.05
+"""Largest ratio of the residual with one parameter of each group to that with all parameters."""
+_MAX_CHOICES = 4
+"""Largest number of times that a parameter is chosen for each group."""
+_MIN_FACTOR = 1e-4
+"""Smallest factor of a further term of a group."""
+
+# Readings do not show all that moves the tip if the predicted error of the tip is large against its part by noise, or against
+# both the file's error and the noise of a reading.
+
+_MAX_RATIO_TO_NOISE_PART = 3.0
+_MAX_SHARE_OF_FILE_ERROR = 0.1
+_MAX_RATIO_TO_READING_NOISE = 2.0
+_NEGLIGIBLE_ERROR = 1e-6
+"""Predicted error of the tip [m] that is negligible."""
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterGroup:
-    """Parameter, and multiples of others with the same effect."""
+    """Parameter, with multiples of others that have the same effect on the readings."""
 
     name: str
     """Parameter that leads the group."""
@@ -94,12 +106,14 @@ def _order(name: str) -> int:
 
     The tip comes before zeros, since the way in which a target is mounted is not an error of the last joint.
     """
-    owner, _, word = name.rpartition(".")
+    owner, _, kind = name.rpartition(".")
     if owner.startswith("target"):
         return 0
     if owner == "tip":
         return 1
-    return {"zero": 2, "gear": 4, "sag": 5}.get(word, 3 if word in LENGTHS else 6)
+    if kind in LENGTHS:
+        return 3
+    return {"zero": 2, "gear": 4, "sag": 5}.get(kind, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,25 +125,25 @@ class ParameterGroups:
 
     @cached_property
     def independent_columns(self) -> list[int]:
-        """Independent columns: those that were fitted, or by Gram-Schmidt in the order of preference."""
+        """Independent columns: those that were fitted, or those found by Gram-Schmidt in the order of preference."""
         if self.fit.problem.independent is not None:
             return list(self.fit.problem.independent.columns)
-        A, names = self.fit.weighted_rows[0], self.fit.names
-        size = np.linalg.norm(A, axis=0)
-        Q, kept = np.zeros((len(A), 0)), list[int]()
+        (A, _), names = self.fit.weighted_rows, self.fit.names
+        lengths = np.linalg.norm(A, axis=0)
         order = sorted(range(len(names)), key=lambda k: _order(names[k]))
-        every: list[tuple[float, int]] = list(product((_DISTINCT, _DEPENDENT), order))
-        for least, k in every:
-            min_size = _SHORT_COLUMN if least == _DISTINCT else _ZERO_COLUMN
-            if k in kept or size[k] < min_size * size.max():
+        Q = np.zeros((len(A), 0))  # orthonormal basis of the kept columns
+        kept = list[int]()
+        passes = ((_CLEAR_REMAINDER, _CLEAR_LENGTH), (_MIN_REMAINDER, _MIN_LENGTH))
+        for (min_remainder, min_length), k in product(passes, order):
+            if k in kept or lengths[k] < min_length * lengths.max():
                 continue
-            v = A[:, k] / size[k]
-            for _ in range(2):
+            v = A[:, k] / lengths[k]
+            for _ in range(2):  # twice, to limit rounding errors
                 v = v - Q @ (Q.T @ v)
-            left = float(np.linalg.norm(v))
-            if left > least:
+            remainder = float(np.linalg.norm(v))
+            if remainder > min_remainder:
                 kept.append(k)
-                Q = np.c_[Q, v / left]
+                Q = np.c_[Q, v / remainder]
         return kept
 
     @property
@@ -139,28 +153,38 @@ class ParameterGroups:
 
     @cached_property
     def theory(self) -> int:
-        """Rank of many different readings."""
-        chain, fit = self.fit.problem.chain, self.fit
-        turning, sliding = sum(chain.turning), len(chain.turning) - sum(chain.turning)
-        alone = [target.freedom(turning, sliding) - len(target.names) for target in fit.state.targets]
-        extra = ("gears" in chain.assume) * len(chain.joints) + len(chain.loaded_joints)
-        return max(alone) + sum(len(target.names) for target in fit.state.targets) + extra
+        """Rank of many different readings, in theory.
+
+        The chain's part is that of the kind of reading that determines most.
+        """
+        chain, targets = self.fit.problem.chain, self.fit.state.targets
+        turning = sum(chain.turning)
+        sliding = len(chain.turning) - turning
+        chain_ranks = [target.freedom(turning, sliding) - len(target.names) for target in targets]
+        target_unknowns = sum(len(target.names) for target in targets)
+        gears = len(chain.joints) if "gears" in chain.assume else 0
+        sags = len(chain.loaded_joints)
+        return max(chain_ranks) + target_unknowns + gears + sags
 
     @cached_property
     def covariance(self) -> Array:
-        """(k, k) of the independent parameters, with the prior of the fit."""
+        """(k, k) covariance of the independent parameters, with the prior of the fit."""
         A, y = self.fit.weighted_rows
-        prior, kept = self.independent.prior(self.fit.problem.wide), list(self.independent.columns)
+        kept = list(self.independent.columns)
+        prior = self.independent.prior(self.fit.problem.wide)
+        kept_of_chain = kept[: len(prior)]  # targets have no prior
         N = (A.T @ A)[np.ix_(kept, kept)]
-        N[: len(prior), : len(prior)] += (prior.T @ prior)[np.ix_(kept[: len(prior)], kept[: len(prior)])]
+        N[: len(prior), : len(prior)] += (prior.T @ prior)[np.ix_(kept_of_chain, kept_of_chain)]
         size = np.sqrt(N.diagonal()) + 1e-300
-        inverse = np.linalg.inv(N / np.outer(size, size) + 1e-13 * np.eye(len(N))) / np.outer(size, size)
-        return np.asarray(inverse * max(float(y @ y) / self.freedom, 1e-12))
+        scales = np.outer(size, size)  # radians and metres differ widely
+        inverse = np.linalg.inv(N / scales + 1e-13 * np.eye(len(N))) / scales
+        residual_variance = max(float(y @ y) / self.freedom, 1e-12)
+        return np.asarray(inverse * residual_variance)
 
     @property
     def freedom(self) -> float:
         """Degrees of freedom of the residual."""
-        used = sum(float((W[:, -1] > 0).sum()) * W.shape[1] for W in self.fit.weights)
+        used = sum(float((W[:, -1] > 0).sum()) * W.shape[1] for W in self.fit.weights)  # rows
         return max(used - self.rank, 1.0)
 
     @cached_property
@@ -168,16 +192,17 @@ class ParameterGroups:
         """Independent columns, and the factors (k, p) of the chain's parameters in the group of each."""
         if self.fit.problem.independent is not None:
             return self.fit.problem.independent
-        A, p = self.fit.weighted_rows[0], len(self.fit.problem.chain.parameters)
-        kept = sorted(self.independent_columns, key=lambda k: k >= p)
-        rest = [k for k in range(p) if k not in kept]
+        A, _ = self.fit.weighted_rows
+        p = len(self.fit.problem.chain.parameters)
+        kept = sorted(self.independent_columns, key=lambda k: k >= p)  # first those of the chain
+        dependent = [k for k in range(p) if k not in kept]
         size = np.linalg.norm(A[:, kept], axis=0)
-        K = np.linalg.lstsq(A[:, kept] / size, A[:, rest], rcond=None)[0] / size[:, None]
-        K[np.abs(K) < _TERM] = 0.0
-        of_chain = sum(k < p for k in kept)
-        terms = np.zeros((of_chain, p))
-        terms[np.arange(of_chain), kept[:of_chain]] = 1.0
-        terms[:, rest] = K[:of_chain]
+        K = np.linalg.lstsq(A[:, kept] / size, A[:, dependent], rcond=None)[0] / size[:, None]
+        K[np.abs(K) < _MIN_FACTOR] = 0.0
+        chain_count = sum(k < p for k in kept)
+        terms = np.zeros((chain_count, p))
+        terms[np.arange(chain_count), kept[:chain_count]] = 1.0
+        terms[:, dependent] = K[:chain_count]
         return IndependentParameters(tuple(kept), terms)
 
     @cached_property
@@ -188,43 +213,46 @@ class ParameterGroups:
 
     @cached_property
     def all(self) -> list[ParameterGroup]:
-        """Groups without a target's unknown, in the order of preference."""
-        chain, found = self.fit.problem.chain, []
+        """Groups of the chain's parameters, in the order of preference."""
+        chain = self.fit.problem.chain
         deviations = np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
-        for k, G, value, deviation in zip(
-            self.independent.columns, self.independent.terms, self.values, deviations, strict=False
-        ):
+        groups = []
+        for row, value in enumerate(self.values):  # targets, whose unknowns are not listed, come after these rows
+            k, factors = self.independent.columns[row], self.independent.terms[row]
             name = chain.parameters[k]
-            others = {chain.parameters[j]: float(G[j]) for j in np.flatnonzero(G) if j != k}
+            others = {chain.parameters[j]: float(factors[j]) for j in np.flatnonzero(factors) if j != k}
+            terms = {name: 1.0} | others
             is_length = bool(chain.are_lengths[k])
-            found.append(
-                ParameterGroup(name, {name: 1.0} | others, float(value), float(deviation), self.freedom, is_length)
-            )
-        return found
+            groups.append(ParameterGroup(name, terms, float(value), float(deviations[row]), self.freedom, is_length))
+        return groups
 
 
 def fitted_in_groups(fit: CalibrationFit) -> CalibrationFit:
     """Fit of one parameter of each group, with the others as in the file.
 
     A group's value is linear in its parameters only for small ones: an offset of 5° that is distributed over the joints of
-    parallel axes adds up to less. With one parameter the value is exact. Nothing changes if readings lack a length or
-    determine fewer groups than others would, since the file then decides, best by all of its lengths; or if one parameter
-    of each group does not fit as well.
+    parallel axes adds up to less. With one parameter, the value is exact.
+
+    The fit stays as it is in three cases. If readings lack a length, or determine fewer groups than others would, the file
+    decides, and all of its lengths are better than few. Or one parameter of each group does not fit as well.
     """
-    chain, found, last = fit.problem.chain, fit, set[int]()
-    for _ in range(_CHOICES):
-        groups = ParameterGroups(replace(found, problem=fit.problem))
+    chain = fit.problem.chain
+    grouped_fit = fit
+    previous_columns = set[int]()
+    for _ in range(_MAX_CHOICES):
+        groups = ParameterGroups(replace(grouped_fit, problem=fit.problem))
         columns = groups.independent.columns
         if fit.problem.is_scaleless or groups.rank < groups.theory:
             return fit
-        if set(columns) == last:  # the choice depends on the geometry, which an offset distorts before
+        # the choice depends on the geometry: it is repeated until an offset no longer distorts it
+        if set(columns) == previous_columns:
             break
-        last = set(columns)
+        previous_columns = set(columns)
         values = np.zeros(len(chain.parameters))
         values[list(columns[: len(groups.values)])] = groups.values
         problem = replace(fit.problem, independent=groups.independent)
-        found = problem.solve(Estimate(chain.corrections(values), found.state.targets))
-    return found if found.rms <= _AS_GOOD * fit.rms else fit
+        grouped_fit = problem.solve(Estimate(chain.corrections(values), grouped_fit.state.targets))
+    return grouped_fit if grouped_fit.rms <= _MAX_RESIDUAL_RATIO * fit.rms else fit
 
 
 # ── What remains of the tip's error
@@ -232,9 +260,10 @@ def fitted_in_groups(fit: CalibrationFit) -> CalibrationFit:
 
 @dataclass(frozen=True, eq=False)
 class Remaining:
-    """Error of the tip that is left at configurations, predicted from the fit and from the accuracy of the file.
+    """Remaining error of the tip at configurations, predicted from the fit and from the accuracy of the file.
 
-    C = (A' W A + diag(1 / σ_file²))⁻¹, e = J_v δ, the rigid motion of the base projected out.
+    e = J_v δ with errors δ of the parameters, whose covariance is C = (A' W A + diag(1 / σ_file²))⁻¹. The rigid motion of the
+    base is projected out.
 
     Examples
     --------
@@ -253,20 +282,22 @@ class Remaining:
 
     @cached_property
     def wide(self) -> Array:
-        """Standard deviations of all parameters by the file."""
+        """(p + targets,) standard deviations of all parameters by the file; those of tip and targets are wide."""
         length, angle = self.file_accuracy
-        of_chain = self.fit.problem.chain.scales(angle, length, 1e-3, 1e-3, (0.5, 0.3))
-        return np.concatenate([of_chain, np.full(len(self.fit.names) - len(of_chain), 10.0)])
+        chain_deviations = self.fit.problem.chain.scales(angle, length, gear=1e-3, sag=1e-3, tip=(0.5, 0.3))
+        target_count = len(self.fit.names) - len(chain_deviations)
+        return np.concatenate([chain_deviations, np.full(target_count, 10.0)])
 
     @cached_property
     def _information(self) -> tuple[Array, Array]:
-        """Eigenvalues and vectors of A' W A over the file's deviations."""
-        S = self.fit.weighted_rows[0] * self.wide
+        """Eigenvalues and eigenvectors of A' W A, for parameters in units of the file's deviations."""
+        A, _ = self.fit.weighted_rows
+        S = A * self.wide
         values, U = np.linalg.eigh(S.T @ S)
         return np.maximum(values, 0.0), U
 
     def _columns(self, q: Array) -> tuple[Array, Array]:
-        """Velocities (N, 3, p) of the tip, and of the base's rigid motion (N, 3, 6)."""
+        """Velocities of the tip by each parameter (N, 3, p), and by a rigid motion of the base (N, 3, 6)."""
         chain = self.fit.problem.chain
         T, J = chain.poses(q, chain.loads(q), self.fit.state.corrections)
         rigid = np.concatenate([-so3.hat(T[:, :3, 3]), np.broadcast_to(np.eye(3), (len(q), 3, 3))], axis=2)
@@ -274,12 +305,12 @@ class Remaining:
 
     @cached_property
     def _base(self) -> Array:
-        """Rigid motion (6, p) of the base that takes up most of each column over the configurations."""
+        """Rigid motion (6, p) of the base that is nearest to each parameter's velocities over the configurations."""
         J, rigid = self._columns(self.q)
         return np.linalg.lstsq(rigid.reshape(-1, 6), J.reshape(-1, J.shape[2]), rcond=None)[0]
 
     def squares(self, q: Array, added: Array | None = None) -> tuple[Array, Array]:
-        """Mean square of the error, and its part by noise.
+        """Expected square of the error at each configuration, and its part by noise.
 
         Parameters
         ----------
@@ -296,38 +327,45 @@ class Remaining:
         if added is None:
             values, U = self._information
         else:
-            S = np.concatenate([self.fit.weighted_rows[0], added]) * self.wide
+            A, _ = self.fit.weighted_rows
+            S = np.concatenate([A, added]) * self.wide
             values, U = np.linalg.eigh(S.T @ S)
             values = np.maximum(values, 0.0)
-        seen = (J @ U[:p]) ** 2
-        both = (seen @ (1.0 / (1.0 + values))).sum(axis=1)
-        return both, (seen @ (values / (1.0 + values) ** 2)).sum(axis=1)
+        # C = U diag(1 / (1 + λ)) U'; its part by noise is C (A' W A) C = U diag(λ / (1 + λ)²) U'
+        squared_velocities = (J @ U[:p]) ** 2
+        squares = (squared_velocities @ (1.0 / (1.0 + values))).sum(axis=1)
+        squares_by_noise = (squared_velocities @ (values / (1.0 + values) ** 2)).sum(axis=1)
+        return squares, squares_by_noise
 
     @cached_property
     def by_file(self) -> float:
         """Root mean square over the configurations without any reading [m]; the target's place on the tip is known."""
         J, rigid = self._columns(self.q)
-        error = ((J - rigid @ self._base) * self.wide[: J.shape[2]])[..., :-6]
+        errors = (J - rigid @ self._base) * self.wide[: J.shape[2]]
+        error = errors[..., :-6]  # without the six parameters of the tip
         return float(np.sqrt((error**2).sum(axis=(1, 2)).mean()))
 
     @cached_property
     def rms(self) -> float:
         """Root mean square over the configurations [m]."""
-        return float(np.sqrt(self.squares(self.q)[0].mean()))
+        squares, _ = self.squares(self.q)
+        return float(np.sqrt(squares.mean()))
 
     @cached_property
     def by_noise(self) -> float:
-        """Part of it that noise leaves [m]; the other part is what the measurements cannot see."""
-        return float(np.sqrt(self.squares(self.q)[1].mean()))
+        """Part of :attr:`rms` by noise [m]; the other part is by directions that the measurements do not determine."""
+        _, squares_by_noise = self.squares(self.q)
+        return float(np.sqrt(squares_by_noise.mean()))
 
     @property
     def is_unseen(self) -> bool:
         """True if poses or kinds of the readings, not their noise, leave a large part of the error."""
-        if self.rms > max(_MAX_RATIO_TO_NOISE * self.by_noise, _MIN_ERROR):
+        if self.rms > max(_MAX_RATIO_TO_NOISE_PART * self.by_noise, _NEGLIGIBLE_ERROR):
             return True
-        return self.rms > max(_MAX_SHARE_OF_FILE_ERROR * self.by_file, _NOISE_OF_TIP * self.fit.noise)
+        return self.rms > max(_MAX_SHARE_OF_FILE_ERROR * self.by_file, _MAX_RATIO_TO_READING_NOISE * self.fit.noise)
 
     @cached_property
     def worst(self) -> float:
-        """Largest of the configurations [m]."""
-        return float(np.sqrt(self.squares(self.q)[0].max()))
+        """Largest predicted error of the configurations [m]."""
+        squares, _ = self.squares(self.q)
+        return float(np.sqrt(squares.max()))

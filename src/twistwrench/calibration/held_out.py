@@ -14,6 +14,8 @@ from .measurements import MAX_JOINT_DIFFERENCE, MIN_CONFIGURATIONS, Measurements
 from .targets import targets_from_tips
 
 FOLDS = 6
+_MAX_RATIO_AFTER_REMOUNTING = 0.5
+"""Error with a refitted tip, over that without, up to which the target was mounted again for the test."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,69 +40,79 @@ class HeldOutError:
 
 
 def configuration_labels(m: Measurements) -> Array:
-    """(n,) numbers that are equal for equal configurations, and for the two of a pair if no pairs overlap."""
-    labels = np.unique(np.round(m.q / MAX_JOINT_DIFFERENCE).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
-    if m.pairs is not None and len(np.unique(labels[m.pairs])) == m.pairs.size:
-        labels[m.pairs[:, 1]] = labels[m.pairs[:, 0]]
+    """(n,) integers that are equal for equal configurations, and for the two of a pair if no pairs overlap."""
+    rounded_q = np.round(m.q / MAX_JOINT_DIFFERENCE).astype(np.int64)
+    _, labels = np.unique(rounded_q, axis=0, return_inverse=True)
+    labels = labels.ravel()
+    if m.pairs is not None:
+        is_each_once = len(np.unique(labels[m.pairs])) == m.pairs.size
+        if is_each_once:
+            labels[m.pairs[:, 1]] = labels[m.pairs[:, 0]]
     return np.asarray(labels)
 
 
 def cross_validated(fit: CalibrationFit, seed: int) -> HeldOutError:
-    """Six folds by configurations; targets and tip are refitted from the other folds.
+    """Error of readings in six folds by configurations, each predicted by a fit to the other folds.
 
     Raises ValueRangeError if no fold leaves enough readings.
     """
     rng = np.random.default_rng(seed)
-    problem, kept = fit.problem, [W[:, -1] > 0 for W in fit.weights]
-    folds, configurations = list[Array](), list[Array]()
+    problem = fit.problem
+    is_used = [W[:, -1] > 0 for W in fit.weights]  # without outliers
+    folds, configurations = list[Array](), list[Array]()  # of each reading; a pair has two folds
     for m in problem.measured:
         labels = configuration_labels(m)
-        of_label = rng.permutation(np.arange(labels.max() + 1)) % FOLDS
-        fold = of_label[labels]
+        fold_of_label = rng.permutation(np.arange(labels.max() + 1)) % FOLDS
+        fold = fold_of_label[labels]
         if m.pairs is None:
             configurations.append(labels)
             folds.append(fold[:, None])
         else:
             configurations.append(labels[m.pairs[:, 0]])
             folds.append(fold[m.pairs])
-    lengths, angles = list[Array](), list[Array]()
+    held_out_errors, held_out_angles = list[Array](), list[Array]()
     for k in range(FOLDS):
-        test, train, counts = list[Array](), list[Array](), list[int]()
-        for mask, fold, labels in zip(kept, folds, configurations, strict=True):
-            test.append(mask & (fold == k).all(axis=1))
-            train.append(mask & (fold != k).all(axis=1))
-            counts.append(len(np.unique(labels[train[-1]])))
-        if not any(map(np.any, test)) or min(counts) < MIN_CONFIGURATIONS:
+        test_masks, training_masks, training_counts = list[Array](), list[Array](), list[int]()
+        for used, fold, labels in zip(is_used, folds, configurations, strict=True):
+            training_mask = used & (fold != k).all(axis=1)
+            test_masks.append(used & (fold == k).all(axis=1))
+            training_masks.append(training_mask)
+            training_counts.append(len(np.unique(labels[training_mask])))
+        has_tests = any(map(np.any, test_masks))
+        if not has_tests or min(training_counts) < MIN_CONFIGURATIONS:
             continue
-        found = replace(problem, used=tuple(train)).solve(fit.state)
-        for errors, turns, mask in zip(found.errors, found.turns, test, strict=True):
-            lengths.append(errors[mask])
-            if turns.size:
-                angles.append(turns[mask])
-    if not lengths:
+        training_fit = replace(problem, used=tuple(training_masks)).solve(fit.state)
+        for errors, angles, test_mask in zip(training_fit.errors, training_fit.turns, test_masks, strict=True):
+            held_out_errors.append(errors[test_mask])
+            if angles.size:
+                held_out_angles.append(angles[test_mask])
+    if not held_out_errors:
         raise ValueRangeError(
             "the readings are at so few configurations that none can be held out. Measure at 30, or give a test file."
         )
-    return _error(lengths, angles)
+    return _error_of_readings(held_out_errors, held_out_angles)
 
 
 def error_of_test(fit: CalibrationFit, measured: Sequence[Measurements]) -> HeldOutError:
     """Error of other readings; their targets are refitted, and the tip too if the ball was mounted again."""
     problem = CalibrationProblem(fit.problem.chain, tuple(measured))
-    at = fit.state.corrections
-    tips = [problem.chain.tips(m.q, at) for m in measured]
-    mounted = replace(fit, problem=problem, state=Estimate(at, tuple(targets_from_tips(measured, tips))))
-    mounted = replace(mounted, equations=problem.equations(mounted.state))
-    again = problem.solve(mounted.state, frames_only=True)
-    plain, other = _error(mounted.errors, mounted.turns), _error(again.errors, again.turns)
-    if other.rms > 0.5 * plain.rms:
-        return plain
-    return replace(
-        other, note="The target was mounted again for the test: its place on the robot was fitted there too."
-    )
+    corrections = fit.state.corrections
+    tips = [problem.chain.tips(m.q, corrections) for m in measured]
+    state = Estimate(corrections, tuple(targets_from_tips(measured, tips)))
+    same_tip = replace(fit, problem=problem, state=state, equations=problem.equations(state))
+    refitted_tip = problem.solve(state, frames_only=True)
+    error = _error_of_readings(same_tip.errors, same_tip.turns)
+    error_with_refitted_tip = _error_of_readings(refitted_tip.errors, refitted_tip.turns)
+    if error_with_refitted_tip.rms > _MAX_RATIO_AFTER_REMOUNTING * error.rms:
+        return error
+    note = "The target was mounted again for the test: its place on the robot was fitted there too."
+    return replace(error_with_refitted_tip, note=note)
 
 
-def _error(lengths: Sequence[Array], angles: Sequence[Array]) -> HeldOutError:
-    e, turns = np.concatenate([*lengths]), np.concatenate([np.zeros(0), *angles])
-    angle = float(np.sqrt(np.mean(turns**2))) if turns.size else 0.0
-    return HeldOutError(float(np.sqrt(np.mean(e**2))), float(e.max()), len(e), angle, e)
+def _error_of_readings(errors: Sequence[Array], angles: Sequence[Array]) -> HeldOutError:
+    """Error of readings with these residuals [m] and [rad], in arrays for each measurement or fold."""
+    all_errors = np.concatenate([*errors])
+    all_angles = np.concatenate([np.zeros(0), *angles])  # also without angles
+    rms = float(np.sqrt(np.mean(all_errors**2)))
+    rms_angle = float(np.sqrt(np.mean(all_angles**2))) if all_angles.size else 0.0
+    return HeldOutError(rms, float(all_errors.max()), len(all_errors), rms_angle, all_errors)

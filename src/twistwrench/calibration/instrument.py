@@ -1,6 +1,6 @@
 """Errors of the instrument: scale of its readings, offset of its distances, and a target or instrument that has moved.
 
-Each is a further column beside those of the fit, in one linear least-squares problem.
+Each is a further column in the linearised least-squares problem of the fit.
 """
 
 from __future__ import annotations
@@ -20,31 +20,36 @@ from .result_view import millimetres
 if TYPE_CHECKING:
     from .result import CalibratedRobot
 
-_SCALE_SIZE, _DEVIATIONS = 5e-3, 3.0
-"""Smallest scale error, and smallest error of an instrument in its standard deviations, that are doubted."""
+_MIN_SCALE_ERROR = 5e-3
+"""Smallest scale error that is reported."""
+_MIN_DEVIATIONS = 3.0
+"""Smallest error of an instrument that is reported, in its standard deviations."""
 _MIN_LOST_OFFSET = 5.0
 """Offset of a zero, over the deviation of the file, from which the zero is lost and the file does not constrain it."""
-_SAME_EFFECT = 1e-3
-"""Part of a further column, beside those of the fit, below which parameters have the same effect."""
-_CHANCE, _MAX_RESIDUAL_SHARE = 1e-4, 0.5
-"""Largest probability of a step by chance, and largest share of the residual (rms) that it may leave."""
+_MIN_UNSPANNED_SHARE = 1e-3
+"""Part of a further column that columns of the fit do not span, below which their parameters have the same effect."""
+_MAX_CHANCE = 1e-4
+"""Largest probability of a reported step by noise alone."""
+_MAX_RESIDUAL_SHARE = 0.5
+"""Largest residual (rms) with a reported step, as a share of that without."""
 _MIN_ROWS_BESIDE = 3
 """Least number of readings on either side of a step."""
 
 
 class _InstrumentError(NamedTuple):
-    """Estimate of one number of an instrument, with the file's lengths held at their accuracy."""
+    """Estimate of the scale error or of the offset of an instrument, with the file as a prior of its accuracy."""
 
     value: float
     deviation: float
+    """Standard deviation of the value."""
     new: float
-    """Part of its column that no parameter of the fit has."""
+    """Part of its column that columns of the fit do not span."""
     left: float
     """Residual (rms) with this error as a share of that without."""
 
 
 class Offered(NamedTuple):
-    """Cause beside the geometry that the readings show."""
+    """Cause other than the geometry that explains the readings."""
 
     left: float
     """Residual or held-out error (rms) with the cause as a share of that without."""
@@ -53,76 +58,82 @@ class Offered(NamedTuple):
 
 def instrument_doubts(found: CalibratedRobot) -> list[Offered]:
     """Scale of all readings, or offset of distances: the one that is larger in its standard deviations."""
-    measured, every = found.fit.problem.measured, list[tuple[float, Offered]]()
-    if all(m.kind in LENGTHS_MEASURED for m in measured):
-        every += _scale(found)
+    measured = found.fit.problem.measured
+    candidates = list[tuple[float, Offered]]()  # with the size in standard deviations
+    if all(measurement.kind in LENGTHS_MEASURED for measurement in measured):
+        candidates += _scale_error(found)
     notes = list[Offered]()
-    for b, m in enumerate(measured):
-        if m.kind not in ("distance", "pair"):
+    for index, measurement in enumerate(measured):
+        if measurement.kind not in ("distance", "pair"):
             continue
-        shapes = [W.shape for W in found.fit.weights]
-        offset = _instrument_error(found, [np.full(shape, float(k == b)) for k, shape in enumerate(shapes)])
-        every += _offset(offset, found.fit.deviations[b][0])
-        if offset.new < _SAME_EFFECT:
+        columns = [np.full(W.shape, float(k == index)) for k, W in enumerate(found.fit.weights)]
+        offset = _instrument_error(found, columns)
+        length_deviation, _ = found.fit.deviations[index]
+        candidates += _offset_error(offset, length_deviation)
+        if offset.new < _MIN_UNSPANNED_SHARE:
             notes.append(Offered(1.0, doubt("calibration-offset-unseen")))
-    if every:
-        return [max(every, key=lambda entry: entry[0])[1]]
+    if candidates:
+        _, largest = max(candidates, key=lambda candidate: candidate[0])
+        return [largest]
     return notes
 
 
-def _scale(found: CalibratedRobot) -> Iterator[tuple[float, Offered]]:
+def _scale_error(found: CalibratedRobot) -> Iterator[tuple[float, Offered]]:
     """Scale of the readings against the file's lengths, and its size in standard deviations."""
-    lengths = [-m.points if len(m.points) else -m.sizes[:, None] for m in found.fit.problem.measured]
-    x = _instrument_error(found, lengths)
-    scale, half = 1.0 / (1.0 + x.value), 2.0 * x.deviation
-    if abs(x.value) > max(_DEVIATIONS * x.deviation, _SCALE_SIZE):
-        named = doubt(
-            "calibration-scale", scale=f"{number(scale, 4)} ± {number(half, 1)}",
-            found={"value": scale, "interval": (scale - half, scale + half)},
+    columns = [-m.points if len(m.points) else -m.sizes[:, None] for m in found.fit.problem.measured]
+    error = _instrument_error(found, columns)
+    if abs(error.value) > max(_MIN_DEVIATIONS * error.deviation, _MIN_SCALE_ERROR):
+        scale, half_width = 1.0 / (1.0 + error.value), 2.0 * error.deviation
+        reason = doubt(
+            "calibration-scale", scale=f"{number(scale, 4)} ± {number(half_width, 1)}",
+            found={"value": scale, "interval": (scale - half_width, scale + half_width)},
         )  # fmt: skip
-        yield abs(x.value) / x.deviation, Offered(x.left, named)
+        yield abs(error.value) / error.deviation, Offered(error.left, reason)
 
 
-def _offset(x: _InstrumentError, noise: float) -> Iterator[tuple[float, Offered]]:
-    """Offset of distances, and its size in standard deviations."""
-    half = 2.0 * x.deviation
-    if abs(x.value) > max(_DEVIATIONS * x.deviation, noise):
-        size = " ± ".join(estimate(1e3 * abs(x.value), 1e3 * half))
-        named = doubt(
-            "calibration-offset", offset=f"{size} mm too {'long' if x.value > 0 else 'short'}",
-            found={"value": x.value, "interval": (x.value - half, x.value + half)},
+def _offset_error(error: _InstrumentError, noise: float) -> Iterator[tuple[float, Offered]]:
+    """Offset of distances, and its size in standard deviations; ``noise`` is that of a reading [m]."""
+    if abs(error.value) > max(_MIN_DEVIATIONS * error.deviation, noise):
+        half_width = 2.0 * error.deviation
+        size = " ± ".join(estimate(1e3 * abs(error.value), 1e3 * half_width))
+        reason = doubt(
+            "calibration-offset", offset=f"{size} mm too {'long' if error.value > 0 else 'short'}",
+            found={"value": error.value, "interval": (error.value - half_width, error.value + half_width)},
         )  # fmt: skip
-        yield abs(x.value) / x.deviation, Offered(x.left, named)
+        yield abs(error.value) / error.deviation, Offered(error.left, reason)
 
 
 def _instrument_error(found: CalibratedRobot, columns: Sequence[Array]) -> _InstrumentError:
-    """Factor of a further column (m, 1 or 3) of each measurement's lengths."""
-    fit, parts = found.fit, list[Array]()
+    """Estimate of the factor of further columns (m, 1 or 3), one for the lengths of each measurement."""
+    fit = found.fit
     A, y = fit.weighted_rows
+    weighted_columns = list[Array]()
     for m, W, values in zip(fit.problem.measured, fit.weights, columns, strict=True):
-        column = np.zeros(W.shape)
-        column[:, m.angle_rows :] = values
-        parts.append((column * W).ravel())
-    column = np.concatenate([*parts, np.zeros(len(fit.equations.lengths))])
+        column_of_rows = np.zeros(W.shape)
+        column_of_rows[:, m.angle_rows :] = values
+        weighted_columns.append((column_of_rows * W).ravel())
+    column = np.concatenate([*weighted_columns, np.zeros(len(fit.equations.lengths))])
     kept = A[:, found.parameter_groups.independent_columns]
     kept = kept / np.linalg.norm(kept, axis=0)
-    away = column - kept @ np.linalg.lstsq(kept, column, rcond=None)[0]
-    values = fit.problem.chain.values(fit.state.corrections)
-    at = np.concatenate([values, np.zeros(len(fit.names) - len(values))])
+    unspanned = column - kept @ np.linalg.lstsq(kept, column, rcond=None)[0]
+    chain_values = fit.problem.chain.values(fit.state.corrections)
+    values = np.concatenate([chain_values, np.zeros(len(fit.names) - len(chain_values))])
     wide = found.remaining.wide
-    is_zero = np.array([name.endswith(".zero") for name in fit.names])  # lengths would hide a scale
-    wide = np.where(is_zero & (np.abs(at) > _MIN_LOST_OFFSET * wide), np.abs(at), wide)
-    B = np.concatenate([np.c_[A, column], np.c_[np.diag(1.0 / wide), np.zeros(len(wide))]])
-    x = np.linalg.lstsq(B, -np.concatenate([y, at / wide]), rcond=None)[0]
+    # Zeros that are lost get a wide prior; lengths keep theirs, as they would hide a scale.
+    is_zero = np.array([name.endswith(".zero") for name in fit.names])
+    wide = np.where(is_zero & (np.abs(values) > _MIN_LOST_OFFSET * wide), np.abs(values), wide)
+    rows, prior_rows = np.c_[A, column], np.c_[np.diag(1.0 / wide), np.zeros(len(wide))]
+    B = np.concatenate([rows, prior_rows])
+    x = np.linalg.lstsq(B, -np.concatenate([y, values / wide]), rcond=None)[0]
     deviation = float(np.sqrt(np.linalg.inv(B.T @ B)[-1, -1]))
-    new = float(np.linalg.norm(away) / np.linalg.norm(column))
+    new = float(np.linalg.norm(unspanned) / np.linalg.norm(column))
     residual = y - kept @ np.linalg.lstsq(kept, y, rcond=None)[0]
     squares = float(residual @ residual)
-    explained, left = 0.0, 1.0
-    if new > _SAME_EFFECT:
-        explained = float(away @ residual) ** 2 / float(away @ away)
+    explained_squares, left = 0.0, 1.0
+    if new > _MIN_UNSPANNED_SHARE:
+        explained_squares = float(unspanned @ residual) ** 2 / float(unspanned @ unspanned)
     if squares > 0.0:
-        left = float(np.sqrt(max(1.0 - explained / squares, 0.0)))
+        left = float(np.sqrt(max(1.0 - explained_squares / squares, 0.0)))
     return _InstrumentError(float(x[-1]), deviation, new, left)
 
 
@@ -133,78 +144,87 @@ class _Step(NamedTuple):
     """Change of a target's place from one reading on."""
 
     kind: str
+    """``slipped`` for the target on the tip, ``moved`` for the instrument."""
     measurement: int
+    """Index of the measurement."""
     row: int
+    """First reading after the step."""
     size: float
+    """Change of the readings by the step [m] (rms)."""
     left: float
-    """Residual (rms) of lengths, or of angles if these fall more, as a share of that without the step."""
+    """Residual (rms) with the step as a share of that without: of lengths or of angles, whichever is smaller."""
     chance: float
     """Probability of such a step by noise alone, over all rows."""
 
 
 def step_doubts(found: CalibratedRobot) -> list[Doubt]:
-    """Target that has slipped on the tip, or instrument that has moved: the change that explains most of the residual."""
-    sure = list[_Step]()
-    for b in range(len(found.fit.problem.measured)):
-        for step in _steps(found, b):
-            if step.chance < _CHANCE and step.left < _MAX_RESIDUAL_SHARE:
-                sure.append(step)
-    if not sure:
+    """Target that has slipped on the tip, or instrument that has moved: the step that explains most of the residual."""
+    significant = list[_Step]()
+    for index in range(len(found.fit.problem.measured)):
+        for step in _steps(found, index):
+            if step.chance < _MAX_CHANCE and step.left < _MAX_RESIDUAL_SHARE:
+                significant.append(step)
+    if not significant:
         return []
-    best = min(sure, key=lambda step: step.left)
-    file = ""
+    best = min(significant, key=lambda step: step.left)
+    row = str(best.row)
     if len(found.fit.problem.measured) > 1:
-        file = f" of measurement {best.measurement + 1}"
-    return [
-        doubt(
-            f"calibration-{best.kind}", size=millimetres(best.size), row=f"{best.row}{file}", left=number(100.0 * best.left, 2),
-            found={"value": best.size, "unit": "m"},
-        )
-    ]  # fmt: skip
+        row = f"{best.row} of measurement {best.measurement + 1}"
+    left = number(100.0 * best.left, 2)
+    value = {"value": best.size, "unit": "m"}
+    return [doubt(f"calibration-{best.kind}", size=millimetres(best.size), row=row, left=left, found=value)]
 
 
-def _steps(found: CalibratedRobot, b: int) -> Iterator[_Step]:
+def _steps(found: CalibratedRobot, index: int) -> Iterator[_Step]:
     """Best step of the target on the tip, and of the instrument, among the readings of a measurement."""
-    fit, m = found.fit, found.fit.problem.measured[b]
+    fit, m = found.fit, found.fit.problem.measured[index]
     if m.pairs is not None or m.count < 2 * _MIN_ROWS_BESIDE:
         return
-    even = [np.broadcast_to(W.max(axis=0), W.shape) for W in fit.weights]  # outliers may be the readings after a step
-    A, y = fit.equations.weighted_rows(even)
-    Q = np.linalg.qr(A[:, found.parameter_groups.independent_columns])[0]
-    left = y - Q @ (Q.T @ y)
+    # all readings have the weight of those that are no outliers: outliers may be the readings after a step
+    weights = [np.broadcast_to(W.max(axis=0), W.shape) for W in fit.weights]
+    A, y = fit.equations.weighted_rows(weights)
+    Q, _ = np.linalg.qr(A[:, found.parameter_groups.independent_columns])
+    residual = y - Q @ (Q.T @ y)
     p = len(fit.problem.chain.parameters)
-    first = p + sum(len(target.names) for target in fit.state.targets[:b])
-    own = range(first, first + len(fit.state.targets[b].names)) if m.kind in LENGTHS_MEASURED else ()
-    ahead = sum(W.size for W in even[:b])
-    places = ahead + np.arange(even[b].size).reshape(even[b].shape)
-    angles, lengths = places[:, : m.angle_rows].ravel(), places[:, m.angle_rows :].ravel()
-    for kind, columns in (("slipped", range(p - (6 if m.angle_rows else 3), p)), ("moved", own)):
+    first_target_column = p + sum(len(target.names) for target in fit.state.targets[:index])
+    target_columns = range(first_target_column, first_target_column + len(fit.state.targets[index].names))
+    if m.kind not in LENGTHS_MEASURED:  # touches have no instrument
+        target_columns = range(0)
+    tip_columns = range(p - 6, p) if m.angle_rows else range(p - 3, p)
+    first_row = sum(W.size for W in weights[:index])
+    rows = first_row + np.arange(weights[index].size).reshape(weights[index].shape)
+    angle_rows, length_rows = rows[:, : m.angle_rows].ravel(), rows[:, m.angle_rows :].ravel()
+    for kind, columns in (("slipped", tip_columns), ("moved", target_columns)):
         if not columns:
             continue
-        moving = fit.equations.design[b][:, :, list(columns)]
-        row, x, rest = min(
-            _steps_from_each_row(moving, even[b], left, Q, ahead), key=lambda step: float(step[2] @ step[2])
-        )
-        squares = float(rest @ rest)
-        shares = [np.linalg.norm(rest[rows]) / np.linalg.norm(left[rows]) for rows in (lengths, angles) if len(rows)]
+        design = fit.equations.design[index][:, :, list(columns)]
+        steps = _steps_from_each_row(design, weights[index], residual, Q, first_row)
+        row, x, residual_with_step = min(steps, key=lambda step: float(step[2] @ step[2]))
+        parts = [part for part in (length_rows, angle_rows) if len(part)]
+        shares = [np.linalg.norm(residual_with_step[part]) / np.linalg.norm(residual[part]) for part in parts]
+        squares = float(residual_with_step @ residual_with_step)
         freedom, count = len(A) - len(Q.T) - len(x), len(x)
         chance = 1.0
         if freedom > 0:
-            F = (left @ left - squares) / count / (squares / freedom)
-            chance = float(special.fdtrc(count, freedom, F)) * m.count
-        size = np.sqrt(((moving[row:, m.angle_rows :] @ x) ** 2).sum(axis=1).mean())
-        yield _Step(kind, b, row, float(size), float(min(shares)), chance)
+            F = (residual @ residual - squares) / count / (squares / freedom)
+            chance = float(special.fdtrc(count, freedom, F)) * m.count  # in any of the rows
+        changes = design[row:, m.angle_rows :] @ x
+        size = np.sqrt((changes**2).sum(axis=1).mean())
+        yield _Step(kind, index, row, float(size), float(min(shares)), chance)
 
 
 def _steps_from_each_row(
-    moving: Array, weights: Array, left: Array, Q: Array, ahead: int
+    design: Array, weights: Array, residual: Array, Q: Array, first_row: int
 ) -> Iterator[tuple[int, Array, Array]]:
-    """First row, size (c,) and residual of a step of the columns (m, r, c) from each row on."""
-    m, r, c = moving.shape
-    weighted = (moving * weights[..., None]).reshape(m * r, c)
-    for row in range(_MIN_ROWS_BESIDE, m - _MIN_ROWS_BESIDE + 1):
-        S = np.zeros((len(left), c))
-        S[ahead + row * r : ahead + m * r] = weighted[row * r :]
+    """First reading, sizes (c,) and residual of a step of the columns ``design`` (m, r, c), from each reading on.
+
+    Q is an orthonormal basis of the fit's columns, and ``first_row`` the measurement's first row in the residual.
+    """
+    m, r, c = design.shape
+    weighted = (design * weights[..., None]).reshape(m * r, c)
+    for reading in range(_MIN_ROWS_BESIDE, m - _MIN_ROWS_BESIDE + 1):
+        S = np.zeros((len(residual), c))
+        S[first_row + reading * r : first_row + m * r] = weighted[reading * r :]
         S -= Q @ (Q.T @ S)
-        x = np.linalg.lstsq(S, left, rcond=_SAME_EFFECT)[0]
-        yield row, x, left - S @ x
+        x = np.linalg.lstsq(S, residual, rcond=_MIN_UNSPANNED_SHARE)[0]
+        yield reading, x, residual - S @ x

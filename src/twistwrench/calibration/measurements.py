@@ -42,9 +42,9 @@ MAX_JOINT_DIFFERENCE = 1e-9
 
 
 def length_and_angle(values: float | tuple[float, float] | Array, name: str) -> tuple[float, float]:
-    """Two positive numbers, for lengths [m] and angles [rad], from two or from one for both."""
-    length, angle = [arguments.positive(x, name) for x in np.broadcast_to(values, 2).tolist()]
-    return length, angle
+    """Positive numbers for lengths [m] and angles [rad], from two numbers, or from one for both."""
+    length, angle = np.broadcast_to(values, 2).tolist()
+    return arguments.positive(length, name), arguments.positive(angle, name)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,7 +73,7 @@ class Measurements:
     distances: Array | None = None
     """(n,) distances from a fixed point, or (k,) between the tips of each pair [m]."""
     pairs: Array | None = None
-    """(k, 2) rows of q whose tips are that far apart."""
+    """(k, 2) rows of q of each pair."""
     targets: Sequence[str] | None = None
     """Names of the touched points, planes or spheres by row; one target without them."""
     kind: str | None = None
@@ -91,66 +91,105 @@ class Measurements:
 
     def __post_init__(self) -> None:
         q = np.atleast_2d(arguments.finite(self.q, "q"))
-        given = {"pose": self.poses, "position": self.positions, "pair": self.pairs, "distance": self.distances}
-        kind = self.kind or next((name for name, values in given.items() if values is not None), "")
+        kind = self.kind or self._kind_of_arrays()
         if kind not in KINDS:
             raise UnknownNameError.from_choices("kind of measurement", kind, KINDS)
-        values: dict[str, object] = {"q": q, "kind": kind}
+        fields: dict[str, object] = {"q": q, "kind": kind}
         if self.poses is not None:
-            values["poses"] = arguments.pose(self.poses, "poses")
-        for name, shape in (("positions", (3,)), ("distances", ())):
-            if getattr(self, name) is not None:
-                values[name] = arguments.finite(getattr(self, name), name, *shape)
+            fields["poses"] = arguments.pose(self.poses, "poses")
+        if self.positions is not None:
+            fields["positions"] = arguments.finite(self.positions, "positions", 3)
+        if self.distances is not None:
+            fields["distances"] = arguments.finite(self.distances, "distances")
         if self.pairs is not None:
-            values["pairs"] = np.asarray(self.pairs, int).reshape(-1, 2)
+            fields["pairs"] = np.asarray(self.pairs, int).reshape(-1, 2)
         if self.targets is not None:
-            values["targets"] = tuple(map(str, self.targets))
+            fields["targets"] = tuple(map(str, self.targets))
         if self.noise is not None:
-            values["noise"] = length_and_angle(self.noise, "noise")
+            fields["noise"] = length_and_angle(self.noise, "noise")
         if self.length is not None:
-            values["length"] = arguments.positive(self.length, "length", "m")
-        for name, value in values.items():
+            fields["length"] = arguments.positive(self.length, "length", "m")
+        for name, value in fields.items():
             object.__setattr__(self, name, value)
-        self._check()
+        self._check_counts()
+        self._check_sizes()
+        self._check_pairs()
+        self._check_distances()
+        self._check_length()
 
-    def _check(self) -> None:
-        """Raise ValueRangeError if the arrays do not belong together."""
-        n, kind, distances = len(self.q), self.kind, self.distances
-        wanted = {"pose": n, "position": n, "distance": n, "pair": 0 if self.pairs is None else len(self.pairs)}
-        given = {"pose": self.poses, "position": self.positions}.get(str(kind), distances)
-        if kind in wanted and (given is None or len(given) != wanted[str(kind)]):
-            has = 0 if given is None else len(given)
-            raise ValueRangeError(f"kind {kind} has {has} readings for {wanted[str(kind)]}. Give one for each.")
+    def _kind_of_arrays(self) -> str:
+        """Kind of the readings by the arrays that are given; empty without readings."""
+        # pairs have distances, too
+        arrays = {"pose": self.poses, "position": self.positions, "pair": self.pairs, "distance": self.distances}
+        for kind, array in arrays.items():
+            if array is not None:
+                return kind
+        return ""
+
+    def _check_counts(self) -> None:
+        """Raise ValueRangeError if there is not one reading for each configuration or pair."""
+        expected_count = len(self.q)
+        readings = self.distances
+        if self.kind == "pose":
+            readings = self.poses
+        elif self.kind == "position":
+            readings = self.positions
+        elif self.kind == "pair":
+            expected_count = 0 if self.pairs is None else len(self.pairs)
+        if self.kind in LENGTHS_MEASURED and (readings is None or len(readings) != expected_count):
+            count = 0 if readings is None else len(readings)
+            raise ValueRangeError(f"kind {self.kind} has {count} readings for {expected_count}. Give one for each.")
+
+    def _check_sizes(self) -> None:
+        """Raise ValueRangeError for numbers that are too large in any unit."""
         for name in ("q", "positions", "distances"):
             if getattr(self, name) is None:
                 continue
-            values = np.abs(getattr(self, name))
-            if values.size and values.max() > MAX_VALUE:
-                row = int(np.unravel_index(values.argmax(), values.shape)[0])
+            sizes = np.abs(getattr(self, name))
+            if sizes.size and sizes.max() > MAX_VALUE:
+                row = int(np.unravel_index(sizes.argmax(), sizes.shape)[0])
                 raise ValueRangeError(
-                    f"{name}[{row}] has {printed(values.max())}. Give at most {printed(MAX_VALUE)} rad or m."
+                    f"{name}[{row}] has {printed(sizes.max())}. Give at most {printed(MAX_VALUE)} rad or m."
                 )
+
+    def _check_pairs(self) -> None:
+        """Raise ValueRangeError if targets or pairs do not belong to the configurations."""
+        n = len(self.q)
         if self.targets is not None and len(self.targets) != n:
             raise ValueRangeError(f"{len(self.targets)} targets for {n} configurations. Give one for each.")
-        if self.pairs is not None and self.pairs.size and not (self.pairs.min() >= 0 and self.pairs.max() < n):
+        if self.pairs is None or not self.pairs.size:
+            return
+        if self.pairs.min() < 0 or self.pairs.max() >= n:
             raise ValueRangeError(f"pairs names rows outside 0 … {n - 1}. Count the rows from 0.")
-        if self.pairs is not None and self.pairs.size:
-            equal = np.abs(self.q[self.pairs[:, 0]] - self.q[self.pairs[:, 1]]).max(axis=1) <= MAX_JOINT_DIFFERENCE
-            if equal.any():
-                first, second = self.pairs[int(equal.argmax())]
-                raise ValueRangeError(
-                    f"rows {first} and {second} are a pair at one configuration, whose tips have no distance. Give two."
-                )
-        if distances is not None and kind in TOUCHES:
-            raise ValueRangeError(f"kind {kind} has no distances. Remove them, or the kind.")
-        if distances is not None and not (distances > 0).all():
-            row = int(np.flatnonzero(~(distances > 0))[0])
-            raise ValueRangeError(f"distance {row} is {printed(distances[row])} m. Distances are above 0.")
-        if self.length is not None and kind not in TOUCHES:
-            raise ValueRangeError(f"readings of kind {kind} contain lengths already. Remove {argument('length')}.")
-        if self.length is not None and kind != "sphere" and len(self.target_names) != 2:
+        differences = np.abs(self.q[self.pairs[:, 0]] - self.q[self.pairs[:, 1]]).max(axis=1)
+        is_one_configuration = differences <= MAX_JOINT_DIFFERENCE
+        if is_one_configuration.any():
+            first, second = self.pairs[int(is_one_configuration.argmax())]
             raise ValueRangeError(
-                f"{argument('length')} is the distance of two {kind}s, and there are {len(self.target_names)}. "
+                f"rows {first} and {second} are a pair at one configuration, whose tips have no distance. Give two."
+            )
+
+    def _check_distances(self) -> None:
+        """Raise ValueRangeError for distances that are not positive, and for distances of touches."""
+        distances = self.distances
+        if distances is None:
+            return
+        if self.kind in TOUCHES:
+            raise ValueRangeError(f"kind {self.kind} has no distances. Remove them, or the kind.")
+        is_positive = distances > 0
+        if not is_positive.all():
+            row = int(np.flatnonzero(~is_positive)[0])
+            raise ValueRangeError(f"distance {row} is {printed(distances[row])} m. Distances are above 0.")
+
+    def _check_length(self) -> None:
+        """Raise ValueRangeError if the known length has no meaning for the readings."""
+        if self.length is None:
+            return
+        if self.kind not in TOUCHES:
+            raise ValueRangeError(f"readings of kind {self.kind} contain lengths already. Remove {argument('length')}.")
+        if self.kind != "sphere" and len(self.target_names) != 2:
+            raise ValueRangeError(
+                f"{argument('length')} is the distance of two {self.kind}s, and there are {len(self.target_names)}. "
                 "Name the target of each row."
             )
 
@@ -201,14 +240,15 @@ class Measurements:
 
     @cached_property
     def target_names(self) -> tuple[str, ...]:
-        """Names of the targets, in order of appearance."""
+        """Names of the targets, in order of appearance; one empty name without targets."""
         return tuple(dict.fromkeys(self.targets or ())) or ("",)
 
     @cached_property
     def target_index(self) -> Array:
         """(n,) index of each row's target."""
-        known = self.target_names
-        return np.array([known.index(name) for name in self.targets or ()] or [0] * len(self), int)
+        if not self.targets:
+            return np.zeros(len(self), int)
+        return np.array([self.target_names.index(name) for name in self.targets], int)
 
     @property
     def count(self) -> int:
@@ -283,15 +323,23 @@ class Measurements:
 # ── Columns of a file
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
-_VECTOR = ("rx", "ry", "rz")
-_ROLL = ("roll", "pitch", "yaw")
+_ROTATION_VECTOR = ("rx", "ry", "rz")
+_ROLL_PITCH_YAW = ("roll", "pitch", "yaw")
 _MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
 _POINT = ("x", "y", "z")
-_ORIENTATIONS = (_QUATERNION, _VECTOR, _ROLL, _MATRIX)
-_READINGS = {*_POINT, *_QUATERNION, *_VECTOR, *_ROLL, *_MATRIX, "distance", "pair", "target"}
-_CAMERA = re.compile(r"board_in_camera_", re.IGNORECASE)
-_ROTATION = 1e-3
+_ORIENTATIONS = (_QUATERNION, _ROTATION_VECTOR, _ROLL_PITCH_YAW, _MATRIX)
+_READINGS = {name for names in _ORIENTATIONS for name in names} | {*_POINT, "distance", "pair", "target"}
+"""Names of columns of readings."""
+_CAMERA_PREFIX = re.compile(r"board_in_camera_", re.IGNORECASE)
+_MAX_ROTATION_ERROR = 1e-3
 """Tolerance of entries of rotation matrices, and of lengths of quaternions."""
+_COLUMNS_OF_KIND = {
+    "pose": _POINT,
+    "position": _POINT,
+    "distance": ("distance",),
+    "pair": ("distance", "pair"),
+}
+"""Columns that a kind of readings needs; poses need an orientation besides."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,10 +367,10 @@ class _MeasurementFile:
 
     @cached_property
     def names(self) -> list[tuple[str, str | None]]:
-        """Name of a reading and unit of each column; of others an empty name."""
+        """Name of the reading and unit of each column; the name is empty for columns of other quantities."""
         names = []
         for cell in self.file.header:
-            name, unit = split_unit(_CAMERA.sub("", cell))
+            name, unit = split_unit(_CAMERA_PREFIX.sub("", cell))
             name = name.lower()
             if name not in _READINGS:
                 name = ""
@@ -336,17 +384,14 @@ class _MeasurementFile:
             raise ValueRangeError(
                 f"{self.path}: no readings below the header. Give at least {MIN_CONFIGURATIONS} rows."
             )
-        has = {name for name, _ in self.names if name}
-        kind = self.kind or self._kind(has)
-        needed = {"pose": _POINT, "position": _POINT, "distance": ("distance",), "pair": ("distance", "pair")}.get(
-            kind, ()
-        )
-        missing = [name for name in needed if name not in has]
+        readings = {name for name, _ in self.names if name}
+        kind = self.kind or self._kind(readings)
+        missing = [name for name in _COLUMNS_OF_KIND.get(kind, ()) if name not in readings]
         if missing:
             raise ValueRangeError(
                 f"{self.path}: kind {kind} needs the columns {listed(missing)}. Found: {listed(self.file.header)}."
             )
-        if kind in TOUCHES and "distance" in has:
+        if kind in TOUCHES and "distance" in readings:
             raise ValueRangeError(
                 f"{self.path}: kind {kind} with a column 'distance'. Remove the column, or {spell(Argument('kind', kind))}."
             )
@@ -354,11 +399,11 @@ class _MeasurementFile:
         poses: Array | None = None
         positions: Array | None = None
         distances: Array | None = None
-        if "target" in has:
-            place = self._place("target")
-            targets = [cells[place] for cells in rows]
+        if "target" in readings:
+            target_column = self._column("target")
+            targets = [cells[target_column] for cells in rows]
         if kind == "pose":
-            rotations = self._rotations(has)
+            rotations = self._rotations(readings)
             poses = np.asarray(se3.pose(rotations, self._values(_POINT, "q", angular=False)))
         elif kind == "position":
             positions = self._values(_POINT, "q", angular=False)
@@ -366,28 +411,36 @@ class _MeasurementFile:
             distances = self._values(["distance"], "q", angular=False)[:, 0]
         q, notes = self._configurations(len(rows))
         pairs = None
-        if kind == "pair":
-            partner = self.file.table([self._place("pair")])[:, 0].astype(int)
-            both = np.sort(np.c_[np.arange(len(rows)), partner], axis=1)
-            pairs, first = np.unique(both[both[:, 0] != both[:, 1]], axis=0, return_index=True)
-            distances = np.asarray(distances)[both[:, 0] != both[:, 1]][first]
+        if kind == "pair" and distances is not None:
+            pairs, distances = self._pairs(distances)
         return Measurements(
             q, kind=kind, poses=poses, positions=positions, distances=distances, pairs=pairs,
             targets=targets or None, path=str(self.path), notes=notes,
-            board_in_camera=any(_CAMERA.match(cell) for cell in self.file.header),
+            board_in_camera=any(_CAMERA_PREFIX.match(cell) for cell in self.file.header),
         )  # fmt: skip
 
-    def _kind(self, has: set[str]) -> str:
-        """Kind by the columns."""
-        if "distance" in has:
-            if "pair" in has:
+    def _pairs(self, distances: Array) -> tuple[Array, Array]:
+        """(k, 2) rows of each pair, and their distances (k,), from the distances (n,) of all rows.
+
+        Both rows of a pair name each other; rows that name themselves are left out.
+        """
+        partner = self.file.table([self._column("pair")])[:, 0].astype(int)
+        pairs_of_rows = np.sort(np.c_[np.arange(len(partner)), partner], axis=1)
+        has_partner = pairs_of_rows[:, 0] != pairs_of_rows[:, 1]
+        pairs, first_index = np.unique(pairs_of_rows[has_partner], axis=0, return_index=True)
+        return pairs, np.asarray(distances)[has_partner][first_index]
+
+    def _kind(self, readings: set[str]) -> str:
+        """Kind by the names of the readings that have columns."""
+        if "distance" in readings:
+            if "pair" in readings:
                 return "pair"
             return "distance"
-        if has.issuperset(_POINT):
-            if any(map(has.issuperset, _ORIENTATIONS)):
+        if readings.issuperset(_POINT):
+            if any(map(readings.issuperset, _ORIENTATIONS)):
                 return "pose"
             return "position"
-        if "target" in has:
+        if "target" in readings:
             raise ValueRangeError(
                 f"{self.path}: the column 'target' needs the kind of touch, {spell(Argument('kind'))}: {listed(TOUCHES)}."
             )
@@ -396,19 +449,20 @@ class _MeasurementFile:
             f"distance; or {spell(Argument('kind'))} for touches: {listed(TOUCHES)}."
         )
 
-    def _place(self, name: str) -> int:
-        """Column of a reading."""
-        places = [k for k, (known, _) in enumerate(self.names) if known == name]
-        if len(places) != 1:
-            raise ValueRangeError(f"{self.path}: {len(places)} columns {name!r}. Give one.")
-        return places[0]
+    def _column(self, name: str) -> int:
+        """Index of the column of a reading."""
+        columns = [k for k, (reading, _) in enumerate(self.names) if reading == name]
+        if len(columns) != 1:
+            raise ValueRangeError(f"{self.path}: {len(columns)} columns {name!r}. Give one.")
+        return columns[0]
 
     def _values(self, names: Sequence[str], part: str, *, angular: bool, unitless: bool = False) -> Array:
         """Columns (n, k) in SI units; raises for numbers that are not finite."""
-        places = [self._place(name) for name in names]
-        table = self.file.table(places)
-        for k, place in enumerate(places):
-            unit, cell = self.names[place][1], self.file.header[place]
+        columns = [self._column(name) for name in names]
+        table = self.file.table(columns)
+        for k, column in enumerate(columns):
+            _, unit = self.names[column]
+            cell = self.file.header[column]
             if unit is not None and not unitless:
                 table[:, k] *= unit_factor(unit, part, angular, f"{self.path}, column {cell!r}")
             elif angular and self.degrees:
@@ -417,86 +471,96 @@ class _MeasurementFile:
         return table
 
     def _check_finite(self, column: Array, cell: str) -> None:
-        if not np.isfinite(column).all():
-            row = int(np.flatnonzero(~np.isfinite(column))[0])
+        """Raise ValueRangeError for a column with a number that is not finite; ``cell`` is its header."""
+        is_finite = np.isfinite(column)
+        if not is_finite.all():
+            row = int(np.flatnonzero(~is_finite)[0])
             raise ValueRangeError(
                 f"{self.path}: {self.file.place(row)}, column {cell!r} is not finite. Remove the row."
             )
 
-    def _rotations(self, has: set[str]) -> Array:
+    def _rotations(self, readings: set[str]) -> Array:
         """(n, 3, 3) orientations."""
-        found = [names for names in _ORIENTATIONS if has.issuperset(names)]
-        if len(found) != 1:
+        orientations = [names for names in _ORIENTATIONS if readings.issuperset(names)]
+        if len(orientations) != 1:
             raise ValueRangeError(
-                f"{self.path}: {len(found)} orientations. Give one: qw, qx, qy, qz; rx, ry, rz; roll, pitch, yaw; r11 … r33."
+                f"{self.path}: {len(orientations)} orientations. "
+                "Give one: qw, qx, qy, qz; rx, ry, rz; roll, pitch, yaw; r11 … r33."
             )
-        names = found[0]
-        values = self._values(names, "q", angular=names in (_VECTOR, _ROLL), unitless=names in (_QUATERNION, _MATRIX))
-        if names == _VECTOR:
+        names = orientations[0]
+        is_angular = names in (_ROTATION_VECTOR, _ROLL_PITCH_YAW)
+        values = self._values(names, "q", angular=is_angular, unitless=not is_angular)
+        if names == _ROTATION_VECTOR:
             return np.asarray(so3.exp(values))
-        if names == _ROLL:
+        if names == _ROLL_PITCH_YAW:
             return rotations_from_roll(values)
         if names == _QUATERNION:
-            size = np.linalg.norm(values, axis=1)
-            self._check_rows(np.abs(size - 1.0), "quaternion does not have the length 1")
-            return np.asarray(quaternion.rotation(values / size[:, None]))
+            lengths = np.linalg.norm(values, axis=1)
+            self._check_rows(np.abs(lengths - 1.0), "quaternion does not have the length 1")
+            return np.asarray(quaternion.rotation(values / lengths[:, None]))
         R = values.reshape(-1, 3, 3)
-        self._check_rows(np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2)), "matrix is not a rotation")
+        errors = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        self._check_rows(errors, "matrix is not a rotation")
         return np.asarray(so3.project(R))
 
-    def _check_rows(self, off: Array, problem: str) -> None:
-        if not (off <= _ROTATION).all():
-            row = int(np.flatnonzero(~(off <= _ROTATION))[0])
+    def _check_rows(self, errors: Array, problem: str) -> None:
+        """Raise ValueRangeError for the first row whose error is too large."""
+        is_right = errors <= _MAX_ROTATION_ERROR
+        if not is_right.all():
+            row = int(np.flatnonzero(~is_right)[0])
             raise ValueRangeError(
-                f"{self.path}: {self.file.place(row)}: the {problem}, off by {number(off[row], 3)}. Correct the row."
+                f"{self.path}: {self.file.place(row)}: the {problem}, off by {number(errors[row], 3)}. Correct the row."
             )
 
     def _configurations(self, count: int) -> tuple[Array, tuple[str, ...]]:
-        """(n, nq) configurations; joints that do not move the tip may be missing."""
+        """(n, nq) configurations, and notes on their columns; joints that do not move the tip may be missing."""
         coordinates = Coordinates.from_model(self.robot.model)
         try:
             needed = TipChain.from_robot(self.robot, self.tip).columns
         except ModelError:
             if self.tip is not None:
                 raise
-            needed = list(range(self.robot.nq))
+            needed = list(range(self.robot.nq))  # without a tip: all joints
+        # columns of readings are no candidates for joints
         cells = ["" if name else cell for cell, (name, _) in zip(self.file.header, self.names, strict=True)]
         reading = Reading(self.path, self.columns, degrees=self.degrees)
-        found = Assignment(cells, str(self.path), coordinates, reading)
-        names: dict[str, tuple[str, ...]] = dict.fromkeys(found.names, ())
+        assignment = Assignment(cells, str(self.path), coordinates, reading)
+        names: dict[str, tuple[str, ...]] = dict.fromkeys(assignment.names, ())
         names["q"] = tuple(coordinates.names[k] for k in needed)
-        found.names = names
-        for (part, k), choice in found.requested_choices(self.columns).items():
-            found.assign(part, k, choice)
-        found.assign_by_exact_name()
-        found.assign_by_words()
-        if len(found.given["q"]) < len(needed):
-            found.assign_by_rules([])
-        missing = [coordinates.names[k] for place, k in enumerate(needed) if place not in found.given["q"]]
+        assignment.names = names
+        for (part, place), choice in assignment.requested_choices(self.columns).items():
+            assignment.assign(part, place, choice)
+        assignment.assign_by_exact_name()
+        assignment.assign_by_words()
+        if len(assignment.given["q"]) < len(needed):
+            assignment.assign_by_rules([])
+        assigned = assignment.given["q"]  # choice of a column by place among the needed joints
+        missing = [coordinates.names[k] for place, k in enumerate(needed) if place not in assigned]
         if missing:
             raise TrajectoryError(
-                f"{self.path}: no column for {listed(missing)} on the way to the tip; {found.found_text()}"
+                f"{self.path}: no column for {listed(missing)} on the way to the tip; {assignment.found_text()}"
             )
         q = np.tile(self.robot.model.neutral, (count, 1))
-        for place, choice in found.given["q"].items():
+        for place, choice in assigned.items():
             k = needed[place]
             column = self.file.table([choice.column])[:, 0]
             self._check_finite(column, self.file.header[choice.column])
-            q[:, k] = column * found.factor(Choice(choice.column, choice.unit), "q", bool(coordinates.angular[k]))
-        return q, tuple(map(str, found.notes))
+            is_angular = bool(coordinates.angular[k])
+            q[:, k] = column * assignment.factor(Choice(choice.column, choice.unit), "q", is_angular)
+        return q, tuple(map(str, assignment.notes))
 
 
 def rotations_from_roll(angles: Array) -> Array:
     """Rotations (n, 3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
-    turns = angles[:, :, None] * np.eye(3)  # one around each axis
-    x, y, z = np.moveaxis(np.asarray(so3.exp(turns)), 1, 0)
+    rotation_vectors = angles[:, :, None] * np.eye(3)  # (n, 3, 3), one about each axis
+    x, y, z = np.moveaxis(np.asarray(so3.exp(rotation_vectors)), 1, 0)
     return np.asarray(z @ y @ x)
 
 
 def read_measurements(
     given: str | Path | Measurements, robot: Robot, kind: str | None, tip: str | None, *, degrees: bool = False
 ) -> Measurements:
-    """Measurements from a path or as they are. Raises NotFoundError and others of :meth:`Measurements.from_file`."""
+    """Measurements from a path, or unchanged if they are given; raises as :meth:`Measurements.from_file`."""
     if isinstance(given, Measurements):
         return given
     if not isinstance(given, str | Path):

@@ -33,11 +33,14 @@ PlannedKind = Literal["pose", "position", "distance", "pair"]
 """Kinds of readings that need no contact."""
 NOISE = (1e-4, 5e-4)
 """Assumed standard deviations of a reading [m, rad]."""
-CANDIDATES, REFERENCE = 2_000, 500
-"""Numbers of random configurations: to choose from, and of the predicted error."""
+CANDIDATES = 2_000
+"""Number of random configurations to choose from."""
+REFERENCE = 500
+"""Number of random configurations over which the predicted error is averaged."""
 OFF_AXIS = 0.05
-"""Distance of the target from the last axis [m], if the tip's frame lies on it: there it would not see the last zero."""
-_ON_AXIS = 0.01
+"""Assumed distance of the target from the last axis [m] if the tip's frame lies on it, where it would not see the last zero."""
+_MAX_DISTANCE_ON_AXIS = 0.01
+"""Distance from the last axis [m] up to which the tip's frame lies on it."""
 FACING = np.cos(np.radians(60.0))
 """Cosine of the largest angle between the tip's z axis and the direction to a tracker."""
 SHARE = 0.1
@@ -83,7 +86,7 @@ class MeasuringPoses(Answer):
     moved_off_axis: bool
     """True if the target was assumed 50 mm off the last axis."""
     capsules: CapsuleDistances | None
-    """Distances that were kept; None if they were not looked at."""
+    """Distances that the configurations keep; None if distances were not checked."""
 
     @property
     def robot_name(self) -> str:
@@ -176,11 +179,13 @@ class MeasuringPoses(Answer):
         names, factors = coordinates.headers(degrees=degrees), np.ones(len(coordinates.names))
         if degrees:
             factors[coordinates.angular] = np.degrees(1.0)
-        in_pairs = self.kind == "pair"
-        with csv_table(path, [*names, "pair"] if in_pairs else names) as table:
+        is_of_pairs = self.kind == "pair"
+        if is_of_pairs:
+            names = [*names, "pair"]
+        with csv_table(path, names) as table:
             for row, q in enumerate(self.q * factors):
                 partner = row ^ 1  # 0 and 1, 2 and 3, ...
-                table.row([*q, partner] if in_pairs else q)
+                table.row([*q, partner] if is_of_pairs else q)
         return Path(path)
 
 
@@ -233,9 +238,9 @@ def measuring_poses(
 
     Notes
     -----
-    Each further reading, with rows A over its deviations, is the one of 2,000 random configurations that adds most to
-    log det M: det(M + A'A) = det M · det(1 + A M⁻¹ A'), with the file as prior. Source: Fedorov, "Theory of Optimal
-    Experiments", 1972.
+    M is the information of the file and of the readings so far. A further reading has rows A over their deviations. It is
+    chosen among 2,000 random configurations, such that log det M grows most: det(M + A'A) = det M · det(1 + A M⁻¹ A').
+    Source: Fedorov, "Theory of Optimal Experiments", 1972.
 
     Examples
     --------
@@ -243,9 +248,9 @@ def measuring_poses(
     >>> tw.calibration.measuring_poses("ur5", 25, kind="pose", floor=0.0).rank
     30
     """
-    most = arguments.integer(count, "count")
-    if not 3 <= most <= _MAX_READINGS:
-        raise ValueRangeError(f"count is {most}. Plan 3 to {_MAX_READINGS:,} readings, better 30.")
+    reading_count = arguments.integer(count, "count")
+    if not 3 <= reading_count <= _MAX_READINGS:
+        raise ValueRangeError(f"count is {reading_count}. Plan 3 to {_MAX_READINGS:,} readings, better 30.")
     arguments.choice(kind, "kind", ("pose", "position", "distance", "pair"))
     length, angle = length_and_angle(NOISE if noise is None else noise, "noise")
     accuracy = length_and_angle(file_accuracy, "file_accuracy")
@@ -259,36 +264,38 @@ def measuring_poses(
             "distances need their fixed end: give its place in the base frame [m], {0}.",
             Argument("towards", Placeholder("X,Y,Z")),
         )
-    existing = None
+    existing_fit = None
     if after is not None:
-        known = read_measurements(after, arm, None, tip, degrees=degrees)
-        existing = CalibrationProblem(chain, (known,)).solve()
-    at, off_axis = _start(chain, existing)
+        existing_readings = read_measurements(after, arm, None, tip, degrees=degrees)
+        existing_fit = CalibrationProblem(chain, (existing_readings,)).solve()
+    corrections, is_off_axis = _start(chain, existing_fit)
     capsules = _capsules(arm, clear=clear, floor=floor)
-    q = _clear_configurations(chain, at, capsules, goal if kind != "distance" else None, seed)
-    design = _Design(chain, at, existing, (length, angle), accuracy)
-    candidates = _expected_readings(chain, at, q, kind, goal)
-    if candidates.count < most:
+    tracker = goal if kind != "distance" else None  # the fixed end of distances need not be seen
+    q = _clear_configurations(chain, corrections, capsules, tracker, seed)
+    design = _Design(chain, corrections, existing_fit, (length, angle), accuracy)
+    candidates = _expected_readings(chain, corrections, q, kind, goal)
+    if candidates.count < reading_count:
         raise ValueRangeError(
             f"only {candidates.count} of {CANDIDATES:,} random configurations are clear"
             f"{'' if goal is None else ' and point there'}. Ask for fewer, or lower the floor."
         )
-    chosen = design.choose(candidates, most, goal)
+    chosen = design.choose(candidates, reading_count, goal)
     reference = arm.random_configuration(seed + 1, REFERENCE)
-    counts = (*(n for n in _MILESTONES if n < most), most)
+    counts = (*(n for n in _MILESTONES if n < reading_count), reading_count)
 
-    def remaining(n: int) -> float:
-        return Remaining(design.fit(candidates.taken(chosen[:n]), goal), reference, design.accuracy).rms
-
-    fit = design.fit(candidates.taken(chosen), goal)
-    return MeasuringPoses(
-        arm, _nearest_next(fit.problem.measured[-1]), fit, counts, np.array([remaining(n) for n in counts]),
-        Remaining(fit, reference, design.accuracy).by_file, (length, angle), off_axis, capsules,
-    )  # fmt: skip
+    fits = [design.fit(candidates.taken(chosen[:n]), goal) for n in counts]  # of the first n chosen readings
+    remaining = np.array([Remaining(fit, reference, design.accuracy).rms for fit in fits])
+    fit = fits[-1]
+    ordered_q = _in_order_of_moves(fit.problem.measured[-1])
+    by_file = Remaining(fit, reference, design.accuracy).by_file
+    return MeasuringPoses(arm, ordered_q, fit, counts, remaining, by_file, (length, angle), is_off_axis, capsules)
 
 
 def _start(chain: TipChain, existing: CalibrationFit | None) -> tuple[Corrections, bool]:
-    """Corrections of existing readings, or none with a target off the last axis; True if it was moved there."""
+    """Corrections at which readings are linearised, and True if the target was moved off the last axis.
+
+    They are those of existing readings; without readings, zero with the target off the last axis.
+    """
     if existing is not None:
         return existing.state.corrections, False
     start = chain.start
@@ -297,17 +304,18 @@ def _start(chain: TipChain, existing: CalibrationFit | None) -> tuple[Correction
         return start, False
     axis = screw[:3]
     point = np.cross(axis, screw[3:])  # of the axis, nearest to the joint's frame
-    away = start.tip[:3, 3] - point
-    if np.linalg.norm(away - axis * (axis @ away)) > _ON_AXIS:
+    difference = start.tip[:3, 3] - point
+    distance = np.linalg.norm(difference - axis * (axis @ difference))
+    if distance > _MAX_DISTANCE_ON_AXIS:
         return start, False
-    across = np.linalg.svd(axis[None])[2][1]  # a unit vector across the axis
+    normal = np.linalg.svd(axis[None])[2][1]  # a unit vector perpendicular to the axis
     shift = np.eye(4)
-    shift[:3, 3] = OFF_AXIS * (start.tip[:3, :3].T @ across)
+    shift[:3, 3] = OFF_AXIS * (start.tip[:3, :3].T @ normal)
     return replace(start, tip=start.tip @ shift), True
 
 
 def _capsules(robot: Robot, *, clear: bool, floor: float | None) -> CapsuleDistances | None:
-    """Distances to be kept; None for none."""
+    """Distances that configurations must keep; None if there are none."""
     if not arguments.flag(clear, "clear") and floor is None:
         return None
     height = None
@@ -319,23 +327,24 @@ def _capsules(robot: Robot, *, clear: bool, floor: float | None) -> CapsuleDista
 def _clear_configurations(
     chain: TipChain, at: Corrections, capsules: CapsuleDistances | None, goal: Array | None, seed: int
 ) -> Array:
-    """Random configurations (n, nq) that are clear and point to the goal."""
+    """Random configurations (n, nq) that keep distances and whose tip points to the goal; other joints stay neutral."""
     robot = chain.robot
     q = robot.random_configuration(seed, CANDIDATES)
-    fixed = np.ones(robot.nq, bool)
-    fixed[chain.columns] = False
-    q[:, fixed] = robot.neutral[fixed]
-    kept = np.ones(len(q), bool)
+    is_other = np.ones(robot.nq, bool)
+    is_other[chain.columns] = False
+    q[:, is_other] = robot.neutral[is_other]
+    is_suitable = np.ones(len(q), bool)
     if capsules is not None:
-        distances = capsules.evaluate(q)[0]
-        least = np.zeros(distances.shape[1])
-        least[: len(capsules.margins)] = capsules.margins
-        kept &= (distances >= least).all(axis=1)
+        distances, _ = capsules.evaluate(q)
+        min_distances = np.zeros(distances.shape[1])
+        min_distances[: len(capsules.margins)] = capsules.margins
+        is_suitable &= (distances >= min_distances).all(axis=1)
     if goal is not None:
         T = chain.tips(q, at)
         direction = goal - T[:, :3, 3]
-        kept &= (direction * T[:, :3, 2]).sum(axis=1) >= FACING * np.linalg.norm(direction, axis=1)
-    return np.asarray(q[kept])
+        # d'z ≥ cos 60° |d|
+        is_suitable &= (direction * T[:, :3, 2]).sum(axis=1) >= FACING * np.linalg.norm(direction, axis=1)
+    return np.asarray(q[is_suitable])
 
 
 def _expected_readings(chain: TipChain, at: Corrections, q: Array, kind: str, goal: Array | None) -> Measurements:
@@ -348,9 +357,10 @@ def _expected_readings(chain: TipChain, at: Corrections, q: Array, kind: str, go
         return Measurements(q, positions=p)
     if kind == "distance":
         return Measurements(q, distances=np.maximum(np.linalg.norm(p - goal, axis=1), 1e-6))
-    rows = np.arange(len(q) // 2 * 2).reshape(-1, 2)
-    apart = np.linalg.norm(p[rows[:, 0]] - p[rows[:, 1]], axis=1)
-    return Measurements(q, pairs=rows[apart > OFF_AXIS], distances=apart[apart > OFF_AXIS], kind="pair")
+    pairs = np.arange(len(q) // 2 * 2).reshape(-1, 2)  # successive configurations
+    distances = np.linalg.norm(p[pairs[:, 0]] - p[pairs[:, 1]], axis=1)
+    is_measurable = distances > OFF_AXIS
+    return Measurements(q, pairs=pairs[is_measurable], distances=distances[is_measurable], kind="pair")
 
 
 def _target(planned: Measurements, goal: Array | None) -> MeasuredTarget:
@@ -364,28 +374,37 @@ def _target(planned: Measurements, goal: Array | None) -> MeasuredTarget:
 
 @dataclass(frozen=True, eq=False)
 class _Design:
-    """Information of existing and of expected readings."""
+    """Choice of readings by their information."""
 
     chain: TipChain
     at: Corrections
+    """Corrections at which readings are linearised."""
     existing: CalibrationFit | None
+    """Fit of existing readings."""
     noise: tuple[float, float]
+    """Standard deviations of a reading [m, rad]."""
     accuracy: tuple[float, float]
+    """Standard deviations of the file's lengths [m] and axes [rad]."""
 
     def fit(self, planned: Measurements, goal: Array | None) -> CalibrationFit:
         """Existing and planned readings, linearised at the start, with weights 1/σ."""
-        planned_weights = np.full((planned.count, planned.rows_each), 1.0 / self.noise[0])
-        planned_weights[:, : planned.angle_rows] = 1.0 / self.noise[1]
+        length_noise, angle_noise = self.noise
+        planned_weights = np.full((planned.count, planned.rows_each), 1.0 / length_noise)
+        planned_weights[:, : planned.angle_rows] = 1.0 / angle_noise
         measured, targets, weights = [planned], [_target(planned, goal)], [planned_weights]
         if self.existing is not None:
             measured = [*self.existing.problem.measured, *measured]
             targets = [*self.existing.state.targets, *targets]
             weights = [*self.existing.weights, *weights]
-        problem, state = CalibrationProblem(self.chain, tuple(measured)), Estimate(self.at, tuple(targets))
+        problem = CalibrationProblem(self.chain, tuple(measured))
+        state = Estimate(self.at, tuple(targets))
         return CalibrationFit(problem, state, problem.equations(state), tuple(weights))
 
     def choose(self, candidates: Measurements, count: int, goal: Array | None) -> Array:
-        """Readings in the order of choice: each adds most to log det M."""
+        """Indices of ``count`` readings in the order of choice: each adds most to log det M.
+
+        Parameters are in units of the file's accuracy, so that the file adds the unit matrix to M.
+        """
         fit = self.fit(candidates, goal)
         wide = Remaining(fit, candidates.q[:1], self.accuracy).wide
         A = fit.equations.design[-1] * fit.weights[-1][..., None] * wide
@@ -393,30 +412,33 @@ class _Design:
         for D, W in zip(fit.equations.design[:-1], fit.weights[:-1], strict=True):
             rows = (D * W[..., None]).reshape(-1, len(wide)) * wide
             M += rows.T @ rows
-        C, found = np.linalg.inv(M), list[int]()
+        C = np.linalg.inv(M)
+        chosen = list[int]()
         unit = np.eye(A.shape[1])
         for _ in range(count):
-            gain = np.linalg.slogdet(unit + A @ C @ np.swapaxes(A, 1, 2))[1]  # det(1 + A M⁻¹ A')
-            gain[found] = -np.inf
+            _, gain = np.linalg.slogdet(unit + A @ C @ np.swapaxes(A, 1, 2))  # log det(1 + A M⁻¹ A')
+            gain[chosen] = -np.inf
             best = int(np.flatnonzero(gain > gain.max() - 1e-9)[0])  # a tie: the first, on every machine
-            found.append(best)
+            chosen.append(best)
             X = A[best] @ C
-            C = C - X.T @ np.linalg.solve(unit + X @ A[best].T, X)  # M⁻¹ after M + A'A
-        return np.array(found)
+            C = C - X.T @ np.linalg.solve(unit + X @ A[best].T, X)  # (M + A'A)⁻¹
+        return np.array(chosen)
 
 
-def _nearest_next(planned: Measurements) -> Array:
-    """Configurations of the readings, each next one the nearest that is left; both of a pair stay together."""
-    blocks = planned.q[:, None]
+def _in_order_of_moves(planned: Measurements) -> Array:
+    """Configurations (n, nq) of the readings, each followed by the nearest remaining one; those of a pair stay together."""
+    blocks = planned.q[:, None]  # (readings, 1 or 2, nq)
     if planned.pairs is not None:
         blocks = planned.q[planned.pairs]
-    left, place, found = list(range(len(blocks))), blocks[0, 0], list[Array]()
-    while left:
-        nearest = min(left, key=lambda k: float(np.abs(blocks[k, 0] - place).max()))
-        left.remove(nearest)
-        found.append(blocks[nearest])
-        place = blocks[nearest, -1]
-    return np.concatenate(found)
+    remaining = list(range(len(blocks)))
+    last_q = blocks[0, 0]
+    ordered = list[Array]()
+    while remaining:
+        nearest = min(remaining, key=lambda k: float(np.abs(blocks[k, 0] - last_q).max()))
+        remaining.remove(nearest)
+        ordered.append(blocks[nearest])
+        last_q = blocks[nearest, -1]
+    return np.concatenate(ordered)
 
 
 complete(globals())

@@ -22,20 +22,23 @@ _COLUMNS = {
 
 def doubts_of_plan(plan: MeasuringPoses) -> list[str]:
     """Reasons against OK: groups that stay unknown, an error that stays large, and clearances that are not known."""
-    found, left = list[str](), float(plan.remaining[-1])
+    reasons = list[str]()
+    remaining = float(plan.remaining[-1])  # after all readings
     if plan.rank < plan.theory:
-        found.append(f"{plan.count} readings determine {plan.rank} of {plan.theory} groups of parameters; plan more")
-    if left > SHARE * plan.by_file:
-        found.append(
-            f"{millimetres(left)} of {millimetres(plan.by_file)} are predicted to remain, {percent(left / plan.by_file)}; plan "
-            "more readings, or better ones (noise)"
+        reasons.append(f"{plan.count} readings determine {plan.rank} of {plan.theory} groups of parameters; plan more")
+    if remaining > SHARE * plan.by_file:
+        reasons.append(
+            f"{millimetres(remaining)} of {millimetres(plan.by_file)} are predicted to remain, "
+            f"{percent(remaining / plan.by_file)}; plan more readings, or better ones (noise)"
         )
     if plan.capsules is None:
-        found.append("distances of links from each other were not looked at")
-        return found
-    if assumption := plan.capsules.capsules.assumption:
-        found.append(assumption)
-    return [*found, *(f"not looked at: {sentence}" for sentence in plan.capsules.unwatched)]
+        reasons.append("distances of links from each other were not looked at")
+        return reasons
+    assumption = plan.capsules.capsules.assumption
+    if assumption:
+        reasons.append(assumption)
+    reasons += [f"not looked at: {sentence}" for sentence in plan.capsules.unwatched]
+    return reasons
 
 
 def plan_view(plan: MeasuringPoses) -> Iterator[Block]:
@@ -43,23 +46,24 @@ def plan_view(plan: MeasuringPoses) -> Iterator[Block]:
     noise = millimetres(plan.noise[0])
     if plan.kind == "pose":
         noise += f" and {quantity(math.degrees(plan.noise[1]), '°', 2)}"
-    figures = (
+    summary = (
         f"with {plan.count} readings, each right to {noise}, {millimetres(float(plan.remaining[-1]))} are predicted to remain; "
         f"by the file {millimetres(plan.by_file)}"
     )
     if plan.verdict.word is Word.OK:
-        yield Headline(Word.OK, f"{figures}.")
+        yield Headline(Word.OK, f"{summary}.")
     else:
         first, *others = plan.verdict.reasons
-        yield Headline(plan.verdict.word, first, reasons=others, further=[Line(f"{figures[0].upper()}{figures[1:]}.")])
+        sentence = f"{summary[0].upper()}{summary[1:]}."
+        yield Headline(plan.verdict.word, first, reasons=others, further=[Line(sentence)])
     yield ""
-    yield Line(
-        (plan.robot_name, Style.STRONG), f"  ·  {plan.subject.partition(' · ')[2]}, at {plan.fit.problem.chain.frame}"
-    )
+    _, _, readings = plan.subject.partition(" · ")
+    yield Line((plan.robot_name, Style.STRONG), f"  ·  {readings}, at {plan.fit.problem.chain.frame}")
+    remaining_mm = [1e3 * error for error in plan.remaining]
     yield Table(
         "Predicted error of the tip",
         numbers("readings", plan.counts),
-        numbers("remains", [1e3 * x for x in plan.remaining], lambda x: number(x, 3, decimals=3), "mm"),
+        numbers("remains", remaining_mm, lambda error: number(error, 3, decimals=3), "mm"),
     )
     yield Line(f"{plan.rank} groups of parameters are determined, in theory {plan.theory}.")
     notes = [f"Measure the configurations, add the {_COLUMNS[plan.kind]}, and give the file to `calibrate`."]

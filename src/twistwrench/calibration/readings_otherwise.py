@@ -1,4 +1,4 @@
-"""Readings taken otherwise: units, order and sign of columns, conventions. Each alternative is fitted again."""
+"""Other readings of a measurement file: units, order and sign of columns, conventions. Each alternative is fitted again."""
 
 from __future__ import annotations
 
@@ -27,132 +27,166 @@ from .result_view import millimetres
 if TYPE_CHECKING:
     from .result import CalibratedRobot
 
-_MIN_RESIDUAL, _MIN_TURN, _MIN_RESIDUAL_SHARE = 1e-3, 20e-3, 0.2
-"""Residual [m], [rad], and as a share of the error before, from which readings are taken otherwise."""
-_MANY_OUTLIERS = 0.05
+# Alternatives are tried unless the fit explains the readings.
+
+_MAX_RESIDUAL = 1e-3
+"""Residual [m] up to which a fit explains the readings."""
+_MAX_ROTATION = 20e-3
+"""Residual [rad] up to which a fit explains the readings."""
+_MAX_RESIDUAL_SHARE = 0.2
+"""Residual, as a share of the error before, up to which a fit explains the readings."""
+_MAX_OUTLIER_SHARE = 0.05
+"""Share of outliers up to which a fit explains the readings."""
 _MAX_MISFIT_SHARE = 0.5
 """Largest misfit of a named alternative, as a share of that of the readings as given."""
 _MAX_EQUAL_RATIO = 1.5
-"""Ratio of misfits up to which alternatives are equal, as below 1 mm: that which fits targets and tip alone is named."""
+"""Ratio of misfits up to which two alternatives fit equally well."""
 _LEVER = 0.3
 """Length [m] by which angles count in the misfit."""
 _FULL_FITS = 3
-_NOTHING_FITS = 10e-3
-"""Misfit [m] of all readings above which the robot itself is doubted, and an alternative explains nothing."""
-_GAIN = 0.8
+"""Number of alternatives that are fitted with all parameters."""
+_MAX_MISFIT = 10e-3
+"""Misfit [m] above which an alternative explains nothing; if all are above it, the robot itself is doubted."""
+_MAX_ERROR_RATIO = 0.8
 """Held-out error with sag or gears over the error without, below which they are offered."""
 _ANGLE_ENTRIES = 3
 """Number of angles of a twist, which come first."""
-_LARGE_ZERO = 0.2
+_MAX_ZERO = 0.2
 """Zero [rad] above which the joint's convention is doubted, although the fit has found it."""
-_EXACT = 5e-6
-"""Error [m] before, below which readings are the file's own kinematics."""
+_MAX_COMPUTED_ERROR = 5e-6
+"""Error before [m] below which the readings were computed with the file's own kinematics."""
 
 
 class Alternative(NamedTuple):
-    """Readings taken otherwise."""
+    """Another reading of the measurements: units, columns or conventions."""
 
     kind: str
     joints: tuple[str, ...]
     change: Callable[[Measurements], Measurements]
+    """Function that returns the measurements as they are read otherwise."""
     value: float | None = None
     unit: str = ""
     words: str = ""
+    """Name of the alternative's unit, order or convention in the message."""
 
 
 def computed_doubts(found: CalibratedRobot) -> list[Doubt]:
-    """Doubt of readings that are the file's own kinematics."""
-    if found.before < _EXACT and found.measures_tip:
+    """Doubt about readings that were computed with the file's own kinematics."""
+    if found.before < _MAX_COMPUTED_ERROR and found.measures_tip:
         return [doubt("calibration-own-kinematics", before=number(1e6 * found.before, 2))]
     return []
 
 
 def reading_doubts(found: CalibratedRobot) -> list[Doubt]:
-    """Doubts of readings that fit much better if taken otherwise; of readings that no alternative explains."""
+    """Doubt about readings that fit much better with an alternative, or that no alternative explains."""
     fit = found.fit
-    turn = max((float(np.sqrt(np.mean(t**2))) for t in fit.turns if t.size), default=0.0)
-    many = len(fit.outliers) > _MANY_OUTLIERS * fit.problem.count
-    improved = fit.rms < _MIN_RESIDUAL_SHARE * found.before or found.needs_nothing
-    explained = fit.rms < _MIN_RESIDUAL and turn < _MIN_TURN and improved and not many
-    if explained and not _has_large_zero(found):
+    is_explained = _explains_readings(found)
+    if is_explained and not _has_large_zero(found):
         return []
     problem = replace(fit.problem, independent=None)
-    if explained:
-        plain = _misfit(found.plain)
-        best = _best_convention(problem, plain)
+    if is_explained:
+        misfit_as_given = _misfit(found.plain)
+        best = _best_convention(problem, misfit_as_given)
     else:
-        plain = _misfit(replace(problem, keep_outliers=True).solve())
-        best = _best(problem, plain)
+        misfit_as_given = _misfit(replace(problem, keep_outliers=True).solve())
+        best = _best_alternative(problem, misfit_as_given)
     if best is not None:
-        one, misfit = best
+        alternative, misfit = best
+        kind, value = f"calibration-{alternative.kind}", {"value": alternative.value, "unit": alternative.unit}
+        plain = millimetres(misfit_as_given)
         return [
             doubt(
-                f"calibration-{one.kind}", one.joints, words=one.words, plain=millimetres(plain), misfit=millimetres(misfit),
-                found={"value": one.value, "unit": one.unit},
+                kind, alternative.joints, words=alternative.words, plain=plain, misfit=millimetres(misfit), found=value
             )
-        ]  # fmt: skip
-    if plain > _NOTHING_FITS and not explained:
-        return [doubt("calibration-wrong-robot", misfit=millimetres(plain), found={"value": plain, "unit": "m"})]
+        ]
+    if misfit_as_given > _MAX_MISFIT and not is_explained:
+        found_value = {"value": misfit_as_given, "unit": "m"}
+        return [doubt("calibration-wrong-robot", misfit=millimetres(misfit_as_given), found=found_value)]
     return []
 
 
+def _explains_readings(found: CalibratedRobot) -> bool:
+    """True if the fit has small residuals, few outliers, and is far better than the file, unless this is right already."""
+    fit = found.fit
+    if fit.rms >= _MAX_RESIDUAL:
+        return False
+    rms_rotations = [float(np.sqrt(np.mean(angles**2))) for angles in fit.turns if angles.size]
+    if max(rms_rotations, default=0.0) >= _MAX_ROTATION:
+        return False
+    if len(fit.outliers) > _MAX_OUTLIER_SHARE * fit.problem.count:
+        return False
+    return fit.rms < _MAX_RESIDUAL_SHARE * found.before or found.needs_nothing
+
+
 def _has_large_zero(found: CalibratedRobot) -> bool:
-    """True if the fit has moved a zero by more than a calibration does: by a convention of the joint."""
-    chain, twists = found.fit.problem.chain, found.fit.state.corrections.displacements
-    return any(own < _ANGLE_ENTRIES and abs(x[own]) > _LARGE_ZERO for own, x in zip(chain.own, twists, strict=True))
+    """True if the fit has moved the zero of a turning joint by more than a calibration does: by another convention."""
+    chain, displacements = found.fit.problem.chain, found.fit.state.corrections.displacements
+    for own_entry, displacement in zip(chain.own, displacements, strict=True):
+        is_angle = own_entry < _ANGLE_ENTRIES
+        if is_angle and abs(displacement[own_entry]) > _MAX_ZERO:
+            return True
+    return False
 
 
-def _best_convention(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
-    """Alternative with which the file is nearly right, where the fit has moved a zero all the way."""
+def _best_convention(problem: CalibrationProblem, misfit_as_given: float) -> tuple[Alternative, float] | None:
+    """Alternative with which the file is nearly right, if the fit had to move a zero, and its misfit."""
     misfit, _, alternative = _by_misfit(problem)[0]
-    if misfit < _MIN_RESIDUAL_SHARE * plain:
+    if misfit < _MAX_RESIDUAL_SHARE * misfit_as_given:
         return alternative, misfit
     return None
 
 
 def _by_misfit(problem: CalibrationProblem) -> list[tuple[float, int, Alternative]]:
-    """Misfit with targets and tip alone, number and alternative; the best first, equal ones in their order."""
+    """Alternatives with their misfit, if targets and tip alone are fitted, and number; the least misfit first."""
     fits = []
     for k, alternative in enumerate(_alternatives(problem)):
         fits.append((_misfit_with(problem, alternative, frames_only=True), k, alternative))
     return sorted(fits, key=lambda entry: entry[:2])
 
 
-def _best(problem: CalibrationProblem, plain: float) -> tuple[Alternative, float] | None:
-    """Alternative that more than halves the misfit: the three best of targets and tip alone are fitted in full."""
+def _best_alternative(problem: CalibrationProblem, misfit_as_given: float) -> tuple[Alternative, float] | None:
+    """Alternative that more than halves the misfit, and its misfit.
+
+    The three best by fits of targets and tip alone are fitted in full. Of equally good ones, the most usual is chosen.
+    """
     best = _by_misfit(problem)[:_FULL_FITS]
-    full = [_misfit_with(problem, one, frames_only=False) for _, _, one in best]
-    alike = [k for k, misfit in enumerate(full) if misfit <= max(_MAX_EQUAL_RATIO * min(full), _MIN_RESIDUAL)]
-    if not min(full) < min(_MAX_MISFIT_SHARE * plain, _NOTHING_FITS):
+    misfits = [_misfit_with(problem, alternative, frames_only=False) for _, _, alternative in best]
+    least = min(misfits)
+    if not least < min(_MAX_MISFIT_SHARE * misfit_as_given, _MAX_MISFIT):
         return None
-    # Targets and tip alone tell zeros of 90° and 180°.
-    usual = [k for k in alike if best[k][0] <= _MAX_EQUAL_RATIO * best[alike[0]][0]]
-    chosen = min(usual, key=lambda k: best[k][1])
-    return best[chosen][2], full[chosen]
+    max_equal = max(_MAX_EQUAL_RATIO * least, _MAX_RESIDUAL)
+    equal = [k for k, misfit in enumerate(misfits) if misfit <= max_equal]
+    # A full fit finds zeros by itself. Fits of targets and tip alone distinguish zeros of 90° and 180°.
+    least_frames_misfit = best[equal[0]][0]
+    candidates = [k for k in equal if best[k][0] <= _MAX_EQUAL_RATIO * least_frames_misfit]
+    chosen = min(candidates, key=lambda k: best[k][1])
+    _, _, alternative = best[chosen]
+    return alternative, misfits[chosen]
 
 
-def _misfit_with(problem: CalibrationProblem, one: Alternative, *, frames_only: bool) -> float:
+def _misfit_with(problem: CalibrationProblem, alternative: Alternative, *, frames_only: bool) -> float:
     """Misfit with an alternative; infinite if it cannot be fitted."""
     try:
-        measured = tuple(map(one.change, problem.measured))
+        measured = tuple(map(alternative.change, problem.measured))
         return _misfit(replace(problem, measured=measured, keep_outliers=True).solve(frames_only=frames_only))
     except (TwistWrenchError, np.linalg.LinAlgError):
         return math.inf
 
 
 def _misfit(fit: CalibrationFit) -> float:
-    """Upper quartile of the residuals [m], with angles times 0.3 m: outliers do not matter."""
+    """Upper quartile of the residuals [m], with angles times 0.3 m; a quartile is insensitive to outliers."""
     sizes = []
-    for error, turn in zip(fit.errors, fit.turns, strict=True):
-        sizes.append(np.hypot(error, _LEVER * turn) if turn.size else error)
+    for errors, angles in zip(fit.errors, fit.turns, strict=True):
+        sizes.append(np.hypot(errors, _LEVER * angles) if angles.size else errors)
     return float(np.quantile(np.concatenate(sizes), 0.75))
 
 
 def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
-    """All readings taken otherwise, the most usual first."""
-    chain, kinds = problem.chain, {m.kind for m in problem.measured}
+    """All alternatives, the most usual first."""
+    chain = problem.chain
+    kinds = {measurement.kind for measurement in problem.measured}
     joints, columns = chain.joints, chain.columns
-    turning = [k for k, turns in zip(columns, chain.turning, strict=True) if turns]
+    turning = [column for column, turns in zip(columns, chain.turning, strict=True) if turns]
     if kinds & set(LENGTHS_MEASURED):
         for factor, unit in ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches")):
             yield Alternative("unit", (), partial(_scale_readings, factor=factor), factor, "", unit)
@@ -160,15 +194,14 @@ def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
         yield Alternative("degrees", (), partial(_q_times, columns=turning, factor=factor), factor, "", words)
     for (a, i), (b, j) in combinations(zip(joints, columns, strict=True), 2):
         yield Alternative("exchanged", (a, b), partial(_exchange_joints, i=i, j=j))
-    for joint, k in zip(joints, columns, strict=True):
-        yield Alternative("sign", (joint,), partial(_q_times, columns=[k], factor=-1.0))
-    for joint, k in zip(joints, columns, strict=True):
-        if k not in turning:
+    for joint, column in zip(joints, columns, strict=True):
+        yield Alternative("sign", (joint,), partial(_q_times, columns=[column], factor=-1.0))
+    for joint, column in zip(joints, columns, strict=True):
+        if column not in turning:
             continue
         for degrees in (90.0, -90.0, 180.0):
-            yield Alternative(
-                "zero", (joint,), partial(_q_plus, k=k, offset=math.radians(degrees)), degrees, "°", number(degrees)
-            )
+            change = partial(_q_plus, k=column, offset=math.radians(degrees))
+            yield Alternative("zero", (joint,), change, degrees, "°", number(degrees))
     if kinds & {"pose", "position"}:
         yield Alternative("left-handed", (), _mirror_readings)
     for rows, words in ((1, "late"), (-1, "early")):
@@ -176,16 +209,13 @@ def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
     if "pose" in kinds:
         yield Alternative("inverse", (), partial(_change_poses, change=se3.inverse))
         for places, words in ((-1, "w, x, y, z in place of x, y, z, w"), (1, "x, y, z, w in place of w, x, y, z")):
-            yield Alternative(
-                "quaternion-order",
-                (),
-                partial(_change_poses, change=partial(_roll_quaternions, places=places)),
-                None,
-                "",
-                words,
-            )
-        for words, read in _ANGLES.items():
-            yield Alternative("angle-order", (), partial(_change_poses, change=read), None, "", words)
+            roll = partial(_roll_quaternions, places=places)
+            yield Alternative("quaternion-order", (), partial(_change_poses, change=roll), words=words)
+        for words, read in _ANGLE_CONVENTIONS.items():
+            yield Alternative("angle-order", (), partial(_change_poses, change=read), words=words)
+
+
+# ── Changes of measurements
 
 
 def _scale_readings(m: Measurements, factor: float) -> Measurements:
@@ -215,13 +245,17 @@ def _exchange_joints(m: Measurements, i: int, j: int) -> Measurements:
 
 
 def _shift_rows(m: Measurements, rows: int) -> Measurements:
+    """Combine each reading with the configuration of the next row; of the row before, if ``rows`` is negative."""
     if m.pairs is not None or m.kind not in ("pose", "position", "distance"):
         return m
-    ahead, behind = m.taken(np.arange(1, len(m))), m.taken(np.arange(len(m) - 1))
-    return replace(behind, q=ahead.q) if rows > 0 else replace(ahead, q=behind.q)
+    without_first, without_last = m.taken(np.arange(1, len(m))), m.taken(np.arange(len(m) - 1))
+    if rows > 0:
+        return replace(without_last, q=without_first.q)
+    return replace(without_first, q=without_last.q)
 
 
 def _mirror_readings(m: Measurements) -> Measurements:
+    """Readings in a left-handed frame: mirrored in the plane z = 0."""
     M = np.diag([1.0, 1.0, -1.0])
     if m.poses is not None:
         return replace(m, poses=np.asarray(se3.pose(M @ m.rotations @ M, m.points @ M)))
@@ -237,12 +271,16 @@ def _change_poses(m: Measurements, change: Callable[[Array], Array]) -> Measurem
 
 
 def _roll_quaternions(T: Array, places: int) -> Array:
-    quat = np.stack([quaternion.from_matrix(R) for R in T[:, :3, :3]])
-    return np.asarray(se3.pose(quaternion.rotation(np.roll(quat, places, axis=1)), T[:, :3, 3]))
+    """Poses whose quaternions have their entries shifted cyclically."""
+    quaternions = np.stack([quaternion.from_matrix(R) for R in T[:, :3, :3]])
+    R = quaternion.rotation(np.roll(quaternions, places, axis=1))
+    return np.asarray(se3.pose(R, T[:, :3, 3]))
 
 
 def _read_again(T: Array, angles: Callable[[Array], Array], rotations: Callable[[Array], Array]) -> Array:
-    return np.asarray(se3.pose(rotations(np.stack([angles(R) for R in T[:, :3, :3]])), T[:, :3, 3]))
+    """Poses with rotations from the same three angles, by another convention."""
+    angles_of_file = np.stack([angles(R) for R in T[:, :3, :3]])
+    return np.asarray(se3.pose(rotations(angles_of_file), T[:, :3, 3]))
 
 
 def _moving_axes(angles: Array) -> Array:
@@ -251,38 +289,40 @@ def _moving_axes(angles: Array) -> Array:
 
 
 def _rotations_from_yaw(angles: Array) -> Array:
+    """Rotations of angles in the order yaw, pitch, roll."""
     return rotations_from_roll(angles[:, ::-1])
 
 
-_ANGLES: dict[str, Callable[[Array], Array]] = {
+_ANGLE_CONVENTIONS: dict[str, Callable[[Array], Array]] = {
     "moving axes x, y, z": partial(_read_again, angles=rpy_of_rotation, rotations=_moving_axes),
     "the order yaw, pitch, roll": partial(_read_again, angles=rpy_of_rotation, rotations=_rotations_from_yaw),
     "a rotation vector": partial(_read_again, angles=rpy_of_rotation, rotations=so3.exp),
     "roll, pitch, yaw": partial(_read_again, angles=so3.log, rotations=rotations_from_roll),
 }
-"""Orientations read by other conventions."""
+"""Functions that read the orientations of poses (n, 4, 4) by another convention, by its name."""
 
 
 def effect_doubts(found: CalibratedRobot) -> Iterator[Offered]:
     """Sag and gear errors that lower the held-out error by a fifth."""
     problem, chain = found.fit.problem, found.fit.problem.chain
-    rows = sum(int((W[:, -1] > 0).sum()) * W.shape[1] for W in found.fit.weights)
-    plain = cross_validated(found.fit, int(found.settings["seed"])).rms
+    rows = sum(int((W[:, -1] > 0).sum()) * W.shape[1] for W in found.fit.weights)  # without outliers
+    rms_without = cross_validated(found.fit, int(found.settings["seed"])).rms
     for effect in ("sag", "gears"):
-        if effect in chain.assume or rows < 2 * (found.rank + len(chain.joints)):
+        unknown_count = found.rank + len(chain.joints)
+        if effect in chain.assume or rows < 2 * unknown_count:
             continue
         with_effect = replace(problem, chain=replace(chain, assume=(*chain.assume, effect)), independent=None)
         try:
             fit = fitted_in_groups(with_effect.solve())
         except (TwistWrenchError, np.linalg.LinAlgError):
             continue
-        rms = cross_validated(fit, int(found.settings["seed"])).rms
-        if rms < _GAIN * plain:
-            named = doubt(
+        rms_with = cross_validated(fit, int(found.settings["seed"])).rms
+        if rms_with < _MAX_ERROR_RATIO * rms_without:
+            reason = doubt(
                 f"calibration-{effect}",
-                plain=millimetres(plain),
-                rms=millimetres(rms),
-                found={"value": rms, "unit": "m"},
+                plain=millimetres(rms_without),
+                rms=millimetres(rms_with),
+                found={"value": rms_with, "unit": "m"},
             )
-            yield Offered(rms / plain, named)
+            yield Offered(rms_with / rms_without, reason)
             return

@@ -88,8 +88,8 @@ class CalibratedRobot(Answer):
     @property
     def subject(self) -> str:
         """Robot and number of readings."""
-        kinds = " and ".join(f"{m.count} of kind {m.kind}" for m in self.fit.problem.measured)
-        return f"{self.original.name} · readings: {kinds}"
+        readings = [f"{measurement.count} of kind {measurement.kind}" for measurement in self.fit.problem.measured]
+        return f"{self.original.name} · readings: {' and '.join(readings)}"
 
     @cached_property
     def robot(self) -> Robot:
@@ -141,35 +141,37 @@ class CalibratedRobot(Answer):
         -------
         bounds : (k, 2) array [rad, m]
         """
-        half = np.array([group.half_width(level) for group in self._group_list])
-        return np.stack([self.values - half, self.values + half], axis=1)
+        half_widths = np.array([group.half_width(level) for group in self._group_list])
+        return np.stack([self.values - half_widths, self.values + half_widths], axis=1)
 
-    def _of(self, word: str) -> dict[str, tuple[float, float]]:
-        """Value and half width of each joint's parameter that leads a group."""
-        figures = {}
+    def _joint_estimates(self, kind: str) -> dict[str, tuple[float, float]]:
+        """Value and half width by joint, of the groups whose first parameter is of a kind: ``zero``, ``sag``, ``gear``."""
+        ending = f".{kind}"
+        estimates = {}
         for group in self._group_list:
-            if group.name.endswith(f".{word}"):
-                joint = group.name.removesuffix(f".{word}")
-                figures[joint] = (group.value, group.half_width())
-        return figures
+            if group.name.endswith(ending):
+                joint = group.name.removesuffix(ending)
+                estimates[joint] = (group.value, group.half_width())
+        return estimates
 
     @property
     def zeros(self) -> dict[str, tuple[float, float]]:
         """Offset of each joint's zero, and half its 95 % interval [rad or m].
 
-        Zeros that cannot be told from how the target is mounted, as the last joint's with poses, are left out.
+        Some zeros cannot be distinguished from the mounting of the target and are left out, such as that of the last joint
+        if poses are measured.
         """
-        return self._of("zero")
+        return self._joint_estimates("zero")
 
     @property
     def sag(self) -> dict[str, tuple[float, float]]:
         """Compliance of each joint [rad/(N m)], and half its interval; empty unless assumed."""
-        return self._of("sag")
+        return self._joint_estimates("sag")
 
     @property
     def gears(self) -> dict[str, tuple[float, float]]:
         """Error of each gear, as a share, and half its interval; empty unless assumed."""
-        return self._of("gear")
+        return self._joint_estimates("gear")
 
     @property
     def tip_pose(self) -> Array:
@@ -192,13 +194,13 @@ class CalibratedRobot(Answer):
 
     @property
     def target_pose(self) -> Array:
-        """(4, 4) pose of the robot's base in the tracker's frame, or of the centre in the base; of the first measurement."""
+        """(4, 4) pose of the first measurement's target: of the base in the tracker's frame, or of the centre in the base."""
         return self.fit.state.targets[0].frame()
 
     @property
     def outliers(self) -> list[tuple[int, float]]:
-        """Row, from 0, and error [m] of readings that contradict the others and are left out, the largest first."""
-        return [(row, size) for _, row, size in self.fit.outliers]
+        """Rows, from 0, and errors [m] of left-out readings that contradict the others; the largest error first."""
+        return [(row, error) for _, row, error in self.fit.outliers]
 
     @property
     def residuals(self) -> list[Array]:
@@ -210,7 +212,8 @@ class CalibratedRobot(Answer):
     @property
     def measures_tip(self) -> bool:
         """True if all readings are places of the tip; False if some are distances or touches."""
-        return all(len(m.points) for m in self.fit.problem.measured)
+        # only measurements of poses and positions have points
+        return all(len(measurement.points) for measurement in self.fit.problem.measured)
 
     @cached_property
     def errors_before(self) -> Array:
@@ -219,36 +222,44 @@ class CalibratedRobot(Answer):
 
     @property
     def error_vectors(self) -> tuple[Array, Array, Array]:
-        """Measured points, and errors before and after, in the base frame, (n, 3) each [m]: of poses and positions.
+        """Measured points, and their errors before and after calibration, (n, 3) each, in the base frame [m].
 
-        Readings of other kinds have no vector and are left out.
+        Only readings of poses and positions have error vectors; others are left out.
         """
-        points, before, after = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros((0, 3))]
-        for b, target in enumerate(self.fit.state.targets):
-            first = self.plain.state.targets[b]
-            if not isinstance(target, FrameTarget) or not isinstance(first, FrameTarget):
+        no_rows = np.zeros((0, 3))  # concatenate needs an array, also without poses and positions
+        points, before, after = [no_rows], [no_rows], [no_rows]
+        for k, target in enumerate(self.fit.state.targets):
+            target_before = self.plain.state.targets[k]
+            if not isinstance(target, FrameTarget) or not isinstance(target_before, FrameTarget):
                 continue
+            # X maps the base to the tracker's frame; rows times R = R' applied to each vector, back to the base
             R, p = target.X[:3, :3], target.X[:3, 3]
+            R_before = target_before.X[:3, :3]
             points.append((target.given.points - p) @ R)
-            before.append(self.plain.equations.residuals[b][:, -3:] @ first.X[:3, :3])
-            after.append(self.fit.equations.residuals[b][:, -3:] @ R)
+            # the last three residuals of a reading are those of its position
+            before.append(self.plain.equations.residuals[k][:, -3:] @ R_before)
+            after.append(self.fit.equations.residuals[k][:, -3:] @ R)
         return np.concatenate(points), np.concatenate(before), np.concatenate(after)
 
     @cached_property
     def before(self) -> float:
         """Error [m] (rms) of the readings with the file as it is; target and tip fitted."""
-        kept = np.concatenate([W[:, -1] > 0 for W in self.fit.weights])
-        return float(np.sqrt(np.mean(self.errors_before[kept] ** 2)))
+        is_used = np.concatenate([W[:, -1] > 0 for W in self.fit.weights])
+        return float(np.sqrt(np.mean(self.errors_before[is_used] ** 2)))
 
     @cached_property
     def remaining_before(self) -> float:
-        """Predicted error of the tip [m] (rms) with the file as it is: change by the calibration, and what remains."""
+        """Predicted error of the tip [m] (rms) with the file as it is.
+
+        Root of the squared change by the calibration, without rigid motion of the base, plus the squared remaining error.
+        """
         chain = self.fit.problem.chain
         after = chain.tips(self.reference, self.fit.state.corrections)[:, :3, 3]
         before = chain.tips(self.reference, self.plain.state.corrections)[:, :3, 3]
         X = rigid_motion(before, after)
-        moved = ((after - before @ X[:3, :3].T - X[:3, 3]) ** 2).sum(axis=1).mean()
-        return float(np.hypot(np.sqrt(moved), self.remaining.rms))
+        changes = after - before @ X[:3, :3].T - X[:3, 3]
+        mean_squared_change = (changes**2).sum(axis=1).mean()
+        return float(np.hypot(np.sqrt(mean_squared_change), self.remaining.rms))
 
     @cached_property
     def remaining(self) -> Remaining:
@@ -266,18 +277,21 @@ class CalibratedRobot(Answer):
         -------
         error : (n,) array [m], rms
         """
-        places = np.atleast_2d(arguments.finite(q, "q", self.original.nq))
-        return np.asarray(np.sqrt(self.remaining.squares(places)[0]))
+        configurations = np.atleast_2d(arguments.finite(q, "q", self.original.nq))
+        squared_errors = self.remaining.squares(configurations)[0]
+        return np.asarray(np.sqrt(squared_errors))
 
     @property
     def floor(self) -> float:
-        """Error [m] that is expected of held-out readings: the larger of noise and of what remains."""
+        """Error [m] expected of held-out readings: the larger of noise and remaining error."""
         return max(self.fit.noise, self.remaining.rms)
 
     @property
     def needs_nothing(self) -> bool:
-        """True if the file is already as right as the measurements can show, and these show all that moves the tip."""
-        if self.remaining.is_unseen or self.remaining_before > self.remaining.by_file / 3.0:
+        """True if the file is as accurate as the measurements can show, and these determine all that moves the tip."""
+        if self.remaining.is_unseen:
+            return False
+        if self.remaining_before > self.remaining.by_file / 3.0:
             return False
         return max(self.before, self.remaining_before) <= 2.0 * self.floor
 
@@ -306,10 +320,10 @@ class CalibratedRobot(Answer):
         """
         from .result_view import millimetres, noun_of_readings
 
-        of = "" if self.measures_tip else f" of {noun_of_readings(self)}"
+        quantity = "" if self.measures_tip else f" of {noun_of_readings(self)}"
         return {
-            f"held out{of}": millimetres(self.held_out.rms),
-            f"before{of}": millimetres(self.before),
+            f"held out{quantity}": millimetres(self.held_out.rms),
+            f"before{quantity}": millimetres(self.before),
             "remaining": millimetres(self.remaining.rms),
             "remaining before": millimetres(self.remaining_before),
             "rank": f"{self.rank} of {self.theory}",
@@ -340,13 +354,15 @@ class CalibratedRobot(Answer):
         -------
         data : dict, as written by ``--json``
         """
-        pairs = {}
+        joint_estimates = {}
         for name in ("zeros", "sag", "gears"):
-            pairs[name] = {joint: list(pair) for joint, pair in getattr(self, name).items()}
-        groups, doubts = [], []
+            # [value, half width] of each joint
+            joint_estimates[name] = {joint: list(estimate) for joint, estimate in getattr(self, name).items()}
+        groups = []
         for group, (low, high) in zip(self._group_list, self.interval().tolist(), strict=True):
-            limits = {"value": group.value, "low": low, "high": high, "unit": group.unit}
-            groups.append({"name": group.text, "terms": dict(group.terms), **limits})
+            figures = {"value": group.value, "low": low, "high": high, "unit": group.unit}
+            groups.append({"name": group.text, "terms": dict(group.terms), **figures})
+        doubts = []
         for doubt in self.doubts:
             name, joints = doubt.kind.removeprefix(PREFIX), list(doubt.joints)
             entry = {"name": name, "joints": joints, "value": doubt.value, "unit": doubt.unit, "sentence": str(doubt)}
@@ -362,8 +378,8 @@ class CalibratedRobot(Answer):
             "rank": self.rank,
             "theory": self.theory,
             "groups": groups,
-            **pairs,
-            "outliers": [{"row": row, "size": size} for row, size in self.outliers],
+            **joint_estimates,
+            "outliers": [{"row": row, "size": error} for row, error in self.outliers],
             "tip_pose": self.tip_pose.tolist(),
             "target_pose": self.target_pose.tolist(),
             "settings": dict(self.settings),
@@ -410,8 +426,10 @@ class CalibratedRobot(Answer):
         path : Path of the file
         """
         with csv_table(path, ["measurement", "row", "error [m]", "error [rad]", "used"]) as table:
-            for b, (e, W) in enumerate(zip(self.fit.errors, self.fit.weights, strict=True)):
-                turns = self.fit.turns[b] if self.fit.turns[b].size else [None] * len(e)
-                for row, (error, turn, weight) in enumerate(zip(e, turns, W[:, -1], strict=True)):
-                    table.row([b + 1, row, error, turn, int(weight > 0)])
+            for k, (errors, W) in enumerate(zip(self.fit.errors, self.fit.weights, strict=True)):
+                no_angles = [None] * len(errors)  # of readings that measure positions or distances alone
+                angles = self.fit.turns[k] if self.fit.turns[k].size else no_angles
+                # an outlier has weight 0 in all of its equations; the last column stands for them
+                for row, (error, angle, weight) in enumerate(zip(errors, angles, W[:, -1], strict=True)):
+                    table.row([k + 1, row, error, angle, int(weight > 0)])
         return Path(path)

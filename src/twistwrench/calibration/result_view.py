@@ -14,15 +14,17 @@ from .measurements import TOUCHES
 from .result import CalibratedRobot
 
 _MILLI = 1e3
+"""Factor of values in m and rad for mm and mrad."""
 _MAX_GROUPS = 12
+"""Largest number of groups in the short form of the table."""
 _MAX_PREDICTED_RATIO = 2.0
-"""Ratio of the predicted error to the held-out one up to which the held-out one stands for the tip."""
-_ROUNDING = 1e-6
-"""Predicted error of the tip [m] that does not matter."""
+"""Ratio of the tip's predicted error to the held-out error, up to which the held-out error is given as the tip's."""
+_MAX_ROUNDING_ERROR = 1e-6
+"""Predicted error of the tip [m] that is negligible."""
 
 
 def millimetres(value: float) -> str:
-    """Length with three digits [mm]."""
+    """Text of a length [m] in mm, with three digits."""
     return quantity(_MILLI * value, "mm", 3, decimals=3)
 
 
@@ -31,13 +33,14 @@ def calibration_view(found: CalibratedRobot) -> Iterator[Block]:
     yield _headline(found)
     yield ""
     frame = found.fit.problem.chain.frame
-    yield Line((found.robot_name, Style.STRONG), f"  ·  {found.subject.partition(' · ')[2]}, at {frame}")
-    yield from _errors(found)
-    yield from _groups(found)
-    noise = millimetres(found.fit.deviations[0][0])
-    angle = found.fit.deviations[0][1]
-    if angle:
-        noise += f", {quantity(math.degrees(angle), '°', 2)}"
+    _, _, readings = found.subject.partition(" · ")
+    yield Line((found.robot_name, Style.STRONG), f"  ·  {readings}, at {frame}")
+    yield from _error_tables(found)
+    yield from _group_tables(found)
+    length_deviation, angle_deviation = found.fit.deviations[0]  # of the first measurement
+    noise = millimetres(length_deviation)
+    if angle_deviation:
+        noise += f", {quantity(math.degrees(angle_deviation), '°', 2)}"
     count = len(found.fit.names)
     yield Line(
         f"{found.rank} groups of {count} parameters are determined, in theory {found.theory}. "
@@ -45,14 +48,14 @@ def calibration_view(found: CalibratedRobot) -> Iterator[Block]:
     )
     notes = [str(doubt) for doubt in found.doubts if doubt.level == "note"]
     notes += [note for note in (found.tip_note, found.held_out.note) if note]
-    for m in found.fit.problem.measured:
-        notes += m.notes
+    for measurement in found.fit.problem.measured:
+        notes += measurement.notes
     yield from remarks(notes)
 
 
 def noun_of_readings(found: CalibratedRobot) -> str:
     """Name of all readings: measured places, distances, touches, or readings."""
-    kinds = {str(m.kind) for m in found.fit.problem.measured}
+    kinds = {str(measurement.kind) for measurement in found.fit.problem.measured}
     if found.measures_tip:
         return "measured places"
     if kinds <= {"distance", "pair"}:
@@ -61,12 +64,13 @@ def noun_of_readings(found: CalibratedRobot) -> str:
 
 
 def figures(found: CalibratedRobot) -> str:
-    """Error of the tip before and after: measured, or predicted beside that of the readings.
+    """Error of the tip before and after, either as measured, or as predicted together with the error of the readings.
 
-    Readings that are not places of the tip, and places at similar poses, do not show its error over the reach.
+    Readings that are not places of the tip, and places at similar poses, do not show the tip's error over its reach.
     """
     held_out, before = millimetres(found.held_out.rms), millimetres(found.before)
-    if found.measures_tip and found.remaining.rms <= max(_MAX_PREDICTED_RATIO * found.held_out.rms, _ROUNDING):
+    max_remaining = max(_MAX_PREDICTED_RATIO * found.held_out.rms, _MAX_ROUNDING_ERROR)
+    if found.measures_tip and found.remaining.rms <= max_remaining:
         return f"the tip is right to {held_out} (rms, held out), {before} before"
     remaining, remaining_before = millimetres(found.remaining.rms), millimetres(found.remaining_before)
     return (
@@ -76,41 +80,43 @@ def figures(found: CalibratedRobot) -> str:
 
 
 def _headline(found: CalibratedRobot) -> Headline:
-    """Word and reasons; below it the figures."""
+    """Word of the verdict and its reasons, with the errors below."""
     if found.verdict.word is Word.OK:
         if found.needs_nothing:
-            right = millimetres(max(found.remaining_before, found.before if found.measures_tip else 0.0))
-            return Headline(Word.OK, f"the file is already right to {right} (rms); nothing needs to be written.")
-        return Headline(Word.OK, f"{figures(found)}{_largest(found)}.")
+            error = found.remaining_before
+            if found.measures_tip:
+                error = max(error, found.before)
+            text = f"the file is already right to {millimetres(error)} (rms); nothing needs to be written."
+            return Headline(Word.OK, text)
+        return Headline(Word.OK, f"{figures(found)}{_largest_zero_text(found)}.")
     first, *others = found.verdict.reasons
     held_out, before = millimetres(found.held_out.rms), millimetres(found.before)
     remaining = millimetres(found.remaining.rms)
     if found.measures_tip:
-        left = f"Held out: {held_out} rms, {before} before; predicted to remain: {remaining}"
+        errors = f"Held out: {held_out} rms, {before} before; predicted to remain: {remaining}"
     else:
-        left = (
+        errors = (
             f"{noun_of_readings(found).capitalize()} held out: {held_out} rms, {before} before; predicted to remain at "
+            f"the tip: {remaining}, {millimetres(found.remaining_before)} before"
         )
-        left += f"the tip: {remaining}, {millimetres(found.remaining_before)} before"
-    return Headline(found.verdict.word, first, reasons=others, further=[Line(f"{left}{_largest(found)}.")])
+    further = [Line(f"{errors}{_largest_zero_text(found)}.")]
+    return Headline(found.verdict.word, first, reasons=others, further=further)
 
 
-def _largest(found: CalibratedRobot) -> str:
-    """Text of the zero that is off most."""
+def _largest_zero_text(found: CalibratedRobot) -> str:
+    """Text of the largest error of a zero; empty without zeros."""
     if not found.zeros:
         return ""
-    joint, (value, half) = max(found.zeros.items(), key=lambda item: abs(item[1][0]))
+    joint = max(found.zeros, key=lambda joint: abs(found.zeros[joint][0]))
+    value, half_width = found.zeros[joint]
     chain = found.fit.problem.chain
     turns = chain.turning[chain.joints.index(joint)]
-    if turns:
-        value, half, unit = math.degrees(value), math.degrees(half), "°"
-    else:
-        value, half, unit = 1e3 * value, 1e3 * half, " mm"
-    return f"; largest: zero of {joint} off by {' ± '.join(estimate(value, half))}{unit}"
+    factor, unit = (math.degrees(1.0), "°") if turns else (_MILLI, " mm")
+    return f"; largest: zero of {joint} off by {' ± '.join(estimate(factor * value, factor * half_width))}{unit}"
 
 
-def _errors(found: CalibratedRobot) -> Iterator[Table]:
-    """Errors before and after: one table of the tip; two if the readings are not its places."""
+def _error_tables(found: CalibratedRobot) -> Iterator[Table]:
+    """Errors before and after: one table of the tip; two tables if the readings are not places of the tip."""
     measured = [
         ("before, with the file", found.before, None, found.fit.problem.count),
         ("after, held out", found.held_out.rms, found.held_out.max, found.held_out.poses),
@@ -127,8 +133,9 @@ def _errors(found: CalibratedRobot) -> Iterator[Table]:
 def _error_table(title: str, rows: Sequence[tuple[str, float, float | None, int]]) -> Table:
     """Rows of a name, rms, largest [m] and number of poses."""
 
-    def millimetre_text(value: float | None) -> str:
-        return number(None if value is None else _MILLI * value, 3, decimals=3)
+    def millimetre_text(length: float | None) -> str:
+        """Length [m] in mm, without the unit, which stands in the head of the column."""
+        return number(None if length is None else _MILLI * length, 3, decimals=3)
 
     names, rms, largest, counts = zip(*rows, strict=True)
     return Table(
@@ -141,7 +148,7 @@ def _error_table(title: str, rows: Sequence[tuple[str, float, float | None, int]
 
 
 def _group_figures(group: ParameterGroup) -> tuple[str, float, float]:
-    """Unit, value and half width of a group as it is read: mm, °, mrad/(N m), %."""
+    """Unit of a group in the table, mm, °, mrad/(N m) or %, with value and half width in this unit."""
     if group.name.endswith(".gear"):
         unit, factor = "%", 100.0
     elif group.name.endswith(".sag"):
@@ -153,21 +160,22 @@ def _group_figures(group: ParameterGroup) -> tuple[str, float, float]:
     return unit, factor * group.value, factor * group.half_width()
 
 
-def _groups(found: CalibratedRobot) -> Iterator[Block]:
-    """Table of groups; those that differ most from the file stand in the short form."""
+def _group_tables(found: CalibratedRobot) -> Iterator[Block]:
+    """Table of groups, whose short form has those that differ most from the file, and table of their sums."""
     groups = found.parameter_groups.all
-    units, values, halves = zip(*(_group_figures(group) for group in groups), strict=True)
-    value_lines, half_lines = [], []
-    for value, half in zip(values, halves, strict=True):
-        value_text, half_text = estimate(value, half)
+    units, value_lines, half_width_lines = [], [], []
+    for group in groups:
+        unit, value, half_width = _group_figures(group)
+        value_text, half_width_text = estimate(value, half_width)
+        units.append(unit)
         value_lines.append(Line(value_text, value=value))
-        half_lines.append(Line(half_text, value=half))
+        half_width_lines.append(Line(half_width_text, value=half_width))
     yield Table(
         "Groups",
         words("group", [group.name for group in groups], fold=False),
         words("unit", units, fold=False),
         numbers("value", value_lines),
-        numbers("± (95 %)", half_lines),
+        numbers("± (95 %)", half_width_lines),
         most=_MAX_GROUPS,
         by=[abs(group.value) / max(group.half_width(), 1e-300) for group in groups],
         of_limits=False,

@@ -1,7 +1,9 @@
 """Kinds of measurement: residual of each reading, its derivative by the tip's twist, and the target's own unknowns.
 
-The tip's point p moves with J_v, its axes turn with J_ω. With the target's frame X, R its rotation, and unit vectors u, n:
-a position gives R J_v, a pose R J_ω too, a distance u' J_v, a pair u' (J_v1 - J_v2), a plane n' J_v, a sphere u' J_v.
+The tip's point p moves with J_v, and its axes turn with J_ω. With the rotation R of the target's frame X, and unit vectors
+u towards the tip and n normal to a plane, the derivatives are
+
+    position R J_v,   pose R J_ω and R J_v,   distance u' J_v,   pair u' (J_v1 - J_v2),   plane n' J_v,   sphere u' J_v.
 """
 
 from __future__ import annotations
@@ -19,16 +21,16 @@ from .chain import ANGLES, LENGTHS, point_columns
 from .measurements import Measurements
 
 _MIN_DISTANCE = 1e-9
-"""Least distance [m] by which a direction is divided."""
-_SAME_TURN = 1e-2
-"""Second eigenvalue of the turn's equations, as a share of the largest, below which several turns explain the rotations."""
+"""Least divisor [m] of a difference of points that becomes a unit vector."""
+_MIN_EIGENVALUE_RATIO = 1e-2
+"""Second smallest eigenvalue of the equations for the target's rotation, over the largest, below which many solutions fit."""
 
 
 class ReadingRows(NamedTuple):
     """Residuals of readings and their derivatives."""
 
     residual: Array
-    """(m, r) in m and rad."""
+    """(m, r) residuals [m, rad]."""
     columns: Array
     """(m, r, p) derivatives by the chain's parameters."""
     own: Array
@@ -40,9 +42,11 @@ class MeasuredTarget(ABC):
 
     given: Measurements
     names: tuple[str, ...] = ()
+    """Names of the target's unknowns."""
     angles: ClassVar[int] = 0
     """Number of rows of a reading in rad, which come first."""
     knows_length: ClassVar[bool] = True
+    """True if the readings contain lengths."""
 
     @abstractmethod
     def rows(self, T: Array, J: Array) -> ReadingRows:
@@ -57,7 +61,7 @@ class MeasuredTarget(ABC):
         return None
 
     def freedom(self, turning: int, sliding: int) -> int:
-        """Rank of many different readings, in theory: shape of the arm, then place of the target."""
+        """Rank of many different readings, in theory: independent parameters of the arm's shape, and the target's unknowns."""
         return 4 * turning + 2 * sliding - 3 + len(self.names)
 
     def frame(self) -> Array:
@@ -74,7 +78,8 @@ def _nearest_rotation(M: Array) -> Array:
 def rigid_motion(points: Array, places: Array) -> Array:
     """Pose (4, 4) that brings points (n, 3) nearest to places (n, 3). Source: Kabsch, Acta Cryst. A32, 1976."""
     R = _nearest_rotation((places - places.mean(0)).T @ (points - points.mean(0)))
-    return np.asarray(se3.pose(R, (places - points @ R.T).mean(axis=0)))
+    p = (places - points @ R.T).mean(axis=0)
+    return np.asarray(se3.pose(R, p))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,25 +96,29 @@ class FrameTarget(MeasuredTarget):
         p, y = T[:, :3, 3], given.points
         if given.kind == "position":
             return cls(given, rigid_motion(p, y))
-        R = _nearest_rotation((given.rotations @ np.swapaxes(T[:, :3, :3], 1, 2)).sum(axis=0))
+        rotations_of_base = given.rotations @ np.swapaxes(T[:, :3, :3], 1, 2)  # of each reading
+        R = _nearest_rotation(rotations_of_base.sum(axis=0))
         return cls(given, np.asarray(se3.pose(R, (y - p @ R.T).mean(axis=0))))
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Errors of position, and of rotation log(X R R_measured')."""
         R = self.X[:3, :3]
-        E = self.X @ T
-        p, linear = E[:, :3, 3], R @ point_columns(T, J)
+        E = self.X @ T  # predicted poses of the tip in the target's frame
+        p = E[:, :3, 3]
+        position_error = p - self.given.points
+        position_columns = R @ point_columns(T, J)
         unit = np.broadcast_to(np.eye(3), (len(T), 3, 3))
-        own = np.concatenate([-so3.hat(p), unit], axis=2)
+        position_own = np.concatenate([-so3.hat(p), unit], axis=2)  # twist of X: ω × p + v
         if self.given.kind == "position":
-            return ReadingRows(p - self.given.points, linear, own)
-        turn = np.asarray(so3.log(E[:, :3, :3] @ np.swapaxes(self.given.rotations, 1, 2)))
-        bend = np.asarray(so3.left_jacobian_inverse(turn))
-        turned = np.concatenate([bend, np.zeros((len(T), 3, 3))], axis=2)
+            return ReadingRows(position_error, position_columns, position_own)
+        rotation_error = np.asarray(so3.log(E[:, :3, :3] @ np.swapaxes(self.given.rotations, 1, 2)))
+        J_inverse = np.asarray(so3.left_jacobian_inverse(rotation_error))
+        rotation_columns = J_inverse @ R @ J[:, :3]
+        rotation_own = np.concatenate([J_inverse, np.zeros((len(T), 3, 3))], axis=2)
         return ReadingRows(
-            np.concatenate([turn, p - self.given.points], axis=1),
-            np.concatenate([bend @ R @ J[:, :3], linear], axis=1),
-            np.concatenate([turned, own], axis=1),
+            np.concatenate([rotation_error, position_error], axis=1),
+            np.concatenate([rotation_columns, position_columns], axis=1),
+            np.concatenate([rotation_own, position_own], axis=1),
         )
 
     def step(self, x: Array) -> FrameTarget:
@@ -117,28 +126,30 @@ class FrameTarget(MeasuredTarget):
         return replace(self, X=np.asarray(se3.exp(x)) @ self.X)
 
     def freedom(self, turning: int, sliding: int) -> int:
-        """A pose sees the tip's axes too."""
-        return super().freedom(turning, sliding) + (3 if self.given.kind == "pose" else 0)
+        """Rank in theory; poses determine the three axes of the tip too."""
+        tip_axes = 3 if self.given.kind == "pose" else 0
+        return super().freedom(turning, sliding) + tip_axes
 
     def frame(self) -> Array:
         """Pose of the base in the tracker's frame."""
         return self.X
 
 
-def turn_of_target(measured: Array, turned: Array) -> Array:
-    """Rotation R (3, 3) of the target on the tip, from rotations M = X T R (n, 3, 3) measured and T of the tip, any X.
+def turn_of_target(measured: Array, tip_rotations: Array) -> Array:
+    """Rotation R (3, 3) of the target on the tip, from measured rotations M = X T R (n, 3, 3) and T (n, 3, 3) of the tip.
 
-    M R' = X T is linear in R' and X. The identity if the rotations are about too few axes. Source: Shah, "Solving the
-    robot-world/hand-eye calibration problem using the Kronecker product", J. Mechanisms and Robotics 5(3), 2013.
+    X is any rotation. M R' = X T is linear in R' and X, which together are the null vector of A. The result is the identity
+    if the rotations are about too few axes. Source: Shah, "Solving the robot-world/hand-eye calibration problem using the
+    Kronecker product", J. Mechanisms and Robotics 5(3), 2013.
     """
     unit, A = np.eye(3), np.zeros((18, 18))
-    for M, T in zip(measured, turned, strict=True):
+    for M, T in zip(measured, tip_rotations, strict=True):
         rows = np.c_[np.kron(M, unit), -np.kron(unit, T.T)]
         A += rows.T @ rows
     values, vectors = np.linalg.eigh(A)
-    if values[1] < _SAME_TURN * values[-1]:
+    if values[1] < _MIN_EIGENVALUE_RATIO * values[-1]:
         return unit
-    inverse = vectors[:9, 0].reshape(3, 3)
+    inverse = vectors[:9, 0].reshape(3, 3)  # R' times an unknown factor, of either sign
     return _nearest_rotation(inverse * np.sign(np.linalg.det(inverse))).T
 
 
@@ -152,18 +163,16 @@ class CentreTarget(MeasuredTarget):
 
     @classmethod
     def from_tips(cls, given: Measurements, T: Array) -> CentreTarget:
-        """Centre by trilateration."""
+        """Centre c by trilateration: |p - c|² = d² is linear in c and |c|², 2 p' c - |c|² = |p|² - d²."""
         p = T[:, :3, 3]
         A = np.c_[2.0 * p, np.ones(len(p))]
-        found = np.linalg.lstsq(A, (p**2).sum(axis=1) - given.sizes**2, rcond=None)[0]
-        return cls(given, found[:3])
+        solution = np.linalg.lstsq(A, (p**2).sum(axis=1) - given.sizes**2, rcond=None)[0]
+        return cls(given, solution[:3])
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Distance of the tip from the centre, less the reading."""
-        away = T[:, :3, 3] - self.centre
-        far = np.linalg.norm(away, axis=1)
-        u = (away / np.maximum(far, _MIN_DISTANCE)[:, None])[:, None]
-        return ReadingRows((far - self.given.sizes)[:, None], u @ point_columns(T, J), -u)
+        distance, u = _distances_and_directions(T[:, :3, 3] - self.centre)
+        return ReadingRows((distance - self.given.sizes)[:, None], u @ point_columns(T, J), -u)
 
     def step(self, x: Array) -> CentreTarget:
         """Centre moved by x."""
@@ -187,33 +196,39 @@ class PairTarget(MeasuredTarget):
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Distance between the two tips, less the reading."""
-        first, second = np.asarray(self.given.pairs).T
+        first, second = np.asarray(self.given.pairs).T  # indices of the poses of each pair
         linear, p = point_columns(T, J), T[:, :3, 3]
-        between = p[first] - p[second]
-        far = np.linalg.norm(between, axis=1)
-        u = (between / np.maximum(far, _MIN_DISTANCE)[:, None])[:, None]
-        return ReadingRows(
-            (far - self.given.sizes)[:, None], u @ (linear[first] - linear[second]), np.zeros((len(u), 1, 0))
-        )
+        distance, u = _distances_and_directions(p[first] - p[second])
+        no_unknowns = np.zeros((len(u), 1, 0))
+        return ReadingRows((distance - self.given.sizes)[:, None], u @ (linear[first] - linear[second]), no_unknowns)
+
+
+def _distances_and_directions(differences: Array) -> tuple[Array, Array]:
+    """Lengths (m,) of differences (m, 3) of points, and their unit vectors as rows (m, 1, 3)."""
+    distances = np.linalg.norm(differences, axis=1)
+    return distances, (differences / np.maximum(distances, _MIN_DISTANCE)[:, None])[:, None]
 
 
 @dataclass(frozen=True, eq=False)
 class TouchTarget(MeasuredTarget):
-    """Points, planes or spheres that the tip touches: rows x (targets, unknowns)."""
+    """Points, planes or spheres that the tip touches."""
 
     given: Measurements
     x: Array
+    """(targets, unknowns) values of the unknowns."""
     names: tuple[str, ...] = ()
     words: ClassVar[tuple[str, ...]] = ()
+    """Names of the unknowns of one target."""
     knows_length: ClassVar[bool] = False
 
     @classmethod
     def from_tips(cls, given: Measurements, T: Array) -> TouchTarget:
         """Each target by a linear fit."""
-        labels, place = given.target_names, given.target_index
-        x = np.array([cls.start(T[place == k, :3, 3]) for k in range(len(labels))])
-        one = len(labels) == 1
-        return cls(given, x, tuple(word if one else f"{label}.{word}" for label in labels for word in cls.words))
+        labels = given.target_names
+        x = np.array([cls.start(T[given.target_index == k, :3, 3]) for k in range(len(labels))])
+        if len(labels) == 1:
+            return cls(given, x, cls.words)
+        return cls(given, x, tuple(f"{label}.{word}" for label in labels for word in cls.words))
 
     @staticmethod
     @abstractmethod
@@ -221,19 +236,20 @@ class TouchTarget(MeasuredTarget):
         """Unknowns of one target from touched points (m, 3)."""
 
     def spread(self, own: Array) -> Array:
-        """Derivatives (m, r, k) by all targets from those by each reading's own."""
-        count, size = self.x.shape
-        found = np.zeros((*own.shape[:2], count, size))
-        found[np.arange(len(own)), :, self.given.target_index] = own
-        return found.reshape(*own.shape[:2], -1)
+        """Derivatives (m, r, k) by the unknowns of all targets, from those by the unknowns of each reading's target."""
+        target_count, unknown_count = self.x.shape
+        by_targets = np.zeros((*own.shape[:2], target_count, unknown_count))
+        by_targets[np.arange(len(own)), :, self.given.target_index] = own
+        return by_targets.reshape(*own.shape[:2], -1)
 
     def step(self, x: Array) -> TouchTarget:
         """Targets moved by x."""
         return replace(self, x=self.x + x.reshape(self.x.shape))
 
     def freedom(self, turning: int, sliding: int) -> int:
-        """Touches alone contain no length: one fewer."""
-        return super().freedom(turning, sliding) - (self.given.length is None)
+        """Rank in theory; without a known length, touches leave the scale open."""
+        is_scale_open = self.given.length is None
+        return super().freedom(turning, sliding) - int(is_scale_open)
 
 
 class PointTarget(TouchTarget):
@@ -247,22 +263,23 @@ class PointTarget(TouchTarget):
         return np.asarray(p.mean(axis=0))
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
-        """Tip less its point."""
+        """Position of the tip less its point."""
         own = np.broadcast_to(-np.eye(3), (len(T), 3, 3))
         return ReadingRows(T[:, :3, 3] - self.x[self.given.target_index], point_columns(T, J), self.spread(own))
 
     def length_row(self, _T: Array, J: Array) -> tuple[float, Array, Array] | None:
-        """Distance of the first two points."""
+        """Distance of the first two points, less the known length."""
         if self.given.length is None:
             return None
-        between = self.x[0] - self.x[1]
-        far = float(np.linalg.norm(between))
-        u = between / max(far, _MIN_DISTANCE)
-        return far - self.given.length, np.zeros(J.shape[2]), np.concatenate([u, -u, np.zeros(self.x.size - 6)])
+        difference = self.x[0] - self.x[1]
+        distance = float(np.linalg.norm(difference))
+        u = difference / max(distance, _MIN_DISTANCE)
+        other_targets = np.zeros(self.x.size - 6)
+        return distance - self.given.length, np.zeros(J.shape[2]), np.concatenate([u, -u, other_targets])
 
 
 class PlaneTarget(TouchTarget):
-    """Planes n' p = d, by d n' and two turns of n: the unknowns are a and b about the start's axes, and d."""
+    """Planes n' p = d; the unknowns are x and y of the rotation vector that turns the z axis to n, and d."""
 
     words = ("nx", "ny", "d")
 
@@ -270,39 +287,46 @@ class PlaneTarget(TouchTarget):
     def start(p: Array) -> Array:
         """Rotation vector of the normal from z, and distance."""
         centre = p.mean(axis=0)
-        n = np.linalg.svd(p - centre)[2][2]
-        n = n if n @ centre >= 0 else -n
+        _, _, directions = np.linalg.svd(p - centre)
+        n = directions[2]  # in which the points vary least
+        if n @ centre < 0:
+            n = -n
         axis = np.asarray(so3.cross([0.0, 0.0, 1.0], n))
-        size = float(np.linalg.norm(axis))
-        turn = np.arctan2(size, n[2]) * (axis / size if size > 1e-12 else np.array([1.0, 0.0, 0.0]))
-        return np.array([*turn[:2], n @ centre])
+        sine = float(np.linalg.norm(axis))
+        unit_axis = np.array([1.0, 0.0, 0.0])  # of any half turn, if n is along z
+        if sine > 1e-12:
+            unit_axis = axis / sine
+        rotation = np.arctan2(sine, n[2]) * unit_axis
+        return np.array([*rotation[:2], n @ centre])
 
     def normals(self) -> tuple[Array, Array]:
-        """Unit normals (targets, 3), and their derivatives (targets, 3, 2) by the two turns."""
+        """Unit normals (targets, 3), and their derivatives (targets, 3, 2) by the two components of the rotation."""
         w = np.c_[self.x[:, :2], np.zeros(len(self.x))]
         n = np.asarray(so3.exp(w))[:, :, 2]
         return n, (-so3.hat(n) @ so3.left_jacobian(w))[:, :, :2]
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
         """Height of the tip above its plane."""
-        place, p = self.given.target_index, T[:, :3, 3]
-        n, turned = self.normals()
-        own = np.concatenate([np.einsum("ni,nij->nj", p, turned[place]), -np.ones((len(p), 1))], axis=1)
-        height = (p * n[place]).sum(axis=1) - self.x[place, 2]
-        return ReadingRows(height[:, None], n[place][:, None] @ point_columns(T, J), self.spread(own[:, None]))
+        plane, p = self.given.target_index, T[:, :3, 3]
+        n, n_by_rotation = self.normals()
+        height_by_rotation = np.einsum("ni,nij->nj", p, n_by_rotation[plane])
+        own = np.concatenate([height_by_rotation, -np.ones((len(p), 1))], axis=1)
+        height = (p * n[plane]).sum(axis=1) - self.x[plane, 2]
+        return ReadingRows(height[:, None], n[plane][:, None] @ point_columns(T, J), self.spread(own[:, None]))
 
     def length_row(self, T: Array, J: Array) -> tuple[float, Array, Array] | None:
-        """Distance of the second plane's touched points, on average, from the first plane."""
+        """Mean distance of the second plane's touched points from the first plane, less the known length."""
         if self.given.length is None:
             return None
-        second = self.given.target_index == 1
-        centre, moving = T[second, :3, 3].mean(axis=0), point_columns(T[second], J[second]).mean(axis=0)
-        n, turned = self.normals()
+        is_second = self.given.target_index == 1
+        centre = T[is_second, :3, 3].mean(axis=0)
+        centre_columns = point_columns(T[is_second], J[is_second]).mean(axis=0)
+        n, n_by_rotation = self.normals()
         height = float(n[0] @ centre - self.x[0, 2])
         sign = 1.0 if height > 0 else -1.0
         own = np.zeros(self.x.size)
-        own[:3] = [*(centre @ turned[0]), -1.0]
-        return abs(height) - self.given.length, sign * (n[0] @ moving), sign * own
+        own[:3] = [*(centre @ n_by_rotation[0]), -1.0]
+        return abs(height) - self.given.length, sign * (n[0] @ centre_columns), sign * own
 
 
 class SphereTarget(TouchTarget):
@@ -312,22 +336,22 @@ class SphereTarget(TouchTarget):
 
     @staticmethod
     def start(p: Array) -> Array:
-        """Centre and radius of the sphere through the points."""
+        """Centre c and radius r of the sphere through the points: 2 p' c + (r² - |c|²) = |p|²."""
         A = np.c_[2.0 * p, np.ones(len(p))]
-        found = np.linalg.lstsq(A, (p**2).sum(axis=1), rcond=None)[0]
-        return np.array([*found[:3], np.sqrt(max(found[3] + found[:3] @ found[:3], 1e-6))])
+        solution = np.linalg.lstsq(A, (p**2).sum(axis=1), rcond=None)[0]
+        centre = solution[:3]
+        squared_radius = solution[3] + centre @ centre
+        return np.array([*centre, np.sqrt(max(squared_radius, 1e-6))])
 
     def rows(self, T: Array, J: Array) -> ReadingRows:
-        """Distance of the tip from its centre, less the radius."""
+        """Distance of the tip from the centre of its sphere, less the radius."""
         x = self.x[self.given.target_index]
-        away = T[:, :3, 3] - x[:, :3]
-        far = np.linalg.norm(away, axis=1)
-        u = (away / np.maximum(far, _MIN_DISTANCE)[:, None])[:, None]
+        distance, u = _distances_and_directions(T[:, :3, 3] - x[:, :3])
         own = np.concatenate([-u, -np.ones((len(u), 1, 1))], axis=2)
-        return ReadingRows((far - x[:, 3])[:, None], u @ point_columns(T, J), self.spread(own))
+        return ReadingRows((distance - x[:, 3])[:, None], u @ point_columns(T, J), self.spread(own))
 
     def length_row(self, _T: Array, J: Array) -> tuple[float, Array, Array] | None:
-        """Diameter of the first sphere."""
+        """Diameter of the first sphere, less the known length."""
         if self.given.length is None:
             return None
         own = np.zeros(self.x.size)

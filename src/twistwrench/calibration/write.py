@@ -1,7 +1,7 @@
 """Writing of a calibrated geometry into the robot's file, in which only placements change.
 
-With fixed links between two joints, the new origin of the moving joint is (fixed chain)⁻¹ P_k e^[d_k]; frames, masses and
-meshes stay on their links. The text is read back before it replaces a file.
+With fixed links between two joints, the new origin of the moving joint is (fixed chain)⁻¹ P_k D_k, with the displacement D_k
+of the calibration. Frames, masses and meshes stay on their links. The text is read back before it replaces a file.
 """
 
 from __future__ import annotations
@@ -30,13 +30,15 @@ SIGNATURE = "twistwrench calibrate"
 _MAX_POSE_DIFFERENCE = 1e-9
 """Largest difference of poses after reading back, in m and in entries of rotations."""
 _STATES = 200
-_WHY = "calibrated"
+"""Number of random configurations at which poses are compared."""
+_REASON = "calibrated"
+"""Reason of a change, in its comment in the file."""
 _MAX_UNCHANGED_ENTRY = 1e-15
 """Largest change of an entry of a placement that keeps its spelling."""
 
 
-def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | Path, said: str) -> Path:
-    """Write the placements of ``calibrated`` into the file of ``original``; ``said`` becomes a comment at its top.
+def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | Path, summary: str) -> Path:
+    """Write the placements of ``calibrated`` into the file of ``original``, with a comment with ``summary`` at its top.
 
     Raises ModelError if the robot has no URDF or MJCF file, RobotFileError if the text does not come back the same.
     """
@@ -46,7 +48,9 @@ def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | P
             f"robot {original.name!r} was not read from a URDF or MJCF file, so there is none to write into. "
             "tw.save(found.robot, path) writes a new one."
         )
-    source = Path(str(file)) if str(original.model.source) and Path(str(file)).is_file() else None
+    source = None  # path of the file, if the robot was not read from a text
+    if str(original.model.source) and Path(str(file)).is_file():
+        source = Path(str(file))
     editable = text_of(file.root, original.model.name, source)
     changes = TextChanges(SIGNATURE)
     chain = TipChain.from_robot(original, frame)
@@ -59,45 +63,47 @@ def write_geometry(original: Robot, calibrated: Robot, frame: str, path: str | P
                 f"the file has no {editable.noun} {link!r} whose place could be written. Name another: {argument('tip')}."
             )
         parent = editable.parent(link)
-        before, after = (_placement(model, link, parent) for model in (original.model, calibrated.model))
+        before = _placement(original.model, link, parent)
+        after = _placement(calibrated.model, link, parent)
         if np.abs(after - before).max() > _MAX_UNCHANGED_ENTRY:
-            editable.write_pose(changes, link, after, _WHY)
-    comment = f"{SIGNATURE} {__version__}, {date.today().isoformat()}: {said}".replace("--", "- -")
+            editable.write_pose(changes, link, after, _REASON)
+    comment = f"{SIGNATURE} {__version__}, {date.today().isoformat()}: {summary}".replace("--", "- -")  # as XML demands
     changes.add(file.root, f"<!-- {comment} -->")
     text = changes.apply(file.text)
-    off = _difference(text, calibrated, links, source)
-    if not off <= _MAX_POSE_DIFFERENCE:
+    difference = _difference(text, calibrated, links, source)
+    if not difference <= _MAX_POSE_DIFFERENCE:
         raise RobotFileError(
-            f"what was written does not come back: poses differ by {number(off, 2)} m. Nothing is written; "
+            f"what was written does not come back: poses differ by {number(difference, 2)} m. Nothing is written; "
             "tw.save(found.robot, path) writes a new file."
         )
     target = as_path(path)
-    with replacing(target) as scratch:
-        scratch.write_bytes(encode_as(text, file.data))
+    with replacing(target) as temporary:
+        temporary.write_bytes(encode_as(text, file.data))
     return target
 
 
 def _placement(model: Model, link: str, parent: str) -> Array:
-    """(4, 4) pose of a link in its parent link or body, at zero of the joint between them."""
-    frame, above = model.frames[link], model.frames.get(parent)
-    base, body = np.eye(4), BASE
-    if above is not None:
-        base, body = np.asarray(above.pose), above.body
-    between, i = np.asarray(frame.pose), frame.body
-    while i != body:
-        between = model.bodies[i].placement @ between
-        i = model.bodies[i].parent
-    return np.asarray(se3.inverse(base)) @ between
+    """(4, 4) pose of a link in its parent link or, without such a frame, in the base; all joints between them at zero."""
+    frame, parent_frame = model.frames[link], model.frames.get(parent)
+    parent_pose, parent_body = np.eye(4), BASE
+    if parent_frame is not None:
+        parent_pose, parent_body = np.asarray(parent_frame.pose), parent_frame.body
+    pose, body = np.asarray(frame.pose), frame.body
+    while body != parent_body:  # pose in the next body towards the base
+        pose = model.bodies[body].placement @ pose
+        body = model.bodies[body].parent
+    return np.asarray(se3.inverse(parent_pose)) @ pose
 
 
 def _difference(text: str, calibrated: Robot, links: list[str], source: Path | None) -> float:
     """Largest difference of the links' poses after reading the text."""
     folders = [] if source is None else [source.resolve().parent]
-    again = load(text, include_paths=folders, inertia="accept", snap=0)
+    read_robot = load(text, include_paths=folders, inertia="accept", snap=0)
     rng = np.random.default_rng(0)
     q = calibrated.random_configuration(rng, _STATES)
     differences = []
     for link in links:
-        written, expected = again.forward_kinematics(q, frame=link), calibrated.forward_kinematics(q, frame=link)
-        differences.append(float(np.abs(np.asarray(written) - np.asarray(expected)).max()))
+        T_read = np.asarray(read_robot.forward_kinematics(q, frame=link))
+        T = np.asarray(calibrated.forward_kinematics(q, frame=link))
+        differences.append(float(np.abs(T_read - T).max()))
     return max(differences)

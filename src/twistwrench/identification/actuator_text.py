@@ -32,13 +32,14 @@ def actuator_text(
 ) -> str:
     """Actuator file with identified friction and motor inertias; other entries of ``given`` are kept.
 
-    ``load`` is the load friction of joints, as a share of the carried torque. If the ratio is known, the motor inertia
-    is written as an additional rotor, Ia / ratio²; otherwise as reflected inertia.
+    ``load`` is the load friction of joints, as a share of the carried torque. Motor inertias are written as reflected
+    inertias, and replace the rotors of ``given``.
     """
     import yaml
 
     content: dict[str, Any] = {"robot": model.name, **dict(given or {})}
-    entries: dict[str, dict[str, Any]] = {name: dict(x) for name, x in (content.get("actuators") or {}).items()}
+    given_entries = content.get("actuators") or {}
+    entries: dict[str, dict[str, Any]] = {name: dict(entry) for name, entry in given_entries.items()}
     values = {kind: found.of_joints(kind) for kind in DRIVE}
     for body in model.leaders:
         name, turns = body.joint.name, bool(body.joint.turning[0])
@@ -47,11 +48,11 @@ def actuator_text(
             entry.pop("rotor", None)
             inertia = values["motor_inertia"][name]
             entry["reflected_inertia"] = f"{inertia!r} {parameter_unit('motor_inertia', turning=turns)}"
-        law = _friction_law(name, values, found.base.unknown.stribeck_speed, turning=turns)
+        friction = _friction_entry(name, values, found.base.unknown.stribeck_speed, turning=turns)
         if load and name in load:
-            law["load"] = repr(load[name])
-        if law:
-            entry["friction"] = law
+            friction["load"] = repr(load[name])
+        if friction:
+            entry["friction"] = friction
     content["actuators"] = entries
     head = f"# {SIGNATURE}: friction and motor inertias, reflected to the joints\n"
     for name, value in values["offset"].items():
@@ -61,20 +62,20 @@ def actuator_text(
     return head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
-def _friction_law(
+def _friction_entry(
     joint: str, values: Mapping[str, Mapping[str, float]], stribeck_speed: float, *, turning: bool
 ) -> dict[str, str]:
     """Entry ``friction:`` of a joint, from ``values`` by kind and joint."""
     viscous, coulomb, stribeck = (values[kind] for kind in ("viscous", "coulomb", "stribeck"))
-    law: dict[str, str] = {}
+    friction: dict[str, str] = {}
     if joint in viscous:
-        law["viscous"] = f"{viscous[joint]!r} {parameter_unit('viscous', turning=turning)}"
+        friction["viscous"] = f"{viscous[joint]!r} {parameter_unit('viscous', turning=turning)}"
     if joint in coulomb:
-        law["coulomb"] = f"{coulomb[joint]!r} {unit_of('tau', turning)}"
+        friction["coulomb"] = f"{coulomb[joint]!r} {unit_of('tau', turning)}"
     if joint in stribeck:
-        law["static"] = f"{coulomb.get(joint, 0.0) + stribeck[joint]!r} {unit_of('tau', turning)}"
-        law["stribeck"] = f"{stribeck_speed!r} {unit_of('dq', turning)}"
-    return law
+        friction["static"] = f"{coulomb.get(joint, 0.0) + stribeck[joint]!r} {unit_of('tau', turning)}"
+        friction["stribeck"] = f"{stribeck_speed!r} {unit_of('dq', turning)}"
+    return friction
 
 
 def same_actuators(text: str, found: ConsistentRobot) -> float:
@@ -82,10 +83,11 @@ def same_actuators(text: str, found: ConsistentRobot) -> float:
     import yaml
 
     model = found.base.unknown.model
-    bare = replace(model, armature=np.zeros(model.nv))
-    has = _drive_values(Robot(bare).with_actuators(yaml.safe_load(text)).model)
-    wanted = _drive_values(found.robot.model)
-    return float(np.abs(has - wanted).max() / max(np.abs(wanted).max(), 1e-300))
+    robot_without_armature = Robot(replace(model, armature=np.zeros(model.nv)))
+    read_robot = robot_without_armature.with_actuators(yaml.safe_load(text))
+    read_values = _drive_values(read_robot.model)
+    values = _drive_values(found.robot.model)
+    return float(np.abs(read_values - values).max() / max(np.abs(values).max(), 1e-300))
 
 
 def _drive_values(model: Model) -> Array:

@@ -32,7 +32,7 @@ def consecutive_slices(lengths: Iterable[int]) -> list[slice]:
 class BaseColumns:
     """Nonzero entries of rows of equations, with their positions: 214 of 483 for seven joints with 69 groups.
 
-    One kernel returns the entries of the bodies, with constants folded; columns of drives are appended.
+    One kernel returns the entries of the bodies, with constants folded. Entries of drives are computed besides.
     """
 
     base: BaseParameters
@@ -51,18 +51,18 @@ class BaseColumns:
         return self.slices[-1].stop if self.slices else 0
 
     def rows(self, q: Array, dq: Array, ddq: Array, friction_speed: Array) -> Array:
-        """Entries of the columns at given states."""
+        """Entries (n, count) at given states, joint by joint."""
         unknown, kept = self.base.unknown, self.base.kept
         entries = np.empty((len(q), self.count))
-        of_bodies = [unknown.of_bodies[kept[groups]] >= 0 for groups in self.groups]
-        bodies = np.flatnonzero(np.concatenate(of_bodies))
-        if bodies.size:
-            entries[:, bodies] = self._kernel(q, dq, ddq)
+        is_of_body = [unknown.of_bodies[kept[groups]] >= 0 for groups in self.groups]  # of each joint's entries
+        body_entries = np.flatnonzero(np.concatenate(is_of_body))
+        if body_entries.size:
+            entries[:, body_entries] = self._kernel(q, dq, ddq)
         factors = unknown.drives(kept[self.base.drives], dq, ddq, friction_speed)
-        for k, factor in zip(self.base.drives.tolist(), factors.T, strict=True):
-            for j in np.flatnonzero(self.base.felt[:, k]).tolist():
-                entry = self.slices[j].start + int(np.searchsorted(self.groups[j], k))
-                entries[:, entry] = factor * unknown.shares[kept[k], j]
+        for group, factor in zip(self.base.drives.tolist(), factors.T, strict=True):
+            for joint in np.flatnonzero(self.base.felt[:, group]).tolist():
+                place = int(np.searchsorted(self.groups[joint], group))  # among the joint's entries
+                entries[:, self.slices[joint].start + place] = factor * unknown.shares[kept[group], joint]
         return entries
 
     @property
@@ -70,10 +70,11 @@ class BaseColumns:
         """Kernel of the entries of the bodies, as a function of the states."""
         unknown = self.base.unknown
         column_of_group = unknown.of_bodies[self.base.kept]
-        pairs: list[tuple[int, int]] = []
-        for j, groups in enumerate(self.groups):
-            columns = column_of_group[groups]
-            pairs += [(j, column) for column in columns[columns >= 0].tolist()]
+        pairs: list[tuple[int, int]] = []  # joint, and column of the regressor
+        for joint, groups in enumerate(self.groups):
+            columns_of_joint = column_of_group[groups]
+            body_columns = columns_of_joint[columns_of_joint >= 0]  # -1 of groups of drives
+            pairs += [(joint, column) for column in body_columns.tolist()]
         rows, columns = np.array(pairs, int).reshape(-1, 2).T
 
         def build() -> Any:

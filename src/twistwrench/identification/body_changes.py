@@ -1,12 +1,13 @@
 """Changes of the bodies that an identification found: masses and centres of mass against the file's, and a mounted tool.
 
-A log determines few masses by themselves. The deviations of single masses are therefore those with the file as prior, which
-is taken as right to 20 % at least: with A the groups by the coordinates of a step that keeps bodies consistent, C the
-covariance of the groups, and P = 1 / min(γ, 25),
+A log determines few masses by themselves. Deviations of single masses therefore come from a fit with the file as prior, which
+is taken as right to 20 % at least. With A the derivatives of the groups by the coordinates of a step that keeps bodies
+consistent, C the covariance of the groups, and P = 1 / min(γ, 25), the covariance in these coordinates is
 
     cov = P - P A' (A P A' + C)^-1 A P
 
-To them are added the changes if the prior is a hundred times weaker, and if one body alone differs from the file.
+Two changes δ of the parameters are added to it as δ δ': by a prior that is a hundred times weaker, and by a fit in which one
+body alone differs from the file.
 """
 
 from __future__ import annotations
@@ -28,13 +29,19 @@ if TYPE_CHECKING:
     from .result import IdentifiedRobot
 
 _MIN_DEVIATIONS = 2.0
-"""Deviations from which a change of a mass is sure."""
+"""Least sure change of a mass, in its standard deviations."""
 _MIN_SQUARED_DEVIATIONS = 7.81
-"""Squared deviations from which a change of three coordinates is as sure: 95 % of χ² with three degrees of freedom."""
-_MIN_TOOL_DEVIATIONS, _MIN_TOOL_MASS, _MIN_EXCESS_SHARE = 5.0, 0.03, 0.95
-"""A tool: least change of mass in deviations and as a share of the moving mass, and least share of the excess explained."""
+"""Least sure change of three coordinates, as its squared standard deviations: 95 % of χ² with three degrees of freedom."""
+_MIN_TOOL_DEVIATIONS = 5.0
+"""Least mass of a tool, in its standard deviations."""
+_MIN_TOOL_MASS = 0.03
+"""Least mass of a tool, as a share of the moving mass."""
+_MIN_EXCESS_SHARE = 0.95
+"""Least share of the file's excess residual that a tool explains."""
 _MC = [PARAMETER_NAMES.index(name) for name in ("mcx", "mcy", "mcz")]
+"""Indices of the first moments among the parameters of a body."""
 _M = PARAMETER_NAMES.index("m")
+"""Index of the mass among the parameters of a body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,109 +129,124 @@ def body_changes(found: IdentifiedRobot) -> BodyChanges:
     unknown, consistent = found.base.unknown, found.consistent
     fit = _Fit(found)
     tool = fit.tool
-    C = fit.covariance if tool is None else fit.covariance + _square(tool.values - consistent.fit.values)
-    ten = 10 * np.array(unknown.bodies, int)[:, None] + np.arange(10)
-    place = np.argmax(unknown.of_bodies == ten[..., None], axis=-1)  # (n, 10)
-    before, after = unknown.file_values[place], consistent.fit.values[place]
+    C = fit.covariance
+    if tool is not None:
+        C = C + _outer_square(tool.values - consistent.fit.values)
+    columns = 10 * np.array(unknown.bodies, int)[:, None] + np.arange(10)  # of the regressor
+    indices = np.argmax(unknown.of_bodies == columns[..., None], axis=-1)  # (n, 10) of the bodies' parameters
+    before, after = unknown.file_values[indices], consistent.fit.values[indices]
     moved, is_moved = [], []
-    for old, new, at in zip(before, after, place, strict=True):
-        c = old[_MC] / old[_M] if old[_M] > 0 else np.zeros(3)
-        J = np.column_stack([np.eye(3), -c])  # a mass added at the centre does not move it
-        own = at[[*_MC, _M]]
-        change, cov = J @ (new - old)[[*_MC, _M]], J @ C[np.ix_(own, own)] @ J.T
-        is_moved.append(float(change @ np.linalg.pinv(cov, hermitian=True) @ change) > _MIN_SQUARED_DEVIATIONS)
-        moved.append(float(np.linalg.norm(new[_MC] / new[_M] - c)) if old[_M] > 0 else math.nan)
-    m = place[:, _M]
+    for old, new, own_indices in zip(before, after, indices, strict=True):
+        has_mass = old[_M] > 0
+        c = old[_MC] / old[_M] if has_mass else np.zeros(3)
+        J = np.column_stack([np.eye(3), -c])  # of m c - m c_file: a mass added at the centre does not move it
+        moments_and_mass = own_indices[[*_MC, _M]]
+        change = J @ (new - old)[[*_MC, _M]]
+        covariance = J @ C[np.ix_(moments_and_mass, moments_and_mass)] @ J.T
+        squared_deviations = float(change @ np.linalg.pinv(covariance, hermitian=True) @ change)
+        is_moved.append(squared_deviations > _MIN_SQUARED_DEVIATIONS)
+        moved.append(float(np.linalg.norm(new[_MC] / new[_M] - c)) if has_mass else math.nan)
+    masses = indices[:, _M]
     links = [unknown.model.bodies[i].link for i in unknown.bodies]
     return BodyChanges(
-        links, before[:, _M], after[:, _M], C[np.ix_(m, m)], np.array(moved), np.array(is_moved, bool), tool
+        links, before[:, _M], after[:, _M], C[np.ix_(masses, masses)], np.array(moved), np.array(is_moved, bool), tool
     )
 
 
-def _square(x: Array) -> Array:
+def _outer_square(x: Array) -> Array:
     return np.outer(x, x)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Normal equations of an identification, by fifths of the time."""
+    """Further fits to the rows of an identification."""
 
     found: IdentifiedRobot
 
     @cached_property
-    def parts(self) -> list[Information]:
-        return [part for part in self.found._information() if part[2] > 0]
+    def fifths(self) -> list[Information]:
+        """Normal equations N, c and |τ|² of each fifth of the time, without empty ones."""
+        return [fifth for fifth in self.found._information() if fifth[2] > 0]
 
     @cached_property
     def covariance(self) -> Array:
         """(p, p) covariance of all unknown parameters with the file as prior."""
         found, fit = self.found, self.found.consistent.fit
         prior = PositivePrior.from_values(found.base, found.values, found.sizes)
-        problem = PositiveProblem(found.base, prior, *sum_of(self.parts), found.sizes)
+        problem = PositiveProblem(found.base, prior, *sum_of(self.fifths), found.sizes)
         stronger = [strength for strength in STRENGTHS if strength > fit.strength]
-        weak = problem.path([*stronger, fit.strength, 0.1 * fit.strength, 0.01 * fit.strength])[-1]
-        return problem.covariance(fit, found.covariance.matrix) + _square(weak.values - fit.values)
+        # the path to a weak prior leads over all stronger ones
+        weak_fit = problem.path([*stronger, fit.strength, 0.1 * fit.strength, 0.01 * fit.strength])[-1]
+        return problem.covariance(fit, found.covariance.matrix) + _outer_square(weak_fit.values - fit.values)
 
     def lone_change(self, link: str) -> LoneChange:
         """Change of one body if no other differs from the file."""
         base, unknown, sizes = self.found.base, self.found.base.unknown, self.found.sizes
         owners = np.array([name.rpartition(".")[0] for name in unknown.names])
-        drives = (unknown.of_bodies < 0) & ~unknown.held
-        free = np.flatnonzero(drives | ((owners == link) & ~unknown.held))
-        start = np.where(drives, 0.0, unknown.file_values)
-        x_start, K = base.project(start), base.grouping[:, free]
-        solver = Prior(np.zeros(len(free)), sizes[free])
+        is_drive = (unknown.of_bodies < 0) & ~unknown.held
+        is_of_link = (owners == link) & ~unknown.held
+        free = np.flatnonzero(is_drive | is_of_link)
+        start = np.where(is_drive, 0.0, unknown.file_values)
+        x_start, K = base.project(start), base.grouping[:, free]  # groups are x_start + K z for changes z of free ones
+        prior = Prior(np.zeros(len(free)), sizes[free])
 
         def solve(rows: Information) -> Array:
+            """Changes of the free parameters, fitted to rows."""
             N, c, _ = rows
-            return solver.solve(K.T @ N @ K, K.T @ (c - N @ x_start))
+            return prior.solve(K.T @ N @ K, K.T @ (c - N @ x_start))
 
-        N, _, y = total = sum_of(self.parts)
+        total = sum_of(self.fifths)
+        N, _, squared_torques = total
         squares = 0.0
-        for part, training in left_out(self.parts):
-            squares += squares_of(part, x_start + K @ solve(training))
+        for held_out, training in left_out(self.fifths):
+            squares += squares_of(held_out, x_start + K @ solve(training))
         m = int(np.flatnonzero(free == unknown.names.index(f"{link}.m"))[0])
-        by_groups = N @ K @ solver.solve(K.T @ N @ K, np.eye(len(free))[m])  # derivative of the mass by the groups
+        mass_by_groups = N @ K @ prior.solve(K.T @ N @ K, np.eye(len(free))[m])
+        deviation = math.sqrt(max(float(mass_by_groups @ self.found.covariance.matrix @ mass_by_groups), 0.0))
         values = start.copy()
         values[free] += solve(total)
-        deviation = math.sqrt(max(float(by_groups @ self.found.covariance.matrix @ by_groups), 0.0))
-        return LoneChange(link, float(values[free[m]] - start[free[m]]), deviation, math.sqrt(squares / y), values)
+        mass_change = float(values[free[m]] - start[free[m]])
+        return LoneChange(link, mass_change, deviation, math.sqrt(squares / squared_torques), values)
 
     @property
     def held_out_with_gain(self) -> float:
         """|τ - τ̂| / |τ| of held-out fifths, if one factor of all bodies and the drives alone differ from the file."""
         base, unknown = self.found.base, self.found.base.unknown
-        of_bodies = unknown.of_bodies >= 0
-        drives = np.flatnonzero(~of_bodies & ~unknown.held)
-        others = base.project(np.where(of_bodies | unknown.held, unknown.file_values, 0.0))
-        gain = base.project(np.where(of_bodies & ~unknown.held, unknown.file_values, 0.0))
-        K = np.column_stack([gain, base.grouping[:, drives]])
-        solver = Prior(np.zeros(1 + len(drives)), np.append(1.0, self.found.sizes[drives]))
+        is_body = unknown.of_bodies >= 0
+        drives = np.flatnonzero(~is_body & ~unknown.held)
+        x_start = base.project(np.where(is_body | unknown.held, unknown.file_values, 0.0))
+        x_bodies = base.project(np.where(is_body & ~unknown.held, unknown.file_values, 0.0))
+        # groups are x_start + K z, with z the change of the factor from 1, and values of the drives
+        K = np.column_stack([x_bodies, base.grouping[:, drives]])
+        prior = Prior(np.zeros(1 + len(drives)), np.append(1.0, self.found.sizes[drives]))
         squares = 0.0
-        for part, (N, c, _) in left_out(self.parts):
-            squares += squares_of(part, others + K @ solver.solve(K.T @ N @ K, K.T @ (c - N @ others)))
-        return math.sqrt(squares / sum_of(self.parts)[2])
+        for held_out, (N, c, _) in left_out(self.fifths):
+            z = prior.solve(K.T @ N @ K, K.T @ (c - N @ x_start))
+            squares += squares_of(held_out, x_start + K @ z)
+        _, _, squared_torques = sum_of(self.fifths)
+        return math.sqrt(squares / squared_torques)
 
     @property
     def tool(self) -> LoneChange | None:
-        """Change of a last body that explains nearly all that the file does not; None without one.
+        """Change of a last body that explains nearly all of the file's excess residual; None without such a body.
 
-        None also if one factor of all bodies explains as much: no log tells it from a gain of the torques.
+        The result is None, too, if one factor of all bodies explains as much: no log distinguishes it from a gain of the
+        torques.
         """
         found, unknown = self.found, self.found.base.unknown
-        bodies, of_file = unknown.model.bodies, found.consistent.of_file**2
-        excess = of_file - found.consistent.held_out**2
+        bodies = unknown.model.bodies
+        file_squares = found.consistent.of_file**2
+        min_explained = _MIN_EXCESS_SHARE * (file_squares - found.consistent.held_out**2)
         carriers = {body.parent for body in bodies}
         ends = [i for i in unknown.bodies if i not in carriers and f"{bodies[i].link}.m" not in unknown.known]
         if not ends:
             return None
-        change = min((self.lone_change(bodies[i].link) for i in ends), key=lambda one: one.held_out)
-        if of_file - change.held_out**2 < _MIN_EXCESS_SHARE * excess:
+        change = min((self.lone_change(bodies[i].link) for i in ends), key=lambda change: change.held_out)
+        if file_squares - change.held_out**2 < min_explained:
             return None
-        if of_file - self.held_out_with_gain**2 >= _MIN_EXCESS_SHARE * excess:
+        if file_squares - self.held_out_with_gain**2 >= min_explained:
             return None
-        moving = sum(float(bodies[i].inertia.mass) for i in unknown.bodies)
-        large = (
-            abs(change.mass) > _MIN_TOOL_MASS * moving and abs(change.mass) > _MIN_TOOL_DEVIATIONS * change.deviation
-        )
-        return change if large else None
+        moving_mass = sum(float(bodies[i].inertia.mass) for i in unknown.bodies)
+        is_large = abs(change.mass) > _MIN_TOOL_MASS * moving_mass
+        is_sure = abs(change.mass) > _MIN_TOOL_DEVIATIONS * change.deviation
+        return change if is_large and is_sure else None

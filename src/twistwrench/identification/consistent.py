@@ -7,8 +7,9 @@ The fit minimises, over positive definite pseudo-inertias J_i of the bodies and 
 
 D is the Bregman divergence of -log det (Lee, Wensing and Park, "Geometric robot dynamic identification: a convex programming
 approach", IEEE T-RO 36(2), 2020). f is convex, and f / γ is self-concordant. Newton's method starts at a large γ, where
-the minimum is the file itself, and follows the minimum to the requested γ. Steps J = L (1 + X) L' about J = L L' keep
-all J_i positive definite; in X the Hessian of the divergence is γ times the unit matrix.
+the minimum is the file itself, and follows the minimum to the requested γ.
+
+Newton steps X change J = L L' to L (1 + X) L'. In the coordinates X, the Hessian of γ D is γ times the unit matrix at X = 0.
 """
 
 from __future__ import annotations
@@ -41,19 +42,37 @@ from .parameters import DRIVE, BaseParameters
 STRENGTHS = tuple(10.0**k for k in range(5, -3, -1))
 """Available weights γ of the divergence, in units of the squared residuals, from large to small."""
 MOST_STEPS = 50
+"""Maximum number of Newton steps at one γ."""
 _STEPS_OF_DECADE = 3  # intermediate steps per decade of γ
 _MAX_DECREMENT = 1e-10
-_MIN_MOMENT_SHARE, _MIN_MASS_SHARE, _RADIUS_SHARE = 1e-3, 1e-3, 0.05
-"""Lower bounds of a prior body: share of its own second moments, share of the robot's mass, share of its reach as radius."""
+"""Squared Newton decrement, as a share of the cost, at which the minimum is reached."""
+_MIN_DECREASE = 1e-4
+"""Decrease of the cost, as a share of the linear prediction, from which a step is accepted (Armijo)."""
+_MIN_STEP = 1e-10
+"""Factor of a Newton step below which it is not shortened further."""
+_MIN_MOMENT_SHARE = 1e-3
+"""Least second moment of a prior body, as a share of its largest one."""
+_MIN_MASS_SHARE = 1e-3
+"""Mass of a prior body that has none in the file, as a share of the robot's mass."""
+_RADIUS_SHARE = 0.05
+"""Radius of gyration of a prior body without extent, as a share of the robot's reach."""
 _MIN_DRIVE_SHARE = 1e-3
+"""Least prior value of a drive's parameter, as a share of its largest plausible size."""
 _MIN_EIGENVALUE_RATIO = 1e-13  # ratio of the eigenvalues of a pseudo-inertia below which it has no Cholesky factor
 _MAX_FILE_WEIGHT = 25.0  # largest weight of the prior in covariances: deviations of 20 % from the file
 _WEIGHT_OF_KNOWN = 1e6  # weight of known values, in units of the residuals, per plausible size
 
 
-_PAIRS = np.array([(i, j) for i in range(4) for j in range(i, 4)])
-_E = np.zeros((10, 4, 4))  # orthonormal symmetric matrices
-_E[np.arange(10), *_PAIRS.T] = _E[np.arange(10), *_PAIRS.T[::-1]] = np.where(np.diff(_PAIRS)[:, 0], math.sqrt(0.5), 1.0)
+def _orthonormal_basis() -> Array:
+    """(10, 4, 4) orthonormal basis of the symmetric 4x4 matrices."""
+    basis = np.zeros((10, 4, 4))
+    entries = [(i, j) for i in range(4) for j in range(i, 4)]
+    for matrix, (i, j) in zip(basis, entries, strict=True):
+        matrix[i, j] = matrix[j, i] = 1.0 if i == j else math.sqrt(0.5)
+    return basis
+
+
+_E = _orthonormal_basis()
 _TO_PSEUDO = np.stack([SpatialInertia.from_parameters(e).pseudo_inertia for e in np.eye(10)])
 """(10, 4, 4) basis: J = Σ_k π_k of these matrices."""
 _FROM_PSEUDO = np.linalg.inv(np.einsum("kij,aij->ak", _TO_PSEUDO, _E))  # (10, 10): π from the ten coordinates of J
@@ -92,45 +111,55 @@ class PositivePrior:
         bodies, repaired = [], []
         for i in base.unknown.bodies:
             body = model.bodies[i]
-            J, changed = _thicken(body.inertia, mass, length)
+            J, is_thickened = _thicken(body.inertia, mass, length)
             bodies.append(J)
-            if changed:
+            if is_thickened:
                 repaired.append(body.link)
         kinds = np.array(base.unknown.kinds)
         positive = np.isin(kinds, ("motor_inertia", "viscous", "coulomb", "stribeck"))
         drives = np.where(positive, _MIN_DRIVE_SHARE * sizes, 1.0)
-        lacking = values - base.project(base.unknown.file_values)  # part of the groups that the drives must provide
+        group_differences = values - base.project(base.unknown.file_values)  # which the drives must provide
         for k in np.flatnonzero(positive):
-            rows = np.flatnonzero(base.grouping[:, k])
-            if rows.size:
-                drives[k] = max(drives[k], float(lacking[rows[0]] / base.grouping[rows[0], k]))
+            groups = np.flatnonzero(base.grouping[:, k])
+            if groups.size:
+                group = groups[0]
+                drives[k] = max(drives[k], float(group_differences[group] / base.grouping[group, k]))
         known = positive & base.unknown.held
-        drives[known] = np.maximum(base.unknown.file_values[known], _MIN_DRIVE_SHARE * _MIN_DRIVE_SHARE * sizes[known])
+        min_known = _MIN_DRIVE_SHARE * _MIN_DRIVE_SHARE * sizes[known]  # a known value may be 0, its logarithm not
+        drives[known] = np.maximum(base.unknown.file_values[known], min_known)
         return cls(np.array(bodies), drives, positive, tuple(repaired))
 
 
 def _thicken(G: SpatialInertia, mass: float, length: float) -> tuple[Array, bool]:
-    """Positive definite pseudo-inertia near that of a body, and True if it was changed."""
+    """Positive definite pseudo-inertia near that of a body, and True if it was changed.
+
+    ``mass`` and ``length`` are those of the whole robot. S are the second moments about the centre of mass.
+    """
     m = float(G.mass)
-    changed = not m > 1e-9 * mass
-    if changed:
+    is_changed = not m > 1e-9 * mass
+    if is_changed:
         m, c, S = _MIN_MASS_SHARE * mass, np.zeros(3), np.zeros((3, 3))
     else:
         c = G.com
         S = G.second_moment - m * np.outer(c, c)
     radius_2 = (_RADIUS_SHARE * length) ** 2
-    least = m * min(radius_2, _MIN_MOMENT_SHARE * max(float(np.trace(S)) / m, radius_2 / _MIN_MOMENT_SHARE))
+    extent_2 = max(float(np.trace(S)) / m, radius_2 / _MIN_MOMENT_SHARE)
+    moment_of_point = m * min(radius_2, _MIN_MOMENT_SHARE * extent_2)
     moments, axes = np.linalg.eigh(0.5 * (S + S.T))
-    floor = max(_MIN_MOMENT_SHARE * float(moments.max(initial=0.0)), 1e-3 * least)
-    if moments.min() < floor:
-        changed = True
-        moments = np.maximum(moments, floor if moments.max() > least else least)
+    min_moment = max(_MIN_MOMENT_SHARE * float(moments.max(initial=0.0)), 1e-3 * moment_of_point)
+    if moments.min() < min_moment:
+        is_changed = True
+        is_point = moments.max() <= moment_of_point
+        moments = np.maximum(moments, moment_of_point if is_point else min_moment)
     S = (axes * moments) @ axes.T + m * np.outer(c, c)
-    return np.block([[S, m * c[:, None]], [m * c[None, :], np.array([[m]])]]), changed
+    return np.block([[S, m * c[:, None]], [m * c[None, :], np.array([[m]])]]), is_changed
 
 
 class PositiveProblem:
-    """Cost of one set of rows, given by N (r, r), c (r,) and y = |τ|² of the groups."""
+    """Minimisation of f for one set of rows, given by N = W' W (r, r), c = W' τ (r,) and y = |τ|² of the groups.
+
+    A point is a pair J, x: pseudo-inertias (n, 4, 4) of the bodies, and parameters (p,), of which those of drives count.
+    """
 
     def __init__(self, base: BaseParameters, prior: PositivePrior, N: Array, c: Array, y: float, sizes: Array) -> None:
         self.base, self.prior = base, prior
@@ -143,124 +172,137 @@ class PositiveProblem:
         self.g[held] += weight * known
         self.y = y + float(weight @ known**2)
         of_bodies = base.unknown.of_bodies
-        ten = 10 * np.array(base.unknown.bodies, int)[:, None] + np.arange(10)
-        self._bodies = np.argmax(of_bodies == ten[..., None], axis=-1)  # (n, 10) indices of their parameters
-        self._drives = np.flatnonzero(prior.positive)
-        self._free = np.flatnonzero((of_bodies < 0) & ~prior.positive)
+        columns = 10 * np.array(base.unknown.bodies, int)[:, None] + np.arange(10)  # (n, 10), of the regressor
+        self._bodies = np.argmax(of_bodies == columns[..., None], axis=-1)  # (n, 10) indices of the bodies' parameters
+        self._drives = np.flatnonzero(prior.positive)  # indices of positive parameters of drives
+        self._free = np.flatnonzero((of_bodies < 0) & ~prior.positive)  # indices of offsets
         self._size = sizes
         self._inverse = np.linalg.inv(prior.bodies)
 
     def path(self, strengths: Sequence[float]) -> list[PositiveFit]:
         """Minima for decreasing strengths, each started at the previous minimum."""
-        J, x = self.prior.bodies.copy(), np.zeros(len(self.base.unknown.names))
+        J = self.prior.bodies.copy()
+        x = np.zeros(len(self.base.unknown.names))
         x[self._drives] = self.prior.drives[self._drives]
-        found = []
-        last = max(strengths)
+        fits = []
+        previous = max(strengths)
         for strength in strengths:
-            ways = max(1, math.ceil(_STEPS_OF_DECADE * math.log10(last / strength)))
-            for k in range(1, ways):
-                J, x, *_ = self._minimum(J, x, last * (strength / last) ** (k / ways))
+            step_count = max(1, math.ceil(_STEPS_OF_DECADE * math.log10(previous / strength)))
+            for step in range(1, step_count):
+                intermediate = previous * (strength / previous) ** (step / step_count)
+                J, x, *_ = self._minimum(J, x, intermediate)
             J, x, cost, steps, above = self._minimum(J, x, strength)
-            found.append(PositiveFit(strength, self._values(J, x), cost, steps, above))
-            last = strength
-        return found
+            fits.append(PositiveFit(strength, self._values(J, x), cost, steps, above))
+            previous = strength
+        return fits
 
     def covariance(self, fit: PositiveFit, C: Array) -> Array:
         """(p, p) covariance of the parameters at a minimum, for groups with the covariance C (r, r).
 
-        With P the inverse of the prior's Hessian, for a file that is right to 20 % at least, and A the groups by the
-        coordinates of a step: P - P A' (A P A' + C)^-1 A P, in coordinates of a step.
+        P is the inverse of the prior's Hessian, for a file that is right to 20 % at least, and A the derivatives of the groups
+        by the coordinates of a step. In these coordinates, the covariance is P - P A' (A P A' + C)^-1 A P.
         """
         J = np.einsum("nk,kij->nij", fit.values[self._bodies], _TO_PSEUDO)
         T = self._tangents(np.linalg.cholesky(J), fit.values)
-        P = np.where(
-            np.arange(T.shape[1]) < T.shape[1] - len(self._free), 1.0 / min(fit.strength, _MAX_FILE_WEIGHT), 1.0
-        )
+        P = np.ones(T.shape[1])  # diagonal
+        first_free = T.shape[1] - len(self._free)
+        P[:first_free] = 1.0 / min(fit.strength, _MAX_FILE_WEIGHT)
         A = self.base.grouping @ T
         S = (A * P) @ A.T + C
-        size = np.sqrt(S.diagonal())
-        known = np.linalg.solve(S / np.outer(size, size), (A * P) / size[:, None])
-        return np.asarray(T @ (np.diag(P) - (A * P).T @ (known / size[:, None])) @ T.T)
+        size = np.sqrt(S.diagonal())  # scales S to a unit diagonal
+        scaled_solution = np.linalg.solve(S / np.outer(size, size), (A * P) / size[:, None])
+        S_inverse_A_P = scaled_solution / size[:, None]
+        return np.asarray(T @ (np.diag(P) - (A * P).T @ S_inverse_A_P) @ T.T)
 
     def _values(self, J: Array, x: Array) -> Array:
+        """(p,) parameters of a point: those of the bodies from J, the others from x."""
         values = x.copy()
         values[self._bodies] = np.einsum("aij,nij->na", _E, J) @ _FROM_PSEUDO.T
         return values
 
     def cost(self, J: Array, x: Array, strength: float) -> float:
-        """f, or infinity if J or a drive parameter is not positive."""
+        """f, with a weak prior of the offsets; infinity if J or a parameter of a drive is not positive."""
         values = self._values(J, x)
-        relative, share = self._inverse @ J, x[self._drives] / self.prior.drives[self._drives]
-        sign, size = np.linalg.slogdet(relative)
+        relative_inertias = self._inverse @ J  # J0^-1 J
+        drive_ratios = x[self._drives] / self.prior.drives[self._drives]
+        sign, log_det = np.linalg.slogdet(relative_inertias)
         eigenvalues = np.linalg.eigvalsh(J)
-        if (
-            (sign <= 0).any()
-            or (eigenvalues[:, 0] <= _MIN_EIGENVALUE_RATIO * eigenvalues[:, -1]).any()
-            or (share <= 0).any()
-        ):
+        is_singular = eigenvalues[:, 0] <= _MIN_EIGENVALUE_RATIO * eigenvalues[:, -1]
+        if (sign <= 0).any() or is_singular.any() or (drive_ratios <= 0).any():
             return math.inf
-        divergence = float((np.trace(relative, axis1=1, axis2=2) - size - 4.0).sum())
-        divergence += float((share - np.log(share) - 1.0).sum())
-        offsets = 0.5 * float(((x[self._free] / self._size[self._free]) ** 2).sum())
-        return (
-            0.5 * (self.y - 2.0 * float(self.g @ values) + float(values @ self.H @ values))
-            + strength * divergence
-            + offsets
-        )
+        divergence = float((np.trace(relative_inertias, axis1=1, axis2=2) - log_det - 4.0).sum())
+        divergence += float((drive_ratios - np.log(drive_ratios) - 1.0).sum())
+        offset_term = 0.5 * float(((x[self._free] / self._size[self._free]) ** 2).sum())
+        residual_term = 0.5 * (self.y - 2.0 * float(self.g @ values) + float(values @ self.H @ values))
+        return residual_term + strength * divergence + offset_term
 
     def _minimum(self, J: Array, x: Array, strength: float) -> tuple[Array, Array, float, int, float]:
-        cost, fall = self.cost(J, x, strength), math.inf
+        """Minimum of f by damped Newton steps from J, x: J, x, cost, number of steps, and bound of the suboptimality."""
+        cost, squared_decrement = self.cost(J, x, strength), math.inf
         for step in range(MOST_STEPS):
             L = np.linalg.cholesky(J)
-            T = self._tangents(L, x)
-            gradient = T.T @ (self.H @ self._values(J, x) - self.g)
-            hessian = T.T @ self.H @ T
-            n, free = 10 * len(J), 10 * len(J) + len(self._drives)
-            pulled = np.swapaxes(L, 1, 2) @ self._inverse @ L
-            gradient[:n] += strength * np.einsum("aij,nij->na", _E, pulled - np.eye(4)).ravel()
-            gradient[n:free] += strength * (x[self._drives] / self.prior.drives[self._drives] - 1.0)
-            gradient[free:] += x[self._free] / self._size[self._free]
-            hessian[np.diag_indices_from(hessian)] += np.where(np.arange(len(gradient)) < free, strength, 1.0)
+            gradient, hessian = self._derivatives(J, L, x, strength)
             direction = -solve_positive(hessian, gradient)
-            fall = -float(gradient @ direction)
-            if fall <= _MAX_DECREMENT * max(abs(cost), strength, 1e-300):
-                return J, x, cost, step, fall / 2
+            squared_decrement = -float(gradient @ direction)
+            if squared_decrement <= _MAX_DECREMENT * max(abs(cost), strength, 1e-300):
+                return J, x, cost, step, squared_decrement / 2
             scale = 1.0
             while True:
                 J_new, x_new = self._take_step(L, x, scale * direction)
-                new = self.cost(J_new, x_new, strength)
-                if new <= cost - 1e-4 * scale * fall or scale < 1e-10:
+                new_cost = self.cost(J_new, x_new, strength)
+                max_cost = cost - _MIN_DECREASE * scale * squared_decrement
+                if new_cost <= max_cost or scale < _MIN_STEP:
                     break
                 scale *= 0.5
-            if not new < cost:
-                return J, x, cost, step, fall / 2
-            J, x, cost = J_new, x_new, new
-        return J, x, cost, MOST_STEPS, fall / 2
+            if not new_cost < cost:
+                return J, x, cost, step, squared_decrement / 2
+            J, x, cost = J_new, x_new, new_cost
+        return J, x, cost, MOST_STEPS, squared_decrement / 2
+
+    def _derivatives(self, J: Array, L: Array, x: Array, strength: float) -> tuple[Array, Array]:
+        """Gradient and Hessian of f by the coordinates of a step from J = L L', x."""
+        T = self._tangents(L, x)
+        gradient = T.T @ (self.H @ self._values(J, x) - self.g)
+        hessian = T.T @ self.H @ T
+        drives, free = self._first_coordinates(len(J))
+        relative_inertias = np.swapaxes(L, 1, 2) @ self._inverse @ L  # L' J0^-1 L, similar to J0^-1 J
+        gradient[:drives] += strength * np.einsum("aij,nij->na", _E, relative_inertias - np.eye(4)).ravel()
+        gradient[drives:free] += strength * (x[self._drives] / self.prior.drives[self._drives] - 1.0)
+        gradient[free:] += x[self._free] / self._size[self._free]
+        hessian[np.diag_indices_from(hessian)] += np.where(np.arange(len(gradient)) < free, strength, 1.0)
+        return gradient, hessian
+
+    def _first_coordinates(self, body_count: int) -> tuple[int, int]:
+        """Indices of the first coordinate of drives and of offsets; ten coordinates of each body come before."""
+        drives = 10 * body_count
+        return drives, drives + len(self._drives)
 
     def _tangents(self, L: Array, x: Array) -> Array:
-        """(p, n) derivatives of the parameters by the coordinates of a step."""
-        n, free = 10 * len(L), 10 * len(L) + len(self._drives)
+        """(p, k) derivatives of the parameters by the coordinates of a step."""
+        drives, free = self._first_coordinates(len(L))
         T = np.zeros((len(x), free + len(self._free)))
-        moved = L[:, None] @ _E @ np.swapaxes(L, 1, 2)[:, None]  # (n, 10, 4, 4)
-        columns = np.arange(n).reshape(-1, 1, 10)
-        T[self._bodies[..., None], columns] = _FROM_PSEUDO @ np.einsum("bij,naij->nba", _E, moved)
-        T[self._drives, np.arange(n, free)] = x[self._drives]
+        J_columns = L[:, None] @ _E @ np.swapaxes(L, 1, 2)[:, None]  # (n, 10, 4, 4), L E_a L'
+        body_coordinates = np.arange(drives).reshape(-1, 1, 10)
+        T[self._bodies[..., None], body_coordinates] = _FROM_PSEUDO @ np.einsum("bij,naij->nba", _E, J_columns)
+        T[self._drives, np.arange(drives, free)] = x[self._drives]
         T[self._free, np.arange(free, T.shape[1])] = self._size[self._free]
         return T
 
     def _take_step(self, L: Array, x: Array, step: Array) -> tuple[Array, Array]:
-        n = 10 * len(L)
-        X = np.einsum("na,aij->nij", step[:n].reshape(-1, 10), _E)
+        """Point after a step (k,) from J = L L', x."""
+        drives, free = self._first_coordinates(len(L))
+        X = np.einsum("na,aij->nij", step[:drives].reshape(-1, 10), _E)
         J = L @ (np.eye(4) + X) @ L.transpose(0, 2, 1)
         x = x.copy()
-        x[self._drives] *= 1.0 + step[n : n + len(self._drives)]
-        x[self._free] += self._size[self._free] * step[n + len(self._drives) :]
+        x[self._drives] *= 1.0 + step[drives:free]
+        x[self._free] += self._size[self._free] * step[free:]
         return 0.5 * (J + J.transpose(0, 2, 1)), x
 
 
 # ── Robot with physically consistent bodies, near the file's
 
-_MAX_RATIO_TO_BEST = 1.01  # ratio to the least held-out residual up to which a stronger prior is preferred
+_MAX_RATIO_TO_BEST = 1.01
+"""Ratio to the least held-out residual up to which a stronger prior is preferred."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,8 +364,8 @@ class ConsistentRobot:
         """Inertia of each moving body, fixed links fused, in its own frame; zero for a body without mass between two joints."""
         unknown = self.base.unknown
         values = np.zeros((len(unknown.model.bodies), len(PARAMETER_NAMES)))
-        mine = unknown.of_bodies >= 0
-        values.reshape(-1)[unknown.of_bodies[mine]] = self.fit.values[mine]
+        is_body = unknown.of_bodies >= 0
+        values.reshape(-1)[unknown.of_bodies[is_body]] = self.fit.values[is_body]
         return tuple(map(SpatialInertia.from_parameters, values))
 
     def of_joints(self, kind: str) -> dict[str, float]:
@@ -359,9 +401,9 @@ class ConsistentRobot:
         """
         low, high = interval.T
         values = self.base.project(self.fit.values)
-        out = np.maximum(values - high, low - values) / np.maximum(deviations, 1e-300)
-        order = np.argsort(-out)
-        worst = order[out[order] > 0].tolist()
+        violations = np.maximum(values - high, low - values) / np.maximum(deviations, 1e-300)
+        order = np.argsort(-violations)
+        worst = order[violations[order] > 0].tolist()
         if not worst:
             return []
         groups = [f"{self.base.names[k]} {number(values[k])} ({number(low[k])} to {number(high[k])})" for k in worst]
@@ -388,20 +430,21 @@ class ConsistentRobot:
         """Robot with these bodies, and with friction and motor inertias at its joints."""
         model = self.base.unknown.model
         bodies = tuple(replace(body, inertia=G) for body, G in zip(model.bodies, self.inertias, strict=True))
-        viscous, coulomb, stribeck, inertia = map(self.of_joints, ("viscous", "coulomb", "stribeck", "motor_inertia"))
-        laws: dict[str, dict[str, float]] = {}
+        viscous, coulomb, stribeck = self.of_joints("viscous"), self.of_joints("coulomb"), self.of_joints("stribeck")
+        motor_inertias = self.of_joints("motor_inertia")
+        friction_by_joint: dict[str, dict[str, float]] = {}
         for joint in model.velocity_names:
-            law: dict[str, float] = {}
+            friction: dict[str, float] = {}
             if joint in viscous:
-                law["viscous"] = viscous[joint]
+                friction["viscous"] = viscous[joint]
             if joint in coulomb:
-                law["coulomb"] = coulomb[joint]
+                friction["coulomb"] = coulomb[joint]
             if joint in stribeck:
-                static = coulomb.get(joint, 0.0) + stribeck[joint]
-                law |= {"static": static, "stribeck": self.base.unknown.stribeck_speed}
-            laws[joint] = law
-        armature = np.array([inertia.get(joint, 0.0) for joint in model.velocity_names])
-        return Robot(with_friction(replace(model, bodies=bodies, armature=armature), laws))
+                static = coulomb.get(joint, 0.0) + stribeck[joint]  # stribeck is the excess above Coulomb friction
+                friction |= {"static": static, "stribeck": self.base.unknown.stribeck_speed}
+            friction_by_joint[joint] = friction
+        armature = np.array([motor_inertias.get(joint, 0.0) for joint in model.velocity_names])
+        return Robot(with_friction(replace(model, bodies=bodies, armature=armature), friction_by_joint))
 
 
 def check_strength(strength: float | None) -> None:
@@ -422,30 +465,40 @@ def consistent_robot(
 ) -> ConsistentRobot:
     """Consistent robot with the largest weight of the prior whose predictions are as good as the best.
 
-    ``folds`` are N, c and |τ|² of fifths of the rows; if ``strength`` is None, it is chosen on them.
+    Parameters
+    ----------
+    base : BaseParameters
+    values : (r,) array, fitted groups
+    sizes : (p,) array, largest plausible sizes of the parameters
+    folds : N, c and |τ|² of each fifth of the rows
+    weak : Prior, weak prior of the groups
+    strength : float or None, weight of the prior; None: chosen by cross-validation
     """
     prior = PositivePrior.from_values(base, values, sizes)
-    parts = [fold for fold in folds if fold[2] > 0]
-    total = sum_of(parts)
+    filled_folds = [fold for fold in folds if fold[2] > 0]
+    total = sum_of(filled_folds)
     strengths = STRENGTHS if strength is None else _path_to(strength)
     squares = np.zeros(len(strengths))
-    of_file = 0.0
-    for part, training in left_out(parts):
+    file_squares = 0.0
+    for held_out, training in left_out(filled_folds):
         fits = PositiveProblem(base, prior, *training, sizes).path(strengths)
-        squares += [squares_of(part, base.project(fit.values)) for fit in fits]
-        of_file += squares_of(part, file_with_drives(base, training, weak))
-    shares = np.sqrt(squares / total[2])
+        squares += [squares_of(held_out, base.project(fit.values)) for fit in fits]
+        file_squares += squares_of(held_out, file_with_drives(base, training, weak))
+    squared_torques = total[2]
+    shares = np.sqrt(squares / squared_torques)
     chosen = len(strengths) - 1
-    if strength is None:
+    if strength is None:  # argmax: the first that is good enough, and strengths decrease
         chosen = int(np.argmax(shares <= _MAX_RATIO_TO_BEST * shares.min()))
     fit = PositiveProblem(base, prior, *total, sizes).path(strengths[: chosen + 1])[-1]
     curve = tuple(zip(strengths, shares.tolist(), strict=True))
-    return ConsistentRobot(base, fit, curve, float(np.sqrt(of_file / total[2])), prior.repaired)
+    file_share = float(np.sqrt(file_squares / squared_torques))
+    return ConsistentRobot(base, fit, curve, file_share, prior.repaired)
 
 
 def _path_to(strength: float) -> tuple[float, ...]:
     """Available weights of the prior above a given one, from large to small, and the given one."""
-    return (*(s for s in STRENGTHS if s > strength), strength)
+    larger = [available for available in STRENGTHS if available > strength]
+    return (*larger, strength)
 
 
 def file_with_drives(base: BaseParameters, training: Information, weak: Prior) -> Array:
@@ -454,8 +507,8 @@ def file_with_drives(base: BaseParameters, training: Information, weak: Prior) -
     drives = base.drives
     if drives.size:
         N, c, _ = training
-        solver = Prior(np.zeros(len(drives)), weak.size[drives])
-        x[drives] += solver.solve(N[np.ix_(drives, drives)], (c - N @ x)[drives])
+        drive_prior = Prior(np.zeros(len(drives)), weak.size[drives])
+        x[drives] += drive_prior.solve(N[np.ix_(drives, drives)], (c - N @ x)[drives])
     return x
 
 
@@ -485,18 +538,21 @@ def model_residuals(
     sizes: Array,
     strength: float,
 ) -> ModelResiduals:
-    """Predict each fifth from the others by all four."""
+    """Residuals of all four models, each fifth predicted from the others; parameters are those of ``consistent_robot``."""
     prior = PositivePrior.from_values(base, values, sizes)
     strengths = _path_to(strength)
-    parts = [fold for fold in folds if fold.y.sum() > 0]
+    filled_folds = [fold for fold in folds if fold.y.sum() > 0]
     file = base.project(base.unknown.file_values)
-    squares, torques = np.zeros((4, base.unknown.model.nv)), np.zeros(base.unknown.model.nv)
-    for part, (_, training) in zip(parts, left_out([part.together() for part in parts]), strict=True):
+    squares = np.zeros((4, base.unknown.model.nv))  # a row for each model
+    squared_torques = np.zeros(base.unknown.model.nv)
+    of_all_joints = left_out([fold.together() for fold in filled_folds])
+    for held_out, (_, training) in zip(filled_folds, of_all_joints, strict=True):
         N, c, _ = training
         consistent = PositiveProblem(base, prior, *training, sizes).path(strengths)[-1]
-        squares[0] += part.squares(file)
-        squares[1] += part.squares(file_with_drives(base, training, weak))
-        squares[2] += part.squares(weak.solve(N, c))
-        squares[3] += part.squares(base.project(consistent.values))
-        torques += part.y
-    return ModelResiduals(*np.sqrt(squares / np.where(torques > 0, torques, np.inf)))
+        squares[0] += held_out.squares(file)
+        squares[1] += held_out.squares(file_with_drives(base, training, weak))
+        squares[2] += held_out.squares(weak.solve(N, c))
+        squares[3] += held_out.squares(base.project(consistent.values))
+        squared_torques += held_out.y
+    shares = np.sqrt(squares / np.where(squared_torques > 0, squared_torques, np.inf))  # 0 without torques
+    return ModelResiduals(*shares)

@@ -45,21 +45,29 @@ class EssentialGroups:
 def essential_groups(
     names: Sequence[str], folds: Sequence[Information], size: Array, held: Array, values: Array
 ) -> EssentialGroups:
-    """Smallest set of groups that predicts as well as any other."""
-    x = np.where(held, values, 0.0)  # torques of known groups are subtracted
-    parts: list[Information] = []
-    for N, c, y in folds:
-        if y > 0:
-            parts.append((N, c - N @ x, float(y - 2.0 * c @ x + x @ N @ x)))
-    total = sum_of(parts)
+    """Smallest set of groups whose held-out residual is at most 1 % above the least of all sets.
+
+    Parameters
+    ----------
+    names : names of all groups
+    folds : normal equations (N, c, y) of each fifth of the time
+    size : (r,) array, typical values of the groups
+    held : (r,) array of bool, True for groups with known values
+    values : (r,) array, of which those of known groups are used
+    """
+    known_values = np.where(held, values, 0.0)
+    unknown_folds = _without_known_groups(folds, known_values)
+    total = sum_of(unknown_folds)
     order = _elimination_order(total, size, held)
-    sets = [np.sort(order[k:]) for k in range(len(order))]
-    squares = np.zeros(len(sets))
-    for (N, c, y), training in left_out(parts):
+    sets = [np.sort(order[k:]) for k in range(len(order))]  # from all groups to the last one
+    squares = np.zeros(len(sets))  # squared residual of all held-out fifths, for each set
+    for (N, c, y), training in left_out(unknown_folds):
         for n, kept in enumerate(sets):
-            part = N[np.ix_(kept, kept)], c[kept], y
-            squares[n] += squares_of(part, _solve(training, kept, size))
-    shares = np.sqrt(squares / max(sum(float(y) for _, _, y in folds), 1e-300))
+            held_out = N[np.ix_(kept, kept)], c[kept], y
+            squares[n] += squares_of(held_out, _solve(training, kept, size))
+    squared_torques = sum(float(y) for _, _, y in folds)
+    shares = np.sqrt(squares / max(squared_torques, 1e-300))
+    # the last set that is good enough is the smallest
     chosen = int(np.flatnonzero(shares <= _MAX_RATIO_TO_BEST * shares.min())[-1])
     kept = sets[chosen]
     curve = tuple(zip(map(len, sets), shares.tolist(), strict=True))
@@ -67,16 +75,31 @@ def essential_groups(
     return EssentialGroups(kept_names, kept, _solve(total, kept, size), float(shares[chosen]), curve)
 
 
+def _without_known_groups(folds: Sequence[Information], x: Array) -> list[Information]:
+    """Normal equations of each fifth with the torques W x of known groups subtracted; empty fifths are left out.
+
+    With N = W' W, c = W' τ and y = τ' τ: W' (τ - W x) = c - N x, and |τ - W x|² = y - 2 c' x + x' N x.
+    """
+    remaining: list[Information] = []
+    for N, c, y in folds:
+        if y > 0:
+            remaining.append((N, c - N @ x, float(y - 2.0 * c @ x + x @ N @ x)))
+    return remaining
+
+
 def _solve(information: Information, groups: Array, size: Array) -> Array:
-    """Values of some groups, with a weak prior of the ``size`` of each."""
+    """Values of some groups, with a weak prior: mean 0, and ``size`` as standard deviation of each."""
     N, c, _ = information
     S = size[groups]
-    A = N[np.ix_(groups, groups)] * S[:, None] * S + np.eye(len(groups))
+    A = N[np.ix_(groups, groups)] * S[:, None] * S + np.eye(len(groups))  # for the values x / S
     return np.asarray(S * np.linalg.solve(A, S * c[groups]))
 
 
 def _elimination_order(total: Information, size: Array, held: Array) -> Array:
-    """Order in which the groups are removed, without known groups."""
+    """Indices of the groups in the order in which they are removed; known groups are not among them.
+
+    C is A⁻¹ of the module's equations, for values over ``size``.
+    """
     N, c, _ = total
     remaining = np.flatnonzero(~held)
     S = size[remaining]
@@ -86,8 +109,9 @@ def _elimination_order(total: Information, size: Array, held: Array) -> Array:
     while remaining.size:
         i = int(np.argmin(x**2 / C.diagonal()))
         order.append(int(remaining[i]))
-        gain = C[:, i] / C[i, i]
+        gain = C[:, i] / C[i, i]  # A⁻¹ e_i / (A⁻¹)_ii
         x = np.delete(x - gain * x[i], i)
-        C = np.delete(np.delete(C - np.outer(gain, C[i]), i, 0), i, 1)
+        C = C - np.outer(gain, C[i])
+        C = np.delete(np.delete(C, i, axis=0), i, axis=1)
         remaining = np.delete(remaining, i)
     return np.array(order, int)

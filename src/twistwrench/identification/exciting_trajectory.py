@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..core.answers.page import Picture, Setting, Viewer
     from ..statics.clearance import PathClearance
 
-_MIN_CHECKED_INSTANTS = 2001  # minimum number of instants of the final check
+_MIN_CHECKED_INSTANTS = 2001  # minimum number of instants at which the finished motion is evaluated
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -116,7 +116,9 @@ class ExcitingMotion(Answer):
 
     @cached_property
     def _rows(self) -> Array:
-        return self.information.rows(*self(np.linspace(0.0, self.duration, _MIN_CHECKED_INSTANTS)))
+        """(n, nv, r) columns of the base parameters along the motion."""
+        t = np.linspace(0.0, self.duration, _MIN_CHECKED_INSTANTS)
+        return self.information.rows(*self(t))
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -165,41 +167,43 @@ class ExcitingMotion(Answer):
     @cached_property
     def clearances(self) -> dict[str, float]:
         """Least distances [m] of the capsules from the ``floor`` and from each other (``itself``), if they were checked."""
-        instants, capsules = (
-            max(_MIN_CHECKED_INSTANTS, int(np.ceil(self.duration / MAX_CHECK_STEP)) + 1),
-            self.constraints.capsules,
-        )
-        distances, _ = capsules.evaluate(self(np.linspace(0.0, self.duration, instants))[0])
-        of_links, of_floor = np.split(distances, [len(capsules.pairs)], axis=1)
+        capsules = self.constraints.capsules
+        instants = max(_MIN_CHECKED_INSTANTS, int(np.ceil(self.duration / MAX_CHECK_STEP)) + 1)
+        q, _, _ = self(np.linspace(0.0, self.duration, instants))
+        distances, _ = capsules.evaluate(q)
+        link_distances, floor_distances = np.split(distances, [len(capsules.pairs)], axis=1)
         least: dict[str, float] = {}
-        if of_links.size:
-            least["itself"] = float(of_links.min())
-        if of_floor.size:
-            least["floor"] = float(of_floor.min())
+        if link_distances.size:
+            least["itself"] = float(link_distances.min())
+        if floor_distances.size:
+            least["floor"] = float(floor_distances.min())
         return least
 
     @property
     def unwatched(self) -> tuple[str, ...]:
         """Sentences on clearances that were not checked."""
         capsules = self.constraints.capsules
-        looked_at = capsules.itself or self.constraints.clear is not None
-        return capsules.unwatched if looked_at else ("distances of links from each other", *capsules.unwatched)
+        checks_links = capsules.itself or self.constraints.clear is not None
+        if checks_links:
+            return capsules.unwatched
+        return ("distances of links from each other", *capsules.unwatched)
 
     @cached_property
     def verdict(self) -> Verdict:
         """OK only if clearances were checked with the shapes of the robot file; otherwise UNSURE.
 
-        COLLISION or OVER LIMIT by the least distance between links, if it was asked for.
+        If the least distance between links was asked for, it may make the verdict COLLISION or OVER LIMIT.
         """
-        capsules, unsure = self.constraints.capsules.capsules, list[str]()
+        capsules = self.constraints.capsules.capsules
+        reasons = list[str]()
         if capsules.assumed and (self.clearances or self.unwatched):
-            unsure.append(capsules.assumption)
-        unsure += [f"not looked at: {sentence}" for sentence in self.unwatched]
+            reasons.append(capsules.assumption)
+        reasons += [f"not looked at: {sentence}" for sentence in self.unwatched]
         for name, distance in self.clearances.items():
             if distance <= 0.0:
                 obstacle = name.replace("floor", "the floor")
-                unsure.append(f"it comes to {number(1000.0 * distance)} mm from {obstacle}")
-        own = Verdict.from_reasons(unsure=unsure)
+                reasons.append(f"it comes to {number(1000.0 * distance)} mm from {obstacle}")
+        own = Verdict.from_reasons(unsure=reasons)
         return own if self.clearance is None else own.joined(self.clearance.verdict)
 
     # ── The answer on every surface
@@ -263,8 +267,8 @@ class ExcitingMotion(Answer):
         from ..reports.drawn_motion import motion_of
         from ..viz.page import viewer_page
 
-        value_text = replace(motion_of(self.robot, self.motion), judged=False)
-        return viewer_page(self.robot, motion=value_text, embed=True)
+        drawn_motion = replace(motion_of(self.robot, self.motion), judged=False)
+        return viewer_page(self.robot, motion=drawn_motion, embed=True)
 
     def plot(self, kind: str | Path | None = None, path: str | Path | None = None) -> Any:
         """Draw velocities and torques of the motion relative to their limits.
@@ -313,8 +317,9 @@ class ExcitingMotion(Answer):
 
 # ── Exciting trajectories: motions that determine the base parameters best within all limits
 
-_NOISE = 0.01  # default noise of a joint's torque, as a share of its limit
-_MOST_HARMONICS = 50
+_NOISE_SHARE = 0.01  # default noise of a joint's torque, as a share of its limit
+_MAX_HARMONICS = 50
+_MIN_SAMPLES = 20  # minimum number of samples of a motion
 
 
 def exciting_trajectory(
@@ -408,27 +413,29 @@ def exciting_trajectory(
     series = WindowedFourierSeries(
         arguments.positive(duration, "duration", "s"), arguments.whole(harmonics, "harmonics")
     )
-    if series.harmonics > _MOST_HARMONICS:
-        raise ValueRangeError(f"harmonics is {series.harmonics}: give {_MOST_HARMONICS} at most.")
+    if series.harmonics > _MAX_HARMONICS:
+        raise ValueRangeError(f"harmonics is {series.harmonics}: give {_MAX_HARMONICS} at most.")
     bounds = _bounds(robot, share, velocity, acceleration, effort)
     speed = np.full(robot.nv, check_speed(arguments.number(friction_speed, "friction_speed")))
     if criterion not in CRITERIA:
         raise UnknownNameError.from_choices("criterion", criterion, CRITERIA)
     base = BaseParameters.from_unknowns(unknown)
     typical, middle = typical_sizes(robot, bounds, series)
-    deviations = _noise(robot, noise)
-    torque = np.where(np.isfinite(bounds.effort), bounds.effort, deviations / _NOISE)
-    prior = base.weak_sizes(unknown.scales(torque, typical[1], typical[2]))
-    information = MotionInformation(base, deviations, speed, series.duration, prior, criterion)
+    _, typical_velocity, typical_acceleration = typical
+    torque_noise = _torque_noise(robot, noise)
+    typical_torque = np.where(np.isfinite(bounds.effort), bounds.effort, torque_noise / _NOISE_SHARE)
+    prior = base.weak_sizes(unknown.scales(typical_torque, typical_velocity, typical_acceleration))
+    information = MotionInformation(base, torque_noise, speed, series.duration, prior, criterion)
     constraints = TrajectoryConstraints(robot, bounds, speed, _capsules(robot, floor, clear_of_itself), clear)
     search = MotionSearch(series, information, constraints, typical, middle)
-    times, step = arguments.whole(restarts, "restarts"), arguments.positive(step, "step", "s")
-    if step > series.duration / 20:
+    search_count = arguments.whole(restarts, "restarts")
+    step = arguments.positive(step, "step", "s")
+    if step > series.duration / _MIN_SAMPLES:
         raise ValueRangeError(
-            f"step is {printed(step)} s: a motion of {printed(series.duration)} s needs 20 samples at least."
+            f"step is {printed(step)} s: a motion of {printed(series.duration)} s needs {_MIN_SAMPLES} samples at least."
         )
-    best = _best_coefficients(search, times, rng, progress, share)
-    found = ExcitingMotion(robot, series, best, constraints, information, step, degrees=degrees)
+    coefficients = _best_coefficients(search, search_count, rng, progress, share)
+    found = ExcitingMotion(robot, series, coefficients, constraints, information, step, degrees=degrees)
     states = [(found.motion.time, found.motion.q)]
     return replace(found, clearance=clearance_along(robot, states, clearance, srdf))
 
@@ -438,7 +445,7 @@ excite = exciting_trajectory
 
 
 def _check_clearances(clear: Clear | None, clearance: float | None, srdf: str | Path | None) -> None:
-    """Raise ValueRangeError for distances that cannot be checked."""
+    """Raise ValueRangeError for options of clearances that are not valid or have no effect."""
     if clear is not None and not callable(clear):
         raise ValueRangeError(
             f"clear is {arguments.value_text(clear)}: give a function that maps configurations to distances."
@@ -466,6 +473,7 @@ def _best_coefficients(
 
 
 def _capsules(robot: Robot, floor: float | None, clear_of_itself: bool) -> CapsuleDistances:
+    """Distances of the links' capsules that the motion keeps; raises ValueRangeError for a floor without a height."""
     height = None if floor is None else arguments.number(floor, "floor")
     if height is not None and not np.isfinite(height):
         raise ValueRangeError(f"floor is {height}: give a height [m], or none.")
@@ -485,31 +493,33 @@ def _bounds(
         raise ValueRangeError(f"share is {printed(share)}: give a share of the robot's limits, above 0 and at most 1.")
     bounds = shared_bounds(bounds_of(robot, velocity=velocity, acceleration=acceleration, effort=effort), share)
     names = robot.model.velocity_names
-    still = (bounds.upper - bounds.lower <= 0) | (bounds.velocity <= 0) | (bounds.effort <= 0)
-    if still.any():
+    is_fixed = (bounds.upper - bounds.lower <= 0) | (bounds.velocity <= 0) | (bounds.effort <= 0)
+    if is_fixed.any():
         raise ValueRangeError(
-            f"joint {names[int(still.argmax())]!r} has no room to move: its limits of position are one, or another is 0. "
+            f"joint {names[int(is_fixed.argmax())]!r} has no room to move: its limits of position are one, or another is 0. "
             "Lock it: robot.lock({name: position})."
         )
-    free = ~np.isfinite(bounds.upper - bounds.lower) & np.isinf(bounds.velocity) & np.isinf(bounds.acceleration)
-    if free.any():
+    has_no_range = ~np.isfinite(bounds.upper - bounds.lower)
+    is_unlimited = has_no_range & np.isinf(bounds.velocity) & np.isinf(bounds.acceleration)
+    if is_unlimited.any():
         raise ValueRangeError(
-            f"nothing limits how far and how fast joint {names[int(free.argmax())]!r} of {robot.name!r} moves. Give "
+            f"nothing limits how far and how fast joint {names[int(is_unlimited.argmax())]!r} of {robot.name!r} moves. Give "
             f"{argument('acceleration')}, or limits of velocity in its file."
         )
     return bounds
 
 
-def _noise(robot: Robot, noise: ArrayLike | None) -> Array:
+def _torque_noise(robot: Robot, noise: ArrayLike | None) -> Array:
+    """(nv,) standard deviations of the torques, given or by default; raises ShapeError or ValueRangeError."""
     if noise is None:
         effort = robot.limits.effort
-        return np.where(np.isfinite(effort) & (effort > 0), _NOISE * effort, 1.0)
-    given = np.asarray(arguments.finite(noise, "noise", names=robot.model.velocity_names), float)
-    if given.shape not in ((), (robot.nv,)):
-        raise ShapeError(f"noise has shape {given.shape}: give one number, or {robot.nv}, one for each joint.")
-    if not (given > 0).all():
+        return np.where(np.isfinite(effort) & (effort > 0), _NOISE_SHARE * effort, 1.0)
+    deviations = np.asarray(arguments.finite(noise, "noise", names=robot.model.velocity_names), float)
+    if deviations.shape not in ((), (robot.nv,)):
+        raise ShapeError(f"noise has shape {deviations.shape}: give one number, or {robot.nv}, one for each joint.")
+    if not (deviations > 0).all():
         raise ValueRangeError("noise has a deviation that is not above 0. Give those of the torques [N m, N].")
-    return np.broadcast_to(given, (robot.nv,)).copy()
+    return np.broadcast_to(deviations, (robot.nv,)).copy()
 
 
 complete(globals())

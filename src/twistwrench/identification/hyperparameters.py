@@ -99,14 +99,16 @@ class Trial:
     """Rows of equations at given settings, with a maximum number of rows."""
 
     def __init__(self, source: SettingRows, settings: FitSettings, most: int = MOST_ROWS) -> None:
-        self.settings, self._source, self.felt = settings, source, source.base.felt
+        self.settings, self._source = settings, source
+        self.felt = source.base.felt
+        """(nv, r) True if a group enters the torque of a joint."""
         self.rows = source.rows(settings.cutoff, most)
         self.tau = self.rows.torques(settings.shift)
         """(m, nv) torques."""
 
     @cached_property
     def fold(self) -> Array:
-        """(m,) index of the fifth of the time of each row."""
+        """(m,) index, 0 to 4, of the fifth of the time that each row belongs to."""
         return self._source.folds(self.rows.log, self.rows.time)
 
     @cached_property
@@ -127,25 +129,30 @@ class Trial:
         return W
 
     def changes(self, x: Array) -> Array:
-        """(m, nv, k) derivatives of the predicted torques by each chosen setting: clock offset and friction speeds."""
-        found, settings, asked = list[Array](), self.settings, self._source.asked
-        if asked.shift is None:
+        """Changes of the residual by each setting that was chosen automatically, (m, nv, k).
+
+        Derivative by the clock offset [s], and change by 10 % of each friction speed.
+        """
+        changes, settings, options = list[Array](), self.settings, self._source.asked
+        if options.shift is None:
             step = 0.1 / settings.cutoff
-            later, sooner = self.rows.torques(settings.shift + step), self.rows.torques(settings.shift - step)
-            found.append((later - sooner) / (2 * step))
-        if asked.friction_speed is None:
-            found += [self._change_by_speed(x, joint) for joint in range(len(self.felt))]
-        if not found:
+            later_torques = self.rows.torques(settings.shift + step)
+            sooner_torques = self.rows.torques(settings.shift - step)
+            changes.append((later_torques - sooner_torques) / (2 * step))
+        if options.friction_speed is None:
+            changes += [self._change_by_speed(x, joint) for joint in range(len(self.felt))]
+        if not changes:
             return np.zeros((*self.tau.shape, 0))
-        return np.stack(found, axis=-1)
+        return np.stack(changes, axis=-1)
 
     def _change_by_speed(self, x: Array, joint: int) -> Array:
         """(m, nv) change of the predicted torques if the friction speed of a joint is 10 % larger."""
-        faster = np.where(np.arange(len(self.felt)) == joint, 1.1, 1.0) * self.settings.friction_speed
+        is_joint = np.arange(len(self.felt)) == joint
+        friction_speed = np.where(is_joint, 1.1, 1.0) * self.settings.friction_speed
         change = np.zeros(self.tau.shape)
         for c, joints in self._source.coulomb:
             if speed_owner(joints) == joint:
-                change += (self.rows.coulomb(c, joints, faster) - self.W[:, :, c]) * x[c]
+                change += (self.rows.coulomb(c, joints, friction_speed) - self.W[:, :, c]) * x[c]
         return change
 
 
@@ -156,12 +163,15 @@ class Trial:
 SPEEDS = (0.003, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 """Candidate Coulomb smoothing speeds [rad/s, m/s]."""
 _USUAL_SPEED = 0.05
-_MILLISECONDS = np.array([1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90, 130, 200, 300])
-_SHIFTS = (*(-1e-3 * _MILLISECONDS[::-1]).tolist(), 0.0, *(1e-3 * _MILLISECONDS).tolist())
+"""Friction speed [rad/s, m/s] from which the choice starts."""
+_OFFSETS_MS = np.array([1, 2, 3, 4, 5, 7, 10, 15, 25, 40, 60, 90, 130, 200, 300])
+_SHIFTS = (*(-1e-3 * _OFFSETS_MS[::-1]).tolist(), 0.0, *(1e-3 * _OFFSETS_MS).tolist())
+"""Candidate clock offsets [s], of either sign, in ascending order."""
 _MIN_ROWS_OF_GROUP = 10.0  # minimum number of equations per group at a cut-off
-_BYTES = 64 * 2**20
+_CACHE_BYTES = 64 * 2**20
 """Cache size for rows at several cut-offs with their states, and for normal equations at several settings; the least
 recently used are evicted."""
+_BYTES_OF_FLOAT = 8
 _MAX_ROWS_OF_CHOICE = 3000
 """Maximum number of rows for the choice of settings."""
 _SHIFT_TOLERANCE = 5e-5
@@ -170,21 +180,27 @@ _MIN_GAIN = 2e-3
 """Decrease of log |residual|² per joint from which another cut-off, offset or speed is preferred to the first one."""
 _MAX_CHANCE_GAIN = 6.0
 """Decrease of log |residual|² of all joints, times the number of independent rows, that an offset or a speed exceeds by
-chance once in 70 times. Twice a log-likelihood ratio, it is χ² distributed with one degree of freedom (Wilks 1938)."""
+chance once in 70 times. This product is twice a log-likelihood ratio, χ² distributed with one degree of freedom (Wilks
+1938)."""
 
 
 def _typical(x: Array) -> Array:
-    """(nv,) typical values of columns x (m, nv), above 0: not far below those of the other joints."""
-    size = np.sqrt((x**2).mean(axis=0))
-    return np.maximum(size, 1e-2 * max(float(np.median(size)), 1e-6))
+    """(nv,) root mean squares of columns x (m, nv), but at least 1 % of the median of all joints, and above 0."""
+    rms = np.sqrt((x**2).mean(axis=0))
+    median = max(float(np.median(rms)), 1e-6)
+    return np.maximum(rms, 1e-2 * median)
 
 
-def _half_done(progress: Callable[[float], None], turn: int, share: float) -> None:
-    progress(0.5 * (turn + share))
+def _report_sweep(progress: Callable[[float], None], sweep: int, done_share: float) -> None:
+    """Report the progress of one of two sweeps, 0 or 1, as a share of both."""
+    progress(0.5 * (sweep + done_share))
 
 
 class SettingRows:
-    """Rows of logs at each candidate cut-off; ``dead`` (nv,) bool is True for joints without a torque."""
+    """Rows of logs at each candidate cut-off; ``dead`` (nv,) bool is True for joints without a torque.
+
+    ``asked`` are the settings fixed by the user, and ``tried`` the candidate cut-offs [Hz] in ascending order.
+    """
 
     def __init__(
         self,
@@ -195,28 +211,33 @@ class SettingRows:
     ) -> None:
         self.base, self.samples, self.asked, self.dead = base, samples, asked, dead
         nv = base.unknown.model.nv
-        self.tried = cutoffs(samples, _MIN_ROWS_OF_GROUP * base.count / nv) if asked.cutoff is None else (asked.cutoff,)
+        if asked.cutoff is None:
+            self.tried = cutoffs(samples, _MIN_ROWS_OF_GROUP * base.count / nv)
+        else:
+            self.tried = (asked.cutoff,)
         self.usual_speed = np.full(nv, _USUAL_SPEED if asked.friction_speed is None else asked.friction_speed)
         self.coulomb = base.unknown.coulomb_columns(base.kept)
         """Columns of dry friction, with (nv,) bool, True for the joints that each column affects."""
-        columns, states = nv * base.count * _MAX_ROWS_OF_CHOICE, 3 * nv * sum(map(len, samples))
-        cached = lru_cache(max(2, int(_BYTES / (8 * (columns + states)))))
+        # number of floats at one cut-off: columns of its rows, and q, dq and ddq of its states
+        floats_of_cutoff = nv * base.count * _MAX_ROWS_OF_CHOICE + 3 * nv * sum(map(len, samples))
+        cached = lru_cache(max(2, int(_CACHE_BYTES / (_BYTES_OF_FLOAT * floats_of_cutoff))))
         self.rows, self._judged = cached(self._rows), cached(self._states)
-        self._later = cached(self._judged_torques)
+        self._shifted_torques = cached(self._judged_torques)
         self._trials = lru_cache(2)(self._trial)
-        sets_of_equations = 2 + int(_BYTES / (8 * nv * base.count**2 * FOLDS))
-        self._parts = lru_cache(sets_of_equations)(self._equations_without_delay)
+        sets_of_equations = 2 + int(_CACHE_BYTES / (_BYTES_OF_FLOAT * nv * base.count**2 * FOLDS))
+        self._fifths = lru_cache(sets_of_equations)(self._equations_without_delay)
 
     def release(self) -> None:
         """Release the rows of all candidates, to limit memory; they are computed again when needed."""
-        for cache in (self.rows, self._judged, self._later, self._trials, self._parts):
+        for cache in (self.rows, self._judged, self._shifted_torques, self._trials, self._fifths):
             cache.cache_clear()
-        self.__dict__.pop("_torques", None)
+        self.__dict__.pop("_torques", None)  # value of the cached property
 
     def _rows(self, cutoff: float, most: float) -> FilteredRows:
-        """Rows at a cut-off, with the usual friction speed."""
+        """Rows at a cut-off, with the usual friction speed; those of joints without a torque are zero."""
         rows = FilteredRows.from_samples(self.base, self.samples, cutoff, self.usual_speed, most)
-        rows.W[:, self.dead], rows.dead = 0.0, self.dead
+        rows.W[:, self.dead] = 0.0
+        rows.dead = self.dead
         return rows
 
     def _states(self, cutoff: float) -> JudgedStates:
@@ -234,28 +255,30 @@ class SettingRows:
     def _equations(self, settings: FitSettings) -> list[NormalEquations]:
         """Normal equations of each fifth; a clock offset changes only the torques."""
         key = settings.cutoff, tuple(settings.friction_speed.tolist())
-        parts = self._parts(*key)
+        fifths = self._fifths(*key)
         if not settings.shift:
-            return parts
+            return fifths
         trial = self._trials(*key)
         torques = trial.rows.torques(settings.shift)
         shifted = list[NormalEquations]()
-        for part, fifth in zip(parts, trial.places, strict=True):
-            tau = torques[fifth]
-            products = np.einsum("mjr,mj->jr", trial.W[fifth], tau)
-            shifted.append(replace(part, c=products, y=(tau**2).sum(axis=0)))
+        for fifth, place in zip(fifths, trial.places, strict=True):
+            tau = torques[place]
+            products = np.einsum("mjr,mj->jr", trial.W[place], tau)  # W' τ of each joint
+            shifted.append(replace(fifth, c=products, y=(tau**2).sum(axis=0)))
         return shifted
 
     def folds(self, log: Array, time: Array) -> Array:
         """(m,) index 0 to 4 of the fifth of each row, in the time of all logs together."""
         begins = np.concatenate([[0.0], np.cumsum([s.seconds for s in self.samples])])
         starts = np.array([s.start for s in self.samples])
-        at = begins[log] + (time - starts[log])
-        return np.minimum((FOLDS * at / begins[-1]).astype(int), FOLDS - 1)
+        elapsed = begins[log] + (time - starts[log])
+        total = begins[-1]
+        return np.minimum((FOLDS * elapsed / total).astype(int), FOLDS - 1)  # the last row belongs to the last fifth
 
     def typical(self) -> tuple[Array, Array, Array]:
         """Typical torque, speed and acceleration of the joints, (nv,) each, above 0."""
-        rows = self.rows(self.tried[len(self.tried) // 2], _MAX_ROWS_OF_CHOICE)
+        middle_cutoff = self.tried[len(self.tried) // 2]
+        rows = self.rows(middle_cutoff, _MAX_ROWS_OF_CHOICE)
         return _typical(rows.torques(0.0)), _typical(rows.speed), _typical(rows.acceleration)
 
     def choose(
@@ -266,21 +289,24 @@ class SettingRows:
     ) -> list[FitSettings]:
         """Choose, for each set of fifths, the settings that minimise its cross-validation residual.
 
-        Each cut-off is scored for all sets before the next, so that the rows of few cut-offs are in memory: from the lowest
-        to the highest, whose rows cost most, and back.
+        Each cut-off is scored for all sets before the next one, so that the rows of few cut-offs are in memory. The first
+        sweep goes from the lowest cut-off to the highest; the second, of sets whose cut-off changed, goes back, since the
+        rows of the highest cost most and are still cached.
         """
-        begin = FitSettings(self.tried[-1], self.usual_speed.copy(), self.asked.shift or 0.0)
-        found, open_sets = [begin] * len(sets), list(range(len(sets)))
-        for turn in range(2):
-            trials = [(tuple(sets[k]), found[k]) for k in open_sets]
-            best = self._best_cutoffs(prior, trials, partial(_half_done, progress, turn), rising=turn == 0)
+        initial = FitSettings(self.tried[-1], self.usual_speed.copy(), self.asked.shift or 0.0)
+        chosen = [initial] * len(sets)
+        open_sets = list(range(len(sets)))
+        for sweep in range(2):
+            trials = [(tuple(sets[k]), chosen[k]) for k in open_sets]
+            report = partial(_report_sweep, progress, sweep)
+            best_cutoffs = self._best_cutoffs(prior, trials, report, rising=sweep == 0)
             changed_sets = list[int]()
-            for k, cutoff in zip(open_sets, best, strict=True):
-                if cutoff != found[k].cutoff:
+            for k, cutoff in zip(open_sets, best_cutoffs, strict=True):
+                if cutoff != chosen[k].cutoff:
                     changed_sets.append(k)
-                found[k] = self._tune(replace(found[k], cutoff=cutoff), prior, tuple(sets[k]))
+                chosen[k] = self._tune(replace(chosen[k], cutoff=cutoff), prior, tuple(sets[k]))
             open_sets = changed_sets
-        return found
+        return chosen
 
     def _tune(self, settings: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
         """Optimise clock offset and friction speeds one after another, at one cut-off."""
@@ -288,9 +314,10 @@ class SettingRows:
             settings = self._best_shift(settings, prior, blocks)
         if self.asked.friction_speed is None and self.coulomb:
             nv = len(self.dead)
-            for joints in (np.ones(nv, bool), *np.eye(nv, dtype=bool)):
-                settings = self._best_speed(settings, joints, prior, blocks)
-        if self.asked.shift is None:
+            settings = self._best_speed(settings, np.ones(nv, bool), prior, blocks)  # of all joints together
+            for joint in np.eye(nv, dtype=bool):
+                settings = self._best_speed(settings, joint, prior, blocks)
+        if self.asked.shift is None:  # again, with the new friction speeds
             settings = self._best_shift(settings, prior, blocks)
         return settings
 
@@ -300,10 +327,11 @@ class SettingRows:
         for speed in SPEEDS:
             friction_speed = np.where(joints, speed, settings.friction_speed)
             candidates.append(replace(settings, friction_speed=friction_speed))
-        best = min(candidates, key=lambda one: self._score(one, prior, blocks))
+        best = min(candidates, key=lambda candidate: self._score(candidate, prior, blocks))
         return self._better(settings, best, prior, blocks)
 
     def _best_shift(self, settings: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
+        """Settings with the best clock offset: the best candidate, refined between its neighbours."""
         from scipy.optimize import minimize_scalar
 
         def score(shift: float) -> float:
@@ -312,46 +340,50 @@ class SettingRows:
         k = int(np.argmin([score(shift) for shift in _SHIFTS]))
         best = _SHIFTS[k]
         if 0 < k < len(_SHIFTS) - 1:
-            near = minimize_scalar(score, bounds=(_SHIFTS[k - 1], _SHIFTS[k + 1]), options={"xatol": _SHIFT_TOLERANCE})
-            best = min((best, float(near.x)), key=score)
+            refined = minimize_scalar(
+                score, bounds=(_SHIFTS[k - 1], _SHIFTS[k + 1]), options={"xatol": _SHIFT_TOLERANCE}
+            )
+            best = min((best, float(refined.x)), key=score)
         return self._better(settings, replace(settings, shift=best), prior, blocks)
 
     def _better(self, first: FitSettings, other: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> FitSettings:
         """Return the other settings if their gain is significant; short logs need a larger gain."""
-        independent = 2.0 * first.cutoff * total_seconds(self.samples)
-        worth = max(_MIN_GAIN * len(self.dead), _MAX_CHANCE_GAIN / independent)
+        independent_rows = 2.0 * first.cutoff * total_seconds(self.samples)  # below a cut-off f, 2 f of them a second
+        min_gain = max(_MIN_GAIN * len(self.dead), _MAX_CHANCE_GAIN / independent_rows)
         gain = self._score(first, prior, blocks) - self._score(other, prior, blocks)
-        return other if gain > worth else first
+        return other if gain > min_gain else first
 
     def _fits(self, settings: FitSettings, prior: Prior, blocks: Sequence[int]) -> list[tuple[NormalEquations, Array]]:
-        """Normal equations of each fifth, and the groups fitted to the others of ``blocks``."""
-        of_fifths = self._equations(settings)
-        parts = [of_fifths[b] for b in blocks]
-        total = reduce(operator.add, parts)
-        sigma, fits = total.solve(prior)[1], list[tuple[NormalEquations, Array]]()
-        for part in parts:
-            training = total - part if len(parts) > 1 else total
-            fits.append((part, prior.solve(*training.whitened(sigma))))
+        """Normal equations of each fifth of ``blocks``, and the groups fitted to the others of ``blocks``."""
+        all_fifths = self._equations(settings)
+        fifths = [all_fifths[b] for b in blocks]
+        total = reduce(operator.add, fifths)
+        sigma = total.solve(prior)[1]
+        fits = list[tuple[NormalEquations, Array]]()
+        for fifth in fifths:
+            training = total - fifth if len(fifths) > 1 else total
+            fits.append((fifth, prior.solve(*training.whitened(sigma))))
         return fits
 
     def _score(self, settings: FitSettings, prior: Prior, blocks: Sequence[int]) -> float:
         """Sum of log |residual|² over the joints, of fifths predicted from the others."""
         squares = np.zeros(len(self.dead))
-        for part, x in self._fits(settings, prior, blocks):
-            squares = squares + part.squares(x)
+        for fifth, x in self._fits(settings, prior, blocks):
+            squares = squares + fifth.squares(x)
         return float(np.log(np.maximum(squares, 1e-300)).sum())
 
     @cached_property
     def _torques(self) -> list[tuple[Array, Array]]:
-        """Times and torques of each log below the highest cut-off, against which all cut-offs are scored."""
-        return [torques_below(s, max(self.tried)) for s in self.samples]
+        """Times and torques of each log, low-passed at the highest cut-off; all cut-offs are scored against these."""
+        highest = max(self.tried)
+        return [torques_below(samples, highest) for samples in self.samples]
 
     def _judged_torques(self, cutoff: float, shift: float) -> Array:
         """(m, nv) torques of the states on which a cut-off is scored, ``shift`` seconds later."""
-        parts = list[Array]()
-        for s, (time, tau) in zip(self._judged(cutoff).states, self._torques, strict=True):
-            parts.append(interpolate(s.time + shift, time, tau))
-        return np.concatenate(parts)
+        torques_of_logs = list[Array]()
+        for states, (time, tau) in zip(self._judged(cutoff).states, self._torques, strict=True):
+            torques_of_logs.append(interpolate(states.time + shift, time, tau))
+        return np.concatenate(torques_of_logs)
 
     def _best_cutoffs(
         self,
@@ -361,39 +393,44 @@ class SettingRows:
         *,
         rising: bool,
     ) -> list[float]:
-        """Lowest cut-off for each set whose predictions, below the highest cut-off, are nearly as good as the best."""
+        """For each set, the lowest cut-off whose predictions are nearly as good as the best.
+
+        ``sets`` has fifths and settings of each set; predictions are compared with torques below the highest cut-off.
+        """
         count = len(self.tried)
         if count == 1:
             return [settings.cutoff for _, settings in sets]
         order = list(range(count))
         if not rising:
             order.reverse()
-        scores = np.empty((count, len(sets)))
+        scores = np.empty((count, len(sets)))  # a row for each cut-off
         for done, k in enumerate(order, 1):
             for n, (blocks, settings) in enumerate(sets):
                 scores[k, n] = self._judged_score(prior, blocks, replace(settings, cutoff=self.tried[k]))
             progress(done / count)
-        near = scores <= scores.min(axis=0) + _MIN_GAIN * len(self.dead)
-        return [self.tried[k] for k in near.argmax(axis=0).tolist()]
+        is_good = scores <= scores.min(axis=0) + _MIN_GAIN * len(self.dead)
+        return [self.tried[k] for k in is_good.argmax(axis=0).tolist()]  # argmax: the first that is True
 
     def _judged_score(self, prior: Prior, blocks: tuple[int, ...], settings: FitSettings) -> float:
         """Sum of log |residual|² over the joints, of torques that are not low-passed at the tested cut-off."""
-        judged, tau = self._judged(settings.cutoff), self._later(settings.cutoff, settings.shift)
+        judged = self._judged(settings.cutoff)
+        tau = self._shifted_torques(settings.cutoff, settings.shift)
         fold = self.folds(judged.log, judged.time)
         W = judged.W
         if not np.array_equal(settings.friction_speed, self.usual_speed):
             W = self._with_speeds(judged, settings.friction_speed)
         squares = np.zeros(W.shape[1])
         for block, (_, x) in zip(blocks, self._fits(settings, prior, blocks), strict=True):
-            here = fold == block
-            squares += ((tau[here] - judged.known[here] - W[here] @ x) ** 2).sum(axis=0)
+            is_in_block = fold == block
+            residual = tau[is_in_block] - judged.known[is_in_block] - W[is_in_block] @ x
+            squares += (residual**2).sum(axis=0)
         return float(np.log(np.maximum(squares[~self.dead], 1e-300)).sum())
 
     def _with_speeds(self, judged: JudgedStates, friction_speed: Array) -> Array:
         """(m, nv, r) columns of states with other friction speeds than the usual ones."""
         W, unknown = judged.W.copy(), self.base.unknown
         for c, joints in self.coulomb:
-            k = int(self.base.kept[c])
-            factors = [unknown.drives([k], s.dq, s.ddq, friction_speed) for s in judged.states]
-            W[:, joints, c] = np.concatenate(factors) * unknown.shares[k, joints]
+            k = int(self.base.kept[c])  # index of the column among all unknown parameters
+            friction = [unknown.drives([k], states.dq, states.ddq, friction_speed) for states in judged.states]
+            W[:, joints, c] = np.concatenate(friction) * unknown.shares[k, joints]
         return W

@@ -56,7 +56,7 @@ KnownValues: TypeAlias = Mapping[str, float]
 """Values of parameters by name."""
 PriorWeight: TypeAlias = float
 ObserverGain: TypeAlias = float
-_MAX_CONSTANT_ROWS = 0.8  # share of rows with one constant torque, from which a measured torque is dead
+_MAX_CONSTANT_ROWS = 0.8  # share of rows with one constant torque, up to which a measured torque is not dead
 
 
 def identify(
@@ -164,10 +164,10 @@ def identify(
     >>> print(tw.identify("planar_2r", "demo").headline)
     OK: predicts torques to 1.74 % (worst joint joint1, 1.77 %), in 5-fold cross-validation over time.
     """
-    loaded, bundled = _robot_with_name(robot)
+    loaded, bundle_name = _robot_with_name(robot)
     robot = without_links(loaded, without)
     check_strength(keep_close)
-    logs, test = log_paths(logs, bundled), log_paths(test, bundled)
+    logs, test = log_paths(logs, bundle_name), log_paths(test, bundle_name)
     if method not in METHODS:
         raise UnknownNameError.from_choices("method", method, METHODS)
     options = fit_options(cutoff, friction_speed, shift)
@@ -183,17 +183,18 @@ def identify(
         robot, motor_inertia=motor_inertia, friction=friction, motor_side=motor_side, known=known,
         payload_only=payload_only, stribeck_speed=stribeck_speed,
     )  # fmt: skip
-    tell = progress or (lambda _share: None)
-    read = read_logs((*sources, *tests), Workers.from_client(client), lambda share: tell(0.2 * share))
-    trained, tested = _readable(read[: len(sources)]), _readable(read[len(sources) :])
-    lost = _unreadable((*sources, *tests), read)
-    fit = partial(_identify_once, unknown, robot, trained, tested, method=method, payload_only=payload_only, lost=lost)
-    found, laws = fit(options, wanted, tell=lambda share: tell(0.2 + 0.5 * share))
+    report_progress = progress or (lambda _share: None)
+    read = read_logs((*sources, *tests), Workers.from_client(client), lambda share: report_progress(0.2 * share))
+    training_logs, test_logs = _readable(read[: len(sources)]), _readable(read[len(sources) :])
+    read_doubts = _unreadable((*sources, *tests), read)
+    fixed: dict[str, Any] = {"method": method, "payload_only": payload_only, "read_doubts": read_doubts}
+    fit = partial(_identify_once, unknown, robot, training_logs, test_logs, **fixed)
+    found, laws = fit(options, wanted, report_progress=lambda share: report_progress(0.2 + 0.5 * share))
     if may_fit_laws and laws and not payload_only:
-        with_laws, _ = fit(_options_at_cutoff(options, found), (*wanted, *laws), tell=tell)
+        with_laws, _ = fit(_options_at_cutoff(options, found), (*wanted, *laws), report_progress=report_progress)
         found = _better_with(laws, found, with_laws)
-    tell(1.0)
-    return _with_thresholds(replace(found, strength=keep_close, logs=_files(*logs, *test)), trained, thresholds)
+    report_progress(1.0)
+    return _with_thresholds(replace(found, strength=keep_close, logs=_files(*logs, *test)), training_logs, thresholds)
 
 
 def _robot_with_name(robot: Robot | str | Path) -> tuple[Robot, str]:
@@ -218,22 +219,22 @@ def _with_thresholds(found: IdentifiedRobot, logs: Sequence[ReadLog], gain: floa
 
 def _longest(logs: Sequence[ReadLog], robot: Robot) -> Motion:
     """Longest part of the logs without a pause, as a motion of positions and torques."""
-    one = max(steady_samples(logs), key=lambda piece: piece.seconds)
-    time = one.start + np.arange(len(one.q)) / one.rate
-    return Motion(time, one.q, tau=one.tau, robot=robot, in_seconds=True)
+    longest = max(steady_samples(logs), key=lambda piece: piece.seconds)
+    time = longest.start + np.arange(len(longest.q)) / longest.rate
+    return Motion(time, longest.q, tau=longest.tau, robot=robot, in_seconds=True)
 
 
 def log_paths(given: Log | Sequence[Log], robot: str) -> list[Log]:
     """Logs, with the files of folders and patterns, sorted by name, and ``demo`` as the log bundled with a robot."""
     if not isinstance(given, Iterable | Motion | Path):
         raise ShapeError(f"logs={given!r}: give a tw.Motion with torques, the path of a log, or a list of them.")
-    found = list[Log]()
+    paths = list[Log]()
     for log in _sequence(given):
         if isinstance(log, str | Path):
-            found += expanded_paths(bundled_file(str(log), robot, "_log.csv", "log"))
+            paths += expanded_paths(bundled_file(str(log), robot, "_log.csv", "log"))
         else:
-            found.append(log)
-    return found
+            paths.append(log)
+    return paths
 
 
 def _sequence(given: Log | Sequence[Log]) -> Sequence[Log]:
@@ -242,11 +243,13 @@ def _sequence(given: Log | Sequence[Log]) -> Sequence[Log]:
 
 
 def log_sources(
-    robot: Robot, given: Log | Sequence[Log], what: str, reading: Mapping[str, Any]
+    robot: Robot, given: Log | Sequence[Log], argument_name: str, reading: Mapping[str, Any]
 ) -> tuple[LogSource, ...]:
     """Sources of logs; raises ShapeError and TrajectoryError for motions without torques or of another robot."""
-    logs = enumerate(_sequence(given), 1)
-    return tuple(LogSource.from_log(robot, log, f"{what} number {k}", reading) for k, log in logs)
+    sources = []
+    for k, log in enumerate(_sequence(given), 1):
+        sources.append(LogSource.from_log(robot, log, f"{argument_name} number {k}", reading))
+    return tuple(sources)
 
 
 def _readable(logs: Sequence[ReadLog | Failure]) -> tuple[ReadLog, ...]:
@@ -259,7 +262,9 @@ def _readable(logs: Sequence[ReadLog | Failure]) -> tuple[ReadLog, ...]:
             readable.append(log)
     if failures and not readable:
         first = failures[0]
-        raise TrajectoryError(first.reason) if first.problem is None else TrajectoryError(*first.problem.args)
+        if first.problem is None:
+            raise TrajectoryError(first.reason)
+        raise TrajectoryError(*first.problem.args)
     return tuple(readable)
 
 
@@ -275,43 +280,48 @@ def _unreadable(sources: Sequence[LogSource], logs: Sequence[ReadLog | Failure])
 def _identify_once(
     unknown: UnknownParameters,
     robot: Robot,
-    trained: Sequence[ReadLog],
-    tested: Sequence[ReadLog],
+    training_logs: Sequence[ReadLog],
+    test_logs: Sequence[ReadLog],
     options: FitOptions,
     wanted: Sequence[WantedCause],
     *,
     method: Method,
     payload_only: str | None,
-    lost: Sequence[Doubt],
-    tell: Callable[[float], None],
+    read_doubts: Sequence[Doubt],
+    report_progress: Callable[[float], None],
 ) -> tuple[IdentifiedRobot, tuple[WantedCause, ...]]:
-    """Identify from logs that were read, and laws that the residual shows; ``lost`` are doubts about the other logs."""
-    samples, dead = _rows_of(trained, options)
+    """Identify from logs that were read; also returns laws that the residual shows.
+
+    ``read_doubts`` are about logs that could not be read.
+    """
+    samples, dead = _rows_of(training_logs, options)
     options = _without_delay(options, wanted)
-    fit = _settings(
-        unknown, samples, dead, options, method, wanted, lambda share: tell(0.2 + 0.5 * share), among=not tested
-    )
-    source, prior = fit.source, fit.prior
-    source.release()
-    base, trial = source.base, Trial(source, fit.settings)
+    chosen = _chosen_settings(
+        unknown, samples, dead, options, method, wanted, lambda share: report_progress(0.2 + 0.5 * share),
+        needs_folds=not test_logs,
+    )  # fmt: skip
+    rows, prior = chosen.rows, chosen.prior
+    rows.release()
+    base, trial = rows.base, Trial(rows, chosen.settings)
     x, sigma, weights = weighted_fit(trial.W, trial.tau, prior, method, trial.felt)
-    settings, covariance = _with_covariance(fit, trial, x, sigma, weights)
-    among = _five_fold(source, prior, method, fit.without_fifth)
-    held_out = _predict_tests(source, tested, settings, x, fit.assumed) if tested else among
-    tell(0.8)
-    begin = replace(settings, shift=options.shift or 0.0)  # a chosen delay may have another cause
+    settings, covariance = _with_covariance(chosen, trial, x, sigma, weights)
+    five_fold = _five_fold(rows, prior, method, chosen.without_fifth)
+    held_out = _predict_tests(rows, test_logs, settings, x, chosen.assumed) if test_logs else five_fold
+    report_progress(0.8)
     causes, laws = list[Doubt](), tuple[WantedCause, ...]()
-    of_noise = covariance.matrix  # doubts are judged by the covariance of noise and states alone
+    noise_covariance = covariance.matrix  # for doubts: the covariance by noise and states alone
     if not payload_only:
-        causes, laws, changes = _diagnosis(source, begin, settings.shift, wanted)
+        initial = replace(settings, shift=options.shift or 0.0)  # a chosen delay may have another cause
+        causes, laws, changes = _diagnosis(rows, initial, settings.shift, wanted)
         covariance = covariance.widened(changes @ base.grouping.T)
-    logs = (*trained, *tested)
     fifths = tuple(_normal_equations(trial, sigma, weights, trial.fold == b) for b in range(FOLDS))
     fitted = FittedLog(
-        base, logs, trial.W, trial.tau, settings, prior, x, of_noise, held_out, among, fifths, trial.rows.speed,
-        trial.rows.acceleration, lowest_rate(source.samples), source.dead, causes, payload_only is not None,
+        base=base, logs=(*training_logs, *test_logs), W=trial.W, tau=trial.tau, settings=settings, prior=prior, x=x,
+        covariance=noise_covariance, held_out=held_out, trained=five_fold, fifths=fifths, speed=trial.rows.speed,
+        acceleration=trial.rows.acceleration, rate=lowest_rate(rows.samples), dead=rows.dead, causes=causes,
+        payload_only=payload_only is not None,
     )  # fmt: skip
-    tell(1.0)
+    report_progress(1.0)
     found = IdentifiedRobot(
         original=without_coupled_motors(robot),
         base=base,
@@ -320,45 +330,57 @@ def _identify_once(
         sigma=sigma,
         settings=settings,
         held_out=held_out,
-        trained=among,
-        doubts=sorted_doubts([*lost, *doubts_of(fitted)]),
+        trained=five_fold,
+        doubts=sorted_doubts([*read_doubts, *doubts_of(fitted)]),
         prior=prior,
         method=method,
-        sizes=fit.sizes,
+        sizes=chosen.sizes,
         _fifths=fifths,
         payload_frame=payload_only,
-        notes=(*(f"Assumed: {one}." for one in settings.assumed), *_remarks(logs)),
+        notes=(*_assumed_notes(settings), *_remarks(fitted.logs)),
         torque_shares=fitted.torque_shares,
     )
     return found, laws
 
 
+def _assumed_notes(settings: FitSettings) -> list[str]:
+    """Note on each assumed cause."""
+    return [f"Assumed: {cause}." for cause in settings.assumed]
+
+
 def _with_covariance(
-    fit: _Settings, trial: Trial, x: Array, sigma: Array, weights: Array
+    chosen: _ChosenSettings, trial: Trial, x: Array, sigma: Array, weights: Array
 ) -> tuple[FitSettings, GroupCovariance]:
     """Settings with the values of the assumed causes, and covariance of the groups."""
-    if fit.assumed is None:
+    if chosen.assumed is None:
         no_columns = np.zeros((*trial.tau.shape, 0))
-        return fit.settings, fit_covariance(trial, no_columns, x, sigma, weights, fit.prior)
-    covariance = fit_covariance(trial, fit.assumed.columns(MOST_ROWS), x, sigma, weights, fit.prior)
-    settings = replace(fit.settings, assumed=fit.assumed.values(covariance))
-    return settings, covariance.of_first(fit.source.base.count)
+        return chosen.settings, fit_covariance(trial, no_columns, x, sigma, weights, chosen.prior)
+    covariance = fit_covariance(trial, chosen.assumed.columns(MOST_ROWS), x, sigma, weights, chosen.prior)
+    settings = replace(chosen.settings, assumed=chosen.assumed.values(covariance))
+    return settings, covariance.of_first(chosen.rows.base.count)
 
 
 def _diagnosis(
-    source: SettingRows, begin: FitSettings, shift: float, wanted: Sequence[WantedCause]
+    rows: SettingRows, initial: FitSettings, shift: float, wanted: Sequence[WantedCause]
 ) -> tuple[list[Doubt], tuple[WantedCause, ...], Array]:
-    """Doubts about causes that are not assumed, laws of the robot, and changes (k, p) of the parameters by laws left out."""
-    unknown = source.base.unknown
-    found, before = diagnose(log_fit(unknown, source.samples, begin, source.dead))
+    """Causes of the residual, from a search that starts at initial settings.
+
+    Returns
+    -------
+    doubts : doubts about causes that are not assumed; ``shift`` is the delay [s] that the fit has removed
+    laws : laws of the robot that could be fitted
+    changes : (k, p) array, changes of the parameters by laws that are not fitted
+    """
+    unknown = rows.base.unknown
+    found, fit_without_laws = diagnose(log_fit(unknown, rows.samples, initial, rows.dead))
     for assumed in wanted:
         found = [cause for cause in found if not assumed.stands_for(cause)]
     doubts = cause_doubts(unknown.model.velocity_names, found, shift)
-    return doubts, laws_of_the_robot(found), law_changes(before)
+    return doubts, laws_of_the_robot(found), law_changes(fit_without_laws)
 
 
 _MIN_DECREASE = 0.05
-"""Share of itself by which the residual of rows held out falls if a law of the robot is fitted unasked."""
+"""Relative decrease of the residual in rows held out from which a law of the robot is fitted unasked."""
 
 
 def _options_at_cutoff(options: FitOptions, found: IdentifiedRobot) -> FitOptions:
@@ -367,36 +389,41 @@ def _options_at_cutoff(options: FitOptions, found: IdentifiedRobot) -> FitOption
 
 
 def _better_with(laws: Sequence[WantedCause], without: IdentifiedRobot, found: IdentifiedRobot) -> IdentifiedRobot:
-    """Fit with laws of the robot if rows held out confirm them; else the fit without them, with a note."""
-    left, before = found.held_out.all, without.held_out.all
-    kinds = [one.kind for one in laws]
-    if left > (1.0 - _MIN_DECREASE) * before:
-        shares = f"{percent(left, 3)} of the torques in rows held out, in place of {percent(before, 3)}"
+    """Fit ``found`` with laws of the robot if rows held out confirm them; else the fit without them, with a note."""
+    residual, residual_without = found.held_out.all, without.held_out.all
+    kinds = [law.kind for law in laws]
+    if residual > (1.0 - _MIN_DECREASE) * residual_without:
+        shares = f"{percent(residual, 3)} of the torques in rows held out, in place of {percent(residual_without, 3)}"
         note = f"Not fitted: {listed(kinds)}, which would leave {shares}."
         return replace(without, notes=(*without.notes, note))
-    reason = f"as it leaves {percent(left, 3)} in place of {percent(before, 3)} in rows held out"
+    reason = f"as it leaves {percent(residual, 3)} in place of {percent(residual_without, 3)} in rows held out"
     notes = list(found.notes)
-    fitted: list[str] = []
-    for one in found.settings.assumed:
-        if one.kind in kinds:
-            notes.remove(f"Assumed: {one}.")
-            fitted.append(f"Fitted: {one}, {reason}.")
-    return replace(found, notes=(*fitted, *notes))
+    law_notes: list[str] = []
+    for cause in found.settings.assumed:
+        if cause.kind in kinds:  # the user has not assumed it
+            notes.remove(f"Assumed: {cause}.")
+            law_notes.append(f"Fitted: {cause}, {reason}.")
+    return replace(found, notes=(*law_notes, *notes))
 
 
 @dataclass(frozen=True, eq=False)
-class _Settings:
-    """Rows, sizes of the unknowns, weak prior, assumed causes, and chosen settings; ``without_fifth``: those without each."""
+class _ChosenSettings:
+    """Rows of a fit, with its prior and its settings."""
 
-    source: SettingRows
+    rows: SettingRows
     sizes: Array
+    """(p,) largest plausible sizes of the unknown parameters."""
     prior: Prior
+    """Weak prior of the groups."""
     assumed: AssumedCauses | None
+    """Causes that were removed from the logs."""
     settings: FitSettings
+    """Settings chosen on all rows."""
     without_fifth: Sequence[FitSettings]
+    """Settings chosen without each fifth of the time."""
 
 
-def _settings(
+def _chosen_settings(
     unknown: UnknownParameters,
     samples: Sequence[SteadySamples],
     dead: Array,
@@ -405,38 +432,44 @@ def _settings(
     wanted: Sequence[WantedCause],
     progress: Callable[[float], None],
     *,
-    among: bool,
-) -> _Settings:
-    """Choose settings, after assumed causes are removed; those without each fifth of the time are equal if not ``among``."""
+    needs_folds: bool,
+) -> _ChosenSettings:
+    """Choose settings, after assumed causes are removed.
+
+    ``needs_folds``: choose settings without each fifth of the time, too; otherwise they are those of all rows.
+    """
 
     def build(base: BaseParameters, samples: Sequence[SteadySamples]) -> tuple[SettingRows, Array, Prior]:
-        source = SettingRows(base, samples, options, dead)
-        sizes = base.unknown.scales(*source.typical())
-        return source, sizes, Prior(base.project(base.unknown.file_values), base.weak_sizes(sizes))
+        """Rows of samples, sizes of the unknown parameters, and weak prior of the groups."""
+        rows = SettingRows(base, samples, options, dead)
+        sizes = base.unknown.scales(*rows.typical())
+        return rows, sizes, Prior(base.project(base.unknown.file_values), base.weak_sizes(sizes))
 
     fifths = list(range(FOLDS))
-    others = [fifths[:k] + fifths[k + 1 :] for k in fifths]
+    others_of_fifth = [fifths[:k] + fifths[k + 1 :] for k in fifths]
     if wanted:
-        begin = begin_settings(unknown.model.nv, samples, options)
-        start = AssumedCauses.from_logs(unknown, samples, wanted, begin, dead)
-        assumed, settings, (source, sizes, prior) = start.refine(build, method, MOST_ROWS)
+        initial_settings = begin_settings(unknown.model.nv, samples, options)
+        initial_causes = AssumedCauses.from_logs(unknown, samples, wanted, initial_settings, dead)
+        assumed, settings, (rows, sizes, prior) = initial_causes.refine(build, method, MOST_ROWS)
         without_fifth = [settings] * FOLDS
-        if among:
-            without_fifth = source.choose(prior, others, progress)
-        return _Settings(source, sizes, prior, assumed, settings, without_fifth)
-    source, sizes, prior = build(BaseParameters.from_unknowns(unknown), samples)
-    if among:
-        settings, *without_fifth = source.choose(prior, [fifths, *others], progress)
+        if needs_folds:
+            without_fifth = rows.choose(prior, others_of_fifth, progress)
+        return _ChosenSettings(rows, sizes, prior, assumed, settings, without_fifth)
+    rows, sizes, prior = build(BaseParameters.from_unknowns(unknown), samples)
+    if needs_folds:
+        settings, *without_fifth = rows.choose(prior, [fifths, *others_of_fifth], progress)
     else:
-        (settings,) = source.choose(prior, [fifths], progress)
+        (settings,) = rows.choose(prior, [fifths], progress)
         without_fifth = [settings] * FOLDS
-    return _Settings(source, sizes, prior, None, settings, without_fifth)
+    return _ChosenSettings(rows, sizes, prior, None, settings, without_fifth)
 
 
-_MAX_SEARCH_CUTOFF, _MIN_ROWS_OF_GROUP = 5.0, 2.0
-"""Maximum cut-off [Hz] of the search for causes without a choice of settings; minimum equations of a joint per group."""
-_USUAL_SPEED = 0.03
-"""Initial Coulomb smoothing speed of that search [rad/s, m/s]."""
+_MAX_SEARCH_CUTOFF = 5.0
+"""Maximum cut-off [Hz] of the search for causes without a choice of settings."""
+_MIN_ROWS_OF_GROUP = 2.0
+"""Minimum number of rows for each group of parameters in this search."""
+_SEARCH_FRICTION_SPEED = 0.03
+"""Initial Coulomb smoothing speed of this search [rad/s, m/s]."""
 
 
 def measured_causes(robot: Robot, logs: Log | Sequence[Log]) -> tuple[Doubt, ...]:
@@ -473,21 +506,24 @@ def measured_causes(robot: Robot, logs: Log | Sequence[Log]) -> tuple[Doubt, ...
     samples, dead = steady_samples(read), _dead_torques(read)
     cutoff = min(_MAX_SEARCH_CUTOFF, 0.1 * lowest_rate(samples))
     rows = ROW_RATE * cutoff * total_seconds(samples)
-    still = not any(moves(log.q).any() for log in read)
-    if still or dead.all() or rows < _MIN_ROWS_OF_GROUP * BaseParameters.from_unknowns(unknown).count:
+    is_at_rest = not any(moves(log.q).any() for log in read)
+    if is_at_rest or dead.all():
         return ()
-    settings = FitSettings(cutoff, np.full(robot.nv, _USUAL_SPEED), 0.0)
+    if rows < _MIN_ROWS_OF_GROUP * BaseParameters.from_unknowns(unknown).count:
+        return ()
+    settings = FitSettings(cutoff, np.full(robot.nv, _SEARCH_FRICTION_SPEED), 0.0)
     causes, _ = diagnose(log_fit(unknown, samples, settings, dead))
     return tuple(doubt_of_cause(unknown.model.velocity_names, cause) for cause in causes)
 
 
-def _rows_of(trained: Sequence[ReadLog], options: FitOptions) -> tuple[list[SteadySamples], Array]:
+def _rows_of(logs: Sequence[ReadLog], options: FitOptions) -> tuple[list[SteadySamples], Array]:
     """Samples of the logs, and (nv,) bool, True for joints without a torque."""
-    samples = steady_samples(trained)
+    samples = steady_samples(logs)
     cutoff = options.cutoff
-    if cutoff is not None:  # checks for pieces that are too short for the cut-off
-        samples = [s for s in samples if s.seconds * cutoff >= 1.0 or not s.cut] or samples
-    dead = _dead_torques(trained)
+    if cutoff is not None:  # pieces shorter than a period of the cut-off are left out, if there are others
+        long_samples = [piece for piece in samples if piece.seconds * cutoff >= 1.0 or not piece.cut]
+        samples = long_samples or samples
+    dead = _dead_torques(logs)
     if dead.all():
         raise TrajectoryError(
             "identify: the torques of all joints are constant throughout, so nothing can be identified."
@@ -497,7 +533,7 @@ def _rows_of(trained: Sequence[ReadLog], options: FitOptions) -> tuple[list[Stea
 
 def _without_delay(options: FitOptions, wanted: Sequence[WantedCause]) -> FitOptions:
     """Options of a fit that assumes ``late``: the delay is then one of the causes. Raises ValueRangeError."""
-    if not any(one.kind == "late" for one in wanted):
+    if not any(cause.kind == "late" for cause in wanted):
         return options
     if options.shift is not None:
         raise ValueRangeError("a shift is given, and late is assumed, which estimates it. Leave one of them out.")
@@ -522,13 +558,14 @@ def _remarks(logs: Sequence[ReadLog]) -> tuple[str, ...]:
     notes: list[str] = []
     used, total, windows = 0, 0, 0
     for log in logs:
-        notes += [one.sentence for one in log.doubts if one.kind == LEFT_OUT]
+        notes += [found.sentence for found in log.doubts if found.kind == LEFT_OUT]
         used += log.count
         total += log.checks.count
         windows += len(log.windows)
     if used < total:
         notes.append(f"{_three_digits(used)} of {_three_digits(total)} samples, in {windows} windows.")
-    return (*notes, *gap_notes(np.concatenate([log.gaps for log in logs])))
+    gaps = np.concatenate([log.gaps for log in logs])
+    return (*notes, *gap_notes(gaps))
 
 
 def _three_digits(count: int) -> str:
@@ -537,34 +574,39 @@ def _three_digits(count: int) -> str:
 
 
 def _dead_torques(logs: Sequence[ReadLog]) -> Array:
-    """(nv,) bool, True if the torque is constant in nearly all rows, as for a disconnected channel."""
+    """(nv,) bool, True if the torque is constant, as of a disconnected channel.
+
+    The torque of a joint that moves needs to be constant in nearly all rows only.
+    """
     tau = np.concatenate([log.tau for log in logs])
-    moved = np.any([(np.diff(log.q, axis=0) != 0).any(axis=0) for log in logs], axis=0)
-    share = (tau == np.median(tau, axis=0)).mean(axis=0)
-    return np.asarray((np.ptp(tau, axis=0) == 0) | (moved & (share > _MAX_CONSTANT_ROWS)))
+    has_moved = np.any([(np.diff(log.q, axis=0) != 0).any(axis=0) for log in logs], axis=0)
+    constant_share = (tau == np.median(tau, axis=0)).mean(axis=0)
+    is_constant = np.ptp(tau, axis=0) == 0
+    return np.asarray(is_constant | (has_moved & (constant_share > _MAX_CONSTANT_ROWS)))
 
 
 def _five_fold(source: SettingRows, prior: Prior, method: Method, settings: Sequence[FitSettings]) -> HeldOut:
     """Predict each fifth of the time from the others; fifths with no rows or with all rows are left out."""
-    found = list[HeldOut]()
-    for block in range(FOLDS):
-        trial = Trial(source, settings[block])
-        here = trial.fold == block
-        if not here.any() or here.all():
+    held_out_fifths = list[HeldOut]()
+    for fifth in range(FOLDS):
+        trial = Trial(source, settings[fifth])
+        is_held_out = trial.fold == fifth
+        if not is_held_out.any() or is_held_out.all():
             continue
-        x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, trial.felt, ~here)
-        left = HeldOutRows(trial.rows.time[here], trial.rows.log[here], trial.tau[here], trial.W[here] @ x)
-        found.append(HeldOut.from_rows("five-fold", left, source.base.unknown.model.velocity_names))
-    if not found:
+        x, _, _ = weighted_fit(trial.W, trial.tau, prior, method, trial.felt, ~is_held_out)
+        time, log = trial.rows.time[is_held_out], trial.rows.log[is_held_out]
+        rows = HeldOutRows(time, log, trial.tau[is_held_out], trial.W[is_held_out] @ x)
+        held_out_fifths.append(HeldOut.from_rows("five-fold", rows, source.base.unknown.model.velocity_names))
+    if not held_out_fifths:
         raise TrajectoryError("identify: the logs are too short to hold a part of them out. Give more seconds.")
-    return reduce(operator.add, found)
+    return reduce(operator.add, held_out_fifths)
 
 
 def _predict_tests(
-    source: SettingRows, tested: Sequence[ReadLog], settings: FitSettings, x: Array, assumed: AssumedCauses | None
+    source: SettingRows, test_logs: Sequence[ReadLog], settings: FitSettings, x: Array, assumed: AssumedCauses | None
 ) -> HeldOut:
     """Predict separate test logs with the settings of the training logs and the assumed causes."""
-    samples = steady_samples(tested)
+    samples = steady_samples(test_logs)
     if assumed is not None:
         samples = assumed.correct_other_logs(samples)
     options = FitOptions(settings.cutoff, source.asked.friction_speed, settings.shift)

@@ -1,7 +1,8 @@
 """Windows of logs: all rows are checked, and at most 200,000 samples of all logs are fitted.
 
-Short logs are one window each; windows of longer logs are spread evenly over every log. Each becomes samples on a steady clock
-of its own, so filters settle at its ends as at a pause. Windows are independent: a loop, processes, or a cluster read them.
+Short logs are one window each; windows of longer logs are spread evenly over every log. Each window becomes samples on a
+steady clock of its own, so that filters settle at its ends as at a pause. Windows are independent of one another: a loop,
+processes, or a cluster may read them.
 """
 
 from __future__ import annotations
@@ -38,13 +39,14 @@ MOST_STATES = 200_000
 WINDOW = 4096
 """Samples per window of a longer log."""
 _MAX_WRONG_ROWS = 0.01  # maximum share of single-row glitches that are removed from a log
-_MIN_CLOSED_PAUSE = 0.06, 6.0  # pause with closed-up time stamps: minimum [s], and minimum in usual steps
+_MIN_CLOSED_PAUSE = 0.06  # least length of a pause with closed-up time stamps [s]
+_MIN_CLOSED_PAUSE_STEPS = 6.0  # the same in usual steps
 _PORTION = MOST_STATES  # rows that are checked together
 _HAS_COMMANDS = (
     "no torque for every joint; the log has commands: {0} identifies gains, friction and armature from them. If it has "
     "torques, too, name their columns JOINT.torque."
 )
-_SERVOS = Argument("identify_servos", None, option="from-commands")
+_IDENTIFY_SERVOS = Argument("identify_servos", None, option="from-commands")
 
 Log: TypeAlias = Motion | str | Path
 
@@ -78,7 +80,7 @@ class LogSource:
             )
         if log.tau is None:
             if log.command is not None:
-                raise ShapeError(f"identify: {name} has {_HAS_COMMANDS}", _SERVOS)
+                raise ShapeError(f"identify: {name} has {_HAS_COMMANDS}", _IDENTIFY_SERVOS)
             raise ShapeError(
                 f"identify: {name} has no torques for every joint. Name their columns JOINT.torque, or "
                 "assign them: columns={'JOINT.tau': 'COLUMN'}."
@@ -92,24 +94,27 @@ class LogSource:
     @property
     def log(self) -> MotionLog:
         """Log of the file, decoded once per process; raises the errors of :meth:`MotionLog.open`."""
-        columns, gain = sorted((self.columns or {}).items()), sorted((self.gain or {}).items())
+        columns = tuple(sorted((self.columns or {}).items()))
+        gain = tuple(sorted((self.gain or {}).items()))
         file = Path(self.path)
-        written = file.stat().st_mtime_ns if file.is_file() else 0
+        modification_time = file.stat().st_mtime_ns if file.is_file() else 0
         options = self._options
         motors = () if self.side is None else self.side.names
         drives = self.robot.model.drive_names
-        key = (self.path, written, drives, motors, tuple(columns), tuple(gain), *options.values())
+        key = (self.path, modification_time, drives, motors, columns, gain, *options.values())
         if key not in _OPENED:
             options |= {"columns": self.columns, "gain": self.gain}
             log = open_log(self.path, self.robot.model, self.side, **options)
-            room = _MAX_BYTES_OPENED - log.table.nbytes  # a log that cannot be decoded raises here
-            while _OPENED and sum(one.table.nbytes for one in _OPENED.values()) > room:
-                _OPENED.pop(next(iter(_OPENED)))
+            free_bytes = _MAX_BYTES_OPENED - log.table.nbytes  # a log that cannot be decoded raises here
+            while _OPENED and sum(opened.table.nbytes for opened in _OPENED.values()) > free_bytes:
+                oldest_key = next(iter(_OPENED))
+                _OPENED.pop(oldest_key)
             _OPENED[key] = log
         return _OPENED[key]
 
     @property
     def _options(self) -> dict[str, Any]:
+        """Reading options that can be part of a key."""
         return {"rate": self.rate, "degrees": self.degrees, "topic": self.topic, "episode": self.episode}
 
     def _has_commands(self) -> bool:
@@ -125,11 +130,11 @@ class LogSource:
     def rows(self, rows: slice) -> LogRows:
         """Range of rows on the joints' side; raises ValueRangeError if a file has no torques."""
         if self.motion is not None:
-            m = self.motion
-            return LogRows(m.time[rows], m.q[rows], None, None, np.asarray(m.tau)[rows])
+            time, q, tau = self.motion.time[rows], self.motion.q[rows], np.asarray(self.motion.tau)[rows]
+            return LogRows(time, q, None, None, tau)
         found = self.log.motion(self.log.table[rows])
         if found.tau is None and self._has_commands():
-            raise ValueRangeError(f"{self.path}: {_HAS_COMMANDS}", _SERVOS)
+            raise ValueRangeError(f"{self.path}: {_HAS_COMMANDS}", _IDENTIFY_SERVOS)
         if found.tau is None:
             raise ValueRangeError(
                 f"{self.path}: no torque for every joint. Name the columns JOINT.torque, or assign them: {{0}}; "
@@ -148,60 +153,64 @@ class LogSource:
         return sided_doubts(self.log, self.side, self.robot.limits)
 
     def part_for_window(self, window: slice) -> tuple[LogSource, slice]:
-        """Source to send to a worker, with the range of its rows: a motion without its other rows."""
-        if self.motion is None or len(self.motion) == window.stop - window.start:
+        """Source to send to a worker, and the window's rows in it; of a motion, only these rows are sent."""
+        row_count = window.stop - window.start
+        if self.motion is None or len(self.motion) == row_count:
             return self, window
-        return replace(self, motion=self.motion[window]), slice(0, window.stop - window.start)
+        return replace(self, motion=self.motion[window]), slice(0, row_count)
 
 
 _OPENED: dict[Any, MotionLog] = {}
 """Logs last decoded in this process, which their windows share."""
 _MAX_BYTES_OPENED = 1 << 28
-"""Maximum size of their tables [bytes]; the last one is kept whatever its size."""
+"""Maximum size of the tables of these logs [bytes]; the last one is kept whatever its size."""
 
 
 @dataclass(frozen=True, eq=False)
 class LogChecks:
     """Results of the checks of all rows of a log, and the rows that its windows leave out."""
 
-    count: int
+    count: int  # number of rows
     doubts: tuple[Doubt, ...]
-    wrong: Array  # times of wrong single rows [s]
+    wrong: Array  # times of wrong single rows that are left out [s]
     pauses: Array  # lengths of the pauses of the time stamps [s]
 
     @property
     def kinds(self) -> set[str]:
         """Kinds of the doubts."""
-        return {one.kind for one in self.doubts}
+        return {doubt.kind for doubt in self.doubts}
 
 
 def checks_of(log: LogSource) -> LogChecks:
     """Check all rows of a log; wrong single rows are left out if they are few."""
-    c, count, doubts = Coordinates.from_model(log.robot.model), log.count, log.doubts()
-    at = c.position_of[c.position_of >= 0]
-    glitches = SingleRowGlitches(len(at), c.angular[at])
-    for s in slices(count, _PORTION):
-        first = max(0, s.start - OVERLAP)
-        rows = log.rows(slice(first, s.stop))
-        glitches.add(rows.time, rows.q[:, at])
-    wrong = glitches.times()
-    if 0 < len(wrong) <= max(1.0, _MAX_WRONG_ROWS * count):
-        names = [log.robot.model.velocity_names[k] for k in np.flatnonzero(c.position_of >= 0)]
-        others = [one for one in doubts if one.kind not in ("single-row", "stamp")]
-        doubts = (*others, *row_doubts(glitches, names, left_out=True))
+    coordinates = Coordinates.from_model(log.robot.model)
+    count, doubts = log.count, log.doubts()
+    has_position = coordinates.position_of >= 0  # of each velocity
+    columns = coordinates.position_of[has_position]
+    glitches = SingleRowGlitches(len(columns), coordinates.angular[columns])
+    for portion in slices(count, _PORTION):  # to limit memory
+        first = max(0, portion.start - OVERLAP)
+        rows = log.rows(slice(first, portion.stop))
+        glitches.add(rows.time, rows.q[:, columns])
+    wrong_times = glitches.times()
+    are_few = 0 < len(wrong_times) <= max(1.0, _MAX_WRONG_ROWS * count)
+    if are_few:
+        names = [log.robot.model.velocity_names[k] for k in np.flatnonzero(has_position)]
+        other_doubts = [doubt for doubt in doubts if doubt.kind not in ("single-row", "stamp")]
+        doubts = (*other_doubts, *row_doubts(glitches, names, left_out=True))
     else:
-        wrong = wrong[:0]
+        wrong_times = wrong_times[:0]
     time = log.log.table[:, 0] if log.motion is None else log.motion.time
-    return LogChecks(count, doubts, wrong, pause_lengths(time))
+    return LogChecks(count, doubts, wrong_times, pause_lengths(time))
 
 
 @dataclass(frozen=True, eq=False)
 class WindowRows:
-    """Rows of a window that are used, time (n,), q and tau (n, nv), and their samples on steady clocks."""
+    """Used rows of a window, and their samples on steady clocks."""
 
-    time: Array
-    q: Array
-    tau: Array
+    time: Array  # (n,) [s]
+    q: Array  # (n, nq)
+    tau: Array  # (n, nv)
     samples: tuple[SteadySamples, ...]
     count: int  # rows of the window, including those that are left out
 
@@ -212,34 +221,36 @@ def rows_of_window(log: LogSource, window: slice, checks: LogChecks) -> WindowRo
     The result depends on the arguments alone.
     """
     rows, model = log.rows(window), log.robot.model
-    whole = len(rows.time) == checks.count
-    doubts = checks.kinds
+    is_whole_log = len(rows.time) == checks.count
     time, q, tau = rows.time, continuous(model, rows.q), np.asarray(rows.tau)
-    kept = ~spikes(tau).any(axis=1) & ~np.isin(time, checks.wrong)
-    if "repeated" in doubts:
-        new = new_rows(q)
-        if new is not None:
-            kept &= new
-    if "pause" in doubts:
+    is_kept = ~spikes(tau).any(axis=1) & ~np.isin(time, checks.wrong)
+    if "repeated" in checks.kinds:
+        is_new = new_rows(q)
+        if is_new is not None:
+            is_kept &= is_new
+    if "pause" in checks.kinds:
         time = _with_pauses(time, q)
-    if "held" in doubts:
-        kept &= ~held_rows(rows.time, gaps(rows.time, q))
-    if "dropout" in doubts:
-        kept &= ~dropouts(time, tau, q).any(axis=1)
-    time, q, tau = time[kept], rows.q[kept], tau[kept]
-    if not whole and len(time) < MIN_SAMPLES:
-        return WindowRows(time, q, tau, (), len(kept))
+    if "held" in checks.kinds:
+        is_kept &= ~held_rows(rows.time, gaps(rows.time, q))
+    if "dropout" in checks.kinds:
+        is_kept &= ~dropouts(time, tau, q).any(axis=1)
+    time, q, tau = time[is_kept], rows.q[is_kept], tau[is_kept]
+    count = len(is_kept)
+    if not is_whole_log and len(time) < MIN_SAMPLES:
+        return WindowRows(time, q, tau, (), count)
     samples = SteadySamples.pieces(time, continuous(model, q), tau, log.path)
-    if not whole:
+    if not is_whole_log:
         samples = [replace(piece, cut=True) for piece in samples]
-    return WindowRows(time, q, tau, tuple(samples), len(kept))
+    return WindowRows(time, q, tau, tuple(samples), count)
 
 
 def _with_pauses(time: Array, q: Array) -> Array:
     """Times (n,) with the pauses that were closed up, where positions q (n, nv) are not held."""
-    length = max(_MIN_CLOSED_PAUSE[0], _MIN_CLOSED_PAUSE[1] * float(np.median(np.diff(time))))
+    usual_step = float(np.median(np.diff(time)))
+    pause = max(_MIN_CLOSED_PAUSE, _MIN_CLOSED_PAUSE_STEPS * usual_step)
     moving_gaps = [gap.time for gap in gaps(time, q) if not gap.held]
-    return time + length * np.searchsorted(moving_gaps, time)
+    pauses_before = np.searchsorted(moving_gaps, time)  # number of pauses before each row
+    return time + pause * pauses_before
 
 
 def spread_windows(counts: Sequence[int]) -> list[list[slice]]:
@@ -250,13 +261,16 @@ def spread_windows(counts: Sequence[int]) -> list[list[slice]]:
     """
     if sum(counts) <= MOST_STATES:
         return [[slice(0, n)] for n in counts]
-    most_windows = -(-MOST_STATES // WINDOW)
-    logs = np.unique(np.linspace(0, len(counts) - 1, min(most_windows, len(counts))).astype(int)).tolist()
-    total = sum(counts[k] for k in logs)
-    shares = [0] * len(counts)
-    for k in logs:
-        shares[k] = max(1, round(most_windows * counts[k] / total))
-    return [spread_rows(n, share, MOST_STATES // sum(shares)) for n, share in zip(counts, shares, strict=True)]
+    max_windows = -(-MOST_STATES // WINDOW)  # rounded up
+    # of more logs than windows, some are left out, evenly
+    used_count = min(max_windows, len(counts))
+    used_logs = np.unique(np.linspace(0, len(counts) - 1, used_count).astype(int)).tolist()
+    total = sum(counts[k] for k in used_logs)
+    window_counts = [0] * len(counts)
+    for k in used_logs:
+        window_counts[k] = max(1, round(max_windows * counts[k] / total))
+    window_rows = MOST_STATES // sum(window_counts)
+    return [spread_rows(n, windows, window_rows) for n, windows in zip(counts, window_counts, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,9 +309,10 @@ class ReadLog:
     @property
     def gaps(self) -> Array:
         """Lengths of its pauses [s]: of the rows that are used, or of all time stamps if the log is not one window."""
-        if "pause" in self.checks.kinds:  # closed up, so not split yet
+        if "pause" in self.checks.kinds:  # a doubt about closed-up pauses, which have no gaps in time
             return np.zeros(0)
-        return pause_lengths(self.time) if self.count == self.checks.count else self.checks.pauses
+        is_one_window = self.count == self.checks.count
+        return pause_lengths(self.time) if is_one_window else self.checks.pauses
 
     @property
     def samples(self) -> list[SteadySamples]:
@@ -310,21 +325,22 @@ def read_logs(
 ) -> list[ReadLog | Failure]:
     """Check logs and read their windows, in the order of the logs; results do not depend on the workers."""
     checks = list(team.results(checks_of, sources, lambda share: progress(0.5 * share)))
-    sound = {k: one for k, one in enumerate(checks) if not isinstance(one, Failure)}
-    calls, owners = list[Callable[[], WindowRows]](), list[int]()
-    for k, windows in zip(sound, spread_windows([one.count for one in sound.values()]), strict=True):
-        calls += [partial(rows_of_window, *sources[k].part_for_window(window), sound[k]) for window in windows]
-        owners += [k] * len(windows)
-    rows = team.results(operator.call, calls, lambda share: progress(0.5 + 0.5 * share))
-    windows_of: list[list[WindowRows | Failure]] = [[] for _ in sources]
-    for k, window in zip(owners, rows, strict=True):
-        windows_of[k].append(window)
+    readable = {k: check for k, check in enumerate(checks) if not isinstance(check, Failure)}  # by index of the log
+    calls, log_of_call = list[Callable[[], WindowRows]](), list[int]()
+    windows_of_logs = spread_windows([check.count for check in readable.values()])
+    for (k, check), windows in zip(readable.items(), windows_of_logs, strict=True):
+        calls += [partial(rows_of_window, *sources[k].part_for_window(window), check) for window in windows]
+        log_of_call += [k] * len(windows)
+    results = team.results(operator.call, calls, lambda share: progress(0.5 + 0.5 * share))
+    results_of_logs: list[list[WindowRows | Failure]] = [[] for _ in sources]
+    for k, result in zip(log_of_call, results, strict=True):
+        results_of_logs[k].append(result)
     _OPENED.clear()
-    files = sum(source.motion is None for source in sources)
+    file_count = sum(source.motion is None for source in sources)
     logs = list[ReadLog | Failure]()
-    for source, check, results in zip(sources, checks, windows_of, strict=True):
-        name = source.path if files > 1 and source.motion is None else ""
-        logs.append(_read_log(name, check, results))
+    for source, check_or_failure, results_of_log in zip(sources, checks, results_of_logs, strict=True):
+        is_named = file_count > 1 and source.motion is None
+        logs.append(_read_log(source.path if is_named else "", check_or_failure, results_of_log))
     return logs
 
 
@@ -332,20 +348,23 @@ def _read_log(name: str, checks: LogChecks | Failure, windows: Sequence[WindowRo
     """Log from its checks and windows; the first failure if one of them failed."""
     if isinstance(checks, Failure):
         return checks
-    read = list[WindowRows]()
+    read_windows = list[WindowRows]()
     for window in windows:
         if isinstance(window, Failure):
             return window
-        read.append(window)
-    return ReadLog(name, checks, tuple(read))
+        read_windows.append(window)
+    return ReadLog(name, checks, tuple(read_windows))
 
 
 def steady_samples(logs: Sequence[ReadLog]) -> list[SteadySamples]:
     """Samples of all logs; each has the number of its log if logs have times in common."""
     spans = sorted((float(log.time[0]), float(log.time[-1])) for log in logs if len(log.time))
-    common = any(after[0] <= before[1] for before, after in pairwise(spans))
+    have_common_times = False
+    for (_, end), (next_begin, _) in pairwise(spans):
+        if next_begin <= end:
+            have_common_times = True
     samples = list[SteadySamples]()
     for k, log in enumerate(logs, 1):
-        number = k if common else 0
+        number = k if have_common_times else 0  # 0: times alone tell the logs apart
         samples += [replace(piece, log=number) for piece in log.samples]
     return samples

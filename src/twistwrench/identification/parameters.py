@@ -9,8 +9,10 @@ with fs the static friction in excess of Coulomb friction, and v_s the Stribeck 
 Dupont and Canudas de Wit, "A survey of models, analysis tools and compensation methods for the control of machines with
 friction", Automatica 30(7), 1994).
 
-A motor k that turns with several joints has the rate s_k · dq; s_k is 1 for its own joint. It adds s_k (Ia_k s_k·ddq +
-fv_k s_k·dq + fc_k tanh(s_k·dq / v_0)) to the torques of these joints.
+A motor k that turns with several joints has the rate s_k · dq, with s_k (nv,) 1 for its own joint. It adds to the torques of
+these joints
+
+    s_k (Ia_k s_k·ddq + fv_k s_k·dq + fc_k tanh(s_k·dq / v_0))
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ FRICTION = ("viscous", "coulomb", "offset")
 """Default friction parameters."""
 STRIBECK_SPEED = 0.1
 """Default Stribeck speed [rad/s or m/s]."""
-_DRY = ("coulomb", "stribeck")
+_DRY_FRICTION = ("coulomb", "stribeck")
 PARAMETER_UNITS = {
     "m": ("kg",),
     **dict.fromkeys(("mcx", "mcy", "mcz"), ("kg m",)),
@@ -59,7 +61,7 @@ PARAMETER_UNITS = {
 
 def parameter_unit(kind: str, *, turning: bool) -> str:
     """SI unit of a kind of parameter, at a revolute or a prismatic joint."""
-    units = PARAMETER_UNITS[kind]
+    units = PARAMETER_UNITS[kind]  # one unit, if it is the same for both
     return units[0] if turning else units[-1]
 
 
@@ -90,9 +92,10 @@ def first_parameters(groups: Sequence[str]) -> list[str]:
     return [name.split(" ")[0] for name in groups]
 
 
-_BODY = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "mcx", "mcy", "mcz", "m")
+_BODY_PARAMETERS = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "mcx", "mcy", "mcz", "m")
 """Order of the ten parameters of a body in the choice of base parameters: moments first, as in papers on base parameters."""
-_SMALLEST_LENGTH, _SMALLEST_MASS = 0.05, 1e-3
+_MIN_LENGTH, _MIN_MASS = 0.05, 1e-3
+"""Least typical length [m] and mass [kg] of a robot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +155,10 @@ class UnknownParameters:
             from .payload import MotorSide
 
             object.__setattr__(self, "motor_side", MotorSide.of_couplings(robot.model))
-        if robot.model.armature.any() or robot.actuators or robot.model.couplings:
-            bare = replace(without_couplings(robot.model), armature=np.zeros(robot.nv), actuators={})
-            object.__setattr__(self, "robot", Robot(bare))
+        has_drives = robot.model.armature.any() or robot.actuators or robot.model.couplings
+        if has_drives:  # they are unknown, and parameters of their own
+            model_without_drives = replace(without_couplings(robot.model), armature=np.zeros(robot.nv), actuators={})
+            object.__setattr__(self, "robot", Robot(model_without_drives))
         for name, value in self.known.items():
             if name not in self.names:
                 raise UnknownNameError.from_choices("parameter", name, self.names)
@@ -175,29 +179,33 @@ class UnknownParameters:
 
     @cached_property
     def coupled(self) -> Array:
-        """(k, nv) rate of each motor that turns with several joints, per rate of each joint; 1 for its own."""
+        """(k, nv) rates s_k of the motors that turn with several joints, per rate of each joint; 1 for a motor's own joint."""
         if self.motor_side is None:
             return np.zeros((0, self.model.nv))
         return self.motor_side.coupled_rates
 
     @cached_property
     def _entries(self) -> tuple[tuple[str, str, int], ...]:
-        """Name, kind and index (column of the regressor, joint or coupled motor) of each parameter."""
-        model, entries = self.model, list[tuple[str, str, int]]()
-        drive = [kind for kind in DRIVE[1:] if kind in self.friction]
+        """Name, kind and index of each parameter.
+
+        The index is a column of the regressor for a body, a joint for its drive, and a coupled motor for kinds such as
+        ``coupled viscous``.
+        """
+        model = self.model
+        entries = list[tuple[str, str, int]]()
+        drive_kinds = [kind for kind in DRIVE[1:] if kind in self.friction]
         if self.motor_inertia:
-            drive.insert(0, "motor_inertia")
+            drive_kinds.insert(0, "motor_inertia")
         for i, body in enumerate(model.bodies):
             if i in self.bodies:
-                entries += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY]
+                entries += [(f"{body.link}.{p}", p, 10 * i + PARAMETER_NAMES.index(p)) for p in _BODY_PARAMETERS]
             if not body.follows:
-                entries += [(f"{body.joint.name}.{kind}", kind, body.v_index) for kind in drive]
-        names = model.velocity_names
+                entries += [(f"{body.joint.name}.{kind}", kind, body.v_index) for kind in drive_kinds]
         for k, rates in enumerate(self.coupled):
             motor = self.motor_side.coupled_motors[k] if self.motor_side is not None else ""
-            if not motor:
-                motor = "+".join(names[j] for j in np.flatnonzero(rates))
-            entries += [(f"{motor}.{kind}", f"coupled {kind}", k) for kind in drive if kind != "offset"]
+            if not motor:  # a motor without a name is named by its joints
+                motor = "+".join(model.velocity_names[j] for j in np.flatnonzero(rates))
+            entries += [(f"{motor}.{kind}", f"coupled {kind}", k) for kind in drive_kinds if kind != "offset"]
         return tuple(entries)
 
     @cached_property
@@ -218,7 +226,8 @@ class UnknownParameters:
     @cached_property
     def file_values(self) -> Array:
         """(p,) values of the robot file, 0 for drives; known values replace them."""
-        values = np.where(self.of_bodies >= 0, self.robot.parameters[self.of_bodies], 0.0)
+        is_body = self.of_bodies >= 0
+        values = np.where(is_body, self.robot.parameters[self.of_bodies], 0.0)
         for k in np.flatnonzero(self.held):
             values[k] = self.known[self.names[k]]
         return values
@@ -230,15 +239,18 @@ class UnknownParameters:
 
     @cached_property
     def lengths(self) -> tuple[float, float]:
-        """Typical mass [kg] and length [m] of the whole robot, for weak priors and scales."""
+        """Mass [kg] and reach [m] of the whole robot, for weak priors and scales."""
         model = self.model
-        reach, length = np.zeros(len(model.bodies)), _SMALLEST_LENGTH
+        distances = np.zeros(len(model.bodies))  # of each joint from the first one, along the links
+        length = _MIN_LENGTH
         for i, body in enumerate(model.bodies):
             if body.parent != BASE:
-                reach[i] = reach[body.parent] + float(np.linalg.norm(body.placement[:3, 3]))
-            length = max(length, float(reach[i] + np.linalg.norm(body.inertia.com)))
-        mass = model.moving_mass
-        return max(mass, _SMALLEST_MASS) if mass > 0 else 1.0, length
+                distances[i] = distances[body.parent] + float(np.linalg.norm(body.placement[:3, 3]))
+            length = max(length, float(distances[i] + np.linalg.norm(body.inertia.com)))
+        mass = 1.0  # of a robot file without masses
+        if model.moving_mass > 0:
+            mass = max(model.moving_mass, _MIN_MASS)
+        return mass, length
 
     def scales(self, torque: Array, speed: Array, acceleration: Array) -> Array:
         """Largest plausible size of each parameter, from the robot's mass and reach and the measured torques.
@@ -252,8 +264,9 @@ class UnknownParameters:
         scales : (p,) array
         """
         mass, length = self.lengths
-        of_body = {"m": mass, **dict.fromkeys(("mcx", "mcy", "mcz"), mass * length)}
-        of_drive = {
+        scale_of_inertia = mass * length**2
+        body_scales = {"m": mass, **dict.fromkeys(("mcx", "mcy", "mcz"), mass * length)}
+        drive_scales = {  # (nv,) each
             "motor_inertia": torque / acceleration,
             "viscous": torque / speed,
             "coulomb": torque,
@@ -262,13 +275,14 @@ class UnknownParameters:
         }
         scales = []
         for _, kind, index in self._entries:
-            plain_kind = kind.removeprefix("coupled ")
-            if plain_kind not in DRIVE:
-                scales.append(of_body.get(kind, mass * length**2))
-            elif plain_kind != kind:
-                scales.append(float(of_drive[plain_kind][self.coupled[index] != 0].max()))
-            else:
-                scales.append(float(of_drive[plain_kind][index]))
+            drive_kind = kind.removeprefix("coupled ")
+            if drive_kind not in DRIVE:
+                scales.append(body_scales.get(kind, scale_of_inertia))
+            elif drive_kind == kind:
+                scales.append(float(drive_scales[kind][index]))
+            else:  # coupled motor: the largest of its joints
+                is_own_joint = self.coupled[index] != 0
+                scales.append(float(drive_scales[drive_kind][is_own_joint].max()))
         return np.array(scales)
 
     def columns(
@@ -280,7 +294,14 @@ class UnknownParameters:
         friction_speed: Array,
         gravity: Array | None = None,
     ) -> Array:
-        """Columns of some of the parameters in the torques, under ``gravity`` instead of the robot's.
+        """Columns of some of the parameters in the torques.
+
+        Parameters
+        ----------
+        which : (k,) array, indices of the parameters
+        q, dq, ddq : (n, nv) arrays
+        friction_speed : (nv,) array, v_0
+        gravity : (3,) array, optional, replaces the robot's
 
         Returns
         -------
@@ -290,12 +311,12 @@ class UnknownParameters:
             gravity = self.model.gravity
         W = np.zeros((*dq.shape, len(which)))
         body_columns = self.of_bodies[which]
-        bodies = np.flatnonzero(body_columns >= 0)
-        if bodies.size:
-            W[:, :, bodies] = self.regressor(q, dq, ddq, gravity)[..., body_columns[bodies]]
-        drives = np.flatnonzero(body_columns < 0)
-        factors = self.drives(which[drives], dq, ddq, friction_speed)
-        W[:, :, drives] = factors[:, None] * self.shares[which[drives]].T
+        body_places = np.flatnonzero(body_columns >= 0)
+        if body_places.size:
+            W[:, :, body_places] = self.regressor(q, dq, ddq, gravity)[..., body_columns[body_places]]
+        drive_places = np.flatnonzero(body_columns < 0)
+        factors = self.drives(which[drive_places], dq, ddq, friction_speed)
+        W[:, :, drive_places] = factors[:, None] * self.shares[which[drive_places]].T
         return W
 
     @cached_property
@@ -310,14 +331,14 @@ class UnknownParameters:
         -------
         found : list of (column, joints), with (nv,) bool, True for joints at which the column is not zero
         """
-        found = []
-        for c, k in enumerate(which):
-            _, kind, index = self._entries[int(k)]
-            if kind in _DRY:
-                found.append((c, np.arange(self.model.nv) == index))
-            elif kind.removeprefix("coupled ") in _DRY:
-                found.append((c, self.coupled[index] != 0))
-        return found
+        columns = []
+        for column, parameter in enumerate(which):
+            _, kind, index = self._entries[int(parameter)]
+            if kind in _DRY_FRICTION:
+                columns.append((column, np.arange(self.model.nv) == index))
+            elif kind.removeprefix("coupled ") in _DRY_FRICTION:
+                columns.append((column, self.coupled[index] != 0))
+        return columns
 
     @cached_property
     def shares(self) -> Array:
@@ -343,13 +364,14 @@ class UnknownParameters:
         """
         which = np.asarray(which, int)
         kinds, shares = np.array(self.kinds)[which], self.shares[which]
-        factors, rates = np.ones((len(dq), len(which))), dq @ shares.T
+        rates = dq @ shares.T  # of the motors
         motor, viscous = np.flatnonzero(kinds == "motor_inertia"), np.flatnonzero(kinds == "viscous")
-        dry, fading = np.flatnonzero(np.isin(kinds, _DRY)), np.flatnonzero(kinds == "stribeck")
-        speeds = friction_speed[[speed_owner(shares[k]) for k in dry]]
+        dry, fading = np.flatnonzero(np.isin(kinds, _DRY_FRICTION)), np.flatnonzero(kinds == "stribeck")
+        friction_speeds = friction_speed[[speed_owner(shares[k]) for k in dry]]
+        factors = np.ones((len(dq), len(which)))  # those of offsets stay 1
         factors[:, motor] = ddq @ shares[motor].T
         factors[:, viscous] = rates[:, viscous]
-        factors[:, dry] = np.tanh(rates[:, dry] / speeds)
+        factors[:, dry] = np.tanh(rates[:, dry] / friction_speeds)
         factors[:, fading] *= np.exp(-((rates[:, fading] / self.stribeck_speed) ** 2))
         return factors
 
@@ -387,15 +409,16 @@ def check_speed(value: float) -> float:
 
 # ── Base parameters: the identifiable groups, for any motion
 
-# Columns of W on random states are linearly dependent. Columns are kept in order from the base outward; with the kept
-# columns W_b and the others W_d = W_b B, τ = W_b (x_b + B x_d): the groups are x_b + B x_d.
+# Columns of W on random states are linearly dependent. From the base outward, a column is kept if it is independent of the
+# kept ones before it. With the kept columns W_b and the others W_d = W_b B, τ = W_b (x_b + B x_d): the groups are x_b + B x_d.
 #
 # Source: Gautier, "Numerical calculation of the base inertial parameters of robots", J. Robotic Systems 8(4), 1991. The
 # rank is determined on random states with an absolute scale, because in a log, columns of rounding errors look like any
 # other.
 
-_MAX_ROUNDING = 1e-9  # unspanned share of a column's length, or of the longest's, below which it is rounding error
-_ROWS_PER_COLUMN = 3
+_MAX_ROUNDING = 1e-9  # length of a column that consists of rounding errors, as a share of the longest column's
+_MAX_DEPENDENT_REMAINDER = 1e3 * _MAX_ROUNDING  # remainder of a dependent column, as a share of its length
+_ROWS_PER_COLUMN = 3  # equations of random states for each parameter
 _KNOWN_ERROR = 1e-7  # allowed error of a known value, as a share of its size
 _MIN_COEFFICIENT = 1e-7  # coefficients below this are rounding errors, in units of the columns' lengths
 
@@ -445,23 +468,24 @@ class BaseParameters:
         robot, p = unknown.robot, len(unknown.names)
         nv = robot.nv
         rng = np.random.default_rng(seed)
-        states = -(-_ROWS_PER_COLUMN * p // nv) + 8
+        states = -(-_ROWS_PER_COLUMN * p // nv) + 8  # -(-a // b) rounds a / b up
         q = robot.random_configuration(rng, states)
-        turning = turning_joints(unknown.model)
-        q = np.where(turning, rng.uniform(-np.pi, np.pi, q.shape), q)
+        # joints that turn get any angle: their limits do not matter for which parameters are identifiable
+        q = np.where(turning_joints(unknown.model), rng.uniform(-np.pi, np.pi, q.shape), q)
         dq, ddq = rng.normal(size=(2, states, nv)) * 2.0
         ones = np.ones(nv)
         W = unknown.columns(np.arange(p), q, dq, ddq, 0.5 * ones, gravity)
         scale = unknown.scales(ones, ones, ones)
         free = np.flatnonzero(~unknown.held)
-        kept, found = _independent_columns((W * scale)[..., free].reshape(states * nv, len(free)))
-        # W S z with x = S z: z_b + B z_d is the group, in units of x its kept parameter's.
+        scaled_columns = (W * scale)[..., free].reshape(states * nv, len(free))
+        kept_of_free, B = _independent_columns(scaled_columns)
+        free_kept = free[kept_of_free]
+        # B is of the scaled columns W S, with x = S z: the groups z_b + B z_d become x_b + S_b B S_d⁻¹ x_d.
         grouping = np.eye(p)  # a known parameter is a group by itself
-        grouping[np.ix_(free[kept], free)] = (
-            _without_rounding_errors(found) * scale[free[kept]][:, None] / scale[None, free]
-        )
-        kept = np.sort(np.concatenate([free[kept], np.flatnonzero(unknown.held)]))
-        return cls(unknown, kept, grouping[kept], (W[..., kept] != 0).any(axis=0))
+        grouping[np.ix_(free_kept, free)] = _without_rounding_errors(B) * scale[free_kept][:, None] / scale[None, free]
+        kept = np.sort(np.concatenate([free_kept, np.flatnonzero(unknown.held)]))
+        felt = (W[..., kept] != 0).any(axis=0)
+        return cls(unknown, kept, grouping[kept], felt)
 
     @property
     def held(self) -> Array:
@@ -480,7 +504,8 @@ class BaseParameters:
         -------
         sizes : (r,) array
         """
-        return np.sqrt(self.grouping**2 @ sizes**2) * np.where(self.held, _KNOWN_ERROR, 1.0)
+        group_sizes = np.sqrt(self.grouping**2 @ sizes**2)
+        return group_sizes * np.where(self.held, _KNOWN_ERROR, 1.0)
 
     @property
     def count(self) -> int:
@@ -517,36 +542,39 @@ class BaseParameters:
 
     def _term(self, row: int, k: int) -> str:
         """Magnitude of a coefficient, left out if it is 1, and the name of its parameter."""
-        size = abs(float(self.grouping[row, k]))
-        if abs(size - 1.0) < 1e-6:
+        magnitude = abs(float(self.grouping[row, k]))
+        if abs(magnitude - 1.0) < 1e-6:
             return self.unknown.names[k]
-        return f"{number(size, 6)} {self.unknown.names[k]}"
+        return f"{number(magnitude, 6)} {self.unknown.names[k]}"
 
 
 def _independent_columns(W: Array) -> tuple[Array, Array]:
-    """Indices of columns (r,) that are independent of those before them, and coefficients of all columns in them (r, p).
+    """Indices (r,) of columns that are independent of those before them, and coefficients (r, p) of all columns in them.
 
     Uses the Gram-Schmidt process, twice for each column to limit rounding errors.
     """
     rows, p = W.shape
     lengths = np.linalg.norm(W, axis=0)
     longest = float(lengths.max(initial=0.0))
-    Q = np.zeros((rows, p))
+    Q = np.zeros((rows, p))  # orthonormal basis of the kept columns, in its first columns
     kept: list[int] = []
     for k in range(p):
         if lengths[k] <= _MAX_ROUNDING * longest:
             continue
+        basis = Q[:, : len(kept)]
         remainder = W[:, k].copy()
         for _ in range(2):
-            remainder -= Q[:, : len(kept)] @ (Q[:, : len(kept)].T @ remainder)
-        size = float(np.linalg.norm(remainder))
-        if size > 1e3 * _MAX_ROUNDING * lengths[k]:
-            Q[:, len(kept)] = remainder / size
+            remainder -= basis @ (basis.T @ remainder)
+        remaining_length = float(np.linalg.norm(remainder))
+        if remaining_length > _MAX_DEPENDENT_REMAINDER * lengths[k]:
+            Q[:, len(kept)] = remainder / remaining_length
             kept.append(k)
     columns = np.array(kept, int)
     coefficients = np.linalg.lstsq(W[:, columns], W, rcond=None)[0] if kept else np.zeros((0, p))
-    relative = lengths[None, :] / np.maximum(lengths[columns][:, None], 1e-300)
-    coefficients[np.abs(coefficients) < _MIN_COEFFICIENT * np.maximum(relative, 1e-6)] = 0.0
+    # size of a coefficient of 1 between two columns of unit length
+    length_ratios = lengths[None, :] / np.maximum(lengths[columns][:, None], 1e-300)
+    is_rounding = np.abs(coefficients) < _MIN_COEFFICIENT * np.maximum(length_ratios, 1e-6)
+    coefficients[is_rounding] = 0.0
     coefficients[:, columns] = np.eye(len(columns))
     return columns, coefficients
 

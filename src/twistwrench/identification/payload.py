@@ -1,7 +1,7 @@
 """Logs of the motors' side, and identification of a payload with all other parameters fixed.
 
-With R the ratios (R_kk of motor k's own joint, R_kj of other joints that it turns with), o the positions of the joints
-at the log's zero, and g the torque per unit of the torque columns:
+R are the ratios: R_kk of motor k's own joint, R_kj of other joints that it turns with. With the positions o of the joints at
+the log's zero, and the torque g per unit of the log's torque columns,
 
     q_motor = R (q - o),    dq_motor = R dq,    τ = R' g τ_motor
 """
@@ -35,7 +35,7 @@ from ..motion.motion_log import LogRows, MotionLog
 from ..robot import Robot
 from .parameters import FRICTION, BaseParameters, UnknownParameters
 
-_RUNS = 16, 1 << 12
+_RUN_COUNT, _ROWS_OF_RUN = 16, 1 << 12
 """Number of runs of a long log, and rows in each, on which rates are compared with slopes."""
 
 
@@ -49,7 +49,7 @@ class MotorSide:
     zero : (nv,) array, positions of the joints at the log's zero [rad or m]
     gain : (nv,) array, torque per unit of the log's torque column, such as N m/A
     names : tuple of str, optional, columns of the log, coupled ones at the indices of their joints; empty: joints' names
-    rates : (nv, nv) array, optional, A of the couplings, q̇_m = A q̇_j without gears; friction of the named motors is per q̇_m
+    rates : (nv, nv) array, optional, matrix A of couplings without gears, q̇_m = A q̇_j; friction of named motors is per q̇_m
 
     Raises
     ------
@@ -91,14 +91,15 @@ class MotorSide:
         return cls(R, np.zeros(model.nv), np.ones(model.nv), model.drive_names, R)
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.ratios).all() or np.linalg.matrix_rank(self.ratios) < len(self.ratios):
+        is_finite = np.isfinite(self.ratios).all()
+        if not is_finite or np.linalg.matrix_rank(self.ratios) < len(self.ratios):
             raise ValueRangeError("the ratios of the motors cannot be solved for the joints. Is a ratio 0 or missing?")
 
     @property
     def is_of_joints(self) -> bool:
         """True if the log's columns are on the joints' side."""
-        unit = np.array_equal(self.ratios, np.eye(len(self.zero)))
-        return unit and not self.zero.any() and bool((self.gain == 1).all())
+        has_unit_ratios = np.array_equal(self.ratios, np.eye(len(self.zero)))
+        return has_unit_ratios and not self.zero.any() and bool((self.gain == 1).all())
 
     @property
     def coupled_rates(self) -> Array:
@@ -108,7 +109,13 @@ class MotorSide:
         """
         if self.rates is not None:
             return self.rates[self._coupled_indices]
-        rows = [self.ratios[j] / (self.ratios[j, j] or np.abs(self.ratios[j]).max()) for j in self._coupled_indices]
+        rows = []
+        for j in self._coupled_indices:
+            row = self.ratios[j]
+            scale = row[j]
+            if scale == 0.0:  # the motor does not turn its own joint
+                scale = np.abs(row).max()
+            rows.append(row / scale)
         return np.array(rows).reshape(-1, len(self.ratios))
 
     @property
@@ -188,22 +195,25 @@ def motor_side(model: Model, source: Source | ActuatorFile) -> MotorSide:
     [[50.0, 0.0], [0.0, -20.0]]
     """
     side = read_log_side(model, source)
-    index = {name: k for k, name in enumerate(model.velocity_names)}
-    driven = with_couplings(without_couplings(model), side.couplings)
-    R, gain = np.eye(len(index)), np.ones(len(index))
-    zero = np.array([side.zero.get(name, 0.0) for name in model.velocity_names])
-    if side.of_motors:
-        R = motor_velocities(driven, R).T
-    for k, name in enumerate(driven.drive_names):
+    joints = model.velocity_names
+    joint_index = {name: k for k, name in enumerate(joints)}
+    coupled_model = with_couplings(without_couplings(model), side.couplings)
+    unit = np.eye(len(joints))
+    rates = motor_velocities(coupled_model, unit).T  # A of the couplings
+    R = rates.copy() if side.of_motors else unit
+    gain = np.ones(len(joints))
+    zero = np.array([side.zero.get(name, 0.0) for name in joints])
+    for k, name in enumerate(coupled_model.drive_names):
         if side.of_motors:
             R[k] *= side.ratios.get(name, 1.0)
-            for other, value in side.coupled.get(name, {}).items():
-                R[k, index[other]] = value
+            for other, ratio in side.coupled.get(name, {}).items():
+                R[k, joint_index[other]] = ratio
         R[k] *= side.sign.get(name, 1.0)
         gain[k] = side.gain.get(name, 1.0)
-    if not (side.of_motors and side.couplings):
-        return MotorSide(R + 0.0, zero, gain)
-    return MotorSide(R + 0.0, zero, gain, driven.drive_names, motor_velocities(driven, np.eye(len(index))).T)
+    R = R + 0.0  # no negative zeros
+    if side.of_motors and side.couplings:
+        return MotorSide(R, zero, gain, coupled_model.drive_names, rates)
+    return MotorSide(R, zero, gain)
 
 
 def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: Any) -> MotionLog:
@@ -227,7 +237,7 @@ def open_log(path: str | Path, model: Model, side: MotorSide | None, **reading: 
     if side is not None and side.names:
         motors = {*side.names} - {*model.velocity_names}
         header = open_motion_file(path, reading.get("topic"), reading.get("episode")).header
-        owners = {cell.partition(".")[0].partition(" ")[0] for cell in header}
+        owners = {cell.partition(".")[0].partition(" ")[0] for cell in header}  # of NAME.quantity and NAME [unit]
         if not motors.isdisjoint(owners):
             model = _named_after_motors(model, side.names)
     return MotionLog.open(path, model, **reading)
@@ -283,20 +293,23 @@ def read_motion(
     if side is None or side.is_of_joints:
         return Motion.from_file(path, robot, **reading)
     log = open_log(path, robot.model, side, **reading)
-    rows, doubts = side.of_joints(log.motion(log.table)), sided_doubts(log, side, robot.limits)
-    given: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau, "in_seconds": True}
-    return Motion(rows.time, rows.q, **given, robot=robot, notes=log.notes, read=doubts)
+    rows = side.of_joints(log.motion(log.table))
+    doubts = sided_doubts(log, side, robot.limits)
+    return Motion(
+        rows.time, rows.q, dq=rows.dq, ddq=rows.ddq, tau=rows.tau, in_seconds=True, robot=robot, notes=log.notes,
+        read=doubts,
+    )  # fmt: skip
 
 
 def sided_doubts(log: MotionLog, side: MotorSide, limits: Limits) -> tuple[Doubt, ...]:
-    """Doubts about all rows of a log of the motors' side, on the joints' side."""
-    runs = [side.of_joints(log.motion(run)) for run in excerpts(log.table, *_RUNS)]
-    tally = Contradictions(log.coordinates, runs=runs)
-    for s in slices(len(log.table), _RUNS[0] * _RUNS[1]):
-        first = max(0, s.start - OVERLAP)
-        rows = side.of_joints(log.motion(log.table[first : s.stop]))
-        tally.add(rows.time, rows.q, s.start - first)
-    return tuple(tally.doubts(limits))
+    """Doubts about all rows of a log of the motors' side, converted to the joints' side."""
+    runs = [side.of_joints(log.motion(run)) for run in excerpts(log.table, _RUN_COUNT, _ROWS_OF_RUN)]
+    contradictions = Contradictions(log.coordinates, runs=runs)
+    for portion in slices(len(log.table), _RUN_COUNT * _ROWS_OF_RUN):  # to limit memory
+        first = max(0, portion.start - OVERLAP)
+        rows = side.of_joints(log.motion(log.table[first : portion.stop]))
+        contradictions.add(rows.time, rows.q, portion.start - first)
+    return tuple(contradictions.doubts(limits))
 
 
 # ── Payload alone
@@ -367,7 +380,8 @@ def known_but_for(robot: Robot, link: str) -> dict[str, float]:
     """Values of the file for all parameters except the ten of one moving body and the offsets of the joints."""
     model = robot.model
     known: dict[str, float] = {}
-    for body, values in zip(model.bodies, robot.parameters.reshape(-1, len(PARAMETER_NAMES)).tolist(), strict=True):
+    parameters_of_bodies = robot.parameters.reshape(-1, len(PARAMETER_NAMES)).tolist()
+    for body, values in zip(model.bodies, parameters_of_bodies, strict=True):
         if body.link != link and body.link in model.link_inertias:
             names = [f"{body.link}.{name}" for name in PARAMETER_NAMES]
             known |= dict(zip(names, values, strict=True))
@@ -376,9 +390,9 @@ def known_but_for(robot: Robot, link: str) -> dict[str, float]:
         "viscous": model.friction.viscous,
         "coulomb": model.friction.coulomb,
     }
-    for kind, of_joints in drives.items():
+    for kind, values_of_joints in drives.items():
         names = [f"{name}.{kind}" for name in model.velocity_names]
-        known |= dict(zip(names, np.asarray(of_joints, float).tolist(), strict=True))
+        known |= dict(zip(names, np.asarray(values_of_joints, float).tolist(), strict=True))
     return known
 
 
@@ -387,7 +401,7 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
     place, names = robot.model.frames[frame], list(base.unknown.names)
     body = payload_body(robot, frame)
     difference = values - base.project(base.unknown.file_values)
-    S = np.zeros((10, base.count))  # undetermined parameters keep the values of the file
+    S = np.zeros((10, base.count))  # selects the body's parameters; undetermined ones keep the values of the file
     undetermined: list[str] = []
     for k, parameter in enumerate(PARAMETER_NAMES):
         name = f"{body}.{parameter}"
@@ -396,14 +410,16 @@ def payload_from(robot: Robot, frame: str, base: BaseParameters, values: Array, 
             undetermined.append(name)
     T = np.linalg.inv(place.pose)
     in_frame = [SpatialInertia.from_parameters(e).in_frame(T).parameters for e in np.eye(10)]
-    A = np.stack(in_frame, axis=1) @ S
+    A = np.stack(in_frame, axis=1) @ S  # (10, r): parameters in the payload's frame by the groups
     G = SpatialInertia.from_parameters(A @ difference)
     C = A @ covariance @ A.T
     m, mc = PARAMETER_NAMES.index("m"), PARAMETER_NAMES.index("mcx")
-    J = np.zeros((3, 10))  # c = (m c) / m
-    J[:, mc : mc + 3], J[:, m] = np.eye(3) / G.mass, -np.asarray(G.com) / G.mass
+    J = np.zeros((3, 10))  # derivatives of the centre of mass c = (m c) / m
+    J[:, mc : mc + 3] = np.eye(3) / G.mass
+    J[:, m] = -np.asarray(G.com) / G.mass
     com_deviations = np.sqrt((J @ C @ J.T).diagonal())
-    return IdentifiedPayload(frame, G, float(np.sqrt(C[m, m])), com_deviations, tuple(undetermined))
+    mass_deviation = float(np.sqrt(C[m, m]))
+    return IdentifiedPayload(frame, G, mass_deviation, com_deviations, tuple(undetermined))
 
 
 def unknown_of(
@@ -420,7 +436,7 @@ def unknown_of(
     held = dict(known or {})
     if payload_only is not None:
         refuse_couplings(robot.model, "identification of a payload alone")
-        held = known_but_for(robot, payload_body(robot, payload_only)) | held
+        held = known_but_for(robot, payload_body(robot, payload_only)) | held  # the caller's values take precedence
         motor_inertia, friction = True, FRICTION
     return UnknownParameters(robot, motor_inertia, tuple(friction), motor_side, held, stribeck_speed)
 

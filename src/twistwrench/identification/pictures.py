@@ -21,54 +21,64 @@ from ..viz.plots.diagnosis import VIEWS, draw_inertias
 from ..viz.plots.motion import plot_motion
 
 if TYPE_CHECKING:
+    from ..core.estimation.cross_validation import HeldOutRows
     from .exciting_trajectory import ExcitingMotion
     from .result import IdentifiedRobot
 
-_BAND, _MIN_OUTLIER = 1.96, 4.0
-"""Standard deviations: half-width of a 95 % band, and threshold of marked residuals."""
-_SPEEDS, _DEFAULT_SPEED = 201, 2.0
-"""Number of points of a curve, and its maximum speed for joints without a limit [rad/s, m/s]."""
-_BAR = 0.2
-"""Width of each of the four bars of a joint, which has unit width."""
+_BAND = 1.96
+"""Half-width of a 95 % band, in standard deviations."""
+_MIN_OUTLIER = 4.0
+"""Residual from which a row is marked, in standard deviations."""
+_CURVE_POINTS = 201
+"""Number of points of a curve."""
+_DEFAULT_SPEED = 2.0
+"""Maximum speed of a curve for joints without a limit [rad/s, m/s]."""
+_BAR_WIDTH = 0.2
+"""Width of each of the four bars of a joint; joints are 1 apart."""
 _LAWS = ("viscous", "coulomb", "stribeck", "offset")
+"""Parameters of friction, in the order of the columns of a curve."""
 
 
 def frictional(found: IdentifiedRobot) -> list[int]:
-    """Joints with identified friction."""
+    """Joints with identified friction; an offset alone is not friction."""
     joints: list[int] = []
     for k, name in enumerate(found.original.velocity_names):
-        laws = {f"{name}.{law}" for law in _LAWS[:3]}
-        if not laws.isdisjoint(found.groups):
+        friction_groups = {f"{name}.viscous", f"{name}.coulomb", f"{name}.stribeck"}
+        if not friction_groups.isdisjoint(found.groups):
             joints.append(k)
     return joints
 
 
 def draw_friction(grid: Any, found: IdentifiedRobot) -> None:
-    """Draw friction over speed for each joint: viscous dq + coulomb tanh(dq / v) + offset, its 95 % band, and the file's."""
-    kinds, model = Coordinates.from_model(found.original.model), found.original.model
+    """Draw friction over speed for each joint, with its 95 % band, and that of the file.
+
+    Friction is viscous dq + (coulomb + stribeck exp(-(dq / v_s)²)) tanh(dq / v_0) + offset.
+    """
+    model = found.original.model
+    kinds, friction = Coordinates.from_model(model), model.friction
     for axes, k in zip(grid, frictional(found), strict=True):
         name, turns = found.original.velocity_names[k], bool(kinds.angular_velocity[k])
         max_speed = float(model.limits.velocity[k])
         if not np.isfinite(max_speed):
             max_speed = _DEFAULT_SPEED
-        dq = np.linspace(-1, 1, _SPEEDS) * max_speed
-        eased = np.tanh(dq / found.settings.friction_speed[k])
+        dq = np.linspace(-1, 1, _CURVE_POINTS) * max_speed
+        smooth_sign = np.tanh(dq / found.settings.friction_speed[k])
         fading = np.exp(-((dq / found.base.unknown.stribeck_speed) ** 2))
+        column_by_law = dict(zip(_LAWS, (dq, smooth_sign, fading * smooth_sign, np.ones_like(dq)), strict=True))
         groups: list[int] = []
-        parts: list[Any] = []
-        for law, part in zip(_LAWS, (dq, eased, fading * eased, np.ones_like(dq)), strict=True):
+        columns: list[Any] = []
+        for law, column in column_by_law.items():
             if f"{name}.{law}" in found.groups:
                 groups.append(found.groups.index(f"{name}.{law}"))
-                parts.append(part)
-        columns = np.stack(parts, axis=1)
-        torque = columns @ found.values[groups]
-        variance = np.einsum("ni,ij,nj->n", columns, found.covariance.matrix[np.ix_(groups, groups)], columns)
-        half = _BAND * np.sqrt(np.maximum(variance, 0.0))
-        axes.fill_between(dq, torque - half, torque + half, color=style.PALE, linewidth=0, label="95 %")
+                columns.append(column)
+        W = np.stack(columns, axis=1)
+        torque = W @ found.values[groups]
+        variance = np.einsum("ni,ij,nj->n", W, found.covariance.matrix[np.ix_(groups, groups)], W)
+        half_width = _BAND * np.sqrt(np.maximum(variance, 0.0))
+        axes.fill_between(dq, torque - half_width, torque + half_width, color=style.PALE, linewidth=0, label="95 %")
         axes.plot(dq, torque, color=style.LINE, linewidth=1.2, label="identified")
-        friction = model.friction
-        before = friction.viscous[k] * dq + friction.coulomb[k] * eased
-        axes.plot(dq, before, "--", color=style.VERMILION, linewidth=1, label="file")
+        file_torque = friction.viscous[k] * dq + friction.coulomb[k] * smooth_sign
+        axes.plot(dq, file_torque, "--", color=style.VERMILION, linewidth=1, label="file")
         axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
         axes.set_title(f"{name} [{unit_of('tau', turns)}]", loc="left")
         axes.set_xlabel("speed [rad/s]" if turns else "speed [m/s]")
@@ -83,10 +93,10 @@ def draw_residuals(grid: Any, found: IdentifiedRobot) -> None:
         sigma = float(found.sigma[j])
         axes.axhspan(-_BAND * sigma, _BAND * sigma, color=style.PALE, linewidth=0, label="95 % of training rows")
         for rows in found.held_out.rows:
-            left = rows.measured[:, j] - rows.predicted[:, j]
-            far = np.abs(left) > _MIN_OUTLIER * sigma
-            axes.plot(rows.time, left, ".", color=style.QUIET, markersize=1.5)
-            axes.plot(rows.time[far], left[far], ".", color=style.VERMILION, markersize=2.5)
+            residuals = rows.measured[:, j] - rows.predicted[:, j]
+            is_outlier = np.abs(residuals) > _MIN_OUTLIER * sigma
+            axes.plot(rows.time, residuals, ".", color=style.QUIET, markersize=1.5)
+            axes.plot(rows.time[is_outlier], residuals[is_outlier], ".", color=style.VERMILION, markersize=2.5)
         axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
         axes.set_title(name, loc="left")
         axes.set_ylabel(unit_of("tau", bool(kinds.angular_velocity[j])))
@@ -99,43 +109,49 @@ def draw_residual_bars(axes: style.Axes, found: IdentifiedRobot) -> None:
 
     Bars are cut off at the whole torque; larger values are written on them.
     """
-    left, names = found.residuals, list(found.held_out.names)
+    residuals, names = found.residuals, list(found.held_out.names)
     models = (
-        ("file", left.file, style.PALE),
-        ("file, friction fitted", left.with_friction, style.VERMILION),
-        ("identified", left.identified, style.BLUE),
-        ("physically consistent bodies", left.consistent, style.GREEN),
+        ("file", residuals.file, style.PALE),
+        ("file, friction fitted", residuals.with_friction, style.VERMILION),
+        ("identified", residuals.identified, style.BLUE),
+        ("physically consistent bodies", residuals.consistent, style.GREEN),
     )
-    at = np.arange(len(names))
+    joint_places = np.arange(len(names))
     for k, (label, shares, colour) in enumerate(models):
-        x = at + (k - 1.5) * _BAR
-        axes.bar(x, np.minimum(100 * shares, 100.0), _BAR, color=colour, label=label)
+        x = joint_places + (k - 1.5) * _BAR_WIDTH  # four bars about the joint's place
+        axes.bar(x, np.minimum(100 * shares, 100.0), _BAR_WIDTH, color=colour, label=label)
         for j in np.flatnonzero(shares > 1.0):
-            axes.text(
-                x[j], 99.0, f"{percent(shares[j], 3)}", rotation=90, ha="center", va="top", fontsize=style.SMALL_FONT
-            )
-    axes.set_xticks(at, names, fontsize=style.SMALL_FONT)
+            share_text = percent(shares[j], 3)
+            axes.text(x[j], 99.0, share_text, rotation=90, ha="center", va="top", fontsize=style.SMALL_FONT)
+    axes.set_xticks(joint_places, names, fontsize=style.SMALL_FONT)
     axes.set_ylabel("% unexplained, 5-fold cross-validation")
     axes.legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
 def draw_bodies(grid: Any, found: IdentifiedRobot) -> None:
-    """Draw inertia ellipsoids of the moving bodies from the file and identified: a row per body, a view per axis."""
+    """Draw inertia ellipsoids of the moving bodies, identified and from the file: a row per body, a view per axis."""
     unknown, inertias = found.base.unknown, found.consistent.inertias
     for row, i in zip(grid, unknown.bodies, strict=True):
         body = unknown.model.bodies[i]
-        pair = [(inertias[i], style.BLUE, "-", "identified"), (body.inertia, style.VERMILION, "--", "file")]
+        ellipsoids = [(inertias[i], style.BLUE, "-", "identified"), (body.inertia, style.VERMILION, "--", "file")]
         for axes, view in zip(row, VIEWS, strict=True):
-            draw_inertias(axes, pair, view)
+            draw_inertias(axes, ellipsoids, view)
         row[0].set_title(body.link, loc="left")
     grid[0][2].legend(loc="upper right")
 
 
 # ── The figure and the page of an identification
 
-_MOST_GROUPS, _NAMED_GROUPS, _LONGEST_NAME = 80, 30, 22
-_ABREAST = 4
+_MAX_GROUPS = 80
+"""Largest number of groups that are drawn."""
+_MAX_NAMED_GROUPS = 30
+"""Largest number of groups whose names are written at the axis."""
+_MAX_NAME_LENGTH = 22
+_MAX_POOR_DEVIATION = 0.3
+"""Standard deviation of a group, as a share of its value, above which it is poorly determined."""
+_PANELS_IN_ROW = 4
 _PURPOSE = "Drawing the identification"
+"""Use of matplotlib, for the message if it is not installed."""
 
 
 def identification_plots(found: IdentifiedRobot) -> Mapping[str, Plot]:
@@ -162,10 +178,10 @@ def plot_identification(found: IdentifiedRobot, path: Any) -> Path:
     title = f"{found.original.name}: {found.verdict.word}, {percent(found.held_out.all, 3)} left in rows held out"
     with style.figure(11.0, height, title, _PURPOSE) as drawn:
         upper, lower = cast("Any", drawn.subfigures(2, 1, height_ratios=[2.1 * len(names), 4.4]))
-        _torques(upper, found)
+        _draw_torques(upper, found)
         left, right = lower.subplots(1, 2, width_ratios=[3, 2])
-        _groups(left, found)
-        _pull(right, found)
+        _draw_groups(left, found)
+        _draw_prior_weights(right, found)
         return style.save(drawn, path)
 
 
@@ -173,36 +189,41 @@ def identification_pictures(found: IdentifiedRobot) -> list[Picture]:
     """Pictures of the report: robot, torques, residuals, friction, groups, the weight of the prior, and bodies."""
     if find_spec("matplotlib") is None:
         return []
-    marked = None
+    worst_joint = None
     if found.worst is not None:
         name, _ = found.worst
-        marked = MarkedJoint(name, f"{name}, the largest share left unexplained")
-    still = robot_picture(found.original, None, marked, found.original.name)
-    return [still, *_plots_of_report(found)]
+        worst_joint = MarkedJoint(name, f"{name}, the largest share left unexplained")
+    robot = robot_picture(found.original, None, worst_joint, found.original.name)
+    return [robot, *_plots_of_report(found)]
 
 
 def _plots_of_report(found: IdentifiedRobot) -> list[Picture]:
     """Torques, residuals, friction, groups, the weight of the prior, and bodies."""
-    names, count = found.held_out.names, len(found.base.unknown.bodies)
-    friction = len(frictional(found))
-    height = 2.3 * style.panel_grid(max(friction, 1), _ABREAST)[0]
+    names, body_count = found.held_out.names, len(found.base.unknown.bodies)
+    friction_count = len(frictional(found))
+
+    def draw_all_bodies(drawn: Any) -> None:
+        draw_bodies(drawn.subplots(body_count, 3, squeeze=False), found)
+
+    def draw_all_friction(drawn: Any) -> None:
+        draw_friction(style.panels(drawn, friction_count, _PANELS_IN_ROW), found)
+
+    # title, width and height [in], and function that draws into a figure
     plots: list[tuple[str, float, float, Callable[[Any], None]]] = [
-        ("Torques of rows held out", 10.0, 2.1 * len(names) + 0.6, lambda drawn: _torques(drawn, found)),
+        ("Torques of rows held out", 10.0, 2.1 * len(names) + 0.6, lambda drawn: _draw_torques(drawn, found)),
         ("Residuals", 10.0, 3.0, lambda drawn: draw_residual_bars(drawn.subplots(), found)),
         ("Residuals in time", 10.0, 1.2 * len(names) + 0.6, lambda drawn: draw_residuals(_rows(drawn, names), found)),
-        ("Groups of parameters", 10.0, 4.4, lambda drawn: _groups(drawn.subplots(), found)),
-        ("Physically consistent bodies: weight of the prior", 7.0, 3.0, lambda drawn: _pull(drawn.subplots(), found)),
-        (
-            "Bodies in the file and identified",
-            9.0,
-            2.5 * count,
-            lambda d: draw_bodies(d.subplots(count, 3, squeeze=False), found),
-        ),
     ]
-    if friction:
-        panels = ("Friction", 10.0, height, lambda d: draw_friction(style.panels(d, friction, _ABREAST), found))
-        plots.insert(3, panels)
-    return [Picture(name, style.page_svg(_plot(wide, high, draw, name))) for name, wide, high, draw in plots]
+    if friction_count:
+        panel_rows, _ = style.panel_grid(friction_count, _PANELS_IN_ROW)
+        plots.append(("Friction", 10.0, 2.3 * panel_rows, draw_all_friction))
+    prior_title = "Physically consistent bodies: weight of the prior"
+    plots += [
+        ("Groups of parameters", 10.0, 4.4, lambda drawn: _draw_groups(drawn.subplots(), found)),
+        (prior_title, 7.0, 3.0, lambda drawn: _draw_prior_weights(drawn.subplots(), found)),
+        ("Bodies in the file and identified", 9.0, 2.5 * body_count, draw_all_bodies),
+    ]
+    return [Picture(title, style.page_svg(_plot(width, height, draw, title))) for title, width, height, draw in plots]
 
 
 def _plot(width: float, height: float, draw: Callable[[Any], None], title: str) -> Callable[[Path], None]:
@@ -221,55 +242,66 @@ def _rows(drawn: Any, names: Sequence[str]) -> list[Any]:
     return style.panels(drawn, len(names), 1, sharex=True)
 
 
-def _torques(drawn: Any, found: IdentifiedRobot) -> None:
+def _draw_torques(drawn: Any, found: IdentifiedRobot) -> None:
     """Draw measured and predicted torques of each joint, and below them residuals with their 95 % band."""
     parts = sorted(found.held_out.rows, key=lambda rows: (float(rows.log[0]), float(rows.time[0])))
+    begins = _begins_of_logs(parts)
     units = units_of("tau", Coordinates.from_model(found.original.model).angular_velocity)
-    ends = dict[float, float]()
-    for rows in parts:
-        for log in np.unique(rows.log):
-            ends[float(log)] = max(ends.get(float(log), 0.0), float(rows.time[rows.log == log].max()))
-    logs = sorted(ends)
-    offsets = dict(zip(logs, itertools.accumulate((ends[log] for log in logs[:-1]), initial=0.0), strict=True))
     names = found.held_out.names
     grid = drawn.subplots(2 * len(names), 1, sharex=True, squeeze=False, height_ratios=[3, 1.3] * len(names))[:, 0]
-    for j, (name, above, below) in enumerate(zip(names, grid[::2], grid[1::2], strict=True)):
+    for j, (name, torque_axes, residual_axes) in enumerate(zip(names, grid[::2], grid[1::2], strict=True)):
         colour, band = style.SERIES[j % len(style.SERIES)], _BAND * found.sigma[j]
-        below.axhspan(-band, band, color=style.PALE, linewidth=0, label="95 % of residuals")
+        residual_axes.axhspan(-band, band, color=style.PALE, linewidth=0, label="95 % of residuals")
         for k, rows in enumerate(parts):
-            t = rows.time + np.array([offsets[float(log)] for log in rows.log])
-            predicted, measured, left = ("predicted", "measured", "residual") if k == 0 else (None, None, None)
+            t = rows.time + np.array([begins[float(log)] for log in rows.log])
+            # one entry in the legend for all parts
+            predicted, measured, residual = ("predicted", "measured", "residual") if k == 0 else (None, None, None)
             dot: dict[str, Any] = {"color": style.INK, "markersize": 3.2, "markeredgewidth": 0}
-            above.plot(t, rows.predicted[:, j], color=colour, linewidth=1.6, label=predicted)
-            above.plot(t, rows.measured[:, j], ".", label=measured, **dot)
-            below.plot(t, rows.measured[:, j] - rows.predicted[:, j], ".", label=left, **dot | {"markersize": 2.2})
-        below.axhline(0.0, color=style.AXIS, linewidth=0.7)
+            small_dot = dot | {"markersize": 2.2}
+            torque_axes.plot(t, rows.predicted[:, j], color=colour, linewidth=1.6, label=predicted)
+            torque_axes.plot(t, rows.measured[:, j], ".", label=measured, **dot)
+            residual_axes.plot(t, rows.measured[:, j] - rows.predicted[:, j], ".", label=residual, **small_dot)
+        residual_axes.axhline(0.0, color=style.AXIS, linewidth=0.7)
         share = found.held_out.joints[name]
-        above.set_title(
-            f"{name}: {percent(share, 3)} left" if math.isfinite(share) else f"{name}: no torque", loc="left"
-        )
-        for axes in (above, below):
-            axes.set_ylabel(units[j])
-    above, below = (axes.get_legend_handles_labels() for axes in grid[:2])
-    grid[0].legend(above[0] + below[0], above[1] + below[1], ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.97))
+        title = f"{name}: {percent(share, 3)} left" if math.isfinite(share) else f"{name}: no torque"
+        torque_axes.set_title(title, loc="left")
+        torque_axes.set_ylabel(units[j])
+        residual_axes.set_ylabel(units[j])
+    torque_handles, torque_labels = grid[0].get_legend_handles_labels()
+    residual_handles, residual_labels = grid[1].get_legend_handles_labels()
+    handles, labels = torque_handles + residual_handles, torque_labels + residual_labels
+    grid[0].legend(handles, labels, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     grid[-1].set_xlabel("time [s]")
 
 
-def _groups(axes: style.Axes, found: IdentifiedRobot) -> None:
+def _begins_of_logs(parts: Sequence[HeldOutRows]) -> dict[float, float]:
+    """Time [s] at which each log begins in a plot, with logs one after another."""
+    ends = dict[float, float]()
+    for rows in parts:
+        for log in np.unique(rows.log):
+            end = float(rows.time[rows.log == log].max())
+            ends[float(log)] = max(ends.get(float(log), 0.0), end)
+    logs = sorted(ends)
+    begins = itertools.accumulate((ends[log] for log in logs[:-1]), initial=0.0)
+    return dict(zip(logs, begins, strict=True))
+
+
+def _draw_groups(axes: style.Axes, found: IdentifiedRobot) -> None:
     """Draw groups with intervals, in units of the larger of file value and estimate; the file value is a tick."""
-    half = found.covariance.half_width()
+    half_widths = found.covariance.half_width()
     size = np.maximum(np.maximum(np.abs(found.values), np.abs(found.prior.mean)), 1e-300)
-    k = np.arange(min(len(size), _MOST_GROUPS))
-    poor = (found.standard_deviations > 0.3 * np.abs(found.values))[k]
-    for which, colour, name in ((~poor, style.GREEN, "determined"), (poor, style.AMBER, "poorly determined")):
-        if which.any():
-            at = k[which]
-            y, bars = found.values[at] / size[at], np.clip(half[at] / size[at], 0, 2)
-            axes.errorbar(at, y, bars, fmt="o", markersize=3, linewidth=1, color=colour, label=name)
+    k = np.arange(min(len(size), _MAX_GROUPS))
+    is_poor = (found.standard_deviations > _MAX_POOR_DEVIATION * np.abs(found.values))[k]
+    for mask, colour, label in ((~is_poor, style.GREEN, "determined"), (is_poor, style.AMBER, "poorly determined")):
+        if mask.any():
+            drawn = k[mask]
+            y = found.values[drawn] / size[drawn]
+            bars = np.clip(half_widths[drawn] / size[drawn], 0, 2)
+            axes.errorbar(drawn, y, bars, fmt="o", markersize=3, linewidth=1, color=colour, label=label)
     axes.plot(k, found.prior.mean[k] / size[k], "_", color=style.VERMILION, markersize=7, label="file")
     axes.axhline(0.0, color=style.AXIS, linewidth=0.8)
     axes.set_ylim(-1.6, 1.6)
-    if len(k) <= _NAMED_GROUPS:
+    if len(k) <= _MAX_NAMED_GROUPS:
         axes.set_xticks(k, [_short(found.groups[i]) for i in k], rotation=55, ha="right", rotation_mode="anchor")
         axes.tick_params(axis="x", labelsize=style.SMALL_FONT)
     else:
@@ -281,11 +313,13 @@ def _groups(axes: style.Axes, found: IdentifiedRobot) -> None:
 def _short(group: str) -> str:
     """Short name of a group: its first parameter."""
     first, plus, _ = group.partition(" + ")
-    named = first if len(first) <= _LONGEST_NAME else f"{first[:_LONGEST_NAME]}…"
-    return f"{named} + …" if plus else named
+    if len(first) > _MAX_NAME_LENGTH:
+        first = f"{first[:_MAX_NAME_LENGTH]}…"
+    return f"{first} + …" if plus else first
 
 
-def _pull(axes: style.Axes, found: IdentifiedRobot) -> None:
+def _draw_prior_weights(axes: style.Axes, found: IdentifiedRobot) -> None:
+    """Draw the held-out residual of consistent bodies over the weight of the prior, and that of the file's bodies."""
     strengths, shares = np.array(found.consistent.curve).T
     axes.semilogx(strengths, 100 * shares, "o-", color=style.BLUE, markersize=3, label="physically consistent bodies")
     axes.axhline(100 * found.consistent.of_file, color=style.VERMILION, linewidth=1, label="the file's, with friction")

@@ -42,8 +42,10 @@ if TYPE_CHECKING:
     from ..core.answers.page import Picture, Setting
     from ..motion.motion import Motion
 
-_MIN_OPEN_SHARE = 0.02  # share of a joint's torque in another motion that the deviation of a group leaves open
-_MIN_POOR_DEVIATION = 0.3  # relative deviation from which a group is poorly determined
+_MIN_OPEN_SHARE = 0.02
+"""Change of a joint's torque in another motion by the deviation of a group, as a share, from which the group is listed."""
+_MIN_POOR_DEVIATION = 0.3
+"""Relative deviation from which a group is poorly determined."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -125,8 +127,10 @@ class IdentifiedRobot(Answer):
     @property
     def brief(self) -> str:
         """Share of the torques left unexplained in rows held out, and assumed causes."""
-        assumed = f", assuming {listed(self.settings.assumed, 3)}" if self.settings.assumed else ""
-        return f"{percent(self.held_out.all, 3)}{assumed}"
+        unexplained = percent(self.held_out.all, 3)
+        if not self.settings.assumed:
+            return unexplained
+        return f"{unexplained}, assuming {listed(self.settings.assumed, 3)}"
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -150,17 +154,17 @@ class IdentifiedRobot(Answer):
 
     @cached_property
     def body_changes(self) -> BodyChanges:
-        """Masses and centres of mass against the file's, with deviations, and a tool that the robot may carry."""
+        """Changes of masses and centres of mass from the file's, with deviations, and a tool that the robot may carry."""
         return body_changes(self)
 
     @property
     def worst(self) -> tuple[str, float] | None:
         """Joint with the largest unexplained share of its torque in rows held out, and that share; None without torques."""
-        known = {name: share for name, share in self.held_out.joints.items() if math.isfinite(share)}
-        if not known:
+        shares = {joint: share for joint, share in self.held_out.joints.items() if math.isfinite(share)}
+        if not shares:
             return None
-        name = max(known, key=lambda joint: known[joint])
-        return name, known[name]
+        worst_joint = max(shares, key=lambda joint: shares[joint])
+        return worst_joint, shares[worst_joint]
 
     @property
     def free_count(self) -> int:
@@ -169,12 +173,13 @@ class IdentifiedRobot(Answer):
 
     @property
     def offsets(self) -> Mapping[str, float]:
-        """Offset of the torque of each joint that has a group of its own; 0 if 0 is inside its interval."""
+        """Offset of the torque by joint, as far as it is a group of its own; 0 if its interval contains 0."""
         low, high = self.interval().T
         offsets: dict[str, float] = {}
         for joint in self.original.model.velocity_names:
-            if f"{joint}.offset" in self.groups:
-                k = self.groups.index(f"{joint}.offset")
+            group = f"{joint}.offset"
+            if group in self.groups:
+                k = self.groups.index(group)
                 offsets[joint] = 0.0 if low[k] <= 0.0 <= high[k] else float(self.values[k])
         return offsets
 
@@ -203,18 +208,18 @@ class IdentifiedRobot(Answer):
 
     @property
     def robot(self) -> Robot:
-        """Identified robot: consistent bodies, friction, motor inertias; or the original with the identified payload.
+        """Robot with consistent bodies, friction and motor inertias; the original with its payload if only that is identified.
 
         Gravity is the gravity of the logs, including an assumed cause that changes it.
         """
         if self.payload is not None:
             return self.original.with_payload(self.payload.inertia, self.payload.frame)
-        robot, load = self.consistent.robot, self.load_friction
-        if not load:
+        robot, load_friction = self.consistent.robot, self.load_friction
+        if not load_friction:
             return robot
-        friction = robot.model.friction
-        shares = np.array([load.get(joint, 0.0) for joint in robot.model.velocity_names])
-        return Robot(replace(robot.model, friction=replace(friction, load=shares)))
+        load_shares = np.array([load_friction.get(joint, 0.0) for joint in robot.model.velocity_names])
+        friction = replace(robot.model.friction, load=load_shares)
+        return Robot(replace(robot.model, friction=friction))
 
     def residual_thresholds(self, motion: Motion, gain: float, *, per_hour: float = 1.0) -> ResidualThreshold:
         """Thresholds for collision detection by an observer of the identified robot, from a log without contact.
@@ -246,12 +251,13 @@ class IdentifiedRobot(Answer):
     @property
     def load_friction(self) -> Mapping[str, float]:
         """Load friction by joint, as a share of the carried torque, if it was assumed and its estimate is positive."""
-        friction: dict[str, float] = {}
-        for one in self.settings.assumed:
-            value = one.value or 0.0
-            if one.kind == "load-friction" and value > 0.0:
-                friction |= dict.fromkeys(one.joints or self.original.model.velocity_names, 0.01 * value)
-        return friction
+        shares: dict[str, float] = {}
+        for cause in self.settings.assumed:
+            value = cause.value or 0.0  # [%]
+            if cause.kind == "load-friction" and value > 0.0:
+                # a cause without joints has one value for all of them
+                shares |= dict.fromkeys(cause.joints or self.original.model.velocity_names, 0.01 * value)
+        return shares
 
     @cached_property
     def payload(self) -> IdentifiedPayload | None:
@@ -279,8 +285,8 @@ class IdentifiedRobot(Answer):
         -------
         interval : (r, 2) array
         """
-        half = self.covariance.half_width(level)
-        return np.stack([self.values - half, self.values + half], axis=1)
+        half_widths = self.covariance.half_width(level)
+        return np.stack([self.values - half_widths, self.values + half_widths], axis=1)
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -290,7 +296,9 @@ class IdentifiedRobot(Answer):
     @cached_property
     def undetermined(self) -> dict[str, str]:
         """Sentences on quantities that such logs cannot determine, by name; empty if only a payload is identified."""
-        return {} if self.payload_frame is not None else undetermined_quantities(self.base, self.held_out.all)
+        if self.payload_frame is not None:
+            return {}
+        return undetermined_quantities(self.base, self.held_out.all)
 
     @property
     def poorly_determined(self) -> tuple[str, ...]:
@@ -298,19 +306,23 @@ class IdentifiedRobot(Answer):
         share = self.standard_deviations / np.maximum(np.abs(self.values), 1e-300)
         order = np.argsort(-share)
         is_poor = (share > _MIN_POOR_DEVIATION) & ~self.base.held
-        return tuple(self.groups[k] for k in order[is_poor[order]])
+        poor_groups = order[is_poor[order]]
+        return tuple(self.groups[k] for k in poor_groups)
 
     @property
     def open_for_torques(self) -> dict[str, tuple[str, float]]:
-        """Groups whose deviation changes torques of another motion by over 2 % of a joint's, with the joint and the share."""
+        """Groups whose deviation changes a joint's torque in another motion by over 2 %; the largest change first.
+
+        Each has the joint with the largest change, and this change as a share of the joint's torque.
+        """
         if self.torque_shares is None:
             return {}
         names = self.original.model.velocity_names
-        largest, joints = self.torque_shares.max(axis=0), self.torque_shares.argmax(axis=0)
+        largest_shares, worst_joints = self.torque_shares.max(axis=0), self.torque_shares.argmax(axis=0)
         groups: dict[str, tuple[str, float]] = {}
-        for k in np.argsort(-largest):
-            if largest[k] > _MIN_OPEN_SHARE:
-                groups[self.groups[k]] = (names[joints[k]], float(largest[k]))
+        for k in np.argsort(-largest_shares):
+            if largest_shares[k] > _MIN_OPEN_SHARE:
+                groups[self.groups[k]] = (names[worst_joints[k]], float(largest_shares[k]))
         return groups
 
     @property
@@ -375,13 +387,15 @@ class IdentifiedRobot(Answer):
         path : Path of the file written
         """
         low, high = self.interval().T
-        columns = {
+        columns: dict[str, Sequence[str] | Array] = {
             "group": self.groups,
             "unit": self.units,
             "value": self.values,
             "deviation": self.standard_deviations,
+            "low": low,
+            "high": high,
+            "file": self.prior.mean,
         }
-        columns |= {"low": low, "high": high, "file": self.prior.mean}
         with csv_table(path, columns) as table:
             for row in zip(*columns.values(), strict=True):
                 table.row(row)
@@ -402,8 +416,12 @@ class IdentifiedRobot(Answer):
         -------
         facts : {name: text}
         """
-        worst = {} if self.worst is None else {"worst joint": f"{self.worst[0]}, {percent(self.worst[1], 3)}"}
-        return {"unexplained": percent(self.held_out.all, 3), **worst, "groups": str(self.free_count)}
+        facts = {"unexplained": percent(self.held_out.all, 3)}
+        if self.worst is not None:
+            joint, share = self.worst
+            facts["worst joint"] = f"{joint}, {percent(share, 3)}"
+        facts["groups"] = str(self.free_count)
+        return facts
 
     def sources(self) -> Mapping[str, str | Path]:
         """Files of the robot and of the logs.
@@ -466,10 +484,10 @@ class IdentifiedRobot(Answer):
         -------
         findings : dict, compatible with ``json.dumps``
         """
-        own = {
+        results = {
             "doubts": [doubt.to_dict() for doubt in self.doubts],
             "notes": list(self.notes),
-            "assumed": [asdict(one) for one in self.settings.assumed],
+            "assumed": [asdict(cause) for cause in self.settings.assumed],
             "undetermined": self.undetermined,
             "base_parameters": self.base.count,
             "held_out": {"kind": self.held_out.kind, "all": self.held_out.all, "joints": self.held_out.joints},
@@ -483,7 +501,7 @@ class IdentifiedRobot(Answer):
             "payload": None if self.payload is None else self.payload.to_dict(),
             "thresholds": None if self.thresholds is None else self.thresholds.to_dict(),
         }
-        return {**super().to_dict(), **_without_infinities(own)}
+        return {**super().to_dict(), **_without_infinities(results)}
 
     def _settings_to_dict(self) -> dict[str, Any]:
         """Settings of the fit."""
@@ -540,16 +558,17 @@ def without_links(robot: Robot, links: Iterable[str]) -> Robot:
     0.73
     """
     model = robot.model
-    bodies, own = list(model.bodies), dict(model.link_inertias)
-    moving = [name for name, frame in model.frames.items() if frame.body != BASE and name in own]
+    bodies, link_inertias = list(model.bodies), dict(model.link_inertias)
+    moving_links = [name for name, frame in model.frames.items() if frame.body != BASE and name in link_inertias]
     for link in links:
-        if link not in moving:
-            raise UnknownNameError.from_choices("link that moves", link, moving)
+        if link not in moving_links:
+            raise UnknownNameError.from_choices("link that moves", link, moving_links)
         frame = model.frames[link]
         body = bodies[frame.body]
-        bodies[frame.body] = replace(body, inertia=body.inertia - own[link].in_frame(frame.pose))
-        own[link] = SpatialInertia.zero()
-    return Robot(replace(model, bodies=tuple(bodies), link_inertias=own))
+        G = link_inertias[link].in_frame(frame.pose)
+        bodies[frame.body] = replace(body, inertia=body.inertia - G)
+        link_inertias[link] = SpatialInertia.zero()
+    return Robot(replace(model, bodies=tuple(bodies), link_inertias=link_inertias))
 
 
 complete(globals())

@@ -23,8 +23,10 @@ from ..motion.log_table import slices
 from .base_columns import BaseColumns
 from .parameters import BaseParameters, speed_owner
 
-STATE_RATE, ROW_RATE = 20.0, 2.5
-"""Samples per period of the cut-off, of computed states and of rows of equations."""
+STATE_RATE = 20.0
+"""Number of computed states per period of the cut-off."""
+ROW_RATE = 2.5
+"""Number of rows of equations per period of the cut-off."""
 MAX_CLOCK_DEVIATION = 1e-3
 """Largest deviation of time stamps from a steady clock, as a share of the step, without resampling."""
 PAUSE = 0.05
@@ -34,7 +36,7 @@ _MIN_PIECE_SHARE = 0.1  # minimum length of a piece, as a share of the longest p
 MIN_SAMPLES = 60
 """Minimum number of samples for an identification."""
 _ROWS_OF_USUAL_STEP = 1 << 20
-"""Number of first rows whose steps of time are the usual ones."""
+"""Number of first rows whose median step of time is the usual step of the log."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class SteadySamples:
     rate: float  # samples per second [Hz]
     q: Array  # (n, nv), positions of the joints
     tau: Array  # (n, nv), torques of the joints
-    moved: float = 0.0  # share of time stamps that deviate from the steady clock by over a tenth of a step
+    moved: float = 0.0  # share of steps of time that differ from the clock's step by over a tenth of it
     cut: bool = False  # True for one of several pieces of a log with pauses
     log: int = 0  # number of its log, from 1; 0 if there is only one log
 
@@ -54,8 +56,10 @@ class SteadySamples:
         """Split a log at its pauses and resample each piece on its own steady clock; pieces that are too short are left out."""
         edges = [0, *(pauses(time, PAUSE) + 1).tolist(), len(time)]
         is_cut = len(edges) > 2
-        rows = [slice(a, b) for a, b in pairwise(edges) if b - a >= MIN_SAMPLES] or [slice(None)]
-        pieces = [replace(cls.from_arrays(time[s], q[s], tau[s], where), cut=is_cut) for s in rows]
+        rows_of_pieces = [slice(a, b) for a, b in pairwise(edges) if b - a >= MIN_SAMPLES]
+        if not rows_of_pieces:  # the whole log, so that its error message counts all samples
+            rows_of_pieces = [slice(None)]
+        pieces = [replace(cls.from_arrays(time[s], q[s], tau[s], where), cut=is_cut) for s in rows_of_pieces]
         longest = max(piece.seconds for piece in pieces)
         return [piece for piece in pieces if piece.seconds >= _MIN_PIECE_SHARE * longest]
 
@@ -70,11 +74,12 @@ class SteadySamples:
         mean = float((time[-1] - time[0]) / (len(time) - 1))
         step = float(steps[steps <= GAP * mean].mean())  # step of the clock itself, without gaps
         count = round((time[-1] - time[0]) / step) + 1
-        steady = time[0] + step * np.arange(count)
-        if len(time) == count and np.abs(time - steady).max() <= MAX_CLOCK_DEVIATION * step:
+        steady_time = time[0] + step * np.arange(count)
+        if len(time) == count and np.abs(time - steady_time).max() <= MAX_CLOCK_DEVIATION * step:
             return cls(float(time[0]), 1.0 / step, q, tau)
         moved = float(np.mean(np.abs(steps - step) > 0.1 * step))
-        return cls(float(time[0]), 1.0 / step, *_resample(time, q, tau, steady), moved)
+        resampled_q, resampled_tau = _resample(time, q, tau, steady_time)
+        return cls(float(time[0]), 1.0 / step, resampled_q, resampled_tau, moved)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -106,13 +111,14 @@ def pause_lengths(time: Array) -> Array:
     >>> pause_lengths(np.array([0.0, 0.5, 1.0, 5.0, 5.5])).tolist()
     [4.0]
     """
-    longest_step, pauses = PAUSE, list[Array]()
+    min_pause = PAUSE
     first_steps = np.diff(time[:_ROWS_OF_USUAL_STEP])
     if len(first_steps):
-        longest_step = max(PAUSE, GAP * float(np.median(first_steps)))
-    for s in slices(len(time)):
-        steps = np.diff(time[s.start : s.stop + 1])
-        pauses.append(steps[steps > longest_step])
+        min_pause = max(PAUSE, GAP * float(np.median(first_steps)))
+    pauses = list[Array]()
+    for rows in slices(len(time)):  # portions, to limit memory
+        steps = np.diff(time[rows.start : rows.stop + 1])  # with the step to the next portion
+        pauses.append(steps[steps > min_pause])
     return np.concatenate(pauses)
 
 
@@ -128,9 +134,9 @@ def _resample(time: Array, q: Array, tau: Array, at: Array) -> tuple[Array, Arra
     """Interpolate positions by a cubic spline and torques linearly, at times clamped to the range of the log."""
     from scipy.interpolate import CubicSpline
 
-    local = time - time[0]
-    at = np.clip(at - time[0], 0.0, local[-1])
-    return CubicSpline(local, q)(at), interpolate(at, local, tau)
+    elapsed = time - time[0]
+    at = np.clip(at - time[0], 0.0, elapsed[-1])
+    return CubicSpline(elapsed, q)(at), interpolate(at, elapsed, tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,63 +153,75 @@ class Filtered:
 
 def states_below(samples: SteadySamples, cutoff: float, rate: float | None = None) -> Filtered:
     """States below a cut-off [Hz], at 20 samples per period of the cut-off, or at about ``rate`` samples per second."""
-    every = max(1, math.floor(samples.rate / (rate or STATE_RATE * cutoff)))
+    state_rate = rate or STATE_RATE * cutoff
+    every = max(1, math.floor(samples.rate / state_rate))
+    rows = slice(None, None, every)
     step = 1.0 / samples.rate
     time = samples.start + step * np.arange(len(samples))
-    rows, states = slice(None, None, every), np.empty((4, len(time[::every]), samples.q.shape[1]))
+    states = np.empty((4, len(time[rows]), samples.q.shape[1]))  # q, dq, ddq and tau
     for j in range(samples.q.shape[1]):  # one joint at a time, to limit memory
-        x = low_pass(samples.q[:, j], cutoff, samples.rate)
-        dx = np.gradient(x, step)
+        q = low_pass(samples.q[:, j], cutoff, samples.rate)
+        dq = np.gradient(q, step)
+        ddq = np.gradient(dq, step)
         tau = low_pass(samples.tau[:, j], cutoff, samples.rate)
-        states[:, :, j] = x[rows], dx[rows], np.gradient(dx, step)[rows], tau[rows]
+        states[:, :, j] = q[rows], dq[rows], ddq[rows], tau[rows]
     return Filtered(time[rows], samples.rate / every, *states)
 
 
 def torques_below(samples: SteadySamples, cutoff: float) -> tuple[Array, Array]:
     """Times (m,) and torques (m, nv) of the states below a cut-off [Hz]."""
-    rows = slice(None, None, max(1, math.floor(samples.rate / (STATE_RATE * cutoff))))
+    every = max(1, math.floor(samples.rate / (STATE_RATE * cutoff)))
+    rows = slice(None, None, every)
     time = samples.start + np.arange(len(samples)) / samples.rate
-    return time[rows], np.stack([low_pass(x, cutoff, samples.rate)[rows] for x in samples.tau.T], axis=1)
+    torques = [low_pass(tau, cutoff, samples.rate)[rows] for tau in samples.tau.T]
+    return time[rows], np.stack(torques, axis=1)
 
 
 def kept_rows(states: Filtered, cutoff: float, most: float, *, cut: bool = False) -> slice:
     """States that become rows: 2.5 per period of the cut-off, at most ``most``, without the settling time of the filters."""
-    every = max(1, math.floor(states.rate / (ROW_RATE * cutoff)), math.ceil(len(states.time) / most))
-    border = border_of(states.rate, cutoff, len(states.time), cut=cut)
-    return slice(border, max(border, len(states.time) - border), every)
+    count = len(states.time)
+    every = max(1, math.floor(states.rate / (ROW_RATE * cutoff)), math.ceil(count / most))
+    border = border_of(states.rate, cutoff, count, cut=cut)
+    return slice(border, max(border, count - border), every)
 
 
 def states_with_rows(
     samples: Sequence[SteadySamples], cutoff: float, most: float, *, whole: bool = False
 ) -> Iterator[tuple[SteadySamples, Filtered, slice]]:
-    """States of each log below a cut-off (all samples if ``whole``), and its rows, at most ``most`` of all logs."""
+    """Each log with its states below a cut-off (at all samples if ``whole``), and its rows.
+
+    All logs together have at most ``most`` rows, shared by duration.
+    """
     total = total_seconds(samples)
     for log in samples:
-        s = states_below(log, cutoff, log.rate if whole else None)
-        yield log, s, kept_rows(s, cutoff, max(1.0, most * log.seconds / total), cut=log.cut)
+        states = states_below(log, cutoff, log.rate if whole else None)
+        most_of_log = max(1.0, most * log.seconds / total)
+        yield log, states, kept_rows(states, cutoff, most_of_log, cut=log.cut)
 
 
 def border_of(rate: float, cutoff: float, count: int, *, cut: bool) -> int:
     """Number of states at either end to leave out, of ``count``; more if the piece is ``cut`` from a log with pauses."""
-    border = math.ceil(rate / cutoff)
+    border = math.ceil(rate / cutoff)  # one period of the cut-off
     return _CUT_BORDER * border if cut else min(border, count // 10)
 
 
 def cutoffs(samples: Sequence[SteadySamples], rows: float) -> tuple[float, ...]:
     """Candidate cut-offs [Hz] with at least ``rows`` rows, at most 1/3 decade apart, up to a tenth of the rate."""
     shortest_log, longest_piece = math.inf, 0.0
-    for s in samples:
-        if s.cut:
-            longest_piece = max(longest_piece, s.seconds)
+    for log in samples:
+        if log.cut:
+            longest_piece = max(longest_piece, log.seconds)
         else:
-            shortest_log = min(shortest_log, s.seconds)
+            shortest_log = min(shortest_log, log.seconds)
     duration = shortest_log
     if longest_piece:
         duration = min(shortest_log, 0.5 * longest_piece)  # shorter pieces then have no rows
-    lowest = max(4.0 / duration, rows / (ROW_RATE * total_seconds(samples)))
+    min_periods = 4.0  # of a cut-off in the duration
+    lowest = max(min_periods / duration, rows / (ROW_RATE * total_seconds(samples)))
     highest = 0.1 * lowest_rate(samples)
-    steps = [base * 10.0**power for power in range(-1, 3) for base in (1.0, 2.0, 3.0, 5.0, 7.0)]
-    return tuple(f for f in steps if lowest <= f <= highest) or (highest,)
+    round_frequencies = [base * 10.0**power for power in range(-1, 3) for base in (1.0, 2.0, 3.0, 5.0, 7.0)]
+    candidates = tuple(frequency for frequency in round_frequencies if lowest <= frequency <= highest)
+    return candidates or (highest,)
 
 
 # An equation stays valid if both sides are filtered alike, for any columns (Gautier's parallel decimation, "Dynamic
@@ -233,12 +251,14 @@ class _LogRows:
     @cached_property
     def spline(self) -> UniformSpline:
         """Spline of the torques."""
-        found, self._tau = UniformSpline.from_samples(self.time, self._tau), self._tau[:0]
-        return found
+        spline = UniformSpline.from_samples(self.time, self._tau)
+        self._tau = self._tau[:0]  # release the memory: the spline has a copy
+        return spline
 
     def torques(self, shift: float) -> Array:
-        """(m, nv) torques at the rows, from ``shift`` seconds later."""
-        return np.asarray(self.spline(np.clip(self.time[self.rows] + shift, self.time[0], self.time[-1])))
+        """(m, nv) torques at the rows, from ``shift`` seconds later; at the ends, the first and the last torque."""
+        shifted_time = np.clip(self.time[self.rows] + shift, self.time[0], self.time[-1])
+        return np.asarray(self.spline(shifted_time))
 
 
 @dataclass(eq=False)
@@ -250,10 +270,10 @@ class FilteredRows:
     W: Array  # (m, nv, r)
     time: Array  # (m,), time of each row in its own log [s]
     log: Array  # (m,), index of the log of each row
-    known: Array
+    known: Array  # (m, nv), torques of springs
     logs: list[_LogRows]
-    dead: Array | None = None
-    _coulomb: dict[tuple[int, float], Array] = field(default_factory=dict)
+    dead: Array | None = None  # (nv,) bool, joints without a torque, whose entries are set to 0
+    _coulomb: dict[tuple[int, float], Array] = field(default_factory=dict)  # by column and friction speed
 
     @classmethod
     def from_samples(
@@ -265,23 +285,24 @@ class FilteredRows:
         most: float = MOST_ROWS,
     ) -> FilteredRows:
         """Rows of logs below a cut-off."""
-        W, known, times, logs = list[Array](), list[Array](), list[Array](), list[Array]()
-        parts = list[_LogRows]()
+        W_of_logs, springs_of_logs, times, log_indices = list[Array](), list[Array](), list[Array](), list[Array]()
+        logs = list[_LogRows]()
         for k, (_, s, rows) in enumerate(states_with_rows(samples, cutoff, most)):
             columns, springs = _columns(base, s, rows, cutoff, friction_speed)
-            W.append(columns)
-            known.append(springs)
+            W_of_logs.append(columns)
+            springs_of_logs.append(springs)
             times.append(s.time[rows])
-            logs.append(np.full(len(columns), k))
-            tau = low_pass(s.tau, cutoff, s.rate)
-            parts.append(_LogRows(s.time, s.rate, rows, s.q[rows].copy(), s.dq.copy(), s.ddq[rows].copy(), tau))
-        whole = _concatenate_and_empty(W)
-        return cls(base, cutoff, whole, np.concatenate(times), np.concatenate(logs), np.concatenate(known), parts)
+            log_indices.append(np.full(len(columns), k))
+            tau = low_pass(s.tau, cutoff, s.rate)  # the second low-pass, as that of the columns
+            logs.append(_LogRows(s.time, s.rate, rows, s.q[rows].copy(), s.dq.copy(), s.ddq[rows].copy(), tau))
+        W = _concatenate_and_empty(W_of_logs)
+        time, log, known = np.concatenate(times), np.concatenate(log_indices), np.concatenate(springs_of_logs)
+        return cls(base, cutoff, W, time, log, known, logs)
 
     def torques(self, shift: float) -> Array:
         """(m, nv) torques, ``shift`` seconds later in the log than the rows' positions, without the torques of springs."""
-        found = [log.torques(shift) for log in self.logs]
-        tau = np.asarray(np.concatenate(found) - self.known)
+        torques_of_logs = [log.torques(shift) for log in self.logs]
+        tau = np.asarray(np.concatenate(torques_of_logs) - self.known)
         if self.dead is not None:
             tau[:, self.dead] = 0.0
         return tau
@@ -294,17 +315,20 @@ class FilteredRows:
         return self._coulomb[key]
 
     def _coulomb_column(self, column: int, joints: Array, friction_speed: Array) -> Array:
+        """(m, nv) low-passed column of dry friction; ``joints`` (nv,) is True for joints that it affects."""
         k, unknown = int(self.base.kept[column]), self.base.unknown
-        parts = list[Array]()
+        columns_of_logs = list[Array]()
         for log in self.logs:
-            factor = unknown.drives([k], log.dq, log.dq, friction_speed)  # independent of the acceleration
-            part = np.zeros((len(log.acceleration), len(joints)))
-            part[:, joints] = low_pass(factor, self.cutoff, log.rate)[log.rows] * unknown.shares[k, joints]
-            parts.append(part)
-        whole = np.concatenate(parts)
+            any_acceleration = log.dq  # friction does not depend on it
+            friction = unknown.drives([k], log.dq, any_acceleration, friction_speed)
+            column_of_log = np.zeros((len(log.acceleration), len(joints)))
+            friction_at_rows = low_pass(friction, self.cutoff, log.rate)[log.rows]
+            column_of_log[:, joints] = friction_at_rows * unknown.shares[k, joints]
+            columns_of_logs.append(column_of_log)
+        coulomb = np.concatenate(columns_of_logs)
         if self.dead is not None:
-            whole[:, self.dead] = 0.0
-        return whole
+            coulomb[:, self.dead] = 0.0
+        return coulomb
 
     @property
     def position(self) -> Array:
@@ -326,12 +350,14 @@ def _concatenate_and_empty(parts: list[Array]) -> Array:
     """Concatenate arrays and empty the list, releasing each part at once to limit memory."""
     if len(parts) == 1:
         return parts.pop()
-    whole, at = np.empty((sum(map(len, parts)), *parts[0].shape[1:])), 0
+    result = np.empty((sum(map(len, parts)), *parts[0].shape[1:]))
+    begin = 0
     while parts:
         part = parts.pop(0)
-        whole[at : at + len(part)] = part
-        at += len(part)
-    return whole
+        end = begin + len(part)
+        result[begin:end] = part
+        begin = end
+    return result
 
 
 def filtered_portions(
@@ -341,44 +367,60 @@ def filtered_portions(
     cutoff: float,
     friction_speed: Array,
 ) -> Iterator[tuple[Array, Array, Array | float]]:
-    """Low-passed entries (k, f) and torques of springs (k, nv) at the ``wanted`` states (m,), in batches.
+    """Low-passed entries of rows and torques of springs at the ``wanted`` states, in batches.
 
-    Yields each batch with its indices (k,) among the wanted states.
+    Parameters
+    ----------
+    columns : BaseColumns
+    s : Filtered, states of a log
+    wanted : (m,) array, indices of states
+    cutoff : float [Hz]
+    friction_speed : (nv,) array
+
+    Yields
+    ------
+    batch : (k,) array, indices among the wanted states
+    entries : (k, f) array
+    springs : (k, nv) array; 0 without springs
     """
-    margin, base = int(REACH * s.rate / cutoff) + 1, columns.base
+    margin = int(REACH * s.rate / cutoff) + 1  # states on either side that the low-pass needs
+    base = columns.base
     for begin in range(0, len(s.time), _PORTION):
-        here = np.flatnonzero((wanted >= begin) & (wanted < begin + _PORTION))
-        if not here.size:
+        batch = np.flatnonzero((wanted >= begin) & (wanted < begin + _PORTION))
+        if not batch.size:
             continue
         span = slice(max(0, begin - margin), min(len(s.time), begin + _PORTION + margin))
-        states, at = (s.q[span], s.dq[span], s.ddq[span]), wanted[here] - span.start
-        entries = low_pass_at(columns.rows(*states, friction_speed), cutoff, s.rate, at)
+        states = s.q[span], s.dq[span], s.ddq[span]
+        places = wanted[batch] - span.start
+        entries = low_pass_at(columns.rows(*states, friction_speed), cutoff, s.rate, places)
         springs: Array | float = 0.0
         if base.unknown.model.springs:
-            springs = low_pass_at(spring_torques(base, *states), cutoff, s.rate, at)
-        yield here, entries, springs
+            springs = low_pass_at(spring_torques(base, *states), cutoff, s.rate, places)
+        yield batch, entries, springs
 
 
 def _columns(
     base: BaseParameters, s: Filtered, rows: slice, cutoff: float, friction_speed: Array
 ) -> tuple[Array, Array]:
     """Low-passed kept columns (m, nv, r) and torques of springs (m, nv) at the rows."""
-    wanted, columns = np.arange(len(s.time))[rows], BaseColumns.from_parameters(base)
+    wanted = np.arange(len(s.time))[rows]
+    columns = BaseColumns.from_parameters(base)
     W = np.zeros((len(wanted), s.dq.shape[1], base.count))
-    known = np.zeros(W.shape[:2])
-    for here, entries, springs in filtered_portions(columns, s, wanted, cutoff, friction_speed):
-        known[here] = springs
+    spring_torques_of_rows = np.zeros(W.shape[:2])
+    for batch, entries, springs in filtered_portions(columns, s, wanted, cutoff, friction_speed):
+        spring_torques_of_rows[batch] = springs
         for j, (groups, place) in enumerate(zip(columns.groups, columns.slices, strict=True)):
-            W[np.ix_(here, np.array([j]), groups)] = entries[:, None, place]
-    return W, known
+            W[np.ix_(batch, np.array([j]), groups)] = entries[:, None, place]
+    return W, spring_torques_of_rows
 
 
 def spring_torques(base: BaseParameters, q: Array, dq: Array, ddq: Array) -> Array:
-    """(n, nv) torques of springs at given states."""
+    """(n, nv) torques of springs at given states: all torques less those of the bodies."""
     robot = base.unknown.robot
     if not base.unknown.model.springs:
         return np.zeros(dq.shape)
-    return np.asarray(robot.inverse_dynamics(q, dq, ddq)) - robot.regressor(q, dq, ddq) @ robot.parameters
+    body_torques = robot.regressor(q, dq, ddq) @ robot.parameters
+    return np.asarray(robot.inverse_dynamics(q, dq, ddq)) - body_torques
 
 
 @dataclass(eq=False)
@@ -388,9 +430,13 @@ class JudgedStates:
     W: Array
     """(m, nv, r) columns from positions below the tested cut-off."""
     known: Array
+    """(m, nv) torques of springs."""
     log: Array
+    """(m,) index of the log of each state."""
     time: Array
+    """(m,) time of each state in its own log [s]."""
     states: list[Filtered]
+    """States of each log."""
 
     @classmethod
     def from_samples(
@@ -398,11 +444,12 @@ class JudgedStates:
     ) -> JudgedStates:
         """States at the same times for every cut-off."""
         rate = _JUDGED_ROWS / total_seconds(samples)
-        states = [states_below(s, cutoff, rate) for s in samples]
-        W, known, logs, times = list[Array](), list[Array](), list[Array](), list[Array]()
+        states = [states_below(log, cutoff, rate) for log in samples]
+        columns, springs, log_indices, times = list[Array](), list[Array](), list[Array](), list[Array]()
         for k, s in enumerate(states):
             times.append(s.time)
-            W.append(base.unknown.columns(base.kept, s.q, s.dq, s.ddq, friction_speed))
-            known.append(spring_torques(base, s.q, s.dq, s.ddq))
-            logs.append(np.full(len(s.time), k))
-        return cls(np.concatenate(W), np.concatenate(known), np.concatenate(logs), np.concatenate(times), states)
+            columns.append(base.unknown.columns(base.kept, s.q, s.dq, s.ddq, friction_speed))
+            springs.append(spring_torques(base, s.q, s.dq, s.ddq))
+            log_indices.append(np.full(len(s.time), k))
+        W, known = np.concatenate(columns), np.concatenate(springs)
+        return cls(W, known, np.concatenate(log_indices), np.concatenate(times), states)

@@ -12,13 +12,18 @@ from ..core.text import listed, spell_out
 from ..core.typing import Array
 from .parameters import BaseParameters, turning_joints
 
-_MAX_FED_FORWARD, _MAX_UNSPANNED_SHARE = 1e-3, 1e-6
-"""Residual, as a share of the torques, below that of any sensor; share of torques not spanned by other columns."""
-_TURN, _GAIN = 0.3, 1.2
+_MAX_FED_FORWARD_RESIDUAL = 1e-3
+"""Residual, as a share of the torques, that only computed torques reach: torque sensors have a larger one."""
+_MAX_UNSPANNED_SHARE = 1e-6
+"""Share of the torques up to which they lie in the span of other columns."""
+_ZERO_ERROR = 0.3
+"""Error of a joint's zero [rad], of any size, whose torques are tested."""
+_COMMON_GAIN = 1.2
+"""Gain of all torques, of any size except 1, that is tested."""
 
 
-def undetermined_quantities(base: BaseParameters, left: float) -> dict[str, str]:
-    """Sentences by name on quantities that no log determines; ``left`` is the residual as a share of the torques."""
+def undetermined_quantities(base: BaseParameters, residual: float) -> dict[str, str]:
+    """Sentences by name on quantities that no log determines; ``residual`` is a share of the torques."""
     unknown, names = base.unknown, base.unknown.model.velocity_names
     kinds, held = np.array(unknown.kinds), unknown.held
     is_gain_explained, zeros, signs = _explained_errors(base)
@@ -29,48 +34,60 @@ def undetermined_quantities(base: BaseParameters, left: float) -> dict[str, str]
         "sign-of-both": bool(signs),
         "base-about-vertical": bool(np.any(unknown.model.gravity)),
         "asymmetric-friction": {"coulomb", "offset"} <= set(kinds[~held].tolist()),
-        "fed-forward": left < _MAX_FED_FORWARD,
+        "fed-forward": residual < _MAX_FED_FORWARD_RESIDUAL,
     }
-    joints = {"zero": listed([names[k] for k in zeros]), "sign-of-both": listed([names[k] for k in signs])}
+    joint_names = {"zero": listed([names[k] for k in zeros]), "sign-of-both": listed([names[k] for k in signs])}
     sentences: dict[str, str] = {}
     for name, texts in undetermined_table().items():
         if is_undetermined[name]:
-            words = {"joints": joints.get(name), "left": percent(left, 2)}
-            sentences[name] = " ".join(spell_out(text).format(**words) for text in texts if text)
+            fields = {"joints": joint_names.get(name), "left": percent(residual, 2)}  # of the texts in the table
+            sentences[name] = " ".join(spell_out(text).format(**fields) for text in texts if text)
     return sentences
 
 
 def _explained_errors(base: BaseParameters) -> tuple[bool, list[int], list[int]]:
-    """Errors of logs that other parameters of the robot can fully explain: a common gain, zeros, signs of position and torque.
+    """Errors of logs that other parameters of the robot can fully explain.
 
-    Torques of random states with such an error lie in the span of the columns without it; for signs, after a half turn
-    of a joint.
+    Torques of random states with such an error lie in the span of the columns without it. A wrong sign may need a half
+    turn of a joint besides.
+
+    Returns
+    -------
+    is_gain_explained : True for a common gain of all torques
+    zeros : joints whose error of the zero is explained
+    signs : joints whose wrong sign, of position and torque together, is explained
     """
     unknown, model, free = base.unknown, base.unknown.model, ~base.held
-    rng, unit, speed = np.random.default_rng(0), np.eye(model.nv), np.ones(model.nv)
-    q, dq, ddq = rng.normal(size=(3, 20 + 3 * base.count // model.nv, model.nv))
+    rng = np.random.default_rng(0)
+    state_count = 20 + 3 * base.count // model.nv  # three times as many equations as groups, at least
+    q, dq, ddq = rng.normal(size=(3, state_count, model.nv))
     x = np.where(free, rng.normal(size=base.count), base.project(unknown.file_values))
+    no_offset, ones = np.zeros(model.nv), np.ones(model.nv)
+    unit = np.eye(model.nv)
 
-    def columns(turn: Array, sign: Array = speed) -> Array:
-        return unknown.columns(base.kept, sign * q + turn, sign * dq, sign * ddq, speed)
+    def columns(offset: Array, sign: Array = ones) -> Array:
+        """(n, nv, r) columns of the states with other zeros and signs of the joints, (nv,) each."""
+        friction_speed = ones
+        return unknown.columns(base.kept, sign * q + offset, sign * dq, sign * ddq, friction_speed)
 
     turning = np.flatnonzero(turning_joints(model)).tolist()
-    W = columns(0.0 * speed)
-    whole = _Span.from_columns(W, x, free)
-    zeros = [k for k in turning if whole.contains(columns(_TURN * unit[k]) @ x)]
-    half_turns = [_Span.from_columns(columns(np.pi * unit[k]), x, free) for k in turning]
+    W = columns(no_offset)
+    span_without_error = _Span.from_columns(W, x, free)
+    zeros = [k for k in turning if span_without_error.contains(columns(_ZERO_ERROR * unit[k]) @ x)]
+    half_turn_spans = [_Span.from_columns(columns(np.pi * unit[k]), x, free) for k in turning]
     signs: list[int] = []
     for k in turning:
-        sign = speed - 2.0 * unit[k]
-        tau = sign * (columns(0.0 * sign, sign) @ x)
-        if any(span.contains(tau) for span in half_turns):
+        sign = ones - 2.0 * unit[k]  # -1 for joint k, 1 for the others
+        tau = sign * (columns(no_offset, sign) @ x)
+        if any(span.contains(tau) for span in half_turn_spans):
             signs.append(k)
-    return whole.contains(_GAIN * (W @ x)), zeros, signs
+    is_gain_explained = span_without_error.contains(_COMMON_GAIN * (W @ x))
+    return is_gain_explained, zeros, signs
 
 
 @dataclass(frozen=True, eq=False)
 class _Span:
-    """Torques of the same states with any values of the free parameters."""
+    """Set of the torques of some states for all values of the free parameters."""
 
     known: Array
     """(n, nv) torques of the parameters with known values."""
@@ -79,9 +96,10 @@ class _Span:
 
     @classmethod
     def from_columns(cls, W: Array, x: Array, free: Array) -> _Span:
-        """Span of the free columns of W (n, nv, r); the others have values of x (r,)."""
+        """Torques W x with W (n, nv, r); x (r,) has the values of the parameters that are not free."""
         known = W[:, :, ~free] @ x[~free]
-        return cls(known, np.linalg.qr(W[:, :, free].reshape(known.size, -1))[0])
+        free_columns = W[:, :, free].reshape(known.size, -1)
+        return cls(known, np.linalg.qr(free_columns)[0])
 
     def contains(self, tau: Array) -> bool:
         """True if torques (n, nv) are in the span."""

@@ -39,9 +39,11 @@ if TYPE_CHECKING:
 _MAX_DIFFERENCE = 1e-12
 """Largest difference after reading back, as a share of the largest value."""
 _STATES = 200
+"""Number of random states at which robots are compared."""
 _MAX_RATIO_TO_FILE = 1.05
 """Ratio to the held-out residual of the file's bodies with friction up to which a robot is as good as these."""
 _MAX_INCREASE = 0.002  # negligible increase of the residual, as a share of the torques
+_MAX_MASS_CHANGE = 0.2  # change of the moving mass without a remark, as a share of the file's
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,7 @@ class WrittenRobot:
     difference: float  # of torques after reading back, as a share of the largest
     folded: tuple[str, ...]  # fixed links whose inertia was added to the carrying links
     missing: Mapping[str, Mapping[str, float]]  # values by kind and joint that the file cannot store
-    folder: Path | None  # base folder of relative paths in the file, such as meshes; None without any
+    folder: Path | None  # folder to which the file's relative paths refer; None if it has no such paths
 
 
 def written_robot(original: Robot, found: ConsistentRobot, comment: str) -> WrittenRobot:
@@ -72,18 +74,20 @@ def written_robot(original: Robot, found: ConsistentRobot, comment: str) -> Writ
     inertias, folded = _link_inertias(found, TEXTS[subject.robot.format].share_left)
     file = _ChangedFile(subject, root, found, inertias)
     drives = _drives(found)
-    wanted, deviations = drives, file.deviations(comment, drives, drives)
-    if any(max(of_kind.values()) > 0 for of_kind in deviations.values()):
-        wanted = _without_stored_part(drives, deviations)
-        deviations = file.deviations(comment, wanted, drives)
+    file_drives = drives
+    deviations = file.deviations(comment, file_drives, drives)
+    if any(max(deviation_by_joint.values()) > 0 for deviation_by_joint in deviations.values()):
+        # values that are read too large contain a part from actuators of the file: write less
+        file_drives = _without_stored_part(drives, deviations)
+        deviations = file.deviations(comment, file_drives, drives)
     missing: dict[str, dict[str, float]] = {}
-    lacking: list[str] = []
+    missing_texts: list[str] = []
     for kind, joints in deviations.items():
         missing[kind] = {joint: drives[kind][joint] for joint in joints}
-        lacking += [f"{kind} {joint} {number(x)}" for joint, x in missing[kind].items()]
-    if lacking:
-        comment = f"{comment}; not in it: {', '.join(lacking)}"
-    text = file.text(comment, wanted)
+        missing_texts += [f"{kind} {joint} {number(value)}" for joint, value in missing[kind].items()]
+    if missing_texts:
+        comment = f"{comment}; not in it: {', '.join(missing_texts)}"
+    text = file.text(comment, file_drives)
     difference = _difference(file.model(text), found)
     if not difference <= _MAX_DIFFERENCE:
         raise RobotFileError(
@@ -98,13 +102,16 @@ def written_robot(original: Robot, found: ConsistentRobot, comment: str) -> Writ
 def _without_stored_part(
     drives: Mapping[str, Mapping[str, float]], deviations: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Values of joints less the part of actuators, which the file stores separately and which reading adds."""
-    wanted = {kind: dict(values) for kind, values in drives.items()}
-    for kind, of_kind in deviations.items():
-        for joint, stored in of_kind.items():
+    """Values to write, by kind and joint: less the part of actuators, which the file stores separately and reading adds.
+
+    Positive ``deviations`` are these parts.
+    """
+    written = {kind: dict(values) for kind, values in drives.items()}
+    for kind, stored_by_joint in deviations.items():
+        for joint, stored in stored_by_joint.items():
             if stored > 0.0:
-                wanted[kind][joint] = max(0.0, wanted[kind][joint] - stored)
-    return wanted
+                written[kind][joint] = max(0.0, written[kind][joint] - stored)
+    return written
 
 
 def _names_files(root: Element) -> bool:
@@ -113,7 +120,8 @@ def _names_files(root: Element) -> bool:
         names = [element.attributes.get("file", ""), element.attributes.get("filename", "")]
         if element.tag == "uri":
             names.append(element.content.strip())
-        if element.file or any(map(_is_relative, names)):
+        is_included = bool(element.file)
+        if is_included or any(map(_is_relative, names)):
             return True
     return False
 
@@ -125,7 +133,7 @@ def _is_relative(name: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _ChangedFile:
-    """Robot file whose links and joints get other numbers; ``inertias`` are the new ones of links."""
+    """Robot file with other numbers of links and joints; ``inertias`` are the new inertias by link."""
 
     subject: Subject
     root: Element
@@ -133,30 +141,34 @@ class _ChangedFile:
     inertias: Mapping[str, SpatialInertia]
 
     def text(self, comment: str, drives: Mapping[str, Mapping[str, float]]) -> str:
-        """Text of the file with values of joints, by kind and joint; values of mimic joints are 0."""
+        """Text of the file with values of joints, by kind and joint.
+
+        Mimic joints get values of 0, since those of the joint that they follow contain their part.
+        """
         changes = TextChanges(SIGNATURE)
         model = self.found.base.unknown.model
         file = TEXTS[self.subject.robot.format](self.root, model.name, self.subject.path)
         file.write_links(changes, self._changed_inertias())
-        values_of: dict[str, dict[str, float]] = {joint: {} for joint in model.velocity_names}
-        for kind, of_kind in drives.items():
-            for joint, value in of_kind.items():
-                values_of[joint][kind] = value
-        for joint, values in values_of.items():
+        values_by_joint: dict[str, dict[str, float]] = {joint: {} for joint in model.velocity_names}
+        for kind, value_by_joint in drives.items():
+            for joint, value in value_by_joint.items():
+                values_by_joint[joint][kind] = value
+        for joint, values in values_by_joint.items():
             file.write_joint(changes, joint, values)
         for body in model.bodies:
             if body.follows:
                 zeros = dict.fromkeys(drives, 0.0)
                 file.write_joint(changes, body.joint.name, zeros, "part of the joint that it follows")
-        changes.add(self.root, f"<!-- {SIGNATURE}: {comment.replace('--', '- -')} -->")
+        xml_comment = comment.replace("--", "- -")  # XML forbids -- inside a comment
+        changes.add(self.root, f"<!-- {SIGNATURE}: {xml_comment} -->")
         return changes.apply(self.subject.text)
 
     def _changed_inertias(self) -> dict[str, SpatialInertia]:
         """Inertias of the links that differ from those of the file."""
-        before = self.subject.robot.model.link_inertias
+        inertias_of_file = self.subject.robot.model.link_inertias
         changed: dict[str, SpatialInertia] = {}
         for link, G in self.inertias.items():
-            is_same = link in before and np.array_equal(before[link].parameters, G.parameters)
+            is_same = link in inertias_of_file and np.array_equal(inertias_of_file[link].parameters, G.parameters)
             if not is_same:
                 changed[link] = G
         return changed
@@ -167,50 +179,55 @@ class _ChangedFile:
         folders = [] if path is None else [path.resolve().parent]
         options: dict[str, Any] = {"include_paths": folders, "inertia": "accept", "model": self.subject.model}
         model = load(text, **options).model
-        if set(self.found.base.unknown.model.velocity_names) <= set(model.velocity_names):
+        joint_names = self.found.base.unknown.model.velocity_names
+        if set(joint_names) <= set(model.velocity_names):
             return model
+        # joints are missing: the robot was identified with its mimic joints as independent ones
         return load(text, **options, mimic="independent").model
 
     def deviations(
         self, comment: str, wanted: Mapping[str, Mapping[str, float]], drives: Mapping[str, Mapping[str, float]]
     ) -> dict[str, dict[str, float]]:
-        """Differences of joint values from ``drives`` if ``wanted`` ones are written, without rounding errors."""
+        """Differences between the values that are read back if ``wanted`` are written, and ``drives``."""
         return _deviations(self.model(self.text(comment, wanted)), drives)
 
 
-def _link_inertias(found: ConsistentRobot, share: float) -> tuple[dict[str, SpatialInertia], list[str]]:
-    """Inertia of each moving link in its own frame, and names of fixed links that were folded into others.
+def _link_inertias(found: ConsistentRobot, folded_share: float) -> tuple[dict[str, SpatialInertia], list[str]]:
+    """Inertia of each link in its own frame, and names of fixed links that were folded into moving ones.
 
-    A folded link keeps a ``share`` of the whole body's inertia, which is physically consistent like the whole.
+    Fixed links keep their inertia of the file, and the moving link gets the rest of the body's. If this rest is not
+    physically consistent, fixed links keep ``folded_share`` of the body's inertia instead. Shares of a consistent inertia
+    are consistent.
     """
     model = found.base.unknown.model
     wanted: dict[str, SpatialInertia] = {}
     folded: list[str] = []
-    for i, (body, whole) in enumerate(zip(model.bodies, found.inertias, strict=True)):
+    for i, (body, body_inertia) in enumerate(zip(model.bodies, found.inertias, strict=True)):
         if body.link not in model.link_inertias:
             continue  # massless body between two joints of one link
         poses: dict[str, Array] = {}
         for link, frame in model.frames.items():
             if frame.body == i and link in model.link_inertias:
                 poses[link] = frame.pose
-        fixed = {link: model.link_inertias[link] for link in poses if link != body.link}
-        remaining = whole
-        for link, G in fixed.items():
+        fixed_inertias = {link: model.link_inertias[link] for link in poses if link != body.link}
+        remaining = body_inertia
+        for link, G in fixed_inertias.items():
             remaining = remaining - G.in_frame(poses[link])
-        if fixed and (remaining.mass <= 0 or remaining.defects()):
-            heavy = [link for link, G in fixed.items() if G.parameters.any()]
-            part = SpatialInertia(share * whole.parameters)
-            fixed = dict.fromkeys(heavy, SpatialInertia.zero())
-            if share:
-                fixed = {link: part.in_frame(se3.inverse(poses[link])) for link in heavy}
-            remaining = SpatialInertia((1.0 - share * len(heavy)) * whole.parameters)
-            folded += heavy
-        wanted |= {**fixed, body.link: remaining}
+        is_possible = remaining.mass > 0 and not remaining.defects()
+        if fixed_inertias and not is_possible:
+            heavy_links = [link for link, G in fixed_inertias.items() if G.parameters.any()]
+            folded_inertia = SpatialInertia(folded_share * body_inertia.parameters)
+            fixed_inertias = dict.fromkeys(heavy_links, SpatialInertia.zero())
+            if folded_share:
+                fixed_inertias = {link: folded_inertia.in_frame(se3.inverse(poses[link])) for link in heavy_links}
+            remaining = SpatialInertia((1.0 - folded_share * len(heavy_links)) * body_inertia.parameters)
+            folded += heavy_links
+        wanted |= {**fixed_inertias, body.link: remaining}
     return wanted, folded
 
 
 def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
-    """Values of the joints by kind: identified friction and motor inertias; 0 if not identified."""
+    """Values by kind and joint: identified friction, and motor inertias, which are 0 if not identified."""
     drives: dict[str, dict[str, float]] = {}
     for kind in ("viscous", "coulomb", "stribeck"):
         values = found.of_joints(kind)
@@ -222,10 +239,13 @@ def _drives(found: ConsistentRobot) -> dict[str, dict[str, float]]:
 
 
 def _deviations(model: Model, drives: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
-    """Deviations of a model's joint values from the requested ones, without rounding errors."""
+    """Differences between a model's joint values and ``drives``, by kind and joint, above rounding errors.
+
+    A joint that the model lacks has the value 0.
+    """
     friction = model.friction
     static_excess = np.asarray(friction.static) - friction.coulomb
-    read = {
+    values_of_model = {
         "viscous": friction.viscous,
         "coulomb": friction.coulomb,
         "stribeck": static_excess,
@@ -234,41 +254,47 @@ def _deviations(model: Model, drives: Mapping[str, Mapping[str, float]]) -> dict
     index = {name: k for k, name in enumerate(model.velocity_names)}
     deviations: dict[str, dict[str, float]] = {}
     for kind, values in drives.items():
-        size = max(map(abs, values.values()), default=0.0)
+        largest = max(map(abs, values.values()), default=0.0)
         for joint, value in values.items():
             deviation = -value
             if joint in index:
-                deviation = float(read[kind][index[joint]]) - value
-            if abs(deviation) > _MAX_DIFFERENCE * size:
+                deviation = float(values_of_model[kind][index[joint]]) - value
+            is_rounding = abs(deviation) <= _MAX_DIFFERENCE * largest
+            if not is_rounding:
                 deviations.setdefault(kind, {})[joint] = deviation
     return deviations
 
 
 def _difference(model: Model, found: ConsistentRobot) -> float:
-    """Largest difference of torques of a model read back, over random states, as a share of the largest torque."""
-    bodies = [np.zeros(10) for _ in found.base.unknown.model.bodies]
+    """Largest difference between the torques of ``model``, read back, and of ``found``, as a share of the largest torque.
+
+    Torques of the bodies at random states.
+    """
+    read_parameters = [np.zeros(10) for _ in found.base.unknown.model.bodies]
     for link, frame in found.base.unknown.model.frames.items():
         if frame.body != BASE and link in model.link_inertias:
-            bodies[frame.body] = bodies[frame.body] + model.link_inertias[link].in_frame(frame.pose).parameters
+            G = model.link_inertias[link].in_frame(frame.pose)
+            read_parameters[frame.body] = read_parameters[frame.body] + G.parameters
     rng = np.random.default_rng(0)
     robot = found.base.unknown.robot
     q = _random_configurations(robot, rng)
     dq, ddq = rng.normal(size=(2, _STATES, robot.nv))
     Y = robot.regressor(q, dq, ddq)
-    wanted = Y @ np.concatenate([G.parameters for G in found.inertias])
-    return float(np.abs(Y @ np.concatenate(bodies) - wanted).max() / max(np.abs(wanted).max(), 1e-300))
+    torques = Y @ np.concatenate([G.parameters for G in found.inertias])
+    read_torques = Y @ np.concatenate(read_parameters)
+    return float(np.abs(read_torques - torques).max() / max(np.abs(torques).max(), 1e-300))
 
 
 def _random_configurations(robot: Robot, rng: np.random.Generator) -> Array:
-    """(200, nq) random configurations, drawn one by one."""
+    """(200, nq) random configurations."""
     return np.stack([robot.random_configuration(rng) for _ in range(_STATES)])
 
 
 def check_written(found: ConsistentRobot) -> list[str]:
-    """Sentences on changes of the robot; raises ValueRangeError if it must not be written.
+    """Remarks on changes of the robot; raises ValueRangeError if it must not be written.
 
-    Every body must be physically consistent, M positive definite, and the held-out residual no
-    larger than that of the file's bodies with friction.
+    Every body must be physically consistent, M positive definite, and the held-out residual hardly larger than that of
+    the file's bodies with friction.
     """
     model = found.base.unknown.model
     for body, G in zip(model.bodies, found.inertias, strict=True):
@@ -286,12 +312,12 @@ def check_written(found: ConsistentRobot) -> list[str]:
     remarks = []
     if found.held_out > found.of_file:
         remarks.append("the file's own bodies with friction explain rows held out as well")
-    mass, before = 0.0, 0.0
+    identified_mass, file_mass = 0.0, 0.0
     for body, G in zip(model.bodies, found.inertias, strict=True):
-        mass += float(G.mass)
-        before += float(body.inertia.mass)
-    if before > 0 and abs(mass / before - 1.0) > 0.2:
-        remarks.append(f"the moving bodies weigh {number(mass)} kg, in the file {number(before)} kg")
+        identified_mass += float(G.mass)
+        file_mass += float(body.inertia.mass)
+    if file_mass > 0 and abs(identified_mass / file_mass - 1.0) > _MAX_MASS_CHANGE:
+        remarks.append(f"the moving bodies weigh {number(identified_mass)} kg, in the file {number(file_mass)} kg")
     if found.repaired:
         remarks.append(
             f"the file's inertia of {', '.join(found.repaired)} was thickened first, as no body of volume has it"
@@ -318,25 +344,28 @@ def write_identified(
     *,
     force: bool,
 ) -> tuple[str, ...]:
-    """Write both files and return the notes; raises as :meth:`IdentifiedRobot.write` does, without writing."""
+    """Write the robot's file to ``path`` and the actuator file to ``actuators``, and return the notes.
+
+    Raises as :meth:`IdentifiedRobot.write` does. Both texts are checked before the first file is written.
+    """
     _check_writable(found, actuators, force=force)
     consistent = found.consistent
     notes = [*check_written(consistent), *_notes_on_losses(found, actuators)]
     notes += consistent.outside(found.interval(), found.standard_deviations)
-    written, text = None, None
+    robot_file, actuator_file = None, None
     if path is not None:
-        written = written_robot(found.original, consistent, _headline(found, logs))
+        robot_file = written_robot(found.original, consistent, _headline(found, logs))
     if actuators is not None:
-        text = actuator_text(found.original.model, consistent, given, found.load_friction)
-        if not same_actuators(text, consistent) <= _MAX_DIFFERENCE:
+        actuator_file = actuator_text(found.original.model, consistent, given, found.load_friction)
+        if not same_actuators(actuator_file, consistent) <= _MAX_DIFFERENCE:
             raise ValueRangeError("what was written of the actuators does not come back. Please report it.")
-    if path is not None and written is not None:
-        with replacing(path) as scratch:
-            scratch.write_bytes(written.data)
-        notes += _notes(written, as_path(path), beside=text is not None)
-    if actuators is not None and text is not None:
-        with replacing(actuators) as scratch:
-            scratch.write_text(text, encoding="utf-8")
+    if path is not None and robot_file is not None:
+        with replacing(path) as temporary:
+            temporary.write_bytes(robot_file.data)
+        notes += _notes_on_robot_file(robot_file, as_path(path), has_actuator_file=actuator_file is not None)
+    if actuators is not None and actuator_file is not None:
+        with replacing(actuators) as temporary:
+            temporary.write_text(actuator_file, encoding="utf-8")
     return tuple(notes)
 
 
@@ -358,17 +387,18 @@ def _check_writable(found: IdentifiedRobot, actuators: str | Path | None, *, for
 def _notes_on_losses(found: IdentifiedRobot, actuators: str | Path | None) -> list[str]:
     """Remarks on results that neither file contains."""
     notes = []
-    several = _numbers(found.consistent.of_several_joints)
-    if several:
+    coupled_friction = _named_values(found.consistent.of_several_joints)
+    if coupled_friction:
         notes.append(
-            f"no file format represents friction of one motor in several joints: {several}. Without it, "
+            f"no file format represents friction of one motor in several joints: {coupled_friction}. Without it, "
             "the torques of these joints are not predicted as they are here"
         )
-    removed = [one for one in found.settings.assumed if one.kind != "load-friction"]
-    notes += [f"the files are of the log without {one}" for one in removed]
+    # an actuator file stores load friction
+    removed_causes = [cause for cause in found.settings.assumed if cause.kind != "load-friction"]
+    notes += [f"the files are of the log without {cause}" for cause in removed_causes]
     if found.load_friction and actuators is None:
         notes.append(
-            f"load friction stands in an actuator file only, and none is written: {_numbers(found.load_friction)}"
+            f"load friction stands in an actuator file only, and none is written: {_named_values(found.load_friction)}"
         )
     return notes
 
@@ -381,22 +411,24 @@ def _headline(found: IdentifiedRobot, logs: Sequence[str]) -> str:
         f"groups, {percent(found.held_out.all, 3)} of the torques left in rows held out ({found.held_out.kind}), weight of "
         f"the prior {number(found.consistent.fit.strength)}"
     )
-    several = _numbers(found.consistent.of_several_joints)
-    return f"{text}; not in it: {several}" if several else text
+    coupled_friction = _named_values(found.consistent.of_several_joints)
+    return f"{text}; not in it: {coupled_friction}" if coupled_friction else text
 
 
-def _notes(made: WrittenRobot, path: Path, *, beside: bool) -> list[str]:
-    """Remarks on the robot's file; ``beside``: True if an actuator file is written too."""
-    notes = [f"{link} is part of the link that carries it now" for link in made.folded]
-    if made.folder is not None and path.resolve().parent != made.folder:
+def _notes_on_robot_file(robot_file: WrittenRobot, path: Path, *, has_actuator_file: bool) -> list[str]:
+    """Remarks on the robot's file; ``has_actuator_file``: True if an actuator file is written too."""
+    notes = [f"{link} is part of the link that carries it now" for link in robot_file.folded]
+    if robot_file.folder is not None and path.resolve().parent != robot_file.folder:
         notes.append(
-            f"the robot's file names other files from the folder it came from, {made.folder}: keep the new one there"
+            f"the robot's file names other files from the folder it came from, {robot_file.folder}: keep the new one there"
         )
-    where = "the actuator file has it" if beside else "it stands in an actuator file only, and none is written"
-    for kind, values in made.missing.items():
-        notes.append(f"the robot's file has no place for this {_KINDS[kind]}; {where}: {_numbers(values)}")
+    place = "it stands in an actuator file only, and none is written"
+    if has_actuator_file:
+        place = "the actuator file has it"
+    for kind, values in robot_file.missing.items():
+        notes.append(f"the robot's file has no place for this {_KINDS[kind]}; {place}: {_named_values(values)}")
     return notes
 
 
-def _numbers(values: Mapping[str, float]) -> str:
+def _named_values(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {number(value)}" for name, value in values.items())

@@ -10,15 +10,16 @@ A cause c with value β maps the states s of a log to c(s, β). If c is the faul
     time scale s:             dq / s, ddq / s²
     elasticity β of joint k:  q_k - β τ̂_k, with its rates             τ̂ = W x̂, the fitted torque
     play 2 β of joint k:      q_k - β u(q_k), with its rates            u: place of the link in the play, -1 to 1
-    zero β from t_1 on:       q_k - β 1(t ≥ t_1), with its rates; all of them low-passed
+    zero β from t_1 on:       q_k - β 1(t ≥ t_1), with its rates       the step and its rates are low-passed
 
-Laws of the joint add β e_k to the fitted torque, with R the rigid part of τ̂, v_0 the speed of Coulomb friction:
+Joint laws add β e_k to the fitted torque. With R the rigid part of τ̂, and v_0 the speed of Coulomb friction, the columns e_k
+are
 
     load friction |R_k| tanh(dq_k / v_0),   Stribeck fc_k tanh(dq_k / v_0) exp(-(dq_k / v_s)²),
     warming fc_k (t - t_0)/T tanh(dq_k / v_0),   drift (t - t_0)/T,   a delay of one joint -dτ̂_k/dt,
     gain drift (t - t_0)/T τ̂_k,   spring q_k - q̄_k,   offset from t_1 on 1(t ≥ t_1),   force on the tip -J' e.
 
-All of them use the fitted torque. The measured torque contains the residual itself.
+Both causes and laws use the fitted torque, not the measured one, which contains the residual that they are to explain.
 """
 
 from __future__ import annotations
@@ -38,47 +39,54 @@ from ...mechanics.model.model import BASE
 from ..parameters import turning_joints
 from .log_states import PORTION, LogStates
 
-MIN_NEGATIVE_PART, _MIN_ROWS_OF_SIGN = 0.2, 0.1
-"""Part of a torque (rms) below zero from which it has a sign, and minimum share of rows on either side of zero."""
+MIN_NEGATIVE_PART = 0.2
+"""Size of a negative torque, as a share of its rms, from which it is clearly below zero."""
+_MIN_ROWS_OF_SIGN = 0.1
+"""Minimum share of rows with a torque clearly below zero, and of the other rows, for a torque of both signs."""
 
 
 def _with_column(values: Array, k: int, change: Callable[[Array], Array]) -> Array:
-    found = values.copy()
-    found[:, k] = change(values[:, k])
-    return found
+    """Copy of the values whose column k is changed."""
+    copy = values.copy()
+    copy[:, k] = change(values[:, k])
+    return copy
 
 
 def gain(s: LogStates, k: int, g: float) -> LogStates:
     """Scale the torque of joint k by g."""
-    return s.with_fields(gain=np.where(np.arange(len(s.gain)) == k, g * s.gain, s.gain))
+    is_joint = np.arange(len(s.gain)) == k
+    return s.with_fields(gain=np.where(is_joint, g * s.gain, s.gain))
 
 
 def positions_times(s: LogStates, k: int, factor: float) -> LogStates:
-    """Scale the position of joint k and its rates, and with them the width of its dry friction's step."""
+    """Scale the position of joint k with its rates, and the speed at which its dry friction changes sign."""
     factors = np.where(np.arange(len(s.gain)) == k, factor, 1.0)
-    width = np.where(np.arange(len(s.friction_speed)) == k, abs(factor) * s.friction_speed, s.friction_speed)
-    return s.with_fields(q=s.q * factors, dq=s.dq * factors, ddq=s.ddq * factors, friction_speed=width)
+    is_joint = np.arange(len(s.friction_speed)) == k
+    friction_speed = np.where(is_joint, abs(factor) * s.friction_speed, s.friction_speed)
+    return s.with_fields(q=s.q * factors, dq=s.dq * factors, ddq=s.ddq * factors, friction_speed=friction_speed)
 
 
 def add_position(s: LogStates, k: int, j: int, sign: float) -> LogStates:
     """Add the position of joint j, times a sign, to that of joint k: encoders of coupled drives count both."""
     q, dq, ddq = s.q.copy(), s.dq.copy(), s.ddq.copy()
-    for x in (q, dq, ddq):
-        x[:, k] += sign * x[:, j]
+    for values in (q, dq, ddq):
+        values[:, k] += sign * values[:, j]
     return s.with_fields(q=q, dq=dq, ddq=ddq)
 
 
 def torque_without_sign(s: LogStates, k: int, x: Array) -> Cause | None:
-    """Torque of joint k without its sign, which that of groups x (r,) gives it; None if that keeps its sign."""
+    """Cause: torque of joint k logged without its sign. Groups x (r,) predict the sign; None if it does not change."""
     predicted = s.torques(x)[0][:, k]
-    negative = float((predicted < -MIN_NEGATIVE_PART * np.sqrt((predicted**2).mean())).mean())
-    if not _MIN_ROWS_OF_SIGN < negative < 1.0 - _MIN_ROWS_OF_SIGN:
+    rms = np.sqrt((predicted**2).mean())
+    negative_share = float((predicted < -MIN_NEGATIVE_PART * rms).mean())
+    if not _MIN_ROWS_OF_SIGN < negative_share < 1.0 - _MIN_ROWS_OF_SIGN:
         return None
     return Cause("unsigned", (k,), partial(_with_signs, k=k, sign=np.sign(predicted)))
 
 
 def _with_signs(s: LogStates, k: int, sign: Array) -> LogStates:
-    if not s.pieces:
+    """Multiply the torque of joint k by a sign (n,) for each row of the log."""
+    if not s.pieces:  # random states without a log, to which these rows do not belong
         return s
     return s.with_fields(tau=_with_column(s.tau, k, lambda x: sign * x))
 
@@ -106,7 +114,7 @@ def exchanged_joints(s: LogStates, j: int, k: int, order: Array) -> LogStates:
 
 
 def tilt(s: LogStates, beta: Array) -> LogStates:
-    """Turn the base by the vector β (2,) of a horizontal axis, so that gravity is exp([β]) g in its frame."""
+    """Turn the base about a horizontal axis, by a vector β (2,) along it, so that gravity is exp([β]) g in its frame."""
     level = np.linalg.svd(s.gravity[None])[2][1:]  # two axes perpendicular to gravity
     return s.with_fields(gravity=so3.exp(level.T @ beta) @ s.gravity)
 
@@ -114,29 +122,35 @@ def tilt(s: LogStates, beta: Array) -> LogStates:
 def time_scale(s: LogStates, factor: float) -> LogStates:
     """Scale the rates for a log whose times are ``factor`` times the true ones.
 
-    The width of dry friction's step scales alike: another width would explain slow motions better without another time.
+    The speed at which dry friction changes sign is scaled too. Otherwise, slow motions could prefer another time scale only
+    because it changes the friction.
     """
     return s.with_fields(dq=s.dq * factor, ddq=s.ddq * factor**2, friction_speed=s.friction_speed * factor)
 
 
 def behind(s: LogStates, beta: Array, turn: Array, rate: Array, acceleration: Array) -> LogStates:
     """Shift joint positions back by β times ``turn`` (n, nv), with its rates: links lag behind their motors."""
-    if not s.pieces:
+    if not s.pieces:  # random states without a log, to which these rows do not belong
         return s
     return s.with_fields(q=s.q - beta * turn, dq=s.dq - beta * rate, ddq=s.ddq - beta * acceleration)
 
 
 def compliances(s: LogStates, torque: Array, largest: Array | None = None) -> Iterator[Cause]:
-    """Elasticity of each joint, and of all joints; β is the deflection at the ``largest`` (nv,) fitted torques (n, nv)."""
+    """Elasticity of each joint, and of all joints, from fitted torques (n, nv).
+
+    β is the deflection at the ``largest`` (nv,) torques.
+    """
     if largest is None:
         largest = np.abs(torque).max(axis=0)
     share = torque / np.maximum(largest, 1e-300)
     rate = s.slope(share)
     acceleration = s.slope(rate)
-    count = torque.shape[1]
-    for joints in _joint_sets(count):
-        of_joints = np.isin(np.arange(count), joints)
-        correct = partial(behind, turn=share * of_joints, rate=rate * of_joints, acceleration=acceleration * of_joints)
+    joint_count = torque.shape[1]
+    for joints in _joint_sets(joint_count):
+        is_deflected = np.isin(np.arange(joint_count), joints)
+        correct = partial(
+            behind, turn=share * is_deflected, rate=rate * is_deflected, acceleration=acceleration * is_deflected
+        )
         yield Cause("elasticity", joints, lambda s, beta, correct=correct: correct(s, beta), 1e-4)
 
 
@@ -148,64 +162,75 @@ def _joint_sets(count: int) -> list[tuple[int, ...]]:
     return sets
 
 
-_PLAY, _PULSES = 4e-3, 0.05
-"""Half of a play where its value starts [rad, m]; share of squared accelerations from which its pulses give the start."""
+_INITIAL_HALF_PLAY = 4e-3
+"""Half of a play from which its fit starts [rad, m]."""
+_MIN_HALF_PLAY = 0.1 * _INITIAL_HALF_PLAY
+_MIN_PULSE_SHARE = 0.05
+"""Share of the squared accelerations that pulses of a play explain, from which they give its initial value."""
 
 
-def side_in_play(positions: Array, half: float) -> Array:
-    """(n,) place of a link in the play of its gear, -1 to 1: the motor at ``positions`` (n,) moves it at the ends of the play.
+def side_in_play(positions: Array, half_play: float) -> Array:
+    """(n,) lead of the motor at ``positions`` (n,) before its link, over half of the gear's play β: -1 to 1.
 
-    The link stays until the motor has crossed the play, q_link ← min(max(q_link, q - β), q + β), with β half of the play.
+    The link rests until the motor has crossed the play: q_link ← min(max(q_link, q - β), q + β).
     """
-    lead, link = np.empty(len(positions)), float(positions[0])
-    for k, q in enumerate(positions.tolist()):
-        link = min(max(link, q - half), q + half)
-        lead[k] = q - link
-    return lead / half
+    motor_lead = np.empty(len(positions))
+    link_position = float(positions[0])
+    for k, motor_position in enumerate(positions.tolist()):
+        link_position = min(max(link_position, motor_position - half_play), motor_position + half_play)
+        motor_lead[k] = motor_position - link_position
+    return motor_lead / half_play
 
 
 def plays(s: LogStates) -> Iterator[Cause]:
     """Play of the gear of each joint; β is half of the play, by which the link lags behind its motor.
 
-    Where the motor crosses the play, accelerations have pulses; β starts at their part in the accelerations if that is large.
+    Where the motor crosses the play, accelerations have pulses. If these explain a notable part of the accelerations, their
+    coefficient in a regression is the initial value of β.
     """
     if s.unfiltered is None:
         return
     for k in range(s.dq.shape[1]):
-        pulse, ddq = _place_in_play(s, k, _PLAY)[2][:, k], s.ddq[:, k]
-        size, product = float(pulse @ pulse), float(pulse @ ddq)
-        start = _PLAY
-        if product > 0.0 and product**2 > _PULSES * size * float(ddq @ ddq):
-            start = product / size
-        yield Cause("backlash", (k,), partial(_remove_play, k=k), 0.1 * _PLAY, starts=(start,))
+        _, _, play_acceleration = _place_in_play(s, k, _INITIAL_HALF_PLAY)
+        pulses, ddq = play_acceleration[:, k], s.ddq[:, k]
+        pulse_square, product = float(pulses @ pulses), float(pulses @ ddq)
+        start = _INITIAL_HALF_PLAY
+        if product > 0.0 and product**2 > _MIN_PULSE_SHARE * pulse_square * float(ddq @ ddq):
+            start = product / pulse_square
+        yield Cause("backlash", (k,), partial(_remove_play, k=k), _MIN_HALF_PLAY, starts=(start,))
 
 
 def _remove_play(s: LogStates, beta: Array, k: int) -> LogStates:
-    if not s.pieces:
+    """Positions of link k instead of its motor's, with a play of 2 β."""
+    if not s.pieces:  # random states without a log have no course in time
         return s
-    turn, rate, acceleration = _place_in_play(s, k, max(abs(float(beta[0])), 0.1 * _PLAY))
+    half_play = max(abs(float(beta[0])), _MIN_HALF_PLAY)
+    turn, rate, acceleration = _place_in_play(s, k, half_play)
     return behind(s, beta, turn, rate, acceleration)
 
 
-def _place_in_play(s: LogStates, k: int, half: float) -> tuple[Array, Array, Array]:
-    """(n, nv) low-passed place of link k in a play, with its rates."""
+def _place_in_play(s: LogStates, k: int, half_play: float) -> tuple[Array, Array, Array]:
+    """(n, nv) low-passed place of link k in a play, with its rates; see :func:`side_in_play`."""
     assert s.unfiltered is not None, "states of a log have positions"
-    side = s.low_passed(np.concatenate([side_in_play(s.unfiltered[p, k], half) for p in s.pieces]))
-    return _with_rates(s, side, k)
+    sides = [side_in_play(s.unfiltered[piece, k], half_play) for piece in s.pieces]
+    return _with_rates(s, s.low_passed(np.concatenate(sides)), k)
 
 
 def _with_rates(s: LogStates, x: Array, k: int) -> tuple[Array, Array, Array]:
     """Course x (n,) of joint k with its first and second derivatives, (n, nv) each; 0 for the other joints."""
     rate = s.slope(x)
-    of_joint = np.arange(s.dq.shape[1]) == k
-    return x[:, None] * of_joint, rate[:, None] * of_joint, s.slope(rate)[:, None] * of_joint
+    acceleration = s.slope(rate)
+    is_joint = np.arange(s.dq.shape[1]) == k
+    return x[:, None] * is_joint, rate[:, None] * is_joint, acceleration[:, None] * is_joint
 
 
 def jumps(s: LogStates) -> Iterator[Cause]:
-    """Another zero of a joint from a jump of its position on, if it jumps."""
+    """Another zero of a joint from each jump of its position on."""
     for k, piece, begin in s.jumps:
-        reached = np.clip((s.time - begin) * s.rate + 0.5, 0.0, 1.0) * (s.piece == piece) + (s.piece > piece)
-        turn, rate, acceleration = _with_rates(s, s.low_passed(reached), k)
+        # 0 before the jump, 1 after it, and linear within one period around it
+        share_in_piece = np.clip((s.time - begin) * s.rate + 0.5, 0.0, 1.0)
+        jumped_share = share_in_piece * (s.piece == piece) + (s.piece > piece)
+        turn, rate, acceleration = _with_rates(s, s.low_passed(jumped_share), k)
         correct = partial(behind, turn=turn, rate=rate, acceleration=acceleration)
         yield Cause("zero-change", (k,), lambda s, beta, correct=correct: correct(s, beta), 1e-3, since=(piece, begin))
 
@@ -228,7 +253,7 @@ class Cause:
     number: float | None = None
     """Value of a discrete cause, in the unit of the table of doubts."""
     cost: float = 0.0
-    """Amount by which its S must exceed the S of other causes."""
+    """Amount by which its significance S must exceed that of other causes."""
     since: tuple[int, float] | None = None
     """Piece and time [s] at which the cause begins; None for the whole log."""
 
@@ -244,10 +269,11 @@ class FittedTorques(NamedTuple):
     def from_groups(cls, s: LogStates, x: Array) -> FittedTorques:
         """Torques of the states ``s`` with groups ``x`` (r,)."""
         unknown, kept = s.base.unknown, s.base.kept
-        dry = np.zeros(len(s.gain))
-        for c, joints in unknown.coulomb_columns(kept):
-            dry[joints] += abs(float(x[c])) * (unknown.kinds[int(kept[c])] == "coulomb")
-        return cls(*s.torques(x), dry)
+        coulomb = np.zeros(len(s.gain))
+        for c, joints in unknown.coulomb_columns(kept):  # these columns include static friction
+            if unknown.kinds[int(kept[c])] == "coulomb":
+                coulomb[joints] += abs(float(x[c]))
+        return cls(*s.torques(x), coulomb)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,8 +289,9 @@ class Law:
     """Piece and time [s] at which the law begins to act."""
 
     def columns(self, s: LogStates, fitted: FittedTorques) -> Array:
-        """Columns (n, nv, k) of the law, in the rows of its joints."""
-        return self.everywhere(s, fitted) * np.isin(np.arange(len(s.gain)), self.joints)[:, None]
+        """Columns (n, nv, k) of the law, zero for joints to which it does not apply."""
+        is_own_joint = np.isin(np.arange(len(s.gain)), self.joints)
+        return self.everywhere(s, fitted) * is_own_joint[:, None]
 
     def everywhere(self, s: LogStates, fitted: FittedTorques) -> Array:
         """Columns (n, nv, k) of the law applied to all joints."""
@@ -294,7 +321,8 @@ def discrete_causes(s: LogStates, suspects: Sequence[int]) -> Iterator[Cause]:
             yield Cause("degrees", (k,), partial(positions_times, k=k, factor=np.pi / 180))
             for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
                 yield Cause("zero-turn", (k,), partial(zero, k=k, beta=turn), number=float(np.degrees(turn)))
-        if k and turning[k - 1] and turning[k]:  # wrists; each further test makes others less significant
+        # Drives of wrists couple neighbouring joints. Other pairs are not tested, as each test makes others less significant.
+        if k > 0 and turning[k - 1] and turning[k]:
             for sign in (-1.0, 1.0):
                 yield Cause("coupled", (k, k - 1), partial(add_position, k=k, j=k - 1, sign=sign), number=sign)
     for j, k in combinations(suspects, 2):
@@ -317,57 +345,63 @@ def _exchanges(s: LogStates, j: int, k: int) -> Iterator[Cause]:
 
 def _mountings(s: LogStates) -> Iterator[Cause]:
     """Mountings on four walls and on the ceiling, and a robot without gravity."""
-    size = float(np.linalg.norm(s.gravity))
+    strength = float(np.linalg.norm(s.gravity))
     down = s.gravity / np.linalg.norm(s.gravity)
-    level = np.linalg.svd(down[None])[2][1:]
-    for direction in (*level, *-level, -down, 0.0 * down):
-        yield Cause("mounting", (), partial(LogStates.with_fields, gravity=size * direction))
+    level = np.linalg.svd(down[None])[2][1:]  # two axes perpendicular to gravity
+    no_direction = 0.0 * down
+    for direction in (*level, *-level, -down, no_direction):
+        yield Cause("mounting", (), partial(LogStates.with_fields, gravity=strength * direction))
 
 
 def continuous_causes(s: LogStates, *, wide: bool) -> Iterator[Cause]:
     """Gain, scale and zero of each joint, tilt of the base, delay and low-pass; with distant starts if ``wide``."""
-    gains: tuple[float, ...] = (0.0,)
-    delays: tuple[float, ...] = (0.0,)
-    if wide:
-        gains, delays = _GAINS, _DELAYS
+    gains = _LOG_GAINS if wide else (0.0,)
+    delays = _DELAYS if wide else (0.0,)
     for k, is_turning in enumerate(turning_joints(s.base.unknown.model)):
-        yield Cause("gain", (k,), lambda s, beta, k=k: gain(s, k, _factor(beta)), 1e-3, 1, gains)
+        yield Cause("gain", (k,), lambda s, beta, k=k: gain(s, k, _factor(beta)), 1e-3, starts=gains)
         yield Cause("position-scale", (k,), lambda s, beta, k=k: positions_times(s, k, 1.0 / _factor(beta)), 1e-3)
         if is_turning:
             yield Cause("zero", (k,), lambda s, beta, k=k: zero(s, k, float(beta[0])), 1e-3)
     if s.gravity.any():
-        yield Cause("tilt", (), tilt, 1e-3, 2)
-    yield Cause("late", (), _later, 1e-3, 1, delays)
+        yield Cause("tilt", (), tilt, 1e-3, size=2)
+    yield Cause("late", (), _later, 1e-3, starts=delays)
     if wide:
-        yield Cause("low-pass", (), _with_lag, 1e-3, 1, _LAGS, cost=1.0)
+        yield Cause("low-pass", (), _with_lag, 1e-3, starts=_LAGS, cost=1.0)
 
 
 def _with_lag(s: LogStates, beta: Array) -> LogStates:
+    """Low-pass the predicted torques with a time constant of β seconds."""
     return s.with_fields(lag=max(float(beta[0]), 1e-6))
 
 
 def _factor(beta: Array) -> float:
+    """Factor whose logarithm is β, so that it stays positive; bounded against overflow."""
     return float(np.exp(np.clip(beta[0], -8.0, 8.0)))
 
 
 def _later(s: LogStates, beta: Array) -> LogStates:
+    """Compare with torques that were logged β seconds later."""
     return s.with_fields(shift=s.shift + float(beta[0]))
 
 
-_GAINS = (0.0, -3.0, 3.0)
+_LOG_GAINS = (0.0, -3.0, 3.0)
+"""Initial logarithms of a gain."""
 _DELAYS = (0.0, -0.2, -0.12, -0.07, -0.03, 0.03, 0.07, 0.12, 0.2, 0.3)
+"""Initial delays of the torques [s]."""
 _LAGS = (0.02, 0.05, 0.1, 0.2)
+"""Initial time constants of a low-pass [s]."""
 STRIBECK_SPEEDS = (0.03, 0.1, 0.3)
+"""Speeds at which static friction may have decayed [rad/s, m/s]."""
 
 
 def laws(s: LogStates) -> Iterator[Law]:
     """Laws of each joint, and of all joints with one coefficient."""
     count = len(s.gain)
-    static = [(partial(_stribeck, speed=speed), speed) for speed in STRIBECK_SPEEDS]
+    stribeck_columns = {speed: partial(_stribeck, speed=speed) for speed in STRIBECK_SPEEDS}
     for joints in _joint_sets(count):
         yield Law("load-friction", joints, _load_friction)
         yield Law("warming", joints, _warming)
-        for values, speed in static:
+        for speed, values in stribeck_columns.items():
             yield Law("stribeck", joints, values, speed)
     for k in range(count):
         yield Law("late-joint", (k,), _delay_column)
@@ -376,7 +410,7 @@ def laws(s: LogStates) -> Iterator[Law]:
 
 
 def changes(s: LogStates) -> Iterator[Law]:
-    """Laws that may begin within the log: gain and offset of a joint, a changed delay of all torques, a load on the tip."""
+    """Laws that may begin within the log: gain and offset of a joint, delay of all torques, and a load on the tip."""
     all_joints = tuple(range(len(s.gain)))
     for k in all_joints:
         yield Law("gain-change", (k,), _whole)
@@ -387,7 +421,7 @@ def changes(s: LogStates) -> Iterator[Law]:
 
 
 def laws_of_the_log(s: LogStates) -> Iterator[Law]:
-    """Constant force on the tip in the world, as of a hose, and gains that change steadily, of each joint and of all."""
+    """Gains that change steadily, of each joint and of all, and a constant force on the tip, as of a hose."""
     count = len(s.gain)
     for joints in _joint_sets(count):
         yield Law("gain-drift", joints, _gain_drift)
@@ -402,43 +436,51 @@ def _has_moving_tip(s: LogStates) -> bool:
 
 
 def _force(s: LogStates, _fitted: FittedTorques) -> Array:
-    """Columns -J' e of forces along the world's axes, against which motors work; those that move no joint are left out."""
+    """Columns -J' e of forces along the world's axes, which motors balance; forces that move no joint are left out."""
     J = np.asarray(s.base.unknown.robot.jacobian(s.q, kind="world_aligned"))[:, 3:]
-    e = -J.swapaxes(1, 2)
-    return np.asarray(
-        e[..., np.linalg.norm(e, axis=(0, 1)) > _MIN_INDEPENDENT_SHARE * max(float(np.linalg.norm(e)), 1e-300)]
-    )
+    columns = -J.swapaxes(1, 2)
+    norms = np.linalg.norm(columns, axis=(0, 1))
+    total_norm = max(float(np.linalg.norm(columns)), 1e-300)
+    return np.asarray(columns[..., norms > _MIN_INDEPENDENT_SHARE * total_norm])
 
 
 def _load(s: LogStates, _fitted: FittedTorques) -> Array:
-    """Columns of a mass m on the tip and of its first moments m c; dependent columns are left out and m c c' is neglected."""
+    """Columns of a mass m on the tip and of its first moments m c, without dependent ones; m c c' is neglected."""
     model = s.base.unknown.model
     frame = model.frames[str(model.tip)]
     columns = slice(10 * frame.body, 10 * frame.body + 10)
-    portions = list[Array]()
-    for k in range(0, len(s.time), PORTION):
-        p = slice(k, k + PORTION)
-        portions.append(s.base.unknown.regressor(s.q[p], s.dq[p], s.ddq[p], s.gravity)[:, :, columns])
-    e = np.concatenate(portions) @ _unit_loads(frame.pose)
-    size = np.maximum(np.linalg.norm(e, axis=(0, 1)), 1e-300)
-    R = np.linalg.qr((e / size).reshape(-1, 4))[1]
+    body_columns = list[Array]()
+    for begin in range(0, len(s.time), PORTION):  # in portions, to limit memory
+        p = slice(begin, begin + PORTION)
+        body_columns.append(s.base.unknown.regressor(s.q[p], s.dq[p], s.ddq[p], s.gravity)[:, :, columns])
+    e = np.concatenate(body_columns) @ _unit_loads(frame.pose)
+    norms = np.maximum(np.linalg.norm(e, axis=(0, 1)), 1e-300)
+    R = np.linalg.qr((e / norms).reshape(-1, 4))[1]
     independent = np.abs(R.diagonal()) > _MIN_INDEPENDENT_SHARE
     return np.asarray(e[..., independent])
 
 
 def _unit_loads(pose: Array) -> Array:
-    """(10, 4) parameters of the carrying body by a mass at a pose and by its first moments, by central differences."""
+    """(10, 4) derivatives of the carrying body's parameters by a mass at a pose, and by its three first moments."""
 
     def parameters(com: Array) -> Array:
+        """Parameters (10,) of a point mass of 1 kg at ``com`` in the frame of the pose."""
         return SpatialInertia.from_com(1.0, com, np.zeros((3, 3))).in_frame(pose).parameters
 
     steps = _COM_STEP * np.eye(3)
-    moments = [0.5 * (parameters(step) - parameters(-step)) / _COM_STEP for step in steps]
-    return np.stack([parameters(np.zeros(3)), *moments], axis=1)
+    # central differences, in which the parts of m c c' cancel
+    by_moments = [0.5 * (parameters(step) - parameters(-step)) / _COM_STEP for step in steps]
+    by_mass = parameters(np.zeros(3))
+    return np.stack([by_mass, *by_moments], axis=1)
 
 
-_COM_STEP, _MIN_INDEPENDENT_SHARE = 1e-3, 1e-6
-"""Step of finite differences [m]; share of a column not spanned by others below which the column is dependent."""
+_COM_STEP = 1e-3
+"""Step of finite differences [m]."""
+_MIN_INDEPENDENT_SHARE = 1e-6
+"""Share of a column that others do not span, below which the column is dependent."""
+
+
+# ── Columns e of the laws, (n, nv), as in the module's equations
 
 
 def _offset(_s: LogStates, fitted: FittedTorques) -> Array:
@@ -450,7 +492,8 @@ def _gain_drift(s: LogStates, fitted: FittedTorques) -> Array:
 
 
 def _spring(s: LogStates, _fitted: FittedTorques) -> Array:
-    return s.q[:, : len(s.gain)] - s.q[:, : len(s.gain)].mean(axis=0)
+    q = s.q[:, : len(s.gain)]
+    return q - q.mean(axis=0)
 
 
 def _whole(_s: LogStates, fitted: FittedTorques) -> Array:
@@ -478,41 +521,51 @@ def _stribeck(s: LogStates, fitted: FittedTorques, *, speed: float) -> Array:
 
 
 def _dry(s: LogStates) -> Array:
+    """Smoothed sign of each joint's velocity, the factor of dry friction."""
     return np.asarray(np.tanh(s.dq / s.friction_speed))
 
 
 def _elapsed_share(s: LogStates) -> Array:
     """Elapsed share of the duration of the logs; 0.5 for states without time."""
-    length = np.ptp(s.time)
-    return (s.time - s.time.min()) / length if length else np.full(len(s.time), 0.5)
+    duration = np.ptp(s.time)
+    if not duration:
+        return np.full(len(s.time), 0.5)
+    return (s.time - s.time.min()) / duration
 
 
-_MIN_RUN, _MAX_GAP = 0.3, 0.2
-"""Minimum length of a run of rows, and maximum gap in a run [s]."""
+_MIN_RUN = 0.3
+"""Minimum duration of a run of rows [s]."""
+_MAX_GAP = 0.2
+"""Maximum gap inside a run [s]."""
 
 
-def runs(time: Array, piece: Array, high: Array) -> list[tuple[int, int]]:
-    """Runs of high rows within one piece, of at least 0.3 s; short gaps are bridged."""
-    rows = np.flatnonzero(high)
+def runs(time: Array, piece: Array, is_high: Array) -> list[tuple[int, int]]:
+    """Runs (first row, row after the last) of high rows within one piece, of at least 0.3 s; short gaps are bridged."""
+    rows = np.flatnonzero(is_high)
     if not rows.size:
         return []
-    ends = np.flatnonzero((np.diff(time[rows]) > _MAX_GAP) | (np.diff(piece[rows]) != 0))
-    first, last = rows[np.append(0, ends + 1)], rows[np.append(ends, len(rows) - 1)]
+    is_gap = np.diff(time[rows]) > _MAX_GAP
+    is_other_piece = np.diff(piece[rows]) != 0
+    ends = np.flatnonzero(is_gap | is_other_piece)  # a run ends before each of these steps
+    first = rows[np.append(0, ends + 1)]
+    last = rows[np.append(ends, len(rows) - 1)]
     is_long = time[last] - time[first] >= _MIN_RUN
     return list(zip(first[is_long].tolist(), (last[is_long] + 1).tolist(), strict=True))
 
 
 def value_with_interval(kind: str, value: Array, half: Array) -> tuple[float, tuple[float, float]]:
-    """β (k,) and its interval of half-widths (k,), in the unit of the table; the magnitude if β is a vector."""
-    size, direction = float(value[0]), np.eye(len(value))[0]
+    """β (k,) and its interval of half-widths ``half`` (k,), in the unit of the table; the magnitude if β is a vector."""
+    result = float(value[0])
+    direction = np.eye(len(value))[0]
     if len(value) > 1:
-        size = float(np.linalg.norm(value))
-        if size:
-            direction = value / size
+        result = float(np.linalg.norm(value))
+        if result:
+            direction = value / result
     half_width = float(np.sqrt(((direction * half) ** 2).sum()))
-    in_unit = _TO_UNITS.get(kind, float)
-    low, high = sorted([float(in_unit(size - half_width)), float(in_unit(size + half_width))])
-    return float(in_unit(size)), (low, high)
+    to_unit = _TO_UNITS.get(kind, float)
+    bounds = [float(to_unit(result - half_width)), float(to_unit(result + half_width))]
+    low, high = sorted(bounds)  # some conversions decrease
+    return float(to_unit(result)), (low, high)
 
 
 _TO_UNITS: Mapping[str, Callable[[float], float]] = {
@@ -522,5 +575,5 @@ _TO_UNITS: Mapping[str, Callable[[float], float]] = {
     "gain-change": lambda share: 1.0 + share,
     "low-pass": lambda seconds: 1.0 / (2.0 * np.pi * max(seconds, 1e-9)),
     **dict.fromkeys(("load-friction", "stribeck", "warming", "gain-drift"), lambda share: 100.0 * share),
-    **dict.fromkeys(("gain", "position-scale"), lambda x: float(np.exp(np.clip(x, -30.0, 30.0)))),
+    **dict.fromkeys(("gain", "position-scale"), lambda logarithm: float(np.exp(np.clip(logarithm, -30.0, 30.0)))),
 }

@@ -4,16 +4,21 @@ With s_j² the mean square of the residual of joint j in 5-fold cross-validation
 
     S = Σ_j log(s_j² without it / s_j² with it),
 
-the criterion by which settings are chosen too. Each joint has equal weight. Its significance is that of the mean of the
-differences of log-likelihood d_b over blocks b of time (Vuong, "Likelihood ratio tests for model selection and
-non-nested hypotheses", Econometrica 57, 1989), by Student's t at 0.01 divided by the number of tested causes (Bonferroni).
-A column e is fitted together with the groups; a nonlinear cause is found by Gauss-Newton steps with its column
+in which each joint has equal weight. Settings are chosen by the same criterion. Its significance is that of the mean of the
+differences of log-likelihood d_b over blocks b of time (Vuong, "Likelihood ratio tests for model selection and non-nested
+hypotheses", Econometrica 57, 1989), by Student's t at 0.01 divided by the number of tested causes (Bonferroni).
+
+A law with a column e is fitted together with the groups. A nonlinear cause with a value β is found by Gauss-Newton steps with
+the column
 
     e = d(τ̂ of the corrected log)/dβ.
 
-Its interval is β ± t √(Σ_b u_b²) / Σ e⊥' Λ e⊥,  u_b = Σ_{t in b} e⊥' Λ r, with e⊥ the column less its projection on W,
-and r the held-out residual (Liang and Zeger, Biometrika 73, 1986). Values of several causes are estimated together at
-the end.
+With e⊥ the column less its projection on W, and r the held-out residual, the interval of β (Liang and Zeger, Biometrika 73,
+1986) is
+
+    β ± t √(Σ_b u_b²) / Σ e⊥' Λ e⊥,     u_b = Σ_{t in b} e⊥' Λ r
+
+Values of several causes are estimated together at the end.
 """
 
 from __future__ import annotations
@@ -45,41 +50,60 @@ from .cause_fit import (
 from .causes import Cause, FittedTorques, Law
 from .log_states import LogStates
 
-_ROUNDS = 3
-_DISCRETE = 0.03, 0.06
-"""Residuals of all joints and of a single joint, as shares of their torques, from which discrete causes are tested."""
+_MAX_ROUNDS = 3
+"""Maximum number of causes of one stage."""
+_MIN_RESIDUAL_OF_ALL = 0.03
+"""Residual of all joints, as a share of their torques, from which discrete causes are tested."""
+_MIN_RESIDUAL_OF_JOINT = 0.06
+"""Residual of a single joint, as a share of its torque, from which discrete causes are tested."""
 _MAX_SUSPECTS = 8
 """Number of joints, those with the largest residuals, for which discrete causes are tested."""
-_STEPS, _MIN_GAIN = 5, 0.005
-"""Maximum number of Gauss-Newton steps, and least gain in S of another step or friction speed."""
-_MAX_REFINED, _MAX_STARTS = 5, 3
-"""Maximum number of refined causes of a stage, and of starts of a cause."""
-_TIE, _TIE_SHARE, _MIN_SHARE_OF_BEST = 0.05, 0.03, 0.7
-"""Differences of S, absolute and as a share of the largest, of equal evidence; share of the largest S of a rival."""
+_MAX_STEPS = 5
+"""Maximum number of Gauss-Newton steps."""
+_MIN_GAIN = 0.005
+"""Least gain in S of another step or friction speed."""
+_MAX_REFINED = 5
+"""Maximum number of refined causes of a stage."""
+_MAX_STARTS = 3
+"""Maximum number of starts of a cause."""
+_EQUAL_S, _EQUAL_S_SHARE = 0.05, 0.03
+"""Differences of S, absolute and as a share of the largest, up to which causes have equal evidence."""
+_MIN_SHARE_OF_BEST = 0.7
+"""Least S of a candidate, as a share of the largest S."""
 _MAX_LOAD_OF_MASS = 3.0
 """Largest load that an arm takes up, as a multiple of its own moving mass; arms carry less than they weigh."""
 _MIN_CERTAIN_S = 1.5
-"""S that no number of tested causes gives by chance in rows held out; a slow fault has few blocks of time for the test of t."""
+"""S that no number of tested causes reaches by chance in rows held out.
+
+A slow fault has too few blocks of time for the test of t to show such a certainty."""
 _MIN_BLOCKS = 6
 """Blocks of time from which one test of t is enough for a large S: with two, any change half way explains everything."""
 _ORDER = {"gain": 0, "zero": 1, "tilt": 2, "late": 3, "low-pass": 4}
 """Order of preference among causes with equal evidence."""
 _POSITIVE = ("backlash", "elasticity", "load-friction", "low-pass", "spring", "stribeck")
-_OF_THE_WHOLE_LOG, _MIN_SHARE_OF_JOINT = ("late", "mounting", "tilt"), 0.9
-"""Causes of the whole log, and share of S of such a cause and one of a joint together from which the joint's is the cause."""
-_OWN_DEVIATIONS = 2.0
-"""Deviations of its own that the coefficient of a law exceeds, if it widens intervals."""
-_RINGING = 2.0
+"""Causes whose value cannot be negative."""
+_LOG_CAUSES = ("late", "mounting", "tilt")
+"""Causes of the whole log that may be mistaken for a cause of one joint."""
+_MIN_SHARE_OF_JOINT = 0.9
+"""Least S of a joint's cause, as a share of its S and that of a cause of the whole log together, if it alone is the cause."""
+_MIN_DEVIATIONS_OF_LAW = 2.0
+"""Least coefficient of a law that widens intervals, in its standard deviations."""
+_RINGING_PERIODS = 2.0
 """Time on both sides of a jump, in periods of the cut-off, in which its low-pass is not negligible."""
 _SAME_BEGIN = 1.0
 """Time [s] between the begins of two changes of a joint, below which the second one found is part of the first."""
 _FORCE_COST = 1.0
 """Amount by which S of a force exceeds that of other causes: its three columns also imitate a part of zeros and tilts."""
 _STATES = 200
-_MIN_RATIO_OF_PUSH, _MAX_PUSHED_ROWS, _MIN_SHARE_BY_FORCE = 5.0, 0.25, 0.5
-"""Criteria of a push: minimum ratio to the usual residual, maximum share of rows, squares explained by one force."""
-_ANY_GAIN = 10.0
-"""Factor on both sides of a gain; if its interval holds both ends, the gain is undetermined."""
+"""Number of states at which the effect of a cause is evaluated."""
+_MIN_RATIO_OF_PUSH = 5.0
+"""Least residual during a push, over the usual one."""
+_MAX_PUSHED_ROWS = 0.25
+"""Largest share of rows of pushes."""
+_MIN_SHARE_BY_FORCE = 0.5
+"""Least share of the squared residuals during a push that one force explains."""
+_UNDETERMINED_GAIN = 10.0
+"""Factor: a gain is undetermined if its interval extends to this multiple and to this fraction of it."""
 _MIN_SHARE_BY_SWAY = 0.5
 """Minimum share of the squared residuals of all joints that a swaying base explains."""
 
@@ -90,13 +114,15 @@ class FoundCause:
 
     Attributes
     ----------
-    kind : str
-    joints : tuple of int
-    S, t : float, statistic and its significance
+    kind : str, name of its row in the table of doubts
+    joints : tuple of int, indices of its joints; empty for a cause of the whole log
+    S, t : float, gain on held-out rows, and Student's t of this gain
     before, fit : CauseFit, without the cause and with it
     correct : callable, removes the cause from states
-    value, deviation : array, β, the default of ``correct``, and its standard deviation; None for a cause without a
-    value
+    law : Law or None, joint law whose columns the fit contains
+    value, deviation : array, value β and its standard deviation; None for a cause without a value
+    effect : float, change of predicted torques, as a share of a joint's torque
+    rivals : tuple of FoundCause, causes with equal evidence
     """
 
     kind: str
@@ -116,6 +142,7 @@ class FoundCause:
     step: float = 0.0
     """Step of β in finite differences."""
     cost: float = 0.0
+    """Amount by which S must exceed that of other causes."""
     span: tuple[float, float] | None = None
     """Begin and end [s] of the cause."""
     log: int = 0
@@ -146,22 +173,24 @@ class WantedCause:
     joints: tuple[int, ...]
 
     def stands_for(self, found: FoundCause) -> bool:
-        """True if a found cause is this cause."""
-        return found.kind == self.kind and (not self.joints or bool({*self.joints} & {*found.joints}))
+        """True if a found cause is this cause, for one of its joints at least."""
+        if found.kind != self.kind:
+            return False
+        return not self.joints or bool({*self.joints} & {*found.joints})
 
 
 def estimate_cause(fit: CauseFit, candidates: Iterable[Cause]) -> FoundCause:
     """Best of several causes, at the value that minimises the held-out residual, without a test of significance."""
     s = fit.states
-    found: list[FoundCause] = []
+    results: list[FoundCause] = []
     for cause in candidates:
         if not cause.step:
-            found.append(_tested_cause(fit, fit.refit(cause.correct(s)), cause))
+            results.append(_tested_cause(fit, fit.refit(cause.correct(s)), cause))
             continue
-        # The linear prediction of a long step is too optimistic.
-        starts = sorted(screen_causes(fit, [cause]), key=lambda one: -one.S)[:_MAX_STARTS]
-        found += [refine_cause(fit, cause, one.beta) for one in starts]
-    return max(found, key=lambda one: one.S)
+        # several starts, as the linear prediction of a long step is too optimistic
+        starts = sorted(screen_causes(fit, [cause]), key=lambda start: -start.S)[:_MAX_STARTS]
+        results += [refine_cause(fit, cause, start.beta) for start in starts]
+    return max(results, key=lambda result: result.S)
 
 
 def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
@@ -177,24 +206,25 @@ def diagnose(start: CauseFit) -> tuple[list[FoundCause], CauseFit]:
     if push is not None:
         found.append(replace(push, effect=effect(fit, push)))
         fit = push.fit
-    begin = _fit_at_best_speed(_without_jumps(fit))
-    fit = _run_stage(_causes_of_log, begin, found)
-    before = begin if fit is begin else _fit_at_best_speed(fit)
-    fit = _run_stage(_laws_of_joints, before, found)
-    if fit is not before:  # a law may have hidden a cause of the log
+    fit_of_log = _fit_at_best_speed(_without_jumps(fit))
+    fit = _run_stage(_causes_of_log, fit_of_log, found)
+    fit_without_laws = fit_of_log if fit is fit_of_log else _fit_at_best_speed(fit)
+    fit = _run_stage(_laws_of_joints, fit_without_laws, found)
+    if fit is not fit_without_laws:  # a law may have hidden a cause of the log
         _run_stage(_causes_of_log, fit, found)
-    return list(filter(_is_determined, _estimate_together(start, found))), before
+    determined = list(filter(_is_determined, _estimate_together(start, found)))
+    return determined, fit_without_laws
 
 
 Stage = Callable[[CauseFit], tuple[Iterator[FoundCause], int]]
-"""Causes of a stage with their evidence, and the number of those tested."""
+"""Function that returns causes with their evidence, and the number of tested causes."""
 
 
 def _run_stage(stage: Stage, fit: CauseFit, found: list[FoundCause]) -> CauseFit:
     """Fit with the causes that a stage finds, which are appended to ``found``."""
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         tested, count = stage(fit)
-        new = (one for one in tested if not _is_part(one, found))
+        new = (candidate for candidate in tested if not _is_part(candidate, found))
         best = _most_significant(fit, new, count)
         if best is None:
             break
@@ -203,14 +233,17 @@ def _run_stage(stage: Stage, fit: CauseFit, found: list[FoundCause]) -> CauseFit
     return fit
 
 
-def _is_part(one: FoundCause, found: Sequence[FoundCause]) -> bool:
+def _is_part(candidate: FoundCause, found: Sequence[FoundCause]) -> bool:
     """True for a change of a joint that is part of another one found before: a gain that changes scales the offset too."""
-    if one.span is None:
+    if candidate.span is None:
         return False
-    for each in found:
-        if each.span is None or each.kind == one.kind or each.log != one.log:
+    begin, _ = candidate.span
+    for other in found:
+        if other.span is None or other.kind == candidate.kind or other.log != candidate.log:
             continue
-        if {*each.joints} & {*one.joints} and abs(each.span[0] - one.span[0]) < _SAME_BEGIN:
+        other_begin, _ = other.span
+        has_common_joint = bool({*other.joints} & {*candidate.joints})
+        if has_common_joint and abs(other_begin - begin) < _SAME_BEGIN:
             return True
     return False
 
@@ -218,142 +251,158 @@ def _is_part(one: FoundCause, found: Sequence[FoundCause]) -> bool:
 def _estimate_together(start: CauseFit, found: list[FoundCause]) -> list[FoundCause]:
     """Estimate the values of several causes together: each was estimated before the later ones were found.
 
-    A cause that was found twice is merged into one.
+    A cause that was found twice is merged into one. Causes are named by their first index in ``found``.
     """
-    first: dict[tuple[str, tuple[int, ...]], int] = {}
+    first_index: dict[tuple[str, tuple[int, ...]], int] = {}
     values: dict[int, Array] = {}
-    for k, one in enumerate(found):
-        own = first.setdefault((one.kind, one.joints), k)
-        if one.correct is not None and one.value is not None:
-            values[own] = one.value + values.get(own, 0.0)
+    for k, cause in enumerate(found):
+        first = first_index.setdefault((cause.kind, cause.joints), k)
+        if cause.correct is not None and cause.value is not None:
+            values[first] = cause.value + values.get(first, 0.0)
     corrections: dict[int, Callable[..., LogStates]] = {}
-    for k in first.values():
-        correct_one = found[k].correct
-        if correct_one is not None:
-            corrections[k] = correct_one
+    for k in first_index.values():
+        correction = found[k].correct
+        if correction is not None:
+            corrections[k] = correction
     if len(corrections) < 2 or not values:
         return found
-    parts = dict(zip(values, consecutive_slices(map(len, values.values())), strict=True))
+    places = dict(zip(values, consecutive_slices(map(len, values.values())), strict=True))  # of values in beta
     beta = np.concatenate(list(values.values()))
 
     def correct(s: LogStates, beta: Array) -> LogStates:
-        for k, correct_one in corrections.items():
-            s = correct_one(s, beta=beta[parts[k]]) if k in parts else correct_one(s)
+        """States without all causes."""
+        for k, correction in corrections.items():
+            s = correction(s, beta=beta[places[k]]) if k in places else correction(s)
         return s
 
-    last = found[-1].fit
-    s = start.states.with_fields(rows=last.states.rows, friction_speed=last.states.friction_speed)
+    last_fit = found[-1].fit
+    s = start.states.with_fields(rows=last_fit.states.rows, friction_speed=last_fit.states.friction_speed)
     step = min(found[k].step for k in values)
-    cause = Cause("", (), correct, step, len(beta))
-    refined = refine_cause(last.refit(s), cause, beta)
-    for k, part in parts.items():
-        value, deviation = np.asarray(refined.value)[part], np.asarray(refined.deviation)[part]
+    all_causes = Cause("", (), correct, step, len(beta))
+    refined = refine_cause(last_fit.refit(s), all_causes, beta)
+    for k, place in places.items():
+        value, deviation = np.asarray(refined.value)[place], np.asarray(refined.deviation)[place]
         found[k] = replace(found[k], value=value, deviation=deviation, correct=partial(corrections[k], beta=value))
-    return [found[k] for k in first.values()]
+    return [found[k] for k in first_index.values()]
 
 
 def _with_another_zero(first: FoundCause) -> list[FoundCause]:
     """Zero error, or two zero errors if these explain more: zero errors that nearly cancel hide each other."""
-    fit, own = first.fit, first.joints
-    zeros = {one.joints: one for one in causes.continuous_causes(fit.states, wide=False) if one.kind == "zero"}
-    own_zero = zeros.pop(own)
-    if not zeros:
+    fit = first.fit
+    zero_by_joints: dict[tuple[int, ...], Cause] = {}
+    for cause in causes.continuous_causes(fit.states, wide=False):
+        if cause.kind == "zero":
+            zero_by_joints[cause.joints] = cause
+    first_zero = zero_by_joints.pop(first.joints)
+    if not zero_by_joints:
         return [first]
-    others = list(zeros.values())
-    own_columns = cause_columns(fit, fit.states, own_zero, np.zeros(1))
+    other_zeros = list(zero_by_joints.values())
+    first_columns = cause_columns(fit, fit.states, first_zero, np.zeros(1))
     pairs: list[Array] = []
-    for one in others:
-        columns = cause_columns(fit, fit.states, one, np.zeros(1))
-        pairs.append(np.concatenate([own_columns, columns], axis=2))
+    for zero in other_zeros:
+        columns = cause_columns(fit, fit.states, zero, np.zeros(1))
+        pairs.append(np.concatenate([first_columns, columns], axis=2))
     S, beta = fit.gains_of_columns(np.stack(pairs, axis=2))
     k = int(S.argmax())
-    other = others[k]
+    other = other_zeros[k]
 
     def correct(s: LogStates, beta: Array) -> LogStates:
-        return other.correct(own_zero.correct(s, beta[:1]), beta[1:])
+        """States without both zero errors."""
+        return other.correct(first_zero.correct(s, beta[:1]), beta[1:])
 
     if S[k] < LEAST_S:
         return [first]
-    both = refine_cause(fit, Cause("zero", (*own, *other.joints), correct, own_zero.step, 2), beta[k])
+    both_zeros = Cause("zero", (*first.joints, *other.joints), correct, first_zero.step, 2)
+    both = refine_cause(fit, both_zeros, beta[k])
     if both.value is None or both.deviation is None:
         return [first]
-    if both.S < LEAST_S or both.t < fit.critical_t(len(others) + 1):
+    if both.S < LEAST_S or both.t < fit.critical_t(len(other_zeros) + 1):
         return [first]
-    value = np.asarray(first.value) + both.value[:1]
-    same: dict[str, Any] = {"fit": both.fit, "effect": max(first.effect, effect(fit, both))}
+    first_value = np.asarray(first.value) + both.value[:1]  # the fit is already without the first value
+    other_value = both.value[1:]
+    common: dict[str, Any] = {"fit": both.fit, "effect": max(first.effect, effect(fit, both))}
     changed = replace(
-        first, value=value, deviation=both.deviation[:1], correct=partial(own_zero.correct, beta=value), **same
-    )
-    added = replace(both, joints=other.joints, value=both.value[1:], deviation=both.deviation[1:], **same)
-    return [changed, replace(added, correct=partial(other.correct, beta=both.value[1:]))]
+        first, value=first_value, deviation=both.deviation[:1], correct=partial(first_zero.correct, beta=first_value),
+        **common,
+    )  # fmt: skip
+    added = replace(
+        both, joints=other.joints, value=other_value, deviation=both.deviation[1:],
+        correct=partial(other.correct, beta=other_value), **common,
+    )  # fmt: skip
+    return [changed, added]
 
 
 def law_changes(fit: CauseFit) -> Array:
     """(k, p) changes of the unknown parameters by the law that explains most, and by the strongest law of each joint.
 
-    Only laws with a possible sign and more than two deviations count, each times √(p (1 - p)) with the probability p of the
-    law, 1 / (1 + exp(-n S / 2)) for n blocks of time: a law that is certain is fitted or reported.
+    Only laws with a possible sign and more than two deviations count. A change is multiplied by √(p (1 - p)), with the
+    probability p = 1 / (1 + exp(-n S / 2)) of the law for n blocks of time: a law that is certain is fitted or reported.
     """
     base = fit.states.base
-    laws = [one for one in fit.joint_causes if one.S > 0 and _is_plausible(fit, one)]
-    laws.sort(key=lambda one: -one.S)
+    laws = [law for law in fit.joint_causes if law.S > 0 and _is_plausible(fit, law)]
+    laws.sort(key=lambda law: -law.S)
     strongest: dict[tuple[int, ...], ScreenedCause] = {}
-    for one in reversed(laws):
-        if len(one.cause.joints) == 1 or one is laws[0]:
-            strongest[one.cause.joints] = one
+    for law in reversed(laws):  # stronger ones replace weaker ones
+        is_of_one_joint = len(law.cause.joints) == 1
+        if is_of_one_joint or law is laws[0]:
+            strongest[law.cause.joints] = law
     changes = np.zeros((len(strongest), len(base.unknown.names)))
-    for k, one in enumerate(strongest.values()):
-        p = 1.0 / (1.0 + np.exp(-0.5 * len(fit.blocks) * one.S))
-        changes[k, base.kept] = np.sqrt(p * (1.0 - p)) * fit.change(one.e, one.beta)
+    for k, law in enumerate(strongest.values()):
+        p = 1.0 / (1.0 + np.exp(-0.5 * len(fit.blocks) * law.S))
+        changes[k, base.kept] = np.sqrt(p * (1.0 - p)) * fit.change(law.e, law.beta)
     return changes
 
 
-def _is_plausible(fit: CauseFit, one: ScreenedCause) -> bool:
+def _is_plausible(fit: CauseFit, law: ScreenedCause) -> bool:
     """True if a screened law has a possible sign, and a coefficient of more than two of its deviations."""
-    if one.cause.kind in _POSITIVE and not one.beta[0] > 0.0:
+    if law.cause.kind in _POSITIVE and not law.beta[0] > 0.0:
         return False
-    return bool((np.abs(one.beta) > _OWN_DEVIATIONS * fit.deviation(one.e)).any())
+    min_coefficients = _MIN_DEVIATIONS_OF_LAW * fit.deviation(law.e)
+    return bool((np.abs(law.beta) > min_coefficients).any())
 
 
 def _fit_at_best_speed(fit: CauseFit) -> CauseFit:
     """Fit with the best common friction speed, if it is significantly better."""
-    others = (fit.refit(fit.states.with_fields(friction_speed=np.full(len(fit.live), speed))) for speed in SPEEDS)
-    best = max(others, key=fit.gain)
+    refits = (fit.refit(fit.states.with_fields(friction_speed=np.full(len(fit.live), speed))) for speed in SPEEDS)
+    best = max(refits, key=fit.gain)
     return best if fit.gain(best) > _MIN_GAIN else fit
 
 
 def _most_significant(fit: CauseFit, tested: Iterable[FoundCause], count: int) -> FoundCause | None:
-    """Significant cause with the largest S, or a preferred cause with equal evidence; None if none is significant."""
-    candidates = [_cause_at_best_speed(fit, one) for one in _strongest(tested, count)]
+    """Significant cause with the largest S, or a preferred cause with equal evidence; None if none is significant.
+
+    ``tested`` are causes in the order of preference, and ``count`` is the number of tested causes.
+    """
+    candidates = [_cause_at_best_speed(fit, candidate) for candidate in _strongest(tested, count)]
     if not candidates:
         return None
-    largest = max(one.S - one.cost for one in candidates)
-    least = largest - max(_TIE, _TIE_SHARE * largest)
-    best, *rivals = (one for one in candidates if one.S - one.cost >= least)
-    of_joint = _cause_of_one_joint(best, candidates)
-    if of_joint is not None:
-        best, rivals = of_joint, []
+    largest = max(candidate.S - candidate.cost for candidate in candidates)
+    min_equal = largest - max(_EQUAL_S, _EQUAL_S_SHARE * largest)
+    best, *rivals = (candidate for candidate in candidates if candidate.S - candidate.cost >= min_equal)
+    joint_cause = _cause_of_one_joint(best, candidates)
+    if joint_cause is not None:
+        best, rivals = joint_cause, []
     return replace(best, rivals=tuple(rivals), effect=effect(fit, best))
 
 
 def _cause_of_one_joint(best: FoundCause, candidates: Iterable[FoundCause]) -> FoundCause | None:
     """Cause of one joint that explains nearly all that it and a cause of the whole log explain together; None without."""
-    if best.kind not in _OF_THE_WHOLE_LOG:
+    if best.kind not in _LOG_CAUSES:
         return None
-    for one in sorted(candidates, key=lambda one: one.cost - one.S):
-        if len(one.joints) == 1:
-            more = max(0.0, _gained_with(one.fit, best))
-            if more <= (1.0 - _MIN_SHARE_OF_JOINT) * (one.S + more):
-                return one
+    for candidate in sorted(candidates, key=lambda candidate: candidate.cost - candidate.S):
+        if len(candidate.joints) == 1:
+            additional_S = max(0.0, _gained_with(candidate.fit, best))
+            if additional_S <= (1.0 - _MIN_SHARE_OF_JOINT) * (candidate.S + additional_S):
+                return candidate
     return None
 
 
 def _gained_with(fit: CauseFit, cause: FoundCause) -> float:
-    """S that a cause of the whole log gains in a fit that has another cause; a value is estimated anew."""
+    """S that a cause of the whole log gains in a fit that has another cause; its value is estimated anew."""
     s = fit.states
     if cause.value is not None:
-        same = [one for one in causes.continuous_causes(s, wide=True) if one.kind == cause.kind]
-        return estimate_cause(fit, same).S
+        same_kind = [candidate for candidate in causes.continuous_causes(s, wide=True) if candidate.kind == cause.kind]
+        return estimate_cause(fit, same_kind).S
     if cause.correct is not None:
         s = cause.correct(s)
     return fit.gain(fit.refit(s))
@@ -366,12 +415,13 @@ def _strongest(tested: Iterable[FoundCause], count: int) -> list[FoundCause]:
     """
     strongest: list[FoundCause] = []
     largest = -np.inf
-    for one in tested:
-        tests = 1 if _is_large(one) else count
-        if one.S >= LEAST_S and one.t >= one.fit.critical_t(tests) and _is_possible(one):
-            largest = max(largest, one.S - one.cost)
-            least = largest - (1.0 - _MIN_SHARE_OF_BEST) * abs(largest)
-            strongest = [each for each in (*strongest, one) if each.S - each.cost >= least]
+    for candidate in tested:
+        tests = 1 if _is_large(candidate) else count  # by which the level of t is divided
+        is_significant = candidate.S >= LEAST_S and candidate.t >= candidate.fit.critical_t(tests)
+        if is_significant and _is_possible(candidate):
+            largest = max(largest, candidate.S - candidate.cost)
+            min_S = largest - (1.0 - _MIN_SHARE_OF_BEST) * abs(largest)
+            strongest = [cause for cause in (*strongest, candidate) if cause.S - cause.cost >= min_S]
     return strongest
 
 
@@ -391,21 +441,22 @@ def _is_large(found: FoundCause) -> bool:
 
 
 def _is_possible(found: FoundCause) -> bool:
-    """False if the value has an impossible sign or size: links do not run ahead of their motors, and no arm lifts a wall."""
+    """False if the value has an impossible sign or size, such as links that run ahead of their motors."""
     if found.value is None:
         return True
     if found.kind == "load-change":
-        robot = found.fit.states.base.unknown.robot
-        return bool(abs(found.value[0]) <= _MAX_LOAD_OF_MASS * robot.model.moving_mass)
+        moving_mass = found.fit.states.base.unknown.robot.model.moving_mass
+        return bool(abs(found.value[0]) <= _MAX_LOAD_OF_MASS * moving_mass)
     return found.kind not in _POSITIVE or bool(found.value[0] > 0)
 
 
 def _is_determined(found: FoundCause) -> bool:
-    """False for a gain that may be any: where all torques have one factor, masses of any size explain it as well."""
+    """False for a gain with a very wide interval: masses of any size may explain a common factor of torques as well."""
     value, interval = found.value_and_interval
     if found.kind != "gain" or value is None or interval is None:
         return True
-    return interval[0] > value / _ANY_GAIN or interval[1] < value * _ANY_GAIN
+    low, high = interval
+    return low > value / _UNDETERMINED_GAIN or high < value * _UNDETERMINED_GAIN
 
 
 def _push(fit: CauseFit) -> FoundCause | None:
@@ -418,96 +469,109 @@ def _push(fit: CauseFit) -> FoundCause | None:
     sigma = np.ones(len(fit.live))
     for _ in range(2):  # the first fit still contains the push
         sigma = MAD * np.median(np.abs(residual), axis=0) + np.sqrt(fit.floor)
-        size = np.sqrt(((residual / sigma)[:, fit.live] ** 2).mean(axis=1))
-        runs = causes.runs(s.time[s.rows], s.piece[s.rows], size > _MIN_RATIO_OF_PUSH * np.median(size))
-        kept = np.ones(len(s.rows), bool)
-        for a, b in runs:
-            kept[a:b] = False
-        if not 1.0 - _MAX_PUSHED_ROWS < kept.mean() < 1.0:
+        residual_size = np.sqrt(((residual / sigma)[:, fit.live] ** 2).mean(axis=1))  # of each row
+        is_pushed = residual_size > _MIN_RATIO_OF_PUSH * np.median(residual_size)
+        runs = causes.runs(s.time[s.rows], s.piece[s.rows], is_pushed)
+        is_kept = np.ones(len(s.rows), bool)
+        for first, end in runs:
+            is_kept[first:end] = False
+        if not 1.0 - _MAX_PUSHED_ROWS < is_kept.mean() < 1.0:
             return None
-        refit = fit.refit(s.with_fields(rows=s.rows[kept]))
+        refit = fit.refit(s.with_fields(rows=s.rows[is_kept]))
         residual = fit.tau - fit.W @ refit.x
-    a, b = max(runs, key=lambda run: run[1] - run[0])
-    J = np.asarray(robot.jacobian(s.q[s.rows[a:b]], kind="world_aligned"))[:, 3:]
+    first, end = max(runs, key=lambda run: run[1] - run[0])
+    J = np.asarray(robot.jacobian(s.q[s.rows[first:end]], kind="world_aligned"))[:, 3:]
     # τ = J' f, with f constant in the world's axes
     A = (J / sigma).swapaxes(1, 2)[:, fit.live].reshape(-1, 3)
-    y = (residual[a:b] / sigma)[:, fit.live].ravel()
+    y = (residual[first:end] / sigma)[:, fit.live].ravel()
     f, *_ = np.linalg.lstsq(A, y, rcond=None)
-    if float(((y - A @ f) ** 2).sum()) > (1.0 - _MIN_SHARE_BY_FORCE) * float(y @ y):
+    unexplained_squares = float(((y - A @ f) ** 2).sum())
+    if unexplained_squares > (1.0 - _MIN_SHARE_BY_FORCE) * float(y @ y):
         return None
-    first, last = s.rows[a], s.rows[b - 1]
-    span, log = (float(s.time[first]), float(s.time[last])), s.logs[s.piece[first]]
+    first_state, last_state = s.rows[first], s.rows[end - 1]
+    span = float(s.time[first_state]), float(s.time[last_state])
+    log = s.logs[s.piece[first_state]]
     return FoundCause("push", (), np.inf, np.inf, fit, refit, number=float(np.linalg.norm(f)), span=span, log=log)
 
 
 def _without_jumps(fit: CauseFit) -> CauseFit:
     """Fit without the rows beside a jump of a position, whose accelerations are those of the low-pass."""
     s = fit.states
-    kept = np.ones(len(s.rows), bool)
+    is_kept = np.ones(len(s.rows), bool)
     for jump in causes.jumps(s):
         if jump.since is not None:
             piece, time = jump.since
-            kept &= (s.piece[s.rows] != piece) | (np.abs(s.time[s.rows] - time) > _RINGING / s.cutoff)
-    return fit if kept.all() else fit.refit(s.with_fields(rows=s.rows[kept]))
+            is_other_piece = s.piece[s.rows] != piece
+            is_kept &= is_other_piece | (np.abs(s.time[s.rows] - time) > _RINGING_PERIODS / s.cutoff)
+    return fit if is_kept.all() else fit.refit(s.with_fields(rows=s.rows[is_kept]))
 
 
 def _sway(fit: CauseFit) -> tuple[list[FoundCause], int]:
-    """Acceleration of the base along two horizontal axes, at its dominant frequency.
+    """Swaying base, if one is found, and the number of tested causes.
 
-    The residual of each row is W(e_x) x a_x + W(e_y) x a_y; cosine and sine columns are fitted together.
+    The base accelerates along two horizontal axes. The residual of a row is W(e_x) x a_x + W(e_y) x a_y, with W(e) the columns
+    of the robot at rest by an acceleration e of the base. The accelerations of all rows have a dominant frequency, at which
+    cosine and sine columns are then fitted together with the groups.
     """
     s = fit.states
     if not s.gravity.any() or len(s.pieces) != 1:
         return [], 0
     x = fit.x[: s.base.count]
-    level = np.linalg.svd(s.gravity[None])[2][1:]
-    still = s.with_fields(dq=0.0 * s.dq, ddq=0.0 * s.ddq)
-    e = [
-        (still.with_fields(gravity=s.gravity - g).predicted_torques(x) - still.predicted_torques(x)) * fit.live
-        for g in level
-    ]
-    A = np.stack(e, axis=-1) * np.sqrt(fit.weight)[:, None]
+    horizontal_axes = np.linalg.svd(s.gravity[None])[2][1:]
+    at_rest = s.with_fields(dq=0.0 * s.dq, ddq=0.0 * s.ddq)
+    axis_columns: list[Array] = []
+    for axis in horizontal_axes:
+        accelerated = at_rest.with_fields(gravity=s.gravity - axis)
+        torques = accelerated.predicted_torques(x) - at_rest.predicted_torques(x)
+        axis_columns.append(torques * fit.live)
+    A = np.stack(axis_columns, axis=-1) * np.sqrt(fit.weight)[:, None]
     if not A.any():
         return [], 0
     y = (fit.left * np.sqrt(fit.weight))[..., None]
     N = A.swapaxes(1, 2) @ A
-    N += np.trace(N, axis1=1, axis2=2).mean() * 1e-2 * np.eye(2)
-    a = np.linalg.solve(N, A.swapaxes(1, 2) @ y)[..., 0]
+    N += np.trace(N, axis1=1, axis2=2).mean() * 1e-2 * np.eye(2)  # poses may determine one direction alone
+    accelerations = np.linalg.solve(N, A.swapaxes(1, 2) @ y)[..., 0]
     time = s.time[s.rows]
-    hertz = _dominant_frequency(time, a)
+    hertz = _dominant_frequency(time, accelerations)
     columns: list[Array] = []
-    for column in e:
-        columns.append(column * np.cos(2 * np.pi * hertz * time)[:, None])
-        columns.append(column * np.sin(2 * np.pi * hertz * time)[:, None])
+    for axis_column in axis_columns:
+        columns.append(axis_column * np.cos(2 * np.pi * hertz * time)[:, None])
+        columns.append(axis_column * np.sin(2 * np.pi * hertz * time)[:, None])
     refit = fit.refit(s, *columns)
-    if float((refit.left**2).sum()) > (1.0 - _MIN_SHARE_BY_SWAY) * float((fit.left**2).sum()):
+    squares, squares_without = float((refit.left**2).sum()), float((fit.left**2).sum())
+    if squares > (1.0 - _MIN_SHARE_BY_SWAY) * squares_without:
         return [], 1
-    size = float(np.linalg.norm(refit.x[-len(columns) :]))
+    amplitude = float(np.linalg.norm(refit.x[-len(columns) :]))
     S = fit.gain(refit)
-    return [FoundCause("swaying", (), S, refit.t_value(fit), fit, refit, number=hertz, size=size)], 1
+    return [FoundCause("swaying", (), S, refit.t_value(fit), fit, refit, number=hertz, size=amplitude)], 1
 
 
-def _dominant_frequency(time: Array, a: Array) -> float:
+def _dominant_frequency(time: Array, signals: Array) -> float:
     """Frequency [Hz] of the largest power of signals a (n, k) at times (n,)."""
-    power = (np.abs(np.fft.rfft(a - a.mean(axis=0), 4 * len(a), axis=0)) ** 2).sum(axis=1)
-    frequencies = np.fft.rfftfreq(4 * len(a), float(np.median(np.diff(time))))
-    return float(frequencies[int(power[1:].argmax()) + 1])
+    padded_length = 4 * len(signals)  # with zeros, for a finer grid of frequencies
+    spectrum = np.fft.rfft(signals - signals.mean(axis=0), padded_length, axis=0)
+    power = (np.abs(spectrum) ** 2).sum(axis=1)
+    frequencies = np.fft.rfftfreq(padded_length, float(np.median(np.diff(time))))
+    largest = int(power[1:].argmax()) + 1  # without frequency 0
+    return float(frequencies[largest])
 
 
 def _causes_of_log(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
-    """Stages 2 and 3: refits of discrete causes if the residual is large, and of continuous causes with the best columns."""
+    """Causes of the log: discrete ones if the residual is large, each by a refit, and continuous ones with the best columns."""
     s = fit.states
     discrete: list[Cause] = []
-    total = float(np.sqrt((fit.left**2).sum() / max(float((fit.tau**2).sum()), 1e-300)))
-    is_large = total > _DISCRETE[0] or float(fit.shares.max()) > _DISCRETE[1]
+    share_of_all = float(np.sqrt((fit.left**2).sum() / max(float((fit.tau**2).sum()), 1e-300)))
+    largest_share = float(fit.shares.max())
+    is_large = share_of_all > _MIN_RESIDUAL_OF_ALL or largest_share > _MIN_RESIDUAL_OF_JOINT
     if is_large:
-        worst = np.argsort(-fit.shares)[:_MAX_SUSPECTS]
-        suspects = np.sort(worst[fit.live[worst]]).tolist()
+        worst_joints = np.argsort(-fit.shares)[:_MAX_SUSPECTS]
+        suspects = np.sort(worst_joints[fit.live[worst_joints]]).tolist()
         discrete = [*causes.discrete_causes(s, suspects), *_causes_without_sign(fit)]
     continuous = [*causes.continuous_causes(s, wide=is_large), *causes.jumps(s), *causes.plays(s)]
     laws = list(causes.laws_of_the_log(s))
 
-    def found() -> Iterator[FoundCause]:
+    def tested_causes() -> Iterator[FoundCause]:
+        """Causes with their evidence, of which few are in memory at once."""
         yield from _refine_laws(fit, screen_laws(fit, laws))
         for cause in discrete:
             yield _tested_cause(fit, fit.refit(cause.correct(s)), cause)
@@ -515,50 +579,55 @@ def _causes_of_log(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
         yield from _refine_causes(fit, screened)
         yield from _refine_laws(fit, screened)
 
-    return found(), len(discrete) + sum(len(cause.starts) for cause in continuous)
+    test_count = len(discrete) + sum(len(cause.starts) for cause in continuous)
+    return tested_causes(), test_count
 
 
 def _causes_without_sign(fit: CauseFit) -> Iterator[Cause]:
     """Torques without their sign, among those that are nowhere clearly negative, by the fit of the other joints."""
     s = fit.states
-    is_positive = s.tau.min(axis=0) > -causes.MIN_NEGATIVE_PART * np.sqrt((s.tau**2).mean(axis=0))
+    rms = np.sqrt((s.tau**2).mean(axis=0))
+    is_positive = s.tau.min(axis=0) > -causes.MIN_NEGATIVE_PART * rms
     for k in np.flatnonzero(fit.live & is_positive).tolist():
-        others = CauseFit(s, fit.groups, fit.live & (np.arange(len(fit.live)) != k))
-        cause = causes.torque_without_sign(s, k, others.x)
+        is_other = np.arange(len(fit.live)) != k
+        fit_of_others = CauseFit(s, fit.groups, fit.live & is_other)
+        cause = causes.torque_without_sign(s, k, fit_of_others.x)
         if cause is not None:
             yield cause
 
 
 def _laws_of_joints(fit: CauseFit) -> tuple[Iterator[FoundCause], int]:
-    """Stage 4: laws of the joints and their elasticity, screened by their columns."""
-    swaying, more = _sway(fit)
-    elastic = _refine_causes(fit, fit.joint_causes)
-    return chain(_refine_laws(fit, fit.joint_causes), elastic, swaying), len(fit.joint_causes) + more
+    """Causes of the joints: laws and elasticity, screened by their columns; and a swaying base."""
+    swaying, sway_tests = _sway(fit)
+    elasticities = _refine_causes(fit, fit.joint_causes)
+    tested = chain(_refine_laws(fit, fit.joint_causes), elasticities, swaying)
+    return tested, len(fit.joint_causes) + sway_tests
 
 
 def _refine_laws(fit: CauseFit, screened: Sequence[ScreenedCause]) -> Iterator[FoundCause]:
-    """Refine the laws whose columns gain most; a second refit uses columns from the first fitted torques."""
-    laws = [one for one in screened if isinstance(one.cause, Law)]
-    for one in sorted(laws, key=lambda one: -one.S)[:_MAX_REFINED]:
-        if one.S > 0.5 * LEAST_S:
-            found = _refine_law(fit, one)
+    """Refine the laws whose columns gain most."""
+    laws = [candidate for candidate in screened if isinstance(candidate.cause, Law)]
+    for law in sorted(laws, key=lambda law: -law.S)[:_MAX_REFINED]:
+        if law.S > 0.5 * LEAST_S:  # a refit may raise S
+            found = _refine_law(fit, law)
             if LEAST_S + found.cost <= found.S:
                 yield found
 
 
 def _refine_law(fit: CauseFit, screened: ScreenedCause) -> FoundCause:
-    """Law with its coefficients from a second refit, whose columns are those of the first fitted torques."""
+    """Law with its coefficients from a second refit, whose columns come from the torques of the first refit."""
     s, r, law = fit.states, fit.states.base.count, screened.cause
     assert isinstance(law, Law)
-    refit = fit.refit(s, *np.moveaxis(screened.e, -1, 0))
-    (e,) = law_columns(fit, [law], FittedTorques.from_groups(s, refit.x[:r]))
+    first_refit = fit.refit(s, *np.moveaxis(screened.e, -1, 0))
+    (e,) = law_columns(fit, [law], FittedTorques.from_groups(s, first_refit.x[:r]))
     refit = fit.refit(s, *np.moveaxis(e, -1, 0))
     count = e.shape[-1]
-    reported, cost = 1, 0.0
+    reported_count, cost = 1, 0.0  # of a load, only the mass
     if law.kind == "force":
-        reported, cost = count, _FORCE_COST
+        reported_count, cost = count, _FORCE_COST
     S, t = fit.gain(refit), refit.t_value(fit)
-    value, deviation = refit.x[-count:][:reported], refit.law_deviation(count)[:reported]
+    coefficients, deviations = refit.x[-count:], refit.law_deviation(count)
+    value, deviation = coefficients[:reported_count], deviations[:reported_count]
     refit.release(fit)
     found = FoundCause(law.kind, law.joints, S, t, fit, refit, law=law, value=value, deviation=deviation, cost=cost)
     return replace(found, **_begin(s, law.since))
@@ -566,14 +635,14 @@ def _refine_law(fit: CauseFit, screened: ScreenedCause) -> FoundCause:
 
 def _refine_causes(fit: CauseFit, screened: Sequence[ScreenedCause]) -> list[FoundCause]:
     """Refine the causes with a value whose columns gain most, by Gauss-Newton steps."""
-    found: dict[tuple[str, tuple[int, ...]], FoundCause] = {}
-    for one in sorted(screened, key=lambda one: -one.S):
-        if one.S < 0.5 * LEAST_S or len(found) == _MAX_REFINED:
+    refined: dict[tuple[str, tuple[int, ...]], FoundCause] = {}
+    for candidate in sorted(screened, key=lambda candidate: -candidate.S):
+        if candidate.S < 0.5 * LEAST_S or len(refined) == _MAX_REFINED:
             break
-        cause = one.cause
-        if isinstance(cause, Cause) and (cause.kind, cause.joints) not in found:
-            found[cause.kind, cause.joints] = refine_cause(fit, cause, one.beta)
-    return sorted(found.values(), key=lambda one: _ORDER.get(one.kind, 0))
+        cause = candidate.cause
+        if isinstance(cause, Cause) and (cause.kind, cause.joints) not in refined:
+            refined[cause.kind, cause.joints] = refine_cause(fit, cause, candidate.beta)
+    return sorted(refined.values(), key=lambda result: _ORDER.get(result.kind, 0))
 
 
 def refine_cause(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
@@ -581,8 +650,10 @@ def refine_cause(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
     s = fit.states
     best = fit.refit(cause.correct(s, beta))
     S = fit.gain(best)
-    for _ in range(_STEPS):
-        step = best.gains_of_columns(cause_columns(best, s, cause, beta)[:, :, None])[1][0]
+    for _ in range(_MAX_STEPS):
+        columns = cause_columns(best, s, cause, beta)
+        _, coefficients = best.gains_of_columns(columns[:, :, None])
+        step = coefficients[0]
         refit = fit.refit(cause.correct(s, beta + step))
         S_refit = fit.gain(refit)
         is_worth_another = S_refit > S + _MIN_GAIN
@@ -596,6 +667,7 @@ def refine_cause(fit: CauseFit, cause: Cause, beta: Array) -> FoundCause:
 
 
 def _tested_cause(fit: CauseFit, refit: CauseFit, cause: Cause) -> FoundCause:
+    """Cause with its evidence: that of the refit with it, against the fit without it."""
     S, t = fit.gain(refit), refit.t_value(fit)
     refit.release(fit)
     found = FoundCause(cause.kind, cause.joints, S, t, fit, refit, cause.correct, number=cause.number, cost=cause.cost)
@@ -616,8 +688,9 @@ def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
     The motion is 200 states within 1.5 times the range of the log's positions, as fast as the log.
     """
     s, rng = fit.states, np.random.default_rng(seed)
-    middle, half = 0.5 * (s.q.max(axis=0) + s.q.min(axis=0)), 0.75 * np.ptp(s.q, axis=0)
-    q = middle + half * rng.uniform(-1.0, 1.0, (_STATES, len(half)))
+    middle = 0.5 * (s.q.max(axis=0) + s.q.min(axis=0))
+    half_range = 0.75 * np.ptp(s.q, axis=0)
+    q = middle + half_range * rng.uniform(-1.0, 1.0, (_STATES, len(half_range)))
     dq = rng.normal(size=q.shape) * np.sqrt((s.dq**2).mean(axis=0))
     ddq = rng.normal(size=q.shape) * np.sqrt((s.ddq**2).mean(axis=0))
     zeros = np.zeros(_STATES)
@@ -641,5 +714,7 @@ def effect(fit: CauseFit, found: FoundCause, *, seed: int = 0) -> float:
     if found.law is not None:
         e = found.law.columns(motion, FittedTorques.from_groups(motion, found.fit.x[:r]))
         after = after + e @ found.fit.x[-e.shape[-1] :]
-    size = np.sqrt((before**2).mean(axis=0))
-    return float((np.sqrt(((after - before) ** 2).mean(axis=0)) / np.maximum(size, 1e-300))[fit.live].max())
+    torques = np.sqrt((before**2).mean(axis=0))
+    changes = np.sqrt(((after - before) ** 2).mean(axis=0))
+    shares = changes / np.maximum(torques, 1e-300)
+    return float(shares[fit.live].max())

@@ -1,4 +1,8 @@
-"""States of logs below a cut-off, with the columns of the parameters in their torques."""
+"""States of logs below a cut-off, with the columns of the parameters in their torques.
+
+Columns of the torques have two parts: columns of the bodies (the regressor), and factors of the drives, which are motor
+inertias, friction and offsets.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,7 @@ _FIELDS_OF_COLUMNS = {
     "drives": ("dq", "ddq", "pieces", "friction_speed", "rows", "lagging"),
     "columns": ("q", "dq", "ddq", "gravity", "weightless", "rows", "pieces", "friction_speed", "lag"),
 }
-"""Fields on which the columns depend."""
+"""Fields on which each cached property depends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +41,12 @@ class LogStates:
     time, piece : (n,) arrays, time [s] and index of the piece
     rate : float, states per second [Hz]
     q, dq, ddq, tau : (n, nv) arrays
-    friction_speed : (nv,) array, v_0
-    gravity : (3,) array
-    gain : (nv,) array
+    friction_speed : (nv,) array, speed v_0 of Coulomb friction [rad/s or m/s]
+    gravity : (3,) array, in the base frame [m/s²]
+    gain : (nv,) array, factors of the predicted torques
     logs : sequence of int, number of the log of each piece, from 1; 0 if there is only one log
     lag : float, time constant of the low-pass of the torques [s]
+    shift : float, delay of the logged torques [s]
     weightless : tuple of int, joints whose logged torques exclude gravity
     unfiltered : (n, nv) array, positions before the low-pass
     jumps : sequence of (joint, piece, time), jumps of positions
@@ -79,27 +84,29 @@ class LogStates:
         *,
         whole: bool = False,
     ) -> LogStates:
-        """Resample samples on steady clocks to at most ``most`` rows; if ``whole``, keep all samples with q and τ unchanged."""
+        """States of samples, with at most ``most`` rows; if ``whole``, at all samples, with positions and torques unchanged."""
         states, rows, pieces, unfiltered = list[Any](), list[Array](), list[slice](), list[Array]()
         jumps = list[tuple[int, int, float]]()
         begin = 0
-        for piece, (one, s, kept) in enumerate(states_with_rows(samples, cutoff, most, whole=whole)):
-            states.append(replace(s, q=one.q, tau=one.tau) if whole else s)
-            end = begin + len(s.time)
+        for number, (piece, filtered, kept) in enumerate(states_with_rows(samples, cutoff, most, whole=whole)):
+            states.append(replace(filtered, q=piece.q, tau=piece.tau) if whole else filtered)
+            end = begin + len(filtered.time)
             rows.append(np.arange(begin, end)[kept])
             pieces.append(slice(begin, end))
             begin = end
-            sample_times = one.start + np.arange(len(one.q)) / one.rate
-            positions = np.empty((len(s.time), one.q.shape[1]))
-            for k, q in enumerate(one.q.T):
-                positions[:, k] = np.interp(s.time, sample_times, q)
+            sample_times = piece.start + np.arange(len(piece.q)) / piece.rate
+            positions = np.empty((len(filtered.time), piece.q.shape[1]))
+            for k, q in enumerate(piece.q.T):
+                positions[:, k] = np.interp(filtered.time, sample_times, q)
                 jump = jump_of(q)
-                if jump is not None:
-                    jumps.append((k, piece, one.start + (jump - 0.5) / one.rate))
+                if jump is not None:  # in the middle between two samples
+                    jumps.append((k, number, piece.start + (jump - 0.5) / piece.rate))
             unfiltered.append(positions)
-        nv, counts = base.unknown.model.nv, [len(s.time) for s in states]
+        nv = base.unknown.model.nv
+        counts = [len(s.time) for s in states]
 
         def values(name: str) -> Array:
+            """Values of a field of all pieces."""
             return np.concatenate([getattr(s, name) for s in states])
 
         return cls(
@@ -117,7 +124,7 @@ class LogStates:
             friction_speed,
             np.asarray(base.unknown.model.gravity, float),
             np.ones(nv),
-            [one.log for one in samples],
+            [piece.log for piece in samples],
             unfiltered=np.concatenate(unfiltered),
             jumps=jumps,
         )
@@ -126,19 +133,23 @@ class LogStates:
         """Low-pass values (n, ...) of the states at the cut-off, piece by piece."""
         if not self.pieces:
             return x
-        return np.concatenate([low_pass(x[s], self.cutoff, float(self.rate[s.start])) for s in self.pieces])
+        filtered = list[Array]()
+        for piece in self.pieces:
+            rate = float(self.rate[piece.start])
+            filtered.append(low_pass(x[piece], self.cutoff, rate))
+        return np.concatenate(filtered)
 
     def slope(self, x: Array) -> Array:
         """Time derivatives of values (n, ...) of the states."""
         if not self.pieces:
             return np.zeros_like(x)
-        return np.concatenate([np.gradient(x[s], self.time[s], axis=0) for s in self.pieces])
+        return np.concatenate([np.gradient(x[piece], self.time[piece], axis=0) for piece in self.pieces])
 
     @cached_property
     def measured_torques(self) -> Array:
-        """(m, nv) measured torques at the rows, without the torques of springs."""
-        known = spring_torques(self.base, self.q[self.rows], self.dq[self.rows], self.ddq[self.rows])
-        return np.asarray(self.shifted_torques[self.rows] - known)
+        """(m, nv) measured torques at the rows, without the torques of springs, which are known."""
+        springs = spring_torques(self.base, self.q[self.rows], self.dq[self.rows], self.ddq[self.rows])
+        return np.asarray(self.shifted_torques[self.rows] - springs)
 
     @cached_property
     def shifted_torques(self) -> Array:
@@ -147,9 +158,11 @@ class LogStates:
             return self.tau
         return np.concatenate([self._shifted(s) for s in self.pieces])
 
-    def _shifted(self, s: slice) -> Array:
-        time = self.time[s]
-        return UniformSpline.from_samples(time, self.tau[s])(np.clip(time + self.shift, time[0], time[-1]))
+    def _shifted(self, piece: slice) -> Array:
+        """(n, nv) torques of a piece, ``shift`` seconds later; at its ends, the first and the last torque."""
+        time = self.time[piece]
+        shifted_time = np.clip(time + self.shift, time[0], time[-1])
+        return UniformSpline.from_samples(time, self.tau[piece])(shifted_time)
 
     @property
     def lagging(self) -> bool:
@@ -161,13 +174,19 @@ class LogStates:
         """(m, nv, r) columns of the groups at the rows, without gains, with friction low-passed like the torques."""
         if not self.lagging:
             return self._group_columns(self.bodies, self.drives)
-        return self._low_pass_at_rows(lambda span: self._group_columns(self._body_columns(span), self.drives[span]))
+
+        def columns_of_states(span: slice) -> Array:
+            return self._group_columns(self._body_columns(span), self.drives[span])
+
+        return self._low_pass_at_rows(columns_of_states)
 
     def _group_columns(self, bodies: Array, drives: Array) -> Array:
         """Columns (n, nv, r) of the groups from columns of the body parameters and factors of the drives."""
         kept, unknown = self.base.kept, self.base.unknown
-        W = np.take(bodies, np.maximum(unknown.of_bodies[kept], 0), axis=2)
-        W[:, :, self.base.drives] = drives[:, None] * unknown.shares[kept[self.base.drives]].T
+        drive_groups = self.base.drives
+        body_columns = np.maximum(unknown.of_bodies[kept], 0)  # -1 of drives: any column, which is replaced below
+        W = np.take(bodies, body_columns, axis=2)
+        W[:, :, drive_groups] = drives[:, None] * unknown.shares[kept[drive_groups]].T
         return W
 
     def predicted_torques(self, x: Array) -> Array:
@@ -176,36 +195,46 @@ class LogStates:
             bodies, drives = self._parts(x)
             return np.asarray(self.gain * (bodies + drives))
         body_values, drives = self._body_values(x), self._drive_torques(x)
-        torques = self._low_pass_at_rows(lambda span: self._body_columns(span) @ body_values + drives[span])
-        return np.asarray(self.gain * torques)
+
+        def torques_of_states(span: slice) -> Array:
+            return np.asarray(self._body_columns(span) @ body_values + drives[span])
+
+        return np.asarray(self.gain * self._low_pass_at_rows(torques_of_states))
 
     def _parts(self, x: Array) -> tuple[Array, Array]:
-        """Torques of the bodies and of the drives by groups x (r,)."""
+        """Torques (n, nv) of the bodies and of the drives by groups x (r,)."""
         return self.bodies @ self._body_values(x), self._drive_torques(x)
 
     def _body_values(self, x: Array) -> Array:
-        """Values of the body parameters, of those that represent groups x (r,)."""
+        """Values of all body parameters by groups x (r,): each group is the value of one parameter, the others are 0."""
         unknown = self.base.unknown
-        values, columns = np.zeros(10 * len(unknown.model.bodies)), unknown.of_bodies[self.base.kept]
-        values[columns[columns >= 0]] = x[columns >= 0]
+        values = np.zeros(10 * len(unknown.model.bodies))
+        columns = unknown.of_bodies[self.base.kept]  # of each group; -1 for groups of drives
+        is_body = columns >= 0
+        values[columns[is_body]] = x[is_body]
         return values
 
     def _drive_torques(self, x: Array) -> Array:
-        drives = self.base.drives
-        return np.asarray((self.drives * x[drives]) @ self.base.unknown.shares[self.base.kept[drives]])
+        """Torques (n, nv) of the drives by groups x (r,)."""
+        drive_groups = self.base.drives
+        return np.asarray((self.drives * x[drive_groups]) @ self.base.unknown.shares[self.base.kept[drive_groups]])
 
     def _low_pass_at_rows(self, values: Callable[[slice], Array]) -> Array:
-        """Low-pass of the torques, at the rows, of ``values`` of ranges of the states, in portions to limit memory."""
-        parts = list[Array]()
+        """Low-passed values at the rows; ``values`` returns those of a range of states, of which few are in memory at once.
+
+        The low-pass has the time constant ``lag``, and starts anew in each piece.
+        """
+        values_at_rows = list[Array]()
         for piece in self.pieces:
-            steps, last = self.lag * float(self.rate[piece.start]), None
-            for k in range(piece.start, piece.stop, PORTION):
-                span = slice(k, min(piece.stop, k + PORTION))
+            steps = self.lag * float(self.rate[piece.start])
+            last = None
+            for begin in range(piece.start, piece.stop, PORTION):
+                span = slice(begin, min(piece.stop, begin + PORTION))
                 y = lagged(values(span), steps, last)
                 last = y[-1]
-                rows_of_span = self.rows[(self.rows >= k) & (self.rows < span.stop)]
-                parts.append(y[rows_of_span - k])
-        return np.concatenate(parts)
+                rows_of_span = self.rows[(self.rows >= begin) & (self.rows < span.stop)]
+                values_at_rows.append(y[rows_of_span - begin])
+        return np.concatenate(values_at_rows)
 
     @cached_property
     def bodies(self) -> Array:
@@ -218,32 +247,35 @@ class LogStates:
         Y = self.base.unknown.regressor(*states, self.gravity)
         if self.weightless:
             joints = list(self.weightless)
-            Y[:, joints] = self.base.unknown.regressor(*states, 0.0 * self.gravity)[:, joints]
+            Y_without_gravity = self.base.unknown.regressor(*states, 0.0 * self.gravity)
+            Y[:, joints] = Y_without_gravity[:, joints]
         return np.asarray(Y)
 
     @cached_property
     def drives(self) -> Array:
         """Factors of the columns of motor inertias, friction and offsets at the rows, or in all states for a low-pass."""
-        unknown, at = self.base.unknown, slice(None) if self.lagging else self.rows
+        unknown = self.base.unknown
+        at = slice(None) if self.lagging else self.rows
         parameters = self.base.kept[self.base.drives]
         factors = unknown.drives(parameters, self.dq[at], self.ddq[at], self.friction_speed)
         dry = np.flatnonzero(np.isin(np.array(unknown.kinds)[parameters], ("coulomb", "stribeck")))
-        if dry.size:
+        if dry.size:  # dry friction jumps: it is low-passed like the torques
             dry_factors = unknown.drives(parameters[dry], self.dq, self.ddq, self.friction_speed)
             factors[:, dry] = self.low_passed(dry_factors)[at]
         return factors
 
     def torques(self, x: Array) -> tuple[Array, Array]:
         """(n, nv) torques W x of all states, and the part of the bodies, computed in portions."""
-        n, parts = len(self.time), list[Array]()
-        for k in range(0, n, PORTION):
-            span = slice(k, min(n, k + PORTION))
+        n = len(self.time)
+        portions = list[Array]()  # (2, states, nv) each
+        for begin in range(0, n, PORTION):
+            span = slice(begin, min(n, begin + PORTION))
             fields = {name: getattr(self, name)[span] for name in ("time", "piece", "rate", "q", "dq", "ddq", "tau")}
-            portion = self.with_fields(**fields, rows=np.arange(span.stop - k), pieces=(), lag=0.0)
+            portion = self.with_fields(**fields, rows=np.arange(span.stop - begin), pieces=(), lag=0.0)
             bodies, drives = portion._parts(x)
-            parts.append(self.gain * np.stack([bodies + drives, bodies]))
-        whole, bodies = np.concatenate(parts, axis=1)
-        return whole, bodies
+            portions.append(self.gain * np.stack([bodies + drives, bodies]))
+        total, bodies = np.concatenate(portions, axis=1)
+        return total, bodies
 
     def with_fields(self, **fields: Any) -> LogStates:
         """Copy with other values of some fields; columns that do not depend on them stay cached."""
@@ -256,19 +288,22 @@ class LogStates:
 
 _STEPS_BESIDE = 5
 """Steps on both sides of a jump that are not compared with it."""
-_MIN_JUMP, _MIN_RATIO_TO_SECOND = 20.0, 3.0
-"""Ratios of the largest departure of a step of positions from its neighbours to the usual one, and to the next largest one."""
+_MIN_RATIO_TO_USUAL = 20.0
+"""Departure of a jump from its neighbouring steps, over the usual departure (rms)."""
+_MIN_RATIO_TO_SECOND = 3.0
+"""Departure of a jump from its neighbouring steps, over the next largest departure."""
 
 
 def jump_of(positions: Array) -> int | None:
-    """Index of the sample (n,) at which a position jumps, once and far beyond its other steps; None if it does not."""
+    """Index of the first sample (n,) after a jump, if a position jumps once and far beyond its other steps; else None."""
     steps = np.diff(positions)
     if len(steps) < 2 * _STEPS_BESIDE:
         return None
+    # departures[k] is of step k + 1, which leads from sample k + 1 to sample k + 2
     departures = np.abs(steps[1:-1] - 0.5 * (steps[:-2] + steps[2:]))
     k = int(departures.argmax())
     others = np.delete(departures, slice(max(0, k - _STEPS_BESIDE), k + _STEPS_BESIDE + 1))
-    if departures[k] < _MIN_JUMP * np.sqrt((others**2).mean()):
+    if departures[k] < _MIN_RATIO_TO_USUAL * np.sqrt((others**2).mean()):
         return None
     if departures[k] < _MIN_RATIO_TO_SECOND * others.max():
         return None

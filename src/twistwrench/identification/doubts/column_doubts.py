@@ -20,16 +20,17 @@ _MAX_GRID_NOISE = 0.15
 
 def column_doubts(fit: FittedLog) -> Iterator[Doubt]:
     """Doubts about dead, saturated and coarse columns."""
-    moved = np.any([moves(log.q[:, : len(fit.names)]) for log in fit.logs], axis=0)
-    at_rest = not moved.any() and not any(moves(log.tau).any() for log in fit.logs)
-    if at_rest:
+    has_moved = np.any([moves(log.q[:, : len(fit.names)]) for log in fit.logs], axis=0)
+    has_changing_torques = any(moves(log.tau).any() for log in fit.logs)
+    is_at_rest = not has_moved.any() and not has_changing_torques
+    if is_at_rest:
         yield doubt("unexciting", said="the robot stood still: no position or torque changes by more than its noise.")
     dead_torques = fit.joints(np.flatnonzero(fit.dead))
     if dead_torques:
         yield doubt("dead-torque", dead_torques)
-    dead_positions = fit.joints(np.flatnonzero(~fit.dead & ~moved))
-    if dead_positions and not at_rest:
-        yield _dead_position_doubt(dead_positions, all_still=not moved.any())
+    dead_positions = fit.joints(np.flatnonzero(~fit.dead & ~has_moved))
+    if dead_positions and not is_at_rest:
+        yield _dead_position_doubt(dead_positions, all_still=not has_moved.any())
     torques = np.concatenate([log.tau for log in fit.logs])
     yield from _copies(fit, torques)
     for k in np.flatnonzero(~fit.dead).tolist():
@@ -52,16 +53,19 @@ def _coarse_positions(fit: FittedLog) -> Iterator[Doubt]:
     cutoff = fit.settings.cutoff
     for k, name in enumerate(fit.names):
         grid = quantum([window.q[:, k] for log in fit.logs for window in log.windows])
-        size = float(np.sqrt((fit.acceleration[:, k] ** 2).mean()))
-        # White noise of that size, low-passed and differentiated twice: sqrt(∫ (2 π f)^4 df) over 0 to the cut-off.
+        acceleration = float(np.sqrt((fit.acceleration[:, k] ** 2).mean()))
+        # Rounding errors are white, of size σ = grid / √12, with density 2 σ² / rate. After the low-pass and two derivatives,
+        # their mean square is 2 σ² / rate ∫ (2 π f)^4 df = 2 σ² / rate (2 π f)^4 f / 5 with the cut-off f.
         noise = grid / np.sqrt(12.0) * (2 * np.pi * cutoff) ** 2 * np.sqrt(2 * cutoff / fit.rate / 5.0)
-        if grid > 0 and size > 0 and noise > _MAX_GRID_NOISE * size:
-            share = percent(noise / size, 3)
+        if grid > 0 and acceleration > 0 and noise > _MAX_GRID_NOISE * acceleration:
+            share = percent(noise / acceleration, 3)
             yield doubt("quantised", [name], grid=number(grid, 3), noise=share, cutoff=printed(cutoff))
 
 
-_MAX_COPY_DIFFERENCE, _MIN_COPIED_ROWS = 1e-9, 0.99
-"""Difference, as a share of a column's deviation, below which two values are equal; minimum share of rows of a copy."""
+_MAX_COPY_DIFFERENCE = 1e-9
+"""Difference, as a share of a column's standard deviation, below which two values are equal."""
+_MIN_COPIED_ROWS = 0.99
+"""Minimum share of equal rows of a copy."""
 
 
 def _copies(fit: FittedLog, torques: Array) -> Iterator[Doubt]:
@@ -70,7 +74,7 @@ def _copies(fit: FittedLog, torques: Array) -> Iterator[Doubt]:
         yield _copy_doubt(fit.names[j], fit.names[k], "torque", factor)
     positions = fit.q[:, : len(fit.names)]
     for j, k, factor in _proportional_columns(positions, np.ones(len(fit.names), bool)):
-        if abs(factor - 1.0) <= _MAX_COPY_DIFFERENCE:  # otherwise a planned motion of both joints, in proportion
+        if abs(factor - 1.0) <= _MAX_COPY_DIFFERENCE:  # with another factor, the motion was planned so
             yield _copy_doubt(fit.names[j], fit.names[k], "position", factor)
 
 
@@ -82,9 +86,9 @@ def _copy_doubt(first: str, second: str, what: str, factor: float) -> Doubt:
 
 def _proportional_columns(x: Array, live: Array) -> Iterator[tuple[int, int, float]]:
     """Pairs of live columns of x (m, n) of which the second is a multiple of the first, with the factor."""
-    size = x.std(axis=0)
-    for j, k in combinations(np.flatnonzero(live & (size > 0)).tolist(), 2):
+    deviations = x.std(axis=0)
+    for j, k in combinations(np.flatnonzero(live & (deviations > 0)).tolist(), 2):
         factor = float(x[:, j] @ x[:, k] / (x[:, j] @ x[:, j]))
-        is_equal = np.abs(x[:, k] - factor * x[:, j]) <= _MAX_COPY_DIFFERENCE * size[k]
+        is_equal = np.abs(x[:, k] - factor * x[:, j]) <= _MAX_COPY_DIFFERENCE * deviations[k]
         if is_equal.mean() > _MIN_COPIED_ROWS:
             yield j, k, factor

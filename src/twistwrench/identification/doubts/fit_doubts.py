@@ -30,74 +30,97 @@ if TYPE_CHECKING:
 
 _MAX_UNEXPLAINED = 0.35
 """Held-out residual, as a share of the torques, from which the logs are rejected."""
-OTHERS, NOTABLE_IN_OTHERS = 2.5, 0.12
-"""Ratio of the residual of other logs to that of the training logs, and minimum residual, from which the logs differ."""
-
-
+OTHERS = 2.5
+"""Ratio of the residual of other logs to that of the training logs, above which the logs differ."""
+NOTABLE_IN_OTHERS = 0.12
+"""Residual of other logs, as a share of the torques, up to which they do not differ."""
 LEFT_OUT = "rows-left-out"
 """Kind of the notes on omitted rows, which are listed separately from the doubts."""
 
 
 def reading_doubts(doubts: Iterable[Doubt], log: str = "") -> Iterator[Doubt]:
     """Doubts found without a model; if their row does not list ``identify``, they become notes."""
-    for one in doubts:
-        if one.kind == LEFT_OUT:
+    for found in doubts:
+        if found.kind == LEFT_OUT:
             continue
-        level, sentence = one.level, one.sentence
-        if "identify" not in doubt_table()[one.kind].reads:
+        level, sentence = found.level, found.sentence
+        if "identify" not in doubt_table()[found.kind].reads:
             level = "note"
         if log:
             sentence = f"{log}: {sentence}"
-        yield replace(one, level=level, sentence=sentence)
+        yield replace(found, level=level, sentence=sentence)
 
 
-def left_unexplained(held: HeldOut, among: HeldOut) -> list[Doubt]:
-    """Doubts from held-out residuals: too large, or those of other logs far larger than of the training logs ``among``."""
+def left_unexplained(held: HeldOut, training: HeldOut) -> list[Doubt]:
+    """Doubt about large residuals ``held`` of held-out rows, or about test logs that differ from the training logs.
+
+    ``training`` are the residuals of the training logs, each fifth predicted from the others.
+    """
     if held.all > _MAX_UNEXPLAINED:
         return [doubt("unexplained", left=percent(held.all, 3))]
-    if held.kind == "test" and held.all > max(OTHERS * among.all, NOTABLE_IN_OTHERS):
+    if held.kind == "test" and held.all > max(OTHERS * training.all, NOTABLE_IN_OTHERS):
         message = (
             f"the logs held out are explained to {percent(held.all, 3)}, the training logs among themselves to "
-            f"{percent(among.all, 3)}"
+            f"{percent(training.all, 3)}"
         )
         return [doubt("other-torques", said=message, level="refuse")]
     return []
 
 
-_MAX_UNDETERMINED = 0.2
+_MAX_UNDETERMINED_DEVIATION = 0.2
+"""Deviation of a group, as a share of its largest plausible size, above which the motion leaves it undetermined."""
+_MAX_UNDETERMINED_SHARE = 0.2
+"""Largest share of undetermined groups."""
 _UNSURE_TORQUE = 0.1
 """Maximum share of the torques of another motion that deviations of the groups may change."""
 _MAX_RESIDUAL_WITHOUT_LINK = 0.5
-_MAX_UNEXPLAINED_OF_JOINT, _MAX_SHARE_OF_LIMIT, _MOST_JOINTS = 0.1, 0.01, 4
-"""Residual of a poorly predicted joint, as shares of its torque (rms) and of its effort limit; number of named joints."""
-_MIN_NEGATIVE_DEVIATIONS, _MIN_NEGATIVE_SHARE = 4.0, 1e-3
-"""Standard deviations below zero, and share of a joint's torque (rms), from which a negative friction or motor inertia counts.
-Without noise, standard deviations do not cover filter errors, which cause such small values."""
+"""Residual without a link, as a share of that with all links, below which the link is missing."""
+_MAX_UNEXPLAINED_OF_JOINT = 0.1
+"""Largest residual of a well predicted joint, as a share of its torque (rms)."""
+_MAX_SHARE_OF_LIMIT = 0.01
+"""Residual, as a share of a joint's effort limit, up to which it is small."""
+_MAX_NAMED_JOINTS = 4
+_MIN_NEGATIVE_DEVIATIONS = 4.0
+"""Standard deviations below zero from which a negative friction or motor inertia is reported."""
+_MIN_NEGATIVE_SHARE = 1e-3
+"""Share of a joint's torque (rms) from which a negative value is reported.
+
+Without noise, standard deviations do not cover filter errors, which cause smaller values."""
 _MIN_RESIDUAL_RISE = 0.05
-"""Share of itself by which a joint's residual in rows held out rises without a negative value that counts."""
+"""Relative rise of a joint's residual in rows held out, if negative values are set to 0, from which they are no mere note."""
 _MIN_SHARE_OF_JOINTS = 0.5
 """Share of joints with negative friction from which a controller counts as compensating it: usually all joints."""
-_MAX_CHANCE, _POSES, _MIN_SHARE_OF_DIRECTION = 1e-6, 50, 0.3
-"""Chance that noise makes a kinetic energy negative in some direction of one pose; number of tested poses; share of the largest
-part in a direction from which a joint is named."""
+_MAX_CHANCE = 1e-6
+"""Chance that noise makes a kinetic energy negative in some direction of one pose."""
+_POSES = 50
+"""Number of poses at which the kinetic energy is tested."""
+_MIN_SHARE_OF_DIRECTION = 0.3
+"""Part of a joint in a direction, as a share of the largest part, from which the joint is named."""
 _MAX_UNREPORTED = 0.1
 """Share of the torques not explained by rigid bodies with friction, from which it is reported."""
-_MIN_RATIO_TO_NOISE, _MIN_SHARE_OF_TORQUE, _MIN_RATE_OF_CUTOFF = 3.0, 0.05, 4.0
-"""Ratio to the noise, and share of a joint's torque, from which a residual is loud; least rate in cut-offs that shows noise."""
-_SPOILED = {"buffered", "copied", "saturated", "unexciting"}
-"""Doubts without a model whose residuals would be mistaken for other causes; a log at rest has nothing to explain."""
+_MIN_RATIO_TO_NOISE = 3.0
+"""Ratio of a residual to the noise from which it is loud."""
+_MIN_SHARE_OF_TORQUE = 0.05
+"""Share of a joint's torque from which a residual is loud."""
+_MIN_RATE_OF_CUTOFF = 4.0
+"""Least sampling rate, as a multiple of the cut-off, that shows noise above the cut-off."""
+_MODEL_FREE_REASONS = {"buffered", "copied", "saturated", "unexciting"}
+"""Doubts found without a model that exclude a search for causes.
+
+Residuals of such logs would be mistaken for other causes; a log at rest has nothing to explain."""
 
 
 def doubts_of(fit: FittedLog) -> tuple[Doubt, ...]:
     """All doubts, those that reject the log first; insufficient motion is reported only without other doubts."""
-    read: list[Doubt] = []
+    without_model: list[Doubt] = []
     for log in fit.logs:
-        read += reading_doubts(log.doubts, log.name)
-    read += column_doubts(fit)
-    spoiled = "refuse" in _levels(read) or not _SPOILED.isdisjoint(_kinds(read))
-    causes = [] if spoiled else _cause_doubts(fit, read)
-    known = spoiled or bool(_levels(causes) - {"note"})
-    doubts = [*read, *causes]
+        without_model += reading_doubts(log.doubts, log.name)
+    without_model += column_doubts(fit)
+    has_reason_without_model = not _MODEL_FREE_REASONS.isdisjoint(_kinds(without_model))
+    is_spoiled = "refuse" in _levels(without_model) or has_reason_without_model
+    causes = [] if is_spoiled else _cause_doubts(fit, without_model)
+    known = is_spoiled or bool(_levels(causes) - {"note"})  # the reason of the residual
+    doubts = [*without_model, *causes]
     if not known:
         if not fit.payload_only:
             doubts += _missing_link(fit)
@@ -115,61 +138,66 @@ def doubts_of(fit: FittedLog) -> tuple[Doubt, ...]:
     return sorted_doubts([*doubts, *residual])
 
 
-def _cause_doubts(fit: FittedLog, read: Sequence[Doubt]) -> list[Doubt]:
-    """Doubts about the common gain and the causes of the residual, of logs with the doubts ``read`` without a model."""
+def _cause_doubts(fit: FittedLog, without_model: Sequence[Doubt]) -> list[Doubt]:
+    """Doubts about the common gain and the causes of the residual; ``without_model`` are those found before."""
     if fit.payload_only:
         return []
     doubts = [*gain_of_all(fit), *fit.causes]
     if "time-scale" in _kinds(doubts):  # accelerations of a clock that is wrong look like a common gain
-        doubts = [one for one in doubts if one.kind != "gain" or one.joints != fit.names]
-    if _levels([*read, *fit.causes]) - {"note"}:  # free groups are wrong too
-        doubts = [one for one in doubts if one.kind != "unit"]
+        doubts = [found for found in doubts if found.kind != "gain" or found.joints != fit.names]
+    if _levels([*without_model, *fit.causes]) - {"note"}:  # free groups, to which the unit is compared, are wrong too
+        doubts = [found for found in doubts if found.kind != "unit"]
     return doubts
 
 
 def _levels(doubts: Iterable[Doubt]) -> set[Level]:
-    return {one.level for one in doubts}
+    return {found.level for found in doubts}
 
 
 def _kinds(doubts: Iterable[Doubt]) -> set[str]:
-    return {one.kind for one in doubts}
+    return {found.kind for found in doubts}
 
 
 def sorted_doubts(found: Iterable[Doubt]) -> tuple[Doubt, ...]:
     """Doubts in the order of their levels: those that reject the log first, notes last."""
-    return tuple(sorted(found, key=lambda one: ("refuse", "unsure", "note").index(one.level)))
+    levels = ("refuse", "unsure", "note")
+    return tuple(sorted(found, key=lambda each: levels.index(each.level)))
 
 
 def _missing_link(fit: FittedLog) -> list[Doubt]:
-    """Fixed links of the file that the robot of the log does not carry."""
+    """Fixed link of the file that the robot of the log does not carry, if the residual is far smaller without one."""
     base, model = fit.base, fit.base.unknown.model
-    Q = np.linalg.qr(fit.W[:, :, base.drives].reshape(fit.tau.size, len(base.drives)))[0]
+    drive_columns = fit.W[:, :, base.drives].reshape(fit.tau.size, len(base.drives))
+    Q, _ = np.linalg.qr(drive_columns)
 
-    def squares_left(values: Array) -> float:
+    def squared_residual(values: Array) -> float:
+        """Squares of the residual with given bodies and free drives."""
         residual = (fit.tau - fit.W @ base.project(values)).ravel()
         return float(residual @ residual - ((Q.T @ residual) ** 2).sum())
 
-    whole = squares_left(base.unknown.file_values)
+    squares_with_all = squared_residual(base.unknown.file_values)
     moving_links = {body.link for body in model.bodies}
-    least, missing = _MAX_RESIDUAL_WITHOUT_LINK**2 * whole, ""
+    least_squares, missing = _MAX_RESIDUAL_WITHOUT_LINK**2 * squares_with_all, ""
     for link, frame in model.frames.items():
+        is_fixed_to_body = frame.body != BASE and link not in moving_links
         G = model.link_inertias.get(link)
-        if frame.body == BASE or link in moving_links or G is None or not G.mass > 0:
+        if not is_fixed_to_body or G is None or not G.mass > 0:
             continue
-        squares = squares_left(_values_without(base, frame.body, G.in_frame(frame.pose)))
-        if squares < least:
-            least, missing = squares, link
+        squares = squared_residual(_values_without(base, frame.body, G.in_frame(frame.pose)))
+        if squares < least_squares:
+            least_squares, missing = squares, link
     if not missing:
         return []
-    size = float((fit.tau**2).sum())
-    share, share_of_whole = percent(np.sqrt(least / size), 3), percent(np.sqrt(whole / size), 3)
-    return [doubt("missing-link", link=missing, left=share, whole=share_of_whole)]
+    squared_torques = float((fit.tau**2).sum())
+    share = percent(np.sqrt(least_squares / squared_torques), 3)
+    share_with_all = percent(np.sqrt(squares_with_all / squared_torques), 3)
+    return [doubt("missing-link", link=missing, left=share, whole=share_with_all)]
 
 
 def _values_without(base: BaseParameters, body: int, G: SpatialInertia) -> Array:
     """Values of the file after an inertia is subtracted from a body."""
     values = base.unknown.file_values.copy()
-    columns = base.unknown.of_bodies
+    columns = base.unknown.of_bodies  # of the regressor, ten for each body; -1 for drives
     of_body = columns // 10 == body
     values[of_body] -= G.parameters[columns[of_body] - 10 * body]
     return values
@@ -178,21 +206,23 @@ def _values_without(base: BaseParameters, body: int, G: SpatialInertia) -> Array
 def _unexciting(fit: FittedLog) -> list[Doubt]:
     """Doubt about a motion that leaves many groups undetermined."""
     free = ~fit.base.held
-    is_unknown = (fit.deviations > _MAX_UNDETERMINED * fit.prior.size)[free]
-    if is_unknown.sum() <= _MAX_UNDETERMINED * len(is_unknown):
+    is_undetermined = (fit.deviations > _MAX_UNDETERMINED_DEVIATION * fit.prior.size)[free]
+    if is_undetermined.sum() <= _MAX_UNDETERMINED_SHARE * len(is_undetermined):
         return []
     worst = np.argsort(-(fit.deviations / fit.prior.size * free))[:3]
     names = fit.first_parameters(worst)
-    count = f"{len(is_unknown) - int(is_unknown.sum())} of {len(is_unknown)} groups of parameters"
-    message = f"the motion determines only {count}, least {names} and what is grouped with them: these keep the file's values."
+    determined_count = len(is_undetermined) - int(is_undetermined.sum())
+    counts = f"{determined_count} of {len(is_undetermined)} groups of parameters"
+    message = f"the motion determines only {counts}, least {names} and what is grouped with them: these keep the file's values."
     return [doubt("unexciting", said=message)]
 
 
 def _poor_predictions(fit: FittedLog) -> list[Doubt]:
     """Joints whose torques are poorly predicted in another motion, as fast as the logs and as wide as the limits."""
     W = fit.other_motion
-    variance = np.einsum("njk,kl,njl->j", W, fit.covariance, W)
-    share = np.sqrt(np.maximum(variance, 0.0) / np.maximum(((W @ fit.x) ** 2).sum(axis=0), 1e-300))
+    variance = np.einsum("njk,kl,njl->j", W, fit.covariance, W)  # of each joint's torque, summed over the motion
+    squared_torques = ((W @ fit.x) ** 2).sum(axis=0)
+    share = np.sqrt(np.maximum(variance, 0.0) / np.maximum(squared_torques, 1e-300))
     ranges = np.ptp(fit.q[:, : len(fit.names)], axis=0)
     share[fit.dead | (ranges == 0)] = 0.0
     order = np.argsort(-share)
@@ -200,8 +230,8 @@ def _poor_predictions(fit: FittedLog) -> list[Doubt]:
     if not joints:
         return []
     shares = ", ".join(f"{fit.names[j]} {percent(share[j], 3)}" for j in joints[:4])
-    worst = np.argsort(-((W[:, joints[0]] ** 2).sum(axis=0) * fit.covariance.diagonal()))[:3]
-    least_sure = fit.first_parameters(worst)
+    variance_by_group = (W[:, joints[0]] ** 2).sum(axis=0) * fit.covariance.diagonal()  # of the worst joint
+    least_sure = fit.first_parameters(np.argsort(-variance_by_group)[:3])
     message = (
         f"of another motion, as fast and over the whole range, torques would be predicted no better than to: {shares}. The "
         f"logs are too short or too narrow: they determine too little of {least_sure} and what is grouped with them."
@@ -214,59 +244,68 @@ _NOT_NEGATIVE = ("motor_inertia", "viscous", "coulomb", "stribeck", "m", "Ixx", 
 
 
 def _is_never_negative(base: BaseParameters) -> Array:
-    """(r,) bool: the group cannot be negative, as a sum of such parameters; a difference, as of coupled motors, can."""
+    """(r,) bool, True for groups that are sums of parameters that are never negative.
+
+    Groups with differences, as of coupled motors, can be negative.
+    """
     never = np.isin(base.unknown.kinds, _NOT_NEGATIVE)
     return np.asarray(((base.grouping == 0.0) | ((base.grouping > 0.0) & never)).all(axis=1))
 
 
 def _negative_doubts(fit: FittedLog, *, known: bool) -> list[Doubt]:
-    """Negative friction and motor inertias: two at a joint indicate the sign of its torque, one another cause."""
+    """Negative friction and motor inertias: two at a joint indicate a wrong sign of its torque, one has another cause."""
     kinds = np.array(fit.base.unknown.kinds)[fit.base.kept]
     of_drive = np.isin(kinds, ("coulomb", "viscous", "motor_inertia"))
-    parts = np.sqrt((fit.W**2).mean(axis=0)) * np.abs(fit.x)  # (nv, r) of each joint's torque
+    torques_by_group = np.sqrt((fit.W**2).mean(axis=0)) * np.abs(fit.x)  # (nv, r) rms
     torques = np.maximum(np.sqrt((fit.tau**2).mean(axis=0)), 1e-300)
-    share = (parts / torques[:, None])[~fit.dead].max(axis=0)
-    is_negative = fit.x < -_MIN_NEGATIVE_DEVIATIONS * fit.deviations
-    groups = np.flatnonzero(of_drive & _is_never_negative(fit.base) & is_negative & (share > _MIN_NEGATIVE_SHARE))
+    share = (torques_by_group / torques[:, None])[~fit.dead].max(axis=0)
+    is_negative = (fit.x < -_MIN_NEGATIVE_DEVIATIONS * fit.deviations) & (share > _MIN_NEGATIVE_SHARE)
+    groups = np.flatnonzero(of_drive & _is_never_negative(fit.base) & is_negative)
     if known or not len(groups):
         return []
     doubts = list(_negative_values(fit, groups.tolist(), kinds))
     if _negative_matters(fit, groups):
         return doubts
-    return [replace(one, level="note") for one in doubts]
+    return [replace(found, level="note") for found in doubts]
 
 
 def _negative_matters(fit: FittedLog, groups: Array) -> bool:
-    """True if values of 0 in place of negative ones raise the residual of some joint in rows held out by 5 % of itself."""
-    total, squares = reduce(operator.add, fit.fifths), np.zeros((2, len(fit.names)))
+    """True if groups of 0 in place of negative ones raise the held-out residual of some joint by over 5 %."""
+    total = reduce(operator.add, fit.fifths)
+    squares, squares_with_zeros = np.zeros(len(fit.names)), np.zeros(len(fit.names))  # of held-out residuals
     for fifth in fit.fifths:
         others = total - fifth
         A, b = others.N.sum(axis=0), others.c.sum(axis=0)
         kept = np.delete(np.arange(len(b)), groups)
         prior = Prior(fit.prior.mean[kept], fit.prior.size[kept])
-        x_zero = np.zeros(len(b))
-        x_zero[kept] = prior.solve(A[np.ix_(kept, kept)], b[kept])
-        squares += fifth.squares(fit.prior.solve(A, b)), fifth.squares(x_zero)
-    return bool((squares[1] > (1.0 + _MIN_RESIDUAL_RISE) ** 2 * squares[0])[~fit.dead].any())
+        x_with_zeros = np.zeros(len(b))
+        x_with_zeros[kept] = prior.solve(A[np.ix_(kept, kept)], b[kept])
+        squares += fifth.squares(fit.prior.solve(A, b))
+        squares_with_zeros += fifth.squares(x_with_zeros)
+    is_higher = squares_with_zeros > (1.0 + _MIN_RESIDUAL_RISE) ** 2 * squares
+    return bool(is_higher[~fit.dead].any())
 
 
 def _negative_values(fit: FittedLog, groups: Sequence[int], kinds: Array) -> Iterator[Doubt]:
-    """Doubts about negative values of groups, by the joint of each."""
-    owners = [fit.base.names[k].split(".")[0] for k in groups]
-    count = Counter(owners)
-    inertias, friction = dict[int, str](), dict[int, str]()  # joint of each group
-    for k, joint in zip(groups, owners, strict=True):
-        parameters = inertias if kinds[k] == "motor_inertia" else friction
-        parameters[k] = joint
+    """Doubts about negative values of groups, by joint; ``kinds`` (r,) are those of the groups' first parameters."""
+    joint_of_inertia, joint_of_friction = dict[int, str](), dict[int, str]()  # by group
+    for k in groups:
+        joint = fit.base.names[k].split(".")[0]
+        if kinds[k] == "motor_inertia":
+            joint_of_inertia[k] = joint
+        else:
+            joint_of_friction[k] = joint
     # a wrong sign turns both; friction alone may be compensated
-    turned = [name for name, n in count.items() if n > 1 and name in inertias.values()]
-    if turned:
+    count_of_joint = Counter([fit.base.names[k].split(".")[0] for k in groups])
+    inertia_joints = set(joint_of_inertia.values())
+    wrong_signs = [joint for joint, count in count_of_joint.items() if count > 1 and joint in inertia_joints]
+    if wrong_signs:
         evidence = "its friction and motor inertia come out negative"
-        yield doubt("torque-sign", turned, level="refuse", named=listed(turned), evidence=evidence)
+        yield doubt("torque-sign", wrong_signs, level="refuse", named=listed(wrong_signs), evidence=evidence)
         return
-    if friction:
-        joints = sorted({*friction.values()}, key=fit.names.index)
-        values = _values_text(fit, list(friction))
+    if joint_of_friction:
+        joints = sorted({*joint_of_friction.values()}, key=fit.names.index)
+        values = _values_text(fit, list(joint_of_friction))
         if len(joints) > _MIN_SHARE_OF_JOINTS * (~fit.dead).sum():
             yield doubt("friction-compensated", joints, values=values)
         else:
@@ -275,94 +314,107 @@ def _negative_values(fit: FittedLog, groups: Sequence[int], kinds: Array) -> Ite
                 "controller compensates it."
             )
             yield doubt("unexciting", joints, said=message)
-    if inertias:
-        joints = sorted({*inertias.values()}, key=fit.names.index)
-        yield doubt("negative-inertia", joints, values=_values_text(fit, list(inertias)))
+    if joint_of_inertia:
+        joints = sorted(inertia_joints, key=fit.names.index)
+        yield doubt("negative-inertia", joints, values=_values_text(fit, list(joint_of_inertia)))
 
 
 def _values_text(fit: FittedLog, groups: Sequence[int]) -> str:
-    """First four of some groups with their values and deviations."""
+    """Text of the first four of some groups, with their values and deviations."""
     return ", ".join(f"{fit.base.names[k]} = {plus_minus(fit.x[k], fit.deviations[k])}" for k in groups[:4])
 
 
 def _negative_energy(fit: FittedLog) -> list[Doubt]:
-    """Negative kinetic energy ½ q̇' M(q) q̇ at some pose of the logs, at velocities q̇ like those of the logs."""
+    """Negative kinetic energy ½ q̇' M(q) q̇ at some pose of the logs, at velocities q̇ like those of the logs.
+
+    At each pose, q̇ is the direction with the least energy.
+    """
     from scipy.special import chdtri
 
     base, friction_speed = fit.base, fit.settings.friction_speed
     n = len(fit.names)
     q = fit.q[:: max(1, len(fit.q) // _POSES)]
-    still = np.zeros((len(q), n))
-    holding = base.unknown.columns(base.kept, q, still, still, friction_speed)
-    inertial = np.empty((*holding.shape[:2], n, holding.shape[2]))
+    zeros = np.zeros((len(q), n))
+    static_columns = base.unknown.columns(base.kept, q, zeros, zeros, friction_speed)
+    # columns of M: M_ij is linear in the groups, with torque i for unit acceleration j
+    M_columns = np.empty((*static_columns.shape[:2], n, static_columns.shape[2]))
     for j, e in enumerate(np.eye(n)):
-        inertial[:, :, j] = base.unknown.columns(base.kept, q, still, still + e, friction_speed) - holding
+        M_columns[:, :, j] = base.unknown.columns(base.kept, q, zeros, zeros + e, friction_speed) - static_columns
     speeds = np.sqrt((fit.speed**2).mean(axis=0)) * ~fit.dead
-    M = np.einsum("mijr,r,i,j->mij", inertial, fit.x, speeds, speeds)
-    energies, directions = np.linalg.eigh(0.5 * (M + M.swapaxes(1, 2)))
+    M = np.einsum("mijr,r,i,j->mij", M_columns, fit.x, speeds, speeds)  # for velocities in units of the speeds
+    doubled_energies, directions = np.linalg.eigh(0.5 * (M + M.swapaxes(1, 2)))
     dq = directions[..., 0] * speeds
-    w = 0.5 * np.einsum("mijr,mi,mj->mr", inertial, dq, dq)
-    deviation = np.sqrt(np.maximum(np.einsum("mr,rs,ms->m", w, fit.covariance, w), 0.0))
+    energy_columns = 0.5 * np.einsum("mijr,mi,mj->mr", M_columns, dq, dq)
+    variances = np.einsum("mr,rs,ms->m", energy_columns, fit.covariance, energy_columns)
+    deviations = np.sqrt(np.maximum(variances, 0.0))
     quantile = np.sqrt(chdtri(n, _MAX_CHANCE))
-    k = int(np.argmin(w @ fit.x + quantile * deviation))
-    energy = float(w[k] @ fit.x)
-    if energy >= -quantile * deviation[k] or -energy <= _MIN_NEGATIVE_SHARE * 0.5 * energies[k, -1]:
+    worst = int(np.argmin(energy_columns @ fit.x + quantile * deviations))
+    energy, deviation = float(energy_columns[worst] @ fit.x), float(deviations[worst])
+    largest_energy = 0.5 * doubled_energies[worst, -1]
+    if energy >= -quantile * deviation or -energy <= _MIN_NEGATIVE_SHARE * largest_energy:
         return []
-    share = np.abs(directions[k, :, 0])
-    order = np.argsort(-share)
-    names = fit.joints(order[share[order] > _MIN_SHARE_OF_DIRECTION * share.max()])
-    values = f"a kinetic energy of {plus_minus(energy, float(deviation[k]))} J in a motion of {listed(names, 4)}"
+    direction = np.abs(directions[worst, :, 0])
+    order = np.argsort(-direction)
+    names = fit.joints(order[direction[order] > _MIN_SHARE_OF_DIRECTION * direction.max()])
+    values = f"a kinetic energy of {plus_minus(energy, deviation)} J in a motion of {listed(names, 4)}"
     return [doubt("negative-inertia", names, values=values)]
 
 
 def _residual_doubts(fit: FittedLog, *, known: bool, loud: bool) -> list[Doubt]:
-    """Doubts about what remains; ``loud``: the motion determines too little, and the residual is far above the noise."""
+    """Doubts about the residual in rows held out; none if its reason is ``known``.
+
+    ``loud``: True if the motion determines too little, and the residual is far above the noise.
+    """
     if known:
         return []
     held = fit.held_out
     doubts = left_unexplained(held, fit.trained)
     if not doubts and (held.all > _MAX_UNREPORTED or loud):
-        live = fit.joints(np.flatnonzero(~fit.dead))
-        worst = max(live, key=lambda name: held.joints[name])
-        largest = percent(held.joints[worst], 3)
+        live_joints = fit.joints(np.flatnonzero(~fit.dead))
+        worst = max(live_joints, key=lambda joint: held.joints[joint])
         when = _largest_at(held, list(held.joints).index(worst)) if loud else ""
-        doubts.append(doubt("partly-unexplained", [worst], left=percent(held.all, 3), most=largest, when=when))
+        left, most = percent(held.all, 3), percent(held.joints[worst], 3)
+        doubts.append(doubt("partly-unexplained", [worst], left=left, most=most, when=when))
     joints = _poorly_predicted(fit)
     if joints and "refuse" not in _levels(doubts):
-        message = listed([f"{name} to {percent(held.joints[name], 3)}" for name in joints], _MOST_JOINTS)
+        message = listed([f"{joint} to {percent(held.joints[joint], 3)}" for joint in joints], _MAX_NAMED_JOINTS)
         doubts.append(doubt("unexplained-joint", joints, said=message))
     return doubts
 
 
 def _residual_above_noise(fit: FittedLog) -> bool:
-    """True if the training rows leave a joint's residual three times as large as its noise, and 5 % of its torque.
+    """True if the residual of some joint in training rows exceeds three times its noise, and 5 % of its torque.
 
-    The noise below the cut-off is that of white noise with the part above the cut-off that the torques have.
+    Noise is assumed to be white. Its part below the cut-off follows from the torques above the cut-off, by the ratio of both
+    frequency ranges.
     """
     cutoff = fit.settings.cutoff
-    high = np.zeros((0, len(fit.names)))
+    noise = np.zeros((0, len(fit.names)))
     for samples in chain.from_iterable(log.samples for log in fit.logs):
         if samples.rate > _MIN_RATE_OF_CUTOFF * cutoff:
-            white = np.sqrt(cutoff / (0.5 * samples.rate - cutoff))
-            high = np.concatenate([high, white * (samples.tau - low_pass(samples.tau, cutoff, samples.rate))])
-    if not len(high):
+            ratio_below = np.sqrt(cutoff / (0.5 * samples.rate - cutoff))
+            torques_above = samples.tau - low_pass(samples.tau, cutoff, samples.rate)
+            noise = np.concatenate([noise, ratio_below * torques_above])
+    if not len(noise):
         return False
-    size = rms(fit.tau - fit.W @ fit.x)
-    largest = np.maximum(_MIN_RATIO_TO_NOISE * rms(high), _MIN_SHARE_OF_TORQUE * rms(fit.tau))
-    return bool((size > largest)[~fit.dead].any())
+    residual = rms(fit.tau - fit.W @ fit.x)
+    max_quiet = np.maximum(_MIN_RATIO_TO_NOISE * rms(noise), _MIN_SHARE_OF_TORQUE * rms(fit.tau))
+    return bool((residual > max_quiet)[~fit.dead].any())
 
 
 def _largest_at(held: HeldOut, joint: int) -> str:
-    """Words for the time at which the residual of a joint is largest; empty for several logs."""
+    """Text of the time at which the residual of a joint is largest; empty for several logs."""
     largest, text = -1.0, ""
     for rows in held.rows:
-        if rows.log.any():
+        is_of_several_logs = rows.log.any()  # the first has index 0
+        if is_of_several_logs:
             return ""
         if len(rows.time):
             residual = np.abs(rows.measured - rows.predicted)[:, joint]
             k = int(residual.argmax())
             if residual[k] > largest:
-                largest, text = float(residual[k]), f", largest at t = {seconds(float(rows.time[k]), 4)} s"
+                largest = float(residual[k])
+                text = f", largest at t = {seconds(float(rows.time[k]), 4)} s"
     return text
 
 
@@ -370,8 +422,8 @@ def _poorly_predicted(fit: FittedLog) -> list[str]:
     """Joints whose residual in rows held out is a large share of their torque, and of their effort limit if they have one."""
     held, effort = fit.held_out, fit.base.unknown.model.limits.effort
     count = sum(len(rows.time) for rows in held.rows)
-    residual = np.sqrt(held.squares / max(count, 1))
-    small = np.isfinite(effort) & (residual <= _MAX_SHARE_OF_LIMIT * effort)
-    live = ~fit.dead & (held.sizes > 0) & ~small
+    residual = np.sqrt(held.squares / max(count, 1))  # rms
+    is_small = np.isfinite(effort) & (residual <= _MAX_SHARE_OF_LIMIT * effort)
+    has_torque = ~fit.dead & (held.sizes > 0)
     shares = np.array(list(held.joints.values()))
-    return fit.joints(np.flatnonzero(live & (shares > _MAX_UNEXPLAINED_OF_JOINT)))
+    return fit.joints(np.flatnonzero(has_torque & ~is_small & (shares > _MAX_UNEXPLAINED_OF_JOINT)))

@@ -1,4 +1,4 @@
-"""Rows of logs with the fit to them: what doubts about a fit are judged by."""
+"""Rows of logs with the fit to them, from which doubts about the fit are derived."""
 
 from __future__ import annotations
 
@@ -27,24 +27,34 @@ _MOTION_STATES = 200
 
 @dataclass(frozen=True, eq=False)
 class FittedLog:
-    """Rows (m, nv, r) and torques (m, nv) at the chosen settings, with the fit to them."""
+    """Rows of logs at the chosen settings, with the fit to them."""
 
     base: BaseParameters
     logs: Sequence[ReadLog]
     W: Array
+    """(m, nv, r) columns of the groups."""
     tau: Array
+    """(m, nv) torques."""
     settings: FitSettings
     prior: Prior
     x: Array
+    """(r,) values of the groups."""
     covariance: Array
+    """(r, r) covariance of the groups."""
     held_out: HeldOut
+    """Residuals of held-out rows."""
     trained: HeldOut
+    """Residuals of fifths of the training rows, each predicted from the others."""
     fifths: Sequence[NormalEquations]
     """Normal equations of the weighted rows of each fifth of the time, joint by joint, in units of the residuals."""
     speed: Array
+    """(m, nv) velocities of the joints."""
     acceleration: Array
+    """(m, nv) accelerations of the joints."""
     rate: float
+    """Lowest sampling rate of the logs [Hz]."""
     dead: Array
+    """(nv,) bool, True for joints without a torque."""
     causes: Sequence[Doubt] = ()
     """Doubts about the causes of the residual."""
     payload_only: bool = False
@@ -70,14 +80,15 @@ class FittedLog:
         return [self.names[k] for k in indices]
 
     def first_parameters(self, groups: Iterable[int]) -> str:
-        """First parameter of each of some groups, separated by semicolons."""
+        """Names of the first parameters of some groups, separated by semicolons."""
         return "; ".join(self.base.names[k].split(" ")[0] for k in groups)
 
     @cached_property
     def other_motion(self) -> Array:
         """(n, nv, r) columns of another motion, as fast as the logs and as wide as the limits."""
         rng = np.random.default_rng(0)
-        q = rng.uniform(*_reach(self.base.unknown.robot, self.q), (_MOTION_STATES, self.q.shape[1]))
+        low, high = _position_ranges(self.base.unknown.robot, self.q)
+        q = rng.uniform(low, high, (_MOTION_STATES, self.q.shape[1]))
         dq = rng.normal(size=(_MOTION_STATES, self.speed.shape[1])) * rms(self.speed)
         ddq = rng.normal(size=(_MOTION_STATES, self.acceleration.shape[1])) * rms(self.acceleration)
         return self.base.unknown.columns(self.base.kept, q, dq, ddq, self.settings.friction_speed)
@@ -86,8 +97,9 @@ class FittedLog:
     def torque_shares(self) -> Array:
         """(nv, r) changes of another motion's torques by a deviation of each group, as shares of a joint's torque (rms)."""
         W = self.other_motion
-        size = np.sqrt(((W @ self.x) ** 2).mean(axis=0))
-        shares = np.sqrt((W**2).mean(axis=0)) * self.deviations / np.maximum(size, 1e-300)[:, None]
+        torques = np.sqrt(((W @ self.x) ** 2).mean(axis=0))
+        changes = np.sqrt((W**2).mean(axis=0)) * self.deviations
+        shares = changes / np.maximum(torques, 1e-300)[:, None]
         return np.asarray(np.where(self.dead[:, None] | self.base.held, 0.0, shares))
 
 
@@ -96,10 +108,18 @@ def rms(x: Array) -> Array:
     return np.sqrt((x**2).mean(axis=0))
 
 
-def _reach(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Ranges of positions (nv,): limits, at most half a turn; for joints without limits or motion, the logs' range."""
+def _position_ranges(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Lowest and highest positions (nv,) of another motion.
+
+    They are the limits, but at most half a turn from zero, and at least the log's range. A joint without limits or motion has
+    the log's range.
+    """
     low, high = q.min(axis=0), q.max(axis=0)
-    turn = np.where(turning_joints(robot.model), np.pi, np.inf)
-    lower, upper = np.maximum(robot.limits.lower, -turn), np.minimum(robot.limits.upper, turn)
-    known = (high > low) & np.isfinite(lower) & np.isfinite(upper)
-    return np.where(known, np.minimum(lower, low), low), np.where(known, np.maximum(upper, high), high)
+    half_turn = np.where(turning_joints(robot.model), np.pi, np.inf)
+    lower, upper = np.maximum(robot.limits.lower, -half_turn), np.minimum(robot.limits.upper, half_turn)
+    has_limits = np.isfinite(lower) & np.isfinite(upper)
+    is_extended = (high > low) & has_limits
+    return (
+        np.where(is_extended, np.minimum(lower, low), low),
+        np.where(is_extended, np.maximum(upper, high), high),
+    )

@@ -38,34 +38,37 @@ class WindowedFourierSeries:
 
     @cached_property
     def _rates(self) -> Array:
-        """(N,) angular frequencies k ω T with respect to x = t / T."""
+        """(N,) angular frequencies k ω T = 2π k of the series as functions of x = t / T."""
         return 2.0 * np.pi * np.arange(1, self.harmonics + 1)
 
     @cached_property
     def _ends(self) -> Array:
-        """(6, 2 N) coefficients of p_k and r_k in x = t / T."""
+        """(6, 2 N) coefficients of p_k, then of r_k, as polynomials in x = t / T."""
         w, n = self._rates, self.harmonics
         powers = np.eye(_ORDER + 1)
         derivatives = [powers, polynomial.polyder(powers, 1), polynomial.polyder(powers, 2)]
+        # rows: value, rate and acceleration at 0, and the same at T
         conditions = np.array([polynomial.polyval(x, d) for x in (0.0, 1.0) for d in derivatives])
         wanted = np.zeros((6, 2 * n))
-        wanted[[1, 4], :n] = w
-        wanted[[0, 3], n:] = 1.0
-        wanted[[2, 5], n:] = -(w**2)
+        wanted[[1, 4], :n] = w  # rates of sines
+        wanted[[0, 3], n:] = 1.0  # values of cosines
+        wanted[[2, 5], n:] = -(w**2)  # accelerations of cosines
         return np.linalg.solve(conditions, wanted)
 
     def basis(self, t: Array) -> Array:
-        """Functions and their first and second derivatives at given times."""
+        """(3, n, 1 + 2 N) functions and their first and second derivatives at times (n,)."""
         t = np.asarray(t, float)
-        x, w = np.clip(t / self.duration, 0.0, 1.0), self._rates
+        x = np.clip(t / self.duration, 0.0, 1.0)
+        w = self._rates
         sin, cos = np.sin(np.outer(x, w)), np.cos(np.outer(x, w))
         basis = np.zeros((3, len(x), self.count))
         basis[0, :, 0] = 1.0
-        waves = ((sin, cos), (cos * w, -sin * w), (-sin * w**2, -cos * w**2))
+        wave_derivatives = ((sin, cos), (cos * w, -sin * w), (-sin * w**2, -cos * w**2))
         ends = self._ends
-        for m, (of_sine, of_cosine) in enumerate(waves):
-            basis[m, :, 1:] = np.concatenate([of_sine, of_cosine], axis=1) - polynomial.polyval(x, ends).T
-            basis[m] /= self.duration**m
+        for order, (of_sine, of_cosine) in enumerate(wave_derivatives):
+            basis[order, :, 1:] = np.concatenate([of_sine, of_cosine], axis=1) - polynomial.polyval(x, ends).T
+            basis[order] /= self.duration**order  # derivatives by t instead of x
             ends = polynomial.polyder(ends)
-        basis[:, (t <= 0.0) | (t >= self.duration), 1:] = 0.0
+        is_at_rest = (t <= 0.0) | (t >= self.duration)
+        basis[:, is_at_rest, 1:] = 0.0
         return basis

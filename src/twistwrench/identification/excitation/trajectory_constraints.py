@@ -1,6 +1,7 @@
 """Constraints on exciting trajectories: limits, the floor, and clearances of the capsules around the links.
 
-Each constraint is low ≤ x ≤ high. Each edge has a size, and distances from it are shares of that size.
+Each constraint is low ≤ x ≤ high, with an edge at each finite bound. An edge has a size, such as half the range of a joint;
+distances from the edge are shares of this size.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from ...robot import Robot
 from ...shapes.capsules import MARGIN, CapsuleDistances, Pullback
 
 Clear = Callable[[Array], Array]
-"""Distances (n, ...) [m] of configurations (n, nq), below 0 in contact."""
-_CLEARANCE_SCALE = 0.1  # scale of a clearance [m]
+"""Function of the user: distances (n, ...) [m] at configurations (n, nq), below 0 in contact."""
+_CLEARANCE_SIZE = 0.1  # size of the edges of distances [m]
 MAX_CHECK_STEP = 0.01
 """Maximum step at which clearances are finally checked [s]."""
-_POSITION_STEP = 1e-5  # step of finite differences of the user's distances
+_POSITION_STEP = 1e-5  # step of finite differences of the user's distances [rad, m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,26 +38,31 @@ class TrajectoryConstraints:
 
     @cached_property
     def _edges(self) -> tuple[int, Array, Array, Array]:
-        """Number of upper edges; column (e,), share at 0 (e,) and slope (e,) of all edges, upper ones first.
+        """Number of upper edges, and for all edges, upper ones first: column of x, share at x = 0 and slope, (e,) each.
 
-        Columns are positions, velocities, accelerations, torques and distances.
+        The share of an edge is linear in x: (high - x) / size or (x - low) / size. The columns of x are positions,
+        velocities, accelerations, torques and distances.
         """
         b = self.bounds
-        half = (b.upper - b.lower) / 2.0
-        margins = np.full(self._clearances(self.robot.neutral[None])[0].shape[1], MARGIN)
+        half_range = (b.upper - b.lower) / 2.0
+        neutral_distances, _ = self._clearances(self.robot.neutral[None])
+        margins = np.full(neutral_distances.shape[1], MARGIN)
         margins[self.capsules.count :] = 0.0  # the user's distances may reach 0
         margins[: len(self.capsules.margins)] = self.capsules.margins
-        both = np.concatenate([b.velocity, b.acceleration, b.effort])
-        high = np.concatenate([b.upper, both, np.full(len(margins), np.inf)])
-        low = np.concatenate([b.lower, -both, margins])
-        size = np.concatenate([np.where(np.isfinite(half), half, 1.0), both, np.full(len(margins), _CLEARANCE_SCALE)])
-        above, below = np.flatnonzero(np.isfinite(high)), np.flatnonzero(np.isfinite(low))
-        columns, signs = np.concatenate([above, below]), np.repeat([-1.0, 1.0], [len(above), len(below)])
+        symmetric = np.concatenate([b.velocity, b.acceleration, b.effort])  # bounds on either side of 0
+        high = np.concatenate([b.upper, symmetric, np.full(len(margins), np.inf)])
+        low = np.concatenate([b.lower, -symmetric, margins])
+        position_size = np.where(np.isfinite(half_range), half_range, 1.0)
+        size = np.concatenate([position_size, symmetric, np.full(len(margins), _CLEARANCE_SIZE)])
+        upper_edges, lower_edges = np.flatnonzero(np.isfinite(high)), np.flatnonzero(np.isfinite(low))
+        columns = np.concatenate([upper_edges, lower_edges])
+        signs = np.repeat([-1.0, 1.0], [len(upper_edges), len(lower_edges)])
         slopes = signs / size[columns]
-        return len(above), columns, -slopes * np.concatenate([high[above], low[below]]), slopes
+        shares_at_0 = -slopes * np.concatenate([high[upper_edges], low[lower_edges]])
+        return len(upper_edges), columns, shares_at_0, slopes
 
     def evaluate(self, states: Array, *, smooth: bool = False) -> tuple[Array, Pullback]:
-        """Distances from all edges as shares of their sizes, negative if violated, and their pullback.
+        """Distances from all edges as shares of their sizes, negative if violated, and their derivatives.
 
         Parameters
         ----------
@@ -68,39 +74,49 @@ class TrajectoryConstraints:
         shares : (n, e) array
         pullback : function that maps weights (n, e) to the derivative (3, n, nv) of the weighted sum by the states
         """
-        (q, dq, ddq), f, nv = states, self.robot.model.friction, states.shape[2]
+        q, dq, ddq = states
+        nv = states.shape[2]
+        friction = self.robot.model.friction
+        # with the file's friction, or without any: then it is added below
         rigid = np.asarray(self.robot.inverse_dynamics(q, dq, ddq, friction=not smooth))
-        eased, dry = np.tanh(dq / self.friction_speed), f.static + f.load * np.abs(rigid)
-        tau = rigid + f.viscous * dq + dry * eased if smooth else rigid
-        distances, of_distances = self._clearances(q)
-        upper, columns, at_0, slopes = self._edges
+        smooth_sign = np.tanh(dq / self.friction_speed)
+        dry = friction.static + friction.load * np.abs(rigid)
+        tau = rigid
+        if smooth:
+            tau = rigid + friction.viscous * dq + dry * smooth_sign
+        distances, distance_pullback = self._clearances(q)
+        upper_count, columns, shares_at_0, slopes = self._edges
         x = np.concatenate([q, dq, ddq, tau, distances], axis=1)
 
         def pullback(weights: Array) -> Array:
-            by_x, scaled = np.zeros_like(x), weights * slopes
-            by_x[:, columns[:upper]] = scaled[:, :upper]
-            by_x[:, columns[upper:]] += scaled[:, upper:]
+            by_x = np.zeros_like(x)
+            scaled = weights * slopes
+            by_x[:, columns[:upper_count]] = scaled[:, :upper_count]
+            by_x[:, columns[upper_count:]] += scaled[:, upper_count:]
             by_q, by_dq, by_ddq, by_tau, by_distances = np.split(by_x, [nv, 2 * nv, 3 * nv, 4 * nv], axis=1)
-            felt = by_tau * (1.0 + f.load * np.sign(rigid) * eased)
-            found = np.stack([by_q, by_dq, by_ddq]) + self.robot.inverse_dynamics_gradient(q, dq, ddq, felt)
-            found[0] += of_distances(by_distances)
-            found[1] += by_tau * (f.viscous + dry * (1.0 - eased**2) / self.friction_speed)
-            return np.asarray(found)
+            by_rigid = by_tau * (1.0 + friction.load * np.sign(rigid) * smooth_sign)
+            by_states = np.stack([by_q, by_dq, by_ddq]) + self.robot.inverse_dynamics_gradient(q, dq, ddq, by_rigid)
+            by_states[0] += distance_pullback(by_distances)
+            by_states[1] += by_tau * (friction.viscous + dry * (1.0 - smooth_sign**2) / self.friction_speed)
+            return np.asarray(by_states)
 
-        return at_0 + slopes * x[:, columns], pullback
+        return shares_at_0 + slopes * x[:, columns], pullback
 
     def least(self, states: Array) -> float:
-        """Least distance from any edge, as a share of its size, negative if violated; uses the friction of the robot's file."""
-        return float(self.evaluate(states)[0].min(initial=np.inf))
+        """Least distance from any edge, as a share of its size, negative if violated; with the friction of the file."""
+        shares, _ = self.evaluate(states)
+        return float(shares.min(initial=np.inf))
 
     def _clearances(self, q: Array) -> tuple[Array, Pullback]:
         """Distances of the capsules and those of ``clear`` [m], and their pullback by central differences."""
-        own, of_own = self.capsules.evaluate(q, MARGIN + _CLEARANCE_SCALE)
+        capsule_distances, capsule_pullback = self.capsules.evaluate(q, MARGIN + _CLEARANCE_SIZE)
         if self.clear is None:
-            return own, of_own
+            return capsule_distances, capsule_pullback
+        capsule_count = capsule_distances.shape[1]
 
         def pullback(weights: Array) -> Array:
-            by_q, user_weights = of_own(weights[:, : own.shape[1]]), weights[:, own.shape[1] :]
+            by_q = capsule_pullback(weights[:, :capsule_count])
+            user_weights = weights[:, capsule_count:]
             if not user_weights.any():
                 return by_q
             for k, step in enumerate(_POSITION_STEP * np.eye(q.shape[1])):
@@ -108,14 +124,16 @@ class TrajectoryConstraints:
                 by_q[:, k] += (slope * user_weights).sum(axis=1)
             return by_q
 
-        return np.concatenate([own, self._user_distances(q)], axis=1), pullback
+        return np.concatenate([capsule_distances, self._user_distances(q)], axis=1), pullback
 
     def _user_distances(self, q: Array) -> Array:
+        """Distances (n, k) of the user's function; raises ValueRangeError or ShapeError if they are not usable."""
         try:
             distances = np.asarray(self.clear(q) if self.clear else (), float)
         except (TypeError, ValueError) as problem:
             raise ValueRangeError(f"clear could not be evaluated for {len(q)} configurations: {problem}") from None
-        if distances.ndim < 1 or len(distances) != len(q) or not np.isfinite(distances).all():
+        has_row_for_each = distances.ndim >= 1 and len(distances) == len(q)
+        if not has_row_for_each or not np.isfinite(distances).all():
             raise ShapeError(
                 f"clear gave an array of shape {distances.shape} for {len(q)} configurations: give a distance [m] for each, "
                 "finite, below 0 where something touches."
@@ -124,23 +142,23 @@ class TrajectoryConstraints:
 
 
 def half_and_middle(bounds: Limits) -> tuple[Array, Array]:
-    """Half the range of positions, inf if a limit is missing, and its middle, for joints with both limits."""
-    with np.errstate(invalid="ignore"):
+    """Half the range of positions, and its middle; of joints without both limits, not finite."""
+    with np.errstate(invalid="ignore"):  # inf - inf
         return (bounds.upper - bounds.lower) / 2.0, (bounds.upper + bounds.lower) / 2.0
 
 
 def shared_bounds(bounds: Limits, share: float) -> Limits:
-    """Apply a share to the limits of positions, about their middle, of velocities and of torques.
+    """Limits times a share: of positions, about their middle, of velocities and of torques.
 
     The limit of accelerations is the smaller of the limits of acceleration and deceleration.
     """
     half, middle = half_and_middle(bounds)
-    both = np.isfinite(half)
+    has_both = np.isfinite(half)
     with np.errstate(invalid="ignore"):
-        lower = np.where(both, middle - share * half, bounds.lower)
-        upper = np.where(both, middle + share * half, bounds.upper)
-    either = np.minimum(bounds.acceleration, bounds.deceleration)
+        lower = np.where(has_both, middle - share * half, bounds.lower)
+        upper = np.where(has_both, middle + share * half, bounds.upper)
+    acceleration = np.minimum(bounds.acceleration, bounds.deceleration)
     return replace(
         bounds, lower=lower, upper=upper, velocity=share * bounds.velocity, effort=share * bounds.effort,
-        acceleration=either, deceleration=either,
+        acceleration=acceleration, deceleration=acceleration,
     )  # fmt: skip

@@ -1,9 +1,9 @@
 """Search for exciting trajectories: windowed Fourier series, Fisher information, constraints by an augmented Lagrangian.
 
-With the distance s from each edge at each instant, as a share of the edge's size, and its target s_0, a search
+With the distance s from each edge at each instant, as a share of the edge's size, and its least value s_0, a search
 minimises
 
-    cost + Σ (max(0, λ - ρ (s - s_0))² - λ²) / 2 ρ,      λ ← max(0, λ - ρ (s - s_0)) after each search
+    -merit + Σ (max(0, λ - ρ (s - s_0))² - λ²) / 2 ρ,      λ ← max(0, λ - ρ (s - s_0)) after each search
 
 Source: Nocedal and Wright, "Numerical Optimization", 2nd ed. 2006, 17.4 (Hestenes, Powell, Rockafellar).
 """
@@ -28,27 +28,32 @@ from .trajectory_constraints import MAX_CHECK_STEP, TrajectoryConstraints, half_
 
 
 def typical_sizes(robot: Robot, bounds: Limits, series: WindowedFourierSeries) -> tuple[Array, Array]:
-    """Typical positions, velocities and accelerations (3, nv), and middle positions (nv,)."""
-    half, middle = half_and_middle(bounds)
-    both = np.isfinite(half)
-    rate = 2.0 * np.pi * series.harmonics / series.duration
-    wide = np.where(both, half, np.where(turning_joints(robot.model), np.pi, 1.0))
-    fast = np.minimum(bounds.velocity, wide * rate)
-    typical = np.stack([wide, fast, np.minimum(bounds.acceleration, fast * rate)])
-    return typical, np.where(both, middle, np.clip(0.0, bounds.lower, bounds.upper))
+    """Typical sizes of positions, velocities and accelerations (3, nv), and middle positions (nv,).
+
+    Velocities and accelerations are those of the highest harmonic, as far as limits allow.
+    """
+    half_range, middle = half_and_middle(bounds)
+    has_both_limits = np.isfinite(half_range)
+    rate = 2.0 * np.pi * series.harmonics / series.duration  # of the highest harmonic [rad/s]
+    unlimited_size = np.where(turning_joints(robot.model), np.pi, 1.0)  # half a turn, or 1 m
+    position = np.where(has_both_limits, half_range, unlimited_size)
+    velocity = np.minimum(bounds.velocity, position * rate)
+    acceleration = np.minimum(bounds.acceleration, velocity * rate)
+    nearest_to_0 = np.clip(0.0, bounds.lower, bounds.upper)
+    return np.stack([position, velocity, acceleration]), np.where(has_both_limits, middle, nearest_to_0)
 
 
 @dataclass(frozen=True, eq=False)
 class LimitBarrier:
     """Penalty and multipliers of the augmented Lagrangian at the instants of a search."""
 
-    multipliers: Array  # (n, e), λ of each edge; or (1, 1) if all are equal
-    rho: float = 1.0  # ρ
+    multipliers: Array  # (n, e), λ of each edge at each instant; or (1, 1) if all are equal
+    rho: float = 1.0  # penalty ρ
     aim: float = 2e-3  # s_0
-    finer: int = 1  # factor of the number of instants
+    finer: int = 1  # number of instants, as a multiple of the search's first ones
 
     def cost_and_forces(self, shares: Array) -> tuple[float, Array]:
-        """Cost, and forces (n, e): its negative derivative by the shares (n, e)."""
+        """Cost of the edges, and forces (n, e): its negative derivative by the shares (n, e)."""
         forces = np.maximum(0.0, self.multipliers - self.rho * (shares - self.aim))
         return float((forces**2 - self.multipliers**2).sum()) / (2.0 * self.rho), forces
 
@@ -56,32 +61,34 @@ class LimitBarrier:
         """Interpolate the multipliers to ``finer`` times as many instants, with the same sum."""
         if finer == self.finer:
             return self
-        times, count = finer // self.finer, len(self.multipliers)
-        at = np.arange(times * (count - 1) + 1) / times
-        spread = [np.interp(at, np.arange(count), one) / times for one in self.multipliers.T]
-        return replace(self, multipliers=np.stack(spread, axis=1), finer=finer)
+        factor, count = finer // self.finer, len(self.multipliers)
+        positions = np.arange(factor * (count - 1) + 1) / factor  # of the new instants among the old ones
+        refined = [np.interp(positions, np.arange(count), of_edge) / factor for of_edge in self.multipliers.T]
+        return replace(self, multipliers=np.stack(refined, axis=1), finer=finer)
 
 
-# The search minimises  -merit  with multipliers of all limits at a few hundred instants (:class:`LimitBarrier`) by
-# SciPy's L-BFGS-B; then the multipliers are updated and the penalty ρ grows. The best of several searches is refined at
-# more instants. Coefficients z are scaled so that each moves a joint by 1, in shares of its limits (root mean square).
-# Derivatives of torques and regressor by the states use reverse mode, those of distances the forces at the nearest
-# points. Derivatives by z follow, because states are linear in z.
+# A search has rounds. In each round, SciPy's L-BFGS-B minimises -merit and the cost of all limits at a few hundred instants
+# (:class:`LimitBarrier`), with fixed multipliers. After it, the multipliers are updated and the penalty ρ grows. The best of
+# several searches is refined at more instants.
+#
+# Coefficients z are scaled so that each moves a joint by 1, in shares of its limits (root mean square). States are linear in
+# z. Their derivatives come from reverse mode for torques and regressor, and from the forces at the nearest points for
+# distances.
 
 _PER_PERIOD = 16  # instants per period of the highest harmonic at which the search evaluates limits
-_FINER = 20  # minimum refinement of the instants for the final check
+_MIN_CHECK_REFINEMENT = 20  # minimum refinement of the instants for the final check
 _MARGIN = 1e-4  # share of each limit kept as a margin for times between instants
-_OF_MERIT = 2  # refinement of the instants at which the merit is evaluated
+_MERIT_REFINEMENT = 2  # refinement of the instants at which the merit is evaluated
 _ROUNDS = ((5.0, 60, 1), (20.0, 50, 1), (80.0, 50, 2), (320.0, 50, 2))
 """Rounds of each search with fixed multipliers: penalty ρ, maximum number of steps, and refinement of the instants."""
-_BY_LOG_DET = 2  # number of rounds that use log det, for any criterion
-_LAST = (1000.0, 40, 8)
+_LOG_DET_ROUNDS = 2  # number of first rounds that use log det, for any criterion
+_LAST_ROUND = (1000.0, 40, 8)
 """Last round, for the best search only."""
-_REPAIRS = 7  # maximum number of repetitions of the last round
-_STARTS = 20  # number of random motions, the best of which starts a search
-_TRIES = 400
+_MAX_LAST_ROUNDS = 7  # maximum number of repetitions of the last round
+_RANDOM_MOTIONS = 20  # number of random motions besides the first; the best one starts a search
+_MAX_RANDOM_TRIALS = 400  # maximum number of trials for one random motion
 _MIN_WIDTH = 0.02  # share of a motion's initial width below which it counts as infeasible
-_HALVINGS = 12
+_HALVINGS = 12  # number of bisection steps for the width
 
 Progress = Callable[[float], None]
 
@@ -98,12 +105,14 @@ class MotionSearch:
 
     @cached_property
     def _bases(self) -> dict[int, Array]:
-        """Bases by their refinement of the instants."""
+        """Cache of the bases, by their refinement of the instants."""
         return {}
 
     @property
-    def _fine(self) -> int:
-        return max(_FINER, math.ceil(self.series.duration / (MAX_CHECK_STEP * _PER_PERIOD * self.series.harmonics)))
+    def _check_refinement(self) -> int:
+        """Refinement of the instants for the final check, with steps of at most :data:`MAX_CHECK_STEP`."""
+        search_steps = _PER_PERIOD * self.series.harmonics
+        return max(_MIN_CHECK_REFINEMENT, math.ceil(self.series.duration / (MAX_CHECK_STEP * search_steps)))
 
     def _basis(self, finer: int) -> Array:
         """(3, n, K) basis at the instants of the search, or at ``finer`` times as many."""
@@ -114,21 +123,25 @@ class MotionSearch:
 
     @cached_property
     def _units(self) -> Array:
-        """(nv, K, K) coefficients per unit of z: V / S of [Φ / q, Φ' / dq, Φ'' / ddq] / sqrt(n) = U S V'; q_0 apart."""
-        found = np.zeros((self.typical.shape[1], self.series.count, self.series.count))
+        """(nv, K, K) coefficients of each joint per unit of z.
+
+        The first is the rest position, in units of the typical position. For the others, with the singular value
+        decomposition [Φ / q, Φ' / dq, Φ'' / ddq] / √n = U S V' of the basis over typical sizes, they are V / S.
+        """
+        units = np.zeros((self.typical.shape[1], self.series.count, self.series.count))
         basis = self._basis(1)
         for j, sizes in enumerate(self.typical.T):
             stacked = (basis[:, :, 1:] / sizes[:, None, None]).reshape(-1, self.series.count - 1)
             _, s, Vt = np.linalg.svd(stacked / np.sqrt(basis.shape[1]), full_matrices=False)
-            found[j, 0, 0] = sizes[0]
-            found[j, 1:, 1:] = Vt.T / s
-        return found
+            units[j, 0, 0] = sizes[0]
+            units[j, 1:, 1:] = Vt.T / s
+        return units
 
     def coefficients(self, z: Array) -> Array:
         """(nv, K) coefficients of the series, from scaled ones (nv, K)."""
-        found = np.einsum("jkl,jl->jk", self._units, z)
-        found[:, 0] += self.middle
-        return np.asarray(found)
+        coefficients = np.einsum("jkl,jl->jk", self._units, z)
+        coefficients[:, 0] += self.middle
+        return np.asarray(coefficients)
 
     def _states(self, z: Array, finer: int = 1) -> Array:
         """(3, n, nv) positions, velocities and accelerations."""
@@ -136,20 +149,23 @@ class MotionSearch:
 
     def merit(self, z: Array) -> float:
         """Objective at the instants of the search, to be maximised."""
-        return self.information.merit_and_slope(self.information.rows(*self._states(z, _OF_MERIT)))[0]
+        rows = self.information.rows(*self._states(z, _MERIT_REFINEMENT))
+        merit, _ = self.information.merit_and_slope(rows)
+        return merit
 
-    # ── motions that fit ──
+    # ── Motions within the limits
 
     def random(self, rng: np.random.Generator) -> Array | None:
         """Random motion (nv, K) as wide as the limits allow at the instants of the search; None after many failures.
 
-        Each joint is scaled to its own limits; then all are narrowed together.
+        Each joint is scaled to its own limits; then all are narrowed together until the common limits hold too.
         """
         b = self.constraints.bounds
-        for _ in range(_TRIES):
+        for _ in range(_MAX_RANDOM_TRIALS):
             z = rng.normal(size=(len(self.middle), self.series.count))
-            z[:, 0] = rng.uniform(-0.6, 0.6, len(z))
-            (q, dq, ddq), q_rest = self._states(z), self.coefficients(z)[:, 0]
+            z[:, 0] = rng.uniform(-0.6, 0.6, len(z))  # rest positions, not near the limits
+            q, dq, ddq = self._states(z)
+            q_rest = self.coefficients(z)[:, 0]
             limits = np.stack([b.upper - q_rest, q_rest - b.lower, b.velocity, b.acceleration])
             peaks = np.stack([q - q_rest, q_rest - q, np.abs(dq), np.abs(ddq)]).max(axis=1)
             width = (limits / np.maximum(peaks, 1e-12)).min(axis=0)
@@ -160,56 +176,63 @@ class MotionSearch:
         return None
 
     def narrow_to_limits(self, z: Array, finer: int) -> Array | None:
-        """Narrow the motion about its rest position until all limits hold; None if the rest position violates limits."""
+        """Narrow the motion about its rest position until all limits hold; None if it is not feasible.
+
+        It is infeasible if the rest position violates limits, or if even 2 % of its width do.
+        """
 
         def with_width(share: float) -> Array:
             motion = z.copy()
             motion[:, 1:] *= share
             return motion
 
-        def fits(share: float) -> bool:
+        def is_feasible(share: float) -> bool:
             return self.constraints.least(self._states(with_width(share), finer)) >= _MARGIN
 
-        if fits(1.0):
+        if is_feasible(1.0):
             return z
-        if self.constraints.least(self._states(with_width(0.0))[:, :1]) < _MARGIN or not fits(_MIN_WIDTH):
+        rest_state = self._states(with_width(0.0))[:, :1]  # the same at all instants
+        if self.constraints.least(rest_state) < _MARGIN or not is_feasible(_MIN_WIDTH):
             return None
-        low, high = _MIN_WIDTH, 1.0
+        feasible, infeasible = _MIN_WIDTH, 1.0
         for _ in range(_HALVINGS):
-            share = 0.5 * (low + high)
-            if fits(share):
-                low = share
+            share = 0.5 * (feasible + infeasible)
+            if is_feasible(share):
+                feasible = share
             else:
-                high = share
-        return with_width(low)
+                infeasible = share
+        return with_width(feasible)
 
-    # ── the search ──
+    # ── Search
 
-    def best(self, times: int, rng: np.random.Generator, progress: Progress) -> Array | None:
-        """Best motion of ``times`` searches, each from its own random motions; None if no motion is feasible."""
-        found = list[tuple[float, Array, Array, LimitBarrier]]()
-        first = replace(self, information=replace(self.information, criterion="log_det"))  # fewer local optima
-        for k in range(times):
-            start = first._start(rng)
+    def best(self, search_count: int, rng: np.random.Generator, progress: Progress) -> Array | None:
+        """Best motion of several searches, each from its own random motions; None if no motion is feasible."""
+        searches = list[tuple[float, Array, Array, LimitBarrier]]()  # merit, first and last motion, barrier
+        log_det_search = replace(self, information=replace(self.information, criterion="log_det"))  # fewer local optima
+        for k in range(search_count):
+            start = log_det_search._start(rng)
             if start is None:
                 return None
             z, barrier = start, LimitBarrier(np.zeros((1, 1)))
             for n, (rho, steps, finer) in enumerate(_ROUNDS, 1):
-                search = first if n <= _BY_LOG_DET else self
+                search = log_det_search if n <= _LOG_DET_ROUNDS else self
                 z, barrier = search._descend(z, replace(barrier, rho=rho).refine(finer), steps)
-                progress((k + n / len(_ROUNDS)) / (times + 1))
+                progress((k + n / len(_ROUNDS)) / (search_count + 1))
             narrowed = self.narrow_to_limits(z, 1)
-            found.append((-np.inf if narrowed is None else self.merit(narrowed), start, z, barrier))
-        _, start, z, barrier = max(found, key=lambda one: one[0])
-        finished = self.narrow_to_limits(self._finish(z, barrier), self._fine)
-        narrowed_start = self.narrow_to_limits(start, self._fine)
+            merit = -np.inf if narrowed is None else self.merit(narrowed)
+            searches.append((merit, start, z, barrier))
+        _, start, z, barrier = max(searches, key=lambda search: search[0])
+        finished = self.narrow_to_limits(self._finish(z, barrier), self._check_refinement)
+        narrowed_start = self.narrow_to_limits(start, self._check_refinement)
         progress(1.0)
         return self._better(finished, narrowed_start)
 
     def _better(self, first: Array | None, second: Array | None) -> Array | None:
         """Motion with the larger merit, the first of equal ones; None if neither is feasible."""
-        if first is None or second is None:
-            return second if first is None else first
+        if first is None:
+            return second
+        if second is None:
+            return first
         return second if self.merit(second) > self.merit(first) else first
 
     def _start(self, rng: np.random.Generator) -> Array | None:
@@ -217,20 +240,20 @@ class MotionSearch:
         best = self.random(rng)
         if best is None:
             return None
-        for _ in range(_STARTS):
+        for _ in range(_RANDOM_MOTIONS):
             best = self._better(best, self.random(rng))
         return best
 
     def _finish(self, z: Array, barrier: LimitBarrier) -> Array:
         """Refine the motion at many instants, with a larger margin as long as it violates a limit between the instants."""
-        rho, steps, finer = _LAST
+        rho, steps, finer = _LAST_ROUND
         barrier = replace(barrier, rho=rho).refine(finer)
-        for _ in range(_REPAIRS):
+        for _ in range(_MAX_LAST_ROUNDS):
             z, barrier = self._descend(z, barrier, steps)
-            beyond = _MARGIN - self.constraints.least(self._states(z, self._fine))
-            if beyond <= 0.0:
+            violation = _MARGIN - self.constraints.least(self._states(z, self._check_refinement))
+            if violation <= 0.0:
                 break
-            barrier = replace(barrier, aim=barrier.aim + 1.5 * beyond)
+            barrier = replace(barrier, aim=barrier.aim + 1.5 * violation)
         return z
 
     def _descend(self, z: Array, barrier: LimitBarrier, steps: int) -> tuple[Array, LimitBarrier]:
@@ -238,20 +261,22 @@ class MotionSearch:
         from scipy.optimize import minimize
 
         options: Any = {"maxiter": steps, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-4}
-        found = minimize(self.cost_and_slope, z.ravel(), (barrier,), "L-BFGS-B", jac=True, options=options)
-        z = np.reshape(found.x, z.shape)
+        solution = minimize(self.cost_and_slope, z.ravel(), (barrier,), "L-BFGS-B", jac=True, options=options)
+        z = np.reshape(solution.x, z.shape)
         shares, _ = self.constraints.evaluate(self._states(z, barrier.finer), smooth=True)
-        return z, replace(barrier, multipliers=barrier.cost_and_forces(shares)[1])
+        _, forces = barrier.cost_and_forces(shares)  # the new multipliers are max(0, λ - ρ (s - s_0)), as the forces
+        return z, replace(barrier, multipliers=forces)
 
     def cost_and_slope(self, z: Array, barrier: LimitBarrier) -> tuple[float, Array]:
         """-merit plus the cost of the edges, and its derivative by z (nv K,)."""
         z = z.reshape(len(self.middle), -1)
-        states = self._states(z, _OF_MERIT)
-        merit, G = self.information.merit_and_slope(self.information.rows(*states))
+        states = self._states(z, _MERIT_REFINEMENT)
+        merit, merit_by_rows = self.information.merit_and_slope(self.information.rows(*states))
         shares, pullback = self.constraints.evaluate(self._states(z, barrier.finer), smooth=True)
         cost, forces = barrier.cost_and_forces(shares)
-        by_states = self.information.slopes(states, -G)
-        slope = np.zeros_like(z)
-        slope += np.einsum("mnj,mnk->jk", by_states, self._basis(_OF_MERIT), optimize=True)
-        slope += np.einsum("mnj,mnk->jk", pullback(-forces), self._basis(barrier.finer), optimize=True)
-        return cost - merit, np.einsum("jk,jkl->jl", slope, self._units).ravel()
+        merit_by_states = self.information.slopes(states, -merit_by_rows)  # of -merit
+        cost_by_states = pullback(-forces)
+        by_coefficients = np.zeros_like(z)
+        by_coefficients += np.einsum("mnj,mnk->jk", merit_by_states, self._basis(_MERIT_REFINEMENT), optimize=True)
+        by_coefficients += np.einsum("mnj,mnk->jk", cost_by_states, self._basis(barrier.finer), optimize=True)
+        return cost - merit, np.einsum("jk,jkl->jl", by_coefficients, self._units).ravel()

@@ -33,8 +33,8 @@ _MAX_SECONDS = 120.0
 """Largest total duration [s] of logs that are replayed; the begin of each longer one is used."""
 _MAX_SCALE = 3.0
 """Largest deviation of the logarithm of a scale."""
-_HELD = 10.0
-"""Odds of held commands before a log is seen: a bus holds them."""
+_PRIOR_ODDS_OF_HELD = 10.0
+"""Odds of held to straight commands before a log is evaluated: a bus holds them."""
 _MIN_ROWS = 12
 """Least number of rows of a log."""
 
@@ -92,34 +92,38 @@ def identify_servos(
     >>> found
     <IdentifiedServos of planar_2r: OK, 2 of 2 joints>
     """
-    arm = _suitable(robot if isinstance(robot, Robot) else load(robot))
+    arm = _require_servo_arm(robot if isinstance(robot, Robot) else load(robot))
     if hold not in ("zero", "linear", "auto"):
         raise UnknownNameError.from_choices("hold", hold, ("zero", "linear", "auto"))
-    trained, tested = servo_logs(arm, logs, "logs"), servo_logs(arm, test, "test")
-    if not trained:
+    training_logs, test_logs = servo_logs(arm, logs, "logs"), servo_logs(arm, test, "test")
+    if not training_logs:
         raise ShapeError("identify_servos: there is no log. Give one with commands at least.")
-    tell = progress or (lambda _share: None)
-    live = moving_joints(trained)
+    report_progress = progress or (lambda _share: None)
+    moves = moving_joints(training_logs)
+    known_values = dict(known or {})
     with one_blas_thread():
-        fit, problem, by_hold = _fit_with_hold(arm, trained, hold, _known_logarithms(arm, known or {}), tell)
-        wide = with_model_changes(fit, [by_hold, *_model_changes(arm, problem, fit)])
-        tell(0.8)
-        held_out, kind = _held_out(problem, fit, tested)
-    tell(1.0)
+        known_logarithms = _known_logarithms(arm, known_values)
+        fit, problem, change_by_hold = _fit_with_hold(arm, training_logs, hold, known_logarithms, report_progress)
+        # errors of the model widen the intervals
+        widened_fit = with_model_changes(fit, [change_by_hold, *_model_changes(arm, problem, fit)])
+        report_progress(0.8)
+        held_out_squares, kind = _held_out(problem, fit, test_logs)
+    report_progress(1.0)
+    training_squares = _sums_of_squares(fit.replay.logs, problem.used, fit)
     found = IdentifiedServos(
         original=arm,
-        fit=wide,
-        held_out=_shares(arm, kind, *held_out),
-        trained=_shares(arm, "used rows", *_sums_of_squares(fit.replay.logs, problem.used, fit)),
-        sizes=_sizes(trained),
-        live=live,
-        known=dict(known or {}),
+        fit=widened_fit,
+        held_out=_shares(arm, kind, *held_out_squares),
+        trained=_shares(arm, "used rows", *training_squares),
+        sizes=_typical_sizes(training_logs),
+        live=moves,
+        known=known_values,
     )
-    return replace(found, doubts=(*command_doubts(arm, trained), *fit_doubts(found, trained)))
+    return replace(found, doubts=(*command_doubts(arm, training_logs), *fit_doubts(found, training_logs)))
 
 
-def _suitable(robot: Robot) -> Robot:
-    """Robot whose servos can be identified; raises ModelError."""
+def _require_servo_arm(robot: Robot) -> Robot:
+    """Return the robot if its servos can be identified; else raise ModelError."""
     require_robot(robot, "identify_servos")
     model = robot.model
     if robot.actuators or model.couplings:
@@ -136,13 +140,14 @@ def _suitable(robot: Robot) -> Robot:
     return robot
 
 
-def servo_logs(robot: Robot, given: Log | Sequence[Log], what: str) -> list[ServoLog]:
-    """Logs with commands; raises ShapeError and ValueRangeError for logs without them."""
-    given = [given] if isinstance(given, Motion | str | Path) else given
+def servo_logs(robot: Robot, given: Log | Sequence[Log], argument_name: str) -> list[ServoLog]:
+    """Logs of the argument ``logs`` or ``test``; raises ShapeError and ValueRangeError for those without commands."""
+    if isinstance(given, Motion | str | Path):
+        given = [given]
     logs = []
-    for k, one in enumerate(given, 1):
-        name = f"{what} number {k}"
-        motion = one if isinstance(one, Motion) else Motion.from_file(one, robot)
+    for k, log in enumerate(given, 1):
+        name = f"{argument_name} number {k}"
+        motion = log if isinstance(log, Motion) else Motion.from_file(log, robot)
         if motion.robot.coordinate_names != robot.coordinate_names:
             raise ShapeError(f"identify_servos: {name} is of robot {motion.robot.name!r}, whose joints differ.")
         if motion.command is None:
@@ -150,6 +155,7 @@ def servo_logs(robot: Robot, given: Log | Sequence[Log], what: str) -> list[Serv
                 f"identify_servos: {name} has no commands. Give columns JOINT.command, or commanded positions, "
                 "Motion(…, command=…)."
             )
+        # a joint without commands has nan in all rows
         missing = [robot.model.velocity_names[j] for j in np.flatnonzero(np.isnan(motion.command[0]))]
         if missing:
             raise ShapeError(
@@ -164,128 +170,148 @@ def servo_logs(robot: Robot, given: Log | Sequence[Log], what: str) -> list[Serv
 
 
 def _first_rows(logs: Sequence[ServoLog]) -> list[ServoLog]:
-    """Logs of which at most 120 s are replayed in total."""
-    left = _MAX_SECONDS
+    """First rows of each log, at most 120 s in total.
+
+    Logs share the time equally. They are visited from the shortest to the longest, and longer logs share what a short one
+    does not need.
+    """
+    remaining_seconds = _MAX_SECONDS
     by_length = sorted(range(len(logs)), key=lambda k: float(logs[k].time[-1]))
-    ends = dict[int, float]()
-    for count, k in enumerate(by_length):
-        ends[k] = min(float(logs[k].time[-1]), left / (len(logs) - count))
-        left -= ends[k]
+    end_times = dict[int, float]()
+    for done_logs, k in enumerate(by_length):
+        end_times[k] = min(float(logs[k].time[-1]), remaining_seconds / (len(logs) - done_logs))
+        remaining_seconds -= end_times[k]
     shortened = list[ServoLog]()
     for k, log in enumerate(logs):
-        rows = log.time <= ends[k]
-        if not rows.all():
-            log = replace(log, time=log.time[rows], q=log.q[rows], command=log.command[rows])
+        is_used = log.time <= end_times[k]
+        if not is_used.all():
+            log = replace(log, time=log.time[is_used], q=log.q[is_used], command=log.command[is_used])
         shortened.append(log)
     return shortened
 
 
 def _known_logarithms(robot: Robot, known: Mapping[str, float]) -> dict[int, float]:
-    """Logarithms of known values by their place among the unknowns; raises UnknownNameError, ValueRangeError."""
+    """Logarithms of known values by the index of the unknown; raises UnknownNameError, ValueRangeError."""
     names = [f"{joint}.{name}" for joint in robot.model.velocity_names for name in QUANTITIES]
-    found = dict[int, float]()
+    logarithms = dict[int, float]()
     for name, value in known.items():
         if name not in names:
             raise UnknownNameError.from_choices("known value", name, names)
-        found[names.index(name)] = float(np.log(arguments.positive(value, name)))
-    return found
+        logarithms[names.index(name)] = float(np.log(arguments.positive(value, name)))
+    return logarithms
 
 
 def _fit_with_hold(
-    robot: Robot, logs: Sequence[ServoLog], hold: str, fixed: Mapping[int, float], tell: Callable[[float], None]
+    robot: Robot,
+    logs: Sequence[ServoLog],
+    hold: str,
+    known_logarithms: Mapping[int, float],
+    report_progress: Callable[[float], None],
 ) -> tuple[OutputErrorFit, OutputErrorProblem, Array]:
-    """Fit with the more probable course of commands, and the change of the unknowns by the other one.
+    """Fit with the more probable course of commands, its problem, and the change of the unknowns by the other course.
 
-    The change is times the square root of the other's probability: at a high rate, held commands and straight ones with half
-    a period more delay replay alike.
+    The change is multiplied by the square root of the other course's probability. At a high rate, the two can hardly be
+    distinguished: held commands, and straight ones with half a period more delay, have nearly the same replay.
     """
-    first: Hold = "linear" if hold == "linear" else "zero"
-    start, _ = linear_start(robot, logs, first)
-    free = np.ones(len(start), bool)
-    count = len(QUANTITIES)
-    for k, value in fixed.items():
-        if k % count == count - 1:  # kp: ratios to it are told better than scales
-            start[k + 1 - count : k + 1] += value - start[k]
-        start[k], free[k] = value, False
-    tell(0.1)
-    replay = ServoReplay(robot, logs, first, ServoReplay.step_of(start))
-    problem = OutputErrorProblem.from_logs(replay, start, free)
-    fit = problem.solve(start)
-    tell(0.4)
+    first_hold: Hold = "linear" if hold == "linear" else "zero"
+    initial, _ = linear_start(robot, logs, first_hold)
+    free = np.ones(len(initial), bool)
+    count = len(QUANTITIES)  # unknowns of a joint, of which the last is kp
+    for k, logarithm in known_logarithms.items():
+        is_kp = k % count == count - 1
+        if is_kp:  # keep the ratios of the joint's other values to kp, which are better determined than the values
+            initial[k + 1 - count : k + 1] += logarithm - initial[k]
+        initial[k] = logarithm
+        free[k] = False
+    report_progress(0.1)
+    replay = ServoReplay(robot, logs, first_hold, ServoReplay.step_of(initial))
+    problem = OutputErrorProblem.from_logs(replay, initial, free)
+    fit = problem.solve(initial)
+    report_progress(0.4)
     if hold != "auto":
-        return fit, problem, np.zeros(len(start))
-    straight = replace(problem, replay=replace(replay, hold="linear"))
-    begin = fit.p.copy()
-    begin[-1] += 0.5 * logs[0].period
-    other = straight.solve(begin, hopeless=2.0 * fit.cost)
-    tell(0.7)
-    odds = fit.evidence(fit.cost, other.cost) - np.log(_HELD)
-    change = np.sqrt(probability(-abs(odds))) * (other.p - fit.p)
-    if odds > 0.0:
-        return other, straight, change
+        return fit, problem, np.zeros(len(initial))
+    linear_problem = replace(problem, replay=replace(replay, hold="linear"))
+    linear_initial = fit.p.copy()
+    linear_initial[-1] += 0.5 * logs[0].period  # held commands are half a period late on average
+    linear_fit = linear_problem.solve(linear_initial, hopeless=2.0 * fit.cost)
+    report_progress(0.7)
+    log_odds_of_linear = fit.evidence(fit.cost, linear_fit.cost) - np.log(_PRIOR_ODDS_OF_HELD)
+    other_probability = probability(-abs(log_odds_of_linear))
+    change = np.sqrt(other_probability) * (linear_fit.p - fit.p)
+    if log_odds_of_linear > 0.0:
+        return linear_fit, linear_problem, change
     return fit, problem, change
 
 
 def _model_changes(robot: Robot, problem: OutputErrorProblem, fit: OutputErrorFit) -> list[Array]:
-    """Changes of the unknowns by half the step of the integrator, by other laws of friction, and of each joint's scale.
+    """Changes of the unknowns by errors of the model: half the integrator's step, other laws of friction, other scales.
 
-    The scale of a joint is told by the torque r of its bodies alone, as far as armature and friction do not imitate it. If
-    the fit leaves more of the joint's torque unexplained than the encoder's error, r may be wrong by that much in each block
-    of time, and the scale by its mean over all blocks.
+    Only the torque of a joint's bodies determines the scale of its values, as far as armature and friction cannot replace
+    it. The fit may leave more of the joint's torque unexplained than the encoder's error. The torque of the bodies may then
+    be wrong by this excess in each block of time, and the scale by the mean over all blocks.
     """
-    half = replace(fit.replay, step=0.5 * fit.replay.step)
+    half_step_replay = replace(fit.replay, step=0.5 * fit.replay.step)
     r, J = problem.linearise(fit.p)
-    changes = [problem.change(fit, half), *(problem.law_change(fit, law, r, J) for law in LAWS)]
-    squares, _ = _sums_of_squares(fit.replay.logs, problem.used, fit)
+    changes = [problem.change(fit, half_step_replay)]
+    changes += [problem.law_change(fit, law, r, J) for law in LAWS]
+    residual_squares, _ = _sums_of_squares(fit.replay.logs, problem.used, fit)
     rows = sum(len(e) for e in fit.residuals)
-    excess = np.maximum(squares - rows * fit.sigma**2, 0.0)
-    kp = np.exp(fit.p[:-1].reshape(-1, len(QUANTITIES))[:, -1])
-    unexplained = kp * np.sqrt(excess / rows / (fit.freedom + 1.0))
-    scale = unexplained / np.maximum(scale_determining_torques(robot, fit.replay.logs), 1e-12)
-    return [*changes, *problem.scale_changes(fit, J, np.minimum(scale, _MAX_SCALE))]
+    excess_squares = np.maximum(residual_squares - rows * fit.sigma**2, 0.0)
+    values = np.exp(fit.p[:-1].reshape(-1, len(QUANTITIES)))
+    kp = values[:, -1]
+    unexplained_torques = kp * np.sqrt(excess_squares / rows / (fit.freedom + 1.0))
+    body_torques = scale_determining_torques(robot, fit.replay.logs)
+    scale_errors = unexplained_torques / np.maximum(body_torques, 1e-12)
+    return [*changes, *problem.scale_changes(fit, J, np.minimum(scale_errors, _MAX_SCALE))]
 
 
 def _held_out(
-    problem: OutputErrorProblem, fit: OutputErrorFit, tested: Sequence[ServoLog]
+    problem: OutputErrorProblem, fit: OutputErrorFit, test_logs: Sequence[ServoLog]
 ) -> tuple[tuple[Array, Array], str]:
-    """Sums of squares (nv,) of residuals and of the tracking error, in test logs or the last fifth of each log."""
-    if tested:
-        replay = replace(fit.replay, logs=tested)
-        judged = replace(OutputErrorProblem.from_logs(replay, fit.p, problem.free), sigma=position_errors(tested))
-        residuals = judged.residuals_at(fit.p)
-        return _sums_of_squares(tested, judged.used, replace(fit, residuals=residuals)), "test"
-    early, late = list[Array](), list[Array]()
+    """Sums of squares of held-out rows, as :func:`_sums_of_squares` returns them, and the name of these rows.
+
+    The rows are those of the test logs or, without any, the last fifth of each log, predicted from the rest.
+    """
+    if test_logs:
+        replay = replace(fit.replay, logs=test_logs)
+        test_problem = OutputErrorProblem.from_logs(replay, fit.p, problem.free)
+        test_problem = replace(test_problem, sigma=position_errors(test_logs))
+        residuals = test_problem.residuals_at(fit.p)
+        return _sums_of_squares(test_logs, test_problem.used, replace(fit, residuals=residuals)), "test"
+    training_rows, held_out_rows = list[Array](), list[Array]()
     for log, rows in zip(fit.replay.logs, problem.used, strict=True):
-        is_early = log.time[rows] <= _TRAINING_SHARE * log.time[-1]
-        early.append(rows[is_early])
-        late.append(rows[~is_early])
-    p = replace(problem, used=early).solve(fit.p).p
-    residuals = replace(problem, used=late).residuals_at(p)
-    return _sums_of_squares(fit.replay.logs, late, replace(fit, residuals=residuals)), "last fifth"
+        is_training = log.time[rows] <= _TRAINING_SHARE * log.time[-1]
+        training_rows.append(rows[is_training])
+        held_out_rows.append(rows[~is_training])
+    p = replace(problem, used=training_rows).solve(fit.p).p
+    residuals = replace(problem, used=held_out_rows).residuals_at(p)
+    return _sums_of_squares(fit.replay.logs, held_out_rows, replace(fit, residuals=residuals)), "last fifth"
 
 
 def _sums_of_squares(logs: Sequence[ServoLog], used: Sequence[Array], fit: OutputErrorFit) -> tuple[Array, Array]:
-    """Sums of squares (nv,) of the fit's residuals, and of c(t - δ) - q in the same rows."""
-    squares, sizes = np.zeros(len(fit.sigma)), np.zeros(len(fit.sigma))
-    for log, rows, left in zip(logs, used, fit.residuals, strict=True):
-        c = log.mean_command(log.time[rows] - fit.p[-1], fit.replay.step, fit.replay.hold)
-        squares += (left**2).sum(axis=0)
-        sizes += ((c - log.q[rows]) ** 2).sum(axis=0)
-    return squares, sizes
+    """Sums of squares (nv,) of the fit's residuals, and of the tracking error c(t - δ) - q in the same rows."""
+    residual_squares, error_squares = np.zeros(len(fit.sigma)), np.zeros(len(fit.sigma))
+    delay = fit.p[-1]
+    for log, rows, residuals in zip(logs, used, fit.residuals, strict=True):
+        c = log.mean_command(log.time[rows] - delay, fit.replay.step, fit.replay.hold)
+        residual_squares += (residuals**2).sum(axis=0)
+        error_squares += ((c - log.q[rows]) ** 2).sum(axis=0)
+    return residual_squares, error_squares
 
 
-def _shares(robot: Robot, kind: str, squares: Array, sizes: Array) -> HeldOut:
-    return HeldOut(kind, squares, sizes, robot.model.velocity_names)
+def _shares(robot: Robot, kind: str, residual_squares: Array, error_squares: Array) -> HeldOut:
+    """Residuals as shares of the tracking error, by joint; ``kind`` names the rows."""
+    return HeldOut(kind, residual_squares, error_squares, robot.model.velocity_names)
 
 
-def _sizes(logs: Sequence[ServoLog]) -> Array:
-    """(nv, 3) rms acceleration and speed of the commands, and 1."""
-    speeds, accelerations = list[Array](), list[Array]()
+def _typical_sizes(logs: Sequence[ServoLog]) -> Array:
+    """(nv, 3) factors of armature, damping and Coulomb friction: rms acceleration and speed of the commands, and 1."""
+    speeds_of_logs, accelerations_of_logs = list[Array](), list[Array]()
     for log in logs:
-        dq = np.gradient(log.command, log.time, axis=0)
-        speeds.append(dq)
-        accelerations.append(np.gradient(dq, log.time, axis=0))
-    ddq, dq = np.concatenate(accelerations), np.concatenate(speeds)
+        speeds = np.gradient(log.command, log.time, axis=0)
+        speeds_of_logs.append(speeds)
+        accelerations_of_logs.append(np.gradient(speeds, log.time, axis=0))
+    ddq, dq = np.concatenate(accelerations_of_logs), np.concatenate(speeds_of_logs)
     rms = [np.sqrt((x**2).mean(axis=0)) for x in (ddq, dq)]
     return np.stack([*rms, np.ones(len(rms[0]))], axis=1)
 
@@ -328,17 +354,21 @@ def simulated_servo_log(
     >>> len(log), log.command.shape
     (1000, (1000, 2))
     """
-    arm, rng = _suitable(robot), np.random.default_rng(seed)
-    nv, time = arm.nv, np.arange(round(seconds * rate)) / rate
+    arm = _require_servo_arm(robot)
+    nv = arm.nv
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(seconds * rate)) / rate
     hertz = np.array([0.1, 0.23, 0.47, 0.9, 1.3, 2.1, 3.1, 4.2])
-    a = size * rng.uniform(-1.0, 1.0, (len(hertz), nv)) / (1.0 + hertz[:, None])
-    phase = rng.uniform(0.0, 2.0 * np.pi, a.shape)
-    c = (a * np.sin(2.0 * np.pi * hertz[:, None] * time[:, None, None] + phase)).sum(axis=1)
+    amplitudes = size * rng.uniform(-1.0, 1.0, (len(hertz), nv)) / (1.0 + hertz[:, None])
+    phases = rng.uniform(0.0, 2.0 * np.pi, amplitudes.shape)
+    sines = np.sin(2.0 * np.pi * hertz[:, None] * time[:, None, None] + phases)  # (rows, len(hertz), nv)
+    c = (amplitudes * sines).sum(axis=1)
     values = [np.broadcast_to(np.asarray(x, float), (nv,)) for x in (armature, damping, coulomb, kp)]
-    p = np.append(np.log(np.stack(values, axis=1)).ravel(), delay)
-    log = ServoLog(time, c, c, np.zeros(nv))
-    (q,) = ServoReplay(arm, [log], "zero", 0.5 * ServoReplay.step_of(p)).positions(p[None])
-    quantum = 2.0 * np.pi / 2.0**bits
+    p = np.append(np.log(np.stack(values, axis=1)).ravel(), delay)  # unknowns as ServoReplay orders them
+    log = ServoLog(time, c, c, np.zeros(nv))  # a replay needs its commands, not its positions
+    replay = ServoReplay(arm, [log], "zero", 0.5 * ServoReplay.step_of(p))
+    (q,) = replay.positions(p[None])
+    quantum = 2.0 * np.pi / 2.0**bits  # of the encoders [rad]
     return Motion(time, np.round(q[0] / quantum) * quantum, robot=arm, in_seconds=True, command=c)
 
 

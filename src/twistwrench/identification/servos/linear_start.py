@@ -22,16 +22,22 @@ from ...robot import Robot
 from ..rows import interpolate
 from .replay import Hold, ServoLog
 
-_MAX_CUTOFF, _CUTOFF_SHARE = 10.0, 0.2
-"""Largest cut-off of the low-pass [Hz], and as a share of the sampling rate."""
-_MIN_SPEED, _FRICTION_SPEED = 0.05, 0.02
-"""Least speed of the rows that are used, and speed v of tanh(dq/v) in place of sgn dq [rad/s, m/s]."""
-_MAX_DELAY, _DELAY_COUNT = 0.12, 61
-"""Largest delay [s], and number of delays that are compared."""
+_MAX_CUTOFF = 10.0
+"""Largest cut-off of the low-pass [Hz]."""
+_MAX_CUTOFF_SHARE = 0.2
+"""Largest cut-off of the low-pass, as a share of the sampling rate."""
+_MIN_SPEED = 0.05
+"""Least speed of the rows that are used [rad/s, m/s]."""
+_FRICTION_SPEED = 0.02
+"""Speed v of tanh(dq/v) in place of sgn dq [rad/s, m/s]."""
+_MAX_DELAY = 0.12
+"""Largest delay that is tried [s]."""
+_DELAY_COUNT = 61
+"""Number of delays that are tried."""
 _MIN_DEVIATIONS = 8.0
-"""Deviations from zero at which 1/kp counts as determined."""
-_BLOCK = 1.0
-"""Length of blocks [s], for deviations of autocorrelated residuals."""
+"""Least value of 1/kp, in its standard deviations, that counts as determined."""
+_BLOCK_SECONDS = 1.0
+"""Duration of blocks [s], for standard deviations of autocorrelated residuals."""
 _INERTIA_SHARE = 0.1
 """Guess of an armature that the file does not have, as a share of the largest inertia of all joints."""
 _MIN_SHARE_OF_ERROR = 1e-3
@@ -55,36 +61,41 @@ class _Rows:
 
     @classmethod
     def from_log(cls, robot: Robot, log: ServoLog) -> _Rows:
+        """Rows of a log; ``robot`` has no armature."""
         time = np.linspace(0.0, log.time[-1], len(log.time))
         rate = (len(time) - 1) / float(time[-1])
-        cutoff = min(_MAX_CUTOFF, _CUTOFF_SHARE * rate)
+        cutoff = min(_MAX_CUTOFF, _MAX_CUTOFF_SHARE * rate)
         q = low_pass(interpolate(time, log.time, log.q), cutoff, rate)
         dq = np.gradient(q, time, axis=0)
         ddq = np.gradient(dq, time, axis=0)
         sign = low_pass(np.tanh(dq / _FRICTION_SPEED), cutoff, rate)
-        columns = np.stack([ddq, dq, sign, np.asarray(robot.inverse_dynamics(q, dq, ddq))], axis=2)
-        return cls(log, time, cutoff, columns, q, (time / _BLOCK).astype(int))
+        body_torques = np.asarray(robot.inverse_dynamics(q, dq, ddq))
+        columns = np.stack([ddq, dq, sign, body_torques], axis=2)
+        return cls(log, time, cutoff, columns, q, (time / _BLOCK_SECONDS).astype(int))
 
     def error(self, delay: float, hold: Hold) -> Array:
         """(n, nv) tracking error with a delayed command."""
         rate = (len(self.time) - 1) / float(self.time[-1])
         period = 1.0 / rate
-        begin = self.time - delay - 0.5 * period  # the mean is over a period about each time
-        c = self.log.mean_command(begin, period, hold)
+        mean_begin = self.time - delay - 0.5 * period  # the mean is over a period about each time
+        c = self.log.mean_command(mean_begin, period, hold)
         return np.asarray(low_pass(c, self.cutoff, rate) - self.q)
 
 
 def scale_determining_torques(robot: Robot, logs: Sequence[ServoLog]) -> Array:
-    """(nv,) rms torques of the file's bodies that armature, damping and friction cannot imitate: they determine the scale."""
-    bodies = _without_armature(robot)
-    columns = np.concatenate([_Rows.from_log(bodies, log).columns for log in logs])
-    scale = np.zeros(robot.nv)
+    """(nv,) rms of the part of the bodies' torques that determines the scale of a joint's values.
+
+    This is the residual of a fit by armature, damping and friction, whose scale is free.
+    """
+    bare_robot = _without_armature(robot)
+    columns = np.concatenate([_Rows.from_log(bare_robot, log).columns for log in logs])
+    torques = np.zeros(robot.nv)
     for j in range(robot.nv):
         drive, torque = columns[:, j, :3], columns[:, j, 3]
         X = drive / (np.linalg.norm(drive, axis=0) + 1e-300)
         residual = torque - X @ np.linalg.lstsq(X, torque, rcond=None)[0]
-        scale[j] = np.sqrt((residual**2).mean())
-    return scale
+        torques[j] = np.sqrt((residual**2).mean())
+    return torques
 
 
 def _without_armature(robot: Robot) -> Robot:
@@ -94,30 +105,32 @@ def _without_armature(robot: Robot) -> Robot:
 
 
 def linear_start(robot: Robot, logs: Sequence[ServoLog], hold: Hold) -> tuple[Array, Array]:
-    """Unknowns (4 nv + 1,), and the guessed armatures (nv,).
+    """Initial unknowns (4 nv + 1,), and guessed armatures (nv,).
 
-    The unknowns are the logarithms of armature, damping, Coulomb friction and kp of each joint, four in a row, and last the
-    delay [s].
+    The unknowns are the logarithms of armature, damping, Coulomb friction and kp of each joint, four in a row. The last one is
+    the delay [s].
     """
-    bodies = _without_armature(robot)
-    rows = [_Rows.from_log(bodies, log) for log in logs]
-    parts, blocks, count = list[Array](), list[Array](), 0
-    for one in rows:
-        parts.append(one.columns)
-        blocks.append(one.block + count)
-        count += int(one.block[-1]) + 1
-    columns, block = np.concatenate(parts), np.concatenate(blocks)
+    bare_robot = _without_armature(robot)
+    rows_of_logs = [_Rows.from_log(bare_robot, log) for log in logs]
+    block_count = 0
+    blocks = list[Array]()
+    for rows in rows_of_logs:
+        blocks.append(rows.block + block_count)
+        block_count += int(rows.block[-1]) + 1
+    columns = np.concatenate([rows.columns for rows in rows_of_logs])
+    block = np.concatenate(blocks)
 
     def joint_fits(delay: float) -> list[_JointFit]:
-        e = np.concatenate([one.error(delay, hold) for one in rows])
+        """Regression of each joint with a delay of the commands."""
+        e = np.concatenate([rows.error(delay, hold) for rows in rows_of_logs])
         return [_JointFit.from_rows(columns[:, j], e[:, j], block) for j in range(robot.nv)]
 
     delays = np.linspace(0.0, _MAX_DELAY, _DELAY_COUNT)
-    errors = [_log_square_residuals(joint_fits(delay)) for delay in delays]
-    delay = float(delays[int(np.argmin(errors))])
-    guess = _guessed_armatures(robot, np.concatenate([log.q for log in logs]))
-    parameters = [_drive_parameters(fit, armature) for fit, armature in zip(joint_fits(delay), guess, strict=True)]
-    return np.append(np.log(parameters).ravel(), delay), guess
+    costs = [_log_square_residuals(joint_fits(delay)) for delay in delays]
+    delay = float(delays[int(np.argmin(costs))])
+    armatures = _guessed_armatures(robot, np.concatenate([log.q for log in logs]))
+    parameters = [_drive_parameters(fit, armature) for fit, armature in zip(joint_fits(delay), armatures, strict=True)]
+    return np.append(np.log(parameters).ravel(), delay), armatures
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,11 +138,13 @@ class _JointFit:
     """Regression of the tracking error of a joint in its moving rows, with the block of time of each row."""
 
     x: Array
-    """(4,) coefficients of acceleration, velocity, sign of the velocity and torque of the bodies."""
+    """(4,) coefficients a/kp, d/kp, C/kp and 1/kp of acceleration, velocity, its sign, and the bodies' torque."""
     X: Array
-    """(n, 4) rows of these."""
+    """(n, 4) acceleration, velocity, its sign, and the bodies' torque in each row."""
     residual: Array
+    """(n,) residuals of the tracking error [rad, m]."""
     block: Array
+    """(n,) number of each row's block of time."""
 
     @classmethod
     def from_rows(cls, columns: Array, error: Array, block: Array) -> _JointFit:
@@ -151,28 +166,29 @@ def _log_square_residuals(fits: Sequence[_JointFit]) -> float:
 
 
 def _drive_parameters(fit: _JointFit, armature: float) -> Array:
-    """Armature, damping, Coulomb friction and kp of one joint from its ratios x (4,); the armature is a guess."""
+    """Armature, damping, Coulomb friction and kp of one joint; a guess of its armature may determine the scale."""
     x, X = fit.x, fit.X
-    rms, largest_part, block_sums = np.ones(4), 1.0, np.zeros((1, 4))
+    rms, largest_part, block_scores = np.ones(4), 1.0, np.zeros((1, 4))  # of a joint that does not move
     if len(X):
         rms = np.sqrt((X**2).mean(axis=0))
         largest_part = float(np.abs(x * rms).max())  # in the tracking error
         block_begins = np.flatnonzero(np.diff(fit.block, prepend=-1))
-        block_sums = np.add.reduceat(X * fit.residual[:, None], block_begins)
-    least = _MIN_SHARE_OF_ERROR * largest_part / np.maximum(rms, 1e-12)
-    ratio = np.maximum(x, least)  # logarithms need numbers above zero
+        block_scores = np.add.reduceat(X * fit.residual[:, None], block_begins)
+    min_ratios = _MIN_SHARE_OF_ERROR * largest_part / np.maximum(rms, 1e-12)
+    ratios = np.maximum(x, min_ratios)  # logarithms need numbers above zero
     N = np.linalg.pinv(X.T @ X)
-    covariance = N @ block_sums.T @ block_sums @ N  # residuals within a block may be correlated
+    covariance = N @ block_scores.T @ block_scores @ N  # residuals within a block may be correlated
     deviation = float(np.sqrt(covariance[3, 3]))
     if deviation > 0.0 and x[3] > _MIN_DEVIATIONS * deviation:  # the torque of the bodies determines 1/kp
         kp = 1.0 / x[3]
     else:
-        kp = armature / ratio[0]
-    return np.append(kp * ratio[:3], kp)
+        kp = armature / ratios[0]
+    return np.append(kp * ratios[:3], kp)
 
 
 def _guessed_armatures(robot: Robot, q: Array) -> Array:
     """(nv,) armature of the file, or a share of the largest inertia of all joints."""
-    M = np.asarray(robot.mass_matrix(q[:: max(1, len(q) // 100)]))
-    inertia = np.diagonal(M, axis1=1, axis2=2).max(axis=0)
-    return np.asarray(np.where(robot.armature > 0.0, robot.armature, _INERTIA_SHARE * inertia.max()))
+    every = max(1, len(q) // 100)  # 100 configurations suffice
+    M = np.asarray(robot.mass_matrix(q[::every]))
+    inertias = np.diagonal(M, axis1=1, axis2=2).max(axis=0)
+    return np.asarray(np.where(robot.armature > 0.0, robot.armature, _INERTIA_SHARE * inertias.max()))

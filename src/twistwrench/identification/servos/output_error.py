@@ -5,14 +5,17 @@ differences, one batch of rollouts for each step, and P the precision of a weak 
 
     (J' J + σ² P + λ D) dp = J' r + σ² P (p₀ - p),     σ² = max(1, r'r/m),
 
-for six λ at once. The covariance is that of scores of blocks of time (Liang and Zeger, Biometrika 73, 1986), with the
-prior's own; for joints without a known scale the prior then states how little is known. Changes of p by another model (half
-the integration step, the other course of commands, other laws of friction) are added, each times the square root of the
-probability of that model, 1 / (1 + exp(-L)), with L the logarithm of its odds. For n blocks of time and nv joints
+for six λ at once. D is the diagonal of the other terms in front of dp.
+
+The covariance is that of scores of blocks of time (Liang and Zeger, Biometrika 73, 1986), with a term of the prior. For
+joints without a known scale, this term states how little is known.
+
+Another model (half the integration step, the other course of commands, other laws of friction) changes p. These changes are
+added to the covariance, each times the square root of the probability of its model, 1 / (1 + exp(-L)). L is the logarithm of
+the odds; for n blocks of time, nv joints, and k more unknowns of the model (Schwarz, "Estimating the dimension of a model",
+Annals of Statistics 6, 1978)
 
     L = ½ n nv log(Σ r² / Σ r² with the model) - ½ k log(n nv)
-
-for k more unknowns (Schwarz, "Estimating the dimension of a model", Annals of Statistics 6, 1978).
 """
 
 from __future__ import annotations
@@ -33,11 +36,18 @@ _TIME_TO_SETTLE = 0.5
 """Time [s] from the begin of a log in which rows are not used: its initial state is not exact."""
 _MAX_RESIDUALS = 20_000
 """Largest number of residuals; every k-th row of longer logs is used."""
-_DIFFERENCE, _DELAY_DIFFERENCE = 1e-3, 2e-4
+_DIFFERENCE = 1e-3
+"""Change of a logarithm in finite differences."""
+_DELAY_DIFFERENCE = 2e-4
+"""Change of the delay in finite differences [s]."""
 _DAMPING = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 1e1)
-_MORE_DAMPING, _TRIES = 1e3, 2
-_MAX_STEPS, _MIN_DECREASE = 25, 0.3
-"""Largest number of steps, and predicted decrease of the last one, in σ²: the unknowns are half a deviation from it at most."""
+"""Values of λ that are tried at once."""
+_MORE_DAMPING = 1e3
+"""Factor of these values in the next attempt, if no step lowers the cost."""
+_MAX_ATTEMPTS = 2
+_MAX_STEPS = 25
+_MIN_DECREASE = 0.3
+"""Predicted decrease of the cost, in σ², below which the fit ends: the unknowns are at most half a deviation from the best."""
 _PRIOR_OF_ARMATURE = 1.5
 """Standard deviation of the logarithm of an armature about its initial value."""
 _MAX_CHANGE = 2.0
@@ -50,12 +60,16 @@ _PRIOR_OF_OTHERS = 3.0
 """Standard deviation of the logarithms of damping, friction and stiffness about their initial values."""
 _MAX_KNOWN_SCALE = 0.3
 """Deviation of the logarithm of a scale from which it is unknown."""
-_MIN_COST_SHARE, _MAX_EVIDENCE = 1e-3, 500.0
-"""Smallest part of Σ r² that another law may leave by a linear prediction; largest logarithm of odds."""
+_MIN_COST_SHARE = 1e-3
+"""Smallest share of Σ r² that another law of friction may leave by a linear prediction."""
+_MAX_EVIDENCE = 500.0
+"""Largest logarithm of odds, against overflow of its exponential."""
 _LAW_DIFFERENCE = 0.02
 """Coefficient of another law of friction in its finite differences."""
-_LENGTHS, _BLOCK = 5.0, 1.0
-"""Length of a block: at least so many correlation times, and so many seconds."""
+_MIN_BLOCK_CORRELATION_TIMES = 5.0
+"""Least duration of a block of time, in correlation times of the residuals."""
+_MIN_BLOCK_SECONDS = 1.0
+"""Least duration of a block of time [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,27 +109,29 @@ class OutputErrorFit:
 
 @dataclass(frozen=True, eq=False)
 class OutputErrorProblem:
-    """Residuals of logs and the prior; ``free`` (4 nv + 1,) bool is False for known values.
-
-    ``used`` are the rows of each log whose residuals count.
-    """
+    """Residuals of logs, and the prior."""
 
     replay: ServoReplay
     sigma: Array
+    """(nv,) expected size of residuals [rad, m]."""
     start: Array
+    """(4 nv + 1,) mean p₀ of the prior."""
     free: Array
+    """(4 nv + 1,) bool, False for known values."""
     used: Sequence[Array]
+    """Rows of each log whose residuals count."""
 
     @classmethod
     def from_logs(cls, replay: ServoReplay, start: Array, free: Array, until: float = 1.0) -> OutputErrorProblem:
         """Problem on rows after the begin of each log, up to a share of its time."""
-        most = max(1, _MAX_RESIDUALS // (replay.robot.nv * len(replay.logs)))
+        max_rows = max(1, _MAX_RESIDUALS // (replay.robot.nv * len(replay.logs)))  # of each log
         used = []
         for log in replay.logs:
             duration = log.time[-1]
-            is_used = (log.time >= min(_TIME_TO_SETTLE, 0.2 * duration)) & (log.time <= until * duration)
-            rows = np.flatnonzero(is_used)
-            used.append(rows[:: max(1, len(rows) // most)])
+            begin = min(_TIME_TO_SETTLE, 0.2 * duration)
+            rows = np.flatnonzero((log.time >= begin) & (log.time <= until * duration))
+            every = max(1, len(rows) // max_rows)
+            used.append(rows[::every])
         return cls(replay, position_errors(replay.logs), start, free, used)
 
     def residuals(self, p: Array) -> list[Array]:
@@ -130,52 +146,60 @@ class OutputErrorProblem:
         return [e[0] for e in self.residuals(p[None])]
 
     def flat(self, p: Array) -> Array:
-        """(S, M) residuals in units of their expected size; motions that are not finite give a large residual."""
-        parts = [(e / self.sigma).reshape(len(p), -1) for e in self.residuals(p)]
-        return np.nan_to_num(np.concatenate(parts, axis=1), nan=1e6, posinf=1e6, neginf=-1e6)
+        """(S, M) residuals r of all logs, in units of their expected size; large for motions that are not finite."""
+        residuals = [(e / self.sigma).reshape(len(p), -1) for e in self.residuals(p)]
+        return np.nan_to_num(np.concatenate(residuals, axis=1), nan=1e6, posinf=1e6, neginf=-1e6)
 
     @property
     def precision(self) -> Array:
-        """(4 nv + 1,) precision of the prior: of armatures, and nearly none of others."""
+        """(4 nv + 1,) precisions of the prior, which is weak except for armatures."""
         nv = self.replay.robot.nv
-        return np.append(np.tile([_PRIOR_OF_ARMATURE, *[_PRIOR_OF_OTHERS] * 3], (nv, 1)), _DELAY_SIZE) ** -2.0
+        of_joint = [_PRIOR_OF_ARMATURE, _PRIOR_OF_OTHERS, _PRIOR_OF_OTHERS, _PRIOR_OF_OTHERS]
+        deviations = np.append(np.tile(of_joint, (nv, 1)), _DELAY_SIZE)
+        return deviations**-2.0
 
     def linearise(self, p: Array) -> tuple[Array, Array]:
-        """r (M,) and J (M, P) = ∂q̂/∂p of the free unknowns."""
-        size = np.append(np.full(len(p) - 1, _DIFFERENCE), _DELAY_DIFFERENCE)[self.free]
-        moved, B = np.tile(p, (len(size) + 1, 1)), self.directions
-        moved[1:, self.free] += size[:, None] * B
-        moved[1:, -1] = np.maximum(moved[1:, -1], 0.0)
-        r = self.flat(moved)
-        return r[0], np.linalg.solve(B, (r[0] - r[1:]) / size[:, None]).T
+        """r (M,) and J (M, P) = ∂q̂/∂p of the free unknowns, in units of the expected residuals."""
+        steps = np.append(np.full(len(p) - 1, _DIFFERENCE), _DELAY_DIFFERENCE)[self.free]
+        B = self.directions
+        batch = np.tile(p, (len(steps) + 1, 1))  # p itself, and p after a step in each direction
+        batch[1:, self.free] += steps[:, None] * B
+        batch[1:, -1] = np.maximum(batch[1:, -1], 0.0)  # a delay is not negative
+        r = self.flat(batch)
+        slopes = (r[0] - r[1:]) / steps[:, None]  # rows B J'
+        return r[0], np.linalg.solve(B, slopes).T
 
     @property
     def directions(self) -> Array:
-        """(P, P) rows of the free unknowns' differences: one by one, but the four logarithms of a joint together for its kp.
+        """(P, P) rows B of the free unknowns' differences: one by one, but the four logarithms of a joint together for its kp.
 
-        Positions depend little on the scale of a light joint; the sum of four differences would hide it.
+        Positions depend little on the scale of a light joint, which is this common change. The sum of four single differences
+        would hide it.
         """
         n = len(QUANTITIES)
         B = np.eye(len(self.free))
         for j in range(self.replay.robot.nv):
-            mine = slice(n * j, n * (j + 1))
-            if self.free[mine].all():
-                B[n * (j + 1) - 1, mine] = 1.0
+            own = slice(n * j, n * (j + 1))
+            kp = n * (j + 1) - 1
+            if self.free[own].all():
+                B[kp, own] = 1.0
         return B[np.ix_(self.free, self.free)]
 
     def normal_equations(self, p: Array, r: Array, J: Array) -> tuple[Array, Array, float]:
-        """H, g and σ² of the free unknowns."""
+        """H = J' J + σ² P and g = J' r + σ² P (p₀ - p) of the free unknowns, and σ²."""
         s2 = max(1.0, float(r @ r) / len(r))
         prior = s2 * self.precision[self.free]
-        return J.T @ J + np.diag(prior), J.T @ r + prior * (self.start - p)[self.free], s2
+        H = J.T @ J + np.diag(prior)
+        g = J.T @ r + prior * (self.start - p)[self.free]
+        return H, g, s2
 
     def cost(self, p: Array, r: Array, s2: float) -> Array:
         """Σ r² with the prior, of unknowns p (S, 4 nv + 1)."""
-        away = (p - self.start)[:, self.free]
-        return np.asarray((r**2).sum(axis=1) + s2 * (away**2 * self.precision[self.free]).sum(axis=1))
+        deviations = (p - self.start)[:, self.free]
+        return np.asarray((r**2).sum(axis=1) + s2 * (deviations**2 * self.precision[self.free]).sum(axis=1))
 
     def solve(self, p: Array, hopeless: float = np.inf) -> OutputErrorFit:
-        """Fit from initial unknowns p (4 nv + 1,); left early if its cost is above a ``hopeless`` one after some steps."""
+        """Fit from initial unknowns p (4 nv + 1,); it ends early if its cost exceeds ``hopeless`` after some steps."""
         for k in range(_MAX_STEPS):
             r, J = self.linearise(p)
             H, g, s2 = self.normal_equations(p, r, J)
@@ -184,102 +208,119 @@ class OutputErrorProblem:
             if trial is None:
                 break
             p, cost = trial
-            if g @ np.linalg.solve(H, g) < _MIN_DECREASE * s2 or (k >= _TRIAL_STEPS and cost > hopeless):
+            predicted_decrease = g @ np.linalg.solve(H, g)
+            if predicted_decrease < _MIN_DECREASE * s2:
                 break
-        return self._result(p, k + 1)
+            if k >= _TRIAL_STEPS and cost > hopeless:
+                break
+        return self._fit_at(p, k + 1)
 
-    def _best_trial(self, p: Array, H: Array, g: Array, s2: float, now: float) -> tuple[Array, float] | None:
+    def _best_trial(self, p: Array, H: Array, g: Array, s2: float, current_cost: float) -> tuple[Array, float] | None:
         """Best of six trial steps, and its cost; None if none improves, also with more damping."""
-        for more in range(_TRIES):
-            trials = np.tile(p, (len(_DAMPING), 1))
-            for trial, damping in zip(trials, np.array(_DAMPING) * _MORE_DAMPING**more, strict=True):
+        for attempt in range(_MAX_ATTEMPTS):
+            dampings = np.array(_DAMPING) * _MORE_DAMPING**attempt
+            trials = np.tile(p, (len(dampings), 1))
+            for trial, damping in zip(trials, dampings, strict=True):
                 change = np.linalg.solve(H + damping * np.diag(H.diagonal()), g)
                 trial[self.free] += np.clip(change, -_MAX_CHANGE, _MAX_CHANGE)
                 trial[-1] = np.clip(trial[-1], 0.0, 10.0 * _DELAY_SIZE)
             costs = self.cost(trials, self.flat(trials), s2)
-            if costs.min() < now:
+            if costs.min() < current_cost:
                 return trials[int(costs.argmin())], float(costs.min())
         return None
 
-    def _result(self, p: Array, steps: int) -> OutputErrorFit:
+    def _fit_at(self, p: Array, steps: int) -> OutputErrorFit:
+        """Fit with unknowns p (4 nv + 1,), found in some number of steps, and their covariance."""
         r, J = self.linearise(p)
         H, _, s2 = self.normal_equations(p, r, J)
         inverse = np.linalg.inv(H)
         scores, blocks = self._block_scores(r, J)
-        of_scores = scores.T @ scores * blocks / max(1, blocks - 1)
-        of_prior = np.diag(s2**2 * self.precision[self.free])
-        C = inverse @ (of_scores + of_prior) @ inverse
-        of_white_noise = s2 * inverse
-        growth = np.sqrt(np.maximum(1.0, of_white_noise.diagonal() / C.diagonal()))
+        score_term = scores.T @ scores * blocks / max(1, blocks - 1)
+        prior_term = np.diag(s2**2 * self.precision[self.free])
+        C = inverse @ (score_term + prior_term) @ inverse
+        # no variance is smaller than that of white noise
+        white_noise_covariance = s2 * inverse
+        growth = np.sqrt(np.maximum(1.0, white_noise_covariance.diagonal() / C.diagonal()))
         C = growth[:, None] * C * growth
         covariance = np.zeros((len(p), len(p)))
         covariance[np.ix_(self.free, self.free)] = C
-        freedom, residuals = max(1.0, blocks - 1.0), self.residuals_at(p)
+        freedom = max(1.0, blocks - 1.0)
+        residuals = self.residuals_at(p)
         return OutputErrorFit(self.replay, p, covariance, freedom, residuals, self.sigma, float(r @ r), steps)
 
     def _block_scores(self, r: Array, J: Array) -> tuple[Array, int]:
         """Scores Σ J' r (B, P) of blocks of time, and their number."""
-        nv, first, scores = self.replay.robot.nv, 0, list[Array]()
+        nv = self.replay.robot.nv
+        first = 0
+        scores_of_logs = list[Array]()
         for log, rows in zip(self.replay.logs, self.used, strict=True):
             last = first + len(rows) * nv
-            e, D = r[first:last].reshape(-1, nv), J[first:last].reshape(len(rows), nv, -1)
+            r_of_log = r[first:last].reshape(-1, nv)
+            J_of_log = J[first:last].reshape(len(rows), nv, -1)
             period = float(np.median(np.diff(log.time[rows])))
-            length = max(_BLOCK / period, _LENGTHS * autocorrelation_length(e))
-            count = max(2, int(len(rows) / length))
-            edges = np.linspace(0, len(rows), count + 1).astype(int)[:-1]
-            scores.append(np.add.reduceat(np.einsum("mj,mjp->mp", e, D), edges))
+            correlation_rows = autocorrelation_length(r_of_log)
+            block_rows = max(_MIN_BLOCK_SECONDS / period, _MIN_BLOCK_CORRELATION_TIMES * correlation_rows)
+            count = max(2, int(len(rows) / block_rows))
+            block_begins = np.linspace(0, len(rows), count + 1).astype(int)[:-1]
+            row_scores = np.einsum("mj,mjp->mp", r_of_log, J_of_log)
+            scores_of_logs.append(np.add.reduceat(row_scores, block_begins))
             first = last
-        found = np.concatenate(scores)
-        return found, len(found)
+        scores = np.concatenate(scores_of_logs)
+        return scores, len(scores)
 
     def change(self, fit: OutputErrorFit, replay: ServoReplay) -> Array:
         """(4 nv + 1,) change of the unknowns, by one step, if the logs were replayed otherwise."""
         r, J = replace(self, replay=replay).linearise(fit.p)
         H, g, _ = self.normal_equations(fit.p, r, J)
-        found = np.zeros(len(fit.p))
-        found[self.free] = np.linalg.solve(H, g)
-        return found
+        change = np.zeros(len(fit.p))
+        change[self.free] = np.linalg.solve(H, g)
+        return change
 
     def scale_changes(self, fit: OutputErrorFit, J: Array, scale: Array) -> list[Array]:
-        """Changes (4 nv + 1,) of the unknowns with a change (nv,) of the scale of each joint.
+        """Change (4 nv + 1,) of the unknowns for each joint, by an error of its scale; ``scale`` (nv,) are these errors.
 
-        All values of a joint change alike; if the scale is unknown, such that the logs are replayed as well with another kp.
+        All logarithms of a joint change alike. If the scale is unknown, only kp changes by the error, and the other unknowns
+        such that the logs are replayed as well as before.
         """
-        H, changes = J.T @ J, list[Array]()
-        H += 1e-9 * np.diag(H.diagonal() + 1e-300)
+        H = J.T @ J
+        H += 1e-9 * np.diag(H.diagonal() + 1e-300)  # so that it can be inverted
         unknowns = np.flatnonzero(self.free)
-        joint_of = np.arange(len(fit.p)) // len(QUANTITIES)
-        for j, size in enumerate(scale.tolist()):
-            if size < _MAX_KNOWN_SCALE:
-                changes.append(np.where(joint_of == j, size * self.free, 0.0))
+        joint_of_unknown = np.arange(len(fit.p)) // len(QUANTITIES)
+        changes = list[Array]()
+        for j, scale_error in enumerate(scale.tolist()):
+            if scale_error < _MAX_KNOWN_SCALE:
+                changes.append(np.where(joint_of_unknown == j, scale_error * self.free, 0.0))
                 continue
             is_kp = unknowns == len(QUANTITIES) * j + len(QUANTITIES) - 1
             change = np.zeros(len(fit.p))
             if is_kp.any():
                 by_kp = np.linalg.solve(H[np.ix_(~is_kp, ~is_kp)], H[np.ix_(~is_kp, is_kp)][:, 0])
-                change[unknowns[is_kp]] = size
-                change[unknowns[~is_kp]] = -size * by_kp
+                change[unknowns[is_kp]] = scale_error
+                change[unknowns[~is_kp]] = -scale_error * by_kp
             changes.append(change)
         return changes
 
     def law_change(self, fit: OutputErrorFit, law: str, r: Array, J: Array) -> Array:
-        """(4 nv + 1,) change of the unknowns, by one step, if friction followed another law, fitted joint by joint.
+        """(4 nv + 1,) change of the unknowns, by one step, if friction also had another law, with a coefficient per joint.
 
-        The change is times the square root of the law's probability.
+        The change is multiplied by the square root of the law's probability.
         """
         nv = self.replay.robot.nv
-        share = np.concatenate([np.zeros((1, nv)), _LAW_DIFFERENCE * np.eye(nv)])
-        moved = replace(self, replay=replace(self.replay, law=law, share=share)).flat(np.tile(fit.p, (nv + 1, 1)))
-        E = (moved[0] - moved[1:]).T / _LAW_DIFFERENCE
+        share = np.concatenate([np.zeros((1, nv)), _LAW_DIFFERENCE * np.eye(nv)])  # none, then each joint's coefficient
+        problem_with_law = replace(self, replay=replace(self.replay, law=law, share=share))
+        residuals = problem_with_law.flat(np.tile(fit.p, (nv + 1, 1)))
+        E = (residuals[0] - residuals[1:]).T / _LAW_DIFFERENCE  # derivatives by the coefficients, as J by the unknowns
         H, g, s2 = self.normal_equations(fit.p, r, J)
         border = J.T @ E
-        whole = np.block([[H, border], [border.T, E.T @ E + s2 * np.eye(nv)]])
-        right = np.append(g, E.T @ r)
-        step, found = np.linalg.solve(whole, right), np.zeros(len(fit.p))
-        found[self.free] = step[: len(g)]
+        H_with_law = np.block([[H, border], [border.T, E.T @ E + s2 * np.eye(nv)]])
+        g_with_law = np.append(g, E.T @ r)
+        step = np.linalg.solve(H_with_law, g_with_law)
+        change = np.zeros(len(fit.p))
+        change[self.free] = step[: len(g)]
         cost = float(r @ r)
-        less = max(cost - float(right @ step - g @ np.linalg.solve(H, g)), _MIN_COST_SHARE * cost)
-        return found * np.sqrt(probability(fit.evidence(cost, less, nv)))
+        decrease = float(g_with_law @ step - g @ np.linalg.solve(H, g))
+        cost_with_law = max(cost - decrease, _MIN_COST_SHARE * cost)
+        return change * np.sqrt(probability(fit.evidence(cost, cost_with_law, nv)))
 
 
 def probability(evidence: float) -> float:
@@ -298,4 +339,6 @@ def position_errors(logs: Sequence[ServoLog]) -> Array:
     quanta = np.empty(positions[0].shape[1])
     for j in range(len(quanta)):
         quanta[j] = quantum([q[:, j] for q in positions])
-    return np.asarray(np.maximum(np.maximum(noise(times, positions, quanta), quanta / np.sqrt(12.0)), 1e-7))
+    rounding = quanta / np.sqrt(12.0)  # standard deviation of rounding to multiples of a quantum
+    errors = np.maximum(noise(times, positions, quanta), rounding)
+    return np.asarray(np.maximum(errors, 1e-7))  # above zero, since residuals are divided by it

@@ -41,18 +41,28 @@ def servo_unit(quantity: str, *, turning: bool) -> str:
 
 
 LAWS = {"stribeck": 0.1, "presliding": 0.01, "falling": 1.0, "load": 0.0}
-"""Other laws of friction, with their Stribeck speeds [rad/s, m/s]: peaks, presliding, and friction of the carried torque."""
+"""Other laws of friction, with their Stribeck speeds [rad/s, m/s].
+
+The first three have friction peaks of different widths around rest; friction of ``load`` depends on the carried torque.
+"""
 _MAX_STATE_STEP = 2.5e-3
 """Longest time between stored states [s]; positions between them are cubic."""
-_MAX_STEP, _MIN_STEP, _STEPS_OF_PERIOD = 5e-4, 5e-5, 20.0
-"""Bounds of the integrator's step [s], and steps per √(armature/kp)."""
-_MAX_SHARE_OF_DECAY, _MIN_ARMATURE_SHARE = 0.5, 0.1
-"""Longest step as a share of armature/damping, and least armature of steps as a share of the servo's."""
-_BYTES = 96 * 2**20
-"""Largest size of the references of one batch."""
-_FIRST_ROWS, _FIRST_SECONDS = 8, 0.1
-"""Rows at the begin, and their least duration [s], for the initial velocity."""
-_LONG_BEFORE = 1e3
+_MAX_STEP, _MIN_STEP = 5e-4, 5e-5
+"""Bounds of the integrator's step [s]."""
+_STEPS_OF_PERIOD = 20.0
+"""Least number of integrator steps in √(armature/kp)."""
+_MAX_SHARE_OF_DECAY = 0.5
+"""Longest step as a share of armature/damping."""
+_MIN_ARMATURE_SHARE = 0.1
+"""Least armature of the steps as a share of the servo's."""
+_BATCH_BYTES = 96 * 2**20
+"""Largest size of the commands of one batch."""
+_FIRST_ROWS = 8
+"""Least number of first rows from which the initial velocity is computed."""
+_FIRST_SECONDS = 0.1
+"""Least duration of these rows [s]."""
+_HOLD_SECONDS = 1e3
+"""Time for which the first and the last command are held outside of the log [s]: longer than any delay."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +78,10 @@ class ServoLog:
     def from_arrays(cls, time: Array, q: Array, command: Array) -> ServoLog:
         """Log of arrays; the initial velocity is that of a cubic through the first rows."""
         t = time - time[0]
-        first = slice(0, max(_FIRST_ROWS, int(np.searchsorted(t, _FIRST_SECONDS))))
-        slope = np.polynomial.polynomial.polyfit(t[first], q[first], 3)[1]
-        return cls(t, q, command, slope)
+        first_rows = slice(0, max(_FIRST_ROWS, int(np.searchsorted(t, _FIRST_SECONDS))))
+        coefficients = np.polynomial.polynomial.polyfit(t[first_rows], q[first_rows], 3)
+        begin_velocity = coefficients[1]
+        return cls(t, q, command, begin_velocity)
 
     @property
     def period(self) -> float:
@@ -78,13 +89,18 @@ class ServoLog:
         return float(np.median(np.diff(self.time)))
 
     def mean_command(self, begin: Array, width: float, hold: Hold) -> Array:
-        """(k, nv) mean of the command over [begin, begin + width], which is smooth in a delay also if it is held."""
+        """(k, nv) means of the command over [begin, begin + width] (k,). They are smooth in a delay, also of held commands.
+
+        The mean of straight commands is nearly their value in the middle.
+        """
         if hold == "linear":
             return interpolate(begin + 0.5 * width, self.time, self.command)
-        knots = np.concatenate([[-_LONG_BEFORE], self.time[1:], [self.time[-1] + _LONG_BEFORE]])
+        # the integral of a held command is piecewise linear between the times at which the command changes
+        knots = np.concatenate([[-_HOLD_SECONDS], self.time[1:], [self.time[-1] + _HOLD_SECONDS]])
         increments = np.diff(knots)[:, None] * self.command
         integral = np.concatenate([np.zeros((1, self.q.shape[1])), increments]).cumsum(axis=0)
-        at_end, at_begin = interpolate(begin + width, knots, integral), interpolate(begin + 0.0, knots, integral)
+        at_end = interpolate(begin + width, knots, integral)
+        at_begin = interpolate(begin + 0.0, knots, integral)
         return np.asarray((at_end - at_begin) / width)
 
 
@@ -97,55 +113,59 @@ class ServoReplay:
     hold: Hold
     step: float
     law: str = ""
-    """Law of friction with a coefficient for each joint beside the unknowns: one of :data:`LAWS`."""
+    """Additional law of friction, one of :data:`LAWS`, with a coefficient for each joint."""
     share: Array | None = None
-    """(S, nv) coefficients of this law, in Coulomb frictions, or of the carried torque for ``load``."""
+    """(S, nv) coefficients of this law: shares of Coulomb friction; for ``load``, shares of the carried torque."""
     count: list[int] = field(default_factory=lambda: [0])
     """Number of rollouts so far."""
 
     @staticmethod
     def step_of(p: Array) -> float:
         """Step [s] that is short enough for unknowns p (4 nv + 1,)."""
-        x = np.exp(p[:-1].reshape(-1, len(QUANTITIES)))
-        longest = min(
-            np.sqrt(x[:, 0] / x[:, 3]).min() / _STEPS_OF_PERIOD, _MAX_SHARE_OF_DECAY * (x[:, 0] / x[:, 1]).min()
-        )
-        return float(np.clip(longest, _MIN_STEP, _MAX_STEP))
+        armature, damping, _, kp = np.exp(p[:-1].reshape(-1, len(QUANTITIES))).T
+        shortest_period = np.sqrt(armature / kp).min()
+        shortest_decay = (armature / damping).min()
+        step = min(shortest_period / _STEPS_OF_PERIOD, _MAX_SHARE_OF_DECAY * shortest_decay)
+        return float(np.clip(step, _MIN_STEP, _MAX_STEP))
 
     def positions(self, p: Array) -> list[Array]:
         """Positions (S, n, nv) of the rows of each log, for unknowns p (S, 4 nv + 1)."""
         return [self._positions_of(log, p) for log in self.logs]
 
     def _positions_of(self, log: ServoLog, p: Array) -> Array:
-        every = max(1, int(_MAX_STATE_STEP / self.step))
-        steps = every * int(np.ceil(log.time[-1] / (every * self.step)) + 1)
-        most = max(1, _BYTES // (8 * steps * self.robot.nv))
+        """Positions (S, n, nv) of the rows of one log, computed in batches to limit memory."""
+        stored_every = max(1, int(_MAX_STATE_STEP / self.step))  # steps from one stored state to the next
+        steps = stored_every * int(np.ceil(log.time[-1] / (stored_every * self.step)) + 1)
+        batch_size = max(1, _BATCH_BYTES // (8 * steps * self.robot.nv))
         share = np.zeros((len(p), self.robot.nv)) if self.share is None else self.share
-        parts = list[Array]()
-        for k in range(0, len(p), most):
-            batch = slice(k, k + most)
-            parts.append(self._batch(log, p[batch], share[batch], steps, every))
-        return np.concatenate(parts)
+        positions = list[Array]()
+        for k in range(0, len(p), batch_size):
+            batch = slice(k, k + batch_size)
+            positions.append(self._batch(log, p[batch], share[batch], steps, stored_every))
+        return np.concatenate(positions)
 
-    def _batch(self, log: ServoLog, p: Array, share: Array, steps: int, every: int) -> Array:
+    def _batch(self, log: ServoLog, p: Array, share: Array, steps: int, stored_every: int) -> Array:
+        """Positions (S, n, nv) of the rows of one log, for all unknowns p (S, 4 nv + 1) together."""
         self.count[0] += len(p)
-        x, h = np.exp(p[:, :-1].reshape(len(p), -1, len(QUANTITIES))), self.step
-        begin = h * np.arange(steps)
-        delays, which = np.unique(p[:, -1], return_inverse=True)
-        commands = np.stack([log.mean_command(begin - delay, h, self.hold) for delay in delays])
-        reference = commands[which]
+        x = np.exp(p[:, :-1].reshape(len(p), -1, len(QUANTITIES)))
+        h = self.step
+        begins = h * np.arange(steps)
+        delays, delay_of_batch = np.unique(p[:, -1], return_inverse=True)  # most unknowns share one delay
+        commands = np.stack([log.mean_command(begins - delay, h, self.hold) for delay in delays])
+        reference = commands[delay_of_batch]
         armature, damping = self._stepped_values(x)
         law = BatchPD(reference, x[:, None, :, 3], damping[:, None], gravity=False)
-        found = self.robot.rollout(
-            np.broadcast_to(log.q[0], (len(p), len(log.q[0]))), log.begin_velocity, law, dt=h, steps=steps, every=every,
-            parameters=self._parameters(armature, x[:, :, 2], share), friction=True,
+        rollout = self.robot.rollout(
+            np.broadcast_to(log.q[0], (len(p), len(log.q[0]))), log.begin_velocity, law, dt=h, steps=steps,
+            every=stored_every, parameters=self._parameters(armature, x[:, :, 2], share), friction=True,
         )  # fmt: skip
-        return _hermite(found.q, found.dq, log.time, every * h)
+        return _hermite(rollout.q, rollout.dq, log.time, stored_every * h)
 
     def _stepped_values(self, x: Array) -> tuple[Array, Array]:
-        """Armature and damping (S, nv) with which steps of length h move as a servo with values x does.
+        """Armature and damping (S, nv) with which steps of length h move as a servo with values x (S, nv, 4) does.
 
-        Steps take the stiffness half a step early and the damping half a step late, kp (q - ½ h dq) and d (dq + ½ h ddq).
+        Steps take the stiffness half a step early, kp (q - ½ h dq), and the damping half a step late, d (dq + ½ h ddq). So the
+        damping is increased by ½ h kp, and the armature decreased by ½ h times this damping.
         """
         damping = x[:, :, 1] + 0.5 * self.step * x[:, :, 3]
         armature = x[:, :, 0] - 0.5 * self.step * damping
@@ -168,7 +188,7 @@ class ServoReplay:
 def _hermite(q: Array, dq: Array, time: Array, h: float) -> Array:
     """(S, m, nv) values at times (m,) of cubics through values and slopes (S, n, nv) at steps of h."""
     k = np.minimum((time / h).astype(int), q.shape[1] - 2)
-    u = (time / h - k)[:, None]
+    u = (time / h - k)[:, None]  # place between step k and the next, 0 to 1
     first, last = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u**2 * (3.0 - 2.0 * u)
     slopes = h * u * (1.0 - u)
     return np.asarray(first * q[:, k] + last * q[:, k + 1] + slopes * ((1.0 - u) * dq[:, k] - u * dq[:, k + 1]))

@@ -25,10 +25,12 @@ from .replay import QUANTITIES
 _MAX_WIDTH = 10.0
 """Largest half width of a logarithm; a value that wide is unknown."""
 NEGLIGIBLE_SHARE = 0.02
-"""Share of a joint's torque (rms) up to which a half width of damping or friction does not matter."""
+"""Share of a joint's torque (rms) up to which a half width of damping or friction is negligible."""
 _KP = QUANTITIES.index("kp")
 _FRICTION = {1: "damping", 2: "coulomb"}
+"""Names of damping and friction by their index among the values of a joint."""
 RATIOS = tuple(f"{name}/kp" for name in QUANTITIES[:_KP])
+"""Names of the ratios to kp, in the order of the values; kp is the last value."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,7 +67,7 @@ class IdentifiedServos(Answer):
     trained: HeldOut
     """The same in the rows that were used."""
     sizes: Array
-    """(nv, 3) rms acceleration, speed and 1, by which torques of armature, damping and Coulomb friction follow."""
+    """(nv, 3) rms acceleration and speed, and 1: factors of armature, damping and Coulomb friction in the torque."""
     live: Array
     """(nv,) bool, False for joints that do not move."""
     known: Mapping[str, float]
@@ -120,18 +122,18 @@ class IdentifiedServos(Answer):
 
     @property
     def ratios(self) -> dict[str, Array]:
-        """(nv,) ratios to kp, which are known also where no value is: ``damping/kp``, ``coulomb/kp``, ``armature/kp``."""
+        """(nv,) ratios to kp: ``damping/kp``, ``coulomb/kp``, ``armature/kp``; often known where the values are not."""
         return {name: self.values[:, k] / self.kp for k, name in enumerate(RATIOS)}
 
     def _half_widths(self, level: float = 0.95) -> dict[str, Array]:
-        """(nv,) half widths of logarithms of the values and of their ratios to kp."""
+        """(nv,) half widths of logarithms, by name of the value or of its ratio to kp."""
         unit = np.eye(len(QUANTITIES))
-        combined = dict(zip(QUANTITIES, unit, strict=True))
-        combined |= {name: unit[k] - unit[_KP] for k, name in enumerate(RATIOS)}
-        return {name: self._half_widths_along(weights, level) for name, weights in combined.items()}
+        weights_by_name = dict(zip(QUANTITIES, unit, strict=True))
+        weights_by_name |= {name: unit[k] - unit[_KP] for k, name in enumerate(RATIOS)}
+        return {name: self._half_widths_along(weights, level) for name, weights in weights_by_name.items()}
 
     def _half_widths_along(self, weights: Array, level: float) -> Array:
-        """(nv,) half widths of one linear combination of the logarithms (4,) of each joint."""
+        """(nv,) half widths of a linear combination of each joint's logarithms, with ``weights`` (4,)."""
         directions = np.zeros((len(self.joints), len(self.fit.p)))
         for j, direction in enumerate(directions):
             direction[len(QUANTITIES) * j : len(QUANTITIES) * (j + 1)] = weights
@@ -146,9 +148,9 @@ class IdentifiedServos(Answer):
 
         Returns
         -------
-        widths : {name: (nv,) array}, of the values and of their ratios to kp; 10 at most, which is unknown
+        widths : {name: (nv,) array}, of the values and of their ratios to kp; at most 10, which stands for unknown
         """
-        return {name: np.minimum(width, _MAX_WIDTH) for name, width in self._half_widths(level).items()}
+        return {name: np.minimum(half_widths, _MAX_WIDTH) for name, half_widths in self._half_widths(level).items()}
 
     def interval(self, level: float = 0.95) -> dict[str, Array]:
         """Intervals of the values of each joint.
@@ -177,18 +179,22 @@ class IdentifiedServos(Answer):
         return self._bounds(self.ratios, level)
 
     def _bounds(self, values: Mapping[str, Array], level: float) -> dict[str, Array]:
-        width = self.relative(level)
+        """(nv, 2) intervals by name, from values (nv,) by name and the half widths of their logarithms."""
+        half_widths = self.relative(level)
         bounds: dict[str, Array] = {}
         for name, x in values.items():
-            factor = np.exp(width[name])
-            bounds[name] = np.stack([x * np.exp(-width[name]), x * factor], axis=1)
+            low, high = x * np.exp(-half_widths[name]), x * np.exp(half_widths[name])
+            bounds[name] = np.stack([low, high], axis=1)
         return bounds
 
     @cached_property
     def determined(self) -> dict[str, Array]:
-        """(nv,) bool for each value: within 10 %; damping and friction also within 2 % of the joint's torque."""
-        width = self.relative()
-        determined = {name: self.live & (width[name] <= MAX_WIDTH_DETERMINED) for name in QUANTITIES}
+        """(nv,) bool by name, True for values that are known to 10 %.
+
+        Damping and friction are also determined if kp is, and if they are known to 2 % of the joint's torque.
+        """
+        half_widths = self.relative()
+        determined = {name: self.live & (half_widths[name] <= MAX_WIDTH_DETERMINED) for name in QUANTITIES}
         for name, share in self.torque_shares.items():
             determined[name] |= determined["kp"] & (share <= NEGLIGIBLE_SHARE)
         return determined
@@ -196,11 +202,13 @@ class IdentifiedServos(Answer):
     @property
     def torque_shares(self) -> dict[str, Array]:
         """(nv,) half widths of ``damping`` and ``coulomb`` as shares of the joint's rms torque; inf without torque."""
-        width, torques, loaded = self._half_widths(), self.values[:, :_KP] * self.sizes, self.rms_torques > 0.0
+        half_widths = self._half_widths()
+        torques = self.values[:, :_KP] * self.sizes  # of armature, damping and friction
+        has_torque = self.rms_torques > 0.0
         shares: dict[str, Array] = {}
         for k, name in _FRICTION.items():
-            shares[name] = np.full(len(loaded), np.inf)
-            np.divide(width[name] * torques[:, k], self.rms_torques, out=shares[name], where=loaded)
+            shares[name] = np.full(len(has_torque), np.inf)
+            np.divide(half_widths[name] * torques[:, k], self.rms_torques, out=shares[name], where=has_torque)
         return shares
 
     @property
@@ -211,36 +219,40 @@ class IdentifiedServos(Answer):
     @cached_property
     def only_ratios(self) -> Array:
         """(nv,) bool, True if kp is not determined, but all ratios to it are."""
-        width = self._half_widths()
-        all_ratios = np.ones(len(self.live), bool)
+        half_widths = self._half_widths()
+        are_all_known = np.ones(len(self.live), bool)
         for k, name in enumerate(RATIOS):
-            is_known = width[name] <= MAX_WIDTH_DETERMINED
+            is_known = half_widths[name] <= MAX_WIDTH_DETERMINED
             if k in _FRICTION:
-                torques = width[name] * self.values[:, k] * self.sizes[:, k]
-                is_known |= torques <= NEGLIGIBLE_SHARE * self.rms_torques
-            all_ratios &= is_known
-        return np.asarray(self.live & ~self.determined["kp"] & all_ratios)
+                torque_half_widths = half_widths[name] * self.values[:, k] * self.sizes[:, k]
+                is_known |= torque_half_widths <= NEGLIGIBLE_SHARE * self.rms_torques
+            are_all_known &= is_known
+        return np.asarray(self.live & ~self.determined["kp"] & are_all_known)
 
     @property
     def rms_torques(self) -> Array:
-        """(nv,) rms torque of the servos [N m, sliding joints: N]."""
+        """(nv,) rms torque of the servos [N m, sliding joints: N]: kp times the rms tracking error of used rows."""
         return self.kp * np.sqrt(self.trained.sizes / max(1, self._rows))
 
     @property
     def _rows(self) -> int:
+        """Number of used rows."""
         return sum(len(e) for e in self.fit.residuals)
 
     @cached_property
     def position_error(self) -> dict[str, float]:
         """Error of replayed positions in used rows, rms of each joint [rad, m]."""
-        return dict(zip(self.joints, np.sqrt(self.trained.squares / max(1, self._rows)).tolist(), strict=True))
+        rms = np.sqrt(self.trained.squares / max(1, self._rows))
+        return dict(zip(self.joints, rms.tolist(), strict=True))
 
     @cached_property
     def robot(self) -> Robot:
         """Robot with the identified armature and Coulomb friction; damping is left to the servo."""
         model = self.original.model
-        laws = {name: {"coulomb": x} for name, x in zip(model.drive_names, self.coulomb.tolist(), strict=True)}
-        return Robot(with_friction(replace(model, armature=self.armature.copy()), laws))
+        friction_by_drive: dict[str, dict[str, float]] = {}
+        for name, coulomb in zip(model.drive_names, self.coulomb.tolist(), strict=True):
+            friction_by_drive[name] = {"coulomb": coulomb}
+        return Robot(with_friction(replace(model, armature=self.armature.copy()), friction_by_drive))
 
     def write(
         self, path: str | Path | None = None, actuators: str | Path | None = None, *, force: bool = False
@@ -312,11 +324,11 @@ class IdentifiedServos(Answer):
         -------
         data : dict
         """
-        half = self.delay_half_width
+        half_width = self.delay_half_width
         return super().to_dict() | {
             "doubts": [doubt.to_dict() for doubt in self.doubts],
             "servos": {joint: self._servo_to_dict(j) for j, joint in enumerate(self.joints)},
-            "delay": {"value": self.delay, "interval": [self.delay - half, self.delay + half]},
+            "delay": {"value": self.delay, "interval": [self.delay - half_width, self.delay + half_width]},
             "held_out": {"all": self.held_out.all, "joints": self.held_out.joints, "kind": self.held_out.kind},
             "position_error": self.position_error,
         }
@@ -332,8 +344,8 @@ class IdentifiedServos(Answer):
                 "determined": bool(self.determined[name][j]),
             }
         ratios: dict[str, Any] = {}
-        for name, x in self.ratios.items():
-            ratios[name] = {"value": float(x[j]), "interval": ratio_bounds[name][j].tolist()}
+        for name, of_joints in self.ratios.items():
+            ratios[name] = {"value": float(of_joints[j]), "interval": ratio_bounds[name][j].tolist()}
         return servo | {"ratios": ratios}
 
 

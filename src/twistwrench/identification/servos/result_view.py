@@ -21,20 +21,24 @@ if TYPE_CHECKING:
     from .result import IdentifiedServos
 
 _MILLI = 1e3
-_FACTOR = math.log(10.0)
-_SHOWN = ("kp", "damping", "coulomb", "armature")
+"""Factor of seconds for milliseconds."""
+_MAX_SHOWN_WIDTH = math.log(10.0)
+"""Half width of a logarithm from which a value is unknown: a factor of ten."""
+_SHOWN_QUANTITIES = ("kp", "damping", "coulomb", "armature")
 _MAX_ROWS = 12
+"""Largest number of rows in the short form of the table."""
 
 
 def servo_view(found: IdentifiedServos) -> Iterator[Block]:
     """Blocks of the report, verdict first."""
     yield _headline(found)
     yield ""
-    yield Line((found.robot_name, Style.STRONG), f"  ·  servos, from commands and positions  ·  delay {_delay(found)}")
-    yield _values(found)
-    held = percent(found.held_out.all, 3)
+    subject = f"  ·  servos, from commands and positions  ·  delay {_delay_text(found)}"
+    yield Line((found.robot_name, Style.STRONG), subject)
+    yield _value_table(found)
+    held_out_error = percent(found.held_out.all, 3)
     yield Line(
-        f"Replayed positions are off by {held} of the tracking error in rows that were not used, "
+        f"Replayed positions are off by {held_out_error} of the tracking error in rows that were not used, "
         f"{percent(found.trained.all, 3)} in used rows. Damping: servo and joint together."
     )
     yield from remarks([str(doubt) for doubt in found.doubts if doubt.level == "note"])
@@ -49,13 +53,13 @@ def servo_facts(found: IdentifiedServos) -> Mapping[str, str]:
     }
 
 
-def _delay(found: IdentifiedServos) -> str:
-    half = quantity(_MILLI * found.delay_half_width, "ms", 2, decimals=2)
-    return f"{number(_MILLI * found.delay, 3, decimals=1)} ± {half}"
+def _delay_text(found: IdentifiedServos) -> str:
+    half_width = quantity(_MILLI * found.delay_half_width, "ms", 2, decimals=2)
+    return f"{number(_MILLI * found.delay, 3, decimals=1)} ± {half_width}"
 
 
 def _headline(found: IdentifiedServos) -> Headline:
-    """Word and reasons; for OK the accuracy and the joints with ratios only."""
+    """Word of the verdict and its reasons; for OK, the accuracy and the joints of which only ratios are known."""
     if found.verdict.word is not Word.OK:
         return Headline.from_verdict(found.verdict)
     count = int(found.whole.sum())
@@ -63,16 +67,19 @@ def _headline(found: IdentifiedServos) -> Headline:
     if count:
         text += f", {_accuracy(found)}"
     text += f", delay {quantity(_MILLI * found.delay, 'ms', 2, decimals=1)}"
-    ratios = [found.joints[j] for j in np.flatnonzero(found.only_ratios)]
-    if ratios:
-        text += f"; {listed(ratios, 4)}: only ratios are known (hold one of the values with known=)"
+    joints_with_ratios = [found.joints[j] for j in np.flatnonzero(found.only_ratios)]
+    if joints_with_ratios:
+        text += f"; {listed(joints_with_ratios, 4)}: only ratios are known (hold one of the values with known=)"
     return Headline(Word.OK, f"{text}.")
 
 
 def _accuracy(found: IdentifiedServos) -> str:
-    """Widest intervals; of damping or friction wider than determined values, the share of the joint's torque."""
-    width = found.relative()
-    widest = {name: float(width[name][found.whole].max(initial=0.0)) for name in QUANTITIES}
+    """Widest intervals of the determined joints.
+
+    Damping and friction may be hardly determined because they are small. Then their share of the joint's torque is given.
+    """
+    widths = found.relative()
+    widest = {name: float(widths[name][found.whole].max(initial=0.0)) for name in QUANTITIES}
     texts = [f"kp and armature {relative_width(max(widest['kp'], widest['armature']))}"]
     for name, noun in (("damping", "damping"), ("coulomb", "friction")):
         if widest[name] <= MAX_WIDTH_DETERMINED:
@@ -83,28 +90,31 @@ def _accuracy(found: IdentifiedServos) -> str:
     return ", ".join(texts)
 
 
-def _values(found: IdentifiedServos) -> Table:
-    """Row for each joint: values with relative half widths; ratios to kp in parentheses where no scale is known."""
+def _value_table(found: IdentifiedServos) -> Table:
+    """Row for each joint: values with relative half widths; undetermined values in parentheses."""
     columns = [words("joint", list(found.joints), fold=False)]
-    width = found.relative()
+    widths = found.relative()
     turning = [any(body.joint.turning) for body in found.original.model.leaders]
-    for name in _SHOWN:
+    for name in _SHOWN_QUANTITIES:
         values = found.values[:, QUANTITIES.index(name)]
         units = [servo_unit(name, turning=turns).replace("^2", "²") for turns in turning]
-        columns.append(words(name, _cells(values, width[name], found.determined[name], units), fold=False))
-    known = np.where(found.whole, "all", np.where(found.only_ratios, "ratios", "–")).tolist()
+        columns.append(words(name, _cells(values, widths[name], found.determined[name], units), fold=False))
+    ratios_or_nothing = np.where(found.only_ratios, "ratios", "–")
+    known = np.where(found.whole, "all", ratios_or_nothing).tolist()
     return Table("Servos", *columns, words("known", known, fold=False), most=_MAX_ROWS)
 
 
 def relative_width(width: float) -> str:
     """Half width of a logarithm as a share of the value; ``unknown`` from a factor of ten."""
-    return f"± {percent(math.expm1(width), 2)}" if width < _FACTOR else "unknown"
+    if width < _MAX_SHOWN_WIDTH:
+        return f"± {percent(math.expm1(width), 2)}"
+    return "unknown"
 
 
-def _cells(values: Array, width: Array, told: Array, units: Sequence[str]) -> list[str]:
+def _cells(values: Array, widths: Array, determined: Array, units: Sequence[str]) -> list[str]:
     """``820 N m/rad ± 0.3 %``; an undetermined value in parentheses."""
     cells = []
-    for x, w, sure, unit in zip(values, width.tolist(), told, units, strict=True):
-        text = f"{quantity(x, unit, 3)} {relative_width(w)}"
-        cells.append(text if sure else f"({text})")
+    for value, width, is_determined, unit in zip(values, widths.tolist(), determined, units, strict=True):
+        text = f"{quantity(value, unit, 3)} {relative_width(width)}"
+        cells.append(text if is_determined else f"({text})")
     return cells

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.doubts import Doubt, doubt
+from ...core.doubts import Doubt, Level, doubt
 from ...core.numbers import number, percent
 from ...core.text import listed
 from ...core.typing import Array
@@ -21,17 +21,24 @@ if TYPE_CHECKING:
 
 _MIN_RANGE = 20.0
 """Range of a joint's positions, in deviations of its error, below which it does not move."""
-_MIN_CORRELATION, _MAX_RATIO_TO_OTHER = 0.6, 0.5
-"""Correlation from which positions follow a command; ratio of the own one to that of another joint if exchanged."""
+_MIN_CORRELATION = 0.6
+"""Correlation with a command from which positions follow it."""
+_MAX_RATIO_TO_OTHER = 0.5
+"""If commands are exchanged: largest correlation with the own command, over that with another joint's command."""
 _MIN_SLOPE, _MAX_SLOPE = 0.4, 2.5
-"""Bounds of the slope of positions by commands; weak servos sag and overshoot."""
+"""Bounds of the slope of positions by commands in the same unit; weak servos sag and overshoot."""
 _DELAYS = np.linspace(0.0, 0.12, 7)
-_MIN_SECONDS, _MIN_ROWS_OF_UNKNOWN = 5.0, 20
-"""Least duration [s], and rows per unknown."""
-_UNSURE_ERROR, _LOOK_AGAIN_ERROR, _MAX_GROWTH = 0.2, 0.6, 1.5
-"""Held-out error as a share of the tracking error: UNSURE, LOOK AGAIN; and its ratio to that of used rows."""
+"""Delays of the commands [s] that are tried."""
+_MIN_SECONDS = 5.0
+"""Least total duration of the logs [s]."""
+_MIN_ROWS_OF_UNKNOWN = 20
+"""Least number of rows for each unknown of a joint."""
+_UNSURE_ERROR, _LOOK_AGAIN_ERROR = 0.2, 0.6
+"""Held-out errors, as shares of the tracking error, above which a fit is UNSURE, and one to LOOK AGAIN at."""
+_MAX_GROWTH = 1.5
+"""Largest ratio of the held-out error to that of used rows."""
 _MAX_SMALL_ERROR = 2.0
-"""Held-out error, in sizes of the position error, below which it does not matter."""
+"""Held-out error, in standard deviations of a position, up to which it is negligible."""
 
 
 def moving_joints(logs: Sequence[ServoLog]) -> Array:
@@ -42,30 +49,41 @@ def moving_joints(logs: Sequence[ServoLog]) -> Array:
 
 def command_doubts(robot: Robot, logs: Sequence[ServoLog]) -> Iterator[Doubt]:
     """Commands of another joint, with the other sign, or in another unit."""
-    names, (alike, slopes) = robot.model.velocity_names, _likeness(logs)
+    names = robot.model.velocity_names
+    correlations, slopes = _correlations_and_slopes(logs)
     for j in np.flatnonzero(moving_joints(logs)):
-        own = alike[j, j]
-        other = int(np.argmax(np.where(np.arange(len(names)) == j, -1.0, alike[j])))
-        if alike[j, other] > _MIN_CORRELATION and own < _MAX_RATIO_TO_OTHER * alike[j, other]:
-            yield doubt("servo-exchanged", [names[j]], other=names[other], share=number(float(alike[j, other]), 3))
+        own = correlations[j, j]
+        is_own = np.arange(len(names)) == j
+        other_joint = int(np.argmax(np.where(is_own, -1.0, correlations[j])))
+        other = correlations[j, other_joint]
+        slope = float(slopes[j])
+        if other > _MIN_CORRELATION and own < _MAX_RATIO_TO_OTHER * other:
+            yield doubt("servo-exchanged", [names[j]], other=names[other_joint], share=number(float(other), 3))
         elif own < -_MIN_CORRELATION:
             yield doubt("servo-sign", [names[j]])
-        elif own > _MIN_CORRELATION and not _MIN_SLOPE < slopes[j] < _MAX_SLOPE:
-            yield doubt("servo-unit", [names[j]], ratio=number(float(slopes[j]), 3), found={"value": float(slopes[j])})
+        elif own > _MIN_CORRELATION and not _MIN_SLOPE < slope < _MAX_SLOPE:
+            yield doubt("servo-unit", [names[j]], ratio=number(slope, 3), found={"value": slope})
 
 
-def _likeness(logs: Sequence[ServoLog]) -> tuple[Array, Array]:
-    """Correlations (nv, nv) of positions with commands at the delay of their largest size, and slopes (nv,) by the own one."""
+def _correlations_and_slopes(logs: Sequence[ServoLog]) -> tuple[Array, Array]:
+    """Correlations of positions with commands, and slopes of positions by their own commands.
+
+    Returns
+    -------
+    correlations : (nv, nv) array, of each joint's positions with each joint's commands, at the delay at which it is largest
+    slopes : (nv,) array, with the commands at the last delay
+    """
     q = np.concatenate([_without_mean(log.q) for log in logs])
-    found = list[Array]()
+    correlations_by_delay = list[Array]()
     for delay in _DELAYS:
         c = np.concatenate([_without_mean(log.mean_command(log.time - delay, log.period, "zero")) for log in logs])
-        sizes = np.linalg.norm(q, axis=0)[:, None], np.linalg.norm(c, axis=0)
-        found.append(q.T @ c / np.maximum(sizes[0] * sizes[1], 1e-300))
-    every = np.stack(found)
-    alike = np.take_along_axis(every, np.abs(every).argmax(axis=0)[None], axis=0)[0]
+        q_norms, c_norms = np.linalg.norm(q, axis=0)[:, None], np.linalg.norm(c, axis=0)
+        correlations_by_delay.append(q.T @ c / np.maximum(q_norms * c_norms, 1e-300))
+    stacked = np.stack(correlations_by_delay)
+    best_delay = np.abs(stacked).argmax(axis=0)
+    correlations = np.take_along_axis(stacked, best_delay[None], axis=0)[0]
     ratio = np.linalg.norm(q, axis=0) / np.maximum(np.linalg.norm(c, axis=0), 1e-300)
-    return alike, np.diagonal(alike) * ratio
+    return correlations, np.diagonal(correlations) * ratio
 
 
 def _without_mean(x: Array) -> Array:
@@ -74,9 +92,9 @@ def _without_mean(x: Array) -> Array:
 
 def fit_doubts(found: IdentifiedServos, logs: Sequence[ServoLog]) -> Iterator[Doubt]:
     """Motions that determine too little, and errors that the servos do not explain."""
-    names, live = np.array(found.joints), found.live
-    if not live.all():
-        yield doubt("servo-still", names[~live].tolist())
+    names, moves = np.array(found.joints), found.live
+    if not moves.all():
+        yield doubt("servo-still", names[~moves].tolist())
     seconds, rows = 0.0, 0
     for log in logs:
         seconds += float(log.time[-1])
@@ -86,33 +104,32 @@ def fit_doubts(found: IdentifiedServos, logs: Sequence[ServoLog]) -> Iterator[Do
     yield from _error_doubts(found)
     if not found.whole.any() and not found.known:
         yield doubt("servo-no-scale")
-    wide = live & ~found.whole & ~found.only_ratios
-    if wide.any():
-        widths = [_widest(found, j) for j in np.flatnonzero(wide).tolist()]
-        yield doubt("servo-wide", names[wide].tolist(), widths=listed(widths, 4))
+    has_wide_interval = moves & ~found.whole & ~found.only_ratios
+    if has_wide_interval.any():
+        widths = [_widest_value_text(found, j) for j in np.flatnonzero(has_wide_interval).tolist()]
+        yield doubt("servo-wide", names[has_wide_interval].tolist(), widths=listed(widths, 4))
 
 
 def _error_doubts(found: IdentifiedServos) -> Iterator[Doubt]:
     """Held-out error above a share of the tracking error, or above that of the used rows."""
-    held, live = np.array(list(found.held_out.joints.values())), found.live
-    size = np.array(list(found.position_error.values()))
-    large = live & (held > _UNSURE_ERROR) & (size > _MAX_SMALL_ERROR * found.fit.sigma)
-    if large.any():
-        worst = int(np.argmax(np.where(large, held, 0.0)))
+    error_shares = np.array(list(found.held_out.joints.values()))
+    errors = np.array(list(found.position_error.values()))  # [rad, m]
+    is_large = found.live & (error_shares > _UNSURE_ERROR) & (errors > _MAX_SMALL_ERROR * found.fit.sigma)
+    held_out, used = found.held_out.all, found.trained.all
+    if is_large.any():
+        worst = int(np.argmax(np.where(is_large, error_shares, 0.0)))
+        share = float(error_shares[worst])
+        level: Level = "refuse" if share > _LOOK_AGAIN_ERROR else "unsure"
         yield doubt(
-            "servo-unexplained", [found.joints[worst]], share=percent(float(held[worst]), 2),
-            level="refuse" if held[worst] > _LOOK_AGAIN_ERROR else "unsure", found={"value": float(held[worst])},
-        )  # fmt: skip
-    elif found.held_out.all > _MAX_GROWTH * found.trained.all and found.held_out.all > 0.5 * _UNSURE_ERROR:
-        yield doubt(
-            "servo-drifts", share=percent(found.held_out.all, 2), used=percent(found.trained.all, 2),
-            found={"value": found.held_out.all},
-        )  # fmt: skip
+            "servo-unexplained", [found.joints[worst]], share=percent(share, 2), level=level, found={"value": share}
+        )
+    elif held_out > _MAX_GROWTH * used and held_out > 0.5 * _UNSURE_ERROR:
+        yield doubt("servo-drifts", share=percent(held_out, 2), used=percent(used, 2), found={"value": held_out})
 
 
-def _widest(found: IdentifiedServos, j: int) -> str:
-    """Value of a joint with the widest interval, and its half width."""
-    width = found.relative()
-    open_ones = [name for name in QUANTITIES if not found.determined[name][j]] or list(QUANTITIES)
-    name = max(open_ones, key=lambda one: float(width[one][j]))
-    return f"{name} of {found.joints[j]} {relative_width(float(width[name][j]))}"
+def _widest_value_text(found: IdentifiedServos, j: int) -> str:
+    """Name of the undetermined value of a joint with the widest interval, and its half width."""
+    widths = found.relative()
+    undetermined = [name for name in QUANTITIES if not found.determined[name][j]] or list(QUANTITIES)
+    widest = max(undetermined, key=lambda name: float(widths[name][j]))
+    return f"{widest} of {found.joints[j]} {relative_width(float(widths[widest][j]))}"

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 SIGNATURE = "twistwrench identify"
 """Beginning of comments in written files."""
-_QUICK = "0.002 1"
-"""``solreffriction`` of MuJoCo: friction turns within 2 ms of an impact; the default of 20 ms creeps."""
+_FRICTION_TIME_CONSTANT = "0.002 1"
+"""``solreffriction`` of MuJoCo, time constant [s] and damping ratio: with the default of 0.02 s, joints at rest creep."""
 _MAX_DIFFERENCE = 1e-9
 """Largest relative difference of values that are read back."""
 
@@ -40,7 +40,10 @@ _MAX_DIFFERENCE = 1e-9
 def write_servos(
     found: IdentifiedServos, path: str | Path | None, actuators: str | Path | None, *, force: bool
 ) -> tuple[str, ...]:
-    """Write both files and return notes; raises ValueRangeError without writing."""
+    """Write the MJCF file ``path`` and the file ``actuators``, and return notes; raises ValueRangeError before it writes.
+
+    Only joints with all values determined are written; with ``force``, all joints.
+    """
     if found.verdict.word is Word.LOOK_AGAIN and not force:
         raise ValueRangeError(f"nothing is written after {found.verdict}. Pass force=True to write all the same.")
     written = np.ones(len(found.joints), bool) if force else found.whole
@@ -51,17 +54,17 @@ def write_servos(
         )
     if path is not None and as_path(path).suffix.lower() not in (".xml", ".mjcf"):
         raise ValueRangeError(f"servos are written as MJCF, and {str(path)!r} does not end in .xml.")
-    mjcf, table = b"", ""  # both are made before one is written
+    mjcf, actuator_text = b"", ""  # both are made before one is written
     if path is not None:
         mjcf = mjcf_of_servos(found, written)
     if actuators is not None:
-        table = actuators_of_servos(found, written)
+        actuator_text = actuators_of_servos(found, written)
     if path is not None:
-        with replacing(path) as scratch:
-            scratch.write_bytes(mjcf)
+        with replacing(path) as temporary:
+            temporary.write_bytes(mjcf)
     if actuators is not None:
-        with replacing(actuators) as scratch:
-            scratch.write_text(table, encoding="utf-8")
+        with replacing(actuators) as temporary:
+            temporary.write_text(actuator_text, encoding="utf-8")
     notes = [
         f"commands reach the servos {quantity(1e3 * found.delay, 'ms', 3)} late, which no file represents: delay them"
     ]
@@ -72,30 +75,35 @@ def write_servos(
 
 
 def mjcf_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.ndarray) -> bytes:
-    """MJCF file with position actuators, armature and friction of some joints; raises ValueRangeError if it cannot be."""
+    """MJCF file with position actuators, armature and friction of the ``written`` joints.
+
+    Raises ValueRangeError if the robot cannot be written as MJCF.
+    """
     subject = _mjcf_subject(found.original)
     root, model = subject.root, found.original.model
     if root is None:
         raise ValueRangeError(f"robot {found.robot_name!r} cannot be written as MJCF.")
-    file, changes = MjcfText(root, model.name, subject.path), TextChanges(SIGNATURE)
+    file = MjcfText(root, model.name, subject.path)
+    changes = TextChanges(SIGNATURE)
     actuators = list[str]()
     for j in np.flatnonzero(written).tolist():
-        name, (armature, damping, coulomb, kp) = found.joints[j], found.values[j].tolist()
+        name = found.joints[j]
+        armature, damping, coulomb, kp = found.values[j].tolist()
         file.write_joint(changes, name, {"motor_inertia": armature, "coulomb": coulomb, "viscous": 0.0})
-        changes.set(file.joint_element(name), "solreffriction", _QUICK)
+        changes.set(file.joint_element(name), "solreffriction", _FRICTION_TIME_CONSTANT)
         actuators.append(f'    <position name="{name}" joint="{name}" kp="{kp!r}" kv="{damping!r}"/>\n')
-    head = (
+    comment = (
         f"{SIGNATURE}: version {__version__}, {date.today().isoformat()}, servos from commands and positions; kv has the "
         f"servo's and the joint's damping; delay the commands by {number(found.delay, 4)} s"
-    )
-    changes.add(root, f"<!-- {head.replace('--', '- -')} -->\n  <actuator>\n{''.join(actuators)}  </actuator>\n")
+    ).replace("--", "- -")  # XML forbids -- inside a comment
+    changes.add(root, f"<!-- {comment} -->\n  <actuator>\n{''.join(actuators)}  </actuator>\n")
     text = changes.apply(subject.text)
     _check(text, subject, found, written)
     return encode_as(text, subject.data)
 
 
 def _mjcf_subject(robot: Robot) -> Subject:
-    """Text of the robot's MJCF file, or of one that is made of it without its armature and friction."""
+    """Text of the robot's MJCF file; for a robot from another file, of an MJCF file that the robot is saved to."""
     subject = read_subject(robot, meshes=False)
     if subject.root is not None and subject.robot.format == "mjcf":
         return subject
@@ -106,14 +114,16 @@ def _mjcf_subject(robot: Robot) -> Subject:
 
 
 def _check(text: str, subject: Subject, found: IdentifiedServos, written: Sequence[bool] | np.ndarray) -> None:
-    """Raise ValueRangeError if armature and friction that are read back are others."""
+    """Raise ValueRangeError if armature and friction differ when the text is read back."""
     folders = [] if subject.path is None else [subject.path.resolve().parent]
-    again = load(text, include_paths=folders, inertia="accept").model
-    place = {name: k for k, name in enumerate(again.velocity_names)}
+    read_model = load(text, include_paths=folders, inertia="accept").model
+    index = {name: k for k, name in enumerate(read_model.velocity_names)}
     for j in np.flatnonzero(written).tolist():
-        k = place[found.joints[j]]
-        pairs = (again.armature[k], found.armature[j]), (again.friction.coulomb[k], found.coulomb[j])
-        if any(abs(has - right) > _MAX_DIFFERENCE * right for has, right in pairs):
+        k = index[found.joints[j]]
+        armature, coulomb = found.armature[j], found.coulomb[j]
+        is_armature_same = abs(read_model.armature[k] - armature) <= _MAX_DIFFERENCE * armature
+        is_friction_same = abs(read_model.friction.coulomb[k] - coulomb) <= _MAX_DIFFERENCE * coulomb
+        if not (is_armature_same and is_friction_same):
             raise ValueRangeError(f"what was written of {found.joints[j]} does not come back. Please report it.")
 
 
@@ -124,9 +134,10 @@ def actuators_of_servos(found: IdentifiedServos, written: Sequence[bool] | np.nd
     entries, comments = dict[str, Any](), ""
     leaders = found.original.model.leaders
     for j in np.flatnonzero(written).tolist():
-        name, (armature, damping, coulomb, kp) = found.joints[j], found.values[j].tolist()
+        name = found.joints[j]
+        armature, damping, coulomb, kp = found.values[j].tolist()
         turning = bool(leaders[j].joint.turning[0])
-        units = {one: servo_unit(one, turning=turning) for one in QUANTITIES}
+        units = {quantity_name: servo_unit(quantity_name, turning=turning) for quantity_name in QUANTITIES}
         entries[name] = {
             "reflected_inertia": f"{armature!r} {units['armature']}",
             "friction": {"coulomb": f"{coulomb!r} {units['coulomb']}"},

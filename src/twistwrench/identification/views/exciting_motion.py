@@ -20,15 +20,19 @@ from ..parameters import group_units
 if TYPE_CHECKING:
     from ..exciting_trajectory import ExcitingMotion
 
-_MOST_ROWS = 12
-_MOST_REASONS = 4
-_MAX_GOOD_DEVIATION, _ROUNDING = 0.1, 1e-9
-"""Deviation of a well determined group as a share of its value, and values that are 0, as a share of the plausible size."""
+_MAX_ROWS = 12
+"""Largest number of table rows in the short form."""
+_MAX_REASONS = 4
+"""Largest number of reasons in the short form."""
+_MAX_GOOD_DEVIATION = 0.1
+"""Largest deviation of a well determined group, as a share of its value."""
+_ROUNDING = 1e-9
+"""Value of a group that counts as 0, as a share of its largest plausible size."""
 
 
 def excitation_view(found: ExcitingMotion) -> Iterator[Block]:
     """Verdict, closest links, heading, one row per joint, what a log determines, and one row per group."""
-    yield from _verdict(found)
+    yield from _verdict_blocks(found)
     if found.clearance is not None:
         yield from found.clearance.lines
     yield ""
@@ -41,25 +45,25 @@ def excitation_view(found: ExcitingMotion) -> Iterator[Block]:
         f"{number(np.median(found.predicted_deviations), 2)}",
         level=Level.ALL,
     )
-    yield _joints(found)
-    yield from _information(found)
+    yield _joint_table(found)
+    yield from _information_lines(found)
     yield More(f"{found.information.base.count} groups of parameters with their deviations")
-    yield _groups(found)
+    yield _group_table(found)
 
 
-def _verdict(found: ExcitingMotion) -> Iterator[Block]:
-    """Verdict with the least distances or its reasons, one per line."""
+def _verdict_blocks(found: ExcitingMotion) -> Iterator[Block]:
+    """Verdict with its reasons, one per line, and the least distances."""
     obstacles = {"itself": "of capsules around links from each other", "floor": "from the floor"}
-    least = [f"{number(1000.0 * value)} mm {obstacles[name]}" for name, value in found.clearances.items()]
-    distances = f"least distances: {', '.join(least)}" if least else "nothing can touch"
-    first, *others = found.verdict.reasons or (distances,)
+    distances = [f"{number(1000.0 * distance)} mm {obstacles[name]}" for name, distance in found.clearances.items()]
+    summary = f"least distances: {', '.join(distances)}" if distances else "nothing can touch"
+    first, *others = found.verdict.reasons or (summary,)
     yield Headline(found.verdict.word, f"{first}.")
     for k, reason in enumerate(others):
-        yield Line(f"  - {reason}.", level=Level.SHORT if k < _MOST_REASONS else Level.ALL)
-    if len(others) > _MOST_REASONS:
-        yield More(f"{len(others) - _MOST_REASONS} more reasons")
-    if found.verdict.reasons and least:
-        yield f"{distances[0].upper()}{distances[1:]}."
+        yield Line(f"  - {reason}.", level=Level.SHORT if k < _MAX_REASONS else Level.ALL)
+    if len(others) > _MAX_REASONS:
+        yield More(f"{len(others) - _MAX_REASONS} more reasons")
+    if found.verdict.reasons and distances:
+        yield f"{summary[0].upper()}{summary[1:]}."
 
 
 def _shares(peaks: Array, limits: Array) -> list[float | None]:
@@ -71,60 +75,67 @@ def _shares(peaks: Array, limits: Array) -> list[float | None]:
     return shares
 
 
-def _joints(found: ExcitingMotion) -> Table:
+def _joint_table(found: ExcitingMotion) -> Table:
+    """Range, peaks and shares of the limits of each joint; the short form has the joints nearest to their limits."""
     robot, peaks, degrees = found.robot, found.peaks, found.degrees
     turning = Coordinates.from_model(robot.model).angular_velocity
     factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
-    place, speed, rate, torque = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "ddq", "tau"))
-
-    of_velocity = _shares(peaks["velocity"], robot.limits.velocity)
-    of_torque = _shares(peaks["torque"], robot.limits.effort)
+    position_unit = heading_unit("q", turning, degrees=degrees)
+    velocity_unit = heading_unit("dq", turning, degrees=degrees)
+    acceleration_unit = heading_unit("ddq", turning, degrees=degrees)
+    torque_unit = heading_unit("tau", turning, degrees=degrees)
+    velocity_shares = _shares(peaks["velocity"], robot.limits.velocity)
+    torque_shares = _shares(peaks["torque"], robot.limits.effort)
+    largest_shares = []
+    for velocity_share, torque_share in zip(velocity_shares, torque_shares, strict=True):
+        largest_shares.append(max(velocity_share or 0.0, torque_share or 0.0))
     return Table(
         "",
         words("joint", robot.model.velocity_names, fold=False),
-        numbers("from", peaks["lower"] * factor, unit=place),
-        numbers("to", peaks["upper"] * factor, unit=place, headed=False),
-        numbers("peak", peaks["velocity"] * factor, unit=speed),
-        numbers("share", of_velocity, percent_of_limit),
-        numbers("peak", peaks["acceleration"] * factor, unit=rate),
-        numbers("peak", peaks["torque"], unit=torque),
-        numbers("share", of_torque, percent_of_limit),
-        most=_MOST_ROWS,
-        by=[max(a or 0.0, b or 0.0) for a, b in zip(of_velocity, of_torque, strict=True)],
+        numbers("from", peaks["lower"] * factor, unit=position_unit),
+        numbers("to", peaks["upper"] * factor, unit=position_unit, headed=False),
+        numbers("peak", peaks["velocity"] * factor, unit=velocity_unit),
+        numbers("share", velocity_shares, percent_of_limit),
+        numbers("peak", peaks["acceleration"] * factor, unit=acceleration_unit),
+        numbers("peak", peaks["torque"], unit=torque_unit),
+        numbers("share", torque_shares, percent_of_limit),
+        most=_MAX_ROWS,
+        by=largest_shares,
     )
 
 
-def _information(found: ExcitingMotion) -> Iterator[Line]:
+def _information_lines(found: ExcitingMotion) -> Iterator[Line]:
     """Number of groups that a log of the motion determines well, compared with the file's values, and the worst of them."""
     base = found.information.base
     values = np.abs(base.project(base.unknown.file_values))
-    known = values > _ROUNDING * found.information.prior
-    shares = np.where(known, found.predicted_deviations / np.where(known, values, 1.0), 0.0)
-    count = int(known.sum())
+    has_value = values > _ROUNDING * found.information.prior
+    shares = np.where(has_value, found.predicted_deviations / np.where(has_value, values, 1.0), 0.0)
+    count = int(has_value.sum())
     if not count:
         return
     worst = int(shares.argmax())
-    how = "not at all" if shares[worst] > 1.0 else f"to {percent(shares[worst], 2)}"
-    beside = f"; {len(values) - count} groups are 0 there" if count < len(values) else ""
-    good_count = int((shares[known] < _MAX_GOOD_DEVIATION).sum())
+    accuracy = "not at all" if shares[worst] > 1.0 else f"to {percent(shares[worst], 2)}"
+    zeros = f"; {len(values) - count} groups are 0 there" if count < len(values) else ""
+    good_count = int((shares[has_value] < _MAX_GOOD_DEVIATION).sum())
     yield Line(
         f"A log of it determines {good_count} of {count} groups to better than 10 % of the file's value"
-        f"{beside}. Worst: {found.groups[worst]} ({how})."
+        f"{zeros}. Worst: {found.groups[worst]} ({accuracy})."
     )
     if shares[worst] > _MAX_GOOD_DEVIATION:
         yield Line("→ A longer duration, or several logs of the motion, determine more.")
 
 
-def _groups(found: ExcitingMotion) -> Table:
+def _group_table(found: ExcitingMotion) -> Table:
+    """Value in the file and predicted deviation of each group."""
     base = found.information.base
     units = [unit.replace("^2", "²") for unit in group_units(found.groups, found.robot.model)]
-    of_groups = partial(numbers, unit=", ".join(dict.fromkeys(units)), headed=False)
+    column = partial(numbers, unit=", ".join(dict.fromkeys(units)), headed=False)
     return Table(
         f"{base.count} groups of parameters, and how sure a log of the motion makes them",
         words("group", found.groups),
         words("unit", units, fold=False),
-        of_groups("file", base.project(base.unknown.file_values)),
-        of_groups("deviation", found.predicted_deviations, lambda sigma: number(sigma, 2)),
+        column("file", base.project(base.unknown.file_values)),
+        column("deviation", found.predicted_deviations, lambda sigma: number(sigma, 2)),
         numbers("of prior", found.shares_of_prior, lambda share: percent(share, 2)),
         level=Level.ALL,
     )

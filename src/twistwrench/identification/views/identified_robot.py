@@ -25,18 +25,28 @@ if TYPE_CHECKING:
     from ..payload import IdentifiedPayload
     from ..result import IdentifiedRobot
 
-_KINDS = {"test": "in the test logs", "five-fold": "in 5-fold cross-validation over time"}
-_MOST_NAMES, _MOST_DOUBTS, _MOST_ROWS = 5, 4, 12
-_LINES, _OTHER_LINES, _FEWEST_ROWS = 45, 17, 4
-"""Lines of the short form, lines of it that are neither doubts nor rows, and rows that it has in any case."""
-_WIDTH = 74
-_LAWS = {"coulomb": "Coulomb", "viscous": "viscous", "stribeck": "static excess"}
+_HELD_OUT_TEXTS = {"test": "in the test logs", "five-fold": "in 5-fold cross-validation over time"}
+"""Text by kind of held-out rows."""
+_MAX_NAMES, _MAX_DOUBTS, _MAX_ROWS = 5, 4, 12
+"""Largest numbers of names in a sentence, and of doubts and table rows in the short form."""
+_MAX_LINES = 45
+"""Number of lines of the short form."""
+_OTHER_LINES = 17
+"""Lines of the short form that are neither doubts nor rows of tables."""
+_MIN_ROWS = 4
+"""Rows of a table that the short form has in any case."""
+_LINE_WIDTH = 74
+"""Characters of a printed line."""
+_LAW_TITLES = {"coulomb": "Coulomb", "viscous": "viscous", "stribeck": "static excess"}
+"""Titles of the columns of friction."""
 
 
 def identification_view(found: IdentifiedRobot) -> Iterator[Block]:
     """Verdict, doubts, bodies and joints; settings, groups and what no log determines in the full form."""
     must_look = found.verdict.word is Word.LOOK_AGAIN
-    level = Level.ALL if must_look or found.payload is not None else Level.SHORT
+    bodies_level = Level.SHORT
+    if must_look or found.payload is not None:  # bodies are not trustworthy, or not of interest
+        bodies_level = Level.ALL
     changes = found.body_changes if found.base.unknown.bodies else None
     further: list[Line] = []
     if changes is not None and changes.tool is not None and not must_look:
@@ -44,15 +54,15 @@ def identification_view(found: IdentifiedRobot) -> Iterator[Block]:
     yield Headline(found.verdict.word, _headline(found), further=further)
     remarks = _remarks(found)
     yield from remarks
-    if len(remarks) > _MOST_DOUBTS:
-        yield More(f"{len(remarks) - _MOST_DOUBTS} more doubts and notes")
+    if len(remarks) > _MAX_DOUBTS:
+        yield More(f"{len(remarks) - _MAX_DOUBTS} more doubts and notes")
     if found.payload is not None:
-        yield from _payload(found.payload)
-    rows = _rows_that_fit(remarks[:_MOST_DOUBTS])
+        yield from _payload_lines(found.payload)
+    max_rows = _rows_that_fit(remarks[:_MAX_DOUBTS])
     if changes is not None:
-        yield _bodies(changes, level, rows)
-    yield _joints(found, rows)
-    if changes is not None and level is Level.SHORT:
+        yield _body_table(changes, bodies_level, max_rows)
+    yield _joint_table(found, max_rows)
+    if changes is not None and bodies_level is Level.SHORT:
         yield Line((f"● is certain (two standard deviations). {_open_groups(found)}".strip(), Style.QUIET))
     if "gain-of-all" in found.undetermined:
         yield Line(
@@ -71,12 +81,12 @@ def _remarks(found: IdentifiedRobot) -> list[Line]:
         style = Style.OVER if doubt.refuses else ""
         lines.append(Line((f"• {doubt.sentence}", style)))
     lines += [Line(note) for note in found.notes]
-    for line in lines[_MOST_DOUBTS:]:
+    for line in lines[_MAX_DOUBTS:]:
         line.level = Level.ALL
     return lines
 
 
-def _payload(payload: IdentifiedPayload) -> Iterator[str]:
+def _payload_lines(payload: IdentifiedPayload) -> Iterator[str]:
     """Mass and centre of mass of a payload, and what the torques do not determine of it."""
     com = ", ".join(map(plus_minus, payload.com, payload.com_deviations))
     mass = plus_minus(payload.mass, payload.mass_deviation)
@@ -87,7 +97,7 @@ def _payload(payload: IdentifiedPayload) -> Iterator[str]:
 
 def _headline(found: IdentifiedRobot) -> str:
     """Share of the torques that the robot predicts, and the worst joint."""
-    share, where = percent(found.held_out.all, 3), _KINDS[found.held_out.kind]
+    share, where = percent(found.held_out.all, 3), _HELD_OUT_TEXTS[found.held_out.kind]
     joint = ""
     if found.worst is not None and len(found.held_out.joints) > 1:
         name, worst_share = found.worst
@@ -108,13 +118,17 @@ _MOTIONS = {
 
 
 def _open_groups(found: IdentifiedRobot) -> str:
-    """Sentence on groups that leave torques of another motion open, and the motion for the largest; empty without."""
+    """Sentence on groups that leave torques of another motion open, with a motion that determines the largest of them.
+
+    Empty without such groups.
+    """
     groups = found.open_for_torques
     if not groups:
         return ""
     name, (joint, share) = next(iter(groups.items()))
-    parameter = name.split(" ")[0]
-    motion = _MOTIONS.get(parameter.rpartition(".")[2], "far and fast")
+    (parameter,) = first_parameters([name])
+    _, _, kind = parameter.rpartition(".")
+    motion = _MOTIONS.get(kind, "far and fast")
     count = "1 group leaves" if len(groups) == 1 else f"{len(groups)} groups leave"
     largest = f"most {parameter} ({percent(share, 2)} at {joint})"
     return f"{count} more than 2 % of another motion's torques open, {largest}: move {joint} {motion}."
@@ -124,17 +138,20 @@ def tool_sentence(changes: BodyChanges) -> str:
     """Question about the body that alone explains the log."""
     tool = changes.tool
     assert tool is not None
-    way, question = ("more", "is a tool mounted?") if tool.mass > 0 else ("less", "does the robot lack a tool?")
-    return f"{tool.link} weighs {number(abs(tool.mass), 2)} kg {way} than in the file: {question}"
+    comparison, question = "less", "does the robot lack a tool?"
+    if tool.mass > 0:
+        comparison, question = "more", "is a tool mounted?"
+    return f"{tool.link} weighs {number(abs(tool.mass), 2)} kg {comparison} than in the file: {question}"
 
 
 def _rows_that_fit(lines: Sequence[Line]) -> int:
-    """Rows of each of two tables that the short form has room for, beside these lines."""
+    """Number of rows of each of two tables for which the short form has room, besides these lines."""
     printed_lines = 0
     for line in lines:
         length = sum(map(len, _texts(line)))
-        printed_lines += -(-length // _WIDTH)
-    return max(_FEWEST_ROWS, min(_MOST_ROWS, (_LINES - _OTHER_LINES - printed_lines) // 2))
+        printed_lines += -(-length // _LINE_WIDTH)  # rounded up
+    rows = (_MAX_LINES - _OTHER_LINES - printed_lines) // 2
+    return max(_MIN_ROWS, min(_MAX_ROWS, rows))
 
 
 def _texts(line: Line) -> list[str]:
@@ -149,21 +166,24 @@ def _thresholds(found: ResidualThreshold) -> Iterator[Block]:
     yield threshold_table(found)
 
 
-def _bodies(changes: BodyChanges, level: Level, rows: int) -> Table:
+def _body_table(changes: BodyChanges, level: Level, max_rows: int) -> Table:
     """Masses in the file and identified, and moves of the centres of mass; sure changes have a mark."""
+    file_masses = [*changes.before.tolist(), float(changes.before.sum())]
     masses = [*changes.masses.tolist(), float(changes.masses.sum())]
-    is_sure = [*changes.is_heavier.tolist(), changes.is_sum_heavier]
-    measured = [_change(m, _kilograms(m), is_sure=s) for m, s in zip(masses, is_sure, strict=True)]
-    moved = [_change(1e3 * x, is_sure=bool(s)) for x, s in zip(changes.moved, changes.is_moved, strict=True)]
+    is_heavier = [*changes.is_heavier.tolist(), changes.is_sum_heavier]
+    mass_cells = [_change(mass, _kilograms(mass), is_sure=sure) for mass, sure in zip(masses, is_heavier, strict=True)]
+    distances_mm = 1e3 * changes.moved
+    moved_cells = [_change(x, is_sure=bool(sure)) for x, sure in zip(distances_mm, changes.is_moved, strict=True)]
+    mass_changes = np.abs(changes.masses - changes.before).tolist()
     return Table(
         "",
         words("link", [*changes.links, "all"]),
-        numbers("file", [*changes.before.tolist(), float(changes.before.sum())], _kilograms, "kg"),
-        numbers("measured", measured, unit="kg"),
-        numbers("centre moved", [*moved, MISSING], unit="mm"),
+        numbers("file", file_masses, _kilograms, "kg"),
+        numbers("measured", mass_cells, unit="kg"),
+        numbers("centre moved", [*moved_cells, MISSING], unit="mm"),
         level=level,
-        most=rows,
-        by=[*np.abs(changes.masses - changes.before).tolist(), math.inf],
+        most=max_rows,
+        by=[*mass_changes, math.inf],  # the row of all links always stays
         of_limits=False,
     )
 
@@ -173,34 +193,36 @@ def _kilograms(value: float) -> str:
 
 
 def _change(value: float, text: str = "", *, is_sure: bool) -> Any:
-    """Number with a mark if it is sure, and quiet without."""
+    """Cell of a table: a sure value has a mark, another one is quiet; ``text`` replaces one decimal."""
     if not math.isfinite(value):
         return MISSING
     text = text or number(value, decimals=1)
-    return Line(f"● {text}", value=value) if is_sure else Line((text, Style.QUIET), value=value)
+    if is_sure:
+        return Line(f"● {text}", value=value)
+    return Line((text, Style.QUIET), value=value)
 
 
-def _joints(found: IdentifiedRobot, rows: int) -> Table:
-    """Friction of each joint, and the share of its torque that is left unexplained."""
+def _joint_table(found: IdentifiedRobot, max_rows: int) -> Table:
+    """Friction of each joint, and the unexplained share of its torque."""
     shares, names = found.held_out.joints, list(found.held_out.joints)
     turning = Coordinates.from_model(found.original.model).angular_velocity
     columns: list[Column] = []
     if found.payload is None:
-        for law, title in _LAWS.items():
+        for law, title in _LAW_TITLES.items():
             friction = found.consistent.of_joints(law)
             if friction:
                 quantity = "tau/dq" if law == "viscous" else "tau"
                 values = [friction.get(name, MISSING) for name in names]
                 columns.append(numbers(title, values, unit=_unit(quantity, turning)))
     if found.offsets:
-        offsets = [found.offsets.get(name) or MISSING for name in names]  # 0 has its interval around it
+        offsets = [found.offsets.get(name) or MISSING for name in names]  # 0 stands for an interval around 0
         columns.append(numbers("offset", offsets, unit=_unit("tau", turning)))
     return Table(
         "",
         words("joint", names),
         *columns,
         numbers("unexplained", shares.values(), lambda share: percent(share, 3)),
-        most=rows,
+        most=max_rows,
         by=np.nan_to_num(list(shares.values()), posinf=math.inf).tolist(),
         of_limits=False,
     )
@@ -228,6 +250,7 @@ def _details(found: IdentifiedRobot) -> Iterator[Block]:
 
 
 def _full_form(found: IdentifiedRobot) -> Iterator[str | Table]:
+    """Lines and tables that stand in the full form alone."""
     yield f"{found.settings}; weights {found.method}; deviations from blocks of {number(found.covariance.block)} s"
     torque_unit = heading_unit("tau", Coordinates.from_model(found.original.model).angular_velocity)
     yield Table(
@@ -242,11 +265,11 @@ def _full_form(found: IdentifiedRobot) -> Iterator[str | Table]:
         yield "mcx, mcy, mcz: mass times the coordinates of the centre of mass. A sum has the unit of its first term."
     if found.base.held.any():
         yield f"{int(found.base.held.sum())} parameters were held at known values"
-    poor = first_parameters(found.poorly_determined)
-    if poor:
-        names = listed(poor, _MOST_NAMES, "; ")
-        yield f"Poorly determined, standard deviation above 30 %: {len(poor)} of {found.free_count} groups, {names}"
-    yield _essential(found)
+    poor_groups = first_parameters(found.poorly_determined)
+    if poor_groups:
+        names = listed(poor_groups, _MAX_NAMES, "; ")
+        yield f"Poorly determined, standard deviation above 30 %: {len(poor_groups)} of {found.free_count} groups, {names}"
+    yield _essential_text(found)
     yield from bodies_view(found)
     if found.undetermined:
         yield "Not determined by this log:"
@@ -280,12 +303,16 @@ def _groups_table(found: IdentifiedRobot) -> Table:
     )
 
 
-def _essential(found: IdentifiedRobot) -> str:
-    one = found.essential
-    values = [f"{name} {number(x)}" for name, x in zip(first_parameters(one.names), one.values, strict=True)]
+def _essential_text(found: IdentifiedRobot) -> str:
+    """Sentence on the essential groups, their prediction error and their values."""
+    essential = found.essential
+    values: list[str] = []
+    for name, value in zip(first_parameters(essential.names), essential.values, strict=True):
+        values.append(f"{name} {number(value)}")
+    _, share_of_all_groups = essential.curve[0]
     return (
-        f"{len(one.names)} essential groups of {found.free_count} predict rows held out to "
-        f"{percent(one.held_out, 3)}, all to {percent(one.curve[0][1], 3)} (in units of each joint's residuals): "
+        f"{len(essential.names)} essential groups of {found.free_count} predict rows held out to "
+        f"{percent(essential.held_out, 3)}, all to {percent(share_of_all_groups, 3)} (in units of each joint's residuals): "
         f"{'; '.join(values)}"
     )
 
