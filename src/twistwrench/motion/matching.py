@@ -41,10 +41,10 @@ _MAX_COLUMNS_READ = 256
 """Largest number of columns that are read for a hint; reading one takes up to 0.1 s in some formats."""
 
 
-def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[int], Array]) -> list[str]:
+def varying_columns(cells: Sequence[str], extra: Sequence[str], first_numbers: Callable[[int], Array]) -> list[str]:
     """Columns of ``extra`` that may be joint positions: varying, without the name or unit of another quantity.
 
-    ``cells``: names of all columns; ``look`` returns the first numbers of a column. At most the first
+    ``cells``: names of all columns; ``first_numbers`` returns the first numbers of a column. At most the first
     :data:`_MAX_COLUMNS_READ` columns are read.
     """
     extra_cells = set(extra)
@@ -52,7 +52,7 @@ def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[
     varying = []
     for k in columns[:_MAX_COLUMNS_READ]:
         try:
-            numbers = look(k)
+            numbers = first_numbers(k)
         except TrajectoryError:  # not numbers
             continue
         if not numbers.size or not np.isfinite(numbers).all():
@@ -103,13 +103,13 @@ def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
     return {name: column_by_name[name] for name in missing if name in column_by_name}
 
 
-def rising_columns(cells: Mapping[int, str], look: Callable[[int], Array]) -> list[int]:
-    """Columns that increase in every row and are not row numbers; ``look`` returns a column's first numbers."""
+def rising_columns(cells: Mapping[int, str], first_numbers: Callable[[int], Array]) -> list[int]:
+    """Columns that increase in every row and are not row numbers; ``first_numbers`` returns a column's first numbers."""
     columns = [k for k, cell in cells.items() if not _NOT_A_TIME.search(cell.lower())]
     rising = []
     for k in columns[:_MAX_COLUMNS_READ]:
         try:
-            steps = np.diff(look(k))
+            steps = np.diff(first_numbers(k))
         except TrajectoryError:  # not numbers
             continue
         is_row_number = (steps == 1).all()
