@@ -179,7 +179,8 @@ class RobotCell(Answer):
         if _joint_count(model) != len(model.leaders):
             base_text = "a floating base, "
         bodies_and_joints = f"{len(model.bodies)} moving bodies, {_joint_count(model)} joints"
-        content = f"{self.robot.name} has {bodies_and_joints}, {base_text}{number(model.moving_mass)} kg that move, and {tip_text}."
+        mass_text = f"{number(model.moving_mass)} kg that move"
+        content = f"{self.robot.name} has {bodies_and_joints}, {base_text}{mass_text}, and {tip_text}."
         further_lines = []
         if self.doubts:
             further_lines.append(Line(content))
