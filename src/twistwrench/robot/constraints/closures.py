@@ -118,7 +118,8 @@ def require_angle(closed: ConstrainedRobot, q: Array) -> None:
     if np.abs(other_rows).max() > 1e-9 * angular_size:
         raise ConstraintError(
             f"{new.name}: {TWIST[angular_rows[0]]} is the only row of turning, and {new.frame_b!r} also turns about other "
-            "axes, so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with constrain."
+            "axes, so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with "
+            "constrain."
         )
 
 
@@ -132,6 +133,6 @@ def refuse_redundant(closed: ConstrainedRobot) -> None:
         advice = f"Independent ones are rows={' '.join(independent_rows)!r}: close with these"
     raise ConstraintError(
         f"of the {len(new.rows)} rows of {new.name!r} {len(independent_rows)} are independent constraints; the others never "
-        f"move, or follow from rows before them: {', '.join(closed.redundant_rows)}. {advice}, or with redundant='accept', which "
-        "takes the λ of least norm."
+        f"move, or follow from rows before them: {', '.join(closed.redundant_rows)}. {advice}, or with redundant='accept', "
+        "which takes the λ of least norm."
     )

@@ -47,8 +47,8 @@ def require_closed(closed: ConstrainedRobot, gaps: Array, tolerance: float, batc
     worst_state = int(gaps.argmax())
     raise ConstraintError(
         f"no configuration with closed loops found from here: a gap of {printed(gaps[worst_state], 3)} "
-        f"({gap_unit_text(closed)}) is left{place_in_batch(worst_state, batch_shape)}, allowed {printed(tolerance)}. Start nearer to one, or allow more: "
-        "consistent(q, tolerance=…)."
+        f"({gap_unit_text(closed)}) is left{place_in_batch(worst_state, batch_shape)}, allowed {printed(tolerance)}. Start "
+        "nearer to one, or allow more: consistent(q, tolerance=…)."
     )
 
 
