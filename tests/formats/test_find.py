@@ -87,7 +87,7 @@ def test_descriptions_that_the_page_imports_are_in_the_package_of_the_index(tmp_
 
     monkeypatch.setenv("ROBOT_DESCRIPTIONS_CACHE", str(tmp_path))  # as after a download, by the package's own tables
     places = {name: tmp_path / place for name, place in finding._repositories(package / "_repositories.py").items()}
-    file = finding._path_said(package / "iiwa14_description.py", places)
+    file = finding._path_in_module(package / "iiwa14_description.py", places)
     file.parent.mkdir(parents=True)
     file.write_text('<robot name="iiwa14"><link name="base"/></robot>')
     assert tw.find("iiwa14") == file

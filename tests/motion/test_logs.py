@@ -119,7 +119,7 @@ DIALECTS = {
 @pytest.mark.parametrize("dialect", DIALECTS)
 @pytest.mark.parametrize("block", [1 << 18, 16])
 def test_every_dialect_gives_the_same_numbers(model, write, dialect, block, monkeypatch):
-    monkeypatch.setattr(csv_module, "_BYTES_OF_BLOCK", block)
+    monkeypatch.setattr(csv_module, "_BLOCK_SIZE", block)
     motion, log = read(write(DIALECTS[dialect]), model)
     expected = np.array(ROWS)
     np.testing.assert_array_equal(motion.time, expected[:, 0])
@@ -291,7 +291,7 @@ def test_a_unit_that_is_told_is_believed_rather_than_the_headers(model, write):
 
 
 def test_a_rate_takes_the_place_of_a_column_of_time(model, write, monkeypatch):
-    monkeypatch.setattr(csv_module, "_BYTES_OF_BLOCK", 32)
+    monkeypatch.setattr(csv_module, "_BLOCK_SIZE", 32)
     text = "elbow_joint;shoulder_joint\n" + "".join(f"{k},5;{-k},25\n" for k in range(50))
     motion, _ = read(write(text), model, rate=200.0)
     np.testing.assert_allclose(motion.time, np.arange(50) / 200, rtol=1e-14)
@@ -334,7 +334,7 @@ def test_our_own_simulations_do_not_contradict_themselves(arm, tmp_path):
 
 @pytest.mark.parametrize("block", [1 << 18, 24])
 def test_rows_that_repeat_are_dropped_and_others_of_one_time_averaged(model, write, block, monkeypatch):
-    monkeypatch.setattr(csv_module, "_BYTES_OF_BLOCK", block)
+    monkeypatch.setattr(csv_module, "_BLOCK_SIZE", block)
     rows = ["0,1,2", "0.1,3,4", "0.1,3,4", "0.1,3,4", "0.2,5,6", "0.2,7,8", "0.3,9,10", "0.3,9,10"]
     motion, log = read(write(",".join(EXACT) + "\n" + "\n".join(rows)), model)
     np.testing.assert_allclose(motion.time, [0, 0.1, 0.2, 0.3])

@@ -136,7 +136,7 @@ def test_bad_files_are_refused_by_line_and_column(model, write, case):
 
 
 def test_lines_are_counted_across_blocks(model, write, monkeypatch):
-    monkeypatch.setattr(csv_module, "_BYTES_OF_BLOCK", 64)
+    monkeypatch.setattr(csv_module, "_BLOCK_SIZE", 64)
     rows = [f"{0.01 * k:.2f},0.1,0.2\n" for k in range(300)]
     rows[251] = "2.51,0.1,oops\n"
     with pytest.raises(TrajectoryError, match="line 254, column 'joint2' is 'oops'"):
@@ -144,7 +144,7 @@ def test_lines_are_counted_across_blocks(model, write, monkeypatch):
 
 
 def test_time_must_increase_across_blocks_too(model, write, monkeypatch):
-    monkeypatch.setattr(csv_module, "_BYTES_OF_BLOCK", 12)
+    monkeypatch.setattr(csv_module, "_BLOCK_SIZE", 12)
     with pytest.raises(TrajectoryError, match="line 4, column 'time'"):
         read(write(GOOD + "0.05,1,2\n"), model)
 

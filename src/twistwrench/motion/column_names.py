@@ -23,9 +23,11 @@ DEGREES = {"q": "deg", "dq": "deg/s", "ddq": "deg/s^2", "command": "deg"}
 """Bracketed units of columns with angles in degrees."""
 
 ENERGIES = ("kinetic_energy", "potential_energy")
+"""Columns of energies in results of simulations."""
 WORK = "work."
-MOMENTUM = tuple(f"momentum.{x}" for x in WRENCH)
-"""Result columns of simulations: energies, work by cause, momentum."""
+"""Prefix of the columns of work by cause in results of simulations."""
+MOMENTUM = tuple(f"momentum.{component}" for component in WRENCH)
+"""Columns of the spatial momentum in results of simulations."""
 
 
 def is_result(name: str) -> bool:
@@ -43,46 +45,49 @@ def is_command(name: str) -> bool:
     >>> is_command("elbow.command"), is_command("elbow.command [deg]"), is_command("elbow_cmd")
     (True, True, False)
     """
-    return split_unit(name)[0].endswith(SUFFIX["command"])
+    name_without_unit, _ = split_unit(name)
+    return name_without_unit.endswith(SUFFIX["command"])
 
 
 STATES = ("q", "dq", "ddq", "tau")
 """Keys of coordinates, velocities, accelerations and torques."""
 PARTS = (*STATES, "command")
-"""The same, and the key of commanded positions."""
+"""Keys of :data:`STATES`, and the key of commanded positions."""
 
 CURRENT = "current"
 """Word for a motor current, which a gain converts to a torque."""
-_WORDS = {
+_WORDS_OF_PART = {
     "q": ("q", "qpos", "pos", "position", "positions", "angle", "angles", "jointposition"),
     "dq": ("dq", "qd", "qdot", "qvel", "vel", "velocity", "velocities", "speed", "jointvelocity"),
     "ddq": ("ddq", "qdd", "qddot", "acc", "accel", "acceleration", "accelerations", "jointacceleration"),
     "tau": ("tau", "torque", "torques", "effort", "efforts", "force", "jointtorque"),
     CURRENT: (CURRENT, "currents", "curr"),
 }
-PART_OF = {word: part for part, words in _WORDS.items() for word in words}
-"""Part of a motion denoted by each word."""
+PART_OF = {word: part for part, words in _WORDS_OF_PART.items() for word in words}
+"""Part of a motion by the word that denotes it."""
 COMMANDS = (
     "command", "commands", "commanded", "cmd", "action", "actions", "target", "desired", "des", "reference", "ref",
     "setpoint", "goal",
 )  # fmt: skip
 """Words that make a position a commanded one, in the order in which they are looked for."""
-NEUTRAL = frozenset(("joint", "joints", "jointstate", "jointstates", "state", "states", "actual", "act", "measured"))
-NEUTRAL |= frozenset(("meas", "msr", "feedback", "sensor", "value", "values", "data"))
-NEUTRAL |= frozenset(("observation", "observations"))
+NEUTRAL = frozenset((
+    "joint", "joints", "jointstate", "jointstates", "state", "states", "actual", "act", "measured", "meas", "msr",
+    "feedback", "sensor", "value", "values", "data", "observation", "observations",
+))  # fmt: skip
 """Words that do not change the meaning of a name."""
 JOINT = frozenset(("joint", "joints", "axis", "j", "rax", "achse", "gelenk", "axe", "eje", "asse", "giunto"))
 """Words for any joint, also in German, French, Spanish and Italian; ``rax`` is ABB's."""
 UNITS = frozenset(("rad", "deg"))
+"""Units that occur as words in names."""
 ROS_TIME = "%time"
 """Time column of ``rostopic echo -p``, in integer nanoseconds; other programs write seconds in it."""
-_TIMES = ("time", "t")
-_CALLED_SECONDS = ("seconds", "secs")
-_STAMPS = (
-    "timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", *_CALLED_SECONDS, "clock",
+_CERTAIN_TIME_NAMES = ("time", "t")
+_SECONDS_NAMES = ("seconds", "secs")
+_STAMP_NAMES = (
+    "timestamp", "timestamps", "stamp", "time_stamp", "elapsed", "elapsed_time", *_SECONDS_NAMES, "clock",
     "zeit", "zeitstempel", "temps", "tiempo", "tempo", "时间",
 )  # fmt: skip
-_DEGREES = re.compile(r"A\d|rax_\d", re.IGNORECASE)
+_NAME_IN_DEGREES = re.compile(r"A\d|rax_\d", re.IGNORECASE)
 """Position names of KUKA and ABB, which are in degrees."""
 
 
@@ -93,12 +98,13 @@ def time_meaning(text: str) -> tuple[int, str | None] | None:
     ((0, None), (1, 'ns'), None)
     """
     name = text.casefold().strip("%_ ")
-    if name in _TIMES and text.strip() != ROS_TIME:
+    if name in _CERTAIN_TIME_NAMES and text.strip() != ROS_TIME:
         return 0, None
-    if name in (*_STAMPS, "time"):
+    if name in (*_STAMP_NAMES, "time"):  # "time" for ROS_TIME
         return 1, None
-    name, _, unit = name.rpartition("_")
-    if unit in ("s", "sec", "ms", "us", "ns") and name in (*_TIMES, *_STAMPS):
+    name_without_unit, _, unit = name.rpartition("_")
+    has_unit = unit in ("s", "sec", "ms", "us", "ns")
+    if has_unit and name_without_unit in (*_CERTAIN_TIME_NAMES, *_STAMP_NAMES):
         return 1, unit
     return None
 
@@ -109,7 +115,7 @@ def is_called_seconds(text: str) -> bool:
     >>> is_called_seconds("Seconds"), is_called_seconds("t")
     (True, False)
     """
-    return text.casefold().strip("%_ ") in _CALLED_SECONDS
+    return text.casefold().strip("%_ ") in _SECONDS_NAMES
 
 
 def are_in_degrees(names: Sequence[str]) -> bool:
@@ -118,7 +124,7 @@ def are_in_degrees(names: Sequence[str]) -> bool:
     >>> are_in_degrees(["A1", "A2"]), are_in_degrees(["joint1", "joint2"])
     (True, False)
     """
-    return bool(names) and all(_DEGREES.fullmatch(name) for name in names)
+    return bool(names) and all(_NAME_IN_DEGREES.fullmatch(name) for name in names)
 
 
 def time_column(names: Sequence[str]) -> str:
@@ -132,11 +138,15 @@ def time_column(names: Sequence[str]) -> str:
 
 # ── Units in brackets, as in ``elbow [deg]``, and their factors to SI
 
-_DEG, _TURN = math.radians(1.0), math.tau
-_ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": _DEG, "°": _DEG, "rev": _TURN, "turn": _TURN}
+_DEGREE, _TURN = math.radians(1.0), math.tau
+_ANGLES = {
+    **dict.fromkeys(("rad", "radian", "radians"), 1.0),
+    "mrad": 1e-3,
+    **dict.fromkeys(("deg", "degree", "degrees", "°"), _DEGREE),
+    **dict.fromkeys(("rev", "turn"), _TURN),
+}
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-_ANGLES |= {"radian": 1.0, "radians": 1.0, "degree": _DEG, "degrees": _DEG}
-_SECONDS = {
+_TIMES = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
     **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "usec", "microsecond", "microseconds"), 1e-6),
@@ -145,23 +155,33 @@ _SECONDS = {
 }
 _LAST_DATE = 2e11
 """Largest date [s], in the year 8307."""
-_DATE_NS, _STEP_NS = 1e17, 1e4
-"""Stamp of 1973 [ns], and step of 10 µs [ns]. Logs have longer steps; steps in whole s or ms are smaller numbers."""
+_MIN_DATE_NS = 1e17
+"""Stamp of 1973 [ns]; larger stamps are dates in nanoseconds."""
+_MIN_STEP_NS = 1e4
+"""Step of 10 µs [ns]; logs have longer steps, and steps in whole s or ms are smaller numbers."""
+
+
+def _per_time(factors: dict[str, float], suffix: str) -> dict[str, float]:
+    """Factors of the units with a suffix, such as /s."""
+    return {f"{unit}{suffix}": factor for unit, factor in factors.items()}
+
+
 _FACTORS: dict[tuple[str, bool], dict[str, float]] = {
     ("q", True): _ANGLES,
     ("q", False): _LENGTHS,
-    ("dq", True): {f"{u}/s": f for u, f in _ANGLES.items()} | {"1/s": 1.0, "rpm": _TURN / 60},
-    ("dq", False): {f"{u}/s": f for u, f in _LENGTHS.items()},
-    ("ddq", True): {f"{u}/s2": f for u, f in _ANGLES.items()} | {"1/s2": 1.0},
-    ("ddq", False): {f"{u}/s2": f for u, f in _LENGTHS.items()},
-    ("jerk", True): {f"{u}/s3": f for u, f in _ANGLES.items()},
-    ("jerk", False): {f"{u}/s3": f for u, f in _LENGTHS.items()},
+    ("dq", True): _per_time(_ANGLES, "/s") | {"1/s": 1.0, "rpm": _TURN / 60},
+    ("dq", False): _per_time(_LENGTHS, "/s"),
+    ("ddq", True): _per_time(_ANGLES, "/s2") | {"1/s2": 1.0},
+    ("ddq", False): _per_time(_LENGTHS, "/s2"),
+    ("jerk", True): _per_time(_ANGLES, "/s3"),
+    ("jerk", False): _per_time(_LENGTHS, "/s3"),
     ("command", True): _ANGLES,
     ("command", False): _LENGTHS,
     ("tau", True): {"nm": 1.0, "mnm": 1e-3, "knm": 1e3, "ncm": 1e-2},
     ("tau", False): {"n": 1.0, "mn": 1e-3, "kn": 1e3},
 }
-_SHOWN = {
+"""Factors to SI units by unit, for each quantity, of turning (True) and sliding joints."""
+_USUAL_UNITS = {
     ("q", True): "rad, deg, rev",
     ("q", False): "m, cm, mm",
     ("command", True): "rad, deg, rev",
@@ -184,13 +204,17 @@ def split_unit(text: str) -> tuple[str, str | None]:
     (('elbow', 'deg'), ('Time', 'ms'), ('position[0]', None))
     """
     text = text.strip()
-    match = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", text, re.DOTALL)
+    match = _NAME_WITH_UNIT.fullmatch(text)
     if match is None:
         return text, None
-    name, unit = match[1].strip(), (match[2] or match[3] or "").strip()
+    name = match["name"].strip()
+    unit = (match["square"] or match["round"] or "").strip()
     if not unit or unit.isdigit() or not name:
         return text, None
     return name, unit
+
+
+_NAME_WITH_UNIT = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))", re.DOTALL)
 
 
 def si_factor(unit: str, part: str, angular: bool) -> float | None:
@@ -204,20 +228,19 @@ def si_factor(unit: str, part: str, angular: bool) -> float | None:
 
 def known_units(part: str, angular: bool) -> str:
     """Usual units of a quantity, for error messages."""
-    return _SHOWN[part, angular]
+    return _USUAL_UNITS[part, angular]
 
 
 def unit_factor(unit: str, part: str, angular: bool, where: str) -> float:
     """Factor of :func:`si_factor`; errors (TrajectoryError) start with ``where``."""
     factor = si_factor(unit, part, angular)
     if factor is None:
-        currents = ""
+        units = known_units(part, angular)
         if part == "tau":
-            currents = f", and of currents with {spell(Argument('gain'))} A, mA"
+            units += f", and of currents with {spell(Argument('gain'))} A, mA"
         raise TrajectoryError(
-            f"{where}: the unit {unit!r} is not one of this column's kind. Known: {known_units(part, angular)}"
-            f"{currents}. Convert the column, "
-            "or write its unit without brackets if it means something else."
+            f"{where}: the unit {unit!r} is not one of this column's kind. Known: {units}. Convert the column, or write its "
+            "unit without brackets if it means something else."
         )
     return factor
 
@@ -233,7 +256,7 @@ def time_factor(unit: str) -> float | None:
     >>> time_factor("ms"), time_factor("kg")
     (0.001, None)
     """
-    return _SECONDS.get(_plain(unit))
+    return _TIMES.get(_plain(unit))
 
 
 SINCE_1970 = 1e8
@@ -248,7 +271,8 @@ def date_note(begin: float) -> tuple[str, ...]:
     """
     if not SINCE_1970 < begin < _LAST_DATE:
         return ()
-    return (f"Time counts from {np.datetime64(int(begin), 's').item():%Y-%m-%d %H:%M:%S} UTC.",)
+    date = np.datetime64(int(begin), "s").item()
+    return (f"Time counts from {date:%Y-%m-%d %H:%M:%S} UTC.",)
 
 
 def unit_since_1970(stamps: Array) -> str | None:
@@ -260,14 +284,17 @@ def unit_since_1970(stamps: Array) -> str | None:
     """
     if not len(stamps):
         return None
-    for unit, size in _DATES.items():
-        if size * _FIRST_DATE <= stamps.min() and stamps.max() <= size * _LAST_STAMP:
+    for unit, units_per_gigasecond in _UNITS_PER_GIGASECOND.items():
+        first_date = units_per_gigasecond * _FIRST_DATE
+        last_date = units_per_gigasecond * _LAST_RECORDING_DATE
+        if first_date <= stamps.min() and stamps.max() <= last_date:
             return unit
     return None
 
 
-_DATES, _FIRST_DATE, _LAST_STAMP = {"ns": 1e18, "us": 1e15, "ms": 1e12}, 1.2, 2.2
-"""Sizes of dates by their unit, and dates of 2008 and 2039 in these."""
+_UNITS_PER_GIGASECOND = {"ns": 1e18, "us": 1e15, "ms": 1e12}
+_FIRST_DATE, _LAST_RECORDING_DATE = 1.2, 2.2
+"""Dates in 2008 and 2039 [10⁹ s since 1970]."""
 
 
 def ros_nanoseconds(stamps: Array) -> bool:
@@ -281,18 +308,23 @@ def ros_nanoseconds(stamps: Array) -> bool:
     """
     if not len(stamps):
         return True
-    if np.abs(stamps).max() >= _DATE_NS:
+    if np.abs(stamps).max() >= _MIN_DATE_NS:
         return True
-    whole = bool((stamps == np.round(stamps)).all())
-    return whole and (len(stamps) == 1 or float(np.median(np.diff(stamps))) >= _STEP_NS)
+    if (stamps != np.round(stamps)).any():
+        return False
+    return len(stamps) == 1 or float(np.median(np.diff(stamps))) >= _MIN_STEP_NS
 
 
-_SAME = str.maketrans({"²": "2", "³": "3", "^": "", "µ": "u", "μ": "u"})
+_PLAIN_CHARACTERS = str.maketrans({"²": "2", "³": "3", "^": "", "µ": "u", "μ": "u"})
+_BLANKS = re.compile(r"\s")
+_BLANKS_AND_PRODUCT_SIGNS = re.compile(r"[\s·*.⋅-]")
 
 
 def _plain(unit: str, *, products: bool = False) -> str:
-    text = unit.strip().casefold().translate(_SAME).replace("**", "")
+    """Unit in lower case without blanks, powers as digits; ``products``: also without product signs, as in N·m."""
+    text = unit.strip().casefold().translate(_PLAIN_CHARACTERS).replace("**", "")
     if "/" in text:
         text = text.replace("deg.", "deg").replace("sec", "s")
-    text = re.sub(r"[\s·*.⋅-]" if products else r"\s", "", text)
+    ignored = _BLANKS_AND_PRODUCT_SIGNS if products else _BLANKS
+    text = ignored.sub("", text)
     return re.sub(r"/s/s$", "/s2", text)

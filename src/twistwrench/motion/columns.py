@@ -49,18 +49,19 @@ from .matching import (
 )
 from .readers.csv_reader import is_number
 
-_MAX_LISTED_JOINTS = 4
+_MAX_LOCKED_NAMES = 4
+"""Largest number of joints that an error message proposes to lock."""
 _MAX_JOINTS_BESIDE = 12
-"""Most joints beside an arm that an error message lists."""
+"""Largest number of joints beside an arm that an error message lists."""
 ORDER = "#"
 """Prefix of keys for columns listed in the order of the coordinates: ``#1``, ``#2`` …"""
 
 
 def _joint(coordinate: str) -> str:
     """Joint of a coordinate; coordinates of planar and floating joints have a suffix."""
-    base, dot, suffix = coordinate.rpartition(".")
+    joint, dot, suffix = coordinate.rpartition(".")
     if dot and suffix in ("x", "y", "z", "theta", "qw", "qx", "qy", "qz"):
-        return base
+        return joint
     return coordinate
 
 
@@ -117,9 +118,14 @@ class Assignment:
     """Assignment of a header's columns to the coordinates of a robot; errors begin with ``where``."""
 
     def __init__(self, cells: Sequence[str], where: str, coordinates: Coordinates, reading: Reading) -> None:
-        self.cells, self.where, self.reading, self.arms = cells, where, reading, coordinates.arms
+        self.cells = cells
+        self.where = where
+        self.reading = reading
+        self.arms = coordinates.arms
         self.names = dict.fromkeys(PARTS, coordinates.velocity_names) | {"q": coordinates.names}
+        """Names of the entries of each part of the motion."""
         self.motors = {*coordinates.drive_names} - {*coordinates.velocity_names}
+        """Coupled motors, which do not have the name of a joint."""
         self.of_motors = self._names_motors()
         """True if torques of coupled joints are motor torques, according to the column names."""
         if self.of_motors:
@@ -136,15 +142,16 @@ class Assignment:
                 name, unit = cell, None
             self.column_names.append(name)
             self.units.append(unit)
-        self.given: dict[str, dict[int, Choice]] = {}
+        self.assigned: dict[str, dict[int, Choice]] = {}
         """Columns of each part of the motion, by coordinate index."""
         self.requested_names: dict[str, set[int]] = {}
         """Indices of the coordinates whose columns the caller named, by part."""
         for part in PARTS:
-            self.given[part] = {}
+            self.assigned[part] = {}
             self.requested_names[part] = set()
         self.notes: list[str] = []
         self.degrees = reading.degrees
+        """True if angles without a unit are in degrees, by the option or by the names of the columns."""
         self.time: Choice | None = None
         self.mimic_joints: list[tuple[MimicJoint, Choice]] = []
         self.of_locked: list[str] = []
@@ -158,9 +165,10 @@ class Assignment:
         names = [split_unit(cell)[0] for cell in self.cells]
         names += self.reading.columns or {}
         for name in names:
-            own_name = name.rpartition(":")[2]
+            name_without_log = name.rpartition(":")[2]
             for ending in endings:
-                if own_name.endswith(ending) and own_name.removesuffix(ending) in self.motors:
+                is_motor = name_without_log.removesuffix(ending) in self.motors
+                if is_motor and name_without_log.endswith(ending):
                     return True
         return False
 
@@ -171,27 +179,28 @@ class Assignment:
         coordinates: Coordinates,
         where: str,
         reading: Reading,
-        look: Callable[[int], Array],
+        first_numbers: Callable[[int], Array],
     ) -> Assignment:
         """Assign the header's columns to the robot's coordinates; raises TrajectoryError and UnknownNameError.
 
-        ``look`` returns the first numbers of a column.
+        ``first_numbers`` returns the first numbers of a column.
         """
         check_header(cells, where)
         assignment = cls(cells, where, coordinates, reading)
         requested = assignment.requested_choices(reading.columns or {})
-        assignment.time = assignment.assign_time(requested.pop(("time", 0), None), reading.rate, look)
+        assignment.time = assignment.assign_time(requested.pop(("time", 0), None), reading.rate, first_numbers)
         for (part, k), choice in requested.items():
             assignment.assign(part, k, choice)
             assignment.requested_names[part].add(k)
         assignment.assign_by_exact_name()
         assignment.assign_by_words()
-        assignment.assign_by_rules([*reading.locked, *(follower.name for follower in coordinates.mimic_joints)])
+        mimic_joint_names = [follower.name for follower in coordinates.mimic_joints]
+        assignment.assign_by_rules([*reading.locked, *mimic_joint_names])
         assignment.take_currents()
-        assignment.time = assignment.time or assignment.rising_time(look)
+        assignment.time = assignment.time or assignment.rising_time(first_numbers)
         assignment.assign_mimic_joints(coordinates.mimic_joints)
         assignment.sort_out_unread(reading.locked)
-        assignment.check_complete(look)
+        assignment.check_complete(first_numbers)
         unnamed = [str(k + 1) for k, cell in enumerate(cells) if not cell]
         if unnamed:
             assignment.notes.append(f"Columns without a name are ignored: {', '.join(unnamed)}.")
@@ -200,24 +209,24 @@ class Assignment:
     def assign_mimic_joints(self, followers: Sequence[MimicJoint]) -> None:
         """Assign columns with the names of mimic joints, which are compared with their leaders."""
         for follower in followers:
-            columns = [k for k in self.free if self.column_names[k] == follower.name]
-            if columns:
-                self.mimic_joints.append((follower, self.choice(columns[0])))
+            columns_of_follower = [k for k in self.free if self.column_names[k] == follower.name]
+            if columns_of_follower:
+                self.mimic_joints.append((follower, self.choice(columns_of_follower[0])))
 
     def sort_out_unread(self, locked: Sequence[str]) -> None:
         """Sort the columns that are not read into those of locked joints and those without a known meaning."""
-        read = {choice.column for _, choice in self.mimic_joints}
+        explained = {choice.column for _, choice in self.mimic_joints}
         for k in self.free:
             if belongs(self.column_names[k], locked):
                 self.of_locked.append(self.cells[k])
-                read.add(k)
-        if len(self.given["tau"]) < len(self.names["tau"]):
+                explained.add(k)
+        if len(self.assigned["tau"]) < len(self.names["tau"]):
             # Torques are only compared with others, so some joints may lack them.
-            self.free += [choice.column for choice in self.given["tau"].values()]
-            self.given["tau"] = {}
+            self.free += [choice.column for choice in self.assigned["tau"].values()]
+            self.assigned["tau"] = {}
         for k in sorted(self.free):
             cell = self.cells[k]
-            if k not in read and not (is_result(cell) or is_command(cell)):
+            if k not in explained and not (is_result(cell) or is_command(cell)):
                 self.extra.append(cell)
 
     def factor(self, choice: Choice, part: str, angular: bool) -> float:
@@ -226,15 +235,17 @@ class Assignment:
             return choice.gain
         if choice.unit is not None:
             return unit_factor(choice.unit, part, angular, f"{self.where}, column {self.cells[choice.column]!r}")
-        return math.radians(1.0) if self.degrees and angular and part != "tau" else 1.0
+        if self.degrees and angular and part != "tau":  # torques do not depend on the unit of angles
+            return math.radians(1.0)
+        return 1.0
 
     def choice(self, column: int) -> Choice:
         """Column with the unit in its name."""
         return Choice(column, self.units[column])
 
-    def cells_of(self, columns: Iterable[int]) -> list[str]:
+    def cells_of(self, column_indices: Iterable[int]) -> list[str]:
         """Names of columns as the header has them."""
-        return [self.cells[column] for column in columns]
+        return [self.cells[column] for column in column_indices]
 
     def free_names(self) -> dict[int, str]:
         """Names of the unassigned columns, without their units."""
@@ -242,7 +253,7 @@ class Assignment:
 
     def without_column(self, part: str) -> list[int]:
         """Indices of the coordinates that have no column of a part of the motion."""
-        return [k for k in range(len(self.names[part])) if k not in self.given[part]]
+        return [k for k in range(len(self.names[part])) if k not in self.assigned[part]]
 
     def found_text(self) -> str:
         """List of the column names, for the end of an error message."""
@@ -250,10 +261,10 @@ class Assignment:
 
     def column(self, name: str, given: Argument) -> Choice:
         """Column by name, with or without its unit; errors name the argument that was given."""
-        base, unit = split_unit(name)
+        name_without_unit, unit = split_unit(name)
         matches = [k for k, cell in enumerate(self.cells) if cell == name.strip()]
         if not matches:
-            matches = [k for k, text in enumerate(self.column_names) if text == base]
+            matches = [k for k, column_name in enumerate(self.column_names) if column_name == name_without_unit]
         if not matches:
             hint = _suggestion(name, list(filter(None, self.cells)))
             raise TrajectoryError(
@@ -269,7 +280,7 @@ class Assignment:
 
     def assign(self, part: str, k: int, choice: Choice) -> None:
         """Assign a column to a coordinate."""
-        self.given[part][k] = choice
+        self.assigned[part][k] = choice
         self.use(choice.column)
 
     def use(self, column: int) -> None:
@@ -279,93 +290,105 @@ class Assignment:
 
     def requested_choices(self, columns: Mapping[str, str]) -> dict[tuple[str, int], Choice]:
         """Columns of the option ``columns``, by part and coordinate index."""
-        entries = self._known_entries()
+        targets = self._known_entries()
         choices: dict[tuple[str, int], Choice] = {}
-        for key, name in self.replace_numbers(self.entries_for_log(columns, entries)).items():
-            if key not in entries:
+        columns_for_log = self.replace_numbers(self.entries_for_log(columns, targets))
+        for key, name in columns_for_log.items():
+            if key not in targets:
                 raise UnknownNameError.from_choices(
                     f"coordinate (of {argument('columns')})", key, ["time", *self.names["q"]]
                 )
-            if entries[key] in choices:
+            target = targets[key]
+            if target in choices:
                 raise TrajectoryError(
                     f"{self.where}: {{0}} assigns {key!r} twice. Keep one of them.", Argument("columns")
                 )
             choice = self.column(name, Argument("columns", {key: name}))
             if key.endswith(f".{CURRENT}") and not choice.unit:
                 choice = replace(choice, unit="A")
-            choices[entries[key]] = choice
+            choices[target] = choice
         return choices
 
     def _known_entries(self) -> dict[str, tuple[str, int]]:
         """Part and coordinate index of each key that the option ``columns`` may have."""
-        suffixes = {".pos": "q", f".{CURRENT}": "tau"}
+        part_by_suffix = {".pos": "q", f".{CURRENT}": "tau"}
         for part, endings in READ.items():
-            suffixes |= dict.fromkeys(endings, part)
+            part_by_suffix |= dict.fromkeys(endings, part)
         entries: dict[str, tuple[str, int]] = {}
-        for suffix, part in suffixes.items():
+        for suffix, part in part_by_suffix.items():
             for k, name in enumerate(self.names[part]):
                 entries[f"{name}{suffix}"] = part, k
         return entries | {"time": ("time", 0)}
 
     def replace_numbers(self, columns: Mapping[str, str]) -> dict[str, str]:
         """Replace ``#1``, ``#2`` … in ``columns`` by the joints' names."""
-        names, numbered = self.names["q"], [key for key in columns if key.startswith(ORDER) and key[1:].isdigit()]
-        if numbered and len(numbered) != len(names):
+        names = self.names["q"]
+        numbered_keys = [key for key in columns if key.startswith(ORDER) and key[1:].isdigit()]
+        if numbered_keys and len(numbered_keys) != len(names):
             raise TrajectoryError(
-                f"{self.where}: {{0}} lists {len(numbered)} columns, and the robot has {len(names)} coordinates: "
+                f"{self.where}: {{0}} lists {len(numbered_keys)} columns, and the robot has {len(names)} coordinates: "
                 f"{listed(names)}. List one for each, or name the joint of each.",
                 Argument("columns"),
             )
-        named = {}
+        column_by_name = {}
         for key, column in columns.items():
             name = key
-            if key in numbered:
+            if key in numbered_keys:
                 name = names[int(key[1:]) - 1]
-            named[name] = column
-        return named
+            column_by_name[name] = column
+        return column_by_name
 
     def entries_for_log(self, columns: Mapping[str, str], known: Collection[str]) -> dict[str, str]:
         """Entries of ``columns`` for this log; entries with its path or name as prefix override general ones."""
-        general, own = dict[str, str](), dict[str, str]()
+        for_all_logs, for_this_log = dict[str, str](), dict[str, str]()
         for key, column in columns.items():
+            # LOG:JOINT, where either name may contain a colon: the longest known ending is the joint.
             endings = [name for name in known if key.endswith(f":{name}")]
             coordinate = max(endings, key=len, default="")
             if key in known or not coordinate:
-                general[key] = column
-            elif key.removesuffix(f":{coordinate}") in (str(self.reading.path), self.reading.path.name):
-                own[coordinate] = column
-        return general | own
+                for_all_logs[key] = column
+                continue
+            log_name = key.removesuffix(f":{coordinate}")
+            if log_name in (str(self.reading.path), self.reading.path.name):
+                for_this_log[coordinate] = column
+        return for_all_logs | for_this_log
 
     def take_currents(self) -> None:
         """Convert currents in torque columns by the gains; raises TrajectoryError if the unit is that of a torque."""
-        names, gains = self.names["tau"], self.reading.gain or {}
+        names = self.names["tau"]
+        gains = self.reading.gain or {}
         for name in gains:
             if name.removesuffix(f".{CURRENT}") not in {*names} | self.motors:
                 raise UnknownNameError.from_choices(f"joint (of {argument('gain')})", name, names)
-        for k, choice in self.given["tau"].items():
-            ampere: float | None = 1.0
+        for k, choice in self.assigned["tau"].items():
+            amperes_per_unit: float | None = 1.0  # None: the unit is not that of a current
             gain = gains.get(names[k])
             if choice.unit is not None:
-                ampere = current_factor(choice.unit)
-                if ampere and gain is None:
+                amperes_per_unit = current_factor(choice.unit)
+                if amperes_per_unit is not None and gain is None:
                     gain = gains.get(f"{names[k]}.{CURRENT}")
-            if gain is not None and ampere is None:
+            if gain is not None and amperes_per_unit is None:
                 raise TrajectoryError(
                     f"{self.where}, column {self.cells[choice.column]!r}: {{0}} of {names[k]} is for a current, and this is a "
                     f"torque in {choice.unit}. Leave out one of them.",
                     Argument("gain"),
                 )
-            if gain is not None and ampere is not None:
-                self.given["tau"][k] = replace(choice, gain=gain * ampere)
+            if gain is not None and amperes_per_unit is not None:
+                self.assigned["tau"][k] = replace(choice, gain=gain * amperes_per_unit)
 
-    def assign_time(self, requested: Choice | None, rate: float | None, look: Callable[[int], Array]) -> Choice | None:
+    def assign_time(
+        self, requested: Choice | None, rate: float | None, first_numbers: Callable[[int], Array]
+    ) -> Choice | None:
         """Time column by name or unit; None if there is none. With a ``rate``, it may only have row numbers."""
         named = self._columns_named_time()
         if rate is not None:
-            return self._row_numbers(requested, named, look)
+            return self._row_numbers(requested, named, first_numbers)
         if requested is None and not named:
-            with_unit = {k: self.cells[k] for k in self.free if time_factor(self.units[k] or "") is not None}
-            rising = rising_columns(with_unit, look)
+            columns_with_time_unit = {}
+            for k in self.free:
+                if time_factor(self.units[k] or "") is not None:
+                    columns_with_time_unit[k] = self.cells[k]
+            rising = rising_columns(columns_with_time_unit, first_numbers)
             if len(rising) != 1:
                 return None
             requested = self.choice(rising[0])
@@ -375,7 +398,7 @@ class Assignment:
                 Argument("columns", {"time": self.cells[named[0]]}),
             )
         choice = requested or self._named_time(named[0])
-        unit_by_numbers = self._time_unit_by_numbers(choice, look)
+        unit_by_numbers = self._time_unit_by_numbers(choice, first_numbers)
         if unit_by_numbers is not None:
             choice = unit_by_numbers
         elif choice.unit is not None and time_factor(choice.unit) is None:
@@ -394,8 +417,9 @@ class Assignment:
         for k in sorted(self.free):
             meaning = time_meaning(self.column_names[k])
             if meaning is not None:
-                of_joint = self.cells[k] in self.names["q"]  # a joint may be named t
-                by_rank.setdefault((of_joint, meaning[0]), []).append(k)
+                rank, _ = meaning
+                is_joint_name = self.cells[k] in self.names["q"]  # a joint may be named t
+                by_rank.setdefault((is_joint_name, rank), []).append(k)
         if not by_rank:
             return []
         return by_rank[min(by_rank)]
@@ -409,14 +433,14 @@ class Assignment:
         return Choice(column, unit)
 
     def _row_numbers(
-        self, requested: Choice | None, named: Sequence[int], look: Callable[[int], Array]
+        self, requested: Choice | None, named: Sequence[int], first_numbers: Callable[[int], Array]
     ) -> Choice | None:
         """Column of row numbers of a file whose rate is given; raises TrajectoryError for a column of time."""
         if not requested and not named:
             return None
         choice = requested or Choice(named[0])
         column = choice.column
-        if choice.unit is None and counts_rows(look(column)):
+        if choice.unit is None and counts_rows(first_numbers(column)):
             self.notes.append(f"Column {self.cells[column]!r} is read as the number of a row, by its numbers.")
             self.use(column)
             return choice
@@ -425,17 +449,17 @@ class Assignment:
             Argument("rate"),
         )
 
-    def _time_unit_by_numbers(self, choice: Choice, look: Callable[[int], Array]) -> Choice | None:
+    def _time_unit_by_numbers(self, choice: Choice, first_numbers: Callable[[int], Array]) -> Choice | None:
         """Time column without a unit, with the unit that its numbers show, which is noted; None without one."""
         if choice.unit is not None:
             return None
         if self.column_names[choice.column] == ROS_TIME:
-            if ros_nanoseconds(look(choice.column)):
+            if ros_nanoseconds(first_numbers(choice.column)):
                 self.notes.append(f"Column {ROS_TIME!r} has whole numbers, so time is read in ns.")
                 return Choice(choice.column, "ns")
             self.notes.append(f"Column {ROS_TIME!r} has no whole nanoseconds, so time is read in s.")
             return Choice(choice.column)
-        unit = unit_since_1970(look(choice.column))
+        unit = unit_since_1970(first_numbers(choice.column))
         if unit is None:
             return None
         self.notes.append(
@@ -445,32 +469,37 @@ class Assignment:
 
     def assign_by_exact_name(self) -> None:
         """Assign columns with the names used in written files."""
-        by_text: dict[str, list[int]] = {}
-        for k in self.free:
-            by_text.setdefault(self.column_names[k], []).append(k)
+        columns_by_name: dict[str, list[int]] = {}
+        for column in self.free:
+            columns_by_name.setdefault(self.column_names[column], []).append(column)
         for part in self.reading.parts:
             for k, name in enumerate(self.names[part]):
                 for ending in READ[part]:
-                    columns = by_text.get(f"{name}{ending}", [])
-                    if len(columns) > 1 and k not in self.given[part]:
+                    columns = columns_by_name.get(f"{name}{ending}", [])
+                    if k in self.assigned[part] or not columns:
+                        continue
+                    if len(columns) > 1:
                         raise self.repetition_error(f"{name}{ending}", len(columns))
-                    if columns and k not in self.given[part]:
-                        self.assign(part, k, self.choice(columns[0]))
+                    self.assign(part, k, self.choice(columns[0]))
 
     def assign_by_words(self) -> None:
         """Assign columns whose names contain a joint's name and words for a quantity."""
-        columns_of, units = self._columns_by_words()
-        assigned = []
-        for (meaning_part, k), columns in sorted(columns_of.items(), key=lambda item: item[0][0] == CURRENT):
-            is_current = meaning_part == CURRENT
-            part = "tau" if is_current else meaning_part
+        columns_by_meaning, units = self._columns_by_words()
+        assigned_sentences = []
+        # Currents last: they replace torques only of joints with a gain.
+        meanings = sorted(columns_by_meaning, key=lambda meaning: meaning[0] == CURRENT)
+        for quantity, k in meanings:
+            columns = columns_by_meaning[quantity, k]
+            is_current = quantity == CURRENT
+            part = "tau" if is_current else quantity
             name = self.names[part][k]
             if is_current:
                 if not self.reading.gain:
                     continue
-                if name in self.reading.gain and k in self.given[part]:
-                    self.free.append(self.given[part].pop(k).column)
-            if k in self.given[part]:
+                if name in self.reading.gain and k in self.assigned[part]:
+                    torque_choice = self.assigned[part].pop(k)
+                    self.free.append(torque_choice.column)
+            if k in self.assigned[part]:
                 continue
             key = name if part == "q" else f"{name}{READ[part][0]}"
             if len(columns) > 1:
@@ -479,81 +508,90 @@ class Assignment:
                     f"{self.where}: {listed(cells)} may all be {key}. Say which: {{0}}.",
                     Argument("columns", {key: cells[0]}),
                 )
-            self.assign(part, k, Choice(columns[0], units[columns[0]]))
-            assigned.append(f"Column {self.cells[columns[0]]!r} is taken to be {key}")
-        if len(assigned) > 1:
-            self.notes.append(ReadingNote(f"{assigned[0]}, and {len(assigned) - 1} more likewise."))
-        elif assigned:
-            self.notes.append(ReadingNote(f"{assigned[0]}."))
+            column = columns[0]
+            self.assign(part, k, Choice(column, units[column]))
+            assigned_sentences.append(f"Column {self.cells[column]!r} is taken to be {key}")
+        if len(assigned_sentences) > 1:
+            further_count = len(assigned_sentences) - 1
+            self.notes.append(ReadingNote(f"{assigned_sentences[0]}, and {further_count} more likewise."))
+        elif assigned_sentences:
+            self.notes.append(ReadingNote(f"{assigned_sentences[0]}."))
 
     def _columns_by_words(self) -> tuple[dict[tuple[str, int], list[int]], dict[int, str | None]]:
-        """Unassigned columns by part and coordinate index, as the words of their names mean, and their units."""
-        readers = {"q": NamedJoints(self.names["q"]), "dq": NamedJoints(self.names["dq"])}
+        """Unassigned columns by quantity and coordinate index, as the words of their names mean, and their units.
+
+        Positions have the names of the coordinates. All other quantities have those of the velocities, or torques those
+        of the motors.
+        """
+        joints_by_part = {"q": NamedJoints(self.names["q"]), "dq": NamedJoints(self.names["dq"])}
         drives = NamedJoints(self.names["tau"])
-        columns_of: dict[tuple[str, int], list[int]] = {}
+        columns_by_meaning: dict[tuple[str, int], list[int]] = {}
         units: dict[int, str | None] = {}
-        for k in self.free:
-            text = self.column_names[k]
-            for kind, reader in readers.items():
-                meaning = reader.meaning(text)
-                if self.of_motors and kind == "dq" and (meaning is None or meaning.part in ("tau", CURRENT)):
-                    meaning = drives.meaning(text)
+        for column in self.free:
+            name = self.column_names[column]
+            for named_part, joints in joints_by_part.items():
+                meaning = joints.meaning(name)
+                if self.of_motors and named_part == "dq" and (meaning is None or meaning.part in ("tau", CURRENT)):
+                    meaning = drives.meaning(name)
                 if meaning is None or (meaning.part == "command" and not self.reading.commands):
                     continue
-                if (meaning.part == "q") == (kind == "q"):
-                    columns_of.setdefault((meaning.part, meaning.name), []).append(k)
-                    units[k] = self.units[k] or meaning.unit or _DEFAULT_UNITS.get(meaning.part)
+                is_position = meaning.part == "q"
+                if is_position == (named_part == "q"):
+                    columns_by_meaning.setdefault((meaning.part, meaning.name), []).append(column)
+                    units[column] = self.units[column] or meaning.unit or _DEFAULT_UNITS.get(meaning.part)
                     break
-        return columns_of, units
+        return columns_by_meaning, units
 
-    def assign_by_rules(self, others: Sequence[str]) -> None:
+    def assign_by_rules(self, other_joints: Sequence[str]) -> None:
         """Assign columns by the first rule that matches all joints; ``others`` are joints without a coordinate."""
         names = self.free_names()
         for part, group in candidates(names).items():
             if part == CURRENT and not self.reading.gain:
                 continue
-            cells = self.assign_group(part, group, others)
+            cells = self.assign_group(part, group, other_joints)
             if part == "q" and not self.degrees and are_in_degrees(cells):
                 self.degrees = True
                 self.notes.append(f"Columns named {cells[0]} … {cells[-1]} are in degrees, as their maker writes them.")
         if self.reading.commands:
             for commands in command_candidates(self.free_names()):
-                self.assign_group("command", commands, others)
+                self.assign_group("command", commands, other_joints)
 
-    def assign_group(self, meaning: str, group: Sequence[Candidate], others: Sequence[str]) -> list[str]:
+    def assign_group(self, meaning: str, group: Sequence[Candidate], other_joints: Sequence[str]) -> list[str]:
         """Assign columns of one quantity by the first rule that matches all joints; returns their names, or none.
 
         Joints whose columns the caller named are left out of the rule.
         """
         part = "tau" if meaning == CURRENT else meaning
-        if self.given[part].keys() - self.requested_names[part]:
+        if self.assigned[part].keys() - self.requested_names[part]:
             return []
-        remaining = self.without_column(part)
-        names = [self.names[part][k] for k in remaining]
-        rule, columns = _match_by_rules(group, names, others)
+        coordinate_indices = self.without_column(part)
+        names = [self.names[part][k] for k in coordinate_indices]
+        rule, columns = _match_by_rules(group, names, other_joints)
         if not columns:
             return []
         suffix = SUFFIX["command"] if part == "command" else ""
-        cells, pairs = [], []
-        for k, name, (column, _, unit) in zip(remaining, names, columns, strict=True):
+        cells, pair_texts = [], []
+        for k, name, (column, _, unit_in_name) in zip(coordinate_indices, names, columns, strict=True):
             cell = self.cells[column]
-            self.assign(part, k, Choice(column, self.units[column] or unit or _DEFAULT_UNITS.get(meaning)))
+            unit = self.units[column] or unit_in_name or _DEFAULT_UNITS.get(meaning)
+            self.assign(part, k, Choice(column, unit))
             cells.append(cell)
-            pairs.append(f"{cell} is {name}{suffix}")
+            pair_texts.append(f"{cell} is {name}{suffix}")
         if len(cells) == 1:
             self.notes.append(f"Column {cells[0]!r} is taken to be that of {names[0]}, the only joint.")
             return cells
-        note = f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {listed(pairs)}."
+        note = f"Columns {cells[0]} … {cells[-1]} are taken {rule}: {listed(pair_texts)}."
         if rule.startswith("by "):
             note = ReadingNote(note)  # their order is not a guess
         self.notes.append(note)
         return cells
 
-    def rising_time(self, look: Callable[[int], Array]) -> Choice | None:
+    def rising_time(self, first_numbers: Callable[[int], Array]) -> Choice | None:
         """The only unassigned column that increases in every row; None if a rate is given, or without a unique one."""
         if self.reading.rate is not None:
             return None
-        rising = rising_columns(dict(zip(self.free, self.cells_of(self.free), strict=True)), look)
+        free_cells = {column: self.cells[column] for column in self.free}
+        rising = rising_columns(free_cells, first_numbers)
         if len(rising) != 1:
             return None
         choice = self.choice(rising[0])
@@ -572,65 +610,73 @@ class Assignment:
     def choices(self) -> dict[str, list[Choice]]:
         """Columns of each part of the motion in the order of the coordinates; joints without a command have none."""
         choices = {}
-        for part, given in self.given.items():
-            choices[part] = [given[k] for k in sorted(given)]
-        commands = self.given["command"]
+        for part, choice_by_index in self.assigned.items():
+            choices[part] = [choice_by_index[k] for k in sorted(choice_by_index)]
+        commands = self.assigned["command"]
         if commands:
             choices["command"] = [commands.get(k, _NO_COLUMN) for k in range(len(self.names["command"]))]
         return choices
 
     def without_columns(
-        self, missing: Sequence[str], look: Callable[[int], Array], *, timeless: bool
+        self, missing: Sequence[str], first_numbers: Callable[[int], Array], *, timeless: bool
     ) -> TrajectoryError:
         """Error for coordinates without a column, with arguments to copy."""
         all_missing = len(missing) == len(self.names["q"])
-        varying = set(varying_columns(self.cells, self.extra, look))
+        varying = set(varying_columns(self.cells, self.extra, first_numbers))
         unused = [cell for cell in self.extra if cell in varying]
-        error_of_arms = self.arm_error(missing, unused)
-        if error_of_arms:
-            return error_of_arms
+        arm_error = self.arm_error(missing, unused)
+        if arm_error:
+            return arm_error
         if all_missing:
-            in_order = series(unused, len(missing))
-            if in_order:
-                return self._error_for_series(missing, in_order, look, timeless=timeless)
-        similar = alike(missing, self.extra)
+            columns_in_order = series(unused, len(missing))
+            if columns_in_order:
+                return self._error_for_series(missing, columns_in_order, first_numbers, timeless=timeless)
+        similar_columns = alike(missing, self.extra)
         hint = ""
-        if all_missing and 2 * len(similar) < len(missing) and len(self.extra) > len(similar):
+        few_are_similar = 2 * len(similar_columns) < len(missing)
+        if all_missing and few_are_similar and len(self.extra) > len(similar_columns):
             hint = " No column has the name of a joint of this robot: the file seems to be a log of another one."
-            similar = {}
-        elif similar:
-            name, cell = next(iter(similar.items()))
+            similar_columns = {}
+        elif similar_columns:
+            name, cell = next(iter(similar_columns.items()))
             hint = f" Column {cell!r} is not a joint of this robot. Did you mean {name!r}?"
-        joints = list(dict.fromkeys(map(_joint, missing)))
-        locked = ["PATTERN*"]
-        if len(joints) <= _MAX_LISTED_JOINTS and not all_missing:
-            locked = joints
+        missing_joints = list(dict.fromkeys(map(_joint, missing)))
+        names_to_lock = ["PATTERN*"]
+        if len(missing_joints) <= _MAX_LOCKED_NAMES and not all_missing:
+            names_to_lock = missing_joints
         remedy = "; or hold joints still that never move, when the robot is loaded: {1}"
-        if not {*joints} <= {*missing}:  # a joint of several coordinates, which no option holds still
+        if not {*missing_joints} <= {*missing}:  # a joint of several coordinates, which no option holds still
             remedy = "; if the pose of the base was not logged, load the robot with its base fixed"
         if not all_missing and unused:
             remedy = f" (columns that vary and are not used: {listed(unused)})"
         return TrajectoryError(
             f"{self.where}: no column for {listed(missing)}.{hint} Expected: {listed(self.names['q'])}; {self.found_text()} "
             f"Say which they are: {{0}}{remedy}.",
-            _columns_argument(missing, similar, timeless=timeless),
-            Argument("lock", dict.fromkeys(locked, 0)),
+            _columns_argument(missing, similar_columns, timeless=timeless),
+            Argument("lock", dict.fromkeys(names_to_lock, 0)),
         )
 
     def _error_for_series(
-        self, missing: Sequence[str], in_order: Sequence[str], look: Callable[[int], Array], *, timeless: bool
+        self,
+        missing: Sequence[str],
+        columns_in_order: Sequence[str],
+        first_numbers: Callable[[int], Array],
+        *,
+        timeless: bool,
     ) -> TrajectoryError:
         """Error for joints without a column in a file with as many columns that differ by a number."""
-        hint = f" Columns {in_order[0]} … {in_order[-1]} match no joint by name. If they are the joints in order:"
-        first_values = [look(self.cells.index(cell)) for cell in in_order]
+        first, last = columns_in_order[0], columns_in_order[-1]
+        hint = f" Columns {first} … {last} match no joint by name. If they are the joints in order:"
+        values = np.concatenate([first_numbers(self.cells.index(cell)) for cell in columns_in_order])
         options = "{0}"
-        if np.abs(np.concatenate(first_values)).max() > math.tau and not self.degrees:
+        seem_degrees = np.abs(values).max() > math.tau
+        if seem_degrees and not self.degrees:
             options += " {1}"
         if timeless:
             options += f", and {{2}}{self.usual_rate()} in place of the column of time if there is none"
         return TrajectoryError(
             f"{self.where}: no column for {listed(missing)}.{hint} {options}; {self.found_text()}",
-            _columns_argument(missing, dict(zip(missing, in_order, strict=True)), timeless=timeless),
+            _columns_argument(missing, dict(zip(missing, columns_in_order, strict=True)), timeless=timeless),
             Argument("degrees", True),
             Argument("rate", Placeholder("HZ")),
         )
@@ -640,72 +686,78 @@ class Assignment:
 
         Columns fit by name, if no ``unused`` one may be another joint's, or by a rule that matches all joints of one arm.
         """
-        group = self._fitting_arms(unused)
-        if group is None:
+        arm = self._fitting_arms(unused)
+        if arm is None:
             return []
-        beside = self.joints_beside(group)
-        if len(beside) > _MAX_JOINTS_BESIDE or beside != list(map(_joint, beside)):
+        others = self.coordinates_beside(arm)
+        have_one_coordinate = others == list(map(_joint, others))
+        if len(others) > _MAX_JOINTS_BESIDE or not have_one_coordinate:
             return []
-        return list(group)
+        return list(arm)
 
-    def joints_beside(self, group: Sequence[str]) -> list[str]:
-        """Coordinates that are not of a group."""
+    def coordinates_beside(self, group: Sequence[str]) -> list[str]:
+        """Coordinates that are not in a group."""
         return [name for name in self.names["q"] if name not in group]
 
     def arm_error(self, missing: Sequence[str], unused: Sequence[str]) -> TrajectoryError | None:
         """Error for a log of an arm, or of all arms, of a robot that has joints beside them; None for other logs."""
-        group = self.logged_arm(unused)
-        if not group:
+        arm = self.logged_arm(unused)
+        if not arm:
             return None
-        beside = self.joints_beside(group)
-        which = "the arms"
-        if len(group) < sum(map(len, self.arms)):
-            which = f"one arm, {group[0]} to {group[-1]}"
+        others = self.coordinates_beside(arm)
+        arm_text = "the arms"
+        if len(arm) < sum(map(len, self.arms)):
+            arm_text = f"one arm, {arm[0]} to {arm[-1]}"
         elif len(self.arms) == 1:
-            which = "the arm"
-        others, have = beside[-1], "has"
-        if len(beside) > 1:
-            others, have = f"{', '.join(beside[:-1])} and {beside[-1]}", "have"
+            arm_text = "the arm"
+        others_text = f"{others[-1]} has"
+        if len(others) > 1:
+            others_text = f"{', '.join(others[:-1])} and {others[-1]} have"
         columns = {"JOINT": "COLUMN"}
-        if len(missing) == len(beside):
+        if len(missing) == len(others):
             columns = dict.fromkeys(missing, "COLUMN")
         return TrajectoryError(
-            f"{self.where}: {len(group)} columns fit the {len(group)} joints of {which}; {others} {have} none: load the robot "
+            f"{self.where}: {len(arm)} columns fit the {len(arm)} joints of {arm_text}; {others_text} none: load the robot "
             f"with {{0}}. If there are columns for more of them, name these: {{1}}; {self.found_text()}",
-            Argument("lock", dict.fromkeys(beside, 0)),
+            Argument("lock", dict.fromkeys(others, 0)),
             Argument("columns", columns),
         )
 
     def _fitting_arms(self, unused: Sequence[str]) -> Sequence[str] | None:
         """Joints of the only arm, or of all arms, whose columns the log has; None without one, or without other joints."""
         names = self.names["q"]
-        fitting, joints_of_arms = list[list[str]](), list[str]()
+        fitting_arms: list[list[str]] = []
+        joints_of_all_arms: list[str] = []
         for arm in self.arms:
             joints = [names[k] for k in arm]
-            joints_of_arms += joints
+            joints_of_all_arms += joints
             if len(joints) < len(names) and self.has_columns_of(joints, unused):
-                fitting.append(joints)
-        if len(fitting) == 1:
-            return fitting[0]
-        if fitting or len(self.arms) < 2 or len(joints_of_arms) >= len(names):
+                fitting_arms.append(joints)
+        if len(fitting_arms) == 1:
+            return fitting_arms[0]
+        robot_has_other_joints = len(joints_of_all_arms) < len(names)
+        if fitting_arms or len(self.arms) < 2 or not robot_has_other_joints:
             return None
-        return joints_of_arms if self.has_columns_of(joints_of_arms, unused) else None
+        if self.has_columns_of(joints_of_all_arms, unused):
+            return joints_of_all_arms
+        return None
 
     def has_columns_of(self, group: Sequence[str], unused: Sequence[str]) -> bool:
         """True if the columns are those of the positions of a group of joints, by name or by a rule that matches all."""
         names = self.names["q"]
-        if self.given["q"]:
-            return not unused and {names[k] for k in self.given["q"]} == {*group}
+        if self.assigned["q"]:
+            return not unused and {names[k] for k in self.assigned["q"]} == {*group}
         columns = candidates(self.free_names()).get("q", [])
-        _, matches = _match_by_rules(columns, group, [*self.reading.locked, *self.joints_beside(group)])
+        other_joints = [*self.reading.locked, *self.coordinates_beside(group)]
+        _, matches = _match_by_rules(columns, group, other_joints)
         return bool(matches)
 
-    def check_complete(self, look: Callable[[int], Array]) -> None:
-        """Raise TrajectoryError if time, coordinates or rates are missing; ``look`` returns a column's numbers."""
+    def check_complete(self, first_numbers: Callable[[int], Array]) -> None:
+        """Raise TrajectoryError if time, coordinates or rates are missing; ``first_numbers`` returns a column's numbers."""
         missing = [self.names["q"][k] for k in self.without_column("q")]
         timeless = self.time is None and self.reading.rate is None
         if missing:
-            raise self.without_columns(missing, look, timeless=timeless)
+            raise self.without_columns(missing, first_numbers, timeless=timeless)
         if timeless:
             raise TrajectoryError(
                 f"{self.where}: no time column. Name one 'time' (or 't'), in seconds; or give {{0}}, or "
@@ -715,7 +767,8 @@ class Assignment:
             )
         for part in ("dq", "ddq"):
             absent = [self.names[part][k] + SUFFIX[part] for k in self.without_column(part)]
-            if absent and len(absent) < len(self.names[part]):
+            only_some_are_absent = 0 < len(absent) < len(self.names[part])
+            if only_some_are_absent:
                 raise TrajectoryError(
                     f"{self.where}: no column {listed(absent)}, although others of its kind are there.{self._hint_at(absent)} "
                     f"Give them for every joint, or for none: then they are derived. Or assign it: {{0}}; "
@@ -740,18 +793,18 @@ def _suggestion(name: str, choices: Sequence[str]) -> str:
 
 def _columns_argument(missing: Sequence[str], columns: Mapping[str, str], *, timeless: bool) -> Argument:
     """Option ``columns`` with a column for each missing coordinate, and for the time if there is none."""
-    entries = dict.fromkeys(["time"] * timeless, "COLUMN")
+    entries = {"time": "COLUMN"} if timeless else {}
     for name in missing:
         entries[name] = columns.get(name, "COLUMN")
     return Argument("columns", entries)
 
 
 def _match_by_rules(
-    group: Sequence[Candidate], names: Sequence[str], others: Sequence[str]
+    group: Sequence[Candidate], names: Sequence[str], other_joints: Sequence[str]
 ) -> tuple[str, list[Candidate]]:
     """First rule that matches all joints, and their columns; empty if there is none."""
     for rule, match in RULES.items():
-        columns = match(group, names, others)
+        columns = match(group, names, other_joints)
         if columns:
             return rule, columns
     return "", []
@@ -775,15 +828,17 @@ def absent_joints(
     """Joints without a position column in this header, by name or by ``columns``."""
     assignment = Assignment(cells, "", coordinates, Reading(path))
     names = list(assignment.names["q"])
-    keys = {f"{name}.pos": name for name in names} | dict(zip(names, names, strict=True))
-    for key in assignment.entries_for_log(columns, keys):
-        if key in keys:
-            assignment.given["q"][names.index(keys[key])] = Choice(0)
+    name_by_key = {f"{name}.pos": name for name in names} | {name: name for name in names}
+    for key in assignment.entries_for_log(columns, name_by_key):
+        if key in name_by_key:
+            k = names.index(name_by_key[key])
+            assignment.assigned["q"][k] = Choice(0)  # only that there is a column counts here, not which one
     assignment.assign_by_exact_name()
     assignment.assign_by_words()
-    present = {names[k] for k in assignment.given["q"]}
+    present = {names[k] for k in assignment.assigned["q"]}
     if not present:
-        matches = match_most_by_prefix(candidates(assignment.free_names()).get("q", []), names)
+        position_columns = candidates(assignment.free_names()).get("q", [])
+        matches = match_most_by_prefix(position_columns, names)
         present = {name for name, column in zip(names, matches, strict=True) if column is not None}
     if not present:
         present = {*assignment.logged_arm(unused=())}
@@ -856,57 +911,64 @@ class Columns:
         coordinates: Coordinates,
         where: str,
         reading: Reading,
-        look: Callable[[int], Array],
+        first_numbers: Callable[[int], Array],
     ) -> Columns:
         """Columns from the header's cells; errors (:class:`~twistwrench.TrajectoryError`) begin with ``where``.
 
-        ``look`` returns the first numbers of a column, used if its name does not specify the unit.
+        ``first_numbers`` returns the first numbers of a column, used if its name does not specify the unit.
         """
-        assignment = Assignment.from_header(header, coordinates, where, reading, look)
-        choices_of = assignment.choices()
-        unit, counted = None, assignment.time is None
-        all_read = list(itertools.chain(*choices_of.values()))
-        all_read += [choice for _, choice in assignment.mimic_joints]
+        assignment = Assignment.from_header(header, coordinates, where, reading, first_numbers)
+        choices_by_part = assignment.choices()
+        time_unit = None
+        has_row_numbers = assignment.time is None
+        read_choices = list(itertools.chain(*choices_by_part.values()))
+        read_choices += [choice for _, choice in assignment.mimic_joints]
         if assignment.time is not None:
-            unit = assignment.time.unit
-            all_read.insert(0, assignment.time)
-        used = [choice.column for choice in all_read if choice is not _NO_COLUMN]
-        position_of = np.full(len(header) + 1, _NO_COLUMN.column)  # index in the table; the last entry is of _NO_COLUMN
-        position_of[used] = np.arange(len(used)) + counted
+            time_unit = assignment.time.unit
+            read_choices.insert(0, assignment.time)
+        used = [choice.column for choice in read_choices if choice is not _NO_COLUMN]
+        # Index in the table by column of the file. The last entry is that of _NO_COLUMN, whose index is -1.
+        table_index = np.full(len(header) + 1, _NO_COLUMN.column)
+        first_index = 1 if has_row_numbers else 0
+        table_index[used] = np.arange(len(used)) + first_index
         places: dict[str, Array | None] = {}
         factors = {}
-        for part, choices in choices_of.items():
+        for part, choices in choices_by_part.items():
             columns = [choice.column for choice in choices]
-            places[part] = position_of[columns] if columns else None
+            places[part] = table_index[columns] if columns else None
             angular = _is_angular(part, coordinates, of_motors=assignment.of_motors)
             all_choices = choices or [_NO_COLUMN] * len(angular)
             factors_of_part = []
-            for choice, turns in zip(all_choices, angular, strict=True):
-                factors_of_part.append(assignment.factor(choice, part, turns))
+            for choice, is_angular in zip(all_choices, angular, strict=True):
+                factors_of_part.append(assignment.factor(choice, part, is_angular))
             factors[part] = np.array(factors_of_part)
-        seconds = time_factor(unit or "s") or 1.0
         if reading.rate:
             seconds = 1.0 / reading.rate
+        else:
+            seconds = time_factor(time_unit or "s") or 1.0
         mimic_joints = []
         for follower, choice in assignment.mimic_joints:
             factor = assignment.factor(choice, "q", follower.angular)
-            mimic_joints.append(MimicJointColumn(follower, int(position_of[choice.column]), factor))
-        q_choices = choices_of["q"]
-        q_positions = position_of[[choice.column for choice in q_choices]]
+            mimic_joints.append(MimicJointColumn(follower, int(table_index[choice.column]), factor))
+        q_choices = choices_by_part["q"]
+        q_indices = table_index[[choice.column for choice in q_choices]]
+        table_header = assignment.cells_of(used)
+        if has_row_numbers:
+            table_header.insert(0, "time")
         return cls(
-            header=(*["time"] * counted, *assignment.cells_of(used)),
+            header=tuple(table_header),
             used=tuple(used),
             time=0,
             seconds=seconds,
-            counted=counted,
-            time_stated=reading.rate is not None or unit is not None,
+            counted=has_row_numbers,
+            time_stated=reading.rate is not None or time_unit is not None,
             places=places,
             factors=factors,
             angle=np.where(coordinates.angular, factors["q"], 1.0),
             angle_stated=np.array([choice.unit is not None for choice in q_choices], bool),
             of_locked=tuple(assignment.of_locked),
             extra=tuple(assignment.extra),
-            quaternions=tuple(q_positions[part] for part in coordinates.quaternions),
+            quaternions=tuple(q_indices[entries] for entries in coordinates.quaternions),
             notes=tuple(assignment.notes),
             of_motors=assignment.of_motors,
             listed=any(key.rpartition(":")[2].startswith(ORDER) for key in reading.columns or ()),
@@ -920,9 +982,9 @@ class Columns:
 
     def si_values(self, table: Array, part: str) -> Any:
         """Columns of ``part`` of a table (n, columns) in SI units, NaN for joints without a command; None if absent."""
-        where = self.places[part]
-        if where is None:
+        columns = self.places[part]
+        if columns is None:
             return None
-        values = table[:, where] * self.factors[part]
-        values[:, where == _NO_COLUMN.column] = np.nan
+        values = table[:, columns] * self.factors[part]
+        values[:, columns == _NO_COLUMN.column] = np.nan
         return values

@@ -25,12 +25,16 @@ if TYPE_CHECKING:
     from .motion_log import LogRows
 
 
-_MAX_REACH_RATIO, _MANY_TURNS = 3.0, 4 * math.pi
-"""Multiple of the reach of a joint's limits (or of a full turn) and angle [rad] that indicate another unit."""
+_MAX_REACH_RATIO = 3.0
+"""Multiple of the reach of a joint's limits, or of a full turn, above which the unit is another."""
+_MANY_TURNS = 4 * math.pi
+"""Angle [rad] above which the unit may be another."""
 _REACH_TOLERANCE = 1.1
 """Multiple of its reach up to which a joint may turn in the right unit."""
-_FULL_TURN, _SURE_MOVE = math.tau, 0.3
-"""Angle in radians that no joint with limits exceeds, and angle that a moving joint certainly exceeds."""
+_FULL_TURN = math.tau
+"""Angle [rad] that no joint with limits exceeds."""
+_SURE_MOVE = 0.3
+"""Range of angles [rad] that a moving joint certainly exceeds."""
 _MIN_JOINTS_IN_DEGREES = 3
 """Minimum number of joints that indicates a wrong unit: three joints rarely all stay within six degrees of zero."""
 _DEGREE = math.radians(1.0)
@@ -41,128 +45,145 @@ def angle_doubts(
     extent: Array,
     limits: tuple[Array, Array],
     factor: Array,
-    known: Array,
+    is_stated: Array,
     origin: str = "either",
 ) -> list[Doubt]:
     """Doubts about the unit of angles, or notes if the unit may be intended.
 
-    For the revolute joints (k,): least and largest angles as read [rad], limits (infinite if there are none), the
-    factor from the file's numbers to radians, and True if the file states that unit. ``origin``: plan, log or either.
+    The joints (k,) are the revolute ones. ``extent`` (2, k): least and largest angles as read [rad]; ``limits``:
+    infinite if there are none; ``factor``: from the file's numbers to radians; ``is_stated``: the file states this
+    unit; ``origin``: plan, log or either.
     """
-    size, reach = np.abs(extent).max(axis=0), np.maximum(np.abs(limits[0]), np.abs(limits[1]))
-    bounded = np.isfinite(reach) & (reach > 0) & (factor == 1.0) & ~known
-    far = bounded & (size > _MAX_REACH_RATIO * np.maximum(np.where(bounded, reach, 1.0), _FULL_TURN / _MAX_REACH_RATIO))
-    wound = size > _MANY_TURNS
-    degrees, written = (factor == _DEGREE) & ~known, size / factor
+    largest_angle = np.abs(extent).max(axis=0)
+    reach = np.maximum(np.abs(limits[0]), np.abs(limits[1]))
+    is_in_radians = (factor == 1.0) & ~is_stated
+    is_in_degrees = (factor == _DEGREE) & ~is_stated
+    has_limits = np.isfinite(reach) & (reach > 0) & is_in_radians
+    allowed_angle = _MAX_REACH_RATIO * np.maximum(np.where(has_limits, reach, 1.0), _FULL_TURN / _MAX_REACH_RATIO)
+    is_far = has_limits & (largest_angle > allowed_angle)
+    has_many_turns = largest_angle > _MANY_TURNS
+    half_are_far = is_far.any() and 2 * is_far.sum() >= has_limits.sum()
+    if half_are_far and 2 * (is_far & has_many_turns).sum() > is_far.sum():
+        return [_too_far(names, largest_angle, limits, reach, is_far)]
+    stop_doubts = _stop_doubts(names, extent, limits, is_in_radians, origin)
+    if stop_doubts:
+        return stop_doubts
+    written_angle = largest_angle / factor
     moves = np.ptp(extent, axis=0) / factor > _SURE_MOVE
-    small = degrees.any() and (written[degrees] <= _FULL_TURN).all() and moves[degrees].any()
-    if far.any() and 2 * far.sum() >= bounded.sum() and 2 * (far & wound).sum() > far.sum():
-        return [_too_far(names, size, limits, reach, far)]
-    beyond_stops = _stop_doubts(names, extent, limits, (factor == 1.0) & ~known, origin)
-    if beyond_stops:
-        return beyond_stops
-    if not (small and degrees.sum() >= _MIN_JOINTS_IN_DEGREES):
-        if 2 * wound.sum() > len(names) and not known.any() and (factor == 1.0).all():
-            return [_too_far(names, size, limits, reach, wound, level="note")]
-        if far.any():
-            return [_too_far(names, size, limits, reach, far, level="note")]
-    if not small:
+    are_small = is_in_degrees.any() and (written_angle[is_in_degrees] <= _FULL_TURN).all()
+    seem_radians = are_small and moves[is_in_degrees].any()
+    several_in_degrees = is_in_degrees.sum() >= _MIN_JOINTS_IN_DEGREES
+    if not (seem_radians and several_in_degrees):
+        most_turn_often = 2 * has_many_turns.sum() > len(names)
+        if most_turn_often and not is_stated.any() and (factor == 1.0).all():
+            return [_too_far(names, largest_angle, limits, reach, has_many_turns, level="note")]
+        if is_far.any():
+            return [_too_far(names, largest_angle, limits, reach, is_far, level="note")]
+    if not seem_radians:
         return []
-    level: Level | None = None
-    if degrees.sum() < _MIN_JOINTS_IN_DEGREES:
-        level = "note"
-    return [doubt("degrees-option", level=level, angle=printed(written[degrees].max(), 3))]
+    level: Level | None = None if several_in_degrees else "note"
+    return [doubt("degrees-option", level=level, angle=printed(written_angle[is_in_degrees].max(), 3))]
 
 
 _BEYOND_STOP = math.radians(20.0)
 """Angle beyond a stop that play, elasticity and the tolerance of a stop do not explain."""
-_MILLI, _STROKES = 1e-3, 10.0
-"""Factor from millimetres to metres, and strokes beyond a stop from which a position is in millimetres: at least 1 % of the
-stroke. Nearer ones are those of another zero."""
+_METRES_PER_MILLIMETRE = 1e-3
+_MANY_STROKES = 10.0
+"""Strokes beyond a stop from which a position is in millimetres, as it is then at least 1 % of the stroke in metres.
+
+Nearer positions are those of another zero.
+"""
 
 
 def _stop_doubts(
-    names: Sequence[str], extent: Array, limits: tuple[Array, Array], radians: Array, origin: str
+    names: Sequence[str], extent: Array, limits: tuple[Array, Array], is_in_radians: Array, origin: str
 ) -> list[Doubt]:
-    """Doubt about angles far beyond the stops of joints that have two, or about joints that are wound by a turn."""
+    """Doubt about angles far beyond the stops of joints that have two, or about joints that are wound by a turn.
+
+    Only joints in the mask ``is_in_radians`` are checked.
+    """
     lower, upper = limits
-    stopped = radians & np.isfinite(lower) & np.isfinite(upper) & (upper > lower)
-    past = np.where(stopped, np.maximum(lower - extent[0], extent[1] - upper), 0.0)
-    beyond = past > _BEYOND_STOP
-    if origin == "plan" or not beyond.any():
+    has_stops = is_in_radians & np.isfinite(lower) & np.isfinite(upper) & (upper > lower)
+    excess = np.where(has_stops, np.maximum(lower - extent[0], extent[1] - upper), 0.0)
+    is_beyond = excess > _BEYOND_STOP
+    if origin == "plan" or not is_beyond.any():
         return []
-    middle = 0.5 * (np.where(stopped, lower, 0.0) + np.where(stopped, upper, 0.0))
-    turns = np.sign(middle - extent.mean(axis=0)) * math.tau
-    within = (extent[0] + turns >= lower) & (extent[1] + turns <= upper)
-    wound, read_as_degrees = beyond & within, extent * _DEGREE
-    least, largest = read_as_degrees
-    inside = ~stopped | ((least >= lower - _BEYOND_STOP) & (largest <= upper + _BEYOND_STOP))
-    unexplained = beyond & ~wound
-    if not unexplained.any():
-        joints = names_of(names, beyond)
-        level: Level = "unsure"
-        if origin == "log":
-            level = "note"
+    middle = 0.5 * (np.where(has_stops, lower, 0.0) + np.where(has_stops, upper, 0.0))
+    turn_to_middle = np.sign(middle - extent.mean(axis=0)) * math.tau
+    is_inside_after_turn = (extent[0] + turn_to_middle >= lower) & (extent[1] + turn_to_middle <= upper)
+    is_wound = is_beyond & is_inside_after_turn
+    least, largest = extent * _DEGREE  # the same numbers read as degrees
+    is_inside_as_degrees = ~has_stops | ((least >= lower - _BEYOND_STOP) & (largest <= upper + _BEYOND_STOP))
+    is_unexplained = is_beyond & ~is_wound
+    if not is_unexplained.any():
+        joints = names_of(names, is_beyond)
+        level: Level = "note" if origin == "log" else "unsure"
         return [doubt("wound", joints, joints_=listed(joints, 6), level=level)]
-    joints = names_of(names, unexplained)
-    words = _stop_words(names, extent, limits, past)
-    words |= {"past": f"{printed(math.degrees(past.max()), 3)} degrees", "unit": "rad"}
-    if beyond.sum() > 1 and inside.all():
-        return [doubt("degrees-inside", joints, count=f"{beyond.sum()}", **words)]
+    joints = names_of(names, is_unexplained)
+    words = _stop_words(names, extent, limits, excess)
+    words |= {"past": f"{printed(math.degrees(excess.max()), 3)} degrees", "unit": "rad"}
+    if is_beyond.sum() > 1 and is_inside_as_degrees.all():
+        return [doubt("degrees-inside", joints, count=f"{is_beyond.sum()}", **words)]
     return [doubt("zero-or-direction", joints, **words)]
 
 
 def length_doubts(names: Sequence[str], extent: Array, limits: tuple[Array, Array], origin: str) -> list[Doubt]:
     """Doubt about sliding joints (k,) that leave their stops by more than the whole range."""
     lower, upper = limits
-    stopped = np.isfinite(lower) & np.isfinite(upper) & (upper > lower)
-    range_ = np.where(stopped, upper - lower, np.inf)
-    past = np.where(stopped, np.maximum(lower - extent[0], extent[1] - upper), 0.0)
-    beyond = past > range_
-    if origin == "plan" or not beyond.any():
+    has_stops = np.isfinite(lower) & np.isfinite(upper) & (upper > lower)
+    stroke = np.where(has_stops, upper - lower, np.inf)
+    excess = np.where(has_stops, np.maximum(lower - extent[0], extent[1] - upper), 0.0)
+    is_beyond = excess > stroke
+    if origin == "plan" or not is_beyond.any():
         return []
-    least, largest = extent * _MILLI
-    inside = ~stopped | ((least >= lower - 0.1 * range_) & (largest <= upper + 0.1 * range_))
-    words = _stop_words(names, extent, limits, past)
-    words |= {"past": f"{printed(past.max(), 3)} m", "unit": "m"}
-    many_strokes = (past[beyond] > _STROKES * range_[beyond]).any()
+    least, largest = extent * _METRES_PER_MILLIMETRE
+    is_inside_as_millimetres = ~has_stops | ((least >= lower - 0.1 * stroke) & (largest <= upper + 0.1 * stroke))
+    words = _stop_words(names, extent, limits, excess)
+    words |= {"past": f"{printed(excess.max(), 3)} m", "unit": "m"}
+    is_far_beyond = (excess[is_beyond] > _MANY_STROKES * stroke[is_beyond]).any()
     kind = "zero-or-direction"
-    if many_strokes and inside.all():
+    if is_far_beyond and is_inside_as_millimetres.all():
         kind = "millimetres-inside"
-    return [doubt(kind, names_of(names, beyond), **words)]
+    return [doubt(kind, names_of(names, is_beyond), **words)]
 
 
-def names_of(names: Sequence[str], which: Array) -> list[str]:
+def names_of(names: Sequence[str], mask: Array) -> list[str]:
     """Names of the joints in a mask (k,)."""
-    return [names[k] for k in np.flatnonzero(which).tolist()]
+    return [names[k] for k in np.flatnonzero(mask).tolist()]
 
 
-def _stop_words(names: Sequence[str], extent: Array, limits: tuple[Array, Array], past: Array) -> dict[str, Any]:
+def _stop_words(names: Sequence[str], extent: Array, limits: tuple[Array, Array], excess: Array) -> dict[str, Any]:
     """Name, farthest position and stops of the joint that is farthest beyond."""
-    k = int(past.argmax())
+    k = int(excess.argmax())
     farthest = float(extent[:, k][np.abs(extent[:, k]).argmax()])
     words: dict[str, Any] = {"joint": names[k], "position": printed(farthest, 4)}
     return words | {"lower": printed(limits[0][k], 3), "upper": printed(limits[1][k], 3)}
 
 
 def _too_far(
-    names: Sequence[str], size: Array, limits: tuple[Array, Array], reach: Array, far: Array, **level: Any
+    names: Sequence[str], largest_angle: Array, limits: tuple[Array, Array], reach: Array, is_far: Array, **level: Any
 ) -> Doubt:
-    """Doubt about joints whose angles are ``far`` (k,) too large."""
-    ratios = size / np.where(np.isfinite(reach), reach, 1.0)
-    k = int(np.flatnonzero(far)[ratios[far].argmax()])
-    limit, more, question, counts = "", "", "Are", ", or counts of an encoder"
+    """Doubt about joints in the mask ``is_far`` (k,), whose angles are too large."""
+    ratios = largest_angle / np.where(np.isfinite(reach), reach, 1.0)
+    k = int(np.flatnonzero(is_far)[ratios[is_far].argmax()])
+    limit_text = ""
     if np.isfinite(reach[k]):
-        limit = f", and its limits are at {printed(limits[0][k], 3)} and {printed(limits[1][k], 3)}"
-    others = int(far.sum()) - 1
-    if others == 1:
-        more = ", and 1 more joint is as far out"
-    elif others:
-        more = f", and {others} more joints are as far out"
-    if (size[far] * _DEGREE <= _REACH_TOLERANCE * reach[far]).all():
-        question, counts = f"Did you mean {spell(Argument('degrees', True))}? Or are", ""
+        limit_text = f", and its limits are at {printed(limits[0][k], 3)} and {printed(limits[1][k], 3)}"
+    others_text = ""
+    other_count = int(is_far.sum()) - 1
+    if other_count == 1:
+        others_text = ", and 1 more joint is as far out"
+    elif other_count:
+        others_text = f", and {other_count} more joints are as far out"
+    fit_as_degrees = (largest_angle[is_far] * _DEGREE <= _REACH_TOLERANCE * reach[is_far]).all()
+    if fit_as_degrees:
+        question = f"Did you mean {spell(Argument('degrees', True))}? Or are"
+        counts = ""
+    else:
+        question = "Are"
+        counts = ", or counts of an encoder"
     return doubt(
-        "angle-unit", [names[k]], joint=names[k], angle=printed(size[k], 4), limit=limit, more=more,
+        "angle-unit", [names[k]], joint=names[k], angle=printed(largest_angle[k], 4), limit=limit_text, more=others_text,
         question=question, counts=counts, **level,
     )  # fmt: skip
 
@@ -174,14 +195,16 @@ def row_doubts(glitches: SingleRowGlitches, names: Sequence[str], *, left_out: b
     """Doubts about glitches of each joint and wrong time stamps; notes if the rows are ``left_out``."""
     doubts = []
     for k, joint_glitches in glitches.result():
-        in_position = [glitch for glitch in joint_glitches if not glitch.late]
-        if in_position:
-            size = in_position[0].size
-            text = f"{printed(size, 3)} m"
-            if glitches.turns[k]:
-                text = f"{printed(math.degrees(size), 3)} degrees"
-            words = {"joint": names[k], "size": text, "when": _times_text(glitch.time for glitch in in_position)}
-            doubts.append(_row_doubt("single-row", [names[k]], words, left_out=left_out))
+        position_glitches = [glitch for glitch in joint_glitches if not glitch.late]
+        if not position_glitches:
+            continue
+        size = position_glitches[0].size
+        size_text = f"{printed(size, 3)} m"
+        if glitches.turns[k]:
+            size_text = f"{printed(math.degrees(size), 3)} degrees"
+        when = _times_text(glitch.time for glitch in position_glitches)
+        words = {"joint": names[k], "size": size_text, "when": when}
+        doubts.append(_row_doubt("single-row", [names[k]], words, left_out=left_out))
     return [*doubts, *stamp_doubts(glitches.stamps(), left_out=left_out)]
 
 
@@ -189,18 +212,15 @@ def stamp_doubts(stamps: Mapping[float, float], *, left_out: bool = False) -> li
     """Doubt about wrong time stamps, given as a mapping from time to delay [s]; empty if there are none."""
     if not stamps:
         return []
-    delay = max(stamps.values(), key=abs)
-    rows, direction = "1 row", "early"
-    if len(stamps) > 1:
-        rows = f"{len(stamps)} rows"
-    if delay > 0:
-        direction = "late"
-    words = {"rows": rows, "when": _times_text(stamps), "late": seconds(abs(delay)), "way": direction}
+    largest_delay = max(stamps.values(), key=abs)
+    rows = "1 row" if len(stamps) == 1 else f"{len(stamps)} rows"
+    direction = "late" if largest_delay > 0 else "early"
+    words = {"rows": rows, "when": _times_text(stamps), "late": seconds(abs(largest_delay)), "way": direction}
     return [_row_doubt("stamp", [], words, left_out=left_out)]
 
 
 def _times_text(times: Iterable[float]) -> str:
-    """First times [s] of a list."""
+    """Text of the first few times [s]."""
     return listed((f"{seconds(time, 4)} s" for time in times), _MAX_LISTED_TIMES)
 
 
@@ -208,20 +228,28 @@ def _row_doubt(kind: str, joints: Sequence[str], words: Mapping[str, Any], *, le
     """Doubt of that kind, or a note that its rows are left out."""
     if not left_out:
         return doubt(kind, joints, **words)
-    return doubt("rows-left-out", joints, what=doubt_table()[kind].sentence.format(**words).rstrip(":"))
+    sentence = doubt_table()[kind].sentence.format(**words)
+    return doubt("rows-left-out", joints, what=sentence.rstrip(":"))
 
 
-_DEGREES_PER_RADIAN, _RPM, _FACTOR_TOLERANCE = math.degrees(1.0), 30 / math.pi, 0.1
-"""Factors between units, and relative tolerance of a match."""
-_CLOCKS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
+_DEGREES_PER_RADIAN = math.degrees(1.0)
+_RPM_PER_RADIAN_PER_SECOND = 30 / math.pi
+_FACTOR_TOLERANCE = 0.1
+"""Relative tolerance of a gain that is a factor between units."""
+_TIME_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
+"""Units of time by their number in a second."""
 _NEGLIGIBLE_GAIN = 0.02
+"""Gain below which a rate does not follow the slope at all."""
 
 
 def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
-    """Text on a rate column by its scale against the slope of ``base``; ``per`` is the suffix of the unit, such as /s."""
+    """Text on a column of rates that are ``gain`` times the slope of the ``base``, positions or velocities.
+
+    ``per``: suffix of the rate's unit, such as /s.
+    """
     slope = f"the slope of the {base}"
-    causes = {}
-    for factor, unit in _CLOCKS.items():
+    causes = {}  # texts of factor and cause by factor
+    for factor, unit in _TIME_UNITS.items():
         causes[factor] = printed(factor), f"time seems to be in {unit}"
     causes[1e-3] = "1/1000", "time, or the column, seems to be in another unit"
     if angular:
@@ -230,7 +258,7 @@ def scale_words(gain: float, angular: bool, base: str, per: str) -> str:
         causes[_DEGREES_PER_RADIAN] = "57.3", in_degrees
         causes[1 / _DEGREES_PER_RADIAN] = "1/57.3", base_in_degrees
         if per == "/s":
-            causes[_RPM] = "9.55", "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"
+            causes[_RPM_PER_RADIAN_PER_SECOND] = "9.55", "it seems to be in rpm; name the unit, as in 'JOINT [rpm]'"
     else:
         causes[1e3] = "1000", f"time seems to be in ms, or the column in mm{per}"
     for factor, (text, reason) in causes.items():
@@ -250,30 +278,44 @@ def _is_about(gain: float, factor: float) -> bool:
     return abs(gain / factor - 1.0) < _FACTOR_TOLERANCE
 
 
-def _is_of_clock(gain: float) -> bool:
+def _is_time_factor(gain: float) -> bool:
     """True if time in another unit explains a gain."""
-    return math.isfinite(gain) and any(_is_about(gain, factor) for factor in _CLOCKS)
+    return math.isfinite(gain) and any(_is_about(gain, factor) for factor in _TIME_UNITS)
 
 
 _ALLOWED_GAINS = {"velocity": (0.85, 1.15), "acceleration": (0.75, 1.3)}
-"""Allowed ratios of a measured rate to the slope of the integrated quantity. Filters and delays reduce it little (measured
-velocities of real logs: 0.94 to 1.02); a wrong unit, ratio or clock changes it more."""
-_STEP_OF_TURN = (1.5 * math.pi, 2.5 * math.pi)
-"""Step of an angle [rad] that counts as a turn omitted by the log, if the log stays within one turn."""
+"""Allowed ratios of a measured rate to the slope of the integrated quantity.
+
+Filters and delays reduce the ratio little: measured velocities of real logs have 0.94 to 1.02. A wrong unit, gear ratio
+or clock changes it more.
+"""
+_OMITTED_TURN_STEPS = (1.5 * math.pi, 2.5 * math.pi)
+"""Range of steps of an angle [rad] that count as a turn omitted by the log, if the log stays within one turn."""
 _TURN_TOLERANCE = 0.01 * math.pi
+"""Angle [rad] by which a log may leave one turn."""
 TOO_FAST = 3.0
-"""Multiple of a velocity limit that no robot reaches, as drives are stopped long before; without a limit, of the largest speed
-elsewhere for a step over half a turn."""
-_LONG_STEP, _SHORT_MOVE, _SOME_MOVE, _FEWEST_ROWS = 1.0, 0.1, 0.05, 20
-"""Minimum time step [s], and maximum displacement per step [rad, m], of a log in ms: otherwise the sampling would be far too
-fine for so slow a motion."""
-_MAX_SPEED_OF_LIMIT, _MAX_SPEED = 1.5, 30.0
-"""Multiple of the velocity limit, and speed [rad/s, m/s] without a limit, that excludes a unit of time as too fast."""
-_SLOWEST_RATE = 10.0
-"""Rate [Hz] from which logs are recorded whose time may count rows."""
-_SLOW_STEP, _SLOW_SHARE = 0.1, 1 / 300
-"""Minimum time step [s], and maximum share of the velocity limits, of a log in ms: robots are built for their limits, and
-loggers for steps of 0.1 ms and more."""
+"""Multiple of a velocity limit that no robot reaches, as drives are stopped long before.
+
+For a step over half a turn of a joint without a limit, it is a multiple of the largest speed elsewhere.
+"""
+_LONG_STEP = 1.0
+"""Time step [s] from which time may be in a smaller unit, if the motion is slow."""
+_SHORT_MOVE = 0.1
+"""Displacement per step [rad, m] below which the motion is too slow for so long a step."""
+_SOME_MOVE = 0.05
+"""Range of positions [rad, m] above which a joint moves."""
+_MIN_ROWS = 20
+"""Number of rows from which time is judged."""
+_MAX_SHARE_OF_LIMIT = 1.5
+"""Multiple of the velocity limit that excludes a unit of time as too fast."""
+_MAX_SPEED = 30.0
+"""Speed [rad/s, m/s] of a joint without a limit that excludes a unit of time as too fast."""
+_MIN_LOGGING_RATE = 10.0
+"""Lowest rate [Hz] of a log whose time may count rows."""
+_SLOW_STEP = 0.1
+"""Time step [s] from which time may be in ms, if speeds are far below their limits: loggers have 0.1 ms and more."""
+_SLOW_SHARE = 1 / 300
+"""Share of the velocity limits below which speeds are too slow for this step: robots are built for their limits."""
 _MAX_SHARE_OF_SPIKES = 0.01
 """Share of rows with spikes from which a doubt is raised."""
 
@@ -295,21 +337,21 @@ class Contradictions:
 
         ``may_count_rows``: the column of time neither names a unit nor counts from 1970.
         """
-        count = len(coordinates.names)
-        self._factor, self._stated = np.ones(count), np.zeros(count, bool)
-        if angle is not None:
-            self._factor = angle
-        if angle_stated is not None:
-            self._stated = angle_stated
+        coordinate_count = len(coordinates.names)
+        self._factor = np.ones(coordinate_count) if angle is None else angle
+        self._stated = np.zeros(coordinate_count, bool) if angle_stated is None else angle_stated
         self._names = np.array(coordinates.velocity_names, object)
         self._angular = coordinates.angular_velocity
         self._single = np.flatnonzero(coordinates.position_of >= 0)
-        self._own = self._names[self._single].tolist()
+        """(k,) indices in dq of the checked entries."""
+        self._checked_names = self._names[self._single].tolist()
         """Names of the checked entries."""
         self.places = coordinates.position_of[self._single]
         """(k,) indices in q of the checked entries: joints with one coordinate."""
         self._turns = coordinates.angular[self.places]
+        """(k,) True for angles."""
         self._bounded = self._turns & ~coordinates.endless[self.places]
+        """(k,) True for angles of joints that do not turn without end."""
         self._time_stated = time_stated
         self.runs = runs
         """Runs of rows, the whole motion or excerpts of a long one."""
@@ -317,59 +359,75 @@ class Contradictions:
         self.glitches = SingleRowGlitches(count, self._turns)
         """Rows in which a single joint leaves its path."""
         self._range = np.array([[math.inf], [-math.inf]]).repeat(count, axis=1)
+        """(2, k) least and largest positions as logged."""
         self._unwrapped = self._range.copy()
-        """Least and largest angles, as logged and with omitted turns added."""
-        self._turned, self._wraps = np.zeros(count), np.zeros(count, int)
+        """(2, k) least and largest positions with omitted turns added."""
+        self._turns_added = np.zeros(count)
+        """Number of turns that are added to the last position."""
+        self._wrap_counts = np.zeros(count, int)
+        """Number of steps that may be omitted turns."""
         self._jumps: dict[int, tuple[float, float, float]] = {}
         """Fastest step beyond half a turn of each joint: speed, time before, size."""
         self._wrapped: dict[int, tuple[float, float, float]] = {}
         """First step of each joint that may be an omitted turn: speed, time before, size."""
-        self._speed, self._move = np.zeros(count), np.zeros(count)
-        self._usual: list[float] = []
+        self._largest_speed = np.zeros(count)
+        self._largest_distance = np.zeros(count)
+        """Largest speed, and largest displacement in a step, without steps beyond half a turn."""
+        self._median_steps: list[float] = []
         """Median time step of each portion [s]."""
         self._steps = 0
+        """Number of steps."""
         self._counts_rows = may_count_rows
         """True if each step of time is exactly 1, from a whole number on."""
 
     def add(self, t: Array, q: Array, before: int = 0) -> None:
         """Add times (n,) and coordinates (n, nq); the first ``before`` (at most OVERLAP) repeat the end of the last portion."""
         q = q[:, self.places]
-        self.glitches.add(t[max(0, before - OVERLAP) :], q[max(0, before - OVERLAP) :])
-        t, q = t[max(0, before - 1) :], q[max(0, before - 1) :]
-        h, moved = np.diff(t), np.diff(q, axis=0)
-        size = np.abs(moved)
-        wraps = (size > _STEP_OF_TURN[0]) & (size < _STEP_OF_TURN[1]) & self._bounded
-        turned = self._turned + np.cumsum(np.pad(np.where(wraps, -np.sign(moved), 0.0), ((1, 0), (0, 0))), axis=0)
-        self._turned = turned[-1]
-        for extent, x in ((self._range, q), (self._unwrapped, q + math.tau * turned)):
-            extent[:] = np.minimum(extent[0], x.min(axis=0)), np.maximum(extent[1], x.max(axis=0))
+        first_for_glitches = max(0, before - OVERLAP)
+        self.glitches.add(t[first_for_glitches:], q[first_for_glitches:])
+        last_known = max(0, before - 1)  # the last row of the last portion, from which the first new step begins
+        t, q = t[last_known:], q[last_known:]
+        h = np.diff(t)
+        displacement = np.diff(q, axis=0)
+        distance = np.abs(displacement)
+        shortest_turn, longest_turn = _OMITTED_TURN_STEPS
+        is_wrap = (distance > shortest_turn) & (distance < longest_turn) & self._bounded
+        turns_of_steps = np.where(is_wrap, -np.sign(displacement), 0.0)
+        turns_added = self._turns_added + np.cumsum(np.pad(turns_of_steps, ((1, 0), (0, 0))), axis=0)
+        self._turns_added = turns_added[-1]
+        _extend_range(self._range, q)
+        _extend_range(self._unwrapped, q + math.tau * turns_added)
         if not len(h):
             return
         self._steps += len(h)
         self._counts_rows &= bool((h == 1.0).all()) and float(t[0]).is_integer()
-        self._usual.append(float(np.median(h)))
-        over = (size > math.pi) & self._turns
-        self._speed = np.maximum(self._speed, np.where(over, 0.0, size / h[:, None]).max(axis=0))
-        self._move = np.maximum(self._move, np.where(over, 0.0, size).max(axis=0))
-        self._wraps += wraps.sum(axis=0)
-        for row, k in np.argwhere(over & self._bounded).tolist():
-            speed, start, step = float(size[row, k] / h[row]), float(t[row]), float(moved[row, k])
-            if wraps[row, k]:
-                self._wrapped.setdefault(k, (speed, start, step))
-            elif k not in self._jumps or speed > self._jumps[k][0]:
-                self._jumps[k] = speed, start, step
+        self._median_steps.append(float(np.median(h)))
+        exceeds_half_turn = (distance > math.pi) & self._turns
+        speed = np.where(exceeds_half_turn, 0.0, distance / h[:, None])
+        self._largest_speed = np.maximum(self._largest_speed, speed.max(axis=0))
+        distance_within_half_turn = np.where(exceeds_half_turn, 0.0, distance)
+        self._largest_distance = np.maximum(self._largest_distance, distance_within_half_turn.max(axis=0))
+        self._wrap_counts += is_wrap.sum(axis=0)
+        for row, k in np.argwhere(exceeds_half_turn & self._bounded).tolist():
+            step_speed = float(distance[row, k] / h[row])
+            step = step_speed, float(t[row]), float(displacement[row, k])
+            if is_wrap[row, k]:
+                self._wrapped.setdefault(k, step)
+            elif k not in self._jumps or step_speed > self._jumps[k][0]:
+                self._jumps[k] = step
 
     def doubts(self, limits: Limits | None = None, *, glitches: bool = True, origin: str = "either") -> list[Doubt]:
         """All doubts and notes; velocity limits distinguish a jump from a fast motion. ``origin``: plan, log or either."""
         time_doubts = self.time_doubts(limits)
         unit_doubts = self._angle_doubts(limits, origin) + self._length_doubts(limits, origin)
         doubts = time_doubts + unit_doubts
-        if not any(found.refuses for found in unit_doubts):
+        if not any(unit_doubt.refuses for unit_doubt in unit_doubts):
             doubts += [*self._jump_doubts(limits), *self._turn_doubts(limits)]
             if glitches:
-                doubts += row_doubts(self.glitches, self._own)
-        delays = np.zeros(len(self._single))
-        if not time_doubts:
+                doubts += row_doubts(self.glitches, self._checked_names)
+        if time_doubts:  # delays have no unit then
+            delays = np.zeros(len(self._single))
+        else:
             delays = self._delays
         doubts += self.rate_doubts(time_doubted=bool(time_doubts), late=delays != 0.0)
         doubts += self._delay_doubts(delays)
@@ -398,52 +456,54 @@ class Contradictions:
     def time_doubts(self, limits: Limits | None) -> list[Doubt]:
         """Doubt about the unit of time, if time steps are too long for the displacements in them."""
         step = self._usual_step
-        moving = self._range[1] - self._range[0] > _SOME_MOVE
-        if self._time_stated or self._steps + 1 < _FEWEST_ROWS or not moving.any():
+        is_moving = self._range[1] - self._range[0] > _SOME_MOVE
+        if self._time_stated or self._steps + 1 < _MIN_ROWS or not is_moving.any():
             return []
-        unit, factor = "ns", 1e9
+        # Loggers have steps of some ms, so that the size of the number shows the unit.
         if step < 500:
-            unit, factor = "ms", 1e3
+            unit, units_per_second = "ms", 1e3
         elif step < 5e5:
-            unit, factor = "us", 1e6
-        if not self._keeps_speed(factor, limits):
+            unit, units_per_second = "us", 1e6
+        else:
+            unit, units_per_second = "ns", 1e9
+        if not self._keeps_speed(units_per_second, limits):
             return []  # in that unit the motion would exceed the robot's limits
-        velocity, share = self._velocity_limits(limits)[moving], math.inf
-        if np.isfinite(velocity).all():
-            share = float((self._speed[moving] / velocity).max())
-        if step >= _LONG_STEP and self._move.max(initial=0.0) < _SHORT_MOVE:
-            why = f"within one no joint moves by more than {printed(self._move.max(), 2)} rad or m"
-        elif step >= _SLOW_STEP and share < _SLOW_SHARE:
-            why = f"no joint moves faster than {printed(100 * share, 2)} % of its limit of velocity"
+        velocity_limits = self._velocity_limits(limits)[is_moving]
+        share_of_limits = math.inf
+        if np.isfinite(velocity_limits).all():
+            share_of_limits = float((self._largest_speed[is_moving] / velocity_limits).max())
+        if step >= _LONG_STEP and self._largest_distance.max(initial=0.0) < _SHORT_MOVE:
+            why = f"within one no joint moves by more than {printed(self._largest_distance.max(), 2)} rad or m"
+        elif step >= _SLOW_STEP and share_of_limits < _SLOW_SHARE:
+            why = f"no joint moves faster than {printed(100 * share_of_limits, 2)} % of its limit of velocity"
         else:
             return []
         why = f"the usual step of time is {printed(step, 4)} s, and {why}"
-        rate = ""
+        rate_text = ""
         if self._counts_rows:
-            rate = f"; if it counts rows, give their rate by {spell(Argument('rate', Placeholder('HZ')))}"
-        return [
-            doubt("time-unit", why=why, unit=unit, rate=rate, column=Argument("columns", {"time": f"COLUMN [{unit}]"}))
-        ]
+            rate_text = f"; if it counts rows, give their rate by {spell(Argument('rate', Placeholder('HZ')))}"
+        column = Argument("columns", {"time": f"COLUMN [{unit}]"})
+        return [doubt("time-unit", why=why, unit=unit, rate=rate_text, column=column)]
 
     def _step_doubts(self, limits: Limits | None, origin: str) -> list[Doubt]:
-        """Doubt about a time that may count rows, or note on long steps: seconds of a slow log look alike.
+        """Doubt about a time that may count rows, or note on long steps: whole seconds of a slow log look the same.
 
-        Time is in seconds if velocities were logged, whose scale is compared with it, or if ten rows per second would need more
-        than the robot's speed. A plan may have points at whole seconds.
+        Time is in seconds if velocities were logged, as their scale is compared with it. It is so too if ten rows per
+        second would need more than the robot's speed. A plan may have points at whole seconds.
         """
         if self._time_stated or self._usual_step < _LONG_STEP:
             return []
-        confirmed = origin == "plan" or any(rows.dq is not None for rows in self.runs)
-        counts_rows = self._counts_rows and self._steps + 1 >= _FEWEST_ROWS and not confirmed
-        if counts_rows and self._keeps_speed(_SLOWEST_RATE, limits):
+        is_confirmed = origin == "plan" or any(rows.dq is not None for rows in self.runs)
+        may_count_rows = self._counts_rows and self._steps + 1 >= _MIN_ROWS and not is_confirmed
+        if may_count_rows and self._keeps_speed(_MIN_LOGGING_RATE, limits):
             return [doubt("row-numbers", rows=self._steps + 1)]
         return [doubt("time-step", step=printed(self._usual_step, 4))]
 
     def _keeps_speed(self, factor: float, limits: Limits | None) -> bool:
         """True if no joint is faster than a robot's can be when its speeds are multiplied by ``factor``."""
-        velocity = self._velocity_limits(limits)
-        max_speed = np.where(np.isfinite(velocity), _MAX_SPEED_OF_LIMIT * velocity, _MAX_SPEED)
-        return bool((factor * self._speed <= max_speed).all())
+        velocity_limits = self._velocity_limits(limits)
+        max_speed = np.where(np.isfinite(velocity_limits), _MAX_SHARE_OF_LIMIT * velocity_limits, _MAX_SPEED)
+        return bool((factor * self._largest_speed <= max_speed).all())
 
     def _velocity_limits(self, limits: Limits | None) -> Array:
         """Velocity limits (k,) of the checked entries, infinite if none is known."""
@@ -455,25 +515,28 @@ class Contradictions:
     @property
     def _usual_step(self) -> float:
         """Median time step [s]; 0 without rows."""
-        if not self._usual:
+        if not self._median_steps:
             return 0.0
-        return float(np.median(self._usual))
+        return float(np.median(self._median_steps))
 
     def _stays_in_a_turn(self) -> Array:
-        least, most = self._range
-        about_zero = (least >= -math.pi - _TURN_TOLERANCE) & (most <= math.pi + _TURN_TOLERANCE)
-        return np.asarray(about_zero | ((least >= -_TURN_TOLERANCE) & (most <= math.tau + _TURN_TOLERANCE)))
+        """Mask (k,) of the positions within -π to π, or within 0 to 2π."""
+        least, largest = self._range
+        is_about_zero = (least >= -math.pi - _TURN_TOLERANCE) & (largest <= math.pi + _TURN_TOLERANCE)
+        is_above_zero = (least >= -_TURN_TOLERANCE) & (largest <= math.tau + _TURN_TOLERANCE)
+        return np.asarray(is_about_zero | is_above_zero)
 
     def _jump_doubts(self, limits: Limits | None) -> Iterator[Doubt]:
-        in_a_turn = self._stays_in_a_turn()
+        """Doubts about steps over half a turn that are too fast for the joint, and not omitted turns."""
+        stays_in_a_turn = self._stays_in_a_turn()
         for k, joint in enumerate(self._single.tolist()):
             jump = self._jumps.get(k)
-            if jump is None and not in_a_turn[k]:
+            if jump is None and not stays_in_a_turn[k]:
                 jump = self._wrapped.get(k)
             if jump is None:
                 continue
             speed, time, size = jump
-            usual_speed = float(self._speed[k])
+            usual_speed = float(self._largest_speed[k])
             if limits is not None and math.isfinite(limits.velocity[joint]):
                 usual_speed = float(limits.velocity[joint])
             if speed > TOO_FAST * usual_speed:
@@ -482,25 +545,29 @@ class Contradictions:
                     "time": seconds(time, 4),
                     "speed": printed(speed, 3),
                 }
-                yield doubt("jump", [self._own[k]], joint=self._own[k], **words)
+                yield doubt("jump", [self._checked_names[k]], joint=self._checked_names[k], **words)
 
     def _turn_doubts(self, limits: Limits | None) -> Iterator[Doubt]:
         """Notes on added turns, and doubts about joints that exceed their limits with any number of turns."""
-        for k in np.flatnonzero((self._wraps > 0) & self._stays_in_a_turn()).tolist():
-            name, count = self._own[k], "1 time"
-            if self._wraps[k] > 1:
-                count = f"{self._wraps[k]} times"
-            yield doubt("turned-on", [name], joint=name, count=count, time=seconds(self._wrapped[k][1], 4))
+        has_turns = (self._wrap_counts > 0) & self._stays_in_a_turn()
+        for k in np.flatnonzero(has_turns).tolist():
+            name = self._checked_names[k]
+            count_text = "1 time" if self._wrap_counts[k] == 1 else f"{self._wrap_counts[k]} times"
+            _, first_time, _ = self._wrapped[k]
+            yield doubt("turned-on", [name], joint=name, count=count_text, time=seconds(first_time, 4))
             if limits is None:
                 continue
             joint = self._single[k]
-            lower, upper, slack = float(limits.lower[joint]), float(limits.upper[joint]), float(limits.tolerance[joint])
+            lower, upper = float(limits.lower[joint]), float(limits.upper[joint])
+            tolerance = float(limits.tolerance[joint])
             if not (math.isfinite(lower) and math.isfinite(upper)):
                 continue
-            low, high = self._unwrapped[:, k].tolist()
-            if high + math.tau * math.ceil((lower - slack - low) / math.tau) > upper + slack:
+            least, largest = self._unwrapped[:, k].tolist()
+            # Fewest turns after which the least angle is not below the lower limit.
+            turns = math.ceil((lower - tolerance - least) / math.tau)
+            if largest + math.tau * turns > upper + tolerance:
                 words: dict[str, Any] = {
-                    "angle": printed(high - low, 4),
+                    "angle": printed(largest - least, 4),
                     "lower": printed(lower, 4),
                     "upper": printed(upper, 4),
                 }
@@ -514,8 +581,12 @@ class Contradictions:
             curves[:, self._turns] = np.unwrap(curves[:, self._turns], axis=0)
         return all_curves
 
-    def _beside(self, rate: str) -> list[tuple[Array, Array, Array]]:
-        """Time, curves and rates of each run with these rates; ``derived``: accelerations with positions but no velocities."""
+    def _curves_and_rates(self, rate: str) -> list[tuple[Array, Array, Array]]:
+        """Time, curves and their rates, of each run that has them.
+
+        ``rate``: ``velocity``, of positions; ``acceleration``, of velocities; ``derived``: accelerations of velocities
+        that are derived from positions.
+        """
         runs_with_rates = []
         for rows, curves in zip(self.runs, self._curves, strict=True):
             if rate == "velocity" and rows.dq is not None:
@@ -523,36 +594,40 @@ class Contradictions:
             elif rate == "acceleration" and rows.dq is not None and rows.ddq is not None:
                 runs_with_rates.append((rows.time, rows.dq, rows.ddq))
             elif rate == "derived" and rows.dq is None and rows.ddq is not None and len(curves) > 1:
-                runs_with_rates.append((rows.time, np.gradient(curves, rows.time, axis=0), rows.ddq[:, self._single]))
+                derived_dq = np.gradient(curves, rows.time, axis=0)
+                runs_with_rates.append((rows.time, derived_dq, rows.ddq[:, self._single]))
         return runs_with_rates
 
     @cached_property
     def _delays(self) -> Array:
-        return rate_delays(self._beside("velocity"), len(self._single))
+        """Delay (k,) of each velocity behind the slope of its positions [s]; 0 if it has none."""
+        return rate_delays(self._curves_and_rates("velocity"), len(self._single))
 
     def _delay_doubts(self, delays: Array) -> Iterator[Doubt]:
-        for direction, shifted in (("late", delays > 0.0), ("early", delays < 0.0)):
-            if shifted.any():
-                sizes = np.abs(delays[shifted])
-                text = seconds(sizes.min())
-                if np.ptp(sizes) > 5e-4:
-                    text += f" to {seconds(sizes.max())}"
-                yield doubt("rate-late", names_of(self._own, shifted), late=text, way=direction)
+        """Doubts about velocities that are late or early."""
+        for direction, is_shifted in (("late", delays > 0.0), ("early", delays < 0.0)):
+            if is_shifted.any():
+                sizes = np.abs(delays[is_shifted])
+                delay_text = seconds(sizes.min())
+                if np.ptp(sizes) > 5e-4:  # printed in ms
+                    delay_text += f" to {seconds(sizes.max())}"
+                yield doubt("rate-late", names_of(self._checked_names, is_shifted), late=delay_text, way=direction)
 
     @cached_property
     def _scales(self) -> list[tuple[str, str, list[str], Array, Array]]:
         """Name of each kind of rates, name of the integrated quantity, joints, True for revolute joints, and scales."""
-        all_joints, scales = np.arange(len(self._names)), []
-        for kind, joints, base in (
+        all_joints = np.arange(len(self._names))
+        kinds_of_rates = (
             ("velocity", self._single, "positions"),
             ("acceleration", all_joints, "velocities"),
             ("derived", self._single, "positions' velocities"),
-        ):
-            angular, rate = self._angular[joints], "acceleration"
-            if kind == "velocity":
-                rate = "velocity"
+        )
+        scales = []
+        for kind, joints, base in kinds_of_rates:
+            rate = "velocity" if kind == "velocity" else "acceleration"
             names = self._names[joints].tolist()
-            scales.append((rate, base, names, angular, rate_scales(self._beside(kind), angular)))
+            is_angular = self._angular[joints]
+            scales.append((rate, base, names, is_angular, rate_scales(self._curves_and_rates(kind), is_angular)))
         return scales
 
     def rate_doubts(self, *, time_doubted: bool = False, late: Array | None = None) -> list[Doubt]:
@@ -561,20 +636,20 @@ class Contradictions:
         ``late`` (k,) bool: True if the velocity is shifted in time, so that its scale is not compared.
         """
         doubts = []
-        for rate, base, names, angular, scales in self._scales:
-            gains, per = scales, "/s^2"
-            if rate == "velocity":
-                per = "/s"
-                if late is not None:
-                    gains = np.where(late, 1.0, scales)
+        for rate, base, names, is_angular, scales in self._scales:
+            gains = scales
+            if rate == "velocity" and late is not None:
+                gains = np.where(late, 1.0, scales)
+            unit_suffix = "/s" if rate == "velocity" else "/s^2"
             least, largest = _ALLOWED_GAINS[rate]
-            joints_of: dict[str, list[str]] = {}  # by the text on their gain
-            for k in np.flatnonzero(~((gains > least) & (gains < largest))).tolist():
-                if time_doubted and _is_of_clock(gains[k]):
+            is_allowed = (gains > least) & (gains < largest)
+            joints_by_text: dict[str, list[str]] = {}
+            for k in np.flatnonzero(~is_allowed).tolist():
+                if time_doubted and _is_time_factor(gains[k]):
                     continue
-                text = scale_words(float(gains[k]), bool(angular[k]), base, per)
-                joints_of.setdefault(text, []).append(names[k])
-            for text, joints in joints_of.items():
+                text = scale_words(float(gains[k]), bool(is_angular[k]), base, unit_suffix)
+                joints_by_text.setdefault(text, []).append(names[k])
+            for text, joints in joints_by_text.items():
                 doubts.append(doubt("rate", joints, rate=rate, what=text))
         return doubts
 
@@ -598,33 +673,31 @@ class Contradictions:
 
     def _repetition_doubt(self, times: Sequence[Array], new_rows_of_runs: Sequence[Array]) -> Doubt:
         """Doubt about positions that repeat in several rows, from the masks (n,) of rows with new ones."""
-        step = float(np.median(np.concatenate(list(map(np.diff, times)))))
-        rows_apart = [np.diff(np.flatnonzero(rows)) for rows in new_rows_of_runs]
-        apart = step * float(np.median(np.concatenate(rows_apart)))
+        time_steps = [np.diff(t) for t in times]
+        step = float(np.median(np.concatenate(time_steps)))
+        rows_between_new = [np.diff(np.flatnonzero(is_new)) for is_new in new_rows_of_runs]
+        interval = step * float(np.median(np.concatenate(rows_between_new)))
         return doubt(
-            "repeated", rate=number(1 / apart, 3), rows=number(1 / step, 3), apart=seconds(apart, 3),
-            found={"value": 1 / apart, "unit": "Hz"},
+            "repeated", rate=number(1 / interval, 3), rows=number(1 / step, 3), apart=seconds(interval, 3),
+            found={"value": 1 / interval, "unit": "Hz"},
         )  # fmt: skip
 
     def _torque_doubts(self) -> Iterator[Doubt]:
         """Doubts about torques with spikes, or with a constant value for a while."""
         for k, (begin, length) in self._dropouts().items():
             words: dict[str, Any] = {"from_": seconds(begin, 4), "length": number(length, 3)}
-            yield doubt("dropout", [self._own[k]], found={"value": length, "unit": "s"}, **words)
+            yield doubt("dropout", [self._checked_names[k]], found={"value": length, "unit": "s"}, **words)
         masks = [spikes(rows.tau) for rows in self.runs if rows.tau is not None]
         if not masks:
             return
         has_spike = np.concatenate(masks)
-        rows = int(has_spike.any(axis=1).sum())
-        if rows:
+        row_count = int(has_spike.any(axis=1).sum())
+        if row_count:
             joint = self._names[int(has_spike.sum(axis=0).argmax())]
-            level: Level = "note"
-            if rows > _MAX_SHARE_OF_SPIKES * len(has_spike):
-                level = "unsure"
-            value = {"value": float(rows), "unit": "rows"}
-            yield doubt(
-                "spikes", [joint], level=level, rows=percent(rows / len(has_spike), 2), joint=joint, found=value
-            )
+            share = row_count / len(has_spike)
+            level: Level = "unsure" if row_count > _MAX_SHARE_OF_SPIKES * len(has_spike) else "note"
+            found = {"value": float(row_count), "unit": "rows"}
+            yield doubt("spikes", [joint], level=level, rows=percent(share, 2), joint=joint, found=found)
 
     def _dropouts(self) -> dict[int, tuple[float, float]]:
         """Begin [s] and duration [s] of constant torques, by index among the checked joints."""
@@ -633,10 +706,12 @@ class Contradictions:
             tau = np.zeros((0, len(self._single)))
             if run.tau is not None:
                 tau = run.tau[:, self._single]
-            constant = dropouts(run.time, tau, curves)
-            for k in np.flatnonzero(constant.any(axis=0)).tolist():
-                begin, length = durations.get(k, (float(run.time[constant[:, k].argmax()]), 0.0))
-                durations[k] = begin, length + float(np.diff(run.time)[constant[1:, k]].sum())
+            is_constant = dropouts(run.time, tau, curves)
+            time_steps = np.diff(run.time)
+            for k in np.flatnonzero(is_constant.any(axis=0)).tolist():
+                first_time = float(run.time[is_constant[:, k].argmax()])
+                begin, duration = durations.get(k, (first_time, 0.0))
+                durations[k] = begin, duration + float(time_steps[is_constant[1:, k]].sum())
         return durations
 
 
@@ -644,6 +719,12 @@ def _share_text(late: LatePositions) -> str:
     """Share of the time in percent: a range if changes were not seen."""
     least, largest = percent(late.min_share), percent(late.max_share)
     return largest if least == largest else f"{least.removesuffix(' %')} to {largest}"
+
+
+def _extend_range(extent: Array, x: Array) -> None:
+    """Extend least and largest values (2, k), in place, by the rows x (n, k)."""
+    extent[0] = np.minimum(extent[0], x.min(axis=0))
+    extent[1] = np.maximum(extent[1], x.max(axis=0))
 
 
 def _gap_doubts(deviations: Sequence[Gap], times: Sequence[Array]) -> Iterator[Doubt]:
@@ -660,15 +741,22 @@ def _gap_doubts(deviations: Sequence[Gap], times: Sequence[Array]) -> Iterator[D
             count=len(deviations), time=seconds(deviations[0].time, 4),
         )  # fmt: skip
         return
-    time, held_rows, delays = np.array([(gap.time, gap.held, gap.late) for gap in deviations]).T
-    repeated = held_rows > 0
-    if repeated.any():
-        rows = int(held_rows.max())
-        yield doubt("held", found={"value": float(rows), "unit": "rows"}, when=_times_text(time[repeated]), rows=rows)
-    pauses = ~repeated
-    if not pauses.any():
+    gap_times, repeated_rows, delays = np.array([(gap.time, gap.held, gap.late) for gap in deviations]).T
+    is_repetition = repeated_rows > 0
+    if is_repetition.any():
+        rows = int(repeated_rows.max())
+        yield doubt(
+            "held", found={"value": float(rows), "unit": "rows"}, when=_times_text(gap_times[is_repetition]), rows=rows
+        )
+    is_pause = ~is_repetition
+    if not is_pause.any():
         return
     why = "rows are missing there, and the stamps were closed up"
-    if (delays[pauses] > 0).all():  # where rows are missing, positions are early
-        why = f"positions are {number(1e3 * delays[pauses][0], 2)} ms late from there on: a clock was shifted"
-    yield doubt("pause", when=_times_text(time[pauses]), why=why, found={"value": float(time[pauses][0]), "unit": "s"})
+    if (delays[is_pause] > 0).all():  # where rows are missing, positions are early
+        why = f"positions are {number(1e3 * delays[is_pause][0], 2)} ms late from there on: a clock was shifted"
+    yield doubt(
+        "pause",
+        when=_times_text(gap_times[is_pause]),
+        why=why,
+        found={"value": float(gap_times[is_pause][0]), "unit": "s"},
+    )

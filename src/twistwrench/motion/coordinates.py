@@ -87,12 +87,13 @@ class Coordinates:
         -------
         headers : list of str
         """
-        names, turning = self.velocity_names, self.angular_velocity
         if part == "q":
-            names, turning = self.names, self.angular
+            names, is_angular = self.names, self.angular
+        else:
+            names, is_angular = self.velocity_names, self.angular_velocity
         headers = [f"{name}{SUFFIX[part]}" for name in names]
         if degrees and part in DEGREES:
-            for k in np.flatnonzero(turning):
+            for k in np.flatnonzero(is_angular):
                 headers[k] += f" [{DEGREES[part]}]"
         return headers
 
@@ -111,18 +112,19 @@ class Coordinates:
         angular_velocity: list[bool] = []
         endless_angles: list[bool] = []
         position_of = np.full(model.nv, -1)
-        for b in model.leaders:
-            angular += [unit == "rad" for unit in b.joint.coordinate_units]
-            angular_velocity += map(bool, b.joint.turning)
-            endless_angles += [k in b.joint.wraps for k in range(b.joint.nq)]
-            if b.joint.nv == 1:
-                position_of[b.v_index] = b.q_index
+        for body in model.leaders:
+            joint = body.joint
+            angular += [unit == "rad" for unit in joint.coordinate_units]
+            angular_velocity += map(bool, joint.turning)
+            endless_angles += [k in joint.wraps for k in range(joint.nq)]
+            if joint.nv == 1:
+                position_of[body.v_index] = body.q_index
         endless = np.array(endless_angles, bool)
         mimic_joints = []
-        for b in model.bodies:
-            if b.follows and not endless[b.q_index]:
-                turns = bool(b.joint.turning[0])
-                mimic_joints.append(MimicJoint(b.joint.name, b.q_index, b.ratio, b.offset, turns))
+        for body in model.bodies:
+            if body.follows and not endless[body.q_index]:
+                is_angular = bool(body.joint.turning[0])
+                mimic_joints.append(MimicJoint(body.joint.name, body.q_index, body.ratio, body.offset, is_angular))
         coordinates = cls(
             names=model.coordinate_names,
             velocity_names=model.velocity_names,
@@ -159,28 +161,32 @@ def serial_arms(model: Model) -> tuple[tuple[int, ...], ...]:
     >>> serial_arms(tw.robots.panda().model)
     ((0, 1, 2, 3, 4, 5, 6),)
     """
-    children = Counter(b.parent for b in model.bodies)
+    child_counts = Counter(body.parent for body in model.bodies)
     runs: list[list[int]] = []
     run_of_body: dict[int, list[int]] = {}
-    for i, b in enumerate(model.bodies):  # parents come before their children
-        if b.follows or b.joint.nv != 1 or not b.joint.turning[0]:
+    for i, body in enumerate(model.bodies):  # parents come before their children
+        if body.follows or body.joint.nv != 1 or not body.joint.turning[0]:
             continue
-        if b.parent in run_of_body and children[b.parent] == 1:
-            run = run_of_body[b.parent]
+        if body.parent in run_of_body and child_counts[body.parent] == 1:
+            run = run_of_body[body.parent]
         else:
             run = []
             runs.append(run)
-        run.append(b.q_index)
+        run.append(body.q_index)
         run_of_body[i] = run
     return tuple(tuple(run) for run in runs if len(run) >= _MIN_JOINTS_OF_ARM)
 
 
 def joint_rates(model: Model, q: Array, dq_dt: Array, d2q_dt2: Array) -> tuple[Array, Array]:
-    """Joint velocities and accelerations (n, nv) from rates of q (n, nq); planar and floating joints: child's frame."""
-    velocities, accelerations = [np.zeros((len(q), 0))], [np.zeros((len(q), 0))]
-    for b in model.leaders:
-        columns = b.places[0]
-        v, a = b.joint.velocities(q[:, columns], dq_dt[:, columns], d2q_dt2[:, columns])
+    """Joint velocities and accelerations (n, nv) from the first and second derivatives of q (n, nq).
+
+    Those of planar and floating joints are in the child's frame.
+    """
+    no_columns = np.zeros((len(q), 0))  # for robots without joints
+    velocities, accelerations = [no_columns], [no_columns]
+    for body in model.leaders:
+        columns = body.places[0]
+        v, a = body.joint.velocities(q[:, columns], dq_dt[:, columns], d2q_dt2[:, columns])
         velocities.append(v)
         accelerations.append(a)
     return np.concatenate(velocities, axis=1), np.concatenate(accelerations, axis=1)
@@ -201,40 +207,46 @@ class Continuity:
     """Columns of q with spurious jumps; determined once per log, so that all windows agree."""
 
     wrapped: Array
-    """(nq,) True for endless angles that stay within one turn, ±π or 0 to 2π. Other angles count turns; their steps
-    of more than π are real.
+    """(nq,) True for endless angles that stay within one turn, ±π or 0 to 2π.
+
+    Other endless angles count turns, so that their steps of more than π are real.
     """
     quaternions: tuple[slice, ...]
     """Slices of quaternions; p and -p are the same rotation, but a sign change breaks the curve."""
     left_out: Array
-    """(nq,) True for angles of bounded joints within one turn. Only a step of nearly a full turn counts as an omitted
-    turn.
+    """(nq,) True for angles of bounded joints within one turn.
+
+    Only a step of nearly a full turn counts as an omitted turn there.
     """
 
     @classmethod
     def from_parts(cls, coordinates: Coordinates, parts: Sequence[Array], turn: float | Array = math.tau) -> Continuity:
         """Find the jumps from excerpts of q (n, nq); ``turn``, () or (nq,), is a full turn in the excerpts' units."""
         rows = np.concatenate(parts)
-        least, largest = rows.min(axis=0, initial=math.inf), rows.max(axis=0, initial=-math.inf)
-        half, spill = 0.5 * np.asarray(turn), _TURN_TOLERANCE * 0.5 * np.asarray(turn)
-        about_zero = (least >= -half - spill) & (largest <= half + spill)
-        from_zero = (least >= -spill) & (largest <= turn + spill)
-        within = about_zero | from_zero
-        bounded = coordinates.angular & ~coordinates.endless
-        return cls(coordinates.endless & within, coordinates.quaternions, bounded & within)
+        least = rows.min(axis=0, initial=math.inf)
+        largest = rows.max(axis=0, initial=-math.inf)
+        half_turn = 0.5 * np.asarray(turn)
+        tolerance = _TURN_TOLERANCE * 0.5 * np.asarray(turn)
+        is_about_zero = (least >= -half_turn - tolerance) & (largest <= half_turn + tolerance)
+        is_above_zero = (least >= -tolerance) & (largest <= turn + tolerance)
+        is_within_turn = is_about_zero | is_above_zero
+        is_bounded = coordinates.angular & ~coordinates.endless
+        return cls(coordinates.endless & is_within_turn, coordinates.quaternions, is_bounded & is_within_turn)
 
     def curves(self, q: Array, turn: float | Array = math.tau) -> Array:
         """Consecutive rows of q (n, nq) without the jumps; each column keeps its first value."""
-        continuous, turns = q.copy(), np.broadcast_to(np.asarray(turn, float), q.shape[1:])
+        continuous = q.copy()
+        turns = np.broadcast_to(np.asarray(turn, float), q.shape[1:])
         for k in np.flatnonzero(self.wrapped):
             continuous[:, k] = np.unwrap(q[:, k], period=turns[k])
         for k in np.flatnonzero(self.left_out):
             # np.unwrap does not change steps below ``discont``.
             continuous[:, k] = np.unwrap(q[:, k], period=turns[k], discont=_MIN_STEP_OF_TURN * turns[k])
-        for place in self.quaternions:
-            p = q[:, place]
-            same = np.sum(p[1:] * p[:-1], axis=1) >= 0
-            continuous[:, place] = p * np.cumprod(np.r_[1.0, np.where(same, 1.0, -1.0)])[:, None]
+        for entries in self.quaternions:
+            p = q[:, entries]
+            keeps_sign = np.sum(p[1:] * p[:-1], axis=1) >= 0
+            signs = np.cumprod(np.r_[1.0, np.where(keeps_sign, 1.0, -1.0)])
+            continuous[:, entries] = p * signs[:, None]
         return continuous
 
 
@@ -243,11 +255,16 @@ ConfigurationGiven: TypeAlias = ArrayLike | str | Mapping[str, ArrayLike] | Sequ
 _MIN_DEGREES = 3 * math.tau
 """Magnitude [rad] above which a coordinate is taken for degrees: three turns are rare, 19 degrees are not."""
 
-_AT = Argument("at")
+_AT_ARGUMENT = Argument("at")
 
 
 def configuration_of(
-    robot: Robot, given: ConfigurationGiven, *, degrees: bool = False, what: Argument = _AT, start: Array | None = None
+    robot: Robot,
+    given: ConfigurationGiven,
+    *,
+    degrees: bool = False,
+    what: Argument = _AT_ARGUMENT,
+    start: Array | None = None,
 ) -> Array:
     """Configuration (nq,) that a user gives; joints that are not named keep their value of ``start``, by default neutral.
 
@@ -270,24 +287,22 @@ def configuration_of(
     >>> [configuration_of(arm, given).tolist() for given in ([0.1, 0.5], {"joint2": 0.5}, "0.1,0.5", ["0.1,0", "joint2=0.5"])]
     [[0.1, 0.5], [0.0, 0.5], [0.1, 0.5], [0.1, 0.5]]
     """
-    q = robot.neutral.copy()
-    if start is not None:
-        q = np.array(start)
+    q = robot.neutral.copy() if start is None else np.array(start)
+    if given is None:
+        return q
     name = spell(replace(what, value=None))
-    unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
-    texts: Any = given
-    if isinstance(given, str):
-        texts = [given]
-    if texts is None:
+    si_factors = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
+    if isinstance(given, Mapping):
+        for joint, position in given.items():
+            body = _body_of_joint(robot, joint)
+            entries = body.places[0]
+            q[entries] = arguments.finite(np.atleast_1d(position), f"{name} {joint}", body.joint.nq)
+            q[entries] *= si_factors[entries]
         return q
-    if isinstance(texts, Mapping):
-        for joint, position in texts.items():
-            body = _joint(robot, joint)
-            q[body.places[0]] = arguments.finite(np.atleast_1d(position), f"{name} {joint}", body.joint.nq)
-            q[body.places[0]] *= unit[body.places[0]]
-        return q
-    if not (isinstance(texts, Sequence) and all(isinstance(text, str) for text in texts)):
-        return configuration(robot, texts, name) * unit
+    texts: Any = [given] if isinstance(given, str) else given
+    are_texts = isinstance(texts, Sequence) and all(isinstance(text, str) for text in texts)
+    if not are_texts:
+        return configuration(robot, texts, name) * si_factors
     configurations = [text for text in texts if "=" not in text]
     positions = [text for text in texts if "=" in text]
     if len(configurations) > 1:
@@ -296,10 +311,10 @@ def configuration_of(
             f"{name} {first!r} and {name} {second!r} both set all coordinates. Keep one of them; others are JOINT=VALUE."
         )
     if configurations:
-        q = _all_coordinates(robot, configurations[0], name, unit)
+        q = _all_coordinates(robot, configurations[0], name, si_factors)
     for body, numbers in _numbers_by_joint(robot, positions, name, velocities=False):
-        here = body.places[0]
-        q[here] = np.array(numbers) * unit[here]
+        entries = body.places[0]
+        q[entries] = np.array(numbers) * si_factors[entries]
     return q
 
 
@@ -309,7 +324,8 @@ def configuration(robot: Robot, q: ArrayLike, name: str) -> Array:
     return np.array(arguments.one(finite_q, name, robot.nq))
 
 
-def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array:
+def _all_coordinates(robot: Robot, text: str, option: str, si_factors: Array) -> Array:
+    """Configuration (nq,) of its name or of numbers, which are multiplied by their factors to SI units."""
     configurations = robot.configurations
     if text in configurations:
         return np.array(configurations[text])
@@ -318,19 +334,19 @@ def _all_coordinates(robot: Robot, text: str, option: str, unit: Array) -> Array
         form += "; the file names no configuration"
     else:
         form += f"; or a configuration of the file: {_first_names(list(configurations), ', ')}"
-    return np.array(arguments.parse_numbers(text, option, form, robot.nq)) * unit
+    return np.array(arguments.parse_numbers(text, option, form, robot.nq)) * si_factors
 
 
 def _first_names(names: Sequence[str], separator: str) -> str:
     """At most eight names, with an ellipsis for others."""
-    shown = list(names[:8])
+    listed_names = list(names[:8])
     if len(names) > 8:
-        shown.append("…")
-    return separator.join(shown)
+        listed_names.append("…")
+    return separator.join(listed_names)
 
 
 def _example(robot: Robot) -> str:
-    """Example JOINT=VALUE with a joint of one coordinate; a free joint needs seven."""
+    """Example of JOINT=VALUE with a joint of one coordinate, as a free joint needs seven numbers."""
     for body in robot.model.leaders:
         if body.joint.nq == 1:
             return f"{body.joint.name}=0.5"
@@ -346,12 +362,12 @@ def degrees_hint(robot: Robot, q: Array) -> str:
     >>> degrees_hint(tw.robots.planar_2r(), np.array([-6.5, 0.0]))
     ''
     """
-    angular = np.where(Coordinates.from_model(robot.model).angular, np.abs(q), 0.0)
-    if angular.max(initial=0.0) < _MIN_DEGREES:
+    angle_sizes = np.where(Coordinates.from_model(robot.model).angular, np.abs(q), 0.0)
+    if angle_sizes.max(initial=0.0) < _MIN_DEGREES:
         return ""
-    k = int(np.argmax(angular))
+    k = int(np.argmax(angle_sizes))
     name = robot.coordinate_names[k]
-    turns = number(angular[k] / math.tau, 3)
+    turns = number(angle_sizes[k] / math.tau, 3)
     return f"{name} is at {printed(q[k])} rad, {turns} turns. For degrees add {spell(Argument('degrees', True))}."
 
 
@@ -362,33 +378,33 @@ def parse_rates(robot: Robot, texts: Iterable[str], option: str, *, degrees: boo
     """
     rates = np.zeros(robot.nv)
     for body, numbers in _numbers_by_joint(robot, texts, option, velocities=True):
-        here = body.places[1]
-        turning = np.any(body.joint.axes[:, :3] != 0, axis=1)
-        rates[here] = np.where(turning & degrees, np.radians(numbers), numbers)
+        entries = body.places[1]
+        is_angular = np.any(body.joint.axes[:, :3] != 0, axis=1)
+        rates[entries] = np.where(is_angular & degrees, np.radians(numbers), numbers)
     return rates
 
 
 def _numbers_by_joint(
     robot: Robot, texts: Iterable[str], option: str, *, velocities: bool
 ) -> list[tuple[Body, list[float]]]:
-    numbers_of = []
-    for joint, value in arguments.assignments(texts, option, f"JOINT=VALUE, for example {_example(robot)}").items():
-        body = _joint(robot, joint)
-        count = body.joint.nq
-        if velocities:
-            count = body.joint.nv
-        form = f"{count} numbers"
-        if count == 1:
-            form = "1 number"
-        numbers_of.append((body, arguments.parse_numbers(value, f"{option} {joint}", form, count)))
-    return numbers_of
+    """Bodies with the numbers of texts ``JOINT=VALUE``: as many as the joint has velocities, or coordinates."""
+    bodies_with_numbers = []
+    assignments = arguments.assignments(texts, option, f"JOINT=VALUE, for example {_example(robot)}")
+    for joint, value in assignments.items():
+        body = _body_of_joint(robot, joint)
+        count = body.joint.nv if velocities else body.joint.nq
+        form = "1 number" if count == 1 else f"{count} numbers"
+        numbers = arguments.parse_numbers(value, f"{option} {joint}", form, count)
+        bodies_with_numbers.append((body, numbers))
+    return bodies_with_numbers
 
 
-def _joint(robot: Robot, name: str) -> Body:
-    known = {b.joint.name: b for b in robot.model.leaders}
-    if name not in known:
-        raise UnknownNameError.from_choices("joint", name, known)
-    return known[name]
+def _body_of_joint(robot: Robot, name: str) -> Body:
+    """Body with the joint of this name; raises UnknownNameError."""
+    bodies = {body.joint.name: body for body in robot.model.leaders}
+    if name not in bodies:
+        raise UnknownNameError.from_choices("joint", name, bodies)
+    return bodies[name]
 
 
 complete(globals())

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 _TOLERANCE = 1e-6
 """Relative tolerance of equal numbers that were printed."""
 _MIN_PLACEHOLDERS = 3
-"""Minimum number of joints whose one round limit is a placeholder."""
-_DIGITS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 9.0)
+"""Number of joints from which a round limit that they share is a placeholder."""
+_ROUND_MANTISSAS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 9.0)
 
 
 def shared_round(limits: Array) -> bool:
@@ -35,10 +35,13 @@ def shared_round(limits: Array) -> bool:
     (True, False, False)
     """
     known = limits[np.isfinite(limits) & (limits > 0.0)]
-    if len(known) < _MIN_PLACEHOLDERS or np.ptp(known) > 0.0:
+    are_equal = len(known) > 0 and np.ptp(known) == 0.0
+    if len(known) < _MIN_PLACEHOLDERS or not are_equal:
         return False
-    mantissa = float(known[0]) / 10.0 ** np.floor(np.log10(known[0] * (1.0 + _TOLERANCE)))
-    return any(abs(mantissa / digit - 1.0) < _TOLERANCE for digit in _DIGITS)
+    # With the tolerance, 9.99999999 counts as 10 and not as a number below it.
+    power_of_ten = 10.0 ** np.floor(np.log10(known[0] * (1.0 + _TOLERANCE)))
+    mantissa = float(known[0]) / power_of_ten
+    return any(abs(mantissa / round_mantissa - 1.0) < _TOLERANCE for round_mantissa in _ROUND_MANTISSAS)
 
 
 def credible_velocities(limits: Limits) -> Array:
@@ -49,20 +52,24 @@ def credible_velocities(limits: Limits) -> Array:
     return np.where(velocity > 0.0, velocity, np.inf)
 
 
-_POSES, BY_WEIGHT = 2000, 3.0
-"""Number of random poses, and multiple of a torque limit needed by the robot's weight alone, which makes it a placeholder."""
+_POSE_COUNT = 2000
+"""Number of random poses in which the robot's weight is evaluated."""
+BY_WEIGHT = 3.0
+"""Gravity torque over torque limit from which the limit is a placeholder."""
 
 
 def weight_torques(robot: Robot) -> Array:
     """Largest gravity torque (nv,) of each joint in random poses [N m, N]."""
-    q = robot.random_configuration(np.random.default_rng(0), _POSES)
-    return np.asarray(np.abs(np.asarray(robot.gravity_forces(q))).max(axis=0))
+    q = robot.random_configuration(np.random.default_rng(0), _POSE_COUNT)
+    torques = np.asarray(robot.gravity_forces(q))
+    return np.asarray(np.abs(torques).max(axis=0))
 
 
 def credible_efforts(robot: Robot) -> Array:
     """Torque limits (nv,) of the robot's file; inf where missing or not above zero, and everywhere if they are placeholders.
 
-    A limit that the robot's weight alone exceeds by far shows that the unit of all is another, or that none is rated.
+    If the robot's weight alone exceeds one limit by far, all are placeholders: their unit is another, or they are not
+    those of motors.
     """
     effort = np.where(robot.limits.effort > 0.0, robot.limits.effort, np.inf)
     if shared_round(robot.limits.effort) or (weight_torques(robot) > BY_WEIGHT * effort).any():
@@ -70,16 +77,24 @@ def credible_efforts(robot: Robot) -> Array:
     return effort
 
 
-_UNITS = (STRENGTH, 10.0, math.degrees(1.0), 10 * STRENGTH, 100.0, 100 * STRENGTH, 1000.0)
-"""Ratios of units of torque, and of angles, that are mistaken for each other; gears are others from ten on."""
-_MIN_UNIT_FACTOR, _MAX_FACTOR_SPREAD = 9.5, 1.1
-"""Common factor of the efforts of a table and of a file from which a unit is doubted, and spread of the factor."""
-_MIN_DEGREES, _MAX_DEGREES = 4 * math.pi, 400.0
-"""Position [rad] from which numbers may be degrees, and position in degrees of the largest range."""
+_UNIT_RATIOS = (STRENGTH, 10.0, math.degrees(1.0), 10 * STRENGTH, 100.0, 100 * STRENGTH, 1000.0)
+"""Ratios of units of torque, and of angles, that are mistaken for each other; other ratios from ten on are gears."""
+_MIN_UNIT_FACTOR = 9.5
+"""Common factor of the efforts of a table and of a file from which a unit is doubted."""
+_MAX_FACTOR_SPREAD = 1.1
+"""Largest over smallest factor of the joints, up to which it is a common one; also the tolerance of a unit's ratio."""
+_MIN_DEGREES = 4 * math.pi
+"""Position from which a number may be in degrees."""
+_MAX_DEGREES = 400.0
+"""Position in degrees of the joint with the largest range."""
 _MIN_JOINTS = 2
-"""Joints from which their common factor, or their positions, show a unit."""
-_MIN_DEGREES_A_SECOND, _MIN_RATIO_TO_FILE, _NO_LIMIT = 20.0, 3.0, 1e4
-"""Speed [rad/s] from which a number of a table may be degrees, multiple of the file's number, and numbers for no limit."""
+"""Number of joints from which their common factor, or their positions, show a unit."""
+_MIN_DEGREES_PER_SECOND = 20.0
+"""Speed from which a number of a table may be in degrees a second."""
+_MIN_RATIO_TO_FILE = 3.0
+"""Ratio to the file's number from which a number of a table may be in degrees."""
+_NO_LIMIT = 1e4
+"""Number from which a position or speed stands for no limit."""
 
 
 def credible_limits(limits: Limits, robot: Robot, *, weight: bool = True) -> list[Doubt]:
@@ -100,40 +115,52 @@ def _degree_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
 
     Positions and speeds of a table are also compared with those of the file.
     """
-    c, own = Coordinates.from_model(robot.model), robot.limits
-    positions = np.maximum(c.position_of, 0)
-    turning = c.angular_velocity & (c.position_of >= 0)
-    reach, own_reach = _reach(limits), _reach(own)
-    stops = turning & ~c.endless[positions] & np.isfinite(reach) & ~limits.has_unit("lower") & ~limits.has_unit("upper")
-    speeds = turning & np.isfinite(limits.velocity) & ~limits.has_unit("velocity")
-    in_degrees = stops & (reach > _MIN_DEGREES) & (reach < _MAX_DEGREES)
-    is_majority = in_degrees.sum() >= _MIN_JOINTS and 2 * in_degrees.sum() > stops.sum()
-    too_fast = (speeds & (limits.velocity > FASTEST_TURN))[in_degrees].any()
-    if not is_majority or not (too_fast or _are_protractor_angles(reach[in_degrees])):
-        in_degrees = _entries_beyond_file(reach, own_reach, stops, _MIN_DEGREES)
+    coordinates = Coordinates.from_model(robot.model)
+    file_limits = robot.limits
+    has_position = coordinates.position_of >= 0
+    q_entries = np.maximum(coordinates.position_of, 0)  # entry 0 for joints without one, which are left out below
+    turns = coordinates.angular_velocity & has_position
+    largest = _largest_positions(limits)
+    has_stops = turns & ~coordinates.endless[q_entries] & np.isfinite(largest)
+    has_stops &= ~limits.has_unit("lower") & ~limits.has_unit("upper")
+    has_speed = turns & np.isfinite(limits.velocity) & ~limits.has_unit("velocity")
+    in_degrees = has_stops & (largest > _MIN_DEGREES) & (largest < _MAX_DEGREES)
+    is_majority = in_degrees.sum() >= _MIN_JOINTS and 2 * in_degrees.sum() > has_stops.sum()
+    is_too_fast = (has_speed & (limits.velocity > FASTEST_TURN))[in_degrees].any()
+    if not is_majority or not (is_too_fast or _are_protractor_angles(largest[in_degrees])):
+        in_degrees = _entries_beyond_file(largest, _largest_positions(file_limits), has_stops, _MIN_DEGREES)
     doubts = []
     if in_degrees.any():
-        doubts.append(_degree_doubt("position", int(in_degrees.argmax()), reach, c))
-    in_degrees = _entries_beyond_file(limits.velocity, own.velocity, speeds, _MIN_DEGREES_A_SECOND)
+        doubts.append(_degree_doubt("position", int(in_degrees.argmax()), largest, coordinates))
+    in_degrees = _entries_beyond_file(limits.velocity, file_limits.velocity, has_speed, _MIN_DEGREES_PER_SECOND)
     if in_degrees.any():
-        doubts.append(_degree_doubt("velocity", int(in_degrees.argmax()), limits.velocity, c))
+        doubts.append(_degree_doubt("velocity", int(in_degrees.argmax()), limits.velocity, coordinates))
     return doubts
 
 
-def _reach(limits: Limits) -> Array:
+def _largest_positions(limits: Limits) -> Array:
+    """Largest position (nv,) within the limits, without its sign."""
     return np.asarray(np.maximum(np.abs(limits.lower), np.abs(limits.upper)))
 
 
-def _entries_beyond_file(values: Array, own: Array, entries: Array, least: float) -> Array:
-    """Entries above ``least`` and a multiple of the file's numbers, if these are most of those that differ; else none."""
-    changed = entries & (values != own) & np.isfinite(own)
-    bound = np.maximum(least, _MIN_RATIO_TO_FILE * np.where(np.isfinite(own), own, 0.0))
-    beyond = changed & (values > bound) & (values < _NO_LIMIT)
-    return beyond if 2 * beyond.sum() > changed.sum() else np.zeros_like(beyond)
+def _entries_beyond_file(table_values: Array, file_values: Array, compared: Array, min_value: float) -> Array:
+    """Mask of entries of a table above ``min_value`` and a multiple of the file's number.
+
+    Entries in ``compared`` count if they differ from the file. The mask is empty unless most of these are beyond.
+    """
+    is_changed = compared & (table_values != file_values) & np.isfinite(file_values)
+    known_file_values = np.where(np.isfinite(file_values), file_values, 0.0)
+    bound = np.maximum(min_value, _MIN_RATIO_TO_FILE * known_file_values)
+    is_beyond = is_changed & (table_values > bound) & (table_values < _NO_LIMIT)
+    if 2 * is_beyond.sum() > is_changed.sum():
+        return is_beyond
+    return np.zeros_like(is_beyond)
 
 
-def _degree_doubt(what: str, k: int, values: Array, c: Coordinates) -> Doubt:
-    joint, turns = c.velocity_names[k], f"{printed(values[k] / math.tau, 3)} turns"
+def _degree_doubt(what: str, k: int, values: Array, coordinates: Coordinates) -> Doubt:
+    """Doubt about entry k of the limits of a ``position`` or a ``velocity``."""
+    joint = coordinates.velocity_names[k]
+    turns = f"{printed(values[k] / math.tau, 3)} turns"
     if what == "velocity":
         turns += " a second"
     words: dict[str, Any] = {"what": what, "limit": printed(values[k]), "joint": repr(joint), "turns": turns}
@@ -141,9 +168,11 @@ def _degree_doubt(what: str, k: int, values: Array, c: Coordinates) -> Doubt:
 
 
 def _are_protractor_angles(values: Array) -> bool:
-    """True if all are whole numbers up to 90 or more, as ranges in degrees are; one number for all only if of quarter turns."""
-    are_whole = (values == np.round(values)).all() and values.max(initial=0.0) >= _QUARTER_TURN
-    return bool(are_whole and (np.ptp(values) > 0.0 or values[0] % _QUARTER_TURN == 0.0))
+    """True for whole numbers up to 90 or more, as ranges in degrees are; if all are equal, only for quarter turns."""
+    are_whole = bool((values == np.round(values)).all())
+    if not are_whole or values.max(initial=0.0) < _QUARTER_TURN:
+        return False
+    return bool(np.ptp(values) > 0.0 or values[0] % _QUARTER_TURN == 0.0)
 
 
 _QUARTER_TURN = 90.0
@@ -151,29 +180,31 @@ _QUARTER_TURN = 90.0
 
 
 def _effort_unit_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
-    own = robot.limits.effort
-    compared = np.isfinite(own) & np.isfinite(limits.effort) & (own > 0.0) & (limits.effort > 0.0)
-    compared &= (limits.effort != own) & ~limits.has_unit("effort")
-    if compared.sum() < _MIN_JOINTS or shared_round(own):
+    """Doubt about efforts that all differ from those of the robot's file by one factor."""
+    file_effort = robot.limits.effort
+    has_both = np.isfinite(file_effort) & np.isfinite(limits.effort) & (file_effort > 0.0) & (limits.effort > 0.0)
+    is_compared = has_both & (limits.effort != file_effort) & ~limits.has_unit("effort")
+    if is_compared.sum() < _MIN_JOINTS or shared_round(file_effort):
         return []
-    ratios = limits.effort[compared] / own[compared]
+    ratios = limits.effort[is_compared] / file_effort[is_compared]
     factor = float(np.median(ratios))
-    size = max(factor, 1.0 / factor)
-    if size < _MIN_UNIT_FACTOR or ratios.max() > _MAX_FACTOR_SPREAD * ratios.min():
+    factor_above_one = max(factor, 1.0 / factor)
+    if factor_above_one < _MIN_UNIT_FACTOR or ratios.max() > _MAX_FACTOR_SPREAD * ratios.min():
         return []
-    nearest_unit = min(_UNITS, key=lambda unit: abs(math.log(size / unit)))
+    nearest_ratio = min(_UNIT_RATIOS, key=lambda ratio: abs(math.log(factor_above_one / ratio)))
     why = "as torques before a gear are"
-    if abs(size / nearest_unit - 1.0) < _MAX_FACTOR_SPREAD - 1.0:
+    if abs(factor_above_one / nearest_ratio - 1.0) < _MAX_FACTOR_SPREAD - 1.0:
         why = "as another unit of torque is"
     return [doubt("effort-unit", factor=number(factor, 3), why=why)]
 
 
 def _weight_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
+    """Doubt about the effort that the robot's weight alone exceeds most."""
     effort = limits.effort
-    known = np.isfinite(effort) & (effort > 0.0) & ~limits.has_unit("effort")
-    if not known.any() or not np.any(robot.model.gravity):
+    is_known = np.isfinite(effort) & (effort > 0.0) & ~limits.has_unit("effort")
+    if not is_known.any() or not np.any(robot.model.gravity):
         return []
-    share = np.where(known, weight_torques(robot) / np.where(known, effort, 1.0), 0.0)
+    share = np.where(is_known, weight_torques(robot) / np.where(is_known, effort, 1.0), 0.0)
     k = int(share.argmax())
     if not share[k] > BY_WEIGHT:
         return []
@@ -183,15 +214,19 @@ def _weight_doubts(limits: Limits, robot: Robot) -> list[Doubt]:
 
 _MIN_WEIGHT_SHARE = 0.15
 """Gravity torque over effort below which efforts are doubted; real arms have 0.25 to 0.83."""
-_NO_WEIGHT = 1e-6
-"""Gravity torque over effort of turning joints whose axes are vertical: rounding."""
-_PLACEHOLDER_EFFORT, _MAX_MASS = 1000.0, 50.0
-"""Effort [N m or N] taken for a placeholder, and mass [kg] of the robot below which this applies."""
-_PULL = 10.0
-"""Force of a sliding joint taken for a placeholder, in weights of the moving links: drives of rails pull with less."""
-_MIN_ARM_JOINTS, _MAX_FINGER_JOINTS = 3, 4
-"""Minimum number of joints of an arm before it branches, and maximum number of joints in series of a finger."""
-_SETS = {
+_MAX_ROUNDING_SHARE = 1e-6
+"""Gravity torque over effort of turning joints with vertical axes, which is rounding."""
+_PLACEHOLDER_EFFORT = 1000.0
+"""Effort [N m or N] from which it may be a placeholder."""
+_MAX_LIGHT_MASS = 50.0
+"""Moving mass [kg] of a robot below which such an effort is a placeholder."""
+_PLACEHOLDER_WEIGHTS = 10.0
+"""Force of a sliding joint, in weights of the moving links, from which it may be a placeholder: drives of rails have less."""
+_MIN_ARM_JOINTS = 3
+"""Minimum number of joints of an arm before it branches."""
+_MAX_FINGER_JOINTS = 4
+"""Maximum number of joints in series of a finger."""
+_EFFORTS_OF_ARMS = {
     "UR10": (330.0, 330.0, 150.0, 54.0, 54.0, 54.0),
     "UR5": (150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
     "UR3": (56.0, 56.0, 28.0, 12.0, 12.0, 12.0),
@@ -202,9 +237,9 @@ _SETS = {
 
 
 def driven_entries(model: Model) -> Array:
-    """Entries of τ, (nv,) of bool, driven by an actuator: none of floating joints; for elastic joints the motor's entry."""
+    """Mask (nv,) of the entries of τ with a drive: none of floating joints; for elastic joints the motor's entry."""
     is_driven = np.zeros(model.nv, bool)
-    elastic_joints = {a.joint for name, a in model.actuators.items() if name != a.joint}
+    elastic_joints = {actuator.joint for motor, actuator in model.actuators.items() if motor != actuator.joint}
     for body in model.leaders:
         is_driven[body.places[1]] = body.joint.driven and body.joint.name not in elastic_joints
     return is_driven
@@ -213,40 +248,46 @@ def driven_entries(model: Model) -> Array:
 def placeholder_limits(robot: Robot, limits: Limits) -> str:
     """Sentence, without a full stop, on efforts of a file or a table that are probably not motor limits; empty if none.
 
-    Efforts are doubted if an arm's own weight needs less than 15 % of each at the worst of many random poses, or if half of the
-    joints of a light robot have 1000 N m or more; a sliding joint's is then also 10 times the robot's
-    weight. If no turning joint bears weight, as in a SCARA, the weight measures nothing.
-    Joints with actuators are left out, and so are efforts given with their unit: the user has confirmed these.
+    Efforts are doubted if half of the joints of a light robot have 1000 N m or more. Those of sliding joints must also
+    be 10 times the robot's weight. Efforts of an arm are doubted if its own weight needs less than 15 % of each at the
+    worst of many random poses. If no turning joint bears weight, as in a SCARA, this shows nothing. Robots with
+    actuators are not judged, and neither are efforts given with their unit, which the user has confirmed.
     """
     model = robot.model
-    driven = driven_entries(model)
-    if not (driven & ~limits.has_unit("effort")).any() or model.actuators or model.couplings:
+    is_driven = driven_entries(model)
+    has_unconfirmed = (is_driven & ~limits.has_unit("effort")).any()
+    if not has_unconfirmed or model.actuators or model.couplings:
         return ""
     effort = limits.effort
-    turning = Coordinates.from_model(model).angular_velocity
-    least_large = np.where(turning, _PLACEHOLDER_EFFORT, max(_PLACEHOLDER_EFFORT, _PULL * STRENGTH * model.moving_mass))
-    large = driven & np.isfinite(effort) & (effort >= least_large)
-    if 2 * large.sum() >= driven.sum() and model.moving_mass < _MAX_MASS:
+    turns = Coordinates.from_model(model).angular_velocity
+    placeholder_force = max(_PLACEHOLDER_EFFORT, _PLACEHOLDER_WEIGHTS * STRENGTH * model.moving_mass)
+    placeholder_effort = np.where(turns, _PLACEHOLDER_EFFORT, placeholder_force)
+    is_large = is_driven & np.isfinite(effort) & (effort >= placeholder_effort)
+    if 2 * is_large.sum() >= is_driven.sum() and model.moving_mass < _MAX_LIGHT_MASS:
         return (
-            f"efforts of {number(float(effort[large].min()))} and more on {large.sum()} of {driven.sum()} joints of a robot of "
-            f"{number(model.moving_mass + model.base_inertia.mass)} kg, which stand for no limit"
+            f"efforts of {number(float(effort[is_large].min()))} and more on {is_large.sum()} of {is_driven.sum()} joints of "
+            f"a robot of {number(model.moving_mass + model.base_inertia.mass)} kg, which stand for no limit"
         )
-    chain = arm_entries(model)
-    if len(chain) < _MIN_ARM_JOINTS or not np.isfinite(effort[driven]).all() or not np.any(model.gravity):
+    arm = arm_entries(model)
+    if len(arm) < _MIN_ARM_JOINTS or not np.isfinite(effort[is_driven]).all() or not np.any(model.gravity):
         return ""
-    share = weight_share(robot, chain, effort)
-    bearing = [k for k in chain if turning[k]]
-    if not 0 < share < _MIN_WEIGHT_SHARE or not bearing or weight_share(robot, bearing, effort) < _NO_WEIGHT:
+    share = weight_share(robot, arm, effort)
+    turning_entries = [k for k in arm if turns[k]]
+    if not 0 < share < _MIN_WEIGHT_SHARE or not turning_entries:
         return ""
-    smallest, largest = float(effort[chain].min()), float(effort[chain].max())
-    what, them = f"efforts of {number(smallest)} to {number(largest)}", "them"
+    if weight_share(robot, turning_entries, effort) < _MAX_ROUNDING_SHARE:
+        return ""
+    smallest, largest = float(effort[arm].min()), float(effort[arm].max())
     if smallest == largest:
-        what, them = f"effort {number(largest)} on all {len(chain)} joints", "it"
-    for name, efforts in _SETS.items():
-        if tuple(effort[chain].tolist()) == efforts:
-            what += f", which are those of the {name}"
+        efforts_text, pronoun = f"effort {number(largest)} on all {len(arm)} joints", "it"
+    else:
+        efforts_text, pronoun = f"efforts of {number(smallest)} to {number(largest)}", "them"
+    for name, efforts in _EFFORTS_OF_ARMS.items():
+        if tuple(effort[arm].tolist()) == efforts:
+            efforts_text += f", which are those of the {name}"
             break
-    return f"{what}: the arm's own weight takes at most {percent(share, 2)} of {them}, and 25 to 83 % in real arms"
+    weight_text = f"the arm's own weight takes at most {percent(share, 2)} of {pronoun}"
+    return f"{efforts_text}: {weight_text}, and 25 to 83 % in real arms"
 
 
 def weight_share(robot: Robot, entries: list[int], effort: Array) -> float:
@@ -257,14 +298,16 @@ def weight_share(robot: Robot, entries: list[int], effort: Array) -> float:
 def arm_entries(model: Model) -> list[int]:
     """Entries of dq of an arm on a fixed base, from the base to its first branch into fingers; empty for other robots."""
     children: dict[int, list[int]] = defaultdict(list)
-    for k, body in enumerate(model.bodies):
+    for i, body in enumerate(model.bodies):
         if body.joint.moves_body:
-            children[body.parent].append(k)
+            children[body.parent].append(i)
 
-    def depth(k: int) -> int:
-        return 1 + max(map(depth, children[k]), default=0)
+    def joints_in_series(i: int) -> int:
+        """Largest number of joints in series from body i on."""
+        return 1 + max(map(joints_in_series, children[i]), default=0)
 
-    entries, end = [], BASE
+    entries = []
+    end = BASE
     while len(children[end]) == 1:
         [end] = children[end]
         body = model.bodies[end]
@@ -272,7 +315,8 @@ def arm_entries(model: Model) -> list[int]:
             return []
         if not body.follows:
             entries.append(body.v_index)
-    return entries if all(depth(k) <= _MAX_FINGER_JOINTS for k in children[end]) else []
+    are_fingers = all(joints_in_series(i) <= _MAX_FINGER_JOINTS for i in children[end])
+    return entries if are_fingers else []
 
 
 _MAX_MASS_RATIO = 100.0
@@ -280,7 +324,10 @@ _MAX_MASS_RATIO = 100.0
 
 
 def credible_load(mass: float | None, place: ArrayLike, frame: str | None, robot: Robot, reach: float) -> list[Doubt]:
-    """Doubts about a load [kg], None if unknown, at a point (3,) [m] of a frame, the tip if None; reach of the robot [m]."""
+    """Doubts about a load of a ``mass`` [kg], None if unknown, at a point (3,) [m] of a frame.
+
+    The frame is the tip if None. ``reach``: reach of the robot [m].
+    """
     model = robot.model
     name = frame or model.tip
     distance = float(np.linalg.norm(np.asarray(place, float)))

@@ -22,28 +22,32 @@ from .smoothing import FEWEST, alike_samples, best_strength, margin_of, smooth, 
 
 SIGNIFICANT_SIGMAS = 5.0
 """Standard deviations above which a velocity's sign is significant: false positives at rest are six in ten million."""
-_ROUND_OFFS = 16.0
+_SLOPE_ROUND_OFF = 16.0
 """Error of the spline's slope times the time step, in units in the last place of q."""
 _MIN_OUTLIER_SIGMAS = 6.0
 """Standard deviations about the smoothed curve from which a sample is an outlier."""
 
 
 def stationary_intervals(quality: Survey, model: Model, t: Array, q: Array, dq: Array, sigma_dq: Array) -> Array:
-    """Mask (n, nv) of derived velocities within their uncertainty due to noise and rounding."""
+    """Mask (n, nv) of derived velocities within their uncertainty due to noise and rounding.
+
+    ``sigma_dq`` (nv,): standard deviation of the velocities.
+    """
     steps = np.diff(t)
-    step = np.minimum(np.r_[steps[:1], steps], np.r_[steps, steps[-1:]])
+    shorter_step = np.minimum(np.r_[steps[:1], steps], np.r_[steps, steps[-1:]])  # of the two beside each sample
     # A joint with repeated samples is at rest, although the spline may still oscillate. On a grid, where slow joints
     # also repeat samples, noise is the criterion.
     repeats = np.zeros((len(t), q.shape[1]), bool)
     repeats[1:-1] = (q[1:-1] == q[:-2]) & (q[1:-1] == q[2:])
     repeats &= quality.quantum == 0
-    stationary = np.asarray(np.abs(dq) <= SIGNIFICANT_SIGMAS * sigma_dq)
+    is_stationary = np.asarray(np.abs(dq) <= SIGNIFICANT_SIGMAS * sigma_dq)
     for body in model.leaders:
         q_slice, v_slice = body.places
-        round_off = _ROUND_OFFS * np.finfo(float).eps * np.abs(q[:, q_slice]).max(axis=1, initial=0.0) / step
-        stationary[:, v_slice] |= np.abs(dq[:, v_slice]) <= round_off[:, None]
-        stationary[:, v_slice] |= repeats[:, q_slice].all(axis=1, keepdims=True)
-    return stationary
+        largest_q = np.abs(q[:, q_slice]).max(axis=1, initial=0.0)
+        round_off = _SLOPE_ROUND_OFF * np.finfo(float).eps * largest_q / shorter_step
+        is_stationary[:, v_slice] |= np.abs(dq[:, v_slice]) <= round_off[:, None]
+        is_stationary[:, v_slice] |= repeats[:, q_slice].all(axis=1, keepdims=True)
+    return is_stationary
 
 
 def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, factors: Array) -> Array:
@@ -54,16 +58,19 @@ def ringing(quality: Survey, model: Model, t: Array, curves: Array, dq: Array, f
     is_ringing = np.zeros(dq.shape, bool)
     if len(t) < 3:
         return is_ringing
-    span, moved = t[2:] - t[:-2], curves[2:] - curves[:-2]
-    beside_pause = np.zeros(len(span), bool)  # samples do not resolve the steps there
+    # Entry k of these is that of sample k + 1.
+    span = t[2:] - t[:-2]
+    displacement = curves[2:] - curves[:-2]
+    is_beside_pause = np.zeros(len(span), bool)  # samples do not resolve the steps there
     for edge in stretch_edges(t)[1:-1]:
-        beside_pause[[edge - 2, edge - 1]] = True
+        is_beside_pause[[edge - 2, edge - 1]] = True
     resolution = np.maximum(quality.quantum, SIGNIFICANT_SIGMAS * quality.noise) * factors
-    for b in model.leaders:
-        if b.joint.nq == 1:
-            step = dq[1:-1, b.v_index] * span
-            is_resolved = (np.abs(step) > resolution[b.q_index]) & ~beside_pause
-            is_ringing[1:-1, b.v_index] = is_resolved & (step * moved[:, b.q_index] <= 0)
+    for body in model.leaders:
+        if body.joint.nq == 1:
+            spline_displacement = dq[1:-1, body.v_index] * span
+            is_resolved = (np.abs(spline_displacement) > resolution[body.q_index]) & ~is_beside_pause
+            is_opposite = spline_displacement * displacement[:, body.q_index] <= 0
+            is_ringing[1:-1, body.v_index] = is_resolved & is_opposite
     return is_ringing
 
 
@@ -93,7 +100,8 @@ class MotionSamples:
 
     def __getitem__(self, rows: Any) -> MotionSamples:
         """Select rows by a slice, a mask or indices."""
-        return MotionSamples(*(getattr(self, f.name)[rows] for f in fields(self)))
+        selected_arrays = [getattr(self, field.name)[rows] for field in fields(self)]
+        return MotionSamples(*selected_arrays)
 
 
 @dataclass(frozen=True)
@@ -113,53 +121,65 @@ class Outlier:
     """True if any outlier may be a torque beyond a limit."""
 
 
-def outliers_of(found: Array) -> tuple[Outlier, ...]:
+def outliers_of(outlier_rows: Array) -> tuple[Outlier, ...]:
     """Outliers by column, largest first.
 
-    ``found`` (m, 5) has an outlier in each row: column, time, residual in standard deviations and in SI units, and 1 if it
-    may be a torque beyond a limit.
+    ``outlier_rows`` (m, 5) has an outlier in each row: column, time, residual in standard deviations and in SI units, and
+    1 if it may be a torque beyond a limit.
     """
     outliers = []
-    for k in np.unique(found[:, 0]).tolist():
-        rows = found[found[:, 0] == k]
-        _, time, sigmas, residual, _ = rows[np.abs(rows[:, 2]).argmax()].tolist()
-        outliers.append(Outlier(int(k), len(rows), time, sigmas, residual, bool(rows[:, 4].any())))
+    for k in np.unique(outlier_rows[:, 0]).tolist():
+        rows_of_column = outlier_rows[outlier_rows[:, 0] == k]
+        largest = np.abs(rows_of_column[:, 2]).argmax()
+        _, time, sigmas, residual, _ = rows_of_column[largest].tolist()
+        matters = bool(rows_of_column[:, 4].any())
+        outliers.append(Outlier(int(k), len(rows_of_column), time, sigmas, residual, matters))
     return tuple(sorted(outliers, key=lambda outlier: -abs(outlier.sigmas)))
 
 
-def outlier_residuals(residual: Array, spread: Array, strengths: Array) -> Array:
-    """Residuals (n, k, 2) over their spread, and in SI units; nonzero only for local maxima beyond 6 deviations."""
+def outlier_residuals(residual: Array, deviation: Array, strengths: Array) -> Array:
+    """Residuals (n, k, 2) in standard deviations and in SI units; nonzero only for local maxima beyond 6 deviations.
+
+    ``residual`` (n, k) is that of each sample, ``deviation`` (n, k) or (k,) the standard deviation of inliers, and
+    ``strengths`` (k,) those of the smoothing.
+    """
     from scipy.ndimage import maximum_filter1d
 
     outliers = np.zeros((*residual.shape, 2))
-    for k in np.flatnonzero(spread.any(axis=0) & (strengths > 0)).tolist():
-        sigmas = residual[:, k] / spread[:, k]
-        size = np.abs(sigmas)
-        if not (size > _MIN_OUTLIER_SIGMAS).any():
+    for k in np.flatnonzero(deviation.any(axis=0) & (strengths > 0)).tolist():
+        sigmas = residual[:, k] / deviation[:, k]
+        sigmas_size = np.abs(sigmas)
+        if not (sigmas_size > _MIN_OUTLIER_SIGMAS).any():
             continue
         # A glitch attracts the curve, so its neighbours also deviate from the curve, by less than half as much.
-        reach = 2 * math.ceil(3.0 * strengths[k] ** (1 / 6)) + 1
-        is_outlier = (size > _MIN_OUTLIER_SIGMAS) & (size > 0.5 * maximum_filter1d(size, reach, mode="nearest"))
+        window = 2 * math.ceil(3.0 * strengths[k] ** (1 / 6)) + 1
+        largest_nearby = maximum_filter1d(sigmas_size, window, mode="nearest")
+        is_outlier = (sigmas_size > _MIN_OUTLIER_SIGMAS) & (sigmas_size > 0.5 * largest_nearby)
         outliers[is_outlier, k, 0] = sigmas[is_outlier]
         outliers[is_outlier, k, 1] = residual[is_outlier, k]
     return outliers
 
 
 def residual_spread(
-    times: Sequence[Array], parts: Sequence[Array], strengths: Array, step: float, least: Array
+    times: Sequence[Array], parts: Sequence[Array], strengths: Array, step: float, min_spread: Array
 ) -> Array:
-    """Robust standard deviation (k,) of samples about the smoothed curve, at least ``least``; 0 without smoothing."""
+    """Robust standard deviation (k,) of samples about the smoothed curve, at least ``min_spread``; 0 without smoothing."""
     spread = np.zeros(len(strengths))
     for k in np.flatnonzero(strengths).tolist():
         strength = float(strengths[k])
         residuals = [x[:, k] - smooth(t, x[:, k], strength, step) for t, x in zip(times, parts, strict=True)]
-        spread[k] = max(MAD * float(np.median(np.abs(np.concatenate(residuals)))), float(least[k]))
+        median = float(np.median(np.abs(np.concatenate(residuals))))
+        spread[k] = max(MAD * median, float(min_spread[k]))
     return spread
 
 
 _SPLINE_MARGIN = 64
-"""Number of samples. A sample's influence on a quintic spline falls by 0.43 per sample: by 4e-24 over the margin."""
-_EXCERPTS, _EXCERPT_ROWS = 8, 2048
+"""Number of samples beyond which a sample's influence on a quintic spline is negligible.
+
+The influence falls by a factor of 0.43 per sample, thus to 4e-24 over the margin.
+"""
+_EXCERPT_COUNT, _EXCERPT_ROWS = 8, 2048
+"""Number of excerpts of a log, and rows in each, from which the settings are determined."""
 _SHARE_OF_OPTIMUM = 10.0**-0.5
 """Smoothing strength relative to the optimum for positions.
 
@@ -210,49 +230,56 @@ class Differentiation:
         ``smoothing`` adapts the strength to the estimated noise, slightly below the optimum for positions. ``progress``
         is called with the completed fraction of the work, from 0 to 1.
         """
-        places_of = trajectory.columns.places
-        source = _source(places_of)
-        differentiated = "dq" if source == "velocities" else "q"
-        derives_velocities = places_of["dq"] is None
+        columns_by_part = trajectory.columns.places
+        source = _source(columns_by_part)
+        differentiated_part = "dq" if source == "velocities" else "q"
+        derives_velocities = columns_by_part["dq"] is None
         derives = source != "given" or derives_velocities
-        places, factors = places_of[differentiated], trajectory.columns.factors[differentiated]
-        if places is None or not derives:
-            places, factors = np.zeros(0, int), np.zeros(0)
+        columns = columns_by_part[differentiated_part]
+        factors = trajectory.columns.factors[differentiated_part]
+        if columns is None or not derives:
+            columns, factors = np.zeros(0, int), np.zeros(0)
 
-        runs = excerpts(trajectory.table, _EXCERPTS, _EXCERPT_ROWS)
+        runs = excerpts(trajectory.table, _EXCERPT_COUNT, _EXCERPT_ROWS)
         times = [table[:, trajectory.columns.time] for table in runs]
-        parts = curves = [table[:, places] for table in runs]
+        parts = curves = [table[:, columns] for table in runs]
         longest = max(map(len, times))  # runs of a large file have this length
         if derives and longest < FEWEST:
             raise _too_few_rows(trajectory, longest, "accelerations" if source != "given" else "velocities")
-        coordinates, turn = Coordinates.from_model(model), math.tau / trajectory.columns.angle
-        q_places = places_of["q"]
-        continuity = Continuity.from_parts(coordinates, [table[:, q_places] for table in runs], turn)
-        if differentiated == "q" and derives:
+        coordinates = Coordinates.from_model(model)
+        turn = math.tau / trajectory.columns.angle  # in the units of the file
+        q_columns = columns_by_part["q"]
+        continuity = Continuity.from_parts(coordinates, [table[:, q_columns] for table in runs], turn)
+        if differentiated_part == "q" and derives:
             curves = [continuity.curves(x, turn) for x in parts]
         quality = survey(times, parts, curves)
-        strengths, deviation = np.zeros(len(places)), quality.noise
+        strengths, deviation = np.zeros(len(columns)), quality.noise
         if smoothing:
             strengths, deviation = _strengths(times, curves, quality, progress)
 
-        def sigma(order: int) -> Array:
-            gains = {strength: noise_gain(order, strength, quality.step) for strength in set(strengths.tolist())}
-            return np.asarray(deviation * factors * np.array([gains[strength] for strength in strengths.tolist()]))
+        def sigma_of_derivatives(order: int) -> Array:
+            """Standard deviations (k,) of the derivatives of the columns, in SI units."""
+            gain_by_strength = {}  # computed once for equal strengths
+            for strength in set(strengths.tolist()):
+                gain_by_strength[strength] = noise_gain(order, strength, quality.step)
+            gains = np.array([gain_by_strength[strength] for strength in strengths.tolist()])
+            return np.asarray(deviation * factors * gains)
 
-        sigma_dq, sigma_ddq = np.zeros(model.nv), np.zeros(model.nv)
+        sigma_dq = np.zeros(model.nv)
         if derives_velocities:
-            sigma_dq = _to_joints(model, sigma(1))
+            sigma_dq = _to_joints(model, sigma_of_derivatives(1))
+        sigma_ddq = np.zeros(model.nv)
         if source == "velocities":
-            sigma_ddq = sigma(1)
+            sigma_ddq = sigma_of_derivatives(1)
         elif source == "positions":
-            sigma_ddq = _to_joints(model, sigma(2))
+            sigma_ddq = _to_joints(model, sigma_of_derivatives(2))
         return cls(
             trajectory=trajectory,
             model=model,
             quality=quality,
             source=source,
             derives_velocities=derives_velocities,
-            places=places,
+            places=columns,
             strengths=strengths,
             continuity=continuity,
             sigma_ddq=sigma_ddq,
@@ -276,17 +303,19 @@ class Differentiation:
         """True if velocities or accelerations are derived."""
         return self.source != "given" or self.derives_velocities
 
-    def sigma_at(self, s: MotionSamples) -> Array:
+    def sigma_at(self, samples: MotionSamples) -> Array:
         """Standard deviation (n, nv) as :attr:`sigma_ddq`, by state: errors of late stamps grow with the speed."""
-        of_velocities = self.source == "velocities"
-        speeds = s.ddq if of_velocities else s.dq
-        sigma = np.broadcast_to(self.sigma_ddq, s.dq.shape).copy()
-        usual_error = self.quality.error * self.trajectory.columns.factors["dq" if of_velocities else "q"]
-        for b in self.model.leaders:
-            k = b.v_index if of_velocities else b.q_index
-            if b.joint.nq == 1 and usual_error[k] > 0:
-                stamp_error = self.errors.stamp[k] * speeds[:, b.v_index]
-                sigma[:, b.v_index] *= np.sqrt(self.errors.at_rest[k] ** 2 + stamp_error**2) / usual_error[k]
+        derives_from_velocities = self.source == "velocities"
+        differentiated_part = "dq" if derives_from_velocities else "q"
+        rates = samples.ddq if derives_from_velocities else samples.dq  # of the differentiated columns
+        sigma = np.broadcast_to(self.sigma_ddq, samples.dq.shape).copy()
+        usual_error = self.quality.error * self.trajectory.columns.factors[differentiated_part]
+        for body in self.model.leaders:
+            k = body.v_index if derives_from_velocities else body.q_index
+            if body.joint.nq == 1 and usual_error[k] > 0:
+                stamp_error = self.errors.stamp[k] * rates[:, body.v_index]
+                error = np.sqrt(self.errors.at_rest[k] ** 2 + stamp_error**2)
+                sigma[:, body.v_index] *= error / usual_error[k]
         return sigma
 
     def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[MotionSamples]:
@@ -319,14 +348,13 @@ class Differentiation:
 
     def _states(self, motion: LogRows, rows: slice) -> MotionSamples:
         """Samples of some rows of the log; given velocities are never zero at its ends."""
-        states, count = self.complete(motion), len(self.trajectory.table)
-        if self.source != "given" or self.derives_velocities:
+        states = self.complete(motion)
+        if self.derives:
             return states
-        begin, end = -math.inf, math.inf
-        if rows.start == 0:
-            begin = motion.time[0]
-        if rows.stop >= count:
-            end = motion.time[-1]
+        is_first_run = rows.start == 0
+        is_last_run = rows.stop >= len(self.trajectory.table)
+        begin = motion.time[0] if is_first_run else -math.inf
+        end = motion.time[-1] if is_last_run else math.inf
         return replace(states, dq=velocities_inside(states.time, states.dq, states.ddq, begin, end))
 
     @property
@@ -340,38 +368,43 @@ class Differentiation:
     def complete(self, motion: LogRows) -> MotionSamples:
         """Consecutive rows, with missing rates derived."""
         t, q, dq, ddq = motion.time, motion.q, motion.dq, motion.ddq
-        stationary = np.zeros((len(t), self.model.nv), bool)
-        outlier = np.zeros((len(t), 0))
+        is_stationary = np.zeros((len(t), self.model.nv), bool)
+        outliers = np.zeros((len(t), 0))
         if dq is None:
             curves = self.continuity.curves(q)
             q = self.smooth(t, curves)
-            speed, second = spline_rates(t, q)
-            outlier = self._outliers(curves - q, speed)
-            dq, derived_ddq = joint_rates(self.model, q, speed, second)
+            dq_dt, d2q_dt2 = spline_rates(t, q)
+            outliers = self._outliers(curves - q, dq_dt)
+            dq, derived_ddq = joint_rates(self.model, q, dq_dt, d2q_dt2)
             if ddq is None:
                 ddq = derived_ddq
-            stationary = stationary_intervals(self.quality, self.model, t, motion.q, dq, self.sigma_dq)
-            stationary |= ringing(self.quality, self.model, t, curves, dq, self.trajectory.columns.factors["q"])
+            is_stationary = stationary_intervals(self.quality, self.model, t, motion.q, dq, self.sigma_dq)
+            is_stationary |= ringing(self.quality, self.model, t, curves, dq, self.trajectory.columns.factors["q"])
         elif ddq is None:
-            logged, dq = dq, self.smooth(t, dq)
+            logged_dq = dq
+            dq = self.smooth(t, logged_dq)
             ddq, _ = spline_rates(t, dq)
-            outlier = self._outliers(logged - dq, ddq)
-        return MotionSamples(t, q, dq, ddq, motion.q, stationary, outlier)
+            outliers = self._outliers(logged_dq - dq, ddq)
+        return MotionSamples(t, q, dq, ddq, motion.q, is_stationary, outliers)
 
     def curves(self, motion: LogRows) -> Array:
         """Differentiated columns (n, k), without the jumps of wrapped angles."""
         return self.continuity.curves(motion.q) if motion.dq is None else motion.dq
 
-    def _outliers(self, residual: Array, speed: Array) -> Array:
+    def _outliers(self, residual: Array, rates: Array) -> Array:
+        """Residuals (n, k, 2) of outliers, by the residuals and the rates of the columns; (n, 0) without smoothing."""
         if not self.strengths.any():
             return residual[:, :0]
-        return outlier_residuals(residual, np.maximum(self.spread, self.errors.deviation(speed)), self.strengths)
+        deviation = np.maximum(self.spread, self.errors.deviation(rates))
+        return outlier_residuals(residual, deviation, self.strengths)
 
     def smooth(self, t: Array, x: Array) -> Array:
         """Smooth each column (n, k) by its strength, or (n, k, ...) for several logs with common times."""
         if not len(self.strengths):
             return x
-        columns = [smooth(t, x[:, k], float(s), self.quality.step) for k, s in enumerate(self.strengths)]
+        columns = []
+        for k, strength in enumerate(self.strengths.tolist()):
+            columns.append(smooth(t, x[:, k], strength, self.quality.step))
         return np.stack(columns, axis=1)
 
 
@@ -389,7 +422,8 @@ def _strengths(
 
     Differentiation amplifies fast errors. Smoothing passes slow ones, so it needs the standard deviation of all errors.
     """
-    strengths, deviation = np.zeros(len(quality.noise)), quality.error
+    strengths = np.zeros(len(quality.noise))
+    deviation = quality.error
     for k, (grid, error) in enumerate(zip(quality.quantum.tolist(), quality.error.tolist(), strict=True)):
         parts = [x[:, k] for x in curves]
         strengths[k] = _SHARE_OF_OPTIMUM * best_strength(times, parts, error, quality.step, grid)
@@ -403,11 +437,13 @@ def _strengths(
 
 
 def _ends(time: Array) -> Array:
+    """First and last times of the stretches between pauses."""
     edges = np.array(stretch_edges(time))
     return np.sort(np.r_[time[edges[:-1]], time[edges[1:] - 1]])
 
 
 def _too_few_rows(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryError:
+    """Error for a log of a few ``rows``, from which ``wanted`` rates cannot be derived."""
     count = "1 row is" if rows == 1 else f"{rows} rows are"
     return TrajectoryError(
         f"{trajectory.path}: {count} too few to derive {wanted} from. "
@@ -418,22 +454,25 @@ def _too_few_rows(trajectory: MotionLog, rows: int, wanted: str) -> TrajectoryEr
 
 def noise_gain(order: int, strength: float, step: float) -> float:
     """Standard deviation of the spline's derivative of this order for white unit noise: norm of the pulse response."""
-    half = _SPLINE_MARGIN
+    middle = _SPLINE_MARGIN
     if strength:
-        half += margin_of(strength)
-    t = np.arange(2 * half + 1) * step
+        middle += margin_of(strength)
+    t = np.arange(2 * middle + 1) * step
     pulse = np.zeros(len(t))
-    pulse[half] = 1.0
-    response = spline_rates(t, smooth(t, pulse, strength, step)[:, None])[order - 1]
-    return float(np.linalg.norm(response))
+    pulse[middle] = 1.0
+    smoothed_pulse = smooth(t, pulse, strength, step)
+    responses = spline_rates(t, smoothed_pulse[:, None])  # first and second derivative
+    return float(np.linalg.norm(responses[order - 1]))
 
 
 def pulse_peak(order: int, step: float) -> float:
     """Largest derivative of this ``order`` for a unit error of one sample, at the end of a log or within it."""
     t = np.arange(2 * _SPLINE_MARGIN) * step
     pulses = np.zeros((len(t), 2))
-    pulses[0, 0] = pulses[_SPLINE_MARGIN, 1] = 1.0
-    return float(np.abs(spline_rates(t, pulses)[order - 1]).max())
+    pulses[0, 0] = 1.0  # at the end
+    pulses[_SPLINE_MARGIN, 1] = 1.0  # within the log
+    responses = spline_rates(t, pulses)  # first and second derivatives
+    return float(np.abs(responses[order - 1]).max())
 
 
 def _to_joints(model: Model, spread: Array) -> Array:

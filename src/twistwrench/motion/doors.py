@@ -1,4 +1,4 @@
-"""Plots, pages and recordings of motions, which stand above this package."""
+"""Methods of motions for plots, pages and recordings, whose packages depend on this one."""
 
 from __future__ import annotations
 
@@ -61,7 +61,8 @@ class MotionDoors:
         from ..viz.page import show
 
         motion = cast("Motion", self)
-        motion = motion if robot is None else motion.with_robot(robot)
+        if robot is not None:
+            motion = motion.with_robot(robot)
         return show(motion.robot, motion=motion_of(motion.robot, motion), embed=embed, control=control)
 
     def to_mcap(self, path: str | Path) -> Path:
@@ -101,7 +102,9 @@ class MotionDoors:
         from ..reports.recordings.rerun_file import write_rerun
 
         motion = cast("Motion", self)
-        return write_rerun(path, Recording.from_motion(motion if robot is None else motion.with_robot(robot)))
+        if robot is not None:
+            motion = motion.with_robot(robot)
+        return write_rerun(path, Recording.from_motion(motion))
 
 
 complete(globals())

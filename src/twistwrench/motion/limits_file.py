@@ -1,9 +1,7 @@
 """Joint limits that the user gives: a CSV file, ``joint,lower,upper,velocity,effort,acceleration,deceleration,jerk``.
 
-Bearings have the columns ``axial,radial,tilting`` [N, N, N m]. Rows of locked joints are ignored.
-
-The table of ``twistwrench info --csv`` is accepted: one row for each entry of dq; its other columns are ignored. A page
-lists the limits used.
+Bearings have the columns ``axial,radial,tilting`` [N, N, N m]. Rows of locked joints are ignored. The table of
+``twistwrench info --csv`` is accepted, with one row for each entry of dq; its other columns are ignored.
 """
 
 from __future__ import annotations
@@ -39,17 +37,24 @@ COLUMNS = (
     "acceleration", "deceleration", "jerk", "damping", "friction", "armature", "leader", "ratio", "offset",
 )  # fmt: skip
 """Columns of the table of ``twistwrench info --csv``."""
-KINDS = tuple(f.name for f in fields(Limits))
+KINDS = tuple(field.name for field in fields(Limits))
 """Kinds of limits."""
 _WORDS_FOR_NUMBERS = {
     **dict.fromkeys(("inf", "+inf", "infinity", "+infinity"), math.inf),
     **dict.fromkeys(("-inf", "-infinity"), -math.inf),
     "nan": math.nan,
 }
-_PARTS = {"lower": "q", "upper": "q", "velocity": "dq", "acceleration": "ddq", "deceleration": "ddq", "effort": "tau"}
-"""Quantities of the kinds of limits, for their units; jerk is one by itself."""
-_OF_BEARINGS = {"axial": ("tau", False), "radial": ("tau", False), "tilting": ("tau", True)}
-"""Quantity, and True for a moment, of the limits of bearings, whatever the joint."""
+_QUANTITY_OF_KIND = {
+    "lower": "q",
+    "upper": "q",
+    "velocity": "dq",
+    "acceleration": "ddq",
+    "deceleration": "ddq",
+    "effort": "tau",
+}
+"""Quantities by kind of limit, for their units; jerk is a quantity itself."""
+_BEARING_LOADS = {"axial": ("tau", False), "radial": ("tau", False), "tilting": ("tau", True)}
+"""Quantity, and True for a moment, by kind of bearing limit; they do not depend on the type of the joint."""
 
 
 Given: TypeAlias = str | Path | Limits | Mapping[str, Any] | None
@@ -83,42 +88,44 @@ def limits_of(given: Given, model: Model, *, degrees: bool = False) -> Limits:
         return given
     if not isinstance(given, Mapping):
         return read_limits(given, model, degrees=degrees)
-    kinds = {name: value for name, value in given.items() if name in KINDS and np.ndim(value)}
-    efforts = {name: value for name, value in given.items() if name not in kinds}
+    arrays_by_kind = {name: value for name, value in given.items() if name in KINDS and np.ndim(value)}
+    efforts_by_joint = {name: value for name, value in given.items() if name not in arrays_by_kind}
     limits = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
-    for kind, values in kinds.items():
-        limits[kind] = np.asarray(arguments.plain(values, f"limits: {kind}"), float)
+    for kind, array in arrays_by_kind.items():
+        limits[kind] = np.asarray(arguments.plain(array, f"limits: {kind}"), float)
         if limits[kind].shape != (model.nv,):
             raise ShapeError(f"limits: {kind} has shape {limits[kind].shape}; give ({model.nv},), one for each joint.")
-    joints, stated = Coordinates.from_model(model), np.zeros(model.nv, bool)
-    of_locked = tuple(joint for joint in efforts if joint in model.all_locked)
-    for joint, effort in efforts.items():
-        if joint in of_locked:
+    coordinates = Coordinates.from_model(model)
+    has_effort = np.full(model.nv, "effort" in arrays_by_kind)
+    locked_joints = tuple(joint for joint in efforts_by_joint if joint in model.all_locked)
+    for joint, effort in efforts_by_joint.items():
+        if joint in locked_joints:
             continue
-        if joint not in joints.velocity_names:
-            raise UnknownNameError.from_choices("joint", joint, joints.velocity_names)
-        k = _check(joint, {"effort": effort}, joints, set(), "limits")
+        if joint not in coordinates.velocity_names:
+            raise UnknownNameError.from_choices("joint", joint, coordinates.velocity_names)
+        k = _velocity_index(joint, {"effort": effort}, coordinates, set(), "limits")
         limits["effort"][k] = arguments.number(effort, f"limits: {joint}")
-        stated[k] = True
+        has_effort[k] = True
     for kind in KINDS:
+        is_given = kind in arrays_by_kind or kind == "effort"
         is_invalid = np.isnan(limits[kind])
         if kind not in ("lower", "upper"):
             is_invalid |= limits[kind] <= 0.0
-        if is_invalid.any() and (kind in kinds or kind == "effort"):
-            joint = joints.velocity_names[int(np.argmax(is_invalid))]
+        if is_given and is_invalid.any():
+            joint = coordinates.velocity_names[int(np.argmax(is_invalid))]
             raise ValueRangeError(
                 f"limits: the {kind} limit of {joint!r} cannot be a limit. Give a number above 0, or inf."
             )
     with_unit = np.zeros((len(KINDS), model.nv), bool)
-    return StatedLimits(**limits, stated=stated | ("effort" in kinds), with_unit=with_unit, of_locked=of_locked)
+    return StatedLimits(**limits, stated=has_effort, with_unit=with_unit, of_locked=locked_joints)
 
 
 def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False) -> Limits:
     """Limits of the model, replaced by those of a file where given.
 
-    Angles have the unit of the head, ``velocity [deg/s]``, else of the column ``unit``, else degrees if ``degrees``.
-    Raises :class:`~twistwrench.NotFoundError`, :class:`~twistwrench.UnknownNameError` and
-    :class:`~twistwrench.ValueRangeError`, naming file, line and column.
+    The unit of an angle is that of the heading, as in ``velocity [deg/s]``. Without one it is that of the column
+    ``unit``, and without this column degrees if ``degrees``, else radians. Raises :class:`~twistwrench.NotFoundError`,
+    :class:`~twistwrench.UnknownNameError` and :class:`~twistwrench.ValueRangeError`, naming file, line and column.
     """
     if path is None:
         return model.limits
@@ -127,35 +134,41 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
         file = CsvFile.open(path)
         header, units = _header(file)
         rows = list(file.rows())
-    joints = Coordinates.from_model(model)
+    coordinates = Coordinates.from_model(model)
     limits = {kind: getattr(model.limits, kind).copy() for kind in KINDS}
     previous_joints: set[str] = set()
-    of_locked: list[str] = []
-    stated, with_unit = np.zeros(model.nv, bool), np.zeros((len(KINDS), model.nv), bool)
+    locked_joints: list[str] = []
+    has_effort = np.zeros(model.nv, bool)
+    with_unit = np.zeros((len(KINDS), model.nv), bool)
     for line, cells in rows:
-        row, where = dict(zip(header, cells, strict=True)), f"{path}: line {line}"
-        if row.get("leader"):
+        where = f"{path}: line {line}"
+        row = dict(zip(header, cells, strict=True))
+        if row.get("leader"):  # a mimic joint, which has no entry of dq
             continue
         joint = row.get("velocity_name") or row["joint"]
         if row["joint"] in model.all_locked:
-            of_locked.append(joint)
+            locked_joints.append(joint)
             continue
         values = {kind: _limit(row[kind], kind, where, file.dialect) for kind in KINDS if row.get(kind)}
-        k = _check(joint, values, joints, previous_joints, where)
+        k = _velocity_index(joint, values, coordinates, previous_joints, where)
         if "effort" in values:
             refuse_coupled(
                 model, [joint], "has no effort by itself. Give the motors' in the actuator file, and leave it blank"
             )
         previous_joints.add(joint)
-        stated[k] = "effort" in values
-        turns = bool(joints.angular_velocity[k])
-        unit = row.get("unit") or unit_of("q", turns, degrees=degrees)
-        angle = _factor(unit, "q", turns, f"{where}, column 'unit'")
+        has_effort[k] = "effort" in values
+        is_angular = bool(coordinates.angular_velocity[k])
+        position_unit = row.get("unit") or unit_of("q", is_angular, degrees=degrees)
+        position_factor = _factor(position_unit, "q", is_angular, f"{where}, column 'unit'")
         for kind, value in values.items():
-            part, moment = _OF_BEARINGS.get(kind, (_PARTS.get(kind, kind), turns))
-            factor = 1.0 if kind in ("effort", *BEARINGS) else angle
             if kind in units:
-                factor = _factor(units[kind], part, moment, f"{where}, column {kind!r}")
+                default = _QUANTITY_OF_KIND.get(kind, kind), is_angular
+                quantity, is_angular_quantity = _BEARING_LOADS.get(kind, default)
+                factor = _factor(units[kind], quantity, is_angular_quantity, f"{where}, column {kind!r}")
+            elif kind in ("effort", *BEARINGS):
+                factor = 1.0
+            else:
+                factor = position_factor
             limits[kind][k] = value * factor
             with_unit[KINDS.index(kind), k] = kind in units
         _check_bearing(model, joint, values, where)
@@ -166,32 +179,37 @@ def read_limits(path: str | Path | None, model: Model, *, degrees: bool = False)
                 f"{where}: the lower limit of {joint!r}, {printed(limits['lower'][k])}, is above the upper, "
                 f"{printed(limits['upper'][k])}. Swap them."
             )
-    return StatedLimits(**limits, stated=stated, with_unit=with_unit, of_locked=tuple(of_locked))
+    return StatedLimits(**limits, stated=has_effort, with_unit=with_unit, of_locked=tuple(locked_joints))
 
 
-def _factor(unit: str, part: str, turns: bool, where: str) -> float:
+def _factor(unit: str, part: str, is_angular: bool, where: str) -> float:
     """Factor from a unit to SI units; raises ValueRangeError for units of other quantities."""
-    factor = si_factor(unit, part, turns)
+    factor = si_factor(unit, part, is_angular)
     if factor is None:
-        joint = "turning" if turns else "sliding"
+        joint = "turning" if is_angular else "sliding"
         raise ValueRangeError(
-            f"{where}: {unit!r} is not a unit of this limit of a {joint} joint. Write one of {known_units(part, turns)}."
+            f"{where}: {unit!r} is not a unit of this limit of a {joint} joint. Write one of {known_units(part, is_angular)}."
         )
     return factor
 
 
-def _check(joint: str, values: dict[str, float], joints: Coordinates, previous_joints: set[str], where: str) -> int:
-    """Velocity index of a joint; raises for unknown and repeated joints and for positions of joints without one."""
-    known = joints.velocity_names
-    if joint not in known:
-        raise ValueRangeError(f"{where}: {UnknownNameError.from_choices('joint', joint, known, similarity=0.6)}")
+def _velocity_index(
+    joint: str, values: dict[str, float], coordinates: Coordinates, previous_joints: set[str], where: str
+) -> int:
+    """Velocity index of a joint with limits ``values`` by kind.
+
+    Raises ValueRangeError for unknown and repeated joints, and for position limits of joints without a position.
+    """
+    names = coordinates.velocity_names
+    if joint not in names:
+        raise ValueRangeError(f"{where}: {UnknownNameError.from_choices('joint', joint, names, similarity=0.6)}")
     if joint in previous_joints:
         raise ValueRangeError(f"{where}: joint {joint!r} has limits already. Keep one line for each joint.")
-    k = known.index(joint)
-    bounded = [kind for kind in ("lower", "upper") if math.isfinite(values.get(kind, math.inf))]
-    if joints.position_of[k] < 0 and bounded:
+    k = names.index(joint)
+    position_limits = [kind for kind in ("lower", "upper") if math.isfinite(values.get(kind, math.inf))]
+    if coordinates.position_of[k] < 0 and position_limits:
         raise ValueRangeError(
-            f"{where}, column {bounded[0]!r}: {joint!r} is a velocity in the frame of a moving body, and no position "
+            f"{where}, column {position_limits[0]!r}: {joint!r} is a velocity in the frame of a moving body, and no position "
             "belongs to it. Give limits of velocity and effort, and leave lower and upper blank."
         )
     return k
@@ -215,15 +233,18 @@ def _check_bearing(model: Model, joint: str, values: dict[str, float], where: st
 
 
 def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:
-    """Column names, and the units of heads that name one, ``velocity [deg/s]``."""
-    header, units = [], {}
-    for head in file.header:
-        name, unit = split_unit(head)
-        header.append(name.lower())
-        if unit and name.lower() in KINDS:
-            units[name.lower()] = unit
+    """Column names, and units by column where the heading names one, as in ``velocity [deg/s]``."""
+    header: list[str] = []
+    units: dict[str, str] = {}
+    for heading in file.header:
+        name, unit = split_unit(heading)
+        name = name.lower()
+        header.append(name)
+        if unit and name in KINDS:
+            units[name] = unit
     has_unknown = not set(header) <= {*COLUMNS, *BEARINGS}
-    if "joint" not in header or has_unknown or len(set(header)) < len(header):
+    has_repeated = len(set(header)) < len(header)
+    if "joint" not in header or has_unknown or has_repeated:
         raise ValueRangeError(
             f"{file.path}: line {file.header_line}: the header is {','.join(file.header)!r}. Name 'joint' and any of "
             f"{', '.join(KINDS)}, each once, separated by commas."
@@ -232,6 +253,7 @@ def _header(file: CsvFile) -> tuple[list[str], dict[str, str]]:
 
 
 def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
+    """Number of a cell; raises ValueRangeError if it cannot be a limit of this kind."""
     value = _WORDS_FOR_NUMBERS.get(text.lower())
     if value is None:
         value = dialect.number(text)
@@ -239,8 +261,9 @@ def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
         raise ValueRangeError(
             f"{where}, column {kind!r}: {text!r} is not a number. Leave it blank to keep the robot's."
         )
-    if math.isnan(value) or (kind not in ("lower", "upper") and value <= 0):
-        allowed = "a number" if kind in ("lower", "upper") else "a number above 0"
+    is_position = kind in ("lower", "upper")
+    if math.isnan(value) or (value <= 0 and not is_position):
+        allowed = "a number" if is_position else "a number above 0"
         raise ValueRangeError(
             f"{where}, column {kind!r}: {text!r} cannot be a limit. Give {allowed}, inf for none, or a blank."
         )
@@ -248,7 +271,7 @@ def _limit(text: str, kind: str, where: str, dialect: Dialect) -> float:
 
 
 def notes_on_limits(limits: Limits) -> Iterator[str]:
-    """Note on limits that were given of joints that are locked."""
+    """Note on given limits of joints that are locked."""
     if isinstance(limits, StatedLimits) and limits.of_locked:
         yield f"Limits of locked joints are ignored: {', '.join(limits.of_locked)}."
 
@@ -262,21 +285,23 @@ def robot_origin(robot: Robot, limits: Limits | None = None, *, degrees: bool = 
 
 def limits_table(model: Model, limits: Limits, *, degrees: bool = False) -> Table:
     """Limits used by a report and their source; angles in degrees if ``degrees``."""
-    turning = Coordinates.from_model(model).angular_velocity
-    unit = np.where(turning & degrees, math.degrees(1.0), 1.0)
+    is_angular = Coordinates.from_model(model).angular_velocity
+    units_per_si_unit = np.where(is_angular & degrees, math.degrees(1.0), 1.0)  # printed units
     sources = np.full(model.nv, "robot's file", object)
     if isinstance(limits, StatedLimits):
         sources[limits.stated] = "limits given"
     sources[~np.isfinite(limits.effort)] = "none"
-    for c in model.couplings:
-        for joint in c.joints:
-            sources[model.velocity_names.index(joint)] = f"of motors {listed(c.motors)}"
+    for coupling in model.couplings:
+        for joint in coupling.joints:
+            sources[model.velocity_names.index(joint)] = f"of motors {listed(coupling.motors)}"
     return Table(
         "Limits used",
         words("joint", model.velocity_names),
-        numbers("torque", joint_effort(model, limits.effort), unit=heading_unit("tau", turning)),
-        numbers("velocity", unit * limits.velocity, unit=heading_unit("dq", turning, degrees=degrees)),
-        numbers("lower", unit * limits.lower, unit=heading_unit("q", turning, degrees=degrees)),
-        numbers("upper", unit * limits.upper, unit=heading_unit("q", turning, degrees=degrees), headed=False),
+        numbers("torque", joint_effort(model, limits.effort), unit=heading_unit("tau", is_angular)),
+        numbers("velocity", units_per_si_unit * limits.velocity, unit=heading_unit("dq", is_angular, degrees=degrees)),
+        numbers("lower", units_per_si_unit * limits.lower, unit=heading_unit("q", is_angular, degrees=degrees)),
+        numbers(
+            "upper", units_per_si_unit * limits.upper, unit=heading_unit("q", is_angular, degrees=degrees), headed=False
+        ),
         words("source of the torque limit", sources.tolist()),
     )

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 MIN_SHARE_OF_LARGEST = 1e-6
 """Fraction of the largest torque above which a joint counts as loaded; smaller torques are rounding errors."""
-_BUNDLED = Path(__file__).parent.parent / "robots"
+_BUNDLED_FOLDER = Path(__file__).parent.parent / "robots"
 
 
 def limits_remedy(robot: str = "ROBOT") -> str:
@@ -52,12 +52,13 @@ def limits_remedy(robot: str = "ROBOT") -> str:
     "write a table with tw.info('arm.urdf').to_csv('limits.csv'), fill in its efforts, and add limits='limits.csv'"
     """
     path = Path(robot or "ROBOT")
-    bundled, unknown = path.parent == _BUNDLED, not robot or "site-packages" in path.parts
+    is_bundled = path.parent == _BUNDLED_FOLDER
+    is_unknown = not robot or "site-packages" in path.parts  # a file of another package is not named
     if in_the_shell():
         name = shlex.quote(str(path))
-        if bundled:
+        if is_bundled:
             name = path.stem
-        elif unknown:
+        elif is_unknown:
             name = "ROBOT"
         quote = "'"
         if quote in name:
@@ -65,58 +66,65 @@ def limits_remedy(robot: str = "ROBOT") -> str:
         command = f"{quote}twistwrench info {name} {spell(Argument('csv', 'limits.csv'))}{quote}"
     else:
         argument = repr(str(path))
-        if bundled:
+        if is_bundled:
             argument = repr(path.stem)
-        elif unknown:
+        elif is_unknown:
             argument = "robot"
         command = f"tw.info({argument}).to_csv('limits.csv')"
     return f"write a table with {command}, fill in its efforts, and add {spell(Argument('limits', 'limits.csv'))}"
 
 
-_OF_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
+_REMEDY_FOR_MOTORS = "give each coupled motor an effort in the actuator file, such as effort: 28 N m"
 _MAX_LISTED_NAMES = 6
 
 
 def confirmed_efforts(model: Model, *, of: str = "the robot") -> str:
-    """Remedy for efforts that are doubted and right: the header of a limits file that states their unit."""
-    turning = bool((driven_entries(model) & Coordinates.from_model(model).angular_velocity).any())
-    return f"if the efforts of {of} are right, name their unit in its header, 'effort [{unit_of('tau', turning)}]'"
+    """Remedy for efforts that are doubted and right: a header of the limits file with their unit."""
+    is_angular = Coordinates.from_model(model).angular_velocity
+    some_turn = bool((driven_entries(model) & is_angular).any())
+    return f"if the efforts of {of} are right, name their unit in its header, 'effort [{unit_of('tau', some_turn)}]'"
 
 
 def loaded_entries(model: Model, peaks: ArrayLike) -> Array:
-    """Entries of τ, (nv,) of bool, driven and loaded by ``peaks`` (nv,) [N m or N]; with an elastic joint, its motor."""
-    size = np.abs(np.asarray(peaks, float))
-    entry = {body.joint.name: body.places[1] for body in model.leaders}
+    """Mask (nv,) of the entries of τ that are driven and loaded by ``peaks`` (nv,) [N m or N].
+
+    The motor of an elastic joint is loaded as the joint is.
+    """
+    torque_size = np.abs(np.asarray(peaks, float))
+    entry_by_joint = {body.joint.name: body.places[1] for body in model.leaders}
     for motor, actuator in model.actuators.items():
         if motor != actuator.joint:
-            size[entry[motor]] = np.maximum(size[entry[motor]], size[entry[actuator.joint]])
-    return driven_entries(model) & (size > MIN_SHARE_OF_LARGEST * size.max(initial=0.0))
+            motor_entry = entry_by_joint[motor]
+            joint_entry = entry_by_joint[actuator.joint]
+            torque_size[motor_entry] = np.maximum(torque_size[motor_entry], torque_size[joint_entry])
+    is_loaded = torque_size > MIN_SHARE_OF_LARGEST * torque_size.max(initial=0.0)
+    return driven_entries(model) & is_loaded
 
 
 def drives_without_limit(model: Model, effort: ArrayLike, peaks: ArrayLike) -> list[str]:
     """Names of the drives that are loaded by ``peaks`` (nv,) and have no limit in ``effort`` (nv,)."""
-    missing = loaded_entries(model, peaks) & ~np.isfinite(effort)
-    return np.array(model.drive_labels, object)[missing].tolist()
+    is_missing = loaded_entries(model, peaks) & ~np.isfinite(effort)
+    return np.array(model.drive_labels, object)[is_missing].tolist()
 
 
 def without_velocity_limit(model: Model, limits: Limits) -> list[str]:
     """Driven joints whose velocity limit is missing or implausibly large."""
-    turning = Coordinates.from_model(model).angular_velocity
-    unknown = ~np.isfinite(known_velocities(limits.velocity, turning))
+    is_angular = Coordinates.from_model(model).angular_velocity
+    unknown = ~np.isfinite(known_velocities(limits.velocity, is_angular))
     return np.array(model.velocity_names, object)[driven_entries(model) & unknown].tolist()
 
 
 def placeholder_doubt(robot: Robot, limits: Limits) -> str:
     """Sentence on torque limits that are probably not those of motors, with its remedy; empty if none."""
-    text = placeholder_limits(robot, limits)
-    if not text:
+    doubt_text = placeholder_limits(robot, limits)
+    if not doubt_text:
         return ""
-    from_table = isinstance(limits, StatedLimits) and limits.stated.any()
-    if from_table:
+    are_from_table = isinstance(limits, StatedLimits) and limits.stated.any()
+    if are_from_table:
         remedy = confirmed_efforts(robot.model, of="the table")
     else:
         remedy = f"{limits_remedy(robot.model.source)}; {confirmed_efforts(robot.model)}"
-    return Reason(f"{text}; {remedy}", remedy)
+    return Reason(f"{doubt_text}; {remedy}", remedy)
 
 
 def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
@@ -124,32 +132,33 @@ def limit_doubts(robot: Robot, limits: Limits, peaks: ArrayLike) -> list[str]:
 
     ``peaks`` (nv,) are the largest torques of a motion or pose. Limits given with their unit are not doubted.
     """
-    sentences, model = list[str](), robot.model
-    loaded = loaded_entries(model, peaks)
+    sentences: list[str] = []
+    model = robot.model
+    is_loaded = loaded_entries(model, peaks)
     missing = drives_without_limit(model, limits.effort, peaks)
     if missing:
         remedy = limits_remedy(model.source)
         coupled_motors = {*model.drive_labels} - {*model.velocity_names}
         if coupled_motors & {*missing}:
-            remedy = _OF_MOTORS
-        joints = _joints_text(missing, int(loaded.sum()))
+            remedy = _REMEDY_FOR_MOTORS
+        joints = _joints_text(missing, int(is_loaded.sum()))
         sentences.append(Reason(sentence("unlimited", joints=joints, remedy=remedy), remedy))
-    unconfirmed = loaded & ~limits.has_unit("effort")
-    if unconfirmed.any():
+    is_unconfirmed = is_loaded & ~limits.has_unit("effort")
+    if is_unconfirmed.any():
         doubt = placeholder_doubt(robot, limits)
         if doubt:
             sentences.append(doubt)
     return sentences
 
 
-def _joints_text(missing: Sequence[str], count: int) -> str:
-    """Joints without a limit, of ``count`` that are loaded."""
-    if count == 1:
+def _joints_text(missing: Sequence[str], loaded_count: int) -> str:
+    """Joints without a limit, of ``loaded_count`` that are loaded."""
+    if loaded_count == 1:
         return sentence("one", joint=missing[0])
     names = ""
-    if len(missing) < count:
+    if len(missing) < loaded_count:
         names = f" ({listed(missing, _MAX_LISTED_NAMES)})"
-    return sentence("some", count=str(len(missing)), all=str(count), named=names)
+    return sentence("some", count=str(len(missing)), all=str(loaded_count), named=names)
 
 
 TERMS = ("inertia", "coriolis", "gravity", "spring", "payload", "wrench", "friction")
@@ -169,16 +178,16 @@ def cause_label(term: str) -> str:
     return _LABELS.get(term, term)
 
 
-_NO_LEVER = 1e-6
-"""Fraction of reach times gravity below which a torque per kilogram is due to a rounded angle."""
+_MIN_LEVER_OF_REACH = 1e-6
+"""Share of reach times gravity below which a torque per kilogram is due to a rounded angle."""
 
 
 def least_torque_per_kilogram(model: Model) -> float:
     """Torque per kilogram [N m/kg] below which a joint does not carry the payload: 1e-6 of the robot's reach times gravity."""
-    lever = reach(model)
-    if not 0 < lever < np.inf:
-        lever = 1.0
-    return _NO_LEVER * float(np.linalg.norm(model.gravity)) * lever
+    length = reach(model)
+    if not 0 < length < np.inf:
+        length = 1.0
+    return _MIN_LEVER_OF_REACH * float(np.linalg.norm(model.gravity)) * length
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,36 +216,38 @@ class Payload:
 
 def no_tip_for_payload(model: Model, mass: float) -> str:
     """Message for a payload [kg] without a frame on a robot without a single tip."""
-    first, *_ = tips = model.possible_tips
-    named = spell(Argument("payload", f"{printed(mass)}@{first}"))
+    tips = model.possible_tips
+    payload_argument = spell(Argument("payload", f"{printed(mass)}@{tips[0]}"))
+    tip_argument = spell(Argument("tip", tips[0]))
     return (
         f"robot {model.name!r} has no single tip, so the frame of the payload must be named. It may be one of "
-        f"{listed(tips, _MAX_TIPS)}. Write {named}, or load with {spell(Argument('tip', first))}."
+        f"{listed(tips, _MAX_LISTED_TIPS)}. Write {payload_argument}, or load with {tip_argument}."
     )
 
 
-_MAX_TIPS = 12
-_MIN_RATIO_OF_GRAMS, _MIN_GRAMS = 10.0, 10.0
-"""Multiple of the robot's moving mass from which a payload may be in grams, and least number of grams."""
+_MAX_LISTED_TIPS = 12
+_MIN_RATIO_OF_GRAMS, _MAX_RATIO_OF_GRAMS = 10.0, 1000.0
+"""Multiples of the robot's moving mass between which a payload may be in grams."""
+_MIN_GRAMS = 10.0
+"""Smallest number that may be in grams."""
 
 
-def _grams(mass: float, robot: float) -> str:
-    """Hint on a payload that is implausible in kilograms and plausible in grams; empty for others [kg].
+def _hint_at_grams(mass: float, robot_mass: float) -> str:
+    """Hint on a payload [kg] that is implausible in kilograms and plausible in grams; empty for others.
 
-    >>> _grams(3000.0, 17.0)
+    >>> _hint_at_grams(3000.0, 17.0)
     'a payload of 3000 kg is 176 times the mass of the moving links. Payloads are in kg: if these are grams, give 3.'
-    >>> _grams(100.0, 17.0), _grams(3000.0, 0.0), _grams(3e6, 17.0)
+    >>> _hint_at_grams(100.0, 17.0), _hint_at_grams(3000.0, 0.0), _hint_at_grams(3e6, 17.0)
     ('', '', '')
     """
-    if robot <= 0 or mass < _MIN_GRAMS:
+    if robot_mass <= 0 or mass < _MIN_GRAMS:
         return ""
-    share = mass / robot
-    if not _MIN_RATIO_OF_GRAMS < share <= 1000.0:
+    ratio = mass / robot_mass
+    if not _MIN_RATIO_OF_GRAMS < ratio <= _MAX_RATIO_OF_GRAMS:
         return ""
-    times, kilograms = number(share, 3), printed(mass / 1000)
     return (
-        f"a payload of {printed(mass)} kg is {times} times the mass of the moving links. Payloads are in kg: "
-        f"if these are grams, give {kilograms}."
+        f"a payload of {printed(mass)} kg is {number(ratio, 3)} times the mass of the moving links. Payloads are in kg: "
+        f"if these are grams, give {printed(mass / 1000)}."
     )
 
 
@@ -253,19 +264,20 @@ class LoadCase:
     """Robot with its payloads."""
 
     def __post_init__(self) -> None:
-        robot = self.robot
-        for load in self.payloads:
-            frame = load.frame
+        with_load = self.robot
+        for payload in self.payloads:
+            frame = payload.frame
             if frame is None:
-                frame = robot.model.tip
+                frame = with_load.model.tip
             if frame is None:
-                raise FrameError(no_tip_for_payload(robot.model, load.mass))
-            robot.model.frame(frame)  # raises for unknown frames
-            robot = robot.with_payload(load.inertia, frame=frame)
+                raise FrameError(no_tip_for_payload(with_load.model, payload.mass))
+            with_load.model.frame(frame)  # raises an error for an unknown frame
+            with_load = with_load.with_payload(payload.inertia, frame=frame)
         for frame in self.wrenches:
-            robot.model.frame(frame)
-        object.__setattr__(self, "wrenches", {frame: _wrench(F, frame) for frame, F in self.wrenches.items()})
-        object.__setattr__(self, "with_load", robot)
+            with_load.model.frame(frame)
+        wrenches = {frame: _wrench_array(F, frame) for frame, F in self.wrenches.items()}
+        object.__setattr__(self, "wrenches", wrenches)
+        object.__setattr__(self, "with_load", with_load)
 
     @property
     def causes(self) -> tuple[str, ...]:
@@ -282,20 +294,21 @@ class LoadCase:
         """Doubts about payloads that are not where a robot carries them."""
         doubts: list[Doubt] = []
         robot_reach = reach(self.robot.model)
-        for load in self.payloads:
-            doubts += credible_load(load.mass, load.place, load.frame, self.robot, robot_reach)
+        for payload in self.payloads:
+            doubts += credible_load(payload.mass, payload.place, payload.frame, self.robot, robot_reach)
         return tuple(doubts)
 
     @property
     def unit_hints(self) -> tuple[str, ...]:
-        """Sentences on payloads far heavier than the robot, which a thousandth would not be."""
+        """Sentences on payloads that are far heavier than the robot, and would not be in grams."""
         robot_mass = self.robot.model.moving_mass
-        return tuple(filter(None, [_grams(load.mass, robot_mass) for load in self.payloads]))
+        hints = [_hint_at_grams(payload.mass, robot_mass) for payload in self.payloads]
+        return tuple(filter(None, hints))
 
     @property
     def contradictions(self) -> tuple[str, ...]:
         """Sentences on payloads farther from their frame than the robot's reach."""
-        return tuple(str(each) for each in self.doubts if each.refuses)
+        return tuple(str(doubt) for doubt in self.doubts if doubt.refuses)
 
     def torques(self, s: MotionSamples) -> Array:
         """Inverse dynamics with payloads, wrenches and friction; (n,) states → (n, nv)."""
@@ -312,14 +325,17 @@ class LoadCase:
         model = self.with_load.model
         F = np.asarray(self.with_load.joint_wrenches(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s)))
         loads_by_kind = {kind: np.zeros((len(s), model.nv)) for kind in BEARINGS}
-        for kind, loads in bearing_loads(model, F).items():
+        for kind, loads_by_body in bearing_loads(model, F).items():
             for k, body in enumerate(model.bodies):
                 if body.joint.nv == 1 and not body.follows:
-                    loads_by_kind[kind][:, body.v_index] = np.nan_to_num(loads[:, k])
+                    loads_by_kind[kind][:, body.v_index] = np.nan_to_num(loads_by_body[:, k])  # NaN: no bearing
         return loads_by_kind
 
     def _wrenches(self, s: MotionSamples) -> dict[str, Array] | None:
-        return {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()} or None
+        """Wrenches at all samples; None if there are none."""
+        if not self.wrenches:
+            return None
+        return {frame: np.broadcast_to(F, (len(s), 6)) for frame, F in self.wrenches.items()}
 
     @property
     def carries(self) -> bool:
@@ -327,33 +343,34 @@ class LoadCase:
         return bool(self.payloads or self.wrenches)
 
     def unloaded_torques(self, s: MotionSamples) -> Array:
-        """Torques without payloads and wrenches."""
+        """Torques (n, nv) without payloads and wrenches."""
         tau = self.robot.inverse_dynamics(s.q, s.dq, s.ddq)
         return self._with_friction(s, tau)
 
     def terms(self, s: MotionSamples) -> dict[str, Array]:
         """Causes, (n, nv) each, in the order of :data:`TERMS`; their sum is :meth:`torques`."""
-        bare, zero = self.robot, np.zeros_like(s.dq)
-        gravity = np.asarray(bare.gravity_forces(s.q))
+        unloaded = self.robot
+        zero = np.zeros_like(s.dq)
+        gravity = np.asarray(unloaded.gravity_forces(s.q))
         wrench = zero.copy()
         for frame, F in self.wrenches.items():  # what the robot must apply to the world is -F
-            wrench += bare.wrench_torques(s.q, np.broadcast_to(-F, (len(s), 6)), frame)
+            wrench += unloaded.wrench_torques(s.q, np.broadcast_to(-F, (len(s), 6)), frame)
         terms = {
-            "inertia": bare.inverse_dynamics(s.q, zero, s.ddq) - bare.bias_forces(s.q, zero),
-            "coriolis": np.asarray(bare.coriolis_forces(s.q, s.dq)),
+            "inertia": unloaded.inverse_dynamics(s.q, zero, s.ddq) - unloaded.bias_forces(s.q, zero),
+            "coriolis": np.asarray(unloaded.coriolis_forces(s.q, s.dq)),
             "gravity": gravity,
             "spring": zero,
             "payload": zero,
             "wrench": wrench,
             "friction": zero,
         }
-        if bare.model.springs:
-            terms["spring"] = bare.bias_forces(s.q, zero) - gravity
+        if unloaded.model.springs:
+            terms["spring"] = unloaded.bias_forces(s.q, zero) - gravity
         if self.payloads:
             terms["payload"] = self.payload_torques(s)
         if self.friction:
-            without_friction = list(terms.values())[:-1]
-            terms["friction"] = self._friction(s, np.sum(without_friction, axis=0))
+            terms_without_friction = list(terms.values())[:-1]
+            terms["friction"] = self._friction(s, np.sum(terms_without_friction, axis=0))
         return terms
 
     def drive_torques(self, tau: Array) -> Array:
@@ -384,13 +401,13 @@ class LoadCase:
 
     def motor_loads(self, s: MotionSamples) -> MotorLoads:
         """Motor loads of the robot with its payloads, (n, actuators) each."""
-        carried, rotor = self.with_load.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
+        link_torques, rotor_torques = self.with_load.drive_torques(s.q, s.dq, s.ddq, wrench_on_robot=self._wrenches(s))
         friction: Array | float = 0.0
         if self.friction:
-            friction = self._friction(s, carried + rotor)
+            friction = self._friction(s, link_torques + rotor_torques)
         # At rest, noise must not determine the direction of power through a gear.
-        moving = np.where(s.stationary, 0.0, s.dq)
-        return motor_loads(self.with_load.model, moving, carried + friction, rotor)
+        dq_without_noise = np.where(s.stationary, 0.0, s.dq)
+        return motor_loads(self.with_load.model, dq_without_noise, link_torques + friction, rotor_torques)
 
     def _with_friction(self, s: MotionSamples, tau: Array) -> Array:
         """Torques (n, nv) with joint friction, if it is counted."""
@@ -398,28 +415,33 @@ class LoadCase:
             tau = tau + self._friction(s, tau)
         return np.asarray(tau)
 
-    def _friction(self, s: MotionSamples, carried: Array) -> Array:
-        """Joint friction at these torques; viscous only if the sign of the velocity is unknown."""
-        moving = np.where(s.stationary, 0.0, s.dq)
-        tau = np.broadcast_to(self.robot.friction_forces(moving, load=carried), s.dq.shape)
+    def _friction(self, s: MotionSamples, tau: Array) -> Array:
+        """Joint friction (n, nv) under torques ``tau`` (n, nv) of everything else.
+
+        Stationary joints have viscous friction only, as the sign of their velocity is unknown.
+        """
         model = self.robot.model
-        return np.asarray(tau + joint_torques(model, model.friction.viscous * motor_velocities(model, s.dq - moving)))
+        dq_without_noise = np.where(s.stationary, 0.0, s.dq)
+        friction = np.broadcast_to(self.robot.friction_forces(dq_without_noise, load=tau), s.dq.shape)
+        viscous_at_rest = model.friction.viscous * motor_velocities(model, s.dq - dq_without_noise)
+        return np.asarray(friction + joint_torques(model, viscous_at_rest))
 
     def payload_torques(self, s: MotionSamples) -> Array:
         """Contribution of the payloads to the torques, (n, nv)."""
-        return np.asarray(
-            self.with_load.inverse_dynamics(s.q, s.dq, s.ddq) - self.robot.inverse_dynamics(s.q, s.dq, s.ddq)
-        )
+        tau = self.with_load.inverse_dynamics(s.q, s.dq, s.ddq)
+        tau_without_payload = self.robot.inverse_dynamics(s.q, s.dq, s.ddq)
+        return np.asarray(tau - tau_without_payload)
 
     def follower_payload_torques(self, s: MotionSamples) -> Array:
         """Contribution of the payloads to :meth:`follower_torques`, (n, k)."""
         F = np.asarray(self.with_load.joint_wrenches(s.q, s.dq, s.ddq))
-        alone = np.asarray(self.robot.joint_wrenches(s.q, s.dq, s.ddq))
-        return follower_torques(self.robot.model, F - alone)
+        F_without_payload = np.asarray(self.robot.joint_wrenches(s.q, s.dq, s.ddq))
+        return follower_torques(self.robot.model, F - F_without_payload)
 
 
-def _wrench(given: ArrayLike, frame: str) -> Array:
-    F = np.asarray(finite(given, f"wrench on {frame}"), float)
+def _wrench_array(wrench: ArrayLike, frame: str) -> Array:
+    """Wrench (6,) on a frame; raises ShapeError."""
+    F = np.asarray(finite(wrench, f"wrench on {frame}"), float)
     if F.shape != (6,):
         raise ShapeError(f"the wrench on {frame} has shape {F.shape}; give (6,): moments [N m], then forces [N].")
     return F
@@ -428,34 +450,39 @@ def _wrench(given: ArrayLike, frame: str) -> Array:
 def reach(model: Model) -> float:
     """Reach: largest distance of a frame or link end from the base [m], fully stretched; inf with an unlimited sliding joint.
 
-    If the last link has no frame at its end, its length is that of a uniform rod with its mass and moments, which does not
-    begin before its joint. For a floating base the reach is measured from the base.
+    The last link may have no frame at its end. Its end is then that of a uniform rod with the link's mass and moments,
+    which does not begin before the link's joint. For a floating base the reach is measured from the base.
     """
-    lengths = {BASE: 0.0}  # from the base to the frame of each body
+    distances = {BASE: 0.0}  # from the base to the frame of each body, fully stretched
     for i, body in enumerate(model.bodies):
         slides = body.joint.nv == 1 and not body.joint.axes[0][:3].any()
         travel = 0.0
         if slides:
             k = body.v_index
-            travel = abs(body.ratio) * float(np.maximum(np.abs(model.limits.lower[k]), np.abs(model.limits.upper[k])))
-        lengths[i] = lengths[body.parent] + float(np.linalg.norm(body.placement[:3, 3])) + travel
-    ends = [lengths[frame.body] + float(np.linalg.norm(frame.pose[:3, 3])) for frame in model.frames.values()]
+            largest_position = np.maximum(np.abs(model.limits.lower[k]), np.abs(model.limits.upper[k]))
+            travel = abs(body.ratio) * float(largest_position)
+        distance_from_parent = float(np.linalg.norm(body.placement[:3, 3]))
+        distances[i] = distances[body.parent] + distance_from_parent + travel
+    end_distances = [
+        distances[frame.body] + float(np.linalg.norm(frame.pose[:3, 3])) for frame in model.frames.values()
+    ]
     for i, body in enumerate(model.bodies):
         G = body.inertia
         if G.mass > 0.0:
-            half = float(np.sqrt(1.5 * max(np.trace(G.moment_about_com), 0.0) / G.mass))  # of a uniform rod
-            place = float(np.linalg.norm(G.com))
-            ends.append(lengths[i] + place + min(place, half))
-    return max(ends, default=0.0)
+            # A uniform rod of half length h has two moments m h²/3, so that h² = 3/2 tr(I)/m.
+            half_length = float(np.sqrt(1.5 * max(np.trace(G.moment_about_com), 0.0) / G.mass))
+            com_distance = float(np.linalg.norm(G.com))
+            end_distances.append(distances[i] + com_distance + min(com_distance, half_length))
+    return max(end_distances, default=0.0)
 
 
 def parse_payload(text: str, tip: str | None = None) -> Payload:
     """Read ``MASS[,x,y,z][@FRAME]``, at the ``tip`` if no frame is given; raises ValueRangeError with the expected form."""
     form = "MASS[,x,y,z][@FRAME] in kg and m, for example 5 or 2.5,0,0,0.08@tool0"
     numbers, at, frame = text.partition("@")
-    first, *others = numbers.split(",")
-    first = re.sub(r"(?<=[\d.])\s*kg\s*$", "", first)  # 2kg
-    mass, *place = parse_numbers(",".join([first, *others]), "payload", form, 1, 4)
+    mass_text, *coordinates = numbers.split(",")
+    mass_text = re.sub(r"(?<=[\d.])\s*kg\s*$", "", mass_text)  # 2kg
+    mass, *place = parse_numbers(",".join([mass_text, *coordinates]), "payload", form, 1, 4)
     if mass < 0:
         raise ValueRangeError(f"payload {text!r} has a negative mass. Give kilograms, at least 0: {form}.")
     if at and not frame.strip():
@@ -506,7 +533,8 @@ def parse_wrenches(texts: Iterable[str]) -> dict[str, Array]:
         frame = frame.strip()
         if not frame:
             raise ValueRangeError(f"wrench {text!r} names no frame. Write {form}.")
-        wrenches[frame] = wrenches.get(frame, 0.0) + np.array(parse_numbers(numbers, f"wrench on {frame}", form, 6))
+        F = np.array(parse_numbers(numbers, f"wrench on {frame}", form, 6))
+        wrenches[frame] = wrenches.get(frame, 0.0) + F
     return wrenches
 
 
@@ -519,7 +547,7 @@ class PayloadMargin:
     joint: str
     """Joint that reaches its limit with this mass."""
     time: float
-    """Time at which it does [s]."""
+    """Time at which the joint reaches its limit [s]."""
     frame: str = ""
     """Frame of the payload."""
 
@@ -530,7 +558,7 @@ class PayloadMargin:
 
     @property
     def words_alone(self) -> str:
-        """The same, if the payload must also keep limits that are not those of torques, as of a grip, bolts or bearings."""
+        """As :attr:`words`, if there are also limits of other loads, such as those of a grip, bolts or bearings."""
         return self._sentence("margin alone")
 
     def _sentence(self, kind: str) -> str:
@@ -538,10 +566,10 @@ class PayloadMargin:
 
 
 class PayloadShares(NamedTuple):
-    """Figures of the payload margin of some rows, for drives and then mimic joints with an effort limit, (nv + k,) each."""
+    """Figures of the payload margin of some rows: (nv + k,) each, of the drives and of k mimic joints with an effort limit."""
 
     greatest: Extrema
-    """Negative of the smallest share of the payload's mass that takes a torque to its limit."""
+    """Negative share of the payload's mass that takes a torque to its limit; the greatest one is that of the margin."""
     carried: Array
     """Largest contribution of the payload to the torque."""
     within: bool
@@ -555,21 +583,25 @@ class PayloadShares(NamedTuple):
 
 
 def margin_determined(load: LoadCase) -> bool:
-    """True for a single payload, and if friction does not depend on load: torques are then linear in the mass."""
-    laws = load.robot.model.friction
-    linear = not load.fixed_words and not (load.friction and laws.load.any())
-    return len(load.payloads) == 1 and load.payloads[0].mass > 0 and linear
+    """True for a single payload, if friction does not depend on load: torques are then linear in the mass."""
+    friction_depends_on_load = load.friction and load.robot.model.friction.load.any()
+    if load.fixed_words or friction_depends_on_load:
+        return False
+    return len(load.payloads) == 1 and load.payloads[0].mass > 0
 
 
 def payload_shares(load: LoadCase, effort: Array, time: Array, torques: Array, carried: Array) -> PayloadShares:
-    """Figures of torques (n, nv + k) of drives and limited mimic joints, with the payload's contribution (n, nv + k)."""
+    """Figures of torques (n, nv + k) of drives and limited mimic joints; ``carried`` is the payload's part of them."""
     effort = _with_followers(load, effort)
-    least = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model)
-    alone, limit = torques - carried, np.copysign(effort, carried)
+    least_torque = load.payloads[0].mass * least_torque_per_kilogram(load.robot.model)
+    torques_without_payload = torques - carried
+    signed_limit = np.copysign(effort, carried)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = (limit - alone) / carried  # alone + share carried = limit
-    share = np.where((np.abs(carried) > least) & ~np.isnan(share), share, np.inf)
-    within = bool((np.abs(alone) <= effort).all())
+        # torques_without_payload + share * carried = signed_limit
+        share = (signed_limit - torques_without_payload) / carried
+    carries_payload = np.abs(carried) > least_torque
+    share = np.where(carries_payload & ~np.isnan(share), share, np.inf)
+    within = bool((np.abs(torques_without_payload) <= effort).all())
     return PayloadShares(Extrema.from_rows(time, -share, share), np.abs(carried).max(axis=0, initial=0.0), within)
 
 
@@ -584,18 +616,16 @@ def payload_margin(load: LoadCase, effort: Array, shares: PayloadShares) -> Payl
     """Margin; None if a loaded joint has no limit or the robot alone exceeds a limit."""
     model, nv = load.robot.model, load.robot.nv
     share, time = -shares.greatest.value, shares.greatest.time
-    joint = min(range(len(share)), key=lambda k: (share[k], time[k]))
-    if (
-        not shares.within
-        or not math.isfinite(share[joint])
-        or drives_without_limit(model, effort[:nv], shares.carried[:nv])
-    ):
+    k = min(range(len(share)), key=lambda k: (share[k], time[k]))  # the earliest one of equal shares
+    if not shares.within or not math.isfinite(share[k]):
+        return None
+    if drives_without_limit(model, effort[:nv], shares.carried[:nv]):
         return None
     follower_names = [model.bodies[i].joint.name for i in model.limited_followers]
-    name = [*model.drive_labels, *follower_names][joint]
+    joint = [*model.drive_labels, *follower_names][k]
     payload = load.payloads[0]
     frame = payload.frame or model.tip or ""
-    return PayloadMargin(float(share[joint]) * payload.mass, name, float(time[joint]), frame)
+    return PayloadMargin(float(share[k]) * payload.mass, joint, float(time[k]), frame)
 
 
 def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> dict[str, float]:
@@ -604,70 +634,79 @@ def joints_held(model: Model, lock: Mapping[str, float], *, degrees: bool) -> di
     A name takes precedence over a pattern. Raises :class:`~twistwrench.UnknownNameError` if no joint matches, and
     :class:`~twistwrench.ValueRangeError` for positions beyond a joint's limits and for contradictory patterns.
     """
-    bodies = {b.joint.name: b for b in model.bodies}
+    bodies = {body.joint.name: body for body in model.bodies}
     positions: dict[str, float] = {}
-    origin: dict[str, str] = {}
-    for name in sorted(lock, key=lambda n: not _is_pattern(n, bodies)):
-        if not _is_pattern(name, bodies):
-            matches = [name]
+    key_by_joint: dict[str, str] = {}
+    # Patterns first, so that names override them.
+    keys = sorted(lock, key=lambda key: not _is_pattern(key, bodies))
+    for key in keys:
+        is_pattern = _is_pattern(key, bodies)
+        if not is_pattern:
+            matches = [key]
         else:
-            leaders = [b.joint.name for b in model.leaders if b.joint.nv == 1]
-            matches = [joint for joint in leaders if fnmatchcase(joint, name)]
+            leaders = [body.joint.name for body in model.leaders if body.joint.nv == 1]
+            matches = [joint for joint in leaders if fnmatchcase(joint, key)]
             if not matches:
-                raise UnknownNameError.from_choices("joint that fits the pattern", name, leaders)
+                raise UnknownNameError.from_choices("joint that fits the pattern", key, leaders)
         for joint in matches:
-            value = lock[name]
+            position = lock[key]
             if degrees and joint in bodies and bodies[joint].joint.turning[0]:
-                value = math.radians(value)
-            if _is_pattern(name, bodies) and joint in positions and positions[joint] != value:
+                position = math.radians(position)
+            if is_pattern and joint in positions and positions[joint] != position:
                 raise ValueRangeError(
-                    f"{{0}}: {origin[joint]!r} and {name!r} both hold {joint!r}. Keep one of them.", Argument("lock")
+                    f"{{0}}: {key_by_joint[joint]!r} and {key!r} both hold {joint!r}. Keep one of them.",
+                    Argument("lock"),
                 )
-            positions[joint], origin[joint] = value, name
-    for b in model.leaders:
-        if b.joint.name in positions and b.joint.nv == 1:
-            name = origin[b.joint.name]
-            value = float(lock[name])
+            positions[joint] = position
+            key_by_joint[joint] = key
+    for body in model.leaders:
+        joint = body.joint.name
+        if joint in positions and body.joint.nv == 1:
+            key = key_by_joint[joint]
+            value = float(lock[key])
             if value.is_integer():
-                value = int(value)
-            argument = Argument("lock", {name: value})
-            _check(model, b, positions[b.joint.name], argument, degrees=degrees)
+                value = int(value)  # printed without a decimal point
+            _check_position(model, body, positions[joint], Argument("lock", {key: value}), degrees=degrees)
     return positions
 
 
 def joints_beside(model: Model, base: str, tip: str) -> tuple[str, ...]:
     """Joints outside the chain between two frames; raises UnknownNameError, and ValueRangeError if the chain has no joint."""
-    above_base, above_tip = model.ancestors(model.frame(base).body), model.ancestors(model.frame(tip).body)
-    between = {model.bodies[k].q_index for k in above_base ^ above_tip}
-    if not between:
+    bodies_above_base = model.ancestors(model.frame(base).body)
+    bodies_above_tip = model.ancestors(model.frame(tip).body)
+    bodies_of_chain = bodies_above_base ^ bodies_above_tip  # above one frame only
+    q_indices_of_chain = {model.bodies[i].q_index for i in bodies_of_chain}
+    if not q_indices_of_chain:
         raise ValueRangeError(
             "{0}: no joint moves one of these frames from the other. Name two others.", Argument("chain", (base, tip))
         )
-    return tuple(b.joint.name for b in model.leaders if b.q_index not in between)
+    return tuple(body.joint.name for body in model.leaders if body.q_index not in q_indices_of_chain)
 
 
-def _is_pattern(name: str, joints: Mapping[str, object]) -> bool:
-    return name not in joints and any(c in name for c in "*?[")
+def _is_pattern(key: str, joints: Mapping[str, object]) -> bool:
+    """True if a key is not the name of a joint and has wildcards."""
+    return key not in joints and any(wildcard in key for wildcard in "*?[")
 
 
-def _check(model: Model, body: Body, value: float, argument: Argument, *, degrees: bool) -> None:
-    low, high = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
+def _check_position(model: Model, body: Body, position: float, argument: Argument, *, degrees: bool) -> None:
+    """Raise ValueRangeError for a position [rad, m] outside the joint's limits; ``degrees``: messages are in degrees."""
+    low = float(model.limits.lower[body.v_index])
+    high = float(model.limits.upper[body.v_index])
     tolerance = float(model.limits.tolerance[body.v_index])
-    if low - tolerance <= value <= high + tolerance:
+    if low - tolerance <= position <= high + tolerance:
         return
     turns = body.joint.turning[0]
-    unit, unit_name = 1.0, unit_of("q", turns, degrees=degrees)
-    if degrees and turns:
-        unit = math.degrees(1.0)
-    joint = f" {body.joint.name}"
+    unit = unit_of("q", turns, degrees=degrees)
+    units_per_si_unit = math.degrees(1.0) if degrees and turns else 1.0
+    joint_text = f" {body.joint.name}"
     if isinstance(argument.value, Mapping) and body.joint.name in argument.value:  # the argument names it
-        joint = ""
+        joint_text = ""
     hint = ""
-    if turns and not degrees and low <= math.radians(value) <= high:
-        hint = f" If {printed(value)} are degrees, add {{1}}, or write {number(math.radians(value), 6)}."
-    limits = f"{quantity(unit * low, unit_name, 6)} to {quantity(unit * high, unit_name, 6)}"
+    if turns and not degrees and low <= math.radians(position) <= high:
+        hint = f" If {printed(position)} are degrees, add {{1}}, or write {number(math.radians(position), 6)}."
+    limits_text = f"{quantity(units_per_si_unit * low, unit, 6)} to {quantity(units_per_si_unit * high, unit, 6)}"
     raise ValueRangeError(
-        f"{{0}} is outside the joint's limits,{joint} {limits}. Hold it within them.{hint}",
+        f"{{0}} is outside the joint's limits,{joint_text} {limits_text}. Hold it within them.{hint}",
         argument,
         Argument("degrees", True),
     )

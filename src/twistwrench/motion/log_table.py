@@ -50,41 +50,46 @@ def table_of(portions: Iterable[Array], columns: int, path: Path) -> Array:
     (3, 3)
     """
     with contextlib.ExitStack() as closing:  # a memory map outlives its file
-        parts, rows, file = list[Array](), 0, None
+        unwritten_portions: list[Array] = []
+        row_count = 0
+        file = None
         try:
             for portion in portions:
-                rows += len(portion)
-                parts.append(portion)
-                if 8 * rows * columns <= MAX_TABLE_IN_MEMORY and file is None:
-                    continue
-                file = file or closing.enter_context(tempfile.TemporaryFile())
-                for part in parts:
-                    file.write(np.ascontiguousarray(part, float).data)
+                row_count += len(portion)
+                unwritten_portions.append(portion)
+                if file is None:
+                    if 8 * row_count * columns <= MAX_TABLE_IN_MEMORY:
+                        continue
+                    file = closing.enter_context(tempfile.TemporaryFile())
+                for unwritten in unwritten_portions:
+                    file.write(np.ascontiguousarray(unwritten, float).data)
                 file.flush()
-                parts.clear()
-        except OSError as problem:
+                unwritten_portions.clear()
+        except OSError as error:
             raise TrajectoryError(
-                f"{path}: its rows take {printed(8e-9 * rows * columns, 2)} GB or more in {tempfile.gettempdir()}, "
-                f"which cannot be written: {problem.strerror or problem}. Free the space, or set TMPDIR."
+                f"{path}: its rows take {printed(8e-9 * row_count * columns, 2)} GB or more in {tempfile.gettempdir()}, "
+                f"which cannot be written: {error.strerror or error}. Free the space, or set TMPDIR."
             ) from None
         if file is None:
-            return np.concatenate([np.zeros((0, columns)), *parts])
-        return np.memmap(file, np.float64, "r+", shape=(rows, columns))
+            return np.concatenate([np.zeros((0, columns)), *unwritten_portions])
+        return np.memmap(file, np.float64, "r+", shape=(row_count, columns))
 
 
 def slices(count: int, rows: int = 0) -> Iterator[slice]:
-    """Consecutive slices of ``rows`` rows each."""
-    rows = rows or ROWS
-    return (slice(k, min(k + rows, count)) for k in range(0, count, rows))
+    """Consecutive slices of ``rows`` rows each, :data:`ROWS` if 0, of a table with ``count`` rows."""
+    step = rows or ROWS
+    return (slice(begin, min(begin + step, count)) for begin in range(0, count, step))
 
 
 def without_times(table: Array, times: Iterable[float]) -> Array:
     """Remove the rows with the given times (first column), in place."""
-    end, removed_times = 0, list(times)
-    for s in slices(len(table)):
-        rows = table[s][~np.isin(table[s, 0], removed_times)]
-        table[end : end + len(rows)] = rows
-        end += len(rows)
+    removed_times = list(times)
+    end = 0  # of the remaining rows, which overwrite the table from its beginning
+    for block in slices(len(table)):
+        is_removed = np.isin(table[block, 0], removed_times)
+        remaining_rows = table[block][~is_removed]
+        table[end : end + len(remaining_rows)] = remaining_rows
+        end += len(remaining_rows)
     return table[:end]
 
 
@@ -94,7 +99,7 @@ def excerpts(table: Array, count: int, rows: int) -> list[Array]:
     >>> [run[:, 0].tolist() for run in excerpts(np.arange(10.0)[:, None], 2, 3)]
     [[0.0, 1.0, 2.0], [7.0, 8.0, 9.0]]
     """
-    return [np.array(table[s]) for s in spread_rows(len(table), count, rows)]
+    return [np.array(table[run]) for run in spread_rows(len(table), count, rows)]
 
 
 def spread_rows(total: int, count: int, rows: int) -> list[slice]:
@@ -105,18 +110,20 @@ def spread_rows(total: int, count: int, rows: int) -> list[slice]:
     """
     if count and total <= count * rows:
         return [slice(0, total)]
+    last_begin = total - rows
     if count == 1:
-        return [slice((total - rows) // 2, (total - rows) // 2 + rows)]
-    firsts = [(total - rows) * k // (count - 1) for k in range(count)]
-    return [slice(first, first + rows) for first in firsts]
+        begins = [last_begin // 2]
+    else:
+        begins = [last_begin * k // (count - 1) for k in range(count)]
+    return [slice(begin, begin + rows) for begin in begins]
 
 
 def windows(count: int, core: int, margin: int) -> Iterator[tuple[slice, slice]]:
-    """Windows of ``core`` rows with up to ``margin`` more on either side, and the slice of the core in each.
+    """Windows on ``count`` rows: ``core`` rows with up to ``margin`` more on either side, and the core's slice in each.
 
     The last core includes the remaining rows if they are fewer than ``margin``.
 
-    >>> [(a.start, a.stop, b.start, b.stop) for a, b in windows(9, 4, 2)]
+    >>> [(window.start, window.stop, core.start, core.stop) for window, core in windows(9, 4, 2)]
     [(0, 6, 0, 4), (2, 9, 2, 7)]
     """
     begin = 0
@@ -124,6 +131,6 @@ def windows(count: int, core: int, margin: int) -> Iterator[tuple[slice, slice]]
         end = begin + core
         if count - end < margin:
             end = count
-        first = max(0, begin - margin)
-        yield slice(first, min(end + margin, count)), slice(begin - first, end - first)
+        window = slice(max(0, begin - margin), min(end + margin, count))
+        yield window, slice(begin - window.start, end - window.start)
         begin = end

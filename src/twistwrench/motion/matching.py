@@ -22,36 +22,37 @@ Words = tuple[str, ...]
 """Words of a name in lower case, digits separate: ``fer, joint, 1``."""
 
 _MAX_CANDIDATES = 4
-"""Most columns that are compared with a missing name."""
+"""Largest number of columns that are considered for a missing name."""
 _MIN_SIMILARITY = 0.6
 """Smallest similarity of two names for a suggestion."""
 _MIN_VARIATION = 1e-6
 """Smallest relative variation of the column of a moving joint."""
-_ANGLES_AND_LENGTHS = ("rad", "deg", "degrees", "radians", "°", "m", "mm", "cm")
-_OTHER = re.compile(
+_POSITION_UNITS = ("rad", "deg", "degrees", "radians", "°", "m", "mm", "cm")
+_NOT_A_POSITION = re.compile(
     r"temp|curr|volt|amp|force|torq|effort|tau|load|power|energy|tcp|pose|ee_|imu|acc|vel|speed|rate|time|stamp|seq|index|"
     r"count|frame|status|state|mode|flag|id$|err|residual|cmd|command|action|target|desired|reference|setpoint"
 )
 """Words in names of columns that are not measured joint positions."""
-_COUNTED = re.compile(r"temp|volt|energy|count|index|seq|cycle|step|dist|odom|tick|batt|soc|charge")
+_NOT_A_TIME = re.compile(r"temp|volt|energy|count|index|seq|cycle|step|dist|odom|tick|batt|soc|charge")
 """Words in names of columns that may increase in every row and are not the time."""
 
 
 _MAX_COLUMNS_READ = 256
-"""Columns whose numbers are looked at for a hint; a look at a column of a foreign format takes up to 0.1 s."""
+"""Largest number of columns that are read for a hint; reading one takes up to 0.1 s in some formats."""
 
 
-def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[int], Array]) -> list[str]:
+def varying_columns(cells: Sequence[str], extra: Sequence[str], first_numbers: Callable[[int], Array]) -> list[str]:
     """Columns of ``extra`` that may be joint positions: varying, without the name or unit of another quantity.
 
-    Of a file with thousands of columns the first :data:`_MAX_COLUMNS_READ` are looked at.
+    ``cells``: names of all columns; ``first_numbers`` returns the first numbers of a column. At most the first
+    :data:`_MAX_COLUMNS_READ` columns are read.
     """
-    candidate_cells = set(extra)
-    columns = [k for k, cell in enumerate(cells) if cell in candidate_cells and _may_be_position(cell)]
+    extra_cells = set(extra)
+    columns = [k for k, cell in enumerate(cells) if cell in extra_cells and _may_be_position(cell)]
     varying = []
     for k in columns[:_MAX_COLUMNS_READ]:
         try:
-            numbers = look(k)
+            numbers = first_numbers(k)
         except TrajectoryError:  # not numbers
             continue
         if not numbers.size or not np.isfinite(numbers).all():
@@ -64,50 +65,55 @@ def varying_columns(cells: Sequence[str], extra: Sequence[str], look: Callable[[
 def _may_be_position(cell: str) -> bool:
     """True unless a column has the name or unit of another quantity."""
     name, unit = split_unit(cell)
-    return not _OTHER.search(name.lower()) and (unit is None or unit in _ANGLES_AND_LENGTHS)
+    if _NOT_A_POSITION.search(name.lower()):
+        return False
+    return unit is None or unit in _POSITION_UNITS
 
 
-_MIN_SHARED = 2
-"""Number of missing names from which a column whose name is a part of them is none of them."""
+_MIN_AMBIGUOUS_NAMES = 2
+"""Number of missing names that contain the name of a column, from which the column is ambiguous."""
 
 
 def alike(missing: Sequence[str], columns: Sequence[str]) -> dict[str, str]:
     """Map missing names to the most similar columns, each used once, in the order of the names.
 
-    A column whose name is a part of several missing names is none of them.
+    A column whose name is a part of several missing names is ambiguous and matches none of them.
 
     >>> alike(["shoulder", "elbow"], ["schoulder", "temperature"])
     {'shoulder': 'schoulder'}
     >>> alike(["shoulder_pan", "shoulder_lift"], ["shoulder"])
     {}
     """
-    specific = []
-    for cell in columns:
-        containing = [name for name in missing if cell.lower() in name.lower()]
-        if len(containing) < _MIN_SHARED:
-            specific.append(cell)
-    pairs = []
+    unambiguous_columns = []
+    for column in columns:
+        containing_names = [name for name in missing if column.lower() in name.lower()]
+        if len(containing_names) < _MIN_AMBIGUOUS_NAMES:
+            unambiguous_columns.append(column)
+    similar_pairs = []
     for name in missing:
-        for cell in difflib.get_close_matches(name, specific, n=_MAX_CANDIDATES, cutoff=_MIN_SIMILARITY):
-            similarity = difflib.SequenceMatcher(None, cell, name).ratio()
-            pairs.append((similarity, name, cell))
-    matches: dict[str, str] = {}
-    for _, name, cell in sorted(pairs, key=lambda pair: -pair[0]):
-        if name not in matches and cell not in matches.values():
-            matches[name] = cell
-    return {name: matches[name] for name in missing if name in matches}
+        close_columns = difflib.get_close_matches(name, unambiguous_columns, n=_MAX_CANDIDATES, cutoff=_MIN_SIMILARITY)
+        for column in close_columns:
+            similarity = difflib.SequenceMatcher(None, column, name).ratio()
+            similar_pairs.append((similarity, name, column))
+    similar_pairs.sort(key=lambda pair: -pair[0])
+    column_by_name: dict[str, str] = {}
+    for _, name, column in similar_pairs:  # the most similar pair first
+        if name not in column_by_name and column not in column_by_name.values():
+            column_by_name[name] = column
+    return {name: column_by_name[name] for name in missing if name in column_by_name}
 
 
-def rising_columns(cells: Mapping[int, str], look: Callable[[int], Array]) -> list[int]:
-    """Columns that increase in every row and are not row numbers; ``look`` returns a column's first numbers."""
-    columns = [k for k, cell in cells.items() if not _COUNTED.search(cell.lower())]
+def rising_columns(cells: Mapping[int, str], first_numbers: Callable[[int], Array]) -> list[int]:
+    """Columns that increase in every row and are not row numbers; ``first_numbers`` returns a column's first numbers."""
+    columns = [k for k, cell in cells.items() if not _NOT_A_TIME.search(cell.lower())]
     rising = []
     for k in columns[:_MAX_COLUMNS_READ]:
         try:
-            steps = np.diff(look(k))
+            steps = np.diff(first_numbers(k))
         except TrajectoryError:  # not numbers
             continue
-        if len(steps) and (steps > 0).all() and not (steps == 1).all():
+        is_row_number = (steps == 1).all()
+        if len(steps) and (steps > 0).all() and not is_row_number:
             rising.append(k)
     return rising
 
@@ -118,7 +124,9 @@ def counts_rows(first: Array) -> bool:
     >>> counts_rows(np.array([7.0, 8.0, 9.0, 12.0])), counts_rows(np.array([0.0, 10.0, 20.0]))
     (True, False)
     """
-    return bool(len(first) > 1 and (first == np.round(first)).all() and np.median(np.diff(first)) == 1.0)
+    if len(first) < 2 or (first != np.round(first)).any():
+        return False
+    return bool(np.median(np.diff(first)) == 1.0)
 
 
 def series(cells: Sequence[str], count: int) -> list[str]:
@@ -127,16 +135,17 @@ def series(cells: Sequence[str], count: int) -> list[str]:
     >>> series(["A2", "A1", "E1"], 2)
     ['A1', 'A2']
     """
-    groups: dict[tuple[str, ...], list[tuple[list[int], str]]] = {}
+    groups: dict[Words, list[tuple[list[int], str]]] = {}  # (numbers in the name, column) by pattern of the name
     for cell in cells:
-        words = _words(split_unit(cell)[0])
-        numbers = list(map(int, filter(str.isdigit, words)))
+        name, _ = split_unit(cell)
+        words = _words(name)
+        numbers = [int(word) for word in words if word.isdigit()]
         if numbers:
             groups.setdefault(_pattern(words), []).append((numbers, cell))
-    fitting = [group for group in groups.values() if len(group) == count]
-    if len(fitting) != 1:
+    groups_of_right_size = [group for group in groups.values() if len(group) == count]
+    if len(groups_of_right_size) != 1:
         return []
-    return [cell for _, cell in sorted(fitting[0])]
+    return [cell for _, cell in sorted(groups_of_right_size[0])]
 
 
 @dataclass(frozen=True)
@@ -159,14 +168,16 @@ class NamedJoints:
     """Joint names that columns may contain once; case matters only if two names differ by nothing else."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        self._fold = len(set(map(str.casefold, names))) == len(names)
+        self._ignores_case = len(set(map(str.casefold, names))) == len(names)
         indices = {self._key(name): k for k, name in enumerate(names)}
         short_names = [_WORD_FOR_JOINT.sub("", name) for name in names]
-        count = Counter(short_names)
-        for k, short in enumerate(short_names):  # elbow for elbow_joint, unless another joint has that name
-            if len(short) > 2 and not short.isdigit() and count[short] == 1:
-                indices.setdefault(self._key(short), k)
-        self._indices = sorted(indices.items(), key=lambda item: -len(item[0]))
+        short_name_counts = Counter(short_names)
+        for k, short_name in enumerate(short_names):  # elbow for elbow_joint, unless another joint has that name
+            is_specific = len(short_name) > 2 and not short_name.isdigit()
+            if is_specific and short_name_counts[short_name] == 1:
+                indices.setdefault(self._key(short_name), k)
+        # The longest names first: a name may be a part of another one.
+        self._joint_indices = sorted(indices.items(), key=lambda item: -len(item[0]))
 
     def meaning(self, text: str) -> Meaning | None:
         """Meaning of a column's name (without unit in brackets); None if uncertain.
@@ -180,27 +191,27 @@ class NamedJoints:
         True
         """
         key = self._key(text)
-        for name, k in self._indices:
+        for name, joint_index in self._joint_indices:
             position = _position(name, key)
             if position is None:
                 continue
             other_words = _words(key[:position] + " " + key[position + len(name) :])
             part_and_unit = _part_of(other_words)
             if part_and_unit is not None:
-                return Meaning(k, *part_and_unit)
+                return Meaning(joint_index, *part_and_unit)
         return None
 
     def _key(self, text: str) -> str:
-        return text.casefold() if self._fold else text
+        return text.casefold() if self._ignores_case else text
 
 
 def _position(name: str, text: str) -> int | None:
     """Position of the name in the text as a separate word; None if absent."""
     position = text.find(name)
     while position >= 0:
-        before = text[:position][-1:]
-        after = text[position + len(name) :][:1]
-        if not (before.isalnum() or after.isalnum()):
+        character_before = text[:position][-1:]
+        character_after = text[position + len(name) :][:1]
+        if not (character_before.isalnum() or character_after.isalnum()):
             return position
         position = text.find(name, position + 1)
     return None
@@ -212,27 +223,31 @@ def _words(text: str) -> Words:
 
 
 def _part_of(words: Sequence[str]) -> tuple[str, str | None] | None:
-    """Quantity and unit of the words beside a joint's name; no words mean a position, and a word for commands a command."""
-    measured = [word for word in words if word not in COMMANDS]
-    if len(measured) < len(words):
-        meaning = _part_of(measured)
-        if meaning is None or meaning[0] != "q":
+    """Quantity and unit of the words beside a joint's name; None if uncertain.
+
+    No words mean a position. A word for commands beside words for a position means a command.
+    """
+    words_without_command = [word for word in words if word not in COMMANDS]
+    if len(words_without_command) < len(words):
+        commanded = _part_of(words_without_command)
+        if commanded is None or commanded[0] != "q":
             return None
-        return "command", meaning[1]
-    units, kinds = [], []
+        return "command", commanded[1]
+    units, quantity_words = [], []
     for word in words:
         if word in UNITS:
             units.append(word)
         elif word not in NEUTRAL:
-            kinds.append(word)
-    if units and kinds[-1:] == ["s"]:  # deg_s
-        kinds = kinds[:-1]
+            quantity_words.append(word)
+    if units and quantity_words[-1:] == ["s"]:  # deg_s
+        quantity_words = quantity_words[:-1]
         units = [f"{units[0]}/s"]
     if not words:
         return "q", None
-    if len(kinds) != 1 or kinds[0] not in PART_OF or len(units) > 1:
+    if len(quantity_words) != 1 or quantity_words[0] not in PART_OF or len(units) > 1:
         return None
-    return PART_OF[kinds[0]], next(iter(units), None)
+    unit = units[0] if units else None
+    return PART_OF[quantity_words[0]], unit
 
 
 class Candidate(NamedTuple):
@@ -281,12 +296,12 @@ def command_candidates(texts: Mapping[int, str]) -> list[list[Candidate]]:
     """
     groups = []
     for command in COMMANDS:
-        others = {}
+        names_without_command = {}
         for column, text in texts.items():
             words = _words(text)
             if command in words:
-                others[column] = " ".join(word for word in words if word != command)
-        group = candidates(others).get("q", [])
+                names_without_command[column] = " ".join(word for word in words if word != command)
+        group = candidates(names_without_command).get("q", [])
         if group:
             groups.append(group)
     return groups
@@ -298,17 +313,18 @@ def _pattern(words: Iterable[str]) -> Words:
 
 
 def _has_unmatched(matched: Iterable[Words], all_words: Iterable[Words], known: Iterable[Words]) -> bool:
-    """True if there are unknown columns whose names differ from those matched only by a number."""
+    """True if a name in ``all_words``, neither matched nor known, differs from a matched one only by a number."""
     unmatched = {*all_words} - {*matched, *known}
-    return not {*map(_pattern, unmatched)}.isdisjoint(map(_pattern, matched))
+    unmatched_patterns = {_pattern(words) for words in unmatched}
+    return not unmatched_patterns.isdisjoint(map(_pattern, matched))
 
 
 Rule = Callable[[Sequence[Candidate], Sequence[str], Sequence[str]], "list[Candidate] | None"]
-"""Rule: candidates, joint names, and names of joints without a coordinate of their own → columns of the joints."""
+"""Rule: candidates, joint names, names of joints without a coordinate of their own → columns of the joints, or None."""
 
 
 def match_by_prefix(
-    found: Sequence[Candidate], names: Sequence[str], others: Sequence[str] = ()
+    columns: Sequence[Candidate], names: Sequence[str], other_joints: Sequence[str] = ()
 ) -> list[Candidate] | None:
     """Match columns with the joints' names up to a common prefix: ``fer_joint1`` for ``panda_joint1``.
 
@@ -316,58 +332,66 @@ def match_by_prefix(
     >>> [c.column for c in match_by_prefix(fer, ["panda_joint1", "panda_joint2"])]
     [1, 0]
     """
-    matches = _matches_by_prefix(found, names, others)
+    matches = _matches_by_prefix(columns, names, other_joints)
     complete: list[list[Candidate]] = []
-    for match, exclusive in matches.items():
+    for match, is_exclusive in matches.items():
         match_columns = [column for column in match if column is not None]
-        if exclusive and len(match_columns) == len(names):
+        if is_exclusive and len(match_columns) == len(names):
             complete.append(match_columns)
     if len(complete) != 1:
         return None
-    columns = complete[0]
-    for match in matches:
-        has_other_columns = not set(match) <= {*columns, None}
+    matched_columns = complete[0]
+    for match in matches:  # ambiguous if other columns match at least half of the joints
+        has_other_columns = not set(match) <= {*matched_columns, None}
         if has_other_columns and 2 * match.count(None) <= len(names):
             return None
-    return columns
+    return matched_columns
 
 
-def match_most_by_prefix(found: Sequence[Candidate], names: Sequence[str]) -> Sequence[Candidate | None]:
+def match_most_by_prefix(columns: Sequence[Candidate], names: Sequence[str]) -> Sequence[Candidate | None]:
     """Columns by a common prefix, None for joints without one; all None if several prefixes match equally many."""
-    matches = sorted(_matches_by_prefix(found, names, ()), key=lambda match: match.count(None))
+    no_match = [None] * len(names)
+    matches = sorted(_matches_by_prefix(columns, names, ()), key=lambda match: match.count(None))
     if not matches:
-        return [None] * len(names)
-    ambiguous = len(matches) > 1 and matches[0].count(None) == matches[1].count(None)
-    if ambiguous or len(names) - matches[0].count(None) < 2:
-        return [None] * len(names)
-    return matches[0]
+        return no_match
+    best_match = matches[0]
+    is_ambiguous = len(matches) > 1 and best_match.count(None) == matches[1].count(None)
+    matched_joint_count = len(names) - best_match.count(None)
+    if is_ambiguous or matched_joint_count < 2:
+        return no_match
+    return best_match
 
 
 def _matches_by_prefix(
-    found: Sequence[Candidate], names: Sequence[str], others: Sequence[str]
+    columns: Sequence[Candidate], names: Sequence[str], other_joints: Sequence[str]
 ) -> dict[tuple[Candidate | None, ...], bool]:
-    """Matches by a prefix of the columns in place of a prefix of the joints; None for joints without a column.
+    """Matches by a prefix of the columns in place of a prefix of the joints.
 
-    The value is False if other columns with the same prefix and pattern remain.
+    A match has a column for each joint, or None. Its value is False if other columns of the same prefix and pattern
+    are left.
     """
     matches = dict[tuple[Candidate | None, ...], bool]()
-    joints, other_joints = list(map(_words, names)), list(map(_words, others))
-    for cut in range(min(map(len, joints), default=0)):
-        endings = _endings(joints, joints[0][:cut])
-        if len(endings) < len(joints) or any("".join(ending).isdigit() for ending in endings):
+    joint_words = list(map(_words, names))
+    other_joint_words = list(map(_words, other_joints))
+    fewest_words = min(map(len, joint_words), default=0)
+    for prefix_length in range(fewest_words):
+        joint_prefix = joint_words[0][:prefix_length]
+        endings = _endings(joint_words, joint_prefix)
+        is_common_prefix = len(endings) == len(joint_words)
+        if not is_common_prefix or any("".join(ending).isdigit() for ending in endings):
             break
-        known = _endings(other_joints, joints[0][:cut]) + other_joints
-        for prefix in _column_prefixes(found, endings):
-            columns: dict[Words, list[Candidate | None]] = {}
-            for column in found:
+        known_endings = _endings(other_joint_words, joint_prefix) + other_joint_words
+        for prefix in _column_prefixes(columns, endings):
+            columns_by_ending: dict[Words, list[Candidate | None]] = {}
+            for column in columns:
                 if column.words[: len(prefix)] == prefix:
-                    columns.setdefault(column.words[len(prefix) :], []).append(column)
+                    columns_by_ending.setdefault(column.words[len(prefix) :], []).append(column)
             match: list[Candidate | None] = []
             for ending in endings:
-                with_ending = columns.get(ending, [])
-                match += with_ending if len(with_ending) == 1 else [None]
-            if not _OTHER.search("_".join(prefix)):
-                matches.setdefault(tuple(match), not _has_unmatched(endings, columns, known))
+                columns_with_ending = columns_by_ending.get(ending, [])
+                match += columns_with_ending if len(columns_with_ending) == 1 else [None]
+            if not _NOT_A_POSITION.search("_".join(prefix)):
+                matches.setdefault(tuple(match), not _has_unmatched(endings, columns_by_ending, known_endings))
     return matches
 
 
@@ -376,18 +400,18 @@ def _endings(names: Iterable[Words], prefix: Words) -> list[Words]:
     return [words[len(prefix) :] for words in names if words[: len(prefix)] == prefix]
 
 
-def _column_prefixes(found: Sequence[Candidate], endings: Iterable[Words]) -> set[Words]:
-    """Words before the endings, in the names of columns."""
+def _column_prefixes(columns: Sequence[Candidate], endings: Iterable[Words]) -> set[Words]:
+    """Words that stand before one of the endings in the name of a column."""
     prefixes = set()
     for ending in set(endings):
-        for column in found:
+        for column in columns:
             if column.words[-len(ending) :] == ending:
                 prefixes.add(column.words[: -len(ending)])
     return prefixes
 
 
 def match_by_ending(
-    found: Sequence[Candidate], names: Sequence[str], others: Sequence[str] = ()
+    columns: Sequence[Candidate], names: Sequence[str], other_joints: Sequence[str] = ()
 ) -> list[Candidate] | None:
     """Match columns by unique name endings, of the joint's or the column's name: ``A1`` for ``joint_a1``.
 
@@ -398,46 +422,52 @@ def match_by_ending(
     matches: list[Candidate] = []
     prefixes, matched_words = set[Words](), set[Words]()
     for name in names:
-        words = _words(name)
-        fitting = _columns_with_ending(found, words)
-        if len(fitting) != 1:
+        joint_words = _words(name)
+        fitting_columns = _columns_with_ending(columns, joint_words)
+        if len(fitting_columns) != 1:
             return None
-        match = fitting[0]
+        match = fitting_columns[0]
         if match in matches:
             return None
         matches.append(match)
         matched_words.add(match.words)
-        if len(match.words) > len(words):
-            prefixes.add(match.words[: -len(words)])
+        if len(match.words) > len(joint_words):
+            prefixes.add(match.words[: -len(joint_words)])
     if len(prefixes) > 1:  # columns of several robots
         return None
     known_words = set[Words]()
-    for name in others:
-        known_words |= {column.words for column in _columns_with_ending(found, _words(name))}
-    if _has_unmatched(matched_words, [column.words for column in found], known_words):
+    for name in other_joints:
+        known_words |= {column.words for column in _columns_with_ending(columns, _words(name))}
+    if _has_unmatched(matched_words, [column.words for column in columns], known_words):
         return None
     return matches
 
 
-def _columns_with_ending(found: Sequence[Candidate], joint: Words) -> list[Candidate]:
+def _columns_with_ending(columns: Sequence[Candidate], joint: Words) -> list[Candidate]:
     """Columns whose name ends a joint's name, or has it as its end."""
-    return [column for column in found if _ends(column.words, joint)]
+    return [column for column in columns if _ends(column.words, joint)]
 
 
 def _ends(column: Words, joint: Words) -> bool:
     """True if one name ends the other and is more than a letter, a number or the word for a joint."""
     short, long = sorted((column, joint), key=len)
-    if long[-len(short) :] != short or (len(short) == 1 and len(short[0]) < 3):
+    if long[-len(short) :] != short:
         return False
-    if all(word in JOINT or word.isdigit() for word in short):
+    is_unspecific = len(short) == 1 and len(short[0]) < 3
+    if is_unspecific or all(word in JOINT or word.isdigit() for word in short):
         return False
-    return len(column) <= len(joint) or not _OTHER.search("_".join(column[: -len(joint)]))
+    prefix_of_column = "_".join(column[: -len(joint)])
+    return len(column) <= len(joint) or not _NOT_A_POSITION.search(prefix_of_column)
+
+
+_NO_NUMBER = -1
+"""Number of a column whose name has none."""
 
 
 def match_by_number(
-    found: Sequence[Candidate],
+    columns: Sequence[Candidate],
     names: Sequence[str],
-    others: Sequence[str] = (),  # noqa: ARG001  signature of the rules
+    other_joints: Sequence[str] = (),  # noqa: ARG001  signature of the rules
 ) -> list[Candidate] | None:
     """Match columns that are numbered from 0 or 1, as many as joints: ``pos1``, ``actual_q_0``, ``Joint_3``.
 
@@ -447,19 +477,28 @@ def match_by_number(
     >>> [c.column for c in match_by_number(ur, ["shoulder", "elbow"])]
     [1, 0]
     """
-    numbered = []
-    for column in found:
-        digits = [word for word in column.words if word.isdigit()]
-        others_allowed = all(word in JOINT or (word.isdigit() and len(word) < 4) for word in column.words)
-        if len(digits) < 2 and others_allowed:
-            numbered.append((int(next(iter(digits), "-1")), column))
-    numbered.sort(key=lambda pair: pair[0])
-    numbers = [number for number, _ in numbered]
-    first = next(iter(numbers), 0)
-    consecutive = numbers == list(range(first, first + len(numbers))) and first in (-1, 0, 1)
-    if len(numbers) != len(names) or not consecutive or (first == -1 and len(numbers) > 1):
+    numbered_columns = []
+    for column in columns:
+        numbers_in_name = [int(word) for word in column.words if word.isdigit()]
+        words_allowed = all(word in JOINT or (word.isdigit() and len(word) < 4) for word in column.words)
+        if len(numbers_in_name) < 2 and words_allowed:
+            number = numbers_in_name[0] if numbers_in_name else _NO_NUMBER
+            numbered_columns.append((number, column))
+    if len(numbered_columns) != len(names):
         return None
-    return [column for _, column in numbered]
+    if not names:
+        return []
+    numbered_columns.sort(key=lambda pair: pair[0])
+    numbers = [number for number, _ in numbered_columns]
+    first = numbers[0]
+    consecutive = numbers == list(range(first, first + len(numbers)))
+    if first == _NO_NUMBER:
+        allowed = len(numbers) == 1
+    else:
+        allowed = first in (0, 1)
+    if not (consecutive and allowed):
+        return None
+    return [column for _, column in numbered_columns]
 
 
 RULES: Mapping[str, Rule] = {

@@ -23,7 +23,7 @@ SHARE = 0.05
 SHARE_OF_WEIGHT_ON_EARTH = 0.001
 """Fraction of the robot's weight on earth explained by rounding and noise under weak gravity."""
 SURE_FORCE = 5.0
-"""Standard deviations subtracted from a force."""
+"""Number of standard deviations that are subtracted from a force."""
 
 
 class PeakTorque(Protocol):
@@ -38,7 +38,7 @@ class PeakTorque(Protocol):
 
 
 def base_velocities(model: Model) -> list[int]:
-    """Indices of the velocities of undriven bases."""
+    """Indices of the velocities of bases without a drive."""
     indices: list[int] = []
     for body in model.leaders:
         if body.parent == BASE and not body.joint.driven:
@@ -48,22 +48,25 @@ def base_velocities(model: Model) -> list[int]:
 
 def missing_force(model: Model, joints: Sequence[PeakTorque]) -> float:
     """Largest external force that a floating base needs [N]; 0 if negligible or without a floating base."""
-    largest = 0.0
+    largest_force = 0.0
     for k in base_velocities(model):
         if joints[k].unit == "N":
-            largest = max(largest, abs(joints[k].peak) - SURE_FORCE * joints[k].uncertainty)
-    negligible = max(SHARE * _weight(model), SHARE_OF_WEIGHT_ON_EARTH * STRENGTH * model.moving_mass)
-    if largest <= negligible:
+            certain_force = abs(joints[k].peak) - SURE_FORCE * joints[k].uncertainty
+            largest_force = max(largest_force, certain_force)
+    weight_on_earth = STRENGTH * model.moving_mass
+    negligible_force = max(SHARE * _weight(model), SHARE_OF_WEIGHT_ON_EARTH * weight_on_earth)
+    if largest_force <= negligible_force:
         return 0.0
-    return largest
+    return largest_force
 
 
 def force_in_words(model: Model, force: float) -> str:
     """Sentence on the missing force at the base."""
-    weight, share = _weight(model), ""
+    weight = _weight(model)
+    share_text = ""
     if weight:
-        share = sentence("of weight", share=percent(force / weight))
-    return sentence("force", force=number(force), share=share)
+        share_text = sentence("of weight", share=percent(force / weight))
+    return sentence("force", force=number(force), share=share_text)
 
 
 def force_remark(model: Model, joints: Sequence[PeakTorque]) -> str:
@@ -75,6 +78,7 @@ def force_remark(model: Model, joints: Sequence[PeakTorque]) -> str:
 
 
 def _weight(model: Model) -> float:
+    """Weight of the moving links [N] under the robot's gravity."""
     return model.moving_mass * float(np.linalg.norm(model.gravity))
 
 
@@ -87,8 +91,8 @@ def base_doubts(model: Model, remedy: BaseRemedy = "hanging") -> list[str]:
     base = hanging_base(model)
     if base is None:
         return []
-    words = sentence(remedy)
-    return [Reason(sentence("held", base=base.link, remedy=words), words)]
+    remedy_text = sentence(remedy)
+    return [Reason(sentence("held", base=base.link, remedy=remedy_text), remedy_text)]
 
 
 def hanging_excess(excess: str) -> str:
@@ -106,13 +110,15 @@ _MIN_DISTANCE_OF_TIPS = 1e-3
 
 
 def open_loop_joints(model: Model) -> list[str]:
-    """Names of the velocities between the frames that closures of the file join: the closure's force moves their torques."""
-    entries = set()
+    """Names of the velocities in loops that the file describes: their torques would change with the closure's force."""
+    entries: set[int] = set()
     for closure in model.closures.values():
-        a, b = model.frame(closure.frame_a).body, model.frame(closure.frame_b).body
-        for k in model.ancestors(a) ^ model.ancestors(b):
-            body = model.bodies[k]
-            entries |= set(range(body.v_index, body.v_index + body.joint.nv))
+        body_a = model.frame(closure.frame_a).body
+        body_b = model.frame(closure.frame_b).body
+        bodies_in_loop = model.ancestors(body_a) ^ model.ancestors(body_b)  # above one of the frames only
+        for i in bodies_in_loop:
+            body = model.bodies[i]
+            entries.update(range(body.v_index, body.v_index + body.joint.nv))
     return [model.velocity_names[k] for k in sorted(entries)]
 
 
@@ -121,22 +127,20 @@ def model_warnings(model: Model, joints: Sequence[PeakTorque] = ()) -> list[str]
     clauses = []
     massless = massless_links(model)
     if massless:
-        have, their = "has", "its"
-        if len(massless) > 1:
-            have, their = "have", "their"
-        clauses.append(f"{listed(massless, 4)} {have} no mass, so {their} weight is missing from the torques")
+        verb, pronoun = ("have", "their") if len(massless) > 1 else ("has", "its")
+        clauses.append(f"{listed(massless, 4)} {verb} no mass, so {pronoun} weight is missing from the torques")
     if joints:
         force = missing_force(model, joints)
         if force:
-            words = force_in_words(model, force)
-            clauses.append(sentence("no contact", words=f"{words[0].lower()}{words[1:]}"))
+            force_text = force_in_words(model, force)
+            clauses.append(sentence("no contact", words=f"{force_text[0].lower()}{force_text[1:]}"))
     loop_joints = open_loop_joints(model)
     if loop_joints:
-        (loops, closure), *others = model.closures.items()
-        if others:
-            loops += f" and {len(others)} more"
-        arguments = f"{closure.frame_a!r}, {closure.frame_b!r}, {closure.rows!r}"
-        clauses.append(sentence("open loops", loops=loops, joints=listed(loop_joints, 4), given=arguments))
+        (loops_text, first_closure), *other_closures = model.closures.items()
+        if other_closures:
+            loops_text += f" and {len(other_closures)} more"
+        arguments = f"{first_closure.frame_a!r}, {first_closure.frame_b!r}, {first_closure.rows!r}"
+        clauses.append(sentence("open loops", loops=loops_text, joints=listed(loop_joints, 4), given=arguments))
     return clauses
 
 
@@ -157,28 +161,29 @@ def assumptions(
     if unjudged:
         clauses += _limit_clauses(model, unjudged)
     if model.locked:
-        joints = len(model.leaders) + len(model.locked)
-        clauses.append(f"{len(model.leaders)} of {joints} joints checked, and {listed(model.locked, 4)} held still")
+        joint_count = len(model.leaders) + len(model.locked)
+        clauses.append(
+            f"{len(model.leaders)} of {joint_count} joints checked, and {listed(model.locked, 4)} held still"
+        )
     masses_at_tip = [payload.mass for payload in payloads if payload.frame is None]
     if any(masses_at_tip) and model.tip is not None:
         distances = _tip_distances(model, model.tip)
         if max(distances, default=0.0) > _MIN_DISTANCE_OF_TIPS:
             mass = mass or number(sum(masses_at_tip))
             clauses.append(f"{mass} kg at {model.tip} (one of {len(distances)} tips; {spell(Argument('tip'))})")
-    weightless = [name for name in model.leaves if name in model.shaped and _without_mass(model, name)]
+    weightless = [name for name in model.leaves if name in model.shaped and _lacks_mass(model, name)]
     if weightless:
-        have = "has a shape"
-        if len(weightless) > 1:
-            have = "have a shape"
-        clauses.append(f"{listed(weightless, 4)} {have} and no mass, so no weight")
+        verb = "have" if len(weightless) > 1 else "has"
+        clauses.append(f"{listed(weightless, 4)} {verb} a shape and no mass, so no weight")
     if not friction and model.friction.any:
         clauses.append("joint friction is left out")
     return clauses
 
 
 def _tip_distances(model: Model, name: str) -> list[float]:
-    """Distances [m] of the tips on one body from the tip of that name, which is one of them."""
-    tip, distances = model.frame(name), []
+    """Distances [m] of all tips on the same body from the tip ``name``, itself included."""
+    tip = model.frame(name)
+    distances = []
     for leaf in model.leaves:
         frame = model.frames[leaf]
         if frame.body == tip.body:
@@ -189,22 +194,25 @@ def _tip_distances(model: Model, name: str) -> list[float]:
 def _limit_clauses(model: Model, unjudged: Limits) -> list[str]:
     """Clauses on joints without a velocity limit, and on limits that are not judged."""
     clauses = []
-    unlimited = without_velocity_limit(model, unjudged)
-    if unlimited:
-        names = ""
-        if len(unlimited) < len(model.velocity_names):
-            names = f" of {listed(unlimited, 4)}"
-        clauses.append(f"no velocity limit{names} is known")
+    unlimited_joints = without_velocity_limit(model, unjudged)
+    if unlimited_joints:
+        names_text = ""
+        if len(unlimited_joints) < len(model.velocity_names):
+            names_text = f" of {listed(unlimited_joints, 4)}"
+        clauses.append(f"no velocity limit{names_text} is known")
     kinds = [kind for kind in ("acceleration", "jerk") if np.isfinite(getattr(unjudged, kind)).any()]
     if kinds:
         clauses.append(f"limits of {' and '.join(kinds)} are not judged")
     return clauses
 
 
-def _without_mass(model: Model, link: str) -> bool:
+def _lacks_mass(model: Model, link: str) -> bool:
     """True if a moving link lacks mass although its body has some."""
-    body, own = model.frames[link].body, model.link_inertias.get(link)
-    return body != BASE and own is not None and not own.parameters.any() and model.bodies[body].inertia.mass > 0
+    body_index = model.frames[link].body
+    inertia = model.link_inertias.get(link)
+    if body_index == BASE or inertia is None or inertia.parameters.any():
+        return False
+    return model.bodies[body_index].inertia.mass > 0
 
 
 def assumed_words(clauses: Sequence[str]) -> str:

@@ -106,9 +106,9 @@ class Motion(MotionDoors, metaclass=HintedClass):
     """(n, nv) commanded positions [rad, m] of the joints at the same times, NaN for joints without; None if unknown."""
 
     def __post_init__(self) -> None:
-        first: object = self.time
-        if isinstance(first, str | Path):
-            name = shorten(str(first))
+        first_argument: object = self.time
+        if isinstance(first_argument, str | Path):
+            name = shorten(str(first_argument))
             raise TypeError(f'Motion takes arrays; to read a file: tw.Motion.from_file("{name}", robot)')
         if self.robot is None:
             raise ShapeError("Motion: robot= is missing: the robot whose states these are.")
@@ -118,50 +118,53 @@ class Motion(MotionDoors, metaclass=HintedClass):
         q = np.asarray(arguments.finite(self.q, "Motion: q", model.nq, names=self.robot.coordinate_names), float)
         if t.ndim != 1 or not len(t) or q.shape != (len(t), model.nq):
             raise ShapeError(f"Motion: time has shape {t.shape} and q {q.shape}; give (n,) and (n, {model.nq}).")
-        for b in model.leaders:
-            if not b.joint.is_configuration(q[:, b.places[0]]):
-                name = b.joint.name
+        for body in model.leaders:
+            if not body.joint.is_configuration(q[:, body.places[0]]):
                 raise ValueRangeError(
-                    f"Motion: q has a quaternion of zeros at joint {name!r}, which is not a rotation."
+                    f"Motion: q has a quaternion of zeros at joint {body.joint.name!r}, which is not a rotation."
                 )
-        if (np.diff(t) <= 0).any():
-            k = int(np.argmax(np.diff(t) <= 0))
+        does_not_increase = np.diff(t) <= 0
+        if does_not_increase.any():
+            k = int(np.argmax(does_not_increase))
             raise ValueRangeError(
                 f"Motion: time does not increase from sample {k} ({printed(t[k])} s) to the next ({printed(t[k + 1])} s)."
             )
-        rates: dict[str, Array | None] = {}
-        for label in ("dq", "ddq", "tau", "command"):
-            x = getattr(self, label)
-            if x is not None:
-                x = np.asarray(arguments.real(x, f"Motion: {label}", model.nv, names=model.velocity_names), float)
-                without = np.isnan(x).all(axis=0) & (label == "command")  # joints without commands
-                arguments.finite(np.where(without, 0.0, x), f"Motion: {label}")
-                if x.shape != (len(t), model.nv):
-                    raise ShapeError(f"Motion: {label} has shape {x.shape}; give ({len(t)}, {model.nv}).")
-            rates[label] = x
-        given = rates["dq"] is not None or rates["ddq"] is not None
-        if rates["dq"] is None or rates["ddq"] is None:
-            source = "velocities"
-            if rates["dq"] is None:
-                source = "positions"
+        arrays = {label: self._checked_array(label, len(t)) for label in ("dq", "ddq", "tau", "command")}
+        has_given_rates = arrays["dq"] is not None or arrays["ddq"] is not None
+        if arrays["dq"] is None or arrays["ddq"] is None:
+            source = "positions" if arrays["dq"] is None else "velocities"
             object.__setattr__(self, "derived", source)
-            rates["dq"], ddq = _derived_rates(self.robot, t, q, rates["dq"])
-            if rates["ddq"] is None:
-                rates["ddq"] = ddq
-        for label, x in {"time": t, "q": q, **rates}.items():
-            object.__setattr__(self, label, x)
-        if self.notes or self.in_seconds or self.read is not None:
+            arrays["dq"], derived_ddq = _derived_rates(self.robot, t, q, arrays["dq"])
+            if arrays["ddq"] is None:
+                arrays["ddq"] = derived_ddq
+        for label, array in {"time": t, "q": q, **arrays}.items():
+            object.__setattr__(self, label, array)
+        if self.notes or self.in_seconds or self.read is not None:  # judged by its source
             return
-        tally = Contradictions(self.coordinates, time_stated=False, runs=[self])
-        if given:
-            doubts = tally.rate_doubts()
+        # Only checks that take little time; :attr:`doubts` makes all of them.
+        checks = Contradictions(self.coordinates, time_stated=False, runs=[self])
+        if has_given_rates:
+            doubts = checks.rate_doubts()
         else:
-            tally.add(t, q)
-            doubts = tally.time_doubts(self.robot.limits)  # fast
+            checks.add(t, q)
+            doubts = checks.time_doubts(self.robot.limits)
         for doubt in doubts:
             warnings.warn(f"Motion: {doubt}.", ModelWarning, stacklevel=3)
         if doubts:
             object.__setattr__(self, "notes", tuple(f"LOOK AGAIN: {doubt}" for doubt in doubts))
+
+    def _checked_array(self, label: str, row_count: int) -> Array | None:
+        """Array of a label as floats (row_count, nv); None if it is not given. Raises ShapeError and ValueRangeError."""
+        given = getattr(self, label)
+        if given is None:
+            return None
+        model = self.robot.model
+        array = np.asarray(arguments.real(given, f"Motion: {label}", model.nv, names=model.velocity_names), float)
+        may_be_missing = np.isnan(array).all(axis=0) & (label == "command")  # joints without commands
+        arguments.finite(np.where(may_be_missing, 0.0, array), f"Motion: {label}")
+        if array.shape != (row_count, model.nv):
+            raise ShapeError(f"Motion: {label} has shape {array.shape}; give ({row_count}, {model.nv}).")
+        return array
 
     @classmethod
     def from_file(
@@ -250,19 +253,21 @@ class Motion(MotionDoors, metaclass=HintedClass):
         from .motion_log import MotionLog
 
         require_robot(robot, "Motion")
-        file, ignored = data_frame_file(frame)
+        file, notes_on_ignored = data_frame_file(frame)
         reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain}
         log = MotionLog.open(file, robot.model, commands=True, **reading)
-        found = cls._from_log(log, robot)
-        return replace(found, notes=(*found.notes, *ignored))._with_log(found.log)
+        motion = cls._from_log(log, robot)
+        return replace(motion, notes=(*motion.notes, *notes_on_ignored))._with_log(motion.log)
 
     @classmethod
     def _from_log(cls, log: MotionLog, robot: Robot) -> Motion:
+        """Motion of a log, with its doubts as notes."""
         from .motion_log import ASKED
 
         rows = log.motion(log.table)
         doubts = log.doubts(robot.limits)
-        doubt_notes, other_notes = list[str](), list[str]()
+        doubt_notes: list[str] = []
+        other_notes: list[str] = []
         for doubt in doubts:
             if doubt.refuses:
                 doubt_notes.append(f"LOOK AGAIN: {doubt}")
@@ -270,7 +275,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
                 doubt_notes.append(str(doubt))
             elif doubt.kind in ASKED:
                 other_notes.append(str(doubt))
-        rates: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq}  # None for those that the log has not
+        rates: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq}  # None for rates that the log does not have
         motion = cls(
             rows.time,
             rows.q,
@@ -287,6 +292,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
         return motion._with_log(log)
 
     def _with_log(self, log: MotionLog | None) -> Motion:
+        """Set :attr:`log`; returns the motion itself."""
         object.__setattr__(self, "_log", log)
         return self
 
@@ -307,16 +313,16 @@ class Motion(MotionDoors, metaclass=HintedClass):
             )
         try:
             indices = np.arange(len(self))[rows]
-        except (TypeError, ValueError) as problem:
-            raise ValueRangeError(f"Motion: {rows} chooses no rows: {problem}. Write motion[10:200].") from None
+        except (TypeError, ValueError) as error:
+            raise ValueRangeError(f"Motion: {rows} chooses no rows: {error}. Write motion[10:200].") from None
         if not len(indices):
             raise ValueRangeError(f"Motion: {rows} leaves none of the {len(self)} states.")
-        rows_of: dict[str, Any] = {}
+        selected_arrays: dict[str, Any] = {}
         for name in ("time", "q", "dq", "ddq", "tau", "command"):
-            values = getattr(self, name)
-            if values is not None:
-                rows_of[name] = values[rows]
-        return replace(self, **rows_of)
+            array = getattr(self, name)
+            if array is not None:
+                selected_arrays[name] = array[rows]
+        return replace(self, **selected_arrays)
 
     def between(self, begin: float, end: float) -> Motion:
         """Part of the motion between two times, inclusive.
@@ -337,18 +343,21 @@ class Motion(MotionDoors, metaclass=HintedClass):
         >>> motion.between(0.2, 0.5)
         <Motion of 'planar_2r': 31 states, 0.2 to 0.5 s>
         """
-        first, last = arguments.number(begin, "begin"), arguments.number(end, "end")
-        rows = slice(*np.searchsorted(self.time, [first, np.nextafter(last, np.inf)]).tolist())
-        if not rows.start < rows.stop:
+        begin = arguments.number(begin, "begin")
+        end = arguments.number(end, "end")
+        after_end = np.nextafter(end, np.inf)  # a state at this very time is included
+        first, stop = np.searchsorted(self.time, [begin, after_end]).tolist()
+        if not first < stop:
             raise ValueRangeError(
-                f"Motion: no state lies between {printed(first)} and {printed(last)} s; this is {self!r}."
+                f"Motion: no state lies between {printed(begin)} and {printed(end)} s; this is {self!r}."
             )
-        return self[rows]
+        return self[first:stop]
 
     def __repr__(self) -> str:
         doubts = [note for note in self.notes if note.startswith("LOOK AGAIN")]
-        span = " to ".join(map(printed, self.time[[0, -1]]))
-        return "; ".join([f"<Motion of {self.robot.name!r}: {len(self)} states, {span} s", *doubts]) + ">"
+        span = f"{printed(self.time[0])} to {printed(self.time[-1])} s"
+        parts = [f"Motion of {self.robot.name!r}: {len(self)} states, {span}", *doubts]
+        return f"<{'; '.join(parts)}>"
 
     @property
     def duration(self) -> float:
@@ -364,11 +373,12 @@ class Motion(MotionDoors, metaclass=HintedClass):
         """
         if self.read is not None:
             return self.read
-        tally = Contradictions(self.coordinates, time_stated=False, runs=[self])
-        tally.add(self.time, self.q)
+        checks = Contradictions(self.coordinates, time_stated=False, runs=[self])
+        checks.add(self.time, self.q)
         origin = origin_of([(self.q, self.tau)], plan=self.plan)
-        found = tally.doubts(self.robot.limits, origin=origin)
-        return (*found, *self._steps.doubts(self.robot.limits, origin, found))
+        doubts = checks.doubts(self.robot.limits, origin=origin)
+        step_doubts = self._steps.doubts(self.robot.limits, origin, doubts)
+        return (*doubts, *step_doubts)
 
     @cached_property
     def instants(self) -> tuple[Instant, ...]:
@@ -377,9 +387,9 @@ class Motion(MotionDoors, metaclass=HintedClass):
 
     @cached_property
     def _steps(self) -> RecordedSteps:
-        found = RecordedSteps(self.coordinates, [(self.time, self.q)])
-        found.add(self.time, self.q)
-        return found
+        steps = RecordedSteps(self.coordinates, [(self.time, self.q)])
+        steps.add(self.time, self.q)
+        return steps
 
     @property
     def contradictions(self) -> tuple[Doubt, ...]:
@@ -411,8 +421,8 @@ class Motion(MotionDoors, metaclass=HintedClass):
         """
         t = np.asarray(arguments.finite(t, "Motion.at: t"), float)
         q, dq, ddq = states_between(self.robot, self.time, self.q, self.dq, self.ddq, t)
-        inside = ((t >= self.time[0]) & (t <= self.time[-1]))[..., None]
-        return q, np.where(inside, dq, 0.0), np.where(inside, ddq, 0.0)
+        is_inside = ((t >= self.time[0]) & (t <= self.time[-1]))[..., None]
+        return q, np.where(is_inside, dq, 0.0), np.where(is_inside, ddq, 0.0)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Same as :meth:`at`, so that a motion can be a controller's reference."""
@@ -430,10 +440,11 @@ class Motion(MotionDoors, metaclass=HintedClass):
         MR section 8.3. In the first and the last sample, a joint with zero velocity that accelerates has the friction of
         the motion just inside.
         """
-        return np.asarray(self.robot.inverse_dynamics(self.q, self._sliding, self.ddq, friction=friction))
+        return np.asarray(self.robot.inverse_dynamics(self.q, self._dq_for_friction, self.ddq, friction=friction))
 
     @property
-    def _sliding(self) -> Array:
+    def _dq_for_friction(self) -> Array:
+        """Velocities (n, nv) whose signs at the first and the last sample are those just inside of the motion."""
         return velocities_inside(self.time, self.dq, self.ddq, self.time[0], self.time[-1])
 
     def terms(self, *, friction: bool = False) -> dict[str, Array]:
@@ -450,7 +461,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
         tau = robot.inverse_dynamics(self.q, self.dq, self.ddq)
         terms = {"inertia": tau - coriolis - gravity, "coriolis": coriolis, "gravity": gravity}
         if friction:
-            terms["friction"] = robot.friction_forces(self._sliding, load=tau)
+            terms["friction"] = robot.friction_forces(self._dq_for_friction, load=tau)
         return terms
 
     def violations(
@@ -492,24 +503,25 @@ class Motion(MotionDoors, metaclass=HintedClass):
         -------
         columns : {name: (n,) array}, time first
         """
-        names = self.coordinates
-        unit = 1.0
-        if degrees:
-            unit = np.degrees(1.0)
-        turning = np.where(names.angular_velocity, unit, 1.0)
+        coordinates = self.coordinates
+        units_per_radian = np.degrees(1.0) if degrees else 1.0
+        rate_factor = np.where(coordinates.angular_velocity, units_per_radian, 1.0)
         factors = {
-            "q": np.where(names.angular, unit, 1.0),
-            "dq": turning,
-            "ddq": turning,
-            "tau": np.ones(len(turning)),
-            "command": turning,
+            "q": np.where(coordinates.angular, units_per_radian, 1.0),
+            "dq": rate_factor,
+            "ddq": rate_factor,
+            "tau": np.ones(len(rate_factor)),
+            "command": rate_factor,
         }
-        columns = {time_column(names.names): self.time}
+        columns = {time_column(coordinates.names): self.time}
         for part, factor in factors.items():
-            values = getattr(self, part)
-            if values is not None:
-                named = zip(names.headers(part, degrees=degrees), (values * factor).T, strict=True)
-                columns |= {name: x for name, x in named if not np.isnan(x[0])}  # NaN: a joint without commands
+            array = getattr(self, part)
+            if array is None:
+                continue
+            names = coordinates.headers(part, degrees=degrees)
+            named_columns = zip(names, (array * factor).T, strict=True)
+            # NaN: a joint without commands
+            columns |= {name: column for name, column in named_columns if not np.isnan(column[0])}
         return columns
 
     def to_csv(self, path: str | Path, *, degrees: bool = False) -> Path:
@@ -589,7 +601,7 @@ class Motion(MotionDoors, metaclass=HintedClass):
 
 
 def _derived_rates(robot: Robot, t: Array, q: Array, dq: Array | None) -> tuple[Array, Array]:
-    """Velocities and accelerations (n, nv) by a quintic spline through q, or through the velocities if known."""
+    """Velocities and accelerations (n, nv): dq as given, if not None, and derivatives of a quintic spline."""
     if len(t) < FEWEST:
         raise ValueRangeError(
             f"Motion: {len(t)} samples are too few to derive rates from; give dq and ddq, or {FEWEST} samples. "

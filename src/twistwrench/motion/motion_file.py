@@ -1,8 +1,8 @@
 """Motion files of any format as columns with names, before a robot is known; several files as one, ``a.csv+b.csv``.
 
-:mod:`.motion_log` assigns the columns to the coordinates of a robot.
-Equal column names of several files get the quantity in their file's name: ``Joint_1`` of ``pos_data.csv`` and
-``curr_data.csv`` become ``Joint_1`` and ``Joint_1.torque``. Without one, the file's name is prefixed: ``left:Joint_1``.
+:mod:`.motion_log` assigns the columns to the coordinates of a robot. Equal column names of several files get the quantity
+in their file's name: ``Joint_1`` of ``pos_data.csv`` and ``curr_data.csv`` become ``Joint_1`` and ``Joint_1.torque``. If
+the file's name has no quantity, it is prefixed: ``left:Joint_1``.
 """
 
 from __future__ import annotations
@@ -34,9 +34,10 @@ from .readers.csv_reader import CsvFile
 from .readers.file_ends import FileEnds
 
 JOINS = "+"
-_PART_OF = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")
+"""Separator of the names of several files of one motion."""
+_PART_OF_FILE_WORD = PART_OF | dict.fromkeys(("curr", "current", "currents"), "tau")
 """Quantities by words in a file name."""
-_SAME_STAMPS = 1e-6
+_STAMP_TOLERANCE = 1e-6
 """Tolerance of equal stamps [s]."""
 
 
@@ -50,8 +51,9 @@ class JoinedFile:
     places: tuple[tuple[int, int], ...]
     """File index and column index of each column of the header."""
     stamps: tuple[int | None, ...]
-    """Time column of each file."""
+    """Time column of each file; None for files without one."""
     size: int
+    """Size of all files [bytes]."""
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -63,27 +65,32 @@ class JoinedFile:
                 f"{path}: files of one motion are written a.csv{JOINS}b.csv, with a name on both sides."
             )
         parts = tuple(map(reader, names))
-        stamps = tuple(_time_of(part.header) for part in parts)
-        if None in stamps and {*stamps} != {None}:
-            without_time = parts[stamps.index(None)]
+        stamps = tuple(_time_column_of(part.header) for part in parts)
+        only_some_have_time = None in stamps and {*stamps} != {None}
+        if only_some_have_time:
+            part_without_time = parts[stamps.index(None)]
             raise TrajectoryError(
-                f"{without_time.path}: has no column of time, and the file it is joined with has one. Both need one, or "
+                f"{part_without_time.path}: has no column of time, and the file it is joined with has one. Both need one, or "
                 "neither."
             )
-        places, cells, size, notes = [], list[str](), 0, list[str]()
-        for k, part in enumerate(parts):
-            size += part.size
+        places: list[tuple[int, int]] = []
+        cells: list[str] = []
+        notes: list[str] = []
+        for file_index, part in enumerate(parts):
             notes += part.notes
             for column, cell in enumerate(part.header):
-                if k == 0 or column != stamps[k]:
-                    places.append((k, column))
+                is_further_time = file_index > 0 and column == stamps[file_index]
+                if not is_further_time:
+                    places.append((file_index, column))
                     cells.append(cell)
-        count = Counter(cells)
+        cell_counts = Counter(cells)
         header = []
-        for cell, (k, _) in zip(cells, places, strict=True):
-            if cell and count[cell] > 1:
-                cell = _distinct_name(cell, parts[k].path)
-            header.append(cell)
+        for cell, (file_index, _) in zip(cells, places, strict=True):
+            name = cell
+            if cell and cell_counts[cell] > 1:
+                name = _distinct_name(cell, parts[file_index].path)
+            header.append(name)
+        size = sum(part.size for part in parts)
         return cls(Path(str(path)), tuple(header), parts, tuple(places), stamps, size, tuple(notes))
 
     def check_columns(self) -> None:
@@ -103,45 +110,45 @@ class JoinedFile:
 
     def table(self, used: Sequence[int]) -> Array:
         """Table (n, len(used)) of the given columns, resampled at the stamps of the first file if stamps differ."""
-        requested = np.array(self.places, int).reshape(-1, 2)[list(used)]
-        file_of, column_of = requested.T
-        tables, times = list[Array](), list[Array | None]()
-        for k, (part, stamp) in enumerate(zip(self.parts, self.stamps, strict=True)):
-            columns = column_of[file_of == k].tolist()
-            if stamp is None:
+        requested_places = np.array(self.places, int).reshape(-1, 2)[list(used)]
+        file_of_column, column_in_file = requested_places.T
+        tables: list[Array] = []
+        times: list[Array | None] = []
+        for file_index, (part, stamp_column) in enumerate(zip(self.parts, self.stamps, strict=True)):
+            columns = column_in_file[file_of_column == file_index].tolist()
+            if stamp_column is None:
                 times.append(None)
                 tables.append(part.table(columns))
             else:
-                table = part.table([*columns, stamp])
-                times.append(table[:, -1] * _seconds(part.header[stamp], table[:, -1]))
+                table = part.table([*columns, stamp_column])
+                stamps = table[:, -1]
+                times.append(stamps * _seconds_per_unit(part.header[stamp_column], stamps))
                 tables.append(table[:, :-1])
-        common = self._common_rows(tables, times)
-        order = _requested_order(file_of)
-        first = times[0]
-        other_stamps = list(times)
-        """Stamps of each file; None if its rows are those of the first file."""
-        for k, time in enumerate(times):
-            if _same_stamps(time, first):
-                other_stamps[k] = None
+        is_common = self._common_rows(tables, times)
+        order = _requested_order(file_of_column)
+        first_times = times[0]
+        resampled_times = [None if _have_same_stamps(time, first_times) else time for time in times]
+        """Times of each file that is resampled; None if its rows are those of the first file."""
 
-        def portions() -> Iterator[Array]:
-            for s in slices(len(common)):
-                rows = np.arange(s.start, s.stop)[common[s]]
-                if rows.size:
-                    parts = []
-                    for table, stamps in zip(tables, other_stamps, strict=True):
-                        if stamps is None or first is None:
-                            parts.append(table[rows])
-                        else:
-                            parts.append(_resample(table, stamps, first[rows]))
-                    yield np.concatenate(parts, axis=1)[:, order]
+        def joined_portions() -> Iterator[Array]:
+            for block in slices(len(is_common)):
+                rows = np.arange(block.start, block.stop)[is_common[block]]
+                if not rows.size:
+                    continue
+                portions = []
+                for table, own_times in zip(tables, resampled_times, strict=True):
+                    if own_times is None or first_times is None:
+                        portions.append(table[rows])
+                    else:
+                        portions.append(_resample(table, own_times, first_times[rows]))
+                yield np.concatenate(portions, axis=1)[:, order]
 
-        return table_of(portions(), len(used), self.path)
+        return table_of(joined_portions(), len(used), self.path)
 
     def first(self, column: int) -> Array:
         """First numbers of a column."""
-        file, own = self.places[column]
-        return self.parts[file].first(own)
+        file_index, column_in_file = self.places[column]
+        return self.parts[file_index].first(column_in_file)
 
     def place(self, row: int) -> str:
         """Description of a row's place, ``row 3``."""
@@ -149,8 +156,8 @@ class JoinedFile:
 
     def _common_rows(self, tables: list[Array], times: list[Array | None]) -> Array:
         """Mask (n,) of rows of the first file within the times of all others; raises TrajectoryError on mismatch."""
-        first = times[0]
-        if first is None:
+        first_times = times[0]
+        if first_times is None:
             if len({*map(len, tables)}) == 1:
                 return np.ones(len(tables[0]), bool)
             counts = [f"{part.path.name} {len(table)}" for part, table in zip(self.parts, tables, strict=True)]
@@ -159,61 +166,68 @@ class JoinedFile:
                 "them alike, or give each a column of time."
             )
         begin, end = -np.inf, np.inf
-        for stamps in times:
-            if stamps is not None and len(stamps):
-                begin, end = max(begin, float(stamps[0])), min(end, float(stamps[-1]))
-        common = (first >= begin) & (first <= end)
-        if not common.any():
+        for own_times in times:
+            if own_times is not None and len(own_times):
+                begin = max(begin, float(own_times[0]))
+                end = min(end, float(own_times[-1]))
+        is_common = (first_times >= begin) & (first_times <= end)
+        if not is_common.any():
             raise TrajectoryError(
                 f"{self.path}: the stamps of the files do not overlap, so they are not one recording."
             )
-        return np.asarray(common)
+        return np.asarray(is_common)
 
 
-def _same_stamps(time: Array | None, first: Array | None) -> bool:
-    """True if stamps are equal within their tolerance, or if there are none."""
-    if time is None or first is None:
+def _have_same_stamps(time: Array | None, first_times: Array | None) -> bool:
+    """True if times are equal within the tolerance of stamps, or if there are none."""
+    if time is None or first_times is None:
         return True
-    return len(time) == len(first) and bool(np.abs(time - first).max() <= _SAME_STAMPS)
+    return len(time) == len(first_times) and bool(np.abs(time - first_times).max() <= _STAMP_TOLERANCE)
 
 
 def _resample(table: Array, time: Array, new_times: Array) -> Array:
     """Interpolate a table (n, k) with stamps (n,) at increasing times (m,)."""
+    # Rows around the new times only, as tables may be long.
     begin = max(0, int(np.searchsorted(time, new_times[0])) - 1)
     end = int(np.searchsorted(time, new_times[-1], side="right")) + 1
-    columns = [np.interp(new_times, time[begin:end], x) for x in table[begin:end].T]
+    columns = [np.interp(new_times, time[begin:end], column) for column in table[begin:end].T]
     return np.array(columns).reshape(-1, len(new_times)).T
 
 
-def _requested_order(file_of: Array) -> Array:
-    """Permutation of columns from the order of files to the requested one; ``file_of`` are the files of the columns."""
-    return np.argsort(np.argsort(file_of, kind="stable"), kind="stable")
+def _requested_order(file_of_column: Array) -> Array:
+    """Permutation of columns from the order of files to the requested one; ``file_of_column``: file of each requested one."""
+    requested_by_file_order = np.argsort(file_of_column, kind="stable")
+    return np.argsort(requested_by_file_order, kind="stable")  # its inverse
 
 
-def _time_of(header: Sequence[str]) -> int | None:
-    """Most certain time column of a file."""
+def _time_column_of(header: Sequence[str]) -> int | None:
+    """Most certain time column of a file; None without one."""
     ranks = {}
-    for k, cell in enumerate(header):
-        meaning = time_meaning(split_unit(cell)[0])
+    for column, cell in enumerate(header):
+        name, _ = split_unit(cell)
+        meaning = time_meaning(name)
         if meaning is not None:
-            ranks[k] = meaning[0]
+            ranks[column], _ = meaning
     return min(ranks, key=ranks.__getitem__, default=None)
 
 
-def _seconds(cell: str, stamps: Array) -> float:
+def _seconds_per_unit(cell: str, stamps: Array) -> float:
     """Factor of a time column to seconds, by its name, or by its numbers if they count from 1970."""
     name, unit = split_unit(cell)
     meaning = time_meaning(name)
     if not unit and meaning is not None:
-        unit = meaning[1]
+        _, unit = meaning
     return time_factor(unit or unit_since_1970(stamps) or "s") or 1.0
 
 
 def _distinct_name(cell: str, path: Path) -> str:
-    """Name of a column that several files have: with the suffix of the quantity in the file's name, else after that name."""
+    """Distinct name of a column that several files have.
+
+    It gets the suffix of the quantity in the file's name, or the file's name as a prefix if that has no quantity.
+    """
     stem = path.name.split(".")[0]
     words = re.findall(r"[^\W\d_]+", stem.casefold())
-    suffixes = {SUFFIX[_PART_OF[word]] for word in words if word in _PART_OF}
+    suffixes = {SUFFIX[_PART_OF_FILE_WORD[word]] for word in words if word in _PART_OF_FILE_WORD}
     if len(suffixes) != 1:
         return f"{stem}:{cell}"
     name, unit = split_unit(cell)
@@ -238,29 +252,28 @@ def open_motion_file(
     ``topic`` selects a topic of a ROS recording, ``command_topic`` that of its commands, and ``episode`` an episode of a
     LeRobot dataset. Raises TrajectoryError, NotFoundError and MissingExtraError.
     """
-    place = as_path(path)
-    if JOINS in str(path) and not os.path.exists(place):  # noqa: PTH110  False if the text cannot be a path
-        return JoinedFile.open(
-            path, partial(open_motion_file, topic=topic, episode=episode, command_topic=command_topic)
-        )
-    ends = FileEnds.from_path(place)
-    form = format_of(place, ends.start)
-    chosen_options: dict[str, Any] = {}
+    file_path = as_path(path)
+    if JOINS in str(path) and not os.path.exists(file_path):  # noqa: PTH110  False if the text cannot be a path
+        reader = partial(open_motion_file, topic=topic, episode=episode, command_topic=command_topic)
+        return JoinedFile.open(path, reader)
+    ends = FileEnds.from_path(file_path)
+    file_format = format_of(file_path, ends.start)
+    given_options: dict[str, Any] = {}
     for name, value in (("topic", topic), ("command_topic", command_topic), ("episode", episode)):
         if value is None:
             continue
-        chosen_options[name] = value
-        if form is None or name not in form.options:
+        given_options[name] = value
+        if file_format is None or name not in file_format.options:
             raise TrajectoryError(f"{path}: {_PURPOSES[name]}, and this is none. Leave it out.", Argument(name))
-    if form is None:
+    if file_format is None:
         return CsvFile.open(ends)
-    module, function = form.opener.split(":")
+    module, function = file_format.opener.split(":")
     opener = getattr(import_module(f".readers.{module}", __package__), function)
-    opened: MotionFile = opener(ends, **chosen_options)
-    return opened
+    file: MotionFile = opener(ends, **given_options)
+    return file
 
 
-_PURPOSES = {
+_PURPOSES = {  # in error messages
     "topic": "{0} is for recordings of ROS",
     "command_topic": "{0} is for recordings of ROS",
     "episode": "{0} is for LeRobot datasets in parquet",
@@ -272,10 +285,10 @@ def text_columns(file: MotionFile) -> tuple[int, ...]:
     if isinstance(file, CsvFile):
         return file.text_columns()
     if isinstance(file, JoinedFile):
-        columns_of = [text_columns(part) for part in file.parts]
+        text_columns_by_file = [text_columns(part) for part in file.parts]
         columns = []
-        for k, (part, column) in enumerate(file.places):
-            if column in columns_of[part]:
+        for k, (file_index, column) in enumerate(file.places):
+            if column in text_columns_by_file[file_index]:
                 columns.append(k)
         return tuple(columns)
     return ()
@@ -286,30 +299,30 @@ def with_sums(file: MotionFile, columns: Mapping[str, str]) -> MotionFile:
     sums = _sums(file, columns)
     if not sums:
         return file
-    header, terms_of = list(file.header), list[Terms]()
-    for k in range(len(header)):
-        terms_of.append([(k, 1.0)])
+    header = list(file.header)
+    terms_by_column: list[Terms] = [[(k, 1.0)] for k in range(len(header))]
     for name, terms in sums.items():
-        terms_of.append(terms)
-        _, unit = split_unit(file.header[terms[0][0]])
+        terms_by_column.append(terms)
+        first_column, _ = terms[0]
+        _, unit = split_unit(file.header[first_column])
         header.append(_with_unit(name, unit))
 
-    def read(used: Sequence[int]) -> Iterator[Array]:
-        required = set[int]()
+    def read_portions(used: Sequence[int]) -> Iterator[Array]:
+        required_columns = set[int]()
         for column in used:
-            required.update(dict(terms_of[column]))
-        columns = sorted(required)
-        table = file.table(columns)
-        for s in slices(len(table)):
-            totals = np.zeros((len(table[s]), len(used)))
-            for total, column in zip(totals.T, used, strict=True):
-                for k, sign in terms_of[column]:
-                    total += sign * table[s, columns.index(k)]
-            yield totals
+            required_columns.update(k for k, _ in terms_by_column[column])
+        file_columns = sorted(required_columns)
+        table = file.table(file_columns)
+        for rows in slices(len(table)):
+            portion = np.zeros((len(table[rows]), len(used)))
+            for total, column in zip(portion.T, used, strict=True):  # views, so that portion changes
+                for k, sign in terms_by_column[column]:
+                    total += sign * table[rows, file_columns.index(k)]
+            yield portion
 
     if isinstance(file, ArrayFile):
-        return replace(file, header=tuple(header), read=read)
-    return ArrayFile(file.path, tuple(header), file.size, read, file.notes)
+        return replace(file, header=tuple(header), read=read_portions)
+    return ArrayFile(file.path, tuple(header), file.size, read_portions, file.notes)
 
 
 Terms = list[tuple[int, float]]
@@ -319,21 +332,26 @@ _SIGNS = {"": 1.0, "+": 1.0, "-": -1.0}
 
 def _sums(file: MotionFile, columns: Mapping[str, str]) -> dict[str, Terms]:
     """Sums of columns by their names. Raises TrajectoryError for columns of several units."""
-    indices: dict[str, int] = {}
+    column_by_name: dict[str, int] = {}
+    unit_by_column: dict[int, str | None] = {}
     for k, cell in enumerate(file.header):
-        indices.setdefault(split_unit(cell)[0], k)
+        cell_name, unit_by_column[k] = split_unit(cell)
+        column_by_name.setdefault(cell_name, k)
     sums = {}
     for name in columns.values():
-        parts = re.findall(r"(^|[+-])([^+-]+)", name)
-        terms, units = [], set()
-        for sign, part in parts:
-            column = indices.get(split_unit(part)[0])
-            if column is not None:
-                terms.append((column, _SIGNS[sign]))
-                units.add(split_unit(file.header[column])[1])
-        if split_unit(name)[0] in indices or len(parts) < 2 or len(terms) < len(parts):
+        name_without_unit, _ = split_unit(name)
+        signs_and_names = re.findall(r"(^|[+-])([^+-]+)", name)
+        terms: Terms = []
+        for sign, term_text in signs_and_names:
+            term_name, _ = split_unit(term_text)
+            if term_name in column_by_name:
+                terms.append((column_by_name[term_name], _SIGNS[sign]))
+        is_column = name_without_unit in column_by_name
+        has_unknown_terms = len(terms) < len(signs_and_names)
+        if is_column or has_unknown_terms or len(signs_and_names) < 2:
             continue
         sums[name] = terms
+        units = {unit_by_column[column] for column, _ in terms}
         if len(units) > 1:
             raise TrajectoryError(f"{file.path}: the columns of {name} have several units. Add columns of one unit.")
     return sums
@@ -360,5 +378,5 @@ def joints_without_column(
 ) -> tuple[str, ...]:
     """Joints of a model without a column in the file's header; ``columns`` as in :meth:`MotionLog.open`."""
     file = _opened_file(path)
-    joints = [b.joint.name for b in model.leaders if b.joint.nv]
+    joints = [body.joint.name for body in model.leaders if body.joint.nv]
     return absent_joints(file.header, Coordinates.from_model(model), joints, columns or {}, file.path)

@@ -30,56 +30,67 @@ def labelled_dataset(model: Model, times: Array, arrays: Mapping[str, Array]) ->
         import xarray
     except ImportError:
         raise MissingExtraError.from_extra("xarray", "tables", "Making a Dataset") from None
-    kinds = Coordinates.from_model(model)
-    sample_axes = next(iter(arrays.values())).ndim - 2
-    samples = [f"sample_{k}" for k in range(sample_axes)]
-    if sample_axes == 1:
-        samples = ["sample"]
-    coords = {
+    coordinates = Coordinates.from_model(model)
+    first_array = next(iter(arrays.values()))
+    sample_axis_count = first_array.ndim - 2
+    if sample_axis_count == 1:
+        sample_axes = ["sample"]
+    else:
+        sample_axes = [f"sample_{k}" for k in range(sample_axis_count)]
+    labels = {
         "time": ("time", times, {"units": "s"}),
-        "coordinate": list(kinds.names),
-        "joint": list(kinds.velocity_names),
+        "coordinate": list(coordinates.names),
+        "joint": list(coordinates.velocity_names),
     }
     variables = {}
     for name, array in arrays.items():
         axis = "coordinate" if name == "q" else "joint"
-        missing = len(times) - array.shape[-2]
-        if missing:
-            array = np.concatenate([array, np.full((*array.shape[:-2], missing, array.shape[-1]), np.nan)], axis=-2)
-        variables[name] = ((*samples, "time", axis), array, {"units": _units(name, kinds)})
-    return xarray.Dataset(variables, coords, {"robot": model.name})
+        missing_rows = len(times) - array.shape[-2]
+        if missing_rows:
+            padding = np.full((*array.shape[:-2], missing_rows, array.shape[-1]), np.nan)
+            array = np.concatenate([array, padding], axis=-2)
+        variables[name] = ((*sample_axes, "time", axis), array, {"units": _units(name, coordinates)})
+    return xarray.Dataset(variables, labels, {"robot": model.name})
 
 
-def _units(name: str, kinds: Coordinates) -> str:
-    """Common unit of all entries, or the units of the entries in order."""
+def _units(name: str, coordinates: Coordinates) -> str:
+    """Common unit of all entries of a quantity, or the units of the entries in order."""
     if name == "q":
-        units = [unit_of("q", bool(turns)) for turns in kinds.angular]
-        for part in kinds.quaternions:
-            units[part] = ["1"] * len(units[part])
+        units = [unit_of("q", bool(is_angle)) for is_angle in coordinates.angular]
+        for entries in coordinates.quaternions:
+            units[entries] = ["1"] * len(units[entries])
     else:
-        units = [unit.replace("²", "^2") for unit in units_of(name, kinds.angular_velocity)]
+        units = [unit.replace("²", "^2") for unit in units_of(name, coordinates.angular_velocity)]
     if len(set(units)) == 1:
         return units[0]
     return ", ".join(units)
 
 
-_NAME = "the DataFrame"
+_FILE_NAME = "the DataFrame"
+"""Name of the file in messages."""
 
 
 def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
-    """File of a DataFrame: index if it is a time, numeric columns, and a note on others; raises ShapeError."""
-    if not all(hasattr(frame, name) for name in ("columns", "index", "items")) or isinstance(frame, type):
+    """File of a DataFrame and notes: the index if it is a time, numeric columns, and a note on the others.
+
+    Raises ShapeError.
+    """
+    has_columns = all(hasattr(frame, name) for name in ("columns", "index", "items"))
+    if not has_columns or isinstance(frame, type):
         raise ShapeError(
             f"Motion.from_dataframe: the frame is {arguments.value_text(frame)}: give a pandas DataFrame with a column "
             "for each joint."
         )
     names = list(map(str, frame.columns))
-    timed = any(time_meaning(name) is not None for name in names)
-    header, columns = list[str](), [np.zeros((len(frame), 0))]
-    index = _time(frame.index, timed=timed)
-    if index is not None and index[0].removesuffix(" [s]") not in names:
-        header.append(index[0])
-        columns.append(index[1])
+    has_time_column = any(time_meaning(name) is not None for name in names)
+    header: list[str] = []
+    columns = [np.zeros((len(frame), 0))]  # so that a frame without numeric columns has its rows
+    time_of_index = _time_of_index(frame.index, has_time_column=has_time_column)
+    if time_of_index is not None:
+        time_name, times = time_of_index
+        if time_name.removesuffix(" [s]") not in names:
+            header.append(time_name)
+            columns.append(times)
     ignored = []
     for name, values in frame.items():
         try:
@@ -93,38 +104,42 @@ def data_frame_file(frame: Any) -> tuple[ArrayFile, tuple[str, ...]]:
     notes: tuple[str, ...] = ()
     if ignored:
         notes = (f"Columns that are not numbers are ignored: {', '.join(ignored)}.",)
-    file = ArrayFile.from_table(Path(_NAME), header, table, 8 * table.size)
+    file = ArrayFile.from_table(Path(_FILE_NAME), header, table, 8 * table.size)
     return replace(file, advice="frame.dropna() leaves such rows out, frame.interpolate() fills them"), notes
 
 
 def _column(name: str, values: Any) -> tuple[str, Array]:
-    """Name and numbers of a column; dates in seconds since the first. Others raise TypeError or ValueError."""
-    nanosecond_type = {"M": "datetime64[ns]", "m": "timedelta64[ns]"}.get(getattr(values.dtype, "kind", ""))
+    """Name and numbers of a column; dates in seconds since the first. Raises TypeError or ValueError if not numbers."""
+    kind = getattr(values.dtype, "kind", "")
+    nanosecond_type = {"M": "datetime64[ns]", "m": "timedelta64[ns]"}.get(kind)
     if nanosecond_type is None:
         return name, np.asarray(values, float)
     stamps = np.asarray(values, nanosecond_type)
     return f"{name} [s]", (stamps - stamps[:1]) / np.timedelta64(1, "s")
 
 
-def _time(index: Any, *, timed: bool) -> tuple[str, Array] | None:
-    """Name and numbers of a time column from the index, dates and durations in seconds since the first; None for row numbers.
+def _time_of_index(index: Any, *, has_time_column: bool) -> tuple[str, Array] | None:
+    """Name and numbers of a time column from the index; None if it holds row numbers or no numbers.
 
-    The name is kept if it denotes time, or if another column does (``timed``). Otherwise increasing floats are the
-    time.
+    Dates and durations are in seconds since the first. An index without a name is the time. A name is kept, except
+    that of increasing floats if neither it nor a column denotes time: they are then called ``time``.
     """
     if getattr(index.dtype, "kind", "") in "mM":
         return _column("time", index)
     values = np.asarray(index)
-    counts = values.dtype.kind in "iu" and np.array_equal(values, np.arange(len(values)))
-    if values.ndim != 1 or values.dtype.kind not in "iuf" or (index.name is None and counts):
+    if values.ndim != 1 or values.dtype.kind not in "iuf":
         return None
+    is_row_number = values.dtype.kind in "iu" and np.array_equal(values, np.arange(len(values)))
+    if index.name is None and is_row_number:
+        return None
+    numbers = values.astype(float)
     if index.name is None:
-        return "time", values.astype(float)
+        return "time", numbers
     name = str(index.name)
-    increases = values.dtype.kind == "f" and bool((np.diff(values) > 0).all())
-    if increases and not timed and time_meaning(name) is None:
+    is_increasing_float = values.dtype.kind == "f" and bool((np.diff(values) > 0).all())
+    if is_increasing_float and not has_time_column and time_meaning(name) is None:
         name = "time"
-    return name, values.astype(float)
+    return name, numbers
 
 
 complete(globals())

@@ -6,7 +6,7 @@ The columns are those of :mod:`.motion_file`; :mod:`.differentiation` makes stat
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -45,9 +45,10 @@ _MAX_STAMPS = 1 << 24
 """Number of rows whose stamps are inspected together: 128 MiB."""
 _ROUNDING_ROWS = 1 << 12
 """Number of rows used to detect rounded stamps."""
-_MIN_QUATERNION_NORM = 1e-6  # norm of a quaternion below which it is invalid
-_RUNS = 16, 1 << 12
-"""Number of runs of a long log, and rows in each, used to assess rates and sampling."""
+_MIN_QUATERNION_NORM = 1e-6
+"""Norm of a quaternion below which it is not a rotation."""
+_RUN_COUNT, _ROWS_OF_RUN = 16, 1 << 12
+"""Number of runs of a long log, and rows in each, by which rates and sampling are judged."""
 ASKED = ("time-step", "angle-unit", "degrees-option")
 """Kinds of notes in which a unit may be correct after all."""
 
@@ -72,12 +73,14 @@ class LogRows:
 
 @dataclass(frozen=True, eq=False)
 class _DecodedRows:
+    """Rows of a log and what was found in them."""
+
     table: Array
     duplicates: DuplicateTimestamps
     clock: float | None
-    """Rate of the steady clock that replaces rounded stamps [Hz]."""
-    stamps: dict[float, float]
-    """Times of rows dropped for a wrong stamp, with the delay of the stamp [s]."""
+    """Rate of the steady clock that replaces rounded stamps [Hz]; None if it replaces none."""
+    wrong_stamps: dict[float, float]
+    """Delays of stamps [s], by the times of the rows that were dropped for them."""
     contradictions: Contradictions
     steps: RecordedSteps
     mimic_joints: list[Doubt]
@@ -181,9 +184,7 @@ class MotionLog:
             )
         if rate is not None and not (math.isfinite(rate) and rate > 0):
             raise ValueRangeError(f"rate {rate!r} is not a number of rows a second. Give one above 0, such as 1000.")
-        file = path
-        if isinstance(file, str | Path):
-            file = open_motion_file(file, topic, episode, command_topic)
+        file = open_motion_file(path, topic, episode, command_topic) if isinstance(path, str | Path) else path
         if isinstance(file, JoinedFile) and not columns:
             file.check_columns()
         file = with_sums(file, columns or {})
@@ -195,14 +196,23 @@ class MotionLog:
         if isinstance(file, CsvFile):
             where = f"{file.path}: line {file.header_line}"
         reading = Reading(file.path, columns, rate, degrees, gain, model.all_locked, commands)
-        assigned = Columns.from_header(file.header, coordinates, where, reading, file.first)
-        doubts = dataset_doubts(file, assigned, coordinates, degrees=degrees)
+        assigned_columns = Columns.from_header(file.header, coordinates, where, reading, file.first)
+        doubts = dataset_doubts(file, assigned_columns, coordinates, degrees=degrees)
         if not columns:
             doubts += fanuc_doubts(file, model, coordinates)
-        log = cls(file, assigned, coordinates, tuple(model.locked), (), tuple(doubts), plan, degrees)
+        log = cls(
+            file,
+            assigned_columns,
+            coordinates,
+            locked=tuple(model.locked),
+            of_source=tuple(doubts),
+            plan=plan,
+            degrees=degrees,
+        )
         if not log.locked_without_column:
             return log
-        return replace(log, unused=tuple(varying_columns(file.header, assigned.extra, file.first)))
+        unused = varying_columns(file.header, assigned_columns.extra, file.first)
+        return replace(log, unused=tuple(unused))
 
     @classmethod
     def from_motion(cls, motion: Motion) -> MotionLog:
@@ -223,28 +233,29 @@ class MotionLog:
         >>> MotionLog.from_motion(tw.Motion(t, t[:, None] ** 2, robot=tw.robots.pendulum())).table.shape
         (11, 2)
         """
-        coordinates, recorded = motion.coordinates, {"q": motion.q}
+        coordinates = motion.coordinates
+        recorded_parts = {"q": motion.q}
         if motion.derived != "positions":
-            recorded["dq"] = motion.dq
+            recorded_parts["dq"] = motion.dq
         if not motion.derived:
-            recorded["ddq"] = motion.ddq
+            recorded_parts["ddq"] = motion.ddq
         if motion.tau is not None and not motion.plan:
-            recorded["tau"] = motion.tau
+            recorded_parts["tau"] = motion.tau
         header = [time_column(coordinates.names)]
-        for part in recorded:
+        for part in recorded_parts:
             header += coordinates.headers(part)
-        table = np.column_stack([motion.time, *recorded.values()])
+        table = np.column_stack([motion.time, *recorded_parts.values()])
         file = ArrayFile.from_table(Path("motion"), header, table, table.nbytes)
         return cls.open(file, motion.robot.model, plan=motion.plan)
 
     @property
     def locked_without_column(self) -> tuple[str, ...]:
         """Locked joints without a column in the file."""
-        with_column = set()
+        joints_with_column = set()
         for column in self.columns.of_locked:
             name, _ = split_unit(column)
-            with_column |= {joint for joint in self.locked if belongs(name, [joint])}
-        return tuple(joint for joint in self.locked if joint not in with_column)
+            joints_with_column |= {joint for joint in self.locked if belongs(name, [joint])}
+        return tuple(joint for joint in self.locked if joint not in joints_with_column)
 
     @property
     def path(self) -> Path:
@@ -277,15 +288,11 @@ class MotionLog:
             line = self.file.header_line if isinstance(self.file, CsvFile) else 0
             raise TrajectoryError(f"{self.path}: no rows after the header of line {line}. Give at least one.")
         if self.columns.counted:
-            timed_portions = (
-                np.c_[self.columns.seconds * np.arange(s.start, s.stop), table[s]] for s in slices(len(table))
-            )
-            table = table_of(timed_portions, table.shape[1] + 1, self.path)
+            table = self._with_row_times(table)
         elif self.columns.seconds != 1.0:
             table[:, 0] *= self.columns.seconds
-        begin, epoch = float(table[0, 0]), 0
-        if isinstance(self.file, ArrayFile):
-            epoch = self.file.epoch
+        begin = float(table[0, 0])
+        epoch = self.file.epoch if isinstance(self.file, ArrayFile) else 0
         date = date_note(begin)
         if date:
             table[:, 0] -= begin
@@ -295,34 +302,51 @@ class MotionLog:
             clock = self._steady_clock(table)
         self._check_rows(table)
         table, duplicates = self._merge_duplicates(table)
-        stamps, contradictions = dict[float, float](), self._contradictions(table, dated=bool(epoch))
+        all_wrong_stamps: dict[float, float] = {}
+        contradictions = self._contradictions(table, dated=bool(epoch))
         while wrong_stamps := contradictions.glitches.stamps():
-            stamps |= wrong_stamps
+            all_wrong_stamps |= wrong_stamps
             table = without_times(table, wrong_stamps)
-            contradictions = self._contradictions(table, dated=bool(epoch))
-        contradictions.runs = [self.motion(run) for run in log_table.excerpts(table, *_RUNS)]
-        portions = ((self.motion(table[s]), table[s]) for s in slices(len(table)))
-        mimic = mimic_doubts(self.columns.mimic_joints, portions)
+            contradictions = self._contradictions(table, dated=bool(epoch))  # others may show without these rows
+        contradictions.runs = [self.motion(run) for run in log_table.excerpts(table, _RUN_COUNT, _ROWS_OF_RUN)]
+        portions = ((self.motion(table[rows]), table[rows]) for rows in slices(len(table)))
+        doubts_on_mimic_joints = mimic_doubts(self.columns.mimic_joints, portions)
         steps = RecordedSteps(self.coordinates, [(run.time, run.q) for run in contradictions.runs])
-        for rows, inner in windows(len(table), log_table.ROWS, SURROUNDINGS):
-            steps.add(table[rows, 0], self.columns.si_values(table[rows], "q"), inner)
-        return _DecodedRows(table, duplicates, clock, stamps, contradictions, steps, mimic, date, epoch)
+        for window, own_rows in windows(len(table), log_table.ROWS, SURROUNDINGS):
+            steps.add(table[window, 0], self.columns.si_values(table[window], "q"), own_rows)
+        return _DecodedRows(
+            table, duplicates, clock, all_wrong_stamps, contradictions, steps, doubts_on_mimic_joints, date, epoch
+        )
+
+    def _with_row_times(self, table: Array) -> Array:
+        """Table with times [s] from the numbers of the rows as its first column."""
+
+        def timed_portions() -> Iterator[Array]:
+            for rows in slices(len(table)):
+                times = self.columns.seconds * np.arange(rows.start, rows.stop)
+                yield np.c_[times, table[rows]]
+
+        return table_of(timed_portions(), table.shape[1] + 1, self.path)
 
     def _merge_duplicates(self, table: Array) -> tuple[Array, DuplicateTimestamps]:
         """Table with one row for each time, and the rows that this leaves out."""
-        turning, duplicates = np.flatnonzero(self.coordinates.angular), DuplicateTimestamps()
-        half_turn, places = math.pi / self.columns.angle[turning], self.columns.places["q"]
-        turning_columns = np.zeros(0, int) if places is None else places[turning]
-        return duplicates.merge(table, turning_columns, half_turn, str(self.path)), duplicates
+        duplicates = DuplicateTimestamps()
+        angles = np.flatnonzero(self.coordinates.angular)
+        half_turn = math.pi / self.columns.angle[angles]  # in the unit of each column
+        q_columns = self.columns.places["q"]
+        angle_columns = np.zeros(0, int) if q_columns is None else q_columns[angles]
+        return duplicates.merge(table, angle_columns, half_turn, str(self.path)), duplicates
 
     @cached_property
     def origin(self) -> Origin:
         """Plan, log or either, by what the file has."""
-        runs = log_table.excerpts(self.table, *_RUNS)
-        places = self.columns.places["q"]
-        if places is None:
-            places = np.zeros(0, int)
-        return origin_of([(run[:, places], self.columns.si_values(run, "tau")) for run in runs], plan=self.plan)
+        q_columns = self.columns.places["q"]
+        if q_columns is None:
+            q_columns = np.zeros(0, int)
+        runs = log_table.excerpts(self.table, _RUN_COUNT, _ROWS_OF_RUN)
+        # Positions in the unit of the file, whose steps show an encoder.
+        positions_and_torques = [(run[:, q_columns], self.columns.si_values(run, "tau")) for run in runs]
+        return origin_of(positions_and_torques, plan=self.plan)
 
     @property
     def instants(self) -> tuple[Instant, ...]:
@@ -330,19 +354,22 @@ class MotionLog:
         return tuple(self._rows.steps.instants)
 
     def _contradictions(self, table: Array, *, dated: bool) -> Contradictions:
+        """Statistics of all rows; ``dated``: time counts from 1970 in the file."""
         columns = self.columns
-        of_seconds = columns.time_stated or is_called_seconds(columns.header[columns.time])
+        is_in_seconds = columns.time_stated or is_called_seconds(columns.header[columns.time])
+        # Degrees in a header are doubted, since some programs write them by habit, unless the caller confirms them.
+        is_in_degrees = columns.angle == math.radians(1.0)
         contradictions = Contradictions(
             self.coordinates,
             time_stated=columns.time_stated,
-            may_count_rows=not (columns.counted or of_seconds or dated),
+            may_count_rows=not (columns.counted or is_in_seconds or dated),
             angle=columns.angle,
-            angle_stated=columns.angle_stated & ((columns.angle != math.radians(1.0)) | self.degrees),
+            angle_stated=columns.angle_stated & (~is_in_degrees | self.degrees),
         )
-        for s in slices(len(table)):
-            first = max(0, s.start - OVERLAP)
-            rows = table[first : s.stop]
-            contradictions.add(rows[:, 0], columns.si_values(rows, "q"), s.start - first)
+        for block in slices(len(table)):
+            first = max(0, block.start - OVERLAP)
+            rows = table[first : block.stop]
+            contradictions.add(rows[:, 0], columns.si_values(rows, "q"), block.start - first)
         return contradictions
 
     def motion(self, table: Array) -> LogRows:
@@ -358,8 +385,8 @@ class MotionLog:
         """
         q, dq, ddq, tau, command = (self.columns.si_values(table, part) for part in PARTS)
         if tau is not None and self.columns.of_motors:
-            for at, A, _ in self.coordinates.coupled:
-                tau[:, at] = tau[:, at] @ A
+            for entries, A, _ in self.coordinates.coupled:
+                tau[:, entries] = tau[:, entries] @ A
         return LogRows(table[:, 0].copy(), q, dq, ddq, tau, command)
 
     @property
@@ -377,7 +404,7 @@ class MotionLog:
                 f"{number(decoded.clock, 4)} Hz is taken."
             )
         notes += self.file.notes
-        notes += [str(d) for d in self.doubts() if d.level == "note" and d.kind not in ASKED]
+        notes += [str(note) for note in self.doubts() if note.level == "note" and note.kind not in ASKED]
         return tuple(notes)
 
     def doubts(
@@ -387,7 +414,7 @@ class MotionLog:
 
         Parameters
         ----------
-        own : Limits, optional, of the robot's file; steps are judged by it where ``limits`` were given with their unit
+        own : Limits, optional, of the robot's file; steps are judged by them where ``limits`` were given with their unit
         glitches : bool, include single wrong rows; False if smoothing reports them in more detail
 
         Returns
@@ -397,48 +424,56 @@ class MotionLog:
         decoded = self._rows
         contradictions = decoded.contradictions.doubts(limits, glitches=glitches, origin=self.origin)
         contradictions = list(map(self._with_listed_column, contradictions))
-        left_out = *decoded.duplicates.doubts(), *stamp_doubts(decoded.stamps, left_out=True)
         step_limits = limits
         if limits is not None and own is not None:
             velocity = np.where(limits.has_unit("velocity"), own.velocity, limits.velocity)
             step_limits = replace(limits, velocity=velocity)
-        steps = decoded.steps.doubts(step_limits, self.origin, contradictions)
-        unused = self._unused_doubts()
-        return (*unused, *self.of_source, *contradictions, *steps, *decoded.mimic_joints, *left_out)
+        return (
+            *self._unused_doubts(),
+            *self.of_source,
+            *contradictions,
+            *decoded.steps.doubts(step_limits, self.origin, contradictions),
+            *decoded.mimic_joints,
+            *decoded.duplicates.doubts(),
+            *stamp_doubts(decoded.wrong_stamps, left_out=True),
+        )
 
     def _unused_doubts(self) -> list[Doubt]:
         """Doubt about varying columns that are not used, and may belong to locked joints."""
         if not self.unused:
             return []
-        joints, moved = self.locked_without_column, len(self.coordinates.velocity_names)
+        joints = self.locked_without_column
+        checked_count = len(self.coordinates.velocity_names)
         words: dict[str, Any] = {
-            "checked": f"{moved} of {moved + len(self.locked)}",
+            "checked": f"{checked_count} of {checked_count + len(self.locked)}",
             "held": listed(joints, 6),
             "columns": listed(self.unused, 6),
         }
         return [doubt("unused-columns", joints, **words)]
 
-    def _with_listed_column(self, found: Doubt) -> Doubt:
-        """Doubt with the column of its joint, if that is the caller's by the order of a list, which may be another order."""
-        names, places = self.coordinates.names, self.columns.places["q"]
-        joints = [joint for joint in found.joints if joint in names]
-        if not self.columns.listed or not found.refuses or not joints or places is None:
-            return found
+    def _with_listed_column(self, joint_doubt: Doubt) -> Doubt:
+        """Doubt with the column of its joint, if the caller listed the columns, as their order may be another one."""
+        names, q_columns = self.coordinates.names, self.columns.places["q"]
+        joints = [joint for joint in joint_doubt.joints if joint in names]
+        if not self.columns.listed or not joint_doubt.refuses or not joints or q_columns is None:
+            return joint_doubt
         joint = joints[0]
-        column = self.columns.header[int(places[names.index(joint)])]
-        order, name = spell(Argument("columns")), spell(Argument("columns", {joint: "COLUMN"}))
+        column = self.columns.header[int(q_columns[names.index(joint)])]
+        columns_option = spell(Argument("columns"))
+        remedy = spell(Argument("columns", {joint: "COLUMN"}))
         return replace(
-            found,
-            sentence=f"{found.sentence}. By the order of {order}, {joint} has the column {column}; if it has another, "
-            f"name it, {name}",
+            joint_doubt,
+            sentence=f"{joint_doubt.sentence}. By the order of {columns_option}, {joint} has the column {column}; if it has "
+            f"another, name it, {remedy}",
         )
 
     def _steady_clock(self, table: Array) -> float | None:
         """Replace rounded stamps by a steady clock and return its rate [Hz]; the first rows show the rounding."""
-        first = table[:_ROUNDING_ROWS]
-        equal_times = np.diff(first[:, 0]) == 0
-        rounded = equal_times & (first[1:, 1:] != first[:-1, 1:]).any(axis=1)
-        if len(table) > _MAX_STAMPS or not rounded.any() or 2 * rounded.sum() < equal_times.sum():
+        first_rows = table[:_ROUNDING_ROWS]
+        has_equal_time = np.diff(first_rows[:, 0]) == 0
+        is_rounded = has_equal_time & (first_rows[1:, 1:] != first_rows[:-1, 1:]).any(axis=1)
+        most_rows_repeat = 2 * is_rounded.sum() < has_equal_time.sum()
+        if len(table) > _MAX_STAMPS or not is_rounded.any() or most_rows_repeat:
             return None
         times = steady_times(np.array(table[:, 0]))
         if times is None:
@@ -448,26 +483,27 @@ class MotionLog:
 
     def _check_rows(self, table: Array) -> None:
         """Raise TrajectoryError if time decreases or a quaternion is zero."""
-        before = -math.inf
-        for s in slices(len(table)):
-            rows = table[s]
-            times = np.r_[before, rows[:, 0]]
+        last_time = -math.inf  # of the block before
+        for block in slices(len(table)):
+            rows = table[block]
+            times = np.r_[last_time, rows[:, 0]]
             decreases = times[1:] < times[:-1]
             if decreases.any():
                 k = int(decreases.argmax())
                 raise TrajectoryError(
-                    f"{self.path}: {self.file.place(s.start + k)}, column {self.columns.header[0]!r}: time "
+                    f"{self.path}: {self.file.place(block.start + k)}, column {self.columns.header[0]!r}: time "
                     f"{float(times[k + 1])!r} comes before {float(times[k])!r} of the row above. Sort the rows by time, and "
                     "give one recording at a time."
                 )
-            before = times[-1]
-            for place in self.columns.quaternions:
-                is_zero = np.linalg.norm(rows[:, place], axis=1) < _MIN_QUATERNION_NORM
+            last_time = times[-1]
+            for quaternion_columns in self.columns.quaternions:
+                is_zero = np.linalg.norm(rows[:, quaternion_columns], axis=1) < _MIN_QUATERNION_NORM
                 if is_zero.any():
+                    place = self.file.place(block.start + int(is_zero.argmax()))
+                    first_column = self.columns.header[quaternion_columns[0]]
                     raise TrajectoryError(
-                        f"{self.path}: {self.file.place(s.start + int(is_zero.argmax()))}, column "
-                        f"{self.columns.header[place[0]]!r}: the quaternion is zero, which is not a rotation. Write 1, 0, 0, 0 "
-                        "for none, or remove the row."
+                        f"{self.path}: {place}, column {first_column!r}: the quaternion is zero, which is not a rotation. "
+                        "Write 1, 0, 0, 0 for none, or remove the row."
                     )
 
 

@@ -3,10 +3,10 @@
 Let v_ij = (q_j(i+1) - q_j(i)) / h_i be the speed of joint j in step i, and m_ij its running median over nine steps. The median
 follows edges: at an impact, a stop or a start, v stays at its median. A row that is missing, repeated or wrong makes a pulse of
 v, of at most four steps, so that v leaves its median and returns. No motor makes such a pulse, as it takes an acceleration and
-the opposite one within a few rows; a joint that does was sampled too slowly, and its derived torque is unknown as well.
+the opposite one within a few rows. If a joint does move so, it was sampled too slowly, and its derived torque is unknown too.
 
-A log is judged as it was recorded, without payloads and wrenches that a user asks about. Velocity limits of a table that names
-their unit are such a question too; others replace those of the file, as the same numbers have the same word.
+A log is judged as it was recorded, without payloads and wrenches that a user asks about. Velocity limits of a table with units
+are such a question too. Limits of a table without units replace those of the file.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ class InstantKind(StrEnum):
     """A corner of the path: the speed changes from one row to the next, as in an impact."""
 
 
-_DECIMALS = (1.0, 2.0, 5.0, 10.0)
+_DECIMAL_STEPS = (1.0, 2.0, 5.0, 10.0)
+"""Mantissas of the steps of decimal numbers, such as 0.001 or 0.5."""
 _TOLERANCE = 1e-6
 """Relative tolerance of equal numbers that were printed."""
 
@@ -75,39 +76,56 @@ def is_encoder(grid: float) -> bool:
     """
     if not grid > 0.0:
         return False
-    mantissa = grid / 10.0 ** np.floor(np.log10(grid * (1.0 + _TOLERANCE)))
-    return not any(abs(mantissa / decimal - 1.0) < _TOLERANCE for decimal in _DECIMALS)
+    # With the tolerance, 0.000999999999 counts as 0.001 and not as 9.99e-4.
+    power_of_ten = 10.0 ** np.floor(np.log10(grid * (1.0 + _TOLERANCE)))
+    mantissa = grid / power_of_ten
+    return not any(abs(mantissa / step - 1.0) < _TOLERANCE for step in _DECIMAL_STEPS)
 
 
 def origin_of(runs: Sequence[tuple[Array, Array | None]], *, plan: bool) -> Origin:
     """Origin of a motion from runs of positions (n, k), in the unit of the file, and measured torques (n, nv)."""
     if plan:
         return Origin.PLAN
-    if any(tau is not None and (np.ptp(tau, axis=0) > 0.0).any() for _, tau in runs):
-        return Origin.LOG
-    for parts in zip(*[q.T for q, _ in runs], strict=True):
-        if is_encoder(quantum(list(parts))):
+    for _, tau in runs:
+        torques_vary = tau is not None and bool((np.ptp(tau, axis=0) > 0.0).any())
+        if torques_vary:
+            return Origin.LOG
+    for positions_by_run in zip(*[q.T for q, _ in runs], strict=True):  # of one coordinate after the other
+        if is_encoder(quantum(list(positions_by_run))):
             return Origin.LOG
     return Origin.EITHER
 
 
-_WINDOW, _MAX_PULSE, _QUIET_STEPS = 9, 5, 5
-"""Steps of the running median, longest pulse, and steps on either side of it in which speeds are usual."""
-_PULSE_DEPARTURE, _CORNER_DEPARTURE, _MAX_QUIET_DEPARTURE = 0.6, 4.0, 0.35
-"""Departure from the median, relative to it, that makes a pulse of speeds, and of accelerations; and largest relative departure
-beside a pulse."""
-_MADS, _TAIL, _GRIDS = 8.0, 4.0, 3.0
-"""Departure in robust deviations, in 95 % quantiles, and in least steps of the joint, above which it is not noise."""
+_MEDIAN_STEPS = 9
+"""Number of steps in a running median."""
+_MAX_PULSE = 5
+"""Largest number of rows in a pulse, and of rows between two parts of it."""
+_QUIET_STEPS = 5
+"""Steps on either side of a pulse in which speeds are usual."""
+_PULSE_DEPARTURE = 0.6
+"""Departure from the median, relative to it, that makes a pulse of speeds."""
+_CORNER_DEPARTURE = 4.0
+"""Departure from the median, relative to it, that makes a pulse of changes of speed."""
+_MAX_QUIET_DEPARTURE = 0.35
+"""Largest departure beside a pulse, relative to that of the pulse."""
+_NOISE_DEVIATIONS = 8.0
+"""Departure in robust standard deviations above which it is not noise."""
+_NOISE_QUANTILES = 4.0
+"""Departure in 95 % quantiles above which it is not noise."""
+_NOISE_GRID_STEPS = 3.0
+"""Departure in least steps of the joint above which it is not rounding."""
 _MIN_ROWS = 20
-"""Minimum number of rows."""
+"""Minimum number of rows of a run."""
 _MIN_ENCODER_STEPS = 3
-"""Steps of a joint from which its least step is that of its encoder."""
+"""Number of steps in which a joint moves, from which its least step is that of its encoder."""
 _IMPOSSIBLE_TORQUE = 10.0
 """Multiple of a torque limit that no robot reaches: drives are stopped long before."""
-_LONE_STEP, _ADJACENT_STEP = 10.0, 3.0
-"""Multiple of a joint's own 99 % step, and of the steps beside it, from which a step is not a motion."""
+_LONE_STEP = 10.0
+"""Multiple of the 99 % quantile of a joint's steps from which a step is not a motion."""
+_ADJACENT_STEP = 3.0
+"""Multiple of the steps beside it from which a step is not a motion; also of the usual time step."""
 SURROUNDINGS = 20
-"""Rows on either side of a pulse in which the quintic spline rings by more than 1e-7 of it."""
+"""Rows on either side of a pulse in which the quintic spline oscillates by more than 1e-7 of the pulse."""
 
 
 class Instant(NamedTuple):
@@ -120,25 +138,25 @@ class Instant(NamedTuple):
     joint: int
     """Entry of dq that departs most."""
     cause: InstantKind
-    """Rows, freeze or impact."""
 
 
 class _Usual(NamedTuple):
     """Usual figures of each joint, (k,) each, and the usual time step."""
 
     step: float
-    departure: Array
-    """Departure of a speed that noise and the motion itself may cause."""
-    noise: Array
-    """Noise of a speed in a usual step."""
-    grid: Array
-    """Least displacement between two rows."""
-    encoder: Array
+    """Median time step [s]."""
+    speed_departure: Array
+    """Largest departure of a speed that noise and the motion itself may cause."""
+    speed_noise: Array
+    """Standard deviation of a speed in a usual step."""
+    least_displacement: Array
+    """Least displacement between two rows that differ."""
+    encoder_step: Array
     """Least displacement, or 0 if too few rows differ to show that it is a step of the encoder."""
-    most: Array
+    large_displacement: Array
     """99 % quantile of displacements."""
-    change: Array
-    """Departure of a change of speed that noise and the motion itself may cause."""
+    change_departure: Array
+    """Largest departure of a change of speed that noise and the motion itself may cause."""
 
 
 class RecordedSteps:
@@ -147,181 +165,212 @@ class RecordedSteps:
     def __init__(self, coordinates: Coordinates, runs: Sequence[tuple[Array, Array]]) -> None:
         """Learn usual steps from excerpts ``runs``: times (n,) and coordinates (n, nq)."""
         self.joints = np.flatnonzero(coordinates.position_of >= 0)
-        self._places = coordinates.position_of[self.joints]
-        self._names, self._turns = coordinates.velocity_names, coordinates.angular_velocity
-        self._angles = coordinates.angular[self._places]
-        count = len(self.joints)
+        """Entries of dq with one coordinate of q, as other joints' velocities are not differences of positions."""
+        self._q_entries = coordinates.position_of[self.joints]
+        self._names = coordinates.velocity_names
+        self._is_angular = coordinates.angular_velocity
+        self._is_angle = coordinates.angular[self._q_entries]
+        joint_count = len(self.joints)
         self.instants: list[Instant] = []
         """Rows that are missing, repeated or wrong, and corners of the path."""
-        self.fastest = self.lone = Extrema.from_rows(np.zeros(0), *np.zeros((2, 0, count)))
-        """Speeds of single steps, less noise; and lone displacements."""
+        no_rows = Extrema.from_rows(np.zeros(0), *np.zeros((2, 0, joint_count)))
+        self.fastest = no_rows
+        """Speeds of single steps, less noise."""
+        self.lone = no_rows
+        """Displacements of lone steps."""
         self._usual: _Usual | None = None
-        if count:
+        if joint_count:
             self._usual = self._learn(runs)
 
     def _curves(self, q: Array) -> Array:
-        curves = q[:, self._places]
-        curves[:, self._angles] = np.unwrap(curves[:, self._angles], axis=0)
+        """Positions (n, k) of the joints, without jumps by a turn."""
+        curves = q[:, self._q_entries]
+        curves[:, self._is_angle] = np.unwrap(curves[:, self._is_angle], axis=0)
         return curves
 
     def _learn(self, runs: Sequence[tuple[Array, Array]]) -> _Usual | None:
-        durations, displacements, departures, changes = [], [], [], []
+        """Usual figures of runs of times (n,) and coordinates (n, nq); None if all are too short."""
+        all_h, all_distances, all_departures, all_change_departures = [], [], [], []
         for t, q in runs:
             if len(t) < _MIN_ROWS:
                 continue
-            h, moved = np.diff(t), np.diff(self._curves(q), axis=0)
-            speeds = moved / h[:, None]
-            durations.append(h)
-            displacements.append(np.abs(moved))
-            departures.append(np.abs(_departures(speeds)))
-            changes.append(np.abs(_departures(np.diff(speeds, axis=0))))
-        if not durations:
+            h = np.diff(t)
+            displacement = np.diff(self._curves(q), axis=0)
+            speeds = displacement / h[:, None]
+            all_h.append(h)
+            all_distances.append(np.abs(displacement))
+            all_departures.append(np.abs(_departures(speeds)))
+            all_change_departures.append(np.abs(_departures(np.diff(speeds, axis=0))))
+        if not all_h:
             return None
-        step = float(np.median(np.concatenate(durations)))
-        size, departure = np.concatenate(displacements), np.concatenate(departures)
-        grid = np.where(size > 0.0, size, np.inf).min(axis=0)
-        grid = np.where(np.isfinite(grid), grid, 0.0)
-        rounding = _GRIDS * grid / step
+        step = float(np.median(np.concatenate(all_h)))
+        distances = np.concatenate(all_distances)
+        departures = np.concatenate(all_departures)
+        least_displacement = np.where(distances > 0.0, distances, np.inf).min(axis=0)
+        least_displacement = np.where(np.isfinite(least_displacement), least_displacement, 0.0)
+        has_encoder_step = (distances > 0.0).sum(axis=0) >= _MIN_ENCODER_STEPS
+        rounding = _NOISE_GRID_STEPS * least_displacement / step
         return _Usual(
             step=step,
-            departure=np.maximum(_usual_bound(departure), rounding),
-            noise=MAD * np.median(departure, axis=0),
-            grid=grid,
-            encoder=np.where((size > 0.0).sum(axis=0) >= _MIN_ENCODER_STEPS, grid, 0.0),
-            most=np.quantile(size, 0.99, axis=0),
-            change=np.maximum(_usual_bound(np.concatenate(changes)), rounding),
+            speed_departure=np.maximum(_noise_bound(departures), rounding),
+            speed_noise=MAD * np.median(departures, axis=0),
+            least_displacement=least_displacement,
+            encoder_step=np.where(has_encoder_step, least_displacement, 0.0),
+            large_displacement=np.quantile(distances, 0.99, axis=0),
+            change_departure=np.maximum(_noise_bound(np.concatenate(all_change_departures)), rounding),
         )
 
     def add(self, t: Array, q: Array, inner: slice | None = None) -> None:
-        """Add times (n,) and coordinates (n, nq); rows outside ``inner`` belong to other runs and are only looked at."""
+        """Add times (n,) and coordinates (n, nq); rows outside ``inner`` belong to other runs and only surround these."""
         usual = self._usual
         if usual is None or len(t) < 2:
             return
         inner = inner or slice(0, len(t))
-        own = slice(inner.start, min(inner.stop, len(t) - 1))
-        if own.stop <= own.start:
+        own_steps = slice(inner.start, min(inner.stop, len(t) - 1))
+        if own_steps.stop <= own_steps.start:
             return
-        h, moved = np.diff(t), np.diff(self._curves(q), axis=0)
-        size = np.abs(moved)
-        duration = np.maximum(h, usual.step)[:, None]
-        speed = np.maximum(size - _GRIDS * usual.encoder, 0.0) / duration - _MADS * usual.noise
-        fastest = Extrema.from_rows(t[own], speed[own], moved[own] / duration[own])
+        h = np.diff(t)
+        displacement = np.diff(self._curves(q), axis=0)
+        distance = np.abs(displacement)
+        duration = np.maximum(h, usual.step)[:, None]  # a stamp that is too early does not make a speed
+        distance_beyond_rounding = np.maximum(distance - _NOISE_GRID_STEPS * usual.encoder_step, 0.0)
+        speed = distance_beyond_rounding / duration - _NOISE_DEVIATIONS * usual.speed_noise
+        fastest = Extrema.from_rows(t[own_steps], speed[own_steps], displacement[own_steps] / duration[own_steps])
         self.fastest = Extrema.merge([self.fastest, fastest])
-        padded = np.pad(size, ((1, 1), (0, 0)))
-        adjacent = np.maximum(padded[:-2], padded[2:])
-        is_lone = (size > _LONE_STEP * usual.most) & (size > _ADJACENT_STEP * adjacent)
-        is_lone &= size > np.maximum(_GRIDS * usual.grid, _MADS * usual.noise * h[:, None])
-        is_lone &= (h < _ADJACENT_STEP * usual.step)[:, None]
-        lone = Extrema.from_rows(t[own], np.where(is_lone, size, 0.0)[own], moved[own])
+        padded = np.pad(distance, ((1, 1), (0, 0)))
+        adjacent_distance = np.maximum(padded[:-2], padded[2:])
+        noise = _NOISE_DEVIATIONS * usual.speed_noise * h[:, None]
+        is_lone = (distance > _LONE_STEP * usual.large_displacement) & (distance > _ADJACENT_STEP * adjacent_distance)
+        is_lone &= distance > np.maximum(_NOISE_GRID_STEPS * usual.least_displacement, noise)
+        is_lone &= (h < _ADJACENT_STEP * usual.step)[:, None]  # after a pause, a large step is a motion
+        lone_distance = np.where(is_lone, distance, 0.0)
+        lone = Extrema.from_rows(t[own_steps], lone_distance[own_steps], displacement[own_steps])
         self.lone = Extrema.merge([self.lone, lone])
         if len(t) >= _MIN_ROWS:
-            self._add_instants(t, moved, own)
+            self._add_instants(t, displacement, own_steps)
 
-    def _add_instants(self, t: Array, moved: Array, own: slice) -> None:
-        """Add pulses and corners of the speeds of the steps ``moved`` (n - 1, k) from the rows at t (n,)."""
+    def _add_instants(self, t: Array, displacement: Array, own_steps: slice) -> None:
+        """Add pulses and corners of the speeds of steps with a ``displacement`` (n - 1, k), from the rows at t (n,)."""
         assert self._usual is not None
-        v = moved / np.diff(t)[:, None]
-        departure = _departures(moved)
-        # A step as usual with a wrong stamp is not a wrong row.
-        jumps = np.abs(departure) > _PULSE_DEPARTURE * np.abs(moved - departure)
+        v = displacement / np.diff(t)[:, None]
+        departure = _departures(displacement)
+        # A usual displacement with a wrong time stamp makes a pulse of speed, but is not a wrong row.
+        is_jump = np.abs(departure) > _PULSE_DEPARTURE * np.abs(displacement - departure)
         pulses = []
-        for first, last, k in _pulses(v, self._usual.departure, _PULSE_DEPARTURE, own):
-            if jumps[first : last + 1, k].any() and _is_abrupt(v[:, k], first, last):
+        for first, last, k in _pulses(v, self._usual.speed_departure, _PULSE_DEPARTURE, own_steps):
+            if is_jump[first : last + 1, k].any() and _is_abrupt(v[:, k], first, last):
                 pulses.append((first, last, k))
         for first, last, k in pulses:
-            still = v[:, k] == 0.0
-            while first > 0 and still[first - 1] and not still[: first - 1].all():
+            is_still = v[:, k] == 0.0
+            # Repeated rows before the pulse belong to it, unless the joint has stood from the beginning.
+            while first > 0 and is_still[first - 1] and not is_still[: first - 1].all():
                 first -= 1
             self.instants.append(Instant(float(t[first]), float(t[last + 1]), int(self.joints[k]), InstantKind.ROWS))
-        stands = np.pad((v == 0.0).all(axis=1), 1, constant_values=True)
-        for first, last, k in self._corners(v, own):
+        # Entry i + 1 is that of step i; the robot counts as standing before the first and after the last step.
+        all_stand = np.pad((v == 0.0).all(axis=1), 1, constant_values=True)
+        for first, last, k in self._corners(v, own_steps):
             if any(begin - _MAX_PULSE <= first <= end + _MAX_PULSE for begin, end, _ in pulses):
                 continue
-            before, after = stands[max(0, first - 1) : first + 2], stands[last + 2 : last + 5]
-            cause = InstantKind.FREEZE if before.all() or after.all() else InstantKind.IMPACT
+            stand_before = all_stand[max(0, first - 1) : first + 2].all()
+            stand_after = all_stand[last + 2 : last + 5].all()
+            cause = InstantKind.FREEZE if stand_before or stand_after else InstantKind.IMPACT
             self.instants.append(Instant(float(t[first]), float(t[last + 2]), int(self.joints[k]), cause))
 
-    def _corners(self, v: Array, own: slice) -> Iterator[tuple[int, int, int]]:
+    def _corners(self, v: Array, own_steps: slice) -> Iterator[tuple[int, int, int]]:
         """First row, last row and joint of the pulses of changes of the speeds v (n, k)."""
         assert self._usual is not None
-        changes, usual = np.diff(v, axis=0), self._usual.change
-        for k in np.flatnonzero(np.abs(changes).max(axis=0) > usual).tolist():
+        changes = np.diff(v, axis=0)
+        usual_departure = self._usual.change_departure
+        joints_with_large_changes = np.flatnonzero(np.abs(changes).max(axis=0) > usual_departure)
+        for k in joints_with_large_changes.tolist():  # each joint by itself, as an impact may last longer in others
             column = slice(k, k + 1)
-            for first, last, _ in _pulses(changes[:, column], usual[column], _CORNER_DEPARTURE, own, split=True):
+            pulses = _pulses(changes[:, column], usual_departure[column], _CORNER_DEPARTURE, own_steps, split=True)
+            for first, last, _ in pulses:
                 yield first, last, k
 
     def doubts(self, limits: Limits | None, origin: Origin, others: Iterable[Doubt] = ()) -> list[Doubt]:
         """Doubts about steps that no robot makes, by limits of a file or a table.
 
-        Plans have none, and neither have logs that one of the ``others`` refuses: its units or turns explain the steps.
+        Plans have none. A log has none if one of the ``others`` refuses it: that doubt, about units or turns, explains the
+        steps.
         """
         if origin is Origin.PLAN or self._usual is None or any(other.refuses for other in others):
             return []
-        velocity = np.full(len(self.joints), np.inf)
+        velocity_limit = np.full(len(self.joints), np.inf)
         if limits is not None:
-            velocity = credible_velocities(limits)[self.joints]
-        known = np.isfinite(velocity)
-        share = np.where(known, self.fastest.value / np.where(known, velocity, 1.0), 0.0)
+            velocity_limit = credible_velocities(limits)[self.joints]
+        has_limit = np.isfinite(velocity_limit)
+        share = np.where(has_limit, self.fastest.value / np.where(has_limit, velocity_limit, 1.0), 0.0)
         if share.max(initial=0.0) > TOO_FAST:
-            return [self._speed_doubt(int(share.argmax()), share, velocity, origin)]
-        lone = np.where(~known, self.lone.value, 0.0)
-        if lone.max(initial=0.0) > 0.0:
-            return [self._lone_step_doubt(int(lone.argmax()), lone, origin)]
+            return [self._speed_doubt(int(share.argmax()), share, velocity_limit, origin)]
+        lone_distance = np.where(~has_limit, self.lone.value, 0.0)
+        if lone_distance.max(initial=0.0) > 0.0:
+            return [self._lone_step_doubt(int(lone_distance.argmax()), lone_distance, origin)]
         return []
 
-    def _speed_doubt(self, k: int, share: Array, velocity: Array, origin: Origin) -> Doubt:
+    def _speed_doubt(self, k: int, share: Array, velocity_limit: Array, origin: Origin) -> Doubt:
+        """Doubt about the joint ``joints[k]``; ``share``: speeds of single steps as shares of the limits."""
         joint = int(self.joints[k])
         words: dict[str, Any] = {
             "joint": self._names[joint],
             "speed": number(abs(float(self.fastest.signed[k])), 3),
-            "unit": unit_of("dq", bool(self._turns[joint])),
+            "unit": unit_of("dq", bool(self._is_angular[joint])),
             "times": number(float(share[k]), 2),
-            "limit": number(float(velocity[k]), 4),
+            "limit": number(float(velocity_limit[k]), 4),
             "time": seconds(float(self.fastest.time[k])),
         }
         return doubt("impossible-speed", [self._names[joint]], level=origin.level, **words)
 
-    def _lone_step_doubt(self, k: int, lone: Array, origin: Origin) -> Doubt:
-        joint, usual = int(self.joints[k]), self._usual
-        assert usual is not None
+    def _lone_step_doubt(self, k: int, lone_distance: Array, origin: Origin) -> Doubt:
+        """Doubt about a lone step of the joint ``joints[k]``."""
+        assert self._usual is not None
+        joint = int(self.joints[k])
         words: dict[str, Any] = {
             "joint": self._names[joint],
-            "size": number(float(lone[k]), 3),
-            "unit": unit_of("q", bool(self._turns[joint])),
-            "usual": number(float(usual.most[k]), 2),
+            "size": number(float(lone_distance[k]), 3),
+            "unit": unit_of("q", bool(self._is_angular[joint])),
+            "usual": number(float(self._usual.large_displacement[k]), 2),
             "time": seconds(float(self.lone.time[k])),
         }
         return doubt("lone-step", [self._names[joint]], level=origin.level, **words)
 
 
-def _usual_bound(departures: Array) -> Array:
-    """Magnitude (k,) of departures (n, k) above which they are not those of noise and of the motion itself."""
-    by_median = _MADS * MAD * np.median(departures, axis=0)
-    return np.asarray(np.maximum(by_median, _TAIL * np.quantile(departures, 0.95, axis=0)))
+def _noise_bound(departures: Array) -> Array:
+    """Magnitude (k,) of departures (n, k) above which noise and the motion itself do not explain them."""
+    by_median = _NOISE_DEVIATIONS * MAD * np.median(departures, axis=0)
+    by_quantile = _NOISE_QUANTILES * np.quantile(departures, 0.95, axis=0)
+    return np.asarray(np.maximum(by_median, by_quantile))
 
 
 def _pulses(
-    x: Array, least: Array, relative: float, own: slice, *, split: bool = False
+    x: Array, min_departure: Array, min_share: float, own_rows: slice, *, split: bool = False
 ) -> Iterator[tuple[int, int, int]]:
     """First row, last row and column of the pulses of x (n, k), of a few rows in quiet surroundings.
 
-    A pulse departs from the running median by more than ``least`` (k,), and by more than ``relative`` times the median.
-    ``split``: the row beside it may have a part of it, as an impact between two rows changes the speed in both.
+    A pulse departs from the running median by more than ``min_departure`` (k,), and by more than ``min_share`` times the
+    median. It begins within ``own_rows``. ``split``: the row beside it may have a part of it, as an impact between two
+    rows changes the speed in both.
     """
     departure = _departures(x)
     size = np.abs(departure)
-    is_large = size > np.maximum(relative * np.abs(x - departure), least)
-    rows = np.flatnonzero(is_large.any(axis=1))
-    for run in np.split(rows, np.flatnonzero(np.diff(rows) > _MAX_PULSE) + 1):
-        if not run.size or not own.start <= run[0] < own.stop or run[-1] - run[0] >= _MAX_PULSE:
+    median_size = np.abs(x - departure)
+    is_large = size > np.maximum(min_share * median_size, min_departure)
+    large_rows = np.flatnonzero(is_large.any(axis=1))
+    ends_of_runs = np.flatnonzero(np.diff(large_rows) > _MAX_PULSE)
+    for run in np.split(large_rows, ends_of_runs + 1):
+        if not run.size:  # no row is large
             continue
         first, last = int(run[0]), int(run[-1])
-        k = int(np.argmax((size[first : last + 1] / np.maximum(least, _MIN_DIVISOR)).max(axis=0)))
+        if not own_rows.start <= first < own_rows.stop or last - first >= _MAX_PULSE:
+            continue
+        relative_size = size[first : last + 1] / np.maximum(min_departure, _MIN_DIVISOR)
+        k = int(np.argmax(relative_size.max(axis=0)))  # the column that departs most
         if split and first > 0 and departure[first - 1, k] * departure[first, k] > 0.0:
             first -= 1
         if split and last + 1 < len(size) and departure[last + 1, k] * departure[last, k] > 0.0:
             last += 1
-        before, after = size[max(0, first - _QUIET_STEPS) : first, k], size[last + 1 : last + 1 + _QUIET_STEPS, k]
+        before = size[max(0, first - _QUIET_STEPS) : first, k]
+        after = size[last + 1 : last + 1 + _QUIET_STEPS, k]
         largest_beside = np.concatenate([before, after]).max(initial=0.0)
         if largest_beside <= _MAX_QUIET_DEPARTURE * size[first : last + 1, k].max():
             yield first, last, k
@@ -330,10 +379,11 @@ def _pulses(
 def _is_abrupt(v: Array, first: int, last: int) -> bool:
     """True if the speed v (n,) changes more where the pulse begins and ends than beside it; a brief stop is smooth."""
     changes = np.abs(np.diff(v))
-    begin = max(0, first - 1)
-    before, after = changes[max(0, begin - _QUIET_STEPS) : begin], changes[last + 1 : last + 1 + _QUIET_STEPS]
-    largest_beside = np.concatenate([before, after]).max(initial=0.0)
-    return bool(changes[begin : last + 1].max(initial=0.0) > largest_beside)
+    first_change = max(0, first - 1)
+    changes_before = changes[max(0, first_change - _QUIET_STEPS) : first_change]
+    changes_after = changes[last + 1 : last + 1 + _QUIET_STEPS]
+    largest_beside = np.concatenate([changes_before, changes_after]).max(initial=0.0)
+    return bool(changes[first_change : last + 1].max(initial=0.0) > largest_beside)
 
 
 _MIN_DIVISOR = 1e-300
@@ -341,20 +391,24 @@ _MIN_DIVISOR = 1e-300
 
 
 def _departures(v: Array) -> Array:
-    """Departures of speeds (n, k) from their running medians, so that a wrong first or last row departs too.
+    """Departures of speeds (n, k) from their running medians.
 
-    Beyond either end, v goes on along the line through its second and sixth value, whatever its last one is.
+    Beyond either end, v is continued along the line through its second and sixth value from there. A wrong first or
+    last row does not change this line, so that it departs too.
     """
-    half = _WINDOW // 2
-    steps_beyond = np.arange(2, half + 2)[:, None]
+    half = _MEDIAN_STEPS // 2
+    steps_from_second = np.arange(2, half + 2)[:, None]
 
     def extrapolate(w: Array) -> Array:
-        return w[1] + (w[1] - w[1 + half]) / half * steps_beyond
+        """Continue w before its first row, nearest row first."""
+        return w[1] + (w[1] - w[1 + half]) / half * steps_from_second
 
     before, after = extrapolate(v), extrapolate(v[::-1])
+    continued = np.concatenate([before[::-1], v, after])
     # scipy.ndimage has a running median too, and takes 0.1 s to import.
-    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([before[::-1], v, after]), _WINDOW, axis=0)
-    return np.asarray(v - np.partition(windows, half, axis=-1)[..., half])
+    windows = np.lib.stride_tricks.sliding_window_view(continued, _MEDIAN_STEPS, axis=0)
+    medians = np.partition(windows, half, axis=-1)[..., half]
+    return np.asarray(v - medians)
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,12 +434,17 @@ class DoubtfulSpans:
         return any(instant.begin - self.reach <= t <= instant.end + self.reach for t in times)
 
     def doubt_at(self, times: Sequence[float]) -> Doubt:
-        """Doubt about the instants at which the figures of these times stand; impacts only if there are no others."""
+        """Doubt about the instants whose spans contain one of the times, or about all if there is none.
+
+        It is about instants of one kind: impacts only if there are no others.
+        """
         nearby = [instant for instant in self.instants if self._spans_any(instant, times)]
         instants = nearby or list(self.instants)
-        cause = min((instant.cause for instant in instants), key=list(InstantKind).index)
-        begins = [instant.begin for instant in instants if instant.cause is cause]
-        when = listed(dict.fromkeys(f"{seconds(begin, 4)} s" for begin in begins), _MAX_LISTED_TIMES)
+        order_of_kinds = list(InstantKind)
+        cause = min((instant.cause for instant in instants), key=order_of_kinds.index)
+        time_texts = [f"{seconds(instant.begin, 4)} s" for instant in instants if instant.cause is cause]
+        different_times = dict.fromkeys(time_texts)
+        when = listed(different_times, _MAX_LISTED_TIMES)
         return doubt("impact" if cause is InstantKind.IMPACT else "doubtful-rows", when=when)
 
 
@@ -393,10 +452,13 @@ _MAX_LISTED_TIMES = 3
 
 
 def doubtful_spans(instants: Iterable[Instant], step: float, origin: Origin, rows: int = SURROUNDINGS) -> DoubtfulSpans:
-    """Spans of ``rows`` usual steps on either side of the instants; a plan has none, and corners only if it is a log."""
+    """Spans of ``rows`` usual time steps on either side of the instants.
+
+    A plan has none. Impacts count only in a log.
+    """
     causes = _DOUBTFUL_CAUSES[origin]
-    doubtful = sorted(instant for instant in instants if instant.cause in causes)
-    return DoubtfulSpans(tuple(doubtful), rows * step)
+    doubtful_instants = sorted(instant for instant in instants if instant.cause in causes)
+    return DoubtfulSpans(tuple(doubtful_instants), rows * step)
 
 
 _DOUBTFUL_CAUSES: dict[Origin, tuple[InstantKind, ...]] = {
@@ -407,25 +469,27 @@ _DOUBTFUL_CAUSES: dict[Origin, tuple[InstantKind, ...]] = {
 """Kinds of instants near which figures of a motion are doubted, by its origin."""
 
 
-def impossible_torque(robot: Robot, alone: Extrema, origin: Origin, corners: DoubtfulSpans) -> Doubt | None:
-    """Doubt about a motion whose torques ``alone`` (nv,), without payloads and wrenches, no drive of the robot reaches.
+def impossible_torque(robot: Robot, torques: Extrema, origin: Origin, corners: DoubtfulSpans) -> Doubt | None:
+    """Doubt about a motion with ``torques`` (nv,), without payloads and wrenches, that no drive of the robot reaches.
 
     At one of the ``corners`` the torque may be that of an impact, which is not a drive's.
     """
-    if origin is Origin.PLAN or not (alone.value > _IMPOSSIBLE_TORQUE * robot.limits.effort).any():
+    if origin is Origin.PLAN or not (torques.value > _IMPOSSIBLE_TORQUE * robot.limits.effort).any():
         return None
-    effort, model = credible_efforts(robot), robot.model
-    share = np.where(effort < np.inf, alone.value / np.where(effort < np.inf, effort, 1.0), 0.0)
+    model = robot.model
+    torque_limit = credible_efforts(robot)
+    has_limit = torque_limit < np.inf
+    share = np.where(has_limit, torques.value / np.where(has_limit, torque_limit, 1.0), 0.0)
     k = int(share.argmax())
     if not share[k] > _IMPOSSIBLE_TORQUE:
         return None
-    time = float(alone.time[k])
+    time = float(torques.time[k])
     if corners.within(np.array(time)):
         return corners.doubt_at([time])
     words: dict[str, Any] = {
         "joint": model.drive_labels[k],
         "times": number(float(share[k]), 3),
-        "limit": number(float(effort[k])),
+        "limit": number(float(torque_limit[k])),
         "unit": unit_of("tau", drive_turns(model)[k]),
         "time": seconds(time),
     }

@@ -28,19 +28,28 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _STRENGTHS = 10.0 ** np.arange(-1.0, 15.01, 0.5)
+"""Strengths that are compared."""
 _MAX_MARGIN = 16384
 """Largest number of samples on either side that may affect a smoothed sample."""
-_GLITCH_SIGMAS, _GLITCH_STRENGTH, _GLITCH_REACH, _MAX_GLITCH_SHARE = 6.0, 10.0, 5, 0.01
-"""Criteria of a glitch: more than ``_GLITCH_SIGMAS`` standard deviations off the curve of strength ``_GLITCH_STRENGTH``, the
-largest within ``_GLITCH_REACH`` samples, and at most this share of all samples. Otherwise the motion is fast.
-"""
+_GLITCH_STRENGTH = 10.0
+"""Strength of the curve from which glitches depart."""
+_GLITCH_SIGMAS = 6.0
+"""Departure of a glitch from this curve, in standard deviations of the noise."""
+_GLITCH_REACH = 5
+"""Samples on either side of a glitch whose departures are smaller."""
+_MAX_GLITCH_SHARE = 0.01
+"""Largest share of all samples that may be glitches; if more depart so far, the motion is fast."""
 _MAX_ALIKE_SAMPLES = 10.0
-_MAX_NOISE_GAIN, _MAX_RISK = 0.95, 4.0
-"""Upper bound of the noise gain of a smoother, and of its risk in units of the noise variance: mean squared correction
-plus twice the passed noise. The risk is 2 without smoothing; the rest allows for the error of the noise estimate.
+"""Largest number of consecutive samples whose rounding errors count as equal."""
+_MAX_NOISE_GAIN = 0.95
+"""Upper bound of the noise gain of a smoother, below 1 as the criterion divides by 1 - gain."""
+_MAX_RISK = 4.0
+"""Upper bound of the risk, mean squared correction plus twice the passed noise, in units of the noise variance.
+
+The risk is 2 without smoothing. The other 2 allow for the error of the noise estimate.
 """
 _DECAY = 28.0
-"""exp(-28) < 1e-12 bounds the influence of a sample beyond the margin."""
+"""Exponent of the influence of a sample beyond the margin: exp(-28) < 1e-12."""
 
 
 def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
@@ -50,12 +59,12 @@ def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
     from scipy.linalg import solveh_banded
 
     D = _third_differences(t, step)
-    # Solved for u in the correction x - z = D' u, so that rounding errors are relative to the small correction.
+    # z = x - D' u with (D D' + 1/strength) u = D x. Rounding errors are then relative to the small correction D' u.
     bands = np.zeros((4, len(D)))  # upper form of D D' + 1/strength
     for k in range(4):
         bands[3 - k, k:] = np.sum(D[k:, : 4 - k] * D[: len(D) - k, k:], axis=1)
     bands[3] += 1.0 / strength
-    weights = D.reshape(*D.shape, *[1] * (x.ndim - 1))
+    weights = D.reshape(*D.shape, *[1] * (x.ndim - 1))  # the same for all columns of x
     u = solveh_banded(bands, _apply(weights, x), check_finite=False, overwrite_ab=True)
     z = x.copy()
     for k in range(4):
@@ -64,16 +73,21 @@ def smooth(t: Array, x: Array, strength: float, step: float) -> Array:
 
 
 def _third_differences(t: Array, step: float) -> Array:
-    """Rows of D as their four weights (n-3, 4); (-1, 3, -3, 1) on a uniform grid with this step."""
+    """Rows of D as their four weights (n-3, 4); (-1, 3, -3, 1) on a uniform grid with this step.
+
+    The third divided difference has the weights 1/Π_{j≠k} (t_k - t_j). It is scaled by 3! and the root of the relative
+    span of its four samples.
+    """
     t = np.lib.stride_tricks.sliding_window_view(t, 4) / step
-    gaps = t[:, :, None] - t[:, None, :]
-    gaps[:, np.arange(4), np.arange(4)] = 1.0
-    span = (t[:, 3] - t[:, 0])[:, None] / 3.0
-    return np.asarray(6.0 / gaps.prod(axis=2) * np.sqrt(span))
+    time_differences = t[:, :, None] - t[:, None, :]
+    time_differences[:, np.arange(4), np.arange(4)] = 1.0  # no factor for j = k
+    relative_span = (t[:, 3] - t[:, 0])[:, None] / 3.0
+    return np.asarray(6.0 / time_differences.prod(axis=2) * np.sqrt(relative_span))
 
 
-def _apply(D: Array, x: Array) -> Array:
-    return np.asarray(sum(D[:, k] * x[k : k + len(D)] for k in range(4)))
+def _apply(weights: Array, x: Array) -> Array:
+    """D x, from the weights (n-3, 4, …) of D's rows."""
+    return np.asarray(sum(weights[:, k] * x[k : k + len(weights)] for k in range(4)))
 
 
 def best_strength(
@@ -81,73 +95,82 @@ def best_strength(
 ) -> float:
     """Strength with the least expected error of z, for an approximately known noise; 0 if smoothing does not help.
 
-    Generalised cross-validation: mean squared residual over the squared fraction of noise in it. Mallows' criterion
-    would need the exact noise and sometimes smooths too little: the noise of a short log is known to 25 %, and the
-    noise of late stamps is concentrated in few fast rows. Rounding to a ``grid`` is not white if a slow motion stays on
-    a grid point for several samples: the passed variance is multiplied by their number. Source: Craven and Wahba,
-    "Smoothing noisy data with spline functions", Numer. Math. 31, 1979.
+    ``times`` and ``parts``: times (n,) and samples (n,) of each part of a curve. ``noise``: standard deviation. ``grid``:
+    step of the rounded samples, 0 if they are not rounded.
+
+    Generalised cross-validation minimises the mean squared residual over (1 - gain)², where the gain is the share of
+    noise that the smoother passes. Mallows' criterion would need the exact noise and sometimes smooths too little: the
+    noise of a short log is known to 25 %, and the noise of late stamps is concentrated in few fast rows. Rounding is not
+    white if a slow motion stays on a grid point for several samples: the gain is multiplied by their number. Source:
+    Craven and Wahba, "Smoothing noisy data with spline functions", Numer. Math. 31, 1979.
     """
     if noise == 0.0:
         return 0.0
-    best_so_far, least_risk = 0.0, math.inf
-    alike = alike_samples(parts, grid, noise)
+    best_so_far = 0.0
+    least_criterion = math.inf
+    samples_per_error = alike_samples(parts, grid, noise)
     parts = [_without_glitches(t, x, noise, step) for t, x in zip(times, parts, strict=True)]
-    for strength in _STRENGTHS:
-        if margin_of(float(strength)) > _MAX_MARGIN:
+    sample_count = sum(map(len, parts))
+    for strength in _STRENGTHS.tolist():
+        if margin_of(strength) > _MAX_MARGIN:
             break
-        squares = 0.0
+        sum_of_squares = 0.0
         for t, x in zip(times, parts, strict=True):
-            squares += float(np.sum((x - smooth(t, x, float(strength), step)) ** 2))
-        mean = squares / sum(map(len, parts))
-        gain = min(_MAX_NOISE_GAIN, alike * _noise_gain(float(strength)))
-        if mean + 2.0 * noise**2 * gain > _MAX_RISK * noise**2:
+            sum_of_squares += float(np.sum((x - smooth(t, x, strength, step)) ** 2))
+        mean_square = sum_of_squares / sample_count
+        gain = min(_MAX_NOISE_GAIN, samples_per_error * _noise_gain(strength))
+        risk = mean_square + 2.0 * noise**2 * gain
+        if risk > _MAX_RISK * noise**2:
             continue  # the motion is too fast for this strength
-        risk = mean / (1.0 - gain) ** 2
-        if risk < least_risk:
-            best_so_far, least_risk = float(strength), risk
+        criterion = mean_square / (1.0 - gain) ** 2
+        if criterion < least_criterion:
+            best_so_far, least_criterion = strength, criterion
     return best_so_far
 
 
 def alike_samples(parts: Sequence[Array], grid: float, noise: float) -> float:
     """Mean number of consecutive samples with equal rounding error, 1 to 10; 1 without a grid.
 
-    A slow motion stays on a grid point for many samples. Beyond ten samples, the log shows only stairs. Only the
-    rounding part of ``noise`` counts.
+    A slow motion stays on a grid point for many samples. Beyond ten samples, the log shows only stairs. The number
+    counts in proportion to the share of rounding in the variance of the noise.
     """
     if grid == 0.0 or noise == 0.0:
         return 1.0
-    rounding = min(1.0, grid**2 / 12.0 / noise**2)
-    total = weighted = 0.0
+    rounding_variance = grid**2 / 12.0
+    rounding_share = min(1.0, rounding_variance / noise**2)
+    total_length = total_square = 0.0
     for x in parts:
         steps = np.diff(x)
         jumps = np.flatnonzero(np.abs(steps) > 0.5 * grid)
-        climbs = steps[jumps[1:]] * steps[jumps[:-1]] > 0  # monotonic: the motion crosses a whole grid step
-        between = np.diff(jumps)[climbs].astype(float)
-        total += float(between.sum())
-        weighted += float((between**2).sum())
-    length = 1.0
-    if total:
-        length = min(_MAX_ALIKE_SAMPLES, max(1.0, weighted / total))
-    return 1.0 + (length - 1.0) * rounding
+        # Between two jumps in one direction the motion crosses a whole grid step.
+        is_monotonic = steps[jumps[1:]] * steps[jumps[:-1]] > 0
+        run_lengths = np.diff(jumps)[is_monotonic].astype(float)
+        total_length += float(run_lengths.sum())
+        total_square += float((run_lengths**2).sum())
+    mean_length = 1.0
+    if total_length:  # mean over samples, so that a run counts by its length
+        mean_length = min(_MAX_ALIKE_SAMPLES, max(1.0, total_square / total_length))
+    return 1.0 + (mean_length - 1.0) * rounding_share
 
 
 def _without_glitches(t: Array, x: Array, noise: float, step: float) -> Array:
     """Replace isolated outliers, which would prevent smoothing, by interpolation between their neighbours."""
     from scipy.ndimage import maximum_filter1d
 
-    for _ in range(2):
-        size = np.abs(x - smooth(t, x, _GLITCH_STRENGTH, step))
-        largest_nearby = maximum_filter1d(size, 2 * _GLITCH_REACH + 1, mode="nearest")
-        glitches = (size > _GLITCH_SIGMAS * noise) & (size >= largest_nearby)
-        if not 0 < np.count_nonzero(glitches) <= max(2, _MAX_GLITCH_SHARE * len(x)):
+    max_glitches = max(2, _MAX_GLITCH_SHARE * len(x))
+    for _ in range(2):  # the curve follows large glitches; without them it shows the smaller ones beside them
+        departure = np.abs(x - smooth(t, x, _GLITCH_STRENGTH, step))
+        largest_nearby = maximum_filter1d(departure, 2 * _GLITCH_REACH + 1, mode="nearest")
+        is_glitch = (departure > _GLITCH_SIGMAS * noise) & (departure >= largest_nearby)
+        if not 0 < np.count_nonzero(is_glitch) <= max_glitches:
             break
-        x = np.where(glitches, np.interp(t, t[~glitches], x[~glitches]), x)
+        x = np.where(is_glitch, np.interp(t, t[~is_glitch], x[~is_glitch]), x)
     return x
 
 
 @cache
 def _noise_gain(strength: float) -> float:
-    """Mean gain of the smoother over all frequencies; 1 at strength 0."""
+    """Mean gain of the smoother over all frequencies on a uniform grid with h = 1; 1 at strength 0."""
     w = (np.arange(20000) + 0.5) * (math.pi / 20000)
     return float(np.mean(1.0 / (1.0 + strength * (2.0 * np.sin(w / 2)) ** 6)))
 
@@ -180,16 +203,20 @@ class Between(NamedTuple):
 
 def continuous(model: Model, q: Array) -> Array:
     """Coordinates q (n, nq) without jumps of angles by a turn and sign changes of quaternions."""
-    coordinates, q = Coordinates.from_model(model), q.astype(float)
+    coordinates = Coordinates.from_model(model)
+    q = q.astype(float)
     q[:, coordinates.endless] = np.unwrap(q[:, coordinates.endless], axis=0)
-    for place in coordinates.quaternions:
-        turned = np.einsum("ij,ij->i", q[1:, place], q[:-1, place]) < 0
-        q[1:, place] *= np.where(np.cumsum(turned) % 2, -1.0, 1.0)[:, None]
+    for entries in coordinates.quaternions:
+        sign_changes = np.einsum("ij,ij->i", q[1:, entries], q[:-1, entries]) < 0
+        has_opposite_sign = np.cumsum(sign_changes) % 2 == 1  # after an odd number of changes
+        q[1:, entries] *= np.where(has_opposite_sign, -1.0, 1.0)[:, None]
     return q
 
 
-_GAP, _PAUSE = 5.0, 0.05
-"""Ratio to the typical and adjacent time steps, and duration [s], above which a time step is a pause."""
+_MIN_PAUSE_RATIO = 5.0
+"""Ratio to the typical and the adjacent time steps above which a time step may be a pause."""
+_MIN_PAUSE = 0.05
+"""Shortest pause [s]."""
 
 
 def stretch_edges(t: Array) -> list[int]:
@@ -198,17 +225,19 @@ def stretch_edges(t: Array) -> list[int]:
     >>> stretch_edges(np.r_[np.arange(10) * 0.01, 2.0 + np.arange(10) * 0.01])
     [0, 10, 20]
     """
-    if len(t) <= FEWEST or _largest_step(t) <= _PAUSE:
+    if len(t) <= FEWEST or _largest_step(t) <= _MIN_PAUSE:
         return [0, len(t)]
     steps = np.diff(t)
-    shortest_pause = max(_PAUSE, _GAP * float(np.median(steps)))
+    shortest_pause = max(_MIN_PAUSE, _MIN_PAUSE_RATIO * float(np.median(steps)))
     if steps.max() <= shortest_pause:
         return [0, len(t)]
-    adjacent_steps = np.maximum(np.r_[0.0, steps[:-1]], np.r_[steps[1:], 0.0])
+    adjacent_steps = np.maximum(np.r_[0.0, steps[:-1]], np.r_[steps[1:], 0.0])  # the longer of the two
+    is_pause = steps > np.maximum(shortest_pause, _MIN_PAUSE_RATIO * adjacent_steps)
     edges = [0]
-    for k in np.flatnonzero(steps > np.maximum(shortest_pause, _GAP * adjacent_steps)).tolist():
-        if k + 1 - edges[-1] >= FEWEST and len(t) - k - 1 >= FEWEST:
-            edges.append(k + 1)
+    for row_before in np.flatnonzero(is_pause).tolist():
+        edge = row_before + 1
+        if edge - edges[-1] >= FEWEST and len(t) - edge >= FEWEST:
+            edges.append(edge)
     return [*edges, len(t)]
 
 
@@ -220,49 +249,57 @@ def _largest_step(t: Array) -> float:
 def spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
     """First and second derivatives (n, k) at the samples (n, k), by a quintic spline per stretch between pauses."""
     first, second = np.empty(x.shape), np.empty(x.shape)
-    for a, b in pairwise(stretch_edges(t)):
-        first[a:b], second[a:b] = _spline_rates(t[a:b], x[a:b])
+    for begin, end in pairwise(stretch_edges(t)):
+        first[begin:end], second[begin:end] = _spline_rates(t[begin:end], x[begin:end])
     return first, second
 
 
 def _spline_rates(t: Array, x: Array) -> tuple[Array, Array]:
+    """First and second derivatives of the quintic spline through the samples (n, k) of one stretch."""
     from scipy.interpolate import make_interp_spline
 
-    # Time from the window's middle, so that large stamps (seconds since 1970) do not lose digits.
-    local = t - t[len(t) // 2]
-    close = np.diff(local) <= 0
-    if close.any():
-        k = int(close.argmax())
+    # Time from the stretch's middle, so that large stamps (seconds since 1970) do not lose digits.
+    local_time = t - t[len(t) // 2]
+    does_not_increase = np.diff(local_time) <= 0
+    if does_not_increase.any():
+        k = int(does_not_increase.argmax())
         raise TrajectoryError(
             f"time stamps of rows {k + 1} and {k + 2}, {float(t[k])!r} and {float(t[k + 1])!r} s, differ by less than a number "
             f"resolves beside the {printed(float(t[-1] - t[0]))} s of the motion. Remove one of the rows."
         )
     try:
-        spline = make_interp_spline(local, x, k=DEGREE)
+        spline = make_interp_spline(local_time, x, k=DEGREE)
     except (np.linalg.LinAlgError, ValueError):
-        steps = np.diff(local)
+        steps = np.diff(local_time)
         raise TrajectoryError(
             f"no smooth curve leads through the samples: their time stamps are {printed(float(steps.min()))} to "
             f"{printed(float(steps.max()))} s apart. Remove the rows whose stamps are wrong."
         ) from None
-    return spline(local, 1), spline(local, 2)
+    return spline(local_time, 1), spline(local_time, 2)
 
 
 def between(robot: Robot, time: Array, q: Array, t: Array) -> Between:
     """Configurations at times t (...), along constant joint twists from each sample (n, nq) to the next."""
-    k = np.clip(np.searchsorted(time, t, side="right") - 1, 0, max(0, len(time) - 2))
-    after = np.minimum(k + 1, len(time) - 1)
-    step = time[after] - time[k]
-    share = np.clip((t - time[k]) / np.where(step > 0, step, 1.0), 0.0, 1.0)[..., None]
-    return Between(robot.add(q[k], share * _way(robot, q[k], q[after])), k, after, share)
+    before, after = _neighbours(time, t)
+    step = time[after] - time[before]
+    share = np.clip((t - time[before]) / np.where(step > 0, step, 1.0), 0.0, 1.0)[..., None]
+    twists = _twists_between(robot, q[before], q[after])
+    return Between(robot.add(q[before], share * twists), before, after, share)
 
 
-def _way(robot: Robot, q0: Array, q1: Array) -> Array:
+def _neighbours(time: Array, t: Array) -> tuple[Array, Array]:
+    """Indices of the samples at ``time`` (n,) before and after the times t (...); both are 0 for a single sample."""
+    before = np.clip(np.searchsorted(time, t, side="right") - 1, 0, max(0, len(time) - 2))
+    after = np.minimum(before + 1, len(time) - 1)
+    return before, after
+
+
+def _twists_between(robot: Robot, q0: Array, q1: Array) -> Array:
     """Joint twists (..., nv) from one configuration to the other in unit time."""
-    way = np.asarray(robot.subtract(q1, q0))
-    endless = [b.v_index for b in robot.model.leaders if b.joint.nv == 1 and b.joint.wraps]
-    way[..., endless] -= 2 * np.pi * np.round(way[..., endless] / (2 * np.pi))  # a log may jump by a turn
-    return way
+    twists = np.asarray(robot.subtract(q1, q0))
+    endless = [body.v_index for body in robot.model.leaders if body.joint.nv == 1 and body.joint.wraps]
+    twists[..., endless] -= 2 * np.pi * np.round(twists[..., endless] / (2 * np.pi))  # a log may jump by a turn
+    return twists
 
 
 def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t: Array) -> tuple[Array, Array, Array]:
@@ -271,92 +308,99 @@ def states_between(robot: Robot, time: Array, q: Array, dq: Array, ddq: Array, t
     q = q_k ⊕ x with a quintic polynomial x(t) along the joint twists; for joints with several degrees of freedom
     V = Σ (-ad x)ⁿ/(n + 1)! dx. If q, dq and ddq of two samples contradict each other, as rounded positions with smooth
     accelerations do, the polynomial would oscillate. The twist is then constant between the two, and rates are linear.
+
+    With s = (t - t_k)/h in a step of duration h, the polynomial is v0 s + a0 s²/2 + c3 s³ + c4 s⁴ + c5 s⁵. At s = 1 it
+    reaches ``twists`` with the derivatives v1 and a1 along s.
     """
-    k = np.clip(np.searchsorted(time, t, side="right") - 1, 0, max(0, len(time) - 2))
-    after = np.minimum(k + 1, len(time) - 1)
-    h = (time[after] - time[k])[..., None]
+    before, after = _neighbours(time, t)
+    h = (time[after] - time[before])[..., None]
     h = np.where(h > 0, h, 1.0)
-    s = np.clip((t - time[k])[..., None] / h, 0.0, 1.0)
-    way = _way(robot, q[k], q[after])
+    s = np.clip((t - time[before])[..., None] / h, 0.0, 1.0)
+    twists = _twists_between(robot, q[before], q[after])
     several = [body.places[1] for body in robot.model.leaders if body.joint.nv > 1]  # entries of such joints
-    groups = None
+    brackets_matrix = None
     v1, a1 = dq[after], ddq[after]
     if several:
-        groups = _brackets(robot.model)
-        v1, a1 = _rates(groups, way, v1, a1)
-    v0, a0, v1, a1 = h * dq[k], h * h * ddq[k], h * v1, h * h * a1
-    swing = 60 * np.abs(way - 0.5 * (v0 + v1) + (a1 - a0) / 12) + 6 * np.abs(v1 - v0 - 0.5 * (a0 + a1))
-    fits = swing <= _SWING * np.maximum(np.abs(a0), np.abs(a1))
+        brackets_matrix = _brackets(robot.model)
+        v1, a1 = _rates(brackets_matrix, twists, v1, a1)
+    v0, a0 = h * dq[before], h * h * ddq[before]
+    v1, a1 = h * v1, h * h * a1
+    # Bound of the polynomial's second derivative beyond the line from a0 to a1.
+    extra_acceleration = 60 * np.abs(twists - 0.5 * (v0 + v1) + (a1 - a0) / 12) + 6 * np.abs(v1 - v0 - 0.5 * (a0 + a1))
+    is_consistent = extra_acceleration <= _MAX_EXTRA_ACCELERATION * np.maximum(np.abs(a0), np.abs(a1))
     for entries in several:
-        fits[..., entries] = fits[..., entries].all(axis=-1, keepdims=True)
-    e0, e1, e2 = way - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
-    c3, c4, c5 = 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2
-    x = np.where(fits, s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))), s * way)
+        is_consistent[..., entries] = is_consistent[..., entries].all(axis=-1, keepdims=True)
+    # What v0 s + a0 s²/2 and its two derivatives miss at s = 1; c3, c4 and c5 make it up.
+    e0, e1, e2 = twists - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
+    c3 = 10 * e0 - 4 * e1 + 0.5 * e2
+    c4 = -15 * e0 + 7 * e1 - e2
+    c5 = 6 * e0 - 3 * e1 + 0.5 * e2
+    x = np.where(is_consistent, s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))), s * twists)
     V = (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
     dV = (a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / (h * h)
-    if groups is not None:
-        V, dV = _twists(groups, x, V, dV)
-    V = np.where(fits, V, (1 - s) * dq[k] + s * dq[after])
-    dV = np.where(fits, dV, (1 - s) * ddq[k] + s * ddq[after])
-    return np.asarray(robot.add(q[k], x)), V, dV
+    if brackets_matrix is not None:
+        V, dV = _twists(brackets_matrix, x, V, dV)
+    V = np.where(is_consistent, V, (1 - s) * dq[before] + s * dq[after])
+    dV = np.where(is_consistent, dV, (1 - s) * ddq[before] + s * ddq[after])
+    return np.asarray(robot.add(q[before], x)), V, dV
 
 
 @lru_cache(8)
 def _brackets(model: Model) -> Array:
-    """Structure constants c (nv, nv²) with ad(x) = x c."""
+    """Structure constants as a matrix (nv, nv²), so that ``x @ matrix`` are the entries of ad(x)."""
     c = brackets(model)
     return np.ascontiguousarray(np.swapaxes(c, 1, 2)).reshape(len(c), -1)
 
 
-def _ad(groups: Array, x: Array) -> Array:
+def _ad(brackets_matrix: Array, x: Array) -> Array:
     """Matrices ad(x) (..., nv, nv)."""
-    return (x @ groups).reshape(*x.shape, x.shape[-1])
+    return (x @ brackets_matrix).reshape(*x.shape, x.shape[-1])
 
 
 def _term_count(x: Array) -> int:
-    """Number of significant terms of the series, which decrease at least as (|x|/2π)ⁿ."""
-    bound = min(2.0 * float(np.abs(x).max(initial=1e-3)), 4.0)  # of the norm of ad(x)
-    return min(len(_FORWARD), math.ceil(_DIGITS / math.log(2 * math.pi / bound)))
+    """Number of significant terms of the series, which decrease at least as (|ad x|/2π)ⁿ."""
+    bound_of_ad = min(2.0 * float(np.abs(x).max(initial=1e-3)), 4.0)
+    return min(len(_FORWARD), math.ceil(_MAX_LOG_DECREASE / math.log(2 * math.pi / bound_of_ad)))
 
 
-def _twists(groups: Array, x: Array, rate: Array, bend: Array) -> tuple[Array, Array]:
+def _twists(brackets_matrix: Array, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
     """V and dV for q = q_k ⊕ x, from the derivatives of x."""
-    A, dA = _ad(groups, x), _ad(groups, rate)
-    term, slope = rate[..., None], bend[..., None]
-    V, dV = term, slope
-    for c in _FORWARD[1 : _term_count(x)]:  # terms (ad x)ⁿ rate, and their derivatives
-        term, slope = A @ term, dA @ term + A @ slope
-        V, dV = V + c * term, dV + c * slope
+    A, dA = _ad(brackets_matrix, x), _ad(brackets_matrix, dx)
+    term, term_rate = dx[..., None], ddx[..., None]
+    V, dV = term, term_rate
+    for c in _FORWARD[1 : _term_count(x)]:
+        term, term_rate = A @ term, dA @ term + A @ term_rate  # (ad x)ⁿ dx, and its derivative
+        V, dV = V + c * term, dV + c * term_rate
     return V[..., 0], dV[..., 0]
 
 
-def _rates(groups: Array, x: Array, V: Array, dV: Array) -> tuple[Array, Array]:
-    """Derivatives of x for q = q_k ⊕ x, from V and dV."""
-    A = _ad(groups, x)
-    terms = [V[..., None]]
+def _rates(brackets_matrix: Array, x: Array, V: Array, dV: Array) -> tuple[Array, Array]:
+    """Derivatives dx and ddx for q = q_k ⊕ x, from V and dV."""
+    A = _ad(brackets_matrix, x)
+    terms = [V[..., None]]  # (ad x)ⁿ V
     for _ in _INVERSE[1 : _term_count(x)]:
         terms.append(A @ terms[-1])
-    rate = np.asarray(sum(c * term for c, term in zip(_INVERSE, terms, strict=False)))[..., 0]
-    dA = _ad(groups, rate)
-    slope = bend = dV[..., None]
+    dx = np.asarray(sum(c * term for c, term in zip(_INVERSE, terms, strict=False)))[..., 0]
+    dA = _ad(brackets_matrix, dx)
+    term_rate = ddx = dV[..., None]
     for c, term in zip(_INVERSE[1:], terms, strict=False):
-        slope = dA @ term + A @ slope
-        bend = bend + c * slope
-    return rate, bend[..., 0]
+        term_rate = dA @ term + A @ term_rate
+        ddx = ddx + c * term_rate
+    return dx, ddx[..., 0]
 
 
 def _series(n: int) -> tuple[Array, Array]:
     """Coefficients of (1 - e⁻ˣ)/x and of x/(1 - e⁻ˣ), up to xⁿ⁻¹."""
     forward = [Fraction((-1) ** i, math.factorial(i + 1)) for i in range(n)]
     inverse = [Fraction(1)]
-    for i in range(1, n):
+    for i in range(1, n):  # the product of the series is 1, so that the sum of forward[j] inverse[i - j] is zero
         inverse.append(-sum((forward[j] * inverse[i - j] for j in range(1, i + 1)), Fraction(0)))
     return np.array(forward, float), np.array(inverse, float)
 
 
-_DIGITS = 39.0
-"""Negative logarithm of the truncation error."""
-_SWING = 0.1
+_MAX_LOG_DECREASE = 39.0
+"""Negative natural logarithm of the first omitted term relative to the first term: exp(-39) ≈ 1e-17."""
+_MAX_EXTRA_ACCELERATION = 0.1
 """Largest acceleration that the polynomial may add to the straight line, relative to the larger of the two samples."""
 _FORWARD, _INVERSE = _series(27)
 """The truncation error is 1e-8 for half a revolution between two samples, and negligible for 1 rad."""

@@ -47,15 +47,17 @@ class RobotBase:
     """Model and engine of a robot, with its properties, configurations and kernels."""
 
     constraints: tuple[Constraint, ...] = ()
-    """Closures and velocity constraints, in the order of their creation; () with its loops open."""
+    """Closures and velocity constraints, in the order of their creation; () for a robot without constraints."""
     _tree: Robot | None = None
-    """The robot with its loops open, of a robot with constraints."""
+    """For a robot with constraints, the robot with its loops open; otherwise None."""
 
     def __init__(self, model: Model | CachedModel) -> None:
         if isinstance(model, str | PathLike):
             raise TypeError(f'Robot takes a Model; to read a file: tw.load("{shorten(str(model))}")')
-        self.engine = Engine(model, WeakMethod(self._put_in_front))  # weak: a robot without references is freed at once
-        vars(self).update(_call=self.engine.call, _with_wrenches=self.engine.call_with_wrenches)  # one frame less
+        # The reference is weak, so that a robot is freed at once when it is not used any more.
+        self.engine = Engine(model, WeakMethod(self._install_direct_call))
+        # Calls of the engine without the methods below, which would add a stack frame to each call.
+        vars(self).update(_call=self.engine.call, _with_wrenches=self.engine.call_with_wrenches)
 
     @cached_property
     def model(self) -> Model:
@@ -87,11 +89,11 @@ class RobotBase:
         """
         return cast("Robot", self if self._tree is None else self._tree)
 
-    def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
+    def _install_direct_call(self, name: str, kernel: Any, signature: CallSignature, call_count: int) -> bool:
         """Register a kernel for direct calls; see :class:`.robot.Robot`."""
         raise NotImplementedError
 
-    # ── quantities of a robot with constraints; an open robot has the engine's functions in their place ──
+    # ── calls of quantities; robots without constraints replace these two by the engine's methods in ``__init__`` ──
 
     def _call(self, name: str, *arrays: Any, out: Any = None, **options: Any) -> Any:
         """Quantity that does not depend on wrenches."""
@@ -106,20 +108,21 @@ class RobotBase:
         out: Any = None,
         **options: Any,
     ) -> Any:
-        """Quantity by the column ``constrained`` of its row: by the engine, or with constraint forces."""
+        """Quantity with wrenches: with constraint forces if its row in QUANTITIES is ``projected``, otherwise by the engine."""
         from .quantities import QUANTITIES
 
-        if QUANTITIES[name].constrained != "projected" or "by" in options:
+        needs_constraint_forces = QUANTITIES[name].constrained == "projected"
+        if not needs_constraint_forces or "by" in options:
             return self.engine.call_with_wrenches(name, arrays, by_robot, on_robot, out, **options)
         if out is not None:
             raise ValueRangeError(f"{name}: out= is for a robot without constraints. Leave it out.")
         from .constraints import projections
 
-        projected = getattr(projections, name)
-        return projected(self, *arrays, wrench_by_robot=by_robot, wrench_on_robot=on_robot, **options)
+        projected_quantity = getattr(projections, name)
+        return projected_quantity(self, *arrays, wrench_by_robot=by_robot, wrench_on_robot=on_robot, **options)
 
     def _motors(self, actuated: Iterable[str]) -> Iterable[str]:
-        """Joints with a motor; raises an error for a robot without constraints, where each joint needs its torque."""
+        """Joints with a motor, as given; raises ValueRangeError for a robot without constraints."""
         if not self.constraints:
             raise ValueRangeError(
                 "actuated= is for a robot with constraints: an open tree needs the torque of every joint."
@@ -223,14 +226,15 @@ class RobotBase:
     @property
     def parameters(self) -> Array:
         """Inertial parameters π, ten for each moving body with its fixed links; (10 nbodies,) [kg, kg m, kg m²]. MR 8.2."""
-        return np.concatenate([np.zeros(0), *(body.inertia.parameters for body in self.model.bodies)])
+        parameters_by_body = [body.inertia.parameters for body in self.model.bodies]
+        return np.concatenate([np.zeros(0), *parameters_by_body])  # zeros(0): a robot may have no bodies
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """A name for each of :attr:`parameters`: ``<body>.m``, ``<body>.mcx`` … ``<body>.Izz``."""
         from ..mechanics.algorithms.inverse_dynamics import PARAMETER_NAMES
 
-        return tuple(f"{body.link}.{p}" for body in self.model.bodies for p in PARAMETER_NAMES)
+        return tuple(f"{body.link}.{parameter}" for body in self.model.bodies for parameter in PARAMETER_NAMES)
 
     @property
     def neutral(self) -> Array:
@@ -293,15 +297,15 @@ class RobotBase:
         from ..mechanics.model import configurations
 
         try:
-            sizes = size if isinstance(size, tuple | list) else (size,)
-            shape = tuple(operator.index(n) for n in sizes)
+            axis_lengths = size if isinstance(size, tuple | list) else (size,)
+            shape = tuple(operator.index(length) for length in axis_lengths)
             generator = np.random.default_rng(rng)
         except (TypeError, ValueError):
             raise ValueRangeError(
                 f"rng={arguments.value_text(rng)}, size={arguments.value_text(size)}: give a seed or a numpy "
                 "Generator, and whole numbers of samples."
             ) from None
-        if any(n < 0 for n in shape):
+        if any(length < 0 for length in shape):
             raise ValueRangeError(f"size={arguments.value_text(size)} has a negative number of samples.")
         return configurations.random_configuration(self.model, generator, shape)
 
@@ -384,8 +388,8 @@ class RobotBase:
         """
         from ..mechanics.model.parameters import matching, nominal
 
-        known = nominal(self.model)
-        return {name: known[name] for name in matching(self.model, patterns or ("*",))}
+        values = nominal(self.model)
+        return {name: values[name] for name in matching(self.model, patterns or ("*",))}
 
     def program(self, *names: str, **options: Unpack[KernelOptions]) -> Program:
         """Straight-line program behind a kernel, for example to count its operations.
@@ -419,21 +423,23 @@ class RobotBase:
 
 
 def _missing(robot: RobotBase, name: str) -> AttributeError:
-    """Error for an attribute that a robot does not have, with the call of the table of quantities or of first calls."""
+    """Error for an attribute that a robot does not have, with the call to use if it is known."""
     subject = f"{type(robot).__name__!r} object"
     if name.startswith("_"):
-        return AttributeError(f"{subject} has no attribute {name!r}", name=name, obj=robot)
+        return AttributeError(f"{subject} has no attribute {name!r}", name=name, obj=robot)  # Python suggests names
     from ..core.first_calls import missing_attribute
     from .quantities import QUANTITIES
 
     if name in QUANTITIES:
-        call = "momentum(q, dq, frame='com')" if name == "momentum_about_com" else f"kernel({name!r})"
+        call = f"kernel({name!r})"
+        if name == "momentum_about_com":
+            call = "momentum(q, dq, frame='com')"
         return AttributeError(f"{subject} has no attribute {name!r}: use robot.{call}", name=None)
     return missing_attribute(subject, name, "robot", dir(type(robot)))
 
 
 def require_robot(robot: object, what: str) -> Robot:
-    """Return ``robot`` if it is a Robot without constraints; raises ValueRangeError otherwise."""
+    """Return ``robot`` if it is a Robot without constraints; raises ValueRangeError otherwise. ``what``: the caller."""
     if not isinstance(robot, RobotBase):
         raise ValueRangeError(
             f"{what}: the robot is {arguments.value_text(robot)}: give a tw.Robot, as tw.load(path) makes one."

@@ -1,6 +1,6 @@
 """Methods for loops and other velocity constraints of a robot, A(q) dq = 0. Modern Robotics section 8.7.
 
-Constraints act on the tree of the robot with its loops open, which has none. Shapes are given for one state; any leading
+Constraints act on the robot with its loops open, a tree without constraints. Shapes are given for one state; any leading
 batch shape is allowed.
 """
 
@@ -41,6 +41,7 @@ def _make_split(motion: Array, force: Array) -> MotionForceSplit:
 
 
 def _gap_count(closed: ConstrainedRobot) -> int:
+    """Number of rows that constrain a position."""
     from ..mechanics.algorithms.constraints import with_gaps
 
     return sum(with_gaps(closed.constraints))
@@ -61,12 +62,13 @@ class ConstraintMethods(RobotBase):
             return super().__repr__()
         from ..mechanics.lie.labelled import TWIST
 
-        names = []
-        for c in self.constraints:
-            rows = " ".join(TWIST[k] for k in c.rows)
-            names.append(f"{c.name} {rows}")
-        free = self.nv - len(self.independent)
-        return f"<Robot {self.name!r}: {', '.join(names)}; {free} degree{'s' * (free != 1)} of freedom>"
+        constraint_texts = []
+        for constraint in self.constraints:
+            rows = " ".join(TWIST[k] for k in constraint.rows)
+            constraint_texts.append(f"{constraint.name} {rows}")
+        freedoms = self.nv - len(self.independent)
+        degrees = "degree" if freedoms == 1 else "degrees"
+        return f"<Robot {self.name!r}: {', '.join(constraint_texts)}; {freedoms} {degrees} of freedom>"
 
     def __getstate__(self) -> Any:
         if self._tree is None:
@@ -82,11 +84,14 @@ class ConstraintMethods(RobotBase):
     def _constrain(
         self, tree: Robot, constraints: tuple[Constraint, ...], sizes: Array, spans: Array, independent: tuple[int, ...]
     ) -> None:
-        """Fill in a new robot: ``tree`` on its constraints."""
+        """Fill in a new robot: ``tree`` with constraints."""
         for array in (sizes, spans):
             array.setflags(write=False)
-        self._tree, self.constraints, self.independent = tree, constraints, independent
-        self.sizes, self.spans = sizes, spans
+        self._tree = tree
+        self.constraints = constraints
+        self.sizes = sizes
+        self.spans = spans
+        self.independent = independent
         self.engine = ConstrainedEngine(tree.engine, self._independent_constraints)
 
     def close(
@@ -176,19 +181,23 @@ class ConstraintMethods(RobotBase):
         from .constraints.closures import refuse_redundant, require_angle, some_configurations
         from .constraints.tolerances import row_sizes
 
-        tree, constraints = self.open(), (*self.constraints, new)
+        tree = self.open()
+        constraints = (*self.constraints, new)
         sizes, spans = row_sizes(cast("ConstrainedRobot", self), new)
 
-        def constrained_robot(rows: tuple[int, ...]) -> ConstrainedRobot:
+        def constrained_robot(independent: tuple[int, ...]) -> ConstrainedRobot:
             robot = cast("ConstrainedRobot", type(self).__new__(type(self)))
-            robot._constrain(tree, constraints, sizes, spans, rows)
+            robot._constrain(tree, constraints, sizes, spans, independent)
             return robot
 
+        # At first all rows count as independent, to find configurations at which their rank shows.
         closed = constrained_robot(tuple(range(len(sizes))))
         q = some_configurations(closed, near)
         require_angle(closed, q)
-        closed = constrained_robot(independent_rows(closed.constraint_jacobian(q), tree.mass_matrix(q), sizes))
-        if redundant == "error" and set(closed.redundant_rows) - set(self.redundant_rows):
+        independent = independent_rows(closed.constraint_jacobian(q), tree.mass_matrix(q), sizes)
+        closed = constrained_robot(independent)
+        has_new_redundant_rows = not set(closed.redundant_rows) <= set(self.redundant_rows)
+        if redundant == "error" and has_new_redundant_rows:
             refuse_redundant(closed)
         return closed
 
@@ -259,7 +268,9 @@ class ConstraintMethods(RobotBase):
         -------
         count : () array of int
         """
-        return self._projector(*finite_states(self.model, "rank", q=q))[1].rank
+        (q,) = finite_states(self.model, "rank", q=q)
+        _, projector = self._projector(q)
+        return projector.rank
 
     @third_party.lazy_by_blocks(lambda *_: [()], dtype=int)
     def degrees_of_freedom(self, q: ArrayLike) -> Array:
@@ -282,7 +293,8 @@ class ConstraintMethods(RobotBase):
         P : (nv, nv) array
         """
         (q,) = finite_states(self.model, "projector", q=q)
-        return self._projector(q)[1].projector.astype(q.dtype, copy=False)
+        _, projector = self._projector(q)
+        return projector.projector.astype(q.dtype, copy=False)
 
     @third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,)] * 2, _make_split)
     def split(self, q: ArrayLike, tau: ArrayLike) -> MotionForceSplit:
@@ -293,8 +305,8 @@ class ConstraintMethods(RobotBase):
         parts : MotionForceSplit, ``motion`` and ``force`` (nv,) [N m, sliding joints: N]
         """
         q, tau = finite_states(self.model, "split", q=q, tau=tau)
-        P = self._projector(q)[1].projector
-        motion = (P @ tau[..., None])[..., 0].astype(np.result_type(q, tau), copy=False)
+        _, projector = self._projector(q)
+        motion = (projector.projector @ tau[..., None])[..., 0].astype(np.result_type(q, tau), copy=False)
         return _make_split(motion, tau - motion)
 
     @third_party.lazy_by_blocks(lambda closed, _: [(closed.nv,)])
@@ -326,9 +338,11 @@ class ConstraintMethods(RobotBase):
         A = self.constraint_jacobian(q)
         return A, ConstraintProjector.from_rows(A, self.open().mass_matrix(q), self.sizes, len(self.independent))
 
-    def _nearest(self, q: Array, v: Array, b: Array | float) -> Array:
+    def _nearest(self, q: Array, rates: Array, bias: Array | float) -> Array:
+        """Rates nearest to ``rates`` (..., nv) in the kinetic metric that satisfy A rates + bias = 0."""
         A, projector = self._projector(q)
-        return projector.nearest(v, (A @ v[..., None])[..., 0] + b).astype(np.result_type(q, v), copy=False)
+        violation = (A @ rates[..., None])[..., 0] + bias
+        return projector.nearest(rates, violation).astype(np.result_type(q, rates), copy=False)
 
     def wrenches(self, lam: ArrayLike) -> dict[str, Array]:
         """Constraint wrenches: λ as wrenches (m, f) that the robot exerts on its constraints.
@@ -346,11 +360,14 @@ class ConstraintMethods(RobotBase):
         from ..mechanics.algorithms.constraints import names
 
         lam = arguments.finite(lam, "lam", len(self.sizes))
-        wrenches, first = {}, 0
-        for name, c in zip(names(self.constraints), self.constraints, strict=True):
-            wrenches[name] = np.zeros((*lam.shape[:-1], 6))
-            wrenches[name][..., list(c.rows)] = lam[..., first : first + len(c.rows)]
-            first += len(c.rows)
+        wrenches = {}
+        first = 0
+        for name, constraint in zip(names(self.constraints), self.constraints, strict=True):
+            rows = list(constraint.rows)
+            F = np.zeros((*lam.shape[:-1], 6))
+            F[..., rows] = lam[..., first : first + len(rows)]
+            wrenches[name] = F
+            first += len(rows)
         return wrenches
 
     # ── positions ──
@@ -405,9 +422,9 @@ class ConstraintMethods(RobotBase):
             )
         from .constraints.states import require_closed, warn_of_far
 
-        rows, gaps = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
+        closed_rows, gaps = self.settled(q.reshape(-1, self.nq).astype(float), tolerance)
         require_closed(cast("ConstrainedRobot", self), gaps, tolerance, q.shape[:-1])
-        closed_q = rows.reshape(q.shape).astype(q.dtype, copy=False)
+        closed_q = closed_rows.reshape(q.shape).astype(q.dtype, copy=False)
         warn_of_far(self.open(), q, closed_q, within)
         return closed_q
 
@@ -428,16 +445,18 @@ class ConstraintMethods(RobotBase):
         from ..mechanics.algorithms.loop_closure import LoopProblem, close_loops
         from .constraints.tolerances import gap_units
 
-        closures = tuple(c for c in self.constraints if isinstance(c, Closure))
+        closures = tuple(constraint for constraint in self.constraints if isinstance(constraint, Closure))
         if not closures:
             return starts, np.zeros(len(starts))
-        robot, sizes = self.open(), self.sizes[with_gaps(self.constraints)]
+        robot = self.open()
+        sizes = self.sizes[with_gaps(self.constraints)]
+        units = gap_units(cast("ConstrainedRobot", self))
 
         def rows_and_mass(q: Array) -> tuple[Array, Array]:
             return robot.engine.call("constraint_jacobian", q, constraints=closures), robot.mass_matrix(q)
 
-        units = gap_units(cast("ConstrainedRobot", self))
-        return close_loops(starts, LoopProblem(self.gaps, rows_and_mass, robot.add, sizes, units), tolerance)
+        problem = LoopProblem(self.gaps, rows_and_mass, robot.add, sizes, units)
+        return close_loops(starts, problem, tolerance)
 
     def gaps(self, q: Array) -> Array:
         """Constraint error at validated q; see :meth:`constraint_error`.
@@ -449,9 +468,10 @@ class ConstraintMethods(RobotBase):
         from ..mechanics.algorithms.constraints import Closure
         from ..mechanics.algorithms.loop_closure import closure_gaps
 
-        if not any(isinstance(c, Closure) for c in self.constraints):
+        if not any(isinstance(constraint, Closure) for constraint in self.constraints):
             return np.zeros((*q.shape[:-1], 0))
-        return closure_gaps(self.constraints, self.open().engine.call("closure_poses", q, constraints=self.constraints))
+        poses = self.open().engine.call("closure_poses", q, constraints=self.constraints)
+        return closure_gaps(self.constraints, poses)
 
 
 complete(globals())

@@ -28,66 +28,84 @@ __all__ = [
     "to_scipy_quaternion",
 ]
 
-Turning = Callable[[Robot, Array], Array]
-"""Function of a robot and dq that returns d(P dq)/dt - P ddq in this library's axes (nv,)."""
+# Throughout this module, dq* = P dq are the velocities of the other library, and dq those of this one.
+
+AccelerationOffset = Callable[[Robot, Array], Array]
+"""Function of a robot and dq that returns ddq* - P ddq, transformed to this library's axes (nv,)."""
 
 
-_MARKS = {"Pinocchio": "getJointId", "MuJoCo": "njnt"}
-"""Attributes that identify the models of each library."""
+_IDENTIFYING_ATTRIBUTES = {"Pinocchio": "getJointId", "MuJoCo": "njnt"}
+"""Attribute by which the models of a library are recognised."""
 
 
 def require_pair(robot: Robot, model: object, library: str) -> None:
     """Raise ValueRangeError unless the arguments are a robot and a model of that library."""
     require_robot(robot, "tw.convert")
-    if not hasattr(model, _MARKS[library]):
+    if not hasattr(model, _IDENTIFYING_ATTRIBUTES[library]):
         raise ValueRangeError(
             f"tw.convert: the model is {arguments.value_text(model)}, and one of {library}'s is wanted."
         )
 
 
-def check_names(robot: Robot, theirs: list[str], library: str) -> None:
+def check_names(robot: Robot, library_names: list[str], library: str) -> None:
     """Raise UnknownNameError or ModelError for a joint that exists in only one of the two models."""
-    ours = [body.joint.name for body in robot.model.bodies]
-    for name in ours:
-        if name not in theirs:
-            raise UnknownNameError.from_choices(f"joint of {library}'s model", name, theirs)
-    for name in theirs:
-        if name not in ours:
+    robot_names = [body.joint.name for body in robot.model.bodies]
+    for name in robot_names:
+        if name not in library_names:
+            raise UnknownNameError.from_choices(f"joint of {library}'s model", name, library_names)
+    for name in library_names:
+        if name not in robot_names:
             raise ModelError(
                 f"joint {name!r} moves in {library}'s model and not here: is it locked, or the base floating?"
             )
 
 
 def positions(body: Body, q: Array) -> Array:
-    """Coordinates of the joint, including mimic joints."""
-    q = q[..., body.places[0]]
-    return body.ratio * q + body.offset if body.follows else q
+    """Coordinates of a body's joint; those of a mimic joint follow from its leader's."""
+    q_of_joint = q[..., body.places[0]]
+    if body.follows:
+        return body.ratio * q_of_joint + body.offset
+    return q_of_joint
 
 
 def rates_to(
-    robot: Robot, P: Array, caller: str, dq: ArrayLike | None, ddq: ArrayLike | None, *, turning: Turning
+    robot: Robot,
+    P: Array,
+    caller: str,
+    dq: ArrayLike | None,
+    ddq: ArrayLike | None,
+    *,
+    acceleration_offset: AccelerationOffset,
 ) -> Iterator[Array]:
-    """Velocities and accelerations (those given) in the other library: dq* = P dq."""
+    """Yield the velocities dq*, and the accelerations ddq*, as far as dq and ddq are given."""
     if dq is None:
         return
     names = robot.velocity_names
     dq = arguments.one(dq, f"{caller}: dq", robot.nv, names=names)
     yield P @ dq
     if ddq is not None:
-        yield P @ (arguments.one(ddq, f"{caller}: ddq", robot.nv, names=names) + turning(robot, dq))
+        ddq = arguments.one(ddq, f"{caller}: ddq", robot.nv, names=names)
+        yield P @ (ddq + acceleration_offset(robot, dq))
 
 
 def rates_from(
-    robot: Robot, P: Array, caller: str, dq: ArrayLike | None, ddq: ArrayLike | None, *, turning: Turning
+    robot: Robot,
+    P: Array,
+    caller: str,
+    dq: ArrayLike | None,
+    ddq: ArrayLike | None,
+    *,
+    acceleration_offset: AccelerationOffset,
 ) -> Iterator[Array]:
-    """Velocities and accelerations (those given) in this library."""
+    """Yield this library's velocities and accelerations, as far as those of the other one, dq and ddq, are given."""
     if dq is None:
         return
     P_inverse = np.linalg.pinv(P)
-    own_dq = P_inverse @ arguments.one(dq, f"{caller}: dq", len(P))
-    yield own_dq
+    robot_dq = P_inverse @ arguments.one(dq, f"{caller}: dq", len(P))
+    yield robot_dq
     if ddq is not None:
-        yield P_inverse @ arguments.one(ddq, f"{caller}: ddq", len(P)) - turning(robot, own_dq)
+        library_ddq = arguments.one(ddq, f"{caller}: ddq", len(P))
+        yield P_inverse @ library_ddq - acceleration_offset(robot, robot_dq)
 
 
 def to_mujoco(
@@ -106,11 +124,13 @@ def to_mujoco(
     """
     require_pair(robot, model, "MuJoCo")
     q = arguments.one(q, "to_mujoco: q", robot.nq, names=robot.coordinate_names)
-    theirs = np.zeros(model.nq)
-    for body, joint in _joints(robot, model):
+    qpos = np.zeros(model.nq)
+    for body, joint in _bodies_with_mujoco_joints(robot, model):
         coordinates = body.joint.to_mujoco(positions(body, q))
-        theirs[int(joint.qposadr[0]) :][: len(coordinates)] = coordinates
-    return theirs, *rates_to(robot, mujoco_rates(robot, model, q), "to_mujoco", dq, ddq, turning=_turning)
+        begin = int(joint.qposadr[0])
+        qpos[begin : begin + len(coordinates)] = coordinates
+    P = mujoco_rates(robot, model, q)
+    return qpos, *rates_to(robot, P, "to_mujoco", dq, ddq, acceleration_offset=_acceleration_offset)
 
 
 def from_mujoco(
@@ -133,14 +153,15 @@ def from_mujoco(
     Values of mimic joints are ignored, since they follow their leaders.
     """
     require_pair(robot, model, "MuJoCo")
-    theirs = arguments.one(q, "from_mujoco: q", model.nq)
-    ours = np.zeros(robot.nq)
-    for body, joint in _joints(robot, model):
+    qpos = arguments.one(q, "from_mujoco: q", model.nq)
+    robot_q = np.zeros(robot.nq)
+    for body, joint in _bodies_with_mujoco_joints(robot, model):
         if not body.follows:
-            part = theirs[int(joint.qposadr[0]) :][: body.joint.nq]
-            ours[body.places[0]] = body.joint.from_mujoco(part)
-    P = mujoco_rates(robot, model, ours)
-    return ours, *rates_from(robot, P, "from_mujoco", dq, ddq, turning=_turning)
+            begin = int(joint.qposadr[0])
+            coordinates = qpos[begin : begin + body.joint.nq]
+            robot_q[body.places[0]] = body.joint.from_mujoco(coordinates)
+    P = mujoco_rates(robot, model, robot_q)
+    return robot_q, *rates_from(robot, P, "from_mujoco", dq, ddq, acceleration_offset=_acceleration_offset)
 
 
 def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
@@ -157,42 +178,46 @@ def mujoco_rates(robot: Robot, model: Any, q: ArrayLike) -> Array:
     require_pair(robot, model, "MuJoCo")
     q = arguments.one(q, "mujoco_rates: q", robot.nq, names=robot.coordinate_names)
     P = np.zeros((model.nv, robot.nv))
-    for body, joint in _joints(robot, model):
+    for body, joint in _bodies_with_mujoco_joints(robot, model):
         block = body.joint.mujoco_rates(q[..., body.places[0]])
-        start = int(joint.dofadr[0])
-        P[start : start + body.joint.nv, body.places[1]] = body.ratio * block
+        begin = int(joint.dofadr[0])
+        P[begin : begin + body.joint.nv, body.places[1]] = body.ratio * block
     return P
 
 
-def _turning(robot: Robot, dq: Array) -> Array:
+def _acceleration_offset(robot: Robot, dq: Array) -> Array:
     """d(P dq)/dt - P ddq in this library's axes: omega × v of each floating joint."""
-    extra = np.zeros(robot.nv)
+    offset = np.zeros(robot.nv)
     for body in robot.model.leaders:
-        extra[body.places[1]] = body.joint.mujoco_turning(dq[body.places[1]])
-    return extra
+        entries = body.places[1]
+        offset[entries] = body.joint.mujoco_turning(dq[entries])
+    return offset
 
 
-def _joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
+def _bodies_with_mujoco_joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
     """Pairs of a body and MuJoCo's joint of the same name."""
-    names = [_name(model, i) for i in range(model.njnt)]
+    names = [_joint_name(model, joint_index) for joint_index in range(model.njnt)]
     check_names(robot, names, "MuJoCo")
-    numbers = {name: i for i, name in enumerate(names)}
+    index_by_name = {name: joint_index for joint_index, name in enumerate(names)}
     for body in robot.model.bodies:
-        if not body.joint.driven and (body.parent != BASE or not np.array_equal(body.placement, np.eye(4))):
+        is_at_origin = body.parent == BASE and np.array_equal(body.placement, np.eye(4))
+        if not body.joint.driven and not is_at_origin:
             raise ModelError(
                 f"joint {body.joint.name!r} floats away from the world's origin; MuJoCo has no joint for that."
             )
-        yield body, model.joint(numbers[body.joint.name])
+        yield body, model.joint(index_by_name[body.joint.name])
 
 
-def _name(model: Any, i: int) -> str:
-    """Name of the joint, or its default name from the MJCF reader: ``body3.hinge``, ``body3.slide1``."""
-    if model.joint(i).name:
-        return str(model.joint(i).name)
-    b = int(model.jnt_bodyid[i])
-    body = model.body(b).name or f"body{b}"
-    kind = ("free", "ball", "slide", "hinge")[int(model.jnt_type[i])]
-    number = str(i - int(model.body_jntadr[b])) if model.body_jntnum[b] > 1 else ""
+def _joint_name(model: Any, joint_index: int) -> str:
+    """Name of a joint, or its default name from the MJCF reader: ``body3.hinge``, ``body3.slide1``."""
+    if model.joint(joint_index).name:
+        return str(model.joint(joint_index).name)
+    body_index = int(model.jnt_bodyid[joint_index])
+    body = model.body(body_index).name or f"body{body_index}"
+    kind = ("free", "ball", "slide", "hinge")[int(model.jnt_type[joint_index])]
+    number = ""
+    if model.body_jntnum[body_index] > 1:
+        number = str(joint_index - int(model.body_jntadr[body_index]))
     return f"{body}.{kind}{number}"
 
 
@@ -209,18 +234,19 @@ def to_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> t
     """
     require_pair(robot, model, "Pinocchio")
     q = arguments.real(q, "to_pinocchio: q", robot.nq, names=robot.coordinate_names).astype(float)
-    theirs = np.zeros((*q.shape[:-1], model.nq))
-    for body, joint in _joints_of_pinocchio_order(robot, model):
-        x = positions(body, q)
+    pinocchio_q = np.zeros((*q.shape[:-1], model.nq))
+    for body, joint in _bodies_with_pinocchio_joints(robot, model):
+        coordinates = positions(body, q)
         if body.joint.quaternion is not None:
-            x = body.joint.to_pinocchio(x)
+            coordinates = body.joint.to_pinocchio(coordinates)
         elif joint.nq > joint.nv:  # planar and unbounded joints: the angle is last, as its cosine and sine
-            x = np.concatenate([x[..., :-1], np.cos(x[..., -1:]), np.sin(x[..., -1:])], axis=-1)
-        theirs[..., joint.idx_q : joint.idx_q + joint.nq] = x
+            angle = coordinates[..., -1:]
+            coordinates = np.concatenate([coordinates[..., :-1], np.cos(angle), np.sin(angle)], axis=-1)
+        pinocchio_q[..., joint.idx_q : joint.idx_q + joint.nq] = coordinates
     P = pinocchio_rates(robot, model)
     names = robot.velocity_names
-    own_rates = [arguments.real(x, "to_pinocchio: a rate", robot.nv, names=names).astype(float) for x in rates]
-    return theirs, *(rate @ P.T for rate in own_rates)
+    robot_rates = [arguments.real(rate, "to_pinocchio: a rate", robot.nv, names=names).astype(float) for rate in rates]
+    return pinocchio_q, *(rate @ P.T for rate in robot_rates)
 
 
 def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) -> tuple[Array, ...]:
@@ -241,19 +267,20 @@ def from_pinocchio(robot: Robot, model: Any, q: ArrayLike, *rates: ArrayLike) ->
     """
     require_pair(robot, model, "Pinocchio")
     q = arguments.real(q, "from_pinocchio: q", model.nq).astype(float)
-    ours = np.zeros((*q.shape[:-1], robot.nq))
-    for body, joint in _joints_of_pinocchio_order(robot, model):
+    robot_q = np.zeros((*q.shape[:-1], robot.nq))
+    for body, joint in _bodies_with_pinocchio_joints(robot, model):
         if body.follows:
             continue
-        theirs = q[..., joint.idx_q : joint.idx_q + joint.nq]
+        coordinates = q[..., joint.idx_q : joint.idx_q + joint.nq]
         if body.joint.quaternion is not None:
-            theirs = body.joint.from_pinocchio(theirs)
-        elif joint.nq > joint.nv:
-            angle = np.arctan2(theirs[..., -1:], theirs[..., -2:-1])
-            theirs = np.concatenate([theirs[..., :-2], angle], axis=-1)
-        ours[..., body.places[0]] = theirs
-    P = np.linalg.pinv(pinocchio_rates(robot, model))
-    return ours, *(arguments.real(rate, "from_pinocchio: a rate", model.nv).astype(float) @ P.T for rate in rates)
+            coordinates = body.joint.from_pinocchio(coordinates)
+        elif joint.nq > joint.nv:  # the angle is last, as its cosine and sine
+            angle = np.arctan2(coordinates[..., -1:], coordinates[..., -2:-1])
+            coordinates = np.concatenate([coordinates[..., :-2], angle], axis=-1)
+        robot_q[..., body.places[0]] = coordinates
+    P_inverse = np.linalg.pinv(pinocchio_rates(robot, model))
+    pinocchio_rate_arrays = [arguments.real(rate, "from_pinocchio: a rate", model.nv).astype(float) for rate in rates]
+    return robot_q, *(rate @ P_inverse.T for rate in pinocchio_rate_arrays)
 
 
 def pinocchio_rates(robot: Robot, model: Any) -> Array:
@@ -269,15 +296,15 @@ def pinocchio_rates(robot: Robot, model: Any) -> Array:
     """
     require_pair(robot, model, "Pinocchio")
     P = np.zeros((model.nv, robot.nv))
-    for body, joint in _joints_of_pinocchio_order(robot, model):
+    for body, joint in _bodies_with_pinocchio_joints(robot, model):
         block = np.eye(joint.nv)[list(body.joint.pinocchio_order)]
         P[joint.idx_v : joint.idx_v + joint.nv, body.places[1]] = body.ratio * block
     return P
 
 
-def _joints_of_pinocchio_order(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
+def _bodies_with_pinocchio_joints(robot: Robot, model: Any) -> Iterator[tuple[Body, Any]]:
     """Pairs of a body and Pinocchio's joint of the same name."""
-    names = list(model.names)[1:]
+    names = list(model.names)[1:]  # the first one is the universe
     check_names(robot, names, "Pinocchio")
     for body in robot.model.bodies:
         joint = model.joints[model.getJointId(body.joint.name)]
@@ -305,7 +332,8 @@ def to_scipy_quaternion(Q: ArrayLike) -> Array:
     >>> to_scipy_quaternion([1, 0, 0, 0]).tolist()
     [0.0, 0.0, 0.0, 1.0]
     """
-    return np.roll(np.asarray(arguments.real(Q, "to_scipy_quaternion: Q", 4), float), -1, axis=-1)
+    scalar_first = np.asarray(arguments.real(Q, "to_scipy_quaternion: Q", 4), float)
+    return np.roll(scalar_first, -1, axis=-1)
 
 
 def from_scipy_quaternion(Q: ArrayLike) -> Array:
@@ -324,7 +352,8 @@ def from_scipy_quaternion(Q: ArrayLike) -> Array:
     >>> from_scipy_quaternion([0, 0, 0, 1]).tolist()
     [1.0, 0.0, 0.0, 0.0]
     """
-    return np.roll(np.asarray(arguments.real(Q, "from_scipy_quaternion: Q", 4), float), 1, axis=-1)
+    scalar_last = np.asarray(arguments.real(Q, "from_scipy_quaternion: Q", 4), float)
+    return np.roll(scalar_last, 1, axis=-1)
 
 
 # Joints are matched by name, so the other library must have read the same file. With a star for its quantities, there
@@ -359,17 +388,20 @@ def swap_halves(rows: ArrayLike, axis: int | None = None) -> Array:
     >>> swap_halves(np.eye(6), axis=-2)[0].tolist()  # a Jacobian of six joints
     [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]
     """
-    x = arguments.plain(rows, "swap_halves: rows")
-    allowed = range(-min(x.ndim, 2), 0) if axis is None else (axis,)
-    axes = [k for k in allowed if -x.ndim <= k < x.ndim and x.shape[k] == 6]
-    if not axes:
-        raise ShapeError(f"swap_halves: rows has shape {x.shape}, and no axis of 6 where they are wanted.")
-    if len(axes) > 1:
+    array = arguments.plain(rows, "swap_halves: rows")
+    if axis is None:
+        candidate_axes = [-2, -1]
+    else:
+        candidate_axes = [axis]
+    axes_of_6 = [k for k in candidate_axes if -array.ndim <= k < array.ndim and array.shape[k] == 6]
+    if not axes_of_6:
+        raise ShapeError(f"swap_halves: rows has shape {array.shape}, and no axis of 6 where they are wanted.")
+    if len(axes_of_6) > 1:
         raise ShapeError(
-            f"swap_halves: rows has shape {x.shape}, and both of the last two axes are 6 long: pass axis=-1 for twists, "
-            "axis=-2 for a Jacobian."
+            f"swap_halves: rows has shape {array.shape}, and both of the last two axes are 6 long: pass axis=-1 for "
+            "twists, axis=-2 for a Jacobian."
         )
-    return np.roll(x, 3, axis=axes[0])
+    return np.roll(array, 3, axis=axes_of_6[0])
 
 
 complete(globals())

@@ -1,4 +1,4 @@
-"""Simulation, clearance, pages and summaries of robots, and plots of explanations, which stand above this package."""
+"""Methods for simulation, clearance, pages and summaries of robots, and plots, whose packages depend on this one."""
 
 from __future__ import annotations
 
@@ -54,16 +54,19 @@ def load_by_name(name: str, options: LoadOptions) -> Robot:
     from ..robots.finding import plain_name, robot_file
     from .load import load
 
-    arguments = {option: value for option, value in options.items() if value is not None}
-    if (wanted := plain_name(name)) in robots.names():  # its function has defaults: some bundled robots float
-        return cast("Robot", getattr(robots, wanted)(**arguments))
-    return load(robot_file(name), **cast("LoadOptions", arguments))
+    given_options = {option: value for option, value in options.items() if value is not None}
+    robot_name = plain_name(name)
+    if robot_name in robots.names():  # its function has defaults: some bundled robots float
+        return cast("Robot", getattr(robots, robot_name)(**given_options))
+    return load(robot_file(name), **cast("LoadOptions", given_options))
 
 
 def clearance_along(
     robot: Robot, samples: Iterable[tuple[Array, Array]], distance: float | None, srdf: str | Path | None = None
 ) -> PathClearance | None:
-    """Least distance between links at times (n,) [s] and configurations (n, nq), in portions; None if no distance is kept.
+    """Least distance between links along a motion, or None if ``distance`` is None, as no distance must be kept.
+
+    ``samples``: portions of times (n,) [s] and configurations (n, nq).
 
     Raises
     ------
@@ -131,8 +134,8 @@ class RobotDoors(Generic[MethodName, Simulated, RolledOut]):
     ) -> NewtonEuler:
         """Inverse dynamics step by step: twist, acceleration and wrench of each body. MR section 8.3.
 
-        It is the recursion as the book writes it, for one state and for reading; :meth:`.Robot.inverse_dynamics` computes the
-        same torques for any batch.
+        The recursion has the book's form and is evaluated for one state, to be read. :meth:`.Robot.inverse_dynamics`
+        computes the same torques for any batch.
 
         Returns
         -------

@@ -33,10 +33,10 @@ per instruction (bench/NOTES.md), at most two minutes; the regressor of a chain 
 instructions."""
 
 
-def _model_of(model: Model | CachedModel) -> Model:
-    if isinstance(model, CachedModel):
-        return model.model
-    return model
+def _model_of(source: Model | CachedModel) -> Model:
+    if isinstance(source, CachedModel):
+        return source.model
+    return source
 
 
 def execution_form(model: Model, names: Sequence[str], options: Options) -> Form:
@@ -46,8 +46,8 @@ def execution_form(model: Model, names: Sequence[str], options: Options) -> Form
     from .programs import program_of_several
 
     requested = options_by_quantity(model, names, options)
-    looped: Form | None = products_of(model, requested) or columns_of(model, requested)
-    return looped or program_of_several(model, requested)
+    loops: Form | None = products_of(model, requested) or columns_of(model, requested)
+    return loops or program_of_several(model, requested)
 
 
 def ports_text(program: Form) -> str:
@@ -67,8 +67,10 @@ def compile_form(form: Form, name: str, doc: str, *, scalar: bool = False) -> An
     program = program_of(form)
     # NumPy ufuncs do not support axes without elements, which occur if every joint is locked. Compiled loops copy
     # samples of at most three axes; second derivatives of matrices have four.
-    empty = any(port.size == 0 or len(port.shape) > 3 for port in [*program.inputs, *program.outputs])
-    if empty or not compiles() or len(program.instructions) > LARGEST_COMPILED:
+    ports = [*program.inputs, *program.outputs]
+    has_unsupported_shape = any(port.size == 0 or len(port.shape) > 3 for port in ports)
+    is_too_long = len(program.instructions) > LARGEST_COMPILED
+    if has_unsupported_shape or is_too_long or not compiles():
         from ..compiler.lowering.numpy_kernels import on_numpy
 
         return on_numpy(form, name, doc)
@@ -82,11 +84,11 @@ def compile_form(form: Form, name: str, doc: str, *, scalar: bool = False) -> An
 _MIN_NULL_COMPONENT = 0.1
 """Smallest component of a null direction of the mass matrix at which a joint is named."""
 
-CalledAgain = Callable[[str, Any, "CallSignature", int], bool]
-"""Callback (name, kernel, call signature, number of calls); True stops further counting."""
+DirectCallOffer = Callable[[str, Any, "CallSignature", int], bool]
+"""Callback for repeated calls: (name, kernel, call signature, number of calls) → True to stop counting."""
 
 COUNTING_STOPPED = -1
-"""Number of calls that stands for: counting has stopped."""
+"""Stands in place of a number of calls that is not counted any more."""
 
 
 class Engine:
@@ -96,16 +98,17 @@ class Engine:
     """
 
     def __init__(
-        self, model: Model | CachedModel, called_again: Callable[[], CalledAgain | None] | None = None
+        self, model: Model | CachedModel, offer_reference: Callable[[], DirectCallOffer | None] | None = None
     ) -> None:
-        self._given = model
+        self._model_source = model
         self._kernels: dict[Any, Any] = {}
-        self._called_again = called_again
-        """Weak reference to the callback for calls with one state."""
+        self._offer_reference = offer_reference
+        """Weak reference to the callback that is offered repeated calls with one state."""
         self.single_poses: dict[Any, Any] = {}
         """Inverse-kinematics searches for single poses, by options."""
-        self._called: dict[Any, Any] = {}
-        self._calls: dict[Any, int] = {}
+        self._called_kernels: dict[Any, Any] = {}
+        """Kernels by the name of the quantity, or by (name, values of the options)."""
+        self._call_counts: dict[Any, int] = {}
         """Number of calls with one state, by call signature; :data:`COUNTING_STOPPED` once that is not counted further."""
 
     def __getstate__(self) -> Model:
@@ -117,7 +120,7 @@ class Engine:
     @cached_property
     def model(self) -> Model:
         """Model of the robot; of a cached robot, read from its file at first use."""
-        return _model_of(self._given)
+        return _model_of(self._model_source)
 
     def program(self, names: Sequence[str], options: Options) -> Program:
         """Straight-line program of the named quantities."""
@@ -128,21 +131,21 @@ class Engine:
 
     def kernel(self, names: Sequence[str], options: Options) -> Any:
         """Compiled function of the named quantities; raises UnknownNameError, KernelError, SingularMassMatrixError."""
-        key, model = "", self._given
-        if isinstance(model, CachedModel) and compiles():
-            key = kernel_key(model.key, names, options)
-        if not key:
+        cache_key, model_source = "", self._model_source
+        if isinstance(model_source, CachedModel) and compiles():
+            cache_key = kernel_key(model_source.key, names, options)
+        if not cache_key:
             return self._build(names, options)
-        if key not in self._kernels:
+        if cache_key not in self._kernels:
             from ..compiler.runtime.gufunc import load_ufunc, store_ufunc
 
-            # No reference cycle: the kernel holds the function that makes the program, which must not hold its owner.
-            kernel = load_ufunc(key, lambda: execution_form(_model_of(model), names, options))
+            # The kernel keeps this function. It must not refer to the engine, which would be a reference cycle.
+            kernel = load_ufunc(cache_key, lambda: execution_form(_model_of(model_source), names, options))
             if kernel is None:
                 kernel = self._build(names, options)
-                store_ufunc(key, kernel)
-            self._kernels[key] = kernel
-        return self._kernels[key]
+                store_ufunc(cache_key, kernel)
+            self._kernels[cache_key] = kernel
+        return self._kernels[cache_key]
 
     def _build(self, names: Sequence[str], options: Options) -> Any:
         """Trace and compile a kernel, without cache."""
@@ -151,7 +154,7 @@ class Engine:
         from .quantities import QUANTITIES
 
         requested = options_by_quantity(self.model, names, options)
-        key = tuple((name, *full.items()) for name, full in requested.items())
+        key = tuple((name, *quantity_options.items()) for name, quantity_options in requested.items())
         if key in self._kernels:
             return self._kernels[key]
         if any(QUANTITIES[name].needs_inverse for name in requested):
@@ -159,7 +162,8 @@ class Engine:
         if needs_lapack(self.model, requested):
             kernel: Any = LapackDerivatives(self, options)
         else:
-            form, title = execution_form(self.model, names, options), ", ".join(requested)
+            form = execution_form(self.model, names, options)
+            title = ", ".join(requested)
             kernel = compile_form(form, title, f"{title} of {self.model.name}, compiled. {ports_text(form)}")
         self._kernels[key] = kernel
         return kernel
@@ -176,18 +180,20 @@ class Engine:
 
         if self.model.nv == 0:
             return
-        M = self.reference("mass_matrix", (random_configuration(self.model, np.random.default_rng(0), ()),), {})
-        names: list[str] = []
+        q = random_configuration(self.model, np.random.default_rng(0), ())
+        M = self.reference("mass_matrix", (q,), {})
+        joint_of_velocity: list[str] = []
         for body in self.model.leaders:
-            names += [body.joint.name] * body.joint.nv
-        d = np.sqrt(np.abs(np.diagonal(M)))
-        scale = np.where(d > 0, d, 1.0)
-        values, vectors = np.linalg.eigh(M / np.outer(scale, scale))
-        null = np.abs(values) <= 1e-13 * self.model.nv
-        if not null.any():
+            joint_of_velocity += [body.joint.name] * body.joint.nv
+        # With ones on its diagonal, M is compared without regard to the joints' units.
+        root_diagonal = np.sqrt(np.abs(np.diagonal(M)))
+        scale = np.where(root_diagonal > 0, root_diagonal, 1.0)
+        eigenvalues, eigenvectors = np.linalg.eigh(M / np.outer(scale, scale))
+        is_null = np.abs(eigenvalues) <= 1e-13 * self.model.nv
+        if not is_null.any():
             return
-        largest = np.abs(vectors[:, null]).max(axis=1)
-        massless = dict.fromkeys(compress(names, largest > _MIN_NULL_COMPONENT))
+        largest_components = np.abs(eigenvectors[:, is_null]).max(axis=1)
+        massless = dict.fromkeys(compress(joint_of_velocity, largest_components > _MIN_NULL_COMPONENT))
         raise SingularMassMatrixError(
             f"the mass matrix of robot {self.model.name!r} has no inverse: joints {', '.join(massless)} move nothing with "
             "inertia of its own. Lock them (robot.lock), give their links mass, or use inverse dynamics, which needs no "
@@ -200,25 +206,25 @@ class Engine:
         from .programs import evaluate_quantity, inputs_of
         from .quantities import QUANTITIES
 
-        full = checked_options(self.model, name, options)
-        if "derivative" in full:
+        all_options = checked_options(self.model, name, options)
+        if "derivative" in all_options:
             raise KernelError(f"reference {name}: algorithms have no by=; kernel({name!r}, by=…) has.")
-        traced = is_symbolic(arrays)
+        is_traced = is_symbolic(arrays)
         quantity = QUANTITIES[name]
         inputs = list(map(np.asarray, to_numbers(self.model, name, arrays, options)))
-        if not traced:
+        if not is_traced:
             inputs = numbers(f"reference {name}", {}, **{f"input {k}": a for k, a in enumerate(inputs, start=1)})
-        shapes = inputs_of(self.model, name, full)
-        if len(inputs) != len(shapes):
-            listed = ", ".join(input_name(label) for label, _ in shapes)
-            raise ShapeError(f"reference {name}: {len(inputs)} arrays given, {listed} wanted.")
-        for (label, shape), array in zip(shapes, inputs, strict=True):
+        ports = inputs_of(self.model, name, all_options)
+        if len(inputs) != len(ports):
+            input_names = ", ".join(input_name(label) for label, _ in ports)
+            raise ShapeError(f"reference {name}: {len(inputs)} arrays given, {input_names} wanted.")
+        for (label, shape), array in zip(ports, inputs, strict=True):
             if array.shape != shape:
                 raise ShapeError(f"reference {name}: {label} has shape {array.shape}, one state has {shape}.")
         try:
             with np.errstate(divide="raise"):
-                result = evaluate_quantity(quantity, self.model, [a.astype(object) for a in inputs], full)
-            if traced:
+                result = evaluate_quantity(quantity, self.model, [a.astype(object) for a in inputs], all_options)
+            if is_traced:
                 return result
         except (ZeroDivisionError, FloatingPointError):
             raise ValueRangeError(
@@ -229,38 +235,41 @@ class Engine:
         return np.asarray(result, float)
 
     def call(self, name: str, *arrays: Any, out: Any = None, **options: Any) -> Any:
-        """Quantity for arrays of any batch shape: by its kernel; by its algorithm for symbols; deferred for Dask arrays."""
+        """Quantity for arrays of any batch shape, by its kernel.
+
+        Symbols are evaluated by the algorithm. Dask arrays are evaluated later.
+        """
         for array in arrays:
             if type(array) is not np.ndarray:
                 arrays = arguments.of_plain(arrays) or to_numbers(self.model, name, arrays, options)
                 if any(map(third_party.is_lazy, arrays)):
-                    return self._later(name, arrays, out, options)
+                    return self._evaluate_later(name, arrays, out, options)
                 break
         key = (name, *options.values()) if options else name
         try:
-            kernel = self._called.get(key)
-        except TypeError:  # unhashable option: kernel() raises the specific error
+            kernel = self._called_kernels.get(key)
+        except TypeError:  # unhashable option: self.kernel() below raises the specific error
             kernel = None
         if kernel is None:
             if is_symbolic(arrays):
                 return self.reference(name, arrays, options)
             kernel = self.kernel((name,), options)
-            self._called[key] = kernel
+            self._called_kernels[key] = kernel
         if (arrays[0].ndim < 2 or len(arrays[0]) == 1) and "wrenches" not in options:
-            self._note(name, arrays, options)
+            self._count_call(name, arrays, options)
         if isinstance(out, tuple):
             refuse_overlap(name, out)
         try:
             if out is not None:
                 refuse_text(out)
             return batch_threads.call(kernel, arrays, out)
-        except (TypeError, ValueError) as problem:
+        except (TypeError, ValueError) as call_error:
             if is_symbolic(arrays):
                 return self.reference(name, arrays, options)
             if third_party.is_asking_for_type():
                 return _empty_results(kernel, arrays)
-            error = misfit(self.model, name, arrays, options) or problem
-            if error is problem and out is not None:
+            error = misfit(self.model, name, arrays, options) or call_error
+            if error is call_error and out is not None:  # the inputs fit
                 error = unfit(name, out, self.program((name,), options), arrays)
             raise error from None
 
@@ -281,67 +290,72 @@ class Engine:
             return self.call(name, *arrays, out=out, **options)
         return self.call(name, *arrays, *total.values(), out=out, **options, wrenches=tuple(total))
 
-    def _note(self, name: str, arrays: Sequence[Array], options: Options) -> None:
+    def _count_call(self, name: str, arrays: Sequence[Array], options: Options) -> None:
         """Count a call with one state; from the second on, offer such calls to a builtin that replaces the method."""
         first = arrays[0]
-        kind = batch, char = first.shape[:-1], first.dtype.char
-        key = (name, *options.values()), kind
-        calls = self._calls.get(key, 0)
-        if calls == COUNTING_STOPPED or self._called_again is None or char not in "df" or batch not in ((), (1,)):
+        array_kind = batch_shape, type_char = first.shape[:-1], first.dtype.char
+        key = (name, *options.values()), array_kind
+        earlier_calls = self._call_counts.get(key, 0)
+        if earlier_calls == COUNTING_STOPPED or self._offer_reference is None:
             return
-        callback = self._called_again()
-        if callback is None or any((a.shape[:-1], a.dtype.char) != kind for a in arrays):
+        if type_char not in "df" or batch_shape not in ((), (1,)):
             return
-        if not calls:  # a single call is not worth the setup
-            self._calls[key] = 1
+        offer = self._offer_reference()
+        if offer is None or any((a.shape[:-1], a.dtype.char) != array_kind for a in arrays):
+            return
+        if not earlier_calls:  # a single call is not worth the setup
+            self._call_counts[key] = 1
             return
         from ..compiler.runtime.dispatch import CallSignature
 
-        kernel = self._called[key[0] if options else name]
-        done = callback(name, kernel, CallSignature(tuple(options.items()), batch, char), calls + 1)
-        self._calls[key] = COUNTING_STOPPED if done else calls + 1
+        kernel = self._called_kernels[key[0] if options else name]
+        signature = CallSignature(tuple(options.items()), batch_shape, type_char)
+        call_count = earlier_calls + 1
+        is_settled = offer(name, kernel, signature, call_count)
+        self._call_counts[key] = COUNTING_STOPPED if is_settled else call_count
 
-    def _later(self, name: str, arrays: Sequence[Any], out: Any, options: Options) -> Any:
+    def _evaluate_later(self, name: str, arrays: Sequence[Any], out: Any, options: Options) -> Any:
         """Evaluate a quantity on Dask arrays; results are Dask arrays, computed later."""
         signature = self.kernel((name,), options).signature
-        problem = misfit(self.model, name, arrays, options)
-        if problem is not None:
-            raise problem
+        shape_error = misfit(self.model, name, arrays, options)
+        if shape_error is not None:
+            raise shape_error
         if out is not None:
             raise ShapeError(
                 f"{name}: out= is for results that are computed now, and those of Dask arrays are computed later. Leave it out."
             )
-        return third_party.later(partial(_now, self, name, options), str(signature), arrays)
+        return third_party.later(partial(_call_engine, self, name, options), str(signature), arrays)
 
 
-def _now(engine: Engine, name: str, options: Options, *arrays: Array) -> Any:
-    """Quantity of NumPy arrays; a function that can be sent to other processes."""
+def _call_engine(engine: Engine, name: str, options: Options, *arrays: Array) -> Any:
+    """Quantity of NumPy arrays; a function of the module, which can be sent to other processes."""
     return engine.call(name, *arrays, **options)
 
 
 def _empty_results(kernel: Any, arrays: Sequence[Array]) -> Any:
     """Empty results with the type and rank that follow from the types and ranks of the inputs."""
-    batch = (0,) * (max(a.ndim for a in arrays) - 1)
+    batch_shape = (0,) * (max(a.ndim for a in arrays) - 1)
     dtype: Any = np.float64
     if all(np.can_cast(a.dtype, np.float32) for a in arrays):
         dtype = np.float32
     results: list[Array] = []
-    for core in re.findall(r"\(([^)]*)\)", kernel.signature.partition("->")[2]):
-        rank = core.count(",") + bool(core)
-        results.append(np.empty(batch + (0,) * rank, dtype))
+    _, _, output_signature = kernel.signature.partition("->")
+    for axes in re.findall(r"\(([^)]*)\)", output_signature):  # "6,6" for a matrix, "" for a number
+        rank = len(axes.split(",")) if axes else 0
+        results.append(np.empty(batch_shape + (0,) * rank, dtype))
     if len(results) == 1:
         return results[0]
     return tuple(results)
 
 
 class ConstrainedEngine(Engine):
-    """Engine of a robot with constraints: kernels of its open tree, with the constraints filled in.
+    """Engine of a robot with constraints: kernels of its open tree, with the constraints filled in as an option.
 
-    A quantity that constraints change is refused, unless it is beside one that has the constraints.
+    A quantity that constraints change raises KernelError, unless a quantity with constraints is requested beside it.
     """
 
     def __init__(self, tree: Engine, constraints: tuple[Any, ...]) -> None:
-        super().__init__(tree._given)
+        super().__init__(tree._model_source)
         self._tree, self._constraints = tree, constraints
 
     def __getstate__(self) -> Any:
@@ -370,10 +384,10 @@ class ConstrainedEngine(Engine):
         for name in names:
             if "constraints" in options_of(name):
                 return {"constraints": self._constraints, **options}
-        changed = [name for name in names if QUANTITIES[name].constrained != "as is"]
-        if changed:
+        changed_quantities = [name for name in names if QUANTITIES[name].constrained != "as is"]
+        if changed_quantities:
             raise KernelError(
-                f"{', '.join(changed)}: not available for a robot with constraints. For the robot with its loops open: "
-                "robot.open()."
+                f"{', '.join(changed_quantities)}: not available for a robot with constraints. For the robot with its "
+                "loops open: robot.open()."
             )
         return options

@@ -21,7 +21,7 @@ from ..mechanics.model.model import BASE, Model
 from .doors import ExplanationDoors
 
 MOTION_TERMS = ("inertia", "centripetal", "Coriolis", "gravity")
-"""M ddq; terms with dq_i²; terms with dq_i dq_j; g."""
+"""Terms of τ in this order: M ddq; those with squares dq_i²; those with products dq_i dq_j, i ≠ j; g(q)."""
 
 
 NEGLIGIBLE_PART = "·"
@@ -108,8 +108,10 @@ class Explanation(ExplanationDoors):
         -------
         explanation : Explanation
         """
-        name = f"({name})" if name in self.causes else name
-        parts = np.pad(self.parts, [(0, 0)] * (self.parts.ndim - 3) + [(0, 1), (0, 1), (0, 0)])
+        if name in self.causes:
+            name = f"({name})"
+        batch_axes = [(0, 0)] * (self.parts.ndim - 3)
+        parts = np.pad(self.parts, [*batch_axes, (0, 1), (0, 1), (0, 0)])  # one more term, one more cause
         parts[..., -1, -1, :] = tau
         return replace(self, terms=(*self.terms, name), causes=(*self.causes, name), parts=parts)
 
@@ -124,14 +126,15 @@ class Explanation(ExplanationDoors):
         -------
         rows : list of rows of str
         """
-        parts, heads = self._columns(joint)
-        least = 1e-12 * max(float(np.abs(self.torque).max(initial=0.0)), 1.0)
-        shown = [
-            [cause, *_cells(row, least)]
-            for cause, row in zip(self.causes, parts, strict=True)
-            if np.abs(row).max(initial=0.0) > least
-        ]
-        return [["caused by", *heads], *shown, ["together", *_cells(parts.sum(axis=0), least)]]
+        torques_by_cause, headings = self._columns(joint)
+        largest_torque = float(np.abs(self.torque).max(initial=0.0))
+        negligible_torque = 1e-12 * max(largest_torque, 1.0)
+        rows = [["caused by", *headings]]
+        for cause, torques in zip(self.causes, torques_by_cause, strict=True):
+            if np.abs(torques).max(initial=0.0) > negligible_torque:
+                rows.append([cause, *_cells(torques, negligible_torque)])
+        rows.append(["together", *_cells(torques_by_cause.sum(axis=0), negligible_torque)])
+        return rows
 
     def table(self, joint: str | None = None) -> str:
         """Table as plain text: a row per cause, with a column per joint or, for one joint, a column per term.
@@ -153,20 +156,22 @@ class Explanation(ExplanationDoors):
         return "\n".join(lines)
 
     def _columns(self, joint: str | None) -> tuple[Array, list[str]]:
-        """Numbers of the table (causes, columns), and the column headings."""
+        """Torques of the table (causes, columns), and the column headings."""
         require_one_state(self)
         if joint is None:
             return self.by_cause, [f"{name} [{unit}]" for name, unit in zip(self.joints, self.units, strict=True)]
         if joint not in self.joints:
             raise UnknownNameError.from_choices("joint", joint, self.joints)
         k = self.joints.index(joint)
-        rows = self.parts[:, :, k].T
-        whole = np.concatenate([rows, rows.sum(axis=1, keepdims=True)], axis=1)
-        return whole, [*self.terms, f"together [{self.units[k]}]"]
+        torques = self.parts[:, :, k].T  # (causes, terms)
+        sums = torques.sum(axis=1, keepdims=True)
+        return np.concatenate([torques, sums], axis=1), [*self.terms, f"together [{self.units[k]}]"]
 
     def __repr__(self) -> str:
-        batch = f" of states {self.parts.shape[:-3]}" if self.parts.ndim > 3 else ""
-        return f"<Explanation{batch}: {', '.join(self.terms)} of {', '.join(self.causes)}>"
+        batch_text = ""
+        if self.parts.ndim > 3:
+            batch_text = f" of states {self.parts.shape[:-3]}"
+        return f"<Explanation{batch_text}: {', '.join(self.terms)} of {', '.join(self.causes)}>"
 
     def __str__(self) -> str:
         if self.parts.ndim != 3:
@@ -183,8 +188,9 @@ def require_one_state(why: Explanation) -> None:
         )
 
 
-def _cells(row: Array, least: float) -> list[str]:
-    return [NEGLIGIBLE_PART if abs(x) <= least else number(x) for x in row.tolist()]
+def _cells(torques: Array, negligible_torque: float) -> list[str]:
+    """Texts of the torques of a row."""
+    return [NEGLIGIBLE_PART if abs(tau) <= negligible_torque else number(tau) for tau in torques.tolist()]
 
 
 def explain_torques(
@@ -193,70 +199,83 @@ def explain_torques(
     state: tuple[Array, Array, Array],
     other_torques: Mapping[str, Array],
 ) -> Explanation:
-    """Split the torques at ``state``; ``other_torques``: torques without an inertia as cause, (..., nv) by name."""
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*state, *other_torques.values())))
-    bodies = _causes(model)
-    columns = np.array(list(bodies.values())).reshape(len(bodies), 10 * len(model.bodies))
+    """Split the torques at the state (q, dq, ddq).
 
-    def torques(q: Array, dq: Array, ddq: Array) -> Array:
-        return np.swapaxes(regressor(q, dq, ddq) @ columns.T, -1, -2)  # (..., causes, nv)
+    ``regressor`` returns Y(q, dq, ddq). ``other_torques``: torques (..., nv) that no inertia causes, by name.
+    """
+    batch_shape = np.broadcast_shapes(*(x.shape[:-1] for x in (*state, *other_torques.values())))
+    q, dq, ddq = (np.broadcast_to(x, (*batch_shape, x.shape[-1])) for x in state)
+    parameters_by_cause = _parameters_by_cause(model)
+    causes = tuple(parameters_by_cause)
+    parameters = np.array(list(parameters_by_cause.values())).reshape(len(causes), 10 * len(model.bodies))
 
-    parts = _motion_parts(torques, *(np.broadcast_to(x, (*batch, x.shape[-1])) for x in state))
-    units = units_of("tau", (turns for b in model.leaders for turns in b.joint.turning))
-    why = Explanation(MOTION_TERMS, tuple(bodies), model.velocity_names, units, parts)
+    def torques_by_cause(q: Array, dq: Array, ddq: Array) -> Array:
+        return np.swapaxes(regressor(q, dq, ddq) @ parameters.T, -1, -2)  # (..., causes, nv)
+
+    parts = _motion_parts(torques_by_cause, q, dq, ddq)
+    units = units_of("tau", (turns for body in model.leaders for turns in body.joint.turning))
+    explanation = Explanation(MOTION_TERMS, causes, model.velocity_names, units, parts)
     for name, tau in other_torques.items():
-        why = why.with_term(name, tau)
-    return why
+        explanation = explanation.with_term(name, tau)
+    return explanation
 
 
 def _motion_parts(torques: Callable[..., Array], q: Array, dq: Array, ddq: Array) -> Array:
-    """Motion terms (..., 4, causes, nv) from a function of the state that is linear in each body's parameters.
+    """Motion terms (..., 4, causes, nv), ordered as :data:`MOTION_TERMS`, from the torques by cause at a state.
 
-    Velocity products are a quadratic form in dq; the squares are the products of each velocity with itself.
+    Torques due to velocities are a quadratic form in dq. With a single moving joint, only its square is left.
     """
     zero = np.zeros_like(dq)
     gravity = torques(q, zero, zero)
     inertia = torques(q, zero, ddq) - gravity
-    velocity = torques(q, dq, zero) - gravity
-    squares = np.zeros_like(gravity)
-    for e in np.eye(dq.shape[-1]):
-        squares += torques(q, dq * e, zero) - gravity
-    return np.stack([inertia, squares, velocity - squares, gravity], axis=-3)
+    velocity_torques = torques(q, dq, zero) - gravity
+    centripetal = np.zeros_like(gravity)
+    for joint_mask in np.eye(dq.shape[-1]):
+        centripetal += torques(q, dq * joint_mask, zero) - gravity
+    return np.stack([inertia, centripetal, velocity_torques - centripetal, gravity], axis=-3)
 
 
-def _causes(model: Model) -> dict[str, Array]:
-    """Bodies, rotors and payloads by name, with their parameters in the columns of the carrying body; (10 nbodies,)."""
-    causes: dict[str, Array] = {}
+def _parameters_by_cause(model: Model) -> dict[str, Array]:
+    """Inertial parameters of all bodies (10 nbodies,) as far as each cause contributes to them, by cause.
 
-    def count(name: str, body: int, parameters: Array) -> None:
-        if body != BASE and parameters.any():
-            columns = causes.setdefault(name, np.zeros(10 * len(model.bodies)))
-            columns[10 * body : 10 * body + 10] += parameters
+    Causes are links, rotors and payloads. Their parameters stand in the ten entries of the body that carries them.
+    """
+    parameters_by_cause: dict[str, Array] = {}
 
-    payloads: dict[str, Array] = {}
+    def add_contribution(cause: str, body_index: int, parameters: Array) -> None:
+        if body_index != BASE and parameters.any():
+            total = parameters_by_cause.setdefault(cause, np.zeros(10 * len(model.bodies)))
+            total[10 * body_index : 10 * body_index + 10] += parameters
+
+    payloads: dict[str, Array] = {}  # parameters (10,) by frame
     for name, payload in model.payloads:
         payloads[name] = payloads.get(name, np.zeros(10)) + payload.parameters
     for name, frame in model.all_frames.items():
         inertia = model.link_inertias.get(name)  # sites have none
-        own = np.zeros(10) if inertia is None else inertia.parameters - payloads.get(name, np.zeros(10))
-        own = np.where(np.abs(own) <= 1e-15 * np.abs(payloads.get(name, own)), 0.0, own)
-        count(name, frame.body, _transform(own, frame.pose))
-        count(f"payload at {name}", frame.body, _transform(payloads.get(name, np.zeros(10)), frame.pose))
+        own = np.zeros(10)  # parameters without payload
+        if inertia is not None:
+            own = inertia.parameters - payloads.get(name, np.zeros(10))
+        if name in payloads:  # without the rounding errors of the difference
+            own = np.where(np.abs(own) <= 1e-15 * np.abs(payloads[name]), 0.0, own)
+        add_contribution(name, frame.body, _transform(own, frame.pose))
+        if name in payloads:
+            add_contribution(f"payload at {name}", frame.body, _transform(payloads[name], frame.pose))
     for i, body in enumerate(model.bodies):
-        if not body.joint.moves_body:
-            count(body.link, i, body.inertia.parameters)
-            if is_in_link_mass(model, body):  # then its link was counted above
-                count(body.link, body.parent, -_transform(body.inertia.parameters, body.placement))
-    total = sum(causes.values(), start=np.zeros(10 * len(model.bodies)))
-    for i, body in enumerate(model.bodies):  # differences by repaired inertias or fused rotors
+        if not body.joint.moves_body:  # a rotor
+            add_contribution(body.link, i, body.inertia.parameters)
+            if is_in_link_mass(model, body):  # then the loop above has counted it in the link
+                add_contribution(body.link, body.parent, -_transform(body.inertia.parameters, body.placement))
+    total = sum(parameters_by_cause.values(), start=np.zeros(10 * len(model.bodies)))
+    for i, body in enumerate(model.bodies):  # repaired inertias and fused rotors differ from the sum of the causes
         difference = body.inertia.parameters - total[10 * i : 10 * i + 10]
-        if np.abs(difference).max() > 1e-12 * max(1e-300, float(np.abs(body.inertia.parameters).max())):
-            count(f"{body.link} (other)", i, difference)
-    return causes
+        largest_parameter = float(np.abs(body.inertia.parameters).max())
+        if np.abs(difference).max() > 1e-12 * max(1e-300, largest_parameter):
+            add_contribution(f"{body.link} (other)", i, difference)
+    return parameters_by_cause
 
 
 def _transform(parameters: Array, T: Array) -> Array:
-    """Inertial parameters transformed from frame {b} to {a}; linear, so that differences can be transformed too."""
+    """Inertial parameters in frame {a}, from those in {b} and T = T_ab; linear, so that differences can be transformed too."""
     from ..mechanics.bodies.inertia import SpatialInertia
 
     return SpatialInertia.from_parameters(parameters).in_frame(T).parameters

@@ -46,12 +46,12 @@ class LoadOptions(BuildOptions, total=False):
     xacro: Mapping[str, str | float | bool] | bool | None
 
 
-_NAME = re.compile(r"\w[\w -]{0,79}")
+_ROBOT_NAME = re.compile(r"\w[\w -]{0,79}")
 
 
 def is_name(source: object) -> bool:
     """True for a text that may be a robot's name: without an ending, a folder or markup."""
-    return isinstance(source, str) and _NAME.fullmatch(source) is not None
+    return isinstance(source, str) and _ROBOT_NAME.fullmatch(source) is not None
 
 
 def load(
@@ -134,24 +134,25 @@ def load(
         from .doors import load_by_name
 
         return load_by_name(str(source), options)
-    known = known_file(source, options)
-    if known is None:
+    cache_entry = known_file(source, options)
+    if cache_entry is None:  # not a file of the cache
         return Robot(_read(source, None, options))
-    if known.remarks is not None:
-        if known.remarks:
+    if cache_entry.remarks is not None:  # loaded before: the model is only read when it is needed
+        if cache_entry.remarks:
             from ..mechanics.model.description import issue
 
-            issue(known.remarks)
+            issue(cache_entry.remarks)
         own_options = deepcopy(options)  # copied: the caller may change them later
-        return Robot(CachedModel(known.key, lambda: _read(source, known.data, own_options, quiet=True)))
+        return Robot(CachedModel(cache_entry.key, lambda: _read(source, cache_entry.data, own_options, quiet=True)))
     from ..mechanics.model.description import sentences
 
-    new_model = _read(source, known.data, options)
-    keep_file(known, sentences(new_model.name, new_model.defects))
-    return Robot(CachedModel(known.key, lambda: new_model))
+    new_model = _read(source, cache_entry.data, options)
+    keep_file(cache_entry, sentences(new_model.name, new_model.defects))
+    return Robot(CachedModel(cache_entry.key, lambda: new_model))
 
 
 def _read(source: str | Path, data: bytes | None, options: LoadOptions, *, quiet: bool = False) -> Model:
+    """Model of a file, or of its bytes ``data`` if they were read; ``quiet``: without warnings."""
     from ..formats import load_model
 
     return load_model(source, data=data, quiet=quiet, **options)

@@ -1,4 +1,4 @@
-"""Elementwise comparisons in traced functions, in place of NumPy's ``maximum`` and ``where``, which symbols do not support.
+"""Elementwise comparisons for traced functions, since symbols do not support NumPy's ``maximum`` and ``where``.
 
 They take any mixture of numbers, arrays and symbols. A function for :func:`twistwrench.differentiate` thus also runs on
 numbers.
@@ -79,7 +79,7 @@ def clip(x: Any, lower: Any, upper: Any) -> Any:
     >>> tw.differentiate(lambda x: tw.pointwise.clip(x, -1.0, 1.0), {"x": ()})([0.5, 2.0]).tolist()
     [1.0, 0.0]
     """
-    return _each(np.clip, lambda t, x, low, high: _smaller(t, high, _larger(t, low, x)), x, lower, upper)
+    return _each(np.clip, _clipped, x, lower, upper)
 
 
 def where_positive(x: Any, a: Any, b: Any) -> Any:
@@ -106,6 +106,9 @@ def where_positive(x: Any, a: Any, b: Any) -> Any:
     return _each(lambda x, a, b: np.where(np.asarray(x) > 0, a, b), _where_positive, x, a, b)
 
 
+# Symbolic versions for one element. In programs, min and max return their second argument if either one is NaN.
+
+
 def _larger(t: Trace, a: Expr, b: Expr) -> Expr:
     a, b = _constant_first(a, b)
     return t.max(a, _with_nan_of(t, a, b))
@@ -116,31 +119,38 @@ def _smaller(t: Trace, a: Expr, b: Expr) -> Expr:
     return t.min(a, _with_nan_of(t, a, b))
 
 
+def _clipped(t: Trace, x: Expr, lower: Expr, upper: Expr) -> Expr:
+    return _smaller(t, upper, _larger(t, lower, x))
+
+
 def _constant_first(a: Expr, b: Expr) -> tuple[Expr, Expr]:
+    """Both operands, a constant first, whose check for NaN needs no instruction."""
     return (b, a) if b.op == "const" else (a, b)
 
 
 def _with_nan_of(t: Trace, a: Expr, b: Expr) -> Expr:
-    """b, or NaN where a is NaN: min and max of programs return their second argument if one is NaN."""
+    """b, or NaN where a is NaN."""
     if a.op == "const":
-        return a if a.value != a.value else b
-    return t.add(b, t.max(t.constant(2.0), t.sign(a)) - 2.0)
+        is_nan = a.value != a.value
+        return a if is_nan else b
+    zero_or_nan = t.max(t.constant(2.0), t.sign(a)) - 2.0  # the sign is below 2
+    return t.add(b, zero_or_nan)
 
 
 def _where_positive(t: Trace, x: Expr, a: Expr, b: Expr) -> Expr:
-    """max(min(a, L), min(b, -L)), with L huge for x > 0 and -L otherwise; min and max return their second argument for NaN."""
+    """max(min(a, L), min(b, -L)), with L huge for x > 0 and -L otherwise."""
     huge = _LARGEST * (2.0 * t.max(t.zero, t.sign(x)) - 1.0)
     return t.max(t.min(a, huge), t.min(b, -huge))
 
 
-def _each(plain: Callable[..., Any], traced: Callable[..., Expr], *operands: Any) -> Any:
+def _each(numpy_function: Callable[..., Any], traced_function: Callable[..., Expr], *operands: Any) -> Any:
     """NumPy's result for numbers; element by element for broadcast arrays of symbols."""
     if not is_symbolic(operands):
-        return plain(*operands)
-    arrays = [np.asarray(x, object) for x in operands]
-    trace = next(e.trace for array in arrays for e in array.flat if isinstance(e, Expr))
+        return numpy_function(*operands)
+    arrays = [np.asarray(operand, object) for operand in operands]
+    trace = next(entry.trace for array in arrays for entry in array.flat if isinstance(entry, Expr))
 
     def element(*entries: Any) -> Expr:
-        return traced(trace, *map(trace.lift, entries))
+        return traced_function(trace, *map(trace.lift, entries))
 
     return np.frompyfunc(element, len(arrays), 1)(*arrays)

@@ -193,10 +193,10 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
         >>> np.round(robot.inverse_dynamics([0, 0], [0, 0], [0, 0]), 2).tolist()
         [29.43, 9.81]
         """
-        how: dict[str, Any] = {"friction": True} if friction else {}
+        options: dict[str, Any] = {"friction": True} if friction else {}
         if actuated is not None:
-            how["actuated"] = self._motors(actuated)
-        return self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out, **how)
+            options["actuated"] = self._motors(actuated)
+        return self._with_wrenches("inverse_dynamics", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out, **options)
 
     def forward_dynamics(
         self,
@@ -243,8 +243,8 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
         >>> arm.forward_dynamics([0, 0], [0, 0], [30.43, 9.81]).round(12).tolist()
         [1.0, -2.0]
         """
-        how = {"friction": True} if friction else {}
-        return self._with_wrenches("forward_dynamics", (q, dq, tau), wrench_by_robot, wrench_on_robot, out, **how)
+        options = {"friction": True} if friction else {}
+        return self._with_wrenches("forward_dynamics", (q, dq, tau), wrench_by_robot, wrench_on_robot, out, **options)
 
     def mass_matrix(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Mass matrix M (joint-space inertia), symmetric and full. MR eq. 8.57.
@@ -355,7 +355,7 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
     ) -> tuple[Array, Array]:
         """Torques in the drives, referred to the joints: the part through the gears, and the part that accelerates the rotors.
 
-        Their sum is τ. Divided by the gear ratio they are the book's τ_gear / G and the rotor's part of τ_motor. MR
+        Their sum is τ. Divided by the gear ratio G, they are the book's τ_gear / G and the rotor's part of τ_motor. MR
         section 8.9.3.
 
         Parameters
@@ -442,8 +442,8 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
         >>> arm.holding_torques([0, 0], wrench_on_robot={arm.tip: [0, 0, 0, 0, 0, 9.81]}).round(2).tolist()
         [29.43, 9.81]
         """
-        how = {} if actuated is None else {"actuated": self._motors(actuated)}
-        return self._with_wrenches("holding_torques", (q,), wrench_by_robot, wrench_on_robot, out, **how)
+        options = {} if actuated is None else {"actuated": self._motors(actuated)}
+        return self._with_wrenches("holding_torques", (q,), wrench_by_robot, wrench_on_robot, out, **options)
 
     def joint_wrenches(
         self,
@@ -458,15 +458,15 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
     ) -> Array:
         """Wrenches across the joints (bearing loads), received by each moving body across its joint.
 
-        With constraints, they are those of the tree under λ of :meth:`inverse_dynamics`, which acts on both links of a
-        closure. Cut joints themselves carry λ.
+        With constraints, λ of :meth:`inverse_dynamics` acts on both links of each closure, and the wrenches are those of
+        the tree under these loads. The joint of a closure itself carries λ.
 
         Returns
         -------
         F : (nbodies, 6) array, (m, f) [N m, N], each in the frame of its body, in the order of :attr:`body_names`
         """
-        how = {} if actuated is None else {"actuated": self._motors(actuated)}
-        return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out, **how)
+        options = {} if actuated is None else {"actuated": self._motors(actuated)}
+        return self._with_wrenches("joint_wrenches", (q, dq, ddq), wrench_by_robot, wrench_on_robot, out, **options)
 
     # ── energies, momentum, centre of mass ──
 
@@ -506,7 +506,8 @@ class QuantityMethods(DerivativeMethods[Slopes], Generic[Motion, Torques, Slopes
         """
         if frame not in ("base", "com"):
             raise UnknownNameError.from_choices("momentum frame", frame, ("base", "com"))
-        return self._call("momentum" if frame == "base" else "momentum_about_com", q, dq, out=out)
+        quantity = "momentum" if frame == "base" else "momentum_about_com"
+        return self._call(quantity, q, dq, out=out)
 
     def center_of_mass(self, q: ArrayLike, *, out: Any = None) -> Array:
         """Centre of mass of the moving bodies in the base frame.

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @cache
 def _inverse_kinematics() -> Callable[..., IKResult]:
-    """Import the solver at the first call; an import statement costs a large part of a nearby solution's time."""
+    """Solver, imported at the first call: an import statement in each call would take as long as a search nearby."""
     from .inverse_kinematics.solve import solve
 
     return solve
@@ -155,26 +155,28 @@ class Robot(
 
     # ── direct calls of kernels ──
 
-    def _put_in_front(self, name: str, kernel: Any, asked: CallSignature, calls: int) -> bool:
+    def _install_direct_call(self, name: str, kernel: Any, signature: CallSignature, call_count: int) -> bool:
         """Install a builtin that calls the kernel directly for plain arrays of one state; all other calls use the method.
 
         Returns True if calls of this kind need no further counting: a builtin exists or is impossible.
         """
         method = getattr(Robot, name) if name in _METHODS else None
-        before = vars(self).get(name)
-        if method is None or getattr(type(self), name) is not method:
+        if method is None or getattr(type(self), name) is not method:  # a subclass has its own method
             return True
         from ..compiler.runtime.dispatch import attach_fallback, calls_before, is_made_here, make_call
 
-        if before is not None and not is_made_here(before):
+        installed = vars(self).get(name)
+        if installed is not None and not is_made_here(installed):  # the user's attribute
             return True
-        if calls < calls_before(kernel):
+        if call_count < calls_before(kernel):
             return False
-        direct = make_call(kernel, method.__get__(self), name, asked)
-        if direct is not None and before is not None:
-            attach_fallback(before, direct)
-        elif direct is not None:
-            vars(self)[name] = direct
+        direct_call = make_call(kernel, method.__get__(self), name, signature)
+        if direct_call is None:
+            return True
+        if installed is None:
+            vars(self)[name] = direct_call
+        else:  # of another signature, such as float32
+            attach_fallback(installed, direct_call)
         return True
 
     # ── inverse kinematics, explanation ──
@@ -233,18 +235,24 @@ class Robot(
         """
         loops = self._searched_loops() if self.constraints else None
         robot = cast("Robot", self) if loops is None else self.open()
+        solve = _inverse_kinematics()
         options = angle, distance, nearest, loops
-        result = _inverse_kinematics()(robot, T, frame, q0, rows, restarts, rng, *options)
+        result = solve(robot, T, frame, q0, rows, restarts, rng, *options)
         if clearance is None:
             return result
         from .inverse_kinematics.solve import clear_of_links
 
+        def solve_from_starts(target: Array, starts: Array) -> IKResult:
+            return solve(robot, target, frame, starts, rows, 0, rng, *options)
+
         poses = np.asarray(T)
-        core = 2 if frame is None or isinstance(frame, str) else 3
+        has_single_frame = frame is None or isinstance(frame, str)
+        target_rank = 2 if has_single_frame else 3
+        batch_shape = result.q.shape[:-1]
         return clear_of_links(
             result,
-            np.broadcast_to(poses, (*result.q.shape[:-1], *poses.shape[-core:])),
-            lambda target, starts: _inverse_kinematics()(robot, target, frame, starts, rows, 0, rng, *options),
+            np.broadcast_to(poses, (*batch_shape, *poses.shape[-target_rank:])),
+            solve_from_starts,
             robot._clearance_search(),
             arguments.positive(clearance, "inverse_kinematics: clearance", "m", zero=True),
             robot.random_configuration(rng, restarts),
@@ -339,8 +347,9 @@ class Robot(
         other_torques: dict[str, Array] = {}
         for sign, frame_wrenches in ((1.0, wrench_by_robot), (-1.0, wrench_on_robot)):
             for frame, F in (frame_wrenches or {}).items():
+                name = f"wrench at {frame}"
                 torque = sign * self.wrench_torques(q, wrench_at(self.model, frame, F), frame)
-                other_torques[f"wrench at {frame}"] = torque + other_torques.get(f"wrench at {frame}", 0.0)
+                other_torques[name] = torque + other_torques.get(name, 0.0)
         if self.model.springs:
             other_torques["springs"] = self.holding_torques(q) - self.gravity_forces(q)
         if self.model.armature.any():
@@ -352,9 +361,11 @@ class Robot(
         from ..compiler.lowering.numpy_kernels import NumpyKernel
         from .explanation import explain_torques
 
-        # evaluated rarely: compiling it would take a second
-        Y = self.engine.cache("regressor on NumPy", lambda: NumpyKernel(self.program("regressor"), "regressor", ""))
-        return explain_torques(self.model, Y, (q, dq, ddq), other_torques)
+        # On NumPy, since it is evaluated rarely and compiling it would take a second.
+        regressor = self.engine.cache(
+            "regressor on NumPy", lambda: NumpyKernel(self.program("regressor"), "regressor", "")
+        )
+        return explain_torques(self.model, regressor, (q, dq, ddq), other_torques)
 
     def closed_form(self, q: ArrayLike, dq: ArrayLike, *, wrench_by_robot: Wrenches | None = None) -> ClosedForm:
         """Closed-form equations of motion: terms and block matrices of MR section 8.4 at one state.
@@ -368,17 +379,16 @@ class Robot(
         >>> terms.A.shape, terms.L.shape, terms.M.shape
         ((12, 2), (12, 12), (2, 2))
         """
-        q, dq = (
-            arguments.finite(
-                arguments.one(x, f"closed_form: {name}", n, names=names_of(self.model, name)), f"closed_form: {name}", n
-            )
-            for name, x, n in (("q", q, self.nq), ("dq", dq, self.nv))
-        )
+        q = arguments.one(q, "closed_form: q", self.nq, names=names_of(self.model, "q"))
+        q = arguments.finite(q, "closed_form: q", self.nq)
+        dq = arguments.one(dq, "closed_form: dq", self.nv, names=names_of(self.model, "dq"))
+        dq = arguments.finite(dq, "closed_form: dq", self.nv)
         require_robot(self, "closed_form")
         check_mapping(wrench_by_robot)
         wrenches = {frame: wrench_at(self.model, frame, F) for frame, F in (wrench_by_robot or {}).items()}
-        if batched := [frame for frame, F in wrenches.items() if F.ndim > 1]:
-            raise ShapeError(f"closed_form: the wrench at {batched[0]!r} is a batch; one state takes six numbers.")
+        for frame, F in wrenches.items():
+            if F.ndim > 1:
+                raise ShapeError(f"closed_form: the wrench at {frame!r} is a batch; one state takes six numbers.")
         from ..mechanics.algorithms.closed_form import closed_form
 
         return closed_form(self.model, q, dq, wrenches)
@@ -387,8 +397,10 @@ class Robot(
 def _name_methods() -> None:
     """Name the methods of the mixins after Robot, as errors for missing arguments show these names."""
     for mixin in Robot.__mro__[1:]:
+        if not mixin.__module__.startswith(__package__):
+            continue
         for name, method in vars(mixin).items():
-            if mixin.__module__.startswith(__package__) and isinstance(method, FunctionType):
+            if isinstance(method, FunctionType):
                 method.__qualname__ = f"Robot.{name}"
 
 

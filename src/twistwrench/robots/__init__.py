@@ -100,7 +100,8 @@ def path_of(name: str) -> Path:
 
 
 def _load(name: str, **options: Unpack[LoadOptions]) -> Robot:
-    # Importing the list of robots must not load the computing modules.
+    """Load a bundled robot."""
+    # Imported here, as importing the list of robots must not load the computing modules.
     from ..robot import load
 
     with warnings.catch_warnings():
@@ -254,15 +255,15 @@ def quadruped(**options: Unpack[LoadOptions]) -> Robot:
 
 
 def __getattr__(name: str) -> Any:
-    """Bundled robot in another case, as ``UR5``; others raise an error that lists the robots and sources of others."""
+    """Bundled robot by a name in another case, such as ``UR5``; for other names, an error that lists the robots."""
     if name.startswith("_"):
         raise AttributeError(name)
-    if name.lower() in names():  # UR5
+    if name.lower() in names():
         return globals()[name.lower()]
-    near = get_close_matches(name, names(), 1, 0.6)
-    meant = f" Did you mean {near[0]}?" if near else ""
+    similar = get_close_matches(name, names(), n=1, cutoff=0.6)
+    hint = f" Did you mean {similar[0]}?" if similar else ""
     raise AttributeError(
-        f"no bundled robot {name!r}.{meant} There are {', '.join(names())}; tw.find({name!r}) looks in other packages, and "
+        f"no bundled robot {name!r}.{hint} There are {', '.join(names())}; tw.find({name!r}) looks in other packages, and "
         "tw.load takes a file."
     )
 

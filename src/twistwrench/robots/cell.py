@@ -36,8 +36,14 @@ _MIN_TIP_DISTANCE = 1e-3
 """Difference of poses [m, rad] from which the choice between tips matters."""
 FLOOR = "floor"
 """Frame at which parts stand side by side; made if the cell has none of this name."""
-_FORM = "FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX, of which all but FILE may be left out"
-_PART = re.compile(r"(?P<file>.+?)(?:@(?P<frame>(?:::|[^@+:])+)(?:\+(?P<pose>[^:@]*))?)?(?::(?P<prefix>[\w.-]+))?")
+_FORM_OF_PART = "FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX, of which all but FILE may be left out"
+"""Form of the text of a part, for messages."""
+_PART_PATTERN = re.compile(
+    r"(?P<file>.+?)"
+    r"(?:@(?P<frame>(?:::|[^@+:])+)"  # a frame may contain ::, as in SDF
+    r"(?:\+(?P<pose>[^:@]*))?)?"
+    r"(?::(?P<prefix>[\w.-]+))?"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +74,7 @@ class PlacedRobot:
 
     @classmethod
     def from_text(cls, text: str, *, degrees: bool = False) -> PlacedRobot:
-        """PlacedRobot from ``FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX``; lengths in metres, angles in radians or as ``30deg``.
+        """Robot and place from ``FILE@FRAME+x,y,z,roll,pitch,yaw:PREFIX``; lengths in metres, angles in radians or ``30deg``.
 
         Parameters
         ----------
@@ -91,16 +97,15 @@ class PlacedRobot:
         """
         if Path(text).is_file():
             return cls(load(text), file=text)
-        found = _PART.fullmatch(text)
-        if found is None:
-            raise ValueRangeError(f"the part {text!r} is not {_FORM}.")
-        file, frame, pose, prefix = found["file"], found["frame"], found["pose"], found["prefix"]
-        if (
-            not (Path(file).is_file() or file in known_robots())
-            and prefix is not None
-            and Path(f"{file}:{prefix}").exists()
-        ):
-            file, prefix = f"{file}:{prefix}", None
+        match = _PART_PATTERN.fullmatch(text)
+        if match is None:
+            raise ValueRangeError(f"the part {text!r} is not {_FORM_OF_PART}.")
+        file, frame, pose, prefix = match["file"], match["frame"], match["pose"], match["prefix"]
+        is_robot = Path(file).is_file() or file in known_robots()
+        if not is_robot and prefix is not None:
+            path_with_colon = f"{file}:{prefix}"
+            if Path(path_with_colon).exists():
+                file, prefix = path_with_colon, None
         T = None
         if pose is not None:
             T = _pose(pose, text, degrees=degrees)
@@ -155,7 +160,7 @@ class RobotCell(Answer):
     @property
     def brief(self) -> str:
         """Number of parts and joints."""
-        return f"{len(self.parts)} parts, {_joints(self.robot.model)} joints"
+        return f"{len(self.parts)} parts, {_joint_count(self.robot.model)} joints"
 
     def blocks(self) -> Iterator[Block]:
         """Verdict with bodies, joints, mass and tip, and the parts.
@@ -167,30 +172,31 @@ class RobotCell(Answer):
         from ..core.answers.blocks import Headline, Line, Table, numbers, words
 
         model = self.robot.model
-        tip = f"the tip {model.tip}"
+        tip_text = f"the tip {model.tip}"
         if model.tip is None:
-            tip = "no single tip"
-        base = ""
-        if _joints(model) != len(model.leaders):
-            base = "a floating base, "
-        counts = f"{len(model.bodies)} moving bodies, {_joints(model)} joints, {base}{number(model.moving_mass)} kg that move"
-        content = f"{self.robot.name} has {counts}, and {tip}."
-        further = []
+            tip_text = "no single tip"
+        base_text = ""
+        if _joint_count(model) != len(model.leaders):
+            base_text = "a floating base, "
+        bodies_and_joints = f"{len(model.bodies)} moving bodies, {_joint_count(model)} joints"
+        mass_text = f"{number(model.moving_mass)} kg that move"
+        content = f"{self.robot.name} has {bodies_and_joints}, {base_text}{mass_text}, and {tip_text}."
+        further_lines = []
         if self.doubts:
-            further.append(Line(content))
+            further_lines.append(Line(content))
         if model.tip is None:
-            further.append(Line(_without_tip(model)))
+            further_lines.append(Line(_possible_tips_sentence(model)))
         if self.doubts:
-            yield Headline(Word.UNSURE, f"{'; '.join(self.doubts)}.", further=further)
+            yield Headline(Word.UNSURE, f"{'; '.join(self.doubts)}.", further=further_lines)
         else:
-            yield Headline(Word.DONE, content, further=further)
+            yield Headline(Word.DONE, content, further=further_lines)
         yield ""
         names, prefixes, joint_counts, masses = [], [], [], []
         for part in self.parts:
             part_model = part.robot.model
             names.append(part.robot.name)
             prefixes.append(part.prefix)
-            joint_counts.append(_joints(part_model))
+            joint_counts.append(_joint_count(part_model))
             masses.append(part_model.moving_mass + part_model.base_inertia.mass)
         yield Table(
             "",
@@ -269,53 +275,56 @@ def join(*parts: PartGiven, name: str = "", degrees: bool = False) -> RobotCell:
     """
     placed = [_part_of(part, degrees=degrees) for part in parts]
     if not placed:
-        raise ValueRangeError(f"there is nothing to join. Give robots, each {_FORM}.")
-    called = name or "_".join(part.robot.name for part in placed)
-    cell, left, frames = _beginning(placed)
-    doubts = list[Reason]()
-    for part in left:
+        raise ValueRangeError(f"there is nothing to join. Give robots, each {_FORM_OF_PART}.")
+    cell_name = name or "_".join(part.robot.name for part in placed)
+    cell, parts_to_attach, frames = _first_robot(placed)
+    doubts: list[Reason] = []
+    for part in parts_to_attach:
         frame = part.frame or _tip_of(cell, part)
-        other_tips = list[str]()
         if part.frame is None:
             other_tips = _tips_beside(cell.model, frame)
-        if other_tips:
-            remedy = f"name the frame, {part.file or part.robot.name}@FRAME"
-            text = f"{part.robot.name} stands at {frame}, and {listed(other_tips, 4)} is a tip too; {remedy}"
-            doubts.append(Reason(text, remedy))
-        cell = cell.attach(part.robot, frame, part.pose, prefix=part.prefix, name=called)
+            if other_tips:
+                remedy = f"name the frame, {part.file or part.robot.name}@FRAME"
+                text = f"{part.robot.name} stands at {frame}, and {listed(other_tips, 4)} is a tip too; {remedy}"
+                doubts.append(Reason(text, remedy))
+        cell = cell.attach(part.robot, frame, part.pose, prefix=part.prefix, name=cell_name)
         frames.append(frame)
     massless = massless_links(cell.model)
     if massless:
-        doubts.append(Reason(f"{listed(massless, 4)} {'have' if len(massless) > 1 else 'has'} no mass"))
+        verb = "have" if len(massless) > 1 else "has"
+        doubts.append(Reason(f"{listed(massless, 4)} {verb} no mass"))
     return RobotCell(cell, tuple(placed), tuple(frames), tuple(doubts))
 
 
-def _beginning(parts: Sequence[PlacedRobot]) -> tuple[Robot, Sequence[PlacedRobot], list[str]]:
-    """Robot that the others are attached to, the others, and the frames so far: the first part, or a floor beneath it."""
+def _first_robot(parts: Sequence[PlacedRobot]) -> tuple[Robot, Sequence[PlacedRobot], list[str]]:
+    """Robot to which parts are attached, these parts, and the frames of the parts that it contains.
+
+    It is the first part, or a floor if the first part stands on one, is moved or has a prefix.
+    """
     first = parts[0]
     if first.frame not in (None, FLOOR):
         raise ValueRangeError(
             f"the first part, {first.robot.name}, cannot stand at {first.frame!r}: nothing is there yet. "
             f"Leave the frame out, or give {FLOOR!r}."
         )
-    moved = first.frame is not None or first.pose is not None or bool(first.prefix)
-    asked = any(part.frame == FLOOR for part in parts)
-    if not moved and (not asked or FLOOR in first.robot.frame_names):
+    is_changed = first.frame is not None or first.pose is not None or bool(first.prefix)
+    needs_floor = any(part.frame == FLOOR for part in parts) and FLOOR not in first.robot.frame_names
+    if not is_changed and not needs_floor:
         return first.robot, parts[1:], [""]
     floor = load(f'<robot name="cell"><link name="{FLOOR}"/></robot>')
     return floor, [replace(first, frame=FLOOR), *parts[1:]], []
 
 
-def _part_of(given: PartGiven, *, degrees: bool) -> PlacedRobot:
-    if isinstance(given, PlacedRobot):
-        return given
-    if isinstance(given, Robot):
-        return PlacedRobot(given)
-    if isinstance(given, Path):
-        return PlacedRobot(load(given), file=given)
-    if isinstance(given, str):
-        return PlacedRobot.from_text(given, degrees=degrees)
-    raise ValueRangeError(f"a part is {arguments.value_text(given)}. Give a robot, a path, or text {_FORM}.")
+def _part_of(part: PartGiven, *, degrees: bool) -> PlacedRobot:
+    if isinstance(part, PlacedRobot):
+        return part
+    if isinstance(part, Robot):
+        return PlacedRobot(part)
+    if isinstance(part, Path):
+        return PlacedRobot(load(part), file=part)
+    if isinstance(part, str):
+        return PlacedRobot.from_text(part, degrees=degrees)
+    raise ValueRangeError(f"a part is {arguments.value_text(part)}. Give a robot, a path, or text {_FORM_OF_PART}.")
 
 
 def _tip_of(cell: Robot, part: PlacedRobot) -> str:
@@ -328,44 +337,46 @@ def _tip_of(cell: Robot, part: PlacedRobot) -> str:
     return cell.tip
 
 
-def _without_tip(model: Model) -> str:
+def _possible_tips_sentence(model: Model) -> str:
     """Sentence on a cell that ends in several frames, of which none is the default frame."""
-    first, *_ = tips = model.possible_tips
-    payload, tip = spell(Argument("payload", f"4@{first}")), spell(Argument("tip", first))
+    tips = model.possible_tips
+    payload = spell(Argument("payload", f"4@{tips[0]}"))
+    tip = spell(Argument("tip", tips[0]))
     return f"A payload needs a frame, {payload}, or the robot a tip, {tip}. Possible tips: {listed(tips, 8)}."
 
 
-def _joints(model: Model) -> int:
-    """Number of joints that are driven: not that of a floating base."""
+def _joint_count(model: Model) -> int:
+    """Number of joints that are driven, without that of a floating base."""
     return sum(body.joint.driven for body in model.leaders)
 
 
 def _tips_beside(model: Model, tip: str) -> list[str]:
     """Other tips of the same body whose pose differs."""
-    own = model.all_frames[tip]
+    tip_frame = model.all_frames[tip]
     tips = []
     for name in model.leaves:
         frame = model.frames[name]
-        if name != tip and frame.body == own.body and not np.allclose(frame.pose, own.pose, atol=_MIN_TIP_DISTANCE):
+        if name == tip or frame.body != tip_frame.body:
+            continue
+        if not np.allclose(frame.pose, tip_frame.pose, atol=_MIN_TIP_DISTANCE):
             tips.append(name)
     return tips
 
 
 def _pose(text: str, part: str, *, degrees: bool) -> Array:
-    """Pose (4, 4) of x,y,z,roll,pitch,yaw, of which the angles, or all but one coordinate, may be left out."""
+    """Pose (4, 4) of the text x,y,z,roll,pitch,yaw or x,y,z; ``part``: the text of the part, for errors."""
     values = text.split(",")
     if len(values) not in (3, 6):
         raise ValueRangeError(f"the pose of {part!r} has {len(values)} numbers. Give x,y,z or x,y,z,roll,pitch,yaw.")
-    unit = 1.0
-    if degrees:
-        unit = math.radians(1.0)
-    xyz = [_number(value, part) for value in values[:3]]
-    rpy = [_angle(value.strip(), part, unit) for value in values[3:] or ("0", "0", "0")]
-    return se3.pose(rotation_of_rpy(rpy), xyz)
+    angle_unit = math.radians(1.0) if degrees else 1.0
+    position = [_number(value, part) for value in values[:3]]
+    angles = values[3:] or ("0", "0", "0")
+    rpy = [_angle(angle.strip(), part, angle_unit) for angle in angles]
+    return se3.pose(rotation_of_rpy(rpy), position)
 
 
 def _angle(text: str, part: str, unit: float) -> float:
-    """Angle [rad] of a text, with or without ``deg``."""
+    """Angle [rad] of a text: in degrees if it ends with ``deg``, else in ``unit`` [rad]."""
     if text.endswith("deg"):
         return math.radians(_number(text.removesuffix("deg"), part))
     angle = unit * _number(text, part)
@@ -376,6 +387,7 @@ def _angle(text: str, part: str, unit: float) -> float:
 
 
 def _number(text: str, part: str) -> float:
+    """Number of a text; ``part``: the text of the part, for errors."""
     return arguments.parse_numbers(text.strip(), f"a number of the part {part!r},", "one number", 1)[0]
 
 

@@ -19,12 +19,14 @@ from ..core.first_calls import similar_names
 from ..core.text import shorten
 from . import names, path_of
 
-_EXAMPLES = "cmeel.prefix/share/example-robot-data/robots"
-_ENDINGS = (".urdf", ".sdf")
-_COMMON = ("_simple_description", "_description", "_data")
-"""Suffixes of robot folders after the robot's name."""
-_FETCHED = "robot_descriptions"
-_PATHS = ("URDF_PATH", "MJCF_PATH")
+_EXAMPLES_FOLDER = "cmeel.prefix/share/example-robot-data/robots"
+"""Folder of ``example-robot-data`` in the folder of installed packages."""
+_FILE_SUFFIXES = (".urdf", ".sdf")
+_FOLDER_ENDINGS = ("_simple_description", "_description", "_data")
+"""Endings of robot folders after the robot's name."""
+_DESCRIPTIONS_PACKAGE = "robot_descriptions"
+_PATH_NAMES = ("URDF_PATH", "MJCF_PATH")
+"""Names that the modules of this package give to the path of the robot file, in order of preference."""
 
 
 @dataclass(frozen=True)
@@ -67,15 +69,15 @@ def find(name: str, *, download: bool = False) -> Path:
     >>> tw.find("UR5") == tw.robots.path_of("ur5")
     True
     """
-    wanted = plain_name(name) if isinstance(name, str) else ""
-    if wanted in names():  # bundled robots need no search
-        return path_of(wanted)
-    known = known_robots()
-    if wanted in known:
-        return known[wanted].path
+    robot_name = plain_name(name) if isinstance(name, str) else ""
+    if robot_name in names():  # bundled robots need no search
+        return path_of(robot_name)
+    robots = known_robots()
+    if robot_name in robots:
+        return robots[robot_name].path
     if download:
-        return _downloaded(wanted, name)
-    raise UnknownNameError.from_choices("robot", name, known)
+        return _download(robot_name, name)
+    raise UnknownNameError.from_choices("robot", name, robots)
 
 
 def robot_file(source: str) -> Path:
@@ -83,11 +85,12 @@ def robot_file(source: str) -> Path:
     with suppress(OSError, ValueError):  # the name may be too long for a file
         if Path(source).exists():
             return Path(source)
-    known, wanted = known_robots(), plain_name(source)
-    if wanted in known:
-        return known[wanted].path
-    near = similar_names(wanted, known, cutoff=0.6)
-    hint = f" Did you mean {near}?" if near else ""
+    robots = known_robots()
+    robot_name = plain_name(source)
+    if robot_name in robots:
+        return robots[robot_name].path
+    similar = similar_names(robot_name, robots, cutoff=0.6)
+    hint = f" Did you mean {similar}?" if similar else ""
     raise NotFoundError(
         f"no robot file {shorten(source)!r}, and no bundled robot of that name, nor one of another package.{hint} "
         "Give a path, or a name that `twistwrench robots` lists."
@@ -96,10 +99,10 @@ def robot_file(source: str) -> Path:
 
 def known_robots() -> dict[str, FoundRobot]:
     """Every robot that :func:`twistwrench.find` finds without a download, by name; the first source takes precedence."""
-    found: dict[str, FoundRobot] = {}
-    for robot in (*_bundled(), *_examples(), *_fetched()):
-        found.setdefault(robot.name, robot)
-    return found
+    robots: dict[str, FoundRobot] = {}
+    for robot in (*_bundled_robots(), *_example_robots(), *_cached_descriptions()):
+        robots.setdefault(robot.name, robot)
+    return robots
 
 
 def plain_name(name: str) -> str:
@@ -107,146 +110,160 @@ def plain_name(name: str) -> str:
     return name.strip().lower().replace("-", "_").replace(" ", "_")
 
 
-def _bundled() -> Iterator[FoundRobot]:
+def _bundled_robots() -> Iterator[FoundRobot]:
     return (FoundRobot(name, "twistwrench", path_of(name)) for name in names())
 
 
-def _examples() -> Iterator[FoundRobot]:
-    """Files by file name, and folders by folder name if one file is clearly the robot."""
+def _example_robots() -> Iterator[FoundRobot]:
+    """Robots of ``example-robot-data``: files by file name, and folders by folder name if one file is clearly the robot."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     source = "example-robot-data"
     try:
-        folder = Path(str(distribution(source).locate_file(_EXAMPLES)))
+        folder = Path(str(distribution(source).locate_file(_EXAMPLES_FOLDER)))
     except PackageNotFoundError:
         return
     if not folder.is_dir():
         return
-    by_folder: dict[str, dict[str, Path]] = {}
+    files_by_folder: dict[str, dict[str, Path]] = {}  # paths by the plain name of the file
     for path in sorted(folder.rglob("*")):
-        if path.suffix in _ENDINGS:
-            files = by_folder.setdefault(_folder_name(path.relative_to(folder).parts[0]), {})
+        if path.suffix in _FILE_SUFFIXES:
+            robot_folder = path.relative_to(folder).parts[0]
+            files = files_by_folder.setdefault(_robot_of_folder(robot_folder), {})
             files.setdefault(plain_name(path.stem), path)
-    stems = Counter(chain.from_iterable(by_folder.values()))
-    for about, files in by_folder.items():
+    stem_counts = Counter(chain.from_iterable(files_by_folder.values()))
+    for robot_name, files in files_by_folder.items():
         for stem, path in files.items():
-            if stems[stem] == 1:
+            if stem_counts[stem] == 1:
                 yield FoundRobot(stem, source, path)
                 yield FoundRobot(stem.removesuffix("_robot"), source, path)
-            elif about.startswith(stem):
-                yield FoundRobot(about, source, path)
+            elif robot_name.startswith(stem):
+                yield FoundRobot(robot_name, source, path)
             else:
-                yield FoundRobot(f"{about}_{stem}", source, path)
-        if about in files:
-            yield FoundRobot(about, source, files[about])
-        elif len(files) == 1 or all(stem.startswith(f"{about}_") for stem in files):
-            yield FoundRobot(about, source, files[min(files, key=lambda stem: (len(stem), stem))])
+                yield FoundRobot(f"{robot_name}_{stem}", source, path)
+        if robot_name in files:
+            yield FoundRobot(robot_name, source, files[robot_name])
+        elif len(files) == 1 or all(stem.startswith(f"{robot_name}_") for stem in files):
+            shortest_stem = min(files, key=lambda stem: (len(stem), stem))
+            yield FoundRobot(robot_name, source, files[shortest_stem])
 
 
-def _folder_name(folder: str) -> str:
+def _robot_of_folder(folder: str) -> str:
+    """Robot's name in the name of a folder."""
     name = plain_name(folder)
-    for ending in _COMMON:
+    for ending in _FOLDER_ENDINGS:
         if name.endswith(ending):
             return name.removesuffix(ending)
     return name
 
 
-def _fetched() -> Iterator[FoundRobot]:
+def _cached_descriptions() -> Iterator[FoundRobot]:
     """Robots in the cache of ``robot_descriptions``, read without imports because its modules clone repositories."""
-    spec = find_spec(_FETCHED)
+    spec = find_spec(_DESCRIPTIONS_PACKAGE)
     if spec is None or not spec.submodule_search_locations:
         return
     package = Path(next(iter(spec.submodule_search_locations)))
     cache = Path(os.environ.get("ROBOT_DESCRIPTIONS_CACHE") or "~/.cache/robot_descriptions").expanduser()
     if not cache.is_dir():
         return
-    places = {name: cache / place for name, place in _repositories(package / "_repositories.py").items()}
+    folder_names = _repositories(package / "_repositories.py")
+    clones = {repository: cache / folder for repository, folder in folder_names.items()}
     for module in sorted(package.glob("*_description.py")):
-        path = _path_said(module, places)
+        path = _path_in_module(module, clones)
         if path is not None and path.is_file():
-            yield FoundRobot(plain_name(module.stem.removesuffix("_description")), _FETCHED, path)
+            yield FoundRobot(plain_name(module.stem.removesuffix("_description")), _DESCRIPTIONS_PACKAGE, path)
 
 
 def _repositories(file: Path) -> dict[str, str]:
-    """Folder of each repository in the cache, from the package's table."""
-    found = {}
-    for node in ast.walk(_parsed(file)):
-        if isinstance(node, ast.Dict):
-            for key, value in zip(node.keys, node.values, strict=True):
-                if isinstance(key, ast.Constant) and isinstance(value, ast.Call):
-                    said = {k.arg: k.value.value for k in value.keywords if isinstance(k.value, ast.Constant)}
-                    if "cache_path" in said:
-                        found[str(key.value)] = str(said["cache_path"])
-    return found
+    """Folder of each repository in the cache, from the package's table ``{name: Repository(cache_path=…)}``."""
+    folders = {}
+    for node in ast.walk(_parse_module(file)):
+        if not isinstance(node, ast.Dict):
+            continue
+        for key, value in zip(node.keys, node.values, strict=True):
+            if not isinstance(key, ast.Constant) or not isinstance(value, ast.Call):
+                continue
+            for keyword in value.keywords:
+                if keyword.arg == "cache_path" and isinstance(keyword.value, ast.Constant):
+                    folders[str(key.value)] = str(keyword.value.value)
+    return folders
 
 
-def _path_said(module: Path, places: Mapping[str, Path]) -> Path | None:
-    """Robot file of a description module, evaluated from the few kinds of expressions that such modules use."""
-    known: dict[str, Path] = {}
-    for node in _parsed(module).body:
+def _path_in_module(module: Path, clones: Mapping[str, Path]) -> Path | None:
+    """Robot file of a description module, evaluated from the few kinds of expressions that such modules use.
+
+    ``clones``: folders of the repositories by name.
+    """
+    variables: dict[str, Path] = {}
+    for node in _parse_module(module).body:
         if not isinstance(node, ast.Assign | ast.AnnAssign):
             continue
         targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-        value = _value(node.value, known, places)
-        if value is None:
+        path = _evaluate_path(node.value, variables, clones)
+        if path is None:
             continue
         for target in targets:
             if isinstance(target, ast.Name):
-                known[target.id] = value
-    for name in _PATHS:
-        if name in known:
-            return known[name]
+                variables[target.id] = path
+    for name in _PATH_NAMES:
+        if name in variables:
+            return variables[name]
     return None
 
 
-def _value(node: ast.expr | None, known: Mapping[str, Path], places: Mapping[str, Path]) -> Path | None:
+def _evaluate_path(node: ast.expr | None, variables: Mapping[str, Path], clones: Mapping[str, Path]) -> Path | None:
+    """Path of an expression: a variable, a text, ``clone_to_cache(name)`` or ``join(…)``; None for others."""
     if isinstance(node, ast.Name):
-        return known.get(node.id)
+        return variables.get(node.id)
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return Path(node.value)
     if not isinstance(node, ast.Call) or not node.args:
         return None
-    called = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
-    if called.endswith("clone_to_cache"):
-        first = node.args[0]
-        return places.get(str(first.value)) if isinstance(first, ast.Constant) else None
-    if called != "join":
+    function_name = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+    if function_name.endswith("clone_to_cache"):
+        repository = node.args[0]
+        return clones.get(str(repository.value)) if isinstance(repository, ast.Constant) else None
+    if function_name != "join":
         return None
-    parts = list[Path]()
+    parts: list[Path] = []
     for argument in node.args:
-        part = _value(argument, known, places)
+        part = _evaluate_path(argument, variables, clones)
         if part is None:
             return None
         parts.append(part)
     return Path(*parts)
 
 
-def _parsed(file: Path) -> ast.Module:
+def _parse_module(file: Path) -> ast.Module:
+    """Syntax tree of a module; empty if it cannot be read."""
     try:
         return ast.parse(file.read_text(encoding="utf-8"))
     except (OSError, SyntaxError, ValueError):  # a package with another layout
         return ast.Module([], [])
 
 
-def _downloaded(wanted: str, name: object) -> Path:
-    if find_spec(_FETCHED) is None:
+def _download(robot_name: str, name: object) -> Path:
+    """Path of a robot that ``robot_descriptions`` downloads; ``name``: as the caller wrote it, for errors."""
+    if find_spec(_DESCRIPTIONS_PACKAGE) is None:
         raise MissingExtraError(
-            f"no robot named {name!r} is on this machine, and fetching one needs {_FETCHED!r}: pip install {_FETCHED}."
+            f"no robot named {name!r} is on this machine, and fetching one needs {_DESCRIPTIONS_PACKAGE!r}: "
+            f"pip install {_DESCRIPTIONS_PACKAGE}."
         )
-    descriptions = importlib.import_module(_FETCHED).DESCRIPTIONS
-    known = {plain_name(key.removesuffix("_description")): key for key in descriptions}
-    if wanted not in known:
-        raise UnknownNameError.from_choices(f"robot of {_FETCHED}", name, known)
+    descriptions = importlib.import_module(_DESCRIPTIONS_PACKAGE).DESCRIPTIONS
+    modules = {plain_name(module.removesuffix("_description")): module for module in descriptions}
+    if robot_name not in modules:
+        raise UnknownNameError.from_choices(f"robot of {_DESCRIPTIONS_PACKAGE}", name, modules)
     try:
-        module = importlib.import_module(f"{_FETCHED}.{known[wanted]}")
-    except Exception as problem:
-        raise NotFoundError(f"{_FETCHED} could not fetch {name!r}: {' '.join(str(problem).split())[:300]}.") from None
-    path = next((getattr(module, one) for one in _PATHS if hasattr(module, one)), None)
-    if path is None:
-        raise NotFoundError(
-            f"{_FETCHED} has {name!r} as xacro only: load its file with twistwrench.load(path, xacro={{…}})."
-        )
-    return Path(path)
+        module = importlib.import_module(f"{_DESCRIPTIONS_PACKAGE}.{modules[robot_name]}")
+    except Exception as error:
+        reason = " ".join(str(error).split())[:300]  # on one line
+        raise NotFoundError(f"{_DESCRIPTIONS_PACKAGE} could not fetch {name!r}: {reason}.") from None
+    for path_name in _PATH_NAMES:
+        if hasattr(module, path_name):
+            return Path(getattr(module, path_name))
+    raise NotFoundError(
+        f"{_DESCRIPTIONS_PACKAGE} has {name!r} as xacro only: load its file with twistwrench.load(path, xacro={{…}})."
+    )
 
 
 # ── Files beside the bundled robots, called ``demo``
@@ -255,20 +272,21 @@ _DEMO = "demo"
 
 
 def bundled_file(name: str, robot: str, suffix: str, what: str) -> Path:
-    """Given path, or for ``demo`` the file of this kind that is bundled with a robot.
+    """Path ``name``, or for ``demo`` the file with this suffix that is bundled with a robot; ``what``: its kind, for errors.
 
     Raises :class:`~twistwrench.UnknownNameError` if none is bundled with it.
     """
     if name != _DEMO or Path(name).is_file():
         return Path(name)
     folder = Path(__file__).parent
-    path = folder / f"{robot}_{_DEMO}{suffix}"
+    ending = f"_{_DEMO}{suffix}"
+    path = folder / f"{robot}{ending}"
     if not path.is_file():
-        have = [p.name.removesuffix(f"_{_DEMO}{suffix}") for p in sorted(folder.glob(f"*_{_DEMO}{suffix}"))]
-        near = difflib.get_close_matches(robot.lower(), have, n=1, cutoff=0.8)
-        hint = f" Did you mean {near[0]!r}?" if near else ""
+        robots_with_file = [path.name.removesuffix(ending) for path in sorted(folder.glob(f"*{ending}"))]
+        similar = difflib.get_close_matches(robot.lower(), robots_with_file, n=1, cutoff=0.8)
+        hint = f" Did you mean {similar[0]!r}?" if similar else ""
         raise UnknownNameError(
-            f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(have)}. "
+            f"no {what} is bundled with {robot!r}.{hint} With: {', '.join(robots_with_file)}. "
             f"Give the path of a {suffix.rpartition('.')[2].upper()} file instead."
         )
     return path

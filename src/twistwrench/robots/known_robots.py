@@ -17,7 +17,8 @@ from .finding import FoundRobot, known_robots, plain_name
 
 __all__ = ["KnownRobots"]
 
-_BUNDLED = "twistwrench"
+_BUNDLED_SOURCE = "twistwrench"
+"""Source of the bundled robots; see :class:`FoundRobot`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -61,10 +62,15 @@ class KnownRobots(Answer):
         ('quadruped',)
         """
         known = known_robots()
-        bundled = [name for name in robots.names() if word.lower() in f"{name} {_description(name)}".lower()]
-        others = [
-            found for name, found in sorted(known.items()) if found.source != _BUNDLED and plain_name(word) in name
-        ]
+        bundled = []
+        for name in robots.names():
+            name_and_description = f"{name} {_description(name)}".lower()
+            if word.lower() in name_and_description:
+                bundled.append(name)
+        others = []
+        for name, robot in sorted(known.items()):
+            if robot.source != _BUNDLED_SOURCE and plain_name(word) in name:
+                others.append(robot)
         if not bundled and not others:
             raise UnknownNameError.from_choices("robot", word, known)
         return cls(tuple(bundled), tuple(others))
@@ -88,15 +94,15 @@ class KnownRobots(Answer):
         """
         if self.bundled:
             yield _bundled_table(self.bundled)
-        by_source: dict[str, list[FoundRobot]] = {}
-        for found in self.others:
-            by_source.setdefault(found.source, []).append(found)
-        for source, of_source in by_source.items():
-            names = sorted(called[0] for called in _names_by_file(of_source).values())
-            count = f"{len(names)} robot{'s' * (len(names) > 1)}"
-            yield Aligned(f"{count} of {source}", [("", " ".join(names))], name_columns, gap="")
-        for source, of_source in by_source.items():
-            yield _file_table(source, of_source)
+        robots_by_source: dict[str, list[FoundRobot]] = {}
+        for robot in self.others:
+            robots_by_source.setdefault(robot.source, []).append(robot)
+        for source, robots_of_source in robots_by_source.items():
+            shortest_names = sorted(names[0] for names in _names_by_file(robots_of_source).values())
+            count_text = "1 robot" if len(shortest_names) == 1 else f"{len(shortest_names)} robots"
+            yield Aligned(f"{count_text} of {source}", [("", " ".join(shortest_names))], name_columns, gap="")
+        for source, robots_of_source in robots_by_source.items():
+            yield _file_table(source, robots_of_source)
         if self.others:
             yield More("Files, and further names of the same robots")
 
@@ -105,7 +111,10 @@ def name_columns(names: str, width: int) -> list[str]:
     """Names, separated by blanks, in rows of at most a width; each begins at a multiple of 13 characters."""
     rows = [""]
     for name in names.split():
-        start = _STEP * math.ceil((text_width(rows[-1]) + 2 * bool(rows[-1])) / _STEP)
+        start = 0
+        if rows[-1]:
+            width_with_gap = text_width(rows[-1]) + 2
+            start = _COLUMN_WIDTH * math.ceil(width_with_gap / _COLUMN_WIDTH)
         if rows[-1] and start + text_width(name) > width:
             rows.append("")
             start = 0
@@ -113,16 +122,19 @@ def name_columns(names: str, width: int) -> list[str]:
     return rows
 
 
-_STEP = 13
+_COLUMN_WIDTH = 13
 
 
 def _description(name: str) -> str:
-    """First line of the docstring of a bundled robot."""
-    first = (getattr(robots, name).__doc__ or "").strip().split("\n")[0]
-    return first.partition("; options as")[0].replace("``", "")
+    """First line of the docstring of a bundled robot, without its remark on options."""
+    docstring = getattr(robots, name).__doc__ or ""
+    first_line = docstring.strip().split("\n")[0]
+    description, _, _ = first_line.partition("; options as")
+    return description.replace("``", "")
 
 
 def _bundled_table(names: Sequence[str]) -> Table:
+    """Table of bundled robots, with their sizes and descriptions."""
     coordinate_counts, velocity_counts, masses = [], [], []
     for name in names:
         model = getattr(robots, name)().model
@@ -139,18 +151,22 @@ def _bundled_table(names: Sequence[str]) -> Table:
     )
 
 
-def _names_by_file(found: Sequence[FoundRobot]) -> dict[str, list[str]]:
-    """Names of each file, the shortest first."""
-    by_file: dict[str, list[str]] = {}
-    for robot in found:
-        by_file.setdefault("/".join(robot.path.parts[-3:]), []).append(robot.name)
-    return {file: sorted(called, key=lambda name: (len(name), name)) for file, called in by_file.items()}
+def _names_by_file(robots_of_source: Sequence[FoundRobot]) -> dict[str, list[str]]:
+    """Names by file (its last two folders and its name), the shortest first."""
+    names_by_file: dict[str, list[str]] = {}
+    for robot in robots_of_source:
+        file = "/".join(robot.path.parts[-3:])
+        names_by_file.setdefault(file, []).append(robot.name)
+    return {file: sorted(names, key=lambda name: (len(name), name)) for file, names in names_by_file.items()}
 
 
-def _file_table(source: str, found: Sequence[FoundRobot]) -> Table:
+def _file_table(source: str, robots_of_source: Sequence[FoundRobot]) -> Table:
     """Table with one row per file."""
-    by_file = _names_by_file(found)
-    names = [", ".join(called) for called in by_file.values()]
+    names_by_file = _names_by_file(robots_of_source)
+    name_texts = [", ".join(names) for names in names_by_file.values()]
     return Table(
-        "", words(f"of {source}", names, fold=False, style=Style.STRONG), words("file", by_file), level=Level.ALL
+        "",
+        words(f"of {source}", name_texts, fold=False, style=Style.STRONG),
+        words("file", names_by_file),
+        level=Level.ALL,
     )

@@ -18,30 +18,32 @@ from ..coordinates import Coordinates
 from ..motion_file import MotionFile
 from ..readers.columnar_file import ArrayFile
 
-_FANUC = re.compile(r"fanuc|crx|lr_?mate|^m_?\d+i|^r_?2000")
+_FANUC_NAMES = re.compile(r"fanuc|crx|lr_?mate|^m_?\d+i|^r_?2000")
 """Names of Fanuc robots."""
-_MOTORS = {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"}
+_SO_ARM_MOTORS = {"shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"}
 """Motors of the arms SO-100 and SO-101 in LeRobot datasets."""
 
 
 def fanuc_doubts(file: MotionFile, model: Model, coordinates: Coordinates) -> list[Doubt]:
     """Doubt about the third joint of a Fanuc robot, whose column J3 is the angle to the horizontal."""
-    if not _FANUC.search(model.name.lower()) or not {"J1", "J2", "J3", "J4", "J5", "J6"} <= set(file.header):
+    has_fanuc_columns = {"J1", "J2", "J3", "J4", "J5", "J6"} <= set(file.header)
+    if not has_fanuc_columns or not _FANUC_NAMES.search(model.name.lower()):
         return []
-    third = coordinates.names[2]
-    return [doubt("fanuc-j3", [third], joint=third, column=Argument("columns", {third: "J3+J2"}))]
+    third_joint = coordinates.names[2]
+    return [doubt("fanuc-j3", [third_joint], joint=third_joint, column=Argument("columns", {third_joint: "J3+J2"}))]
 
 
 def dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates, *, degrees: bool) -> list[Doubt]:
     """Doubts about a LeRobot dataset; raises TrajectoryError if units are unknown or need its calibration file."""
-    places = columns.places["q"]
-    if not isinstance(file, ArrayFile) or not file.dataset or places is None:
+    q_columns = columns.places["q"]
+    if not isinstance(file, ArrayFile) or not file.dataset or q_columns is None:
         return []
-    unstated = np.flatnonzero(coordinates.angular & ~columns.angle_stated).tolist()
-    if not unstated:
+    has_unstated_unit = coordinates.angular & ~columns.angle_stated
+    entries = np.flatnonzero(has_unstated_unit).tolist()
+    if not entries:
         return []
-    cells = [columns.header[int(places[k])] for k in unstated]
-    joints = [coordinates.names[k] for k in unstated]
+    cells = [columns.header[int(q_columns[k])] for k in entries]
+    joints = [coordinates.names[k] for k in entries]
     if file.dataset == "range":
         raise TrajectoryError(
             f"{file.path}: by its metadata, positions are from -100 to 100 of each motor's range, and only its calibration "
@@ -54,7 +56,8 @@ def dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates,
     if file.dataset != "unknown":
         return []
     words: dict[str, Any] = {"named": listed(joints, 6), "usual": ""}
-    if not _MOTORS & set(".".join(cells).split(".")):
+    words_of_cells = set(".".join(cells).split("."))
+    if not _SO_ARM_MOTORS & words_of_cells:
         return [doubt("dataset-unit", joints, level="note", **words)]
     words["usual"] = ", although LeRobot records these motors in degrees or in shares of their range"
     return [doubt("dataset-unit", joints, level="unsure", **words)]
@@ -63,13 +66,13 @@ def dataset_doubts(file: MotionFile, columns: Columns, coordinates: Coordinates,
 def _check_radians(file: ArrayFile, cells: list[str]) -> None:
     """Raise TrajectoryError if a column reaches more than a turn."""
     columns = [file.first(file.header.index(cell)) for cell in cells]
-    largest = [float(np.abs(column).max(initial=0.0)) for column in columns]
-    k = int(np.argmax(largest))
-    if largest[k] > math.tau:
+    largest_values = [float(np.abs(column).max(initial=0.0)) for column in columns]
+    k = int(np.argmax(largest_values))
+    if largest_values[k] > math.tau:
         raise TrajectoryError(
-            f"{file.path}: {cells[k]} reaches {number(largest[k])}, which is not an angle in radians. LeRobot's SO arms record "
-            "degrees since February 2026, and before that -100 to 100 of each motor's range, which needs the calibration "
-            "file. If these are degrees, add: {0}",
+            f"{file.path}: {cells[k]} reaches {number(largest_values[k])}, which is not an angle in radians. LeRobot's SO arms "
+            "record degrees since February 2026, and before that -100 to 100 of each motor's range, which needs the "
+            "calibration file. If these are degrees, add: {0}",
             Argument("degrees", True),
         )
 

@@ -16,8 +16,12 @@ from .. import log_table
 
 _MAX_ROWS_OF_ONE_TIME = 10_000
 """Number of rows with one time above which the clock is considered stopped."""
-_MIN_ROWS, _MIN_ZERO_STEPS, _PAUSE = 20, 0.02, 3.0
-"""Minimum rows, and fraction of zero steps, for rounded stamps; and number of grid steps that make a pause."""
+_MIN_ROWS = 20
+"""Minimum number of rows between pauses."""
+_MIN_ZERO_STEPS = 0.02
+"""Fraction of zero steps from which stamps are rounded to a grid coarser than their steps."""
+_MIN_PAUSE = 3.0
+"""Number of grid steps above which a step is a pause."""
 _MAX_ROUNDING = 0.65
 """Largest deviation of a rounded stamp in grid steps: 0.5 for rounding, the rest for the error of the clock."""
 
@@ -33,10 +37,11 @@ class DuplicateTimestamps:
 
     def merge(self, table: Array, turning: Array, half_turn: Array, where: str) -> Array:
         """Reduce a table (n, k) to one row per time, in place; time is the first column. Raises TrajectoryError."""
-        begin = end = 0
+        begin = 0  # of the portion to merge
+        merged_end = 0  # end of the merged rows, which overwrite the table from its beginning
         while begin < len(table):
             stop = min(begin + log_table.ROWS, len(table))
-            while stop < len(table) and table[stop, 0] == table[stop - 1, 0]:
+            while stop < len(table) and table[stop, 0] == table[stop - 1, 0]:  # keep rows of one time together
                 stop += 1
                 if stop - begin - log_table.ROWS > _MAX_ROWS_OF_ONE_TIME:
                     raise TrajectoryError(
@@ -45,35 +50,40 @@ class DuplicateTimestamps:
                         Argument("rate", Placeholder("HZ")),
                     )
             rows = self._merge_portion(table[begin:stop], turning, half_turn, where)
-            table[end : end + len(rows)] = rows
-            begin, end = stop, end + len(rows)
-        return table[:end]
+            table[merged_end : merged_end + len(rows)] = rows
+            merged_end += len(rows)
+            begin = stop
+        return table[:merged_end]
 
     def _merge_portion(self, rows: Array, turning: Array, half_turn: Array, where: str) -> Array:
+        """One row per time. ``turning``: columns of angles; ``half_turn``: half a turn in the unit of each."""
         time = rows[:, 0]
         has_previous_time = np.r_[False, time[1:] == time[:-1]]
         if not has_previous_time.any():
             return rows
         repeats_row = has_previous_time & np.r_[False, (rows[1:] == rows[:-1]).all(axis=1)]
         self.dropped += int(repeats_row.sum())
-        rows, has_previous_time = rows[~repeats_row], has_previous_time[~repeats_row]
+        rows = rows[~repeats_row]
+        has_previous_time = has_previous_time[~repeats_row]
         if not has_previous_time.any():
             return rows
+        # Groups of rows of one time, most of which have a single row.
         starts = np.flatnonzero(~has_previous_time)
         counts = np.diff(np.r_[starts, len(rows)])
         spread = np.maximum.reduceat(rows, starts) - np.minimum.reduceat(rows, starts)
-        merged = np.flatnonzero(counts > 1)
-        contradicting = merged[(spread[np.ix_(merged, turning)] > half_turn).any(axis=1)]
-        if contradicting.size:
+        merged_groups = np.flatnonzero(counts > 1)
+        angles_contradict = (spread[np.ix_(merged_groups, turning)] > half_turn).any(axis=1)
+        if angles_contradict.any():
+            first_group = merged_groups[angles_contradict][0]
             raise TrajectoryError(
-                f"{where}: rows of one time, {float(rows[starts[contradicting[0]], 0])!r}, differ by more than half a turn. "
+                f"{where}: rows of one time, {float(rows[starts[first_group], 0])!r}, differ by more than half a turn. "
                 "Keep one of them."
             )
         if self.first is None:
-            self.first = float(rows[starts[merged[0]], 0])
-        self.averaged += int(counts[merged].sum())
+            self.first = float(rows[starts[merged_groups[0]], 0])
+        self.averaged += int(counts[merged_groups].sum())
         means = np.add.reduceat(rows, starts) / counts[:, None]
-        means[:, 0] = rows[starts, 0]
+        means[:, 0] = rows[starts, 0]  # exactly, as a mean of equal times may be rounded
         return np.asarray(means)
 
     def doubts(self) -> list[Doubt]:
@@ -98,18 +108,25 @@ def steady_times(stamps: Array) -> Array | None:
     if len(steps) < _MIN_ROWS or (steps < 0).any() or (steps == 0).mean() < _MIN_ZERO_STEPS:
         return None
     grid = float(steps[steps > 0].min(initial=np.inf))
-    on_grid = np.abs(steps - grid * np.round(steps / grid)) <= 1e-6 * grid + 4 * np.spacing(np.abs(stamps[1:]))
-    if not (np.isfinite(grid) and on_grid.all()):
+    distance_from_grid = np.abs(steps - grid * np.round(steps / grid))
+    tolerance = 1e-6 * grid + 4 * np.spacing(np.abs(stamps[1:]))  # steps are differences of large numbers
+    is_on_grid = distance_from_grid <= tolerance
+    if not (np.isfinite(grid) and is_on_grid.all()):
         return None
-    edges = [0, *(np.flatnonzero(steps > _PAUSE * grid) + 1).tolist(), len(stamps)]
+    rows_after_pauses = np.flatnonzero(steps > _MIN_PAUSE * grid) + 1
+    edges = [0, *rows_after_pauses.tolist(), len(stamps)]
     times = np.empty(len(stamps))
     for begin, end in pairwise(edges):
         if end - begin < _MIN_ROWS:
             return None
-        rows, own_stamps = np.arange(end - begin) - 0.5 * (end - begin - 1), stamps[begin:end]
-        middle = float(own_stamps.mean())
-        slope = float(rows @ (own_stamps - middle)) / float(rows @ rows)
-        times[begin:end] = middle + slope * rows
+        own_stamps = stamps[begin:end]
+        # Straight line by least squares; rows are counted from the middle, so that its value there is the mean.
+        rows_from_middle = np.arange(end - begin) - 0.5 * (end - begin - 1)
+        mean_stamp = float(own_stamps.mean())
+        time_step = float(rows_from_middle @ (own_stamps - mean_stamp)) / float(rows_from_middle @ rows_from_middle)
+        times[begin:end] = mean_stamp + time_step * rows_from_middle
         if np.abs(times[begin:end] - own_stamps).max() > _MAX_ROUNDING * grid:
             return None
-    return times if (np.diff(times) > 0).all() else None
+    if not (np.diff(times) > 0).all():
+        return None
+    return times

@@ -37,7 +37,7 @@ _PORTION_SIZE = 1 << 26
 
 
 def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
-    """Open a file of arrays, or one ``episode`` of it; an archive by another suffix is that of a simulation.
+    """Open a file of arrays, or one ``episode`` of it. A file with another suffix is read as that of a simulation.
 
     Raises NotFoundError, MissingExtraError and TrajectoryError.
     """
@@ -52,71 +52,75 @@ def array_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
         return simulation_file(file)
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix[1:]}: {reason}.")):
         arrays, notes = reader(file)
-    wide = [name for name, array in arrays.items() if array.shape and array.row_size > 8 * MAX_COLUMNS]
-    if wide:
-        note = f"Not read, as a row of it has more than {MAX_COLUMNS} numbers: {listed(wide)}."
+    max_row_size = 8 * MAX_COLUMNS  # bytes
+    wide_arrays = [name for name, array in arrays.items() if array.shape and array.row_size > max_row_size]
+    if wide_arrays:
+        note = f"Not read, as a row of it has more than {MAX_COLUMNS} numbers: {listed(wide_arrays)}."
         notes = (*notes, note)
-        arrays = {name: array for name, array in arrays.items() if name not in wide}
+        arrays = {name: array for name, array in arrays.items() if name not in wide_arrays}
     columns = _columns(arrays)
     if not columns:
-        found = listed(arrays) or "none"
-        raise TrajectoryError(
-            " ".join([f"{path}: has no arrays of numbers that are as long as each other. Found: {found}.", *notes])
-        )
+        array_names = listed(arrays) or "none"
+        message = f"{path}: has no arrays of numbers that are as long as each other. Found: {array_names}."
+        raise TrajectoryError(" ".join([message, *notes]))
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: {EPISODES!r} cannot be read: {reason}.")):
-        rows = _episode_rows(path, arrays.get(EPISODES), episode)
+        episode_rows = _episode_rows(path, arrays.get(EPISODES), episode)
 
-    def read(used: Sequence[int]) -> Iterator[Array]:
-        used_columns = [columns[k] for k in used or (0,)]
+    def read_portions(used: Sequence[int]) -> Iterator[Array]:
+        used_columns = [columns[k] for k in used or (0,)]  # without columns, any one shows the number of rows
         used_arrays = {column.array: arrays[column.array] for column in used_columns}
-        size, row_size = 0, 1
-        for array in used_arrays.values():
-            size += array.size
-            row_size = max(row_size, array.row_size)
+        size = sum(array.size for array in used_arrays.values())
+        largest_row_size = max(1, *(array.row_size for array in used_arrays.values()))
         check_ratio(path, size, file.size)
-        row_limit = max(1, min(log_table.ROWS, _PORTION_SIZE // row_size))
-        begins: dict[int, Array] = {}
+        row_limit = max(1, min(log_table.ROWS, _PORTION_SIZE // largest_row_size))
+        first_dates: dict[int, Array] = {}
         begin = 0
         for portions in zip(*[array.portions(row_limit) for array in used_arrays.values()], strict=True):
-            portion_of = dict(zip(used_arrays, portions, strict=True))
-            count = len(portions[0])
-            selected: Any = ...
-            if rows is not None:
-                selected = rows[begin : begin + count]
-            begin += count
-            values = []
+            portion_by_array = dict(zip(used_arrays, portions, strict=True))
+            end = begin + len(portions[0])
+            selected_rows: Any = ...
+            if episode_rows is not None:
+                selected_rows = episode_rows[begin:end]
+            begin = end
+            table_columns = []
             for k, column in enumerate(used_columns):
-                x = portion_of[column.array][column.part][selected]
-                if x.dtype.kind in "mM":  # dates and durations: seconds since the first
-                    x = (x - begins.setdefault(k, x[:1])) / np.timedelta64(1, "s")
-                values.append(x)
-            yield np.stack(values, axis=1).astype(float, copy=False)[:, : len(used)]
+                values = portion_by_array[column.array][column.index][selected_rows]
+                if values.dtype.kind in "mM":  # dates and durations: seconds since the first
+                    first_date = first_dates.setdefault(k, values[:1])
+                    values = (values - first_date) / np.timedelta64(1, "s")
+                table_columns.append(values)
+            table = np.stack(table_columns, axis=1).astype(float, copy=False)
+            yield table[:, : len(used)]
 
     dataset = ""
     if EPISODES in arrays:
         _, dataset = read_metadata(path)
     labels = tuple(column.label for column in columns)
-    return ArrayFile(path, labels, file.size, read, notes, dataset=dataset)
+    return ArrayFile(path, labels, file.size, read_portions, notes, dataset=dataset)
 
 
 @dataclass(frozen=True)
 class _Column:
+    """Column of numbers within an array."""
+
     label: str
     array: str
-    part: Any
-    """Index of the column within a portion."""
+    """Name of the array."""
+    index: Any
+    """Index of the column within a portion of the array."""
 
 
 def _columns(arrays: Mapping[str, StoredArray]) -> list[_Column]:
-    """Numeric columns of the most frequent length."""
-    by_length: dict[int, list[_Column]] = defaultdict(list)
+    """Numeric columns of the most frequent length; of the greatest one if several are equally frequent."""
+    columns_by_length: dict[int, list[_Column]] = defaultdict(list)
     for name, array in arrays.items():
         if array.shape:
-            by_length[array.shape[0]] += _array_columns(name, array)
-    lengths = [n for n, columns in by_length.items() if n > 1 and columns]
+            columns_by_length[array.shape[0]] += _array_columns(name, array)
+    lengths = [length for length, columns in columns_by_length.items() if length > 1 and columns]
     if not lengths:
         return []
-    return by_length[max(lengths, key=lambda n: (len(by_length[n]), n))]
+    most_frequent = max(lengths, key=lambda length: (len(columns_by_length[length]), length))
+    return columns_by_length[most_frequent]
 
 
 def _array_columns(name: str, array: StoredArray) -> list[_Column]:
@@ -142,10 +146,9 @@ def _field_columns(name: str, dtype: np.dtype[Any]) -> list[_Column]:
     """Columns of the fields of an array (n,) that hold one number each."""
     columns = []
     for field in dtype.names or ():
-        if dtype[field].kind in NUMBER_KINDS and not dtype[field].shape:
-            label = field
-            if name:
-                label = f"{name}.{field}"
+        is_number = dtype[field].kind in NUMBER_KINDS and not dtype[field].shape
+        if is_number:
+            label = f"{name}.{field}" if name else field
             columns.append(_Column(label, name, field))
     return columns
 
@@ -159,21 +162,19 @@ def _episode_rows(path: Path, episodes: StoredArray | None, episode: int | None)
             )
         return None
     check_ratio(path, episodes.size, path.stat().st_size)
-    index = np.concatenate([np.zeros(0), *episodes.portions(log_table.ROWS)])
-    if not np.isfinite(index).all():
+    episode_of_row = np.concatenate([np.zeros(0), *episodes.portions(log_table.ROWS)])
+    if not np.isfinite(episode_of_row).all():
         raise TrajectoryError(f"{path}: {EPISODES!r} has missing numbers. Each row needs its episode.")
-    episode_numbers = np.unique(index).astype(int)
+    episode_numbers = np.unique(episode_of_row).astype(int)
     if episode is None and len(episode_numbers) < 2:
         return None
     if episode is None or episode not in episode_numbers:
-        finding = "several episodes"
-        if episode is not None:
-            finding = f"no episode {episode}"
+        finding = "several episodes" if episode is None else f"no episode {episode}"
         first, last = int(episode_numbers[0]), int(episode_numbers[-1])
         raise TrajectoryError(
             f"{path}: has {finding}: {first} to {last}. Choose one: {{0}}.", Argument("episode", first)
         )
-    return np.asarray(index == episode)
+    return np.asarray(episode_of_row == episode)
 
 
 _READERS: Mapping[str, Reader] = {

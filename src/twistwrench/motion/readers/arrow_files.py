@@ -24,81 +24,90 @@ def read_arrow(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ..
     """Columns of a parquet or feather file; a column of lists of numbers is an array (n, k)."""
     path = file.path
     try:
-        import pyarrow.types as kinds
+        import pyarrow.types as arrow_types
     except ImportError:
         raise MissingExtraError.from_extra("pyarrow", "logs", f"Reading {path.suffix[1:]}") from None
     if path.suffix.lower() == ".parquet":
-        schema, rows, read, counts = _parquet(path)
+        schema, row_count, read_column, value_counts = _parquet(path)
     else:
-        schema, rows, read = _feather(path)
-        counts = Counter()
+        schema, row_count, read_column = _feather(path)
+        value_counts = Counter()
 
-    def portions(name: str, row_limit: int) -> Iterator[Array]:
-        for column in read(name, row_limit):
+    def read_portions(name: str, row_limit: int) -> Iterator[Array]:
+        for column in read_column(name, row_limit):
             column.validate(full=True)
             yield column.to_numpy(zero_copy_only=False)
 
-    names: Mapping[str, list[str]] = {}
+    names_of_entries: Mapping[str, list[str]] = {}
     if {STATE, EPISODES} & {*schema.names}:
-        names, _ = read_metadata(path)
-    arrays, number = {}, np.dtype(float)
-    without_numbers, size_limit = np.dtype(object), most_unpacked(path.stat().st_size)
+        names_of_entries, _ = read_metadata(path)
+    arrays = {}
+    size_limit = most_unpacked(path.stat().st_size)
     for field in schema:
-        kind, rows_of = field.type, partial(portions, field.name)
-        array = StoredArray((), without_numbers, rows_of)
+        kind = field.type
+        portions = partial(read_portions, field.name)
+        is_number = arrow_types.is_floating(kind) or arrow_types.is_integer(kind) or arrow_types.is_boolean(kind)
+        is_time = arrow_types.is_timestamp(kind) or arrow_types.is_date(kind) or arrow_types.is_duration(kind)
+        is_list = arrow_types.is_list(kind) or arrow_types.is_fixed_size_list(kind)
         name = field.name
-        if kinds.is_floating(kind) or kinds.is_integer(kind) or kinds.is_boolean(kind):
-            array = StoredArray((rows,), number, rows_of)
-        elif kinds.is_timestamp(kind) or kinds.is_date(kind) or kinds.is_duration(kind):
-            name = f"{field.name} [s]"
-            array = StoredArray((rows,), number, rows_of)
-        elif (kinds.is_list(kind) or kinds.is_fixed_size_list(kind)) and 8 * counts[field.name] <= size_limit:
-            array = _list_array(path, field.name, rows, rows_of, names.get(field.name, ()))
-        arrays[name] = array
-    nested = [field for field in schema if kinds.is_nested(field.type) and not arrays[field.name].shape]
-    if not nested:
+        if is_number:
+            arrays[name] = StoredArray((row_count,), np.dtype(float), portions)
+        elif is_time:
+            arrays[f"{name} [s]"] = StoredArray((row_count,), np.dtype(float), portions)
+        elif is_list and 8 * value_counts[name] <= size_limit:
+            arrays[name] = _list_array(path, name, row_count, portions, names_of_entries.get(name, ()))
+        else:
+            arrays[name] = StoredArray((), np.dtype(object), portions)  # not numbers
+    unread_nested = [field for field in schema if arrow_types.is_nested(field.type) and not arrays[field.name].shape]
+    if not unread_nested:
         return arrays, ()
-    columns = ", ".join(f"{field.name!r} ({field.type})" for field in nested)
+    columns = ", ".join(f"{field.name!r} ({field.type})" for field in unread_nested)
     note = f"Not read, as each cell holds several values: {columns}. Write one column for each of them."
     return arrays, (note,)
 
 
 def _parquet(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]], Counter[str]]:
-    """Schema and rows of a parquet file, a function that yields a column in portions, and the number of values by column."""
+    """Schema, number of rows, function that yields a column in portions, and number of values by column, of a parquet file."""
     import pyarrow.parquet
 
-    def read(name: str, row_limit: int) -> Iterator[Any]:
+    def read_column(name: str, row_limit: int) -> Iterator[Any]:
         with pyarrow.parquet.ParquetFile(path) as file:
             for batch in file.iter_batches(row_limit, columns=[name], use_threads=False):
                 yield batch.column(0)
 
-    counts = Counter[str]()
+    value_counts = Counter[str]()
     with pyarrow.parquet.ParquetFile(path) as file:
         metadata = file.metadata
-        for group in map(metadata.row_group, range(metadata.num_row_groups)):
-            for chunk in map(group.column, range(group.num_columns)):
-                counts[chunk.path_in_schema.partition(".")[0]] += chunk.num_values
-        return file.schema_arrow, int(metadata.num_rows), read, counts
+        for group_index in range(metadata.num_row_groups):
+            group = metadata.row_group(group_index)
+            for chunk_index in range(group.num_columns):
+                chunk = group.column(chunk_index)
+                column, _, _ = chunk.path_in_schema.partition(".")  # without the path of a nested value
+                value_counts[column] += chunk.num_values
+        return file.schema_arrow, int(metadata.num_rows), read_column, value_counts
 
 
 def _feather(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]]]:
-    """Schema and number of rows of a feather file, and a function that yields a column in portions; only it is unpacked."""
+    """Schema, number of rows, and function that yields a column in portions, of a feather file.
+
+    Other columns are not unpacked.
+    """
     import pyarrow.dataset
     import pyarrow.ipc
 
     with path.open("rb") as source:
-        if source.read(len(_ARROW)) != _ARROW:
+        if source.read(len(_ARROW_MARK)) != _ARROW_MARK:
             raise TrajectoryError(
-                f"{path}: is not an Arrow file, which begins with {_ARROW.decode()}. Feather version 1 is not read: write the "
-                "table again with pyarrow.feather.write_feather, which writes version 2, or as parquet or CSV."
+                f"{path}: is not an Arrow file, which begins with {_ARROW_MARK.decode()}. Feather version 1 is not read: write "
+                "the table again with pyarrow.feather.write_feather, which writes version 2, or as parquet or CSV."
             )
 
     def open_columns(*fields: int) -> Any:
         options = pyarrow.ipc.IpcReadOptions(included_fields=list(fields), use_threads=False)
         return pyarrow.ipc.open_file(path, options=options)
 
-    def read(name: str, row_limit: int) -> Iterator[Any]:
-        pending: list[Any] = []
+    def read_column(name: str, row_limit: int) -> Iterator[Any]:
+        pending: list[Any] = []  # batches that are not yet yielded
         with open_columns(schema.get_field_index(name)) as file:
             for k in range(file.num_record_batches):
                 pending.append(file.get_batch(k).column(0))
@@ -111,22 +120,31 @@ def _feather(path: Path) -> tuple[Any, int, Callable[[str, int], Iterator[Any]]]
 
     with open_columns() as file:
         schema = file.schema
-    return schema, int(pyarrow.dataset.dataset(path, format="feather").count_rows()), read
+    row_count = int(pyarrow.dataset.dataset(path, format="feather").count_rows())
+    return schema, row_count, read_column
 
 
-_ARROW = b"ARROW1"
+_ARROW_MARK = b"ARROW1"
+"""First bytes of a file of Arrow."""
 
 
 def _list_array(
-    path: Path, name: str, rows: int, portions: Callable[[int], Iterator[Array]], names: Sequence[str]
+    path: Path, name: str, row_count: int, portions: Callable[[int], Iterator[Array]], names: Sequence[str]
 ) -> StoredArray:
-    """Array (n, k) of a column of lists; without a shape unless they are numeric and the first ones equally long."""
-    first = next(portions(log_table.ROWS), np.zeros(0))
-    if not len(first):
-        return StoredArray((), np.dtype(object), portions)
-    width, kind = np.asarray(first[0]).size, np.asarray(first[0]).dtype.kind
-    if not width or kind not in "iufb" or not all(cell is not None and np.size(cell) == width for cell in first):
-        return StoredArray((), np.dtype(object), portions)
+    """Array (n, k) of a column of lists with ``names`` of their entries.
+
+    It has no shape unless the lists are numeric and those of the first portion equally long.
+    """
+    not_numbers = StoredArray((), np.dtype(object), portions)
+    first_lists = next(portions(log_table.ROWS), np.zeros(0))
+    if not len(first_lists):
+        return not_numbers
+    first_list = np.asarray(first_lists[0])
+    width = first_list.size
+    if not width or first_list.dtype.kind not in "iufb":
+        return not_numbers
+    if not all(cell is not None and np.size(cell) == width for cell in first_lists):
+        return not_numbers
 
     def stacked_portions(row_limit: int) -> Iterator[Array]:
         row = 0
@@ -145,11 +163,15 @@ def _list_array(
         names = _position_names(names, width)
     if len(names) != width:
         names = ()
-    return StoredArray((rows, width), np.dtype(float), stacked_portions, tuple(names))
+    return StoredArray((row_count, width), np.dtype(float), stacked_portions, tuple(names))
 
 
 def _position_names(names: Sequence[str], width: int) -> list[str]:
     """Names of the columns of a LeRobot dataset's positions; those without a quantity get that of a position."""
     if len(names) != width:
         names = [str(k + 1) for k in range(width)]
-    return [name if name.rpartition(".")[2] in PART_OF else f"{name}.pos" for name in names]
+    position_names = []
+    for name in names:
+        _, _, last_word = name.rpartition(".")
+        position_names.append(name if last_word in PART_OF else f"{name}.pos")
+    return position_names

@@ -1,6 +1,7 @@
 """Readers of motion files with foreign C code, in a limited child process: Arrow, HDF5, SQLite and the packers of recordings.
 
-A damaged or hostile file ends the child, and here in a TrajectoryError. Rows arrive in portions.
+A damaged or hostile file may end the child, but not this process, which raises a TrajectoryError. Rows arrive in
+portions.
 """
 
 from __future__ import annotations
@@ -18,27 +19,35 @@ from .array_files import array_file
 from .columnar_file import ArrayFile, unreadable_rows
 from .file_ends import FileEnds
 
-_FOREIGN = (".h5", ".hdf5", ".parquet", ".feather", ".arrow")
-_HDF5 = b"\x89HDF", b"MATLAB 7.3"
-_SECONDS, _SECONDS_A_BYTE = 30.0, 1e-6
-"""Processor time of a reader: constant, and per byte of the file [s]. Recordings of ROS take the longest, 1e-7 s."""
-_MEMORY, _MEMORY_A_BYTE = 1 << 30, 32
-"""Memory of a reader [bytes]: constant, and per byte of the file, for messages of ROS as objects of Python."""
+_FOREIGN_SUFFIXES = (".h5", ".hdf5", ".parquet", ".feather", ".arrow")
+"""Suffixes of files that a foreign library decodes."""
+_HDF5_MARKS = b"\x89HDF", b"MATLAB 7.3"
+"""Texts in the header of a MAT file, one of which shows that it is an HDF5 file."""
+_SECONDS, _SECONDS_PER_BYTE = 30.0, 1e-6
+"""Largest processor time of a reader: constant, and per byte of the file [s]. ROS recordings take the longest, 1e-7 s."""
+_MEMORY, _MEMORY_PER_BYTE = 1 << 30, 32
+"""Largest memory of a reader [bytes]: constant, and per byte of the file, for ROS messages as Python objects."""
 
 
 def arrays_file(file: FileEnds, episode: int | None = None) -> ArrayFile:
     """Open a file of arrays: in a child process if a foreign library decodes it, and the sandbox is on."""
-    foreign = file.path.suffix.lower() in _FOREIGN
-    if file.path.suffix.lower() == ".mat":
-        foreign = any(mark in file.start[:128] for mark in _HDF5)
-    return array_file_in_child(file.path, episode) if foreign and sandboxed() else array_file(file, episode)
+    suffix = file.path.suffix.lower()
+    if suffix == ".mat":
+        is_foreign = any(mark in file.start[:128] for mark in _HDF5_MARKS)
+    else:
+        is_foreign = suffix in _FOREIGN_SUFFIXES
+    if is_foreign and sandboxed():
+        return array_file_in_child(file.path, episode)
+    return array_file(file, episode)
 
 
 def recording_file(file: FileEnds, topic: str | None = None, command_topic: str | None = None) -> ArrayFile:
     """Open a recording of ROS: in a child process if the sandbox is on."""
     from .ros_recordings import ros_file
 
-    return (ros_file_in_child if sandboxed() else ros_file)(file.path, topic, command_topic)
+    if sandboxed():
+        return ros_file_in_child(file.path, topic, command_topic)
+    return ros_file(file.path, topic, command_topic)
 
 
 def array_file_in_child(path: Path, episode: int | None) -> ArrayFile:
@@ -53,8 +62,8 @@ def array_file_in_child(path: Path, episode: int | None) -> ArrayFile:
         error_of=lambda reason: TrajectoryError(f"{path}: cannot be read as {suffix}: {reason}."),
     )
 
-    def read(used: Sequence[int]) -> Iterator[Array]:
-        row = 0
+    def read_portions(used: Sequence[int]) -> Iterator[Array]:
+        row = 0  # the first one that has not arrived
         portions = stream_from_child(
             f"{__name__}:rows_of_arrays",
             str(path),
@@ -67,12 +76,12 @@ def array_file_in_child(path: Path, episode: int | None) -> ArrayFile:
             yield portion
             row += len(portion)
 
-    return ArrayFile(path, tuple(header), size, read, tuple(notes), dataset=dataset)
+    return ArrayFile(path, tuple(header), size, read_portions, tuple(notes), dataset=dataset)
 
 
 def ros_file_in_child(path: Path, topic: str | None, command_topic: str | None = None) -> ArrayFile:
     """As :func:`.ros_file`, with the recording decoded in a child process."""
-    items = stream_from_child(
+    stream = stream_from_child(  # what :func:`recording` yields in the child
         f"{__name__}:recording",
         str(path),
         topic,
@@ -80,25 +89,27 @@ def ros_file_in_child(path: Path, topic: str | None, command_topic: str | None =
         limits=_limits(path),
         error_of=lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}."),
     )
-    header, size, notes, epoch, plan = next(items)
-    table = table_of(items, len(header), path)
-    read = partial(_columns_of, table)
-    return ArrayFile(path, tuple(header), size, read, tuple(notes), epoch=epoch, plan=plan)
+    header, size, notes, epoch, plan = next(stream)
+    table = table_of(stream, len(header), path)
+    read_portions = partial(_columns_of, table)
+    return ArrayFile(path, tuple(header), size, read_portions, tuple(notes), epoch=epoch, plan=plan)
 
 
 def _columns_of(table: Array, used: Sequence[int]) -> Iterator[Array]:
+    """Columns of a table, as a single portion."""
     return iter([table[:, list(used)]])
 
 
 def _limits(path: Path) -> ChildLimits:
+    """Limits of a child that reads a file, or the files of a folder."""
     size = 0
     if path.is_dir():
         size = sum(file.stat().st_size for file in path.iterdir() if file.is_file())
     elif path.is_file():
         size = path.stat().st_size
-    return ChildLimits(
-        _SECONDS + _SECONDS_A_BYTE * size, _MEMORY + _MEMORY_A_BYTE * size, output=2 * most_unpacked(size)
-    )
+    processor_time = _SECONDS + _SECONDS_PER_BYTE * size
+    memory = _MEMORY + _MEMORY_PER_BYTE * size
+    return ChildLimits(processor_time, memory, output=2 * most_unpacked(size))
 
 
 # ── In the child
@@ -120,11 +131,11 @@ def _file_of_arrays(path: str, episode: int | None) -> ArrayFile:
 
 
 def recording(path: str, topic: str | None, command_topic: str | None) -> Iterator[Any]:
-    """Header, size, notes, epoch and whether it is a plan, then portions of the rows of a recording."""
+    """Yield header, size, notes, epoch, and True for a plan; then portions of the rows of a recording."""
     from .ros_recordings import ros_file
 
     file = ros_file(Path(path), topic, command_topic)
     yield file.header, file.size, file.notes, file.epoch, file.plan
     (table,) = file.read(range(len(file.header)))
-    for s in slices(len(table)):
-        yield table[s]
+    for rows in slices(len(table)):
+        yield table[rows]

@@ -53,35 +53,42 @@ class ArrayFile:
         return table_of(self._portions(used), len(used), self.path)
 
     def first(self, column: int) -> Array:
-        """First portion of a column."""
-        return next(self._portions([column]), np.zeros((0, 1)))[:, 0]
+        """First portion (n,) of a column; empty if the file has no rows."""
+        no_rows = np.zeros((0, 1))
+        portion = next(self._portions([column]), no_rows)
+        return portion[:, 0]
 
     def place(self, row: int) -> str:
-        """Description of a row's place, ``row 3``."""
+        """Description of a row's place, counted from 1 as in ``row 3``, for a row counted from 0."""
         return f"row {row + 1}"
 
     def _portions(self, used: Sequence[int]) -> Iterator[Array]:
-        row, portions = 0, self.read(used)
+        """Portions (n, len(used)) of the given columns; raises TrajectoryError for non-finite numbers."""
+        first_row = 0
+        portions = self.read(used)
         while True:
-            with third_party_errors(partial(unreadable_rows, self.path, row)):
-                table = next(portions, None)
-            if table is None:
+            with third_party_errors(partial(unreadable_rows, self.path, first_row)):
+                portion = next(portions, None)
+            if portion is None:
                 return
-            if not np.isfinite(table).all():
-                raise self._not_finite(table, used, row)
-            yield table
-            row += len(table)
+            if not np.isfinite(portion).all():
+                raise self._not_finite_error(portion, used, first_row)
+            yield portion
+            first_row += len(portion)
 
-    def _not_finite(self, table: Array, used: Sequence[int], row: int) -> TrajectoryError:
-        """Error for the first number of a portion that is not finite; the portion begins with ``row``."""
-        not_finite = ~np.isfinite(table)
+    def _not_finite_error(self, portion: Array, used: Sequence[int], first_row: int) -> TrajectoryError:
+        """Error for the first number of a portion that is not finite; ``first_row``: the portion's first row in the file."""
+        not_finite = ~np.isfinite(portion)
         bad_rows = np.flatnonzero(not_finite.any(axis=1))
-        bad, count = int(bad_rows[0]), len(bad_rows)
-        k = int(not_finite[bad].argmax())
-        more = ""
-        if count > 1:
-            more = f", and {count - 1} more row{'s' * (count > 2)} here"
+        bad_row = int(bad_rows[0])
+        bad_column = int(not_finite[bad_row].argmax())
+        further_rows = ""
+        further_count = len(bad_rows) - 1
+        if further_count == 1:
+            further_rows = ", and 1 more row here"
+        elif further_count > 1:
+            further_rows = f", and {further_count} more rows here"
         return TrajectoryError(
-            f"{self.path}: row {row + bad + 1}, column {self.header[used[k]]!r} is {table[bad, k]}{more}. Samples must be "
-            f"finite: {self.advice}."
+            f"{self.path}: row {first_row + bad_row + 1}, column {self.header[used[bad_column]]!r} is "
+            f"{portion[bad_row, bad_column]}{further_rows}. Samples must be finite: {self.advice}."
         )

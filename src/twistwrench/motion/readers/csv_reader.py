@@ -26,7 +26,8 @@ from .text_source import TextSource
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?[ \t]*")
 _SEPARATORS = (";", "\t", ",", None)
-_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+\s*")
+"""Separators in order of preference; None for blanks."""
+_NUMBER_WITH_COMMA = re.compile(r"\s*[+-]?\d*,\d+\s*")
 
 
 def is_number(cell: str, *, decimal_comma: bool = False) -> bool:
@@ -51,22 +52,23 @@ class Dialect:
     @classmethod
     def from_header(cls, header: str, row: str | None) -> Dialect:
         """Dialect for which the header and the row below it (None if absent) have the same number of cells."""
-        counts = {}
+        header_counts = {}  # number of cells by separator
         for separator in _SEPARATORS:
             count = len(cls(separator).cells(header))
             if count > 1:
-                counts[separator] = count
-        if not counts:  # one column
-            if row is not None and _DECIMAL_COMMA.fullmatch(row):
-                return cls(";")
+                header_counts[separator] = count
+        if not header_counts:  # one column
+            if row is not None and _NUMBER_WITH_COMMA.fullmatch(row):
+                return cls(";")  # any separator but a comma
             return cls()
-        if set(counts) == {None} and row is not None and len(row.split()) == 1:  # one column, with a blank in its name
+        only_blanks_separate = set(header_counts) == {None}
+        if only_blanks_separate and row is not None and len(row.split()) == 1:  # one column, with a blank in its name
             return cls()
         if row is not None:
-            for separator, count in counts.items():
+            for separator, count in header_counts.items():
                 if len(cls(separator).cells(row)) == count:
                     return cls(separator)
-        return cls(min(counts, key=(";", "\t", ",", None).index))
+        return cls(min(header_counts, key=_SEPARATORS.index))
 
     def cells(self, line: str) -> list[str]:
         """Cells of a line, stripped of blanks; an unclosed quote is an ordinary character."""
@@ -92,8 +94,8 @@ class Dialect:
         >>> Dialect(";").number("-0,5"), Dialect(";").number("0.5"), Dialect(",").number("1e3"), Dialect(",").number("x")
         (-0.5, 0.5, 1000.0, None)
         """
-        comma = self.has_decimal_commas(cell)
-        if not is_number(cell, decimal_comma=comma):
+        decimal_comma = self.has_decimal_commas(cell)
+        if not is_number(cell, decimal_comma=decimal_comma):
             return None
         value = float(cell.replace(",", "."))
         if not math.isfinite(value):
@@ -113,7 +115,10 @@ _MISSING_NUMBERS = ("nan", "inf", "infinity")
 def blame(
     text: bytes, path: Path, line: int, header: Sequence[str], used: Sequence[int], dialect: Dialect
 ) -> TrajectoryError:
-    """Error for the first faulty line of ``text``; ``line`` is the file's line number at its start."""
+    """Error for the first faulty line of ``text``.
+
+    ``line``: the file's line number at the beginning of the text; ``used``: columns that are read.
+    """
     decimal_comma = dialect.has_decimal_commas(text)
     lines = text.decode("utf-8", "replace").split("\n")
     names = [header[k] for k in used]
@@ -124,26 +129,27 @@ def blame(
             return None
         return _missing_field([cells[k] for k in used], names, decimal_comma=decimal_comma)
 
-    for count, raw in enumerate(lines):
+    for index, raw in enumerate(lines):
         if _is_skipped(raw):
             continue
-        missing = missing_field(raw)
-        if missing:
-            last = count
+        missing_text = missing_field(raw)
+        if missing_text:
+            last = index
             while last + 1 < len(lines) and missing_field(lines[last + 1]):
                 last += 1
-            more, these = "", "the row"
-            if last > count:
-                more, these = f", and so on to line {line + last}", "these rows"
+            further_lines, rows_to_mend = "", "the row"
+            if last > index:
+                further_lines, rows_to_mend = f", and so on to line {line + last}", "these rows"
             return TrajectoryError(
-                f"{path}: line {line + count}{missing}{more}. Samples must be finite: fill or remove {these}."
+                f"{path}: line {line + index}{missing_text}{further_lines}. Samples must be finite: fill or remove "
+                f"{rows_to_mend}."
             )
         fault = _bytes_fault(raw) or _shape_fault(raw, header, dialect)
         if not fault:
             cells = dialect.cells(raw)
             fault = _number_fault([cells[k] for k in used], names, decimal_comma=decimal_comma)
         if fault:
-            return TrajectoryError(f"{path}: line {line + count}{fault}")
+            return TrajectoryError(f"{path}: line {line + index}{fault}")
     return TrajectoryError(f"{path}: rows that cannot be read as numbers. Save it as plain CSV.")
 
 
@@ -153,22 +159,23 @@ def _is_skipped(raw: str) -> bool:
 
 
 def _missing_field(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
-    """First non-finite field, if all others are numbers; otherwise None."""
-    first = None
+    """Text on the first non-finite field, if all others are numbers; otherwise None."""
+    first_text = None
     for name, field in zip(names, fields, strict=True):
         if field.lower().lstrip("+-") in _MISSING_NUMBERS:
-            infinite = True
+            is_missing = True
         elif is_number(field, decimal_comma=decimal_comma):
-            infinite = not math.isfinite(float(field.replace(",", ".")))
+            is_missing = not math.isfinite(float(field.replace(",", ".")))
         else:
             return None
-        if infinite and first is None:
-            first = f", column {name!r} is {field[:40]!r}"
-    return first
+        if is_missing and first_text is None:
+            first_text = f", column {name!r} is {field[:40]!r}"
+    return first_text
 
 
 def _bytes_fault(raw: str) -> str | None:
-    if "\ufffd" in raw:
+    """Text on characters that no text file has; None if there are none."""
+    if "\ufffd" in raw:  # the replacement of bytes that are not UTF-8
         return f" is not UTF-8 text: {_clip(raw)}. Save it as CSV in UTF-8."
     for character in raw:
         if (character < " " and character != "\t") or character == "\x7f":
@@ -180,6 +187,7 @@ def _bytes_fault(raw: str) -> str | None:
 
 
 def _shape_fault(raw: str, header: Sequence[str], dialect: Dialect) -> str | None:
+    """Text on a line whose cells are not those of the header; None for other lines."""
     fields = dialect.cells(raw)
     if raw.count('"') % 2:
         return f" has a quote that never ends: {_clip(raw)}. Remove the quote."
@@ -190,7 +198,8 @@ def _shape_fault(raw: str, header: Sequence[str], dialect: Dialect) -> str | Non
     counts = f" has {len(fields)} values, and the header names {len(header)} columns: {_clip(raw)}."
     if len(fields) < len(header):
         return f"{counts} The row is cut short; complete or remove it."
-    if dialect.separator == "," and len(fields) >= 2 * len(header) - 1:
+    seems_decimal_comma = dialect.separator == "," and len(fields) >= 2 * len(header) - 1
+    if seems_decimal_comma:
         return (
             f"{counts} If commas are decimal marks here, separate values by semicolons, or write decimals with a point "
             "(0.5, not 0,5)."
@@ -199,19 +208,21 @@ def _shape_fault(raw: str, header: Sequence[str], dialect: Dialect) -> str | Non
 
 
 def _number_fault(fields: Sequence[str], names: Sequence[str], *, decimal_comma: bool) -> str | None:
+    """Text on the first field that is not a number; None if all are numbers."""
     for name, field in zip(names, fields, strict=True):
         if is_number(field, decimal_comma=decimal_comma) or field.lower().lstrip("+-") in _MISSING_NUMBERS:
             continue
-        column, value = f", column {name!r}", repr(field[:40])
+        column = f", column {name!r}"
+        quoted_field = repr(field[:40])
         if "_" in field:
-            return f"{column} is {value}. Numbers are written without underscores."
+            return f"{column} is {quoted_field}. Numbers are written without underscores."
         if decimal_comma and "." in field:
-            return f"{column} is {value}, with a point where other rows have decimal commas. Write all of them alike."
+            return f"{column} is {quoted_field}, with a point where other rows have decimal commas. Write all of them alike."
         if "," in field and not decimal_comma and is_number(field, decimal_comma=True):
-            return f"{column} is {value}. Where commas separate values, decimals are written with a point (0.5)."
+            return f"{column} is {quoted_field}. Where commas separate values, decimals are written with a point (0.5)."
         fault = "is blank"
         if field:
-            fault = f"is {value}, which is not a number"
+            fault = f"is {quoted_field}, which is not a number"
         return f"{column} {fault}. Every row needs a number such as -0.25 in every column that is used."
     return None
 
@@ -223,30 +234,31 @@ def _clip(raw: str) -> str:
     return repr(raw)
 
 
-_CONTROL = bytes(k for k in range(32) if k not in (9, 10)) + b"\x7f"
+_CONTROL_CHARACTERS = bytes(code for code in range(32) if code not in (9, 10)) + b"\x7f"
+"""Control characters of ASCII but tabs and newlines."""
 _COMMENTS = re.compile(rb"^[ \t]*(#[^\n]*)?$", re.MULTILINE)
 
 
-def parse_block(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
-    """Parse the ``used`` columns of lines with ``columns`` cells → (rows, len(used)), with the values of ``float()``.
+def parse_block(text: bytes, dialect: Dialect, column_count: int, used: Sequence[int]) -> Array | None:
+    """Parse the ``used`` columns of lines with ``column_count`` cells → (rows, len(used)), with the values of ``float()``.
 
     Blank lines and lines that begin with # are skipped. Returns None if a line has another number of cells, or a used
     cell is not a finite number.
     """
-    if text.translate(None, _CONTROL) != text:
+    if text.translate(None, _CONTROL_CHARACTERS) != text:
         return None
     if b"#" in text:
         text = _COMMENTS.sub(b"", text)
-    plain = text.isascii() and b'"' not in text
+    is_plain = text.isascii() and b'"' not in text
     if dialect.has_decimal_commas(text):
-        plain = plain and b"." not in text
-        if plain:
+        is_plain = is_plain and b"." not in text
+        if is_plain:
             text = text.replace(b",", b".")
     table = None
-    if plain:
-        table = _parse_with_numpy(text, dialect, columns, used)
+    if is_plain:
+        table = _parse_with_numpy(text, dialect, column_count, used)
     if table is None:
-        table = _parse_cells(text, dialect, columns, used)
+        table = _parse_cells(text, dialect, column_count, used)
     return table
 
 
@@ -261,40 +273,42 @@ def normalise_newlines(text: bytes) -> bytes:
     return text
 
 
-def _parse_with_numpy(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
+def _parse_with_numpy(text: bytes, dialect: Dialect, column_count: int, used: Sequence[int]) -> Array | None:
     if not text.strip():
         return np.zeros((0, len(used)))
-    all_columns = len(used) == columns
-    if not all_columns and not _has_equal_lines(text, dialect, columns):
+    uses_all_columns = len(used) == column_count
+    if not uses_all_columns and not _has_equal_lines(text, dialect, column_count):
         return None
     try:
         table = np.loadtxt(
             io.BytesIO(text),
             delimiter=dialect.separator,
             comments=None,
-            usecols=None if all_columns else list(used),
+            usecols=None if uses_all_columns else list(used),
             ndmin=2,
         )
     except (ValueError, IndexError, OverflowError):
         return None
-    if all_columns and table.shape[1] == columns:
+    if uses_all_columns and table.shape[1] == column_count:
         table = table[:, list(used)]
     if table.shape[1] != len(used) or not np.isfinite(table).all():
         return None
     return np.asarray(table)
 
 
-def _has_equal_lines(text: bytes, dialect: Dialect, columns: int) -> bool:
-    """True if every line has ``columns`` cells, except blank lines."""
+def _has_equal_lines(text: bytes, dialect: Dialect, column_count: int) -> bool:
+    """True if every line has ``column_count`` cells, except blank lines."""
     if dialect.separator is None:
-        return all(len(line.split()) in (0, columns) for line in text.split(b"\n"))
-    raw = np.frombuffer(text, np.uint8)
-    starts = np.r_[0, np.flatnonzero(raw == 10) + 1][:-1]
-    counts = np.add.reduceat(raw == ord(dialect.separator), starts, dtype=np.int64)
-    return bool(((counts == columns - 1) | (raw[starts] == 10)).all())
+        return all(len(line.split()) in (0, column_count) for line in text.split(b"\n"))
+    characters = np.frombuffer(text, np.uint8)
+    is_newline = characters == ord("\n")
+    line_starts = np.r_[0, np.flatnonzero(is_newline) + 1][:-1]
+    separator_counts = np.add.reduceat(characters == ord(dialect.separator), line_starts, dtype=np.int64)
+    is_blank = is_newline[line_starts]
+    return bool(((separator_counts == column_count - 1) | is_blank).all())
 
 
-def _parse_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int]) -> Array | None:
+def _parse_cells(text: bytes, dialect: Dialect, column_count: int, used: Sequence[int]) -> Array | None:
     """Parse cell by cell: handles quotes, text in unused columns, and mixed decimal commas and points."""
     try:
         lines = text.decode("utf-8").split("\n")
@@ -306,7 +320,7 @@ def _parse_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int
         if not line.strip():
             continue
         cells = dialect.cells(line)
-        if len(cells) != columns:
+        if len(cells) != column_count:
             return None
         row = [cells[k] for k in used]
         if not all(is_number(cell, decimal_comma=decimal_comma) for cell in row):
@@ -318,9 +332,12 @@ def _parse_cells(text: bytes, dialect: Dialect, columns: int, used: Sequence[int
     return table
 
 
-_BYTES_OF_BLOCK = 1 << 18  # bytes per read: the parsed block fits into the processor's cache
-_MAX_BYTES_OF_LINE = 1 << 22
+_BLOCK_SIZE = 1 << 18
+"""Bytes that are read at once: a parsed block fits into the processor's cache."""
+_MAX_LINE_SIZE = 1 << 22
+"""Longest line [bytes]."""
 _MIN_LINES_ABOVE = 8
+"""Number of lines above the last one with which its decimals are compared."""
 
 
 class EmptyTableError(TrajectoryError):
@@ -336,8 +353,8 @@ def table_errors(path: str | Path, what: str, form: str) -> Iterator[None]:
         raise NotFoundError(f"no {what} {str(path)!r}. Give a CSV file: {form}.") from None
     except EmptyTableError:
         raise ValueRangeError(f"{path}: the {what} is empty. Give a CSV file: {form}.") from None
-    except TrajectoryError as problem:
-        raise ValueRangeError(str(problem)) from None
+    except TrajectoryError as error:
+        raise ValueRangeError(str(error)) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,20 +385,22 @@ class CsvFile:
             ends = FileEnds.from_path(as_path(ends))
         source = TextSource.from_ends(ends)
         with source.open() as file:
-            text, line, offset, comment = _header(file, source.path)
+            first_line, comment = _header(file, source.path)
             row = next(_rows(file), None)
-            dialect = Dialect.from_header(text, row)
-        cut = _seems_cut(source.ends.after(offset), dialect)
-        cells = dialect.cells(text)
-        if comment is not None and all(map(_numeric, cells)):
-            names = dialect.cells(comment[0])
-            if len(names) == len(cells) and not any(map(_numeric, names)):
-                cells, line, offset = names, *comment[1:]
-        if row is not None and any(_ROS_NAME.fullmatch(cell) for cell in cells):
+        dialect = Dialect.from_header(first_line.text, row)
+        seems_cut = _seems_cut(source.ends.after(first_line.end_offset), dialect)
+        header_line = first_line
+        header = dialect.cells(first_line.text)
+        if comment is not None and all(map(_is_any_number, header)):  # the first line is a row
+            names = dialect.cells(comment.text)
+            if len(names) == len(header) and not any(map(_is_any_number, names)):
+                header = names
+                header_line = comment
+        if row is not None and any(_ROS_NAME.fullmatch(cell) for cell in header):
             with source.open() as file:
-                file.seek(offset)
-                cells = _ros_header(cells, _first_rows(file, dialect, len(cells)), source.path)
-        return cls(source, tuple(cells), line, offset, dialect, cut)
+                file.seek(header_line.end_offset)
+                header = _ros_header(header, _first_rows(file, dialect, len(header)), source.path)
+        return cls(source, tuple(header), header_line.number, header_line.end_offset, dialect, seems_cut)
 
     @property
     def path(self) -> Path:
@@ -409,9 +428,12 @@ class CsvFile:
 
     def first(self, column: int) -> Array:
         """First numbers of a column, one block."""
-        return next(self._portions([column]), np.zeros((0, 1)))[:, 0]
+        no_rows = np.zeros((0, 1))
+        portion = next(self._portions([column]), no_rows)
+        return portion[:, 0]
 
     def _portions(self, used: Sequence[int]) -> Iterator[Array]:
+        """Portions (n, len(used)) of the given columns."""
         line = self.header_line + 1
         with self.source.open() as file:
             file.seek(self.data_offset)
@@ -434,13 +456,16 @@ class CsvFile:
     def place(self, row: int) -> str:
         """Description of a row's place, ``line 12``."""
         line = self.header_line
+        rows_above = row
         with self.source.open() as file:
             file.seek(self.data_offset)
             for raw in file:
                 line += 1
-                row -= _is_row(raw)
-                if row < 0:
+                if not _is_row(raw):
+                    continue
+                if rows_above == 0:
                     break
+                rows_above -= 1
         return f"line {line}"
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
@@ -450,9 +475,9 @@ class CsvFile:
         """
         with self.source.open() as file:
             file.seek(self.data_offset)
-            text = file.read(_MAX_BYTES_OF_LINE + 1)
-        if len(text) > _MAX_BYTES_OF_LINE:
-            raise TrajectoryError(f"{self.path}: has more than {_MAX_BYTES_OF_LINE} bytes, too many for such a table.")
+            text = file.read(_MAX_LINE_SIZE + 1)
+        if len(text) > _MAX_LINE_SIZE:
+            raise TrajectoryError(f"{self.path}: has more than {_MAX_LINE_SIZE} bytes, too many for such a table.")
         for line, raw in enumerate(normalise_newlines(text).split(b"\n"), self.header_line + 1):
             if _is_row(raw):
                 cells = self.dialect.cells(_decode(raw, self.path, line))
@@ -466,24 +491,34 @@ def _is_word(cell: str) -> bool:
     return not cell or (cell[0].isalpha() and cell.lower() not in _MISSING_NUMBERS)
 
 
-def _numeric(cell: str) -> bool:
+def _is_any_number(cell: str) -> bool:
+    """True if a cell is a number with a decimal point or a decimal comma."""
     return is_number(cell) or is_number(cell, decimal_comma=True)
 
 
-def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, int] | None]:
-    """First line that is neither blank nor a comment, its number, and the offset of the next line.
+@dataclass(frozen=True)
+class _HeaderLine:
+    """Line of a file that may be its header."""
 
-    The fourth value is the preceding comment: text, line number and offset of the next line; None without one.
-    """
-    comment, number = None, 0
-    while raw := file.readline(_MAX_BYTES_OF_LINE):
+    text: str
+    number: int
+    """Line number, from 1."""
+    end_offset: int
+    """Offset of the next line [bytes]."""
+
+
+def _header(file: BinaryIO, path: Path) -> tuple[_HeaderLine, _HeaderLine | None]:
+    """First line that is neither blank nor a comment, and the last comment above it; None without one."""
+    comment = None
+    number = 0
+    while raw := file.readline(_MAX_LINE_SIZE):
         number += 1
         text = _decode(raw, path, number).strip(" \r\n")
         if not text.strip():
             continue
         if not text.lstrip().startswith("#"):
-            return text, number, file.tell(), comment
-        comment = (text.strip().lstrip("#").strip(), number, file.tell())
+            return _HeaderLine(text, number, file.tell()), comment
+        comment = _HeaderLine(text.strip().lstrip("#").strip(), number, file.tell())
     raise EmptyTableError(
         f"{path}: the file is empty. A motion file has a header, time and joint names separated by commas, then rows."
     )
@@ -491,31 +526,34 @@ def _header(file: BinaryIO, path: Path) -> tuple[str, int, int, tuple[str, int, 
 
 def _rows(file: BinaryIO) -> Iterator[str]:
     """Yield lines that are neither blank nor comments."""
-    while raw := file.readline(_MAX_BYTES_OF_LINE):
+    while raw := file.readline(_MAX_LINE_SIZE):
         text = raw.decode("utf-8", "replace").strip(" \r\n")
         if text.strip() and not text.lstrip().startswith("#"):
             yield text
 
 
-def _first_rows(file: BinaryIO, dialect: Dialect, columns: int) -> list[list[str]]:
+def _first_rows(file: BinaryIO, dialect: Dialect, column_count: int) -> list[list[str]]:
     """Cells of the first lines that have as many as there are columns."""
     rows = map(dialect.cells, islice(_rows(file), _MAX_ROWS_READ))
-    return [cells for cells in rows if len(cells) == columns]
+    return [cells for cells in rows if len(cells) == column_count]
 
 
-_ROS_NAME, _ROS_CELL = re.compile(r"field\.name(\d+)"), re.compile(r"field\.(position|velocity|effort)(\d+)")
+_ROS_NAME = re.compile(r"field\.name(\d+)")
+"""Column of joint names by ``rostopic echo -p``."""
+_ROS_QUANTITY = re.compile(r"field\.(position|velocity|effort)(\d+)")
+"""Column of a joint's quantity by ``rostopic echo -p``."""
 _MAX_ROWS_READ = 1000
 """Number of rows inspected for constant joint names and for columns of text."""
 
 
 def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str]:
     """Replace the columns ``field.nameN`` of ``rostopic echo -p`` by a header with the joint names in their cells."""
-    joint_of = {}  # by the number in the name of a column
+    joint_by_number = {}  # by the number in the name of a column
     for k, cell in enumerate(cells):
         match = _ROS_NAME.fullmatch(cell)
         if match is None or not rows:
             continue
-        joint_of[match[1]] = rows[0][k]
+        joint_by_number[match[1]] = rows[0][k]
         for row, other_cells in enumerate(rows):
             if other_cells[k] and other_cells[k] != rows[0][k]:
                 raise TrajectoryError(
@@ -524,32 +562,36 @@ def _ros_header(cells: list[str], rows: list[list[str]], path: Path) -> list[str
                 )
     header = []
     for cell in cells:
-        match = _ROS_CELL.fullmatch(cell)
+        match = _ROS_QUANTITY.fullmatch(cell)
         if match:
             quantity, number = match.groups()
-            joint = joint_of.get(number)
+            joint = joint_by_number.get(number)
             if joint:
-                cell = joint + SUFFIX[PART_OF[quantity]]
+                header.append(joint + SUFFIX[PART_OF[quantity]])
+                continue
         header.append(cell)
     return header
 
 
 def _seems_cut(end: bytes, dialect: Dialect) -> bool:
     """True if the last bytes of a file end in a number with fewer decimals than those above."""
-    lines = end.decode("utf-8", "replace").split("\n")[1:]
+    lines = end.decode("utf-8", "replace").split("\n")[1:]  # the first one may be incomplete
     if len(lines) <= _MIN_LINES_ABOVE or not lines[-1].strip():
         return False
-    digits = []
+    decimal_counts = []
     for line in lines[-_MIN_LINES_ABOVE - 1 :]:
         if line.strip():
             last_cell = (dialect.cells(line) or [""])[-1]
             _, mark, decimals = last_cell.replace(",", ".").rpartition(".")
-            digits.append(len(decimals) if mark else 0)
-    return len(set(digits[:-1])) == 1 and digits[-1] < digits[0]
+            decimal_counts.append(len(decimals) if mark else 0)
+    *counts_above, last_count = decimal_counts
+    are_equal_above = len(set(counts_above)) == 1
+    return are_equal_above and last_count < counts_above[0]
 
 
 def _decode(raw: bytes, path: Path, number: int) -> str:
-    if len(raw) >= _MAX_BYTES_OF_LINE:
+    """Text of a line with this number, without a byte-order mark; raises TrajectoryError."""
+    if len(raw) >= _MAX_LINE_SIZE:
         raise _long_line(path)
     try:
         if number == 1:
@@ -567,17 +609,17 @@ def _is_row(raw: bytes) -> bool:
 def _lines(file: BinaryIO, path: Path) -> Iterator[bytes]:
     """Yield blocks of whole lines."""
     remainder = b""
-    while text := file.read(_BYTES_OF_BLOCK):
-        text = remainder + text
-        cut = text.rfind(b"\n") + 1
-        if not cut and len(text) > _MAX_BYTES_OF_LINE:
+    while block := file.read(_BLOCK_SIZE):
+        text = remainder + block
+        end_of_lines = text.rfind(b"\n") + 1  # 0 without a newline
+        if not end_of_lines and len(text) > _MAX_LINE_SIZE:
             raise _long_line(path)
-        remainder = text[cut:]
-        if cut:
-            yield text[:cut]
+        remainder = text[end_of_lines:]
+        if end_of_lines:
+            yield text[:end_of_lines]
     if remainder:
         yield remainder
 
 
 def _long_line(path: Path) -> TrajectoryError:
-    return TrajectoryError(f"{path}: a line of more than {_MAX_BYTES_OF_LINE} bytes. Rows must end in newlines.")
+    return TrajectoryError(f"{path}: a line of more than {_MAX_LINE_SIZE} bytes. Rows must end in newlines.")

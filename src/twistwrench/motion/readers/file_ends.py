@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
-_START_SIZE, _END_SIZE = 1 << 19, 1 << 14
-"""Bytes read at the beginning and at the end of a file."""
+_START_SIZE = 1 << 19
+"""Bytes that are read at the beginning of a file: 512 KiB."""
+_END_SIZE = 1 << 14
+"""Bytes that are read at the end of a file: 16 KiB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class FileEnds:
 
     @classmethod
     def from_file(cls, path: Path, file: BinaryIO) -> FileEnds:
-        """Ends of an open file, which is left at its beginning."""
+        """Ends of an open file; its position is then the beginning."""
         size = file.seek(0, os.SEEK_END)
         file.seek(max(0, size - _END_SIZE))
         end = file.read(_END_SIZE)
@@ -48,19 +50,21 @@ class FileEnds:
         return cls(path, start, end, size)
 
     def after(self, offset: int) -> bytes:
-        """Last bytes of the file, as far as they follow an offset from its beginning."""
-        return self.end[max(0, offset - (self.size - len(self.end))) :]
+        """Known last bytes of the file from ``offset`` on, which is counted from the file's beginning."""
+        end_offset = self.size - len(self.end)
+        return self.end[max(0, offset - end_offset) :]
 
     def open(self) -> BinaryIO:
-        """Read the file from its beginning; it is opened at the first byte between its ends."""
+        """Stream of the file from its beginning; the file is only opened if bytes between its ends are read."""
         return cast("BinaryIO", io.BufferedReader(_BetweenEnds(self)))
 
 
 class _BetweenEnds(io.RawIOBase):
-    """Bytes of a file whose ends are known: the file is opened if others are read."""
+    """Bytes of a file whose ends are known. The file is opened when bytes between the ends are read."""
 
     def __init__(self, ends: FileEnds) -> None:
-        self._ends, self._at = ends, 0
+        self._ends = ends
+        self._offset = 0
         self._file: io.FileIO | None = None
 
     def readable(self) -> bool:
@@ -70,21 +74,24 @@ class _BetweenEnds(io.RawIOBase):
         return True
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        self._at = offset + {os.SEEK_CUR: self._at, os.SEEK_END: self._ends.size}.get(whence, 0)
-        return self._at
+        origins = {os.SEEK_SET: 0, os.SEEK_CUR: self._offset, os.SEEK_END: self._ends.size}
+        self._offset = origins.get(whence, 0) + offset
+        return self._offset
 
     def readinto(self, buffer: WriteableBuffer) -> int:
-        view, ends = memoryview(buffer), self._ends
-        end = ends.size - len(ends.end)
-        if len(ends.start) <= self._at < end:
-            self._file = self._file or ends.path.open("rb", buffering=0)
-            self._file.seek(self._at)
-            count = self._file.readinto(view[: end - self._at]) or 0
+        view = memoryview(buffer)
+        ends = self._ends
+        end_offset = ends.size - len(ends.end)
+        if len(ends.start) <= self._offset < end_offset:
+            if self._file is None:
+                self._file = ends.path.open("rb", buffering=0)
+            self._file.seek(self._offset)
+            count = self._file.readinto(view[: end_offset - self._offset]) or 0
         else:
-            known = ends.start[self._at :] or ends.end[self._at - end :]
-            count = min(len(known), len(view))
-            view[:count] = known[:count]
-        self._at += count
+            known_bytes = ends.start[self._offset :] or ends.end[self._offset - end_offset :]
+            count = min(len(known_bytes), len(view))
+            view[:count] = known_bytes[:count]
+        self._offset += count
         return count
 
     def close(self) -> None:

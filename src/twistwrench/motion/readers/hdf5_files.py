@@ -22,59 +22,64 @@ def read_hdf5(file: FileEnds, *, columns_first: bool = False) -> tuple[Mapping[s
         import h5py
     except ImportError:
         raise MissingExtraError.from_extra("h5py", "logs", "Reading HDF5") from None
-    path, size = file.path, file.size
+    path = file.path
     arrays: dict[str, StoredArray] = {}
-    ignored: dict[str, list[str]] = {}
+    ignored_names: dict[str, list[str]] = {}  # by reason
 
     def collect(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset):
             return
-        reason = _ignored_storage(item, size)
+        reason = _reason_to_ignore(item, file.size)
         if reason:
-            ignored.setdefault(reason, []).append(name)
+            ignored_names.setdefault(reason, []).append(name)
             return
         shape = item.shape or ()
         if is_line(shape):
             shape = (math.prod(shape),)
         elif columns_first:
             shape = shape[::-1]
-        arrays[name] = StoredArray(shape, item.dtype, partial(portions, name, *shape[:1]))
+        arrays[name] = StoredArray(shape, item.dtype, partial(read_portions, name, *shape[:1]))
 
-    def portions(name: str, count: int, row_limit: int) -> Iterator[Array]:
+    def read_portions(name: str, row_count: int, row_limit: int) -> Iterator[Array]:
         with h5py.File(path, "r") as data:
-            x: Any = data[name]
-            shape = x.shape
-            if x.dtype.names:  # texts beside numbers are left in the file
-                x = x.fields([field for field in x.dtype.names if x.dtype[field].kind in NUMBER_KINDS])
-            for s in slices(count, row_limit):
-                if not is_line(shape):
-                    yield x[:, s].T if columns_first and len(shape) == 2 else x[s]
-                elif shape[0] == 1:
-                    yield x[0, s]
+            dataset: Any = data[name]
+            stored_shape = dataset.shape
+            if dataset.dtype.names:  # texts beside numbers are left in the file
+                field_kinds = {field: dataset.dtype[field].kind for field in dataset.dtype.names}
+                dataset = dataset.fields([field for field, kind in field_kinds.items() if kind in NUMBER_KINDS])
+            for rows in slices(row_count, row_limit):
+                if is_line(stored_shape):
+                    yield dataset[0, rows] if stored_shape[0] == 1 else dataset[rows, 0]
+                elif columns_first and len(stored_shape) == 2:
+                    yield dataset[:, rows].T
                 else:
-                    yield x[s, 0]
+                    yield dataset[rows]
 
     with h5py.File(path, "r") as data:
         data.visititems(collect)
-    return arrays, tuple(f"Not read, as {reason}: {listed(names)}." for reason, names in ignored.items())
+    notes = [f"Not read, as {reason}: {listed(names)}." for reason, names in ignored_names.items()]
+    return arrays, tuple(notes)
 
 
-_FILTERS = {1, 2, 3, 4, 5, 6, 32000}
-"""Codes of the filters that come with h5py: deflate, shuffle, fletcher32, szip, nbit, scale-offset, LZF. HDF5 would look for
-others on this machine."""
+_KNOWN_FILTERS = {1, 2, 3, 4, 5, 6, 32000}
+"""Codes of the filters that come with h5py: deflate, shuffle, fletcher32, szip, nbit, scale-offset, LZF.
+
+HDF5 would search this machine for others.
+"""
 _MAX_CHUNK_SIZE = 1 << 26
 """Largest chunk of a dataset [bytes], which HDF5 unpacks whole."""
 
 
-def _ignored_storage(item: Any, size: int) -> str:
-    """Reason to ignore a dataset of a file of ``size`` bytes: it reaches other files, or is out of proportion; else empty."""
-    plan = item.id.get_create_plist()
-    if plan.get_external_count() or item.is_virtual:
+def _reason_to_ignore(dataset: Any, file_size: int) -> str:
+    """Reason to ignore a dataset of a file of ``file_size`` bytes, by its storage; empty if there is none."""
+    properties = dataset.id.get_create_plist()
+    if properties.get_external_count() or dataset.is_virtual:
         return "its numbers are in other files"
-    if any(plan.get_filter(k)[0] not in _FILTERS for k in range(plan.get_nfilters())):
+    filter_codes = {properties.get_filter(k)[0] for k in range(properties.get_nfilters())}
+    if not filter_codes <= _KNOWN_FILTERS:
         return "its filter does not come with HDF5"
-    if item.chunks and math.prod(item.chunks) * item.dtype.itemsize > _MAX_CHUNK_SIZE:
+    if dataset.chunks and math.prod(dataset.chunks) * dataset.dtype.itemsize > _MAX_CHUNK_SIZE:
         return f"its chunks are larger than {number(_MAX_CHUNK_SIZE / 2**20)} MiB"
-    if math.prod(item.shape or ()) * item.dtype.itemsize > most_unpacked(size):
+    if math.prod(dataset.shape or ()) * dataset.dtype.itemsize > most_unpacked(file_size):
         return "it is too large for the size of the file"
     return ""

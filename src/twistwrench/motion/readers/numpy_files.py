@@ -26,11 +26,12 @@ from .stored_array import StoredArray, check_unpacked, is_line
 
 def array_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     """Shape, column-major flag and type of an array in NumPy's format; leaves the file at the first number."""
-    read = np.lib.format.read_array_header_2_0
     if np.lib.format.read_magic(file) == (1, 0):
-        read = np.lib.format.read_array_header_1_0
-    shape, columns_first, dtype = read(file)
-    if any(n < 0 for n in shape):
+        read_header = np.lib.format.read_array_header_1_0
+    else:
+        read_header = np.lib.format.read_array_header_2_0
+    shape, columns_first, dtype = read_header(file)
+    if any(length < 0 for length in shape):
         raise ValueError(f"a shape of {shape}")
     return shape, columns_first, dtype
 
@@ -44,77 +45,83 @@ def _stored_array(path: Path, open_file: Callable[[], BinaryIO]) -> StoredArray:
         shape = (math.prod(shape),)
     is_read_whole = columns_first and len(shape) > 1
     if is_read_whole:
-        check_unpacked(path, math.prod(shape) * max(8, dtype.itemsize))
-    rows, *inner = shape or (0,)
-    width = dtype.itemsize * math.prod(inner)
+        check_unpacked(path, math.prod(shape) * max(8, dtype.itemsize))  # 8: as float64 after reading
+    row_count, *shape_of_row = shape or (0,)
+    bytes_per_row = dtype.itemsize * math.prod(shape_of_row)
 
-    def portions(row_limit: int) -> Iterator[Array]:
+    def read_portions(row_limit: int) -> Iterator[Array]:
         with open_file() as file:
             if is_read_whole:
-                x = np.lib.format.read_array(file, allow_pickle=False)
-                yield from (x[s] for s in slices(len(x), row_limit))
+                array = np.lib.format.read_array(file, allow_pickle=False)
+                for rows in slices(len(array), row_limit):
+                    yield array[rows]
                 return
             file.seek(offset)
-            for s in slices(rows, row_limit):
-                data = file.read((s.stop - s.start) * width)
-                if len(data) < (s.stop - s.start) * width:
+            for rows in slices(row_count, row_limit):
+                size = (rows.stop - rows.start) * bytes_per_row
+                data = file.read(size)
+                if len(data) < size:
                     raise TrajectoryError(
-                        f"{path}: has fewer rows than the {rows} of its header. Is the file cut short?"
+                        f"{path}: has fewer rows than the {row_count} of its header. Is the file cut short?"
                     )
-                yield np.frombuffer(data, dtype).reshape(-1, *inner)
+                yield np.frombuffer(data, dtype).reshape(-1, *shape_of_row)
 
-    return StoredArray(shape, dtype, portions)
+    return StoredArray(shape, dtype, read_portions)
 
 
 def read_npy(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
-    """Array of an npy file; columns of an array with fields have the names of these."""
+    """Array of an npy file, by the prefix of its columns' names; columns of an array with fields have the fields' names."""
     array = _stored_array(file.path, file.open)
-    return {"" if array.dtype.names else "column": array}, ()
+    has_fields = bool(array.dtype.names)
+    prefix = "" if has_fields else "column"
+    return {prefix: array}, ()
 
 
 def read_npz(file: FileEnds) -> tuple[Mapping[str, StoredArray], tuple[str, ...]]:
     """Arrays of an npz file."""
-    opened: weakref.WeakValueDictionary[Path, zipfile.ZipFile] = weakref.WeakValueDictionary()
+    open_archives: weakref.WeakValueDictionary[Path, zipfile.ZipFile] = weakref.WeakValueDictionary()
 
-    def archive() -> zipfile.ZipFile:
+    def get_archive() -> zipfile.ZipFile:
         """Archive that is open as long as one of its members is."""
-        return opened.get(file.path) or opened.setdefault(file.path, zipfile.ZipFile(file.open()))
+        return open_archives.get(file.path) or open_archives.setdefault(file.path, zipfile.ZipFile(file.open()))
 
-    def member(name: str) -> BinaryIO:
-        return archive().open(name)  # type: ignore[return-value]
+    def open_member(name: str) -> BinaryIO:
+        return get_archive().open(name)  # type: ignore[return-value]
 
     arrays = {}
-    open_archive = archive()  # keeps the archive open meanwhile
-    for name in open_archive.namelist():
+    archive = get_archive()  # this reference keeps it open while the headers are read
+    for name in archive.namelist():
         if name.endswith(".npy"):
-            arrays[name.removesuffix(".npy")] = _stored_array(file.path, partial(member, name))
+            arrays[name.removesuffix(".npy")] = _stored_array(file.path, partial(open_member, name))
     return arrays, ()
 
 
 def check_archive(file: FileEnds) -> None:
-    """Raise TrajectoryError if the arrays of an archive of NumPy, by their headers, are out of proportion to the file."""
+    """Raise TrajectoryError if an archive of NumPy is far smaller than the arrays that their headers announce."""
     arrays, _ = read_npz(file)
     size = sum(math.prod(array.shape) * max(8, array.dtype.itemsize) for array in arrays.values())
     check_unpacked(file.path, size)
     check_ratio(file.path, size, file.size)
 
 
-_MARK = "twistwrench simulation"
-_MARK_BYTES = 1 << 12
-"""Text at the beginning of the entry ``format`` of archives of ``simulate --npz``, and bytes of it that are read."""
+_FORMAT_MARK = "twistwrench simulation"
+"""Text at the beginning of the entry ``format`` of archives of ``simulate --npz``."""
+_MAX_MARK_BYTES = 1 << 12
+"""Largest number of bytes of this entry that are read."""
 
 
 def is_simulation(file: FileEnds) -> bool:
     """True if ``simulate --npz`` wrote the archive; also True if the archive cannot be read."""
     try:
-        with file.open() as whole, zipfile.ZipFile(whole) as archive:
+        with file.open() as stream, zipfile.ZipFile(stream) as archive:
             if "format.npy" not in archive.namelist():
                 return False
-            with archive.open("format.npy") as mark:
-                shape, _, dtype = array_header(mark)  # type: ignore[arg-type]
-                text = mark.read(min(_MARK_BYTES, dtype.itemsize))
-            coding = "utf-32-be" if dtype.byteorder == ">" else "utf-32-le"
-            return shape == () and dtype.kind == "U" and text.decode(coding).startswith(_MARK)
+            with archive.open("format.npy") as entry:
+                shape, _, dtype = array_header(entry)  # type: ignore[arg-type]
+                data = entry.read(min(_MAX_MARK_BYTES, dtype.itemsize))
+            encoding = "utf-32-be" if dtype.byteorder == ">" else "utf-32-le"
+            is_single_text = shape == () and dtype.kind == "U"
+            return is_single_text and data.decode(encoding).startswith(_FORMAT_MARK)
     except Exception:  # any NumPy error: the later read reports it
         return True
 
@@ -126,15 +133,17 @@ def simulation_file(file: FileEnds) -> ArrayFile:
     unreadable = f"{path}: an archive that cannot be read as a motion"
     with third_party_errors(lambda reason: TrajectoryError(f"{unreadable}: {reason}. {advice}")):
         check_archive(file)
-        with file.open() as whole, np.load(whole, allow_pickle=False) as archive:
-            if not str(archive["format"]).startswith(_MARK):
+        with file.open() as stream, np.load(stream, allow_pickle=False) as archive:
+            if not str(archive["format"]).startswith(_FORMAT_MARK):
                 raise TrajectoryError(f"{path}: an archive of NumPy, but not one that a simulation wrote.")
             names = json.loads(str(archive["said"]))
             times = np.asarray(archive["times"], float)[:, None]
-            columns, header = [times], [time_column(names["coordinate_names"])]
+            header = [time_column(names["coordinate_names"])]
+            blocks = [times]  # of columns
             for part in STATES:
-                part_names = names["coordinate_names" if part == "q" else "velocity_names"]
+                names_key = "coordinate_names" if part == "q" else "velocity_names"
+                part_names = names[names_key]
                 header += [f"{name}{SUFFIX[part]}" for name in part_names]
-                columns.append(np.asarray(archive[part], float).reshape(len(times), len(part_names)))
-    motion = ArrayFile.from_table(path, header, np.concatenate(columns, axis=1), file.size)
+                blocks.append(np.asarray(archive[part], float).reshape(len(times), len(part_names)))
+    motion = ArrayFile.from_table(path, header, np.concatenate(blocks, axis=1), file.size)
     return replace(motion, plan=True)  # computed, and not recorded

@@ -29,26 +29,30 @@ class StoredArray:
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     portions: Callable[[int], Iterator[Array]]
-    """Function that yields consecutive rows, as many at once as given, split as by :func:`.slices`."""
+    """Function of a number of rows that yields portions of so many consecutive rows, as :func:`.slices` splits them."""
     names: tuple[str, ...] = ()
     """Names of the columns of an array (n, k); if empty, columns are numbered."""
 
     @classmethod
     def from_array(cls, array: Any) -> StoredArray:
         """Array in memory; (1, n) and (n, 1) become (n,)."""
-        x = np.asarray(array)
-        if is_line(x.shape):
-            x = x.ravel()
-        return cls(x.shape, x.dtype, lambda rows: (x[s] for s in slices(len(x), rows)))
+        numbers = np.asarray(array)
+        if is_line(numbers.shape):
+            numbers = numbers.ravel()
+
+        def portions(row_limit: int) -> Iterator[Array]:
+            return (numbers[rows] for rows in slices(len(numbers), row_limit))
+
+        return cls(numbers.shape, numbers.dtype, portions)
 
     @property
     def row_size(self) -> int:
-        """Size of a row [bytes], numbers as float64."""
+        """Size of a row [bytes] with its numbers as float64."""
         return max(8, self.dtype.itemsize) * math.prod(self.shape[1:])
 
     @property
     def size(self) -> int:
-        """Size of all rows [bytes], numbers as float64."""
+        """Size of all rows [bytes] with their numbers as float64."""
         return self.row_size * self.shape[0]
 
 

@@ -1,6 +1,6 @@
-"""Text of a file in any form on disk, as seekable UTF-8 with newlines: plain, UTF-16, gzip, or a pipe.
+"""Text of a file as seekable UTF-8 with newlines, whether it is plain on disk, UTF-16, gzip, or a pipe.
 
-A copy in memory, or in a temporary file without a name, holds text that is not plain on disk.
+If it is not plain on disk, a copy holds the text: in memory, or in a temporary file without a name.
 """
 
 from __future__ import annotations
@@ -23,13 +23,15 @@ from ...core.errors import NotFoundError, TrajectoryError
 from ..log_table import check_ratio
 from .file_ends import FileEnds
 
-_GZIP = b"\x1f\x8b"
-_BOMS = (
+_GZIP_MARK = b"\x1f\x8b"
+"""First bytes of a file packed by gzip."""
+_BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF32_LE, "utf-32"),
     (codecs.BOM_UTF32_BE, "utf-32"),
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+"""First bytes of a text by encoding; those of UTF-32 come first, as they begin with those of UTF-16."""
 _PORTION_SIZE = 1 << 20
 """Bytes of a text that are decoded at once."""
 _HEAD_SIZE = 1 << 12
@@ -52,7 +54,7 @@ class TextSource:
         path = ends.path
         if os.path.isdir(path):  # noqa: PTH112  False if the text cannot be a path
             raise TrajectoryError(f"{path}: is a folder. Give the CSV file of the motion itself.")
-        if ends.start and _is_plain(ends.start):
+        if ends.start and _is_plain(ends.start):  # a pipe has no start
             return cls(ends)
         copy = _plain_copy(path)
         source = cls(FileEnds.from_file(path, copy), copy)
@@ -83,7 +85,7 @@ class TextSource:
 def _is_plain(start: bytes) -> bool:
     """True if a file with these first bytes is text in UTF-8 with newlines."""
     head = start[:_HEAD_SIZE]
-    return not (head.startswith(_GZIP) or _encoding(head) or _has_old_line_ends(head))
+    return not (head.startswith(_GZIP_MARK) or _encoding(head) or _has_old_line_ends(head))
 
 
 def _has_old_line_ends(head: bytes) -> bool:
@@ -95,45 +97,47 @@ def _plain_copy(path: Path) -> BinaryIO:
     """Copy of a text in UTF-8 with newlines; raises NotFoundError and TrajectoryError."""
     try:
         with path.open("rb") as file:
-            raw: BinaryIO = file
-            if not stat.S_ISREG(path.stat().st_mode):
-                raw = _copy_portions(_portions(file))
-            size = raw.seek(0, os.SEEK_END)
-            raw.seek(0)
-            packed = raw.read(2) == _GZIP
-            raw.seek(0)
-            text: BinaryIO = raw
-            if packed:
-                text = cast("BinaryIO", gzip.GzipFile(fileobj=raw))
+            stream: BinaryIO = file
+            if not stat.S_ISREG(path.stat().st_mode):  # a pipe is not seekable: copy it first
+                stream = _copy_portions(_portions(file))
+            size = stream.seek(0, os.SEEK_END)
+            stream.seek(0)
+            is_packed = stream.read(len(_GZIP_MARK)) == _GZIP_MARK
+            stream.seek(0)
+            text: BinaryIO = stream
+            if is_packed:
+                text = cast("BinaryIO", gzip.GzipFile(fileobj=stream))
             head = text.read(_HEAD_SIZE)
             text.seek(0)
-            if raw is not file and _is_plain(head) and not packed:
-                return raw
-            plain = _plain_portions(text, _encoding(head), old=_has_old_line_ends(head))
-            if packed:
-                plain = _check_proportion(plain, path, size)
-            return _copy_portions(plain)
+            is_copy = stream is not file
+            if is_copy and not is_packed and _is_plain(head):
+                return stream
+            plain_text = _plain_portions(text, _encoding(head), old_line_ends=_has_old_line_ends(head))
+            if is_packed:
+                plain_text = _check_proportion(plain_text, path, size)
+            return _copy_portions(plain_text)
     except TrajectoryError:
         raise
     except FileNotFoundError:
         raise NotFoundError(f"no motion file {str(path)!r}. Give the path of a CSV file.") from None
-    except (EOFError, zlib.error, gzip.BadGzipFile) as problem:
-        raise TrajectoryError(f"{path}: cannot be unpacked: {problem}. Pack it again, or give it unpacked.") from None
-    except UnicodeError as problem:
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise TrajectoryError(f"{path}: cannot be unpacked: {error}. Pack it again, or give it unpacked.") from None
+    except UnicodeError as error:
         raise TrajectoryError(
-            f"{path}: is not text in the encoding of its first bytes: {problem}. Save it as UTF-8."
+            f"{path}: is not text in the encoding of its first bytes: {error}. Save it as UTF-8."
         ) from None
-    except (OSError, ValueError) as problem:  # ValueError: a path with a NUL
-        reason = getattr(problem, "strerror", None) or problem
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL
+        reason = getattr(error, "strerror", None) or error
         raise TrajectoryError(f"{path}: cannot be read: {reason}. A file that can be read is needed.") from None
 
 
 def _portions(file: BinaryIO) -> Iterator[bytes]:
+    """Portions of a file up to its end, where ``read`` returns no bytes."""
     return iter(partial(file.read, _PORTION_SIZE), b"")
 
 
 def _copy_portions(portions: Iterator[bytes]) -> BinaryIO:
-    """Copy in memory, or in a temporary file without a name if large, at its beginning."""
+    """Copy in memory, or in a temporary file without a name if large; its position is the beginning."""
     copy = cast("BinaryIO", tempfile.SpooledTemporaryFile(_MAX_COPY_IN_MEMORY))  # noqa: SIM115  it lives as long as the source
     try:
         for portion in portions:
@@ -145,22 +149,23 @@ def _copy_portions(portions: Iterator[bytes]) -> BinaryIO:
     return copy
 
 
-def _check_proportion(portions: Iterator[bytes], path: Path, packed: int) -> Iterator[bytes]:
-    """Portions of a packed text, as long as they are in proportion to its size."""
+def _check_proportion(portions: Iterator[bytes], path: Path, packed_size: int) -> Iterator[bytes]:
+    """Portions of an unpacked text; raises TrajectoryError once they are out of proportion to the packed size."""
     size = 0
     for portion in portions:
         size += len(portion)
-        check_ratio(path, size, packed)
+        check_ratio(path, size, packed_size)
         yield portion
 
 
-def _plain_portions(file: BinaryIO, encoding: str | None, *, old: bool) -> Iterator[bytes]:
-    """Portions of the text in UTF-8; ``old`` if lines end in carriage returns."""
+def _plain_portions(file: BinaryIO, encoding: str | None, *, old_line_ends: bool) -> Iterator[bytes]:
+    """Portions of the text in UTF-8; ``old_line_ends``: lines end in carriage returns."""
     portions = _portions(file)
     if encoding:
         portions = _encode_utf_8(portions, encoding)
-    for portion in portions:
-        yield portion.replace(b"\r", b"\n") if old else portion
+    if not old_line_ends:
+        return portions
+    return (portion.replace(b"\r", b"\n") for portion in portions)
 
 
 def _encode_utf_8(portions: Iterator[bytes], encoding: str) -> Iterator[bytes]:
@@ -173,11 +178,13 @@ def _encode_utf_8(portions: Iterator[bytes], encoding: str) -> Iterator[bytes]:
 
 def _encoding(head: bytes) -> str | None:
     """Encoding detected from the first bytes; None if it may be UTF-8."""
-    for mark, name in _BOMS:
+    for mark, name in _BYTE_ORDER_MARKS:
         if head.startswith(mark):
             return name
-    if len(head) >= 4 and head[0] and not head[1] and head[2] and not head[3]:
+    # UTF-16 without a mark: one of the two bytes of each ASCII character is zero.
+    is_zero = [byte == 0 for byte in head[:4]]
+    if is_zero == [False, True, False, True]:
         return "utf-16-le"
-    if len(head) >= 4 and not head[0] and head[1] and not head[2] and head[3]:
+    if is_zero == [True, False, True, False]:
         return "utf-16-be"
     return None

@@ -34,7 +34,10 @@ def closure(model: Model, frame_a: str, frame_b: str, rows: Rows, pose: ArrayLik
         raise ConstraintError(
             f"{frame_a!r} and {frame_b!r} are fixed to one body, so nothing between them can be closed."
         )
-    T_ac = np.eye(4) if pose is None else arguments.pose(arguments.one(pose, "pose", 4, 4), "pose")
+    if pose is None:
+        T_ac = np.eye(4)
+    else:
+        T_ac = arguments.pose(arguments.one(pose, "pose", 4, 4), "pose")
     return Closure(frame_a, frame_b, row_numbers(rows), tuple(tuple(row) for row in T_ac.tolist()))
 
 
@@ -62,45 +65,61 @@ def _frame_name(model: Model, frame: str | None) -> str:
 STARTS = 32
 """Number of random start configurations in the search for closed ones; one in a few converges for common mechanisms."""
 MAX_FOUND_GAP = 1e-10
-"""rad, and fraction of the robot's length: gap far below which the row of A equals that of a closed configuration."""
+"""Largest gap of a configuration that counts as closed, rad, and fraction of the robot's length.
+
+Rows of A differ from those of a closed configuration far less than their tolerances.
+"""
+_DISPLACEMENT_SIZES = [0.0, 0.01, 0.1, 0.3]
+"""Standard deviations of random displacements around a configuration, rad and m."""
 
 
 def some_configurations(closed: ConstrainedRobot, near: ArrayLike | None) -> Array:
     """Configurations with closed loops, found from stored and random ones or from around ``near``; (n, nq)."""
-    rng, robot = np.random.default_rng(0), closed.open()
+    rng = np.random.default_rng(0)
+    robot = closed.open()
     if near is None:
-        stored = [robot.add(q, _spread(rng, robot, 4)) for q in robot.model.configurations.values()]
-        starts = np.concatenate([*stored, robot.random_configuration(rng, STARTS - 1), robot.neutral[None]])
+        around_stored = [robot.add(q, _displacements(rng, robot, 4)) for q in robot.model.configurations.values()]
+        random = robot.random_configuration(rng, STARTS - 1)
+        starts = np.concatenate([*around_stored, random, robot.neutral[None]])
     else:
         q = arguments.one(near, "near", robot.nq, names=robot.coordinate_names)
-        starts = robot.add(q, _spread(rng, robot, STARTS))
+        starts = robot.add(q, _displacements(rng, robot, STARTS))
     q, gaps = closed.settled(starts, 0.01 * MAX_FOUND_GAP)
-    if not (gaps <= MAX_FOUND_GAP).any():
+    is_closed = gaps <= MAX_FOUND_GAP
+    if not is_closed.any():
         raise ConstraintError(
             f"no configuration found at which {closed.constraints[-1].name!r} closes: from {len(starts)} starts the nearest "
             f"leaves a gap of {printed(gaps.min(), 3)} ({gap_unit_text(closed)}). Check pose and rows, or give near=q, one "
             "near it."
         )
-    return np.asarray(q[gaps <= MAX_FOUND_GAP])
+    return np.asarray(q[is_closed])
 
 
-def _spread(rng: np.random.Generator, robot: Robot, n: int) -> Array:
-    """Random displacements (n, nv) of different size; the first is zero."""
-    return np.repeat([0.0, 0.01, 0.1, 0.3], n // 4)[:, None] * rng.standard_normal((n, robot.nv))
+def _displacements(rng: np.random.Generator, robot: Robot, count: int) -> Array:
+    """Random displacements (count, nv) of different size; the first are zero. ``count``: a multiple of four."""
+    sizes = np.repeat(_DISPLACEMENT_SIZES, count // len(_DISPLACEMENT_SIZES))
+    return sizes[:, None] * rng.standard_normal((count, robot.nv))
 
 
 def require_angle(closed: ConstrainedRobot, q: Array) -> None:
-    """Raise an error if one angular row is held alone while other axes rotate too: its rate is not the rate of an angle."""
-    new, robot = closed.constraints[-1], closed.open()
-    turning = [k for k in new.rows if k < 3]
-    if not isinstance(new, Closure) or len(turning) != 1:
+    """Raise ConstraintError if the last closure holds one angular row alone while the frame turns about other axes too.
+
+    The rate of this row is then not the rate of an angle.
+    """
+    robot = closed.open()
+    new = closed.constraints[-1]
+    angular_rows = [row for row in new.rows if row < 3]
+    if not isinstance(new, Closure) or len(angular_rows) != 1:
         return
     J = robot.kernel("constraint_jacobian", constraints=(all_rows(new),))(q)
-    others = np.delete(mass_weighted_rows(J, robot.mass_matrix(q))[:, :3], turning[0], axis=1)
-    if np.abs(others).max() > 1e-9 * six_sizes(robot, new)[0]:
+    weighted_angular_rows = mass_weighted_rows(J, robot.mass_matrix(q))[:, :3]
+    other_rows = np.delete(weighted_angular_rows, angular_rows[0], axis=1)
+    angular_size = six_sizes(robot, new)[0]
+    if np.abs(other_rows).max() > 1e-9 * angular_size:
         raise ConstraintError(
-            f"{new.name}: {TWIST[turning[0]]} is the only row of turning, and {new.frame_b!r} also turns about other axes, "
-            "so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with constrain."
+            f"{new.name}: {TWIST[angular_rows[0]]} is the only row of turning, and {new.frame_b!r} also turns about other "
+            "axes, so it is the rate of no angle. Hold two rows of turning (a hinge) or three, or this rate alone with "
+            "constrain."
         )
 
 
@@ -108,10 +127,12 @@ def refuse_redundant(closed: ConstrainedRobot) -> None:
     """Raise ConstraintError that names the dependent rows and an independent choice."""
     new = closed.constraints[-1]
     first = len(closed.sizes) - len(new.rows)
-    keep = " ".join(TWIST[new.rows[k - first]] for k in closed.independent if k >= first)
-    advice = f"Independent ones are rows={keep!r}: close with these" if keep else "It adds nothing: leave it out"
+    independent_rows = [TWIST[new.rows[k - first]] for k in closed.independent if k >= first]
+    advice = "It adds nothing: leave it out"
+    if independent_rows:
+        advice = f"Independent ones are rows={' '.join(independent_rows)!r}: close with these"
     raise ConstraintError(
-        f"of the {len(new.rows)} rows of {new.name!r} {len(keep.split())} are independent constraints; the others never move, "
-        f"or follow from rows before them: {', '.join(closed.redundant_rows)}. {advice}, or with redundant='accept', which "
-        "takes the λ of least norm."
+        f"of the {len(new.rows)} rows of {new.name!r} {len(independent_rows)} are independent constraints; the others never "
+        f"move, or follow from rows before them: {', '.join(closed.redundant_rows)}. {advice}, or with redundant='accept', "
+        "which takes the λ of least norm."
     )

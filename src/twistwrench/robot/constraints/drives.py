@@ -1,4 +1,4 @@
-"""Joints of a closed robot with a motor, and torques that they can make."""
+"""Joints of a closed robot with a motor, and checks that these can make a motion."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def motor_mask(robot: Robot, actuated: Iterable[str] | None) -> Array:
     """Mask of the velocities of the named joints (None: all with a motor, see :func:`motor_joints`); (nv,)."""
-    leaders = {b.joint.name: b for b in robot.model.leaders}
+    leaders = {body.joint.name: body for body in robot.model.leaders}
     if actuated is None:
         actuated = motor_joints(robot)
     elif isinstance(actuated, str):
@@ -31,7 +31,7 @@ def motor_mask(robot: Robot, actuated: Iterable[str] | None) -> Array:
     for name in actuated:
         if name not in leaders:
             raise UnknownNameError.from_choices("joint", name, leaders)
-        mask[leaders[name].v_index : leaders[name].v_index + leaders[name].joint.nv] = True
+        mask[leaders[name].places[1]] = True
     return mask
 
 
@@ -42,62 +42,73 @@ def motor_joints(robot: Robot) -> list[str]:
     """
     model = robot.model
     if not model.motor_joints:
-        return [b.joint.name for b in model.leaders if b.joint.driven and not _is_planar_base(b)]
+        return [body.joint.name for body in model.leaders if body.joint.driven and not _is_planar_base(body)]
     return named_motors(robot)
 
 
 def named_motors(robot: Robot) -> list[str]:
     """Joints driven by the actuators of the robot's own file or of an actuator file; empty without both."""
     model = robot.model
-    at = {b.v_index for b in model.bodies if b.joint.name in model.motor_joints}
-    return [b.joint.name for b in model.leaders if b.v_index in at or b.joint.name in robot.actuators]
+    # A follower has the velocity index of its leader, which is thus driven as well.
+    driven_indices = {body.v_index for body in model.bodies if body.joint.name in model.motor_joints}
+    return [
+        body.joint.name
+        for body in model.leaders
+        if body.v_index in driven_indices or body.joint.name in robot.actuators
+    ]
 
 
 def _is_planar_base(body: Body) -> bool:
-    """True for a base that glides in a plane, such as a cart's: nothing drives it."""
+    """True for a base that slides in a plane, such as a cart's: nothing drives it."""
     return body.parent == BASE and isinstance(body.joint, Planar)
 
 
-def require_balanced(closed: ConstrainedRobot, residual: Array, f: Array, driven: Array) -> None:
+def require_balanced(closed: ConstrainedRobot, residual: Array, f: Array, is_driven: Array) -> None:
     """Raise an error if residual torques (..., n) at joints without motors exceed rounding errors of f (..., nv)."""
-    largest = np.abs(residual).max(axis=-1, initial=0.0)
+    largest_residual = np.abs(residual).max(axis=-1, initial=0.0)
     allowed = MAX_RESIDUAL_TORQUE * np.abs(f).max(axis=-1, initial=0.0)
-    if (largest <= allowed).all():
+    if (largest_residual <= allowed).all():
         return
-    worst = int((largest - allowed).argmax())
-    idle, moving = joints(closed.open(), ~driven), joints(closed.open(), driven)
-    bases = {b.joint.name for b in closed.open().model.leaders if b.parent == BASE and not b.joint.driven}
-    if loose := [name for name in idle if name in bases]:
+    worst_state = int((largest_residual - allowed).argmax())
+    robot = closed.open()
+    undriven_joints = joints(robot, ~is_driven)
+    driven_joints = ", ".join(joints(robot, is_driven)) or "no joint"
+    bases = {body.joint.name for body in robot.model.leaders if body.parent == BASE and not body.joint.driven}
+    undriven_bases = [name for name in undriven_joints if name in bases]
+    if undriven_bases:
         remedy = (
-            f"Nothing drives {', '.join(loose)}, and the closures cannot hold it: close with the ground what else holds it, "
-            "such as another foot, or give the missing force as wrench_on_robot."
+            f"Nothing drives {', '.join(undriven_bases)}, and the closures cannot hold it: close with the ground what else "
+            "holds it, such as another foot, or give the missing force as wrench_on_robot."
         )
     else:
         remedy = f"Degrees of freedom: {closed.nv - len(closed.independent)}; name as many joints that move them."
+    residual_text = f"{printed(largest_residual.flat[worst_state], 3)} N m or N is left over"
     raise ConstraintError(
-        f"joints {', '.join(idle)} have no motor, and no torques at {', '.join(moving) or 'no joint'} make this motion: "
-        f"{printed(largest.flat[worst], 3)} N m or N is left over{place_in_batch(worst, largest.shape)}. {remedy}"
+        f"joints {', '.join(undriven_joints)} have no motor, and no torques at {driven_joints} make this motion: "
+        f"{residual_text}{place_in_batch(worst_state, largest_residual.shape)}. {remedy}"
     )
 
 
-def require_independent(closed: ConstrainedRobot, q: Array, driven: Array) -> None:
+def require_independent(closed: ConstrainedRobot, q: Array, is_driven: Array) -> None:
     """Raise an error unless the joints ``driven`` (nv,) determine all others and match the degrees of freedom in number."""
-    free, count = closed.nv - len(closed.independent), int(driven.sum())
-    names = ", ".join(joints(closed.open(), driven)) or "no joint"
-    if count != free:
+    freedoms = closed.nv - len(closed.independent)
+    driven_count = int(is_driven.sum())
+    names = ", ".join(joints(closed.open(), is_driven)) or "no joint"
+    if driven_count != freedoms:
         raise ConstraintError(
-            f"{names}: {count} velocities, and there are {free} degrees of freedom. Name joints of as many velocities, the "
-            "independent ones."
+            f"{names}: {driven_count} velocities, and there are {freedoms} degrees of freedom. Name joints of as many "
+            "velocities, the independent ones."
         )
-    if not closed.independent or not (~driven).any():
+    if not closed.independent or is_driven.all():
         return
+    # The driven joints determine the others if the columns of A of the others are independent.
     rows = list(closed.independent)
-    A = closed.constraint_jacobian(q)[..., rows, :][..., ~driven] / closed.sizes[rows, None]
-    sigma = np.linalg.svd(A, compute_uv=False)
-    condition = sigma[..., -1] / sigma[..., 0]
-    if not (condition > SINGULAR_VALUE).all():
-        worst = int(np.argmin(condition))
+    A_undriven = closed.constraint_jacobian(q)[..., rows, :][..., ~is_driven] / closed.sizes[rows, None]
+    singular_values = np.linalg.svd(A_undriven, compute_uv=False)
+    ratio = singular_values[..., -1] / singular_values[..., 0]
+    if not (ratio > SINGULAR_VALUE).all():  # NaN too
+        worst_state = int(np.argmin(ratio))
         raise ConstraintError(
-            f"{names} do not determine the other joints{place_in_batch(worst, condition.shape)}: a dead centre, or a singular "
-            "configuration. Choose other joints, or go round it."
+            f"{names} do not determine the other joints{place_in_batch(worst_state, ratio.shape)}: a dead centre, or a "
+            "singular configuration. Choose other joints, or go round it."
         )

@@ -30,20 +30,27 @@ class LoopClosureSolver:
         self.closed = closed
         self.rows = LoopRows(closed.constraints, closed.independent)
         self.units = gap_units(closed)
-        twist_rows = [k for c in closed.constraints if isinstance(c, Closure) for k in c.rows]
-        self.kinds = [twist_rows[n] for n in self.rows.indices[0]]
-        """Index in a twist of each row."""
-        self.allowed = tuple((MAX_CLOSED_GAP * self.units[self.rows.indices[0]]).tolist())
-        """Largest gap of each row, rad or m."""
+        """Unit of the gap of each position row, rad or m."""
+        twist_rows: list[int] = []
+        for constraint in closed.constraints:
+            if isinstance(constraint, Closure):
+                twist_rows += constraint.rows
+        self._searched_rows = self.rows.indices[0]
+        """Indices of the search's rows among all position rows."""
+        self.kinds = [twist_rows[k] for k in self._searched_rows]
+        """Index in a twist of each row of the search."""
+        self.allowed = tuple((MAX_CLOSED_GAP * self.units[self._searched_rows]).tolist())
+        """Largest gap of each row of the search, rad or m."""
 
     @cached_property
     def start(self) -> Array:
         """A configuration with the loops closed; raises ConstraintError if none is found."""
         try:
             return np.asarray(some_configurations(self.closed, None)[0])
-        except ConstraintError as problem:
+        except ConstraintError as error:
+            first_sentence, _, _ = str(error).partition(". ")
             raise ConstraintError(
-                f"inverse_kinematics: {str(problem).partition('. ')[0]}. Give q0, a configuration near a closed one."
+                f"inverse_kinematics: {first_sentence}. Give q0, a configuration near a closed one."
             ) from None
 
     @property
@@ -59,30 +66,36 @@ class LoopClosureSolver:
     def closed_starts(self, starts: Array, inside: Callable[[Array], Array]) -> Array:
         """Configurations (n, nq) with closed loops inside the limits, from configurations that may be open.
 
-        Those from which none is found are moved half and then a quarter of the way towards one from which one is found.
+        If none is found from a start, a point half or a quarter of the way to it, from a closed configuration of another
+        start, is tried. If none is found from there either, that configuration is taken. ``inside`` clips
+        configurations to their limits.
         """
         robot = self.closed.open()
 
         def close_inside(q: Array) -> tuple[Array, Array]:
+            """Closed configurations, and the mask of those that are closed and inside."""
             for _ in range(PROJECTION_ROUNDS):
                 q = inside(self.close(q))
             q = self.close(q)
-            return q, (inside(q) == q).all(axis=-1) & (self.search_gaps(q)[1] <= MAX_CLOSED_GAP)
+            _, largest_gaps = self.search_gaps(q)
+            is_inside = (inside(q) == q).all(axis=-1)
+            return q, is_inside & (largest_gaps <= MAX_CLOSED_GAP)
 
-        q, good = close_inside(starts)
-        for part in (0.5, 0.25):
-            if good.all() or not good.any():
+        q, is_good = close_inside(starts)
+        for fraction in (0.5, 0.25):
+            if is_good.all() or not is_good.any():
                 break
-            rows = np.flatnonzero(~good)
-            closed_rows = np.resize(np.flatnonzero(good), len(rows))
-            step = part * robot.subtract(starts[rows], q[closed_rows])
-            q[rows], good[rows] = close_inside(robot.add(q[closed_rows], step))
-        rows = np.flatnonzero(~good)
-        if good.any():
-            q[rows] = q[np.resize(np.flatnonzero(good), len(rows))]
+            failed_rows = np.flatnonzero(~is_good)
+            good_rows = np.resize(np.flatnonzero(is_good), len(failed_rows))  # repeated if there are fewer
+            step = fraction * robot.subtract(starts[failed_rows], q[good_rows])
+            q[failed_rows], is_good[failed_rows] = close_inside(robot.add(q[good_rows], step))
+        if is_good.any():
+            failed_rows = np.flatnonzero(~is_good)
+            q[failed_rows] = q[np.resize(np.flatnonzero(is_good), len(failed_rows))]
         return inside(q)
 
     def search_gaps(self, q: Array) -> tuple[Array, Array]:
         """Gaps of the search's rows (n, rows), and the largest gap relative to its unit (n,)."""
         gaps = self.closed.gaps(q)
-        return gaps[:, self.rows.indices[0]], np.abs(gaps / self.units).max(axis=-1, initial=0.0)
+        largest_gaps = np.abs(gaps / self.units).max(axis=-1, initial=0.0)
+        return gaps[:, self._searched_rows], largest_gaps

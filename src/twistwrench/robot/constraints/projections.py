@@ -2,8 +2,8 @@
 
     τ = M q̈ + h + A'λ,   A q̈ + (dA/dt) dq = 0        (MR section 8.7)
 
-λ is therefore exerted by the robot on its constraints, as F_by in τ = M q̈ + h + J'F_by. M, h and f = M q̈ + h are those
-of the robot with its loops open. :class:`.quantity_methods.QuantityMethods` documents arguments and results.
+The robot exerts λ on its constraints, as F_by in τ = M q̈ + h + J'F_by. M, h and f = M q̈ + h are those of the robot with
+its loops open. :class:`.quantity_methods.QuantityMethods` documents arguments and results.
 """
 
 from __future__ import annotations
@@ -51,31 +51,38 @@ def forward_dynamics(
     wrench_on_robot: Wrenches | None = None,
     friction: bool = False,
 ) -> ConstrainedMotion:
-    """q̈ and λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), of minimal norm if A loses rank."""
-    robot, constraints = closed.open(), closed._independent_constraints
+    """q̈ and λ = (A M⁻¹ A')⁻¹ (A M⁻¹ (τ - h) + (dA/dt) dq), λ of minimal norm if A loses rank."""
+    robot = closed.open()
+    independent_constraints = closed._independent_constraints
     q, dq, tau = finite_states(robot.model, "forward_dynamics", q=q, dq=dq, tau=tau)
     require_met(closed, q, dq)
     if friction:
         tau = robot.engine.call("torque_past_friction", dq, tau)
     by, on = wrench_by_robot, wrench_on_robot
-    if not constraints:
+    if not independent_constraints:
         ddq = robot.forward_dynamics(q, dq, tau, wrench_by_robot=by, wrench_on_robot=on)
-        return ConstrainedMotion(ddq, np.zeros((*ddq.shape[:-1], len(closed.sizes)), ddq.dtype))
-    rows, call = list(closed.independent), robot.engine.call_with_wrenches
-    with np.errstate(all="ignore"):
-        ddq, independent_lam, pivots = call("constrained_dynamics", (q, dq, tau), by, on, None, constraints=constraints)
-    lam = np.zeros((*independent_lam.shape[:-1], len(closed.sizes)), independent_lam.dtype)
+        no_lam = np.zeros((*ddq.shape[:-1], len(closed.sizes)), ddq.dtype)
+        return ConstrainedMotion(ddq, no_lam)
+    rows = list(closed.independent)
+    row_count = len(closed.sizes)
+    call_engine = robot.engine.call_with_wrenches
+    with np.errstate(all="ignore"):  # singular states are replaced below
+        ddq, independent_lam, pivots = call_engine(
+            "constrained_dynamics", (q, dq, tau), by, on, None, constraints=independent_constraints
+        )
+    lam = np.zeros((*independent_lam.shape[:-1], row_count), independent_lam.dtype)
     lam[..., rows] = independent_lam
-    singular = needs_singular_values(pivots, closed.sizes[rows])
-    if len(rows) < len(closed.sizes) and not singular.all():
-        regular_q = np.broadcast_to(q, (*singular.shape, closed.nq))[~singular]
-        lam[~singular] = (closed._projector(regular_q)[1].range @ lam[~singular][..., None])[..., 0]
-    if singular.any():  # pseudo-inverse from singular values: valid for any rank of A
-        h = call("bias_forces", (q, dq), by, on, None)
-        q, dq, force = (np.broadcast_to(x, (*singular.shape, x.shape[-1]))[singular] for x in (q, dq, tau - h))
+    is_singular = needs_singular_values(pivots, closed.sizes[rows])
+    if len(rows) < row_count and not is_singular.all():  # λ of minimal norm, with its part on dependent rows
+        regular_q = np.broadcast_to(q, (*is_singular.shape, closed.nq))[~is_singular]
+        _, projector = closed._projector(regular_q)
+        lam[~is_singular] = (projector.range @ lam[~is_singular][..., None])[..., 0]
+    if is_singular.any():  # pseudo-inverse from singular values: valid for any rank of A
+        h = call_engine("bias_forces", (q, dq), by, on, None)
+        q, dq, force = (np.broadcast_to(x, (*is_singular.shape, x.shape[-1]))[is_singular] for x in (q, dq, tau - h))
         _, projector = closed._projector(q)
         warn_of_singular(projector.rank, len(rows))
-        ddq[singular], lam[singular] = projector.constrained_acceleration(force, closed.constraint_bias(q, dq))
+        ddq[is_singular], lam[is_singular] = projector.constrained_acceleration(force, closed.constraint_bias(q, dq))
     return ConstrainedMotion(ddq, lam)
 
 
@@ -91,11 +98,11 @@ def inverse_dynamics(
     wrench_on_robot: Wrenches | None = None,
     friction: bool = False,
 ) -> ConstrainedTorques:
-    """τ = f + A'λ of the ``actuated`` joints, zero at the others, and λ; of minimal norm if there are more motors."""
+    """τ = f + A'λ of the ``actuated`` joints, zero at the others, and λ; τ of minimal norm if there are more motors."""
     robot = closed.open()
     q, dq, ddq = finite_states(robot.model, "inverse_dynamics", q=q, dq=dq, ddq=ddq)
     require_met(closed, q, dq, ddq)
-    driven = motor_mask(robot, actuated)
+    is_driven = motor_mask(robot, actuated)
     by, on = wrench_by_robot, wrench_on_robot
     with np.errstate(all="ignore"):
         f = robot.inverse_dynamics(q, dq, ddq, wrench_by_robot=by, wrench_on_robot=on, friction=friction)
@@ -103,10 +110,11 @@ def inverse_dynamics(
         f, "inverse_dynamics: the torque of wrench_by_robot, wrench_on_robot and the motion", closed.nv
     )
     A, projector = closed._projector(q)
-    # projection: λ of immovable rows is arbitrary
-    lam, residual = balance(f, projector.range @ A, closed.sizes, driven)
-    require_balanced(closed, residual, f, driven)
-    tau = np.where(driven, f + (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0], 0.0)
+    # A is projected because λ of rows that no motion changes would be arbitrary.
+    lam, residual = balance(f, projector.range @ A, closed.sizes, is_driven)
+    require_balanced(closed, residual, f, is_driven)
+    constraint_torques = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
+    tau = np.where(is_driven, f + constraint_torques, 0.0)
     lam = (projector.range @ lam[..., None])[..., 0]
     return ConstrainedTorques(tau.astype(f.dtype, copy=False), lam.astype(f.dtype, copy=False))
 
@@ -127,12 +135,15 @@ def joint_wrenches(
     actuated: Iterable[str] | None = None,
     **wrenches: Any,
 ) -> Array:
-    """Wrenches across the joints of the open robot under λ of :func:`inverse_dynamics`, on both links of a closure."""
-    robot, lam = closed.open(), inverse_dynamics(closed, q, dq, ddq, actuated, **wrenches).lam
+    """Wrenches across the joints of the open robot, if λ of :func:`inverse_dynamics` acts on both links of each closure."""
+    robot = closed.open()
+    lam = inverse_dynamics(closed, q, dq, ddq, actuated, **wrenches).lam
     total = robot.joint_wrenches(q, dq, ddq, **wrenches)
-    unloaded = robot.joint_wrenches(q, dq, ddq)
-    for frame, F in link_wrenches(closed, np.asarray(q, float), lam):  # a frame may occur in several constraints
-        total = total + (robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F}) - unloaded)
+    without_wrenches = robot.joint_wrenches(q, dq, ddq)
+    # One frame at a time, since a frame may occur in several constraints.
+    for frame, F in link_wrenches(closed, np.asarray(q, float), lam):
+        with_wrench = robot.joint_wrenches(q, dq, ddq, wrench_by_robot={frame: F})
+        total = total + (with_wrench - without_wrenches)
     return total
 
 
@@ -149,13 +160,13 @@ def explanation(
     """Torques of :func:`inverse_dynamics` by term and cause: τ = f + A'λ is linear in f."""
     robot = closed.open()
     inverse_dynamics(closed, q, dq, ddq, actuated, friction=friction, **wrenches)  # checks state and motors
-    why = robot.explain(q, dq, ddq, friction=friction, **wrenches)
-    driven = motor_mask(robot, actuated)
+    explanation_of_tree = robot.explain(q, dq, ddq, friction=friction, **wrenches)
+    is_driven = motor_mask(robot, actuated)
     (q,) = finite_states(robot.model, "explain", q=q)
-    A = closed.constraint_jacobian(q)[..., None, None, :, :]
-    lam, _ = balance(why.parts, A, closed.sizes, driven)
+    A = closed.constraint_jacobian(q)[..., None, None, :, :]  # for each term and cause
+    lam, _ = balance(explanation_of_tree.parts, A, closed.sizes, is_driven)
     constraint_torques = (np.swapaxes(A, -1, -2) @ lam[..., None])[..., 0]
-    return replace(why, parts=np.where(driven, why.parts + constraint_torques, 0.0))
+    return replace(explanation_of_tree, parts=np.where(is_driven, explanation_of_tree.parts + constraint_torques, 0.0))
 
 
 def inverse_dynamics_derivatives(
@@ -167,52 +178,58 @@ def inverse_dynamics_derivatives(
     **wrenches: Any,
 ) -> ConstrainedDerivatives:
     """Derivatives of the motor torques by the motors' q, dq and ddq, along motions that satisfy the constraints."""
-    robot, constraints = closed.open(), closed._independent_constraints
-    driven = motor_mask(robot, actuated)
+    robot = closed.open()
+    independent_constraints = closed._independent_constraints
+    is_driven = motor_mask(robot, actuated)
     q, dq, ddq = (x.astype(float) for x in finite_states(robot.model, "derivatives", q=q, dq=dq, ddq=ddq))
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, dq, ddq)))
-    q, dq, ddq = (np.broadcast_to(x, (*batch, x.shape[-1])) for x in (q, dq, ddq))
+    batch_shape = np.broadcast_shapes(*(x.shape[:-1] for x in (q, dq, ddq)))
+    q, dq, ddq = (np.broadcast_to(x, (*batch_shape, x.shape[-1])) for x in (q, dq, ddq))
     require_met(closed, q, dq, ddq)
-    require_independent(closed, q, driven)
+    require_independent(closed, q, is_driven)
     f = robot.inverse_dynamics(q, dq, ddq, **wrenches)
     f_by_q, f_by_dq = robot.inverse_dynamics_derivatives(q, dq, ddq, **wrenches)
-    rows, empty = list(closed.independent), np.zeros((*q.shape[:-1], 0, closed.nv))
-    A, A_by_q, b_by_q, b_by_dq = empty, empty[..., None] * np.zeros(closed.nv), empty, empty
-    if rows:
+    rows = list(closed.independent)
+    if not rows:
+        A = b_by_q = b_by_dq = np.zeros((*q.shape[:-1], 0, closed.nv))
+        A_by_q = np.zeros((*q.shape[:-1], 0, closed.nv, closed.nv))
+    else:
         A = closed.constraint_jacobian(q)[..., rows, :]
-        A_by_q = robot.kernel("constraint_jacobian", constraints=constraints, by="q")(q)
-        b_by_q, b_by_dq = robot.kernel("constraint_bias", constraints=constraints, by=("q", "dq"))(q, dq)
+        A_by_q = robot.kernel("constraint_jacobian", constraints=independent_constraints, by="q")(q)
+        b_by_q, b_by_dq = robot.kernel("constraint_bias", constraints=independent_constraints, by=("q", "dq"))(q, dq)
     slopes = Slopes(A, A_by_q, b_by_q, b_by_dq, f, f_by_q, f_by_dq, robot.mass_matrix(q))
-    return constrained_derivatives(slopes, dq, ddq, driven)
+    return constrained_derivatives(slopes, dq, ddq, is_driven)
 
 
 # ── Constraint forces as wrenches on the links of the open robot
 
 # With T_cb = (R, p), a closure's λ is the wrench F = (m, f) that {b} applies to {a} at the origin of {b}, along the axes
-# of {c}:
+# of {c}. The robot then applies
 #
-#     by the robot at {b}:  (R'm, R'f),        by the robot at {a}:  -(R_ac (m + p × f) + p_ac × R_ac f, R_ac f)
+#     at {b}:  (R'm, R'f),        at {a}:  -(R_ac (m + p × f) + p_ac × R_ac f, R_ac f)
 
 
 def link_wrenches(closed: ConstrainedRobot, q: Array, lam: Array) -> list[tuple[str, Array]]:
     """Pairs (frame, (..., 6)): wrenches by the robot equivalent to λ (..., k) on its links; none for the ground."""
     pairs: list[tuple[str, Array]] = []
+    robot = closed.open()
     poses: Iterator[Array] = iter(())
-    if any(isinstance(c, Closure) for c in closed.constraints):
-        T = closed.open().engine.call("closure_poses", q, constraints=closed.constraints)
+    if any(isinstance(constraint, Closure) for constraint in closed.constraints):
+        T = robot.engine.call("closure_poses", q, constraints=closed.constraints)
         poses = iter(np.moveaxis(T, -3, 0))
-    for name, c in zip(names(closed.constraints), closed.constraints, strict=True):
+    for name, constraint in zip(names(closed.constraints), closed.constraints, strict=True):
         F = closed.wrenches(lam)[name]
-        if isinstance(c, Rolling):
-            pairs.append((c.frame, _body_wrench(c.kind, closed.open().forward_kinematics(q, c.frame), F)))
+        if isinstance(constraint, Rolling):
+            T = robot.forward_kinematics(q, constraint.frame)
+            pairs.append((constraint.frame, _body_wrench(constraint.kind, T, F)))
             continue
         T_cb = next(poses)
-        R = np.swapaxes(T_cb[..., :3, :3], -1, -2)
-        if place_of(closed.open().model, c.frame_b).body != BASE:
-            pairs.append((c.frame_b, _rotate(R, F)))
-        if place_of(closed.open().model, c.frame_a).body != BASE:
+        R_bc = np.swapaxes(T_cb[..., :3, :3], -1, -2)
+        if place_of(robot.model, constraint.frame_b).body != BASE:
+            pairs.append((constraint.frame_b, _rotate(R_bc, F)))
+        if place_of(robot.model, constraint.frame_a).body != BASE:
             F_c = _transform(np.eye(3), T_cb[..., :3, 3], F)
-            pairs.append((c.frame_a, -_transform(c.T_ac[:3, :3], c.T_ac[:3, 3], F_c)))
+            T_ac = constraint.T_ac
+            pairs.append((constraint.frame_a, -_transform(T_ac[:3, :3], T_ac[:3, 3], F_c)))
     return pairs
 
 
@@ -226,11 +243,14 @@ def _body_wrench(kind: str, T: Array, F: Array) -> Array:
 
 
 def _rotate(R: Array, F: Array) -> Array:
-    m, f = ((R @ x[..., None])[..., 0] for x in (F[..., :3], F[..., 3:]))
+    """Wrench (R m, R f)."""
+    m = (R @ F[..., :3, None])[..., 0]
+    f = (R @ F[..., 3:, None])[..., 0]
     return np.concatenate([m, f], axis=-1)
 
 
 def _transform(R: Array, p: Array, F: Array) -> Array:
-    """Wrench transformed to another frame, in which the original frame has the pose (R, p)."""
+    """Wrench (R m + p × R f, R f), transformed to another frame in which the original frame has the pose (R, p)."""
     rotated = _rotate(R, F)
-    return np.concatenate([rotated[..., :3] + np.cross(p, rotated[..., 3:]), rotated[..., 3:]], axis=-1)
+    m, f = rotated[..., :3], rotated[..., 3:]
+    return np.concatenate([m + np.cross(p, f), f], axis=-1)

@@ -17,19 +17,26 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 MIN_LEVER_OF_LENGTH = 1e-4
-"""Fraction of the robot's length: for shorter levers, single-precision rounding errors of positions exceed the largest
-allowed gap."""
+"""Shortest lever as a fraction of the robot's length.
+
+For shorter levers, single-precision rounding errors of positions exceed the largest allowed gap.
+"""
 MAX_LENGTH = 1.0
-"""m: loops of larger robots are closed to the same absolute gap as those of this size."""
+"""Largest length [m] that scales gaps: loops of larger robots are closed to the same absolute gap."""
 GAP_LENGTH_SHARE = 4e-3
-"""Fraction of a robot's whole length: 1e-12 of it is 18 units in the last place of positions, the smallest tolerance used."""
+"""Smallest length that scales gaps, as a fraction of a robot's whole length.
+
+With a tolerance of 1e-12, the smallest used, the gap is then 18 units in the last place of positions.
+"""
 
 
 def row_sizes(closed: ConstrainedRobot, new: Constraint) -> tuple[Array, Array]:
     """Typical sizes of the rows of A, scaled by the mass matrix, and their spans, with one more constraint appended."""
-    sizes, rows = six_sizes(closed.open(), new), list(new.rows)
+    rows = list(new.rows)
+    sizes = six_sizes(closed.open(), new)
     length = robot_length(closed.open().model)
-    spans = np.repeat([1.0, np.clip(sizes[3] / sizes[0], MIN_LEVER_OF_LENGTH * length, MAX_LENGTH)], 3)
+    lever = np.clip(sizes[3] / sizes[0], MIN_LEVER_OF_LENGTH * length, MAX_LENGTH)  # linear over angular size
+    spans = np.repeat([1.0, lever], 3)
     return np.concatenate([closed.sizes, sizes[rows]]), np.concatenate([closed.spans, spans[rows]])
 
 
@@ -39,31 +46,36 @@ def robot_length(model: Model) -> float:
 
 
 def _whole_length(model: Model) -> float:
-    """Sum of the levers along the longest chain with the strokes of sliding joints, in m; scale of rounding errors."""
-    reach: list[float] = []
-    for body in model.bodies:
-        sliding = np.flatnonzero(body.joint.axes[:, 3:].any(axis=1))
-        limits = model.limits.lower[body.v_index + sliding], model.limits.upper[body.v_index + sliding]
-        strokes = np.maximum(*np.abs(limits))
+    """Sum of the levers along the longest chain with the strokes of sliding joints, in m; scale of rounding errors.
+
+    It is :data:`MAX_LENGTH` for a robot without any length.
+    """
+    reach = {BASE: 0.0}  # from the base to the frame of each body
+    for i, body in enumerate(model.bodies):
+        sliding_axes = np.flatnonzero(body.joint.axes[:, 3:].any(axis=1))
+        lower = np.abs(model.limits.lower[body.v_index + sliding_axes])
+        upper = np.abs(model.limits.upper[body.v_index + sliding_axes])
+        strokes = np.maximum(lower, upper)
         stroke = float(sum(np.where(np.isfinite(strokes), strokes, MAX_LENGTH)))
-        base_reach = 0.0 if body.parent == BASE else reach[body.parent]
-        reach.append(base_reach + float(np.linalg.norm(body.placement[:3, 3])) + abs(body.ratio) * stroke)
-    lengths = list(reach)
-    for frame in model.frames.values():
-        base_reach = 0.0 if frame.body == BASE else reach[frame.body]
-        lengths.append(base_reach + float(np.linalg.norm(frame.pose[:3, 3])))
-    return max(lengths, default=0.0) or MAX_LENGTH
+        lever = float(np.linalg.norm(body.placement[:3, 3]))
+        reach[i] = reach[body.parent] + lever + abs(body.ratio) * stroke
+    frame_distances = [reach[frame.body] + float(np.linalg.norm(frame.pose[:3, 3])) for frame in model.frames.values()]
+    return max(*reach.values(), *frame_distances, 0.0) or MAX_LENGTH
 
 
 def gap_length(model: Model) -> float:
-    """Length in m that corresponds to a relative gap of 1."""
+    """Length in m that counts as a relative gap of 1."""
     return max(robot_length(model), GAP_LENGTH_SHARE * _whole_length(model))
 
 
 def gap_units(closed: ConstrainedRobot) -> Array:
-    """Unit of the gap of each position row: 1 rad, or the robot's length in m, or the bound by rounding errors."""
-    turning = np.array([k < 3 for c in closed.constraints if isinstance(c, Closure) for k in c.rows], bool)
-    return np.where(turning, 1.0, gap_length(closed.open().model))
+    """Unit of the gap of each position row: 1 rad, or :func:`gap_length` in m."""
+    rows: list[int] = []
+    for constraint in closed.constraints:
+        if isinstance(constraint, Closure):
+            rows += constraint.rows
+    is_angular = np.array(rows, int) < 3
+    return np.where(is_angular, 1.0, gap_length(closed.open().model))
 
 
 def all_rows(constraint: Constraint) -> Constraint:
@@ -74,12 +86,15 @@ def all_rows(constraint: Constraint) -> Constraint:
 def six_sizes(robot: Robot, constraint: Constraint) -> Array:
     """Typical sizes of the six rows of a constraint, scaled by the mass matrix; (6,)."""
     robot.engine.require_invertible()
+    constraints = (all_rows(constraint),)
     samples = robot.random_configuration(0, 8)
-    J = np.stack([robot.reference("constraint_jacobian", q, constraints=(all_rows(constraint),)) for q in samples])
+    J = np.stack([robot.reference("constraint_jacobian", q, constraints=constraints) for q in samples])
     return usual_sizes(J, robot.mass_matrix(samples))
 
 
 def rate_units(closed: ConstrainedRobot) -> Array:
     """Unit of the rate of each velocity: 1 rad/s, or the robot's length per second."""
-    axes = np.concatenate([np.zeros((0, 6)), *(body.joint.axes for body in closed.open().model.leaders)])
-    return np.where(axes[:, :3].any(axis=1), 1.0, robot_length(closed.open().model))
+    model = closed.open().model
+    axes = np.concatenate([np.zeros((0, 6)), *(body.joint.axes for body in model.leaders)])
+    is_angular = axes[:, :3].any(axis=1)
+    return np.where(is_angular, 1.0, robot_length(model))

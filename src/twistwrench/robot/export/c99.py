@@ -37,7 +37,7 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
     """Text of the .h file: conventions, joint order, and a prototype with meaning and cost for each function."""
     precision = requests[0].function.precision
     gx, gy, gz = map(file_number, robot.gravity)
-    about = [
+    description = [
         f"Dynamics of the robot {robot.name} in C99, numbers of type {precision}.",
         f"Written by twistwrench {version('twistwrench')}.",
         "",
@@ -47,9 +47,10 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
         *entries(robot),
     ]
     guard = f"{identifier(stem) or prefix}_H".upper()
-    guard = guard if guard[0].isalpha() else f"H_{guard}"
+    if not guard[0].isalpha():
+        guard = f"H_{guard}"
     parts = [
-        comment(about),
+        comment(description),
         f"#ifndef {guard}\n#define {guard}",
         '#ifdef __cplusplus\nextern "C" {\n#endif',
         f"/* Entries of q, and of dq, ddq and tau. */\n"
@@ -63,11 +64,11 @@ def header(robot: Robot, requests: Sequence[Request], stem: str, prefix: str) ->
 def source(robot: Robot, requests: Sequence[Request], stem: str) -> str:
     """Text of the .c file."""
     precision = requests[0].function.precision
-    about = f"Dynamics of the robot {robot.name} in C99, one operation a line. See {stem}.h for the interface."
+    description = f"Dynamics of the robot {robot.name} in C99, one operation a line. See {stem}.h for the interface."
     parts = [
-        comment([about]),
+        comment([description]),
         f'#include "{stem}.h"\n\n#include <math.h>',
-        # GCC has -ffp-contract=off for the same.
+        # So that products and sums are rounded as in the kernels; for GCC, -ffp-contract=off does it.
         "#ifdef __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif",
     ]
     if any(request.function.fuses for request in requests):
@@ -75,7 +76,7 @@ def source(robot: Robot, requests: Sequence[Request], stem: str) -> str:
     return "\n\n".join([*parts, *(request.function.definition for request in requests)]) + "\n"
 
 
-_LONGEST_CUDA = 40_000
+_MAX_CUDA_LENGTH = 40_000
 """Maximum number of instructions of a program exported as one CUDA kernel."""
 
 
@@ -116,24 +117,27 @@ def export_c(
     ['pendulum.h', 'pendulum.c', 'pendulum_test.c']
     """
     prefix = prefix_of(robot, prefix)
-    plain = _source_path(path, prefix, label)
-    paths = {".h": plain.with_suffix(".h"), ".c": plain}
+    source_path = _source_path(path, prefix, label)
+    paths = {".h": source_path.with_suffix(".h"), ".c": source_path}
     if test:
-        paths["_test.c"] = plain.with_name(f"{plain.stem}_test.c")
-    outputs = {label: plain}
-    for end, file in paths.items():
-        if file is not plain:
-            outputs[f"{label} (its {end})"] = file
-    check_outputs(outputs, {"the robot": file_of(robot), **(inputs or {})})
+        paths["_test.c"] = source_path.with_name(f"{source_path.stem}_test.c")
+    paths_by_label = {label: source_path}  # names in messages
+    for ending, file in paths.items():
+        if ending != ".c":
+            paths_by_label[f"{label} (its {ending})"] = file
+    check_outputs(paths_by_label, {"the robot": file_of(robot), **(inputs or {})})
     exports = requests(robot, quantities, precision, prefix)
-    texts = {".h": header(robot, exports, plain.stem, prefix), ".c": source(robot, exports, plain.stem)}
+    stem = source_path.stem
+    texts = {".h": header(robot, exports, stem, prefix), ".c": source(robot, exports, stem)}
     if test:
-        texts["_test.c"] = self_test(robot, exports, plain.stem)
-    with replacing_together(list(paths.values())) as scratch:
-        for end, file in zip(paths, scratch, strict=True):
-            file.write_text(texts[end], encoding="utf-8", newline="\n")
-    check = f"cc -O2 {quote(str(plain))} {quote(str(paths['_test.c']))} -lm && ./a.out" if test else ""
-    return Written(paths.values(), plain, robot.name, check)
+        texts["_test.c"] = self_test(robot, exports, stem)
+    with replacing_together(list(paths.values())) as temporary_files:
+        for ending, file in zip(paths, temporary_files, strict=True):
+            file.write_text(texts[ending], encoding="utf-8", newline="\n")
+    check = ""
+    if test:
+        check = f"cc -O2 {quote(str(source_path))} {quote(str(paths['_test.c']))} -lm && ./a.out"
+    return Written(paths.values(), source_path, robot.name, check)
 
 
 def export_cuda(
@@ -170,8 +174,8 @@ def export_cuda(
         )
     check_outputs({f"path ({file.name})": file for file in files}, {"the robot": file_of(robot)})
     texts = [_cuda_source(robot, request) for request in exports]
-    with replacing_together(files) as scratch:
-        for file, text in zip(scratch, texts, strict=True):
+    with replacing_together(files) as temporary_files:
+        for file, text in zip(temporary_files, texts, strict=True):
             file.write_text(text, encoding="utf-8", newline="\n")
     return tuple(files)
 
@@ -179,12 +183,13 @@ def export_cuda(
 def _cuda_source(robot: Robot, request: Request) -> str:
     """Text of the .cu file of one request. Raises KernelError for programs that are too long for NVIDIA's compiler."""
     function = request.function
-    if (length := len(function.program.instructions)) > _LONGEST_CUDA:
+    length = len(function.program.instructions)
+    if length > _MAX_CUDA_LENGTH:
         raise KernelError(
-            f"{request.quantity} takes {length} instructions, more than the {_LONGEST_CUDA} that NVIDIA's compiler handles "
+            f"{request.quantity} takes {length} instructions, more than the {_MAX_CUDA_LENGTH} that NVIDIA's compiler handles "
             "in reasonable time. Export parts of it."
         )
-    about = [
+    description = [
         f"{request.quantity} of the robot {robot.name} as a CUDA kernel, numbers of type {function.precision}. By twistwrench "
         f"{version('twistwrench')}.",
         "A thread computes a sample, a block THREADS of them; blocks: (samples + THREADS - 1) / THREADS.",
@@ -192,7 +197,7 @@ def _cuda_source(robot: Robot, request: Request) -> str:
         "Compile with -std=c++17 -fmad=false: products that are fused are fused here. As C++ (-ffp-contract=off) the",
         "function of the same name runs all blocks on the processor.",
     ]
-    return f"{comment(about)}\n{CudaFunction(function.name, function.program, function.precision).source}"
+    return f"{comment(description)}\n{CudaFunction(function.name, function.program, function.precision).source}"
 
 
 def _source_path(path: str | Path, prefix: str, label: str) -> Path:
@@ -205,7 +210,8 @@ def _source_path(path: str | Path, prefix: str, label: str) -> Path:
             f"{label} {str(path)!r} is neither a folder that exists nor a name that ends in .c. "
             f"Make the folder first, or name the source, such as {prefix}.c; the header goes beside it."
         )
-    if not file.name.isprintable() or any(c in file.name for c in '"\\'):
+    has_quote_or_backslash = any(character in file.name for character in '"\\')
+    if has_quote_or_backslash or not file.name.isprintable():
         raise ValueRangeError(
             f"{label} {str(path)!r} cannot stand in an #include. Give a name without quotes and backslashes."
         )
@@ -216,9 +222,10 @@ def file_of(robot: Robot) -> str | None:
     """File that the robot was read from, or None."""
     source = robot.model.source
     try:
-        return source if source and Path(source).is_file() else None
+        is_file = bool(source) and Path(source).is_file()
     except OSError:  # XML text is not a path
         return None
+    return source if is_file else None
 
 
 complete(globals())

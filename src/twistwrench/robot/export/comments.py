@@ -15,7 +15,7 @@ from .request import Request
 if TYPE_CHECKING:
     from .. import Robot
 
-_COUNTED = {
+_OPERATIONS_BY_LABEL = {
     "multiplications": ("mul",),
     "additions": ("add", "sub"),
     "fused multiply-adds": tuple(FUSED),
@@ -29,10 +29,10 @@ _COUNTED = {
 
 def comment(lines: Sequence[str]) -> str:
     """Block comment; names from robot files cannot end it or hide in it."""
-    safe = "\n".join(lines).replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
-    printable = "".join(c if c.isprintable() or c == "\n" else "?" for c in safe)
-    plain = printable.encode("ascii", "backslashreplace").decode()
-    body = "\n".join(f" * {line}".rstrip() for line in plain.split("\n"))
+    safe = "\n".join(lines).replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")  # ?? begins a trigraph
+    printable = "".join(character if character.isprintable() or character == "\n" else "?" for character in safe)
+    ascii_text = printable.encode("ascii", "backslashreplace").decode()
+    body = "\n".join(f" * {line}".rstrip() for line in ascii_text.split("\n"))
     return f"/*\n{body}\n */"
 
 
@@ -41,15 +41,17 @@ def entries(robot: Robot) -> Iterator[str]:
     yield "Entries of q:"
     names = robot.coordinate_names
     width = max(map(len, names))
-    units = [unit for b in robot.model.leaders for unit in b.joint.coordinate_units]
+    units: list[str] = []
+    for body in robot.model.leaders:
+        units += body.joint.coordinate_units
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         yield f"  {k:3}  {name:{width}}  {unit}"
     yield "Entries of dq, ddq and tau (a joint of several: its twist in the frame of its child, angular part first):"
     k = 0
-    for b in robot.model.leaders:
-        for turns in b.joint.turning:
-            units_text = ", ".join(unit_of(part, turns) for part in ("dq", "ddq", "tau"))
-            yield f"  {k:3}  {b.joint.name:{width}}  {units_text.replace('²', '^2')}"  # ASCII, as C is
+    for body in robot.model.leaders:
+        for is_angular in body.joint.turning:
+            units_text = ", ".join(unit_of(part, is_angular) for part in ("dq", "ddq", "tau"))
+            yield f"  {k:3}  {body.joint.name:{width}}  {units_text.replace('²', '^2')}"  # ASCII, as C is
             k += 1
     if robot.model.quaternions:
         yield "A quaternion (qw, qx, qy, qz) may have any length but zero."
@@ -57,31 +59,39 @@ def entries(robot: Robot) -> Iterator[str]:
 
 def comment_lines(robot: Robot, request: Request) -> list[str]:
     """Comment lines of one function."""
-    function, full = request.function, request.full
-    program = function.program
+    function, program = request.function, request.function.program
+    options = request.full
     lines = [f"{request.quantity}: {QUANTITIES[request.quantity].meaning}."]
-    if "frame" in full:
-        lines.append(f"Frame: {full['frame']}.")
-    if "kind" in full:
-        lines.append(f"Kind: {full['kind']}.")
-    if full.get("friction"):
+    if "frame" in options:
+        lines.append(f"Frame: {options['frame']}.")
+    if "kind" in options:
+        lines.append(f"Kind: {options['kind']}.")
+    if options.get("friction"):
         lines.append("With the friction of the joints.")
-    if on_robot := full.get("on_robot"):
+    on_robot = options.get("on_robot")
+    if on_robot:
         lines.append(f"The world applies the wrenches at: {', '.join(on_robot)}.")
-    if derivative := full.get("derivative"):
+    derivative = options.get("derivative")
+    if derivative:
         lines.append(f"Not itself: its derivative ({derivative.form}) by {', '.join(derivative.by)}.")
-    if constraints := full.get("constraints"):
-        lines.append(f"Constraints: {', '.join(c.name for c in constraints)}.")
-    parameters = []
+    constraints = options.get("constraints")
+    if constraints:
+        lines.append(f"Constraints: {', '.join(constraint.name for constraint in constraints)}.")
+    parameter_texts = []
     for name, port in zip(function.parameters, (*program.inputs, *program.outputs), strict=True):
-        parameters.append(f"{name} {' x '.join(map(str, port.shape)) or '1'}")
-    count = len(program.inputs)
-    lines.append(f"In: {', '.join(parameters[:count])}. Out: {', '.join(parameters[count:])}.")
+        shape = " x ".join(map(str, port.shape)) or "1"
+        parameter_texts.append(f"{name} {shape}")
+    input_count = len(program.inputs)
+    inputs_text = ", ".join(parameter_texts[:input_count])
+    outputs_text = ", ".join(parameter_texts[input_count:])
+    lines.append(f"In: {inputs_text}. Out: {outputs_text}.")
     lines.append(f"{_operations_text(program)}.")
-    if names := full.get("parameters"):
-        values, width = nominal(robot.model), max(map(len, names))
+    names = options.get("parameters")
+    if names:
+        robot_values = nominal(robot.model)
+        width = max(map(len, names))
         lines.append("Entries of parameters, and the robot's own numbers:")
-        lines += [f"  {k:3}  {name:{width}}  {file_number(values[name])}" for k, name in enumerate(names)]
+        lines += [f"  {k:3}  {name:{width}}  {file_number(robot_values[name])}" for k, name in enumerate(names)]
     return lines
 
 
@@ -89,7 +99,7 @@ def _operations_text(program: Program) -> str:
     """Numbers of operations of each kind."""
     counts = program.counts()
     parts = []
-    for label, operations in _COUNTED.items():
+    for label, operations in _OPERATIONS_BY_LABEL.items():
         total = sum(counts.get(operation, 0) for operation in operations)
         if total:
             parts.append(f"{total} {label}")

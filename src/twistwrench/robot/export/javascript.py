@@ -22,31 +22,33 @@ _RESERVED = frozenset([
 def javascript_module(quantity: BridgedQuantity) -> str:
     """Text of the module: a function of arrays of numbers, matrices flat in C order, that fills and returns ``out``."""
     program = quantity.program
-    names = [_name(port.name) for port in program.inputs]
-    results = [_name(port.name) for port in program.outputs]
-    elements = element_names(names, program.inputs)
-    copies = " ".join(elements).translate(_TO_UNDERSCORES).split()  # q[3] to q_3_
+    inputs = [_name(port.name) for port in program.inputs]
+    outputs = [_name(port.name) for port in program.outputs]
+    input_elements = element_names(inputs, program.inputs)
+    copies = [element.translate(_BRACKETS_TO_UNDERSCORES) for element in input_elements]  # q[3] to q_3_
     # Inputs are copied before outputs are written, which may be the same arrays.
-    lines = [f"const {copies[k]} = {elements[k]};" for k in _read_elements(program)]
-    values = evaluated(program, copies, _functions(lines))  # adds a line for each operation
-    arrays = [f"new Float64Array({port.size})" for port in program.outputs]
-    if len(results) == 1:
-        targets, (default,) = element_names(["out"], program.outputs), arrays
+    lines = [f"const {copies[k]} = {input_elements[k]};" for k in _read_elements(program)]
+    results = evaluated(program, copies, _functions(lines))  # adds a line for each operation
+    new_arrays = [f"new Float64Array({port.size})" for port in program.outputs]
+    if len(outputs) == 1:
+        output_elements = element_names(["out"], program.outputs)
+        default = new_arrays[0]
     else:
-        targets = element_names([f"out.{name}" for name in results], program.outputs)
-        entries = map(": ".join, zip(results, arrays, strict=True))
+        output_elements = element_names([f"out.{name}" for name in outputs], program.outputs)
+        entries = [f"{name}: {array}" for name, array in zip(outputs, new_arrays, strict=True)]
         default = f"{{ {', '.join(entries)} }}"
-    for target, value in zip(targets, values, strict=True):
-        lines.append(f"{target} = {_number(value)};")
-    shapes = f"{_shapes_text(names, program.inputs)} to {_shapes_text(results, program.outputs)}"
+    for element, result in zip(output_elements, results, strict=True):
+        lines.append(f"{element} = {_number(result)};")
+    shapes = f"{_shapes_text(inputs, program.inputs)} to {_shapes_text(outputs, program.outputs)}"
     model_name = " ".join(quantity.engine.model.name.split())
-    arguments = ", ".join([*names, f"out = {default}"])
-    head = f"// {quantity.name} of {model_name}: {shapes}; SI units.\nexport function {_name(quantity.name)}({arguments}) {{\n"
+    parameters = ", ".join([*inputs, f"out = {default}"])
+    comment = f"// {quantity.name} of {model_name}: {shapes}; SI units.\n"
+    signature = f"export function {_name(quantity.name)}({parameters}) {{\n"
     body = "".join(f"  {line}\n" for line in lines)
-    return f"{head}{body}  return out;\n}}\n"
+    return f"{comment}{signature}{body}  return out;\n}}\n"
 
 
-_TO_UNDERSCORES = str.maketrans("[]", "__")
+_BRACKETS_TO_UNDERSCORES = str.maketrans("[]", "__")
 
 
 def _read_elements(program: Program) -> list[int]:
@@ -56,42 +58,50 @@ def _read_elements(program: Program) -> list[int]:
 
 
 def _shapes_text(names: Sequence[str], ports: Sequence[TensorSpec]) -> str:
+    """Names with shapes, ``q [6], dq [6]``."""
     return ", ".join(f"{name} {list(port.shape)}" for name, port in zip(names, ports, strict=True))
 
 
 def _functions(lines: list[str]) -> dict[str, Any]:
-    """Functions that write an operation: each adds a line and returns the name of its result."""
+    """Functions by operation that write it: each adds a line and returns the name of its result."""
 
-    def local(pattern: str) -> Any:
-        def run(*operands: Any) -> str:
+    def operation(pattern: str) -> Any:
+        def write(*operands: Any) -> str:
             name = f"t{len(lines)}"
-            lines.append(f"const {name} = {pattern.format(*map(_number, operands))};")
+            expression = pattern.format(*map(_number, operands))
+            lines.append(f"const {name} = {expression};")
             return name
 
-        return run
+        return write
 
     functions = {
-        "add": local("{0} + {1}"), "sub": local("{0} - {1}"), "mul": local("{0} * {1}"), "div": local("{0} / {1}"),
-        "neg": local("-{0}"), "min": local("{0} < {1} ? {0} : {1}"), "max": local("{0} > {1} ? {0} : {1}"),
-    }  # fmt: skip
+        "add": operation("{0} + {1}"),
+        "sub": operation("{0} - {1}"),
+        "mul": operation("{0} * {1}"),
+        "div": operation("{0} / {1}"),
+        "neg": operation("-{0}"),
+        "min": operation("{0} < {1} ? {0} : {1}"),
+        "max": operation("{0} > {1} ? {0} : {1}"),
+    }
     for name in ("sqrt", "sin", "cos", "exp", "sign"):
-        functions[name] = local(f"Math.{name}({{0}})")
+        functions[name] = operation(f"Math.{name}" + "({0})")
     for op, (product_sign, sum_sign) in FUSED.items():
         product = "({0} * {1})" if product_sign > 0 else "-({0} * {1})"
         sign = "+" if sum_sign > 0 else "-"
-        functions[op] = local(f"{product} {sign} {{2}}")
+        functions[op] = operation(f"{product} {sign} {{2}}")
     return functions
 
 
-def _number(value: Any) -> str:
-    """Names are unchanged; constants are written with enough digits to read back exactly."""
-    if isinstance(value, str):
-        return value
-    number = repr(float(value))
-    return f"({number})" if value < 0 else number
+def _number(operand: Any) -> str:
+    """Text of an operand: a name as it is, or a constant with enough digits to read back exactly."""
+    if isinstance(operand, str):
+        return operand
+    number = repr(float(operand))
+    return f"({number})" if operand < 0 else number  # in -(-1), as --1 would be a decrement
 
 
 def _name(text: str) -> str:
+    """Valid name for a JavaScript variable."""
     name = identifier(text)
     if name in _RESERVED or not name or name[0].isdigit():
         return f"{name}_"

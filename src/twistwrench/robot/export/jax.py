@@ -1,8 +1,8 @@
 """Quantities as JAX functions, and kernels as in-place XLA calls on the CPU by its typed FFI.
 
 Machine-code kernels have machine-code handlers (:mod:`twistwrench.compiler.runtime.xla_handler`). Kernels on NumPy, or composed
-in Python, use the callback below. It reads the needed fields of the structures of ``xla/ffi/api/c_api.h``, which later
-versions only extend at the end.
+in Python, use the handler of :mod:`.xla_call`. It reads the needed fields of the structures of ``xla/ffi/api/c_api.h``,
+which later versions only extend at the end.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from .request import BridgedQuantity
 #
 #     forward   df = J B dx,  dJ = H dx,    backward   dx = Bᵀ Jᵀ w,
 #
-# B maps rates of coordinates to velocities and is the identity without quaternions. With quaternions JAX differentiates
-# J, and JAX always computes third derivatives. On the CPU the compiled kernels run.
+# B maps rates of coordinates to velocities; without quaternions it is the identity. With quaternions, JAX differentiates J
+# itself, and third derivatives are always JAX's. On the CPU the compiled kernels run.
 
 
 def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any]:
@@ -38,16 +38,16 @@ def jax_function(quantity: BridgedQuantity, precision: str) -> Callable[..., Any
         import jax.numpy as jnp
     except ImportError:
         raise MissingExtraError.from_extra("jax", "jax", "robot.to_jax") from None
-    inputs, values = quantity.inputs, _Differentiable(jax, quantity).values
+    evaluate = _Differentiable(jax, quantity).evaluate
 
     def function(*arrays: Any) -> Any:
         dtype = _dtype(jax, jnp, precision)
-        converted = [jnp.asarray(a) for a in quantity.brought("to_jax", arrays, jax.Array)]
-        quantity.require_shapes("to_jax", [a.shape for a in converted])
-        for a, port in zip(converted, inputs, strict=True):
-            if jnp.issubdtype(a.dtype, jnp.complexfloating):
-                raise ValueRangeError(f"to_jax {quantity.name}: {port.name} is {a.dtype}, real numbers wanted.")
-        return values(*(a.astype(dtype) for a in converted))
+        jax_arrays = [jnp.asarray(array) for array in quantity.brought("to_jax", arrays, jax.Array)]
+        quantity.require_shapes("to_jax", [array.shape for array in jax_arrays])
+        for array, port in zip(jax_arrays, quantity.inputs, strict=True):
+            if jnp.issubdtype(array.dtype, jnp.complexfloating):
+                raise ValueRangeError(f"to_jax {quantity.name}: {port.name} is {array.dtype}, real numbers wanted.")
+        return evaluate(*(array.astype(dtype) for array in jax_arrays))
 
     function.__name__ = function.__qualname__ = quantity.name
     function.__doc__ = f"{quantity.name} of {quantity.engine.model.name}, of JAX arrays: {quantity.inputs_text}."
@@ -58,15 +58,20 @@ class _Differentiable:
     """One quantity as a function with analytic first and second derivatives in JAX."""
 
     def __init__(self, jax: Any, quantity: BridgedQuantity) -> None:
-        self.jax, self.quantity, self.inputs, self.outputs = jax, quantity, quantity.inputs, quantity.program.outputs
+        self.jax = jax
+        self.quantity = quantity
+        self.inputs = quantity.inputs
+        self.outputs = quantity.program.outputs
         self.names = quantity.input_names
-        self.rates = None
+        self.velocities = None
+        """Function B dx of a configuration and its tangent; None if B is the identity."""
         if quantity.curved_inputs:
-            self.rates = _array_function(jax.numpy, quantity.velocities())
+            self.velocities = _array_function(jax.numpy, quantity.velocities())
         self._jacobians: dict[tuple[str, ...], Any] = {}
         self._hessians: dict[tuple[str, ...], Any] = {}
-        self.values = jax.custom_jvp(_device_function(jax, quantity))
-        self.values.defjvp(self.along, symbolic_zeros=True)
+        self.evaluate = jax.custom_jvp(_device_function(jax, quantity))
+        """Function that returns the values."""
+        self.evaluate.defjvp(self.along, symbolic_zeros=True)
 
     def with_jacobian(self, by: tuple[str, ...]) -> Callable[..., Any]:
         """Values and J with respect to some inputs, with their own derivatives."""
@@ -84,38 +89,43 @@ class _Differentiable:
 
     def along(self, primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[Any, Any]:
         """Values and df = J B dx for the inputs with tangents."""
-        moving, count = _inputs_with_tangents(self.jax, tangents), len(self.outputs)
-        by = tuple(self.names[k] for k in moving)
+        output_count = len(self.outputs)
+        moving_inputs = _inputs_with_tangents(self.jax, tangents)
+        by = tuple(self.names[k] for k in moving_inputs)
         values_and_jacobians = self.with_jacobian(by)(*primals)
-        jacobians = iter(values_and_jacobians[count:])
-        steps = []
-        for k in moving:
-            if self.rates and self.names[k] in self.quantity.curved_inputs:
-                steps.append((self.rates(primals[k], tangents[k]), 1))
+        jacobians = iter(values_and_jacobians[output_count:])  # by output, then by input
+        tangents_and_ranks = []
+        for k in moving_inputs:
+            if self.velocities and self.names[k] in self.quantity.curved_inputs:
+                tangents_and_ranks.append((self.velocities(primals[k], tangents[k]), 1))
             else:
-                steps.append((tangents[k], len(self.inputs[k].shape)))
+                tangents_and_ranks.append((tangents[k], len(self.inputs[k].shape)))
         changes = []
         for port in self.outputs:
             change: Any = 0
-            for step, rank in steps:
-                change = change + _contract(self.jax.numpy, next(jacobians), step, rank, port.shape)
+            for tangent, rank in tangents_and_ranks:
+                change = change + _contract(self.jax.numpy, next(jacobians), tangent, rank, port.shape)
             changes.append(change)
-        return _alone(values_and_jacobians[:count]), _alone(tuple(changes))
+        return _single_or_tuple(values_and_jacobians[:output_count]), _single_or_tuple(tuple(changes))
 
     def along_again(
         self, by: tuple[str, ...], primals: Sequence[Any], tangents: Sequence[Any]
     ) -> tuple[Any, tuple[Any, ...]]:
         """Values and J with respect to some inputs, with df = J dx and dJ = H dx for the inputs with tangents."""
-        jax, jnp, quantity, names, outputs = self.jax, self.jax.numpy, self.quantity, self.names, self.outputs
-        moving = _inputs_with_tangents(jax, tangents)
-        given = {*by, *(names[k] for k in moving)}
-        involved = tuple(name for name in names if name in given)
-        if not compiles() or any(name in quantity.curved_inputs for name in involved):
-            plain = _array_function(jnp, quantity.derivative(by, values=True).program)
-            dense = [t if k in moving else jnp.zeros(t.shape, t.dtype) for k, t in enumerate(tangents)]
-            derivatives: tuple[Any, Any] = jax.jvp(plain, tuple(primals), tuple(dense))
+        jax, jnp = self.jax, self.jax.numpy
+        quantity, names, outputs = self.quantity, self.names, self.outputs
+        moving_inputs = _inputs_with_tangents(jax, tangents)
+        requested = {*by, *(names[k] for k in moving_inputs)}
+        involved = tuple(name for name in names if name in requested)
+        if not compiles() or any(name in quantity.curved_inputs for name in involved):  # by JAX
+            program_function = _array_function(jnp, quantity.derivative(by, values=True).program)
+            dense_tangents = list(tangents)
+            for k, tangent in enumerate(tangents):
+                if k not in moving_inputs:
+                    dense_tangents[k] = jnp.zeros(tangent.shape, tangent.dtype)
+            derivatives: tuple[Any, Any] = jax.jvp(program_function, tuple(primals), tuple(dense_tangents))
             return derivatives
-        columns = {}
+        columns = {}  # of H by the name of an input
         first = 0
         for port in self.inputs:
             if port.name in involved:
@@ -125,17 +135,21 @@ class _Differentiable:
         results = self.with_jacobian(by)(*primals)
         hessians = _result_tuple(self.hessian(involved)(*primals))
         changes, jacobian_changes = [], []
-        for r, (port, H) in enumerate(zip(outputs, hessians, strict=True)):
-            J = dict(zip(involved, jacobians[r * len(involved) :], strict=False))
+        for index, (port, H) in enumerate(zip(outputs, hessians, strict=True)):
+            first_jacobian = index * len(involved)
+            jacobian_by_input = dict(zip(involved, jacobians[first_jacobian:], strict=False))
             change: Any = 0.0
             jacobian_change: Any = 0.0
-            for k in moving:
-                step, rank = tangents[k], len(self.inputs[k].shape)
-                change += _contract(jnp, J[names[k]], step, rank, port.shape)
-                flat = step.reshape((*step.shape[: step.ndim - rank], self.inputs[k].size))
-                jacobian_change += _contract(jnp, H[..., columns[names[k]]], flat, 1, (*port.shape, H.shape[-1]))
+            for k in moving_inputs:
+                name, tangent, rank = names[k], tangents[k], len(self.inputs[k].shape)
+                change += _contract(jnp, jacobian_by_input[name], tangent, rank, port.shape)
+                batch = tangent.shape[: tangent.ndim - rank]
+                flat_tangent = tangent.reshape((*batch, self.inputs[k].size))
+                jacobian_change += _contract(jnp, H[..., columns[name]], flat_tangent, 1, (*port.shape, H.shape[-1]))
             changes.append(change)
-            jacobian_changes += [jacobian_change[..., columns[name]].reshape(J[name].shape) for name in by]
+            jacobian_changes += [
+                jacobian_change[..., columns[name]].reshape(jacobian_by_input[name].shape) for name in by
+            ]
         return results, (*changes, *jacobian_changes)
 
 
@@ -144,32 +158,37 @@ def _device_function(jax: Any, quantity: BridgedQuantity) -> Callable[..., Any]:
     import jax.numpy as jnp
 
     program = quantity.program
-    plain = _array_function(jnp, program)
-    operation = JaxOperation(quantity, lambda *arrays: _result_tuple(plain(*arrays)))
+    program_function = _array_function(jnp, program)
+    operation = JaxOperation(quantity, lambda *arrays: _result_tuple(program_function(*arrays)))
 
     @jax.custom_batching.custom_vmap  # type: ignore[untyped-decorator]
     def run(*arrays: Any) -> Any:
-        return _alone(operation(*arrays))
+        return _single_or_tuple(operation(*arrays))
 
     @run.def_vmap  # type: ignore[untyped-decorator]
     def run_batch(size: int, mapped: Sequence[bool], *arrays: Any) -> tuple[Any, Any]:
         """Single call for the whole batch: the new axis precedes the batch axes of all inputs."""
-        ranks = [a.ndim - len(p.shape) - m for a, p, m in zip(arrays, program.inputs, mapped, strict=True)]
-        wide = list(arrays)
-        for k, (a, rank, is_mapped) in enumerate(zip(arrays, ranks, mapped, strict=True)):
+        batch_ranks = []  # without the new axis
+        for array, port, is_mapped in zip(arrays, program.inputs, mapped, strict=True):
+            batch_ranks.append(array.ndim - len(port.shape) - int(is_mapped))
+        aligned = list(arrays)
+        for k, is_mapped in enumerate(mapped):
             if is_mapped:
-                wide[k] = a.reshape((size, *(1,) * (max(ranks) - rank), *a.shape[1:]))
-        return run(*wide), True if len(program.outputs) == 1 else (True,) * len(program.outputs)
+                missing_axes = (1,) * (max(batch_ranks) - batch_ranks[k])
+                aligned[k] = arrays[k].reshape((size, *missing_axes, *arrays[k].shape[1:]))
+        results_are_mapped = _single_or_tuple((True,) * len(program.outputs))
+        return run(*aligned), results_are_mapped
 
     function: Any = jax.custom_jvp(run)
-    function.defjvp(lambda primals, tangents: jax.jvp(plain, primals, tangents))
+    function.defjvp(lambda primals, tangents: jax.jvp(program_function, primals, tangents))
     result: Callable[..., Any] = function
     return result
 
 
 def _inputs_with_tangents(jax: Any, tangents: Sequence[Any]) -> list[int]:
-    """Inputs with tangents other than symbolic zeros."""
-    return [k for k, t in enumerate(tangents) if not isinstance(t, jax.custom_derivatives.SymbolicZero)]
+    """Indices of the inputs with tangents other than symbolic zeros."""
+    symbolic_zero = jax.custom_derivatives.SymbolicZero
+    return [k for k, tangent in enumerate(tangents) if not isinstance(tangent, symbolic_zero)]
 
 
 def _array_function(jnp: Any, program: Program) -> Callable[..., Any]:
@@ -179,13 +198,17 @@ def _array_function(jnp: Any, program: Program) -> Callable[..., Any]:
     def run(*arrays: Any) -> Any:
         batch = batch_shape(arrays, program)
         elements: list[Any] = []
-        for a, port in zip(arrays, program.inputs, strict=True):
-            flat = a.reshape((*a.shape[: a.ndim - len(port.shape)], port.size))
+        for array, port in zip(arrays, program.inputs, strict=True):
+            own_batch = array.shape[: array.ndim - len(port.shape)]
+            flat = array.reshape((*own_batch, port.size))
             elements += [flat[..., k] for k in range(port.size)]
-        values = iter(evaluated(program, elements, functions))
+        result_elements = iter(evaluated(program, elements, functions))
         dtype = jnp.result_type(*arrays)
-        results = [_stack(jnp, list(islice(values, port.size)), batch, port, dtype) for port in program.outputs]
-        return _alone(tuple(results))
+        results = []
+        for port in program.outputs:
+            port_elements = list(islice(result_elements, port.size))
+            results.append(_stack(jnp, port_elements, batch, port, dtype))
+        return _single_or_tuple(tuple(results))
 
     return run
 
@@ -194,31 +217,34 @@ def _stack(jnp: Any, elements: Sequence[Any], batch: tuple[int, ...], port: Tens
     """Stack the elements of one result, some of which may be constants."""
     if not elements:
         return jnp.zeros((*batch, *port.shape), dtype)
-    whole = jnp.stack([jnp.broadcast_to(jnp.asarray(e, dtype), batch) for e in elements], axis=-1)
-    return whole.reshape((*batch, *port.shape))
+    full_elements = [jnp.broadcast_to(jnp.asarray(element, dtype), batch) for element in elements]
+    return jnp.stack(full_elements, axis=-1).reshape((*batch, *port.shape))
 
 
 def _contract(jnp: Any, J: Any, v: Any, rank: int, shape: tuple[int, ...]) -> Any:
     """J v for a result of that shape: contracts the last ``rank`` axes of J with those of v; batch shapes broadcast."""
-    split = J.ndim - rank
-    size = prod(J.shape[split:])
-    rows = J.reshape((*J.shape[:split], size))
-    steps = v.reshape((*v.shape[: v.ndim - rank], *(1,) * len(shape), size))
-    # faster in XLA than a matrix product, which does not exploit rows of the identity
-    return jnp.sum(rows * steps, axis=-1)
+    first_axis = J.ndim - rank
+    size = prod(J.shape[first_axis:])
+    rows = J.reshape((*J.shape[:first_axis], size))
+    v_of_rows = v.reshape((*v.shape[: v.ndim - rank], *(1,) * len(shape), size))
+    # Faster in XLA than a matrix product, which does not exploit rows of the identity.
+    return jnp.sum(rows * v_of_rows, axis=-1)
 
 
 def _result_tuple(results: Any) -> tuple[Any, ...]:
+    """Results as a tuple, also if there is only one."""
     if isinstance(results, tuple):
         return results
     return (results,)
 
 
-def _alone(results: tuple[Any, ...]) -> Any:
+def _single_or_tuple(results: tuple[Any, ...]) -> Any:
+    """The result itself if there is only one."""
     return results[0] if len(results) == 1 else results
 
 
 def _dtype(jax: Any, jnp: Any, precision: str) -> Any:
+    """JAX type of a precision; warns if JAX does not compute in double precision."""
     if precision == "single":
         return jnp.float32
     if not jax.config.jax_enable_x64:

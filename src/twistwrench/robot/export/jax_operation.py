@@ -1,4 +1,4 @@
-"""A program as one JAX operation, lowered to the compiled kernel on the CPU and to JAX operations elsewhere."""
+"""A program as one JAX operation: on the CPU the compiled kernel, elsewhere the program in JAX's own operations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ BATCH = 16
 
 
 class JaxOperation:
-    """JAX operation of one quantity: takes arrays, returns a tuple of results. ``plain`` is the version in JAX operations."""
+    """JAX operation of one quantity: takes arrays, returns a tuple of results.
+
+    ``plain`` is the same function in JAX's own operations.
+    """
 
     def __init__(self, quantity: BridgedQuantity, plain: Callable[..., tuple[Any, ...]]) -> None:
         self.quantity, self.plain = quantity, plain
@@ -33,14 +36,17 @@ class JaxOperation:
 
     def runs_plain(self, arrays: Sequence[Any]) -> bool:
         """True if the version in JAX operations runs on the CPU: small batches of kernels that enter Python."""
-        return prod(batch_shape(arrays, self.quantity.program)) < BATCH and not is_compiled(self.quantity.kernel)
+        if is_compiled(self.quantity.kernel):
+            return False
+        return prod(batch_shape(arrays, self.quantity.program)) < BATCH
 
     def evaluate(self, *arrays: Any) -> tuple[Any, ...]:
         """Evaluation outside of jit; JAX operations that run once are not compiled by XLA."""
         import jax
 
-        inputs = [jax.numpy.asarray(a) for a in arrays]
-        if all(device.platform == "cpu" for device in inputs[0].devices()) and self.runs_plain(inputs):
+        inputs = [jax.numpy.asarray(array) for array in arrays]
+        is_on_cpu = all(device.platform == "cpu" for device in inputs[0].devices())
+        if is_on_cpu and self.runs_plain(inputs):
             return self.plain(*inputs)
         return tuple(jax.jit(self)(*inputs))
 
@@ -51,17 +57,20 @@ class JaxOperation:
         if self.runs_plain(arrays):
             return self.plain(*arrays)
         program, kernel = self.quantity.program, self.quantity.kernel
-        batch, dtype = batch_shape(arrays, program), arrays[0].dtype
-        scalar = prod(batch) == 1
-        target = xla_target(jax, self.quantity.name, kernel, len(program.inputs), dtype.char, scalar=scalar)
-        whole = [jax.numpy.broadcast_to(a, (*batch, *p.shape)) for a, p in zip(arrays, program.inputs, strict=True)]
-        results = [jax.ShapeDtypeStruct((*batch, *p.shape), dtype) for p in program.outputs]
-        return tuple(jax.ffi.ffi_call(target, results)(*whole))
+        batch = batch_shape(arrays, program)
+        dtype = arrays[0].dtype
+        is_single_sample = prod(batch) == 1
+        target = xla_target(jax, self.quantity.name, kernel, len(program.inputs), dtype.char, scalar=is_single_sample)
+        full_arrays = []
+        for array, port in zip(arrays, program.inputs, strict=True):
+            full_arrays.append(jax.numpy.broadcast_to(array, (*batch, *port.shape)))
+        result_types = [jax.ShapeDtypeStruct((*batch, *port.shape), dtype) for port in program.outputs]
+        return tuple(jax.ffi.ffi_call(target, result_types)(*full_arrays))
 
 
 @cache
 def _primitive() -> Any:
-    """JAX primitive of all these operations, with its rules for shapes and lowering."""
+    """JAX primitive of all operations of this class, with its rules for shapes and lowering."""
     import jax
     from jax.extend.core import Primitive
     from jax.interpreters import mlir

@@ -40,6 +40,7 @@ class Request:
     full: Mapping[str, Any]
     """Validated options, with defaults."""
     function: CFunction
+    """C function of the quantity."""
 
 
 def prefix_of(robot: Robot, prefix: str | None) -> str:
@@ -49,7 +50,8 @@ def prefix_of(robot: Robot, prefix: str | None) -> str:
     """
     if prefix is None:
         name = identifier(robot.name)
-        return name if re.match(r"[A-Za-z]", name) else f"robot_{name}".strip("_")
+        begins_with_letter = re.match(r"[A-Za-z]", name) is not None
+        return name if begins_with_letter else f"robot_{name}".strip("_")
     if not isinstance(prefix, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
         raise ValueRangeError(
             f"{argument('prefix', prefix)} cannot begin a name in C. Use letters, digits and underscores, a letter first."
@@ -68,30 +70,32 @@ def requests(robot: Robot, quantities: Quantities, precision: str, prefix: str) 
         raise UnknownNameError.from_choices("precision", precision, PRECISIONS)
     if robot.nv == 0:
         raise KernelError(f"robot {robot.name!r} has no joint that moves: there is no function of q to export.")
-    checked: list[Request] = []
+    checked_requests: list[Request] = []
     for name, options in name_option_pairs(quantities):
-        full = checked_options(robot.model, name, options)
-        _require_program(robot, name, full)
-        function = CFunction("_".join([prefix, name, *_words(full)]), program_of(robot.model, name, full), precision)
-        if any(port.size == 0 for port in (*function.program.inputs, *function.program.outputs)):
+        full_options = checked_options(robot.model, name, options)
+        _require_program(robot, name, full_options)
+        function_name = "_".join([prefix, name, *_option_words(full_options)])
+        program = program_of(robot.model, name, full_options)
+        if any(port.size == 0 for port in (*program.inputs, *program.outputs)):
             raise KernelError(f"{name} of robot {robot.name!r} has no entry: there is nothing to export.")
-        for request in checked:
-            if request.function.name == function.name:
+        for request in checked_requests:
+            if request.function.name == function_name:
                 raise ValueRangeError(
-                    f"{function.name} would be there twice, for {name} {dict(options)} and {request.quantity} "
+                    f"{function_name} would be there twice, for {name} {dict(options)} and {request.quantity} "
                     f"{dict(request.options)}. Name each once, or export them to files of different prefixes."
                 )
-        checked.append(Request(name, options, full, function))
-    if not checked:
+        function = CFunction(function_name, program, precision)
+        checked_requests.append(Request(name, options, full_options, function))
+    if not checked_requests:
         raise ValueRangeError(f"no quantity is named. Choose from {', '.join(sorted(QUANTITIES))}.")
-    return checked
+    return checked_requests
 
 
 def name_option_pairs(quantities: Quantities) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Pairs (name, options) from one name, a mapping, or names with or without options."""
     entries: list[Any]
     if isinstance(quantities, str) or not isinstance(quantities, Iterable):
-        entries = [quantities]  # what is no text either is rejected below
+        entries = [quantities]  # if it is not a text either, it is rejected below
     elif isinstance(quantities, Mapping):
         entries = list(quantities.items())
     else:
@@ -108,35 +112,41 @@ def name_option_pairs(quantities: Quantities) -> Iterator[tuple[str, Mapping[str
             )
 
 
-def _require_program(robot: Robot, name: str, full: Mapping[str, Any]) -> None:
+def _require_program(robot: Robot, name: str, full_options: Mapping[str, Any]) -> None:
     """Raise KernelError for quantities that a program without branches cannot compute correctly."""
     if QUANTITIES[name].needs_inverse:
         robot.engine.require_invertible()
-    if len(full.get("rows", ())) > robot.nv:
-        rows = " ".join(TWIST[k] for k in full["rows"])
+    rows = full_options.get("rows", ())
+    if len(rows) > robot.nv:
+        row_names = " ".join(TWIST[k] for k in rows)
         raise KernelError(
-            f"{name} of the {len(full['rows'])} rows {rows} needs the singular values of J on a robot with {robot.nv} "
+            f"{name} of the {len(rows)} rows {row_names} needs the singular values of J on a robot with {robot.nv} "
             f"velocities, which a program without branches does not have. Name at most {robot.nv} rows, as in rows='vx vz'."
         )
 
 
-def _words(full: Mapping[str, Any]) -> Iterator[str]:
+def _option_words(full_options: Mapping[str, Any]) -> Iterator[str]:
     """Options as parts of a name, in the order of the table."""
-    if frame := full.get("frame"):
+    frame = full_options.get("frame")
+    if frame:
         yield identifier(frame)
-    if kind := full.get("kind"):
+    kind = full_options.get("kind")
+    if kind:
         yield kind
-    rows = full.get("rows")
+    rows = full_options.get("rows")
     if rows and rows != tuple(range(6)):
         yield from (TWIST[k] for k in rows)
-    for frame in full.get("wrenches", ()):
-        sign = ["on", "robot"] if frame in full.get("on_robot", ()) else []
-        yield from ("wrench", *sign, identifier(frame))
-    if full.get("friction"):
+    for wrench_frame in full_options.get("wrenches", ()):
+        yield "wrench"
+        if wrench_frame in full_options.get("on_robot", ()):
+            yield from ("on", "robot")
+        yield identifier(wrench_frame)
+    if full_options.get("friction"):
         yield "friction"
-    if "gravity" in full:
+    if "gravity" in full_options:
         yield "gravity_input"
-    if derivative := full.get("derivative"):
+    derivative = full_options.get("derivative")
+    if derivative:
         yield from ("by", *map(identifier, derivative.by))
         if derivative.form != "jacobian":
             yield derivative.form
@@ -169,7 +179,10 @@ class BridgedQuantity:
     def from_robot(
         cls, what: str, robot: Robot, name: str, options: Mapping[str, Any], precision: str
     ) -> BridgedQuantity:
-        """Validated quantity. Raises KernelError and UnknownNameError before the other package is imported."""
+        """Validated quantity; ``what``: the method that needs it, for errors.
+
+        Raises KernelError and UnknownNameError before the other package is imported.
+        """
         arguments.choice(precision, f"{what}: precision", BRIDGE_PRECISIONS)
         if options.get("by") is not None:
             raise KernelError(
@@ -177,7 +190,7 @@ class BridgedQuantity:
                 "it goes to."
             )
         quantity = cls(robot, name, options)
-        _ = quantity.program
+        _ = quantity.program  # raises errors for invalid options
         return quantity
 
     @property
@@ -233,35 +246,47 @@ class BridgedQuantity:
     def require_shapes(self, what: str, shapes: Sequence[tuple[int, ...]]) -> None:
         """Raise ShapeError unless the shapes end in the inputs' shapes and the batch shapes broadcast."""
         ports = self.inputs
+        batch_shapes = []
         for shape, port in zip(shapes, ports, strict=True):
-            if len(shape) < len(port.shape) or shape[len(shape) - len(port.shape) :] != port.shape:
+            batch_rank = len(shape) - len(port.shape)
+            if batch_rank < 0 or shape[batch_rank:] != port.shape:
                 wanted = ", ".join(["…", *map(str, port.shape)])
                 raise ShapeError(f"{what} {self.name}: {port.name} has shape {shape}, ({wanted}) wanted.")
-        batches = [shape[: len(shape) - len(port.shape)] for shape, port in zip(shapes, ports, strict=True)]
-        distinct = set(batches)
-        if len(distinct) <= 1:
+            batch_shapes.append(shape[:batch_rank])
+        different_shapes = set(batch_shapes)
+        if len(different_shapes) <= 1:
             return
         try:
-            np.broadcast_shapes(*distinct)
+            np.broadcast_shapes(*different_shapes)
         except ValueError:
-            listed = ", ".join(f"{port.name} {batch}" for port, batch in zip(ports, batches, strict=True))
-            raise ShapeError(f"{what} {self.name}: batch shapes {listed} do not broadcast.") from None
+            named_shapes = ", ".join(f"{port.name} {shape}" for port, shape in zip(ports, batch_shapes, strict=True))
+            raise ShapeError(f"{what} {self.name}: batch shapes {named_shapes} do not broadcast.") from None
 
     @property
     def curved_inputs(self) -> tuple[str, ...]:
         """Inputs whose rates differ from velocities: configurations with quaternions or other angles."""
-        if all(body.joint.plain_rates for body in self.engine.model.leaders):
+        has_plain_rates = all(body.joint.plain_rates for body in self.engine.model.leaders)
+        if has_plain_rates:
             return ()
         return tuple(port.name for port in self.inputs if port.name in CONFIGURATIONS)
 
     def velocities(self) -> Program:
-        """(q, coordinate rates) -> joint velocities, linear in the rates; the radial rate of a quaternion gives zero."""
+        """Program (q, coordinate rates) → joint velocities, linear in the rates.
+
+        The rate of a quaternion's norm gives no velocity.
+        """
         model = self.engine.model
-        return trace(
-            lambda q, rates: (velocity_map(model, q) @ rates,), [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"]
-        )
+
+        def velocities(q: Any, rates: Any) -> tuple[Any, ...]:
+            return (velocity_map(model, q) @ rates,)
+
+        return trace(velocities, [("q", (model.nq,)), ("rates", (model.nq,))], ["dq"])
 
     def slopes(self) -> Program:
-        """(q, derivative along velocities) -> derivative by the entries of q: transpose of :meth:`velocities`."""
+        """Program (q, derivative along velocities) → derivative by the entries of q: transpose of :meth:`velocities`."""
         model = self.engine.model
-        return trace(lambda q, w: (w @ velocity_map(model, q),), [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])
+
+        def slopes(q: Any, along: Any) -> tuple[Any, ...]:
+            return (along @ velocity_map(model, q),)
+
+        return trace(slopes, [("q", (model.nq,)), ("along", (model.nv,))], ["by_q"])

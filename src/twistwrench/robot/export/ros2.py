@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from .. import Robot
 
 _QUANTITIES = ("mass_matrix", "coriolis_forces", "gravity_forces", "inverse_dynamics", "friction_forces")
+"""Quantities that the plug-in calls."""
+
+# Templates of the files; @WORD@ is replaced.
 
 _PACKAGE = """\
 <?xml version="1.0"?>
@@ -354,40 +357,48 @@ def export_ros2(
         )
     if not isinstance(license, str) or not re.fullmatch(r"[A-Za-z0-9.+ -]+", license):
         raise ValueRangeError(f"license is {license!r}: give the name of a license, such as Apache-2.0 or Proprietary.")
-    if folder.exists() or not folder.parent.is_dir():
-        what = "is there already" if folder.exists() else "cannot be made: the folder above it is not there"
-        raise ValueRangeError(f"{label} {str(path)!r} {what}. Name a new folder inside one that exists.")
+    problem = ""
+    if folder.exists():
+        problem = "is there already"
+    elif not folder.parent.is_dir():
+        problem = "cannot be made: the folder above it is not there"
+    if problem:
+        raise ValueRangeError(f"{label} {str(path)!r} {problem}. Name a new folder inside one that exists.")
     texts = _texts(robot, folder.name, license)
     try:
+        # Renamed when it is complete, so that no part of a package is left behind.
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as scratch:
-            whole = Path(scratch) / folder.name
+            package = Path(scratch) / folder.name
             for name, text in texts.items():
-                (whole / name).parent.mkdir(parents=True, exist_ok=True)
-                (whole / name).write_text(text, encoding="utf-8", newline="\n")
-            whole.rename(folder)
-    except OSError as problem:
+                file = package / name
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(text, encoding="utf-8", newline="\n")
+            package.rename(folder)
+    except OSError as error:
         raise ValueRangeError(
-            f"cannot write {str(path)!r}: {problem.strerror}. Free space, or give another name."
+            f"cannot write {str(path)!r}: {error.strerror}. Free space, or give another name."
         ) from None
     return Written([folder / name for name in texts], folder, robot.name)
 
 
 def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A002
-    """Text of each file of the package, by path."""
-    if wide := [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]:
+    """Text of each file of the package, by path within it."""
+    unsupported_joints = [body.joint.name for body in robot.model.leaders if body.joint.nv != 1]
+    if unsupported_joints:
         raise KernelError(
-            f"joints {', '.join(wide)} of robot {robot.name!r} have several coordinates, and the vectors of the ROS interface "
-            "have one for each joint. Lock them, or fix the base."
+            f"joints {', '.join(unsupported_joints)} of robot {robot.name!r} have several coordinates, and the vectors of the "
+            "ROS interface have one for each joint. Lock them, or fix the base."
         )
     exports = requests(robot, _QUANTITIES, "double", name)
-    joints, payloads = [b.joint.name for b in robot.model.leaders], robot.model.payloads
-    masses = {}
+    joints = [body.joint.name for body in robot.model.leaders]
+    payloads = robot.model.payloads
+    masses = {}  # of links without payloads
     for link, inertia in robot.model.link_inertias.items():
         payload_mass = sum(payload.mass for frame, payload in payloads if frame == link)
         masses[link] = float(inertia.mass - payload_mass)
     words = {
         "NAME": name,
-        "ROBOT": escape("".join(c for c in robot.name if c.isprintable())),
+        "ROBOT": escape("".join(filter(str.isprintable, robot.name))),
         "VERSION": version("twistwrench"),
         "LICENSE": escape(license),
         "JOINTS": ", ".join(map(_cpp_string, joints)),
@@ -395,7 +406,7 @@ def _texts(robot: Robot, name: str, license: str) -> dict[str, str]:  # noqa: A0
         "SIZE": str(robot.nv),
         "STATES": str(STATES),
         "GRAVITY": ", ".join(f"{number(g)}" for g in robot.gravity),
-        "CARRIED": "".join(f"; it carries {number(p.mass)} kg at {frame}" for frame, p in payloads),
+        "CARRIED": "".join(f"; it carries {number(payload.mass)} kg at {frame}" for frame, payload in payloads),
         "MASSES": ",\n".join(f"  {{{_cpp_string(link)}, {mass!r}}}" for link, mass in masses.items()),
         "DATA": _data(robot),
     }
@@ -431,7 +442,8 @@ def _cpp_character(character: str) -> str:
 def _data(robot: Robot) -> str:
     """States and results as constant arrays, with exact literals."""
     rng = np.random.default_rng(0)
-    q, qd, qdd = robot.random_configuration(rng, STATES), *rng.standard_normal((2, STATES, robot.nv))
+    q = robot.random_configuration(rng, STATES)
+    qd, qdd = rng.standard_normal((2, STATES, robot.nv))
     tables = {
         "Q": q,
         "QD": qd,
@@ -442,16 +454,21 @@ def _data(robot: Robot) -> str:
         "FRICTION": robot.friction_forces(qd),
         "TORQUES": robot.inverse_dynamics(q, qd, qdd),
     }
-    return "\n".join(_table(name, np.asarray(values, float).reshape(STATES, -1)) for name, values in tables.items())
+    texts = []
+    for name, results in tables.items():
+        table = np.asarray(results, float).reshape(STATES, -1)
+        texts.append(_table_text(name, table))
+    return "\n".join(texts)
 
 
-def _table(name: str, values: Array) -> str:
-    rows = []
-    for row in values:
+def _table_text(name: str, table: Array) -> str:
+    """C++ array of the states, a row each."""
+    row_texts = []
+    for row in table:
         literals = ", ".join(float(x).hex() for x in row)
-        rows.append(f"  {{{literals}}}")
-    data = ",\n".join(rows)
-    return f"const double {name}[{STATES}][{values.shape[1]}] = {{\n{data}}};"
+        row_texts.append(f"  {{{literals}}}")
+    data = ",\n".join(row_texts)
+    return f"const double {name}[{STATES}][{table.shape[1]}] = {{\n{data}}};"
 
 
 complete(globals())

@@ -20,13 +20,15 @@ if TYPE_CHECKING:
     from .. import Robot
 
 STATES = 3
+"""Number of test states."""
 
-_MARGIN = 16.0
-"""Factor on the kernel's rounding error allowed for C, which has other sines and two roundings without fma."""
+_ROUNDING_MARGIN = 16.0
+"""Allowed ratio of C's rounding error to the kernel's: C has other sines, and two roundings where it has no fma."""
 
 _EPS = {"double": float(np.finfo(np.float64).eps), "float": float(np.finfo(np.float32).eps)}
+"""Rounding error of a number by the name of its C type."""
 
-_CHECK = """\
+_C_FUNCTIONS = """\
 /* The largest difference over the largest entry; NaN, which no comparison allows, where a result is not a number. */
 static {type} gap(const {type} *found, const {type} *wanted, int n, {type} size)
 {{
@@ -54,56 +56,60 @@ def self_test(robot: Robot, requests: Sequence[Request], stem: str) -> str:
     Raises KernelError for a quantity that is not finite at the test states.
     """
     precision = requests[0].function.precision
-    f = PRECISIONS[precision]
-    about = [
+    suffix = PRECISIONS[precision]  # of literals and functions: f for float
+    description = [
         f"Checks {stem}.c: each function at {STATES} states, against the numbers twistwrench has for them.",
         f"Build it together with {stem}.c, and link the mathematical library (-lm).",
         "Exit status 0: all agree to rounding. 1: some do not.",
     ]
     parts = [
-        comment(about),
+        comment(description),
         f'#include "{stem}.h"\n\n#include <math.h>\n#include <stdio.h>',
-        _CHECK.format(type=precision, f=f, zero=f"0.0{f}"),
+        _C_FUNCTIONS.format(type=precision, f=suffix, zero=f"0.0{suffix}"),
     ]
     calls = []
     for request in requests:
-        parts += _test_of(robot, request)
+        parts += _data_and_test(robot, request)
         calls.append(f"    passed &= test_{request.function.name}();")
-    parts.append("\n".join(["int main(void)", "{", "    int passed = 1;", *calls, "    return passed ? 0 : 1;", "}"]))
+    main_function = ["int main(void)", "{", "    int passed = 1;", *calls, "    return passed ? 0 : 1;", "}"]
+    parts.append("\n".join(main_function))
     return "\n\n".join(parts) + "\n"
 
 
-def _test_of(robot: Robot, request: Request) -> tuple[str, str]:
-    """Data and test code of one function."""
+def _data_and_test(robot: Robot, request: Request) -> tuple[str, str]:
+    """C text of the data and of the test of one function."""
     function = request.function
     program, precision = function.program, function.precision
     dtype = np.float32 if precision == "float" else np.float64
-    count = len(program.inputs)
     inputs = inputs_at_states(robot, request, dtype)
-    expected, tolerances = results_at_states(robot, request, inputs, robot.kernel(request.quantity, **request.options))
+    kernel = robot.kernel(request.quantity, **request.options)
+    expected, tolerances = results_at_states(robot, request, inputs, kernel)
     ports = (*program.inputs, *program.outputs)
-    tables = [f"{function.name}_{name}" for name in function.parameters]
-    numbers = [np.reshape(x, (STATES, port.size)) for port, x in zip(ports, (*inputs, *expected), strict=True)]
-    data = "\n".join(_array(table, values, precision) for table, values in zip(tables, numbers, strict=True))
-    f = PRECISIONS[precision]
+    table_names = [f"{function.name}_{parameter}" for parameter in function.parameters]
+    tables = [np.reshape(x, (STATES, port.size)) for port, x in zip(ports, (*inputs, *expected), strict=True)]
+    data = "\n".join(_table_text(name, table, precision) for name, table in zip(table_names, tables, strict=True))
+    input_count = len(program.inputs)
+    outputs = function.parameters[input_count:]
+    zero = f"0.0{PRECISIONS[precision]}"
     lines = [f"static int test_{function.name}(void)", "{", "    int passed = 1;"]
-    results = function.parameters[count:]
-    for name, port in zip(results, program.outputs, strict=True):
-        lines += [f"    {precision} {name}[{port.size}];", f"    {precision} worst_{name} = 0.0{f};"]
-    arguments = ", ".join([*(f"{table}[k]" for table in tables[:count]), *results])
+    for output, port in zip(outputs, program.outputs, strict=True):
+        lines += [f"    {precision} {output}[{port.size}];", f"    {precision} worst_{output} = {zero};"]
+    input_rows = [f"{name}[k]" for name in table_names[:input_count]]
+    arguments = ", ".join([*input_rows, *outputs])
     lines += [f"    for (int k = 0; k < {STATES}; k++) {{", f"        {function.name}({arguments});"]
-    for name, table, values in zip(results, tables[count:], numbers[count:], strict=True):
-        size = _hex(largest_entry(values), precision)
+    for output, name, table in zip(outputs, table_names[input_count:], tables[input_count:], strict=True):
+        size = _hex(largest_entry(table), precision)
         lines += [
             "        {",
-            f"            const {precision} apart = gap({name}, {table}[k], {values.shape[1]}, {size});",
-            f"            if (worst_{name} >= 0.0{f} && !(apart <= worst_{name}))",
-            f"                worst_{name} = apart;",
+            f"            const {precision} apart = gap({output}, {name}[k], {table.shape[1]}, {size});",
+            f"            if (worst_{output} >= {zero} && !(apart <= worst_{output}))",
+            f"                worst_{output} = apart;",
             "        }",
         ]
     lines.append("    }")
-    for name, tolerance in zip(results, tolerances, strict=True):
-        lines.append(f'    passed &= check("{function.name}, {name}", worst_{name}, {_hex(tolerance, precision)});')
+    for output, tolerance in zip(outputs, tolerances, strict=True):
+        allowed = _hex(tolerance, precision)
+        lines.append(f'    passed &= check("{function.name}, {output}", worst_{output}, {allowed});')
     return data, "\n".join([*lines, "    return passed;", "}"])
 
 
@@ -111,25 +117,26 @@ def inputs_at_states(robot: Robot, request: Request, dtype: type, count: int = S
     """Reproducible inputs: configurations inside the limits, everything else of order 1."""
     rng = np.random.default_rng(0)
 
-    def values(port: TensorSpec) -> Array:
+    def values_at_states(port: TensorSpec) -> Array:
         if port.name == "q":
             return robot.random_configuration(rng, count)
-        return rng.standard_normal((count, *port.shape)) * (STRENGTH if port.name == "gravity" else 1.0)
+        size = STRENGTH if port.name == "gravity" else 1.0
+        return rng.standard_normal((count, *port.shape)) * size
 
-    return [values(port).astype(dtype) for port in request.function.program.inputs]
+    return [values_at_states(port).astype(dtype) for port in request.function.program.inputs]
 
 
 def results_at_states(
     robot: Robot, request: Request, inputs: list[Array], kernel: Callable[..., Any]
 ) -> tuple[list[Array], list[float]]:
-    """Kernel results, and for each output the deviation by another order of rounding, relative to the largest entry.
+    """Kernel results, and for each output the allowed deviation, relative to the largest entry.
 
-    The deviation is the difference of single- and double-precision kernels, which grows with the condition of the
-    state. In double precision it is smaller by the ratio of the precisions.
+    The deviation of another order of rounding grows with the condition of the state. It is estimated by the difference
+    of the single- and double-precision kernels. In double precision it is smaller by the ratio of the precisions.
     """
     ports, precision = request.function.program.outputs, request.function.precision
 
-    def results(arrays: Sequence[Array]) -> list[Array]:
+    def kernel_results(arrays: Sequence[Array]) -> list[Array]:
         returned = kernel(*arrays)
         if len(ports) == 1:
             returned = (returned,)
@@ -137,37 +144,38 @@ def results_at_states(
 
     float32_inputs = [a.astype(np.float32) for a in inputs]
     with np.errstate(all="ignore"):
-        single = results(float32_inputs)
-        double = results([a.astype(np.float64) for a in float32_inputs])
-        expected = results(inputs)
+        single = kernel_results(float32_inputs)
+        double = kernel_results([a.astype(np.float64) for a in float32_inputs])
+        expected = kernel_results(inputs)
     tolerances = []
-    for port, in_single, in_double, values in zip(ports, single, double, expected, strict=True):
-        if not (np.isfinite(values).all() and np.isfinite(in_single).all()):
+    for port, in_single, in_double, expected_values in zip(ports, single, double, expected, strict=True):
+        if not (np.isfinite(expected_values).all() and np.isfinite(in_single).all()):
             raise KernelError(
                 f"{request.quantity}: {port.name} is not finite at every configuration of robot {robot.name!r}, so no "
                 "number can be checked. Ask for a quantity that is, or pass "
                 f"{argument('test', False, option='no-test-program')}."
             )
-        rounding = float(np.abs(in_single - in_double).max()) / largest_entry(in_double)
-        tolerances.append(_MARGIN * max(rounding, _EPS["float"]) * _EPS[precision] / _EPS["float"])
+        rounding_in_single = float(np.abs(in_single - in_double).max()) / largest_entry(in_double)
+        tolerances.append(_ROUNDING_MARGIN * max(rounding_in_single, _EPS["float"]) * _EPS[precision] / _EPS["float"])
     return expected, tolerances
 
 
-def largest_entry(values: Array) -> float:
-    """Largest absolute value of an entry; 1 if all are zero."""
-    return float(np.abs(values).max()) or 1.0
+def largest_entry(array: Array) -> float:
+    """Largest absolute value of an entry; 1 if all are zero, so that it can be divided by."""
+    return float(np.abs(array).max()) or 1.0
 
 
-def _array(name: str, values: Array, precision: str) -> str:
-    rows = []
-    for row in values:
+def _table_text(name: str, table: Array, precision: str) -> str:
+    """C array of the test states, a row each."""
+    row_texts = []
+    for row in table:
         literals = ", ".join(_hex(x, precision) for x in row)
-        rows.append(f"    {{{literals}}}")
-    data = ",\n".join(rows)
-    return f"static const {precision} {name}[{STATES}][{values.shape[1]}] = {{\n{data}\n}};"
+        row_texts.append(f"    {{{literals}}}")
+    data = ",\n".join(row_texts)
+    return f"static const {precision} {name}[{STATES}][{table.shape[1]}] = {{\n{data}\n}};"
 
 
-def _hex(value: float, precision: str) -> str:
-    """Exact hexadecimal literal of a number."""
-    exact = float(np.float32(value)) if precision == "float" else float(value)
-    return f"{exact.hex()}{PRECISIONS[precision]}"
+def _hex(x: float, precision: str) -> str:
+    """Exact hexadecimal literal of a number, after rounding to the precision."""
+    rounded = float(np.float32(x)) if precision == "float" else float(x)
+    return f"{rounded.hex()}{PRECISIONS[precision]}"

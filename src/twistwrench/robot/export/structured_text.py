@@ -36,7 +36,7 @@ TYPES = {"double": "LREAL", "float": "REAL"}
 STYLES = ("function_block", "codesys")
 STATES = 10
 """Number of states in the program that checks the blocks."""
-_WIDTH = 76
+_LINE_WIDTH = 76
 
 RESERVED = frozenset("""
     abs acos action add and any any_bit any_date any_elementary any_int any_magnitude any_num any_real any_string array
@@ -75,14 +75,16 @@ class Names:
             base = f"x_{base}".strip("_")
         if base.lower() in RESERVED:
             base = f"{base}_value"
-        name, k = base, 2
+        name = base
+        number = 2
         while name.lower() in self._used:
-            name, k = f"{base}_{k}", k + 1
+            name = f"{base}_{number}"
+            number += 1
         self._used.add(name.lower())
         return name
 
 
-def real_literal(value: float, precision: str = "double") -> str:
+def real_literal(x: float, precision: str = "double") -> str:
     """Real literal with digits on both sides of the point; negative ones in parentheses. KernelError if not finite.
 
     Examples
@@ -90,50 +92,66 @@ def real_literal(value: float, precision: str = "double") -> str:
     >>> real_literal(1e-05), real_literal(-2.0), real_literal(0.1, "float")
     ('1.0E-05', '(-2.0)', '0.1')
     """
-    mantissa, _, exponent = literal(abs(value), precision).rstrip("f").partition("e")
-    text = f"{mantissa}{'' if '.' in mantissa else '.0'}"
+    mantissa, _, exponent = literal(abs(x), precision).rstrip("f").partition("e")
+    text = mantissa if "." in mantissa else f"{mantissa}.0"
     if exponent:
         text += f"E{exponent}"
-    return f"(-{text})" if np.signbit(value) and value else text
+    is_negative = np.signbit(x) and x != 0
+    return f"(-{text})" if is_negative else text
 
 
-def function_block(name: str, request: Request, about: Sequence[str]) -> str:
-    """Declaration and statements of one block."""
+def function_block(name: str, request: Request, description: Sequence[str]) -> str:
+    """Declaration and statements of one block, below a comment with its ``description``."""
     program, precision = request.function.program, request.function.precision
-    real, count = TYPES[precision], len(program.inputs)
+    real = TYPES[precision]
     scope = Names([name])
-    ports = (*program.inputs, *program.outputs)
-    names = [scope.free(parameter) for parameter in request.function.parameters]
-    lines: list[str] = []
-    locals_: list[str] = []
+    parameters = [scope.free(parameter) for parameter in request.function.parameters]
+    input_count = len(program.inputs)
+    inputs, outputs = parameters[:input_count], parameters[input_count:]
+    statements: list[str] = []
+    local_names: list[str] = []
 
-    def operand_text(value: Any) -> str:
-        return value if isinstance(value, str) else real_literal(value, precision)
+    def operand_text(operand: Any) -> str:
+        return operand if isinstance(operand, str) else real_literal(operand, precision)
 
     def operation(pattern: str) -> Any:
         def write(*operands: Any) -> str:
-            locals_.append(scope.free(f"t{len(locals_)}"))
-            lines.append(f"{locals_[-1]} := {pattern.format(*map(operand_text, operands))};")
-            return locals_[-1]
+            local_name = scope.free(f"t{len(local_names)}")
+            local_names.append(local_name)
+            statements.append(f"{local_name} := {pattern.format(*map(operand_text, operands))};")
+            return local_name
 
         return write
 
     functions = {op: operation(pattern) for op, pattern in _OPERATIONS.items()}
-    values = evaluated(program, element_names(names[:count], program.inputs), functions)
-    for element, value in zip(element_names(names[count:], program.outputs), values, strict=True):
-        lines.append(f"{element} := {operand_text(value)};")
-    declarations = [f"    {name} : {_type(port.size, real)};" for name, port in zip(names, ports, strict=True)]
-    local_variables = ["VAR", *_wrap(locals_, f" : {real};"), "END_VAR"] if locals_ else []
-    return "\n".join(
-        [
-            _comment(about),
-            f"FUNCTION_BLOCK {name}",
-            *("VAR_INPUT", *declarations[:count], "END_VAR", "VAR_OUTPUT", *declarations[count:], "END_VAR"),
-            *local_variables,
-            *lines,
-            "END_FUNCTION_BLOCK",
-        ]
-    )
+    results = evaluated(
+        program, element_names(inputs, program.inputs), functions
+    )  # adds a statement for each operation
+    for element, result in zip(element_names(outputs, program.outputs), results, strict=True):
+        statements.append(f"{element} := {operand_text(result)};")
+    declarations = []
+    for parameter, port in zip(parameters, (*program.inputs, *program.outputs), strict=True):
+        declarations.append(f"    {parameter} : {_array_type(port.size, real)};")
+    local_declarations: list[str] = []
+    if local_names:
+        local_declarations = ["VAR", *_wrap(local_names, f" : {real};"), "END_VAR"]
+    lines = [
+        _comment(description),
+        f"FUNCTION_BLOCK {name}",
+        *("VAR_INPUT", *declarations[:input_count], "END_VAR"),
+        *("VAR_OUTPUT", *declarations[input_count:], "END_VAR"),
+        *local_declarations,
+        *statements,
+        "END_FUNCTION_BLOCK",
+    ]
+    return "\n".join(lines)
+
+
+def _fused_pattern(product_sign: float, sum_sign: float) -> str:
+    """Expression ±(a b) ± c of a fused operation."""
+    product = "({0} * {1})" if product_sign > 0 else "-({0} * {1})"
+    operator = "+" if sum_sign > 0 else "-"
+    return f"{product} {operator} " + "{2}"
 
 
 _OPERATIONS: Mapping[str, str] = {
@@ -141,21 +159,25 @@ _OPERATIONS: Mapping[str, str] = {
     "min": "MIN({0}, {1})", "max": "MAX({0}, {1})",
     "sign": "SEL({0} > 0.0, SEL({0} < 0.0, 0.0, (-1.0)), 1.0)",
     "sqrt": "SQRT({0})", "sin": "SIN({0})", "cos": "COS({0})", "exp": "EXP({0})",
-    **{op: f"{'' if a > 0 else '-'}({{0}} * {{1}}) {'+' if b > 0 else '-'} {{2}}" for op, (a, b) in FUSED.items()},
+    **{op: _fused_pattern(*signs) for op, signs in FUSED.items()},
 }  # fmt: skip
 """Expressions of the operations; MIN, MAX and SEL evaluate all operands, which have no side effects."""
 
 
-def _type(size: int, real: str) -> str:
+def _array_type(size: int, real: str) -> str:
     return f"ARRAY[0..{size - 1}] OF {real}"
 
 
 def _wrap(items: Sequence[str], end: str, *, each: bool = True) -> Iterator[str]:
-    """Items wrapped into lines; ``end`` follows each line or, with commas between lines, only the last."""
+    """Items wrapped into lines, with commas between them.
+
+    ``end`` follows each line. Without ``each`` it follows only the last one, and a comma the others.
+    """
+    end_of_line = end if each else ","
     line = ""
     for item in items:
-        if line and len(line) + len(item) + 2 + len(end) > _WIDTH:
-            yield f"    {line}{end if each else ','}"
+        if line and len(line) + len(item) + 2 + len(end) > _LINE_WIDTH:
+            yield f"    {line}{end_of_line}"
             line = ""
         line += f", {item}" if line else item
     yield f"    {line}{end}"
@@ -163,8 +185,9 @@ def _wrap(items: Sequence[str], end: str, *, each: bool = True) -> Iterator[str]
 
 def _comment(lines: Sequence[str]) -> str:
     """Comment that names from robot files cannot end."""
-    plain = comment([line.replace("*)", "* )").replace("(*", "( *") for line in lines])
-    return f"(*{plain[2:-2]}*)"
+    c_comment = comment([line.replace("*)", "* )").replace("(*", "( *") for line in lines])
+    text = c_comment.removeprefix("/*").removesuffix("*/")
+    return f"(*{text}*)"
 
 
 def export_st(
@@ -206,7 +229,8 @@ def export_st(
     """
     arguments.choice(style, "export_st: style", STYLES)
     arguments.choice(torque, "export_st: torque", ("joint", "motor"))
-    prefix, file = prefix_of(robot, prefix), Path(path)
+    prefix = prefix_of(robot, prefix)
+    file = Path(path)
     if file.is_dir():
         file = file / f"{prefix}.st"
     if file.suffix.lower() not in (".st", ".exp", ".txt", ".scl"):
@@ -226,24 +250,27 @@ def export_st(
         exports = [with_motor_torques(robot, request) for request in exports]
     scope = Names()
     blocks = [(scope.free(request.function.name), request) for request in exports]
-    parts = [_header(robot, exports, torque)]
-    parts += [function_block(name, request, _about(robot, request, torque)) for name, request in blocks]
+    texts = [_header(robot, exports, torque)]
+    texts += [function_block(name, request, _description(robot, request, torque)) for name, request in blocks]
     if style == "codesys":
-        parts.append(_codesys(scope.free(f"{prefix}_dynamics"), *blocks[0]))
+        texts.append(_codesys_wrapper(scope.free(f"{prefix}_dynamics"), *blocks[0]))
     if test:
-        parts.append(_test(robot, scope.free(f"{prefix}_TEST"), blocks))
-    with replacing(file) as scratch:
-        scratch.write_text("\n\n".join(parts) + "\n", encoding="ascii", newline="\n")
+        texts.append(_test_program(robot, scope.free(f"{prefix}_TEST"), blocks))
+    with replacing(file) as temporary_file:
+        temporary_file.write_text("\n\n".join(texts) + "\n", encoding="ascii", newline="\n")
     return Written([file], file, robot.name)
 
 
 def _header(robot: Robot, exports: Sequence[Request], torque: str) -> str:
-    digests = ", ".join(f"{request.function.program.digest[:12]}" for request in exports)
+    """Comment at the beginning of the file: conventions, and entries of q and dq."""
+    digests = ", ".join(request.function.program.digest[:12] for request in exports)
     gx, gy, gz = map(file_number, robot.gravity)
-    shafts = []
+    torque_lines = []
     if torque == "motor":
-        order = f"order {', '.join(robot.model.drive_names)}" if robot.model.couplings else "order of the joints"
-        shafts = [f"tau of motor_torques: N m at the shafts of the motors, in the {order}."]
+        order = "order of the joints"
+        if robot.model.couplings:
+            order = f"order {', '.join(robot.model.drive_names)}"
+        torque_lines = [f"tau of motor_torques: N m at the shafts of the motors, in the {order}."]
     return _comment(
         [
             f"Dynamics of the robot {robot.name} in Structured Text (IEC 61131-3), numbers of type "
@@ -252,14 +279,15 @@ def _header(robot: Robot, exports: Sequence[Request], torque: str) -> str:
             "",
             *_CONVENTIONS.split("\n"),
             f"Gravity is ({gx}, {gy}, {gz}) m/s^2 in the base frame, unless it is an input.",
-            *shafts,
+            *torque_lines,
             "",
             *entries(robot),
         ]
     )
 
 
-def _about(robot: Robot, request: Request, torque: str) -> list[str]:
+def _description(robot: Robot, request: Request, torque: str) -> list[str]:
+    """Comment lines of one block."""
     lines = comment_lines(robot, request)
     if torque == "motor":
         lines[0] = (
@@ -269,17 +297,19 @@ def _about(robot: Robot, request: Request, torque: str) -> list[str]:
     return lines
 
 
-def _test(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]) -> str:
+def _test_program(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]) -> str:
     """Program that compares every block with the results of twistwrench; its output is ``Passed``."""
-    scope = Names([name, *(block for block, _ in blocks), "Passed", "Worst"])
-    real = TYPES[blocks[0][1].function.precision]
+    block_names = [block for block, _ in blocks]
+    scope = Names([name, *block_names, "Passed", "Worst"])
+    _, first_request = blocks[0]
+    real = TYPES[first_request.function.precision]
     k, i, apart = map(scope.free, ("k", "i", "apart"))
     declarations = [f"    {k}, {i} : DINT;", f"    {apart} : {real};"]
-    lines = ["Passed := TRUE;", "Worst := 0.0;"]
+    statements = ["Passed := TRUE;", "Worst := 0.0;"]
     for block, request in blocks:
-        own_declarations, statements = _test_of(robot, block, request, scope, (k, i, apart))
-        declarations += own_declarations
-        lines += statements
+        block_declarations, block_statements = _block_test(robot, block, request, scope, (k, i, apart))
+        declarations += block_declarations
+        statements += block_statements
     return "\n".join(
         [
             _comment([
@@ -289,59 +319,68 @@ def _test(robot: Robot, name: str, blocks: Sequence[tuple[str, Request]]) -> str
             f"PROGRAM {name}",
             *("VAR_OUTPUT", "    Passed : BOOL;", f"    Worst : {real};", "END_VAR"),
             *("VAR", *declarations, "END_VAR"),
-            *lines,
+            *statements,
             "END_PROGRAM",
         ]
     )  # fmt: skip
 
 
-def _test_of(
-    robot: Robot, block: str, request: Request, scope: Names, counters: tuple[str, str, str]
+def _block_test(
+    robot: Robot, block: str, request: Request, scope: Names, variables: tuple[str, str, str]
 ) -> tuple[list[str], list[str]]:
-    """Declarations and statements for one block."""
+    """Declarations and statements for one block; ``variables``: index of the state, index of the entry, difference."""
     program, precision = request.function.program, request.function.precision
-    k, i, apart = counters
-    real, parameters = TYPES[precision], request.function.parameters
-    instance, own = scope.free(f"{block}_1"), Names([block])
-    ports = [own.free(parameter) for parameter in parameters]
-    inputs = inputs_at_states(robot, request, np.float32 if precision == "float" else np.float64, STATES)
+    k, i, apart = variables
+    real = TYPES[precision]
+    instance = scope.free(f"{block}_1")
+    block_scope = Names([block])
+    parameters = [block_scope.free(parameter) for parameter in request.function.parameters]
+    dtype = np.float32 if precision == "float" else np.float64
+    inputs = inputs_at_states(robot, request, dtype, STATES)
     results, tolerances = results_at_states(robot, request, inputs, NumpyKernel(program, block, ""))
     remaining_tolerances = iter(tolerances)
     declarations, loads, checks = [f"    {instance} : {block};"], [], []
-    arrays: list[str] = []
-    for port, spec, values in zip(ports, (*program.inputs, *program.outputs), (*inputs, *results), strict=True):
-        table = scope.free(f"{block}_{port}_data")
-        numbers = [real_literal(float(x), precision).strip("()") for x in np.ravel(values)]
-        declarations += [f"    {table} : {_type(STATES * spec.size, real)} := [", *_wrap(numbers, "];", each=False)]
-        loop, entry = f"    FOR {i} := 0 TO {spec.size - 1} DO", f"{table}[{spec.size} * {k} + {i}]"
-        if len(arrays) < len(program.inputs):
-            arrays.append(scope.free(f"{block}_{port}"))
-            declarations.append(f"    {arrays[-1]} : {_type(spec.size, real)};")
-            loads += [loop, f"        {arrays[-1]}[{i}] := {entry};", "    END_FOR;"]
+    input_arrays: list[str] = []
+    ports = (*program.inputs, *program.outputs)
+    for parameter, port, values in zip(parameters, ports, (*inputs, *results), strict=True):
+        table = scope.free(f"{block}_{parameter}_data")
+        literals = [real_literal(float(x), precision).strip("()") for x in np.ravel(values)]
+        declarations.append(f"    {table} : {_array_type(STATES * port.size, real)} := [")
+        declarations += _wrap(literals, "];", each=False)
+        loop = f"    FOR {i} := 0 TO {port.size - 1} DO"
+        entry = f"{table}[{port.size} * {k} + {i}]"
+        is_input = len(input_arrays) < len(program.inputs)
+        if is_input:
+            array = scope.free(f"{block}_{parameter}")
+            input_arrays.append(array)
+            declarations.append(f"    {array} : {_array_type(port.size, real)};")
+            loads += [loop, f"        {array}[{i}] := {entry};", "    END_FOR;"]
             continue
         allowed = real_literal(largest_entry(np.asarray(values)) * next(remaining_tolerances), precision)
         checks += [
             loop,
-            f"        {apart} := ABS({instance}.{port}[{i}] - {entry}) / {allowed};",
+            f"        {apart} := ABS({instance}.{parameter}[{i}] - {entry}) / {allowed};",
             f"        IF NOT ({apart} <= 1.0) THEN",
             "            Passed := FALSE;",
             "        END_IF;",
             f"        Worst := MAX(Worst, {apart});",
             "    END_FOR;",
         ]
-    assignments = ", ".join(f"{port} := {array}" for port, array in zip(ports, arrays, strict=False))
+    inputs_and_arrays = zip(parameters, input_arrays, strict=False)  # the inputs come first
+    assignments = ", ".join(f"{parameter} := {array}" for parameter, array in inputs_and_arrays)
     call = f"    {instance}({assignments});"
     return declarations, [f"FOR {k} := 0 TO {STATES - 1} DO", *loads, call, *checks, "END_FOR;"]
 
 
-def _codesys(name: str, block: str, request: Request) -> str:
+def _codesys_wrapper(name: str, block: str, request: Request) -> str:
     """Wrapper for CODESYS' SM3_Dynamics, to be completed by the user."""
-    inputs = [
-        f"    {parameter} : {_type(port.size, 'LREAL')};"
-        for parameter, port in zip(request.function.parameters, request.function.program.inputs, strict=False)
-    ]
-    assignments = ", ".join(f"{x} := {x}" for x in request.function.parameters[: len(inputs)])
-    (output,) = request.function.program.outputs
+    program = request.function.program
+    inputs = request.function.parameters[: len(program.inputs)]
+    declarations = []
+    for parameter, port in zip(inputs, program.inputs, strict=True):
+        declarations.append(f"    {parameter} : {_array_type(port.size, 'LREAL')};")
+    assignments = ", ".join(f"{parameter} := {parameter}" for parameter in inputs)
+    (output,) = program.outputs
     return "\n".join(
         [
             _comment([
@@ -359,8 +398,8 @@ def _codesys(name: str, block: str, request: Request) -> str:
             "",
             "(* Method of the block above. *)",
             "METHOD AxesStateToTorque",
-            *("VAR_INPUT", *inputs, "END_VAR"),
-            *("VAR_OUTPUT", f"    tau : {_type(output.size, 'LREAL')};", "END_VAR"),
+            *("VAR_INPUT", *declarations, "END_VAR"),
+            *("VAR_OUTPUT", f"    tau : {_array_type(output.size, 'LREAL')};", "END_VAR"),
             f"block({assignments});",
             "tau := block.tau;",
             "END_METHOD",

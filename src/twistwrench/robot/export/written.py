@@ -12,7 +12,7 @@ from ...mechanics.model.description import grouped
 
 
 class _Files(Answer):
-    """Written files of a robot: nothing is judged, and the truth of it is that of a list or tuple."""
+    """Written files of a robot. The answer is not a judgement; it is true if the list or tuple has entries."""
 
     path: Path
     """The file, the folder, or the main file."""
@@ -22,7 +22,7 @@ class _Files(Answer):
         return len(self) > 0
 
     def __len__(self) -> int:
-        raise NotImplementedError  # of the list or tuple that the class also is
+        raise NotImplementedError  # subclasses inherit it from list or tuple
 
     @property
     def robot_name(self) -> str:
@@ -38,7 +38,7 @@ class _Files(Answer):
 class Written(tuple[Path, ...], _Files):
     """Written files as a tuple of paths, and the answer of ``twistwrench export``; the verdict is DONE.
 
-    The truth of it is that of a tuple.
+    It is true if there are files, as a tuple is.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Written(tuple[Path, ...], _Files):
     """Command that compiles and runs the test program."""
 
     def __new__(cls, files: Iterable[Path], path: Path, robot: str, check: str = "") -> Written:
-        """Tuple of the files."""
+        """Make the tuple of the files."""
         written = super().__new__(cls, files)
         written.path, written._robot, written.check = path, robot, check
         return written
@@ -84,11 +84,12 @@ class Written(tuple[Path, ...], _Files):
         >>> Written.joined([one, other]).brief
         '2 files'
         """
-        first, *others = exports
-        if not others:
+        first = exports[0]
+        if len(exports) == 1:
             return first
         files = [file for export in exports for file in export]
-        return cls(files, first.path, first.robot_name, "".join(export.check for export in exports))
+        checks = "".join(export.check for export in exports)
+        return cls(files, first.path, first.robot_name, checks)
 
     def __getnewargs__(self) -> tuple[tuple[Path, ...], Path, str, str]:
         return tuple(self), self.path, self._robot, self.check
@@ -96,7 +97,7 @@ class Written(tuple[Path, ...], _Files):
     @property
     def brief(self) -> str:
         """Number of files."""
-        return f"{len(self)} file{'s' * (len(self) != 1)}"
+        return "1 file" if len(self) == 1 else f"{len(self)} files"
 
     def blocks(self) -> Iterator[Block]:
         """Verdict with the file or folder, the files, and how to check them.
@@ -114,7 +115,7 @@ class Written(tuple[Path, ...], _Files):
 class Saved(list[str], _Files):
     """Lost properties of a robot in a file, as a list of sentences, and the answer of ``twistwrench convert``.
 
-    The verdict is DONE; if ``strict``, UNSURE with lost properties. The truth of it is that of a list.
+    The verdict is DONE, or UNSURE if ``strict`` and properties are lost. It is true if properties are lost, as a list is.
 
     Parameters
     ----------
@@ -136,19 +137,24 @@ class Saved(list[str], _Files):
 
     def __init__(self, lost: Iterable[str], path: Path, robot: str, *, strict: bool = False) -> None:
         super().__init__(lost)
-        self.path, self._robot, self.strict = path, robot, strict
-        """The file, the robot's name, and True if lost properties count against the verdict."""
+        self.path = path
+        self._robot = robot
+        self.strict = strict
+        """True if lost properties count against the verdict."""
 
     @property
     def verdict(self) -> Verdict:
         """DONE, or UNSURE if ``strict`` and the format cannot represent everything."""
-        return Verdict(Word.UNSURE, (self._loss,)) if self and self.strict else super().verdict
+        if self and self.strict:
+            return Verdict(Word.UNSURE, (self._loss_text,))
+        return super().verdict
 
     @property
-    def _loss(self) -> str:
+    def _loss_text(self) -> str:
         if not self:
             return ""
-        return f"The format cannot represent {len(self)} propert{'y' if len(self) == 1 else 'ies'}"
+        properties = "1 property" if len(self) == 1 else f"{len(self)} properties"
+        return f"The format cannot represent {properties}"
 
     def blocks(self) -> Iterator[Block]:
         """Verdict with the file, and the lost properties.
@@ -157,6 +163,6 @@ class Saved(list[str], _Files):
         -------
         blocks : iterator of Block
         """
-        loss = f" {self._loss}." if self else ""
-        yield Headline(self.verdict.word, f"wrote {self.path}.{loss}", whole=True)
+        loss_sentence = f" {self._loss_text}." if self else ""
+        yield Headline(self.verdict.word, f"wrote {self.path}.{loss_sentence}", whole=True)
         yield from (f"lost: {sentence}" for sentence in grouped(self))

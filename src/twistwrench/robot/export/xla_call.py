@@ -1,4 +1,7 @@
-"""Kernels as in-place XLA calls on the CPU by the typed FFI."""
+"""Kernels as in-place XLA calls on the CPU by the typed FFI (foreign function interface).
+
+The structures repeat those of XLA's header ``c_api.h``.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +18,19 @@ import numpy as np
 from ...compiler.runtime.xla_handler import is_compiled, make_handler
 
 _DTYPES = {11: np.float32, 12: np.float64}
-"""XLA_FFI_DataType_F32 and F64."""
-_EXECUTE, _METADATA, _INTERNAL = 3, 1, 13
-"""XLA_FFI_ExecutionStage_EXECUTE, XLA_FFI_Extension_Metadata, XLA_FFI_Error_Code_INTERNAL."""
-_HEAD = (("size", c_size_t), ("extension", c_void_p))
-"""First fields of every structure."""
+"""Types by XLA_FFI_DataType: F32 and F64."""
+_EXECUTE_STAGE = 3
+"""XLA_FFI_ExecutionStage_EXECUTE."""
+_METADATA_EXTENSION = 1
+"""XLA_FFI_Extension_Metadata."""
+_INTERNAL_ERROR = 13
+"""XLA_FFI_Error_Code_INTERNAL."""
+_FIRST_FIELDS = (("size", c_size_t), ("extension", c_void_p))
+"""First fields of most structures."""
 
 
 class _Version(Structure):
-    _fields_ = (*_HEAD, ("major", c_int), ("minor", c_int))
+    _fields_ = (*_FIRST_FIELDS, ("major", c_int), ("minor", c_int))
 
 
 class _Metadata(Structure):
@@ -35,32 +42,35 @@ class _Extension(Structure):
 
 
 class _Buffer(Structure):
-    _fields_ = (*_HEAD, ("dtype", c_int32), ("data", c_void_p), ("rank", c_int64), ("dims", POINTER(c_int64)))
+    _fields_ = (*_FIRST_FIELDS, ("dtype", c_int32), ("data", c_void_p), ("rank", c_int64), ("dims", POINTER(c_int64)))
 
 
 class _Buffers(Structure):
-    _fields_ = (*_HEAD, ("count", c_int64), ("types", c_void_p), ("buffers", POINTER(POINTER(_Buffer))))
+    _fields_ = (*_FIRST_FIELDS, ("count", c_int64), ("types", c_void_p), ("buffers", POINTER(POINTER(_Buffer))))
 
 
 class _ErrorCreate(Structure):
-    _fields_ = (*_HEAD, ("message", c_char_p), ("code", c_int))
+    _fields_ = (*_FIRST_FIELDS, ("message", c_char_p), ("code", c_int))
 
 
 class _Api(Structure):
-    _fields_ = (*_HEAD, ("version", _Version), ("internal", c_void_p), ("error_create", c_void_p))
+    _fields_ = (*_FIRST_FIELDS, ("version", _Version), ("internal", c_void_p), ("error_create", c_void_p))
 
 
 class _CallFrame(Structure):
     _fields_ = (
-        *_HEAD, ("api", POINTER(_Api)), ("context", c_void_p), ("stage", c_int), ("args", _Buffers), ("rets", _Buffers),
+        *_FIRST_FIELDS, ("api", POINTER(_Api)), ("context", c_void_p), ("stage", c_int), ("args", _Buffers), ("rets", _Buffers),
     )  # fmt: skip
 
 
 _HANDLER = ctypes.CFUNCTYPE(c_void_p, POINTER(_CallFrame))
-_CREATE = ctypes.CFUNCTYPE(c_void_p, POINTER(_ErrorCreate))
+"""Type of a handler: call frame → address of an error, or None."""
+_ERROR_FUNCTION = ctypes.CFUNCTYPE(c_void_p, POINTER(_ErrorCreate))
+"""Type of XLA's function that makes an error."""
 _numbers = itertools.count()
+"""Numbers that distinguish the names of targets."""
 _targets: dict[tuple[int, str, bool], tuple[str, Any, Any]] = {}
-"""Targets with kernels and handlers, by kernel id, type and scalar flag.
+"""Names of targets with their kernels and handlers, by kernel id, type and scalar flag.
 
 They are never freed, because XLA keeps their addresses.
 """
@@ -73,50 +83,61 @@ def xla_target(jax: Any, name: str, kernel: Callable[..., Any], count: int, char
     """
     key = id(kernel), char, scalar
     if key not in _targets:
-        version = _version(jax)
+        version = _interface_version(jax)
         if is_compiled(kernel):
             handler: Any = make_handler(kernel, char, version, scalar=scalar)
             capsule = jax.ffi.pycapsule(ctypes.c_void_p(handler.address))
         else:
-            handler = _callback(name, kernel, count, version)
+            handler = _python_handler(name, kernel, count, version)
             capsule = jax.ffi.pycapsule(handler)
         target = f"twistwrench_{name}_{next(_numbers)}"
         jax.ffi.register_ffi_target(target, capsule, platform="cpu")
         _targets[key] = target, kernel, handler
-    return _targets[key][0]
+    target, _, _ = _targets[key]
+    return target
 
 
-def _callback(name: str, kernel: Callable[..., Any], count: int, version: tuple[int, int]) -> Any:
-    def run(pointer: Any) -> int | None:
-        frame = pointer.contents
+def _python_handler(name: str, kernel: Callable[..., Any], count: int, version: tuple[int, int]) -> Any:
+    """Handler that calls a kernel of Python with ``count`` inputs."""
+
+    def handle(frame_pointer: Any) -> int | None:
+        frame = frame_pointer.contents
         try:
-            query = _Extension.from_address(frame.extension) if frame.extension else None
-            if query is not None and query.type == _METADATA:  # XLA queries the version only
-                answer = query.metadata.contents.version
+            extension = _Extension.from_address(frame.extension) if frame.extension else None
+            if extension is not None and extension.type == _METADATA_EXTENSION:  # XLA queries the version only
+                answer = extension.metadata.contents.version
                 answer.major, answer.minor = version
-            elif frame.stage == _EXECUTE:
-                kernel(*_arrays(frame.args)[:count], out=tuple(_arrays(frame.rets)))
+            elif frame.stage == _EXECUTE_STAGE:
+                inputs = _arrays(frame.args)[:count]
+                kernel(*inputs, out=tuple(_arrays(frame.rets)))
         except Exception as error:  # exceptions must not propagate through C
-            failure = _ErrorCreate(ctypes.sizeof(_ErrorCreate), message=f"{name}: {error}".encode(), code=_INTERNAL)
-            address: int | None = _CREATE(frame.api.contents.error_create)(ctypes.byref(failure))
+            message = f"{name}: {error}".encode()
+            failure = _ErrorCreate(ctypes.sizeof(_ErrorCreate), message=message, code=_INTERNAL_ERROR)
+            make_error = _ERROR_FUNCTION(frame.api.contents.error_create)
+            address: int | None = make_error(ctypes.byref(failure))
             return address
         return None
 
-    return _HANDLER(run)
+    return _HANDLER(handle)
 
 
-def _version(jax: Any) -> tuple[int, int]:
-    """Version of the FFI interface in the header of the installed JAX."""
+def _interface_version(jax: Any) -> tuple[int, int]:
+    """Version of the FFI in the header of the installed JAX; 0.1 if the header does not tell it."""
     header = Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h").read_text(encoding="utf-8")
-    major, minor = (re.search(rf"#define XLA_FFI_API_{part} (\d+)", header) for part in ("MAJOR", "MINOR"))
-    return (int(major[1]), int(minor[1])) if major and minor else (0, 1)
+    major = re.search(r"#define XLA_FFI_API_MAJOR (\d+)", header)
+    minor = re.search(r"#define XLA_FFI_API_MINOR (\d+)", header)
+    if major is None or minor is None:
+        return 0, 1
+    return int(major[1]), int(minor[1])
 
 
 def _arrays(buffers: Any) -> Sequence[Any]:
+    """Arrays on the memory of XLA's buffers."""
     return [_array(buffers.buffers[k].contents) for k in range(buffers.count)]
 
 
 def _array(buffer: Any) -> Any:
+    """Array on the memory of a buffer, without a copy."""
     shape = tuple(buffer.dims[: buffer.rank])
     dtype: Any = np.dtype(_DTYPES[buffer.dtype])
     size = int(np.prod(shape)) * dtype.itemsize

@@ -42,39 +42,43 @@ def branches(
     """Branches of inverse kinematics; see :meth:`twistwrench.Robot.inverse_kinematics_branches`."""
     target = arguments.one(arguments.finite(T, "inverse_kinematics_branches: T", 4, 4), "T", 4, 4)
     starts = arguments.integer(starts, "starts")
-    chosen = row_numbers(rows)
-    if robot.nv > len(chosen) or robot.nq != robot.nv:
+    row_indices = row_numbers(rows)
+    if robot.nv > len(row_indices) or robot.nq != robot.nv:
         raise ValueRangeError(
-            f"robot {robot.name!r} has {robot.nv} velocities for {len(chosen)} rows, and branches need at most as many joints "
-            "of one degree as rows; otherwise a pose has curves of configurations. Lock joints (robot.lock), or use "
+            f"robot {robot.name!r} has {robot.nv} velocities for {len(row_indices)} rows, and branches need at most as many "
+            "joints of one degree as rows; otherwise a pose has curves of configurations. Lock joints (robot.lock), or use "
             "inverse_kinematics for one."
         )
     q0 = np.concatenate([robot.neutral[None], robot.random_configuration(rng, starts - 1)])
     result = robot.inverse_kinematics(target, frame, q0, rows=rows, restarts=0, angle=angle, distance=distance)
     solutions = np.flatnonzero(result.converged)
-    q = _unwound(robot, result.q[solutions])
-    J = robot.jacobian(q, frame)[:, chosen, :]
-    turning = np.array(chosen) < 3
-    levers = np.linalg.norm(J[:, ~turning], axis=1).max(axis=-1, initial=1.0)
-    kept: list[int] = []
+    q = _without_full_turns(robot, result.q[solutions])
+    J = robot.jacobian(q, frame)[:, row_indices, :]
+    is_angular = np.array(row_indices) < 3
+    lever_arms = np.linalg.norm(J[:, ~is_angular], axis=1).max(axis=-1, initial=1.0)
+    branch_indices: list[int] = []
     for k in range(len(q)):
-        difference = _apart(robot, q[k], q[kept])
-        V = (J[kept] @ difference[..., None])[..., 0]
-        identical = np.abs(difference).max(axis=-1, initial=0.0) < IDENTICAL_BELOW
-        equal = np.linalg.norm(V[:, turning], axis=1) <= MAX_EQUAL_DISPLACEMENT * angle
-        equal &= np.linalg.norm(V[:, ~turning], axis=1) <= MAX_EQUAL_DISPLACEMENT * distance * levers[kept]
-        if not (identical | equal).any():
-            kept.append(k)
-    singular_values = np.linalg.svd(J[kept], compute_uv=False) if kept else np.ones((0, 1))
-    singular = int((singular_values[:, -1] <= SINGULAR_VALUE_SHARE * singular_values[:, 0]).sum())
-    if singular > 1:
+        difference = _difference_without_turns(robot, q[k], q[branch_indices])
+        V = (J[branch_indices] @ difference[..., None])[..., 0]
+        is_identical = np.abs(difference).max(axis=-1, initial=0.0) < IDENTICAL_BELOW
+        max_distance = MAX_EQUAL_DISPLACEMENT * distance * lever_arms[branch_indices]
+        is_equal = np.linalg.norm(V[:, is_angular], axis=1) <= MAX_EQUAL_DISPLACEMENT * angle
+        is_equal &= np.linalg.norm(V[:, ~is_angular], axis=1) <= max_distance
+        if not (is_identical | is_equal).any():
+            branch_indices.append(k)
+    singular_values = np.ones((0, 1))
+    if branch_indices:
+        singular_values = np.linalg.svd(J[branch_indices], compute_uv=False)
+    is_singular = singular_values[:, -1] <= SINGULAR_VALUE_SHARE * singular_values[:, 0]
+    singular_count = int(is_singular.sum())
+    if singular_count > 1:
         warnings.warn(
-            f"inverse_kinematics_branches: {singular} of the {len(kept)} configurations are singular, so they may be points of "
-            "curves on which the frame stays, and not branches. Turn or move the pose a little.",
+            f"inverse_kinematics_branches: {singular_count} of the {len(branch_indices)} configurations are singular, so they "
+            "may be points of curves on which the frame stays, and not branches. Turn or move the pose a little.",
             ModelWarning,
             stacklevel=frames_to_user(),
         )
-    order = sorted(kept, key=lambda k: (float(np.abs(q[k]).max(initial=0.0)), k))
+    order = sorted(branch_indices, key=lambda k: (float(np.abs(q[k]).max(initial=0.0)), k))  # smallest angles first
     return select_poses(result, solutions[order], q[order])
 
 
@@ -89,14 +93,15 @@ def _full_turn_mask(robot: Robot) -> Array:
     return mask
 
 
-def _unwound(robot: Robot, q: Array) -> Array:
+def _without_full_turns(robot: Robot, q: Array) -> Array:
     """Remove full turns from q if the limits allow the smaller angle."""
-    turn = 2.0 * np.pi * _full_turn_mask(robot)
-    smaller = q - turn * np.round(q / (2.0 * np.pi))
-    fits = (smaller >= robot.limits.lower) & (smaller <= robot.limits.upper)
-    return np.where(fits, smaller, q)
+    period = 2.0 * np.pi * _full_turn_mask(robot)
+    smaller = q - period * np.round(q / (2.0 * np.pi))
+    is_inside = (smaller >= robot.limits.lower) & (smaller <= robot.limits.upper)
+    return np.where(is_inside, smaller, q)
 
 
-def _apart(robot: Robot, a: Array, b: Array) -> Array:
-    """Difference of two configurations modulo full turns."""
-    return (a - b) - 2.0 * np.pi * _full_turn_mask(robot) * np.round((a - b) / (2.0 * np.pi))
+def _difference_without_turns(robot: Robot, q1: Array, q0: Array) -> Array:
+    """Difference q1 - q0 of two configurations modulo full turns."""
+    period = 2.0 * np.pi * _full_turn_mask(robot)
+    return (q1 - q0) - period * np.round((q1 - q0) / (2.0 * np.pi))

@@ -35,8 +35,11 @@ MIN_POSES_AT_ONCE = 64
 """Smallest number of poses in one call, whatever the number of starts."""
 Frames = tuple[tuple[str, tuple[int, ...]], ...]
 """Frame names, each with rows of the frame's twist."""
-ATTEMPT_COUNT, OUTCOME, POSE_ERROR = 0, 1, 2
-"""Columns of a status. The outcome is 1 for a pose that was reached, 0 for one that was not, -1 or NaN for no valid pose."""
+ATTEMPT_COUNT, OUTCOME, POSE_ERROR, FIRST_ROW = 0, 1, 2, 3
+"""Columns of a status. The outcome is 1 for a pose that was reached, 0 for one that was not, -1 or NaN for no valid pose.
+
+From ``FIRST_ROW`` on follow the errors of the frames' rows, the gaps of the loops, and 1 for each joint held by a limit.
+"""
 _TOLERANCE_MARGIN = 1e-9
 """Margin below 1 of squared tolerances, against rounding errors."""
 

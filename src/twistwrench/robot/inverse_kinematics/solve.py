@@ -20,7 +20,7 @@ from ...core.typing import Array
 from ...mechanics.algorithms.kinematics import row_numbers
 from ...mechanics.lie import se3, so3
 from ...mechanics.model.configurations import random_configuration
-from .search import Frames, PoseSearch, SinglePose
+from .search import ATTEMPT_COUNT, FIRST_ROW, OUTCOME, Frames, PoseSearch, SinglePose
 
 if TYPE_CHECKING:
     from ..constraints.loop_closure_solver import LoopClosureSolver
@@ -45,48 +45,51 @@ class PoseRequest:
 class IKResult:
     """Result of inverse kinematics: for each pose, the configuration that reaches it or the nearest one found.
 
-    Leading axes are those of the poses.
+    The leading axes (...) are those of the poses.
     """
 
     q: Array
     """(..., nq): best configuration found, inside the limits; nan if the pose is nan."""
 
     _status: Array
+    """Status of each pose by the search; see its columns, such as :data:`OUTCOME`."""
     _request: PoseRequest
-    _refused: Mapping[tuple[int, ...], str] | None = None
-    """Reasons why configurations that reach their poses were rejected."""
+    _rejection_reasons: Mapping[tuple[int, ...], str] | None = None
+    """Reasons why configurations that reach their poses were rejected, by index of the pose."""
 
     @property
     def converged(self) -> Array:
         """(...) of bool: True if the pose is reached to the tolerances."""
-        return np.asarray(self._status[..., 1] > 0.0)
+        return np.asarray(self._status[..., OUTCOME] > 0.0)
 
     @property
     def angle(self) -> Array:
         """(...) rad, remaining angle; ``angle``, ``distance`` and ``converged`` refer to ``q`` before rounding to float32."""
-        return self._length(turning=True)
+        return self._remaining_error(angular=True)
 
     @property
     def distance(self) -> Array:
         """(...) m, remaining distance between the origins of frame and pose, or along the selected rows."""
-        return self._length(turning=False)
+        return self._remaining_error(angular=False)
 
     @property
     def gap(self) -> Array:
         """(...) rad or m, largest gap of the loops of a closed robot; zero for an open one."""
-        first = 3 + len(self.rows)
-        return np.asarray(np.abs(self._status[..., first : first + self._request.loops]).max(axis=-1, initial=0.0))
+        first = FIRST_ROW + len(self.rows)
+        gaps = self._status[..., first : first + self._request.loops]
+        return np.asarray(np.abs(gaps).max(axis=-1, initial=0.0))
 
     @property
     def starts(self) -> Array:
         """(...) of int: number of starts used."""
-        return np.asarray(self._status[..., 0].astype(int))
+        return np.asarray(self._status[..., ATTEMPT_COUNT].astype(int))
 
     @property
     def held(self) -> Array:
         """(..., nv) of bool: joints whose limits prevent a smaller error."""
-        held: Array = self._status[..., self._status.shape[-1] - len(self.joint_names) :] > 0.5
-        return held & ~self.converged[..., None]
+        first = self._status.shape[-1] - len(self.joint_names)
+        is_at_limit: Array = self._status[..., first:] > 0.5  # 0.0 or 1.0
+        return is_at_limit & ~self.converged[..., None]
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -98,18 +101,22 @@ class IKResult:
         """Selected rows of the twist, 0 to 5."""
         return tuple(row for rows in self._request.frames for row in rows)
 
-    def _length(self, *, turning: bool) -> Array:
-        """Norm of the remaining angles, or of the distances between the origins."""
-        squares, first = np.zeros(self._status.shape[:-1]), 3
+    def _remaining_error(self, *, angular: bool) -> Array:
+        """Norm of the remaining angles, or of the distances between the origins, over all frames."""
+        sum_of_squares = np.zeros(self._status.shape[:-1])
+        first = FIRST_ROW
         for rows in self._request.frames:
             error = self._status[..., first : first + len(rows)]
             first += len(rows)
-            if len(rows) == 6 and not turning:  # the twist's linear part is longer than the distance if it also turns
-                error = np.concatenate([error[..., :3], se3.exp(error)[..., :3, 3]], axis=-1)
+            if len(rows) == 6 and not angular:
+                # The linear part of a twist with rotation is longer than the distance, so that exp([V]) is needed.
+                displacement = se3.exp(error)[..., :3, 3]
+                error = np.concatenate([error[..., :3], displacement], axis=-1)
             for k, row in enumerate(rows):
-                if (row < 3) == turning:
-                    squares = squares + error[..., k] ** 2
-        return np.asarray(np.sqrt(squares), self.q.dtype)
+                is_angular = row < 3
+                if is_angular == angular:
+                    sum_of_squares = sum_of_squares + error[..., k] ** 2
+        return np.asarray(np.sqrt(sum_of_squares), self.q.dtype)
 
     def reason(self, *index: int) -> str:
         """Reason why a pose was not reached, as text.
@@ -131,12 +138,14 @@ class IKResult:
         """
         if bool(self.converged[index]):
             return ""
-        if self._refused and index in self._refused:
-            return self._refused[index]
-        d, a = float(self.distance[index]), float(self.angle[index])
-        if np.isnan(d) or np.isnan(a):
+        if self._rejection_reasons and index in self._rejection_reasons:
+            return self._rejection_reasons[index]
+        distance = float(self.distance[index])
+        angle = float(self.angle[index])
+        if np.isnan(distance) or np.isnan(angle):
             return "the pose has entries that are not numbers"
-        nearest = f"the nearest found is {printed(d, 3)} m and {printed(a, 3)} rad away, after {int(self.starts[index])} starts"
+        error_text = f"{printed(distance, 3)} m and {printed(angle, 3)} rad away"
+        nearest = f"the nearest found is {error_text}, after {int(self.starts[index])} starts"
         gap = float(self.gap[index])
         if gap > _MIN_REPORTED_GAP:
             nearest += f", with loops open by {printed(gap, 3)} (rad or m)"
@@ -167,39 +176,43 @@ def clear_of_links(
     targets: Array,
     search: Callable[[Array, Array], IKResult],
     clearance: Callable[[Array], Any],
-    least: float,
+    min_distance: float,
     starts: Array,
 ) -> IKResult:
-    """Solutions whose links keep a distance ``least`` [m]: as found, else the nearest of those from other starts (k, nq).
+    """Result whose solutions keep a distance ``min_distance`` [m] between links.
 
-    ``targets`` are the poses, their leading axes those of q; ``search`` solves one pose from many starts. Poses without
-    such a solution count as not reached.
+    A solution that does not is replaced by the nearest sufficient one from other ``starts`` (k, nq). A pose without
+    such a solution counts as not reached. ``targets`` are the poses, with the leading axes of q. ``search`` solves one
+    pose from many starts.
     """
-    q, status, refused = result.q.copy(), result._status.copy(), dict[tuple[int, ...], str]()
+    q, status = result.q.copy(), result._status.copy()
+    rejection_reasons: dict[tuple[int, ...], str] = {}
     for entry in np.argwhere(result.converged):
         index = tuple(entry.tolist())
         closest = clearance(q[index])
-        if closest.distance >= least:
+        if closest.distance >= min_distance:
             continue
         others = search(targets[index], starts)
         solutions = np.flatnonzero(others.converged)
-        clear = solutions[clearance(others.q[solutions]).distance >= least]
-        status[index][0] += len(starts)
-        if len(clear):
-            nearest = clear[np.abs(others.q[clear] - q[index]).max(axis=1).argmin()]
-            q[index], status[index][1:] = others.q[nearest], others._status[nearest][1:]
+        sufficient = solutions[clearance(others.q[solutions]).distance >= min_distance]
+        status[index][ATTEMPT_COUNT] += len(starts)
+        if len(sufficient):
+            largest_joint_distances = np.abs(others.q[sufficient] - q[index]).max(axis=1)
+            nearest = sufficient[largest_joint_distances.argmin()]
+            q[index] = others.q[nearest]
+            status[index][OUTCOME:] = others._status[nearest][OUTCOME:]
             continue
-        status[index][1] = 0.0
-        apart = f"{printed(closest.distance, 3)} m apart" if closest.distance > 0 else "in contact"
-        refused[index] = (
-            f"reached, but {' and '.join(closest.pair)} are {apart} there, and {printed(least)} m are required; none of "
-            f"{len(solutions)} other solutions from {len(starts)} starts keeps it"
+        status[index][OUTCOME] = 0.0
+        gap_text = f"{printed(closest.distance, 3)} m apart" if closest.distance > 0 else "in contact"
+        rejection_reasons[index] = (
+            f"reached, but {' and '.join(closest.pair)} are {gap_text} there, and {printed(min_distance)} m are required; "
+            f"none of {len(solutions)} other solutions from {len(starts)} starts keeps it"
         )
-    return IKResult(q, status, result._request, refused)
+    return IKResult(q, status, result._request, rejection_reasons)
 
 
-# The steps are in :mod:`..algorithms.newton_step`. The whole search is compiled, with samples side by side. A joint at
-# its limit leaves the step and returns when the step moves it inwards. Poses not yet reached restart from other
+# Newton steps are in :mod:`..algorithms.newton_step`. The whole search is compiled, with samples side by side. A joint
+# at its limit is left out of the steps until a step would move it inwards. Poses not yet reached restart from other
 # configurations, the nearest ones first. The result for a pose does not depend on the other poses of the batch.
 # Everything is computed in float64; results for float32 poses and starts are rounded at the end.
 
@@ -228,71 +241,76 @@ def solve(
 
     ``loops``: loops of a closed robot to close at the same time.
     """
-    searches, key = robot.engine.single_poses, None
+    # Calls with plain options take a fast path from the third one on; this part takes a large share of its time.
+    remembered_searches, memory_key = robot.engine.single_poses, None
     plain = (frame is None or type(frame) is str) and (rows is None or type(rows) is str) and not nearest
     if plain and loops is None and type(rng) is int and type(restarts) is int and type(angle) is float:
-        key = frame, rows, restarts, rng, angle, distance
-        remembered = searches.get(key)
+        memory_key = frame, rows, restarts, rng, angle, distance
+        remembered = remembered_searches.get(memory_key)
         if remembered is not None:
-            solution = remembered[0].solve(T, q0)
+            single_pose, request = remembered
+            solution = single_pose.solve(T, q0)
             if solution is not None:
-                return IKResult(solution[0], solution[1], remembered[1])
+                return IKResult(solution[0], solution[1], request)
     request, search, settings = _checked_request(robot, frame, rows, restarts, rng, angle, distance, loops)
-    core = search.target_shape
-    if len(core) == 2 and frame is not None and not isinstance(frame, str):  # a sequence with one name
-        target = arguments.real(T, "inverse_kinematics: T", 1, *core)[..., 0, :, :]
+    restart_count, _, tolerances = settings
+    target_shape = search.target_shape
+    is_list_of_one_frame = len(target_shape) == 2 and frame is not None and not isinstance(frame, str)
+    if is_list_of_one_frame:
+        target = arguments.real(T, "inverse_kinematics: T", 1, *target_shape)[..., 0, :, :]
     else:
-        target = arguments.real(T, "inverse_kinematics: T", *core)
-    kind = target.dtype
+        target = arguments.real(T, "inverse_kinematics: T", *target_shape)
+    result_type = target.dtype
     if q0 is None:
         start = robot.neutral
         if loops is not None:
             start = loops.start
     else:
         start = arguments.finite(q0, "inverse_kinematics: q0", robot.nq, names=robot.coordinate_names)
-        kind = np.result_type(kind, start)
-    shape = _batch_shape(target, start, core)
-    start = np.broadcast_to(start, (*shape, robot.nq)).reshape(-1, robot.nq)
+        result_type = np.result_type(result_type, start)
+    batch_shape = _batch_shape(target, start, target_shape)
+    start = np.broadcast_to(start, (*batch_shape, robot.nq)).reshape(-1, robot.nq)
     exact_target = target
     if target.dtype != float:
         exact_target = _rigid(target)
-    poses = np.broadcast_to(exact_target, (*shape, *core)).reshape(-1, *core)
+    poses = np.broadcast_to(exact_target, (*batch_shape, *target_shape)).reshape(-1, *target_shape)
     q, status = search.best(poses, start, *settings)
-    unsolved = ~(status[:, 1] >= 0.0)
-    if unsolved.any():  # not rigid, or not to the last digit
-        rigid = _rigid(target, (*shape, *core)).reshape(-1, *core)[unsolved]
-        q[unsolved], status[unsolved] = search.best(rigid, start[unsolved], *settings)
-        invalid = ~np.isfinite(status[:, 1])
-        q[invalid], status[invalid] = np.nan, np.nan
-        status[invalid, 0] = 0.0
-    elif key is not None and not shape and settings[0] <= PLACES:
-        _remember_search(searches, key, search, settings, request)
+    unsolved = ~(status[:, OUTCOME] >= 0.0)  # NaN too
+    if unsolved.any():  # these poses are not rigid, or not to the last digit
+        rigid_poses = _rigid(target, (*batch_shape, *target_shape)).reshape(-1, *target_shape)
+        q[unsolved], status[unsolved] = search.best(rigid_poses[unsolved], start[unsolved], *settings)
+        invalid = ~np.isfinite(status[:, OUTCOME])
+        q[invalid] = np.nan
+        status[invalid] = np.nan
+        status[invalid, ATTEMPT_COUNT] = 0.0
+    elif memory_key is not None and not batch_shape and restart_count <= PLACES:
+        _remember_search(remembered_searches, memory_key, search, settings, request)
     if nearest:
-        q, status = search.nearest(_rigid(poses), start, (q, status), settings[2])
+        q, status = search.nearest(_rigid(poses), start, (q, status), tolerances)
     if loops is not None:
         q, status = _close_loops(search, _frames(robot, frame, rows), loops, poses, (q, status))
-    q = search.round_to_type(q.reshape(*shape, robot.nq), kind)
-    return IKResult(q, status.reshape(*shape, -1), request)
+    q = search.round_to_type(q.reshape(*batch_shape, robot.nq), result_type)
+    return IKResult(q, status.reshape(*batch_shape, -1), request)
 
 
 def _remember_search(
-    searches: dict[Any, Any], key: Any, search: PoseSearch, settings: tuple[int, int, tuple[float, float]],
+    remembered_searches: dict[Any, Any], key: Any, search: PoseSearch, settings: tuple[int, int, tuple[float, float]],
     request: PoseRequest,
 ) -> None:  # fmt: skip
-    """Remember options of a call for one pose; from their second call on, with its fast path if there is one."""
-    if len(searches) >= MAX_REMEMBERED_OPTIONS and key not in searches:
-        searches.clear()
+    """Remember the options of a call for one pose. At their second call, its fast path is stored if there is one."""
+    if len(remembered_searches) >= MAX_REMEMBERED_OPTIONS and key not in remembered_searches:
+        remembered_searches.clear()
     remembered = None
-    if key in searches:
+    if key in remembered_searches:
         single = SinglePose(search, *settings)
         if single.call is not None:
             remembered = single, request
-    searches[key] = remembered
+    remembered_searches[key] = remembered
 
 
-def _batch_shape(target: Array, start: Array, core: tuple[int, ...]) -> tuple[int, ...]:
-    """Broadcast leading axes of poses and start configurations; raises ShapeError."""
-    shape = target.shape[: -len(core)]
+def _batch_shape(target: Array, start: Array, target_shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Broadcast leading axes of poses (..., *target_shape) and start configurations (..., nq); raises ShapeError."""
+    shape = target.shape[: -len(target_shape)]
     if start.shape[:-1] == shape:
         return shape
     try:
@@ -304,9 +322,12 @@ def _batch_shape(target: Array, start: Array, core: tuple[int, ...]) -> tuple[in
 
 
 def pose_finder(robot: Robot, frame: str | None, tolerance: float) -> Callable[[Array, Array], Array | None]:
-    """Solver for the configuration near q at a pose, in a few steps that meet no limit; returns None otherwise."""
-    single = SinglePose(_search(robot, _frames(robot, frame, None)), 0, _draw_seed(0), (tolerance, tolerance))
-    return single.near_by
+    """Function (T, q) that returns the configuration near q at the pose T.
+
+    It returns None if the search takes more than a few steps or meets a limit.
+    """
+    search = _search(robot, _frames(robot, frame, None))
+    return SinglePose(search, 0, _draw_seed(0), (tolerance, tolerance)).near_by
 
 
 def _checked_request(
@@ -319,17 +340,17 @@ def _checked_request(
     distance: Any,
     loops: LoopClosureSolver | None,
 ) -> tuple[PoseRequest, PoseSearch, tuple[int, int, tuple[float, float]]]:
-    """Validate the options; returns the request, its search, and restarts, seed and tolerances."""
+    """Validate the options; returns the request, its search, and (restarts, seed, tolerances)."""
     frames = _frames(robot, frame, rows)
     try:
-        count = operator.index(restarts)
+        restart_count = operator.index(restarts)
         if type(rng) is int and rng >= 0:
             seed = _draw_seed(rng)
         else:
             seed = int(np.random.default_rng(rng).integers(2**63))
     except (TypeError, ValueError):
-        count = seed = -1
-    if count < 0:
+        restart_count = seed = -1  # raises the error below
+    if restart_count < 0:
         raise ValueRangeError(
             f"restarts={arguments.value_text(restarts)}, rng={arguments.value_text(rng)}: give a whole number of at least 0, "
             "and a seed."
@@ -344,9 +365,10 @@ def _checked_request(
             f"robot {robot.name!r} has no joint that moves, so it reaches one pose only. Lock fewer joints."
         )
     search = _search(robot, frames, loops)
-    loop_rows = 0 if loops is None else len(loops.kinds)
-    request = PoseRequest(robot.model.velocity_names, tuple(own_rows for _, own_rows in frames), loop_rows)
-    return request, search, (count, seed, (angle, distance * max(1.0, search.length)))
+    loop_row_count = 0 if loops is None else len(loops.kinds)
+    request = PoseRequest(robot.model.velocity_names, tuple(own_rows for _, own_rows in frames), loop_row_count)
+    tolerances = angle, distance * max(1.0, search.length)  # large robots: relative to their length
+    return request, search, (restart_count, seed, tolerances)
 
 
 def _rigid(target: Array, shape: tuple[int, ...] = ()) -> Array:
@@ -365,9 +387,10 @@ def _draw_seed(seed: int) -> int:
 
 def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
     """Frames by name, each with its rows."""
-    single = frame is None or isinstance(frame, str)
-    names = [frame] if single else list(frame)
-    if not names or not (single or all(isinstance(name, str) for name in names)):
+    is_single = frame is None or isinstance(frame, str)
+    names = [frame] if is_single else list(frame)
+    is_valid = is_single or all(isinstance(name, str) for name in names)
+    if not names or not is_valid:
         raise ValueRangeError(f"frame={frame!r}: give the name of a link, or several, one for each pose.")
     if len(set(names)) < len(names):
         raise ValueRangeError(f"frame={frame!r}: a frame is there twice.")
@@ -375,21 +398,23 @@ def _frames(robot: Robot, frame: Any, rows: Any) -> Frames:
         raise ValueRangeError(f"rows={rows!r}: its keys must be among the given frames, {names!r}.")
     frames = []
     for name in names:
-        robot.model.frame(name)
-        own_rows = row_numbers(rows.get(name) if isinstance(rows, Mapping) else rows)
-        frames.append((str(robot.model.tip if name is None else name), own_rows))
+        robot.model.frame(name)  # raises an error for an unknown name
+        rows_of_frame = rows.get(name) if isinstance(rows, Mapping) else rows
+        known_name = robot.model.tip if name is None else name
+        frames.append((str(known_name), row_numbers(rows_of_frame)))
     return tuple(frames)
 
 
 def _search(robot: Robot, frames: Frames, loops: LoopClosureSolver | None = None) -> PoseSearch:
     """Search of a robot for the given frames and rows, created once and cached."""
 
-    def jacobians(frame: str) -> list[Array]:
+    def sample_jacobians(frame: str) -> list[Array]:
         samples = random_configuration(robot.model, np.random.default_rng(0), (8,))
         return [robot.engine.reference("jacobian", (q,), {"frame": frame}) for q in samples]
 
     def build() -> PoseSearch:
-        J = np.array([jacobians(name) for name, _ in frames])
+        J = np.array([sample_jacobians(name) for name, _ in frames])
+        # Largest displacement of a frame per radian or metre of a joint.
         farthest = float(np.linalg.norm(J[..., 3:, :], axis=-2).max(initial=0.0))
         poses = tuple(robot.engine.kernel(("forward_kinematics",), {"frame": name}) for name, _ in frames)
         return PoseSearch(robot.model, frames, farthest, poses, robot.engine.kernel(("subtract",), {}), loops)
@@ -404,34 +429,38 @@ def _close_loops(
     """Close the loops near configurations q (n, nq) whose poses were not reached; returns q and the search's status."""
     q, status = solution
     finite = np.flatnonzero(np.isfinite(q).all(axis=-1))
-    count = sum(len(own_rows) for _, own_rows in frames)
-    gap_columns = slice(3 + count, 3 + count + len(loops.kinds))
-    status[finite, gap_columns], largest_gap = loops.search_gaps(q[finite])
-    failed = finite[~((status[finite, 1] > 0.0) & (largest_gap <= MAX_LOOP_GAP))]
-    status[failed, 1] = 0.0
-    near = loops.close(q[failed])
-    closed = (loops.search_gaps(near)[1] <= MAX_LOOP_GAP) & (search.inside(near) == near).all(axis=-1)
-    rows = failed[closed]
-    q[rows] = near[closed]
-    status[rows, gap_columns] = loops.search_gaps(q[rows])[0]
-    if len(rows):
+    row_count = sum(len(own_rows) for _, own_rows in frames)
+    row_columns = slice(FIRST_ROW, FIRST_ROW + row_count)
+    gap_columns = slice(row_columns.stop, row_columns.stop + len(loops.kinds))
+    status[finite, gap_columns], largest_gaps = loops.search_gaps(q[finite])
+    is_reached = (status[finite, OUTCOME] > 0.0) & (largest_gaps <= MAX_LOOP_GAP)
+    failed = finite[~is_reached]
+    status[failed, OUTCOME] = 0.0
+    q_closed = loops.close(q[failed])
+    _, largest_gaps = loops.search_gaps(q_closed)
+    is_inside = (search.inside(q_closed) == q_closed).all(axis=-1)
+    is_usable = (largest_gaps <= MAX_LOOP_GAP) & is_inside
+    replaced = failed[is_usable]
+    q[replaced] = q_closed[is_usable]
+    status[replaced, gap_columns], _ = loops.search_gaps(q[replaced])
+    if len(replaced):
         frame_targets = np.moveaxis(targets.reshape(len(q), -1, 4, 4), 1, 0)
         errors = []
         for (_, own_rows), poses, target in zip(frames, search.poses, frame_targets, strict=True):
-            errors.append(twist_left(poses(q[rows]), target[rows], own_rows))
-        status[rows, 3 : 3 + count] = np.concatenate(errors, axis=-1)
+            errors.append(twist_left(poses(q[replaced]), target[replaced], own_rows))
+        status[replaced, row_columns] = np.concatenate(errors, axis=-1)
     return q, status
 
 
-def twist_left(T: Array, target: Array, chosen: tuple[int, ...]) -> Array:
-    """Body twist V with T exp([V]) = target, MR section 6.2; for some rows, angular and linear part separately.
+def twist_left(T: Array, target: Array, rows: tuple[int, ...]) -> Array:
+    """Body twist V with T exp([V]) = target, MR section 6.2; (n, 4, 4), (n, 4, 4) → (n, number of rows).
 
-    (n, 4, 4), (n, 4, 4) → (n, r).
+    If only some of the six rows are selected, they are those of the rotation vector and the displacement instead.
     """
     R, p = T[:, :3, :3], T[:, :3, 3]
     R_inverse = np.swapaxes(R, -1, -2)
     rotation = so3.project(R_inverse @ target[:, :3, :3])
     displacement = (R_inverse @ (target[:, :3, 3] - p)[..., None])[..., 0]
-    if len(chosen) == 6:
+    if len(rows) == 6:
         return np.asarray(se3.log(se3.pose(rotation, displacement)))
-    return np.take(np.concatenate([so3.log(rotation), displacement], axis=-1), chosen, axis=1)
+    return np.take(np.concatenate([so3.log(rotation), displacement], axis=-1), rows, axis=1)

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 # The key of a robot consists of the bytes of its file, the options of loading, and the versions of this library, Python
 # and NumPy. Only URDF robots are cached, because they are read from one file. Warnings are cached too, and issued at
-# each loading. The model is built from the bytes that were read, once more than the cached kernels is needed.
+# each loading. The model is built from the bytes of the file as soon as cached kernels do not suffice.
 
-_PLAIN = (str, int, float, bool, type(None))
+_PLAIN_TYPES = (str, int, float, bool, type(None))
 """Types of options that their text identifies."""
 
 
@@ -51,20 +51,25 @@ def known_file(source: object, options: Mapping[str, Any]) -> CacheEntry | None:
     """Cache entry of a robot file; None without a cache or for anything but plain URDF (xacro includes other files)."""
     if not isinstance(source, str | os.PathLike) or not str(source).endswith(".urdf"):
         return None
-    written = _options_text(options)
+    options_text = _options_text(options)
+    if options_text is None:
+        return None
     try:
-        folder = object_cache.folder() if written is not None and Path(source).is_file() else None
-        if written is None or folder is None:
+        folder = object_cache.folder() if Path(source).is_file() else None
+        if folder is None:
             return None
-        data = getattr(source, "data", None) or read_bytes(Path(source))  # of a RobotFile, which may be loaded twice
+        # A RobotFile has its bytes as data, since it may be loaded twice.
+        data = getattr(source, "data", None) or read_bytes(Path(source))
         version = _version()
     except (OSError, ValueError):  # reported by the loader; or the library is in an archive
         return None
-    if b"<robot" not in data or any(other in data for other in (b"<mujoco", b"<sdf", b"xacro:", b"${")):
+    has_other_format = any(mark in data for mark in (b"<mujoco", b"<sdf", b"xacro:", b"${"))
+    if b"<robot" not in data or has_other_format:
         return None
-    key = object_cache.digest("robot", version, os.fspath(source), written, data).hex()
+    key = object_cache.digest("robot", version, os.fspath(source), options_text, data).hex()
     entry = object_cache.load(key, folder)
-    return CacheEntry(data, key, None if entry is None else _remarks(entry))
+    remarks = None if entry is None else _remarks(entry)
+    return CacheEntry(data, key, remarks)
 
 
 def _remarks(entry: bytes) -> tuple[str, ...] | None:
@@ -85,14 +90,17 @@ def keep_file(known: CacheEntry, remarks: Sequence[str]) -> None:
 
 def kernel_key(origin: str, names: Sequence[str], options: Mapping[str, Any]) -> str:
     """Cache key of a kernel; empty if the kernel is not cached."""
-    written = _options_text({**options, "names": tuple(names)}) if origin else None
-    if written is None:
+    if not origin:
+        return ""
+    options_text = _options_text({**options, "names": tuple(names)})
+    if options_text is None:
         return ""
     import llvmlite
 
     from ...compiler.lowering.target_machine import chosen, compiler
 
-    return object_cache.digest("kernel", origin, written, llvmlite.__version__, compiler().version, str(chosen())).hex()
+    compiler_versions = llvmlite.__version__, compiler().version, str(chosen())
+    return object_cache.digest("kernel", origin, options_text, *compiler_versions).hex()
 
 
 @cache
@@ -101,25 +109,31 @@ def _version() -> str:
 
     Raises OSError if the library is not in a folder, for example in an archive.
     """
-    files, folders = [], [str(Path(__file__).parents[2])]
-    while folders:
-        with os.scandir(folders.pop()) as entries:
+    file_texts = []
+    remaining_folders = [str(Path(__file__).parents[2])]
+    while remaining_folders:
+        with os.scandir(remaining_folders.pop()) as entries:
             for entry in entries:
                 if entry.name.endswith((".py", ".pyc")):  # .pyc files count if the library has no sources
                     status = entry.stat()
-                    files.append(f"{entry.path} {status.st_size} {status.st_mtime_ns}")
+                    file_texts.append(f"{entry.path} {status.st_size} {status.st_mtime_ns}")
                 elif "." not in entry.name and entry.name != "__pycache__" and entry.is_dir():
-                    folders.append(entry.path)
-    return "\n".join([sys.version, np.__version__, *sorted(files)])
+                    remaining_folders.append(entry.path)
+    return "\n".join([sys.version, np.__version__, *sorted(file_texts)])
 
 
 def _options_text(options: Mapping[str, Any]) -> str | None:
-    """Options that are not None as text; None if one is not a plain value."""
-    values = {name: value for name, value in sorted(options.items()) if value is not None}
-    return repr(values) if _is_plain(values) else None
+    """Text of the options that are not None; None if one is not a plain value."""
+    given_options = {name: value for name, value in sorted(options.items()) if value is not None}
+    if not _is_plain(given_options):
+        return None
+    return repr(given_options)
 
 
 def _is_plain(value: Any) -> bool:
+    """True for plain values, and for dicts, lists and tuples of them."""
     if type(value) is dict:
-        return all(type(name) is str and _is_plain(x) for name, x in value.items())
-    return type(value) in _PLAIN or (type(value) in (list, tuple) and all(map(_is_plain, value)))
+        return all(type(name) is str and _is_plain(element) for name, element in value.items())
+    if type(value) in (list, tuple):
+        return all(map(_is_plain, value))
+    return type(value) in _PLAIN_TYPES

@@ -1,4 +1,4 @@
-"""exp and log of rotations and rigid motions as kernels."""
+"""Kernels of exp and log of rotations and rigid motions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SHAPES = {
     "rotation_log": ((3, 3), (3,)),
     "pose_log": ((4, 4), (6,)),
 }
-"""Types of inputs and results."""
+"""Shapes of input and result by function."""
 
 
 class ExponentialKernel:
@@ -33,7 +33,7 @@ class ExponentialKernel:
         return kernel, (self.name,)
 
     def __call__(self, x: Array) -> tuple[Array, Any]:
-        """Result for x (..., n), and the flag that marks valid rows."""
+        """Result for x, of one row or of many, and the number by which the caller judges whether a row is valid."""
         if x.ndim > len(self.input_shape):
             with np.errstate(all="ignore"):
                 results: tuple[Array, Array] = self._many(x)
@@ -42,22 +42,29 @@ class ExponentialKernel:
         return row[:-1].reshape(self.result_shape), row[-1]
 
     def slower(self, x: Array) -> Array:
-        """Calls that the builtin passes on: a float32 row or a row that is not contiguous."""
+        """Result for a row that the builtin does not take: of float32, or not contiguous."""
         with np.errstate(all="ignore"):
             return np.asarray(self._flat(x))
 
     @cached_property
     def _one(self) -> Callable[[Array], Array]:
+        """Function of one row: result and number in one array."""
         from ...compiler.runtime.dispatch import make_call
 
         return make_call(self._flat, self.slower, self.name) or self.slower
 
     @cached_property
     def _flat(self) -> Any:
-        return self._compile(lambda x: np.concatenate([np.ravel(part) for part in self._function(x)]), ["row"])
+        """Kernel that returns result and number in one array."""
+
+        def flat_function(x: Array) -> Array:
+            return np.concatenate([np.ravel(output) for output in self._function(x)])
+
+        return self._compile(flat_function, ["row"])
 
     @cached_property
     def _many(self) -> Any:
+        """Kernel for any number of rows."""
         return self._compile(self._function, ["result", "measure"])
 
     @property

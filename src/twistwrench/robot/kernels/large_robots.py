@@ -24,10 +24,14 @@ from ..quantities import QUANTITIES
 if TYPE_CHECKING:
     from ..engine import Engine
 
-# Unrolled, the solutions are half of all instructions; a humanoid's 60,000 instructions exceed processor caches.
+# Forward-dynamics derivatives solve M x = c for each column c of ∂τ. Unrolled, the solutions are half of all
+# instructions; a humanoid's 60,000 instructions exceed processor caches. A loop over the columns avoids this.
 
 COLUMN_LOOP_FROM = 20
-"""Number of pairs of a velocity and one of a joint it carries, from which a loop is faster (bench/NOTES.md)."""
+"""Number of pairs of a velocity and a velocity of another joint that it carries, from which a loop is faster.
+
+Source: bench/NOTES.md.
+"""
 
 FORWARD_DERIVATIVES = "forward_dynamics_derivatives"
 
@@ -38,44 +42,52 @@ def _is_alone(requested: Mapping[str, Mapping[str, Any]], name: str) -> bool:
 
 
 def columns_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> ColumnSolve | None:
-    """Program and its columns; None for short programs and other quantities."""
+    """Forward-dynamics derivatives as a loop over columns; None for short programs and other quantities."""
     if not _is_alone(requested, FORWARD_DERIVATIVES):
         return None
     carries, bodies = joint_pair_factors.relations(model)
-    if int((carries & (bodies[:, None] != bodies)).sum()) < COLUMN_LOOP_FROM:
+    carries_other_joint = carries & (bodies[:, None] != bodies)
+    if int(carries_other_joint.sum()) < COLUMN_LOOP_FROM:
         return None
     quantity = replace(QUANTITIES[FORWARD_DERIVATIVES], algorithm=torque_derivatives_and_factors)
-    regrouped_model, options = regrouped(model), requested[FORWARD_DERIVATIVES]
+    regrouped_model = regrouped(model)
+    options = requested[FORWARD_DERIVATIVES]
 
-    def parts(*arrays: Array) -> Any:
+    def derivatives_and_factors(*arrays: Array) -> Any:
         return evaluate_quantity(quantity, regrouped_model, list(arrays), options)
 
-    program = trace(parts, inputs_of(model, FORWARD_DERIVATIVES, options), [*quantity.outputs, "W", "D"])
-    return ColumnSolve(program, 2, tuple(_groups(program, model.nv)))
+    inputs = inputs_of(model, FORWARD_DERIVATIVES, options)
+    program = trace(derivatives_and_factors, inputs, [*quantity.outputs, "W", "D"])
+    return ColumnSolve(program, 2, tuple(_column_groups(program, model.nv)))
 
 
-def _groups(program: Program, n: int) -> list[ColumnGroup]:
-    """Nonzero columns of ∂τ, grouped by the rows in which they are nonzero."""
-    nonzero = ~np.array(program.zeros[: 2 * n * n]).reshape(2, n, n)
+def _column_groups(program: Program, n: int) -> list[ColumnGroup]:
+    """Nonzero columns of ∂τ, grouped by the rows in which they are nonzero.
+
+    The program's results are three matrices (n, n), of which the first two are ∂τ, and then the factor W (n, n) and D.
+    """
+    is_nonzero = ~np.array(program.zeros[: 2 * n * n]).reshape(2, n, n)
     columns_by_rows: dict[tuple[bool, ...], list[tuple[int, int]]] = {}
-    for matrix, column in np.argwhere(nonzero.any(axis=1)).tolist():
-        rows = tuple(nonzero[matrix, :, column].tolist())
+    for matrix, column in np.argwhere(is_nonzero.any(axis=1)).tolist():
+        rows = tuple(is_nonzero[matrix, :, column].tolist())
         columns_by_rows.setdefault(rows, []).append((matrix, column))
-    factor = [program.instructions[r] for r in program.results[3 * n * n : 4 * n * n]]
-    varies = np.array([x.op != "const" for x in factor]).reshape(n, n)
-    constant = np.array([x.value for x in factor]).reshape(n, n)
+    factor_entries = [program.instructions[result] for result in program.results[3 * n * n : 4 * n * n]]
+    varies = np.array([entry.op != "const" for entry in factor_entries]).reshape(n, n)
+    constant = np.array([entry.value for entry in factor_entries]).reshape(n, n)
 
-    def solution(rows: tuple[bool, ...]) -> Program:
+    def solution_program(rows: tuple[bool, ...]) -> Program:
+        """Program that solves for a column that is zero in all other rows."""
+
         def solve(W: Array, D: Array, x: Array) -> Array:
             return accelerations(np.where(varies, W, constant), D, np.where(rows, x, 0.0))
 
         return trace(solve, [("W", (n, n)), ("D", (n,)), ("x", (n,))], ["solution"])
 
-    return [ColumnGroup(solution(rows), tuple(columns)) for rows, columns in columns_by_rows.items()]
+    return [ColumnGroup(solution_program(rows), tuple(columns)) for rows, columns in columns_by_rows.items()]
 
 
-# Unrolled, the solutions alone take about 2 nv³ operations a state: 3.4 million instructions for a chain of 100 links,
-# beyond the limit of a trace.
+# Unrolled, the solutions alone take about 2 nv³ operations a state. These are 3.4 million instructions for a chain of 100
+# links, beyond the limit of a trace. LAPACK therefore solves for the derivatives of such robots.
 
 LAPACK_FROM = 64
 """Number of velocities from which derivatives are computed by LAPACK; unrolled, they would take a million operations."""
@@ -96,9 +108,10 @@ class LapackDerivatives:
         self.__name__ = FORWARD_DERIVATIVES
         self.__doc__ = f"{FORWARD_DERIVATIVES} of {engine.model.name}, from its mass matrix and ∂τ."
         n = engine.model.nv
-        inputs = str(self._acceleration.signature).split("->")[0]
+        inputs, _ = str(self._acceleration.signature).split("->")
         self.signature = f"{inputs}->({n},{n}),({n},{n}),({n},{n})"
-        self.nin, self.nout = self._acceleration.nin, 3
+        self.nin = self._acceleration.nin
+        self.nout = 3
 
     def __repr__(self) -> str:
         return f"<LapackDerivatives {self.signature}>"
@@ -107,12 +120,14 @@ class LapackDerivatives:
         """Evaluate on arrays whose last axes match the signature."""
         ddq = self._acceleration(*args)  # validates the arguments, as all kernels do
         q, dq, _, *wrenches = args
-        by_q, by_dq = self._torque_derivatives(q, dq, ddq, *wrenches)
-        inverse = _inverse(self._mass(q).astype(ddq.dtype, copy=False))
-        results = -(inverse @ by_q), -(inverse @ by_dq), np.broadcast_to(inverse, by_q.shape)
+        tau_by_q, tau_by_dq = self._torque_derivatives(q, dq, ddq, *wrenches)
+        M_inverse = _inverse(self._mass(q).astype(ddq.dtype, copy=False))
+        ddq_by_q = -(M_inverse @ tau_by_q)
+        ddq_by_dq = -(M_inverse @ tau_by_dq)
+        ddq_by_tau = np.broadcast_to(M_inverse, tau_by_q.shape)
         if out is None:
-            return results[0], results[1], results[2].copy()
-        for target, result in zip(out, results, strict=True):
+            return ddq_by_q, ddq_by_dq, ddq_by_tau.copy()
+        for target, result in zip(out, (ddq_by_q, ddq_by_dq, ddq_by_tau), strict=True):
             target[...] = result
         return out
 
@@ -137,65 +152,84 @@ MAX_OVERESTIMATE = 3
 
 
 @dataclass(frozen=True)
-class _Looped:
-    """One quantity: the products that compose it, and its estimated length when unrolled."""
+class _PairLoops:
+    """Matrices of one quantity whose entries are products of two factors, and their estimated length when unrolled."""
 
     factors: Callable[..., tuple[Array, ...]]
+    """Algorithm that returns the factors."""
     before: tuple[tuple[int, int], ...]
+    """By matrix, the indices of the two factors of entries whose row's joint carries the column's."""
     after: tuple[tuple[int, int], ...]
-    """By matrix, the factors of entries whose row's joint carries the column's, and of all other entries."""
-    added: tuple[Callable[[Model], Array] | None, ...]
+    """By matrix, the indices of the two factors of all other entries."""
+    constant_parts: tuple[Callable[[Model], Array] | None, ...]
     """By matrix, its constant part."""
     symmetric: bool
-    for_a_joint: int
-    for_a_pair: int
-    """Instructions per velocity, and per pair of one velocity and another that it carries."""
+    instructions_per_velocity: int
+    instructions_per_pair: int
+    """Instructions per pair of one velocity and another that it carries."""
 
 
-_LOOPED = {
-    "mass_matrix": _Looped(
-        joint_pair_factors.mass_matrix_factors, ((0, 1),), ((2, 3),), (joint_pair_factors.constant_mass,), True, 60, 27
+_PAIR_LOOPS = {
+    "mass_matrix": _PairLoops(
+        factors=joint_pair_factors.mass_matrix_factors,
+        before=((0, 1),),
+        after=((2, 3),),
+        constant_parts=(joint_pair_factors.constant_mass,),
+        symmetric=True,
+        instructions_per_velocity=60,
+        instructions_per_pair=27,
     ),
-    "inverse_dynamics_derivatives": _Looped(
-        joint_pair_factors.derivative_factors, ((0, 1), (0, 2)), ((3, 4), (3, 5)),
-        (joint_pair_factors.constant_stiffness, None), False, 230, 106,
+    "inverse_dynamics_derivatives": _PairLoops(
+        factors=joint_pair_factors.derivative_factors,
+        before=((0, 1), (0, 2)),
+        after=((3, 4), (3, 5)),
+        constant_parts=(joint_pair_factors.constant_stiffness, None),
+        symmetric=False,
+        instructions_per_velocity=230,
+        instructions_per_pair=106,
     ),
-}  # fmt: skip
+}
 
 
 def products_of(model: Model, requested: Mapping[str, Mapping[str, Any]]) -> Products | Program | None:
     """Loops for one quantity; its unrolled program if that is short enough; None for other quantities."""
-    (name, options), *_ = requested.items()
-    looped = _LOOPED.get(name)
-    if looped is None or not _is_alone(requested, name):
+    name, options = next(iter(requested.items()))
+    loops = _PAIR_LOOPS.get(name)
+    if loops is None or not _is_alone(requested, name):
         return None
     from ...compiler.lowering.product_loop import MIN_MATRIX_SIZE
 
     if model.nv < MIN_MATRIX_SIZE or not joint_pair_factors.joints_are_independent(model):
         return None
     carries, bodies = joint_pair_factors.relations(model)
-    estimated = looped.for_a_joint * model.nv + looped.for_a_pair * int(carries.sum())
-    if estimated < PAIR_LOOP_FROM:
+    estimated_length = loops.instructions_per_velocity * model.nv + loops.instructions_per_pair * int(carries.sum())
+    if estimated_length < PAIR_LOOP_FROM:
         return None
-    if estimated < MAX_OVERESTIMATE * PAIR_LOOP_FROM:
+    if estimated_length < MAX_OVERESTIMATE * PAIR_LOOP_FROM:  # the estimate does not decide
         unrolled = program_of_several(model, requested)
         if len(unrolled.instructions) < PAIR_LOOP_FROM:
             return unrolled
-    below = carries.T
-    if looped.symmetric:  # of two velocities of one body, each pair once
-        same_body = bodies[:, None] == bodies
-        below = below & ~(same_body & np.triu(np.ones_like(same_body), 1))
-    relations = np.where(below, AFTER, np.where(carries, BEFORE, NEITHER))
-    quantity, regrouped_model = replace(QUANTITIES[name], algorithm=looped.factors), regrouped(model)
+    is_carried = carries.T
+    if loops.symmetric:  # each pair of two velocities of one body once
+        is_same_body = bodies[:, None] == bodies
+        is_above_diagonal = np.triu(np.ones_like(is_same_body), 1)
+        is_carried = is_carried & ~(is_same_body & is_above_diagonal)
+    relations = np.where(is_carried, AFTER, np.where(carries, BEFORE, NEITHER))
+    quantity = replace(QUANTITIES[name], algorithm=loops.factors)
+    regrouped_model = regrouped(model)
 
     def factors(*arrays: Array) -> Any:
         return evaluate_quantity(quantity, regrouped_model, list(arrays), options)
 
-    count = len(set(chain(*looped.before, *looped.after)))
-    program = trace(factors, inputs_of(model, name, options), [f"factor {k}" for k in range(count)])
+    factor_count = len(set(chain(*loops.before, *loops.after)))
+    program = trace(factors, inputs_of(model, name, options), [f"factor {k}" for k in range(factor_count)])
     matrices = []
-    for output, before, after, added in zip(quantity.outputs, looped.before, looped.after, looped.added, strict=True):
-        constant = np.zeros((model.nv, model.nv)) if added is None else added(regrouped_model)
-        entries = tuple((int(r), int(c), float(constant[r, c])) for r, c in np.argwhere(constant))
+    pairs_and_constants = zip(quantity.outputs, loops.before, loops.after, loops.constant_parts, strict=True)
+    for output, before, after, constant_part in pairs_and_constants:
+        entries: tuple[tuple[int, int, float], ...] = ()
+        if constant_part is not None:
+            constant = constant_part(regrouped_model)
+            rows_and_columns = np.argwhere(constant).tolist()
+            entries = tuple((row, column, float(constant[row, column])) for row, column in rows_and_columns)
         matrices.append(Product(output, before, after, entries))
     return Products(program, tuple(matrices), tuple(map(tuple, relations.tolist())))

@@ -40,12 +40,13 @@ _MAX_LISTED_LINKS = 12
 def options_of(name: str) -> tuple[str, ...]:
     """Options of a quantity; raises UnknownNameError."""
     if name not in QUANTITIES:
-        if hint := other_name_hint(str(name)):
+        hint = other_name_hint(str(name))
+        if hint:
             raise UnknownNameError(f"no quantity named {name!r}: {hint}.")
         raise UnknownNameError.from_choices("quantity", name, QUANTITIES)
-    own = QUANTITIES[name].options
-    on_robot = ("on_robot",) if "wrenches" in own else ()
-    return (*own, *on_robot, "parameters", *DERIVATIVE_OPTIONS)
+    own_options = QUANTITIES[name].options
+    on_robot = ("on_robot",) if "wrenches" in own_options else ()
+    return (*own_options, *on_robot, "parameters", *DERIVATIVE_OPTIONS)
 
 
 def options_by_quantity(model: Model, names: Sequence[str], options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -56,13 +57,13 @@ def options_by_quantity(model: Model, names: Sequence[str], options: Mapping[str
         raise KernelError(f"a quantity is given twice: {', '.join(names)}. Name each once.")
     if len(names) == 1:
         return {names[0]: checked_options(model, names[0], options)}
-    allowed = {name: options_of(name) for name in names}
+    allowed_by_quantity = {name: options_of(name) for name in names}
     for option in options:
-        if all(option not in own for own in allowed.values()):
+        if all(option not in allowed for allowed in allowed_by_quantity.values()):
             raise KernelError(f"none of {', '.join(names)} takes an option {option!r}.")
     checked = {}
-    for name, own in allowed.items():
-        applicable = {option: value for option, value in options.items() if option in own}
+    for name, allowed in allowed_by_quantity.items():
+        applicable = {option: value for option, value in options.items() if option in allowed}
         checked[name] = checked_options(model, name, applicable)
     return checked
 
@@ -75,51 +76,52 @@ def checked_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
             raise KernelError(f"{name} takes no option {option!r}; it takes {', '.join(allowed)}.")
     if name == "christoffel":
         _require_plain_rates(model)
-    full: dict[str, Any] = {}
+    complete_options: dict[str, Any] = {}
     if "frame" in allowed:
         frame = options.get("frame")
         model.frame(frame)
-        full["frame"] = model.tip if frame is None else frame
+        complete_options["frame"] = model.tip if frame is None else frame
     if options.get("gravity") is not None:
         if not isinstance(options["gravity"], str) or options["gravity"] != "input":
             raise KernelError(
                 f"{name}: gravity={options['gravity']!r} is not allowed. 'input' makes gravity the kernel's last input; "
                 "for another constant one, robot.with_gravity."
             )
-        full["gravity"] = "input"
+        complete_options["gravity"] = "input"
     if options.get("friction"):
-        full["friction"] = True
+        complete_options["friction"] = True
     if "kind" in allowed:
-        full["kind"] = options.get("kind", "body")
-        if full["kind"] not in kinematics.KINDS:
-            if meant := kinematics.PINOCCHIO.get(str(full["kind"]).upper()):
+        complete_options["kind"] = options.get("kind", "body")
+        if complete_options["kind"] not in kinematics.KINDS:
+            kind = str(complete_options["kind"])
+            own_name = kinematics.PINOCCHIO.get(kind.upper())
+            if own_name:
                 raise UnknownNameError(
-                    f"no kind named {str(full['kind'])!r}: Pinocchio's name for kind={meant!r}, which has angular rows first."
+                    f"no kind named {kind!r}: Pinocchio's name for kind={own_name!r}, which has angular rows first."
                 )
-            raise UnknownNameError.from_choices("kind", full["kind"], kinematics.KINDS)
+            raise UnknownNameError.from_choices("kind", complete_options["kind"], kinematics.KINDS)
     if "rows" in allowed:
         if model.nv == 0:
             raise KernelError(f"{name}: robot {model.name!r} has no joint that moves.")
-        full["rows"] = kinematics.row_numbers(options.get("rows"))
+        complete_options["rows"] = kinematics.row_numbers(options.get("rows"))
     if "constraints" in allowed:
-        full["constraints"] = _constraints(name, options.get("constraints", ()))
+        complete_options["constraints"] = _constraints(name, options.get("constraints", ()))
     if "wrenches" in allowed:
-        full |= _wrench_options(model, name, options)
+        complete_options |= _wrench_options(model, name, options)
     if options.get("parameters"):
-        full["parameters"] = matching(model, _names_tuple(options["parameters"]))
+        complete_options["parameters"] = matching(model, _names_tuple(options["parameters"]))
     if QUANTITIES[name].needs_mass:
-        _require_mass(model, name, full.get("parameters", ()))
-    without_inputs = [option for option in DERIVATIVE_OPTIONS if option in options and option != "by"]
+        _require_mass(model, name, complete_options.get("parameters", ()))
+    options_of_derivative = [option for option in DERIVATIVE_OPTIONS if option in options and option != "by"]
     if options.get("by") is not None:
-        by, form, mode, values = (options.get(option, usual) for option, usual in DERIVATIVE_OPTIONS.items())
-        full["derivative"] = Derivative.from_inputs(
-            name, tuple(input_shapes(model, name, full)), by, form, mode, values
-        )
-    elif without_inputs:
+        by, form, mode, values = (options.get(option, default) for option, default in DERIVATIVE_OPTIONS.items())
+        inputs = tuple(input_shapes(model, name, complete_options))
+        complete_options["derivative"] = Derivative.from_inputs(name, inputs, by, form, mode, values)
+    elif options_of_derivative:
         raise KernelError(
-            f"{name}: {without_inputs[0]}= is of a derivative; name the inputs to differentiate by, as in by='q'."
+            f"{name}: {options_of_derivative[0]}= is of a derivative; name the inputs to differentiate by, as in by='q'."
         )
-    return full
+    return complete_options
 
 
 def _names_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
@@ -138,21 +140,27 @@ def _wrench_options(model: Model, name: str, options: Mapping[str, Any]) -> dict
         model.frame(frame)
     if len(set(frames)) < len(frames):
         raise KernelError(f"{name}: a frame is named twice in wrenches={frames}. Add its wrenches up first.")
-    if stray := [frame for frame in on_robot if frame not in frames]:
-        raise KernelError(f"{name}: on_robot names {stray[0]!r}, which is not in wrenches={frames}.")
-    return {"wrenches": frames, "on_robot": on_robot} if on_robot else {"wrenches": frames}
+    for frame in on_robot:
+        if frame not in frames:
+            raise KernelError(f"{name}: on_robot names {frame!r}, which is not in wrenches={frames}.")
+    if on_robot:
+        return {"wrenches": frames, "on_robot": on_robot}
+    return {"wrenches": frames}
 
 
-def _constraints(name: str, value: Any) -> tuple[constraints.Constraint, ...]:
-    if not isinstance(value, tuple) or not value or not all(isinstance(c, constraints.Constraint) for c in value):
+def _constraints(name: str, option: Any) -> tuple[constraints.Constraint, ...]:
+    """Option ``constraints``, checked."""
+    is_tuple = isinstance(option, tuple) and len(option) > 0
+    if not is_tuple or not all(isinstance(constraint, constraints.Constraint) for constraint in option):
         raise KernelError(
             f"{name} needs constraints=(…,), a tuple of those of a closed robot: robot.close(…).constraints, "
-            f"got {value!r}."
+            f"got {option!r}."
         )
-    return value
+    return option
 
 
 def _require_plain_rates(model: Model) -> None:
+    """Raise ValueRangeError for a joint whose velocities are not the rates of its coordinates."""
     for body in model.bodies:
         if not body.joint.plain_rates:
             raise ValueRangeError(
@@ -162,7 +170,9 @@ def _require_plain_rates(model: Model) -> None:
 
 
 def _require_mass(model: Model, name: str, parameters: Sequence[str]) -> None:
-    if not model.bodies or any(x.endswith(".mass") for x in parameters):
+    """Raise ValueRangeError if no moving body has mass, unless masses are inputs of the kernel."""
+    has_mass_inputs = any(parameter.endswith(".mass") for parameter in parameters)
+    if not model.bodies or has_mass_inputs:
         return
     if all(body.inertia.mass == 0 for body in model.bodies):
         links = [body.link for body in model.bodies]
@@ -175,12 +185,13 @@ def _require_mass(model: Model, name: str, parameters: Sequence[str]) -> None:
 
 
 def input_shapes(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, Shape]:
-    """Inputs of one quantity, in the order of its algorithm."""
-    ports = dict(QUANTITIES[name].shapes(model))
+    """Shapes of a quantity's inputs by name, in the order of its algorithm."""
+    shapes = dict(QUANTITIES[name].shapes(model))
     for frame in options.get("wrenches", ()):
-        ports[f"wrench at {frame}"] = (6,)
+        shapes[f"wrench at {frame}"] = (6,)
     if "gravity" in options:
-        ports["gravity"] = (3,)
-    if names := options.get("parameters", ()):
-        ports["parameters"] = (len(names),)
-    return ports
+        shapes["gravity"] = (3,)
+    parameters = options.get("parameters", ())
+    if parameters:
+        shapes["parameters"] = (len(parameters),)
+    return shapes
