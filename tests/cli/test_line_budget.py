@@ -15,7 +15,7 @@ from robot_files import FILES, NONE
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.answers.blocks import Headline, Remark, Table, numbers, words
-from twistwrench.core.answers.terminal import MOST_LINES, TerminalTable, as_text, renderable
+from twistwrench.core.answers.terminal import MAX_LINES, TerminalTable, as_text, renderable
 from twistwrench.core.errors import TwistWrenchError
 from twistwrench.core.verdict import Word
 
@@ -54,7 +54,7 @@ def printed_lines(command: str) -> list[str]:
 @pytest.mark.parametrize("name", BUNDLED)
 def test_a_command_prints_at_most_45_lines(name):
     lines = printed_lines(BUNDLED[name])
-    assert 0 < len(lines) <= MOST_LINES
+    assert 0 < len(lines) <= MAX_LINES
     assert not [line for line in lines if cell_len(line.rstrip()) > 80]
 
 
@@ -80,7 +80,7 @@ def test_names_of_any_length_leave_a_short_form_of_45_lines(length, joints, tmp_
     path = tmp_path / "arm.urdf"
     path.write_text(arm_with_names_of(length, joints))
     lines = printed_lines(f"info {path}")
-    assert 0 < len(lines) <= MOST_LINES
+    assert 0 < len(lines) <= MAX_LINES
     text = "".join(" ".join(lines).split())
     for joint in tw.load(path).joint_names[:2]:
         assert all(part in text for part in joint.split("_"))
@@ -105,7 +105,7 @@ def test_a_command_prints_at_most_45_lines_for_any_robot(name, tmp_path, monkeyp
     for command in OF_ANY_ROBOT:
         typed = command.format(robot=shlex.quote(str(path)), pose=",".join(map(str, pose)))
         count = len(printed_lines(typed))
-        if count > MOST_LINES:
+        if count > MAX_LINES:
             long[command] = count
     assert not long
 
@@ -125,7 +125,7 @@ def test_long_tables_share_the_lines_that_are_left():
         Table(title, words("joint", names), numbers("peak", share), most=12, by=share) for title in ("a", "b", "c")
     ]
     text = as_text([Headline(Word.OK, "all limits kept."), *tables, Remark("A note.")])
-    assert len(text.splitlines()) <= MOST_LINES
+    assert len(text.splitlines()) <= MAX_LINES
     assert text.count("joint_29") == 3
     assert text.count("more below") == 3
 

@@ -156,7 +156,7 @@ def test_log_info_of_a_folder_reports_what_cannot_be_read(folder):
 
 def test_a_scheduler_that_is_not_there(folder, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("twistwrench.core.third_party.workers._PATIENCE", 0.5)
+    monkeypatch.setattr("twistwrench.core.third_party.workers._CONNECTION_TIMEOUT", 0.5)
     result = run("identify", "planar_2r", folder / "log1.csv", "--scheduler", "tcp://127.0.0.1:9")
     assert result.exit_code == 2 and "no Dask scheduler answers at 'tcp://127.0.0.1:9'" in result.output
     both = run("identify", "planar_2r", folder / "log1.csv", "--scheduler", "tcp://127.0.0.1:9", "--workers", 2)

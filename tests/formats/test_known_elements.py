@@ -14,7 +14,7 @@ import pytest
 from robot_files import BESIDE, FILES
 
 import twistwrench as tw
-from twistwrench.formats.known_elements import KNOWN, NO_MECHANICS, OTHERS, READ, LeftOut, Unread
+from twistwrench.formats.known_elements import ALL_OTHERS, KNOWN, NO_MECHANICS, READ, LeftOut, Unread
 
 URDF = """<robot name="r">
 <link name="base"/>
@@ -111,7 +111,7 @@ def rows_with(kind: object) -> list[object]:
             found += [
                 pytest.param(form, tag, name, entry, id=f"{form} {tag} {name}")
                 for name, entry in row.items()
-                if name != OTHERS
+                if name != ALL_OTHERS
                 and (tag, name) != ("world", "<model>")
                 and (entry is kind if isinstance(kind, str) else isinstance(entry, LeftOut))
             ]
@@ -228,7 +228,7 @@ def without_lines(found):
 @pytest.mark.parametrize("form", TEXTS)
 def test_names_in_no_row_are_remarked_wherever_something_is_read(form, whole):
     for tag, row in KNOWN[form].items():
-        if OTHERS in row:
+        if ALL_OTHERS in row:
             continue
         for name in ("<qqqq>", "qqqq"):
             said, defects = answer(switched_on(form, tag, name, "3"))
@@ -280,7 +280,7 @@ def test_the_table_of_mjcf_has_every_name_that_mujoco_reads():
 @pytest.mark.parametrize("tag", sorted({one.tag for one in ET.fromstring(MJCF).iter()}))
 def test_names_of_mjcf_in_no_table_are_remarked(tag):
     before = loaded(MJCF).defects
-    for name in ("<strnge>",) if OTHERS in KNOWN["MJCF"].get(tag, {}) else ("strnge", "<strnge>"):
+    for name in ("<strnge>",) if ALL_OTHERS in KNOWN["MJCF"].get(tag, {}) else ("strnge", "<strnge>"):
         root = ET.fromstring(MJCF)
         one = next(root.iter(tag))
         if name == "strnge":

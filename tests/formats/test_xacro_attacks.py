@@ -310,7 +310,7 @@ BOMBS = {
 
 @pytest.mark.parametrize("bomb", BOMBS)
 def test_expansion_ends_in_time_and_memory(bomb, tmp_path, monkeypatch):
-    monkeypatch.setattr(room, "SECONDS", 0.4)
+    monkeypatch.setattr(room, "MAX_SECONDS", 0.4)
     text, words = BOMBS[bomb]
     path = tmp_path / "bomb.xacro"
     path.write_text(f"{HEAD}{text}</robot>")

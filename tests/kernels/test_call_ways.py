@@ -198,18 +198,18 @@ def test_an_option_that_is_left_out_has_its_default_whatever_was_asked_for_befor
 
 
 def test_more_ways_than_stand_in_a_row_still_work(monkeypatch):
-    monkeypatch.setattr(dispatch, "MOST_IN_A_ROW", 4)
+    monkeypatch.setattr(dispatch, "MAX_CHAIN_LENGTH", 4)
     robot = tw.robots.panda()
     q = robot.random_configuration(3)
     expected = {frame: robot.kernel("jacobian", frame=frame)(q) for frame in robot.frame_names}
-    assert len(expected) > dispatch.MOST_IN_A_ROW
+    assert len(expected) > dispatch.MAX_CHAIN_LENGTH
     for _ in range(3):
         for frame in robot.frame_names:
             same(robot.jacobian(q, frame=frame), expected[frame])
     way, count = robot.jacobian, 0
     while dispatch.is_made_here(way):
         way, count = way.__self__.kept["fallback"], count + 1
-    assert count == dispatch.MOST_IN_A_ROW
+    assert count == dispatch.MAX_CHAIN_LENGTH
 
 
 def test_friction_is_an_option(direct):

@@ -26,7 +26,7 @@ EM_AARCH64, WRITABLE, GOT = 183, 1, 9
 
 
 def objects(program, precision=DOUBLE) -> list[bytes]:
-    return [jit._object(text, chosen())[1] for text in modules(program, precision, chosen())]
+    return [jit._object_code(text, chosen())[1] for text in modules(program, precision, chosen())]
 
 
 @pytest.fixture(scope="module")

@@ -50,7 +50,7 @@ def windows() -> Machine:
 
 
 def objects(program, precision=DOUBLE) -> list[bytes]:
-    return [jit._object(text, windows())[1] for text in modules(program, precision, windows())]
+    return [jit._object_code(text, windows())[1] for text in modules(program, precision, windows())]
 
 
 @pytest.fixture

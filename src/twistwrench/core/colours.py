@@ -16,18 +16,18 @@ NEAR_LIMIT = 0.8
 
 
 class Style(StrEnum):
-    """Meaning of a colour. A word or a bar beside it says the same."""
+    """Meaning of a colour. A word or a bar beside the colour always has the same meaning."""
 
     OVER = "over"
-    """Beyond a limit, fault, contradiction, collision."""
+    """Value beyond a limit, fault, contradiction or collision."""
     NEAR = "near"
-    """From 80 % of a limit to the limit; unsure; warning."""
+    """Value from 80 % of a limit to the limit, unsure verdict or warning."""
     GOOD = "good"
     """Judged, and within the limits."""
     POINTED = "pointed"
     """Joint or link that a sentence names."""
     QUIET = "quiet"
-    """Not judged, without a limit, remark."""
+    """Value that was not judged or has no limit; remark."""
     STRONG = "strong"
     """Emphasis without a colour."""
 
@@ -41,13 +41,13 @@ class Colour:
     terminal: str
     """Name of a colour or attribute of ANSI terminals."""
     light: str
-    """Text on light pages."""
+    """Colour of text on light pages, as #rrggbb."""
     dark: str
-    """Text on dark pages."""
+    """Colour of text on dark pages, as #rrggbb."""
     plot: str
-    """Lines of plots."""
+    """Colour of lines in plots, as #rrggbb."""
     scene: tuple[float, float, float]
-    """Red, green, blue from 0 to 1 of links in pictures and in the viewer."""
+    """Colour of links in pictures and in the viewer: red, green and blue from 0 to 1."""
 
 
 COLOURS: Mapping[Style, Colour] = MappingProxyType(
@@ -59,11 +59,11 @@ COLOURS: Mapping[Style, Colour] = MappingProxyType(
         Style.QUIET: Colour("grey", "dim", "#5b6672", "#a3afbc", "#6b7079", (0.45, 0.52, 0.62)),
     }
 )
-"""Colours that carry a meaning; on white and on dark paper their text has a contrast of at least 4.5 : 1."""
+"""Colours that carry a meaning; text in them has a contrast of at least 4.5 : 1 on light and on dark pages."""
 
 
 def strong(style: Style) -> str:
-    """Emphasised style of a piece of text.
+    """Emphasised style of a piece of text, as names separated by a space.
 
     Examples
     --------
@@ -85,11 +85,13 @@ def word_style(word: str) -> str:
         return str(Style.STRONG)
     if word == Word.OK:
         return strong(Style.GOOD)
-    return strong(Style.NEAR if word in (Word.UNSURE, Word.CONTACT) else Style.OVER)
+    if word in (Word.UNSURE, Word.CONTACT):
+        return strong(Style.NEAR)
+    return strong(Style.OVER)
 
 
 def terminal_style(names: str) -> str:
-    """Style of the terminal for the style of a piece of text.
+    """Terminal's names of colours and attributes for the style of a piece of text.
 
     Examples
     --------
@@ -100,7 +102,9 @@ def terminal_style(names: str) -> str:
 
 
 def page_colours() -> str:
-    """Style sheet with the colours as variables of a page, on light and on dark screens.
+    """Style sheet with the colours as variables of a page, for light and for dark screens.
+
+    Paper is white, so print has the light colours even if the screen is dark.
 
     Examples
     --------

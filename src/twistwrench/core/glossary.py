@@ -1,8 +1,8 @@
 """Wording of standard arguments and errors, and functions that insert it into docstrings.
 
-A docstring lists only unusual arguments. :func:`complete` at the end of a module, the page generator and the wheel build add
-the other arguments of the signature and their errors from here. This module does not import the library, so that the build can
-load it alone.
+In the source, a docstring lists only unusual arguments. :func:`complete` at the end of a module adds the other arguments of the
+signature and their errors from the tables here, and so do the page generator and the wheel build. This module does not import
+the library, so that the build can load it alone.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ ENTRIES: Mapping[str, str] = {
     "wrench_by_robot": "{frame: (6,)}, optional, wrenches (m, f) the robot applies, each in its frame [N m, N]",
     "wrench_on_robot": "{frame: (6,)}, optional, wrenches (m, f) the world applies to the robot, each in its frame [N m, N]",
 }
-"""Wording of each parameter."""
+"""Wording of each parameter, by its name."""
 
 ROOMS: Mapping[str, Mapping[str, str]] = {
     "algorithms": {
@@ -213,21 +213,21 @@ ROOMS: Mapping[str, Mapping[str, str]] = {
         "speed": "float, playback speed relative to real time",
     },
 }
-"""Wording that replaces the general one in one package."""
+"""Wording that replaces the general one within a package, by names of the package and the parameter."""
 
-_WRENCH = ("UnknownNameError", "A wrench acts on a frame that the robot does not have.")
-_LISTS = "The lists do not describe a chain, or array sizes do not match it."
+_WRENCH_ERROR = ("UnknownNameError", "A wrench acts on a frame that the robot does not have.")
+_LISTS_ERROR = "The lists do not describe a chain, or array sizes do not match it."
 ERRORS: Mapping[str, tuple[tuple[str, str], ...]] = {
-    "Mlist": (("ShapeError, ModelError, InertiaError", _LISTS),),
+    "Mlist": (("ShapeError, ModelError, InertiaError", _LISTS_ERROR),),
     "q": (("ShapeError", "The last axes are not the robot's sizes, or batch shapes do not broadcast."),),
     "frame": (
         ("UnknownNameError", "The robot has no such frame."),
         ("FrameError", "No frame is named, and the robot has no single tip."),
     ),
-    "wrench_by_robot": (_WRENCH,),
-    "wrench_on_robot": (_WRENCH,),
+    "wrench_by_robot": (_WRENCH_ERROR,),
+    "wrench_on_robot": (_WRENCH_ERROR,),
 }
-"""Errors of a parameter with the general wording."""
+"""Classes of errors and their causes, by the parameter that causes them; only where it has the general wording."""
 
 RETURNS: Mapping[str, str] = {
     "Averaged": "scaling : Averaged",
@@ -299,28 +299,30 @@ SECTIONS = (
 def complete_docstring(doc: str, names: Sequence[str], room: str, result: str = "") -> str:
     """Complete the sections Parameters, Returns and Raises of a docstring, in the order of the signature.
 
+    ``names`` are the parameters, ``room`` is the package with wording of its own, and ``result`` the annotation of the result.
     Docstrings without a section Returns, Yields or Examples stay unchanged.
     """
-    room_entries = ROOMS.get(room, {})
-    if result not in RETURNS and not any(name in room_entries or name in ENTRIES for name in names):
+    wording = {**ENTRIES, **ROOMS.get(room, {})}
+    if result not in RETURNS and not any(name in wording for name in names):
         return doc
     sections, indent = _sections(doc)
     if not ("Returns" in sections or "Examples" in sections or "Yields" in sections):
         return doc
-    described = _entries(sections.get("Parameters", ()), indent)
-    entries: dict[str, list[str]] = {}
-    for entry in described:
-        for name in entry[0].partition(" : ")[0].split(","):
-            entries[name.strip()] = entry
+    own_entries = _entries(sections.get("Parameters", ()), indent)
+    entry_of: dict[str, list[str]] = {}  # lines by name of the parameter
+    for entry in own_entries:
+        names_in_entry = entry[0].partition(" : ")[0]  # as in "q0, q1 : (nq,) array_like"
+        for name in names_in_entry.split(","):
+            entry_of[name.strip()] = entry
     errors: dict[str, str] = {}
     is_complete = True
     for name in names:
-        text = room_entries.get(name) or ENTRIES.get(name)
-        if name in entries or not text:
+        if name in entry_of or name not in wording:
             continue
         is_complete = False
-        entries[name] = [f"{indent}{name} : {text}"]
-        if name in ERRORS and name not in room_entries:
+        entry_of[name] = [f"{indent}{name} : {wording[name]}"]
+        has_general_wording = name not in ROOMS.get(room, {})
+        if name in ERRORS and has_general_wording:
             errors.update(ERRORS[name])
     lacks_result = "Returns" not in sections and "Yields" not in sections and result in RETURNS
     if is_complete and not lacks_result:
@@ -328,8 +330,8 @@ def complete_docstring(doc: str, names: Sequence[str], room: str, result: str = 
     if lacks_result:
         sections["Returns"] = [indent + RETURNS[result]]
     ordered: list[list[str]] = []
-    for entry in [entries.get(name, []) for name in names] + described:
-        if entry and entry not in ordered:
+    for entry in [entry_of.get(name, []) for name in names] + own_entries:
+        if entry and entry not in ordered:  # an entry with two names stands once
             ordered.append(entry)
     sections["Parameters"] = list(chain.from_iterable(ordered))
     if errors:
@@ -342,39 +344,43 @@ def complete_docstring(doc: str, names: Sequence[str], room: str, result: str = 
 
 
 def _with_errors(raised: list[str], errors: Mapping[str, str], indent: str) -> list[str]:
-    """Lines of the section Raises, preceded by those errors that it does not have yet."""
-    described = {name.strip() for entry in _entries(raised, indent) for name in entry[0].split(",")}
+    """Lines of the section Raises, preceded by those of ``errors`` that it does not have yet; ``raised`` are its lines."""
+    own_names: set[str] = set()
+    for entry in _entries(raised, indent):
+        own_names.update(name.strip() for name in entry[0].split(","))
     added: list[str] = []
     for name, text in errors.items():
-        if name not in described:
+        if name not in own_names:
             added += [indent + name, f"{indent}    {text}"]
     return added + raised
 
 
 def room_of(folders: Sequence[str]) -> str:
-    """The deepest of a module's folders below the package that has wording of its own; empty if none has."""
+    """Deepest of a module's folders that has wording of its own in :data:`ROOMS`; empty if none has."""
     return next((folder for folder in reversed(folders) if folder in ROOMS), "")
 
 
 def complete(module: Mapping[str, Any]) -> None:
     """Complete the docstrings of a module's functions and methods; ``module`` is its ``globals()``."""
-    name = module["__name__"]
+    module_name = module["__name__"]
     room = room_of(module["__package__"].split(".")[1:])
     for value in list(module.values()):
-        if getattr(value, "__module__", None) != name:
+        if getattr(value, "__module__", None) != module_name:  # an imported one
             continue
         members = [value, *vars(value).values()] if isinstance(value, type) else [value]
         for member in members:
-            function = getattr(member, "__func__", member)
+            function = getattr(member, "__func__", member)  # of a class method
             if isinstance(function, FunctionType) and function.__doc__ and "\n" in function.__doc__:
                 result = function.__annotations__.get("return", "")
                 function.__doc__ = complete_docstring(function.__doc__, signature_names(function), room, result)
 
 
 def signature_names(function: Any) -> list[str]:
-    """Parameter names of a function, or of the function it decorates, without ``self`` and ``cls``."""
+    """Parameter names of a function, or of the function that it wraps as a decorator, without ``self`` and ``cls``."""
     wrapped = getattr(function, "__wrapped__", function)
-    code = (wrapped if wrapped.__name__ == function.__name__ else function).__code__
+    if wrapped.__name__ != function.__name__:  # not a decorator: its signature is its own
+        wrapped = function
+    code = wrapped.__code__
     names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
     return [name for name in names if name not in ("self", "cls")]
 
@@ -383,13 +389,17 @@ def _sections(doc: str) -> tuple[dict[str, list[str]], str]:
     """Lines of each section by title, and the indentation; the text before the first section has the empty title."""
     lines = doc.rstrip().split("\n")
     sections: dict[str, list[str]] = {}
-    title, start, indent = "", 0, ""
+    title = ""  # of the section that is being read
+    first_line = 0
+    indent = ""
     for k, line in enumerate(lines):
         heading = lines[k - 1].strip()
-        if line.endswith("---") and heading in SECTIONS:
-            sections[title] = _without_trailing_blanks(lines[start : k - 1])
-            title, start, indent = heading, k + 1, line[: -len(heading)]
-    sections[title] = lines[start:]
+        if line.endswith("---") and heading in SECTIONS:  # a heading and its underline begin the next section
+            sections[title] = _without_trailing_blanks(lines[first_line : k - 1])
+            title = heading
+            first_line = k + 1
+            indent = line[: -len(heading)]
+    sections[title] = lines[first_line:]
     return sections, indent
 
 
@@ -401,7 +411,7 @@ def _without_trailing_blanks(lines: list[str]) -> list[str]:
 
 
 def _entries(lines: Sequence[str], indent: str) -> list[list[str]]:
-    """Entries of a section, each a line with its further indented lines."""
+    """Entries of a section: each a line, and the lines after it that are indented further."""
     entries: list[list[str]] = []
     for line in lines:
         if entries and line.startswith(indent + " "):

@@ -1,4 +1,4 @@
-"""Default gravity, the weight of a kilogram, and check of a given gravity."""
+"""Default gravity, the weight of a kilogram, and checks of gravity from callers."""
 
 from __future__ import annotations
 
@@ -19,34 +19,35 @@ STRENGTH = -GRAVITY[2]
 """Magnitude of gravity [m/s²]."""
 
 KGF = 9.80665
-"""Weight of a kilogram, for files with kilograms as a unit of force [N]."""
+"""Weight of a kilogram by definition, for files with kilograms as a unit of force [N]."""
 
 
 def checked_strength(gravity: float) -> float:
     """Magnitude of gravity [m/s²]; raises ValueRangeError unless it is finite and above 0."""
     if not 0 < number(gravity, "gravity") < math.inf:
-        text = f"{{0}} is not a valid magnitude of gravity. Give it in m/s², such as {STRENGTH}."
-        raise ValueRangeError(text, Argument("gravity", gravity))
+        message = f"{{0}} is not a valid magnitude of gravity. Give it in m/s², such as {STRENGTH}."
+        raise ValueRangeError(message, Argument("gravity", gravity))  # the error puts the argument in place of {0}
     return gravity
 
 
 def vertical_axis(gravity: ArrayLike) -> Array:
-    """Axis of the world (3,) that is vertical in a file: z, or another one that is nearest to gravity's line if z is far.
+    """Unit vector (3,) of the world's axis that is vertical in a file.
 
-    Floors and soles are level along it. Gravity that leans from it, by up to 60 degrees from z, is that of a slope.
+    It is z if gravity is at most 60 degrees from the z axis, in either sense: the ground is then a slope. Otherwise the file
+    has another vertical axis, and the axis nearest to gravity is returned. Floors and soles are perpendicular to the axis.
 
     >>> [vertical_axis(g).tolist() for g in ([0, 0, -9.81], [0, -9.81, 0], [7.6, 0, -6.2], [0, 0, 9.81])]
     [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]
     """
-    size = np.abs(np.asarray(gravity, float))
+    components = np.abs(np.asarray(gravity, float))
     axis = 2
-    if size[2] < _MIN_VERTICAL_SHARE * np.linalg.norm(size):
-        axis = int(size.argmax())
+    if components[2] < _MIN_COSINE_TO_Z * np.linalg.norm(components):
+        axis = int(components.argmax())
     return np.eye(3)[axis]
 
 
-_MIN_VERTICAL_SHARE = 0.5
-"""Cosine of the angle from z up to which gravity is that of a slope in a file whose z axis is vertical."""
+_MIN_COSINE_TO_Z = 0.5
+"""Cosine of 60 degrees, the largest angle between gravity and a vertical z axis."""
 
 
 def gravity_vector(g: ArrayLike) -> Array:

@@ -1,8 +1,8 @@
-"""Quadrature error of an integration method in the impulse of a force that it evaluates only at its own times.
+"""Estimate of the impulse of a force that an integration method misses between its evaluation times.
 
-Over a step of length h a method integrates a force f as h Σ b_i f(t + c_i h) with its own c and b. It misses a pulse between
-these times. Gauss's rule at further times estimates the missed part. For a smooth f, both rules differ only by an error of
-the method's order.
+Over a step of length h, a method integrates a force f as h Σ b_i f(t + c_i h) with its own c and b. It misses a pulse between
+these times. The integral by Gauss's rule, at further times, minus the method's integral estimates the missed impulse. For a
+smooth f, both differ only by an error of the method's order.
 """
 
 from __future__ import annotations
@@ -14,51 +14,59 @@ import numpy as np
 
 from .typing import Array
 
-_NODES, _WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(8))
+_NODES, _WEIGHTS = (0.5 * numbers for numbers in np.polynomial.legendre.leggauss(8))
 _NODES = _NODES + 0.5
-"""Eight nodes of Gauss's rule, at most 0.19 of its length apart."""
-_SPACINGS = 5.0
+"""Eight nodes of Gauss's rule on [0, 1], at most 0.19 apart, with their weights."""
+_RULE_LENGTH = 5.0
 """Length of one Gauss rule, in units of the spacing: its nodes are then less than one spacing apart."""
-_SHARE = 1e-3
+_MAX_SHARE_OF_DURATION = 1e-3
+"""Largest spacing of evaluations, as a share of the duration of a motion."""
 _ROUNDING = 1e-13
+"""Rounding error of a mean force, relative to the largest force."""
 
 
 def probe_spacing(dt: float, duration: float) -> float:
     """Largest spacing of evaluations [s]: the smaller of dt and a thousandth of the duration."""
-    return min(dt, _SHARE * duration)
+    return min(dt, _MAX_SHARE_OF_DURATION * duration)
 
 
 class ProbeRule:
-    """Evaluation times of a method, and probe times: at least eight per step, less than ``spacing`` [s] apart.
+    """Rule for the missed part of the mean force in a step: at a method's own times, and at probe times between them.
 
-    ``times`` and ``weights`` are c and b of the method.
+    There are at least eight probe times in a step, less than ``spacing`` [s] apart. ``times`` and ``weights`` are c and b of
+    the method.
     """
 
     def __init__(self, times: Array, weights: Array, spacing: float) -> None:
         self.spacing = spacing
-        self.times, self.weights = times[weights != 0.0], weights[weights != 0.0]
+        is_used = weights != 0.0
+        self.times, self.weights = times[is_used], weights[is_used]
 
     @cached_property
-    def _one(self) -> tuple[Array, Array]:
+    def _single_rule(self) -> tuple[Array, Array]:
+        """Result of :meth:`shares` for short steps."""
         return self._rules(1)
 
     def needed(self, h: float) -> bool:
         """True if the method's own evaluation times are too far apart."""
-        return h > self.spacing / _SPACINGS
+        return h > self.spacing / _RULE_LENGTH
 
     def shares(self, h: float) -> tuple[Array, Array]:
         """Times (m,) as fractions of a step, and weights (m,) that give the missed part of the mean force."""
-        rules = math.ceil(h / (_SPACINGS * self.spacing))
-        if rules <= 1:
-            return self._one
-        return self._rules(rules)
+        rule_count = math.ceil(h / (_RULE_LENGTH * self.spacing))
+        if rule_count <= 1:
+            return self._single_rule
+        return self._rules(rule_count)
 
     def _rules(self, n: int) -> tuple[Array, Array]:
-        inside = ((np.arange(n)[:, None] + _NODES) / n).ravel()
-        return np.concatenate([self.times, inside]), np.concatenate([-self.weights, np.tile(_WEIGHTS / n, n)])
+        """Times and weights with n Gauss rules, one after the other; the method's weights are subtracted."""
+        probe_times = ((np.arange(n)[:, None] + _NODES) / n).ravel()
+        probe_weights = np.tile(_WEIGHTS / n, n)
+        return np.concatenate([self.times, probe_times]), np.concatenate([-self.weights, probe_weights])
 
 
-def left_out(weights: Array, found: Array) -> Array:
-    """Missed part (..., k) of the mean of forces ``found`` (..., m, k); rounding errors are set to zero."""
-    off = weights @ found
-    return np.where(np.abs(off) > _ROUNDING * np.abs(found).max(axis=-2), off, 0.0)
+def left_out(weights: Array, forces: Array) -> Array:
+    """Missed part (..., k) of the mean of forces (..., m, k) at the times of a rule; rounding errors are set to zero."""
+    missed = weights @ forces
+    rounding = _ROUNDING * np.abs(forces).max(axis=-2)
+    return np.where(np.abs(missed) > rounding, missed, 0.0)

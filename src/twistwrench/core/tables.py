@@ -1,8 +1,8 @@
 """CSV and HTML tables: standard CSV quoting, numbers with all digits, and cells that spreadsheets do not execute.
 
-Spreadsheets read text that begins with =, +, -, @, a tab or a line end as a formula. Such text gets a leading apostrophe, the
-spreadsheets' own text mark. Names with line ends or outer blanks, which line-based readers lose, are written as JSON
-strings, with quotes. :func:`unescape_cell` reverses both. Numbers are unchanged.
+Spreadsheets read text that begins with =, +, -, @, a tab or a line end as a formula. Such text gets a leading apostrophe, by
+which spreadsheets mark text. Programs that read a file line by line lose line ends within names, and blanks at their ends.
+Such names are written as JSON strings, with quotes. :func:`unescape_cell` reverses both. Numbers are unchanged.
 """
 
 from __future__ import annotations
@@ -23,18 +23,19 @@ from .numbers import number
 from .typing import Array
 
 _ROWS_PER_BLOCK = 4096
-_FORMULA = re.compile(r"'*[=+\-@\t\r\n＝＋－＠]")
-"""Text that a spreadsheet reads as a formula, or would without its leading apostrophes."""
+"""Number of rows that are written at once."""
+_FORMULA_TEXT = re.compile(r"'*[=+\-@\t\r\n＝＋－＠]")
+"""Beginning of a text that a spreadsheet reads as a formula, or would read so without the leading apostrophes."""
 
-_UNREADABLE = re.compile(r'[\r\n]|^\s|\s$|^".*"$')
-"""Text that a line-based reader loses or truncates, or that would be read as a JSON string."""
+_UNREADABLE_TEXT = re.compile(r'[\r\n]|^\s|\s$|^".*"$')
+"""Text with line ends or outer blanks, or with the quotes of a JSON string."""
 
 
 def harmless_text(text: str) -> str:
     """Single-line text that no spreadsheet reads as a formula; :func:`unescape_cell` restores the original."""
-    if _UNREADABLE.search(text):
+    if _UNREADABLE_TEXT.search(text):
         return json.dumps(text, ensure_ascii=False)
-    if _FORMULA.match(text):
+    if _FORMULA_TEXT.match(text):
         return f"'{text}"
     return text
 
@@ -48,7 +49,7 @@ def unescape_cell(cell: str) -> str:
     if len(cell) > 1 and cell[0] == cell[-1] == '"':
         with suppress(ValueError):
             return str(json.loads(cell))
-    if cell.startswith("'") and _FORMULA.match(cell):
+    if cell.startswith("'") and _FORMULA_TEXT.match(cell):
         return cell[1:]
     return cell
 
@@ -61,21 +62,23 @@ class CsvWriter:
 
     def row(self, cells: Iterable[str | float | None]) -> None:
         """Add one row; numbers have the digits that reproduce them exactly, None is an empty cell."""
-        line = io.StringIO()
-        csv.writer(line, lineterminator="\r\n").writerow(
-            map(_cell_text, cells)
-        )  # "\r" is quoted only if it may end lines
-        self.file.write((line.getvalue().removesuffix("\r\n") + "\n").encode())
+        buffer = io.StringIO()
+        # The csv module quotes cells with "\r" only if its own lines end with it.
+        csv.writer(buffer, lineterminator="\r\n").writerow(map(_cell_text, cells))
+        line = buffer.getvalue().removesuffix("\r\n")
+        self.file.write(f"{line}\n".encode())
 
     def numbers(self, rows: Array) -> None:
         """Add rows (n, columns) of numbers, with the digits that reproduce them exactly."""
-        # Numbers need no quotes, and repr gives the shortest exact decimal; the csv module takes twice as long.
-        for k in range(0, len(rows), _ROWS_PER_BLOCK):  # text takes ten times the memory of the numbers
-            lines = [",".join(map(repr, row)) for row in rows[k : k + _ROWS_PER_BLOCK].tolist()]
-            self.file.write(("\n".join(lines) + "\n").encode("ascii"))
+        # The csv module would take twice as long. Numbers need no quotes, and repr gives the shortest exact decimal.
+        for first in range(0, len(rows), _ROWS_PER_BLOCK):  # in blocks: text takes ten times the memory of the numbers
+            block = rows[first : first + _ROWS_PER_BLOCK].tolist()
+            text = "".join(",".join(map(repr, row)) + "\n" for row in block)
+            self.file.write(text.encode("ascii"))
 
 
 def _cell_text(cell: str | float | None) -> str:
+    """Text of a cell before CSV quoting."""
     if cell is None:
         return ""
     if isinstance(cell, str):
@@ -103,30 +106,32 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
     """
     import html
 
+    all_rows = [list(row) for row in rows]
+    column_styles = [""] * len(header)
+    for row in all_rows:
+        for column, value in enumerate(row):
+            if isinstance(value, str):
+                column_styles[column] = ' style="text-align: left"'
+
     def table_row(tag: str, texts: Iterable[str]) -> str:
-        cells = [f"<{tag}{style}>{html.escape(text)}</{tag}>" for style, text in zip(styles, texts, strict=True)]
+        cells = [f"<{tag}{style}>{html.escape(text)}</{tag}>" for style, text in zip(column_styles, texts, strict=True)]
         return f"<tr>{''.join(cells)}</tr>"
 
-    cells = [list(row) for row in rows]
-    styles = [""] * len(header)
-    for row in cells:
-        for k, value in enumerate(row):
-            if isinstance(value, str):
-                styles[k] = ' style="text-align: left"'
     head = table_row("th", header)
-    body = "".join(table_row("td", map(_display_text, row)) for row in cells)
+    body = "".join(table_row("td", map(_display_text, row)) for row in all_rows)
     caption = f"<p>{html.escape(title)}</p>" if title else ""
     return f"{caption}<table><thead>{head}</thead><tbody>{body}</tbody></table>"
 
 
 def _display_text(value: Any) -> str:
+    """Text of a cell for readers."""
     if value is None or isinstance(value, float):
         return number(value)
     return str(value)
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:
-    """Data frame of columns; raises :class:`~twistwrench.MissingExtraError` if pandas is not installed."""
+    """pandas.DataFrame of columns; raises :class:`~twistwrench.MissingExtraError` if pandas is not installed."""
     try:
         import pandas
     except ImportError:

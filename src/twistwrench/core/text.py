@@ -15,17 +15,17 @@ MAX_LISTED = 12
 """Default number of listed names."""
 
 
-_MAX_QUOTED = 200
+_MAX_QUOTATION_LENGTH = 200
 """Maximum number of quoted characters from foreign text in a message."""
-_QUOTED = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_MAX_QUOTED}}}(?:[^{q}\\]|\\.)+{q}" for q in "'\"")
-"""Text between quotation marks as written by repr; an apostrophe does not start one."""
+_LONG_QUOTATION = "|".join(rf"(?<!\w){q}(?:[^{q}\\]|\\.){{{_MAX_QUOTATION_LENGTH}}}(?:[^{q}\\]|\\.)+{q}" for q in "'\"")
+"""Long text between quotation marks as written by repr; an apostrophe within a word does not start one."""
 
 
 def shorten(text: str) -> str:
     """Text from another author's file, shortened for messages."""
-    if len(text) <= _MAX_QUOTED:
+    if len(text) <= _MAX_QUOTATION_LENGTH:
         return text
-    return f"{text[:_MAX_QUOTED]}…"
+    return f"{text[:_MAX_QUOTATION_LENGTH]}…"
 
 
 def with_clipped_quotations(message: str) -> str:
@@ -34,10 +34,16 @@ def with_clipped_quotations(message: str) -> str:
     >>> len(with_clipped_quotations(f"link {'a' * 1000!r} is not there"))
     221
     """
-    return re.sub(_QUOTED, lambda quotation: f"{quotation[0][: _MAX_QUOTED + 1]}…{quotation[0][-1]}", message)
+
+    def shorten_quotation(match: re.Match[str]) -> str:
+        quotation = match[0]
+        mark = quotation[-1]
+        return f"{quotation[: _MAX_QUOTATION_LENGTH + 1]}…{mark}"
+
+    return re.sub(_LONG_QUOTATION, shorten_quotation, message)
 
 
-_LONGEST_MESSAGE = 1000
+_MAX_MESSAGE_LENGTH = 1000
 """Maximum number of characters of a message about a file."""
 
 
@@ -48,9 +54,9 @@ def bounded_message(message: str) -> str:
     (221, 1001)
     """
     text = with_clipped_quotations(message)
-    if len(text) <= _LONGEST_MESSAGE:
+    if len(text) <= _MAX_MESSAGE_LENGTH:
         return text
-    return f"{text[:_LONGEST_MESSAGE]}…"
+    return f"{text[:_MAX_MESSAGE_LENGTH]}…"
 
 
 class ReadingNote(str):
@@ -60,7 +66,7 @@ class ReadingNote(str):
 
 
 def listed(items: Iterable[object], most: int = MAX_LISTED, between: str = ", ") -> str:
-    r"""The first items, and the number of further ones; tabs and line ends in names become escapes.
+    r"""List of the first items, at most ``most``, and the number of further ones; tabs and line ends become escapes.
 
     >>> listed(["elbow", "wrist"]), listed("abcde", 2), listed("abcde", 2, "; ")
     ('elbow, wrist', 'a, b and 3 more', 'a; b; and 3 more')
@@ -71,11 +77,12 @@ def listed(items: Iterable[object], most: int = MAX_LISTED, between: str = ", ")
     text = between.join(texts[:most])
     if len(texts) <= most:
         return text
-    return f"{text}{between.rstrip().strip(',')} and {len(texts) - most} more"
+    mark_before_and = between.rstrip().strip(",")  # without a comma before "and"
+    return f"{text}{mark_before_and} and {len(texts) - most} more"
 
 
 def text_width(text: str) -> int:
-    """Width in terminal columns; combining dots have none.
+    """Width of a text in terminal columns; combining characters, such as the dot of q̇, have none.
 
     >>> text_width("q̇ = 1")
     5
@@ -84,6 +91,7 @@ def text_width(text: str) -> int:
 
 
 _CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""Control characters except tab and line feed; marks of direction; separators of lines and paragraphs."""
 
 
 def visible(text: str) -> str:
@@ -99,44 +107,45 @@ def visible(text: str) -> str:
 
 
 class Placeholder(str):
-    """Word in place of a value, such as HZ or COLUMN."""
+    """Word that stands for a value in a message, such as HZ or COLUMN; it is not quoted."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True)
 class Argument:
-    """Argument of a function in a message; the option of a command has the same name, or another one."""
+    """Argument of a function in a message, and the option of a command that does the same."""
 
     name: str
     value: object = ...
-    """Value to give; ``...`` for the argument alone, None for a function of Python that an option of a command stands for."""
+    """Value to give; ``...`` for the name alone; None if ``name`` is a function, in whose place a command has an option."""
     option: str = ""
-    """Name of the option, where it differs from the argument's."""
+    """Name of the option, if it differs from the argument's."""
     alone: bool = False
-    """True if the option stands for the value too."""
+    """True if the option has no value, because its name includes the value."""
 
 
 _IN_COMMAND: ContextVar[bool] = ContextVar("of_command", default=False)
+"""True while a command runs."""
 
 
 @contextmanager
 def words_of_the_shell() -> Iterator[None]:
-    """Spell arguments as options within the context: a command runs in it.
+    """Context in which a command runs: messages name options in place of arguments.
 
     >>> with words_of_the_shell():
     ...     print(spell(Argument("inertia", True, option="with-inertia")))
     --with-inertia
     """
-    before = _IN_COMMAND.set(True)
+    token = _IN_COMMAND.set(True)
     try:
         yield
     finally:
-        _IN_COMMAND.reset(before)
+        _IN_COMMAND.reset(token)
 
 
 def spell(argument: Argument, *, shell: bool | None = None) -> str:
-    """Argument as it is typed in Python, or as an option in the shell; by default, as the caller types it.
+    """Argument as it is typed in Python, or as an option in the shell; by default in the shell while a command runs.
 
     >>> arguments = Argument("lock", {"a": 0, "b c": 0}), Argument("friction", False), Argument("rate", Placeholder("HZ"))
     >>> for argument in arguments:
@@ -153,6 +162,7 @@ def spell(argument: Argument, *, shell: bool | None = None) -> str:
 
 
 def _python_text(argument: Argument) -> str:
+    """Argument as it is typed in Python."""
     value = argument.value
     if value is None:
         return argument.name
@@ -164,25 +174,28 @@ def _python_text(argument: Argument) -> str:
 
 
 def _option_text(argument: Argument) -> str:
+    """Argument as an option in the shell."""
     value = argument.value
     name = argument.option or argument.name.replace("_", "-")
     if value is False and not argument.option:
         return f"--no-{name}"
-    if value is ... or value is None or isinstance(value, bool) or argument.alone:
+    has_no_value = value is ... or value is None or isinstance(value, bool)
+    if has_no_value or argument.alone:
         return f"--{name}"
     if isinstance(value, Mapping):
-        text = ",".join(f"{quote_name(key)}={quote_name(str(entry))}" for key, entry in value.items())
+        pairs = [f"{quote_name(key)}={quote_name(str(entry))}" for key, entry in value.items()]
+        text = ",".join(pairs)
         has_words = any(isinstance(entry, str) for entry in value.values())
-        if has_words and "'" not in text:
+        if has_words and "'" not in text:  # quoted even if the shell would not need it
             return f"--{name} '{text}'"
         return f"--{name} {shlex.quote(text)}"
-    parts = value if isinstance(value, tuple) else (value,)
+    parts = value if isinstance(value, tuple) else (value,)  # a tuple is several words of the shell
     words = [part if isinstance(part, Placeholder) else shlex.quote(str(part)) for part in parts]
     return " ".join([f"--{name}", *words])
 
 
 def argument(name: str, value: object = ..., *, option: str = "") -> str:
-    """Argument of a function, or the option of a command, as the caller types it.
+    """Text of an argument as the caller types it: of a function, or while a command runs as its option.
 
     >>> argument("tip"), argument("inertia", "repair")
     ('tip=…', "inertia='repair'")
@@ -191,7 +204,7 @@ def argument(name: str, value: object = ..., *, option: str = "") -> str:
 
 
 def quote_name(name: str) -> str:
-    """Quote a name in a list of the shell as in CSV if it has a comma, an equals sign or a quote.
+    """Name in a list of the shell, quoted as in CSV if it begins with @, or has a comma, an equals sign or a quote.
 
     >>> quote_name("a"), quote_name("a, b")
     ('a', '"a, b"')
@@ -201,11 +214,12 @@ def quote_name(name: str) -> str:
     return name
 
 
-_ARGUMENT = re.compile(r"<(\w+)=([^<>|]+)(?:\|([\w-]+))?>")
+_ARGUMENT_IN_TEMPLATE = re.compile(r"<(\w+)=([^<>|]+)(?:\|([\w-]+))?>")
+"""Argument in a template: its groups are name, value and option."""
 
 
 def spell_out(template: str) -> str:
-    """Template of a table with its arguments ``<name=value>`` or ``<name=value|option>`` as the caller types them.
+    """Template with its arguments, ``<name=value>`` or ``<name=value|option>``, as the caller types them.
 
     >>> spell_out("with <friction=False> or <inertia=True|with-inertia>")
     'with friction=False or inertia=True'
@@ -214,22 +228,23 @@ def spell_out(template: str) -> str:
     def replacement(match: re.Match[str]) -> str:
         name, text, option = match.groups("")
         value = ast.literal_eval(text)
-        if isinstance(value, str):  # it may have places of the template
+        if isinstance(value, str):  # it may contain fields {…}, which are filled later
             if in_the_shell():
                 value = Placeholder(value)
             return spell(Argument(name, value, option))
-        return spell(Argument(name, value, option)).replace("{", "{{").replace("}", "}}")
+        text = spell(Argument(name, value, option))
+        return text.replace("{", "{{").replace("}", "}}")  # braces that are not fields
 
-    return _ARGUMENT.sub(replacement, template)
+    return _ARGUMENT_IN_TEMPLATE.sub(replacement, template)
 
 
 def in_the_shell() -> bool:
-    """True while a command runs: its texts name options and commands in place of arguments and functions."""
+    """True while a command runs: messages name options and commands in place of arguments and functions."""
     return _IN_COMMAND.get()
 
 
 def with_arguments(text: str, arguments: Sequence[Argument], *, shell: bool | None = None) -> str:
-    """Text with arguments in its places ``{0}``, ``{1}`` and so on.
+    """Text with arguments in place of ``{0}``, ``{1}`` and so on.
 
     >>> with_arguments("Choose one: {0}.", [Argument("episode", 3)], shell=True)
     'Choose one: --episode 3.'

@@ -22,18 +22,19 @@ class ExitCode(IntEnum):
     NO = 1
     """The answer is negative or unsure."""
     BAD_INPUT = 2
+    """An argument, an option or a file cannot be used."""
     FAULT = 70
     """Internal error of the program; the number is that of ``sysexits.h``."""
     INTERRUPTED = 130
     """128 + SIGINT, as in shells."""
     PIPE_CLOSED = 141
-    """128 + SIGPIPE: the reader of the output has ended, like ``head``."""
+    """128 + SIGPIPE: the program that reads the output, such as ``head``, has ended."""
     TERMINATED = 143
     """128 + SIGTERM."""
 
 
 class Word(StrEnum):
-    """First word of a report."""
+    """First word of a report; :class:`Verdict` describes when each is given."""
 
     OK = "OK"
     DONE = "DONE"
@@ -47,11 +48,12 @@ class Word(StrEnum):
 
 
 _POSITIVE = Word.OK, Word.DONE
+"""Words of a verdict that needs no reason."""
 _SEVEREST_FIRST = Word.LOOK_AGAIN, Word.COLLISION, Word.OVER_LIMIT, Word.UNSURE, Word.OK, Word.DONE
 
 
 class Reason(str):
-    """Reason of a verdict that contains what to do about it, which is known by itself too.
+    """Reason of a verdict, whose text ends with a remedy; the remedy is an attribute too.
 
     Examples
     --------
@@ -63,7 +65,7 @@ class Reason(str):
     remedy: str
 
     def __new__(cls, text: str, remedy: str = "") -> Reason:
-        """Text of the reason with its remedy."""
+        """Reason with its whole text, and the remedy in it."""
         reason = super().__new__(cls, text)
         reason.remedy = remedy
         return reason
@@ -129,14 +131,16 @@ class Verdict:
         -------
         verdict : Verdict
         """
-        reasons_by_severity = look_again, collision, over, unsure
-        for word, reasons in zip(_SEVEREST_FIRST, reasons_by_severity, strict=False):
+        reasons_of = {
+            Word.LOOK_AGAIN: look_again, Word.COLLISION: collision, Word.OVER_LIMIT: over, Word.UNSURE: unsure,
+        }  # fmt: skip
+        for word, reasons in reasons_of.items():
             if reasons:
                 return cls(word, tuple(reasons))
         return cls(Word.OK)
 
     def joined(self, other: Verdict) -> Verdict:
-        """Verdict on both questions: the more severe word; if both are equal, the reasons of both.
+        """Verdict on two questions: the more severe of both verdicts; if their words are equal, the reasons of both.
 
         Parameters
         ----------
@@ -164,9 +168,9 @@ class Verdict:
 
     @property
     def remedies(self) -> tuple[str, ...]:
-        """Actions that answer the reasons, each once; empty where nothing is known that would help."""
-        known = [reason.remedy for reason in self.reasons if isinstance(reason, Reason) and reason.remedy]
-        return tuple(dict.fromkeys(known))
+        """Remedies of the reasons, each once; empty if no remedy is known."""
+        remedies = [reason.remedy for reason in self.reasons if isinstance(reason, Reason) and reason.remedy]
+        return tuple(dict.fromkeys(remedies))  # without repetitions, in their order
 
     @property
     def exit_code(self) -> ExitCode:
@@ -181,7 +185,7 @@ class Verdict:
         return str(self.word)
 
 
-# ── Ctrl-C during the import of the package: the command ends as later, without a traceback
+# ── Ctrl-C during the import of the package: the command ends without a traceback, as it does later
 
 
 def end_at_once(*_: Any) -> None:
@@ -192,9 +196,12 @@ def end_at_once(*_: Any) -> None:
 
 def _is_command() -> bool:
     """True if the process is the command ``twistwrench``, False for a program that imports the library."""
-    name, *_ = getattr(sys, "argv", None) or [""]
-    by_module = name == "-m" and " -m twistwrench " in f" {' '.join(sys.orig_argv)} "
-    return by_module or Path(name).name in ("twistwrench", "twistwrench.exe")
+    arguments = getattr(sys, "argv", None) or [""]  # embedded interpreters may have none
+    program = arguments[0]
+    if program == "-m":  # sys.argv while Python looks for the module
+        command_line = " ".join(sys.orig_argv)
+        return " -m twistwrench " in f" {command_line} "
+    return Path(program).name in ("twistwrench", "twistwrench.exe")
 
 
 if _is_command() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:

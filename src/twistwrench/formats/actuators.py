@@ -20,50 +20,65 @@ from ..mechanics.model.limits import BEARING_UNITS, BEARINGS
 from ..mechanics.model.model import Model
 from .yaml import Section, Source, plain_number, read_yaml, short_text
 
-_PER_METRE: dict[str, Callable[[float], float]] = {
-    "rad/m": lambda x: x,
-    "mm/turn": lambda x: 2e3 * np.pi / x,
-    "m/turn": lambda x: 2 * np.pi / x,
+_RAD_PER_METRE: dict[str, Callable[[float], float]] = {
+    "rad/m": lambda angle_per_metre: angle_per_metre,
+    "mm/turn": lambda millimetres_per_turn: 2e3 * np.pi / millimetres_per_turn,
+    "m/turn": lambda metres_per_turn: 2 * np.pi / metres_per_turn,
 }
-"""Rotor angle per metre [rad/m], by the unit of a spindle or a rack."""
+"""Rotor angle per metre [rad/m] from a number in each unit of a spindle or a rack."""
 
 
 def gear_ratio(value: object, where: str, *, sliding: bool) -> float:
-    """Gear ratio from a plain number or ``101:1``; for sliding joints in rad/m, or as a lead with its unit."""
+    """Gear ratio from a plain number or ``101:1``; for sliding joints in rad/m, or as a lead with its unit.
+
+    ``where`` names the entry in error messages.
+    """
     if sliding and isinstance(value, str):
-        for unit, per_metre in _PER_METRE.items():
-            if value.rstrip().endswith(unit):
+        text = value.rstrip()
+        for unit, rad_per_metre in _RAD_PER_METRE.items():
+            if text.endswith(unit):
                 problem = f"{where} is {short_text(value)}, expected a number before {unit}."
-                number = plain_number(value.rstrip()[: -len(unit)], problem)
+                number = plain_number(text.removesuffix(unit), problem)
                 if number == 0:
                     raise ModelError(problem)
-                return float(per_metre(number))
-    units = f", or with one of {', '.join(_PER_METRE)}" if sliding else ", or 101:1"
-    problem = f"{where} is {short_text(value)}, expected a number such as 101{units}."
+                return float(rad_per_metre(number))
+    other_forms = f", or with one of {', '.join(_RAD_PER_METRE)}" if sliding else ", or 101:1"
+    problem = f"{where} is {short_text(value)}, expected a number such as 101{other_forms}."
     if not isinstance(value, str):
         return plain_number(value, problem)
-    turns, colon, turns_out = value.partition(":")
-    divisor = plain_number(turns_out, problem) if colon else 1.0
+    rotor_turns, colon, joint_turns = value.partition(":")
+    divisor = plain_number(joint_turns, problem) if colon else 1.0
     if divisor == 0:
         raise ModelError(problem)
-    return plain_number(turns, problem) / divisor
+    return plain_number(rotor_turns, problem) / divisor
 
 
-_THERMAL = {
+# Entries that each section may have. Dictionaries give the kind of unit of each entry; an empty kind is a plain number.
+_THERMAL_KINDS = {
     "winding_housing": "thermal resistance", "housing_ambient": "thermal resistance", "winding_time": "time",
     "housing_time": "time", "maximum": "temperature", "coefficient": "", "reference": "temperature",
 }  # fmt: skip
-_ACTUATOR = (
+_ACTUATOR_KEYS = (
     "ratio", "efficiency", "no_load_torque", "motor", "rotor", "reflected_inertia", "stiffness", "friction", "link_friction",
 )  # fmt: skip
-_COUPLED = ("ratio", "efficiency", "no_load_torque", "motor", "rotor", "reflected_inertia", "friction", "effort")
-_COUPLING = ("motors", "joints", "motor_per_joint", "joint_per_motor")
-_ROTOR = ("inertia", "extra", "mass", "link", "axis", "place")
-_FRICTION = {"viscous": "viscous", "coulomb": "torque", "static": "torque", "stribeck": "speed", "load": ""}
-_SLIDING = {
+_COUPLED_MOTOR_KEYS = (
+    "ratio",
+    "efficiency",
+    "no_load_torque",
+    "motor",
+    "rotor",
+    "reflected_inertia",
+    "friction",
+    "effort",
+)
+_COUPLING_KEYS = ("motors", "joints", "motor_per_joint", "joint_per_motor")
+_ROTOR_KEYS = ("inertia", "extra", "mass", "link", "axis", "place")
+_FRICTION_KINDS = {"viscous": "viscous", "coulomb": "torque", "static": "torque", "stribeck": "speed", "load": ""}
+_SLIDING_KINDS = {
     "viscous": "viscous, sliding", "torque": "force", "speed": "speed, sliding", "stiffness": "stiffness, sliding",
     "inertia": "mass",
 }  # fmt: skip
+"""Kinds of unit at a sliding joint, by the kind at a turning joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +89,17 @@ class ActuatorFile:
     """
 
     content: Any
+    """Content of the file: dictionaries, lists, texts and numbers."""
     origin: str
+    """Name of the file in messages."""
 
     @classmethod
     def from_source(cls, source: Source | ActuatorFile) -> ActuatorFile:
         """Read a path, YAML text or mapping. Raises NotFoundError, and ModelError for invalid YAML."""
-        return source if isinstance(source, ActuatorFile) else cls(*read_yaml(source))
+        if isinstance(source, ActuatorFile):
+            return source
+        content, origin = read_yaml(source)
+        return cls(content, origin)
 
     def __str__(self) -> str:
         return self.origin
@@ -110,13 +130,16 @@ def add_actuators(model: Model, source: Source | ActuatorFile, *, stiff: bool = 
 
 
 def _sliding_joints(model: Model) -> set[str]:
-    """Joints of one degree that slide."""
-    return {b.joint.name for b in model.leaders if b.joint.nv == 1 and not b.joint.turning[0]}
+    """Names of the joints of one degree that slide."""
+    joints = [body.joint for body in model.leaders]
+    return {joint.name for joint in joints if joint.nv == 1 and not joint.turning[0]}
 
 
 def _section_or_empty(parent: Section, key: str) -> Section:
-    """Section of an optional entry; empty if it is not given."""
-    return parent.section(key) if key in parent.content else Section({}, key)
+    """Section of an optional entry; an empty section if the entry is missing."""
+    if key in parent.content:
+        return parent.section(key)
+    return Section({}, key)
 
 
 def _positive_number(entry: Section, key: str, kind: str, unit: str) -> float:
@@ -128,8 +151,9 @@ def _positive_number(entry: Section, key: str, kind: str, unit: str) -> float:
 
 
 def _add_from_section(model: Model, file: Section, stiff: bool) -> Model:
+    """Model with the actuators, limits, friction and rotor inertias of a file."""
     check_entries(model, file)
-    motors = _motors(file)
+    motors = _read_motors(file)
     model = with_couplings(model, read_couplings(model, file))
     if "actuators" not in file.content:
         raise ModelError("it has no entry 'actuators:' with the joints below it.")
@@ -142,25 +166,27 @@ def _add_from_section(model: Model, file: Section, stiff: bool) -> Model:
     joint_friction: dict[str, dict[str, float]] = {}
     link_friction: dict[str, dict[str, float]] = {}
     for name in joints.content:
-        entry, k = joints.section(name), model.drive_index(name)
-        if name in model.drive_names and name not in model.velocity_names:
-            entry.only(*_COUPLED)
+        entry = joints.section(name)
+        k = model.drive_index(name)
+        is_coupled_motor = name in model.drive_names and name not in model.velocity_names
+        if is_coupled_motor:
+            entry.only(*_COUPLED_MOTOR_KEYS)
             if "effort" in entry.content:
                 effort[k] = _positive_number(entry, "effort", "torque", "N m")
         else:
-            entry.only(*_ACTUATOR, *BEARINGS)
+            entry.only(*_ACTUATOR_KEYS, *BEARINGS)
             for kind in BEARINGS:
                 if kind in entry.content:
                     unit_kind = "torque" if kind == "tilting" else "force"
                     bearings[kind][k] = _positive_number(entry, kind, unit_kind, BEARING_UNITS[kind])
-        kinds = _SLIDING if name in sliding else {}
-        actuators.append(_actuator(name, entry, motors, kinds))
+        kinds = _SLIDING_KINDS if name in sliding else {}
+        actuators.append(_read_actuator(name, entry, motors, kinds))
         if "reflected_inertia" in entry.content:
             armature[name] = entry.number("reflected_inertia", kinds.get("inertia", "inertia"))
         if "friction" in entry.content:
-            joint_friction[name] = _friction_law(entry.section("friction"), kinds)
+            joint_friction[name] = _read_friction_law(entry.section("friction"), kinds)
         if "link_friction" in entry.content:
-            link_friction[name] = _friction_law(entry.section("link_friction"), kinds)
+            link_friction[name] = _read_friction_law(entry.section("link_friction"), kinds)
             joint_friction.setdefault(name, {})  # either entry replaces the friction of the robot file
     elastic_joints = [actuator.joint for actuator in actuators if np.isfinite(actuator.stiffness)]
     if stiff and elastic_joints:
@@ -183,39 +209,40 @@ def read_couplings(model: Model, file: Section) -> list[Coupling]:
     """Couplings in a file. Raises ModelError for a matrix that is not square, is singular or is malformed."""
     sliding = _sliding_joints(model)
     section = _section_or_empty(file, "couplings")
-    return [_coupling(str(name), section.section(name), sliding) for name in section.content]
+    return [_read_coupling(str(name), section.section(name), sliding) for name in section.content]
 
 
-def _coupling(name: str, entry: Section, sliding: set[str]) -> Coupling:
+def _read_coupling(name: str, entry: Section, sliding: set[str]) -> Coupling:
     """Coupling of motors and joints from its entry."""
-    entry.only(*_COUPLING)
-    motors, joints = _names(entry, "motors"), _names(entry, "joints")
-    directions = [key for key in _COUPLING[2:] if key in entry.content]
-    if len(directions) != 1:
-        which = "both motor_per_joint and" if directions else "neither motor_per_joint nor"
+    entry.only(*_COUPLING_KEYS)
+    motors, joints = _read_names(entry, "motors"), _read_names(entry, "joints")
+    matrix_keys = [key for key in ("motor_per_joint", "joint_per_motor") if key in entry.content]
+    if len(matrix_keys) != 1:
+        which = "both motor_per_joint and" if matrix_keys else "neither motor_per_joint nor"
         raise ModelError(f"{entry.path} has {which} joint_per_motor. Give one of them: q̇_m = motor_per_joint q̇_j.")
-    direction = directions[0]
-    rows = entry.content[direction]
-    where = entry.where(direction)
+    key = matrix_keys[0]
+    rows = entry.content[key]
+    where = entry.where(key)
     if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
         raise ModelError(f"{where} is {short_text(rows)}, expected rows of numbers such as [[1, 1], [1, -1]].")
-    if len({*map(len, rows)}) > 1:
-        lengths = ", ".join(str(len(row)) for row in rows)
+    row_lengths = [len(row) for row in rows]
+    if len(set(row_lengths)) > 1:
+        lengths = ", ".join(map(str, row_lengths))
         raise ModelError(f"{where} has rows of {lengths} numbers. Give equally many.")
-    motor_per_joint = direction == "motor_per_joint"
+    has_gear_ratios = key == "motor_per_joint"  # its columns are joints, and its entries may have units
     matrix = []
     for row in rows:
         numbers = []
         for k, value in enumerate(row):
-            if motor_per_joint and k < len(joints):
+            if has_gear_ratios and k < len(joints):
                 numbers.append(gear_ratio(value, where, sliding=joints[k] in sliding))
             else:
                 numbers.append(plain_number(value, f"{where} has {short_text(value)}, expected a plain number."))
         matrix.append(numbers)
-    return Coupling(name, motors, joints, np.array(matrix), inverted=not motor_per_joint)
+    return Coupling(name, motors, joints, np.array(matrix), inverted=not has_gear_ratios)
 
 
-def _names(entry: Section, key: str) -> tuple[str, ...]:
+def _read_names(entry: Section, key: str) -> tuple[str, ...]:
     """List of names under a key."""
     names = entry.content.get(key)
     if not isinstance(names, list | tuple) or not names or not all(isinstance(name, str) for name in names):
@@ -223,16 +250,18 @@ def _names(entry: Section, key: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _friction_law(section: Section, kinds: Mapping[str, str]) -> dict[str, float]:
-    section.only(*_FRICTION)
+def _read_friction_law(section: Section, kinds: Mapping[str, str]) -> dict[str, float]:
+    """Friction coefficients of a joint; ``kinds`` replace kinds of units, at sliding joints."""
+    section.only(*_FRICTION_KINDS)
     coefficients = {}
-    for key, kind in _FRICTION.items():
+    for key, kind in _FRICTION_KINDS.items():
         if key in section.content:
             coefficients[key] = section.number(key, kinds.get(kind, kind))
     return coefficients
 
 
-def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Mapping[str, str]) -> Actuator:
+def _read_actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Mapping[str, str]) -> Actuator:
+    """Actuator of a joint; ``kinds`` replace kinds of units, and are empty for turning joints."""
     properties: dict[str, Any] = {}
     properties |= _ratio(entry, sliding=bool(kinds))
     if "efficiency" in entry.content:
@@ -243,16 +272,17 @@ def _actuator(joint: str, entry: Section, motors: Mapping[str, Motor], kinds: Ma
     if motor is not None:
         properties["motor"] = motor
     if "rotor" in entry.content:
-        properties["rotor"] = _rotor(entry.section("rotor"))
+        properties["rotor"] = _read_rotor(entry.section("rotor"))
     return Actuator(joint, **properties)
 
 
 def _ratio(entry: Section, *, sliding: bool) -> dict[str, float]:
-    """Gear ratio of an actuator, if it is given."""
+    """Gear ratio of an actuator under the name ``ratio``; empty if it is not given."""
     return entry.optional("ratio", lambda key: gear_ratio(entry.content[key], entry.where(key), sliding=sliding))
 
 
-def _motors(file: Section) -> dict[str, Motor]:
+def _read_motors(file: Section) -> dict[str, Motor]:
+    """Motors that a file describes by name."""
     section = _section_or_empty(file, "motors")
     return {name: read_motor(section.section(name)) for name in section.content}
 
@@ -274,27 +304,32 @@ def read_motor(section: Section, *others: str) -> Motor:
     section.only(*RATINGS, "thermal", *others)
     if "torque_constant" not in section.content:
         raise ModelError(f"{section.path} has no torque_constant, without which no current follows from a torque.")
-    thermal = _thermal(section.section("thermal")) if "thermal" in section.content else None
-    ratings = {key: section.number(key, row.kind) for key, row in RATINGS.items() if key in section.content}
+    thermal = None
+    if "thermal" in section.content:
+        thermal = _read_thermal(section.section("thermal"))
+    ratings = {key: section.number(key, rating.kind) for key, rating in RATINGS.items() if key in section.content}
     return Motor(**ratings, thermal=thermal)
 
 
-def _thermal(section: Section) -> Thermal:
-    section.only(*_THERMAL)
+def _read_thermal(section: Section) -> Thermal:
+    """Thermal resistances, time constants and temperatures of a motor."""
+    section.only(*_THERMAL_KINDS)
     for key in ("housing_ambient", "housing_time"):
         if key not in section.content:
             raise ModelError(f"{section.path} has no {key}, without which no temperature follows.")
-    return Thermal(**{key: section.number(key, _THERMAL[key]) for key in section.content})
+    return Thermal(**{key: section.number(key, _THERMAL_KINDS[key]) for key in section.content})
 
 
-def _rotor(section: Section) -> Rotor:
-    section.only(*_ROTOR)
+def _read_rotor(section: Section) -> Rotor:
+    """Rotor of an actuator; an ``extra`` rotor has a mass that its link does not contain."""
+    section.only(*_ROTOR_KEYS)
     if "inertia" not in section.content:
         raise ModelError(f"{section.path} has no inertia, which is all there is to a rotor.")
     extra_entry = section.content.get("extra", False)
-    if not isinstance(extra_entry, str | bool) or str(extra_entry).lower() not in ("true", "false"):
+    extra_text = str(extra_entry).lower()  # texts and booleans: YAML may quote either
+    if not isinstance(extra_entry, str | bool) or extra_text not in ("true", "false"):
         raise ModelError(f"{section.where('extra')} is {short_text(extra_entry)}, expected true or false.")
-    extra = str(extra_entry).lower() == "true"
+    extra = extra_text == "true"
     if "mass" in section.content and not extra:
         raise ModelError(
             f"{section.where('mass')} is of no use unless the rotor is extra: the link has weighed it already."
@@ -308,7 +343,7 @@ def _rotor(section: Section) -> Rotor:
 
 
 def plain_share(value: object, where: str) -> float:
-    """Parse a plain number or a percentage."""
+    """Share from a plain number or a percentage; ``where`` names the entry in error messages."""
     problem = f"{where} is {short_text(value)}, expected a number such as 0.75, or 75 %."
     if isinstance(value, str) and value.rstrip().endswith("%"):
         return plain_number(value.rstrip()[:-1], problem) / 100
@@ -322,17 +357,22 @@ class LogSide:
     of_motors: bool
     """True if positions and torques are those of the motors, before the gears."""
     ratios: Mapping[str, float]
+    """Gear ratios, motor per joint."""
     coupled: Mapping[str, Mapping[str, float]]
-    """Rotation of a joint's motor per rotation of other joints."""
+    """Rotation of a joint's motor per rotation of other joints, by the names of those joints."""
     zero: Mapping[str, float]
-    """Joint position at zero of the log [rad or m]."""
+    """Joint position where the log has zero [rad or m]."""
     sign: Mapping[str, float]
+    """1, or -1 if the column counts in the opposite sense."""
     gain: Mapping[str, float]
-    """Torque or force of the motor, or of the joint, per unit of the column [N m or N]."""
+    """Torque or force per unit of the column [N m or N], of the motor or of the joint."""
     of_currents: Mapping[str, float]
-    """Torque per ampere of current columns [N m/A]: :attr:`gain` or torque constant; times ratio, on the joint side."""
+    """Torque per ampere of current columns [N m/A]: :attr:`gain`, or else the torque constant.
+
+    For logs of the joints' side, the torque constant is multiplied by the gear ratio.
+    """
     couplings: tuple[Coupling, ...] = ()
-    """Coupled motors; ratios, signs and gains use motor names, zeros use joint names."""
+    """Couplings of motors. For their motors, ratios, signs and gains have motor names, and zeros have joint names."""
 
 
 def read_log_side(model: Model, source: Source | ActuatorFile) -> LogSide:
@@ -345,24 +385,27 @@ def read_log_side(model: Model, source: Source | ActuatorFile) -> LogSide:
 
 
 def _log_side(model: Model, file: Section) -> LogSide:
+    """Properties of log columns in the sections of a file."""
     check_entries(model, file)
     couplings = tuple(read_couplings(model, file))
     with_couplings(without_couplings(model), couplings)  # raises an error for missing joints
     sliding = _sliding_joints(model)
-    ratios, constants = _ratios_and_torque_constants(file, sliding)
+    ratios, torque_constants = _ratios_and_torque_constants(file, sliding)
     log = _section_or_empty(file, "log")
     log.only("side", "joints")
     side = log.content.get("side", "joint")
     if side not in ("joint", "motor"):
         raise ModelError(f"log → side is {short_text(side)}, expected joint or motor.")
-    joints = log.section("joints") if "joints" in log.content else Section({}, "log → joints")
+    joints = Section({}, "log → joints")
+    if "joints" in log.content:
+        joints = log.section("joints")
     columns = _LogColumns(side, sliding, couplings, model.velocity_names)
     for name in joints.content:
         columns.read(name, joints)
     torque_per_ampere = {}
-    for name, constant in constants.items():
+    for name, torque_constant in torque_constants.items():
         ratio = 1.0 if side == "motor" else ratios.get(name, 1.0)
-        torque_per_ampere[name] = constant * ratio
+        torque_per_ampere[name] = torque_constant * ratio
     return LogSide(
         side == "motor", ratios, columns.coupled, columns.zero, columns.sign, columns.gain,
         of_currents=torque_per_ampere | columns.gain, couplings=couplings,
@@ -370,29 +413,29 @@ def _log_side(model: Model, file: Section) -> LogSide:
 
 
 def _ratios_and_torque_constants(file: Section, sliding: set[str]) -> tuple[dict[str, float], dict[str, float]]:
-    """Gear ratios, and torque constants of motors [N m/A], by joint; joints without one are left out."""
-    motors = _motors(file)
+    """Gear ratios, and torque constants of motors [N m/A], by joint; missing where a joint has none."""
+    motors = _read_motors(file)
     actuators = _section_or_empty(file, "actuators")
     entries = {name: actuators.section(name) for name, entry in actuators.content.items() if isinstance(entry, Mapping)}
-    ratios, constants = {}, {}
+    ratios = {}
     for name, entry in entries.items():
-        ratio = _ratio(entry, sliding=name in sliding)
-        if ratio:
-            ratios[name] = ratio["ratio"]
+        if "ratio" in entry.content:
+            ratios[name] = gear_ratio(entry.content["ratio"], entry.where("ratio"), sliding=name in sliding)
+    torque_constants = {}
     for name, entry in entries.items():
         motor = _motor_of(entry, motors)
         if motor is not None:
-            constants[name] = motor.torque_constant
-    return ratios, constants
+            torque_constants[name] = motor.torque_constant
+    return ratios, torque_constants
 
 
 class _LogColumns:
-    """Entries below ``log: joints:``, by joint."""
+    """Reader of the entries below ``log: joints:``; what it has read, by joint or coupled motor."""
 
     def __init__(self, side: str, sliding: set[str], couplings: Sequence[Coupling], joints: Sequence[str]) -> None:
         self.side, self.sliding = side, sliding
-        self.coupled_motors = {motor for c in couplings for motor in c.motors}
-        self.coupled_joints = {joint for c in couplings for joint in c.joints}
+        self.coupled_motors = {motor for coupling in couplings for motor in coupling.motors}
+        self.coupled_joints = {joint for coupling in couplings for joint in coupling.joints}
         self.names = (*joints, *sorted(self.coupled_motors))
         self.coupled: dict[str, dict[str, float]] = {}
         self.zero: dict[str, float] = {}
@@ -424,7 +467,9 @@ class _LogColumns:
         """Entries that a joint or motor may have."""
         if name in self.coupled_motors:
             return ("sign", "gain")
-        return ("zero",) if name in self.coupled_joints else ("coupled", "zero", "sign", "gain")
+        if name in self.coupled_joints:
+            return ("zero",)
+        return ("coupled", "zero", "sign", "gain")
 
     def _ratios_to_others(self, name: str, others: Section) -> dict[str, float]:
         """Rotation of a joint's motor per rotation of other joints."""
@@ -432,7 +477,7 @@ class _LogColumns:
         for other in others.content:
             if other not in choices:
                 raise UnknownNameError.from_choices("other joint", other, choices)
-        return {
-            other: gear_ratio(value, others.where(other), sliding=other in self.sliding)
-            for other, value in others.content.items()
-        }
+        ratios = {}
+        for other, value in others.content.items():
+            ratios[other] = gear_ratio(value, others.where(other), sliding=other in self.sliding)
+        return ratios

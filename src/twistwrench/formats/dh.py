@@ -1,4 +1,4 @@
-"""Models from Denavit–Hartenberg tables; conversion to and from the book's screw lists. MR chapters 4, 8, app. C."""
+"""Models from Denavit–Hartenberg tables; conversion to and from the book's screw lists. MR chapters 4 and 8, appendix C."""
 
 from __future__ import annotations
 
@@ -23,9 +23,11 @@ from ..mechanics.model.model import Model
 COLUMNS = ("theta", "d", "a", "alpha")
 """Columns of a table: rotation and translation about and along z [rad, m], then along and about x [m, rad]."""
 CONVENTIONS = ("standard", "modified")
+"""Order of the two motions of a row: about and along z first, or about and along x first."""
 _DH_TYPES = ("revolute", "prismatic")
-TURN = 2 * np.pi + 1e-6
-"""Largest angle in a table [rad], with rounding."""
+"""Types of joints in a table."""
+MAX_ANGLE = 2 * np.pi + 1e-6
+"""Largest angle in a table that is certainly in radians [rad]: a turn, with rounding."""
 
 
 def from_dh(
@@ -46,7 +48,7 @@ def from_dh(
     """Model from a Denavit–Hartenberg table; arguments of :func:`twistwrench.from_dh`."""
     if convention not in CONVENTIONS:
         raise UnknownNameError.from_choices("Denavit–Hartenberg convention", convention, CONVENTIONS)
-    theta, d, a, alpha = _columns(table, columns)
+    theta, d, a, alpha = _columns_in_order(table, columns)
     n = len(theta)
     if isinstance(joint_types, str):
         joint_types = [joint_types] * n
@@ -62,16 +64,18 @@ def from_dh(
     for i in range(n):
         if kinds[i] not in _DH_TYPES:
             raise UnknownNameError.from_choices(f"joint type (of {names[i]!r})", kinds[i], _DH_TYPES)
-        parent, link, axis = f"link{i}", f"link{i + 1}", f"axis{i + 1}"
-        along_z, along_x = _screw(2, theta[i], d[i]), _screw(0, alpha[i], a[i])
+        parent, link = f"link{i}", f"link{i + 1}"
+        motion_z = _screw_motion(axis=2, angle=theta[i], distance=d[i])
+        motion_x = _screw_motion(axis=0, angle=alpha[i], distance=a[i])
         if convention == "standard":  # the joint moves an axis frame, to which the link's frame is fixed
-            builder.add_link(axis)
-            builder.add_joint(names[i], kinds[i], parent, axis, placement=along_z, axis=(0, 0, 1))
+            axis_frame = f"axis{i + 1}"
+            builder.add_link(axis_frame)
+            builder.add_joint(names[i], kinds[i], parent, axis_frame, placement=motion_z, axis=(0, 0, 1))
             builder.add_link(link, bodies[i])
-            builder.add_joint(f"{link}_fixed", "fixed", axis, link, placement=along_x)
+            builder.add_joint(f"{link}_fixed", "fixed", axis_frame, link, placement=motion_x)
         else:
             builder.add_link(link, bodies[i])
-            builder.add_joint(names[i], kinds[i], parent, link, placement=along_x @ along_z, axis=(0, 0, 1))
+            builder.add_joint(names[i], kinds[i], parent, link, placement=motion_x @ motion_z, axis=(0, 0, 1))
     tip = f"link{n}"
     if tool is not None:
         builder.add_link("tool")
@@ -81,40 +85,45 @@ def from_dh(
 
 
 def _remark_on_degrees(builder: ModelBuilder, column: str, angles: Array) -> None:
-    """Add a note if an angle is more than a whole turn, as angles in degrees are."""
-    rows = np.flatnonzero(np.abs(angles) > TURN)
-    if rows.size:
+    """Add a note if an angle is more than a turn, as angles in degrees usually are."""
+    large_rows = np.flatnonzero(np.abs(angles) > MAX_ANGLE)
+    if large_rows.size:
+        row = large_rows[0]
         builder.remark(
-            f"{column} of row {rows[0] + 1} of the Denavit–Hartenberg table is {printed(angles[rows[0]])}, more than a "
+            f"{column} of row {row + 1} of the Denavit–Hartenberg table is {printed(angles[row])}, more than a "
             f"whole turn; angles are radians? If these are degrees: np.radians({column})"
         )
 
 
-def _names_per_row(what: str, names: Sequence[str], n: int) -> list[str]:
+def _names_per_row(argument: str, names: Sequence[str], n: int) -> list[str]:
+    """Names as a list, one for each of n rows; ShapeError with the name of the argument for another number."""
     if isinstance(names, str) or not isinstance(names, Sequence) or len(names) != n:
-        raise ShapeError(f"{what} is {names!r}, but the table has {n} rows: give a list with one name for each row.")
+        raise ShapeError(
+            f"{argument} is {names!r}, but the table has {n} rows: give a list with one name for each row."
+        )
     return list(names)
 
 
-def _screw(axis: int, angle: float, distance: float) -> Array:
-    """Screw motion: rotation about a coordinate axis and translation along it."""
-    return se3.exp(np.concatenate([angle * np.eye(3)[axis], distance * np.eye(3)[axis]]))
+def _screw_motion(axis: int, angle: float, distance: float) -> Array:
+    """Pose after a screw motion: rotation about a coordinate axis and translation along it."""
+    direction = np.eye(3)[axis]
+    return se3.exp(np.concatenate([angle * direction, distance * direction]))
 
 
-def _columns(table: Any, columns: Sequence[str] | None) -> list[Array]:
-    """Columns theta, d, a, alpha, (n,) each."""
-    named = _named_columns(table, columns)
-    n = max((len(x) for x in named.values() if x.ndim == 1), default=0)
-    if n == 0 or any(x.shape != (n,) for x in named.values()):
-        shapes = ", ".join(f"{name} {x.shape}" for name, x in named.items()) or "none"
+def _columns_in_order(table: Any, columns: Sequence[str] | None) -> list[Array]:
+    """Columns theta, d, a, alpha, (n,) each; missing ones are zero."""
+    column_by_name = _named_columns(table, columns)
+    n = max((len(column) for column in column_by_name.values() if column.ndim == 1), default=0)
+    if n == 0 or any(column.shape != (n,) for column in column_by_name.values()):
+        shapes = ", ".join(f"{name} {column.shape}" for name, column in column_by_name.items()) or "none"
         raise ShapeError(
             f"the columns of a Denavit–Hartenberg table have as many numbers each, one at least: {shapes}."
         )
-    return [np.asarray(named.get(name, np.zeros(n)), float) for name in COLUMNS]
+    return [np.asarray(column_by_name.get(name, np.zeros(n)), float) for name in COLUMNS]
 
 
 def _named_columns(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
-    """Columns by name, of a table of any of the three forms."""
+    """Columns by name, of a mapping of columns, a sequence of rows that are mappings, or an array."""
     if isinstance(table, Mapping):
         _check_column_names(table)
         values = dict(table)
@@ -126,16 +135,22 @@ def _named_columns(table: Any, columns: Sequence[str] | None) -> dict[str, Array
             values[name] = [row.get(name, 0.0) for row in table]
     else:
         return _columns_of_array(table, columns)
-    return {name: np.atleast_1d(arguments.finite(x, f"column {name!r} of the table")) for name, x in values.items()}
+    columns_by_name = {}
+    for name, column in values.items():
+        numbers = arguments.finite(column, f"column {name!r} of the table")
+        columns_by_name[name] = np.atleast_1d(numbers)
+    return columns_by_name
 
 
 def _check_column_names(names: Iterable[str]) -> None:
-    for column in names:
-        if column not in COLUMNS:
-            raise UnknownNameError.from_choices("column of a Denavit–Hartenberg table", column, COLUMNS)
+    """Raise UnknownNameError for a name that no column has."""
+    for name in names:
+        if name not in COLUMNS:
+            raise UnknownNameError.from_choices("column of a Denavit–Hartenberg table", name, COLUMNS)
 
 
 def _columns_of_array(table: Any, columns: Sequence[str] | None) -> dict[str, Array]:
+    """Columns of an (n, 4) array by name, whose order ``columns`` gives."""
     array = arguments.finite(table, "the Denavit–Hartenberg table")
     if array.ndim != 2 or array.shape[1] != len(COLUMNS):
         raise ShapeError(f"the Denavit–Hartenberg table has shape {array.shape}, expected (n, 4).")
@@ -154,20 +169,22 @@ def _inertias(
     n: int, masses: ArrayLike | None, coms: ArrayLike | None, moments: ArrayLike | None
 ) -> list[SpatialInertia]:
     """Inertia of each link in its own frame, zero if not given."""
-    wanted = (("masses", masses, (n,)), ("coms", coms, (n, 3)), ("moments_about_com", moments, (n, 3, 3)))
-    arrays = []
-    for what, values, shape in wanted:
-        x = np.zeros(shape)
-        if values is not None:
-            x = arguments.finite(values, what)
-        if x.shape != shape:
-            raise ShapeError(f"{what} has shape {x.shape}, but the table has {n} rows: expected {shape}.")
-        arrays.append(x)
-    m, c, I = arrays
-    return [_inertia(f"link{i + 1}", SpatialInertia.from_com, float(m[i]), c[i], I[i]) for i in range(n)]
+
+    def numbers(argument: str, values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+        if values is None:
+            return np.zeros(shape)
+        array = arguments.finite(values, argument)
+        if array.shape != shape:
+            raise ShapeError(f"{argument} has shape {array.shape}, but the table has {n} rows: expected {shape}.")
+        return array
+
+    m = numbers("masses", masses, (n,))
+    c = numbers("coms", coms, (n, 3))
+    I = numbers("moments_about_com", moments, (n, 3, 3))
+    return [_named_inertia(f"link{i + 1}", SpatialInertia.from_com, float(m[i]), c[i], I[i]) for i in range(n)]
 
 
-def _inertia(link: str, build: Callable[..., SpatialInertia], *numbers: Any) -> SpatialInertia:
+def _named_inertia(link: str, build: Callable[..., SpatialInertia], *numbers: Any) -> SpatialInertia:
     """Inertia of a link; error messages include its name."""
     try:
         return build(*numbers)
@@ -186,7 +203,7 @@ class ScrewLists:
     Blist: Array
     """(6, n) screw axes in the end-effector frame."""
     Mlist: Array
-    """(n + 1, 4, 4) pose of link frame i in link frame i - 1; the last is the end-effector in link n."""
+    """(n + 1, 4, 4) pose of link frame i in link frame i - 1; the last is the pose of the end-effector in link n."""
     Glist: Array
     """(n, 6, 6) spatial inertia of each link in its own frame."""
 
@@ -209,20 +226,23 @@ def screw_lists(model: Model, *, at_com: bool = False) -> ScrewLists:
     end = model.frame(None)
     if end.body != len(model.bodies) - 1:
         raise ModelError(f"tip {model.tip!r} of robot {model.name!r} does not ride on the last link. Load with tip=….")
-    home, frames, screws, inertias = np.eye(4), [], [], []
+    home = np.eye(4)  # pose of the body in the base
+    screws, link_frames, inertias = [], [], []
     for body in model.bodies:
         home = home @ body.placement
         screws.append(Ad(home) @ body.joint.axes[0])
-        moved = np.eye(4)
+        T_link = np.eye(4)  # link frame in the frame of the body
         if at_com:
-            moved = se3.pose(body.inertia.principal()[1], body.inertia.com)
-        frames.append(home @ moved)
-        inertias.append(body.inertia.in_frame(se3.inverse(moved)).matrix)
+            _, principal_axes = body.inertia.principal()
+            T_link = se3.pose(principal_axes, body.inertia.com)
+        link_frames.append(home @ T_link)
+        inertias.append(body.inertia.in_frame(se3.inverse(T_link)).matrix)
     M = home @ end.pose
-    chain = [np.eye(4), *frames, M]
-    steps = [se3.inverse(a) @ b for a, b in itertools.pairwise(chain)]
+    frames = [np.eye(4), *link_frames, M]
+    Mlist = np.array([se3.inverse(T_previous) @ T for T_previous, T in itertools.pairwise(frames)])
     Slist = np.array(screws).T
-    return ScrewLists(M, Slist, Ad(se3.inverse(M)).apply(Slist.T).T, np.array(steps), np.array(inertias))
+    Blist = Ad(se3.inverse(M)).apply(Slist.T).T
+    return ScrewLists(M, Slist, Blist, Mlist, np.array(inertias))
 
 
 def from_screws(
@@ -238,13 +258,15 @@ def from_screws(
     inertia: str,
 ) -> Model:
     """Model from the book's lists; arguments of :func:`twistwrench.from_screws`."""
-    S, steps = np.asarray(Slist, float), np.asarray(Mlist, float)
+    S = np.asarray(Slist, float)
+    placements = np.asarray(Mlist, float)
     G = np.asarray(Glist, float)
     n = S.shape[-1] if S.ndim == 2 else 0
-    if S.shape != (6, n) or n == 0 or steps.shape != (n + 1, 4, 4) or G.shape != (n, 6, 6):
+    fits = S.shape == (6, n) and placements.shape == (n + 1, 4, 4) and G.shape == (n, 6, 6)
+    if n == 0 or not fits:
         raise ShapeError(
-            f"Slist {S.shape}, Mlist {steps.shape}, Glist {G.shape}: expected (6, n), (n + 1, 4, 4), (n, 6, 6). Screws are "
-            "the columns of Slist; Mlist ends with the end-effector's pose in the last link."
+            f"Slist {S.shape}, Mlist {placements.shape}, Glist {G.shape}: expected (6, n), (n + 1, 4, 4), (n, 6, 6). "
+            "Screws are the columns of Slist; Mlist ends with the end-effector's pose in the last link."
         )
     if joint_names is None:
         joint_names = [f"joint{i + 1}" for i in range(n)]
@@ -255,29 +277,30 @@ def from_screws(
     builder.add_link("base")
     home, parent = np.eye(4), "base"
     for i in range(n):
-        home = home @ steps[i]
+        home = home @ placements[i]
         A = Ad(se3.inverse(home)) @ S[:, i]  # screw axis in its link's frame, MR section 8.3.1
         if not non_unit_screws:
             _check_unit(S[:, i], i, names[i])
         link = f"link{i + 1}"
-        builder.add_link(link, _inertia(link, SpatialInertia.from_matrix, G[i]))
+        builder.add_link(link, _named_inertia(link, SpatialInertia.from_matrix, G[i]))
         kind = "prismatic"
         if np.any(A[:3]):
             kind = "helical"
-        builder.add_joint(names[i], kind, parent, link, placement=steps[i], axis=A, normalise_axes=False)
+        builder.add_joint(names[i], kind, parent, link, placement=placements[i], axis=A, normalise_axes=False)
         parent = link
     builder.add_link("end_effector")
-    builder.add_joint("end_effector_fixed", "fixed", parent, "end_effector", placement=steps[n])
+    builder.add_joint("end_effector_fixed", "fixed", parent, "end_effector", placement=placements[n])
     if M is not None:
-        _check_home(np.asarray(M, float), home @ steps[n])
+        _check_home(np.asarray(M, float), home @ placements[n])
     return builder.build(tip="end_effector", gravity=gravity, inertia=inertia, snap=0.0)
 
 
 def _check_unit(S: Array, i: int, joint: str) -> None:
-    w, v = float(np.linalg.norm(S[:3])), float(np.linalg.norm(S[3:]))
-    length, part = v, "sliding part"
-    if w > 0:
-        length, part = w, "turning part"
+    """Raise ModelError unless screw i has unit length: its angular part, or its linear part if it does not turn."""
+    w_length, v_length = float(np.linalg.norm(S[:3])), float(np.linalg.norm(S[3:]))
+    length, part = v_length, "sliding part"
+    if w_length > 0:
+        length, part = w_length, "turning part"
     if abs(length - 1.0) > 1e-6:
         raise ModelError(
             f"screw {i + 1} (joint {joint!r}), {S.tolist()}: its {part} has length {printed(length)}, not 1. Divide it by "
@@ -285,12 +308,13 @@ def _check_unit(S: Array, i: int, joint: str) -> None:
         )
 
 
-def _check_home(given: Array, product: Array) -> None:
-    if given.shape != (4, 4):
-        raise ShapeError(f"M has shape {given.shape}, expected (4, 4).")
-    gap = float(np.abs(given - product).max())
-    if not gap <= 1e-6:
+def _check_home(M: Array, product: Array) -> None:
+    """Raise an error unless the home pose M (4, 4) is the product of the poses in Mlist."""
+    if M.shape != (4, 4):
+        raise ShapeError(f"M has shape {M.shape}, expected (4, 4).")
+    difference = float(np.abs(M - product).max())
+    if not difference <= 1e-6:  # nan too
         raise ModelError(
-            f"M and the product of Mlist differ by up to {printed(gap, 3)}: they must describe the same end-effector frame "
-            "at zero. Pass M=None to take the product."
+            f"M and the product of Mlist differ by up to {printed(difference, 3)}: they must describe the same end-effector "
+            "frame at zero. Pass M=None to take the product."
         )

@@ -1,10 +1,15 @@
 """Elements, attributes and model fields of other programs' formats: read, ignored, or left out with a note.
 
-``KNOWN[format][tag][name]`` is READ, NO_MECHANICS or a :class:`LeftOut`; ``name`` is an attribute, or ``<child>`` for an
-element. An element marked READ has a row of its own, named by its tag, or ``parent/tag`` for tags with two meanings;
-without a row it contains only text. NO_MECHANICS (appearance, contacts, sensors, controllers) is skipped entirely.
-:class:`LeftOut` is mechanics that is not read. ``*`` stands for all unlisted names. Unlisted names with another
-program's prefix are skipped; other unlisted names give a note. The names are in ``known_elements.txt``.
+``KNOWN[format][tag]`` is a *row*: it lists what an element with this tag may contain, by name. A name is an attribute, or
+``<child>`` for a child element; ``*`` stands for all unlisted names. Each name has an *entry*:
+
+* READ: it is read. A child marked READ has a row of its own, named by its tag, or ``parent/tag`` for tags with two meanings.
+  Without a row it contains only text.
+* NO_MECHANICS: appearance, contacts, sensors or controllers, which are skipped with all that they contain.
+* :class:`LeftOut`: mechanics that is not read, which gives a note.
+
+Unlisted names with another program's prefix are skipped; other unlisted names give a note. The table is in
+``known_elements.txt``.
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ from .xml import Element
 
 READ = "read"
 NO_MECHANICS = "no mechanics"
-OTHERS = "*"
+ALL_OTHERS = "*"
 
 
 @dataclass(frozen=True)
@@ -28,14 +33,18 @@ class LeftOut:
     """Mechanics that is not read, and its effect."""
 
     change: str
-    """Sentence: numbers that it would change."""
+    """Sentence that says which numbers it would change."""
     unless: tuple[str, ...] = ()
     """Values without an effect; if empty: zeros and ``false``."""
 
     def acts(self, texts: Iterable[str]) -> bool:
         """True if any word in the texts has an effect, or if there are no words."""
-        words = [word for text in texts for word in text.lower().split()]
-        return not words or any(word not in self.unless if self.unless else not _is_zero(word) for word in words)
+        words = " ".join(texts).lower().split()
+        if not words:
+            return True
+        if self.unless:
+            return any(word not in self.unless for word in words)
+        return not all(map(_is_zero, words))
 
 
 Entry = str | LeftOut
@@ -43,6 +52,7 @@ Rows = Mapping[str, Mapping[str, Entry]]
 
 
 def _is_zero(word: str) -> bool:
+    """True for a number that is zero, and for ``false``."""
     try:
         return word == "false" or float(word) == 0.0
     except ValueError:
@@ -50,9 +60,14 @@ def _is_zero(word: str) -> bool:
 
 
 def _read_table(text: str) -> dict[str, Rows]:
-    """Parse formats and their rows; the first section has the effects of mechanics that is left out."""
+    """Rows of each format, from the lines of ``known_elements.txt``.
+
+    A line is a comment ``# …``; the name of a format ``[URDF]``, whose rows follow; the name of an effect with its sentence and
+    values, ``key: change | values``; tags of a row; or names in that row, ``  key: names``, indented. The keys "read" and
+    "ignored" stand for READ and NO_MECHANICS, others for effects.
+    """
     formats: dict[str, dict[str, dict[str, Entry]]] = {}
-    entries: dict[str, Entry] = {"read": READ, "ignored": NO_MECHANICS}
+    entry_of_key: dict[str, Entry] = {"read": READ, "ignored": NO_MECHANICS}
     rows: dict[str, dict[str, Entry]] = {}
     row: dict[str, Entry] = {}
     for line in text.splitlines():
@@ -60,17 +75,21 @@ def _read_table(text: str) -> dict[str, Rows]:
         if line.startswith("["):
             rows = formats[line[1:-1]] = {}
         elif line.startswith(" "):
-            row |= dict.fromkeys(rest.split(), entries[key.strip()])
-        elif rest and not line.startswith("#"):
+            row |= dict.fromkeys(rest.split(), entry_of_key[key.strip()])
+        elif not line or line.startswith("#"):
+            continue
+        elif rest:
             change, _, values = rest.partition(" | ")
-            entries[key] = LeftOut(change, tuple(values.split()))
-        elif line and not line.startswith("#"):  # tags, possibly on several lines
-            row = {} if row else row
+            entry_of_key[key] = LeftOut(change, tuple(values.split()))
+        else:
+            if row:  # otherwise this is a further line of tags for the same row
+                row = {}
             rows |= dict.fromkeys(line.split(), row)
-    return {name: rows for name, rows in formats.items() if rows}
+    return {name: rows for name, rows in formats.items() if rows}  # the section of effects has no rows
 
 
-KNOWN: Mapping[str, Rows] = _read_table((get_data(__name__, "known_elements.txt") or b"").decode())  # works in archives
+# get_data also finds the file if the package is in an archive.
+KNOWN: Mapping[str, Rows] = _read_table((get_data(__name__, "known_elements.txt") or b"").decode())
 
 ACTUATORS = (
     "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor", "pid",
@@ -101,10 +120,12 @@ Most effects depend on several attributes, so the readers decide whether to add 
 
 _MAX_NAMES = 100
 """Largest number of names with separate notes."""
+_MAX_COMPARED_LENGTH = 100
+"""Largest number of characters of a name for which similar names are sought."""
 
 
 class Unread:
-    """Notes on elements and attributes that are not read, once per name with a count.
+    """Notes on elements and attributes that are not read: one note for each name, with the number of its occurrences.
 
     Parameters
     ----------
@@ -114,7 +135,9 @@ class Unread:
     def __init__(self, format_name: str) -> None:
         self.format, self.rows = format_name, KNOWN[format_name]
         self._notes: dict[tuple[str, str], tuple[str, str]] = {}
+        """Place of the first occurrence and text of each note, by tag and name."""
         self._count: Counter[tuple[str, str]] = Counter()
+        """Number of occurrences, by tag and name."""
 
     def row(self, tag: str, parent: str = "") -> Mapping[str, Entry]:
         """Names allowed in a tag inside another tag."""
@@ -123,17 +146,19 @@ class Unread:
     @staticmethod
     def entry(row: Mapping[str, Entry], name: str) -> Entry | None:
         """Entry of a name in a row; None for unknown names."""
-        entry = row.get(name) or row.get(OTHERS)
-        foreign = entry is None and ":" in name and not name.startswith("physics:")  # prefix of USD itself
-        return NO_MECHANICS if foreign else entry
+        entry = row.get(name) or row.get(ALL_OTHERS)
+        has_foreign_prefix = ":" in name and not name.startswith("physics:")  # the latter is USD's own
+        if entry is None and has_foreign_prefix:
+            return NO_MECHANICS
+        return entry
 
-    def note_left_out(self, tag: str, name: str, entry: LeftOut, who: str) -> None:
+    def note_left_out(self, tag: str, name: str, entry: LeftOut, place: str) -> None:
         """Add a note on mechanics that is not read."""
-        self._note(tag, name, who, lambda: f"not read; {entry.change}")
+        self._add_note(tag, name, place, lambda: f"not read; {entry.change}")
 
     def note_unknown(self, tag: str, name: str, place: str) -> None:
         """Add a note on an unknown name in a tag."""
-        self._note(tag, name, place, lambda: self._unknown_text(tag, name))
+        self._add_note(tag, name, place, lambda: self._unknown_text(tag, name))
 
     def walk(self, element: Element) -> None:
         """Add notes on unread content of an element."""
@@ -155,7 +180,7 @@ class Unread:
                     children.append((child, current.tag))
                 elif entry is None:
                     self.note_unknown(current.tag, name, child.place)
-                elif isinstance(entry, LeftOut) and entry.acts(_texts(child)):
+                elif isinstance(entry, LeftOut) and entry.acts(_texts_in(child)):
                     self.note_left_out(current.tag, name, entry, str(child))
             stack.extend(reversed(children))
 
@@ -163,37 +188,39 @@ class Unread:
     def remarks(self) -> list[str]:
         """Notes as sentences, in order of first occurrence."""
         sentences = []
-        for key, (who, text) in self._notes.items():
-            repeats = self._count[key] - 1
-            others = f" and {repeats} more" if repeats else ""
-            sentences.append(f"{who}{others}: {text}")
-        without_note = len(self._count) - len(self._notes)
-        if without_note:
-            sentences.append(f"{without_note} more names are not read")
+        for key, (place, text) in self._notes.items():
+            repetitions = self._count[key] - 1
+            others = f" and {repetitions} more" if repetitions else ""
+            sentences.append(f"{place}{others}: {text}")
+        names_without_note = len(self._count) - len(self._notes)
+        if names_without_note:
+            sentences.append(f"{names_without_note} more names are not read")
         return sentences
 
-    def _note(self, tag: str, name: str, who: str, text: Callable[[], str]) -> None:
+    def _add_note(self, tag: str, name: str, place: str, text: Callable[[], str]) -> None:
+        """Count an occurrence; the first one of a name adds a note, whose text is made only then."""
         key = tag, name
         self._count[key] += 1
         if self._count[key] == 1 and len(self._notes) < _MAX_NAMES:
-            self._notes[key] = who, text()
+            self._notes[key] = place, text()
 
     def _unknown_text(self, tag: str, name: str) -> str:
-        """Sentence about an unknown name, with the closest known name."""
-        choices = self.row(tag)
-        if not name.startswith("<"):
-            text = f"{shorten(name)} is not an attribute of <{tag}> in {self.format}"
-            similar = [choice for choice in choices if not choice.startswith("<")]
-        else:
-            parents = [f"<{parent.rpartition('/')[2]}>" for parent, names in self.rows.items() if name in names]
-            if parents:
-                return (
-                    f"{name} is not an element of <{tag}> in {self.format}; it belongs into {' or '.join(parents[:3])}"
-                )
+        """Clause about an unknown name, with the parents of such an element, or with the most similar known name."""
+        row = self.row(tag)
+        if name.startswith("<"):
+            rows_with_name = [parent for parent, names in self.rows.items() if name in names]
+            if rows_with_name:
+                parents = [f"<{parent.rpartition('/')[2]}>" for parent in rows_with_name[:3]]
+                return f"{name} is not an element of <{tag}> in {self.format}; it belongs into {' or '.join(parents)}"
             text = f"{shorten(name)} is not an element of {self.format}"
-            similar = [choice for choice in choices if choice.startswith("<")]
-        nearest = difflib.get_close_matches(name[:_MAX_NAMES], similar, n=1)
-        return f"{text}; did you mean {nearest[0]}?" if nearest else text
+            choices = [choice for choice in row if choice.startswith("<")]
+        else:
+            text = f"{shorten(name)} is not an attribute of <{tag}> in {self.format}"
+            choices = [choice for choice in row if not choice.startswith("<")]
+        nearest = difflib.get_close_matches(name[:_MAX_COMPARED_LENGTH], choices, n=1)
+        if not nearest:
+            return text
+        return f"{text}; did you mean {nearest[0]}?"
 
 
 def unread(format_name: str, *elements: Element) -> list[str]:
@@ -204,7 +231,9 @@ def unread(format_name: str, *elements: Element) -> list[str]:
     return notes.remarks
 
 
-def _texts(element: Element) -> list[str]:
-    """Texts and ``value`` attributes in an element."""
-    texts = [text for one in element.walk() for text in (one.content, one.attributes.get("value", ""))]
+def _texts_in(element: Element) -> list[str]:
+    """Texts and ``value`` attributes of an element and of all elements in it."""
+    texts: list[str] = []
+    for part in element.walk():
+        texts += [part.content, part.attributes.get("value", "")]
     return [text for text in texts if text.strip()]

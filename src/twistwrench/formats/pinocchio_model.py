@@ -22,25 +22,31 @@ from .urdf import known_limits
 from .writers.written import Losses, configurations_of, drive_of, screw_of, translation
 
 UNIVERSE = "universe"
-_PREFIX = "JointModel"
-_FREE = "FreeFlyer"
-_SINGLE_JOINTS = {_FREE: "floating", "Spherical": "ball", "Planar": "planar"}
-"""Joints with several velocities that become one joint."""
-_SEVERAL_JOINTS = {"SphericalZYX": "revolute", "Translation": "prismatic", "Universal": "revolute"}
-"""Joints that become several joints of one degree."""
-_SITES = ("OP_FRAME", "SENSOR")
+"""Name of the link of Pinocchio's joint 0, which is fixed in the world."""
+_TYPE_PREFIX = "JointModel"
+"""Beginning of the names of Pinocchio's joint types."""
+_FREE_JOINT = "FreeFlyer"
+_SINGLE_JOINTS = {_FREE_JOINT: "floating", "Spherical": "ball", "Planar": "planar"}
+"""Joint types with several velocities that become one joint."""
+_SEVERAL_JOINTS = ("SphericalZYX", "Translation", "Universal")
+"""Joint types that become several joints of one degree."""
+_SITE_FRAME_TYPES = ("OP_FRAME", "SENSOR")
+"""Types of frames that become sites."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """One joint of the model: a part of a Pinocchio joint, placed relative to the previous part."""
+    """One joint of the model: a Pinocchio joint, or one of the parts that it becomes."""
 
     kind: str
     axis: Array | None
     """Screw axis (6,) of one-degree joints, angular part first."""
     T: Array
+    """Pose in the frame of the previous part; for the first part, in the frame of the Pinocchio joint."""
     nq: int
+    """Number of coordinates in Pinocchio."""
     nv: int
+    """Number of velocities in Pinocchio."""
 
 
 def read_pinocchio_model(model: Any, floating_base: bool | None = None) -> tuple[ModelBuilder, bool]:
@@ -69,7 +75,7 @@ def read_pinocchio_model(model: Any, floating_base: bool | None = None) -> tuple
 def _free_roots(model: Any) -> set[int]:
     """Indices of the free joints to the universe."""
     roots = [j for j in range(1, model.njoints) if int(model.parents[j]) == 0]
-    return {j for j in roots if str(model.joints[j].shortname()).removeprefix(_PREFIX) == _FREE}
+    return {j for j in roots if str(model.joints[j].shortname()).removeprefix(_TYPE_PREFIX) == _FREE_JOINT}
 
 
 def _fill_builder(model: Any, fixed_joints: Set[int]) -> ModelBuilder:
@@ -77,14 +83,13 @@ def _fill_builder(model: Any, fixed_joints: Set[int]) -> ModelBuilder:
     names = list(model.names)
     builder = ModelBuilder(str(model.name) or "robot")
     builder.gravity = np.array(model.gravity.linear, float).tolist()
-    links = _links(model)
-    builder.add_link(links[0], _inertia(model.inertias[0]))
+    links = _link_names(model)
+    builder.add_link(links[0], _spatial_inertia(model.inertias[0]))
     for j in range(1, model.njoints):
         if j in fixed_joints:
-            builder.add_link(links[j], _inertia(model.inertias[j]))
-            builder.add_joint(
-                names[j], "fixed", links[0], links[j], placement=np.array(model.jointPlacements[j].homogeneous)
-            )
+            builder.add_link(links[j], _spatial_inertia(model.inertias[j]))
+            placement = np.array(model.jointPlacements[j].homogeneous)
+            builder.add_joint(names[j], "fixed", links[0], links[j], placement=placement)
         else:
             _add_joint(builder, model, j, names, links)
     _add_frames(builder, model, links)
@@ -96,42 +101,45 @@ def _fill_builder(model: Any, fixed_joints: Set[int]) -> ModelBuilder:
     return builder
 
 
-def _links(model: Any) -> list[str]:
-    """Link of each joint: the first body frame that coincides with the joint."""
+def _link_names(model: Any) -> list[str]:
+    """Name of the link of each joint: that of the first body frame that coincides with the joint, or else a new name."""
     names = [""] * model.njoints
-    bodies = [frame for frame in model.frames if _type(frame) == "BODY"]
-    for frame in bodies:
+    body_frames = [frame for frame in model.frames if _frame_type(frame) == "BODY"]
+    for frame in body_frames:
         j = int(frame.parentJoint)
         if not names[j] and np.array_equal(frame.placement.homogeneous, np.eye(4)):
             names[j] = str(frame.name)
-    used_names = {str(frame.name) for frame in bodies}
+    used_names = {str(frame.name) for frame in body_frames}
     for j, name in enumerate(names):
         if not name:
-            wanted = UNIVERSE
+            new_name = UNIVERSE
             if j > 0:
-                wanted = f"{model.names[j]}.body"
-            names[j] = unused(wanted, used_names)
+                new_name = f"{model.names[j]}.body"
+            names[j] = unused(new_name, used_names)
     return names
 
 
-def _type(frame: Any) -> str:
+def _frame_type(frame: Any) -> str:
+    """Type of a frame, such as ``BODY`` for ``FrameType.BODY``."""
     return str(frame.type).rpartition(".")[2]
 
 
-def _inertia(inertia: Any) -> SpatialInertia:
+def _spatial_inertia(inertia: Any) -> SpatialInertia:
     return SpatialInertia.from_com(float(inertia.mass), np.array(inertia.lever), np.array(inertia.inertia))
 
 
 def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], links: Sequence[str]) -> None:
+    """Add joint j and its link; hidden links without mass join the parts of a joint that becomes several."""
     joint, name = model.joints[j], names[j]
-    parent, T = links[int(model.parents[j])], np.array(model.jointPlacements[j].homogeneous)
+    parent = links[int(model.parents[j])]
+    T = np.array(model.jointPlacements[j].homogeneous)
     mimic = _mimic(model, j, names)
     steps = list(_steps(joint, name))
     q_index, v_index = int(joint.idx_q), int(joint.idx_v)
     for k, step in enumerate(steps):
         if k == len(steps) - 1:
             child = links[j]
-            builder.add_link(child, _inertia(model.inertias[j]))
+            builder.add_link(child, _spatial_inertia(model.inertias[j]))
         else:
             child = f"{links[j]}:{name}.{k}"
             builder.add_link(child, hidden=True)
@@ -146,12 +154,14 @@ def _add_joint(builder: ModelBuilder, model: Any, j: int, names: Sequence[str], 
         if step.kind in ("floating", "planar") and options.get("armature"):
             text = "has an armature, whose products of velocities Pinocchio leaves out, and which count here"
             builder.note(f"joint {name!r}", text)
-        parent, T = child, np.eye(4)
-        q_index, v_index = q_index + step.nq, v_index + step.nv
+        parent = child
+        T = np.eye(4)  # the pose of the Pinocchio joint belongs to the first part alone
+        q_index += step.nq
+        v_index += step.nv
 
 
 def _step_name(name: str, k: int, count: int) -> str:
-    """Name of part k of a Pinocchio joint with so many parts."""
+    """Name of part k of a Pinocchio joint with ``count`` parts."""
     if count == 1:
         return name
     return f"{name}.{k}"
@@ -168,8 +178,11 @@ def _mimic(model: Any, j: int, names: Sequence[str]) -> Mimic | None:
 
 
 def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
-    """Model joints for a Pinocchio joint, by its name and motion subspace."""
-    kind = str(joint.shortname()).removeprefix(_PREFIX)
+    """Joints of the model that a Pinocchio joint becomes, from its type and motion subspace.
+
+    ``T`` is the pose of the joint within a composite joint, by default the identity.
+    """
+    kind = str(joint.shortname()).removeprefix(_TYPE_PREFIX)
     if T is None:
         T = np.eye(4)
     if kind in _SINGLE_JOINTS:
@@ -178,51 +191,52 @@ def _steps(joint: Any, name: str, T: Array | None = None) -> Iterator[_Step]:
         composite = joint
         if hasattr(joint, "extract"):
             composite = joint.extract()
-        for part, place in zip(composite.joints, composite.jointPlacements, strict=True):
-            yield from _steps(part, name, T @ np.array(place.homogeneous))
-            T = np.eye(4)  # of the first part alone: each is placed relative to the one before
+        for part, placement in zip(composite.joints, composite.jointPlacements, strict=True):
+            yield from _steps(part, name, T @ np.array(placement.homogeneous))
+            T = np.eye(4)  # T belongs to the first part alone: each part is placed relative to the one before
     elif kind == "Mimic":
         # Pinocchio's subspace of a mimic joint has its ratio, which the builder takes from ``mimic``.
-        S = _subspace(joint, np.zeros(1)) / float(joint.extract().scaling)
+        S = _motion_subspace(joint, np.zeros(1)) / float(joint.extract().scaling)
         yield _Step(*_kind_and_axis(S[:, 0], endless=False), T, 0, 0)
     elif kind in _SEVERAL_JOINTS:
-        for column in _subspace(joint, np.zeros(int(joint.nq))).T:
+        for column in _motion_subspace(joint, np.zeros(int(joint.nq))).T:
             yield _Step(*_kind_and_axis(column, endless=False), T, 1, 1)
             T = np.eye(4)
     elif int(joint.nv) == 1:
         endless = int(joint.nq) == 2
-        zero = np.zeros(1)
+        q_zero = np.zeros(1)
         if endless:
-            zero = np.array([1.0, 0.0])  # cosine and sine of the angle
-        column = _subspace(joint, zero)[:, 0]
+            q_zero = np.array([1.0, 0.0])  # cosine and sine of the angle
+        column = _motion_subspace(joint, q_zero)[:, 0]
         yield _Step(*_kind_and_axis(column, endless=endless), T, int(joint.nq), 1)
     else:
-        raise ModelError(f"joint {name!r} of Pinocchio's model is a {_PREFIX}{kind}, which is not read.")
+        raise ModelError(f"joint {name!r} of Pinocchio's model is a {_TYPE_PREFIX}{kind}, which is not read.")
 
 
-def _subspace(joint: Any, q: Array) -> Array:
-    """Motion subspace S (6, nv), angular part first, at coordinates (nq,) of the joint."""
-    first = max(int(joint.idx_q), 0)  # -1 for a joint that is in no model
+def _motion_subspace(joint: Any, q: Array) -> Array:
+    """Motion subspace S (6, nv), angular part first, at coordinates q (nq,) of the joint."""
+    first = max(int(joint.idx_q), 0)  # idx_q is -1 for a joint that is not in a model
     data = joint.createData()
-    joint.calc(data, np.concatenate([np.zeros(first), q]))  # which reads the coordinates of the whole model
+    joint.calc(data, np.concatenate([np.zeros(first), q]))  # calc expects the coordinates of the whole model
     S = np.array(data.S, float).reshape(6, -1)
-    return np.concatenate([S[3:], S[:3]])
+    linear, angular = S[:3], S[3:]
+    return np.concatenate([angular, linear])
 
 
-def _kind_and_axis(S: Array, *, endless: bool) -> tuple[str, Array]:
-    """Type and axis of a one-degree joint."""
-    w, v = S[:3], S[3:]
+def _kind_and_axis(axis: Array, *, endless: bool) -> tuple[str, Array]:
+    """Type of a one-degree joint with a screw axis (6,), angular part first, and the axis itself."""
+    w, v = axis[:3], axis[3:]
     if not w.any():
-        return "prismatic", S
+        return "prismatic", axis
     if abs(float(w @ v)) > 0:
-        return "helical", S
+        return "helical", axis
     if endless:
-        return "continuous", S
-    return "revolute", S
+        return "continuous", axis
+    return "revolute", axis
 
 
 def _limits_and_losses(model: Any, q_index: int, v_index: int, step: _Step) -> dict[str, Any]:
-    """Limits, friction and armature of a joint."""
+    """Limits, friction and armature of a joint, as options of the builder. Joints of several degrees have no limits."""
     own_entries = slice(v_index, v_index + step.nv)
     losses: dict[str, Any] = {}
     for name in ("damping", "friction", "armature"):
@@ -244,28 +258,34 @@ def _limits_and_losses(model: Any, q_index: int, v_index: int, step: _Step) -> d
 
 
 def _add_frames(builder: ModelBuilder, model: Any, links: Sequence[str]) -> None:
+    """Add body frames without a joint of their own as fixed links, and operational and sensor frames as sites."""
     for frame in model.frames:
-        link, name, T = links[int(frame.parentJoint)], str(frame.name), np.array(frame.placement.homogeneous)
-        if _type(frame) == "BODY" and name not in builder.link_names:
+        link = links[int(frame.parentJoint)]
+        name = str(frame.name)
+        T = np.array(frame.placement.homogeneous)
+        is_new_site = {name, f"site:{name}"}.isdisjoint(builder.site_names)  # a site has either name
+        if _frame_type(frame) == "BODY" and name not in builder.link_names:
             builder.add_link(name)
             builder.add_joint(f"{name}.fixed", "fixed", link, name, placement=T)
-        elif _type(frame) in _SITES and {name, f"site:{name}"}.isdisjoint(builder.site_names):  # either name
+        elif _frame_type(frame) in _SITE_FRAME_TYPES and is_new_site:
             builder.add_site(name, link, T)
 
 
 def _add_configuration(
     builder: ModelBuilder, label: str, q: Array, model: Any, names: Sequence[str], fixed_joints: Set[int]
 ) -> None:
+    """Add a named configuration q (nq,) of Pinocchio, in the coordinates of the builder's joints."""
     from ..mechanics.joints import JOINT_TYPES
 
     positions: dict[str, Array] = {}
     for j in sorted(set(range(1, model.njoints)) - fixed_joints):
-        first, steps = int(model.joints[j].idx_q), list(_steps(model.joints[j], names[j]))
+        first = int(model.joints[j].idx_q)
+        steps = list(_steps(model.joints[j], names[j]))
         for k, step in enumerate(steps):
             coordinates = q[first : first + step.nq]
             first += step.nq
             if step.kind in ("ball", "floating"):
-                joint = JOINT_TYPES[step.kind]("", np.zeros((0, 6)))  # for its conversion alone
+                joint = JOINT_TYPES[step.kind]("", np.zeros((0, 6)))  # used for its conversion only
                 coordinates = joint.from_pinocchio(coordinates)
             elif step.nq > step.nv:  # angle stored as cosine and sine
                 coordinates = np.append(coordinates[:-2], math.atan2(coordinates[-1], coordinates[-2]))
@@ -275,10 +295,11 @@ def _add_configuration(
 
 
 _NAMES_IN_PINOCCHIO = {"floating": "JointModelFreeFlyer", "ball": "JointModelSpherical", "planar": "JointModelPlanar"}
+"""Pinocchio's classes of the joints with several velocities."""
 
 
 def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
-    """Convert to a ``pinocchio.Model``; returns it and its losses. Mimic joints become independent joints.
+    """``pinocchio.Model`` of a model, and sentences about what it lacks. Mimic joints become independent joints.
 
     Raises :class:`~twistwrench.MissingExtraError`, and :class:`~twistwrench.ModelError` for a joint that Pinocchio
     lacks.
@@ -287,23 +308,25 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
         import pinocchio
     except ImportError:
         raise MissingExtraError.from_extra("pin", "peers", "A model of Pinocchio's") from None
-    parts, losses = disassemble(model), Losses()
+    parts = disassemble(model)
+    losses = Losses()
     losses.note_couplings(parts)
     pin_model = pinocchio.Model()
     pin_model.name = model.name
     pin_model.gravity.linear = np.array(model.gravity)
-    entries = {joint.name: joint for joint in parts.joints}
+    joint_parts = {joint.name: joint for joint in parts.joints}
     frames: dict[int, tuple[int, Array]] = {BASE: (0, np.eye(4))}
     """Pinocchio joint number of each body, and the pose of the body's frame in that joint."""
     numbers: dict[str, int] = {}
+    """Pinocchio joint number by name of the joint."""
     for i, body in enumerate(model.bodies):
         if not body.joint.moves_body:
             continue
-        entry = entries.get(body.joint.name)
+        joint_part = joint_parts.get(body.joint.name)
         screw = None
-        if entry is not None and body.joint.nv == 1:
-            screw = screw_of(entry)
-        pin_joint, point = _joint(pinocchio, body.joint, screw)
+        if joint_part is not None and body.joint.nv == 1:
+            screw = screw_of(joint_part)
+        pin_joint, point = _pinocchio_joint(pinocchio, body.joint, screw)
         parent, T_parent = frames[body.parent]
         placement = T_parent @ body.placement @ translation(point)
         j = pin_model.addJoint(parent, pin_joint, _se3(pinocchio, placement), body.joint.name)
@@ -328,38 +351,44 @@ def pinocchio_of(model: Model) -> tuple[Any, tuple[str, ...]]:
         if name in numbers:
             _add_drive(pin_model, numbers[name], drive_of(parts, name, losses))
     for name, positions in configurations_of(parts).items():
-        pin_model.referenceConfigurations[name] = _configuration(pin_model, model, numbers, positions)
-    for noun, items in (("spring", parts.additions.springs), ("closure", parts.additions.closures)):
-        if len(items) == 1:
+        pin_model.referenceConfigurations[name] = _pinocchio_q(pin_model, model, numbers, positions)
+    counts = {"spring": len(parts.additions.springs), "closure": len(parts.additions.closures)}
+    for noun, count in counts.items():
+        if count == 1:
             losses.say(f"1 {noun} of the robot: Pinocchio's models have none")
-        elif items:
-            losses.say(f"{len(items)} {noun}s of the robot: Pinocchio's models have none")
+        elif count > 1:
+            losses.say(f"{count} {noun}s of the robot: Pinocchio's models have none")
     return pin_model, tuple(losses.found)
 
 
-def _joint(pinocchio: Any, joint: Joint, axis: Any) -> tuple[Any, Array]:
+def _pinocchio_joint(pinocchio: Any, joint: Joint, screw: Any) -> tuple[Any, Array]:
     """Pinocchio joint, and the position of its axis in the frame of the model's joint.
 
-    ``axis`` is the :class:`Screw` of a joint with one degree of freedom, and None for others.
+    ``screw`` is the :class:`Screw` of a joint with one degree of freedom, and None for others.
     """
     joint.require_pinocchio()
     if joint.kind in _NAMES_IN_PINOCCHIO:
-        return getattr(pinocchio, _NAMES_IN_PINOCCHIO[joint.kind])(), np.zeros(3)
-    letters = [x for x, e in zip("XYZ", np.eye(3), strict=True) if np.array_equal(e, axis.direction)]
-    if axis.pitch:
-        if letters:
-            return getattr(pinocchio, f"JointModelH{letters[0]}")(axis.pitch), axis.point
-        return pinocchio.JointModelHelicalUnaligned(axis.direction, axis.pitch), axis.point
-    if letters:
+        joint_type = getattr(pinocchio, _NAMES_IN_PINOCCHIO[joint.kind])
+        return joint_type(), np.zeros(3)
+    # Letter of the coordinate axis along which the joint's axis lies; empty if there is none.
+    letters = [letter for letter, e in zip("XYZ", np.eye(3), strict=True) if np.array_equal(e, screw.direction)]
+    letter = "".join(letters)
+    if screw.pitch and letter:
+        joint_type = getattr(pinocchio, f"JointModelH{letter}")
+        return joint_type(screw.pitch), screw.point
+    if screw.pitch:
+        return pinocchio.JointModelHelicalUnaligned(screw.direction, screw.pitch), screw.point
+    if letter:
         kind = "P"
-        if axis.turns and joint.wraps:
+        if screw.turns and joint.wraps:
             kind = "RUB"
-        elif axis.turns:
+        elif screw.turns:
             kind = "R"
-        return getattr(pinocchio, f"JointModel{kind}{letters[0]}")(), axis.point
-    if axis.turns:  # the unbounded joint type does not accept an axis in Python
-        return pinocchio.JointModelRevoluteUnaligned(axis.direction), axis.point
-    return pinocchio.JointModelPrismaticUnaligned(axis.direction), axis.point
+        joint_type = getattr(pinocchio, f"JointModel{kind}{letter}")
+        return joint_type(), screw.point
+    if screw.turns:  # the unbounded joint type does not accept an axis in Python
+        return pinocchio.JointModelRevoluteUnaligned(screw.direction), screw.point
+    return pinocchio.JointModelPrismaticUnaligned(screw.direction), screw.point
 
 
 def _se3(pinocchio: Any, T: Array) -> Any:
@@ -371,36 +400,39 @@ def _inertia_of_pinocchio(pinocchio: Any, G: SpatialInertia) -> Any:
 
 
 def _add_limits(pin_model: Any, model: Model, numbers: dict[str, int]) -> None:
-    """Set limits of position, velocity and effort; free bodies keep infinite limits."""
+    """Set limits of position, velocity and effort; free bodies keep infinite limits. ``numbers``: joint numbers by name."""
     limits = model.limits
-    q = {"lowerPositionLimit": limits.lower, "upperPositionLimit": limits.upper}
-    v = {"velocityLimit": limits.velocity, "effortLimit": joint_effort(model, limits.effort)}
-    arrays = {name: np.array(getattr(pin_model, name), float) for name in (*q, *v)}
+    position_limits = {"lowerPositionLimit": limits.lower, "upperPositionLimit": limits.upper}
+    velocity_and_effort = {"velocityLimit": limits.velocity, "effortLimit": joint_effort(model, limits.effort)}
+    arrays = {name: np.array(getattr(pin_model, name), float) for name in (*position_limits, *velocity_and_effort)}
     for body in model.leaders:
         if body.joint.name not in numbers:
             continue
         joint = pin_model.joints[numbers[body.joint.name]]
         own_entries = slice(joint.idx_v, joint.idx_v + joint.nv)
         order = list(body.joint.pinocchio_order)
-        for name, values in v.items():
-            arrays[name][own_entries] = values[body.places[1]][order]
+        for name, values in velocity_and_effort.items():
+            own_values = values[body.places[1]]  # by velocities of the joint
+            arrays[name][own_entries] = own_values[order]
         if joint.nq == 1:
-            for name, values in q.items():
+            for name, values in position_limits.items():
                 arrays[name][joint.idx_q] = values[body.v_index]
     for name, array in arrays.items():
         setattr(pin_model, name, array)
 
 
 def _add_drive(pin_model: Any, j: int, drive: Any) -> None:
-    """Set damping, friction and armature of a joint."""
-    own_entries = slice(pin_model.joints[j].idx_v, pin_model.joints[j].idx_v + pin_model.joints[j].nv)
-    for name, value in (("damping", drive.damping), ("friction", drive.friction), ("armature", drive.armature)):
+    """Set damping, friction and armature of joint j from those along the joint."""
+    joint = pin_model.joints[j]
+    own_entries = slice(joint.idx_v, joint.idx_v + joint.nv)
+    for name in ("damping", "friction", "armature"):
         array = np.array(getattr(pin_model, name), float)
-        array[own_entries] = value
+        array[own_entries] = getattr(drive, name)
         setattr(pin_model, name, array)
 
 
-def _configuration(pin_model: Any, model: Model, numbers: dict[str, int], positions: dict[str, Array]) -> Array:
+def _pinocchio_q(pin_model: Any, model: Model, numbers: dict[str, int], positions: dict[str, Array]) -> Array:
+    """Pinocchio's coordinates q (nq,) for positions by joint; mimic joints follow their leaders."""
     q = np.zeros(pin_model.nq)
     leaders = {body.v_index: body for body in model.leaders}
     for body in model.bodies:
@@ -414,7 +446,8 @@ def _configuration(pin_model: Any, model: Model, numbers: dict[str, int], positi
             coordinates = positions[body.joint.name]
         if body.joint.quaternion is not None:
             coordinates = body.joint.to_pinocchio(coordinates)
-        elif joint.nq > joint.nv:
-            coordinates = np.append(coordinates[:-1], [np.cos(coordinates[-1]), np.sin(coordinates[-1])])
+        elif joint.nq > joint.nv:  # Pinocchio stores the last coordinate, an angle, as cosine and sine
+            angle = coordinates[-1]
+            coordinates = np.append(coordinates[:-1], [np.cos(angle), np.sin(angle)])
         q[joint.idx_q : joint.idx_q + joint.nq] = coordinates
     return q

@@ -1,6 +1,6 @@
-"""SDFormat, the model description of Gazebo and Drake: values, frame graph, links and joints.
+"""SDFormat, the model description of Gazebo and Drake: values, frames, links and joints.
 
-Source: http://sdformat.org/spec.
+The format is described at http://sdformat.org/spec.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ __all__ = ["read_sdf"]
 
 
 def with_text(element: Element) -> Element:
-    """Element with its text as the attribute ``text``, so that its numbers are checked like attributes."""
+    """Element with its text as the attribute ``text``, so that the checks of attributes apply to its numbers."""
     return element.with_attributes({**element.attributes, "text": element.content})
 
 
 def number(parent: Element | None, tag: str, default: float) -> float:
-    """Number in a child element, or ``default``."""
+    """Number in a child element, or ``default`` if the parent or the child is missing."""
     child = _child(parent, tag)
     if child is None:
         return default
@@ -46,11 +46,11 @@ def _child(parent: Element | None, tag: str) -> Element | None:
     return parent.child(tag)
 
 
-def _reference(place: Element | None, attribute: str) -> str:
+def _reference(element: Element | None, attribute: str) -> str:
     """Frame that an attribute of an element names; empty without the attribute or without the element."""
-    if place is None:
+    if element is None:
         return ""
-    return place.attributes.get(attribute, "").strip()
+    return element.attributes.get(attribute, "").strip()
 
 
 def inertial_of(inertial: Element | None) -> tuple[float, Array, Array]:
@@ -58,22 +58,24 @@ def inertial_of(inertial: Element | None) -> tuple[float, Array, Array]:
 
     Default values of the format are 1 kg and 1 kg m² about every axis.
     """
-    tensor, defaults = _child(inertial, "inertia"), {"ixx": 1.0, "iyy": 1.0, "izz": 1.0}
-    I = tensor_of(lambda name: number(tensor, name, defaults.get(name, 0.0)))
-    return number(inertial, "mass", 1.0), pose(_child(inertial, "pose")), I
+    tensor = _child(inertial, "inertia")
+    default_entries = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0}
+    I = tensor_of(lambda name: number(tensor, name, default_entries.get(name, 0.0)))
+    mass = number(inertial, "mass", 1.0)
+    return mass, pose(_child(inertial, "pose")), I
 
 
 def missing_of(inertial: Element | None) -> tuple[str, ...]:
-    """Missing parts of an ``<inertial>``, of mass and inertia."""
+    """Tags of the missing parts of an ``<inertial>``: "mass", "inertia" or both."""
     return tuple(part for part in ("mass", "inertia") if _child(inertial, part) is None)
 
 
 def assumed_text(missing: tuple[str, ...]) -> str:
-    """Description of the format's values for missing parts."""
-    means = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
+    """Clause with the format's values for missing parts; empty if nothing is missing."""
     if not missing:
         return ""
-    text = " and ".join(f"no {part}, which means {means[part]}" for part in missing)
+    defaults = {"mass": "1 kg", "inertia": "1 kg m² about every axis"}
+    text = " and ".join(f"no {part}, which means {defaults[part]}" for part in missing)
     return f"{text}, in this format"
 
 
@@ -101,36 +103,40 @@ def pose(element: Element | None) -> Array:
     if element is None or not element.content.strip():
         return T
     form = element.word("rotation_format", ("euler_rpy", "quat_xyzw"), "euler_rpy")
-    values = with_text(element).numbers("text", {"euler_rpy": 6, "quat_xyzw": 7}[form])
-    T[:3, 3], turn = values[:3], values[3:]
+    count = {"euler_rpy": 6, "quat_xyzw": 7}[form]
+    values = with_text(element).numbers("text", count)
+    T[:3, 3] = values[:3]
     if form == "quat_xyzw":
-        if not turn.any():
+        xyzw = values[3:]
+        if not xyzw.any():
             raise element.error("has a quaternion of zeros, which is not a rotation.")
-        T[:3, :3] = quaternion.rotation(np.roll(turn, 1))
+        T[:3, :3] = quaternion.rotation(np.roll(xyzw, 1))
         return T
+    rpy = values[3:]
     if element.attributes.get("degrees", "false").strip() in ("true", "1"):
-        turn = turn * (math.pi / 180.0)
-    T[:3, :3] = rotation_of_rpy(turn)
+        rpy = rpy * (math.pi / 180.0)
+    T[:3, :3] = rotation_of_rpy(rpy)
     return T
 
 
 MODEL = "__model__"
+"""Name of the frame of the enclosing model."""
 WORLD = "world"
-_JOINTS = ("joint", "{drake}joint")
+"""Name of the world's frame, and of the base link."""
 
 
 @dataclass(eq=False)
 class SdfFrame:
-    """Link, joint, frame or nested model; the name includes those of enclosing models."""
+    """Frame of a link, a joint, a ``<frame>`` or a nested model. Names include those of enclosing models."""
 
     element: Element
     scope: str
-    """Enclosing models, each followed by ``::``."""
+    """Names of the enclosing models, each followed by ``::``."""
     T: Array
-    """Pose (4, 4) in the ``relative_to`` frame."""
+    """Pose (4, 4) in the frame ``relative_to``."""
     relative_to: str
     attached_to: str
-    """Name of the frame to which it is attached; a link's own name."""
+    """Name of the frame to which this one is fixed; for a link its own name."""
 
 
 @dataclass(eq=False)
@@ -141,52 +147,54 @@ class SdfModel:
     links: dict[str, Element] = field(default_factory=dict)
     joints: dict[str, Element] = field(default_factory=dict)
     named: dict[str, Element] = field(default_factory=dict)
-    """The ``<frame>`` elements."""
+    """The ``<frame>`` elements, by name."""
     _poses: dict[str, Array] = field(default_factory=dict)
+    """Poses of frames in the model's frame, as far as they were computed."""
     _carriers: dict[str, str] = field(default_factory=dict)
-    """Cache of the frames' links."""
+    """Names of the frames' links, as far as they were found."""
 
-    def pose(self, name: str, asked: Element) -> Array:
-        """Pose (4, 4) of a frame in the model's frame; raises for missing frames and circular references."""
-        path: dict[str, None] = {}
+    def pose(self, name: str, user: Element) -> Array:
+        """Pose (4, 4) of a frame in the model's frame.
+
+        Missing frames and circular references raise an error with ``user``, the element that names the frame.
+        """
+        path: dict[str, None] = {}  # frames from this one to one with a known pose, in order
         current = name
         while current not in self._poses and current != MODEL:
             if current in path:
-                raise RobotFileError(
-                    f"{asked}: the frames {listed([*path, current], between=' → ')} are given relative to each other."
-                )
+                circle = listed([*path, current], between=" → ")
+                raise RobotFileError(f"{user}: the frames {circle} are given relative to each other.")
             path[current] = None
-            current = self.frame(current, asked).relative_to
+            current = self.frame(current, user).relative_to
         T = self._poses.get(current, np.eye(4))
-        for step in reversed(path):
-            T = T @ self.frames[step].T
-            self._poses[step] = T
+        for frame_name in reversed(path):
+            T = T @ self.frames[frame_name].T
+            self._poses[frame_name] = T
         return T
 
-    def link_of(self, name: str, asked: Element) -> str:
-        """Link to which a frame is fixed."""
-        path: dict[str, None] = {}
+    def link_of(self, name: str, user: Element) -> str:
+        """Link to which a frame is fixed; raises the errors of :meth:`pose`."""
+        path: dict[str, None] = {}  # frames from this one to one with a known link, in order
         while name not in self.links and name not in self._carriers:
             if name in path:
-                raise RobotFileError(
-                    f"{asked}: the frames {listed([*path, name], between=' → ')} are attached to each other."
-                )
+                circle = listed([*path, name], between=" → ")
+                raise RobotFileError(f"{user}: the frames {circle} are attached to each other.")
             path[name] = None
-            name = self.frame(name, asked).attached_to
+            name = self.frame(name, user).attached_to
         link = self._carriers.get(name, name)
         self._carriers |= dict.fromkeys(path, link)
         return link
 
-    def frame(self, name: str, asked: Element) -> SdfFrame:
-        """Frame by name."""
+    def frame(self, name: str, user: Element) -> SdfFrame:
+        """Frame by name; an error with the element ``user`` if it is missing."""
         if name not in self.frames:
             known = listed(map(repr, self.frames))
-            raise asked.error(f"names {name!r}, which is not a link, joint, frame or model there. Known: {known}.")
+            raise user.error(f"names {name!r}, which is not a link, joint, frame or model there. Known: {known}.")
         return self.frames[name]
 
-    def between(self, a: str, b: str, asked: Element) -> Array:
-        """Transform T_ab between two frames."""
-        return np.asarray(se3.inverse(self.pose(a, asked)) @ self.pose(b, asked))
+    def between(self, a: str, b: str, user: Element) -> Array:
+        """Pose T_ab (4, 4) of frame b in frame a."""
+        return np.asarray(se3.inverse(self.pose(a, user)) @ self.pose(b, user))
 
 
 def expand_model(model: Element) -> SdfModel:
@@ -194,43 +202,40 @@ def expand_model(model: Element) -> SdfModel:
     expanded = SdfModel()
     stack = [(model, "")]
     while stack:
-        element, scope = stack.pop()
-        if element.all("include"):
-            raise element.all("include")[0].error("is not read. Put the model that it names in its place.")
-        own = scope[:-2] or MODEL
-        for child in element.children:
+        model_element, scope = stack.pop()
+        includes = model_element.all("include")
+        if includes:
+            raise includes[0].error("is not read. Put the model that it names in its place.")
+        model_frame = _scoped_frame(MODEL, scope)
+        for child in model_element.children:
             if child.tag not in ("link", "joint", "frame", "model"):
                 continue
             name = scope + child.text("name")
             if name in expanded.frames:
                 raise child.error(f"has the name of {expanded.frames[name].element}. Rename one.")
-            default = own
-            attached = name
+            # The format's default of relative_to, and the frame to which this one is fixed.
+            default_reference, attached_to = model_frame, name
             if child.tag == "joint":
-                default = scope + _end(child, "child")
-                attached = default
+                default_reference = attached_to = scope + _name_at_end(child, "child")
                 expanded.joints[name] = child
             elif child.tag == "frame":
                 target = child.attributes.get("attached_to", "").strip()
-                default = own
-                if target and target != MODEL:
-                    default = scope + target
-                attached = default
+                default_reference = attached_to = _scoped_frame(target or MODEL, scope)
                 expanded.named[name] = child
             elif child.tag == "link":
                 expanded.links[name] = child
             else:
                 stack.append((child, f"{name}::"))
-                attached = f"{name}::{_canonical_link(child)}"
-            relative = _reference_frame(child, scope) or default
-            expanded.frames[name] = SdfFrame(child, scope, pose(child.child("pose")), relative, attached)
+                attached_to = f"{name}::{_canonical_link(child)}"
+            relative_to = _reference_frame(child, scope) or default_reference
+            expanded.frames[name] = SdfFrame(child, scope, pose(child.child("pose")), relative_to, attached_to)
         if not scope:
-            expanded.frames[MODEL] = SdfFrame(element, "", np.eye(4), MODEL, _canonical_link(element))
+            expanded.frames[MODEL] = SdfFrame(model_element, "", np.eye(4), MODEL, _canonical_link(model_element))
     return expanded
 
 
 def _reference_frame(element: Element, scope: str) -> str:
-    """Frame that the pose of an element is relative to; empty if it is not given."""
+    """Frame that the ``<pose>`` of an element names in ``relative_to``; empty if it names none."""
     frame = _reference(element.child("pose"), "relative_to")
     if not frame:
         return ""
@@ -238,14 +243,14 @@ def _reference_frame(element: Element, scope: str) -> str:
 
 
 def _scoped_frame(frame: str, scope: str) -> str:
-    """Name of a frame, with those of the enclosing models."""
-    if frame == MODEL:
-        return scope[:-2] or MODEL
+    """Name of a frame, preceded by those of its enclosing models."""
+    if frame == MODEL:  # the frame of a nested model has the name of the model
+        return scope.removesuffix("::") or MODEL
     return scope + frame
 
 
 def _canonical_link(model: Element) -> str:
-    """Name of the link to which the model's frame is fixed."""
+    """Name of the link to which the model's frame is fixed, by default the first link; empty without links."""
     name = model.attributes.get("canonical_link", "").strip()
     if name:
         return name
@@ -254,19 +259,21 @@ def _canonical_link(model: Element) -> str:
     return ""
 
 
-def _end(joint: Element, which: str) -> str:
-    name = word(joint, which)
+def _name_at_end(joint: Element, tag: str) -> str:
+    """Name of the ``parent`` or ``child`` of a joint, as it stands in the file."""
+    name = word(joint, tag)
     if not name:
-        raise joint.error(f"has no <{which}>. Name the link.")
+        raise joint.error(f"has no <{tag}>. Name the link.")
     return name
 
 
 TWO_AXES = ("universal", "revolute2")
 """Joint types with two axes of rotation."""
-_KINDS = {
-    **{kind: kind for kind in ("revolute", "continuous", "prismatic", "fixed", "ball")},
-    "screw": "helical", **dict.fromkeys(TWO_AXES, "revolute"),
+_KIND_OF_TYPE = {
+    "revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed", "ball": "ball",
+    "screw": "helical", "universal": "revolute", "revolute2": "revolute",
 }  # fmt: skip
+"""Kind of the builder's joint by the file's type; for types with two axes, the kind of each of two joints."""
 
 
 def read_sdf(
@@ -283,22 +290,24 @@ def read_sdf(
 
 
 def chosen_model(root: Element, name: str | None) -> tuple[Element, Element | None]:
-    """Model of a file by name, by default the one that can move, and its world."""
-    models: list[tuple[Element, Element | None]] = []
-    for world in (None, *root.all("world")):
-        models += [(model, world) for model in (world or root).all("model")]
+    """Model of a file by name, by default the only one that can move, and the world that contains it, if any."""
+    models: list[tuple[Element, Element | None]] = [(model, None) for model in root.all("model")]
+    for world in root.all("world"):
+        models += [(model, world) for model in world.all("model")]
     if name is not None:
         by_name = {model.text("name"): (model, world) for model, world in models}
         if name not in by_name:
             raise UnknownNameError.from_choices("model", name, by_name)
         return by_name[name]
-    movable = [pair for pair in models if not is_true(pair[0], "static")]
+    movable = [(model, world) for model, world in models if not is_true(model, "static")]
     if len(movable) > 1:
         names = listed(repr(model.text("name")) for model, _ in movable)
         raise root.error(f"has {len(movable)} models that can move: {names}. Say which, {argument('model')}.")
     if not models:
         raise root.error("has no <model>.")
-    return (movable or models)[0]
+    if movable:
+        return movable[0]
+    return models[0]
 
 
 class _SdfReader:
@@ -313,12 +322,13 @@ class _SdfReader:
         gravity = _child(world, "gravity")
         if gravity is not None:
             self.builder.gravity = vector(gravity).tolist()
-        own = model.child("pose")
-        self.place = pose(own)
-        reference = _reference(own, "relative_to")
+        pose_element = model.child("pose")
+        self.place = pose(pose_element)
+        """Pose (4, 4) of the model in the world."""
+        reference = _reference(pose_element, "relative_to")
         if reference not in ("", WORLD):
             self.builder.note(
-                own, f"is relative to {reference!r}, which is not read: it is taken as relative to the world"
+                pose_element, f"is relative to {reference!r}, which is not read: it is taken as relative to the world"
             )
         self.parts: SdfModel = expand_model(model)
 
@@ -329,39 +339,42 @@ class _SdfReader:
         for name, link in self.parts.links.items():
             if name == WORLD:
                 raise link.error("has the name of the world itself. Rename it.")
-            shaped = bool(link.all("visual") or link.all("collision"))
-            builder.add_link(name, self._inertia(link), where=link.place, shaped=shaped)
-        children = {self._add_joint(name, joint) for name, joint in self.parts.joints.items()}
+            has_shape = bool(link.all("visual") or link.all("collision"))
+            builder.add_link(name, self._inertia(link), where=link.place, shaped=has_shape)
+        child_links = {self._add_joint(name, joint) for name, joint in self.parts.joints.items()}
         for element in self.model.walk():
             if element.tag == "drake:joint":
                 raise element.error("is an extension of Drake's, which is not read. Write it as a <joint>.")
-        self._add_roots(children)
+        self._add_roots(child_links)
         parents = [word(joint, "parent") for joint in self.parts.joints.values()]
         if is_true(self.model, "static") or WORLD in parents:
             builder.mount()
         for name, frame in self.parts.named.items():
             carrier = self.parts.link_of(name, frame)
             builder.add_site(name, carrier, self.parts.between(carrier, name, frame), where=frame.place)
-        builder.remark(*unread("SDF", *filter(None, (self.world, self.model))))
+        read_elements = [element for element in (self.world, self.model) if element is not None]
+        builder.remark(*unread("SDF", *read_elements))
         return builder
 
-    def _add_roots(self, children: set[str]) -> None:
-        roots = [name for name in self.parts.links if name not in children]
-        floats = bool(self.floating_base) and not is_true(self.model, "static")
+    def _add_roots(self, child_links: set[str]) -> None:
+        """Join each link that is not the child of a joint to the world, by a floating or a fixed joint."""
+        roots = [name for name in self.parts.links if name not in child_links]
+        is_static = is_true(self.model, "static")
         for name in roots:
             link = self.parts.links[name]
             T = self.place @ self.parts.pose(name, link)
-            joint = "root_joint"
+            joint_name = "root_joint"
             if len(roots) > 1:
-                joint = f"{name}.root_joint"
-            if floats:
-                self.builder.add_joint(joint, "floating", WORLD, name, where=link.place)
-            else:
-                self.builder.add_joint(joint, "fixed", WORLD, name, placement=T, where=link.place)
-                if self.floating_base is None and not is_true(self.model, "static"):
-                    self.builder.note(link, "is held by no joint, so it is fixed; a floating base lets it float")
+                joint_name = f"{name}.root_joint"
+            if self.floating_base and not is_static:
+                self.builder.add_joint(joint_name, "floating", WORLD, name, where=link.place)
+                continue
+            self.builder.add_joint(joint_name, "fixed", WORLD, name, placement=T, where=link.place)
+            if self.floating_base is None and not is_static:
+                self.builder.note(link, "is held by no joint, so it is fixed; a floating base lets it float")
 
     def _inertia(self, link: Element) -> SpatialInertia:
+        """Spatial inertia of a link in the axes of its frame; a note if the format's defaults apply."""
         inertial = link.child("inertial")
         if inertial is not None and inertial.attributes.get("auto", "").strip() in ("true", "1"):
             raise inertial.error("requests inertia from shapes (auto), which is not computed. Write the numbers.")
@@ -377,22 +390,26 @@ class _SdfReader:
         kind = joint.text("type")
         if kind == "gearbox":
             raise joint.error("is a gearbox, which is a constraint between joints. Remove it, or write a <mimic>.")
-        if kind not in _KINDS:
-            raise joint.error(f"has the unknown type {kind!r}. Allowed: {', '.join(_KINDS)}.")
+        if kind not in _KIND_OF_TYPE:
+            raise joint.error(f"has the unknown type {kind!r}. Allowed: {', '.join(_KIND_OF_TYPE)}.")
         frame = self.parts.frames[name]
-        parent, child = self._end(joint, "parent", frame.scope), self._end(joint, "child", frame.scope)
+        parent = self._link_at_end(joint, "parent", frame.scope)
+        child = self._link_at_end(joint, "child", frame.scope)
         if child == WORLD:
             raise joint.error("has the world as its child. Exchange parent and child.")
-        T_parent = np.eye(4)
+        T_parent = np.eye(4)  # in the world
         if parent != WORLD:
             T_parent = self.place @ self.parts.pose(parent, joint)
-        T = np.asarray(se3.inverse(T_parent) @ (self.place @ self.parts.pose(child, joint)))
+        T_child = self.place @ self.parts.pose(child, joint)
+        T = np.asarray(se3.inverse(T_parent) @ T_child)
         T_cj = self.parts.between(child, name, joint)
         if kind == "fixed":
             self.builder.add_joint(name, "fixed", parent, child, placement=T, where=joint.place)
         elif kind == "ball":
-            add_ball(self.builder, name, parent, child, T, T_cj[:3, 3], joint.place, **_losses(joint.child("axis")))
-        elif kind in TWO_AXES:
+            add_ball(
+                self.builder, name, parent, child, T, T_cj[:3, 3], joint.place, **_losses_of_axis(joint.child("axis"))
+            )
+        elif kind in TWO_AXES:  # two joints with a link without mass between them
             middle = f"{child}:{name}"
             self.builder.add_link(middle, hidden=True)
             self._add_axis(f"{name}.axis", frame, "axis", parent, middle, T, T_cj)
@@ -401,18 +418,22 @@ class _SdfReader:
             self._add_axis(name, frame, "axis", parent, child, T, T_cj)
         return child
 
-    def _end(self, joint: Element, which: str, scope: str) -> str:
-        name = word(joint, which)
+    def _link_at_end(self, joint: Element, tag: str, scope: str) -> str:
+        """Link of the ``parent`` or ``child`` of a joint, which may name any frame that is fixed to it."""
+        name = word(joint, tag)
         if name == WORLD:
             return WORLD
         return self.parts.link_of(scope + name, joint)
 
-    def _add_axis(self, name: str, frame: SdfFrame, which: str, parent: str, child: str, T: Array, T_cj: Array) -> None:
-        """Add a one-degree joint; T_cj is the pose of the file's joint in its child link."""
+    def _add_axis(self, name: str, frame: SdfFrame, tag: str, parent: str, child: str, T: Array, T_cj: Array) -> None:
+        """Add a one-degree joint with the axis in ``<axis>`` or ``<axis2>``, which ``tag`` names.
+
+        T (4, 4) is the pose of the child in the parent, T_cj that of the file's joint in its child link.
+        """
         joint, scope = frame.element, frame.scope
-        kind = _KINDS[joint.text("type")]
-        axis = joint.require_child(which, f"<{which}><xyz>0 0 1</xyz></{which}>")
-        w = self._direction(axis, T_cj, scope, self._end(joint, "child", scope))
+        kind = _KIND_OF_TYPE[joint.text("type")]
+        axis = joint.require_child(tag, f"<{tag}><xyz>0 0 1</xyz></{tag}>")
+        w = self._direction(axis, T_cj, scope, self._link_at_end(joint, "child", scope))
         length = float(np.linalg.norm(w))
         if not length:
             raise axis.error("has a zero <xyz>, which is not a direction. Give one such as 0 0 1.")
@@ -420,10 +441,11 @@ class _SdfReader:
         S = screw_through(kind, w, T_cj[:3, 3])
         if kind == "helical":
             S[3:] += _pitch(joint) * w
-        inertia, gear = number(joint, "drake:rotor_inertia", 0.0), number(joint, "drake:gear_ratio", 1.0)
+        rotor_inertia = number(joint, "drake:rotor_inertia", 0.0)
+        gear_ratio = number(joint, "drake:gear_ratio", 1.0)
         self.builder.add_joint(
-            name, kind, parent, child, placement=T, axis=S, armature=inertia * gear**2, mimic=_mimic(axis, scope),
-            where=joint.place, **_limits(axis), **_losses(axis),
+            name, kind, parent, child, placement=T, axis=S, armature=rotor_inertia * gear_ratio**2,
+            mimic=_mimic(axis, scope), where=joint.place, **_limits_of_axis(axis), **_losses_of_axis(axis),
         )  # fmt: skip
         dynamics = axis.child("dynamics")
         stiffness = number(dynamics, "spring_stiffness", 0.0)
@@ -432,12 +454,18 @@ class _SdfReader:
             self.builder.add_spring({name: 1.0}, stiffness, rest_position, where=joint.place)
 
     def _direction(self, axis: Element, T_cj: Array, scope: str, link: str) -> Array:
-        """Joint axis in the frame of the child link."""
+        """Joint axis (3,) in the frame of the child link.
+
+        The file gives it in the frame that it names. Without a name, this is the joint's frame since version 1.5 of the
+        format, and the model's frame before.
+        """
         xyz = axis.child("xyz")
         if xyz is None:
             raise axis.error("has no <xyz>. Give a direction such as <xyz>0 0 1</xyz>.")
-        w, frame = vector(xyz), xyz.attributes.get("expressed_in", "").strip()
-        if not frame and self.version > (1, 4) and not is_true(axis, "use_parent_model_frame"):
+        w = vector(xyz)
+        frame = xyz.attributes.get("expressed_in", "").strip()
+        by_default_in_joint = self.version > (1, 4) and not is_true(axis, "use_parent_model_frame")
+        if not frame and by_default_in_joint:
             return np.asarray(T_cj[:3, :3] @ w)
         name = _scoped_frame(frame or MODEL, scope)
         return np.asarray(self.parts.between(link, name, axis)[:3, :3] @ w)
@@ -446,50 +474,66 @@ class _SdfReader:
 def add_ball(
     builder: ModelBuilder, name: str, parent: str, child: str, T: Array, point: Array, where: str, **losses: Any
 ) -> None:
-    """Add a ball joint about a point of its child; T (4, 4) is the pose of the child in the parent."""
-    below = child
-    to_point, back = se3.pose(np.eye(3), point), se3.pose(np.eye(3), -point)
+    """Add a ball joint about a point (3,) of its child; T (4, 4) is the pose of the child in the parent.
+
+    The builder's ball joints turn about the origin of their child. If the point is another one, a hidden link at the point is
+    the child of the ball joint, and the file's child is fixed to it.
+    """
+    ball_child = child
     if point.any():
-        below = f"{child}:{name}"
-        builder.add_link(below, hidden=True)
-        builder.add_joint(f"{name}.fixed", "fixed", below, child, placement=back, where=where)
-    builder.add_joint(name, "ball", parent, below, placement=T @ to_point, where=where, **losses)
+        ball_child = f"{child}:{name}"
+        builder.add_link(ball_child, hidden=True)
+        from_point = se3.pose(np.eye(3), -point)
+        builder.add_joint(f"{name}.fixed", "fixed", ball_child, child, placement=from_point, where=where)
+    to_point = se3.pose(np.eye(3), point)
+    builder.add_joint(name, "ball", parent, ball_child, placement=T @ to_point, where=where, **losses)
 
 
-def _limits(axis: Element) -> dict[str, Any]:
-    limit = axis.child("limit")
-    limits = {"lower": number(limit, "lower", -math.inf), "upper": number(limit, "upper", math.inf)}
+def _limits_of_axis(axis: Element) -> dict[str, Any]:
+    """Limits of a joint by name."""
+    limit_element = axis.child("limit")
+    limits = {
+        "lower": number(limit_element, "lower", -math.inf), "upper": number(limit_element, "upper", math.inf),
+    }  # fmt: skip
     for name in ("velocity", "effort"):
-        largest = number(limit, name, -1.0)
-        if largest > 0:
-            limits[name] = largest
+        limit = number(limit_element, name, -1.0)
+        if limit > 0:  # other numbers mean no limit in this format
+            limits[name] = limit
     return known_limits(**limits)
 
 
-def _losses(axis: Element | None) -> dict[str, Any]:
+def _losses_of_axis(axis: Element | None) -> dict[str, Any]:
+    """Damping and friction of a joint, zero by default."""
     dynamics = _child(axis, "dynamics")
     return {"damping": number(dynamics, "damping", 0.0), "friction": number(dynamics, "friction", 0.0)}
 
 
 def _mimic(axis: Element, scope: str) -> Mimic | None:
+    """Name of the leader, ratio and offset of a mimic joint; None for others.
+
+    In the file: follower = multiplier (leader - reference) + offset.
+    """
     mimic = axis.child("mimic")
     if mimic is None:
         return None
-    leader, ratio = scope + mimic.text("joint"), number(mimic, "multiplier", 1.0)
-    return leader, ratio, number(mimic, "offset", 0.0) - ratio * number(mimic, "reference", 0.0)
+    leader = scope + mimic.text("joint")
+    ratio = number(mimic, "multiplier", 1.0)
+    offset = number(mimic, "offset", 0.0) - ratio * number(mimic, "reference", 0.0)
+    return leader, ratio, offset
 
 
 def _pitch(joint: Element) -> float:
-    """Pitch [m/rad]; ``screw_thread_pitch`` is in metres per turn, ``thread_pitch`` in radians per metre, reversed."""
+    """Pitch [m/rad]; ``screw_thread_pitch`` is in metres per turn, ``thread_pitch`` in radians per metre with reversed sign."""
     if joint.child("screw_thread_pitch") is not None:
         return number(joint, "screw_thread_pitch", 1.0) / (2.0 * math.pi)
-    per_metre = number(joint, "thread_pitch", 1.0)
-    if not per_metre:
+    radians_per_metre = number(joint, "thread_pitch", 1.0)
+    if not radians_per_metre:
         raise joint.error("has a thread_pitch of zero. Give radians per metre.")
-    return -1.0 / per_metre
+    return -1.0 / radians_per_metre
 
 
 def _version(root: Element) -> tuple[int, ...]:
+    """Version of the format, as in (1, 7)."""
     text = root.text("version")
     try:
         return tuple(int(part) for part in text.split("."))

@@ -1,4 +1,4 @@
-"""Sources of robot descriptions: files or text, xacro, and mesh files."""
+"""Sources of robot descriptions: files, text or standard input, and the mesh files that they name."""
 
 from __future__ import annotations
 
@@ -19,10 +19,14 @@ MAX_BYTES = 64 * 2**20
 """Largest accepted file [bytes]; the largest robot descriptions in use have a few MiB."""
 
 _BUNDLED_ROBOTS = Path(__file__).parents[1] / "robots"
-_NO_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode_escape"}
+_REJECTED_ENCODINGS = {"idna", "punycode", "undefined", "unicode_escape", "raw_unicode_escape"}
 """Python encodings that XML files do not use."""
+_UTF8_MARK = b"\xef\xbb\xbf"
+_UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+"""Byte order marks of UTF-16, little and big endian."""
 
 DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""")
+"""XML declaration at the beginning of a file; its group is the encoding."""
 
 
 def read_robot_text(source: str | os.PathLike[str]) -> tuple[str, str]:
@@ -46,9 +50,9 @@ def path_given(source: object) -> Path:
         raise RobotFileError(
             f"a robot is loaded from a path or from XML text, not from {type(source).__name__}. {remedy}"
         )
-    if isinstance(source, str) and (not source.strip() or "\n" in source):
+    if isinstance(source, str) and (not source.strip() or "\n" in source):  # no path is blank or has several lines
         raise RobotFileError(
-            f"the text given is neither XML nor a path: {_beginning(source)}. XML text begins with '<'."
+            f"the text given is neither XML nor a path: {_beginning_text(source)}. XML text begins with '<'."
         )
     return Path(source)
 
@@ -63,34 +67,38 @@ def standard_input_text() -> str:
     with third_party_errors(lambda reason: RobotFileError(f"cannot read standard input: {reason}.")):
         text = decode_text(read_standard_input(MAX_BYTES), "standard input")
     if not text.lstrip("\ufeff \t\r\n").startswith("<"):
-        raise RobotFileError(f"standard input is no XML: {_beginning(text)}. XML text begins with '<'.")
+        raise RobotFileError(f"standard input is no XML: {_beginning_text(text)}. XML text begins with '<'.")
     return text
 
 
-def _beginning(text: str) -> str:
-    """First characters of a text, for messages."""
-    return f"it begins with {text.strip()[:20]!r}" if text.strip() else "it is empty"
+def _beginning_text(text: str) -> str:
+    """Clause with the first characters of a text, for messages."""
+    stripped = text.strip()
+    return f"it begins with {stripped[:20]!r}" if stripped else "it is empty"
 
 
 def bytes_of(path: Path) -> bytes:
-    """Content of a file; raises as :func:`read_robot_text`."""
+    """Content of a file; raises the errors of :func:`read_robot_text`."""
     name = str(path)
     clipped = name
     if len(name) > 200:
         clipped = name[:200] + "…"
-    # A name that file systems reject (too long, with a NUL) is probably text that was meant to be XML.
+    # File systems reject a name that is too long or has a NUL; it is probably text that was meant to be XML.
     advice = "Pass a path, or XML text that begins with '<'."
     with third_party_errors(lambda reason: RobotFileError(f"cannot read {clipped!r}: {reason}. {advice}")):
         if path.is_dir():
-            raise RobotFileError(f"{clipped!r} is a folder. Pass the robot file in it{_offer(_robot_files(path))}.")
+            raise RobotFileError(
+                f"{clipped!r} is a folder. Pass the robot file in it{_names_text(_robot_file_names(path))}."
+            )
         if not path.exists():
-            raise NotFoundError(f"no file {clipped!r}. {_similar(path)}{_hint_on_names(path)}")
+            raise NotFoundError(f"no file {clipped!r}. {_similar_files_text(path)}{_bundled_robot_hint(path)}")
         if path.is_file():
             _check_size(path.stat().st_size, repr(name))
         return read_bytes(path, MAX_BYTES)
 
 
 def _check_size(size: int, name: str) -> None:
+    """Raise RobotFileError for a size above the limit [bytes]."""
     if size > MAX_BYTES:
         raise RobotFileError(
             f"{name} has {printed(size / 2**20, 3)} MiB; robot files of more than {MAX_BYTES // 2**20} MiB are refused. "
@@ -98,20 +106,20 @@ def _check_size(size: int, name: str) -> None:
         )
 
 
-def _similar(path: Path) -> str:
+def _similar_files_text(path: Path) -> str:
+    """Sentence with similar file names in the folder of a missing file, or else its robot files."""
     folder = path.parent
     if not folder.is_dir():
         return f"Its folder {str(folder)!r} is not there either; check the path."
     names = sorted(entry.name for entry in folder.iterdir())
-    similar = difflib.get_close_matches(path.name, names, n=3, cutoff=0.5)
-    offered = similar or _robot_files(folder)
-    if not offered:
+    proposals = difflib.get_close_matches(path.name, names, n=3, cutoff=0.5) or _robot_file_names(folder)
+    if not proposals:
         return f"There is no robot file in {str(folder)!r}; check the path."
-    return f"In its folder{_offer(offered)}."
+    return f"In its folder{_names_text(proposals)}."
 
 
-def _hint_on_names(path: Path) -> str:
-    """Hint if the path is the name of a bundled robot."""
+def _bundled_robot_hint(path: Path) -> str:
+    """Sentence with the call for a bundled robot of that name, or for the search by name; empty for other paths."""
     name = path.stem.lower()
     if name.isidentifier() and (_BUNDLED_ROBOTS / f"{name}.urdf").is_file():
         return f" A robot of that name is bundled: twistwrench.robots.{name}()."
@@ -121,16 +129,18 @@ def _hint_on_names(path: Path) -> str:
     return ""
 
 
-def _robot_files(folder: Path) -> list[str]:
-    kinds = (".urdf", ".xml", ".sdf", ".xacro", ".usd", ".usda", ".usdc")
-    return sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in kinds)
+def _robot_file_names(folder: Path) -> list[str]:
+    """Names of the files in a folder that can be robots, by their suffix."""
+    suffixes = (".urdf", ".xml", ".sdf", ".xacro", ".usd", ".usda", ".usdc")
+    return sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in suffixes)
 
 
 _MAX_OFFERED_NAMES = 12
 """Largest number of file names in a message."""
 
 
-def _offer(names: list[str]) -> str:
+def _names_text(names: list[str]) -> str:
+    """A colon and the first names, for the end of a clause; empty without names."""
     if not names:
         return ""
     ending = ", …" if len(names) > _MAX_OFFERED_NAMES else ""
@@ -138,18 +148,20 @@ def _offer(names: list[str]) -> str:
 
 
 def decode_text(data: bytes, name: str) -> str:
-    """Decode by byte order mark, XML declaration, or UTF-8, in this order."""
-    declared = DECLARED_ENCODING.match(data.removeprefix(b"\xef\xbb\xbf"))
-    if data.startswith(b"\xef\xbb\xbf"):
+    """Text of a file, decoded by its byte order mark, by its XML declaration, or as UTF-8, in this order."""
+    declaration = DECLARED_ENCODING.match(data)
+    if data.startswith(_UTF8_MARK):
         encoding = "utf-8-sig"
-    elif data.startswith((b"\xff\xfe", b"\xfe\xff")):
+    elif data.startswith(_UTF16_MARKS):
         encoding = "utf-16"
+    elif declaration:
+        encoding = declaration[1].decode("ascii")
     else:
-        encoding = declared[1].decode("ascii") if declared else "utf-8"
+        encoding = "utf-8"
     unknown = f"{name}: declares the encoding {encoding!r}, which is not known. Save the file as UTF-8."
     with third_party_errors(lambda reason: RobotFileError(f"{name}: cannot be read as {encoding} text: {reason}.")):
         try:
-            if codecs.lookup(encoding).name.replace("-", "_") in _NO_ENCODINGS:
+            if codecs.lookup(encoding).name.replace("-", "_") in _REJECTED_ENCODINGS:
                 raise RobotFileError(unknown)
             return data.decode(encoding)
         except UnicodeDecodeError as error:
@@ -162,64 +174,73 @@ def decode_text(data: bytes, name: str) -> str:
             raise RobotFileError(unknown) from None
 
 
-_PACKAGES = ("package://", "model://")
+_PACKAGE_SCHEMES = ("package://", "model://")
+"""Beginnings of names that begin with a package, in ROS and in Gazebo."""
 _PACKAGE_FILES = ("package.xml", "manifest.xml")
+"""Files that mark the folder of a package: of catkin and ament, and of rosbuild."""
 
 
 def find_resource(uri: str, robot_file: Path) -> Path | None:
-    """Path of ``uri`` in ``robot_file``, or None if it is not found.
+    """Path of the mesh that ``robot_file`` names by ``uri``, or None if it is not found.
 
     Packages are searched in the folders above the robot file, then in ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``. Other
-    names, those of ``file://`` too, are read below the package around the robot file, and without one below the folder above
-    the robot's. Files elsewhere, files without the suffix of a mesh, and remote files (http://) count as not found.
+    names, those with ``file://`` too, must lie in the package around the robot file. If there is no package, they must lie
+    below the parent of the robot's folder. Files elsewhere, files without the suffix of a mesh, and remote files (http://)
+    count as not found.
     """
     from ..mechanics.bodies.mesh_files import SUFFIXES
 
     try:
-        for place, roots in _mesh_candidates(uri.strip(), robot_file):
-            path = place.resolve()
-            named_as_mesh = all(name.suffix.lower() in SUFFIXES for name in (place, path))
-            inside = roots is None or any(path.is_relative_to(root) for root in roots)
-            if named_as_mesh and inside and path.is_file():
-                return place
+        for candidate, roots in _mesh_candidates(uri.strip(), robot_file):
+            target = candidate.resolve()  # without links
+            has_mesh_suffix = all(path.suffix.lower() in SUFFIXES for path in (candidate, target))
+            is_allowed = roots is None or any(target.is_relative_to(root) for root in roots)
+            if has_mesh_suffix and is_allowed and target.is_file():
+                return candidate
     except (OSError, ValueError, RuntimeError):  # names that file systems reject; links in a circle
         return None
     return None
 
 
 def _mesh_candidates(uri: str, robot_file: Path) -> Iterator[tuple[Path, Sequence[Path] | None]]:
-    """Places of a mesh, each with the folders that the file has to lie below once links are resolved; None: any.
+    """Paths that a mesh may have, each with the folders in one of which its target must lie once links are resolved.
 
-    Packages that the user names by the environment may consist of links, as those of a workspace that is built with links do.
+    None in place of the folders allows any target: packages that the user names by the environment may consist of links. A
+    ROS workspace can be built in this way.
     """
-    scheme = next((s for s in _PACKAGES if uri.startswith(s)), None)
+    scheme = next((s for s in _PACKAGE_SCHEMES if uri.startswith(s)), None)
     folders_above = _folders_around(robot_file)
     if scheme is not None:
-        name, _, relative = unquote(uri[len(scheme) :]).lstrip("/").partition("/")
-        inside = Path(os.path.normpath(relative))
-        if not relative or name in ("", ".", "..") or inside.is_absolute() or ".." in inside.parts:
+        package, _, path_in_package = unquote(uri[len(scheme) :]).lstrip("/").partition("/")
+        normal_path = Path(os.path.normpath(path_in_package))
+        leaves_package = normal_path.is_absolute() or ".." in normal_path.parts
+        if not path_in_package or package in ("", ".", "..") or leaves_package:
             return
         for folder in folders_above:
-            yield folder / name / relative, [folder]
-            if folder.name == name:
-                yield folder / relative, [folder]
+            yield folder / package / path_in_package, [folder]
+            if folder.name == package:
+                yield folder / path_in_package, [folder]
         for folder in _ros_folders():
-            yield folder / name / relative, None
+            yield folder / package / path_in_package, None
     elif uri.startswith("file://"):
-        yield Path(unquote(uri.removeprefix("file://"))), [_own_folder(folders_above), *_ros_folders()]
+        yield Path(unquote(uri.removeprefix("file://"))), [_package_folder(folders_above), *_ros_folders()]
     elif "://" not in uri and uri:
-        yield robot_file.parent / uri, [_own_folder(folders_above), *_ros_folders()]
+        yield robot_file.parent / uri, [_package_folder(folders_above), *_ros_folders()]
 
 
 def _folders_around(robot_file: Path) -> list[Path]:
-    """Folders above a robot file, the nearest first, without the user's home and what is above it."""
+    """Folders above a robot file, the nearest first, except the root, the user's home and folders above home."""
     own, *above = robot_file.resolve().parents
     home = Path.home()
-    return [own, *(folder for folder in above if folder != folder.parent and not home.is_relative_to(folder))]
+    below_home = [folder for folder in above if folder != folder.parent and not home.is_relative_to(folder)]
+    return [own, *below_home]
 
 
-def _own_folder(folders: Sequence[Path]) -> Path:
-    """The package around a robot file; without one, the folder above the robot's own, which often has the meshes."""
+def _package_folder(folders: Sequence[Path]) -> Path:
+    """Folder of the package around a robot file; without a package, the parent of the robot's folder, which often has meshes.
+
+    ``folders`` are those of :func:`_folders_around`; the parent may be missing among them.
+    """
     for folder in folders:
         if any((folder / name).is_file() for name in _PACKAGE_FILES):
             return folder

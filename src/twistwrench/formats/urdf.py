@@ -24,9 +24,9 @@ from .known_elements import unread
 from .xml import Element
 
 ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-"""Row and column by the name in URDF and SDF."""
-IN_MJCF = sorted(ENTRIES, key=lambda name: ENTRIES[name][0] != ENTRIES[name][1])
-"""Names in the order of MJCF's ``fullinertia``: moments, then products."""
+"""Row and column of an entry of an inertia tensor, by its name in URDF and SDF."""
+IN_MJCF = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+"""Names of the entries in the order of MJCF's ``fullinertia``: moments, then products."""
 
 
 def tensor_of(entry: Callable[[str], float]) -> Array:
@@ -39,11 +39,11 @@ def tensor_of(entry: Callable[[str], float]) -> Array:
 
 def entries_of(I: Array) -> dict[str, float]:
     """Six entries of a tensor (3, 3) by name."""
-    return {name: float(I[at]) for name, at in ENTRIES.items()}
+    return {name: float(I[row_and_column]) for name, row_and_column in ENTRIES.items()}
 
 
-# https://wiki.ros.org/urdf/XML
-# Appearance, shapes, transmissions and simulator settings are skipped; mesh files are never opened.
+# The format is described at https://wiki.ros.org/urdf/XML. Appearance, shapes, transmissions and simulator settings are
+# skipped; mesh files are never opened.
 
 _URDF_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """Joint types of URDF."""
@@ -52,44 +52,47 @@ LIMITS_OF_1_2 = ("acceleration", "deceleration", "jerk")
 NO_LIMIT = 1e15
 """Limits above this value mean no limit: files have ±1e16, as the format requires a number."""
 
-_NOTHING = [0.0, 0.0, 0.0]
-_UNIT_LENGTH = 1e-3
-"""Largest error of a quaternion's length that is normalised; larger errors raise."""
+_ZEROS = [0.0, 0.0, 0.0]
+"""Default of a position and of roll, pitch and yaw."""
+_MAX_LENGTH_ERROR = 1e-3
+"""Largest difference of a quaternion's length from 1 that is rounding, and is normalised."""
 
 
 def read_urdf(robot: Element, source: str = "", snap: float = DEFAULT_SNAP) -> ModelBuilder:
-    """Builder with the links and joints of a ``<robot>`` element; ``snap`` applies to inertial frames.
+    """Builder with the links and joints of a ``<robot>`` element.
+
+    ``snap`` is the tolerance of :func:`snap_rotation` for the rotations of inertial frames.
 
     Raises :class:`~twistwrench.RobotFileError` with element and line for violations of the format, and the errors of
     :class:`~twistwrench.mechanics.model.builder.ModelBuilder` for inconsistent robots.
     """
     builder = ModelBuilder(robot.attributes.get("name", "").strip() or "robot", source)
-    notes = unread("URDF", robot)
     for link in robot.all("link"):
         add_link(builder, link, snap)
     for joint in robot.all("joint"):
         add_joint(builder, joint)
     for constraint in robot.all("constraint"):
         _add_closure(builder, constraint)
-    builder.remark(*notes)
+    builder.remark(*unread("URDF", robot))
     return builder
 
 
 def add_link(builder: ModelBuilder, link: Element, snap: float = DEFAULT_SNAP) -> None:
-    """Add one ``<link>``; raises as :func:`read_urdf`."""
-    shaped = bool(link.all("visual") or link.all("collision"))
-    builder.add_link(link.text("name"), _inertia(link, snap), where=f"line {link.line}", shaped=shaped)
+    """Add one ``<link>``; raises the errors of :func:`read_urdf`."""
+    has_shape = bool(link.all("visual") or link.all("collision"))
+    builder.add_link(link.text("name"), _inertia(link, snap), where=f"line {link.line}", shaped=has_shape)
 
 
 def _inertia(link: Element, snap: float) -> SpatialInertia | None:
+    """Spatial inertia of a link in the axes of its frame; None without an ``<inertial>``."""
     inertial = link.child("inertial")
     if inertial is None:
         return None
     mass, T, I = inertial_of(inertial)
     R = T[:3, :3]
-    if R.tolist() != UPRIGHT:  # tensor about the centre of mass, in the axes of the inertial frame
+    if R.tolist() != UPRIGHT:
         R = snap_rotation(R, snap)
-        I = R @ I @ R.T
+        I = R @ I @ R.T  # from the axes of the inertial frame to those of the link
     return SpatialInertia.from_com(mass, T[:3, 3], I)
 
 
@@ -106,22 +109,25 @@ def origin_of(element: Element) -> Array:
 
 
 def _pose(origin: Element | None) -> Array:
+    """Pose (4, 4) of an ``<origin>``; the identity without one."""
     if origin is None:
         return IDENTITY
-    p = origin.values("xyz", 3) if "xyz" in origin.attributes else _NOTHING
+    p = origin.values("xyz", 3) if "xyz" in origin.attributes else _ZEROS
     if "quat_xyzw" in origin.attributes:
         return pose_rows(_rows_of_quaternion(origin), p)
-    rpy = origin.values("rpy", 3) if "rpy" in origin.attributes else _NOTHING
-    return pose_rows(_rows_of_rpy(rpy) if any(rpy) else UPRIGHT, p)
+    rpy = origin.values("rpy", 3) if "rpy" in origin.attributes else _ZEROS
+    if not any(rpy):  # exactly the identity
+        return pose_rows(UPRIGHT, p)
+    return pose_rows(_rows_of_rpy(rpy), p)
 
 
 def _rows_of_quaternion(origin: Element) -> list[list[float]]:
-    """Rotation of URDF 1.1's ``quat_xyzw``: a unit quaternion, scalar last."""
+    """Rotation matrix, row by row, of URDF 1.1's ``quat_xyzw``: a unit quaternion, scalar last."""
     if "rpy" in origin.attributes:
         raise origin.error("has both rpy and quat_xyzw; one rotation is allowed. Remove one of them.")
     x, y, z, w = origin.values("quat_xyzw", 4)
     length = math.hypot(x, y, z, w)
-    if abs(length - 1.0) > _UNIT_LENGTH:
+    if abs(length - 1.0) > _MAX_LENGTH_ERROR:
         raise RobotFileError(
             f'{origin} has quat_xyzw="{shorten(origin.attributes["quat_xyzw"])}" of length {printed(length)}; a rotation has '
             "length 1. Divide the four numbers by their length, or check that they stand in the order x y z w."
@@ -130,11 +136,12 @@ def _rows_of_quaternion(origin: Element) -> list[list[float]]:
 
 
 def rotation_of_rpy(rpy: ArrayLike) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll) of angles (3,) about fixed axes; (3, 3). MR appendix B.2."""
+    """Rotation (3, 3) = Rz(yaw) Ry(pitch) Rx(roll) of roll, pitch and yaw (3,) about fixed axes. MR appendix B.2."""
     return np.array(_rows_of_rpy(rpy))
 
 
 def _rows_of_rpy(rpy: ArrayLike) -> list[list[float]]:
+    """Rotation matrix, row by row, of roll, pitch and yaw."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(rpy).tolist(), np.cos(rpy).tolist()
     return [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -144,37 +151,40 @@ def _rows_of_rpy(rpy: ArrayLike) -> list[list[float]]:
 
 
 def rpy_of_rotation(R: Array) -> Array:
-    """Roll, pitch and yaw (3,) of a rotation, accurate at any pitch; yaw is 0 at ±90°."""
-    yaw = 0.0
-    if R[1, 0] or R[0, 0]:
-        yaw = np.arctan2(R[1, 0], R[0, 0])
-    s, c = np.sin(yaw), np.cos(yaw)  # roll of the rotation after removal of the yaw
+    """Roll, pitch and yaw (3,) of a rotation, accurate at any pitch; yaw is 0 where the pitch is ±90°."""
+    x_axis_is_vertical = R[0, 0] == 0 and R[1, 0] == 0  # at a pitch of ±90°
+    yaw = 0.0 if x_axis_is_vertical else np.arctan2(R[1, 0], R[0, 0])
+    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
+    # Rz(-yaw) R = Ry(pitch) Rx(roll); the roll is read from its second row.
+    s, c = np.sin(yaw), np.cos(yaw)
     roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
-    return np.array([roll, np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0])), yaw])
+    return np.array([roll, pitch, yaw])
 
 
-def onto(z: Array) -> Array:
-    """Smallest rotation from the z axis to a unit vector; half a turn about x if they are opposite."""
-    axis = np.array([-z[1], z[0], 0.0])
+def rotation_of_z_axis_to(vector: Array) -> Array:
+    """Smallest rotation (3, 3) that turns the z axis to a unit vector; half a turn about x if they are opposite."""
+    axis = np.array([-vector[1], vector[0], 0.0])  # z × vector
+    cosine = float(vector[2])
     sine = float(np.linalg.norm(axis))
     if sine < 1e-10:
-        if z[2] > 0:
+        if cosine > 0:
             return np.eye(3)
         return np.diag([1.0, -1.0, -1.0])
-    return np.asarray(so3.exp(axis / sine * math.atan2(sine, float(z[2]))))
+    angle = math.atan2(sine, cosine)
+    return np.asarray(so3.exp(axis / sine * angle))
 
 
 def direction(element: Element, attribute: str, vector: object) -> Array:
-    """Normalised vector; raises for a zero vector."""
+    """Normalised vector; for a zero vector, an error that names the element and its attribute."""
     array = np.asarray(vector, float)
     length = float(np.linalg.norm(array))
-    if not length > 1e-14:
+    if not length > 1e-14:  # nan too
         raise element.error(f"has {attribute}={element.attributes.get(attribute, '')!r}, which is not a direction.")
     return array / length
 
 
 def add_joint(builder: ModelBuilder, joint: Element) -> None:
-    """Add one ``<joint>``; raises as :func:`read_urdf`."""
+    """Add one ``<joint>``; raises the errors of :func:`read_urdf`."""
     name, kind = joint.text("name"), joint.text("type")
     if kind not in _URDF_TYPES:
         raise joint.error(
@@ -185,13 +195,13 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
     child = joint.require_child("child", '<child link="arm"/>').text("link")
     if kind == "fixed" and parent == "world":
         builder.mount()
-    moves = kind != "fixed"  # other attributes of a fixed joint are meaningless and not read
     options: dict[str, Any] = {"placement": origin_of(joint), "axis": (1.0, 0.0, 0.0), "where": f"line {joint.line}"}
-    if moves:
-        axis, dynamics = joint.child("axis"), joint.child("dynamics")
-        if axis is not None and kind != "floating":
-            options["axis"] = axis.values("xyz", 3)
+    if kind != "fixed":  # a fixed joint has no use for the other elements
+        axis_element = joint.child("axis")
+        if axis_element is not None and kind != "floating":
+            options["axis"] = axis_element.values("xyz", 3)
         options |= _limits(builder, joint, kind)
+        dynamics = joint.child("dynamics")
         if dynamics is not None:
             options["damping"] = dynamics.optional_number("damping") or 0.0
             options["friction"] = dynamics.optional_number("friction") or 0.0
@@ -200,67 +210,75 @@ def add_joint(builder: ModelBuilder, joint: Element) -> None:
 
 
 def _limits(builder: ModelBuilder, joint: Element, kind: str) -> dict[str, Any]:
+    """Limits of a joint by name; a remark if a bounded joint has none."""
     limit = joint.child("limit")
-    bounded = kind in ("revolute", "prismatic")
+    is_bounded = kind in ("revolute", "prismatic")
     if limit is None:
-        if bounded:
+        if is_bounded:
             builder.remark(f"{joint} is {kind} and has no <limit>, so it is taken to be unlimited")
         return {}
-    given = {name: limit.optional_number(name) for name in _SIDES}
-    if bounded:  # default of the format for either bound
-        given |= {name: given[name] or 0.0 for name in ("lower", "upper")}
-    return known_limits(**given)
+    limits = {name: limit.optional_number(name) for name in _LIMIT_SIGNS}
+    if is_bounded:
+        for name in ("lower", "upper"):
+            if limits[name] is None:
+                limits[name] = 0.0  # the format's default of either bound
+    return known_limits(**limits)
 
 
-_SIDES = {"lower": -1.0, "upper": 1.0} | dict.fromkeys(("velocity", "effort", *LIMITS_OF_1_2), 1.0)
+_LIMIT_SIGNS = {"lower": -1.0, "upper": 1.0, "velocity": 1.0, "effort": 1.0} | dict.fromkeys(LIMITS_OF_1_2, 1.0)
+"""Sign of infinity that means no limit, by name of the limit."""
 
 
-def known_limits(**given: float | None) -> dict[str, Any]:
+def known_limits(**limits: float | None) -> dict[str, Any]:
     """Limits of a joint, without values that mean no limit."""
-    return {name: x for name, x in given.items() if x is not None and x * _SIDES[name] < NO_LIMIT}
+    given = {name: limit for name, limit in limits.items() if limit is not None}
+    return {name: limit for name, limit in given.items() if limit * _LIMIT_SIGNS[name] < NO_LIMIT}
 
 
-_ROWS = {
+_CONSTRAINED_ROWS = {
     "revolute": "wx wy vx vy vz", "prismatic": "wx wy wz vx vy", "spherical": "vx vy vz", "link": "wx wy wz vx vy vz",
 }  # fmt: skip
-"""Constrained rows of a cut joint or link, z along its axis."""
+"""Components of the relative velocity that a closing joint prevents, by its type; z is its axis. A "link" is cut in two."""
 _ENDS = ("parent", "child")
 
 
 def _add_closure(builder: ModelBuilder, constraint: Element) -> None:
-    """Register the loop of a ``<constraint>`` as proposed for URDF (ros/urdfdom_headers#108); else add a note."""
+    """Offer the loop of a ``<constraint>``, as proposed for URDF in ros/urdfdom_headers#108; add a note if it is incomplete."""
     name = constraint.attributes.get("name", "").strip()
     kind = constraint.attributes.get("type", "").strip().removesuffix("_joint")
     links = [_link_of(constraint.child(end)) for end in _ENDS]
-    if not (name and all(links) and kind in _ROWS):
+    if not (name and all(links) and kind in _CONSTRAINED_ROWS):
         builder.note(
             constraint,
-            f"is left out, so its loop stays open: it needs a name, parent, child and a type of {', '.join(_ROWS)}",
+            f"is left out, so its loop stays open: it needs a name, parent, child and a type of {', '.join(_CONSTRAINED_ROWS)}",
         )
         return
-    turn = np.eye(3)
+    R = np.eye(3)  # from the axes of an origin to axes with z along the joint axis
     if kind in ("revolute", "prismatic"):
-        axis, along = constraint.child("parent_axis"), np.array([1.0, 0.0, 0.0])
-        if axis is not None:
-            along = direction(axis, "xyz", axis.values("xyz", 3))
-        turn = onto(along)
+        axis_element = constraint.child("parent_axis")
+        axis = np.array([1.0, 0.0, 0.0])
+        if axis_element is not None:
+            axis = direction(axis_element, "xyz", axis_element.values("xyz", 3))
+        R = rotation_of_z_axis_to(axis)
     sites = []
     for end, link in zip(_ENDS, links, strict=True):
-        T = _pose(constraint.child(f"{end}_origin")) @ se3.pose(turn, (0, 0, 0))
+        origin = constraint.child(f"{end}_origin")
+        T = _pose(origin) @ se3.pose(R, (0, 0, 0))
         sites.append(builder.add_site(f"{name}:{link}", link, T, constraint.place))
     a, b = sites
-    builder.add_closure(name, OfferedClosure(a, b, _ROWS[kind]))
-    builder.remark(f"{constraint} is left open: robot.close({a!r}, {b!r}, {_ROWS[kind]!r}) closes it")
+    builder.add_closure(name, OfferedClosure(a, b, _CONSTRAINED_ROWS[kind]))
+    builder.remark(f"{constraint} is left open: robot.close({a!r}, {b!r}, {_CONSTRAINED_ROWS[kind]!r}) closes it")
 
 
 def _link_of(end: Element | None) -> str:
-    """Link of one end of a constraint; empty without one."""
+    """Name of the link at one end of a constraint; empty without one."""
     if end is None:
         return ""
     return end.attributes.get("link", "").strip()
 
 
 def _mimic(joint: Element) -> Mimic | None:
+    """Name of the leader, ratio and offset of a mimic joint; None for others."""
     mimic = joint.child("mimic")
     if mimic is None:
         return None

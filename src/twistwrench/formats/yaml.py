@@ -19,7 +19,7 @@ from ..core.files import is_stream, read_text
 from ..core.numbers import printed
 from ..core.third_party import third_party_errors
 
-_TURN = 2 * math.pi
+_RADIANS_PER_TURN = 2 * math.pi
 UNITS: dict[str, dict[str, float]] = {
     "inertia": {"kg m^2": 1.0, "kg cm^2": 1e-4, "kg mm^2": 1e-6, "g m^2": 1e-3, "g cm^2": 1e-7, "g mm^2": 1e-9},
     "torque constant": {"N m/A": 1.0, "mN m/A": 1e-3, "V s/rad": 1.0},
@@ -27,7 +27,12 @@ UNITS: dict[str, dict[str, float]] = {
     "inductance": {"H": 1.0, "mH": 1e-3, "uH": 1e-6, "µH": 1e-6},
     "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
     "current": {"A": 1.0, "mA": 1e-3},
-    "rotor speed": {"rad/s": 1.0, "rpm": _TURN / 60, "/min": _TURN / 60, "deg/s": _TURN / 360},
+    "rotor speed": {
+        "rad/s": 1.0,
+        "rpm": _RADIANS_PER_TURN / 60,
+        "/min": _RADIANS_PER_TURN / 60,
+        "deg/s": _RADIANS_PER_TURN / 360,
+    },
     "mass": {"kg": 1.0, "g": 1e-3},
     "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
     "torque": {
@@ -40,19 +45,20 @@ UNITS: dict[str, dict[str, float]] = {
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "viscous": {"N m s/rad": 1.0, "mN m s/rad": 1e-3},
     "viscous, sliding": {"N s/m": 1.0, "kN s/m": 1e3},
-    "speed": {"rad/s": 1.0, "rpm": _TURN / 60, "deg/s": _TURN / 360},
+    "speed": {"rad/s": 1.0, "rpm": _RADIANS_PER_TURN / 60, "deg/s": _RADIANS_PER_TURN / 360},
     "speed, sliding": {"m/s": 1.0, "mm/s": 1e-3},
-    "stiffness": {"N m/rad": 1.0, "kN m/rad": 1e3, "N m/deg": 360 / _TURN},
+    "stiffness": {"N m/rad": 1.0, "kN m/rad": 1e3, "N m/deg": 360 / _RADIANS_PER_TURN},
     "stiffness, sliding": {"N/m": 1.0, "kN/m": 1e3, "N/mm": 1e3},
-    "angle": {"rad": 1.0, "deg": _TURN / 360},
+    "angle": {"rad": 1.0, "deg": _RADIANS_PER_TURN / 360},
     "thermal resistance": {"K/W": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
     "temperature": {"degC": 1.0, "°C": 1.0},
     "life": {"h": 1.0},
 }
-"""Units of each kind of quantity, SI first, with their SI values."""
+"""Units of each kind of quantity, SI first, each with its value in the SI unit."""
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)(.*)", re.DOTALL)
+"""Number with a unit: its groups are the number and everything after it."""
 
 
 def si_unit(kind: str) -> str:
@@ -65,33 +71,31 @@ def si_unit(kind: str) -> str:
 
 
 def in_si(value: object, kind: str, where: str) -> float:
-    """Number in SI units. Raises ModelError with ``where`` and the known units."""
-    known = UNITS[kind]
-    first = si_unit(kind)
+    """Number in SI units from a text with a unit. Raises ModelError; ``where`` names the entry in its message."""
+    factors = UNITS[kind]
+    unit_names = ", ".join(factors)
+    si = si_unit(kind)
     if isinstance(value, int | float) and not isinstance(value, bool):
         raise ModelError(
-            f"{where} is {printed(value)} without a unit. Write {printed(value)} {first}, or one of {_unit_names(known)}."
+            f"{where} is {printed(value)} without a unit. Write {printed(value)} {si}, or one of {unit_names}."
         )
     match = _NUMBER.fullmatch(value) if isinstance(value, str) else None
     if match is None:
-        raise ModelError(f"{where} is {value!r}, expected a number with a unit, such as 1.5 {first}.")
-    factors = {_plain(unit): factor for unit, factor in known.items()}
-    unit = _plain(match[2])
-    if unit not in factors:
-        given = f"the unit {match[2].strip()!r}" if unit else "no unit"
-        raise ModelError(f"{where} is {value!r}, with {given}. Known here: {_unit_names(known)}.")
-    number = float(match[1]) * factors[unit]
+        raise ModelError(f"{where} is {value!r}, expected a number with a unit, such as 1.5 {si}.")
+    digits, unit_text = match.groups()
+    normal_factors = {_normal_unit(unit): factor for unit, factor in factors.items()}
+    unit = _normal_unit(unit_text)
+    if unit not in normal_factors:
+        description = f"the unit {unit_text.strip()!r}" if unit else "no unit"
+        raise ModelError(f"{where} is {value!r}, with {description}. Known here: {unit_names}.")
+    number = float(digits) * normal_factors[unit]
     if not math.isfinite(number):
         raise ModelError(f"{where} is {value!r}, which is not a finite number.")
-    return float(f"{number:.15g}")  # decimal rounding: 33.3 g cm² is 3.33e-6 kg m²
+    return float(f"{number:.15g}")  # rounded as a decimal: 33.3 g cm² is 3.33e-6 kg m² exactly
 
 
-def _unit_names(known: dict[str, float]) -> str:
-    return ", ".join(known)
-
-
-def _plain(unit: str) -> str:
-    """Unit without spaces, dots and carets, so that kg·m², kg m^2 and kgm2 are equal."""
+def _normal_unit(unit: str) -> str:
+    """Unit without spaces, dots and carets, so that kg·m², kg m^2 and kgm2 are equal; the two signs for micro are equal too."""
     return re.sub(r"[\s·*^]", "", unit).replace("²", "2").replace("μ", "µ")
 
 
@@ -99,18 +103,20 @@ def _plain(unit: str) -> str:
 
 
 def short_text(value: object) -> str:
-    """Text of a value, shortened: aliases can make it very long."""
-    short = reprlib.Repr()
-    short.maxlevel, short.maxstring, short.maxother = 2, 60, 60
-    return short.repr(value)
+    """Text of a value, shortened: YAML's aliases can make it very long."""
+    shortener = reprlib.Repr()
+    shortener.maxlevel = 2
+    shortener.maxstring = shortener.maxother = 60
+    return shortener.repr(value)
 
 
 @dataclass(frozen=True)
 class Section:
-    """Mapping of the file, with its key path."""
+    """Mapping in a file, with the keys that lead to it."""
 
     content: Any
     path: str
+    """Keys from the top of the file, joined by arrows; empty for the file itself."""
     taken: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
@@ -120,7 +126,7 @@ class Section:
             )
 
     def where(self, key: str) -> str:
-        """Key path of an entry."""
+        """Keys that lead to an entry, joined by arrows."""
         return f"{self.path} → {key}" if self.path else key
 
     def only(self, *allowed: str) -> None:
@@ -134,29 +140,33 @@ class Section:
         return Section(self.content[key], self.where(key))
 
     def number(self, key: str, kind: str) -> float:
-        """Number with a unit; without a unit if ``kind`` is empty."""
+        """Number of an entry in SI units; ``kind`` is that of its unit, empty for a number without one."""
         value = self.content[key]
         if kind:
             return in_si(value, kind, self.where(key))
         return plain_number(value, f"{self.where(key)} is {short_text(value)}, expected a plain number.")
 
     def vector(self, key: str, kind: str) -> Any:
-        """Three numbers (3,), each with a unit."""
+        """Three numbers (3,) of an entry, each with a unit."""
         values = self.content[key]
-        if isinstance(values, str | Mapping) or np.ndim(np.asarray(values, object)) != 1 or len(values) != 3:
+        is_list = not isinstance(values, str | Mapping) and np.ndim(np.asarray(values, object)) == 1
+        if not is_list or len(values) != 3:
             raise ModelError(f"{self.where(key)} is {short_text(values)}, expected three entries in brackets.")
-        items = Section({str(k): v for k, v in zip("xyz", values, strict=True)}, self.where(key))
-        return np.array([items.number(k, kind) for k in "xyz"])
+        components = Section(dict(zip("xyz", values, strict=True)), self.where(key))
+        return np.array([components.number(axis, kind) for axis in "xyz"])
 
     def optional(self, key: str, get: Callable[..., Any], *args: Any) -> dict[str, Any]:
-        """``{key: get(key)}``, or empty if the key is absent."""
-        return {key: get(key, *args)} if key in self.content else {}
+        """``{key: get(key, *args)}``; empty if the key is absent."""
+        if key not in self.content:
+            return {}
+        return {key: get(key, *args)}
 
 
 def plain_number(value: object, problem: str) -> float:
-    """Finite number, or text of one; rejects booleans and Python's 1_0."""
+    """Finite number from a number or a text; others raise ModelError with the text ``problem``."""
+    has_underscore = isinstance(value, str) and "_" in value  # Python would read 1_0 as 10
     try:
-        if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
+        if isinstance(value, bool) or has_underscore:
             raise ValueError  # noqa: TRY301  one message for all cases
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
@@ -171,30 +181,35 @@ def plain_number(value: object, problem: str) -> float:
 Source = str | os.PathLike[str] | Mapping[str, Any]
 
 _MAX_BYTES = 2**18
-"""Largest accepted file: parsing is slow, and a robot with a hundred motors takes 40 kB."""
+"""Largest accepted file [bytes]: parsing is slow, and a robot with a hundred motors takes 40 kB."""
 
-_BELOW = {"actuators": "joints", "motors": "motors of the catalogue", "kinematics": "six links of a UR"}
+_CONTENT_OF_ENTRY = {"actuators": "joints", "motors": "motors of the catalogue", "kinematics": "six links of a UR"}
+"""Content of a file's main entry, for messages."""
 
-_MAX_LEVELS = 50
+_MAX_DEPTH = 50
 """Largest nesting depth: an actuator file needs five levels, and parsing time grows quadratically."""
 
 
 def read_yaml(source: Source, what: str = "actuator file", entry: str = "actuators") -> tuple[object, str]:
-    """Content of YAML, and the name of its source for messages. Raises NotFoundError and ModelError."""
+    """Content of YAML, and the name of its source for messages. Raises NotFoundError and ModelError.
+
+    ``what`` is the kind of file and ``entry`` its main entry, both for messages.
+    """
     if isinstance(source, Mapping):
         return source, f"the {entry} given"
     if not isinstance(source, str | os.PathLike):
         raise ModelError(f"{entry} come from a path, YAML text or a mapping, not from {type(source).__name__}.")
     text, origin = str(source), "the text given"
-    if "\n" not in text and ":" not in Path(text).name:
+    is_path = "\n" not in text and ":" not in Path(text).name  # YAML has lines or "name: value"
+    if is_path:
         path = Path(source)
         try:
-            found = path.is_file() or is_stream(path)
-        except (OSError, ValueError):
-            found = False
-        if not found:
+            exists = path.is_file() or is_stream(path)
+        except (OSError, ValueError):  # a name that file systems reject
+            exists = False
+        if not exists:
             raise NotFoundError(
-                f"no {what} {text[:200]!r}. It is YAML with an entry '{entry}:', and the {_BELOW[entry]} below it."
+                f"no {what} {text[:200]!r}. It is YAML with an entry '{entry}:', and the {_CONTENT_OF_ENTRY[entry]} below it."
             )
         origin = str(path)
         with third_party_errors(lambda reason: ModelError(f"cannot read {origin!r}: {reason}.")):
@@ -203,30 +218,30 @@ def read_yaml(source: Source, what: str = "actuator file", entry: str = "actuato
 
 
 def _parse(text: str, origin: str) -> object:
-    """Mappings, lists and strings of the text, without number conversion: YAML would read 101:1 as base sixty."""
+    """Mappings, lists and strings of the text. Numbers stay text: YAML would read 101:1 in base sixty."""
     import yaml
 
-    def no_deeper(levels: int) -> None:
-        if levels > _MAX_LEVELS:
+    def check_depth(depth: int) -> None:
+        if depth > _MAX_DEPTH:
             raise ModelError(
-                f"{origin} nests its entries more than {_MAX_LEVELS} deep. An actuator file needs five levels."
+                f"{origin} nests its entries more than {_MAX_DEPTH} deep. An actuator file needs five levels."
             )
 
     class Loader(yaml.BaseLoader):
         def fetch_flow_collection_start(self, TokenClass: Any) -> None:
-            no_deeper(self.flow_level)
+            check_depth(self.flow_level)
             super().fetch_flow_collection_start(TokenClass)
 
         def add_indent(self, column: int) -> bool:
-            no_deeper(len(self.indents))
+            check_depth(len(self.indents))
             return bool(super().add_indent(column))
 
         def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-            keys = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
-            twice = sorted(key for key, count in keys.items() if count > 1)
-            if twice:
+            key_counts = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+            repeated = sorted(key for key, count in key_counts.items() if count > 1)
+            if repeated:
                 line = node.start_mark.line + 1
-                raise ModelError(f"{origin}, line {line}: {', '.join(twice)} given twice. Keep one of them.")
+                raise ModelError(f"{origin}, line {line}: {', '.join(repeated)} given twice. Keep one of them.")
             return super().construct_mapping(node, deep)
 
     with third_party_errors(lambda reason: ModelError(f"{origin} is no YAML: {reason}.")):

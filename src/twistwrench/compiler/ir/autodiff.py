@@ -1,9 +1,9 @@
 """Derivatives of traced expressions by forward and reverse mode, as expressions of the same trace.
 
-A sweep applies the chain rule to all expressions that the results depend on, once per direction (forward) or per result
-(reverse). It starts (forward) or ends (reverse) at *known* expressions, whose derivatives along the directions are given:
-usually inputs, or expressions with a shorter formula than the chain rule gives. Operands of known expressions are not visited,
-so known expressions may be any mixture of inputs and expressions of inputs.
+A sweep applies the chain rule to all expressions that the results depend on. Forward mode needs a sweep for each direction,
+reverse mode one for each result. Sweeps begin (forward) or end (reverse) at *known* expressions, whose derivatives along the
+directions are given. Most of these are inputs; others have a shorter derivative than the chain rule gives. Operands of known
+expressions are not visited, so known expressions may be any mixture of inputs and expressions of inputs.
 
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. (2008), chapters 3 (both modes) and 5 (reverse before forward).
 """
@@ -20,7 +20,7 @@ from .expr import Expr
 from .tracer import operands_of, reachable
 
 Known = Mapping[Expr, Mapping[int, Expr]]
-"""Derivatives of an expression by number of the direction; missing ones are zero."""
+"""Derivatives of each known expression, by number of the direction; missing ones are zero."""
 
 
 class Work(NamedTuple):
@@ -40,53 +40,53 @@ def jacobian(results: Sequence[Expr], known: Known, directions: int, mode: str =
         mode = "reverse" if operations.reverse < operations.forward else "forward"
     J = np.full((len(results), directions), 0.0, object)
     if mode == "forward":
-        for direction, column in enumerate(_forward(results, known, directions)):
+        for direction, column in enumerate(_forward_sweeps(results, known, directions)):
             J[:, direction] = column
         return J
-    rows: dict[Expr, Array] = {}  # a symmetric matrix has most entries twice
-    for r, result in enumerate(results):
-        if result not in rows:
-            rows[result] = gradient([result], [result.trace.one], known, directions)
-        J[r] = rows[result]
+    gradients: dict[Expr, Array] = {}  # by result: a symmetric matrix has most entries twice
+    for row, result in enumerate(results):
+        if result not in gradients:
+            gradients[result] = gradient([result], [result.trace.one], known, directions)
+        J[row] = gradients[result]
     return J
 
 
 def along(results: Sequence[Expr], known: Known, direction: Sequence[Any]) -> list[Any]:
-    """Derivative of each result along one combination of the directions, by forward mode."""
-    rates: dict[Expr, dict[int, Expr]] = {}
-    for e, row in known.items():
-        rates[e] = {}
-        rate = e.trace.zero
-        for d, slope in row.items():
-            rate = rate + slope * direction[d]
-        if rate is not e.trace.zero:
-            rates[e][0] = rate
-    return _forward(results, rates, 1)[0]
+    """Derivative of each result along Σ_d direction[d] · (direction d), by one sweep of forward mode."""
+    combined: dict[Expr, dict[int, Expr]] = {}  # derivatives of known expressions along the only direction, 0
+    for node, derivatives in known.items():
+        combined[node] = {}
+        rate = node.trace.zero
+        for d, derivative in derivatives.items():
+            rate = rate + derivative * direction[d]
+        if rate is not node.trace.zero:
+            combined[node][0] = rate
+    return _forward_sweeps(results, combined, 1)[0]
 
 
 def gradient(results: Sequence[Expr], weights: Sequence[Any], known: Known, directions: int) -> Array:
     """Derivative of Σ weights · results along every direction for constant weights, by reverse mode; (directions,)."""
-    nodes = _active(results, known)
-    adjoint: dict[Expr, Any] = {}
+    nodes = _varying_nodes(results, known)
+    adjoints: dict[Expr, Any] = {}  # derivatives of the sum with respect to each expression
 
-    def add(node: Expr, part: Any) -> None:
-        if node in adjoint:
-            part = adjoint[node] + part
-        adjoint[node] = part
+    def add_to_adjoint(node: Expr, part: Any) -> None:
+        if node in adjoints:
+            part = adjoints[node] + part
+        adjoints[node] = part
 
     for result, weight in zip(results, weights, strict=True):
-        add(result, weight)
+        add_to_adjoint(result, weight)
     total = np.full(directions, 0.0, object)
     for node in reversed(nodes):
-        weight = adjoint.get(node)
-        if weight is None:
+        adjoint = adjoints.get(node)
+        if adjoint is None:
             continue
         if node in known:
-            for d, slope in known[node].items():
-                total[d] = total[d] + slope * weight
+            for d, derivative in known[node].items():
+                total[d] = total[d] + derivative * adjoint
             continue
-        for operand, slope in _slopes(node, nodes):
-            add(operand, slope * weight)
+        for operand, derivative in _local_derivatives(node, nodes):
+            add_to_adjoint(operand, derivative * adjoint)
     return total
 
 
@@ -95,25 +95,28 @@ def work(results: Sequence[Expr], known: Known) -> Work:
 
     A product counts one multiplication for each varying factor, and one addition if both vary; sums count their additions.
     """
-    reach = _active(results, known)
-    used = dict.fromkeys(reach, 0)  # results that depend on each expression, as bits
+    directions_of = _varying_nodes(results, known)  # as bits
+    results_of = dict.fromkeys(directions_of, 0)  # results that depend on each expression, as bits
     for k, result in enumerate(dict.fromkeys(results)):
-        if result in reach:
-            used[result] |= 1 << k
+        if result in directions_of:
+            results_of[result] |= 1 << k
     forward = reverse = 0
-    for node in reversed(reach):
+    for node in reversed(directions_of):
         if node in known:
-            ends = sum(slope is not node.trace.one for slope in known[node].values())
-            reverse += 2 * ends * used[node].bit_count()
+            multiplied = sum(derivative is not node.trace.one for derivative in known[node].values())
+            reverse += 2 * multiplied * results_of[node].bit_count()  # a multiplication and an addition each
             continue
-        operands = [x for x in _made_of(node) if x in reach]
+        operands = [operand for operand in _operands_of_function(node) if operand in directions_of]
         multiplies = node.op not in ("add", "sub", "neg")
-        for x in operands:
-            forward += multiplies * reach[x].bit_count()
-            reverse += multiplies * used[node].bit_count() + (used[x] & used[node]).bit_count()
-            used[x] |= used[node]
+        for operand in operands:
+            forward += multiplies * directions_of[operand].bit_count()
+            reverse += multiplies * results_of[node].bit_count()
+            # An adjoint that exists already gets an addition.
+            reverse += (results_of[operand] & results_of[node]).bit_count()
+            results_of[operand] |= results_of[node]
         if len(operands) == 2:
-            forward += (reach[operands[0]] & reach[operands[1]]).bit_count()
+            a, b = operands
+            forward += (directions_of[a] & directions_of[b]).bit_count()
     return Work(forward, reverse)
 
 
@@ -144,62 +147,62 @@ _RULES: Mapping[str, tuple[Callable[[Expr, Any, Any], Any], ...]] = {
     "log": (lambda f, a, b: 1.0 / a,),
     "arctan2": (lambda f, a, b: b / (a * a + b * b), lambda f, a, b: -(a / (a * a + b * b))),
 }
-"""Derivative of f(a, b) with respect to each operand."""
+"""Derivatives of f = f(a, b), one for each operand, by name of the operation or composed function."""
 
 
-def _made_of(node: Expr) -> tuple[Expr, ...]:
-    """Operands of an operation, or of the function that it computes."""
+def _operands_of_function(node: Expr) -> tuple[Expr, ...]:
+    """Operands of an operation, or of the composed function whose last operation it is."""
     composed = node.trace.composed
     if composed and node.index in composed:
         return composed[node.index].operands
     return operands_of(node)
 
 
-def _slopes(node: Expr, active: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
-    """Varying operands of an operation, each with the derivative by it."""
-    operands = _made_of(node)
+def _local_derivatives(node: Expr, varying: Mapping[Expr, int]) -> list[tuple[Expr, Any]]:
+    """Varying operands of an operation, each with the derivative of the operation with respect to it."""
+    operands = _operands_of_function(node)
     if not operands:
         return []
     composed = node.trace.composed.get(node.index)
     rules = _RULES[node.op if composed is None else composed.name]
-    a, b = (*operands, None)[:2]
-    return [(x, rule(node, a, b)) for x, rule in zip(operands, rules, strict=True) if x in active]
+    a, b = (*operands, None)[:2]  # None in place of a missing second operand
+    return [(operand, rule(node, a, b)) for operand, rule in zip(operands, rules, strict=True) if operand in varying]
 
 
-def _forward(results: Sequence[Expr], known: Known, directions: int) -> list[list[Any]]:
-    """One sweep for each direction, in the order of evaluation."""
-    active = _active(results, known)
-    slopes_of: dict[Expr, Sequence[tuple[Expr, Any]]] = {}
-    for node in active:
+def _forward_sweeps(results: Sequence[Expr], known: Known, directions: int) -> list[list[Any]]:
+    """Derivatives of the results along each direction: one sweep for each direction, in the order of evaluation."""
+    varying = _varying_nodes(results, known)
+    local_derivatives: dict[Expr, Sequence[tuple[Expr, Any]]] = {}
+    for node in varying:
         if node not in known:
-            slopes_of[node] = _slopes(node, active)
+            local_derivatives[node] = _local_derivatives(node, varying)
     columns = []
     for d in range(directions):
-        rates: dict[Expr, Any] = {}
-        for node, reach in active.items():
-            if not reach >> d & 1:
+        rates: dict[Expr, Any] = {}  # derivatives along direction d
+        for node, direction_bits in varying.items():
+            if not direction_bits >> d & 1:
                 continue
             if node in known:
                 rates[node] = known[node][d]
                 continue
-            total: Any = 0.0
-            for operand, slope in slopes_of[node]:
+            rate: Any = 0.0
+            for operand, derivative in local_derivatives[node]:
                 if operand in rates:
-                    total = total + slope * rates[operand]
-            rates[node] = total
+                    rate = rate + derivative * rates[operand]
+            rates[node] = rate
         columns.append([rates.get(result, 0.0) for result in results])
     return columns
 
 
-def _active(results: Sequence[Expr], known: Known) -> dict[Expr, int]:
+def _varying_nodes(results: Sequence[Expr], known: Known) -> dict[Expr, int]:
     """Varying expressions between known ones and the results, operands first, with their directions as bits."""
-    masks: dict[Expr, int] = {}
-    nodes = reachable(results, lambda x: () if x in known else _made_of(x))
-    for node in sorted(nodes, key=lambda x: x.index):
-        mask = sum(1 << d for d in known.get(node, ()))
-        if node not in known and node.op != "sign":
-            for x in _made_of(node):
-                mask |= masks.get(x, 0)
-        if mask:
-            masks[node] = mask
-    return masks
+    direction_bits: dict[Expr, int] = {}
+    nodes = reachable(results, lambda node: () if node in known else _operands_of_function(node))
+    for node in sorted(nodes, key=lambda node: node.index):
+        bits = sum(1 << d for d in known.get(node, ()))
+        if node not in known and node.op != "sign":  # a sign is piecewise constant
+            for operand in _operands_of_function(node):
+                bits |= direction_bits.get(operand, 0)
+        if bits:
+            direction_bits[node] = bits
+    return direction_bits

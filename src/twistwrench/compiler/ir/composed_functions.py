@@ -1,8 +1,8 @@
-"""Functions that targets lack, composed of available ones: tanh, log and arctan2.
+"""Functions that compilation targets lack, composed of operations that all have: tanh, log and arctan2.
 
-Each result is an ordinary expression, which every target can compute. A :class:`Composed` names it for the chain rule, which
-uses the function's own derivative, not that of its formula. Errors are below 1e-15 in double precision, absolute for
-results below 1.
+Each result is an ordinary expression. A :class:`Composed` records the function that it computes, so that the chain rule uses
+the derivative of the function in place of that of the formula. In double precision, errors are below 1e-15: absolute for
+results below 1, relative for others.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 _MAX_FLOAT = float(np.finfo(float).max)
 _MIN_NORMAL = float(np.finfo(float).tiny)
 _SERIES_TERMS = 11
-"""Number of terms of the series of artanh and arctan."""
+"""Number of terms of the series of artanh and arctan, whose arguments are below 1/3 and tan(pi/16) = 0.2."""
 _SQUARE_ROOTS = 10
-"""Number of roots that bring any argument of a logarithm near 1."""
+"""Number of square roots in sequence that bring any argument of a logarithm between 1/2 and 2."""
 
 
 class Composed(NamedTuple):
@@ -39,15 +39,18 @@ def tanh(x: Expr) -> Expr:
 
 
 def log(x: Expr) -> Expr:
-    """Natural logarithm. Roots r of x near 1 give ln r from 2 artanh((r - 1) / (r + 1)); Halley's steps refine it.
+    """Natural logarithm; -inf at 0, NaN for negative numbers.
 
-    -inf at 0, NaN for negative numbers.
+    Ten square roots in sequence give r = x^(1/1024) near 1. Then ln x = 1024 ln r, ln r = 2 artanh s and s = (r - 1) / (r + 1).
+    Two steps of Halley's method for exp(y) = x, y := y + 2 (x - exp(y)) / (x + exp(y)), remove the rounding errors.
     """
-    trace, r = x.trace, x
-    for _ in range(_SQUARE_ROOTS):  # then sqrt(1/2) < r < 2
-        r = r.sqrt()
+    trace = x.trace
+    r = x
+    for _ in range(_SQUARE_ROOTS):
+        r = r.sqrt()  # at the end, sqrt(1/2) < r < 2
     s = (r - 1.0) / (r + 1.0)
-    y = 2.0 ** (_SQUARE_ROOTS + 1) * (s * _odd(s * s, 1.0))
+    artanh_s = s * _odd_series(s * s, 1.0)
+    y = 2.0 ** (_SQUARE_ROOTS + 1) * artanh_s
     for _ in range(2):
         e = y.exp()
         y = y + (x - e) / trace.max(trace.constant(_MIN_NORMAL), 0.5 * x + 0.5 * e)
@@ -56,22 +59,33 @@ def log(x: Expr) -> Expr:
 
 
 def arctan2(y: Expr, x: Expr) -> Expr:
-    """Angle of the point (x, y), from -pi to pi; 0 at the origin. Abramowitz and Stegun (1964), section 4.4."""
-    trace, h, w = y.trace, abs(y), abs(x)
-    longer = trace.max(h, w)
-    t: Any = trace.min(h, w) / trace.max(trace.constant(_MIN_NORMAL), longer)
-    for _ in range(2):  # half the angle, twice: t < tan(pi / 16)
+    """Angle of the point (x, y), from -pi to pi; 0 at the origin. Abramowitz and Stegun (1964), section 4.4.
+
+    The angle of (|x|, |y|) from its nearer axis has the tangent t = shorter / longer side. The formula of the half angle,
+    applied twice, makes t smaller. Reflections then bring the angle into the octant of (x, y).
+    """
+    trace = y.trace
+    height, width = abs(y), abs(x)
+    longer = trace.max(height, width)
+    t: Any = trace.min(height, width) / trace.max(trace.constant(_MIN_NORMAL), longer)
+    for _ in range(2):  # tan(a / 2) = tan a / (1 + sqrt(1 + tan^2 a)); then t < tan(pi / 16)
         t = t / (1.0 + (1.0 + t * t).sqrt())
-    angle = 4.0 * (t * _odd(t * t, -1.0))
-    steep, back = 0.5 + 0.5 * (h - w).sign(), 0.5 - 0.5 * x.sign()
-    angle = angle + steep * (0.5 * math.pi - 2.0 * angle)
-    angle = angle + back * (math.pi - 2.0 * angle)
-    up = y.sign()
-    return _record_function("arctan2", (up + (1.0 - up * up)) * (longer.sign() * angle), math.pi, y, x)
+    angle = 4.0 * (t * _odd_series(t * t, -1.0))
+    # 0 or 1, and 1/2 on the line between, which is its own mirror image
+    is_steep = 0.5 + 0.5 * (height - width).sign()
+    is_left = 0.5 - 0.5 * x.sign()
+    angle = angle + is_steep * (0.5 * math.pi - 2.0 * angle)  # pi / 2 - angle if steep
+    angle = angle + is_left * (math.pi - 2.0 * angle)  # pi - angle if on the left
+    sign_y = y.sign()
+    upward = sign_y + (1.0 - sign_y * sign_y)  # 1 for y = 0 too
+    return _record_function("arctan2", upward * (longer.sign() * angle), math.pi, y, x)
 
 
-def _odd(square: Any, sign: float) -> Any:
-    """1 + s z / 3 + z^2 / 5 + s z^3 / 7 + ..., by Horner's scheme: artanh(t) / t or arctan(t) / t at z = t^2."""
+def _odd_series(square: Any, sign: float) -> Any:
+    """Series 1 + s z / 3 + z^2 / 5 + s z^3 / 7 + ..., by Horner's scheme.
+
+    At z = t^2, ``square``, it is artanh(t) / t for the sign s = 1, and arctan(t) / t for s = -1.
+    """
     total: Any = 0.0
     for k in reversed(range(_SERIES_TERMS)):
         total = total * square + sign**k / (2 * k + 1)
@@ -79,7 +93,10 @@ def _odd(square: Any, sign: float) -> Any:
 
 
 def _record_function(name: str, value: Any, maximum: float, *operands: Expr) -> Expr:
-    """Value, at most ``maximum``, as an unfolded expression that records the function it computes."""
+    """Expression of a value, for which its trace records the function.
+
+    ``value`` may be an expression that is used elsewhere. Its minimum with ``maximum``, a bound of the function, is a new one.
+    """
     trace = operands[0].trace
     expression = trace.min(trace.constant(maximum), trace.lift(value))  # NaN stays NaN
     if expression.op != "const":

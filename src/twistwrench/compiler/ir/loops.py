@@ -1,8 +1,8 @@
 """Loops around programs: scans over steps, searches, column solves and products of factors.
 
 A scan evaluates a program for a number of steps; its results are the inputs of the next step. The loop is part of the kernel.
-Its signature has two additional sizes: ``(k)`` steps are evaluated, and every k/m-th state is stored, in ``(m)`` rows. The
-initial states are given once; all other inputs may differ from step to step.
+The kernel's signature has two additional sizes, k and m: it evaluates k steps, and stores every k/m-th state in one of m rows.
+The initial states are given once; all other inputs may differ from step to step.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from functools import cached_property
 from .program import Program, TensorSpec, gufunc_signature, signature_of
 
 STEPS, KEPT = "k", "m"
-"""Names of the two sizes in the signature."""
+"""Names of the two sizes in the signature: number of steps, and number of stored rows."""
 
 
 @dataclass(frozen=True)
 class Source:
     """Source of an input of the program.
 
-    ``"state"``: last value of result number ``state``. ``"start"``: its value at the beginning of the step, for programs with
-    several evaluations per step. ``"stage"``: row of the table for this stage. ``"given"``: the caller's array.
+    ``"state"``: last value of result number ``state``. ``"start"``: value of that result at the beginning of the step, for
+    programs with several evaluations per step. ``"stage"``: row of the table for this stage. ``"given"``: the caller's array.
     """
 
     kind: str
@@ -33,8 +33,8 @@ class Source:
 class Scan:
     """Program that is evaluated once for each stage of each step, with the sources of its inputs.
 
-    The first ``visible`` results are the state. ``hidden`` results follow; they start at zero and are not returned. The other
-    results are reported for each step at its beginning, such as the torques applied.
+    The first ``visible`` results are states that the kernel returns. ``hidden`` states follow; they start at zero and are not
+    returned. All other results, such as the applied torques, are reported once for each step, at its beginning.
     """
 
     program: Program
@@ -80,33 +80,34 @@ class Scan:
         return gufunc_signature(inputs, [(KEPT, *port.shape) for port in self.outputs])
 
 
-# A search is a program evaluated until it reports success, for one start configuration after another. An attempt begins at a
-# start configuration. It ends when the program stops it, or after the number of steps in the settings; the next one begins at
-# the nearest unused start. The result is that of the first successful attempt, else the nearest. It depends neither on other
-# samples nor on the number of parallel attempts.
+# A search evaluates a program repeatedly until the program reports success. An attempt begins at a start configuration. It ends
+# when the program stops it, or after the number of steps in the settings. The next attempt begins at the nearest unused start.
+# The result is that of the first successful attempt; without success, it is that with the smallest error. It depends neither
+# on other samples nor on the number of parallel attempts.
 
 PLACES = 64
-"""Number of start configurations in a table, besides the first."""
+"""Number of start configurations in the table; the caller gives the start of the first attempt separately."""
 
 TIMES, ATTEMPTS, TOLERANCES = 0, 1, 2
-"""Positions in the settings: maximum steps per attempt, further attempts, and the first tolerance passed to the program."""
+"""Positions in the settings: maximum number of steps of an attempt, maximum number of attempts after the first, and the first
+tolerance for the program."""
 
 
 @dataclass(frozen=True)
 class Search:
     """Program with the inputs x, x of the step's beginning, memory, and the target with tolerances.
 
-    Its results are the next x and the memory: the best x so far; its report, which begins with a status (1: found, -1: invalid
-    target) and the error; the number of steps without progress; and a flag to continue.
+    Its results are the next x and the next memory. The memory contains the best x so far, a report on it, the number of steps
+    without progress, and a flag to continue. The report begins with a status (1: found, -1: invalid target) and the error.
     """
 
     program: Program
     target: TensorSpec
     """Target of the search."""
     near: tuple[int, ...]
-    """Entries of the target for the distance of a start configuration, a weighted sum of squares."""
+    """Entries of the target that determine the distance of a start configuration, a weighted sum of squares."""
     begins: tuple[float, ...]
-    """Initial memory after x."""
+    """Initial values of the memory, after the best x."""
     least: tuple[float, ...]
     """Lower limits of x at the start of an attempt."""
     most: tuple[float, ...]
@@ -125,15 +126,18 @@ class Search:
     @property
     def settings(self) -> TensorSpec:
         """Maximum steps, attempts, tolerances and weights."""
-        numbers = self.program.inputs[-1].size - self.target.size  # tolerances follow the target in the last input
-        return TensorSpec("settings", (TOLERANCES + numbers + len(self.near),))
+        tolerance_count = (
+            self.program.inputs[-1].size - self.target.size
+        )  # tolerances follow the target in the last input
+        return TensorSpec("settings", (TOLERANCES + tolerance_count + len(self.near),))
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
-        """Inputs of the kernel: target, first start, settings, and the table of start configurations with their targets."""
-        size, entries = self.x.size, len(self.near)
-        tables = TensorSpec("places", (PLACES, size)), TensorSpec("reached", (entries, PLACES))
-        return self.target, TensorSpec("start", (size,)), self.settings, *tables
+        """Inputs of the kernel: target, first start, settings, table of starts, and the target entries reached at these."""
+        start = TensorSpec("start", (self.x.size,))
+        starts = TensorSpec("places", (PLACES, self.x.size))
+        reached = TensorSpec("reached", (len(self.near), PLACES))
+        return self.target, start, self.settings, starts, reached
 
     @property
     def outputs(self) -> tuple[TensorSpec, ...]:
@@ -146,9 +150,10 @@ class Search:
         return signature_of(self.inputs, self.outputs)
 
 
-# A column solve is a program with result matrices whose columns are solved in a loop, which is shorter than unrolled code. The
-# program computes values common to all columns once, such as the factors of the solve. Columns with zeros in the same rows
-# form a group, and each group has one program that maps a column to its solution.
+# A column solve is a program whose results are matrices, the right-hand sides of linear equations. A loop, which is shorter
+# than unrolled code, solves the equations column by column. The program computes values that all columns need once, such as
+# the factors of the matrix. Columns with zeros in the same rows form a group, and each group has one program that maps a
+# column to its solution.
 
 
 @dataclass(frozen=True)
@@ -157,12 +162,12 @@ class ColumnGroup:
 
     program: Program
     places: tuple[tuple[int, int], ...]
-    """Number of the result that is the matrix, and column."""
+    """Columns of the group: number of the result that is the matrix, and number of the column."""
 
 
 @dataclass(frozen=True)
 class ColumnSolve:
-    """Program with solves of columns of its results."""
+    """Program, and programs for the solutions of columns of its results."""
 
     program: Program
     shared: int
@@ -198,20 +203,20 @@ class ColumnSolve:
         return self.first_entries[matrix] + row * port.shape[1] + column
 
     def stored_rows(self, group: ColumnGroup) -> list[int]:
-        """Rows that are nonzero before or after the solve."""
+        """Rows that may be nonzero before or after the solve, in any column of a group."""
         rows = []
         for row, is_zero_after in enumerate(group.program.zeros):
-            zero_before = [self.program.zeros[self.entry(matrix, row, column)] for matrix, column in group.places]
-            if not (is_zero_after and all(zero_before)):
+            are_zero_before = [self.program.zeros[self.entry(matrix, row, column)] for matrix, column in group.places]
+            if not (is_zero_after and all(are_zero_before)):
                 rows.append(row)
         return rows
 
     def stored_entries(self, group: ColumnGroup) -> dict[int, list[int]]:
-        """Stored rows by the instruction of the group's program that computes them."""
-        entries: dict[int, list[int]] = {}
+        """Stored rows by number of the instruction of the group's program that computes them."""
+        rows_by_instruction: dict[int, list[int]] = {}
         for row in self.stored_rows(group):
-            entries.setdefault(group.program.results[row], []).append(row)
-        return entries
+            rows_by_instruction.setdefault(group.program.results[row], []).append(row)
+        return rows_by_instruction
 
     @cached_property
     def zeros(self) -> tuple[bool, ...]:
@@ -225,23 +230,26 @@ class ColumnSolve:
         return tuple(zeros)
 
 
-# Products are a program whose results are factors of matrices; loops multiply the factors. Entry (r, c) of such a matrix is a
-# dot product of row r of one factor and column c of the other. Which pair of factors applies depends on which of the two joints
-# carries the other. A chain of n joints has n² dot products; loops need only a few lines.
+# Products are a program whose results are factors of matrices; loops multiply the factors. Rows and columns of a matrix belong
+# to joints. Entry (r, c) is the dot product of row r of one factor and column c of the other. There are two pairs of factors:
+# one for entries whose row's joint carries the column's joint, and one for the reverse. A chain of n joints has n² dot
+# products; loops need only a few lines.
 
 NEITHER, BEFORE, AFTER = 0, 1, 2
-"""Kinds of an entry: zero; its row's joint carries its column's; or the reverse, including equal joints."""
+"""Kinds of an entry. NEITHER: zero. BEFORE: the row's joint carries the column's. AFTER: the reverse, or they are equal."""
 
 
 @dataclass(frozen=True)
 class Product:
-    """Matrix (n, n) with two pairs of factors, as numbers of results: rows (n, k) and columns (k, n)."""
+    """Matrix (n, n) with two pairs of factors: rows (n, k) and columns (k, n), each the number of a result."""
 
     name: str
     before: tuple[int, int]
+    """Factors of entries of kind BEFORE."""
     after: tuple[int, int]
+    """Factors of entries of kind AFTER."""
     added: tuple[tuple[int, int, float], ...] = ()
-    """Row, column and value of constants to add."""
+    """Row, column and value of each constant that is added."""
 
 
 @dataclass(frozen=True)
@@ -251,7 +259,7 @@ class Products:
     program: Program
     matrices: tuple[Product, ...]
     relations: tuple[tuple[int, ...], ...]
-    """Kind of each entry, row by row."""
+    """Kind of each entry, NEITHER, BEFORE or AFTER, row by row."""
 
     @property
     def inputs(self) -> tuple[TensorSpec, ...]:
@@ -271,11 +279,11 @@ class Products:
 
 
 Form = Program | Products | ColumnSolve | Scan | Search
-"""Forms of compiled code: a program, or a program with a loop around or after it."""
+"""What is compiled: a program, or a program with a loop around or after it."""
 
 
 def program_of(form: Form) -> Program:
-    """Program without its loop."""
+    """Program of a form, without its loop."""
     if isinstance(form, Program):
         return form
     return form.program

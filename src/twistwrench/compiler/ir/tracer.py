@@ -2,7 +2,8 @@
 
 The order of evaluation matters more than any compiler optimisation, because a program has thousands of values and a processor
 a few dozen registers. Programs keep the order in which the algorithm computes values, with sines and cosines first, so that
-values used together stay together. Depth-first order from the results spills half as much again (see bench/NOTES.md).
+values used together stay together. Depth-first order from the results needs half as many more register spills (see
+bench/NOTES.md).
 """
 
 from __future__ import annotations
@@ -26,16 +27,17 @@ from .program import FUSED, Instruction, Program, TensorSpec
 def build(results: Sequence[Expr], inputs: tuple[TensorSpec, ...], outputs: tuple[TensorSpec, ...]) -> Program:
     """Program that computes ``results``."""
     nodes = _sort_nodes(results)
-    instructions, numbers = _emit(nodes, _fusions(nodes, results))
-    return Program(tuple(instructions), tuple(numbers[r.index] for r in results), inputs, outputs)
+    instructions, number_of_node = _emit(nodes, _fusions(nodes, results))
+    result_numbers = tuple(number_of_node[result.index] for result in results)
+    return Program(tuple(instructions), result_numbers, inputs, outputs)
 
 
 def _sort_nodes(results: Sequence[Expr]) -> list[Expr]:
     """All expressions that the results need, in order of creation, but sines, cosines and their operands first."""
     nodes = reachable(results)
     sines_and_cosines = [node for node in nodes if node.op in ("sin", "cos")]
-    first = {node.index for node in reachable(sines_and_cosines)}
-    return sorted(nodes, key=lambda node: (node.index not in first, node.index))
+    early = {node.index for node in reachable(sines_and_cosines)}
+    return sorted(nodes, key=lambda node: (node.index not in early, node.index))  # False comes before True
 
 
 def operands_of(node: Expr) -> tuple[Expr, ...]:
@@ -59,74 +61,75 @@ def reachable(results: Sequence[Expr], operands: Callable[[Expr], Sequence[Expr]
     return list(nodes.values())
 
 
-_FUSED_BY_SIGNS = {signs: op for op, signs in FUSED.items()}
+_OPERATION_OF_SIGNS = {signs: operation for operation, signs in FUSED.items()}
+"""Fused operation by the signs of its product and of its other operand."""
 
 
 def _fusions(nodes: Sequence[Expr], results: Sequence[Expr]) -> dict[int, tuple[str, Expr, Expr]]:
     """Sums that absorb a product without other uses: index of the sum → (fused operation, product, other operand)."""
     uses: dict[int, int] = {}
     for node in nodes:
-        for x in operands_of(node):
-            uses[x.index] = uses.get(x.index, 0) + 1
-    for r in results:
-        uses[r.index] = uses.get(r.index, 0) + 1
+        for operand in operands_of(node):
+            uses[operand.index] = uses.get(operand.index, 0) + 1
+    for result in results:
+        uses[result.index] = uses.get(result.index, 0) + 1
     fused: dict[int, tuple[str, Expr, Expr]] = {}
     for node in nodes:
         if node.op not in ("add", "sub") or node.a is None or node.b is None:
             continue
-        sign = {"add": 1, "sub": -1}[node.op]
+        sign_of_b = 1 if node.op == "add" else -1
         if node.b.op == "mul" and uses[node.b.index] == 1:
-            fused[node.index] = _FUSED_BY_SIGNS[sign, 1], node.b, node.a
+            fused[node.index] = _OPERATION_OF_SIGNS[sign_of_b, 1], node.b, node.a
         elif node.a.op == "mul" and uses[node.a.index] == 1:
-            fused[node.index] = _FUSED_BY_SIGNS[1, sign], node.a, node.b
+            fused[node.index] = _OPERATION_OF_SIGNS[1, sign_of_b], node.a, node.b
     return fused
 
 
 def _emit(nodes: Sequence[Expr], fused: dict[int, tuple[str, Expr, Expr]]) -> tuple[list[Instruction], dict[int, int]]:
-    swallowed = {product.index for _, product, _ in fused.values()}
+    """Instructions in the order of the nodes, and the number of its instruction by index of the node."""
+    absorbed_products = {product.index for _, product, _ in fused.values()}
     instructions: list[Instruction] = []
-    numbers: dict[int, int] = {}
+    number_of_node: dict[int, int] = {}
     for node in nodes:
-        if node.index in swallowed:
+        if node.index in absorbed_products:
             continue
         if node.index in fused:
             op, product, other = fused[node.index]
             operands: tuple[Expr | None, ...] = (product.a, product.b, other)
         else:
             op, operands = node.op, (node.a, node.b)
-        args = tuple(numbers[x.index] for x in operands if x is not None)
-        numbers[node.index] = len(instructions)
+        args = tuple(number_of_node[operand.index] for operand in operands if operand is not None)
+        number_of_node[node.index] = len(instructions)
         instructions.append(Instruction(op, args, node.value))
-    return instructions, numbers
+    return instructions, number_of_node
 
 
-# A trace is a table of distinct expressions, which are folded on creation: constants are folded, terms 0 and factors 1 are
-# removed, negations are moved outward, and common subexpressions are shared. Folding may reassociate constants (``2 * (3 *
+# A trace is a table of distinct expressions, which are folded on creation. Folding evaluates operations of constants, removes
+# terms 0 and factors 1, moves negations outward, and shares common subexpressions. It may reassociate constants (``2 * (3 *
 # x)`` is ``6 * x``), but never drops a term that is not exactly zero.
 
 MAX_EXPRESSIONS = 2_000_000
-"""Maximum number of expressions in a trace: each takes half a kilobyte until the program is built, a gigabyte in all."""
+"""Maximum number of expressions in a trace. Each takes half a kilobyte until the program is built, so all take a gigabyte."""
 
 
 class Trace:
     """Owner of the expressions of one program."""
 
     def __init__(self) -> None:
-        self._table: dict[tuple[Any, ...], Expr] = {}
-        self._turned: dict[int, tuple[Expr, Expr]] = {}
+        self._table: dict[tuple[Any, ...], Expr] = {}  # by operation, operands and value
+        self._angle_sums: dict[int, tuple[Expr, Expr]] = {}  # the two angles, by index of their sum
         self.composed: dict[int, Composed] = {}
         self.zero = self.constant(0.0)
         self.one = self.constant(1.0)
 
     def _make(self, op: str, a: Expr | None = None, b: Expr | None = None, value: float = 0.0) -> Expr:
-        key = (
-            op,
-            -1 if a is None else a.index,
-            -1 if b is None else b.index,
-            value,
-        )  # folded: called for every operation
-        found = self._table.get(key)
-        if found is None:
+        """Expression of an operation, a new one only if the table has no equal one.
+
+        Called for every operation, hence conditionals in place and no calls.
+        """
+        key = (op, -1 if a is None else a.index, -1 if b is None else b.index, value)
+        expression = self._table.get(key)
+        if expression is None:
             if (a is not None and a.trace is not self) or (b is not None and b.trace is not self):
                 raise ValueError("an expression of another trace was mixed in.")
             if len(self._table) >= MAX_EXPRESSIONS:
@@ -134,13 +137,16 @@ class Trace:
                     f"this takes more than {MAX_EXPRESSIONS:,} operations a state, too many for a program without loops. "
                     "robot.reference evaluates one state by the algorithm itself; a robot with some joints locked has less."
                 )
-            found = self._table[key] = Expr(self, op, a, b, value, len(self._table))
-        return found
+            expression = self._table[key] = Expr(self, op, a, b, value, len(self._table))
+        return expression
 
     def forget(self) -> None:
-        """Release all expressions, which refer to this trace; the garbage collector would free such a large cycle late."""
+        """Release all expressions.
+
+        Expressions refer to this trace and the trace to them: the garbage collector would free such a large cycle late.
+        """
         self._table.clear()
-        self._turned.clear()
+        self._angle_sums.clear()
         self.composed.clear()
 
     def constant(self, value: float) -> Expr:
@@ -258,18 +264,21 @@ class Trace:
     # ── functions ──
 
     def turned(self, a: Expr, b: Expr) -> Expr:
-        """Sum of two angles whose sine and cosine come from those of the two angles, because code range-checks only inputs."""
-        total = self.add(a, b)
-        if total is not a and total is not b:
-            self._turned[total.index] = a, b
-        return total
+        """Sum of two angles, whose sine and cosine come from those of ``a`` and ``b`` by the addition theorems.
+
+        Compiled sines and cosines are accurate in a range that is checked for inputs only, and a sum may leave it.
+        """
+        angle_sum = self.add(a, b)
+        if angle_sum is not a and angle_sum is not b:
+            self._angle_sums[angle_sum.index] = a, b
+        return angle_sum
 
     def sin(self, a: Expr) -> Expr:
         """Return sin a, folded as an odd function."""
         if a.op == "const":
             return self.constant(math.sin(a.value))
-        if a.index in self._turned:
-            x, y = self._turned[a.index]
+        if a.index in self._angle_sums:
+            x, y = self._angle_sums[a.index]
             return self.add(self.mul(self.sin(x), self.cos(y)), self.mul(self.cos(x), self.sin(y)))
         if a.op == "neg" and a.a is not None:
             return self.neg(self.sin(a.a))
@@ -279,8 +288,8 @@ class Trace:
         """Return cos a, folded as an even function."""
         if a.op == "const":
             return self.constant(math.cos(a.value))
-        if a.index in self._turned:
-            x, y = self._turned[a.index]
+        if a.index in self._angle_sums:
+            x, y = self._angle_sums[a.index]
             return self.sub(self.mul(self.cos(x), self.cos(y)), self.mul(self.sin(x), self.sin(y)))
         if a.op == "neg" and a.a is not None:
             return self.cos(a.a)
@@ -336,24 +345,26 @@ def trace(
     (1, ())
     """
     owner = Trace()
-    arguments, ports, number = [], [], 0
+    arguments = []
+    input_specs = []
+    input_count = 0
     for name, shape in inputs:
-        array = owner.inputs(number, shape)
+        array = owner.inputs(input_count, shape)
         arguments.append(array if shape else array[()])  # a number is passed as an expression, not as an array of one
-        ports.append(TensorSpec(name, shape))
-        number += math.prod(shape)
+        input_specs.append(TensorSpec(name, shape))
+        input_count += math.prod(shape)
     try:
-        with _COLLECTOR:
+        with _PAUSED_COLLECTOR:
             returned = function(*arguments)
             if not isinstance(returned, tuple):
                 returned = (returned,)
-            out_ports: list[TensorSpec] = []
+            output_specs: list[TensorSpec] = []
             results: list[Expr] = []
             for name, result in zip(outputs, returned, strict=True):
                 array = np.asarray(result, object)
-                out_ports.append(TensorSpec(name, array.shape))
+                output_specs.append(TensorSpec(name, array.shape))
                 results += map(owner.lift, array.reshape(-1))
-            return build(results, tuple(ports), tuple(out_ports))
+            return build(results, tuple(input_specs), tuple(output_specs))
     finally:
         owner.forget()
 
@@ -361,13 +372,13 @@ def trace(
 class _PausedCollector:
     """Pause of the cyclic garbage collector while any thread traces.
 
-    It would take up to a quarter of the time without freeing anything.
-    The first trace disables it and the last one enables it again, so traces of several threads leave it as it was.
+    The collector would take up to a quarter of the time without freeing anything.
+    The first trace disables it, and the last one enables it again if it was enabled before.
     """
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
-        self.traces = 0
+        self.traces = 0  # that run now
         self.was_enabled = False
         if hasattr(os, "register_at_fork"):
             os.register_at_fork(after_in_child=self._end_traces_of_other_threads)
@@ -386,11 +397,11 @@ class _PausedCollector:
                 gc.enable()
 
     def _end_traces_of_other_threads(self) -> None:
-        """A forked process has only the thread that forked."""
-        self.lock = threading.Lock()
+        """End all traces in a forked process, which has only the thread that forked."""
+        self.lock = threading.Lock()  # another thread may have held the old one
         if self.traces and self.was_enabled:
             gc.enable()
         self.traces = 0
 
 
-_COLLECTOR = _PausedCollector()
+_PAUSED_COLLECTOR = _PausedCollector()

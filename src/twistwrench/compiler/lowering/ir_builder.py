@@ -24,17 +24,19 @@ class LlvmWriter:
         self.mask = f"<{lanes} x i1>"
         self.suffix = f"v{lanes}f{precision.bits}"
         self.lines: list[str] = []
-        self._names = 0
+        self.after = ""
+        """Label of the block that :meth:`when` or :meth:`loop` began last."""
+        self._name_count = 0
 
     def name(self) -> str:
         """Return a fresh local name."""
-        self._names += 1
-        return f"%t{self._names}"
+        self._name_count += 1
+        return f"%t{self._name_count}"
 
     def label(self, stem: str) -> str:
         """Return a fresh label."""
-        self._names += 1
-        return f"{stem}{self._names}"
+        self._name_count += 1
+        return f"{stem}{self._name_count}"
 
     def labels(self, *stems: str) -> tuple[str, ...]:
         """Return a fresh label for each stem."""
@@ -57,8 +59,9 @@ class LlvmWriter:
     # ── constants ──
 
     def number(self, value: float) -> str:
-        """Scalar constant, exact to the bit."""
-        return f"0x{DOUBLE.pattern(self.precision.rounded(value)) % 2**64:016X}"
+        """Scalar constant, exact to the bit; LLVM writes float32 numbers with the bits of a double, too."""
+        bits = DOUBLE.pattern(self.precision.rounded(value)) % 2**64
+        return f"0x{bits:016X}"
 
     def splat(self, value: float) -> str:
         """Vector with the same constant in every lane."""
@@ -83,7 +86,10 @@ class LlvmWriter:
         return self.new(f"call {self.vector} @llvm.{op}.{self.suffix}({typed_list(self.vector, operands)})")
 
     def fma(self, a: str, b: str, c: str) -> str:
-        """a b + c, rounded once; without hardware fma rounded twice, since LLVM would call the C library for each lane."""
+        """a b + c, rounded once; without fma in hardware, rounded twice.
+
+        LLVM's fma would then call the C library for each lane.
+        """
         if self.fused:
             return self.intrinsic("fma", a, b, c)
         return self.binary("fadd", self.binary("fmul", a, b), c)
@@ -93,11 +99,10 @@ class LlvmWriter:
         return self.new(f"select {self.mask} {condition}, {self.vector} {a}, {self.vector} {b}")
 
     def shuffle(self, a: str, b: str, indices: Sequence[int], length: int | None = None) -> str:
-        """Elements of a and b by index through both, each of ``length``."""
+        """Elements of a and b by index. An index counts through a and then b, each of ``length`` (default: lanes)."""
         source = f"<{length or self.lanes} x {self.element}>"
-        return self.new(
-            f"shufflevector {source} {a}, {source} {b}, <{len(indices)} x i32> <{typed_list('i32', indices)}>"
-        )
+        pattern = f"<{len(indices)} x i32> <{typed_list('i32', indices)}>"
+        return self.new(f"shufflevector {source} {a}, {source} {b}, {pattern}")
 
     def gep(self, base: str, offset: int | str) -> str:
         """Pointer moved by ``offset`` bytes."""
@@ -107,13 +112,15 @@ class LlvmWriter:
 
     def blocks(self, samples: str) -> str:
         """Number of vectors that hold the samples; the last may be partly filled."""
-        return self.new(f"sdiv i64 {self.new(f'add i64 {samples}, {self.lanes - 1}')}, {self.lanes}")
+        padded = self.new(f"add i64 {samples}, {self.lanes - 1}")
+        return self.new(f"sdiv i64 {padded}, {self.lanes}")
 
     def share(self, samples: str, first: str) -> tuple[str, str]:
         """Number of samples in the vector that begins with sample ``first``, and an i1 that is true if it is not full."""
-        rest = self.new(f"sub i64 {samples}, {first}")
-        short = self.new(f"icmp slt i64 {rest}, {self.lanes}")
-        return self.new(f"select i1 {short}, i64 {rest}, i64 {self.lanes}"), short
+        remaining = self.new(f"sub i64 {samples}, {first}")
+        is_partial = self.new(f"icmp slt i64 {remaining}, {self.lanes}")
+        count = self.new(f"select i1 {is_partial}, i64 {remaining}, i64 {self.lanes}")
+        return count, is_partial
 
     # ── control ──
 
@@ -131,23 +138,23 @@ class LlvmWriter:
 
     @contextmanager
     def loop(self, count: str, block: str) -> Iterator[str]:
-        """Loop with an i64 counter from 0 to ``count``; ``block`` is the label before it. It ends in a block named ``.end``.
+        """Loop with an i64 counter from 0 to ``count`` - 1; ``block`` is the label of the block before the loop.
 
-        Yields the counter; :attr:`after` is the label after the loop.
+        Yields the counter. Afterwards, :attr:`after` is the label of the block after the loop.
         """
         head, body, latch, end = self.labels("head", "body", "latch", "end")
-        counter, following = self.name(), self.name()
+        counter, next_counter = self.name(), self.name()
         self.do(f"br label %{head}")
         self.begin(head)
-        self.do(f"{counter} = phi i64 [0, %{block}], [{following}, %{latch}]")
-        more = self.new(f"icmp slt i64 {counter}, {count}")
-        self.do(f"br i1 {more}, label %{body}, label %{end}")
+        self.do(f"{counter} = phi i64 [0, %{block}], [{next_counter}, %{latch}]")
+        continues = self.new(f"icmp slt i64 {counter}, {count}")
+        self.do(f"br i1 {continues}, label %{body}, label %{end}")
         self.begin(body)
         self.after = body
         yield counter
         self.do(f"br label %{latch}")
         self.begin(latch)
-        self.do(f"{following} = add i64 {counter}, 1")
+        self.do(f"{next_counter} = add i64 {counter}, 1")
         self.do(f"br label %{head}")
         self.begin(end)
         self.after = end
@@ -156,12 +163,13 @@ class LlvmWriter:
 # ── Conversion between rows and lanes, in registers
 
 # A block has ``lanes`` consecutive rows of a C-contiguous array. Each row is loaded in pieces of 128 bits, which shuffles join
-# and transpose. The last piece ends with the row and overlaps its neighbour, so nothing is masked or read past the end. A
-# piece is loaded at the first use of one of its columns, and stored as soon as its columns are complete.
+# to vectors and transpose: a vector then has one column of all rows. The last piece ends with the row and overlaps its
+# neighbour, so no lane is masked, and nothing is read past the end of the row. Inputs are loaded at the first use of one of
+# the piece's columns. Results are stored as soon as all columns of a piece are known.
 
 
-def _pieces(columns: int, width: int) -> list[int]:
-    """First columns of the pieces that cover a row."""
+def _piece_starts(columns: int, width: int) -> list[int]:
+    """First columns of the pieces of ``width`` columns that cover a row; empty if the row is shorter than a piece."""
     if columns < width:
         return []
     starts = list(range(0, columns - width + 1, width))
@@ -176,39 +184,50 @@ class _Rows:
     def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
         self.w, self.base, self.columns = w, base, columns
         self.width = 16 // w.precision.bytes
+        """Number of elements of a piece of 128 bits."""
         self.groups = w.lanes // self.width
+        """Number of such pieces in a vector; 0 if a vector is shorter."""
         self.align = w.precision.bytes
         self.piece = f"<{self.width} x {w.element}>"
-        self.starts: list[int] = []  # stays empty if there are fewer lanes than a piece is wide: one by one
+        self.starts: list[int] = []
+        """First column of each piece; empty if elements are loaded and stored one by one."""
         if self.groups:
-            self.starts = _pieces(columns, self.width)
+            self.starts = _piece_starts(columns, self.width)
 
     def address(self, row: int, column: int) -> str:
+        """Pointer to an element."""
         return self.w.gep(self.base, (row * self.columns + column) * self.w.precision.bytes)
 
     def within(self, a: str, b: str, picks: list[int]) -> str:
-        """Shuffle with the same pattern in every 128-bit group; picks number the group's elements of a, then of b."""
-        first_of_b = self.w.lanes - self.width  # shuffles number the elements of b after all of a
+        """Shuffle with the same pattern in every group of 128 bits; picks number the group's elements of a, then of b."""
+        added_for_b = (
+            self.w.lanes - self.width
+        )  # shuffles number the elements of b after all of a, picks after a group of a
         indices: list[int] = []
         for group in range(self.groups):
-            for i in picks:
-                of_b = i >= self.width
-                indices.append(group * self.width + i + of_b * first_of_b)
+            for pick in picks:
+                index = group * self.width + pick
+                if pick >= self.width:
+                    index += added_for_b
+                indices.append(index)
         return self.w.shuffle(a, b, indices)
 
     def transpose(self, v: list[str]) -> list[str]:
-        """Transpose the width × width squares formed by the groups of ``width`` vectors; self-inverse."""
+        """Transpose the square that each group forms in ``width`` vectors; twice, it gives the same vectors again.
+
+        For float64 a square is 2 × 2, for float32 4 × 4.
+        """
         if self.width == 2:
             return [self.within(v[0], v[1], [0, 2]), self.within(v[0], v[1], [1, 3])]
-        low, high = [0, 4, 1, 5], [2, 6, 3, 7]
-        a, b = self.within(v[0], v[1], low), self.within(v[2], v[3], low)
-        c, d = self.within(v[0], v[1], high), self.within(v[2], v[3], high)
-        first, second = [0, 1, 4, 5], [2, 3, 6, 7]
+        interleave_low, interleave_high = [0, 4, 1, 5], [2, 6, 3, 7]
+        a, b = self.within(v[0], v[1], interleave_low), self.within(v[2], v[3], interleave_low)
+        c, d = self.within(v[0], v[1], interleave_high), self.within(v[2], v[3], interleave_high)
+        join_low, join_high = [0, 1, 4, 5], [2, 3, 6, 7]
         return [
-            self.within(a, b, first),
-            self.within(a, b, second),
-            self.within(c, d, first),
-            self.within(c, d, second),
+            self.within(a, b, join_low),
+            self.within(a, b, join_high),
+            self.within(c, d, join_low),
+            self.within(c, d, join_high),
         ]
 
 
@@ -217,65 +236,68 @@ class RowLoader(_Rows):
 
     def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
         super().__init__(w, base, columns)
-        self._ready: dict[int, str] = {}
+        self._vectors: dict[int, str] = {}  # of the columns that are loaded
 
     def column(self, c: int) -> str:
         """Vector of one column."""
-        if c not in self._ready:
+        if c not in self._vectors:
             start = next((s for s in self.starts if s <= c < s + self.width), None)
             if start is None:
-                self._ready[c] = self._gather(c)
+                self._vectors[c] = self._load_elements(c)
             else:
                 for k, vector in enumerate(self._load(start)):
-                    self._ready.setdefault(start + k, vector)
-        return self._ready[c]
+                    self._vectors.setdefault(start + k, vector)
+        return self._vectors[c]
 
     def _load(self, start: int) -> list[str]:
+        """Vectors of the columns of the piece that begins with column ``start``."""
         joined = []
         for k in range(self.width):
-            parts = [
-                self.w.new(f"load {self.piece}, ptr {self.address(g * self.width + k, start)}, align {self.align}")
-                for g in range(self.groups)
-            ]
+            pieces = []  # of the rows k, k + width, ..., which form a vector
+            for group in range(self.groups):
+                address = self.address(group * self.width + k, start)
+                pieces.append(self.w.new(f"load {self.piece}, ptr {address}, align {self.align}"))
             size = self.width
-            while len(parts) > 1:
-                pairs = zip(parts[::2], parts[1::2], strict=True)
-                parts = [self.w.shuffle(a, b, range(2 * size), size) for a, b in pairs]
+            while len(pieces) > 1:
+                pairs = zip(pieces[::2], pieces[1::2], strict=True)
+                pieces = [self.w.shuffle(a, b, range(2 * size), size) for a, b in pairs]
                 size *= 2
-            joined.append(parts[0])
+            joined.append(pieces[0])
         return self.transpose(joined)
 
-    def _gather(self, c: int) -> str:
+    def _load_elements(self, c: int) -> str:
+        """Vector of a column, loaded element by element."""
         w, vector = self.w, "poison"
         for row in range(w.lanes):
-            x = w.new(f"load {w.element}, ptr {self.address(row, c)}, align {self.align}")
-            vector = w.new(f"insertelement {w.vector} {vector}, {w.element} {x}, i32 {row}")
+            element = w.new(f"load {w.element}, ptr {self.address(row, c)}, align {self.align}")
+            vector = w.new(f"insertelement {w.vector} {vector}, {w.element} {element}, i32 {row}")
         return vector
 
 
 class RowStorer(_Rows):
-    """Columns of an output array, stored tile by tile as they become complete.
+    """Columns of an output array, stored tile by tile as soon as all columns of a tile are known.
 
-    Stores limit the speed of wide results, so a tile is two pieces wide in long rows, which halves their number.
+    The number of stores limits the speed of wide results. In long rows, a tile is two pieces wide, which halves the number.
     """
 
     def __init__(self, w: LlvmWriter, base: str, columns: int) -> None:
         super().__init__(w, base, columns)
-        self.span = self.width  # columns of a tile
+        self.span = self.width
+        """Number of columns of a tile."""
         if columns >= 2 * self.width:
             self.span = 2 * self.width
-        self._ready: dict[int, str] = {}
+        self._vectors: dict[int, str] = {}  # of the columns that are known
         self._missing: dict[int, int] = {}
         """Number of columns that each tile lacks, by the tile's first column."""
         if self.groups:
-            self._missing = dict.fromkeys(_pieces(columns, self.span), self.span)
-        self._single = not self._missing
+            self._missing = dict.fromkeys(_piece_starts(columns, self.span), self.span)
+        self._by_element = not self._missing
 
     def put(self, c: int, vector: str) -> None:
-        """Store a column; called once per column."""
-        self._ready[c] = vector
-        if self._single:
-            self._scatter(c, vector)
+        """Add the vector of a column, and store the tiles that are complete then; called once per column."""
+        self._vectors[c] = vector
+        if self._by_element:
+            self._store_elements(c, vector)
         for start in self._tiles(c):
             self._missing[start] -= 1
             if not self._missing[start]:
@@ -287,29 +309,33 @@ class RowStorer(_Rows):
         return [start for start in starts if start in self._missing and start <= c]
 
     def _store(self, start: int) -> None:
+        """Store the tile that begins with column ``start``, row by row."""
         w, width, span = self.w, self.width, self.span
         tile = f"<{span} x {w.element}>"
         left, right = self._transposed(start), self._transposed(start + span - width)
         for k in range(width):
-            for g in range(self.groups):
-                first = g * width
+            for group in range(self.groups):
+                first = group * width
                 picks = list(range(first, first + width))
-                if span > width:
+                if span > width:  # the right piece follows the left one
                     picks += range(w.lanes + first, w.lanes + first + width)
-                part = w.shuffle(left[k], right[k], picks)
-                w.do(f"store {tile} {part}, ptr {self.address(g * width + k, start)}, align {self.align}")
+                row_of_tile = w.shuffle(left[k], right[k], picks)
+                address = self.address(group * width + k, start)
+                w.do(f"store {tile} {row_of_tile}, ptr {address}, align {self.align}")
 
     def clear(self) -> None:
         """Store zeros at the position of the first tile."""
-        kind = f"<{self.span} x {self.w.element}>"
+        tile = f"<{self.span} x {self.w.element}>"
         for row in range(self.w.lanes):
-            self.w.do(f"store {kind} zeroinitializer, ptr {self.address(row, 0)}, align {self.align}")
+            self.w.do(f"store {tile} zeroinitializer, ptr {self.address(row, 0)}, align {self.align}")
 
     def _transposed(self, start: int) -> list[str]:
-        return self.transpose([self._ready[start + k] for k in range(self.width)])
+        """Pieces of the rows from column ``start`` on, joined to vectors."""
+        return self.transpose([self._vectors[start + k] for k in range(self.width)])
 
-    def _scatter(self, c: int, vector: str) -> None:
+    def _store_elements(self, c: int, vector: str) -> None:
+        """Store a column element by element."""
         w = self.w
         for row in range(w.lanes):
-            x = w.new(f"extractelement {w.vector} {vector}, i32 {row}")
-            w.do(f"store {w.element} {x}, ptr {self.address(row, c)}, align {self.align}")
+            element = w.new(f"extractelement {w.vector} {vector}, i32 {row}")
+            w.do(f"store {w.element} {element}, ptr {self.address(row, c)}, align {self.align}")

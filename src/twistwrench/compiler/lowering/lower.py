@@ -1,8 +1,8 @@
-"""Programs as LLVM assembly: a block of samples in SIMD lanes and the loop around it; long programs are partitioned.
+"""Programs as LLVM assembly: a block of samples, one in each SIMD lane, and the loop around it; long programs are cut.
 
 There are no fast-math flags: only the program's own fused products are fused. So a sample's bits do not depend on the number
 of lanes, its position in the batch, or its neighbours. Without hardware fma, products and sums are rounded separately.
-Loops are imported on first use, so that the first kernel of an arm needs few modules.
+Modules for other loops are imported on first use, because the first kernel of an arm does not need them.
 """
 
 from __future__ import annotations
@@ -17,68 +17,70 @@ from .target_machine import LOOP, Machine, Precision
 from .vector_math import exp, sincos, wrap, wrapper
 
 MAX_INSTRUCTIONS = 2000
-"""Maximum number of instructions in one function; longer programs are partitioned, which also makes them faster."""
+"""Maximum number of instructions in one function; longer programs are cut into parts, which also makes them faster."""
 
 
-def modules(given: Form, precision: Precision, machine: Machine) -> Iterator[str]:
-    """Assembly texts to compile and link together."""
-    program, around = program_of(given), _around(given, machine)
-    if not isinstance(given, ColumnSolve) and len(program.instructions) <= MAX_INSTRUCTIONS:
+def modules(form: Form, precision: Precision, machine: Machine) -> Iterator[str]:
+    """Assembly texts of a form, to be compiled and linked together."""
+    program = program_of(form)
+    around = _loop_writer(form, machine)
+    if not isinstance(form, ColumnSolve) and len(program.instructions) <= MAX_INSTRUCTIONS:
         yield assembly(program, precision, machine, around)
         return
     from .partition import partitioned
 
-    form = given if isinstance(given, ColumnSolve) else program
-    yield from partitioned(form, precision, machine, around)
+    inside = form if isinstance(form, ColumnSolve) else program  # without the loop, which ``around`` writes
+    yield from partitioned(inside, precision, machine, around)
 
 
-def _around(given: Form, machine: Machine) -> Loop:
+def _loop_writer(form: Form, machine: Machine) -> Loop:
     """Return the writer of the loop around the blocks."""
-    if isinstance(given, Program | ColumnSolve):
+    if isinstance(form, Program | ColumnSolve):
         return loop
-    if isinstance(given, Scan):
+    if isinstance(form, Scan):
         from .scan_loop import loop_over
 
-        return loop_over(given)
-    if isinstance(given, Products):
+        return loop_over(form)
+    if isinstance(form, Products):
         from .product_loop import products_over
 
-        return products_over(given, fused=machine.fused)
+        return products_over(form, fused=machine.fused)
     from .search_loop import search_over
 
-    return search_over(given)
+    return search_over(form)
 
 
 # ── One block in one function
 
 INSTRUCTIONS_PER_BLOCK = 500
-"""Number of instructions per basic block of a large program."""
+"""Number of instructions per basic block of a program that is cut."""
 
 MAX_ANGLES_IN_LOCKSTEP = 6
 """Maximum number of angles whose sine and cosine are computed in lockstep."""
 
 MAX_UNCUT_INSTRUCTIONS = 6000
-"""Number of instructions above which programs are cut: LLVM's time grows faster than the length of a basic block."""
+"""Number of instructions above which a function is cut into basic blocks: LLVM's time grows faster than a block's length."""
 
 CUT_OUTPUTS = 125
 """Number of stored result entries per basic block of a wide program."""
 
 MAX_UNCUT_OUTPUTS = 500
-"""Number of result entries above which programs are also cut: LLVM's schedulers compare all pairs of stores in a block."""
+"""Number of result entries above which a function is cut, too: LLVM's schedulers compare all pairs of stores in a block."""
 
 
 def assembly(program: Program, precision: Precision, machine: Machine, around: Loop = loop) -> str:
     """Module with the block, the loop around it, and the functions they call."""
     lanes = machine.lanes(precision)
     w = LlvmWriter(precision, lanes, fused=machine.fused)
-    e = _Whole(w, program)
-    entries: dict[int, list[int]] = {}
+    emitter = _WholeProgramEmitter(w, program)
+    entries: dict[int, list[int]] = {}  # result entries by number of the instruction
     for k, result in enumerate(program.results):
         entries.setdefault(result, []).append(k)
-    e.walk(0, len(program.instructions), entries, large=len(program.instructions) > MAX_UNCUT_INSTRUCTIONS)
+    is_large = len(program.instructions) > MAX_UNCUT_INSTRUCTIONS
+    emitter.walk(0, len(program.instructions), entries, large=is_large)
     body = "\n".join(w.lines)
-    ports = len(program.inputs) + len(program.outputs)
-    arguments = typed_list("ptr noalias", [f"%a{k}" for k in range(ports)])
+    array_count = len(program.inputs) + len(program.outputs)
+    arguments = typed_list("ptr noalias", [f"%a{k}" for k in range(array_count)])
     return "\n".join(
         [
             declarations(w),
@@ -89,13 +91,14 @@ def assembly(program: Program, precision: Precision, machine: Machine, around: L
     )
 
 
-_INTRINSICS = (("fma", 3), ("sqrt", 1), ("fabs", 1), ("copysign", 2))
+_INTRINSICS = {"fma": 3, "sqrt": 1, "fabs": 1, "copysign": 2}
+"""Number of operands of each vector intrinsic of LLVM."""
 
 
 def declarations(w: LlvmWriter) -> str:
     """Declarations of functions that a module may call."""
     v, e, bits = w.vector, w.element, w.precision.bits
-    lines = [f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * n)})" for op, n in _INTRINSICS]
+    lines = [f"declare {v} @llvm.{op}.{w.suffix}({', '.join([v] * count)})" for op, count in _INTRINSICS.items()]
     lines += [f"declare {e} @llvm.fabs.f{bits}({e})", "declare double @sin(double)", "declare double @cos(double)"]
     return "\n".join([*lines, "declare double @atan2(double, double)", ""])
 
@@ -106,9 +109,13 @@ class Emitter:
     def __init__(self, w: LlvmWriter, program: Program) -> None:
         self.w, self.program = w, program
         self.values: dict[int, str] = {}
+        """Vector of each instruction, by its number."""
         self.label = "entry"
+        """Label of the current basic block."""
         self.pairs: dict[int, tuple[str, str]] = {}
+        """Sine and cosine of each angle, by number of the angle's instruction."""
         self.waiting: dict[int, str] = {}
+        """Angles whose sine and cosine are not computed yet, reduced to the range of the polynomials."""
         self._inputs: list[tuple[RowLoader, int]] = []
         """Loader and column of each input element."""
         for k, port in enumerate(program.inputs):
@@ -121,7 +128,7 @@ class Emitter:
         return loader.column(column)
 
     def meet(self, number: int) -> None:
-        """Load an input at its place in the program."""
+        """Load an input where the program first mentions it."""
         self.values[number] = self.input(int(self.program.instructions[number].value))
 
     def value(self, number: int) -> str:
@@ -140,9 +147,12 @@ class Emitter:
         raise NotImplementedError
 
     def walk(self, first: int, end: int, entries: Mapping[int, Sequence[int]], *, large: bool) -> None:
-        """Emit some instructions, and store the result entries that they compute."""
+        """Emit the instructions from ``first`` to before ``end``, and store the result entries that they compute.
+
+        ``entries`` are the numbers of result entries by number of the instruction. ``large`` cuts basic blocks.
+        """
         instructions = self.program.instructions
-        self.check(_plain_angles(self.program, first, end))
+        self.check(_input_angles(self.program, first, end))
         for number in range(first, end):
             op, args, value = instructions[number]
             if op == "const":
@@ -152,57 +162,61 @@ class Emitter:
             if large and number % INSTRUCTIONS_PER_BLOCK == INSTRUCTIONS_PER_BLOCK - 1:
                 self.cut()
             if op in ("sin", "cos"):
-                self.record(number, self.sincos(args[0])[op == "cos"])
+                sine, cosine = self.sincos(args[0])
+                self.record(number, sine if op == "sin" else cosine)
             elif op == "input":
                 self.meet(number)
             else:
-                self.record(number, _operation(self.w, op, [self.value(a) for a in args]))
+                operands = [self.value(operand) for operand in args]
+                self.record(number, _emit_operation(self.w, op, operands))
             for k in entries.get(number, ()):
                 self.output(k, self.value(number))
 
     def cut(self) -> None:
-        """End the basic block with a branch that is never taken, on a condition that LLVM cannot evaluate."""
-        following = self.w.label("cut")
-        never = self.w.new("icmp eq ptr %a0, null")
-        self.w.do(f"br i1 {never}, label %out{following}, label %{following}")
-        self.w.begin(f"out{following}")
+        """End the basic block with a branch that is never taken: LLVM does not know that the pointer is not null."""
+        next_block = self.w.label("cut")
+        is_null = self.w.new("icmp eq ptr %a0, null")
+        self.w.do(f"br i1 {is_null}, label %out{next_block}, label %{next_block}")
+        self.w.begin(f"out{next_block}")
         self.w.do("ret void")
-        self.w.begin(following)
-        self.label = following
+        self.w.begin(next_block)
+        self.label = next_block
 
     def check(self, angles: list[int]) -> None:
-        """Load angles that are inputs, and reduce huge ones."""
+        """Load angles that are inputs, and reduce those beyond the range of the polynomials for sine and cosine."""
         for number in angles:
             self.values[number] = self.input(int(self.program.instructions[number].value))
         if angles:
             vectors = [self.values[number] for number in angles]
-            checked, self.label = wrap(self.w, vectors, self.label)
-            self.waiting = dict(zip(angles, checked, strict=True))
+            reduced, self.label = wrap(self.w, vectors, self.label)
+            self.waiting = dict(zip(angles, reduced, strict=True))
 
     def sincos(self, angle: int) -> tuple[str, str]:
-        """Sine and cosine of an angle, computed at the first use in lockstep with those of other pending angles."""
+        """Sine and cosine of an angle; the first use computes them in lockstep with those of other waiting angles."""
         if angle not in self.pairs:
-            if angle in self.waiting:  # other pending angles are computed in lockstep
-                others = [a for a in self.waiting if a != angle]
+            if angle in self.waiting:
+                others = [other for other in self.waiting if other != angle]
                 group = [angle, *others][:MAX_ANGLES_IN_LOCKSTEP]
-                reachable = [self.waiting.pop(a) for a in group]
+                reduced = [self.waiting.pop(number) for number in group]
             else:
                 group = [angle]
-                reachable, self.label = wrap(self.w, [self.value(angle)], self.label)
-            self.pairs.update(zip(group, sincos(self.w, reachable), strict=True))
+                reduced, self.label = wrap(self.w, [self.value(angle)], self.label)
+            self.pairs.update(zip(group, sincos(self.w, reduced), strict=True))
         return self.pairs[angle]
 
 
-class _Whole(Emitter):
+class _WholeProgramEmitter(Emitter):
     """Emitter of a whole program, which stores the results in the output arrays."""
 
     def __init__(self, w: LlvmWriter, program: Program) -> None:
         super().__init__(w, program)
-        self.wide, self.stored = len(program.results) > MAX_UNCUT_OUTPUTS, 0
-        first = len(program.inputs)
+        self.wide = len(program.results) > MAX_UNCUT_OUTPUTS
+        """True if the stores of results cut basic blocks."""
+        self.stored = 0
+        """Number of result entries that are stored."""
         self._outputs: list[tuple[RowStorer, int]] = []
         """Storer and column of each result entry."""
-        for k, port in enumerate(program.outputs, start=first):
+        for k, port in enumerate(program.outputs, start=len(program.inputs)):
             storer = RowStorer(w, f"%a{k}", port.size)
             self._outputs += [(storer, column) for column in range(port.size)]
 
@@ -215,8 +229,8 @@ class _Whole(Emitter):
             self.cut()
 
 
-def _plain_angles(program: Program, first: int, end: int) -> list[int]:
-    """Inputs that are arguments of sines and cosines: their sizes are checked together at the start."""
+def _input_angles(program: Program, first: int, end: int) -> list[int]:
+    """Inputs that are arguments of sines and cosines, by number; their ranges are checked together at the start."""
     angles = set()
     for op, args, _ in program.instructions[first:end]:
         if op in ("sin", "cos") and program.instructions[args[0]].op == "input":
@@ -224,28 +238,32 @@ def _plain_angles(program: Program, first: int, end: int) -> list[int]:
     return sorted(angles)
 
 
-_BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+_LLVM_OPERATIONS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+"""LLVM's names of operations with two operands."""
 
 
-def _operation(w: LlvmWriter, op: str, x: list[str]) -> str:
-    if op in _BINARY:
-        return w.binary(_BINARY[op], x[0], x[1])
+def _emit_operation(w: LlvmWriter, op: str, operands: list[str]) -> str:
+    """Vector of an operation, except sines and cosines."""
+    first = operands[0]
+    if op in _LLVM_OPERATIONS:
+        return w.binary(_LLVM_OPERATIONS[op], first, operands[1])
     if op in FUSED:
         product_sign, addend_sign = FUSED[op]
-        a, b, addend = x
+        a, b, addend = operands
         if product_sign < 0:
             a = w.negate(a)
         if addend_sign < 0:
             addend = w.negate(addend)
         return w.fma(a, b, addend)
     if op == "neg":
-        return w.negate(x[0])
-    if op == "sign":  # 0 stays 0 and NaN stays NaN; an equality comparison raises no flags
-        neither = w.new(f"fcmp ueq {w.vector} {x[0]}, {w.splat(0.0)}")
-        return w.select(neither, x[0], w.intrinsic("copysign", w.splat(1.0), x[0]))
+        return w.negate(first)
+    if op == "sign":  # 0 stays 0 and NaN stays NaN; unlike <, a comparison for equality with NaN sets no error flag
+        is_zero_or_nan = w.new(f"fcmp ueq {w.vector} {first}, {w.splat(0.0)}")
+        return w.select(is_zero_or_nan, first, w.intrinsic("copysign", w.splat(1.0), first))
     if op in ("min", "max"):
-        comparison = {"min": "olt", "max": "ogt"}[op]
-        return w.select(w.new(f"fcmp {comparison} {w.vector} {x[0]}, {x[1]}"), x[0], x[1])
+        comparison = "olt" if op == "min" else "ogt"
+        takes_first = w.new(f"fcmp {comparison} {w.vector} {first}, {operands[1]}")
+        return w.select(takes_first, first, operands[1])
     if op == "exp":
-        return exp(w, x[0])
-    return w.intrinsic(op, x[0])
+        return exp(w, first)
+    return w.intrinsic(op, first)

@@ -1,8 +1,8 @@
 """The loop of products: the program for a block of samples, then its matrices, sample by sample and tile by tile.
 
-A tile is a few rows by a few columns; its columns lie in vectors. The last tiles overlap their neighbours, and overlaps are
-computed twice. A tile of one kind needs one product; a mixed tile computes both and selects for each entry. Sums follow the
-order of the factors, so an entry's bits do not depend on its tile.
+A tile is a few rows by a few columns of a matrix; each of its rows is a vector. The last tiles overlap their neighbours, and
+entries in both are computed twice. A tile whose entries are of one kind needs one product. A mixed tile computes both products,
+and selects one for each entry. Sums are computed in the order of the factors, so an entry's bits do not depend on its tile.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .ir_builder import LlvmWriter, typed_list
 from .target_machine import Precision
 
 MIN_MATRIX_SIZE = 16
-"""Minimum number of rows and columns of a matrix."""
+"""Minimum number of rows and columns of a matrix: the largest size of a tile."""
 _MIXED_TILE = 3
 """Kind of a tile with entries of several kinds; the other kinds are those of entries."""
 
@@ -59,8 +59,8 @@ def products_over(products: Products, *, fused: bool) -> Loop:
     return write
 
 
-def _starts(n: int, step: int) -> list[int]:
-    """First rows or columns of the tiles."""
+def _tile_starts(n: int, step: int) -> list[int]:
+    """First rows or columns of the tiles; the last tile ends with the matrix."""
     return [*range(0, n - step, step), n - step]
 
 
@@ -70,13 +70,13 @@ class _Matrices:
     def __init__(self, products: Products, w: LlvmWriter, frame: int) -> None:
         self.p, self.w, self.frame = products, w, frame
         self.bytes, self.n = w.precision.bytes, len(products.relations)
-        # Tile sizes for which sums fit into registers. Their vectors may be wider than the program's, with other intrinsics.
+        # Sizes of a tile, chosen so that its sums fit into registers. Its vectors may be wider than the program's.
         self.height = 4 if w.lanes * self.bytes >= LINE else 2
         self.width = 8 if w.lanes == 16 else 16
-        self.rows, self.columns = _starts(self.n, self.height), _starts(self.n, self.width)
+        self.rows, self.columns = _tile_starts(self.n, self.height), _tile_starts(self.n, self.width)
 
     def declaration(self) -> str:
-        """Declaration of the fma intrinsic."""
+        """Declaration of the fma intrinsic for the vectors of a tile."""
         w = LlvmWriter(self.w.precision, self.width)
         return f"declare {w.vector} @llvm.fma.{w.suffix}({', '.join([w.vector] * 3)})"
 
@@ -111,15 +111,17 @@ class _Matrices:
 
         tile = w.new(f"alloca [{self.height * self.width} x {w.element}], align {LINE}")
         with w.loop(str(len(self.rows)), "entry") as a:
-            i = self._entry(w, "@tile_rows", a)
+            i = self._load_index(w, "@tile_rows", a)
             with w.loop(str(len(self.columns)), w.after) as b:
-                j = self._entry(w, "@tile_columns", b)
-                place = w.new(f"add i64 {w.new(f'mul i64 {a}, {len(self.columns)}')}, {b}")
-                kind = w.new(f"load i8, ptr {w.gep('@tile_kinds', place)}, align 1")
-                first = w.new(f"add i64 {w.new(f'mul i64 {i}, {self.n}')}, {j}")
-                corner = w.gep("%matrix", w.new(f"mul i64 {first}, {self.bytes}"))
-                for which, factors in ((BEFORE, matrix.before), (AFTER, matrix.after)):
-                    with w.when(w.new(f"icmp eq i8 {kind}, {which}")):
+                j = self._load_index(w, "@tile_columns", b)
+                first_of_row = w.new(f"mul i64 {a}, {len(self.columns)}")
+                tile_number = w.new(f"add i64 {first_of_row}, {b}")
+                kind = w.new(f"load i8, ptr {w.gep('@tile_kinds', tile_number)}, align 1")
+                first_of_row = w.new(f"mul i64 {i}, {self.n}")
+                first_entry = w.new(f"add i64 {first_of_row}, {j}")
+                corner = w.gep("%matrix", w.new(f"mul i64 {first_entry}, {self.bytes}"))
+                for uniform_kind, factors in ((BEFORE, matrix.before), (AFTER, matrix.after)):
+                    with w.when(w.new(f"icmp eq i8 {kind}, {uniform_kind}")):
                         self._tile(w, factors, i, j, corner, self.n)
                 with w.when(w.new(f"icmp eq i8 {kind}, {NEITHER}")):
                     for row in range(self.height):
@@ -128,56 +130,64 @@ class _Matrices:
                     self._tile(w, matrix.before, i, j, tile, self.width)
                     self._tile(w, matrix.after, i, j, corner, self.n)
                     for row in range(self.height):
-                        self._choose(
-                            w, w.gep("@tile_entries", first), row, w.gep(tile, row * self.width * self.bytes), corner
-                        )
-        for r, c, x in matrix.added:
-            place = w.gep("%matrix", (r * self.n + c) * self.bytes)
-            before = w.new(f"load {w.element}, ptr {place}, align {self.bytes}")
-            total = w.new(f"fadd {w.element} {before}, {w.number(x)}")
-            w.do(f"store {w.element} {total}, ptr {place}, align {self.bytes}")
+                        entry_kinds = w.gep("@tile_entries", first_entry)
+                        before_row = w.gep(tile, row * self.width * self.bytes)
+                        self._select_products(w, entry_kinds, row, before_row, corner)
+        for row, column, constant in matrix.added:
+            address = w.gep("%matrix", (row * self.n + column) * self.bytes)
+            product = w.new(f"load {w.element}, ptr {address}, align {self.bytes}")
+            total = w.new(f"fadd {w.element} {product}, {w.number(constant)}")
+            w.do(f"store {w.element} {total}, ptr {address}, align {self.bytes}")
         arguments = typed_list("ptr", ["%matrix", *(f"%f{k}" for k in range(len(self.p.program.outputs)))])
         body = "\n".join(w.lines)
         return f"define internal void @matrix{number}({arguments}) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
-    def _entry(self, w: LlvmWriter, table: str, number: str) -> str:
-        return w.new(f"load i64, ptr {w.gep(table, w.new(f'mul i64 {number}, 8'))}, align 8")
+    def _load_index(self, w: LlvmWriter, table: str, number: str) -> str:
+        """Entry of a table of first rows or columns."""
+        address = w.gep(table, w.new(f"mul i64 {number}, 8"))
+        return w.new(f"load i64, ptr {address}, align 8")
 
-    def _store(self, w: LlvmWriter, vector: str, place: str) -> None:
-        w.do(f"store {w.vector} {vector}, ptr {place}, align {self.bytes}")
+    def _store(self, w: LlvmWriter, vector: str, address: str) -> None:
+        w.do(f"store {w.vector} {vector}, ptr {address}, align {self.bytes}")
 
-    def _load(self, w: LlvmWriter, place: str) -> str:
-        return w.new(f"load {w.vector}, ptr {place}, align {self.bytes}")
+    def _load(self, w: LlvmWriter, address: str) -> str:
+        return w.new(f"load {w.vector}, ptr {address}, align {self.bytes}")
 
-    def _tile(self, w: LlvmWriter, factors: tuple[int, int], i: str, j: str, corner: str, width: int) -> None:
-        """Compute one product for all entries of a tile."""
+    def _tile(self, w: LlvmWriter, factors: tuple[int, int], i: str, j: str, corner: str, row_length: int) -> None:
+        """Compute one product for all entries of the tile at row i and column j of the matrix.
+
+        The tile is stored at ``corner``, in rows that are ``row_length`` elements apart.
+        """
         left, right = factors
-        count = self.p.program.outputs[left].shape[1]
-        first = w.gep(f"%f{left}", w.new(f"mul i64 {i}, {count * self.bytes}"))
-        beside = w.gep(f"%f{right}", w.new(f"mul i64 {j}, {self.bytes}"))
-        sums: list[str] = []
-        for k in range(count):
-            columns = self._load(w, w.gep(beside, k * self.n * self.bytes))
+        term_count = self.p.program.outputs[left].shape[1]
+        first_row = w.gep(f"%f{left}", w.new(f"mul i64 {i}, {term_count * self.bytes}"))
+        first_column = w.gep(f"%f{right}", w.new(f"mul i64 {j}, {self.bytes}"))
+        sums: list[str] = []  # one for each row of the tile
+        for k in range(term_count):
+            columns = self._load(w, w.gep(first_column, k * self.n * self.bytes))
             for row in range(self.height):
-                place = w.gep(first, (row * count + k) * self.bytes)
-                x = w.new(f"load {w.element}, ptr {place}, align {self.bytes}")
-                one = w.new(f"insertelement {w.vector} poison, {w.element} {x}, i32 0")
-                every = w.shuffle(one, one, [0] * self.width)
+                address = w.gep(first_row, (row * term_count + k) * self.bytes)
+                number = w.new(f"load {w.element}, ptr {address}, align {self.bytes}")
+                in_lane_0 = w.new(f"insertelement {w.vector} poison, {w.element} {number}, i32 0")
+                in_all_lanes = w.shuffle(in_lane_0, in_lane_0, [0] * self.width)
                 if k == 0:
-                    sums.append(w.binary("fmul", every, columns))
+                    sums.append(w.binary("fmul", in_all_lanes, columns))
                 else:
-                    sums[row] = w.fma(every, columns, sums[row])
+                    sums[row] = w.fma(in_all_lanes, columns, sums[row])
         for row, vector in enumerate(sums):
-            self._store(w, vector, w.gep(corner, row * width * self.bytes))
+            self._store(w, vector, w.gep(corner, row * row_length * self.bytes))
 
-    def _choose(self, w: LlvmWriter, entries: str, row: int, before: str, corner: str) -> None:
-        """Select the product that each entry in a row of a mixed tile needs."""
-        place = w.gep(corner, row * self.n * self.bytes)
-        kinds = w.new(f"load <{self.width} x i8>, ptr {w.gep(entries, row * self.n)}, align 1")
-        after = w.new(f"icmp eq <{self.width} x i8> {kinds}, splat (i8 {AFTER})")
-        none = w.new(f"icmp eq <{self.width} x i8> {kinds}, splat (i8 {NEITHER})")
-        found = w.select(after, self._load(w, place), self._load(w, before))
-        self._store(w, w.select(none, w.splat(0.0), found), place)
+    def _select_products(self, w: LlvmWriter, entry_kinds: str, row: int, before_row: str, corner: str) -> None:
+        """Select the product that each entry in a row of a mixed tile needs.
+
+        The matrix has the products of kind AFTER already; those of kind BEFORE are at ``before_row``.
+        """
+        after_row = w.gep(corner, row * self.n * self.bytes)
+        kinds = w.new(f"load <{self.width} x i8>, ptr {w.gep(entry_kinds, row * self.n)}, align 1")
+        is_after = w.new(f"icmp eq <{self.width} x i8> {kinds}, splat (i8 {AFTER})")
+        is_zero = w.new(f"icmp eq <{self.width} x i8> {kinds}, splat (i8 {NEITHER})")
+        product = w.select(is_after, self._load(w, after_row), self._load(w, before_row))
+        self._store(w, w.select(is_zero, w.splat(0.0), product), after_row)
 
     # ── all samples ──
 
@@ -186,49 +196,59 @@ class _Matrices:
         w, p = self.w, self.p
         ports = [*p.inputs, *p.outputs]
         samples, bases, strides = call_arrays(w, ports)
-        count, factors = len(p.inputs), p.program.outputs
-        one = TensorSpec("one matrix", (-(-self.n * self.n // w.lanes),))
-        sizes = buffer_sizes(w, [*p.inputs, *factors, one])
-        results = [(bases[k], ports[k].shape, strides[k]) for k in range(count, len(ports))]
-        taken, label, (*buffers, matrix, room) = allocate(w, [*sizes, self.frame], samples, results)
-        further = [room] if self.frame else []
+        input_count, factors = len(p.inputs), p.program.outputs
+        vectors_per_matrix = -(-self.n * self.n // w.lanes)  # rounded up
+        one_matrix = TensorSpec("one matrix", (vectors_per_matrix,))
+        sizes = buffer_sizes(w, [*p.inputs, *factors, one_matrix])
+        results = [(bases[k], ports[k].shape, strides[k]) for k in range(input_count, len(ports))]
+        allocation, label, (*buffers, matrix, frame) = allocate(w, [*sizes, self.frame], samples, results)
+        frame_argument = [frame] if self.frame else []
         if self.frame:
-            w.do(f"call void @prepare(ptr {room})")
-        size = self.n * self.n * self.bytes
-        many = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // (size * len(p.matrices))}")
+            w.do(f"call void @prepare(ptr {frame})")
+        matrix_bytes = self.n * self.n * self.bytes
+        exceeds_caches = w.new(f"icmp sgt i64 {samples}, {BEYOND_CACHES // (matrix_bytes * len(p.matrices))}")
         with w.loop(w.blocks(samples), label) as block:
             first = w.new(f"mul i64 {block}, {w.lanes}")
-            some, _ = w.share(samples, first)
+            sample_count, _ = w.share(samples, first)
             for k, port in enumerate(p.inputs):
-                place = w.gep(bases[k], w.new(f"mul i64 {first}, {strides[k][0]}"))
-                call_copy(w, "gather", buffers[k], place, some, port.shape, strides[k])
-            call_block(w, [*buffers, *further])
-            with w.loop(some, w.after) as lane:
-                row = w.new(f"add i64 {first}, {lane}")
+                source = w.gep(bases[k], w.new(f"mul i64 {first}, {strides[k][0]}"))
+                call_copy(w, "gather", buffers[k], source, sample_count, port.shape, strides[k])
+            call_block(w, [*buffers, *frame_argument])
+            with w.loop(sample_count, w.after) as lane:
+                sample = w.new(f"add i64 {first}, {lane}")
                 own_factors = []  # of this lane
-                for buffer, port in zip(buffers[count:], factors, strict=True):
+                for buffer, port in zip(buffers[input_count:], factors, strict=True):
                     own_factors.append(w.gep(buffer, w.new(f"mul i64 {lane}, {port.size * self.bytes}")))
                 for number in range(len(p.matrices)):
-                    base, (outer, inner) = bases[count + number], strides[count + number]
-                    place = w.gep(base, w.new(f"mul i64 {row}, {outer}"))
-                    plain = w.new(f"icmp eq i64 {inner[1]}, {self.bytes}")
-                    plain = w.new(f"and i1 {plain}, {w.new(f'icmp eq i64 {inner[0]}, {self.n * self.bytes}')}")
-                    past = w.new(f"and i1 {self._may_go_past(many, place)}, {plain}")
-                    direct = w.new(f"and i1 {plain}, {w.new(f'xor i1 {past}, true')}")
-                    target = w.new(f"select i1 {direct}, ptr {place}, ptr {matrix}")
+                    base = bases[input_count + number]
+                    batch_stride, core_strides = strides[input_count + number]
+                    result = w.gep(base, w.new(f"mul i64 {sample}, {batch_stride}"))
+                    # A matrix is computed in place if its array is contiguous and stays in the caches; otherwise in a
+                    # buffer, from which it is copied past the caches, or by strides.
+                    columns_adjoin = w.new(f"icmp eq i64 {core_strides[1]}, {self.bytes}")
+                    rows_adjoin = w.new(f"icmp eq i64 {core_strides[0]}, {self.n * self.bytes}")
+                    is_contiguous = w.new(f"and i1 {columns_adjoin}, {rows_adjoin}")
+                    can_stream = self._can_stream(exceeds_caches, result)
+                    streams = w.new(f"and i1 {can_stream}, {is_contiguous}")
+                    stays = w.new(f"xor i1 {streams}, true")
+                    in_place = w.new(f"and i1 {is_contiguous}, {stays}")
+                    target = w.new(f"select i1 {in_place}, ptr {result}, ptr {matrix}")
                     call_block(w, [target, *own_factors], f"matrix{number}")
-                    with w.when(past):
-                        w.do(f"call void @stream(ptr {matrix}, ptr {place}, i64 {size // (w.lanes * self.bytes)})")
-                    with w.when(w.new(f"xor i1 {plain}, true")):
-                        call_copy(w, "scatter", matrix, place, "1", (self.n, self.n), (outer, inner))
-        with w.when(many):
+                    with w.when(streams):
+                        pieces = matrix_bytes // (w.lanes * self.bytes)
+                        w.do(f"call void @stream(ptr {matrix}, ptr {result}, i64 {pieces})")
+                    with w.when(w.new(f"xor i1 {is_contiguous}, true")):
+                        call_copy(w, "scatter", matrix, result, "1", (self.n, self.n), (batch_stride, core_strides))
+        with w.when(exceeds_caches):
             w.do("fence seq_cst")  # orders the nontemporal writes for other threads
-        w.do(f"call void @free(ptr {taken})")
+        w.do(f"call void @free(ptr {allocation})")
 
-    def _may_go_past(self, many: str, place: str) -> str:
-        """Condition (i1): a matrix should bypass the caches, and can."""
-        w, piece = self.w, self.w.lanes * self.bytes
-        if piece < SHORTEST_PIECE or self.n * self.n * self.bytes % piece:
+    def _can_stream(self, exceeds_caches: str, result: str) -> str:
+        """Condition (i1): the results exceed the caches, and the matrix at ``result`` consists of aligned whole vectors."""
+        w, vector_bytes = self.w, self.w.lanes * self.bytes
+        if vector_bytes < SHORTEST_PIECE or self.n * self.n * self.bytes % vector_bytes:
             return "false"
-        odd = w.new(f"and i64 {w.new(f'ptrtoint ptr {place} to i64')}, {piece - 1}")
-        return w.new(f"and i1 {many}, {w.new(f'icmp eq i64 {odd}, 0')}")
+        address = w.new(f"ptrtoint ptr {result} to i64")
+        misalignment = w.new(f"and i64 {address}, {vector_bytes - 1}")
+        is_aligned = w.new(f"icmp eq i64 {misalignment}, 0")
+        return w.new(f"and i1 {exceeds_caches}, {is_aligned}")

@@ -1,6 +1,6 @@
-"""Programs evaluated on arrays of NumPy, JAX and PyTorch, and on symbols of CasADi.
+"""Interpreter of programs, for arrays of NumPy, JAX and PyTorch, and for symbols of CasADi.
 
-Fused products round twice here, so results agree with compiled ones up to rounding errors, not to the bit.
+Fused products round twice here. So results agree with compiled ones up to rounding errors, not to the bit.
 """
 
 from __future__ import annotations
@@ -14,11 +14,14 @@ import numpy as np
 from ..ir.program import FUSED, Program
 
 Functions = Mapping[str, Callable[..., Any]]
-"""Functions that compute each operation, by name."""
+"""Function that computes each operation, by name of the operation."""
 
 
 def functions_of(namespace: Any, where: Callable[[Any, Any, Any], Any]) -> Functions:
-    """Operations as functions of a package, from its sqrt, sin, cos, exp and sign; ``where`` selects by a condition."""
+    """Functions for the arrays of a package, from its sqrt, sin, cos, exp and sign.
+
+    ``where(condition, a, b)`` selects a where the condition holds, and b elsewhere.
+    """
     return {
         "add": operator.add, "sub": operator.sub, "mul": operator.mul, "div": _quotient, "neg": operator.neg,
         "sqrt": namespace.sqrt, "sin": namespace.sin, "cos": namespace.cos, "exp": namespace.exp, "sign": namespace.sign,
@@ -28,7 +31,7 @@ def functions_of(namespace: Any, where: Callable[[Any, Any, Any], Any]) -> Funct
 
 
 def _quotient(a: Any, b: Any) -> Any:
-    """Quotient; for two constants, without Python's exception for a zero divisor."""
+    """Quotient; for two constants, infinity or NaN in place of Python's exception for a zero divisor."""
     if isinstance(a, float) and isinstance(b, float):
         return float(np.divide(a, b))
     return a / b
@@ -37,7 +40,7 @@ def _quotient(a: Any, b: Any) -> Any:
 def _fused_product(product_sign: int, addend_sign: int) -> Callable[..., Any]:
     """Function of a fused product, ± a b ± c, rounded twice."""
 
-    def run(a: Any, b: Any, c: Any) -> Any:
+    def fused_product(a: Any, b: Any, c: Any) -> Any:
         product = a * b
         if product_sign < 0:
             product = -product
@@ -45,14 +48,17 @@ def _fused_product(product_sign: int, addend_sign: int) -> Callable[..., Any]:
             return product - c
         return product + c
 
-    return run
+    return fused_product
 
 
 def evaluated(
     program: Program, elements: Sequence[Any], functions: Functions, spent: Mapping[int, Sequence[int]] | None = None
 ) -> list[Any]:
-    """Elements of all results in C order from those of all inputs; ``spent`` lists values to release after each instruction."""
-    values: dict[int, Any] = {}
+    """Elements of all results in C order, from ``elements``, those of all inputs in C order.
+
+    ``spent`` lists the values that are not used after an instruction, by number of the instruction; they are released.
+    """
+    values: dict[int, Any] = {}  # by number of the instruction
     spent = spent or {}
     for number, (op, args, value) in enumerate(program.instructions):
         if op == "const":
@@ -60,24 +66,28 @@ def evaluated(
         elif op == "input":
             values[number] = elements[int(value)]
         else:
-            values[number] = functions[op](*(values[a] for a in args))
-        for done in spent.get(number, ()):
-            del values[done]
+            operands = [values[operand] for operand in args]
+            values[number] = functions[op](*operands)
+        for spent_number in spent.get(number, ()):
+            del values[spent_number]
     return [values[result] for result in program.results]
 
 
 def batch_shape(arrays: Sequence[Any], program: Program) -> tuple[int, ...]:
     """Broadcast shape of the batch axes. Raises ValueError if they do not broadcast."""
-    batches = [a.shape[: a.ndim - len(port.shape)] for a, port in zip(arrays, program.inputs, strict=True)]
-    return np.broadcast_shapes(*batches)
+    shapes = []
+    for array, port in zip(arrays, program.inputs, strict=True):
+        batch_axes = array.ndim - len(port.shape)
+        shapes.append(array.shape[:batch_axes])
+    return np.broadcast_shapes(*shapes)
 
 
 def last_uses(program: Program) -> dict[int, list[int]]:
-    """Values whose last use is in each instruction, to be released after it."""
-    last_use: dict[int, int] = {}
+    """Values that are not used after an instruction, by number of the instruction; results are not among them."""
+    last_user: dict[int, int] = {}  # number of the last instruction that uses a value, by number of the value
     for number, instruction in enumerate(program.instructions):
-        last_use |= dict.fromkeys(instruction.args, number)
-    released: dict[int, list[int]] = {}
-    for value in last_use.keys() - set(program.results):
-        released.setdefault(last_use[value], []).append(value)
-    return released
+        last_user |= dict.fromkeys(instruction.args, number)
+    spent: dict[int, list[int]] = {}
+    for value in last_user.keys() - set(program.results):
+        spent.setdefault(last_user[value], []).append(value)
+    return spent

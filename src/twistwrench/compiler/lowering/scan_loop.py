@@ -31,7 +31,7 @@ from .ir_builder import LlvmWriter, typed_list
 from .target_machine import Precision
 
 TABLE = "stages"
-"""Name of the constant with the rows of the scan's table, each repeated for every lane."""
+"""Name of the constant with the rows of the scan's table. Each row stands once for every lane."""
 
 
 def loop_over(recurrence: Scan) -> Loop:
@@ -43,12 +43,13 @@ def loop_over(recurrence: Scan) -> Loop:
         helpers = [copying("gather", precision, lanes, inward=True), copying("scatter", precision, lanes, inward=False)]
         if loop.large:
             helpers += [nan_filler(precision, lanes), MEMORY_DECLARATIONS]
-        return "\n".join([*helpers, COPY_DECLARATION, _table(recurrence, loop.w), *loop_function(name, loop.w)])
+        return "\n".join([*helpers, COPY_DECLARATION, _stage_table(recurrence, loop.w), *loop_function(name, loop.w)])
 
     return write
 
 
-def _table(recurrence: Scan, w: LlvmWriter) -> str:
+def _stage_table(recurrence: Scan, w: LlvmWriter) -> str:
+    """Constant with the scan's table; empty if it has no numbers."""
     numbers: list[str] = []
     for row in recurrence.table:
         numbers += [w.number(x) for x in row] * w.lanes
@@ -59,12 +60,16 @@ def _table(recurrence: Scan, w: LlvmWriter) -> str:
 
 
 class _Operand:
-    """Array of the caller: address, shape and strides, and the stride of its step axis if it has one."""
+    """Array of the caller: address, shape and strides. All but initial states have an axis of steps or of stored rows."""
 
     def __init__(self, port: TensorSpec, base: str, outer: str, inner: list[str], *, stepped: bool) -> None:
         self.port, self.base, self.outer = port, base, outer
         self.strides = inner
-        self.along, self.inner = "0", inner
+        """Strides of all core axes."""
+        self.along = "0"
+        """Stride of the axis of steps or rows; 0 if the array is the same for all steps."""
+        self.inner = inner
+        """Strides of the other core axes."""
         if stepped:
             self.along, *self.inner = inner
 
@@ -85,10 +90,13 @@ class _Steps:
         self.r, self.w, self.frame = recurrence, w, frame
         self.program = recurrence.program
         self.starts = sorted({s.state for s in recurrence.sources if s.kind == "start"})
+        """Numbers of the states whose values at the beginning of a step are needed."""
         starts = [recurrence.states[j] for j in self.starts]
         given = [self.program.inputs[k] for k in recurrence.given]
         self.ports = [*recurrence.states, *starts, *given, *self.program.outputs]
+        """Shapes of the buffers."""
         self.large = frame + sum(buffer_sizes(w, self.ports)) > ON_STACK
+        """True if the buffers do not fit on the stack."""
 
     def write(self) -> None:
         """Write the body of the loop function."""
@@ -96,138 +104,154 @@ class _Steps:
         samples = w.new("load i64, ptr %dims, align 8")
         operands = self._operands()
         inputs, outputs = operands[: len(r.inputs)], operands[len(r.inputs) :]
-        kept = self._size(-1)
-        taken, label = self._places(samples, outputs, kept)
+        row_count = self._size(-1)
+        allocation, label = self._allocate(samples, outputs, row_count)
         if self.frame:
             w.do(f"call void @prepare(ptr {self.room})")
-        none = w.new(f"icmp slt i64 {kept}, 1")
-        every = w.new(f"sdiv i64 {self._size(len(r.inputs) - 1)}, {w.new(f'select i1 {none}, i64 1, i64 {kept}')}")
+        stores_nothing = w.new(f"icmp slt i64 {row_count}, 1")
+        step_count = self._size(len(r.inputs) - 1)
+        divisor = w.new(f"select i1 {stores_nothing}, i64 1, i64 {row_count}")
+        steps_per_row = w.new(f"sdiv i64 {step_count}, {divisor}")
         with w.loop(w.blocks(samples), label) as block:
             first = w.new(f"mul i64 {block}, {w.lanes}")
-            self.count, short = w.share(samples, first)
-            self.whole = w.new(f"xor i1 {short}, true")
-            places = [w.gep(x.base, w.new(f"mul i64 {first}, {x.outer}")) for x in operands]
+            self.count, is_partial = w.share(samples, first)
+            self.whole = w.new(f"xor i1 {is_partial}, true")
+            addresses = [w.gep(operand.base, w.new(f"mul i64 {first}, {operand.outer}")) for operand in operands]
             for k, operand in enumerate(inputs[: r.visible]):
-                self._copy("gather", self.state[k], places[k], operand)
+                self._copy("gather", self.state[k], addresses[k], operand)
             for k in range(r.visible, len(r.states)):
                 self._clear(self.state[k], r.states[k])
-            with w.loop(kept, w.after) as row, w.loop(every, w.after) as between:
-                number = w.new(f"add i64 {w.new(f'mul i64 {row}, {every}')}, {between}")
-                self._take_given(number, places[r.visible : len(inputs)], inputs[r.visible :])
-                begins = w.new(f"icmp eq i64 {between}, 0")
-                ends = w.new(f"icmp eq i64 {w.new(f'add i64 {between}, 1')}, {every}")
-                rows = []
-                for place, operand in zip(places[len(inputs) :], outputs, strict=True):
-                    rows.append(w.gep(place, w.new(f"mul i64 {row}, {operand.along}")))
-                self._step(begins, rows[r.visible :], outputs[r.visible :])
-                with w.when(ends):
+            with w.loop(row_count, w.after) as row, w.loop(steps_per_row, w.after) as step_in_row:
+                steps_before_row = w.new(f"mul i64 {row}, {steps_per_row}")
+                step = w.new(f"add i64 {steps_before_row}, {step_in_row}")
+                self._copy_step_inputs(step, addresses[r.visible : len(inputs)], inputs[r.visible :])
+                begins_row = w.new(f"icmp eq i64 {step_in_row}, 0")
+                next_step_in_row = w.new(f"add i64 {step_in_row}, 1")
+                ends_row = w.new(f"icmp eq i64 {next_step_in_row}, {steps_per_row}")
+                rows = []  # of the results
+                for address, operand in zip(addresses[len(inputs) :], outputs, strict=True):
+                    rows.append(w.gep(address, w.new(f"mul i64 {row}, {operand.along}")))
+                self._step(begins_row, rows[r.visible :], outputs[r.visible :])
+                with w.when(ends_row):
                     for k, operand in enumerate(outputs[: r.visible]):
                         self._copy("scatter", self.state[k], rows[k], operand)
-        if taken:
-            w.do(f"call void @free(ptr {taken})")
+        if allocation:
+            w.do(f"call void @free(ptr {allocation})")
 
     # ── data ──
 
     def _operands(self) -> list[_Operand]:
+        """Arrays of the caller, inputs first."""
         w, r = self.w, self.r
         ports = [*r.inputs, *r.outputs]
-        operands, following = [], len(ports)
+        operands = []
+        next_stride = len(ports)  # strides of core axes follow those of the batch axis of all arrays
         for k, port in enumerate(ports):
             has_steps = k >= r.visible  # all but the initial states
             base = w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8")
-            axes = len(port.shape) + has_steps
-            outer, inner = load_strides(w, k, following, axes)
-            following += axes
+            axis_count = len(port.shape) + has_steps
+            outer, inner = load_strides(w, k, next_stride, axis_count)
+            next_stride += axis_count
             operands.append(_Operand(port, base, outer, inner, stepped=has_steps))
         return operands
 
     def _size(self, operand: int) -> str:
-        """Length of an operand's step or row axis."""
-        place = axes_of(self.r.signature)[operand][0]
-        return self.w.new(f"load i64, ptr {self.w.gep('%dims', 8 * place)}, align 8")
+        """Length of an operand's axis of steps or rows."""
+        axis = axes_of(self.r.signature)[operand][0]
+        return self.w.new(f"load i64, ptr {self.w.gep('%dims', 8 * axis)}, align 8")
 
-    def _places(self, samples: str, outputs: Sequence[_Operand], kept: str) -> tuple[str, str]:
-        """Allocate all buffers; returns the pointer to free, and the current label."""
-        w, taken, label = self.w, "", "entry"
+    def _allocate(self, samples: str, outputs: Sequence[_Operand], row_count: str) -> tuple[str, str]:
+        """Allocate all buffers; returns the pointer to free, empty for buffers on the stack, and the current label."""
+        w, allocation, label = self.w, "", "entry"
         sizes = buffer_sizes(w, self.ports)
         self.room = ""
         if self.large:
-            results = [x.with_rows(kept) for x in outputs]
-            taken, label, (*buffers, self.room) = allocate(w, [*sizes, self.frame], samples, results)
+            results = [operand.with_rows(row_count) for operand in outputs]
+            allocation, label, (*buffers, self.room) = allocate(w, [*sizes, self.frame], samples, results)
         else:
             buffers = [w.new(f"alloca [{size} x i8], align {LINE}") for size in sizes]
             if self.frame:
                 self.room = w.new(f"alloca [{self.frame} x i8], align {LINE}")
-        states, starts = len(self.r.states), len(self.starts)
-        given = len(self.r.given)
-        self.state, buffers = buffers[:states], buffers[states:]
-        self.start, buffers = dict(zip(self.starts, buffers[:starts], strict=True)), buffers[starts:]
-        self.given, self.results = dict(zip(self.r.given, buffers[:given], strict=True)), buffers[given:]
-        return taken, label
+        remaining = iter(buffers)  # in the order of ``ports``
+        self.state = [next(remaining) for _ in self.r.states]
+        self.start = {j: next(remaining) for j in self.starts}
+        self.given = {k: next(remaining) for k in self.r.given}
+        self.results = list(remaining)
+        return allocation, label
 
     # ── steps ──
 
-    def _take_given(self, number: str, places: Sequence[str], operands: Sequence[_Operand]) -> None:
+    def _copy_step_inputs(self, step: str, addresses: Sequence[str], operands: Sequence[_Operand]) -> None:
         """Copy the inputs of this step, unless they equal those of the previous step."""
         w = self.w
-        first = w.new(f"icmp eq i64 {number}, 0")
-        for buffer, place, operand in zip(self.given.values(), places, operands, strict=True):
+        is_first = w.new(f"icmp eq i64 {step}, 0")
+        for buffer, address, operand in zip(self.given.values(), addresses, operands, strict=True):
             changes = w.new(f"icmp ne i64 {operand.along}, 0")
-            with w.when(w.new(f"or i1 {first}, {changes}")):
-                here = w.gep(place, w.new(f"mul i64 {number}, {operand.along}"))
-                self._copy("gather", buffer, here, operand)
+            with w.when(w.new(f"or i1 {is_first}, {changes}")):
+                address_of_step = w.gep(address, w.new(f"mul i64 {step}, {operand.along}"))
+                self._copy("gather", buffer, address_of_step, operand)
 
-    def _step(self, begins: str, rows: Sequence[str], reported: Sequence[_Operand]) -> None:
-        """Evaluate the program once for each stage of a step."""
+    def _step(self, begins_row: str, rows: Sequence[str], reported: Sequence[_Operand]) -> None:
+        """Evaluate the program once for each stage of a step; the first step of a row stores the reported results."""
         w, r = self.w, self.r
         for j, start in self.start.items():
-            self._move(start, self.state[j], r.states[j])
-        further = [self.room] if self.frame else []
+            self._copy_buffer(start, self.state[j], r.states[j])
+        frame = [self.room] if self.frame else []
         for stage in range(len(r.table)):
-            inputs = [self._input(k, stage) for k in range(len(r.sources))]
-            call_block(w, [*inputs, *self.results, *further])
+            inputs = [self._input_address(k, stage) for k in range(len(r.sources))]
+            call_block(w, [*inputs, *self.results, *frame])
             if stage == 0 and reported:
-                with w.when(begins):
+                with w.when(begins_row):
                     for k, row, operand in zip(r.reported, rows, reported, strict=True):
                         self._copy("scatter", self.results[k], row, operand)
+            # The first results are the new states; the others stay in their buffers.
             for state, result, port in zip(self.state, self.results, r.states, strict=False):
-                self._move(state, result, port)
+                self._copy_buffer(state, result, port)
 
-    def _input(self, k: int, stage: int) -> str:
+    def _input_address(self, k: int, stage: int) -> str:
+        """Address of the program's input k in a stage."""
         source = self.r.sources[k]
         if source.kind == "given":
             return self.given[k]
         if source.kind == "stage":
-            row = buffer_size(self.w, self.program.inputs[k])
-            return self.w.gep(f"@{TABLE}", stage * row)
+            row_bytes = buffer_size(self.w, self.program.inputs[k])
+            return self.w.gep(f"@{TABLE}", stage * row_bytes)
         if source.kind == "start":
             return self.start[source.state]
         return self.state[source.state]
 
-    def _copy(self, which: str, buffer: str, place: str, operand: _Operand) -> None:
-        """Copy like :func:`.batch_loop.call_copy`, but without a call if rows are contiguous and complete."""
-        w, size = self.w, self.w.precision.bytes
-        plain = self.whole
+    def _copy(self, which: str, buffer: str, address: str, operand: _Operand) -> None:
+        """Copy a block of samples to a buffer ("gather") or from it ("scatter"), as :func:`.batch_loop.call_copy` does.
+
+        If the block is whole and its samples are contiguous, the copy needs no call.
+        """
+        w, element_bytes = self.w, self.w.precision.bytes
+        is_simple = self.whole
         for stride in operand.inner:
-            plain = w.new(f"and i1 {plain}, {w.new(f'icmp eq i64 {stride}, {size}')}")
-        with w.when(plain):
+            is_contiguous = w.new(f"icmp eq i64 {stride}, {element_bytes}")
+            is_simple = w.new(f"and i1 {is_simple}, {is_contiguous}")
+        with w.when(is_simple):
             for lane in range(w.lanes):
-                near = w.gep(buffer, lane * operand.port.size * size)
-                far = w.gep(place, w.new(f"mul i64 {operand.outer}, {lane}"))
-                target, source = (near, far) if which == "gather" else (far, near)
-                self._bytes(target, source, operand.port.size * size, size)
-        with w.when(w.new(f"xor i1 {plain}, true")):
-            call_copy(w, which, buffer, place, self.count, operand.port.shape, operand.step)
+                in_buffer = w.gep(buffer, lane * operand.port.size * element_bytes)
+                in_array = w.gep(address, w.new(f"mul i64 {operand.outer}, {lane}"))
+                target, source = (in_buffer, in_array) if which == "gather" else (in_array, in_buffer)
+                self._copy_bytes(target, source, operand.port.size * element_bytes, element_bytes)
+        with w.when(w.new(f"xor i1 {is_simple}, true")):
+            call_copy(w, which, buffer, address, self.count, operand.port.shape, operand.step)
 
-    def _move(self, there: str, here: str, port: TensorSpec) -> None:
-        self._bytes(there, here, buffer_size(self.w, port), LINE)
+    def _copy_buffer(self, target: str, source: str, port: TensorSpec) -> None:
+        """Copy a whole buffer."""
+        self._copy_bytes(target, source, buffer_size(self.w, port), LINE)
 
-    def _bytes(self, there: str, here: str, count: int, align: int) -> None:
-        target, source = f"ptr align {align} {there}", f"ptr align {align} {here}"
-        self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({target}, {source}, i64 {count}, i1 false)")
+    def _copy_bytes(self, target: str, source: str, count: int, align: int) -> None:
+        """Copy ``count`` bytes; ``align`` is the alignment of both addresses."""
+        pointers = f"ptr align {align} {target}, ptr align {align} {source}"
+        self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({pointers}, i64 {count}, i1 false)")
 
     def _clear(self, buffer: str, port: TensorSpec) -> None:
+        """Fill a buffer with zeros."""
         w = self.w
+        vector_bytes = w.lanes * w.precision.bytes
         for k in range(port.size):
-            place = w.gep(buffer, k * w.lanes * w.precision.bytes)
-            w.do(f"store {w.vector} zeroinitializer, ptr {place}, align {w.lanes * w.precision.bytes}")
+            address = w.gep(buffer, k * vector_bytes)
+            w.do(f"store {w.vector} zeroinitializer, ptr {address}, align {vector_bytes}")

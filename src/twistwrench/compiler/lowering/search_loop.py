@@ -1,4 +1,10 @@
-"""The loop of a search: operands, buffers, integers of each lane, and attempts."""
+"""The loop of a search: operands, buffers, integers of each lane, and attempts.
+
+With many samples, each lane has its own sample and makes its attempts one after another. With few, all lanes make attempts
+for one sample in parallel. The result is the same: the first successful attempt in the order of starts; later attempts are
+abandoned, earlier ones completed. The function type is that of :mod:`.batch_loop`; settings and starts are those of the
+first sample.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +35,15 @@ from .target_machine import Precision
 NO_ATTEMPT = 1 << 62
 """Attempt number that represents no attempt."""
 
-OF_SAMPLE, OF_LANE = ("sample", "next", "winner", "flying", "nearest"), ("attempt", "times")
-"""Integers of each lane. Those of a sample are stored for its lane, or for the first lane if all lanes share a sample."""
+OF_SAMPLE = ("sample", "next", "winner", "running", "nearest")
+"""Integers of a sample: its number, its next attempt, the attempt that succeeded, the number of attempts that run, and the
+attempt with the best result. They are stored for the sample's *owner*: its lane, or lane 0 if all lanes share a sample."""
+OF_LANE = ("attempt", "times")
+"""Integers of a lane: its attempt, -1 if it is idle, and the attempt's number of evaluations."""
 
 X, PASSED, GIVEN, MOVED, PASSED_ON, BEST, FAR, STATUS = range(8)
-"""Numbers of the buffers; those of inputs follow."""
+"""Numbers of the buffers: x, memory and given target of the program, its next x and next memory, the best memory of a sample,
+the distances of start configurations, and the status. Those of the kernel's inputs follow."""
 
 
 class SearchState:
@@ -43,156 +53,149 @@ class SearchState:
         self.s, self.w, self.frame = search, w, frame
         self.bytes = w.precision.bytes
         x, passed = search.program.outputs
-        self.ports = [
-            x,
-            passed,
-            search.program.inputs[-1],
-            x,
-            passed,
-            passed,
-            TensorSpec("far", (PLACES,)),
-            search.status,
-        ]
-        self.ports += search.inputs
+        given, far = search.program.inputs[-1], TensorSpec("far", (PLACES,))
+        self.ports = [x, passed, given, x, passed, passed, far, search.status, *search.inputs]
+        """Shapes of the buffers, in the order of their numbers."""
         self.samples = ""
         """Number of samples."""
         self.large = frame + sum(buffer_sizes(w, self.ports)) > ON_STACK
+        """True if the buffers do not fit on the stack."""
 
     # ── data ──
 
-    def operands(self) -> None:
+    def load_operands(self) -> None:
         """Load addresses and strides of arrays, and flags of contiguous rows."""
         w, ports = self.w, [*self.s.inputs, *self.s.outputs]
         self.bases: list[str] = []
         self.strides: list[Step] = []
-        self.plain: list[str] = []
-        following = len(ports)
+        self.contiguous: list[str] = []
+        next_stride = len(ports)  # strides of core axes follow those of the batch axis of all arrays
         for k, port in enumerate(ports):
             self.bases.append(w.new(f"load ptr, ptr {w.gep('%args', 8 * k)}, align 8"))
-            outer, inner = load_strides(w, k, following, len(port.shape))
-            following += len(port.shape)
-            self.strides.append((outer, inner))
-            plain, expected = "true", self.bytes
-            for length, stride in reversed(list(zip(port.shape, inner, strict=True))):
-                plain = self.both(plain, f"icmp eq i64 {stride}, {expected}")
+            batch_stride, core_strides = load_strides(w, k, next_stride, len(port.shape))
+            next_stride += len(port.shape)
+            self.strides.append((batch_stride, core_strides))
+            is_contiguous, expected = "true", self.bytes
+            for length, stride in reversed(list(zip(port.shape, core_strides, strict=True))):
+                is_contiguous = self.all_of(is_contiguous, f"icmp eq i64 {stride}, {expected}")
                 expected *= length
-            self.plain.append(plain)
+            self.contiguous.append(is_contiguous)
 
-    def room(self) -> str:
-        """Allocate all buffers; returns the pointer to free."""
-        w, taken = self.w, ""
+    def allocate_buffers(self) -> str:
+        """Allocate all buffers; returns the pointer to free, empty if they are on the stack."""
+        w, allocation = self.w, ""
         w.after = "entry"
         self.counts = w.new(f"alloca [{len(OF_SAMPLE + OF_LANE) * w.lanes} x i64], align {LINE}")
+        # Next sample; 1 if a lane has an attempt; number of the nearest start configuration.
         self.queue, self.working, self.found = (w.new("alloca i64, align 8") for _ in range(3))
         self.frame_room = ""
         sizes = buffer_sizes(w, self.ports)
-        self.least = w.new(f"alloca {w.element}, align 8")
+        self.least = w.new(f"alloca {w.element}, align 8")  # distance of the nearest start configuration
         if self.large:
-            first = len(self.s.inputs)
+            first_output = len(self.s.inputs)
             shapes = [port.shape for port in self.s.outputs]
-            results = list(zip(self.bases[first:], shapes, self.strides[first:], strict=True))
-            taken, w.after, (*self.buffers, self.frame_room) = allocate(w, [*sizes, self.frame], self.samples, results)
+            results = list(zip(self.bases[first_output:], shapes, self.strides[first_output:], strict=True))
+            allocation, w.after, buffers = allocate(w, [*sizes, self.frame], self.samples, results)
+            *self.buffers, self.frame_room = buffers
         else:
             self.buffers = [w.new(f"alloca [{size} x i8], align {LINE}") for size in sizes]
             if self.frame:
                 self.frame_room = w.new(f"alloca [{self.frame} x i8], align {LINE}")
         if self.frame:
             w.do(f"call void @prepare(ptr {self.frame_room})")
-        return taken
+        return allocation
 
-    def tables(self) -> None:
-        """Copy the settings and the table of starts to contiguous memory."""
+    def copy_tables(self) -> None:
+        """Copy the settings, the starts and their targets to contiguous memory, unless they are contiguous already."""
         w = self.w
-        found = []
+        pointers = []
         for k in range(2, len(self.s.inputs)):
             buffer = self.buffers[STATUS + 1 + k]
-            with w.when(w.new(f"xor i1 {self.plain[k]}, true")):
+            with w.when(w.new(f"xor i1 {self.contiguous[k]}, true")):
                 call_copy(w, "gather", buffer, self.bases[k], "1", self.s.inputs[k].shape, self.strides[k])
-            found.append(w.new(f"select i1 {self.plain[k]}, ptr {self.bases[k]}, ptr {buffer}"))
-        self.settings, self.places, self.reached = found
-        self.most_times = w.new(f"fptosi {w.element} {self.number(self.settings, TIMES)} to i64")
-        self.most_attempts = w.new(f"fptosi {w.element} {self.number(self.settings, ATTEMPTS)} to i64")
+            pointers.append(w.new(f"select i1 {self.contiguous[k]}, ptr {self.bases[k]}, ptr {buffer}"))
+        self.settings, self.places, self.reached = pointers
+        self.most_times = w.new(f"fptosi {w.element} {self.load(self.settings, TIMES)} to i64")
+        self.most_attempts = w.new(f"fptosi {w.element} {self.load(self.settings, ATTEMPTS)} to i64")
 
     # ── Data access ──
 
-    def place(self, name: str, lane: str) -> str:
+    def count_address(self, name: str, lane: str) -> str:
         """Address of a lane's integer."""
         names = OF_SAMPLE + OF_LANE
-        first = self.w.gep(self.counts, names.index(name) * self.w.lanes * 8)
-        return self.w.gep(first, self.w.new(f"mul i64 {lane}, 8"))
+        first_lane = self.w.gep(self.counts, names.index(name) * self.w.lanes * 8)
+        offset = self.w.new(f"mul i64 {lane}, 8")
+        return self.w.gep(first_lane, offset)
 
-    def count(self, name: str, lane: str) -> str:
+    def load_count(self, name: str, lane: str) -> str:
         """Value of a lane's integer."""
-        return self.w.new(f"load i64, ptr {self.place(name, lane)}, align 8")
+        return self.w.new(f"load i64, ptr {self.count_address(name, lane)}, align 8")
 
-    def put(self, name: str, lane: str, value: str | int) -> None:
+    def store_count(self, name: str, lane: str, value: str | int) -> None:
         """Set a lane's integer."""
-        self.w.do(f"store i64 {value}, ptr {self.place(name, lane)}, align 8")
+        self.w.do(f"store i64 {value}, ptr {self.count_address(name, lane)}, align 8")
 
-    def row(self, which: int, lane: str) -> str:
+    def row_address(self, which: int, lane: str) -> str:
         """Address of a lane's row in a buffer."""
-        return self.w.gep(self.buffers[which], self.w.new(f"mul i64 {lane}, {self.ports[which].size * self.bytes}"))
+        offset = self.w.new(f"mul i64 {lane}, {self.ports[which].size * self.bytes}")
+        return self.w.gep(self.buffers[which], offset)
 
-    def number(self, place: str, entry: int) -> str:
+    def load(self, row: str, entry: int) -> str:
         """Load an entry of a row."""
-        return self.w.new(f"load {self.w.element}, ptr {self.w.gep(place, entry * self.bytes)}, align {self.bytes}")
+        address = self.w.gep(row, entry * self.bytes)
+        return self.w.new(f"load {self.w.element}, ptr {address}, align {self.bytes}")
 
-    def store(self, place: str, entry: int, value: str) -> None:
+    def store(self, row: str, entry: int, value: str) -> None:
         """Store an entry of a row."""
-        self.w.do(f"store {self.w.element} {value}, ptr {self.w.gep(place, entry * self.bytes)}, align {self.bytes}")
+        address = self.w.gep(row, entry * self.bytes)
+        self.w.do(f"store {self.w.element} {value}, ptr {address}, align {self.bytes}")
 
-    def move(self, there: str, here: str, count: int, align: int = 0) -> None:
-        """Copy ``count`` bytes."""
+    def copy(self, target: str, source: str, count: int, align: int = 0) -> None:
+        """Copy ``count`` bytes; ``align`` is the alignment of both addresses, by default that of an element."""
         align = align or self.bytes
-        target, source = f"ptr align {align} {there}", f"ptr align {align} {here}"
-        self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({target}, {source}, i64 {count}, i1 false)")
+        pointers = f"ptr align {align} {target}, ptr align {align} {source}"
+        self.w.do(f"call void @llvm.memcpy.inline.p0.p0.i64({pointers}, i64 {count}, i1 false)")
 
     def clear(self, buffer: str, port: TensorSpec) -> None:
         """Fill a buffer with zeros."""
-        w, size = self.w, self.w.lanes * self.bytes
+        w, vector_bytes = self.w, self.w.lanes * self.bytes
         with w.loop(str(port.size), w.after) as k:
-            w.do(f"store {w.vector} zeroinitializer, ptr {w.gep(buffer, w.new(f'mul i64 {k}, {size}'))}, align {size}")
+            address = w.gep(buffer, w.new(f"mul i64 {k}, {vector_bytes}"))
+            w.do(f"store {w.vector} zeroinitializer, ptr {address}, align {vector_bytes}")
 
-    def either(self, condition: str, a: str | int, b: str | int) -> str:
-        """Select one of two integers."""
+    def choose(self, condition: str, a: str | int, b: str | int) -> str:
+        """Select one of two integers: a if the condition holds, else b."""
         return self.w.new(f"select i1 {condition}, i64 {a}, i64 {b}")
 
-    def both(self, *conditions: str) -> str:
-        """Condition (i1): all conditions hold; each is a value, or an instruction that returns one."""
-        holds = "true"
+    def all_of(self, *conditions: str) -> str:
+        """Condition (i1) that holds if all conditions hold; each is a value, or the text of an instruction for one."""
+        all_so_far = "true"
         for condition in conditions:
             is_instruction = " " in condition
             value = self.w.new(condition) if is_instruction else condition
-            if holds != "true":
-                value = self.w.new(f"and i1 {holds}, {value}")
-            holds = value
-        return holds
+            if all_so_far != "true":
+                value = self.w.new(f"and i1 {all_so_far}, {value}")
+            all_so_far = value
+        return all_so_far
 
-    def copied_in(self, k: int, there: str, sample: str) -> None:
-        """Copy one sample of an input into a row."""
+    def copy_in(self, k: int, row: str, sample: str) -> None:
+        """Copy one sample of input k into a row."""
         w, port = self.w, self.s.inputs[k]
-        here = w.gep(self.bases[k], w.new(f"mul i64 {sample}, {self.strides[k][0]}"))
-        with w.when(self.plain[k]):
-            self.move(there, here, port.size * self.bytes)
-        with w.when(w.new(f"xor i1 {self.plain[k]}, true")):
-            call_copy(w, "gather", there, here, "1", port.shape, self.strides[k])
+        source = w.gep(self.bases[k], w.new(f"mul i64 {sample}, {self.strides[k][0]}"))
+        with w.when(self.contiguous[k]):
+            self.copy(row, source, port.size * self.bytes)
+        with w.when(w.new(f"xor i1 {self.contiguous[k]}, true")):
+            call_copy(w, "gather", row, source, "1", port.shape, self.strides[k])
 
-    def copied_out(self, k: int, here: str, sample: str) -> None:
-        """Copy a row into one sample of a result."""
-        w, port, number = self.w, self.s.outputs[k], len(self.s.inputs) + k
-        there = w.gep(self.bases[number], w.new(f"mul i64 {sample}, {self.strides[number][0]}"))
-        with w.when(self.plain[number]):
-            self.move(there, here, port.size * self.bytes)
-        with w.when(w.new(f"xor i1 {self.plain[number]}, true")):
-            call_copy(w, "scatter", here, there, "1", port.shape, self.strides[number])
-
-
-# ── The loop of a search: every lane makes its own attempt, and begins another one when it has ended
-
-# With many samples, each lane has its own sample and makes the attempts one after another. With few, all lanes make attempts
-# for one sample in parallel. The result is the same: the first successful attempt in the order of starts; later attempts are
-# abandoned, earlier ones completed. The function type is that of :mod:`.batch_loop`; settings and starts are those of the
-# first sample.
+    def copy_out(self, k: int, row: str, sample: str) -> None:
+        """Copy a row into one sample of result k."""
+        w, port = self.w, self.s.outputs[k]
+        operand = len(self.s.inputs) + k
+        target = w.gep(self.bases[operand], w.new(f"mul i64 {sample}, {self.strides[operand][0]}"))
+        with w.when(self.contiguous[operand]):
+            self.copy(target, row, port.size * self.bytes)
+        with w.when(w.new(f"xor i1 {self.contiguous[operand]}, true")):
+            call_copy(w, "scatter", row, target, "1", port.shape, self.strides[operand])
 
 
 def search_over(search: Search) -> Loop:
@@ -212,34 +215,30 @@ def search_over(search: Search) -> Loop:
 
 
 def _table(name: str, w: LlvmWriter, numbers: tuple[float, ...]) -> str:
+    """Constant array of numbers."""
     entries = typed_list(w.element, map(w.number, numbers))
     return f"@{name} = internal constant [{len(numbers)} x {w.element}] [{entries}], align {LINE}"
 
 
 class _Attempts(SearchState):
-    """Writer of one loop."""
+    """Writer of one loop: every lane makes an attempt, and begins another one when it has ended."""
 
     def write(self) -> None:
         """Write the body of the loop function."""
         w, lanes = self.w, str(self.w.lanes)
         self.samples = w.new("load i64, ptr %dims, align 8")
-        self.operands()
-        taken = self.room()
-        self.tables()
-        few = w.new(f"icmp slt i64 {self.samples}, {w.lanes // 2}")
-        self.own = self.either(few, 0, 1)
+        self.load_operands()
+        allocation = self.allocate_buffers()
+        self.copy_tables()
+        are_few = w.new(f"icmp slt i64 {self.samples}, {w.lanes // 2}")
+        self.owner_step = self.choose(are_few, 0, 1)  # 0 if all lanes share a sample: its owner is lane 0
         if w.lanes > 1:
-            for k in (X, PASSED, GIVEN):  # lanes without work compute, too
+            for k in (X, PASSED, GIVEN):  # idle lanes compute too, with these numbers
                 self.clear(self.buffers[k], self.ports[k])
+        initial = {"sample": -1, "next": NO_ATTEMPT, "winner": NO_ATTEMPT, "running": 0, "attempt": -1}
         with w.loop(lanes, w.after) as lane:
-            for name, value in (
-                ("sample", -1),
-                ("next", NO_ATTEMPT),
-                ("winner", NO_ATTEMPT),
-                ("flying", 0),
-                ("attempt", -1),
-            ):
-                self.put(name, lane, value)
+            for name, value in initial.items():
+                self.store_count(name, lane, value)
         w.do(f"store i64 0, ptr {self.queue}, align 8")
         head, body, found = w.label("search"), w.label("step"), w.label("found")
         w.do(f"br label %{head}")
@@ -251,178 +250,196 @@ class _Attempts(SearchState):
         w.do(f"br i1 {w.new(f'icmp sgt i64 {working}, 0')}, label %{body}, label %{found}")
         w.begin(body)
         x, passed, given, moved, passed_on = self.buffers[:BEST]
-        further = [self.frame_room] if self.frame else []
-        call_block(w, [x, x, passed, given, moved, passed_on, *further])
-        self.move(x, moved, buffer_size(w, self.ports[X]), LINE)
-        self.move(passed, passed_on, buffer_size(w, self.ports[PASSED]), LINE)
+        frame = [self.frame_room] if self.frame else []
+        call_block(w, [x, x, passed, given, moved, passed_on, *frame])  # the program has x as two inputs
+        self.copy(x, moved, buffer_size(w, self.ports[X]), LINE)
+        self.copy(passed, passed_on, buffer_size(w, self.ports[PASSED]), LINE)
         with w.loop(lanes, body) as lane:
             self._end(lane)
         w.do(f"br label %{head}")
         w.begin(found)
-        if taken:
-            w.do(f"call void @free(ptr {taken})")
+        if allocation:
+            w.do(f"call void @free(ptr {allocation})")
 
     # ── attempts ──
 
     def _begin(self, lane: str) -> None:
-        """Assign an attempt to an idle lane: of its sample, or of the next one if that is finished."""
+        """Assign an attempt to an idle lane: for its sample, or for the next sample if its own is finished.
+
+        A sample is finished if no attempt remains and none runs.
+        """
         w = self.w
-        with w.when(w.new(f"icmp slt i64 {self.count('attempt', lane)}, 0")):
-            mine = w.new(f"mul i64 {lane}, {self.own}")
-            none = w.new(f"icmp eq i64 {self.count('winner', mine)}, {NO_ATTEMPT}")
-            more = self.both(none, f"icmp sle i64 {self.count('next', mine)}, {self.most_attempts}")
-            idle = w.new(f"icmp eq i64 {self.count('flying', mine)}, 0")
-            with w.when(self.both(f"xor i1 {more}, true", idle)):
-                with w.when(w.new(f"icmp sge i64 {self.count('sample', mine)}, 0")):
-                    self._report(mine)
-                self._next_sample(mine)
-            none = w.new(f"icmp eq i64 {self.count('winner', mine)}, {NO_ATTEMPT}")
-            with w.when(self.both(none, f"icmp sle i64 {self.count('next', mine)}, {self.most_attempts}")):
-                self._start(lane, mine)
-        with w.when(w.new(f"icmp sge i64 {self.count('attempt', lane)}, 0")):
+        with w.when(w.new(f"icmp slt i64 {self.load_count('attempt', lane)}, 0")):
+            owner = w.new(f"mul i64 {lane}, {self.owner_step}")
+            no_winner = w.new(f"icmp eq i64 {self.load_count('winner', owner)}, {NO_ATTEMPT}")
+            continues = self.all_of(no_winner, f"icmp sle i64 {self.load_count('next', owner)}, {self.most_attempts}")
+            none_runs = w.new(f"icmp eq i64 {self.load_count('running', owner)}, 0")
+            with w.when(self.all_of(f"xor i1 {continues}, true", none_runs)):
+                with w.when(w.new(f"icmp sge i64 {self.load_count('sample', owner)}, 0")):
+                    self._report(owner)
+                self._next_sample(owner)
+            no_winner = w.new(f"icmp eq i64 {self.load_count('winner', owner)}, {NO_ATTEMPT}")
+            with w.when(self.all_of(no_winner, f"icmp sle i64 {self.load_count('next', owner)}, {self.most_attempts}")):
+                self._start(lane, owner)
+        with w.when(w.new(f"icmp sge i64 {self.load_count('attempt', lane)}, 0")):
             w.do(f"store i64 1, ptr {self.working}, align 8")
 
-    def _next_sample(self, mine: str) -> None:
+    def _next_sample(self, owner: str) -> None:
         """Take the next sample, if there is one."""
         w = self.w
         sample = w.new(f"load i64, ptr {self.queue}, align 8")
-        there = w.new(f"icmp slt i64 {sample}, {self.samples}")
-        self.put("sample", mine, self.either(there, sample, -1))
-        self.put("next", mine, self.either(there, 0, NO_ATTEMPT))
-        self.put("winner", mine, NO_ATTEMPT)
-        self.put("nearest", mine, NO_ATTEMPT)
-        w.do(f"store i64 {self.either(there, w.new(f'add i64 {sample}, 1'), sample)}, ptr {self.queue}, align 8")
+        exists = w.new(f"icmp slt i64 {sample}, {self.samples}")
+        self.store_count("sample", owner, self.choose(exists, sample, -1))
+        self.store_count("next", owner, self.choose(exists, 0, NO_ATTEMPT))
+        self.store_count("winner", owner, NO_ATTEMPT)
+        self.store_count("nearest", owner, NO_ATTEMPT)
+        following = self.choose(exists, w.new(f"add i64 {sample}, 1"), sample)
+        w.do(f"store i64 {following}, ptr {self.queue}, align 8")
 
-    def _start(self, lane: str, mine: str) -> None:
-        """Begin the next attempt of a sample."""
+    def _start(self, lane: str, owner: str) -> None:
+        """Begin the next attempt of a sample: attempt 0 at the start of the caller, others at the nearest unused start."""
         w = self.w
-        sample, attempt = self.count("sample", mine), self.count("next", mine)
-        self.put("attempt", lane, attempt)
-        self.put("times", lane, 0)
-        self.put("next", mine, w.new(f"add i64 {attempt}, 1"))
-        self.put("flying", mine, w.new(f"add i64 {self.count('flying', mine)}, 1"))
-        given, x, passed = self.row(GIVEN, lane), self.row(X, lane), self.row(PASSED, lane)
-        self.copied_in(0, given, sample)
-        size = self.s.target.size * self.bytes
-        rest = self.ports[GIVEN].size * self.bytes - size
-        self.move(w.gep(given, size), w.gep(self.settings, TOLERANCES * self.bytes), rest)
+        sample, attempt = self.load_count("sample", owner), self.load_count("next", owner)
+        self.store_count("attempt", lane, attempt)
+        self.store_count("times", lane, 0)
+        self.store_count("next", owner, w.new(f"add i64 {attempt}, 1"))
+        self.store_count("running", owner, w.new(f"add i64 {self.load_count('running', owner)}, 1"))
+        given, x, passed = self.row_address(GIVEN, lane), self.row_address(X, lane), self.row_address(PASSED, lane)
+        self.copy_in(0, given, sample)
+        target_bytes = self.s.target.size * self.bytes
+        tolerance_bytes = self.ports[GIVEN].size * self.bytes - target_bytes
+        self.copy(w.gep(given, target_bytes), w.gep(self.settings, TOLERANCES * self.bytes), tolerance_bytes)
         with w.when(w.new(f"icmp eq i64 {attempt}, 0")):
-            self.copied_in(1, x, sample)
+            self.copy_in(1, x, sample)
             self._bring_inside(x)
         with w.when(w.new(f"icmp eq i64 {attempt}, 1")):
-            self._distances(given, mine)
+            self._distances(given, owner)
         with w.when(w.new(f"icmp sgt i64 {attempt}, 0")):
-            nearest = self._nearest(mine)
-            size = self.ports[X].size * self.bytes
-            self.move(x, w.gep(self.places, w.new(f"mul i64 {nearest}, {size}")), size)
-        size = self.ports[X].size * self.bytes
-        self.move(passed, x, size)
-        self.move(w.gep(passed, size), "@begins", len(self.s.begins) * self.bytes)
+            nearest = self._nearest(owner)
+            x_bytes = self.ports[X].size * self.bytes
+            self.copy(x, w.gep(self.places, w.new(f"mul i64 {nearest}, {x_bytes}")), x_bytes)
+        x_bytes = self.ports[X].size * self.bytes
+        self.copy(passed, x, x_bytes)
+        self.copy(w.gep(passed, x_bytes), "@begins", len(self.s.begins) * self.bytes)
 
     def _bring_inside(self, x: str) -> None:
         """Clip the entries of x to their limits."""
         w, e = self.w, self.w.element
         with w.loop(str(self.s.x.size), w.after) as k:
             offset = w.new(f"mul i64 {k}, {self.bytes}")
-            place = w.gep(x, offset)
-            value = self.number(place, 0)
-            for table, order in (("@least", "olt"), ("@most", "ogt")):
-                bound = self.number(w.gep(table, offset), 0)
-                beyond = w.new(f"fcmp {order} {e} {value}, {bound}")
+            entry = w.gep(x, offset)
+            value = self.load(entry, 0)
+            for table, comparison in (("@least", "olt"), ("@most", "ogt")):
+                bound = self.load(w.gep(table, offset), 0)
+                beyond = w.new(f"fcmp {comparison} {e} {value}, {bound}")
                 value = w.new(f"select i1 {beyond}, {e} {bound}, {e} {value}")
-            self.store(place, 0, value)
+            self.store(entry, 0, value)
 
-    def _distances(self, target: str, mine: str) -> None:
-        """Distances of the start configurations from the target."""
+    def _distances(self, target: str, owner: str) -> None:
+        """Distances of the start configurations from the target, Σ weight (target entry - entry of the start)².
+
+        Each vector holds the distances of as many starts as there are lanes.
+        """
         w = self.w
-        far, first = self.row(FAR, mine), TOLERANCES + self.ports[GIVEN].size - self.s.target.size
+        far = self.row_address(FAR, owner)
+        first_weight = TOLERANCES + self.ports[GIVEN].size - self.s.target.size  # in the settings, after the tolerances
         pairs = []  # a target entry and its weight, each in every lane
-        for number, entry in enumerate(self.s.near, start=first):
-            wanted = f"{w.vector} {self._everywhere(self.number(target, entry))}"
-            weight = f"{w.vector} {self._everywhere(self.number(self.settings, number))}"
+        for position, entry in enumerate(self.s.near, start=first_weight):
+            wanted = f"{w.vector} {self._everywhere(self.load(target, entry))}"
+            weight = f"{w.vector} {self._everywhere(self.load(self.settings, position))}"
             pairs.append((wanted, weight))
         with w.loop(str(PLACES // w.lanes), w.after) as k:
-            offset, total = w.new(f"mul i64 {k}, {w.lanes * self.bytes}"), w.splat(0.0)
+            offset = w.new(f"mul i64 {k}, {w.lanes * self.bytes}")
+            total = w.splat(0.0)
             for entry, (wanted, weight) in enumerate(pairs):
-                place = w.gep(w.gep(self.reached, entry * PLACES * self.bytes), offset)
-                gap = w.new(f"fsub {wanted}, {w.new(f'load {w.vector}, ptr {place}, align {self.bytes}')}")
-                total = w.binary("fadd", total, w.new(f"fmul {weight}, {w.binary('fmul', gap, gap)}"))
+                address = w.gep(w.gep(self.reached, entry * PLACES * self.bytes), offset)
+                reached = w.new(f"load {w.vector}, ptr {address}, align {self.bytes}")
+                difference = w.new(f"fsub {wanted}, {reached}")
+                square = w.binary("fmul", difference, difference)
+                total = w.binary("fadd", total, w.new(f"fmul {weight}, {square}"))
             w.do(f"store {w.vector} {total}, ptr {w.gep(far, offset)}, align {self.bytes}")
 
     def _everywhere(self, number: str) -> str:
+        """Vector with a number in every lane."""
         w = self.w
-        one = w.new(f"insertelement {w.vector} poison, {w.element} {number}, i32 0")
-        return w.shuffle(one, one, [0] * w.lanes)
+        in_lane_0 = w.new(f"insertelement {w.vector} poison, {w.element} {number}, i32 0")
+        return w.shuffle(in_lane_0, in_lane_0, [0] * w.lanes)
 
-    def _nearest(self, mine: str) -> str:
-        """Number of the nearest unused start configuration, which is marked as used."""
+    def _nearest(self, owner: str) -> str:
+        """Number of the nearest unused start configuration; an infinite distance then marks it as used."""
         w = self.w
-        far = self.row(FAR, mine)
+        far = self.row_address(FAR, owner)
         found, least = self.found, self.least
         w.do(f"store i64 0, ptr {found}, align 8")
         w.do(f"store {w.element} {w.number(math.inf)}, ptr {least}, align 8")
         with w.loop(str(PLACES), w.after) as k:
-            this = w.new(f"load {w.element}, ptr {w.gep(far, w.new(f'mul i64 {k}, {self.bytes}'))}, align {self.bytes}")
-            before = w.new(f"load {w.element}, ptr {least}, align 8")
-            nearer = w.new(f"fcmp olt {w.element} {this}, {before}")
-            w.do(
-                f"store {w.element} {w.new(f'select i1 {nearer}, {w.element} {this}, {w.element} {before}')}, ptr {least}"
-            )
-            w.do(f"store i64 {self.either(nearer, k, w.new(f'load i64, ptr {found}, align 8'))}, ptr {found}, align 8")
+            address = w.gep(far, w.new(f"mul i64 {k}, {self.bytes}"))
+            distance = w.new(f"load {w.element}, ptr {address}, align {self.bytes}")
+            least_before = w.new(f"load {w.element}, ptr {least}, align 8")
+            is_nearer = w.new(f"fcmp olt {w.element} {distance}, {least_before}")
+            new_least = w.new(f"select i1 {is_nearer}, {w.element} {distance}, {w.element} {least_before}")
+            w.do(f"store {w.element} {new_least}, ptr {least}")
+            found_before = w.new(f"load i64, ptr {found}, align 8")
+            w.do(f"store i64 {self.choose(is_nearer, k, found_before)}, ptr {found}, align 8")
         nearest = w.new(f"load i64, ptr {found}, align 8")
-        place = w.gep(far, w.new(f"mul i64 {nearest}, {self.bytes}"))
-        w.do(f"store {w.element} {w.number(math.inf)}, ptr {place}, align {self.bytes}")
+        address = w.gep(far, w.new(f"mul i64 {nearest}, {self.bytes}"))
+        w.do(f"store {w.element} {w.number(math.inf)}, ptr {address}, align {self.bytes}")
         return nearest
 
     def _end(self, lane: str) -> None:
-        """Record the result of a lane's attempt if it has ended."""
+        """Record the result of a lane's attempt if it has ended, or is abandoned because an earlier one succeeded."""
         w = self.w
-        attempt = self.count("attempt", lane)
+        attempt = self.load_count("attempt", lane)
         with w.when(w.new(f"icmp sge i64 {attempt}, 0")):
-            mine = w.new(f"mul i64 {lane}, {self.own}")
-            times = w.new(f"add i64 {self.count('times', lane)}, 1")
-            self.put("times", lane, times)
-            winner = self.count("winner", mine)
-            late = w.new(f"icmp sgt i64 {attempt}, {winner}")
-            passed = self.row(PASSED, lane)
-            goes = self.number(passed, self.ports[PASSED].size - 1)
-            goes = w.new(f"fcmp ogt {w.element} {goes}, {w.number(0.0)}")
-            further = self.both(goes, f"icmp slt i64 {times}, {self.most_times}", f"xor i1 {late}, true")
-            with w.when(w.new(f"xor i1 {further}, true")):
-                self.put("attempt", lane, -1)
-                self.put("flying", mine, w.new(f"sub i64 {self.count('flying', mine)}, 1"))
-                with w.when(w.new(f"xor i1 {late}, true")):
-                    self._compare(mine, attempt, passed)
+            owner = w.new(f"mul i64 {lane}, {self.owner_step}")
+            times = w.new(f"add i64 {self.load_count('times', lane)}, 1")
+            self.store_count("times", lane, times)
+            winner = self.load_count("winner", owner)
+            after_winner = w.new(f"icmp sgt i64 {attempt}, {winner}")
+            passed = self.row_address(PASSED, lane)
+            continue_flag = self.load(passed, self.ports[PASSED].size - 1)
+            program_continues = w.new(f"fcmp ogt {w.element} {continue_flag}, {w.number(0.0)}")
+            continues = self.all_of(
+                program_continues, f"icmp slt i64 {times}, {self.most_times}", f"xor i1 {after_winner}, true"
+            )
+            with w.when(w.new(f"xor i1 {continues}, true")):
+                self.store_count("attempt", lane, -1)
+                self.store_count("running", owner, w.new(f"sub i64 {self.load_count('running', owner)}, 1"))
+                with w.when(w.new(f"xor i1 {after_winner}, true")):
+                    self._compare(owner, attempt, passed)
 
-    def _compare(self, mine: str, attempt: str, passed: str) -> None:
+    def _compare(self, owner: str, attempt: str, passed: str) -> None:
         """Keep the result of an attempt if it succeeded or is nearer than all others; ties go to the earlier attempt."""
         w = self.w
-        there, cost = self.number(passed, self.s.x.size), self.number(passed, self.s.x.size + 1)
-        ends = w.new(f"fcmp one {w.element} {there}, {w.number(0.0)}")
-        self.put("winner", mine, self.either(ends, attempt, self.count("winner", mine)))
-        best = self.row(BEST, mine)
-        least, nearest = self.number(best, self.s.x.size + 1), self.count("nearest", mine)
-        known = f"fcmp ord {w.element} {cost}, {cost}"
-        nearer = self.both(known, f"fcmp ult {w.element} {cost}, {least}")  # or the best is NaN
-        same = self.both(f"fcmp oeq {w.element} {cost}, {least}", f"icmp slt i64 {attempt}, {nearest}")
-        first = w.new(f"icmp eq i64 {nearest}, {NO_ATTEMPT}")
-        better = ends
-        for one in (nearer, same, first):
-            better = w.new(f"or i1 {better}, {one}")
-        with w.when(better):
-            self.put("nearest", mine, attempt)
-            self.move(best, passed, self.ports[PASSED].size * self.bytes)
+        status, error = self.load(passed, self.s.x.size), self.load(passed, self.s.x.size + 1)
+        is_decided = w.new(f"fcmp one {w.element} {status}, {w.number(0.0)}")  # found, or the target is invalid
+        self.store_count("winner", owner, self.choose(is_decided, attempt, self.load_count("winner", owner)))
+        best = self.row_address(BEST, owner)
+        least_error, nearest = self.load(best, self.s.x.size + 1), self.load_count("nearest", owner)
+        is_number = f"fcmp ord {w.element} {error}, {error}"
+        is_nearer = self.all_of(is_number, f"fcmp ult {w.element} {error}, {least_error}")  # or the best is NaN
+        wins_tie = self.all_of(f"fcmp oeq {w.element} {error}, {least_error}", f"icmp slt i64 {attempt}, {nearest}")
+        is_first = w.new(f"icmp eq i64 {nearest}, {NO_ATTEMPT}")
+        is_better = is_decided
+        for reason in (is_nearer, wins_tie, is_first):
+            is_better = w.new(f"or i1 {is_better}, {reason}")
+        with w.when(is_better):
+            self.store_count("nearest", owner, attempt)
+            self.copy(best, passed, self.ports[PASSED].size * self.bytes)
 
-    def _report(self, mine: str) -> None:
-        """Store the results of a sample."""
+    def _report(self, owner: str) -> None:
+        """Store the results of a sample: the best x, and the status with the number of attempts."""
         w = self.w
-        sample, winner, best = self.count("sample", mine), self.count("winner", mine), self.row(BEST, mine)
-        none = w.new(f"icmp eq i64 {winner}, {NO_ATTEMPT}")
-        starts = self.either(none, self.count("next", mine), w.new(f"add i64 {winner}, 1"))
-        status = self.row(STATUS, mine)
-        self.store(status, 0, w.new(f"sitofp i64 {starts} to {w.element}"))
-        self.move(
-            w.gep(status, self.bytes), w.gep(best, self.s.x.size * self.bytes), (self.s.status.size - 1) * self.bytes
+        sample, winner, best = (
+            self.load_count("sample", owner),
+            self.load_count("winner", owner),
+            self.row_address(BEST, owner),
         )
-        self.copied_out(0, best, sample)
-        self.copied_out(1, status, sample)
+        no_winner = w.new(f"icmp eq i64 {winner}, {NO_ATTEMPT}")
+        attempts = self.choose(no_winner, self.load_count("next", owner), w.new(f"add i64 {winner}, 1"))
+        status = self.row_address(STATUS, owner)
+        self.store(status, 0, w.new(f"sitofp i64 {attempts} to {w.element}"))
+        report_bytes = (self.s.status.size - 1) * self.bytes
+        self.copy(w.gep(status, self.bytes), w.gep(best, self.s.x.size * self.bytes), report_bytes)
+        self.copy_out(0, best, sample)
+        self.copy_out(1, status, sample)

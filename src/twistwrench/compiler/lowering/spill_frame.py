@@ -1,12 +1,14 @@
-"""Cuts of a long program, and a frame of vectors in memory for values that cross a cut.
+"""Cuts of a long program into parts, and a frame of vectors in memory for values that cross a cut.
 
-One function per part keeps the compile time linear in the length of the program. The frame begins with all result entries, in
-order. Slots for other values that a later part uses follow; each is reused after the last use of its value. Inputs and
-constants have no slots, because every part loads them from their origin.
+Each part is a function of its own, which keeps the compile time linear in the length of the program. A place for a vector in
+the frame is a *slot*. The first slots belong to all result entries, in order. Slots for other values that a later part uses
+follow; each is reused after the last use of its value. Inputs and constants have no slots: every part loads them from their
+origin.
 """
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +19,7 @@ from ..ir.loops import ColumnSolve
 from ..ir.program import Program
 from .ir_builder import LlvmWriter, RowStorer, typed_list
 
-AT_HAND = ("const", "input")
+RELOADABLE_OPERATIONS = ("const", "input")
 """Operations whose values every part can load from their origin."""
 
 
@@ -30,29 +32,33 @@ class SpillFrame:
 
     @cached_property
     def starts(self) -> list[int]:
-        """First instruction of each part, and the end. Cuts are near even ones, at the minimum number of live values."""
+        """First instruction of each part, and the end of the program.
+
+        A part has 1/2 to 3/2 of ``length`` instructions. It ends where the fewest values are live: computed before, used later.
+        """
         end = len(self.program.instructions)
-        born_and_dead = [0] * (end + 1)
-        for number, last in enumerate(self._last):
+        live_count_changes = [0] * (end + 1)
+        for number, last in enumerate(self._last_uses):
             if last:
-                born_and_dead[number + 1] += 1
-                born_and_dead[last + 1] -= 1
-        living = list(accumulate(born_and_dead))
+                live_count_changes[number + 1] += 1
+                live_count_changes[last + 1] -= 1
+        live_counts = list(accumulate(live_count_changes))  # before each instruction
         starts = [0]
         while end - starts[-1] > self.length * 3 // 2:
-            low, high = starts[-1] + self.length // 2, starts[-1] + self.length * 3 // 2
-            starts.append(min(range(low, high), key=living.__getitem__))
+            earliest = starts[-1] + self.length // 2
+            latest = starts[-1] + self.length * 3 // 2
+            starts.append(min(range(earliest, latest), key=live_counts.__getitem__))
         return [*starts, end]
 
     @cached_property
-    def _last(self) -> list[int]:
+    def _last_uses(self) -> list[int]:
         """Last instruction that uses each value; 0 for unused values, inputs and constants."""
         instructions = self.program.instructions
         last = [0] * len(instructions)
         for number, (_, args, _) in enumerate(instructions):
-            for a in args:
-                if instructions[a].op not in AT_HAND:
-                    last[a] = number
+            for operand in args:
+                if instructions[operand].op not in RELOADABLE_OPERATIONS:
+                    last[operand] = number
         return last
 
     @cached_property
@@ -66,15 +72,17 @@ class SpillFrame:
 
     @cached_property
     def constants(self) -> list[tuple[int, int, float]]:
-        """Runs of equal constant entries: first entry, length, value."""
+        """Runs of equal constant entries of the results: first entry, number of entries, value."""
         runs: list[tuple[int, int, float]] = []
         for k, result in enumerate(self.program.results):
             op, _, value = self.program.instructions[result]
-            if op == "const":
-                if runs and runs[-1][0] + runs[-1][1] == k and runs[-1][2] == value:
-                    runs[-1] = runs[-1][0], runs[-1][1] + 1, value
-                else:
-                    runs.append((k, 1, value))
+            if op != "const":
+                continue
+            first, count, run_value = runs[-1] if runs else (0, 0, math.nan)
+            if first + count == k and run_value == value:
+                runs[-1] = first, count + 1, value
+            else:
+                runs.append((k, 1, value))
         return runs
 
     @cached_property
@@ -82,12 +90,12 @@ class SpillFrame:
         """Slot of each value that a later part uses: its result entry if it has one, otherwise one after the entries."""
         slots: dict[int, int] = {}
         free: list[int] = []
-        spent: dict[int, list[int]] = {}
+        released_after: dict[int, list[int]] = {}  # slots, by number of the part that uses their values last
         size = len(self.program.results)
         for part, (first, end) in enumerate(pairwise(self.starts)):
             for number in range(first, end):
-                last = self._last[number]
-                if last < end:
+                last = self._last_uses[number]
+                if last < end:  # no later part uses it
                     continue
                 if number in self.entries:
                     slots[number] = self.entries[number][0]
@@ -96,8 +104,9 @@ class SpillFrame:
                     free.append(size)
                     size += 1
                 slots[number] = free.pop()
-                spent.setdefault(bisect_right(self.starts, last) - 1, []).append(slots[number])
-            free.extend(spent.pop(part, ()))  # only now, as the part may still read old values
+                last_part = bisect_right(self.starts, last) - 1
+                released_after.setdefault(last_part, []).append(slots[number])
+            free.extend(released_after.pop(part, ()))  # not earlier, since the part may still read the old values
         return slots
 
     @cached_property
@@ -108,72 +117,80 @@ class SpillFrame:
 
 
 def _slot_address(w: LlvmWriter, slot: int | str, base: str) -> str:
-    """Address of a vector in the frame."""
-    size = w.lanes * w.precision.bytes
+    """Address of a slot; its number is known, or the name of an i64."""
+    vector_bytes = w.lanes * w.precision.bytes
     if isinstance(slot, int):
-        return w.gep(base, slot * size)
-    return w.gep(base, w.new(f"mul i64 {slot}, {size}"))
+        return w.gep(base, slot * vector_bytes)
+    return w.gep(base, w.new(f"mul i64 {slot}, {vector_bytes}"))
 
 
 def load_slot(w: LlvmWriter, slot: int | str, base: str = "%frame") -> str:
     """Load a vector from its slot in the frame, relative to ``base``."""
-    return w.new(f"load {w.vector}, ptr {_slot_address(w, slot, base)}, align {w.lanes * w.precision.bytes}")
+    address = _slot_address(w, slot, base)
+    return w.new(f"load {w.vector}, ptr {address}, align {w.lanes * w.precision.bytes}")
 
 
 def store_slot(w: LlvmWriter, value: str, slot: int | str, base: str = "%frame") -> None:
-    """Store a vector in its slot."""
-    w.do(f"store {w.vector} {value}, ptr {_slot_address(w, slot, base)}, align {w.lanes * w.precision.bytes}")
+    """Store a vector in its slot in the frame, relative to ``base``."""
+    address = _slot_address(w, slot, base)
+    w.do(f"store {w.vector} {value}, ptr {address}, align {w.lanes * w.precision.bytes}")
 
 
 def frame_to_rows(w: LlvmWriter, base: str, columns: int, entry: int, label: str, zeros: str = "") -> str:
-    """Write rows from the vectors starting at ``entry``: tiles in a loop, then the last tile, which ends with the row.
+    """Write rows of ``columns`` elements at ``base`` from the slots starting at ``entry``.
 
-    Takes and returns the current label. ``zeros`` is the name of a table of :func:`zero_tiles`.
+    A loop writes the tiles; the last tile, which ends with the row, follows. ``label`` is that of the current block; returns
+    that of the block afterwards. ``zeros`` is the name of a table of :func:`zero_tiles`, whose tiles need no loads.
     """
-    whole = RowStorer(w, base, columns)
-    if not whole.starts:  # too narrow for tiles
+    whole_rows = RowStorer(w, base, columns)
+    if not whole_rows.starts:  # too narrow for tiles
         for c in range(columns):
-            whole.put(c, load_slot(w, entry + c))
+            whole_rows.put(c, load_slot(w, entry + c))
         return label
-    with w.loop(str(columns // whole.span), label) as tile:
-        first, stored = w.new(f"mul i64 {tile}, {whole.span}"), ""
+    with w.loop(str(columns // whole_rows.span), label) as tile:
+        first_column = w.new(f"mul i64 {tile}, {whole_rows.span}")
+        after_tile = ""
         if zeros:
-            full, empty, stored = w.label("full"), w.label("empty"), w.label("stored")
-            nothing = w.new(f"load i1, ptr {w.gep(f'@{zeros}', tile)}, align 1")
-            w.do(f"br i1 {nothing}, label %{empty}, label %{full}")
+            full, empty, after_tile = w.label("full"), w.label("empty"), w.label("stored")
+            is_zero = w.new(f"load i1, ptr {w.gep(f'@{zeros}', tile)}, align 1")
+            w.do(f"br i1 {is_zero}, label %{empty}, label %{full}")
             w.begin(empty)
-            place = w.gep(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
-            RowStorer(w, place, columns).clear()
-            w.do(f"br label %{stored}")
+            address = w.gep(base, w.new(f"mul i64 {first_column}, {w.precision.bytes}"))
+            RowStorer(w, address, columns).clear()
+            w.do(f"br label %{after_tile}")
             w.begin(full)
-        _tile(w, base, columns, first, w.new(f"add i64 {first}, {entry}"))
-        if stored:
-            w.do(f"br label %{stored}")
-            w.begin(stored)
+        _store_tile(w, base, columns, first_column, w.new(f"add i64 {first_column}, {entry}"))
+        if after_tile:
+            w.do(f"br label %{after_tile}")
+            w.begin(after_tile)
     label = w.after
-    if columns % whole.span:
-        last = columns - whole.span
-        _tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"))
+    if columns % whole_rows.span:
+        last = columns - whole_rows.span
+        _store_tile(w, base, columns, str(last), w.new(f"add i64 0, {entry + last}"))
     return label
 
 
 def zero_tiles(name: str, zero: Sequence[bool], span: int) -> str:
-    """Table of the tiles of a row that are all zero; empty if there are none."""
-    tiles = [int(all(zero[k : k + span])) for k in range(0, len(zero) - span + 1, span)]
-    if not any(tiles):
+    """Constant table with 1 for each tile of a row that is all zero, else 0; empty if no tile is all zero.
+
+    ``zero`` is True for each zero column, and ``span`` the number of columns of a tile.
+    """
+    is_zero_tile = [int(all(zero[k : k + span])) for k in range(0, len(zero) - span + 1, span)]
+    if not any(is_zero_tile):
         return ""
-    return f"@{name} = internal constant [{len(tiles)} x i8] [{typed_list('i8', tiles)}]"
+    return f"@{name} = internal constant [{len(is_zero_tile)} x i8] [{typed_list('i8', is_zero_tile)}]"
 
 
-def _tile(w: LlvmWriter, base: str, columns: int, first: str, entry: str) -> None:
-    place = w.gep(base, w.new(f"mul i64 {first}, {w.precision.bytes}"))
-    storer = RowStorer(w, place, columns)
+def _store_tile(w: LlvmWriter, base: str, columns: int, first_column: str, entry: str) -> None:
+    """Write one tile, from slots in the frame that start at ``entry``."""
+    address = w.gep(base, w.new(f"mul i64 {first_column}, {w.precision.bytes}"))
+    storer = RowStorer(w, address, columns)
     for c in range(storer.span):
         storer.put(c, load_slot(w, w.new(f"add i64 {entry}, {c}")))
 
 
 def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name: str = "prepare") -> str:
-    """Function that stores constant result entries in the frame once per call; blocks do not overwrite them."""
+    """Function that stores constant result entries in the frame, once for all blocks: no block overwrites them."""
     label = "entry"
     for first, count, value in constants:
         with w.loop(str(count), label) as k:
@@ -183,10 +200,10 @@ def preparation(w: LlvmWriter, constants: Sequence[tuple[int, int, float]], name
     return f"define internal void @{name}(ptr %frame) noinline {{\nentry:\n{body}\n  ret void\n}}\n"
 
 
-# There are two layouts: all slots in the frame, or, for one lane, result entries directly in the output rows.
+# A layout says where slots are. There are two: all slots in the frame, or, for one lane, result entries in the output rows.
 
-WIDEST_STORE = 64
-"""Size of constants per store [bytes]."""
+MAX_STORE_BYTES = 64
+"""Maximum size of a store of constants [bytes]."""
 
 
 class FrameLayout:
@@ -196,11 +213,14 @@ class FrameLayout:
     """Pointer type. ``noalias`` lets LLVM move loads before stores."""
 
     def __init__(self, columns: ColumnSolve) -> None:
-        self.inputs = self.arrays = len(columns.inputs)
+        self.inputs = len(columns.inputs)
+        """Number of inputs."""
+        self.arrays = self.inputs
+        """Number of arrays that a part accesses."""
 
     @property
     def pointers(self) -> list[str]:
-        """Arguments of a part: the arrays that it accesses, which are the inputs, and the frame."""
+        """Arguments of a part: pointers to the arrays that it accesses, and to the frame."""
         return [*(f"%a{k}" for k in range(self.arrays)), "%frame"]
 
     def place(self, slot: int) -> tuple[int, str]:
@@ -228,12 +248,16 @@ class RowLayout(FrameLayout):
 
     def fill(self, w: LlvmWriter, first: int, count: int, value: float) -> None:
         """Store a constant in ``count`` slots from ``first`` on."""
-        size, end = w.precision.bytes, first + count
+        element_bytes = w.precision.bytes
+        end = first + count
         while first < end:
-            number, base = self.place(first)
-            following = bisect_right(self.starts, first)  # a store ends where the next array begins
-            array_end = self.starts[following] if following < len(self.starts) else end
-            together = min(end - first, array_end - first, WIDEST_STORE // size)
+            index, base = self.place(first)
+            next_array = bisect_right(self.starts, first)
+            array_end = self.starts[next_array] if next_array < len(self.starts) else end
+            length = min(
+                end - first, array_end - first, MAX_STORE_BYTES // element_bytes
+            )  # of this store, within one array
             constant = f"splat ({w.element} {w.number(value)})"
-            w.do(f"store <{together} x {w.element}> {constant}, ptr {w.gep(base, number * size)}, align {size}")
-            first += together
+            address = w.gep(base, index * element_bytes)
+            w.do(f"store <{length} x {w.element}> {constant}, ptr {address}, align {element_bytes}")
+            first += length

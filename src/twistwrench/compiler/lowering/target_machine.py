@@ -1,7 +1,7 @@
 """Target of the compiled code: properties of LLVM and the processor, cached on disk, and the chosen processor.
 
-Loading LLVM takes longer than everything else before a cached result, which needs only these four properties. If LLVM is
-loaded already, they come from LLVM.
+The key of a cached kernel contains four properties of LLVM and of the processor. Loading LLVM for them would take longer than
+everything else that a cached kernel needs. They are therefore cached on disk; if LLVM is loaded already, they come from LLVM.
 """
 
 from __future__ import annotations
@@ -24,12 +24,14 @@ LOOP = "loop"
 
 
 class CompilerFacts(NamedTuple):
-    """LLVM and the host processor, in LLVM's terms."""
+    """Properties of LLVM and of the processor that runs it, in LLVM's terms."""
 
     version: str
+    """Version of LLVM."""
     triple: str
-    """Target triple of the code."""
+    """Target triple of the code: architecture, vendor, system and format of object files."""
     cpu: str
+    """Name of the processor."""
     features: str
     """Features of the processor: ``+`` before each available one, ``-`` before each missing one."""
 
@@ -40,13 +42,14 @@ class CompilerFacts(NamedTuple):
 
 
 def compiler() -> CompilerFacts:
-    """Properties from LLVM if it is loaded, else those cached for this processor."""
+    """Properties of LLVM and the processor: from LLVM if it is loaded, otherwise from the cache."""
     if "llvmlite.binding" in sys.modules:
         return _llvm_facts()
     return _cached_facts()
 
 
 def _llvm_facts() -> CompilerFacts:
+    """Properties from LLVM, which is loaded for them."""
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features().flatten()
@@ -58,11 +61,12 @@ def _llvm_facts() -> CompilerFacts:
 
 @cache
 def _cached_facts() -> CompilerFacts:
-    about = _processor()
-    if about is None:
+    """Properties that are cached for this processor and this version of LLVM; from LLVM if there are none."""
+    processor = _processor_description()
+    if processor is None:
         return _llvm_facts()
-    key = object_cache.digest("compiler", *_llvmlite(), about).hex()
-    cached_facts = _facts_in(object_cache.load(key) or b"")
+    key = object_cache.digest("compiler", *_llvmlite_description(), processor).hex()
+    cached_facts = _facts_from_entry(object_cache.load(key) or b"")
     if cached_facts is not None:
         return cached_facts
     facts = _llvm_facts()
@@ -70,38 +74,49 @@ def _cached_facts() -> CompilerFacts:
     return facts
 
 
-def _facts_in(entry: bytes) -> CompilerFacts | None:
-    """Properties in an entry of the cache; None for an entry of another form."""
+def _facts_from_entry(entry: bytes) -> CompilerFacts | None:
+    """Properties in an entry of the cache, one a line; None for an entry of another form."""
     try:
-        words = entry.decode().split("\n")
+        lines = entry.decode().split("\n")
     except UnicodeDecodeError:
         return None
-    if len(words) != len(CompilerFacts._fields):
+    if len(lines) != len(CompilerFacts._fields):
         return None
-    return CompilerFacts(*words)
+    return CompilerFacts(*lines)
 
 
-def _llvmlite() -> list[str]:
-    """Version of llvmlite, and sizes and times of its libraries."""
+def _llvmlite_description() -> list[str]:
+    """Version of llvmlite, and sizes and times of its libraries, by which another build is noticed."""
     import llvmlite
 
     folder = Path(str(llvmlite.__file__)).parent / "binding"
-    words = [llvmlite.__version__]
+    description = [llvmlite.__version__]
     for path in sorted(folder.glob("*llvmlite*")):
-        about = path.stat()
-        words.append(f"{about.st_size} {about.st_mtime_ns}")
-    return words
+        status = path.stat()
+        description.append(f"{status.st_size} {status.st_mtime_ns}")
+    return description
 
 
 _CPUINFO = Path("/proc/cpuinfo")
-_OF_A_CORE = ("processor", "cpu MHz", "core id", "apicid", "initial apicid", "physical id", "bogomips", "BogoMIPS")
-"""Fields of the processor report that differ between cores or over time."""
+"""Report on the processor in Linux."""
+_FIELDS_OF_ONE_CORE = (
+    "processor",
+    "cpu MHz",
+    "core id",
+    "apicid",
+    "initial apicid",
+    "physical id",
+    "bogomips",
+    "BogoMIPS",
+)
+"""Fields of the report that differ between cores or over time."""
 
 
-def _processor() -> str | None:
-    """Description that distinguishes this processor from others; None if the system has no short one.
+def _processor_description() -> str | None:
+    """Description that distinguishes this processor from others; None if it cannot be read quickly.
 
-    The system describes the machine. NumPy queries the processor itself, which may have fewer features under an emulator.
+    It consists of the system's report on the first core, and of the features that NumPy finds. NumPy queries the processor
+    itself: under an emulator, this may have fewer features than the report.
     """
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
@@ -111,10 +126,11 @@ def _processor() -> str | None:
             text = (file.read(8192) or b"").decode("utf-8", "replace")
     except OSError:
         return None
-    first, end, _ = text.partition("\n\n")  # the first core
-    lines = [line for line in first.splitlines() if line.partition(":")[0].strip() not in _OF_A_CORE]
+    first_core, end_of_core, _ = text.partition("\n\n")
+    lines = [line for line in first_core.splitlines() if line.partition(":")[0].strip() not in _FIELDS_OF_ONE_CORE]
     names_features = any(line.startswith(("flags", "Features")) for line in lines)
-    if not (end and features and names_features):
+    is_complete = end_of_core != "" and names_features
+    if not features or not is_complete:
         return None
     present = [name for name, is_present in features.items() if is_present]
     return "\n".join([platform.machine(), *lines, *present])
@@ -122,9 +138,11 @@ def _processor() -> str | None:
 
 # ── Target processor: name, features, vector width, and fused products
 
-# It is the host, or a lesser processor named by ``TWISTWRENCH_CPU``, for the same code on all machines of a cluster.
+# The target is the host, or a lesser processor that ``TWISTWRENCH_CPU`` names. With the same target, all machines of a cluster
+# run the same code.
 
 VARIABLE = "TWISTWRENCH_CPU"
+"""Environment variable with the name of the target processor."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +168,7 @@ class Precision:
             return math.copysign(math.inf, value)
 
     def pattern(self, value: float) -> int:
-        """Bits of the nearest number as a signed integer; for positive numbers, they have the same order as the numbers."""
+        """Bits of the nearest representable number as a signed integer; larger positive numbers have larger integers."""
         return int.from_bytes(struct.pack(f"<{self.char}", self.rounded(value)), "little", signed=True)
 
 
@@ -160,14 +178,15 @@ SINGLE = Precision("float", 4, "f", 23)
 
 @dataclass(frozen=True)
 class Machine:
-    """Description of a processor for the compiler."""
+    """Description of a processor for the compiler; the first three properties are those of :class:`CompilerFacts`."""
 
     triple: str
     cpu: str
     features: str
     vector_bits: int
+    """Size of the widest vectors."""
     fused: bool = True
-    """True if the machine has fused products. Otherwise code rounds twice, since emulation takes hundreds of cycles."""
+    """True if the machine computes a b + c with one rounding. Otherwise code rounds twice, as emulation would be slow."""
 
     def narrowed(self, bits: int) -> Machine:
         """The same machine with vectors of ``bits`` bits."""
@@ -190,23 +209,23 @@ X86_LEVELS = {
 @cache
 def host() -> Machine:
     """Processor on which this process runs."""
-    about = compiler()
-    return _machine(about.triple, about.cpu, about.features, about.present)
+    facts = compiler()
+    return _machine(facts.triple, facts.cpu, facts.features, facts.present)
 
 
 def choices() -> dict[str, Machine]:
     """Processors that ``TWISTWRENCH_CPU`` may name here, because this one runs their code; the host first."""
     triple = host().triple
-    found = {"host": host()}
+    machines = {"host": host()}
     if _is_x86(triple):
         present: frozenset[str] = frozenset()
-        for name, added in X86_LEVELS.items():
+        for level, added in X86_LEVELS.items():
             present |= {*added}
-            if not _lacking(name):
-                found[name] = _machine(triple, name, "", present)
+            if not _missing_features(level):
+                machines[level] = _machine(triple, level, "", present)
     elif triple.startswith(("aarch64", "arm64")):
-        found["armv8-a"] = _machine(triple, "generic", "", frozenset())
-    return found
+        machines["armv8-a"] = _machine(triple, "generic", "", frozenset())
+    return machines
 
 
 def chosen() -> Machine:
@@ -219,21 +238,25 @@ def chosen() -> Machine:
         return host()
     allowed = choices()
     if name not in allowed:
-        why = ""
+        reason = ""
         if name in X86_LEVELS and _is_x86(host().triple):
-            why = f" {name} wants {', '.join(_lacking(name))}."
+            reason = f" {name} wants {', '.join(_missing_features(name))}."
         raise ValueRangeError(
-            f"{VARIABLE}: {os.environ[VARIABLE]!r} names no processor whose code this one ({host().cpu}) runs.{why}"
+            f"{VARIABLE}: {os.environ[VARIABLE]!r} names no processor whose code this one ({host().cpu}) runs.{reason}"
             f" Allowed here: {', '.join(allowed)}."
         )
     return allowed[name]
 
 
 def _machine(triple: str, cpu: str, features: str, present: frozenset[str]) -> Machine:
-    """Machine with the widest vectors of those features; all 64-bit processors in LLVM have SSE2, NEON or an equivalent."""
+    """Machine with the widest vectors that the features ``present`` allow.
+
+    All 64-bit processors of LLVM have vectors of 128 bits: SSE2, NEON or an equivalent.
+    """
     if {"avx512f", "avx512dq"} <= present:
-        wide = ",".join(filter(None, [features, "-prefer-256-bit"]))
-        return Machine(triple, cpu, wide, 512)
+        use_all_bits = "-prefer-256-bit"  # LLVM would split vectors of 512 bits on some processors
+        all_features = f"{features},{use_all_bits}" if features else use_all_bits
+        return Machine(triple, cpu, all_features, 512)
     fused = not _is_x86(triple) or bool({"fma", "fma4"} & present)
     vector_bits = 256 if "avx" in present else 128
     return Machine(triple, cpu, features, vector_bits, fused)
@@ -243,11 +266,12 @@ def _is_x86(triple: str) -> bool:
     return triple.startswith(("x86_64", "amd64", "i386", "i486", "i586", "i686"))
 
 
-def _lacking(level: str) -> list[str]:
+def _missing_features(level: str) -> list[str]:
     """Features of an x86-64 level, and of those below it, that the host lacks."""
-    present, lacking = compiler().present, []
+    present = compiler().present
+    missing = []
     for name, features in X86_LEVELS.items():
-        lacking += [feature for feature in features if feature not in present]
+        missing += [feature for feature in features if feature not in present]
         if name == level:
             break
-    return lacking
+    return missing

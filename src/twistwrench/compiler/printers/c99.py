@@ -1,8 +1,8 @@
-"""Programs as C99 functions: one operation per line, without loops, branches and heap memory, with math.h only.
+"""Programs as C99 functions: one operation per line, without loops, branches and heap memory; they need only math.h.
 
-Fused products are calls of ``fma``, and nothing else is fused. So results have the bits of the compiled kernels if the C
-library's sine, cosine and exponential have the same bits. All inputs are read before any output is written. CUDA uses the same
-statements.
+Fused products are calls of ``fma``, and nothing else is fused. So results have the bits of the compiled kernels, if the C
+library's sine, cosine and exponential have those of the kernels. All inputs are read before any output is written. CUDA uses
+the same statements.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ...core.errors import KernelError
 from ..ir.program import FUSED, Program
 
 PRECISIONS = {"double": "", "float": "f"}
-"""Types, with the suffixes of their functions and literals."""
+"""Suffix of functions and literals in C, by the type."""
 
 FUSED_MACROS = """\
 /* A product and a sum, rounded once as the kernels do; twice with -DTWISTWRENCH_NO_FMA, for processors without fma. */
@@ -34,12 +34,13 @@ FUSED_MACROS = """\
 #endif
 """
 
-_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
-_WIDTH = 116
+_OPERATOR_SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+_MAX_LINE_LENGTH = 116
+"""Maximum length of a prototype on one line."""
 
 
 def identifier(text: str) -> str:
-    """Letters, digits and single underscores of a name; empty if there are none. C++ reserves double underscores.
+    """Name in C: letters and digits of a text, with single underscores between them; C++ reserves double ones.
 
     >>> identifier("panda hand/tcp__2")
     'panda_hand_tcp_2'
@@ -88,10 +89,10 @@ class CFunction:
         """Declaration, without a semicolon."""
         inputs, outputs = self.program.inputs, self.program.outputs
         types = [f"const {self.precision}"] * len(inputs) + [self.precision] * len(outputs)
-        named = zip(types, self.parameters, (*inputs, *outputs), strict=True)
-        parameters = [f"{kind} {name}[{port.size}]" for kind, name, port in named]
+        arrays = zip(types, self.parameters, (*inputs, *outputs), strict=True)
+        parameters = [f"{element_type} {name}[{port.size}]" for element_type, name, port in arrays]
         line = f"void {self.name}({', '.join(parameters)})"
-        if len(line) <= _WIDTH:
+        if len(line) <= _MAX_LINE_LENGTH:
             return line
         return f"void {self.name}(\n    " + ",\n    ".join(parameters) + ")"
 
@@ -108,7 +109,7 @@ class CFunction:
     @property
     def fuses(self) -> bool:
         """True if the function needs :data:`FUSED_MACROS`."""
-        return any(i.op in FUSED for i in self.program.instructions)
+        return any(instruction.op in FUSED for instruction in self.program.instructions)
 
 
 def statements(
@@ -132,93 +133,105 @@ class _Body:
         self.suffix = PRECISIONS[precision]
         self.lines: list[str] = []
         self.written: dict[int, str] = {}
+        """Name of the variable, or literal, of each value that is written, by number of its instruction."""
         self.slots: dict[int, list[str]] = {}
-        for place, result in stores:
-            self.slots.setdefault(result, []).append(place)
-        self._constants()
-        self._inputs(names)
-        partners = self._partners()
+        """Output elements that get each value, by number of its instruction."""
+        for element, result in stores:
+            self.slots.setdefault(result, []).append(element)
+        self._write_constants()
+        self._read_inputs(names)
+        pairs = self._sine_cosine_pairs()
         for number, instruction in enumerate(self.program.instructions):
             if instruction.op in ("const", "input"):
-                self._store(number)
+                self._write_stores(number)
             elif number not in self.written:
-                self._operations(number, partners.get(number, ()))
+                self._write_with_partner(number, pairs.get(number, ()))
 
-    def _constants(self) -> None:
+    def _write_constants(self) -> None:
+        """Constants are literals where they are used."""
         for number, (op, _, value) in enumerate(self.program.instructions):
             if op == "const":
                 self.written[number] = literal(value, self.type)
 
-    def _inputs(self, names: Sequence[str]) -> None:
+    def _read_inputs(self, names: Sequence[str]) -> None:
         """Read all used inputs before anything is written, so that an output may use the array of an input."""
         elements: list[tuple[str, int]] = []  # array and index of each input
         for name, port in zip(names, self.program.inputs, strict=False):
             elements += [(name, k) for k in range(port.size)]
-        used = sorted((int(i.value), n) for n, i in enumerate(self.program.instructions) if i.op == "input")
-        used_names = {elements[element][0] for element, _ in used}
+        reads: list[tuple[int, int]] = []  # number of the input, and number of its instruction
+        for number, instruction in enumerate(self.program.instructions):
+            if instruction.op == "input":
+                reads.append((int(instruction.value), number))
+        reads.sort()
+        used_arrays = {elements[input_number][0] for input_number, _ in reads}
         for name in names[: len(self.program.inputs)]:
-            if name not in used_names:
-                self.lines.append(f"    (void){name};")
-        for element, number in used:
-            name, k = elements[element]
-            local = f"{name}_{k}"
-            while local in names:
-                local += "_"
-            self.written[number] = local
-            self.lines.append(f"    const {self.type} {local} = {name}[{k}];")
+            if name not in used_arrays:
+                self.lines.append(f"    (void){name};")  # avoids the compiler's warning of an unused parameter
+        for input_number, number in reads:
+            name, k = elements[input_number]
+            variable = f"{name}_{k}"
+            while variable in names:
+                variable += "_"
+            self.written[number] = variable
+            self.lines.append(f"    const {self.type} {variable} = {name}[{k}];")
 
-    def _partners(self) -> dict[int, tuple[int, ...]]:
-        """Cosine of a sine's angle and vice versa; adjacent calls can be computed together."""
+    def _sine_cosine_pairs(self) -> dict[int, tuple[int, ...]]:
+        """Sines and cosines of the same angle, by number of each. Compilers can compute neighbours together."""
         by_angle: dict[int, list[int]] = {}
         for number, (op, args, _) in enumerate(self.program.instructions):
             if op in ("sin", "cos"):
                 by_angle.setdefault(args[0], []).append(number)
-        partners: dict[int, tuple[int, ...]] = {}
-        for pair in by_angle.values():
-            partners |= dict.fromkeys(pair, tuple(pair))
-        return partners
+        pairs: dict[int, tuple[int, ...]] = {}
+        for numbers in by_angle.values():
+            pairs |= dict.fromkeys(numbers, tuple(numbers))
+        return pairs
 
-    def _operations(self, number: int, partners: tuple[int, ...]) -> None:
-        """Write an operation, with its partner if it has one."""
-        if self.sincos and len(partners) == 2:
+    def _write_with_partner(self, number: int, pair: tuple[int, ...]) -> None:
+        """Write an operation; a sine or cosine together with the other one of its angle, if the program has both."""
+        if self.sincos and len(pair) == 2:
             (angle,) = self.program.instructions[number].args
-            sine, cosine = sorted(partners, key=lambda k: self.program.instructions[k].op, reverse=True)
+            sine, cosine = sorted(
+                pair, key=lambda k: self.program.instructions[k].op, reverse=True
+            )  # "sin" after "cos"
             self.lines += [
                 f"    {self.type} t{sine}, t{cosine};",
                 f"    {self.sincos}({self.written[angle]}, &t{sine}, &t{cosine});",
             ]
             for k in (sine, cosine):
                 self.written[k] = f"t{k}"
-                self._store(k)
+                self._write_stores(k)
             return
-        for k in (number, *partners):
+        for k in (number, *pair):
             if k not in self.written:
-                self._operation(k)
+                self._write_operation(k)
 
-    def _operation(self, number: int) -> None:
-        local = f"t{number}"
+    def _write_operation(self, number: int) -> None:
+        """Write one operation, and store its value where it is a result."""
+        variable = f"t{number}"
         op, args, _ = self.program.instructions[number]
-        expression = self._expression(op, [self.written[a] for a in args])
-        self.lines.append(f"    const {self.type} {local} = {expression};")
-        self.written[number] = local
-        self._store(number)
+        expression = self._expression(op, [self.written[operand] for operand in args])
+        self.lines.append(f"    const {self.type} {variable} = {expression};")
+        self.written[number] = variable
+        self._write_stores(number)
 
-    def _store(self, number: int) -> None:
-        """Store results as soon as they are computed, so that values no longer needed occupy no register or stack."""
-        for place in self.slots.get(number, ()):
-            self.lines.append(f"    {place} = {self.written[number]};")
+    def _write_stores(self, number: int) -> None:
+        """Store a value as soon as it is computed if it is a result: afterwards it needs no register or stack."""
+        for element in self.slots.get(number, ()):
+            self.lines.append(f"    {element} = {self.written[number]};")
 
-    def _expression(self, op: str, x: list[str]) -> str:
-        if op in _INFIX:
-            return f"{x[0]} {_INFIX[op]} {x[1]}"
+    def _expression(self, op: str, operands: list[str]) -> str:
+        """Expression in C for an operation."""
+        x = operands[0]
+        if op in _OPERATOR_SIGNS:
+            return f"{x} {_OPERATOR_SIGNS[op]} {operands[1]}"
         if op in FUSED:
-            return f"{op.upper()}({', '.join(x)})"
+            return f"{op.upper()}({', '.join(operands)})"
         if op == "neg":
-            return f"-{x[0]}"
+            return f"-{x}"
         if op in ("min", "max"):
-            comparison = {"min": "<", "max": ">"}[op]
-            return f"{x[0]} {comparison} {x[1]} ? {x[0]} : {x[1]}"
+            comparison = "<" if op == "min" else ">"
+            return f"{x} {comparison} {operands[1]} ? {x} : {operands[1]}"
         if op == "sign":  # 0 stays 0 and NaN stays NaN
             one, zero = f"1.0{self.suffix}", f"0.0{self.suffix}"
-            return f"{x[0]} > {zero} ? {one} : {x[0]} < {zero} ? -{one} : {x[0]}"
-        return f"{op}{self.suffix}({x[0]})"
+            return f"{x} > {zero} ? {one} : {x} < {zero} ? -{one} : {x}"
+        return f"{op}{self.suffix}({x})"

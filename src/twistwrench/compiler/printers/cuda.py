@@ -1,7 +1,7 @@
 """Programs as CUDA kernels with one thread per sample; the same text is valid C++ for the processor.
 
-Statements are those of exported C, so ``-fmad=false`` fuses the same products and no others. Sine, cosine and exponential are
-CUDA's accurate ones.
+Statements are those of exported C, which mark the products that are fused with a sum. With ``-fmad=false``, the compiler fuses
+no others. Sine, cosine and exponential are CUDA's accurate functions, not its fast ones.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from ..ir.program import Program
 from .c99 import FUSED_MACROS, PRECISIONS, CFunction, statements
 
 THREADS = 128
-"""Block size, four warps."""
+"""Number of threads of a block: four warps of 32."""
 
 PRELUDE = """\
 #define THREADS {threads}u
@@ -34,18 +34,21 @@ PRELUDE = """\
 """
 
 OPTIONS = ("-std=c++17", "-fmad=false")
-"""Options of a CUDA compiler: the language, and no fusion by the compiler."""
+"""Options of a CUDA compiler: the version of C++, and no fusion by the compiler."""
 
-MAX_OPTIMISED_LENGTH, LESS_OPTIMISATION = 10_000, "--ptxas-options=-O1"
-"""Number of instructions above which the last optimisations are skipped, which would take minutes. Results do not change."""
+MAX_OPTIMISED_LENGTH = 10_000
+"""Maximum number of instructions of a program for the last optimisations, which would take minutes for longer ones."""
+LESS_OPTIMISATION = "--ptxas-options=-O1"
+"""Option that skips these optimisations. Results do not change."""
 
 
 @dataclass(frozen=True)
 class CudaFunction:
     """Program with the name and precision of its CUDA kernel.
 
-    Kernel arguments: the number of samples (64 bits); for each input a pointer and the distance between its samples in
-    elements (64 bits), 0 if all samples share it; for each output a pointer to contiguous rows.
+    Arguments of the kernel are the number of samples, two for each input, and one for each output. An input has a pointer and
+    the distance between its samples in elements, 0 if all samples share it. An output has a pointer to contiguous rows. Numbers
+    have 64 bits.
     """
 
     name: str
@@ -57,7 +60,7 @@ class CudaFunction:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Options of the run-time compiler."""
+        """Options of the compiler for this program."""
         if len(self.program.instructions) > MAX_OPTIMISED_LENGTH:
             return (*OPTIONS, LESS_OPTIMISATION)
         return OPTIONS
@@ -68,29 +71,31 @@ class CudaFunction:
         real, suffix = self.precision, PRECISIONS[self.precision]
         names = CFunction(self.name, self.program, self.precision).parameters
         inputs, outputs = names[: len(self.program.inputs)], names[len(self.program.inputs) :]
-        row_parameters, arrays, rows = [], [], []
-        for x in inputs:
-            row_parameters.append(f"const {real} *__restrict__ {x}")
-            arrays.append(f"const {real} *{x}, long long {x}_step")
-            rows.append(f"{x} + i * {x}_step")
-        entries: list[str] = []
-        for y, port in zip(outputs, self.program.outputs, strict=True):
-            row_parameters.append(f"{real} *__restrict__ {y}")
-            arrays.append(f"{real} *{y}")
-            rows.append(f"{y} + i * {port.size}")
-            entries += [f"{y}[{k}]" for k in range(port.size)]
+        row_parameters: list[str] = []  # of the function for one sample
+        row_arguments: list[str] = []  # in its call for sample i
+        kernel_parameters: list[str] = ["long long samples"]
+        for name in inputs:
+            row_parameters.append(f"const {real} *__restrict__ {name}")
+            row_arguments.append(f"{name} + i * {name}_step")
+            kernel_parameters.append(f"const {real} *{name}, long long {name}_step")
+        entries: list[str] = []  # of all results
+        for name, port in zip(outputs, self.program.outputs, strict=True):
+            row_parameters.append(f"{real} *__restrict__ {name}")
+            row_arguments.append(f"{name} + i * {port.size}")
+            kernel_parameters.append(f"{real} *{name}")
+            entries += [f"{name}[{k}]" for k in range(port.size)]
         stores = zip(entries, self.program.results, strict=True)
         body = statements(self.program, real, names, stores, sincos="SINCOS")
-        call = ["    EACH_SAMPLE(i, samples) compute_row(", f"{_one_a_line(rows, 8)});"]
+        call = ["    EACH_SAMPLE(i, samples) compute_row(", f"{_one_per_line(row_arguments, 8)});"]
         kernel = f'extern "C" __global__ void __launch_bounds__(THREADS) {self.name}'
         return "\n".join([
             PRELUDE.format(threads=THREADS, suffix=suffix),
             FUSED_MACROS.format(fma=f"fma{suffix}"),
-            f"INLINE void compute_row(\n{_one_a_line(row_parameters, 4)})", "{", *body, "}\n",
-            f"{kernel}(\n{_one_a_line(['long long samples', *arrays], 4)})", "{", *call, "}\n",
+            f"INLINE void compute_row(\n{_one_per_line(row_parameters, 4)})", "{", *body, "}\n",
+            f"{kernel}(\n{_one_per_line(kernel_parameters, 4)})", "{", *call, "}\n",
         ])  # fmt: skip
 
 
-def _one_a_line(parts: list[str], indent: int) -> str:
-    """Parts separated by commas, one a line."""
+def _one_per_line(parts: list[str], indent: int) -> str:
+    """Parts separated by commas, each on its own line, indented by ``indent`` blanks."""
     return ",\n".join(" " * indent + part for part in parts)

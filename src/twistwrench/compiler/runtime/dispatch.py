@@ -1,8 +1,8 @@
 """Kernels as builtin functions of CPython for single samples, for calls that loops repeat at kilohertz rates.
 
 NumPy takes longer to reach a ufunc's loop than most kernels run. A builtin passes plain arguments directly to the loop and
-computes one sample in one lane. All other calls go to a slower callable, which also reports errors. Calls with other options,
-another type or a batch of one have builtins of their own. These form a chain, in which each falls back to the next.
+computes one sample in one lane. All other calls go to its fallback, a slower callable that also reports errors. Calls with
+other options, another type or a batch of one have builtins of their own. These form a chain: the fallback of each is the next.
 """
 
 from __future__ import annotations
@@ -27,18 +27,20 @@ from .dispatch_ir import CALL, POINTERS, BuiltinWriter, CallLayout, abi_matches,
 from .gufunc import KernelMetadata, numpy_function, owner_of
 from .jit import Code, assemble
 
-MOST_IN_A_ROW = 16
+MAX_CHAIN_LENGTH = 16
 """Maximum number of builtins of one method, for different options or arrays."""
 
-LONG_PROGRAM, INSTRUCTIONS_PER_CALL = 4000, 100
-"""Number of instructions of a program that takes a second to compile. Builtins of longer programs wait for a call for each of
-so many instructions."""
+LONG_PROGRAM = 4000
+"""Number of instructions of a program that takes a second to compile."""
+INSTRUCTIONS_PER_CALL = 100
+"""Builtins of longer programs are made only after one call for each 100 instructions."""
 
 _SCALAR, _NEW_FROM_DESCRIPTOR = 60, 94
 """Slots of PyArray_Scalar and PyArray_NewFromDescr in NumPy's array API table; fixed since NumPy 1.0."""
 
 FASTCALL, KEYWORDS = 0x0080, 0x0002
-"""CPython's flags of functions that take an argument array and its length, and a tuple of keyword names."""
+"""CPython's flags of functions that take an array of arguments and its length, and of those that also take a tuple of keyword
+names."""
 
 
 @dataclass(frozen=True)
@@ -56,24 +58,27 @@ class CallSignature:
 class kernel(bytes):  # its name is in the builtin's repr: "built-in method … of kernel object"
     """Addresses that a builtin uses; the builtin's ``self``.
 
-    Addresses are invalid in another process. Python pickles a builtin as the attribute of its name of its ``self``. This object
-    is pickled and copied as the owner of the method, so the result is the owner's own method of that name.
+    Python pickles a builtin as its ``self`` and its name, and reads it back as ``getattr(self, name)``. Addresses are invalid
+    in another process. This object is therefore pickled and copied as the owner of the method, whose attribute of that name is
+    the method itself.
     """
 
     owner: Any
+    """Object whose method the builtin replaces."""
     kept: dict[str, Any]
-    """All objects that the builtin refers to, by name."""
+    """All objects that the builtin refers to, by name; a reference keeps them alive."""
 
     def hand_on_to(self, other: Callable[..., Any]) -> None:
         """Set the callable for all calls that the builtin does not handle."""
         self.kept["fallback"] = other
-        self.kept["place"].value = id(other)
+        self.kept["place"].value = id(other)  # the builtin reads the address here
 
     def __reduce_ex__(self, protocol: Any) -> tuple[Callable[[Any], Any], tuple[Any]]:
-        return _same, (self.owner,)
+        return _itself, (self.owner,)
 
 
-def _same(owner: Any) -> Any:
+def _itself(owner: Any) -> Any:
+    """The argument: what ``pickle`` calls to read a :class:`kernel` back."""
     return owner
 
 
@@ -88,8 +93,8 @@ class _MethodDefinition(ctypes.Structure):
     )
 
 
-class _Keeper(str):
-    """Text that keeps the objects of a builtin alive; the builtin refers to it as its module name."""
+class _KeepingText(str):
+    """Name of a builtin's module. The builtin holds it, and it holds the builtin's objects, which it thus keeps alive."""
 
     kept: dict[str, Any]
 
@@ -97,16 +102,17 @@ class _Keeper(str):
 def builtin(name: str, doc: str, code: Code, flags: int, context: bytes, kept: dict[str, Any]) -> Any:
     """Machine code as a builtin function of Python, whose ``self`` is ``context``; it keeps ``kept`` alive."""
     definition = _MethodDefinition(name.encode(), code.address, flags, doc.encode())
-    keeper = _Keeper("twistwrench.robot")
+    keeper = _KeepingText("twistwrench.robot")
     keeper.kept = kept
     kept.update(code=code, definition=definition)
-    make = ctypes.pythonapi.PyCFunction_NewEx
-    make.restype, make.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]
-    return make(ctypes.addressof(definition), context, keeper)
+    new_function = ctypes.pythonapi.PyCFunction_NewEx
+    new_function.restype = ctypes.py_object
+    new_function.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]
+    return new_function(ctypes.addressof(definition), context, keeper)
 
 
 def table_of(addresses: list[int]) -> bytes:
-    """Addresses as bytes, 8 each."""
+    """Table of addresses as bytes, 8 for each."""
     return b"".join(address.to_bytes(8, sys.byteorder) for address in addresses)
 
 
@@ -137,9 +143,12 @@ def make_call(
     layout = _layout(owner.given, parameters, call)
     if layout is None:
         return None
-    dtype, place = np.dtype(call.char), ctypes.c_void_p(id(method))
-    loop, names = owner.scalar_code(layout.precision), list(parameters.parameters)
-    options, objects = dict(call.options), list[Any](names)
+    dtype = np.dtype(call.char)
+    fallback_address = ctypes.c_void_p(id(method))
+    loop = owner.scalar_code(layout.precision)
+    names = list(parameters.parameters)
+    options = dict(call.options)
+    objects = list[Any](names)  # the names of the parameters, then the values of the options
     for k, _ in layout.options:
         objects.append(options.get(names[k], parameters.parameters[names[k]].default))
     addresses = {
@@ -157,7 +166,7 @@ def make_call(
         "incref": address_of("Py_IncRef"),
         "decref": address_of("Py_DecRef"),
         "loop": loop.address,
-        "fallback": ctypes.addressof(place),
+        "fallback": ctypes.addressof(fallback_address),
     }
     pointers = [addresses[name] for name in POINTERS]
     context = kernel(table_of([*pointers, *map(id, objects)]))
@@ -165,30 +174,39 @@ def make_call(
     context.kept = {
         "ufunc": ufunc,
         "fallback": method,
-        "place": place,
+        "place": fallback_address,
         "loop": loop,
         "dtype": dtype,
         "objects": objects,
     }
     without_annotations = [p.replace(annotation=p.empty) for p in parameters.parameters.values()]
-    doc = f"{name}{inspect.Signature(without_annotations)}\n--\n\n{method.__doc__ or ''}"  # parsed by inspect.signature
+    # inspect.signature reads the signature of a builtin from this form of its docstring.
+    doc = f"{name}{inspect.Signature(without_annotations)}\n--\n\n{method.__doc__ or ''}"
     code = assemble(call_assembly(layout), CALL, owner.machine)
-    found: Callable[..., Any] = builtin(name, doc, code, FASTCALL | KEYWORDS, context, context.kept)
-    return found
+    function: Callable[..., Any] = builtin(name, doc, code, FASTCALL | KEYWORDS, context, context.kept)
+    return function
 
 
 def _layout(program: Form | KernelMetadata, signature: inspect.Signature, call: CallSignature) -> CallLayout | None:
-    """Layout of calls of one kind; None if no builtin can handle them."""
+    """Layout of calls of one kind; None if no builtin can handle them.
+
+    The first parameters of the method are the program's inputs, and the others are options.
+    """
     inputs, outputs = _with_batch(program.inputs, call.batch), _with_batch(program.outputs, call.batch)
-    count, options, parameters = len(inputs), dict(call.options), signature.parameters
+    parameters = signature.parameters
     names = list(parameters)
-    if count > len(names) or any(n != 1 for n in call.batch) or options.keys() - names[count:]:
+    input_count = len(inputs)
+    options = dict(call.options)
+    unknown_options = options.keys() - names[input_count:]
+    if input_count > len(names) or any(n != 1 for n in call.batch) or unknown_options:
         return None
-    returns_numbers = len(outputs) > 1 and not all(port.shape for port in program.outputs)
-    if returns_numbers or not all(port.size for port in (*inputs, *outputs)):
+    returns_number_in_tuple = len(outputs) > 1 and not all(port.shape for port in program.outputs)
+    has_empty_array = not all(port.size for port in (*inputs, *outputs))
+    if returns_number_in_tuple or has_empty_array:
         return None
-    option_defaults, out = [], -1
-    for k, name in enumerate(names[count:], start=count):
+    option_defaults = []  # number of the parameter, and True if its default is meant
+    out = -1  # number of the parameter "out", if there is one
+    for k, name in enumerate(names[input_count:], start=input_count):
         default = parameters[name].default
         if name not in options and default is inspect.Parameter.empty:
             return None
@@ -196,18 +214,13 @@ def _layout(program: Form | KernelMetadata, signature: inspect.Signature, call: 
             out = k
             continue
         value = options.get(name, default)
-        is_default = value is default or (type(value) is str and value == default)
-        option_defaults.append((k, is_default))
+        is_equal_text = type(value) is str and value == default
+        option_defaults.append((k, value is default or is_equal_text))
     keyword_only = [p for p in parameters.values() if p.kind is p.KEYWORD_ONLY]
+    precision = SINGLE if call.char == SINGLE.char else DOUBLE
+    positional_count = len(names) - len(keyword_only)
     return CallLayout(
-        inputs,
-        outputs,
-        SINGLE if call.char == SINGLE.char else DOUBLE,
-        len(names),
-        len(names) - len(keyword_only),
-        tuple(option_defaults),
-        out,
-        len(call.batch),
+        inputs, outputs, precision, len(names), positional_count, tuple(option_defaults), out, len(call.batch)
     )
 
 
@@ -222,28 +235,33 @@ def is_made_here(function: Any) -> bool:
 
 
 def attach_fallback(first: Any, other: Any) -> None:
-    """Insert a builtin between another and its fallback, unless the chain has :data:`MOST_IN_A_ROW` builtins."""
-    following, number = first.__self__.kept["fallback"], 1
-    while is_made_here(following):
-        following, number = following.__self__.kept["fallback"], number + 1
-    if number < MOST_IN_A_ROW:
+    """Insert ``other`` between ``first`` and its fallback, unless the chain has :data:`MOST_IN_A_ROW` builtins already."""
+    chain_length = 1
+    fallback = first.__self__.kept["fallback"]
+    while is_made_here(fallback):
+        chain_length += 1
+        fallback = fallback.__self__.kept["fallback"]
+    if chain_length < MAX_CHAIN_LENGTH:
         other.__self__.hand_on_to(first.__self__.kept["fallback"])
         first.__self__.hand_on_to(other)
 
 
 def calls_before(ufunc: Any) -> int:
-    """Number of single-state calls after which a builtin pays: two, more for long programs; 0 for never."""
+    """Number of single-state calls after which a builtin is worth its compilation; 0 if none can be made."""
     owner = _owner(ufunc)
     if owner is None:
         return 0
-    return 2 if owner.length < LONG_PROGRAM else owner.length // INSTRUCTIONS_PER_CALL
+    if owner.length < LONG_PROGRAM:
+        return 2
+    return owner.length // INSTRUCTIONS_PER_CALL
 
 
 # ── Prepared calls of a kernel's loop, row by row: NumPy's overhead for a ufunc exceeds the run time of short loops
 
-# ``call(number, array)`` copies the array to an operand of row ``number`` in an address table, runs the loop on that row, and
-# returns one number of the results as a float. ``call(number)`` uses the operand unchanged. If the array is not plain, the call
-# returns None without effect. The code contains sizes but no addresses, which are in ``self``.
+# A table has a row of operands' addresses for each call. ``call(number, array)`` copies the array to one operand of row
+# ``number``, runs the loop on the row, and returns one number of the results as a float. ``call(number)`` uses the operand
+# unchanged. If the array is not a contiguous float64 array, the call returns None without effect. The code contains sizes but
+# no addresses, which are in ``self``.
 
 ROW_POINTERS = (
     "none",
@@ -257,15 +275,19 @@ ROW_POINTERS = (
     "sizes",
     "strides",
 )
-"""Addresses in the bytes object, 8 bytes each."""
+"""Names of the addresses in ``self``, 8 bytes each, in their order."""
 
 Rows = tuple[Array, NDArray[np.intp]]
-"""Array (m, ...) of an operand's rows, and the row number for each call, (n,)."""
+"""Rows of one operand, an array (m, ...), and the number of the row that each of n calls uses, (n,)."""
 
 
 @cache
 def _row_code(operands: int, size: int, taken: int, passed: int, machine: Machine) -> Code:
-    """Code of a call: an array of ``size`` doubles is copied to operand ``taken``; operand ``passed`` holds the result."""
+    """Code of a call.
+
+    It copies an array of ``size`` doubles to the operand number ``taken``, and returns the first number of the operand number
+    ``passed``.
+    """
     call = BuiltinWriter(DOUBLE, ROW_POINTERS)
     w = call.w
     number = w.new(f"call i64 {call.known('as_number')}(ptr {call.entry('%args', 0)})")
@@ -285,8 +307,8 @@ def _row_code(operands: int, size: int, taken: int, passed: int, machine: Machin
     none = call.known("none")
     w.do(f"call void {call.known('incref')}(ptr {none})")
     w.do(f"ret ptr {none}")
-    declared = "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1 immarg)"
-    text = [declared, f"define ptr @{CALL}(ptr %self, ptr %args, i64 %count) {{\nentry:", *w.lines, "}\n"]
+    declaration = "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1 immarg)"
+    text = [declaration, f"define ptr @{CALL}(ptr %self, ptr %args, i64 %count) {{\nentry:", *w.lines, "}\n"]
     return assemble("\n".join(text), CALL, machine)
 
 
@@ -296,24 +318,25 @@ def can_bind_calls(kernel: Any) -> bool:
 
 
 def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, passed: int) -> Callable[..., Any]:
-    """Function that makes one of n calls of a kernel, each on one row of every operand; for a scan, each of one step.
+    """Function ``call`` that makes one of n prepared calls of a kernel.
 
-    ``call(k, x)`` copies x to its row of operand ``taken``, makes call number k, and returns the first number of operand
-    ``passed``. ``call(k)`` uses the row unchanged. If x is not a plain float64 array of that size, it returns None without
-    effect. k is not checked.
+    Each call uses one row of every operand; for a scan, it makes one step. ``call(k, x)`` copies x to the row of operand number
+    ``taken``, makes call number k, and returns the first number of operand number ``passed``. ``call(k)`` uses the row
+    unchanged. If x is not a contiguous float64 array of the operand's size, the call returns None without effect. k is not
+    checked.
     """
     owner = _owner(kernel)
     if owner is None:
         raise KernelError("calls row by row are prepared for compiled kernels only.")
-    sizes: dict[int, int] = {0: 1}
-    strides: list[int] = [0] * len(operands)
+    sizes: dict[int, int] = {0: 1}  # by number of the axis; axis 0 is the batch, of one sample
+    strides: list[int] = [0] * len(operands)  # of the batch axis, then of the core axes of each operand
     ports = (*owner.given.inputs, *owner.given.outputs)
     for port, axes, (array, _) in zip(ports, axes_of(owner.given.signature), operands, strict=True):
         if array.shape[1:] != port.shape or array.dtype != np.float64:
             raise KernelError(f"{port.name}: rows {array.shape[1:]} of {array.dtype}, and not {port.shape} of float64.")
-        further = len(axes) - len(port.shape)  # a scan's sizes of steps and rows are 1
-        sizes |= dict(zip(axes, (1,) * further + port.shape, strict=True))
-        strides += [0] * further + list(array.strides[1:])
+        scan_axes = len(axes) - len(port.shape)  # the axes of a scan's steps and rows have length 1
+        sizes |= dict(zip(axes, (1,) * scan_axes + port.shape, strict=True))
+        strides += [0] * scan_axes + list(array.strides[1:])
     arrays, row_numbers = zip(*operands, strict=True)
     first_rows = np.array([array.ctypes.data for array in arrays], np.intp)
     row_strides = np.array([array.strides[0] for array in arrays], np.intp)
@@ -338,5 +361,5 @@ def bind_calls(kernel: Any, operands: Sequence[Rows], taken: int, passed: int) -
     }
     kept = {"kernel": kernel, "operands": tuple(operands), "tables": tables, "dtype": dtype}
     context = table_of([addresses[name] for name in ROW_POINTERS])
-    found: Callable[..., Any] = builtin(CALL, "A prepared call.", code, FASTCALL, context, kept)
-    return found
+    function: Callable[..., Any] = builtin(CALL, "A prepared call.", code, FASTCALL, context, kept)
+    return function

@@ -1,4 +1,7 @@
-"""Loader of object files without LLVM: x86-64 ELF, which LLVM writes for Linux, the BSDs and, by its triple, Windows."""
+"""Loader of object files without LLVM, for x86-64 ELF files.
+
+LLVM writes such files for Linux, the BSDs and, at the request of its target triple, for Windows.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ import numpy as np
 from ...core.typing import Array
 from .executable_memory import ExecutableMemory, UnsupportedObject
 
-PAGE = 4096
+PAGE_SIZE = 4096
 """Maximum alignment of sections [bytes]."""
 
 
@@ -22,21 +25,26 @@ class CodeSection(NamedTuple):
 
     contents: bytes
     align: int
+    """Alignment of its first byte in memory [bytes]."""
 
 
 class Relocations(NamedTuple):
-    """Positions in a section for four-byte relative addresses of symbols: symbol + addend - position."""
+    """Positions in a section that get four-byte relative addresses: address of the symbol + addend - position."""
 
     section: int
+    """Number of the section."""
     places: Array
+    """Offset of each position in the section."""
     symbols: Array
+    """Number of each symbol."""
     addends: Array
 
 
 class ObjectFile(NamedTuple):
-    """Loaded parts of an object file."""
+    """Parts of an object file that are needed to load it."""
 
     sections: dict[int, CodeSection]
+    """Sections by number."""
     names: list[bytes]
     """Names of the symbols; empty for those local to the file."""
     symbol_sections: list[int]
@@ -46,97 +54,104 @@ class ObjectFile(NamedTuple):
     relocations: list[Relocations]
 
     def undefined(self) -> set[bytes]:
-        """Names used by relocations but not defined in the file."""
-        undefined = set()
+        """Names that relocations use and the file does not define."""
+        used: set[int] = set()
         for relocations in self.relocations:
-            for k in relocations.symbols.tolist():
-                if self.names[k] and not self.symbol_sections[k]:
-                    undefined.add(self.names[k])
-        return undefined
+            used.update(relocations.symbols.tolist())
+        return {self.names[k] for k in used if self.names[k] and not self.symbol_sections[k]}
 
 
 MAGIC = b"\x7fELF\x02\x01"
 """First bytes of a 64-bit little-endian file."""
 
 _RELOCATABLE_FILE, _X86_64 = 1, 62
-_FILE = np.dtype("V16, <u2, <u2, V20, <u8, V12, <u2, V2")
-"""File header: magic, type, machine, and offset and length of the section table."""
+_FILE_HEADER = np.dtype("V16, <u2, <u2, V20, <u8, V12, <u2, V2")
+"""File header: magic, type, machine, …, offset of the section table, …, number of its rows, …; V are bytes not read here."""
 
 
-def _rows(size: int, fields: str, formats: str, offsets: Sequence[int]) -> np.dtype[Any]:
-    """Row type of a table with rows of ``size`` bytes, of which some fields are read."""
-    rows = {"names": fields.split(), "formats": formats.split(), "offsets": list(offsets), "itemsize": size}
-    return np.dtype(rows)  # type: ignore[call-overload]
+def _row_type(size: int, fields: str, formats: str, offsets: Sequence[int]) -> np.dtype[Any]:
+    """Type of a row of a table in the file: ``size`` bytes, with the fields that are read."""
+    row = {"names": fields.split(), "formats": formats.split(), "offsets": list(offsets), "itemsize": size}
+    return np.dtype(row)  # type: ignore[call-overload]
 
 
-_SECTION = _rows(
+_SECTION = _row_type(
     64, "type flags offset size link info align", "<u4 <u8 <u8 <u8 <u4 <u4 <u8", (4, 8, 24, 32, 40, 44, 48)
 )
-_SYMBOL = _rows(24, "name kind section value", "<u4 u1 <u2 <u8", (0, 4, 6, 8))
+_SYMBOL = _row_type(24, "name kind section value", "<u4 u1 <u2 <u8", (0, 4, 6, 8))
 _RELOCATION = np.dtype([("place", "<u8"), ("type", "<u4"), ("symbol", "<u4"), ("addend", "<i8")])
-_PROGRAM, _SYMBOLS, _RELOCATIONS, _UNWINDING = 1, 2, 4, 0x70000001
+_PROGRAM_SECTION, _SYMBOL_SECTION, _RELOCATION_SECTION, _UNWINDING_SECTION = 1, 2, 4, 0x70000001
+"""Types of sections: SHT_PROGBITS, SHT_SYMTAB, SHT_RELA and SHT_X86_64_UNWIND."""
 _WRITTEN_FLAG, _LOADED_FLAG = 1, 2
-_RELATIVE = (2, 4)
+"""Flags of sections: SHF_WRITE and SHF_ALLOC."""
+_RELATIVE_TYPES = (2, 4)
 """R_X86_64_PC32, R_X86_64_PLT32: four-byte address of a symbol relative to the reference."""
 
 
 def read_elf(raw: bytes) -> ObjectFile:
     """Sections, symbols and relocations of a file. Raises :class:`UnsupportedObject` for features that kernels do not need."""
-    _, kind, machine, _, first, _, count, _ = table(raw, _FILE, 0, 1)[0].item()
-    if not raw.startswith(MAGIC) or kind != _RELOCATABLE_FILE or machine != _X86_64:
+    _, file_type, machine, _, table_offset, _, section_count, _ = table(raw, _FILE_HEADER, 0, 1)[0].item()
+    if not raw.startswith(MAGIC) or file_type != _RELOCATABLE_FILE or machine != _X86_64:
         raise UnsupportedObject
-    headers = table(raw, _SECTION, first, count)
+    headers = table(raw, _SECTION, table_offset, section_count)
     sections = {}
-    for number, (kind, flags, offset, size, _, _, align) in enumerate(headers.tolist()):
-        if not flags & _LOADED_FLAG or kind == _UNWINDING:
+    for number, (section_type, flags, offset, size, _, _, align) in enumerate(headers.tolist()):
+        if not flags & _LOADED_FLAG or section_type == _UNWINDING_SECTION:  # no kernel raises C++ exceptions
             continue
-        if kind != _PROGRAM or flags & _WRITTEN_FLAG or offset + size > len(raw) or align > PAGE:
+        is_written = flags & _WRITTEN_FLAG
+        is_truncated = offset + size > len(raw)
+        if section_type != _PROGRAM_SECTION or is_written or is_truncated or align > PAGE_SIZE:
             raise UnsupportedObject
         sections[number] = CodeSection(raw[offset : offset + size], max(align, 1))
-    tables = headers[headers["type"] == _SYMBOLS]
-    if len(tables) != 1:
+    symbol_headers = headers[headers["type"] == _SYMBOL_SECTION]
+    if len(symbol_headers) != 1:
         raise UnsupportedObject
-    (symbol_table,) = tables
-    symbols = table(raw, _SYMBOL, int(symbol_table["offset"]), int(symbol_table["size"]) // _SYMBOL.itemsize)
-    text_section = headers[int(symbol_table["link"])]
-    texts = raw[int(text_section["offset"]) : int(text_section["offset"] + text_section["size"])]
+    (symbol_header,) = symbol_headers
+    symbols = table(raw, _SYMBOL, int(symbol_header["offset"]), int(symbol_header["size"]) // _SYMBOL.itemsize)
+    names_header = headers[int(symbol_header["link"])]
+    all_names = raw[int(names_header["offset"]) : int(names_header["offset"] + names_header["size"])]
     names = []
     for first_byte, kind in symbols[["name", "kind"]].tolist():
-        is_local = not kind >> 4
-        names.append(b"" if is_local else texts[first_byte : texts.index(b"\0", first_byte)])
+        is_local = kind >> 4 == 0  # the upper four bits are the binding, STB_LOCAL
+        name = b""
+        if not is_local:
+            name = all_names[first_byte : all_names.index(b"\0", first_byte)]
+        names.append(name)
     relocations = []
-    for header in headers[headers["type"] == _RELOCATIONS]:
-        if int(header["info"]) not in sections:
+    for header in headers[headers["type"] == _RELOCATION_SECTION]:
+        section = int(header["info"])
+        if section not in sections:
             continue
         entries = table(raw, _RELOCATION, int(header["offset"]), int(header["size"]) // _RELOCATION.itemsize)
-        if not np.isin(entries["type"], _RELATIVE).all():
+        if not np.isin(entries["type"], _RELATIVE_TYPES).all():
             raise UnsupportedObject
         places = entries["place"].astype(np.int64)
-        relocations.append(Relocations(int(header["info"]), places, entries["symbol"], entries["addend"]))
-    return ObjectFile(sections, names, symbols["section"].tolist(), symbols["value"].astype(np.int64), relocations)
+        relocations.append(Relocations(section, places, entries["symbol"], entries["addend"]))
+    offsets = symbols["value"].astype(np.int64)
+    return ObjectFile(sections, names, symbols["section"].tolist(), offsets, relocations)
 
 
-def table(raw: bytes, kind: np.dtype[Any], offset: int, count: int) -> Array:
-    """Rows of a table in a file. Raises :class:`UnsupportedObject` if the file is too short."""
-    if offset + count * kind.itemsize > len(raw):
+def table(raw: bytes, row_type: np.dtype[Any], offset: int, count: int) -> Array:
+    """``count`` rows of a table in a file. Raises :class:`UnsupportedObject` if the file is too short."""
+    if offset + count * row_type.itemsize > len(raw):
         raise UnsupportedObject
-    return np.frombuffer(raw, kind, count, offset)
+    return np.frombuffer(raw, row_type, count, offset)
 
 
-# Object code is linked in memory, to the extent that cached kernels need it. It does not change run times; it saves the time
-# of loading LLVM: the first torque of panda takes 72 ms instead of 97. It links sections that are only read or executed,
-# relocations relative to the code, and functions of the C library. Other code, such as that for macOS, is left to LLVM's
-# linker. Pages are written first, then executable, never both at once. All sections of a kernel are in one block, so that
-# every distance fits into four bytes. LLVM's linker for Windows places each separately, and ends the process if a distance is
-# too large.
+# The rest of the module links object code in memory, as far as cached kernels need it. This saves the time of loading LLVM: the
+# first torque of panda takes 72 ms instead of 97. Run times stay the same. The loader supports sections that are only read or
+# executed, relocations relative to the code, and functions of the C library. It leaves other code, such as that for macOS, to
+# LLVM's linker. All sections of a kernel are in one block of memory, so that every distance fits into four bytes. LLVM's linker
+# for Windows places each section separately, and ends the process if a distance is too large.
 
 _JUMP = b"\xff\x25\x02\x00\x00\x00\x90\x90"
 """``jmp [rip+2]`` and two NOP bytes: jumps to the address in the following eight bytes."""
-_STUB = 16
+_STUB_SIZE = 16
+"""Size of a stub, which jumps to a library function: instruction and address [bytes]."""
 
 
 class LoadedObject:
-    """Functions in memory; the pages are freed with this object."""
+    """Functions in memory, whose addresses are read by name; the pages are freed with this object."""
 
     def __init__(self, pages: ExecutableMemory, offsets: dict[bytes, int]) -> None:
         self._pages = pages
@@ -149,7 +164,8 @@ class LoadedObject:
 def load_objects(objects: Sequence[bytes]) -> LoadedObject:
     """Functions of several object files together.
 
-    Raises :class:`UnsupportedObject` for files that LLVM's linker may load, and RuntimeError for files that it must not load.
+    Raises :class:`UnsupportedObject` for files that LLVM's linker may be able to load, and RuntimeError for files that LLVM's
+    linker must not load either.
     """
     try:
         image, functions = link_files([read_elf(raw) for raw in objects])
@@ -159,15 +175,15 @@ def load_objects(objects: Sequence[bytes]) -> LoadedObject:
 
 
 def link_files(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
-    """Bytes of several files together, and the offset of each function."""
+    """Bytes of several files together, the *image*, and the offset of each function in it."""
     end = 0
-    section_offsets: list[dict[int, int]] = []
+    section_offsets: list[dict[int, int]] = []  # of each file, by number of the section
     functions: dict[bytes, int] = {}
     for file in files:
         offsets: dict[int, int] = {}
         section_offsets.append(offsets)
         for number, (contents, align) in file.sections.items():
-            offsets[number] = -(-end // align) * align
+            offsets[number] = _round_up(end, align)
             end = offsets[number] + len(contents)
         for name, section, value in zip(file.names, file.symbol_sections, file.values, strict=True):
             if name and section in offsets:
@@ -176,44 +192,51 @@ def link_files(files: Sequence[ObjectFile]) -> tuple[Array, dict[bytes, int]]:
     for file in files:
         undefined |= file.undefined()
     library_functions = sorted(undefined - set(functions))
-    first = -(-end // _STUB) * _STUB
-    stubs = {name: first + _STUB * k for k, name in enumerate(library_functions)}
-    image = np.zeros(first + _STUB * len(library_functions), np.uint8)
+    first_stub = _round_up(end, _STUB_SIZE)
+    stubs = {name: first_stub + _STUB_SIZE * k for k, name in enumerate(library_functions)}
+    image = np.zeros(first_stub + _STUB_SIZE * len(library_functions), np.uint8)
     for file, offsets in zip(files, section_offsets, strict=True):
-        _fill(image, file, offsets, functions | stubs)
+        _fill_image(image, file, offsets, functions | stubs)
     for name, offset in stubs.items():
         stub = _JUMP + _library_function(name.decode()).to_bytes(8, "little")
-        image[offset : offset + _STUB] = np.frombuffer(stub, np.uint8)
+        image[offset : offset + _STUB_SIZE] = np.frombuffer(stub, np.uint8)
     return image, functions
 
 
-def _fill(image: Array, file: ObjectFile, offsets: dict[int, int], symbols_by_name: dict[bytes, int]) -> None:
+def _round_up(offset: int, align: int) -> int:
+    """Smallest multiple of ``align`` that is not below an offset."""
+    return -(-offset // align) * align
+
+
+def _fill_image(image: Array, file: ObjectFile, offsets: dict[int, int], offsets_by_name: dict[bytes, int]) -> None:
     """Copy the sections of a file to their offsets, and write the relative addresses of symbols into them."""
-    starts: list[int] = []
+    starts: list[int] = []  # offset of each symbol's section, or of a symbol that another file defines; -1 if unknown
     for name, section in zip(file.names, file.symbol_sections, strict=True):
         is_external = name and not section
-        starts.append(symbols_by_name.get(name, -1) if is_external else offsets.get(section, -1))
+        starts.append(offsets_by_name.get(name, -1) if is_external else offsets.get(section, -1))
     addresses = np.array(starts, np.int64)
     addresses = np.where(addresses < 0, -1, addresses + file.values)
     for number, (contents, _) in file.sections.items():
         image[offsets[number] : offsets[number] + len(contents)] = np.frombuffer(contents, np.uint8)
-    for number, at, symbols, addends in file.relocations:
-        targets, last_start = addresses[symbols], len(file.sections[number].contents) - 4
-        if (at < 0).any() or (at > last_start).any():  # LLVM's linker would write there
+    for number, places, symbols, addends in file.relocations:
+        targets = addresses[symbols]
+        last_place = len(file.sections[number].contents) - 4
+        if (places < 0).any() or (places > last_place).any():  # LLVM's linker would write there
             raise RuntimeError("a relocation lies outside its section")
         if (targets < 0).any():
             raise UnsupportedObject
-        at = offsets[number] + at
-        distance = (targets + addends - at).astype("<i4")
-        image[at[:, None] + np.arange(4)] = distance.view(np.uint8).reshape(-1, 4)
+        positions = offsets[number] + places
+        distances = (targets + addends - positions).astype("<i4")
+        image[positions[:, None] + np.arange(4)] = distances.view(np.uint8).reshape(-1, 4)
 
 
 @cache
 def _library_function(name: str) -> int:
+    """Address of a function of the C library."""
     for library in _libraries():
-        with_name = getattr(library, name, None)
-        if with_name is not None:
-            return ctypes.cast(with_name, ctypes.c_void_p).value or 0
+        function = getattr(library, name, None)
+        if function is not None:
+            return ctypes.cast(function, ctypes.c_void_p).value or 0
     raise UnsupportedObject
 
 

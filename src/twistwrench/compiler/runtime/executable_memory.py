@@ -1,4 +1,4 @@
-"""Memory pages with code: written first, then executable, never both at once."""
+"""Memory pages with code. They are writable at first, then executable, never both at once."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any
 
 from ...core.typing import Array
 
+# Arguments of VirtualAlloc, VirtualFree and VirtualProtect of Windows.
 _RESERVE_AND_COMMIT, _RELEASE = 0x3000, 0x8000
 _READ_WRITE, _EXECUTE_READ = 0x04, 0x20
-"""Arguments of VirtualAlloc, VirtualFree and VirtualProtect of Windows."""
 
 
 class UnsupportedObject(Exception):
-    """Raised for code that is not loaded here, or if the system does not execute such pages."""
+    """Raised for object code that needs LLVM's own linker, or if the system does not execute pages that were written."""
 
 
 class ExecutableMemory:
@@ -26,7 +26,7 @@ class ExecutableMemory:
 
     @staticmethod
     def from_image(image: Array) -> ExecutableMemory:
-        """Pages with those bytes. Raises :class:`UnsupportedObject` if the system does not execute such pages."""
+        """Pages with the bytes of ``image``. Raises :class:`UnsupportedObject` if the system does not execute such pages."""
         if sys.platform == "win32":
             return _WindowsMemory(image)
         return _MappedMemory(image)
@@ -38,12 +38,13 @@ class _MappedMemory(ExecutableMemory):
     def __init__(self, image: Array) -> None:
         try:
             memory = mmap.mmap(-1, len(image), flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-        except (OSError, AttributeError):
+        except (OSError, AttributeError):  # no memory, or no such flags on this system
             raise UnsupportedObject from None
         memory[:] = image.tobytes()
-        self._first = ctypes.c_char.from_buffer(memory)  # keeps the memory mapped
-        self.address = ctypes.addressof(self._first)
-        if _process().mprotect(self.address, len(image), mmap.PROT_READ | mmap.PROT_EXEC):
+        self._first_byte = ctypes.c_char.from_buffer(memory)  # keeps the memory mapped
+        self.address = ctypes.addressof(self._first_byte)
+        failed = _process().mprotect(self.address, len(image), mmap.PROT_READ | mmap.PROT_EXEC)
+        if failed:
             raise UnsupportedObject
 
 
@@ -52,12 +53,15 @@ class _WindowsMemory(ExecutableMemory):
 
     def __init__(self, image: Array) -> None:
         self._system = _kernel32()
-        self.address = self._system.VirtualAlloc(None, len(image), _RESERVE_AND_COMMIT, _READ_WRITE) or 0
+        self.address = (
+            self._system.VirtualAlloc(None, len(image), _RESERVE_AND_COMMIT, _READ_WRITE) or 0
+        )  # None for failure
         if not self.address:
             raise UnsupportedObject
         ctypes.memmove(self.address, image.ctypes.data, len(image))
-        before = ctypes.c_uint32()
-        if not self._system.VirtualProtect(self.address, len(image), _EXECUTE_READ, ctypes.byref(before)):
+        old_protection = ctypes.c_uint32()  # VirtualProtect requires a place for it
+        is_done = self._system.VirtualProtect(self.address, len(image), _EXECUTE_READ, ctypes.byref(old_protection))
+        if not is_done:
             raise UnsupportedObject
 
     def __del__(self) -> None:
@@ -67,7 +71,7 @@ class _WindowsMemory(ExecutableMemory):
 
 @cache
 def _process() -> Any:
-    """Libraries loaded in this process, including the C library."""
+    """Functions of the libraries that are loaded in this process; the C library has mprotect."""
     library = ctypes.CDLL(None)
     library.mprotect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
     return library
@@ -75,6 +79,7 @@ def _process() -> Any:
 
 @cache
 def _kernel32() -> Any:
+    """Windows' functions for memory."""
     library = ctypes.CDLL("kernel32")
     library.VirtualAlloc.restype = ctypes.c_void_p
     library.VirtualAlloc.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32, ctypes.c_uint32]

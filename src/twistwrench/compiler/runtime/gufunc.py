@@ -1,8 +1,9 @@
 """Compiled programs as NumPy generalized ufuncs.
 
-NumPy's C API makes the ufunc from the addresses of its loops for float32 and float64. A stub compiles the float32 loop at its
-first call, and then replaces itself in the table. In a subinterpreter, where C cannot call back, both loops are compiled at
-once. All memory that the ufunc points to belongs to an owner object, which the ufunc keeps alive.
+NumPy's C API makes the ufunc from the addresses of its loops for float32 and float64. The float64 loop is compiled at once. A
+stub stands for the float32 loop: its first call compiles the loop and puts the address into the table. In a subinterpreter,
+where C cannot call back, both loops are compiled at once. All memory that the ufunc points to belongs to an owner object,
+which the ufunc keeps alive.
 """
 
 from __future__ import annotations
@@ -30,11 +31,14 @@ if TYPE_CHECKING:
     from ..ir.loops import Form
 
 _LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+"""C type of a ufunc's loop: addresses of its arguments, dimensions, strides and data."""
 _FROM_FUNC_AND_DATA_AND_SIGNATURE = 31
 """Slot of PyUFunc_FromFuncAndDataAndSignature in NumPy's ufunc API table; fixed since NumPy 1.0."""
 
 _NONE_IDENTITY = -1
+"""PyUFunc_None: the ufunc cannot be reduced."""
 _MAX_OPERANDS = 32
+"""Maximum number of arrays of a ufunc, inputs and outputs together, in NumPy 1."""
 
 LONGEST_SCALAR = 40_000
 """Maximum number of instructions of a program that is compiled again for single samples."""
@@ -44,10 +48,8 @@ class _UFuncObject(ctypes.Structure):
     """Head of NumPy's public PyUFuncObject, up to its reference to an owner."""
 
     _fields_ = (
-        (
-            "counts",
-            ctypes.c_byte * (object.__basicsize__ - ctypes.sizeof(ctypes.c_void_p)),
-        ),  # more without Python's lock
+        # The head of every Python object, before its type; longer in builds of Python without the global lock.
+        ("counts", ctypes.c_byte * (object.__basicsize__ - ctypes.sizeof(ctypes.c_void_p))),
         ("type", ctypes.c_void_p),
         ("nin", ctypes.c_int),
         ("nout", ctypes.c_int),
@@ -88,21 +90,21 @@ class KernelMetadata(NamedTuple):
 
 
 class _Returned:
-    """Result of a callback, freed after the callback's Python code has ended, so that the code cannot catch the exception."""
+    """Result of a callback. It is freed after the callback's Python code has ended, which cannot catch an exception then."""
 
 
 @cache
 def _raise_in_thread() -> Any:
-    """CPython function that raises an exception in a thread when it next runs Python code.
+    """CPython function (thread, exception class) that raises an exception in a thread when it next runs Python code.
 
-    As a weak-reference callback it also receives the reference, which C ignores.
+    The prototype has a third argument: called for a dead weak reference, the function receives the reference, and ignores it.
     """
     prototype = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_ulong, ctypes.py_object, ctypes.py_object)
     return prototype(("PyThreadState_SetAsyncExc", ctypes.pythonapi))
 
 
-def _raised_again(problem: BaseException) -> type[BaseException]:
-    """Class whose instance is an exception that exists: Python raises exceptions in threads by their class."""
+def _class_of(problem: BaseException) -> type[BaseException]:
+    """Class whose instance is the exception ``problem``: Python raises an exception in a thread by its class only."""
 
     class Again(BaseException):
         def __new__(cls) -> Any:
@@ -133,8 +135,10 @@ class _Owner:
             if code is None:
                 self.given = program.form()
         self.code: dict[str, Code] = {"d": code or compile_form(self.form, DOUBLE, self.machine)}
+        """Code for batches, by character of the type."""
         self.scalar: dict[str, Code] = {}
-        self.lazy_stub = _LOOP(self._single)
+        """Code for single samples, by character of the type."""
+        self.lazy_stub = _LOOP(self._first_float32_call)
         self.interrupt: Any = None
         # float32 first: NumPy uses the first loop to which the arguments can be cast without loss.
         self.functions = (ctypes.c_void_p * 2)(
@@ -182,12 +186,12 @@ class _Owner:
         """Size of all results of a sample in doubles [bytes]."""
         return DOUBLE.bytes * sum(port.size for port in self.given.outputs)
 
-    def _single(self, args: int, dims: int, steps: int, data: int) -> _Returned | None:
-        """Stub of the float32 loop: compiles the loop, stores it in the table, and runs it.
+    def _first_float32_call(self, args: int, dims: int, steps: int, data: int) -> _Returned | None:
+        """Stub of the float32 loop: compiles the loop, stores its address in the table, and runs it.
 
-        An exception cannot leave a callback: Python would print it as ignored. Any exception, of the compiler or of a signal
-        handler, is therefore raised after NumPy has returned. Until then results are NaN instead of uninitialised memory. The
-        next call compiles again.
+        An exception cannot leave a callback: Python would print it as ignored. An exception of the compiler or of a signal
+        handler is therefore raised after NumPy has returned. The results of this call are NaN instead of uninitialised memory.
+        The next call compiles again.
         """
         try:
             _LOOP(self.address(SINGLE))(args, dims, steps, data)
@@ -197,22 +201,26 @@ class _Owner:
         return None
 
     def _raise_later(self, problem: BaseException) -> _Returned:
-        """Result of a callback, whose release raises ``problem``; no frame of its traceback may hold the result."""
+        """Result of a callback, whose release raises ``problem``; no frame of the problem's traceback may hold the result."""
         returned = _Returned()
-        self.interrupt = weakref.ref(
-            returned, partial(_raise_in_thread(), threading.get_ident(), _raised_again(problem))
-        )
+        raise_here = partial(_raise_in_thread(), threading.get_ident(), _class_of(problem))
+        self.interrupt = weakref.ref(returned, raise_here)
         return returned
 
     def _fill_nan(self, args: int, dims: int, steps: int) -> None:
-        """Write NaN into every float32 result of a call of the loop."""
-        operands = axes_of(self.given.signature)
-        all_axes = list(itertools.chain(*operands))
+        """Write NaN into every float32 result of a call of the loop, whose arguments are ``args``, ``dims`` and ``steps``.
+
+        ``steps`` has the strides of the batch, one for each operand, and then those of the core axes, operand by operand.
+        """
+        axes_by_operand = axes_of(self.given.signature)
+        all_axes = list(itertools.chain(*axes_by_operand))
         sizes = list((ctypes.c_ssize_t * (1 + max(all_axes, default=0))).from_address(dims))
-        strides = list((ctypes.c_ssize_t * (len(operands) + len(all_axes))).from_address(steps))
-        outer, inner = strides[: len(operands)], strides[len(operands) :]
-        for k, axes in enumerate(operands):
-            own_strides, inner = [outer[k], *inner[: len(axes)]], inner[len(axes) :]
+        strides = list((ctypes.c_ssize_t * (len(axes_by_operand) + len(all_axes))).from_address(steps))
+        operand_count = len(axes_by_operand)
+        batch_strides, core_strides = strides[:operand_count], strides[operand_count:]
+        for k, axes in enumerate(axes_by_operand):
+            own_strides = [batch_strides[k], *core_strides[: len(axes)]]
+            core_strides = core_strides[len(axes) :]
             if k >= len(self.given.inputs):
                 start = ctypes.c_void_p.from_address(args + k * ctypes.sizeof(ctypes.c_void_p)).value
                 shape = [sizes[0], *(sizes[axis] for axis in axes)]
@@ -221,11 +229,12 @@ class _Owner:
                     ctypes.c_float.from_address((start or 0) + offset).value = float("nan")
 
     def address(self, precision: Precision) -> int:
+        """Address of the loop for batches; the loop is compiled at the first call."""
         with LOCK:
             code = self.code.get(precision.char)
             if code is None:
-                code = self.code[precision.char] = self._further(precision, self.machine)
-                self.functions[0] = code.address
+                code = self.code[precision.char] = self._code_of(precision, self.machine)
+                self.functions[0] = code.address  # in place of the stub: the float64 loop was compiled at once
         return code.address
 
     def scalar_code(self, precision: Precision) -> Code:
@@ -236,11 +245,11 @@ class _Owner:
                 return self.code[precision.char]
             if precision.char not in self.scalar:
                 one_lane = self.machine.narrowed(precision.bits)
-                self.scalar[precision.char] = self._further(precision, one_lane)
+                self.scalar[precision.char] = self._code_of(precision, one_lane)
             return self.scalar[precision.char]
 
-    def _further(self, precision: Precision, machine: Machine) -> Code:
-        """Code for another type or vector width, cached if the kernel is cached."""
+    def _code_of(self, precision: Precision, machine: Machine) -> Code:
+        """Code for another type or vector width than at first, cached if the kernel is cached."""
         if not self.key:
             return compile_form(self.form, precision, machine)
         key = object_cache.digest("code", self.key, precision.char, str(machine)).hex()
@@ -258,8 +267,8 @@ class _Owner:
 def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool = False) -> np.ufunc:
     """Compile ``program`` as a ufunc; its signature has the program's sizes, so NumPy rejects others.
 
-    The signature of a scan has two sizes chosen by the caller. NumPy cannot derive the number of rows, so it requires ``out=``.
-    A ``scalar`` ufunc is for one sample at a time, in one lane.
+    The signature of a scan has two sizes chosen by the caller. NumPy cannot derive the number of rows from the inputs, so
+    such a ufunc must be called with ``out=``. A ``scalar`` ufunc is for one sample at a time, in one lane.
     """
     owner = _Owner(program, name, doc, scalar=scalar)
     pointers, integers = [ctypes.c_void_p] * 3, [ctypes.c_int] * 4
@@ -282,6 +291,7 @@ def make_ufunc(program: Form | KernelMetadata, name: str, doc: str, scalar: bool
 
 
 _FOREVER: list[_Owner] = []
+"""Owners that no ufunc keeps alive."""
 
 
 def owner_of(kernel: Any) -> _Owner | None:
@@ -304,13 +314,14 @@ def load_ufunc(key: str, form: Callable[[], Form]) -> np.ufunc | None:
         return None
     try:
         name, doc, inputs, outputs, length, cost, code = literal_eval(entry.decode())
-        ins, outs = _specs(inputs), _specs(outputs)
+        ins, outs = _specs_from_rows(inputs), _specs_from_rows(outputs)
     except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):  # the kernel is made again
         return None
     return make_ufunc(KernelMetadata(ins, outs, length, cost, code, form, key), name, doc)
 
 
-def _specs(rows: Sequence[tuple[str, tuple[int, ...]]]) -> tuple[TensorSpec, ...]:
+def _specs_from_rows(rows: Sequence[tuple[str, tuple[int, ...]]]) -> tuple[TensorSpec, ...]:
+    """Inputs or outputs from their names and shapes."""
     return tuple(TensorSpec(*row) for row in rows)
 
 
@@ -319,15 +330,17 @@ def store_ufunc(key: str, kernel: Any) -> None:
     owner = owner_of(kernel)
     if owner is None:
         return
-    owner.key, code = key, owner.code["d"]
+    owner.key = key
+    code = owner.code["d"]
     if code.keys:
-        inputs, outputs = tuple(map(tuple, owner.given.inputs)), tuple(map(tuple, owner.given.outputs))
-        about = (kernel.__name__, owner.description, inputs, outputs, owner.length, owner.cost, code.keys)
-        object_cache.store(key, repr(about).encode())
+        inputs = tuple(map(tuple, owner.given.inputs))
+        outputs = tuple(map(tuple, owner.given.outputs))
+        entry = (kernel.__name__, owner.description, inputs, outputs, owner.length, owner.cost, code.keys)
+        object_cache.store(key, repr(entry).encode())
 
 
 class _Recipe:
-    """Kernel that is pickled as its program, and copied as itself."""
+    """Kernel in the form that ``pickle`` and ``copy`` store: pickled as its program, and copied as itself."""
 
     def __init__(self, kernel: Any) -> None:
         self.kernel = kernel
@@ -342,12 +355,14 @@ class _Recipe:
 
 
 def _kernel_of(recipe: Any) -> Any:
+    """Kernel of a recipe; after unpickling, the argument is the new kernel itself."""
     if isinstance(recipe, _Recipe):
         return recipe.kernel
     return recipe
 
 
 def _reduce(ufunc: np.ufunc) -> Any:
+    """Reduction of a ufunc for ``pickle`` and ``copy``; NumPy's own for ufuncs not made here."""
     if owner_of(ufunc):
         return _kernel_of, (_Recipe(ufunc),)
     return _reduce_by_numpy(ufunc)
@@ -359,7 +374,7 @@ copyreg.pickle(np.ufunc, _reduce)
 
 @cache
 def _abi_matches() -> bool:
-    """True if ufuncs lie in memory as :class:`_UFuncObject` describes, by inspection of one of NumPy's own."""
+    """True if ufuncs lie in memory as :class:`_UFuncObject` describes, judged by NumPy's addition."""
     head = _UFuncObject.from_address(id(np.add))
     counts = (head.nin, head.nout, head.nargs, head.ntypes)
     return head.type == id(np.ufunc) and counts == (2, 1, 3, np.add.ntypes) and head.owner is None
@@ -367,7 +382,7 @@ def _abi_matches() -> bool:
 
 @cache
 def numpy_function(table: str, slot: int) -> int:
-    """The address of a function of NumPy's C API, by the name of its table and its slot there."""
+    """Address of a function of NumPy's C API, by the name of its table and its slot there."""
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
     get_pointer = ctypes.pythonapi.PyCapsule_GetPointer

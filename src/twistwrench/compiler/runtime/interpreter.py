@@ -16,12 +16,13 @@ from ...core.errors import ValueRangeError
 from .executable_memory import ExecutableMemory, UnsupportedObject
 
 VARIABLE = "TWISTWRENCH_JIT"
+"""Environment variable: 0 runs programs on NumPy."""
 
 
 def switched_on(variable: str, off: str, on: str) -> bool:
-    """True unless an environment variable switches off a default; ``off`` and ``on`` describe the effects in the error.
+    """True if an environment variable is 1, on, empty or missing; False if it is 0 or off.
 
-    Raises ValueRangeError for another value.
+    Raises ValueRangeError for another value; in its message, ``off`` and ``on`` say what the two values do.
     """
     text = os.environ.get(variable, "").strip().lower() or "1"
     if text not in ("0", "1", "off", "on"):
@@ -32,13 +33,16 @@ def switched_on(variable: str, off: str, on: str) -> bool:
 
 
 def compiles() -> bool:
-    """True if programs are compiled: if that is possible, unless ``TWISTWRENCH_JIT=0``."""
-    return switched_on(VARIABLE, "run programs on NumPy", "compile them") and runs_machine_code() and _may_run_pages()
+    """True if programs are compiled: whenever that is possible, unless ``TWISTWRENCH_JIT=0``."""
+    if not switched_on(VARIABLE, "run programs on NumPy", "compile them"):
+        return False
+    return runs_machine_code() and _may_run_pages()
 
 
 def runs_machine_code() -> bool:
-    """True if programs can be compiled: 64-bit CPython, whose objects are at the address ``id``, with llvmlite."""
-    return sys.implementation.name == "cpython" and sys.maxsize > 2**32 and _has_llvmlite()
+    """True if programs can be compiled: on 64-bit CPython, where ``id`` is the address of an object, with llvmlite."""
+    has_64_bits = sys.maxsize > 2**32
+    return sys.implementation.name == "cpython" and has_64_bits and _has_llvmlite()
 
 
 @cache
@@ -59,7 +63,7 @@ def _may_run_pages() -> bool:
 
 @cache
 def _has_llvmlite() -> bool:
-    """True if llvmlite is installed; it is optional, as some platforms such as browsers have no wheel."""
+    """True if llvmlite is installed; it is optional, because it has no wheel for some platforms, such as browsers."""
     try:
         return importlib.util.find_spec("llvmlite") is not None
     except ImportError:
@@ -68,13 +72,14 @@ def _has_llvmlite() -> bool:
 
 @cache
 def is_main() -> bool:
-    """True in the process's first interpreter.
+    """True in the process's main interpreter, False in a subinterpreter.
 
-    In another one, ctypes deadlocks when C calls back into Python, and a daemon thread ends the process when the interpreter
+    In a subinterpreter, ctypes deadlocks when C calls back into Python. If it ends while a daemon thread runs, the process
     ends.
     """
-    if not runs_machine_code():
+    if not runs_machine_code():  # only compiled programs need to know
         return True
-    current, main = ctypes.pythonapi.PyInterpreterState_Get, ctypes.pythonapi.PyInterpreterState_Main
-    current.restype = main.restype = ctypes.c_void_p
-    return bool(current() == main())
+    current_interpreter = ctypes.pythonapi.PyInterpreterState_Get
+    main_interpreter = ctypes.pythonapi.PyInterpreterState_Main
+    current_interpreter.restype = main_interpreter.restype = ctypes.c_void_p
+    return bool(current_interpreter() == main_interpreter())

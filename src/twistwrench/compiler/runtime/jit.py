@@ -19,19 +19,21 @@ from .executable_memory import UnsupportedObject
 if TYPE_CHECKING:
     from ..ir.loops import Form
 
-PATIENCE = 1.0
+SILENT_SECONDS = 1.0
 """Compile time [s] after which a message appears on the terminal."""
 
 
-_UNLINKED = (RuntimeError, ValueError, KeyError)
-"""Errors of linkers: LLVM's, its messages with names that are not UTF-8, and a missing function."""
+_LINKER_ERRORS = (RuntimeError, ValueError, KeyError)
+"""Errors of linking: LLVM's, LLVM's with a message that is not UTF-8, and that of a missing function."""
 
 
 class Code(NamedTuple):
     """Function in memory; the code is freed with this object."""
 
     address: int
+    """Address of the function."""
     keep: Any
+    """Object that owns the memory."""
     size: int
     """Size of the object code [bytes]."""
     cached: bool
@@ -52,18 +54,20 @@ class _Jit:
             os.register_at_fork(before=self.lock.acquire, after_in_parent=release, after_in_child=release)
 
     def target(self, machine: Machine) -> Any:
+        """LLVM's code generator for a machine."""
         import llvmlite.binding as llvm
 
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
         llvm.initialize_native_asmparser()
-        # The small code model allows constants as memory operands; the JIT default loads each address. Optimisation level 2
-        # takes half as long again without making code faster (bench/NOTES.md).
+        # The small code model allows constants as memory operands; LLVM's default for compilers in a process would load each
+        # address. Optimisation level 2 takes half as long again without making code faster (bench/NOTES.md).
         return llvm.Target.from_triple(machine.triple).create_target_machine(
             cpu=machine.cpu, features=machine.features, opt=1, reloc="pic", codemodel="small"
         )
 
     def link(self, objects: Sequence[bytes], symbol: str, machine: Machine) -> Any:
+        """Library of object codes, from which the address of ``symbol`` can be read."""
         import llvmlite.binding as llvm
 
         if self._linker is None:
@@ -92,10 +96,14 @@ def compile_form(program: Form, precision: Precision, machine: Machine | None = 
 
 
 def _with_message(program: Form, texts: Iterable[str]) -> Iterator[str]:
-    """The texts; if the first ones took long, a message on stderr names the results."""
-    start, has_message = time.perf_counter(), False
+    """The texts of modules; if the compilation of the first ones took long, a message on stderr names the results.
+
+    The caller compiles each text before it takes the next one.
+    """
+    start = time.perf_counter()
+    has_message = False
     for text in texts:
-        is_slow = time.perf_counter() - start > PATIENCE
+        is_slow = time.perf_counter() - start > SILENT_SECONDS
         if is_slow and not has_message and sys.stderr is not None and sys.stderr.isatty():
             results = ", ".join(port.name for port in program.outputs)
             sys.stderr.write(f"twistwrench: compiling a kernel of {results}; the cache keeps it for the next time.\n")
@@ -113,8 +121,9 @@ def cached_code(keys: Sequence[str], machine: Machine) -> Code | None:
         objects.append(code)
     with _JIT.lock:
         try:
-            return _load(objects, LOOP, machine, cached=True)._replace(keys=tuple(keys))
-        except _UNLINKED:
+            code = _load(objects, LOOP, machine, cached=True)
+            return code._replace(keys=tuple(keys))
+        except _LINKER_ERRORS:
             return None
 
 
@@ -124,49 +133,51 @@ def assemble(text: str, symbol: str, machine: Machine) -> Code:
 
 
 def _link_modules(texts: Callable[[], Iterable[str]], symbol: str, machine: Machine) -> Code:
-    """Code of several modules together. Each is written, compiled and cached separately, because texts are long."""
+    """Code of several modules together. Each is written, compiled and cached by itself, so only one long text exists."""
     with _JIT.lock:
         try:
-            objects = [_object(text, machine) for text in texts()]
-            keys, codes, from_cache = zip(*objects, strict=True)
+            objects = [_object_code(text, machine) for text in texts()]
+            keys, object_codes, from_cache = zip(*objects, strict=True)
             try:
-                loaded = _load(codes, symbol, machine, cached=all(from_cache))
-            except _UNLINKED:  # cache entries that no longer link are compiled again
+                loaded = _load(object_codes, symbol, machine, cached=all(from_cache))
+            except _LINKER_ERRORS:  # cache entries that no longer link are compiled again
                 if not any(from_cache):
                     raise
-                objects = [_object(text, machine, afresh=True) for text in texts()]
-                keys, codes, from_cache = zip(*objects, strict=True)
-                loaded = _load(codes, symbol, machine, cached=False)
+                objects = [_object_code(text, machine, afresh=True) for text in texts()]
+                keys, object_codes, from_cache = zip(*objects, strict=True)
+                loaded = _load(object_codes, symbol, machine, cached=False)
         except RuntimeError as problem:
             raise KernelError(
                 f"LLVM refused a kernel ({problem}). Set TWISTWRENCH_JIT=0 to run on NumPy, and please report this."
             ) from problem
-        for key, code, is_cached in objects:
+        for key, object_code, is_cached in objects:
             if not is_cached:
-                object_cache.store(key, code)
+                object_cache.store(key, object_code)
         return loaded._replace(keys=keys)
 
 
-def _object(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
-    """Cache key of a module, its object code, and True if it came from the cache."""
+def _object_code(text: str, machine: Machine, *, afresh: bool = False) -> tuple[str, bytes, bool]:
+    """Cache key of a module, its object code, and True if that came from the cache; ``afresh`` ignores the cache."""
     import llvmlite
 
-    key = object_cache.digest(f"{llvmlite.__version__} {compiler().version} {machine}", text).hex()
+    compiler_and_machine = f"{llvmlite.__version__} {compiler().version} {machine}"
+    key = object_cache.digest(compiler_and_machine, text).hex()
     if not afresh:
         cached_code = object_cache.load(key)
         if cached_code is not None:
             return key, cached_code, True
     import llvmlite.binding as llvm
 
-    # In the global context, the module's constants would never be freed. Both are freed here, the module first. Otherwise an
-    # exception's traceback could delay this to the garbage collector, which has no order, and the module would be freed twice.
+    # A context of its own: in the global one, the module's constants would never be freed. Both are freed here, the module
+    # first. Left to the garbage collector, which has no order, the module could be freed twice, for example after an exception.
     with llvm.create_context() as context, llvm.parse_assembly(text, context) as module:
         return key, _JIT.target(machine).emit_object(module), False
 
 
 def _load(objects: Sequence[bytes], symbol: str, machine: Machine, *, cached: bool) -> Code:
+    """Function in memory from object codes, by the package's own loader if it can, otherwise by LLVM's linker."""
     try:
         library: Any = load_objects(objects)
     except UnsupportedObject:
         library = _JIT.link(objects, symbol, machine)
-    return Code(library[symbol], library, sum(map(len, objects)), cached)
+    return Code(library[symbol], library, size=sum(map(len, objects)), cached=cached)

@@ -1,4 +1,4 @@
-"""Base of all results that answer a question: verdict, text, card of a notebook, pictures, page and data."""
+"""Base class of all results that answer a question: verdict, text, card of a notebook, pictures, page and data."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from .page import Picture, Setting, Viewer
 
 SCHEMA = 1
-"""Version of the keys of :meth:`Answer.to_dict`."""
+"""Version of the dictionary of :meth:`Answer.to_dict`: another number means other keys."""
 
 
 class Answer:
     """Result of a question: its verdict, and the blocks that every surface shows.
 
-    A subclass writes ``verdict`` and ``blocks``. ``print(answer)`` is the report of the command, ``answer.print()`` the same
-    with colours; a notebook shows a card; ``to_html`` writes a page, ``to_json`` the data with all digits.
+    A subclass defines ``verdict`` and ``blocks``. ``print(answer)`` prints the report of the command, and ``answer.print()``
+    prints it with colours. A notebook shows a card. ``to_html`` writes a page, ``to_json`` the data with all digits.
 
     Examples
     --------
@@ -40,7 +40,7 @@ class Answer:
     """
 
     call: ClassVar[str] = ""
-    """Name of the function and of the command."""
+    """Name of the function that returns the answer, and of the command that prints it."""
 
     @property
     @abstractmethod
@@ -49,7 +49,7 @@ class Answer:
 
     @abstractmethod
     def blocks(self) -> Iterable[Block]:
-        """Headline, facts, tables and remarks, in the order of all surfaces.
+        """Headline, facts, tables and remarks, in the order in which every surface shows them.
 
         Returns
         -------
@@ -58,7 +58,7 @@ class Answer:
 
     @property
     def subject(self) -> str:
-        """Robot and motion, pose or file of the question."""
+        """Subject of the question: robot, and motion, pose or file."""
         return self.robot_name
 
     @property
@@ -68,7 +68,7 @@ class Answer:
 
     @property
     def brief(self) -> str:
-        """Decisive figure in a few words; empty without one."""
+        """Decisive number of the verdict, in a few words; empty if there is none."""
         return ""
 
     def facts(self) -> Mapping[str, str]:
@@ -117,7 +117,7 @@ class Answer:
         return []
 
     def shares(self) -> Shares | None:
-        """Shares of limits over time, the picture of the card; None without them.
+        """Shares of limits over time, which the card draws; None for answers without a motion and limits.
 
         Returns
         -------
@@ -193,15 +193,15 @@ class Answer:
         print_blocks(self.blocks(), every=every, file=file)
 
     def __repr__(self) -> str:
-        brief = f", {self.brief}" if self.brief else ""
-        of = f" of {self.robot_name}" if self.robot_name else ""
-        return f"<{type(self).__name__}{of}: {self.verdict.word}{brief}>"
+        figure = f", {self.brief}" if self.brief else ""
+        of_robot = f" of {self.robot_name}" if self.robot_name else ""
+        return f"<{type(self).__name__}{of_robot}: {self.verdict.word}{figure}>"
 
     def __bool__(self) -> bool:
         raise TypeError(f"a {type(self).__name__} has no truth value. Use .verdict.ok")
 
     def _repr_html_(self) -> str:
-        """Card of a notebook; the plain text if the card cannot be drawn, since a notebook must show something."""
+        """Card of a notebook; the plain text if an error prevents the card, since a notebook must show something."""
         from .card import card
 
         try:
@@ -328,12 +328,18 @@ class Answer:
 
     @property
     def tables(self) -> Mapping[str, DataTable]:
-        """Tables by title, or by their first column without one, with all rows and digits."""
+        """Tables with all rows and digits, by title; a table without a title, by the name of its first column."""
         from .blocks import Table
         from .data import DataTable
 
-        found = [DataTable.from_table(block) for block in self.blocks() if isinstance(block, Table)]
-        return {table.title or table.columns[0][0]: table for table in found}
+        tables = [DataTable.from_table(block) for block in self.blocks() if isinstance(block, Table)]
+        by_title: dict[str, DataTable] = {}
+        for table in tables:
+            name = table.title
+            if not name:
+                name, _ = table.columns[0]
+            by_title[name] = table
+        return by_title
 
     @property
     def headline(self) -> str:
@@ -341,4 +347,8 @@ class Answer:
         from .blocks import Headline
         from .data import plain
 
-        return next((plain(block).partition("\n")[0] for block in self.blocks() if isinstance(block, Headline)), "")
+        for block in self.blocks():
+            if isinstance(block, Headline):
+                first_line, *_ = plain(block).split("\n")
+                return first_line
+        return ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -24,8 +25,10 @@ _MAX_BYTES = 120_000
 """Maximum number of bytes of a card."""
 _MAX_NAME_LENGTH = 200
 """Maximum number of characters of a name."""
-_WIDTH, _HEIGHT, _LEFT_MARGIN, _BOTTOM_MARGIN = 640, 150, 42, 18
-"""Size of the picture, and its margins, in pixels."""
+_WIDTH, _HEIGHT = 640, 150
+"""Size of the picture, in pixels, without its margin above."""
+_LEFT_MARGIN, _RIGHT_MARGIN, _TOP_MARGIN, _BOTTOM_MARGIN = 42, 6, 4, 18
+"""Margins of the plot inside the picture, in pixels."""
 _MAX_POINTS = 240
 """Maximum number of points of a curve."""
 _MAX_LINES = 8
@@ -48,21 +51,22 @@ class Shares:
 
 def card(answer: Answer) -> str:
     """HTML of the card of an answer, at most 120 kB."""
-    blocks = [block for block in shown_blocks(answer.blocks(), every=False, hint="") if block != ""]
-    head = [html_of(block) for block in blocks if isinstance(block, Headline)]
-    below = [block for block in blocks if not isinstance(block, Headline)]
+    blocks = [block for block in shown_blocks(answer.blocks(), every=False, hint="") if block != ""]  # no empty lines
+    headline_parts = [html_of(block) for block in blocks if isinstance(block, Headline)]
+    lower_blocks = [block for block in blocks if not isinstance(block, Headline)]
     shares = answer.shares()
-    parts = [f'<p class="kind">{_short_name(answer.subject)}</p>', *head]
+    parts = [f'<p class="kind">{_short_name(answer.subject)}</p>', *headline_parts]
     if shares is not None and np.isfinite(shares.values).any():
         parts.append(shares_svg(shares))
-    selected = _select_blocks(below)
+    selected = _select_blocks(lower_blocks)
     parts += map(block_html, selected)
-    omitted = [block for block in below if block not in selected]
+    omitted = [block for block in lower_blocks if block not in selected]
     if omitted:
         parts.append(f'<p class="kind">{_count_text(omitted)} more: .print(), .to_html("report.html")</p>')
     text = f'<div class="twistwrench">{_STYLE}{"".join(parts)}</div>'
     if len(text.encode()) > _MAX_BYTES:
-        text = f'<div class="twistwrench">{_STYLE}{"".join(parts[:2])}</div>'
+        subject_and_headline = "".join(parts[:2])
+        text = f'<div class="twistwrench">{_STYLE}{subject_and_headline}</div>'
     return text
 
 
@@ -72,68 +76,86 @@ def _select_blocks(blocks: Sequence[Block]) -> list[Block]:
     if not tables:
         return list(blocks[:_MAX_LINES])
     first = tables[0]
+    lines = blocks[: min(first, _MAX_LINES)]
     notes = [block for block in blocks[first + 1 :] if not isinstance(block, Table)]
-    return [*blocks[:first][:_MAX_LINES], blocks[first], *notes[:_MAX_NOTES]]
+    return [*lines, blocks[first], *notes[:_MAX_NOTES]]
 
 
 def _count_text(blocks: Sequence[Block]) -> str:
-    """Numbers of tables and of other blocks."""
-    tables = sum(isinstance(block, Table) for block in blocks)
-    counts = {"table": tables, "note": len(blocks) - tables}
-    return " and ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in counts.items() if count)
+    """Numbers of tables and of other blocks, as in "1 table and 2 notes"."""
+    table_count = sum(isinstance(block, Table) for block in blocks)
+    counts = {"table": table_count, "note": len(blocks) - table_count}
+    texts = []
+    for name, count in counts.items():
+        plural = "s" * (count > 1)
+        if count > 0:
+            texts.append(f"{count} {name}{plural}")
+    return " and ".join(texts)
 
 
 def html_of(block: Block) -> str:
-    """HTML of the headline, one paragraph a line."""
+    """HTML of a headline: a paragraph for each of its lines, the first in larger letters."""
     first, *others = paragraphs(block) or [""]
     return f'<p class="headline">{first}</p>' + "".join(f"<p>{text}</p>" for text in others)
 
 
 def _short_name(text: str) -> str:
+    """HTML of a name, cut to its maximum length."""
     if len(text) > _MAX_NAME_LENGTH:
         text = f"{text[:_MAX_NAME_LENGTH]}…"
     return html.escape(visible(text))
 
 
 def shares_svg(shares: Shares) -> str:
-    """Curve of the share of its limit of each joint, with the limit as a line; the largest is in its colour."""
-    time, values, names = shares.time, shares.values, shares.names
-    step = max(1, -(-len(time) // _MAX_POINTS))
-    blocks = [slice(k, k + step) for k in range(0, len(time), step)]
-    peaks = np.array([np.nanmax(np.nan_to_num(values[block], nan=-1.0), axis=0) for block in blocks])
-    centres = np.array([time[block].mean() for block in blocks])
-    known = (peaks >= 0).any(axis=0)
-    top = max(1.1, 1.05 * float(peaks.max()))
-    span = float(centres[-1] - centres[0]) or 1.0
-    x = (_LEFT_MARGIN + (_WIDTH - _LEFT_MARGIN - 6) * (centres - centres[0]) / span).round(1).tolist()
+    """Curves over time: of each joint the share of its limit. The limit is a line; the largest curve is coloured.
 
-    def height(share: Array | float) -> Any:
-        return ((_HEIGHT - _BOTTOM_MARGIN) * (1.0 - np.asarray(share) / top) + 4).round(1).tolist()
+    A long motion is divided into blocks of equally many rows. A curve shows the maximum of each block at its mean time.
+    """
+    time = shares.time
+    rows_per_block = max(1, math.ceil(len(time) / _MAX_POINTS))
+    blocks = [slice(k, k + rows_per_block) for k in range(0, len(time), rows_per_block)]
+    values = np.nan_to_num(shares.values, nan=-1.0)  # below every share: nan has no maximum
+    block_maxima = np.array([values[block].max(axis=0) for block in blocks])
+    block_times = np.array([time[block].mean() for block in blocks])
+    has_limit = (block_maxima >= 0).any(axis=0)
+    top_share = max(1.1, 1.05 * float(block_maxima.max()))
+    duration = float(block_times[-1] - block_times[0]) or 1.0  # a single block has none
+    plot_width = _WIDTH - _LEFT_MARGIN - _RIGHT_MARGIN
+    plot_height = _HEIGHT - _BOTTOM_MARGIN
+    x = (_LEFT_MARGIN + plot_width * (block_times - block_times[0]) / duration).round(1).tolist()
 
-    worst = int(np.argmax(np.where(known, peaks.max(axis=0), -1.0)))
-    joints = [k for k in np.flatnonzero(known).tolist() if k != worst]
-    lines = []
-    for k in [*joints, worst]:  # the largest last, above the others
-        points = " ".join(f"{a},{b}" for a, b in zip(x, height(peaks[:, k]), strict=True))
-        style, width = (limit_style(float(peaks[:, k].max())), 1.8) if k == worst else (Style.QUIET, 1.0)
+    def y_of(share: Array | float) -> Any:
+        return (plot_height * (1.0 - np.asarray(share) / top_share) + _TOP_MARGIN).round(1).tolist()
+
+    maxima = block_maxima.max(axis=0)
+    worst = int(np.argmax(np.where(has_limit, maxima, -1.0)))
+    other_joints = [joint for joint in np.flatnonzero(has_limit).tolist() if joint != worst]
+    curves = []
+    for joint in [*other_joints, worst]:  # the largest last, above the others
+        points = " ".join(f"{px},{py}" for px, py in zip(x, y_of(block_maxima[:, joint]), strict=True))
+        style, line_width = Style.QUIET, 1.0
+        if joint == worst:
+            style, line_width = limit_style(float(maxima[joint])), 1.8
         colour = COLOURS[style].plot
-        lines.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width}"/>')
-    limit = height(1.0)
-    near = height(NEAR_LIMIT)
-    texts = [
-        f'<text x="2" y="{limit + 4}">100 %</text>',
-        f'<text x="2" y="{height(0.0) + 4}">0</text>',
-        f'<text x="{_LEFT_MARGIN}" y="{_HEIGHT}">{number(shares.time[0])} s</text>',
-        f'<text x="{_WIDTH - 6}" y="{_HEIGHT}" text-anchor="end">{number(shares.time[-1])} s · '
-        f"share of the limit of each joint, {_short_name(names[worst])} marked</text>",
+        curves.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{line_width}"/>')
+    y_limit = y_of(1.0)
+    y_near = y_of(NEAR_LIMIT)
+    texts = [  # 4 px below a line: half the height of its digits
+        f'<text x="2" y="{y_limit + 4}">100 %</text>',
+        f'<text x="2" y="{y_of(0.0) + 4}">0</text>',
+        f'<text x="{_LEFT_MARGIN}" y="{_HEIGHT}">{number(time[0])} s</text>',
+        f'<text x="{_WIDTH - _RIGHT_MARGIN}" y="{_HEIGHT}" text-anchor="end">{number(time[-1])} s · '
+        f"share of the limit of each joint, {_short_name(shares.names[worst])} marked</text>",
     ]
-    rules = [
-        f'<line x1="{_LEFT_MARGIN}" x2="{_WIDTH}" y1="{limit}" y2="{limit}" stroke="currentColor"/>',
-        f'<line x1="{_LEFT_MARGIN}" x2="{_WIDTH}" y1="{near}" y2="{near}" stroke="currentColor" stroke-dasharray="2 4"/>',
+    across = f'x1="{_LEFT_MARGIN}" x2="{_WIDTH}"'
+    limit_lines = [
+        f'<line {across} y1="{y_limit}" y2="{y_limit}" stroke="currentColor"/>',
+        f'<line {across} y1="{y_near}" y2="{y_near}" stroke="currentColor" stroke-dasharray="2 4"/>',
     ]
     return (
-        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT + 4}" role="img" aria-label="Share of the limit of each joint over time" '
-        f'font-size="11" fill="currentColor">{"".join(rules)}{"".join(lines)}{"".join(texts)}</svg>'
+        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT + _TOP_MARGIN}" role="img" '
+        'aria-label="Share of the limit of each joint over time" '
+        f'font-size="11" fill="currentColor">{"".join(limit_lines)}{"".join(curves)}{"".join(texts)}</svg>'
     )
 
 

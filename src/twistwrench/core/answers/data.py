@@ -102,36 +102,41 @@ _UNIT = re.compile(r" \[[^\]]*\]$")
 
 def report_data(blocks: Sequence[Block]) -> dict[str, Any]:
     """Verdict (None without one), sentences, tables and notes of a report, for JSON."""
-    data: dict[str, Any] = {"verdict": None, "sentences": [], "tables": [], "notes": []}
+    verdict: str | None = None
+    sentences: list[str] = []
+    tables: list[dict[str, Any]] = []
+    notes: list[str] = []
     for block in blocks:
-        if isinstance(block, Headline) and data["verdict"] is None:
-            data["verdict"] = str(block.word)
+        if isinstance(block, Headline) and verdict is None:
+            verdict = str(block.word)
         if isinstance(block, Table):
-            data["tables"].append(table_data(block))
+            tables.append(table_data(block))
         elif isinstance(block, Remark):
-            data["notes"].append(block.words)
+            notes.append(block.words)
         elif not isinstance(block, More):
-            data["sentences"] += _lines(block)
-    return data
+            sentences += _lines(block)
+    return {"verdict": verdict, "sentences": sentences, "tables": tables, "notes": notes}
 
 
 def table_data(table: Table) -> dict[str, Any]:
     """Title, columns with name and unit, and rows; a number is in the unit of its column, and None if it is not finite.
 
-    Limits printed behind values become a separate column. Columns that contain only bars are left out.
+    Limits printed behind values become a separate column. A column without name and content, such as one of bars, is left out.
     """
     columns: list[dict[str, str]] = []
-    cells: list[list[Any]] = []
+    cells_by_column: list[list[Any]] = []
     for column in table.columns:
-        name, source = " ".join(column.name.split()), column.narrow or column
-        values = [_cell(source, value) for value in source.values]
-        if name or any(values):
+        name = " ".join(column.name.split())
+        source = column.narrow or column  # the form for narrow terminals has numbers in place of bars
+        cells = [_cell(source, value) for value in source.values]
+        if name or any(cells):
             columns.append({"name": name, "unit": source.unit})
-            cells.append(values)
+            cells_by_column.append(cells)
         if source.limits is not None:
             columns.append({"name": f"{name} limit", "unit": source.unit})
-            cells.append([_number(limit) for limit in source.limits])
-    return {"title": table.title, "columns": columns, "rows": [list(row) for row in zip(*cells, strict=True)]}
+            cells_by_column.append([_number(limit) for limit in source.limits])
+    rows = [list(row) for row in zip(*cells_by_column, strict=True)]
+    return {"title": table.title, "columns": columns, "rows": rows}
 
 
 def plain(block: Block | Cell) -> str:
@@ -146,11 +151,13 @@ def plain(block: Block | Cell) -> str:
     if isinstance(block, Headline | Line | Remark):
         return _text(block.pieces)
     if isinstance(block, Aligned):
-        return "\n".join([block.title, *(f"{name} {text}" for name, text in block.rows)])
+        rows = [f"{name} {text}" for name, text in block.rows]
+        return "\n".join([block.title, *rows])
     return str(block)
 
 
 def _text(pieces: Sequence[Piece]) -> str:
+    """Text of pieces, each of which is a text or a pair (text, style)."""
     return "".join(piece if isinstance(piece, str) else piece[0] for piece in pieces)
 
 
@@ -161,6 +168,7 @@ def _lines(block: Block) -> list[str]:
 
 
 def _cell(column: Column, value: Any) -> str | float | None:
+    """Number of a cell if it has one, otherwise its text; None for a missing number."""
     if isinstance(value, float | int | np.number):
         return _number(value)
     cell = column.show(value)
@@ -177,6 +185,7 @@ def _cell(column: Column, value: Any) -> str | float | None:
 
 
 def _number(value: float | np.number[Any]) -> float | None:
+    """Python number for JSON; None for nan and infinity."""
     if isinstance(value, int | np.integer):
         return int(value)
     if math.isfinite(value):

@@ -1,4 +1,8 @@
-"""Sentence templates of verdicts, for texts and pages."""
+"""Templates of the sentences of verdicts, for texts and pages.
+
+A template has fields ``{name}`` for names and numbers, and arguments ``<name=value>`` or ``<name=value|option>``, which
+:func:`.spell_out` writes as the caller types them. Some templates are the ends of others, and stand in their fields.
+"""
 
 from __future__ import annotations
 
@@ -53,11 +57,11 @@ SENTENCES = MappingProxyType(
         "t = {time} s).",
     }
 )
-"""Templates for :meth:`str.format` by name."""
+"""Templates by name."""
 
 
 def sentence(name: str, **words: str) -> str:
-    """Sentence of :data:`SENTENCES` with names and numbers filled in.
+    """Sentence from its template in :data:`SENTENCES`, with ``words`` in its fields.
 
     >>> sentence("because", cause="payload", share="63 %")
     '. Largest part: payload, 63 %'
@@ -66,5 +70,5 @@ def sentence(name: str, **words: str) -> str:
 
 
 def spoken_sentences() -> dict[str, str]:
-    """All templates, with arguments as the caller types them."""
+    """All templates by name, with arguments as the caller types them."""
     return {name: spell_out(text) for name, text in SENTENCES.items()}

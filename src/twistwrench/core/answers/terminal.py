@@ -26,14 +26,21 @@ class _Output(Console):
     """Console that escapes control characters, never truncates lines, and exits on a broken pipe."""
 
     def render(self, renderable: Any, options: Any = None) -> Any:
+        """Segments of Rich, with control characters of their texts as escapes."""
         for segment in super().render(renderable, options):
-            yield segment if segment.control else Segment(visible(segment.text), segment.style)
+            if segment.control:  # Rich's own codes
+                yield segment
+            else:
+                yield Segment(visible(segment.text), segment.style)
 
     def on_broken_pipe(self) -> None:
+        """Raise the error again, so that the command ends with its exit code; Rich would exit with another one."""
         raise
 
     def print(self, *objects: Any, **options: Any) -> None:
-        if any(isinstance(text, Text) and text.no_wrap for text in objects):  # Rich joins texts, and forgets it
+        """Print without cutting lines, and without wrapping texts that are marked so."""
+        must_not_wrap = any(isinstance(text, Text) and text.no_wrap for text in objects)
+        if must_not_wrap:  # Rich joins the texts, and loses their mark
             options = {"no_wrap": True, "overflow": "ignore", **options}
         super().print(*objects, **{"crop": False, **options})
 
@@ -43,22 +50,24 @@ def console() -> Console:
     return _Output(highlight=False)
 
 
-_PLAIN_WIDTH, _MIN_WIDTH = 80, 40
-"""Width of reports as text; least width of equations."""
-MOST_LINES = 45
-"""Lines of a short form at 80 columns."""
-_ROWS = (10, 8, 6, 4, 3, 2)
-"""Rows of a long table, fewer until the report fits."""
+_TEXT_WIDTH = 80
+"""Width of reports as text [columns]."""
+_MIN_EQUATION_WIDTH = 40
+"""Least width of equations [columns]."""
+MAX_LINES = 45
+"""Maximum number of lines of a short form at 80 columns."""
+_ROW_COUNTS = (10, 8, 6, 4, 3, 2)
+"""Numbers of rows of a long table that are tried, one after the other, until the report fits."""
 
 
 def as_text(blocks: Iterable[Block]) -> str:
     """Short form of a report in 80 columns, without colours."""
-    return _plain(short_form(blocks, ".print(every=True)")).rstrip("\n")
+    return _plain_text(short_form(blocks, ".print(every=True)")).rstrip("\n")
 
 
-def _plain(blocks: Iterable[Block]) -> str:
+def _plain_text(blocks: Iterable[Block]) -> str:
     """Blocks in 80 columns, without colours."""
-    output = _Output(width=_PLAIN_WIDTH, file=StringIO(), highlight=False, color_system=None)
+    output = _Output(width=_TEXT_WIDTH, file=StringIO(), highlight=False, color_system=None)
     with output.capture() as captured:
         _print(blocks, output)
     return captured.get()
@@ -66,28 +75,36 @@ def _plain(blocks: Iterable[Block]) -> str:
 
 def print_blocks(blocks: Iterable[Block], *, every: bool = False, file: TextIO | None = None) -> None:
     """Print a report in the width of the terminal, with colours where it has some."""
-    output, hint = _Output(file=file, highlight=False), ".print(every=True)"
-    _print(shown_blocks(blocks, every=True, hint=hint) if every else short_form(blocks, hint), output)
+    output = _Output(file=file, highlight=False)
+    hint = ".print(every=True)"
+    if every:
+        shown = shown_blocks(blocks, every=True, hint=hint)
+    else:
+        shown = short_form(blocks, hint)
+    _print(shown, output)
 
 
 def short_form(blocks: Iterable[Block], hint: str) -> list[Block]:
-    """Blocks of the short form, the same in every width: the most complete of at most 45 lines."""
-    for shown in _short_forms(list(blocks), hint):
-        if _plain(shown).count("\n") <= MOST_LINES:
+    """Blocks of the short form: the most complete one of at most 45 lines, or else the shortest.
+
+    Its lines are counted at 80 columns, so it is the same at every width. The ``hint`` says how to see everything.
+    """
+    for form in _short_forms(list(blocks), hint):
+        if _plain_text(form).count("\n") <= MAX_LINES:
             break
-    return shown
+    return form
 
 
 def _short_forms(blocks: list[Block], hint: str) -> Iterator[list[Block]]:
-    """Short forms, the most complete first: all rows, fewer rows, then without the last tables."""
+    """Short forms, the most complete first: all rows, then fewer rows, then fewer tables, whose last ones are left out."""
     yield shown_blocks(blocks, every=False, hint=hint)
-    for rows in _ROWS:
+    for rows in _ROW_COUNTS:
         yield shown_blocks(blocks, every=False, hint=hint, rows=rows)
-    tables = sum(map(_is_short_table, blocks))
-    for count in range(max(tables - 1, 1), 0, -1):
-        first_tables = _with_first_tables(blocks, count)
-        for rows in _ROWS:
-            yield shown_blocks(first_tables, every=False, hint=hint, rows=rows, uncut_rows=rows)
+    table_count = sum(map(_is_short_table, blocks))
+    for kept_tables in range(max(table_count - 1, 1), 0, -1):
+        blocks_with_first_tables = _with_first_tables(blocks, kept_tables)
+        for rows in _ROW_COUNTS:
+            yield shown_blocks(blocks_with_first_tables, every=False, hint=hint, rows=rows, uncut_rows=rows)
 
 
 def _is_short_table(block: Block) -> bool:
@@ -96,38 +113,43 @@ def _is_short_table(block: Block) -> bool:
 
 
 def _with_first_tables(blocks: list[Block], count: int) -> list[Block]:
-    """Blocks with so many tables; a last line names the others."""
-    kept, titles = list[Block](), list[str]()
+    """Blocks with the first ``count`` tables and trees; a last line names the omitted ones."""
+    kept = list[Block]()
+    omitted_titles = list[str]()
+    table_count = 0
     for block in blocks:
-        if not _is_short_table(block) or count > 0:
-            count -= _is_short_table(block)
+        table_count += _is_short_table(block)
+        if not _is_short_table(block) or table_count <= count:
             kept.append(block)
         elif isinstance(block, Table):
-            titles.append(re.split(r"[:,(]", block.title)[0].strip())
+            words_before_mark = re.split(r"[:,(]", block.title)[0]
+            omitted_titles.append(words_before_mark.strip())
         else:
-            titles.append("tree")
-    if titles:
-        kept.append(More(", ".join(titles)))
+            omitted_titles.append("tree")
+    if omitted_titles:
+        kept.append(More(", ".join(omitted_titles)))
     return kept
 
 
 def _print(blocks: Iterable[Block], output: Console) -> None:
+    """Print blocks one below the other."""
     for block in blocks:
         output.print(renderable(block, output))
 
 
 def renderable(block: Block, output: Console) -> RenderableType:
-    """Rich renderable of a block; columns have their narrow form if the table would be too wide."""
+    """Rich renderable of a block; columns of a table have their narrow form if it is too wide even without padding."""
     if isinstance(block, Table):
-        tight = TerminalTable(block)
-        tight.padding = (0, 0)
-        width = Measurement.get(output, output.options.update(max_width=_UNBOUNDED_WIDTH), tight).maximum
+        table_without_padding = TerminalTable(block)
+        table_without_padding.padding = (0, 0)
+        unbounded = output.options.update(max_width=_UNBOUNDED_WIDTH)
+        width = Measurement.get(output, unbounded, table_without_padding).maximum
         return TerminalTable(block, narrow=width > output.width)
     if isinstance(block, Branch):
-        return _tree(block)
+        return _rich_tree(block)
     if isinstance(block, Aligned):
         return _aligned_text(block, output.width)
-    text = _text(block)
+    text = _rich_text(block)
     if isinstance(block, Headline | Line) and block.whole:
         text.no_wrap = True
     if isinstance(block, Line) and block.indent:
@@ -137,46 +159,50 @@ def renderable(block: Block, output: Console) -> RenderableType:
 
 def _aligned_text(block: Aligned, width: int) -> Text:
     """Title in bold below a blank line, and the rows."""
-    width = max(width, _MIN_WIDTH)
+    width = max(width, _MIN_EQUATION_WIDTH)
     title = "".join(f"\n{line}" for line in block.title_lines(width))
     rows = "\n".join(block.lines(width))
     between = "\n" if title and rows else ""
     return Text.assemble((title, terminal_style(Style.STRONG)), between, rows)
 
 
-def _text(words: Headline | Remark | More | Cell) -> Text:
-    if isinstance(words, str):
-        return Text(words)
-    if len(words.pieces) == 1 and not isinstance(words.pieces[0], str):  # style of the whole cell
-        text, style = words.pieces[0]
+def _rich_text(content: Headline | Remark | More | Cell) -> Text:
+    """Rich text of a block or cell; a single styled piece gives its style to the whole text."""
+    if isinstance(content, str):
+        return Text(content)
+    if len(content.pieces) == 1 and not isinstance(content.pieces[0], str):
+        text, style = content.pieces[0]
         return Text(text, style=terminal_style(style))
-    return Text.assemble(*map(_rich_piece, words.pieces))
+    return Text.assemble(*map(_rich_piece, content.pieces))
 
 
 def _rich_piece(piece: Piece) -> str | tuple[str, str]:
+    """Piece of a text for Rich: text, or text with the terminal's style."""
     if isinstance(piece, str):
         return piece
-    return (piece[0], terminal_style(piece[1]))
+    text, style = piece
+    return (text, terminal_style(style))
 
 
-def _tree(content: Branch, parent: Tree | None = None) -> Tree:
-    label = _text(content.label)
+def _rich_tree(content: Branch, parent: Tree | None = None) -> Tree:
+    """Rich tree of a branch, added to the parent's if there is one."""
+    label = _rich_text(content.label)
     tree = Tree(label) if parent is None else parent.add(label)
     for branch in content.branches:
-        _tree(branch, tree)
+        _rich_tree(branch, tree)
     return tree
 
 
-# ── Tables: words at the left, numbers at the right
+# ── Tables: columns of words are left-aligned, columns of numbers right-aligned
 
 _UNBOUNDED_WIDTH = 10_000
 """Width in characters larger than any table."""
 _MIN_PIECE_WIDTH = 8
-"""Minimum number of characters per piece of a folded name."""
+"""Least width of a column of words: its longest word, but at most so many characters, since longer names are folded."""
 
 
 class TerminalTable(table.Table):
-    """Table with one rule below its heads and a title on one line; text is not interpreted as markup."""
+    """Rich table with one rule below its heads and a title on one line; text is not interpreted as markup."""
 
     def __init__(self, content: Table, *, narrow: bool = False) -> None:
         title = None
@@ -190,7 +216,7 @@ class TerminalTable(table.Table):
         """Cells of the foldable columns."""
         cells: list[list[Text]] = []
         for column in columns:
-            texts = [_text(column.show(value)) for value in column.values]
+            texts = [_rich_text(column.show(value)) for value in column.values]
             self._add(column, texts)
             cells.append(texts)
             if column.words and not column.whole:
@@ -199,15 +225,16 @@ class TerminalTable(table.Table):
             self.add_row(*row, style=terminal_style(style))
 
     def _add(self, column: Column, texts: list[Text]) -> None:
-        # Rich's option for unbroken cells would take all width from the other columns.
+        """Add a column with the least width at which its cells can be read."""
+        # Cells that stay whole are marked one by one: Rich's option for a column would take all width from the others.
         for text in texts:
             text.no_wrap = column.whole or None
         if column.whole:
             lines = "\n".join(text.plain for text in texts).split("\n")
             widths = [cell_len(line) for line in lines]
         else:
-            pieces = " ".join(text.plain for text in texts).split()
-            widths = [min(cell_len(piece), _MIN_PIECE_WIDTH) for piece in pieces]
+            words = " ".join(text.plain for text in texts).split()
+            widths = [min(cell_len(word), _MIN_PIECE_WIDTH) for word in words]
         if column.min_width is not None:
             widths.append(column.min_width)
         elif not column.words:
@@ -221,47 +248,54 @@ class TerminalTable(table.Table):
         )
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Render the table; in narrow consoles without padding, and only then with names folded at their separators."""
-        excess = self._excess(console, options)
+        """Render the table. If it is too wide it has no padding, and if this is not enough, names are folded."""
+        excess = self._excess_width(console, options)
         if excess > 0:
             self.padding = (0, 0)
-            excess = self._excess(console, options)
+            excess = self._excess_width(console, options)
         if excess > 0:
             self._fold_names(excess)
         yield from super().__rich_console__(console, options)
 
     def _fold_names(self, excess: int) -> None:
-        """Fold names in the widest columns, as little as makes the table narrower by the excess, but no part of a name."""
+        """Fold names in the widest columns between their parts, until the table is narrower by the excess or no name folds.
+
+        All columns wider than a common width get this width, but no less than their longest part of a name. The largest common
+        width that is small enough is used.
+        """
         columns = [texts for texts in self._folding if texts]
-        longest = [
-            max(cell_len(line) for text in texts for line in text.plain.splitlines() or [""]) for texts in columns
-        ]
-        longest_part = [max(cell_len(part) for text in texts for part in _parts(text.plain)) for texts in columns]
-        widths = longest
-        for width in range(max(longest, default=0), 0, -1):
-            widths = [max(part, min(whole, width)) for whole, part in zip(longest, longest_part, strict=True)]
-            if sum(longest) - sum(widths) >= excess:
+        full_widths, part_widths = [], []
+        for texts in columns:
+            lines = "\n".join(text.plain for text in texts).splitlines()
+            full_widths.append(max(map(cell_len, lines), default=0))
+            parts = [part for text in texts for part in _name_parts(text.plain)]
+            part_widths.append(max(map(cell_len, parts)))
+        widths = full_widths
+        for common_width in range(max(full_widths, default=0), 0, -1):
+            widths = [max(part, min(full, common_width)) for full, part in zip(full_widths, part_widths, strict=True)]
+            if sum(full_widths) - sum(widths) >= excess:
                 break
         for texts, width in zip(columns, widths, strict=True):
             for text in texts:
-                text.plain = _fold(text.plain, width)
+                text.plain = _fold_name(text.plain, width)
 
-    def _excess(self, console: Console, options: ConsoleOptions) -> int:
+    def _excess_width(self, console: Console, options: ConsoleOptions) -> int:
         """Characters by which the table is wider than the console."""
-        return Measurement.get(console, options.update(max_width=_UNBOUNDED_WIDTH), self).maximum - options.max_width
+        unbounded = options.update(max_width=_UNBOUNDED_WIDTH)
+        return Measurement.get(console, unbounded, self).maximum - options.max_width
 
 
-def _parts(name: str) -> list[str]:
-    """Parts of a name, each with its trailing separator."""
+def _name_parts(name: str) -> list[str]:
+    """Parts of a name between _, -, . and /, each with the separator after it."""
     return re.findall(r"[^_\-./\s]*[_\-./]|[^_\-./\s]+", name) or [""]
 
 
-def _fold(name: str, width: int) -> str:
-    """Break a name between its parts into lines of at most this width."""
+def _fold_name(name: str, width: int) -> str:
+    """Name broken between its parts into lines of at most this width; text with blanks is left to Rich."""
     if cell_len(name) <= width or " " in name:
         return name
     lines = [""]
-    for part in _parts(name):
+    for part in _name_parts(name):
         if lines[-1] and cell_len(lines[-1] + part) > width:
             lines.append("")
         lines[-1] += part

@@ -1,11 +1,15 @@
 """Least squares by normal equations, joint by joint, and weighted least squares of rows with a robust loss.
 
-For joint j, W_j (n, r) and τ_j (n): N_j = W_j' W_j, c_j = W_j' τ_j, y_j = |τ_j|². Weighted, x solves
+Joint j has n rows of torques τ_j (n,), which a linear model W_j x with W_j (n, r) describes. Its normal equations consist of
+
+    N_j = W_j' W_j,   c_j = W_j' τ_j,   y_j = |τ_j|².
+
+Weighted by the variances σ_j² of the residuals, x solves
 
     (Σ_j N_j / σ_j² + D^-2) (x - x_0) = Σ_j (c_j - N_j x_0) / σ_j²,      σ_j² = |τ_j - W_j x|² / n
 
-with a weak prior: D the largest plausible size of each group, x_0 the file's values. Directions that a log does not
-determine keep the file's values.
+with a weak prior: D is the diagonal matrix of the largest plausible sizes, x_0 holds the file's values. Directions that a log
+does not determine keep the file's values.
 """
 
 from __future__ import annotations
@@ -18,23 +22,30 @@ import numpy as np
 
 from ..typing import Array
 
-_ROUNDS = 6
-_LEAST_SHARE = 1e-12
-_LEAST_VARIANCE = 1e-7
-"""Smallest variance of residuals relative to the squared torques; keeps the weights of noise-free rows finite."""
-_ROUNDING = 1e-13
-_NO_INFORMATION = 1e-6
+_MAX_ITERATIONS = 6
+"""Maximum number of solutions with new variances of the residuals."""
+_MIN_RELATIVE_SQUARES = 1e-12
+"""Smallest sum of squared residuals relative to |τ|²; smaller ones are rounding errors, and may be negative."""
+_MIN_RELATIVE_VARIANCE = 1e-7
+"""Smallest variance of residuals relative to the mean squared torque; keeps the weights of noise-free rows finite."""
+_TINY = 1e-300
+"""Smallest divisor: keeps quotients finite where all torques are zero."""
+_DIAGONAL_ROUNDING = 1e-13
+"""Relative growth of the diagonal, which keeps the matrix positive definite in spite of rounding."""
+_MIN_RELATIVE_SINGULAR_VALUE = 1e-6
 """Singular values below this share of the largest are rounding errors."""
 
 Information = tuple[Array, Array, float]
-"""N, c and |τ|² of weighted rows."""
+"""Normal equations summed over joints, as a tuple: N (r, r), c (r,) and y = |τ|² of weighted rows."""
 
 
 def sum_of(parts: Sequence[Information]) -> Information:
-    """Add the information of several parts."""
+    """Normal equations of several parts of a log together."""
     N, c, y = parts[0]
-    for part in parts[1:]:
-        N, c, y = N + part[0], c + part[1], y + part[2]
+    for N_part, c_part, y_part in parts[1:]:
+        N = N + N_part
+        c = c + c_part
+        y = y + y_part
     return N, c, y
 
 
@@ -53,12 +64,12 @@ def squares_of(part: Information, x: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations of some rows, with the number of rows; sums of them are normal equations too."""
+    """Normal equations of some rows, joint by joint. Sums and differences of them are normal equations too."""
 
     N: Array  # (nv, r, r)
     c: Array  # (nv, r)
     y: Array  # (nv,)
-    rows: float
+    rows: float  # number of rows of each joint
 
     @classmethod
     def from_rows(
@@ -69,23 +80,29 @@ class NormalEquations:
         root: Array | None = None,
         rows: Array | slice | None = None,
     ) -> NormalEquations:
-        """Normal equations of rows W (n, nv, r) and τ (n, nv), computed by joint to avoid a copy of W."""
+        """Normal equations of rows W (n, nv, r) and τ (n, nv), computed by joint to avoid a copy of W.
+
+        ``active`` (nv, r) marks the nonzero columns of each joint. ``root`` (n, nv) are square roots of weights. ``rows``
+        select rows. By default all columns and rows are used, with weight 1.
+        """
         nv, r = W.shape[1:]
-        N, c = np.zeros((nv, r, r)), np.zeros((nv, r))
-        used = slice(None) if rows is None else rows
-        tau = tau[used]
+        N = np.zeros((nv, r, r))
+        c = np.zeros((nv, r))
+        used_rows = slice(None) if rows is None else rows
+        tau = tau[used_rows]
         if root is not None:
-            tau = tau * root[used]
+            tau = tau * root[used_rows]
         if active is None:
             active = np.ones((nv, r), bool)
         for j in range(nv):
             columns = np.flatnonzero(active[j])
-            A = np.ascontiguousarray(W[used, j][:, columns])
+            A = np.ascontiguousarray(W[used_rows, j][:, columns])
             if root is not None:
-                A *= root[used, j, None]
+                A *= root[used_rows, j, None]
             N[j][np.ix_(columns, columns)] = A.T @ A
             c[j, columns] = A.T @ tau[:, j]
-        return cls(N, c, (tau**2).sum(axis=0), float(len(tau)))
+        y = (tau**2).sum(axis=0)
+        return cls(N, c, y, rows=float(len(tau)))
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         return NormalEquations(self.N + other.N, self.c + other.c, self.y + other.y, self.rows + other.rows)
@@ -94,61 +111,71 @@ class NormalEquations:
         return NormalEquations(self.N - other.N, self.c - other.c, self.y - other.y, self.rows - other.rows)
 
     def together(self) -> tuple[Array, Array, float]:
-        """N (r, r), c (r,) and |τ|² summed over joints, for equations in units of their residuals."""
+        """N (r, r), c (r,) and |τ|² summed over joints, for rows that were divided by their standard deviations."""
         return self.N.sum(axis=0), self.c.sum(axis=0), float(self.y.sum())
 
     def whitened(self, sigma: Array) -> tuple[Array, Array]:
-        """N (r, r) and c (r,) summed over joints, with equations scaled by residual sizes (nv,)."""
-        return np.einsum("jkl,j->kl", self.N, sigma**-2), (self.c / sigma[:, None] ** 2).sum(axis=0)
+        """Σ_j N_j / σ_j² (r, r) and Σ_j c_j / σ_j² (r,) for standard deviations σ (nv,) of the residuals."""
+        N = np.einsum("jkl,j->kl", self.N, sigma**-2)
+        c = (self.c / sigma[:, None] ** 2).sum(axis=0)
+        return N, c
 
     def squares(self, x: Array) -> Array:
         """Sums of squared residuals (nv,) at x (r,)."""
         squares = self.y - 2.0 * self.c @ x + np.einsum("jkl,k,l->j", self.N, x, x)
-        return np.asarray(np.maximum(squares, _LEAST_SHARE * self.y))
+        return np.asarray(np.maximum(squares, _MIN_RELATIVE_SQUARES * self.y))
 
     def solve(self, prior: Prior) -> tuple[Array, Array]:
-        """Weighted least-squares solution and residual sizes."""
-        variance = np.maximum(self.y / max(self.rows, 1.0), 1e-300)
+        """Weighted least-squares solution x (r,), and standard deviations σ (nv,) of its residuals.
+
+        σ depends on x, and x on σ: both are computed in turn, until the variances change by less than 0.1 %.
+        """
+        n = max(self.rows, 1.0)
+        variance = np.maximum(self.y / n, _TINY)
         x = prior.mean
-        for _ in range(_ROUNDS):
-            x = prior.solve(np.einsum("jkl,j->kl", self.N, 1.0 / variance), (self.c / variance[:, None]).sum(axis=0))
-            new = np.maximum(
-                self.squares(x) / max(self.rows, 1.0), _LEAST_VARIANCE * self.y / max(self.rows, 1.0) + 1e-300
-            )
-            close = bool(np.abs(np.log(new / variance)).max() < 1e-3)
-            variance = new
-            if close:
+        for _ in range(_MAX_ITERATIONS):
+            weighted_N = np.einsum("jkl,j->kl", self.N, 1.0 / variance)
+            weighted_c = (self.c / variance[:, None]).sum(axis=0)
+            x = prior.solve(weighted_N, weighted_c)
+            least_variance = _MIN_RELATIVE_VARIANCE * self.y / n + _TINY
+            new_variance = np.maximum(self.squares(x) / n, least_variance)
+            converged = bool(np.abs(np.log(new_variance / variance)).max() < 1e-3)
+            variance = new_variance
+            if converged:
                 break
         return x, np.sqrt(variance)
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Weak prior: values (r,) of undetermined groups, and their largest plausible sizes (r,), above 0."""
+    """Weak prior: values (r,) that undetermined groups keep, and the largest plausible sizes (r,) of all groups, above 0."""
 
     mean: Array
     size: Array
 
     def solve(self, A: Array, b: Array) -> Array:
-        """Solve (A + size⁻²) x = b + size⁻² mean, scaled to unit sizes."""
-        S = self.size
-        scaled = A * S[:, None] * S[None, :]
-        diagonal = np.einsum("ii->i", scaled)  # a view
+        """Solve (A + D⁻²) (x - mean) = b - A mean, D the diagonal matrix of the sizes.
+
+        With x - mean = D z this is (D A D + 1) z = D (b - A mean), whose unknowns z have similar sizes.
+        """
+        D = self.size
+        matrix = A * D[:, None] * D[None, :]
+        diagonal = np.einsum("ii->i", matrix)  # a view: the next lines change the matrix
         diagonal += 1.0
-        diagonal *= 1.0 + _ROUNDING
-        return np.asarray(self.mean + solve_positive(scaled, S * (b - A @ self.mean), S))
+        diagonal *= 1.0 + _DIAGONAL_ROUNDING
+        return np.asarray(self.mean + solve_positive(matrix, D * (b - A @ self.mean), units=D))
 
 
 def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
     """Solve A x = b for positive definite A by Cholesky factors, scaled to unit diagonal; returns ``units`` times x."""
     from scipy.linalg.lapack import dpotrf, dpotrs  # cho_factor and cho_solve take as long again for their checks
 
-    size = np.sqrt(A.diagonal())
-    factor, failed = dpotrf(A / size[:, None] / size[None, :], clean=0)
-    if failed:
-        raise np.linalg.LinAlgError(f"the matrix is not positive definite: leading minor {failed}.")
-    solution, _ = dpotrs(factor, b / size)
-    return np.asarray(units * solution / size)
+    scale = np.sqrt(A.diagonal())
+    factor, failed_minor = dpotrf(A / scale[:, None] / scale[None, :], clean=0)  # 0 if none failed
+    if failed_minor:
+        raise np.linalg.LinAlgError(f"the matrix is not positive definite: leading minor {failed_minor}.")
+    scaled_x, _ = dpotrs(factor, b / scale)
+    return np.asarray(units * scaled_x / scale)
 
 
 # Iteratively reweighted least squares with Huber's weights min(1, k / |u|), u = r / s, k = 1.345 and s = 1.4826 median |r|
@@ -156,81 +183,94 @@ def solve_positive(A: Array, b: Array, units: Array | float = 1.0) -> Array:
 
 HUBER, MAD = 1.345, 1.4826
 """Huber's k, and the ratio of the standard deviation to the median absolute deviation of normal noise."""
-_REWEIGHTINGS = 12
+_MAX_REWEIGHTINGS = 12
 Method = Literal["irls", "wls", "ols"]
+"""Iteratively reweighted, weighted by joint, or ordinary least squares."""
 
 
 def huber_weights(distance: Array, k: float = HUBER) -> Array:
-    """Huber weights of residuals; ``distance`` is their size over the standard deviation."""
-    return np.asarray(np.minimum(1.0, k / np.maximum(distance, 1e-300)))
+    """Huber weights of residuals; ``distance`` is their size over the standard deviation, |u| above."""
+    return np.asarray(np.minimum(1.0, k / np.maximum(distance, _TINY)))
 
 
 def weighted_fit(
     W: Array, tau: Array, prior: Prior, method: Method, active: Array | None = None, rows: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """Parameters (r,), residual sizes by joint (nv,), and weights (n, nv) of the rows, 1 for full weight.
+    """Parameters (r,), standard deviations of the residuals by joint (nv,), and weights (n, nv) of the rows.
 
     ``W`` is (n, nv, r), ``tau`` (n, nv). ``active`` (nv, r) marks nonzero columns, ``rows`` (n,) the rows that are
-    used; weights of other rows are meaningless.
+    used. Weights are 1 for full weight; those of unused rows are meaningless.
     """
-    used = slice(None) if rows is None else rows
-    plain = NormalEquations.from_rows(W, tau, active, rows=used)
+    used_rows = slice(None) if rows is None else rows
+    unweighted = NormalEquations.from_rows(W, tau, active, rows=used_rows)
     weights = np.ones(tau.shape)
     if method == "ols":
-        x = prior.solve(plain.N.sum(axis=0), plain.c.sum(axis=0))
-        return x, np.sqrt(plain.squares(x) / max(1.0, plain.rows)), weights
-    x, sigma = plain.solve(prior)
+        x = prior.solve(unweighted.N.sum(axis=0), unweighted.c.sum(axis=0))
+        variance = unweighted.squares(x) / max(1.0, unweighted.rows)
+        return x, np.sqrt(variance), weights
+    x, sigma = unweighted.solve(prior)
     if method == "wls":
         return x, sigma, weights
-    for _ in range(_REWEIGHTINGS):
+    for _ in range(_MAX_REWEIGHTINGS):
         residuals = tau - W @ x
-        least_sigma = 1e-9 * np.abs(tau[used]).max(axis=0) + 1e-300
-        sigma = np.maximum(MAD * np.median(np.abs(residuals[used]), axis=0), least_sigma)
+        least_sigma = 1e-9 * np.abs(tau[used_rows]).max(axis=0) + _TINY
+        median_deviation = np.median(np.abs(residuals[used_rows]), axis=0)
+        sigma = np.maximum(MAD * median_deviation, least_sigma)
         weights = huber_weights(np.abs(residuals / sigma))
         root = np.sqrt(weights) / sigma
-        equations = NormalEquations.from_rows(W, tau, active, root, used)
-        new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))
-        done = bool(np.abs((W @ (new - x))[used]).max() <= 1e-6 * sigma.max())
-        x = new
-        if done:
+        equations = NormalEquations.from_rows(W, tau, active, root, used_rows)
+        x_new = prior.solve(equations.N.sum(axis=0), equations.c.sum(axis=0))
+        change = np.abs((W @ (x_new - x))[used_rows]).max()
+        x = x_new
+        if change <= 1e-6 * sigma.max():
             break
     return x, sigma, weights
 
 
 def orthogonal_fit(A: Array, y: Array, root: Array, sizes: Array) -> tuple[Array, Array, Array]:
-    """Weighted least squares: estimate (p,), square root of its covariance (p, p), orthonormal columns Q (n, c, p).
+    """Weighted least squares: estimate x (p,), square root of its covariance (p, p), orthonormal columns Q (n, c, p).
 
-    A (n, c, p) W^(1/2) = Q U,  x = U⁻¹ Q' W^(1/2) y,  C = U⁻¹ U⁻ᵀ, with ``root`` (n, c) the square roots of the weights
-    and ``sizes`` (p,) of the unknowns. Unknowns with zero columns are zero.
+    For measurements y (n, c), a model A (n, c, p), and square roots of the weights ``root`` (n, c):
+
+        W^(1/2) A = Q U,   x = U⁻¹ Q' W^(1/2) y,   C = U⁻¹ U⁻ᵀ.
+
+    The columns of A are scaled by the ``sizes`` (p,) of the unknowns. Unknowns with zero columns are zero.
     """
     p = A.shape[-1]
     free = A.any(axis=(0, 1))
-    q, upper = np.linalg.qr((A[..., free] * root[..., None]).reshape(y.size, -1) * sizes[free])
-    x, half, Q = np.zeros(p), np.zeros((p, p)), np.zeros((y.size, p))
-    inverse = sizes[free][:, None] * np.linalg.inv(upper)
-    x[free] = inverse @ (q.T @ (y * root).ravel())
-    half[np.ix_(free, free)] = inverse
-    Q[:, free] = q
-    return x, half, Q.reshape(A.shape)
+    weighted_A = (A[..., free] * root[..., None]).reshape(y.size, -1)
+    Q_free, U_scaled = np.linalg.qr(weighted_A * sizes[free])
+    U_inverse = sizes[free][:, None] * np.linalg.inv(U_scaled)
+    x = np.zeros(p)
+    x[free] = U_inverse @ (Q_free.T @ (y * root).ravel())
+    covariance_root = np.zeros((p, p))
+    covariance_root[np.ix_(free, free)] = U_inverse
+    Q = np.zeros((y.size, p))
+    Q[:, free] = Q_free
+    return x, covariance_root, Q.reshape(A.shape)
 
 
 def null_combinations(A: Array) -> Array:
     """Basis (k, p) of the null space of A (n, p) in reduced echelon form: few nonzero entries, leading ones."""
     if len(A) > A.shape[1]:
         A = np.asarray(np.linalg.qr(A)[1])  # same singular values and row space, smaller matrix
-    _, values, rows = np.linalg.svd(A)
-    rank = int((values > _NO_INFORMATION * values[0]).sum()) if values.size else 0
-    rows, lead = rows[rank:].copy(), 0
-    for column in range(rows.shape[1]):
-        if lead == len(rows):
+    _, singular_values, right_vectors = np.linalg.svd(A)
+    rank = 0
+    if singular_values.size:
+        rank = int((singular_values > _MIN_RELATIVE_SINGULAR_VALUE * singular_values[0]).sum())
+    basis = right_vectors[rank:].copy()
+    row = 0  # the row that gets the next leading one
+    for column in range(basis.shape[1]):
+        if row == len(basis):
             break
-        pivot = lead + int(np.abs(rows[lead:, column]).argmax())
-        if abs(rows[pivot, column]) < 1e-6:
+        pivot = row + int(np.abs(basis[row:, column]).argmax())
+        if abs(basis[pivot, column]) < 1e-6:
             continue
-        rows[[lead, pivot]] = rows[[pivot, lead]]
-        rows[lead] /= rows[lead, column]
-        others = np.arange(len(rows)) != lead
-        rows[others] -= np.outer(rows[others, column], rows[lead])
-        lead += 1
-    rows[np.abs(rows) < 1e-5 * np.abs(rows).max(axis=1, keepdims=True, initial=0.0)] = 0.0
-    return rows
+        basis[[row, pivot]] = basis[[pivot, row]]
+        basis[row] /= basis[row, column]
+        others = np.arange(len(basis)) != row
+        basis[others] -= np.outer(basis[others, column], basis[row])
+        row += 1
+    row_sizes = np.abs(basis).max(axis=1, keepdims=True, initial=0.0)
+    basis[np.abs(basis) < 1e-5 * row_sizes] = 0.0  # rounding errors
+    return basis

@@ -1,4 +1,8 @@
-"""Scale and delay of logged rates relative to the curves whose slopes they are."""
+"""Scale and delay of logged rates relative to the curves whose slopes they should be.
+
+A rate is integrated and compared with its curve, because differences of a curve would amplify its noise. In a log, curves are
+positions or velocities, and their rates are the columns of velocities or accelerations.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +18,18 @@ _MAX_ROWS = 512
 """Largest number of rows for integrating a rate, so that its bias adds up to little."""
 _MIN_ROWS = 8
 """Smallest number of rows for integrating a rate."""
-_MIN_RATIO_TO_NOISE, _MIN_STEPS = 100.0, 30.0
-"""A curve moves if its variance exceeds that of its white noise, and its range its least step, by these factors. An
-encoder at rest that flickers by a count or two does not move.
-"""
-_MAX_ROUNDING, _MAX_ROUNDING_SHARE = 1e-10, 1e-9
-"""Range [rad, m, 1/s of them], and share of the largest range, that may be rounding."""
+_MIN_RATIO_TO_NOISE = 100.0
+"""A curve moves only if its variance exceeds that of its white noise by this factor."""
+_MIN_STEPS = 30.0
+"""A curve moves only if its range exceeds its least step by this factor; an encoder at rest may flicker by a count or two."""
+_MAX_ROUNDING = 1e-10
+"""Largest range of a curve that may be rounding [rad or m; for velocities, rad/s or m/s]."""
+_MAX_ROUNDING_SHARE = 1e-9
+"""Largest range of a curve that may be rounding, as a share of the largest range of all curves."""
 _MAX_ALIASING = 0.05
-"""Largest relative change of a summed rate's squares when every other row is left out."""
+"""Largest relative change of the integral's squares when every other row is left out."""
 _MIN_SPEED_SHARE = 0.02
-"""Share of the fastest curve's speed below which a curve's rate is irrelevant."""
+"""Share of the fastest curve's mean speed below which the rate of a curve is not judged."""
 _MIN_MOTION_OF_RATE = 0.2
 """Minimum range [rad, m] of an integrated rate that contradicts a curve at rest."""
 _MAX_MOTION_AT_REST = 0.02
@@ -31,18 +37,19 @@ _MAX_MOTION_AT_REST = 0.02
 
 
 def segments(time: Array) -> list[slice]:
-    """Runs of 8 to 512 rows without gaps in time."""
+    """Segments of 8 to 512 rows without gaps in time."""
     if len(time) < _MIN_ROWS:
         return []
-    edges = sorted({*(pauses(time) + 1).tolist(), *range(0, len(time), _MAX_ROWS), len(time)})
-    return [slice(a, b) for a, b in pairwise(edges) if b - a >= _MIN_ROWS]
+    rows_after_gaps = (pauses(time) + 1).tolist()
+    edges = sorted({*rows_after_gaps, *range(0, len(time), _MAX_ROWS), len(time)})
+    return [slice(first, end) for first, end in pairwise(edges) if end - first >= _MIN_ROWS]
 
 
 def rate_scales(runs: Sequence[tuple[Array, Array, Array]], kinds: Array) -> Array:
     """Scale (k,) of rates y over the slopes of curves x, by least squares on ∫y dt; runs are (t, x, y).
 
-    It is 1 if they agree or it is undetermined, inf if y moves and x does not. Speeds are compared among curves of one
-    kind, as given by ``kinds`` (k,), because units differ.
+    The scale is 1 if rates and slopes agree, or if it is undetermined. It is inf if ∫y dt moves and x does not. Speeds are
+    compared among curves of one kind, as given by ``kinds`` (k,), because units differ.
     """
     sums, maxima, steps = [], [], []
     for t, x, y in runs:
@@ -55,33 +62,48 @@ def rate_scales(runs: Sequence[tuple[Array, Array, Array]], kinds: Array) -> Arr
         return np.ones(len(kinds))
     xx, xy, yy, noise, aliasing = np.sum(sums, axis=0)
     extent, integral_extent, speed = np.max(maxima, axis=0)
-    moves = (xx > _MIN_RATIO_TO_NOISE * noise) & (extent > _MIN_STEPS * np.min(steps, axis=0))
+    least_step = np.min(steps, axis=0)
+    moves = (xx > _MIN_RATIO_TO_NOISE * noise) & (extent > _MIN_STEPS * least_step)
     for kind in np.unique(kinds):
         columns = kinds == kind
-        moves[columns] &= speed[columns] >= _MIN_SPEED_SHARE * speed[columns].max(initial=0.0)
-    moves &= extent > max(_MAX_ROUNDING, _MAX_ROUNDING_SHARE * float(extent.max(initial=0.0)))
+        fastest = speed[columns].max(initial=0.0)
+        moves[columns] &= speed[columns] >= _MIN_SPEED_SHARE * fastest
+    rounding = max(_MAX_ROUNDING, _MAX_ROUNDING_SHARE * float(extent.max(initial=0.0)))
+    moves &= extent > rounding
     moves &= aliasing <= _MAX_ALIASING * yy
-    gain = np.where(moves, xy / np.where(moves, xx, 1.0), 1.0)
-    rests = ~moves & (integral_extent > _MIN_MOTION_OF_RATE) & (extent < _MAX_MOTION_AT_REST * integral_extent)
-    return np.where(rests, np.inf, gain)
+    scale = np.where(moves, xy / np.where(moves, xx, 1.0), 1.0)
+    rate_moves = integral_extent > _MIN_MOTION_OF_RATE
+    rests = ~moves & rate_moves & (extent < _MAX_MOTION_AT_REST * integral_extent)
+    return np.where(rests, np.inf, scale)
 
 
 def _statistics(time: Array, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Sums (5, k), largest numbers (3, k) and least steps (k,) of one segment."""
-    integral, extent, moved = _integral(time, y), np.ptp(x, axis=0), np.abs(np.diff(x, axis=0))
-    # Integrate every other row for comparison: samples do not resolve a rate that changes from row to row.
-    coarser = _integral(time[::2], y[::2]) - integral[::2]
-    a, b = x - x.mean(axis=0), integral - integral.mean(axis=0)
-    noise = np.sum(np.diff(x, 2, axis=0) ** 2, axis=0) / 6.0
-    sums = np.stack(
-        [(a * a).sum(axis=0), (a * b).sum(axis=0), (b * b).sum(axis=0), noise, 2.0 * (coarser**2).sum(axis=0)]
-    )
+    """Sums (5, k), maxima (3, k) and least steps (k,) of one segment.
+
+    With Y = ∫y dt, both without their means, the sums are Σ x², Σ x Y, Σ Y², Σ noise² and Σ aliasing². The maxima are the
+    ranges of x and Y, and the mean speed of x. The least step is the smallest nonzero difference of x from row to row.
+    """
+    integral = _integral(time, y)
+    # The integral of every other row, for comparison: samples do not resolve a rate that changes from row to row.
+    aliasing = _integral(time[::2], y[::2]) - integral[::2]
+    x_deviation = x - x.mean(axis=0)
+    integral_deviation = integral - integral.mean(axis=0)
+    sums = np.stack([
+        (x_deviation * x_deviation).sum(axis=0),
+        (x_deviation * integral_deviation).sum(axis=0),
+        (integral_deviation * integral_deviation).sum(axis=0),
+        np.sum(np.diff(x, 2, axis=0) ** 2, axis=0) / 6.0,  # second differences of white noise have 6 times its variance
+        2.0 * (aliasing**2).sum(axis=0),  # twice, for half as many rows
+    ])  # fmt: skip
+    extent = np.ptp(x, axis=0)
     maxima = np.stack([extent, np.ptp(integral, axis=0), extent / (time[-1] - time[0])])
-    return sums, maxima, np.where(moved > 0, moved, np.inf).min(axis=0)
+    steps = np.abs(np.diff(x, axis=0))
+    least_steps = np.where(steps > 0, steps, np.inf).min(axis=0)
+    return sums, maxima, least_steps
 
 
 def _integral(time: Array, y: Array) -> Array:
-    """∫y dt by the trapezoidal rule, starting at 0."""
+    """∫y dt by the trapezoidal rule (n, k), starting at 0."""
     sums = np.cumsum(0.5 * np.diff(time)[:, None] * (y[1:] + y[:-1]), axis=0)
     return np.concatenate([np.zeros((1, y.shape[1])), sums])
 
@@ -89,16 +111,21 @@ def _integral(time: Array, y: Array) -> Array:
 # ── Delay of a logged rate relative to its curve
 
 _LAGS = np.linspace(-0.6, 0.6, 97)
-"""Delays to be tested [s]."""
-_STEP, _MIN_RUN = 0.005, 1.5
-"""Time between compared rows, and shortest length of a run [s]."""
+"""Delays to be tested [s]; the middle one is 0."""
+_STEP = 0.005
+"""Time between compared rows [s]."""
+_MIN_RUN = 1.5
+"""Shortest duration of a run [s]."""
 _MIN_DELAY, _MIN_DELAY_IN_STEPS = 0.04, 2.0
-"""Smallest reported delay in s and in time steps; filters of drives, and stamps per control cycle, cause less."""
-_MAX_SHARE_LEFT, _MIN_SHARE_OF_SQUARES = 0.25, 2e-4
-"""Largest share of the squares left by a valid delay, and smallest relevant share of the curve's squares."""
+"""Smallest reported delay, in s and in time steps. Filters of drives, and time stamps per control cycle, cause smaller ones."""
+_MAX_SHARE_LEFT = 0.25
+"""Largest residual squares with a valid delay, as a share of those without a delay."""
+_MIN_SHARE_OF_SQUARES = 2e-4
+"""Smallest residual squares without a delay that need an explanation, as a share of the curve's squares."""
 _MAX_SHARE_OF_EQUALS = 1e-3
-"""Tolerance, as a share of the squares, for equally good delays. The shortest of them is used; repeating motions have
-several.
+"""Delays are equally good if their residual squares differ by less than this share of the curve's squares.
+
+The shortest of them is used; motions that repeat themselves have several.
 """
 _MIN_EXTENT = 0.05
 """Smallest range [rad, m] of a curve about its trend for a comparison."""
@@ -107,58 +134,68 @@ _MIN_EXTENT = 0.05
 def rate_delays(runs: Sequence[tuple[Array, Array, Array]], count: int) -> Array:
     """Delay d (k,) [s] of rates y of curves x with y(t) = x'(t - d), by least squares on ∫y dt; 0 if undetermined.
 
-    Runs are time (n,), x (n, k) without jumps and y (n, k). Mean and trend of both are removed in each run without
-    gaps, so that a bias of y has no effect.
+    Runs are time (n,), x (n, k) without jumps and y (n, k). Mean and trend of x and ∫y dt are removed in each part of a run
+    without gaps, so that a bias of y has no effect.
     """
-    errors, squares, extent, longest_step = np.zeros((len(_LAGS), count)), np.zeros(count), np.zeros(count), 0.0
+    residual_squares = np.zeros((len(_LAGS), count))
+    curve_squares, extent = np.zeros(count), np.zeros(count)
+    longest_step = 0.0
     for t, x, y in runs:
         steps = np.diff(t)
         if not len(steps):
             continue
         usual_step = float(np.median(steps))
         longest_step = max(longest_step, usual_step)
-        integral, stride = _integral(t, y), max(1, round(_STEP / usual_step))
+        integral = _integral(t, y)
+        stride = max(1, round(_STEP / usual_step))
         edges = [0, *(pauses(t) + 1).tolist(), len(t)]
-        for a, b in pairwise(edges):
-            comparison = _residuals_by_lag(t[a:b:stride], x[a:b:stride], integral[a:b:stride])
+        for first, end in pairwise(edges):
+            rows = slice(first, end, stride)
+            comparison = _residuals_by_lag(t[rows], x[rows], integral[rows])
             if comparison is not None:
-                curves, residuals = comparison
-                errors += residuals
-                squares += np.sum(curves**2, axis=0)
+                curves, squares_by_lag = comparison
+                residual_squares += squares_by_lag
+                curve_squares += np.sum(curves**2, axis=0)
                 extent = np.maximum(extent, np.ptp(curves, axis=0))
-    best = _shortest_lag(errors, squares)
+    best = _shortest_lag(residual_squares, curve_squares)
     columns = np.arange(count)
-    undelayed, delayed = errors[len(_LAGS) // 2], errors[best, columns]
-    determined = (best > 0) & (best < len(_LAGS) - 1) & (extent > _MIN_EXTENT)
-    determined &= (delayed < _MAX_SHARE_LEFT * undelayed) & (undelayed > _MIN_SHARE_OF_SQUARES * squares)
-    determined &= np.abs(_LAGS[best]) >= max(_MIN_DELAY, _MIN_DELAY_IN_STEPS * longest_step)
-    before, centre, after = (errors[np.clip(best + k, 0, len(_LAGS) - 1), columns] for k in (-1, 0, 1))
-    curvature = before - 2.0 * centre + after  # of the parabola through the least error and its neighbours
-    correction = np.where(curvature > 0, 0.5 * (before - after) / np.where(curvature > 0, curvature, 1.0), 0.0)
-    return np.where(determined, _LAGS[best] + correction * (_LAGS[1] - _LAGS[0]), 0.0)
+    undelayed, delayed = residual_squares[len(_LAGS) // 2], residual_squares[best, columns]
+    is_inside = (best > 0) & (best < len(_LAGS) - 1)  # beyond the outermost lags, a better one may lie
+    is_determined = is_inside & (extent > _MIN_EXTENT)
+    is_determined &= (delayed < _MAX_SHARE_LEFT * undelayed) & (undelayed > _MIN_SHARE_OF_SQUARES * curve_squares)
+    is_determined &= np.abs(_LAGS[best]) >= max(_MIN_DELAY, _MIN_DELAY_IN_STEPS * longest_step)
+    # The minimum of the parabola through the least squares and their neighbours, as an offset in steps of the lags.
+    before = residual_squares[np.clip(best - 1, 0, len(_LAGS) - 1), columns]
+    after = residual_squares[np.clip(best + 1, 0, len(_LAGS) - 1), columns]
+    curvature = before - 2.0 * delayed + after
+    offset = np.where(curvature > 0, 0.5 * (before - after) / np.where(curvature > 0, curvature, 1.0), 0.0)
+    return np.where(is_determined, _LAGS[best] + offset * (_LAGS[1] - _LAGS[0]), 0.0)
 
 
-def _shortest_lag(errors: Array, squares: Array) -> Array:
-    """Index (k,) of the shortest of the delays that are equally good minima of the errors (lags, k)."""
-    padded = np.pad(errors, ((1, 1), (0, 0)), constant_values=np.inf)
-    minima = (errors <= padded[:-2]) & (errors <= padded[2:])
-    minima &= errors <= errors.min(axis=0) + _MAX_SHARE_OF_EQUALS * squares
-    return np.where(minima, np.abs(_LAGS)[:, None], np.inf).argmin(axis=0)
+def _shortest_lag(residual_squares: Array, curve_squares: Array) -> Array:
+    """Index (k,) of the shortest of the equally good delays: minima of the residual squares (lags, k)."""
+    padded = np.pad(residual_squares, ((1, 1), (0, 0)), constant_values=np.inf)
+    is_minimum = (residual_squares <= padded[:-2]) & (residual_squares <= padded[2:])
+    is_minimum &= residual_squares <= residual_squares.min(axis=0) + _MAX_SHARE_OF_EQUALS * curve_squares
+    return np.where(is_minimum, np.abs(_LAGS)[:, None], np.inf).argmin(axis=0)
 
 
 def _residuals_by_lag(t: Array, x: Array, integral: Array) -> tuple[Array, Array] | None:
     """Curves (n, k) of one run without mean and trend, and residual squares (lags, k) by lag; None for short runs."""
-    used = (t >= t[0] - _LAGS[0]) & (t <= t[-1] - _LAGS[-1])
-    if t[-1] - t[0] < _MIN_RUN or used.sum() < len(_LAGS):
+    has_all_lags = (t >= t[0] - _LAGS[0]) & (t <= t[-1] - _LAGS[-1])  # rows whose shifted times are in the run
+    if t[-1] - t[0] < _MIN_RUN or has_all_lags.sum() < len(_LAGS):
         return None
-    basis = np.linalg.qr(np.stack([np.ones(used.sum()), t[used] - t[0]], axis=1))[0]
-    curves = _without_trend(basis, x[used])
-    residuals = np.empty((len(_LAGS), x.shape[1]))
+    times = t[has_all_lags]
+    mean_and_trend = np.stack([np.ones(len(times)), times - t[0]], axis=1)
+    basis = np.linalg.qr(mean_and_trend)[0]
+    curves = _without_trend(basis, x[has_all_lags])
+    squares = np.empty((len(_LAGS), x.shape[1]))
     for k, lag in enumerate(_LAGS):
-        shifted = np.stack([np.interp(t[used] + lag, t, column) for column in integral.T], axis=1)
-        residuals[k] = np.sum((_without_trend(basis, shifted) - curves) ** 2, axis=0)
-    return curves, residuals
+        shifted = np.stack([np.interp(times + lag, t, column) for column in integral.T], axis=1)
+        squares[k] = np.sum((_without_trend(basis, shifted) - curves) ** 2, axis=0)
+    return curves, squares
 
 
 def _without_trend(basis: Array, x: Array) -> Array:
+    """Columns of x (n, k) without their components along the orthonormal columns of the basis (n, 2)."""
     return np.asarray(x - basis @ (basis.T @ x))

@@ -1,7 +1,8 @@
-"""First calls: names of other libraries, of earlier versions and of a first guess, with the call to write instead.
+"""First calls: names that a newcomer may try, with the call to write instead.
 
-The rows are data in ``first_calls.toml``, which is read when a name is missing. Errors of :class:`~twistwrench.Robot`, of the
-package and of the command line, and the tables of ``docs/coming-from.md``, are made from them.
+Such names come from other libraries, from earlier versions or from a guess. They are rows of ``first_calls.toml``, which is
+read when a name is missing. Error messages of :class:`~twistwrench.Robot`, of the package and of the command line are made
+from the rows, and so are the tables of ``docs/coming-from.md``.
 """
 
 from __future__ import annotations
@@ -15,14 +16,17 @@ from itertools import product
 from pathlib import Path
 
 GUESS = "guess"
-"""Origin of rows that no library has."""
+"""Origin of rows for names of no library."""
 CUTOFF = 0.7
-"""Least similarity of a name that a message offers."""
-_PLACES = {"Robot": "robot", "Motion": "motion", "SpatialInertia": "inertia"}
+"""Least similarity of a name that a message offers, as a ratio of ``difflib``."""
+_PLACE_OF_CLASS = {"Robot": "robot", "Motion": "motion", "SpatialInertia": "inertia"}
 """Place of the rows for attributes of a public class."""
-_LIBRARY = "robot module"
-_LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
-_CALL = re.compile(r"robot\.(?:kernel\(\"(\w+)\"\)|(\w+))\([^()]*\)")
+_DEFAULT_PLACES = "robot module"
+"""Places of a row that names none."""
+_MARKDOWN_LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
+"""Link in Markdown; its group is the text."""
+_ROBOT_CALL = re.compile(r"robot\.(?:kernel\(\"(\w+)\"\)|(\w+))\([^()]*\)")
+"""Call of a kernel, ``robot.kernel("…")(…)``, or of a method, ``robot.…(…)``; one of its groups is the quantity."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,10 @@ class FirstCall:
     @property
     def advice(self) -> str:
         """Clause that names the call and the difference, as plain text."""
-        return plain_text(f"{self.use}; {self.differs}" if self.differs else self.use)
+        clause = self.use
+        if self.differs:
+            clause += f"; {self.differs}"
+        return plain_text(clause)
 
 
 def plain_text(markdown: str) -> str:
@@ -62,7 +69,7 @@ def plain_text(markdown: str) -> str:
     >>> plain_text("`robot.nv`, **not** [q](page.md)")
     'robot.nv, not q'
     """
-    return _LINK.sub(r"\1", markdown).replace("`", "").replace("**", "")
+    return _MARKDOWN_LINK.sub(r"\1", markdown).replace("`", "").replace("**", "")
 
 
 @cache
@@ -71,26 +78,34 @@ def first_calls() -> tuple[FirstCall, ...]:
     import tomllib
 
     text = Path(__file__).with_name("first_calls.toml").read_text(encoding="utf-8")
-    return tuple(_row(of, row) for of, rows in tomllib.loads(text).items() for row in rows)
+    return tuple(_first_call(of, row) for of, rows in tomllib.loads(text).items() for row in rows)
 
 
-def _row(of: str, row: Mapping[str, str]) -> FirstCall:
-    call = _CALL.fullmatch(row["use"])
-    quantity = row.get("quantity", (call[1] or call[2]) if call else "")
-    words, only = tuple(row.get("word", "").split()), tuple(row.get("only", "").split())
-    where = tuple(row.get("where", _LIBRARY).split())
-    return FirstCall(words, of, where, row["use"], row.get("differs", ""), row.get("shown", ""), quantity, only)
+def _first_call(of: str, row: Mapping[str, str]) -> FirstCall:
+    """Row of the table from its entry in the file."""
+    call = _ROBOT_CALL.fullmatch(row["use"])
+    called_quantity = (call[1] or call[2]) if call else ""
+    return FirstCall(
+        words=tuple(row.get("word", "").split()),
+        of=of,
+        where=tuple(row.get("where", _DEFAULT_PLACES).split()),
+        use=row["use"],
+        differs=row.get("differs", ""),
+        shown=row.get("shown", ""),
+        quantity=row.get("quantity", called_quantity),
+        only=tuple(row.get("only", "").split()),
+    )
 
 
 @cache
 def _rows_by_key() -> Mapping[tuple[str, str], tuple[FirstCall, ...]]:
-    """Rows of each place and name, and of the name in small letters if no other row has it."""
+    """Rows by place and name, and by the name in small letters if no row has that name."""
     rows_by_key: dict[tuple[str, str], tuple[FirstCall, ...]] = {}
     for row in first_calls():
         for key in product(row.where, row.words):
             rows_by_key[key] = (*rows_by_key.get(key, ()), row)
-    small_letters = {(place, word.casefold()): rows for (place, word), rows in rows_by_key.items()}
-    return small_letters | rows_by_key
+    rows_in_small_letters = {(place, word.casefold()): rows for (place, word), rows in rows_by_key.items()}
+    return rows_in_small_letters | rows_by_key  # names as written take precedence
 
 
 def rows_of(word: str, place: str) -> tuple[FirstCall, ...]:
@@ -104,12 +119,13 @@ def rows_of(word: str, place: str) -> tuple[FirstCall, ...]:
 
 
 def similar_names(name: str, known: Iterable[str], cutoff: float = CUTOFF) -> str:
-    """At most two similar names, as a clause; empty without one.
+    """At most two similar names, joined by "or"; empty if no name is similar.
 
     >>> similar_names("mass_matrx", ["mass_matrix", "momentum"]), similar_names("elbow", ["momentum"])
     ("'mass_matrix'", '')
     """
-    return " or ".join(map(repr, difflib.get_close_matches(name, list(known), n=2, cutoff=cutoff)))
+    matches = difflib.get_close_matches(name, list(known), n=2, cutoff=cutoff)
+    return " or ".join(map(repr, matches))
 
 
 def missing_attribute(subject: str, name: str, place: str, known: Iterable[str]) -> AttributeError:
@@ -119,7 +135,7 @@ def missing_attribute(subject: str, name: str, place: str, known: Iterable[str])
     ----------
     subject : str, description of the object, such as ``'Robot' object``
     name : str, the attribute
-    place : str, place of the rows
+    place : str, place of the rows, as in :attr:`FirstCall.where`
     known : iterable of str, attributes that exist
 
     Examples
@@ -138,5 +154,6 @@ def missing_attribute(subject: str, name: str, place: str, known: Iterable[str])
 
 
 def missing_class_attribute(owner: type, name: str) -> AttributeError:
-    """Error for an attribute that a public class does not have, as :func:`missing_attribute`."""
-    return missing_attribute(f"type object {owner.__name__!r}", name, _PLACES.get(owner.__name__, ""), dir(owner))
+    """Error of :func:`missing_attribute` for an attribute that a public class does not have."""
+    place = _PLACE_OF_CLASS.get(owner.__name__, "")
+    return missing_attribute(f"type object {owner.__name__!r}", name, place, dir(owner))

@@ -1,4 +1,4 @@
-"""Third-party libraries: Dask arrays by blocks, imports on first use, and foreign errors and output."""
+"""Third-party libraries: methods on blocks of Dask arrays, imports on first use, foreign errors, and foreign output."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import importlib
 import inspect
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,10 +21,14 @@ from ..typing import Array
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 Shapes = Callable[[Any, Mapping[str, Any]], Sequence[tuple[int, ...]]]
+"""Function of a robot and of arguments by name, which returns the shapes of the results for one state."""
 Place = tuple[str, str | None]
+"""Name of an array argument; for wrenches also the frame, which is the key in the argument's mapping."""
 
-_STATES = ("q", "q0", "q1", "dq", "ddq", "dv", "tau")
-_WRENCHES = ("wrench_by_robot", "wrench_on_robot")
+_STATE_ARGUMENTS = ("q", "q0", "q1", "dq", "ddq", "dv", "tau")
+"""Arguments that are arrays of states."""
+_WRENCH_ARGUMENTS = ("wrench_by_robot", "wrench_on_robot")
+"""Arguments that are mappings from frames to wrenches."""
 
 
 def is_lazy(x: Any) -> bool:
@@ -33,14 +38,23 @@ def is_lazy(x: Any) -> bool:
 
 
 def any_lazy(arguments: Iterable[Any]) -> bool:
-    """True if a Dask array is among the arguments, or among the values of a mapping there."""
+    """True if one of the arguments is a Dask array, or a mapping with a Dask array among its values."""
     if "dask.array" not in sys.modules:
         return False
-    return any(any_lazy(x.values()) if isinstance(x, Mapping) else is_lazy(x) for x in arguments)
+    for argument in arguments:
+        if isinstance(argument, Mapping):
+            if any_lazy(argument.values()):
+                return True
+        elif is_lazy(argument):
+            return True
+    return False
 
 
 def is_asking_for_type() -> bool:
-    """True within Dask's type inference, which ``map_blocks`` makes with small arrays if ``dtype=`` is missing."""
+    """True if the caller runs inside Dask's type inference.
+
+    If ``dtype=`` is missing, ``map_blocks`` calls its function with small arrays to find the type of the result.
+    """
     if "dask.array" not in sys.modules:
         return False
     frame: Any = sys._getframe()
@@ -54,20 +68,22 @@ def is_asking_for_type() -> bool:
 def later(function: Callable[..., Any], signature: str, arrays: Sequence[Any], dtype: Any = None) -> Any:
     """Deferred ``function(*arrays)``: a Dask array, or a tuple of Dask arrays.
 
-    ``signature`` is that of a generalized ufunc with sizes, ``(7),(7)->(7,7)``. Batch axes broadcast and keep their chunks by
-    Dask's rules; each core axis becomes one chunk. ``dtype=None`` selects float32 if it can hold every input, else float64.
+    ``signature`` is that of a generalized ufunc with sizes in place of names, as in ``(7),(7)->(7,7)``. Batch axes broadcast
+    and keep their chunks by Dask's rules; each core axis becomes one chunk. ``dtype=None`` selects float32 if it can hold every
+    input, else float64.
     """
     dask: Any = sys.modules["dask.array"]
     outputs = signature.partition("->")[2]
-    sizes = {size for size in outputs.replace("(", ",").replace(")", ",").split(",") if size}
-    count = outputs.count("(")
+    sizes = set(re.findall(r"\w+", outputs))
+    output_count = outputs.count("(")
     if dtype is None:
-        dtype = np.float32 if all(np.can_cast(x.dtype, np.float32) for x in arrays) else np.float64
+        dtype = np.float32 if all(np.can_cast(array.dtype, np.float32) for array in arrays) else np.float64
+    one_chunk = {-1: -1}  # of the last axis
     return dask.apply_gufunc(
         function,
         signature,
-        *(x.rechunk({-1: -1}) if is_lazy(x) else x for x in arrays),
-        output_dtypes=dtype if count == 1 else (dtype,) * count,
+        *(array.rechunk(one_chunk) if is_lazy(array) else array for array in arrays),
+        output_dtypes=dtype if output_count == 1 else (dtype,) * output_count,
         output_sizes={size: int(size) for size in sizes},
         allow_rechunk=True,  # for arguments with different chunks along the batch axes
     )
@@ -78,25 +94,26 @@ def lazy_by_blocks(
 ) -> Callable[[Method], Method]:
     """Decorator of a robot's method, evaluated lazily block by block if an argument array or wrench is a Dask array.
 
-    ``shapes`` returns the shapes of the results for one state, from the robot and the arguments by name; ``result`` combines
-    several results. Arguments named q are (nq,), other states (nv,), wrenches (6,); all others are passed to every block.
+    ``shapes`` returns the shapes of the results for one state. ``result`` combines several results to one. Arguments named q,
+    q0 and q1 are (nq,), other states (nv,), wrenches (6,). All other arguments are passed to every block.
     """
 
     def decorate(method: Method) -> Method:
-        parameters = inspect.signature(method)
-        first = next(iter(parameters.parameters))
+        signature = inspect.signature(method)
+        owner_name = next(iter(signature.parameters))  # usually "self"
 
         @wraps(method)
         def call(owner: Any, *args: Any, **options: Any) -> Any:
             if not any_lazy((*args, *options.values())):
                 return method(owner, *args, **options)
-            arguments = parameters.bind(owner, *args, **options).arguments
-            del arguments[first]
-            places: list[Place] = [(name, None) for name in arguments if name in _STATES]
-            for name in _WRENCHES:
-                places += [(name, key) for key in arguments.get(name) or ()]
+            arguments = signature.bind(owner, *args, **options).arguments
+            del arguments[owner_name]
+            places: list[Place] = [(name, None) for name in arguments if name in _STATE_ARGUMENTS]
+            for name in _WRENCH_ARGUMENTS:
+                wrenches = arguments.get(name) or {}
+                places += [(name, frame) for frame in wrenches]
             arrays = [_array(owner, method.__name__, arguments, place) for place in places]
-            inputs = _signature_part([x.shape[-1:] for x in arrays])
+            inputs = _signature_part([array.shape[-1:] for array in arrays])
             outputs = _signature_part(shapes(owner, arguments))
             block = _Block(owner, method.__name__, arguments, tuple(places))
             values = later(block, f"{inputs}->{outputs}", arrays, dtype)
@@ -128,27 +145,34 @@ class _Block:
     places: tuple[Place, ...]
 
     def __call__(self, *arrays: Array) -> Any:
-        arguments = {name: dict(x) if name in _WRENCHES and x else x for name, x in self.arguments.items()}
-        for (name, key), array in zip(self.places, arrays, strict=True):
-            if key is None:
+        arguments = dict(self.arguments)
+        for name in _WRENCH_ARGUMENTS:
+            if arguments.get(name):
+                arguments[name] = dict(arguments[name])  # a copy, whose values this block replaces
+        for (name, frame), array in zip(self.places, arrays, strict=True):
+            if frame is None:
                 arguments[name] = array
             else:
-                arguments[name][key] = array
+                arguments[name][frame] = array
         return getattr(self.owner, self.name)(**arguments)
 
 
 def _array(owner: Any, method: str, arguments: Mapping[str, Any], place: Place) -> Any:
     """Array argument at ``place``, checked to have the owner's size in its last axis."""
-    name, key = place
-    x, label = arguments[name], name
-    size = owner.nq if name.startswith("q") else owner.nv
-    if key is not None:  # a wrench on a frame
-        x, label, size = x[key], f"{name}[{key!r}]", 6
-    if not is_lazy(x):
-        x = np.asarray(x)
-    if x.shape[-1:] != (size,):
-        raise ShapeError(f"{method}: {label} has shape {x.shape}, expected {size} in the last axis.")
-    return x
+    name, frame = place
+    if frame is not None:
+        array = arguments[name][frame]
+        label = f"{name}[{frame!r}]"
+        size = 6  # of a wrench
+    else:
+        array = arguments[name]
+        label = name
+        size = owner.nq if name.startswith("q") else owner.nv
+    if not is_lazy(array):
+        array = np.asarray(array)
+    if array.shape[-1:] != (size,):
+        raise ShapeError(f"{method}: {label} has shape {array.shape}, expected {size} in the last axis.")
+    return array
 
 
 class _LazyModule:
@@ -159,7 +183,7 @@ class _LazyModule:
 
     def __getattr__(self, name: str) -> Any:
         value = getattr(importlib.import_module(self._name), name)
-        setattr(self, name, value)
+        setattr(self, name, value)  # the next access finds it without this method
         return value
 
 
@@ -176,8 +200,8 @@ _MAX_REASON_LENGTH = 200
 def third_party_errors(error_of: Callable[[str], TwistWrenchError]) -> Iterator[None]:
     """Convert any exception of the block to one error of this library; this library's own errors pass unchanged.
 
-    Use it only around calls of a third-party parser on external data: an error of our own code in the block would be reported
-    as an error in the file. ``KeyboardInterrupt`` and ``SystemExit`` pass. ``error_of`` makes the error from the reason text.
+    ``error_of`` makes the error from the reason. ``KeyboardInterrupt`` and ``SystemExit`` pass. Use it only around calls of a
+    third-party parser on external data: a mistake of our own code in the block would be reported as an error in the file.
     """
     try:
         yield
@@ -195,7 +219,7 @@ def reason_of(problem: Exception) -> str:
         return "it needs more memory than is available"
     if isinstance(problem, OSError) and problem.strerror:
         return problem.strerror
-    text = " ".join(_text_of(problem).split()).rstrip(".")
+    text = " ".join(_message_of(problem).split()).rstrip(".")
     kind = type(problem).__name__
     if not text:
         return kind
@@ -204,28 +228,28 @@ def reason_of(problem: Exception) -> str:
     return f"{kind}: {text}"
 
 
-def _text_of(problem: Exception) -> str:
-    """Text of an error; empty if it has none, as the text of an error of C++ may not be Unicode."""
+def _message_of(problem: Exception) -> str:
+    """Message of an error; empty if it cannot be made, for example if the text of an error in C++ is not Unicode."""
     try:
         return str(problem)
     except Exception:
         return ""
 
 
-_MOST_OUTPUT = 300
+_MAX_OUTPUT_LENGTH = 300
 """Maximum number of displayed characters of the output."""
 
 
 class ForeignOutput:
-    """Output written during the block, available after it."""
+    """Output written during the block of :func:`capture_stderr`, available after the block."""
 
     text = ""
 
     def __str__(self) -> str:
-        words = " ".join(self.text.split())
-        if len(words) <= _MOST_OUTPUT:
-            return words
-        return f"{words[:_MOST_OUTPUT]}…"
+        one_line = " ".join(self.text.split())
+        if len(one_line) <= _MAX_OUTPUT_LENGTH:
+            return one_line
+        return f"{one_line[:_MAX_OUTPUT_LENGTH]}…"
 
 
 @contextlib.contextmanager
@@ -235,11 +259,11 @@ def capture_stderr() -> Iterator[ForeignOutput]:
     Output of other threads is captured too. Without a standard error, nothing is captured.
     """
     output = ForeignOutput()
-    with contextlib.suppress(Exception):
+    with contextlib.suppress(Exception):  # sys.stderr may be None or closed
         sys.stderr.flush()
     try:
         stderr = os.dup(2)
-    except OSError:
+    except OSError:  # there is no standard error
         yield output
         return
     import tempfile
@@ -254,6 +278,7 @@ def capture_stderr() -> Iterator[ForeignOutput]:
                     sys.stderr.flush()
                 os.dup2(stderr, 2)
                 file.seek(0)
-                output.text = file.read(1 << 16).decode("utf-8", "replace")
+                first_bytes = file.read(1 << 16)  # a limit on memory; far more than is displayed
+                output.text = first_bytes.decode("utf-8", "replace")
     finally:
         os.close(stderr)

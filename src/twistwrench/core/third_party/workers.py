@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,70 +16,83 @@ from ..text import argument
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-# Dask does scheduling, retries, data transfer and the dashboard. This library's own threads are disabled in its workers.
+# Dask does scheduling, retries, data transfer and the dashboard. In local workers, the threads of this library and of BLAS are
+# disabled.
 
 RETRIES = 3
-"""Retries of a job whose worker died; Dask counts worker deaths with the same number."""
-_PATIENCE = 10.0
-"""Timeout for a scheduler [s]."""
-_ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "TWISTWRENCH_THREADS": "1"}
-"""Environment of local worker processes: one per core, with one thread each."""
+"""Number of times that a job is tried again after an error, and number of dead workers after which Dask gives a job up."""
+_CONNECTION_TIMEOUT = 10.0
+"""Time in which a scheduler must respond [s]."""
+_ONE_THREAD_EACH = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "TWISTWRENCH_THREADS": "1",
+}
+"""Environment of local worker processes, each of which has one thread."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Reason for the failure of a job: a message of this library, or kind and text of another error."""
+    """Failure of a job, in place of its result."""
 
     reason: str
+    """Message of an error of this library, or class and message of another error."""
     problem: TwistWrenchError | None = field(default=None, compare=False)
-    """Error of this library, with its arguments."""
+    """Error of this library; None for other errors."""
 
 
 @dataclass
 class Workers:
-    """Workers: this process, or the workers of a Dask client."""
+    """Workers for jobs: this process, or the workers of a Dask client."""
 
     client: Any = None
+    """Dask client; None for this process."""
     ahead: int = 1
-    """Number of jobs submitted ahead, which limits the results that wait for their turn."""
+    """Maximum number of jobs that are submitted and whose results are not yet returned."""
 
     @classmethod
     def from_client(cls, client: Any) -> Workers:
         """Workers of a Dask client; this process if it is None."""
         if client is None:
             return cls()
-        return cls(client, 3 * max(1, sum(client.nthreads().values())))
+        thread_count = sum(client.nthreads().values())
+        return cls(client, ahead=3 * max(1, thread_count))  # no worker waits for the next job
 
     def results(
         self, function: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[float], None] | None = None
     ) -> Iterator[Result | Failure]:
-        """``function`` of each item, in the order of the items; an error in one item does not stop the others."""
-        tell = progress or (lambda _share: None)
-        work = partial(_result_or_failure, function)  # picklable for other processes
+        """``function`` of each item, in the order of the items; an error in one item does not stop the others.
+
+        ``progress`` is called with the finished fraction after each item.
+        """
+        report_progress = progress or (lambda _fraction: None)
+        job = partial(_result_or_failure, function)  # picklable for other processes
         if self.client is None:
-            for k, item in enumerate(items, start=1):
-                yield work(item)
-                tell(k / len(items))
+            for count, item in enumerate(items, start=1):
+                yield job(item)
+                report_progress(count / len(items))
             return
         from concurrent.futures import CancelledError
 
         from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
 
-        waiting: list[Any] = []
-        given = 0
+        futures: list[Any] = []  # of submitted jobs, in the order of the items
+        submitted_count = 0
         for k in range(len(items)):
-            while given < len(items) and given < k + self.ahead:
-                waiting.append(self.client.submit(work, items[given], pure=False, retries=RETRIES))
-                given += 1
-            future = waiting.pop(0)
+            while submitted_count < min(len(items), k + self.ahead):
+                # pure=False: Dask would otherwise return the same result for equal items
+                futures.append(self.client.submit(job, items[submitted_count], pure=False, retries=RETRIES))
+                submitted_count += 1
+            future = futures.pop(0)
             try:
                 yield future.result()
             except (KilledWorker, CommClosedError, CancelledError, MemoryError, OSError) as problem:
-                first = (str(problem).splitlines() or ["no details were reported"])[0]
-                yield Failure(f"{type(problem).__name__}: {first}")
+                lines = str(problem).splitlines() or ["no details were reported"]
+                yield Failure(f"{type(problem).__name__}: {lines[0]}")
             future.release()
-            tell((k + 1) / len(items))
+            report_progress((k + 1) / len(items))
 
 
 @contextmanager
@@ -101,18 +115,24 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
         from distributed import Client, LocalCluster
     except ImportError:
         raise MissingExtraError.from_extra("dask", "dask", "Working on several processes or machines") from None
-    settings = {"distributed.scheduler.allowed-failures": RETRIES, "distributed.nanny.pre-spawn-environ": _ALONE}
+    settings = {
+        "distributed.scheduler.allowed-failures": RETRIES,
+        "distributed.nanny.pre-spawn-environ": _ONE_THREAD_EACH,
+    }
     with config.set(settings):
         if workers is not None:
-            local: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
-            with LocalCluster(n_workers=workers, **local) as cluster, Client(cluster) as client:
+            options: dict[str, Any] = {
+                "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL,
+            }  # fmt: skip
+            with LocalCluster(n_workers=workers, **options) as cluster, Client(cluster) as client:
                 yield Workers.from_client(client)
             return
         try:
-            client = Client(scheduler, timeout=_PATIENCE)
+            client = Client(scheduler, timeout=_CONNECTION_TIMEOUT)
         except (OSError, TimeoutError, ValueError, TypeError) as problem:
+            first_line = str(problem).splitlines()[0]
             raise ValueRangeError(
-                f"no Dask scheduler answers at {scheduler!r}: {str(problem).splitlines()[0]}. Start one with `dask scheduler` "
+                f"no Dask scheduler answers at {scheduler!r}: {first_line}. Start one with `dask scheduler` "
                 "and workers with `dask worker ADDRESS`, and give the address that it prints, such as tcp://10.0.0.1:8786."
             ) from None
         with client:
@@ -124,7 +144,7 @@ def workers_of(workers: int | None = None, scheduler: str | None = None) -> Iter
 
 
 def _result_or_failure(function: Callable[[Item], Result], item: Item) -> Result | Failure:
-    """Result, or the reason for an input error, which does not depend on the worker and is not retried."""
+    """Result of a job, or a failure for an error of this library: such an error is the input's, and is not tried again."""
     try:
         return function(item)
     except TwistWrenchError as problem:

@@ -16,7 +16,7 @@ from ...mechanics.lie import quaternion, se3, so3
 from ...mechanics.lie.identity import IDENTITY, UPRIGHT, is_identity, pose_rows, product
 from ...mechanics.model.description import label, unused
 from ..known_elements import LEFT_OUT
-from ..urdf import IN_MJCF, direction, onto, tensor_of
+from ..urdf import IN_MJCF, direction, rotation_of_z_axis_to, tensor_of
 from ..xml import Element
 from .preprocess import Defaults, Meshes, Settings
 
@@ -50,7 +50,7 @@ def rotation(element: Element, settings: Settings) -> Array:
         y = direction(element, "xyaxes", values[3:] - (x @ values[3:]) * x)
         return np.column_stack([x, y, so3.cross(x, y)])
     if forms[0] == "zaxis":
-        return onto(direction(element, "zaxis", element.numbers("zaxis", 3)))
+        return rotation_of_z_axis_to(direction(element, "zaxis", element.numbers("zaxis", 3)))
     R = np.eye(3)
     angles = element.numbers("euler", 3) * settings.angle
     for letter, angle in zip(settings.euler_sequence, angles, strict=True):
@@ -332,7 +332,7 @@ def shape_of(element: Element, kind: str, settings: Settings) -> tuple[Array, li
     ends = element.numbers("fromto", 6)
     along = ends[:3] - ends[3:]
     half = float(np.linalg.norm(along)) / 2.0
-    T = se3.pose(onto(direction(element, "fromto", along)), (ends[:3] + ends[3:]) / 2.0)
+    T = se3.pose(rotation_of_z_axis_to(direction(element, "fromto", along)), (ends[:3] + ends[3:]) / 2.0)
     return T, [size[0], half] if _LENGTHS[kind] == 2 else [size[0], size[0], half]
 
 

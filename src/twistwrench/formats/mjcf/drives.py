@@ -22,11 +22,9 @@ from ..xml import Element
 from .bodies import WORLD, MjcfBody, MjcfJoint, has_active_range
 from .preprocess import SHORTCUT, Defaults, Settings
 
-_LOSSES = ("damping", "frictionloss", "armature")
-_POLYNOMIAL = (0.0, 0.0, 0.0)
-"""Defaults of a stiffness or a damping: the linear coefficient and those of higher order."""
-
-
+_LOSS_ATTRIBUTES = ("damping", "frictionloss", "armature")
+_ZERO_POLYNOMIAL = (0.0, 0.0, 0.0)
+"""Default coefficients of a stiffness or a damping: linear, and of higher order."""
 _SLIDER_CRANK_SITES = ("cranksite", "slidersite")
 """Attributes of actuators on a slider-crank, whose joints the file does not name."""
 
@@ -49,8 +47,9 @@ def motor_joints_of(root: Element, joints: Mapping[str, MjcfJoint], defaults: De
             return set()
         motor_joints.add(_joint_name(actuator))
         if tendon is not None:
-            motor_joints |= {part.text("joint") for part in tendon.all("joint") if part.number("coef")}
-    return motor_joints & joints.keys()
+            moved_parts = [part for part in tendon.all("joint") if part.number("coef") != 0]
+            motor_joints |= {part.text("joint") for part in moved_parts}
+    return motor_joints & joints.keys()  # without the empty name
 
 
 @dataclass(frozen=True)
@@ -60,11 +59,11 @@ class Drives:
     efforts: dict[str, float] = field(default_factory=dict)
     """Largest torque or force to either side, if known [N m or N]."""
     armature: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
-    """kg m² or kg."""
+    """Sum of the armatures at the joint [kg m² or kg]."""
     damping: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
-    """N m s/rad or N s/m."""
+    """Sum of the dampings at the joint [N m s/rad or N s/m]."""
     motors: dict[str, tuple[Actuator, dict[str, float]]] = field(default_factory=dict)
-    """Described motors, and their friction as it acts at the joint."""
+    """Actuator with its motor, and friction as it acts at the joint, by name of the coefficient."""
 
 
 def drives_of(
@@ -72,57 +71,66 @@ def drives_of(
 ) -> Drives:
     """Drives of a file's actuators at its joints, with notes for the builder.
 
-    What the actuators of a joint give together, each gear times ``forcerange``, or, of a motor, gear times ``ctrlrange``, lies
-    within the joint's own ``actuatorfrcrange``. Their armature and damping count gear squared.
+    Each actuator gives a range of forces at its joint: gear times ``forcerange``, or gear times ``ctrlrange`` for a motor. The
+    ranges of a joint's actuators are added, and the sum is limited to the joint's own ``actuatorfrcrange``. Armature and
+    damping of an actuator are multiplied by its gear squared.
     """
-    totals: dict[str, Array] = {}
+    force_range_by_joint: dict[str, Array] = {}
     drives = Drives()
     for child in root.children_in("actuator"):
         if child.tag not in ACTUATORS:
             builder.note(child, LEFT_OUT["actuator/unknown"])
         actuator = defaults.apply(child)
-        name = _joint_name(actuator)
-        if name and name not in joints:
-            raise child.error(f"drives the joint {name!r}, which is not there.")
+        joint_name = _joint_name(actuator)
+        if joint_name and joint_name not in joints:
+            raise child.error(f"drives the joint {joint_name!r}, which is not there.")
         gear = actuator.floats("gear", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0))[0]
         if child.tag in ACTUATORS:
-            _add_losses(builder, drives, actuator, gear, joints.get(name))
-        if name:
-            force = _force(actuator, settings)
-            at_joint = np.sort(gear * force) if gear else np.zeros(2)  # a gear of zero lets nothing through
-            totals[name] = totals.get(name, np.zeros(2)) + at_joint
-            if actuator.attributes.get(SHORTCUT) == "dcmotor" and gear and joints[name].single:
-                _add_motor(builder, drives, actuator, gear, name, float(np.abs(force).min()))
-            if child.tag == "orientation":
+            _add_losses(builder, drives, actuator, gear, joints.get(joint_name))
+        if joint_name:
+            force_range = _force_range(actuator, settings)
+            range_at_joint = np.zeros(2)  # a gear of zero transmits no force; infinity times zero would be nan
+            if gear:
+                range_at_joint = np.sort(gear * force_range)  # a negative gear exchanges the sides
+            force_range_by_joint[joint_name] = force_range_by_joint.get(joint_name, np.zeros(2)) + range_at_joint
+            if actuator.attributes.get(SHORTCUT) == "dcmotor" and gear and joints[joint_name].single:
+                largest_torque = float(np.abs(force_range).min())  # that it gives to either side
+                _add_motor(builder, drives, actuator, gear, joint_name, largest_torque)
+            if child.tag == "orientation":  # no such actuator drives a joint
                 builder.note(actuator, LEFT_OUT["actuator/joint"])
-    for name, joint in joints.items():
+    for joint_name, joint in joints.items():
         if not joint.single:
             continue
-        force = totals.get(name, ANY)
+        force_range = force_range_by_joint.get(joint_name, UNKNOWN_RANGE)
         if has_active_range(joint.element, "actuatorfrclimited", "actuatorfrcrange", settings):
-            force = np.clip(force, *_range(joint.element, "actuatorfrcrange"))
-        effort, note = _effort(force)
-        if note and (name in totals or effort is not None):
-            builder.note(label("joint", name, joint.element.place), note)
+            lower, upper = _numbers_of_range(joint.element, "actuatorfrcrange")
+            force_range = np.clip(force_range, lower, upper)
+        effort, note = _effort_and_note(force_range)
+        # A joint without actuators and without a range has no effort either, which needs no note.
+        if note and (joint_name in force_range_by_joint or effort is not None):
+            builder.note(label("joint", joint_name, joint.element.place), note)
         if effort is not None:
-            drives.efforts[name] = effort
+            drives.efforts[joint_name] = effort
     return drives
 
 
-ANY = np.array([-math.inf, math.inf])
-"""Range of unknown forces."""
-_PLAIN = {"gaintype": "fixed", "biastype": "none", "dyntype": "none"}
+UNKNOWN_RANGE = np.array([-math.inf, math.inf])
+"""Least and largest force of an actuator whose range is unknown."""
+_GAIN_ONLY_TYPES = {"gaintype": "fixed", "biastype": "none", "dyntype": "none"}
 """Types of an actuator whose force is a gain times its control."""
 _MAX_DIFFERENCE_OF_SIDES = 1e-3
-"""Relative difference of the forces to both sides from which it is noted."""
+"""Largest relative difference of the forces to both sides that needs no note."""
 
 
-def _effort(forces: Array) -> tuple[float | None, str]:
-    """Effort that a joint gives to either side, None if unknown, and a note.
+def _effort_and_note(force_range: Array) -> tuple[float | None, str]:
+    """Effort that a joint gives to either side, None if unknown or zero, and a note, which may be empty.
 
-    ``forces`` are the least and the most that its actuators give, (2,).
+    ``force_range`` (2,) are the least force of the joint's actuators, which is negative, and the largest one.
     """
-    smaller, larger = sorted((max(-float(forces[0]), 0.0), max(float(forces[1]), 0.0)))
+    to_negative_side = max(-float(force_range[0]), 0.0)
+    to_positive_side = max(float(force_range[1]), 0.0)
+    smaller = min(to_negative_side, to_positive_side)
+    larger = max(to_negative_side, to_positive_side)
     if larger == math.inf:
         return None, "has an actuator whose largest force is not given"
     if smaller == 0.0 < larger:
@@ -130,109 +138,134 @@ def _effort(forces: Array) -> tuple[float | None, str]:
     if smaller < (1 - _MAX_DIFFERENCE_OF_SIDES) * larger:
         sides = f"{number(smaller)} to one side and {number(larger)} to the other"
         return smaller, f"gives {sides}, and the less is its limit of both"
-    return smaller or None, ""
+    if smaller == 0.0:
+        return None, ""
+    return smaller, ""
 
 
 def _add_losses(builder: ModelBuilder, drives: Drives, actuator: Element, gear: float, joint: MjcfJoint | None) -> None:
-    """Add armature and damping of an actuator, reflected to its joint."""
-    for kind, reflected in (("armature", drives.armature), ("damping", drives.damping)):
-        value, *higher = actuator.floats(kind, _POLYNOMIAL)
-        if not value and not any(higher):
+    """Add armature and damping of an actuator at its joint, by gear squared; None for an actuator without a joint."""
+    for kind, sum_by_joint in (("armature", drives.armature), ("damping", drives.damping)):
+        linear, *higher = actuator.floats(kind, _ZERO_POLYNOMIAL)
+        if not linear and not any(higher):
             continue
         if joint is None or not joint.single:
             builder.note(actuator, f"has a {kind} that is left out")
             continue
         if any(higher):
             builder.note(actuator, LEFT_OUT["actuator/damping"])
-        reflected[joint.name] += gear**2 * value
+        sum_by_joint[joint.name] += gear**2 * linear
 
 
-def _force(actuator: Element, settings: Settings) -> Array:
-    """Range of an actuator's force before its gear, infinite if it is not given."""
+def _force_range(actuator: Element, settings: Settings) -> Array:
+    """Range of an actuator's force before its gear (2,), infinite if it is not given."""
     kind = actuator.attributes.get(SHORTCUT)
     if kind in (None, "orientation"):
-        return ANY
-    types = {actuator.attributes.get(name, plain) for name, plain in _PLAIN.items()}
-    plain = kind == "motor" or (kind == "general" and types <= {"fixed", "none"})
-    force = ANY
-    if plain and has_active_range(actuator, "ctrllimited", "ctrlrange", settings):
+        return UNKNOWN_RANGE
+    is_general_gain = kind == "general" and all(
+        actuator.attributes.get(name, default) in ("fixed", "none") for name, default in _GAIN_ONLY_TYPES.items()
+    )
+    force_range = UNKNOWN_RANGE
+    if (kind == "motor" or is_general_gain) and has_active_range(actuator, "ctrllimited", "ctrlrange", settings):
         gain = 1.0 if kind == "motor" else actuator.floats("gainprm", (1.0, *([0.0] * 9)))[0]
-        force = np.sort(gain * _range(actuator, "ctrlrange"))
-    if kind == "dcmotor" and "saturation" in actuator.attributes:  # which stands for a range of forces
-        return _saturation(actuator)
+        force_range = np.sort(gain * _numbers_of_range(actuator, "ctrlrange"))  # a negative gain exchanges the sides
+    if kind == "dcmotor" and "saturation" in actuator.attributes:  # takes the place of a force range
+        return _saturation_range(actuator)
     if has_active_range(actuator, "forcelimited", "forcerange", settings):
-        return np.clip(force, *_range(actuator, "forcerange"))
-    return force
+        lower, upper = _numbers_of_range(actuator, "forcerange")
+        return np.clip(force_range, lower, upper)
+    return force_range
 
 
-def _saturation(actuator: Element) -> Array:
-    """The largest torque of a ``dcmotor`` to both sides: as given, or its constant times the largest current."""
+def _saturation_range(actuator: Element) -> Array:
+    """Range of the torque of a ``dcmotor``, to the largest torque or to its constant times the largest current.
+
+    A torque or current of zero is not given in the file.
+    """
     torque, current, _ = actuator.floats("saturation", (0.0, 0.0, 0.0))
-    largest = torque or _constant(actuator) * current
-    return np.array([-largest, largest]) if largest else ANY
+    largest = torque
+    if torque == 0:
+        largest = _motor_constant(actuator) * current
+    if largest == 0:
+        return UNKNOWN_RANGE
+    return np.array([-largest, largest])
 
 
-def _constant(actuator: Element) -> float:
-    """Constant K of a ``dcmotor`` [N m/A]: geometric mean of the torque and the back-EMF constant; 0 if unknown."""
-    torque_constant, speed_constant = actuator.floats("motorconst", (0.0, 0.0))
-    voltage, _, speed = actuator.floats("nominal", (0.0, 0.0, 0.0))
-    if not speed_constant and speed:
-        speed_constant = voltage / speed
-    constants = [constant for constant in (torque_constant, speed_constant) if constant > 0]
-    return math.prod(constants) ** (1.0 / len(constants)) if constants else 0.0
+def _motor_constant(actuator: Element) -> float:
+    """Constant K of a ``dcmotor`` [N m/A]: geometric mean of the torque and the back-EMF constant; 0 if unknown.
+
+    The two are equal in SI units. Zero means "not given"; if one of them is missing, K is the other one.
+    """
+    torque_constant, back_emf_constant = actuator.floats("motorconst", (0.0, 0.0))
+    voltage, _, no_load_speed = actuator.floats("nominal", (0.0, 0.0, 0.0))
+    if not back_emf_constant and no_load_speed:
+        back_emf_constant = voltage / no_load_speed
+    constants = [constant for constant in (torque_constant, back_emf_constant) if constant > 0]
+    if not constants:
+        return 0.0
+    return math.prod(constants) ** (1.0 / len(constants))
 
 
 def _add_motor(
-    builder: ModelBuilder, drives: Drives, actuator: Element, gear: float, joint: str, largest: float
+    builder: ModelBuilder, drives: Drives, actuator: Element, gear: float, joint: str, largest_torque: float
 ) -> None:
-    """Add the motor of a ``dcmotor`` whose torque is at most ``largest`` [N m] to either side, and its friction."""
+    """Add the motor of a ``dcmotor`` and its friction; ``largest_torque`` is the one to either side [N m]."""
     if joint in drives.motors:
         builder.note(actuator, "is a second motor of its joint, whose electrical data are left out")
         return
     if actuator.floats("cogging", (0.0, 0.0, 0.0))[0]:
         builder.note(actuator, "has a cogging torque, which is left out")
-    if any(actuator.floats("thermal", (0.0,) * 6)[:3]):
+    resistances_and_capacity = actuator.floats("thermal", (0.0,) * 6)[:3]
+    if any(resistances_and_capacity):
         builder.note(actuator, "has a thermal model, which is left out: the resistance is that of the cold motor")
     friction = _lugre_friction(builder, actuator, gear)
-    constant = _constant(actuator)
-    if not constant:
+    constant = _motor_constant(actuator)
+    if constant == 0:
         drives.motors[joint] = Actuator(joint, gear), friction
         return
-    voltage, stall_current, _ = actuator.floats("nominal", (0.0, 0.0, 0.0))
+    # In all these attributes, zero means "not given".
+    voltage, stall_torque, _ = actuator.floats("nominal", (0.0, 0.0, 0.0))
     resistance = actuator.floats("resistance", (0.0,))[0]
-    if not resistance and stall_current:
-        resistance = constant * voltage / stall_current
+    if resistance == 0 and stall_torque != 0:
+        resistance = constant * voltage / stall_torque
     inductance, time_constant = actuator.floats("inductance", (0.0, 0.0))
-    motor = Motor(
-        constant, resistance, inductance or time_constant * resistance,
-        voltage=voltage or actuator.floats("controller", (0.0,) * 6)[5] or math.inf, current_peak=largest / constant,
-    )  # fmt: skip
-    described = Actuator(joint, gear, motor=motor)
+    if inductance == 0:
+        inductance = time_constant * resistance
+    if voltage == 0:
+        voltage = actuator.floats("controller", (0.0,) * 6)[5]
+    if voltage == 0:
+        voltage = math.inf
+    motor = Motor(constant, resistance, inductance, voltage=voltage, current_peak=largest_torque / constant)
+    described_actuator = Actuator(joint, gear, motor=motor)
     try:
-        check_actuator(described)
+        check_actuator(described_actuator)
     except ValueRangeError as problem:
         raise actuator.error(f"cannot be a motor: {problem}") from None
-    drives.motors[joint] = described, friction
+    drives.motors[joint] = described_actuator, friction
 
 
 def _lugre_friction(builder: ModelBuilder, actuator: Element, gear: float) -> dict[str, float]:
-    """Coulomb and Stribeck friction at the joint, of a rotor that turns gear times as fast."""
-    bristles, _, coulomb, static, stribeck = actuator.floats("lugre", (0.0,) * 5)
-    if not bristles:
+    """Coulomb and Stribeck friction at the joint, by name of the coefficient; empty without LuGre friction.
+
+    The rotor turns gear times as fast as the joint: torques at the joint are larger by the gear, and speeds smaller.
+    """
+    bristle_stiffness, _, coulomb, static, stribeck_speed = actuator.floats("lugre", (0.0,) * 5)
+    if not bristle_stiffness:  # MuJoCo then has no LuGre friction
         return {}
     builder.note(actuator, "has LuGre friction, whose bristles are left out: its Coulomb and Stribeck friction is kept")
     friction = {"coulomb": abs(gear) * coulomb, "static": abs(gear) * max(static, coulomb)}
-    if stribeck:
-        friction["stribeck"] = stribeck / abs(gear)
+    if stribeck_speed:
+        friction["stribeck"] = stribeck_speed / abs(gear)
     return friction
 
 
-def _range(element: Element, attribute: str) -> Array:
+def _numbers_of_range(element: Element, attribute: str) -> Array:
+    """Lower and upper end of a range (2,)."""
     return np.array(element.floats(attribute, (0.0, 0.0)))
 
 
 ROWS = {"connect": "vx vy vz", "weld": "wx wy wz vx vy vz"}
-"""The rows that an equality holds."""
+"""Components of the relative velocity that each kind of equality prevents."""
 _SITES = ("site1", "site2")
 
 
@@ -245,24 +278,29 @@ def constraints_of(root: Element, defaults: Defaults) -> list[Element]:
 def mimics(
     builder: ModelBuilder, constraints: Sequence[Element], joints: Mapping[str, MjcfJoint], kept: Set[str]
 ) -> dict[str, Mimic]:
-    """Joints that follow another by a constant ratio, q1 - q1_ref = c0 + c1 (q2 - q2_ref); notes on the others."""
+    """Joints that follow another by a constant ratio, q1 - q1_ref = c0 + c1 (q2 - q2_ref); notes on the others.
+
+    ``kept`` are the joints of the model.
+    """
     mimics: dict[str, Mimic] = {}
     for constraint in constraints:
         if constraint.tag != "joint":
             continue
-        follower, leader = constraint.text("joint1"), constraint.attributes.get("joint2", "").strip()
+        follower = constraint.text("joint1")
+        leader = constraint.attributes.get("joint2", "").strip()  # empty: the follower is held in its position
+        names = {follower, leader} - {""}
         for name in (follower, leader):
             if name and (name not in joints or not joints[name].single):
                 raise constraint.error(f"names {name!r}, which is not a hinge or slide.")
-        if not {follower, leader or follower} <= kept:
+        if not names <= kept:
             continue
         c0, c1, *higher = constraint.floats("polycoef", (0.0, 1.0, 0.0, 0.0, 0.0))
         if not leader:
-            place = printed(joints[follower].reference + c0)
-            builder.note(constraint, f"holds joint {follower!r} at {place}, which is left out: lock it")
+            position = printed(joints[follower].reference + c0)
+            builder.note(constraint, f"holds joint {follower!r} at {position}, which is left out: lock it")
         elif any(higher) or c1 == 0:
             builder.note(constraint, "makes a joint follow another by a polynomial, which is left out")
-        elif follower in mimics or follower in _leaders(leader, mimics):
+        elif follower in mimics or follower in _leaders(leader, mimics):  # the latter would close a circle
             builder.note(constraint, "is a second rule for its joints, which is left out")
         else:
             offset = joints[follower].reference + c0 - c1 * joints[leader].reference
@@ -271,7 +309,7 @@ def mimics(
 
 
 def _leaders(name: str, mimics: Mapping[str, Mimic]) -> set[str]:
-    """Names of the joint and of all that it follows."""
+    """Names of a joint and of all joints that it follows, directly or through others."""
     leaders = {name}
     while name in mimics:
         name = mimics[name][0]
@@ -286,8 +324,11 @@ def add_closures(
     poses: Sequence[Array],
     kept: Set[int],
 ) -> None:
-    """Offer each loop as two coincident frames; ``poses`` are those of the bodies in the file."""
-    numbers = {body.name: k for k, body in enumerate(bodies)}
+    """Offer each loop as two coincident frames.
+
+    ``poses`` are those of all bodies at the file's positions, ``kept`` the numbers of the bodies in the model.
+    """
+    numbers = {body.name: number for number, body in enumerate(bodies)}
     for k, constraint in enumerate(constraints):
         if constraint.tag == "joint":
             continue
@@ -296,15 +337,16 @@ def add_closures(
             continue
         name = constraint.attributes.get("name", "").strip() or f"{constraint.tag}{k}"
         if "site1" in constraint.attributes:
-            a, b = (_site(builder, constraint.text(attribute)) for attribute in _SITES)
+            a, b = (_read_site_name(builder, constraint.text(attribute)) for attribute in _SITES)
             if not a or not b:
                 continue
         else:
-            ends = [_body(constraint, attribute, numbers) for attribute in ("body1", "body2")]
-            if not set(ends) <= kept:
+            i = _body_number(constraint, "body1", numbers)
+            j = _body_number(constraint, "body2", numbers)
+            if i not in kept or j not in kept:
                 continue
-            first, second = (bodies[i].name for i in ends)
-            T_first, T_second = _ends(constraint, *(poses[i] for i in ends))
+            first, second = bodies[i].name, bodies[j].name
+            T_first, T_second = _coincident_frames(constraint, poses[i], poses[j])
             a = builder.add_site(f"{name}:{first}", first, T_first, where=constraint.place)
             b = builder.add_site(f"{name}:{second}", second, T_second, where=constraint.place)
         rows = ROWS[constraint.tag]
@@ -312,32 +354,38 @@ def add_closures(
         builder.remark(f"{constraint} is left open: robot.close({a!r}, {b!r}, {rows!r}) closes it")
 
 
-def _site(builder: ModelBuilder, name: str) -> str:
-    """Name of a site in the model; empty if it was not read."""
+def _read_site_name(builder: ModelBuilder, name: str) -> str:
+    """Name of a site in the model, which may have a prefix there; empty if it was not read."""
     for site in (f"site:{name}", name):
         if site in builder.site_names:
             return site
     return ""
 
 
-def _body(constraint: Element, attribute: str, numbers: Mapping[str, int]) -> int:
+def _body_number(constraint: Element, attribute: str, numbers: Mapping[str, int]) -> int:
+    """Number of the body that an attribute names, the world by default."""
     name = constraint.attributes.get(attribute, WORLD).strip()
     if name not in numbers:
         raise constraint.error(f"names the body {name!r}, which is not there.")
     return numbers[name]
 
 
-def _ends(constraint: Element, T_1: Array, T_2: Array) -> tuple[Array, Array]:
-    """Frames of the two bodies that coincide."""
-    between = se3.inverse(T_1) @ T_2
+def _coincident_frames(constraint: Element, T_1: Array, T_2: Array) -> tuple[Array, Array]:
+    """Frames that coincide, one in each body, for poses T_1 and T_2 of the bodies in the file.
+
+    The anchor of "connect" is given in body 1, that of "weld" in body 2.
+    """
+    T_12 = se3.inverse(T_1) @ T_2
     if constraint.tag == "connect":
         anchor = se3.pose(np.eye(3), constraint.numbers("anchor", 3))
-        return anchor, se3.inverse(between) @ anchor
-    *place, w, x, y, z = constraint.floats("relpose", (0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        return anchor, se3.inverse(T_12) @ anchor
+    *position, w, x, y, z = constraint.floats("relpose", (0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     anchor = se3.pose(np.eye(3), constraint.floats("anchor", (0.0, 0.0, 0.0)))
-    if any((w, x, y, z)):  # where the anchor is in the first body, and how the second one is turned
-        return se3.pose(quaternion.rotation([w, x, y, z]), place), anchor
-    return between @ anchor, anchor
+    if any(
+        (w, x, y, z)
+    ):  # the pose of the anchor in body 1 is given; a quaternion of zeros stands for the file's poses
+        return se3.pose(quaternion.rotation([w, x, y, z]), position), anchor
+    return T_12 @ anchor, anchor
 
 
 def add_tendons(
@@ -347,36 +395,37 @@ def add_tendons(
     for child in root.children_in("tendon"):
         tendon = defaults.apply(child, kind="tendon")
         if child.tag == "fixed":
-            _add_fixed(builder, tendon, joints, kept)
+            _add_fixed_tendon(builder, tendon, joints, kept)
         elif child.tag == "spatial":
-            forces = [tendon.floats(attribute, _POLYNOMIAL) for attribute in ("stiffness", *_LOSSES)]
+            forces = [tendon.floats(attribute, _ZERO_POLYNOMIAL) for attribute in ("stiffness", *_LOSS_ATTRIBUTES)]
             if np.any(forces):
                 builder.note(child, "is a spatial tendon, whose forces and inertia are left out")
 
 
-def _add_fixed(builder: ModelBuilder, tendon: Element, joints: Mapping[str, MjcfJoint], kept: Set[str]) -> None:
-    terms: dict[str, float] = defaultdict(float)
+def _add_fixed_tendon(builder: ModelBuilder, tendon: Element, joints: Mapping[str, MjcfJoint], kept: Set[str]) -> None:
+    """Add the spring of a fixed tendon, whose length is Σ coefficient · position over joints."""
+    coefficients: dict[str, float] = defaultdict(float)
     for child in tendon.all("joint"):
         name = child.text("joint")
         if name not in joints or not joints[name].single:
             raise child.error(f"in {tendon} names {name!r}, which is not a hinge or slide.")
-        terms[name] += child.number("coef")
-    for what in _LOSSES:
-        if any(tendon.floats(what, _POLYNOMIAL)):
-            builder.note(tendon, f"has a {what}, which is left out")
-    stiffness, *higher = tendon.floats("stiffness", _POLYNOMIAL)
+        coefficients[name] += child.number("coef")
+    for loss in _LOSS_ATTRIBUTES:
+        if any(tendon.floats(loss, _ZERO_POLYNOMIAL)):
+            builder.note(tendon, f"has a {loss}, which is left out")
+    stiffness, *higher = tendon.floats("stiffness", _ZERO_POLYNOMIAL)
     if any(higher):
         builder.note(tendon, LEFT_OUT["tendon/stiffness"])
     if any(higher) or not stiffness:
         return
     if tendon.floats("springyield", (0.0,))[0]:
         builder.note(tendon, LEFT_OUT["tendon/springyield"])
-    first, last = tendon.floats("springlength", (-1.0, -1.0))
+    shortest, longest = tendon.floats("springlength", (-1.0, -1.0))  # lengths without a force
     if len(tendon.attributes.get("springlength", "").split()) == 1:
-        last = first
-    if first == -1.0:
-        first = last = sum(weight * joints[name].rest for name, weight in terms.items())
-    if first != last:
+        longest = shortest
+    if shortest == -1.0:  # MuJoCo's sign for the length at rest
+        shortest = longest = sum(coefficient * joints[name].rest for name, coefficient in coefficients.items())
+    if shortest != longest:
         builder.note(tendon, "is a spring that is slack over a range of lengths, and is left out")
-    elif terms.keys() <= kept:
-        builder.add_spring(terms, stiffness, first, where=tendon.place)
+    elif coefficients.keys() <= kept:
+        builder.add_spring(coefficients, stiffness, shortest, where=tendon.place)

@@ -1,4 +1,8 @@
-"""Reader of one articulation of a USD file, after a rehearsal in a child process."""
+"""Reader of one articulation of a USD file.
+
+The USD library may crash on a damaged file, or take all memory. The file is therefore read in a child process first; if this
+succeeds, it is read again in this process.
+"""
 
 from __future__ import annotations
 
@@ -28,12 +32,13 @@ from .colliders import inertia_of_shapes
 from .stage import Stage, axis_of, number_of, open_stage, quaternion_of, vector_of, who
 
 WORLD = "world"
-"""Link name of the stage."""
+"""Name of the link that stands for the stage."""
 
-_KINDS = {
+_KIND_OF_TYPE = {
     "PhysicsRevoluteJoint": "revolute", "PhysicsPrismaticJoint": "prismatic", "PhysicsSphericalJoint": "ball",
     "PhysicsFixedJoint": "fixed",
 }  # fmt: skip
+"""Kind of the builder's joint, by the type of its prim."""
 
 
 def read_usd(
@@ -57,18 +62,20 @@ def read_usd(
     request = path, source, include_paths, floating_base, model, max_bodies
     if sandboxed():
         run_in_child(
-            "twistwrench.formats.usd.reader:rehearse", *request, limits=ChildLimits(_SECONDS, _MEMORY),
+            "twistwrench.formats.usd.reader:rehearse", *request, limits=ChildLimits(_MAX_SECONDS, _MAX_MEMORY),
             error_of=lambda reason: RobotFileError(f"it cannot be read as USD: {reason}."),
         )  # fmt: skip
     return _read(*request)
 
 
-_SECONDS, _MEMORY = 30.0, 1 << 30
-"""Largest processor time [s] and memory [bytes] of reading a stage in a child process."""
+_MAX_SECONDS = 30.0
+"""Largest processor time of reading a stage in a child process [s]."""
+_MAX_MEMORY = 1 << 30
+"""Largest memory of reading a stage in a child process [bytes]."""
 
 
 def rehearse(*request: Any) -> None:
-    """Read a stage in a child process, which ends at damage that crashes the library or takes all memory."""
+    """Read a stage in a child process, and return nothing; ``request`` are the arguments of :func:`read_usd`."""
     _read(*request)
 
 
@@ -80,6 +87,7 @@ def _read(
     model: str | None,
     max_bodies: int,
 ) -> tuple[ModelBuilder, bool]:
+    """Builder and True if the root floats, read in this process."""
     stage = open_stage(path, [path.parent, *include_paths])
     from pxr import Tf
 
@@ -94,44 +102,48 @@ class _Reader:
 
     def __init__(self, stage: Stage, source: str, floating_base: bool | None, model: str | None) -> None:
         self.stage, self.floating_base = stage, floating_base
-        self.names = _names(stage.bodies, WORLD) | _names(stage.joints)
+        self.names = _unique_names(stage.bodies, WORLD) | _unique_names(stage.joints)
+        """Name of each link and joint, by the path of its prim."""
         self.tree = UsdTree(stage, model)
-        names = [prim.GetName() for prim in (stage.default, self.tree.root) if prim]
-        self.builder = ModelBuilder(next(filter(None, names), "robot"), source)
+        robot_name = "robot"
+        for prim in (self.tree.root, stage.default):  # the default prim takes precedence
+            if prim and prim.GetName():
+                robot_name = prim.GetName()
+        self.builder = ModelBuilder(robot_name, source)
         self.builder.gravity = stage.gravity()
 
     def read(self) -> tuple[ModelBuilder, bool]:
         """Read the articulation; returns the builder, and True if its root floats."""
-        tree, closing, start = self.tree.joints()
-        members = {link.far.path for link in tree}
-        if start is not None:
-            members.add(start.GetPath())
-        bodies = [body for body in self.stage.bodies if body.GetPath() in members]
+        tree_joints, closing_joints, free_root = self.tree.joints()  # the root is None if a joint holds it in the world
+        member_paths = {tree_joint.far.path for tree_joint in tree_joints}
+        if free_root is not None:
+            member_paths.add(free_root.GetPath())
+        bodies = [body for body in self.stage.bodies if body.GetPath() in member_paths]
         self.builder.add_link(WORLD)
         for body in bodies:
-            self.builder.add_link(
-                self._name(body), self._inertia(body), where=str(body.GetPath()), shaped=self.stage.has_shape(body)
-            )
-        if start is not None:
-            self._hold(start)
+            has_shape = self.stage.has_shape(body)
+            self.builder.add_link(self._name(body), self._inertia(body), where=str(body.GetPath()), shaped=has_shape)
+        if free_root is not None:
+            self._add_root_joint(free_root)
         else:
             self.builder.mount()
-        for link in tree:
-            self._add(link)
-        for joint in closing:
-            self._offer(joint)
-        separate = [body for body in self.stage.bodies if body.GetPath() not in members]
+        for tree_joint in tree_joints:
+            self._add_tree_joint(tree_joint)
+        for joint in closing_joints:
+            self._offer_closure(joint)
+        separate = [body for body in self.stage.bodies if body.GetPath() not in member_paths]
         if separate:
             self.builder.remark(
                 f"{who(separate[0])} and {len(separate) - 1} other bodies are not joined to the robot, and are left out"
             )
         unread = Unread("USD")
-        prims_by_kind = {"scene": self.stage.scenes[:1], "body": bodies, "joint": [link.joint for link in tree]}
+        joints = [tree_joint.joint for tree_joint in tree_joints]
+        prims_by_kind = {"scene": self.stage.scenes[:1], "body": bodies, "joint": joints}
         for kind, prims in prims_by_kind.items():
             for prim in prims:
                 _note_unread(unread, kind, prim)
         self.builder.remark(*unread.remarks)
-        return self.builder, bool(self.floating_base) and start is None
+        return self.builder, bool(self.floating_base) and free_root is None
 
     def _name(self, prim: Any) -> str:
         """Name of a link or joint; the world's name for None."""
@@ -139,78 +151,106 @@ class _Reader:
             return WORLD
         return self.names[str(prim.GetPath())]
 
-    def _hold(self, body: Any) -> None:
+    def _add_root_joint(self, body: Any) -> None:
+        """Join a root without a joint to the world: fixed if the caller wants it, otherwise floating."""
         where = str(body.GetPath())
         if self.floating_base is False:
-            T = self.stage.pose_and_scale(body)[0]
+            T, _scale = self.stage.pose_and_scale(body)
             self.builder.add_joint(ROOT_JOINT, "fixed", WORLD, self._name(body), placement=T, where=where)
         else:
             self.builder.add_joint(ROOT_JOINT, "floating", WORLD, self._name(body), where=where)
 
-    def _add(self, link: TreeJoint) -> None:
-        joint, T_far = link.joint, link.far.T
-        kind = _KINDS.get(str(joint.GetTypeName()))
+    def _add_tree_joint(self, tree_joint: TreeJoint) -> None:
+        """Add a joint of the tree. Its near end is on the parent, its far end on the child."""
+        joint = tree_joint.joint
+        T_far = tree_joint.far.T
+        kind = _KIND_OF_TYPE.get(str(joint.GetTypeName()))
         if kind is None:
             raise RobotFileError(f"{who(joint)} is a {joint.GetTypeName()}, which is not read. {HOW_TO_SPLIT}.")
         name, where = self._name(joint), str(joint.GetPath())
-        parent, child = self._name(link.near.body), self._name(link.far.body)
-        placement = link.near.T @ se3.inverse(T_far)
+        parent, child = self._name(tree_joint.near.body), self._name(tree_joint.far.body)
+        placement = tree_joint.near.T @ se3.inverse(T_far)  # of the child in the parent: both ends coincide
         if kind == "ball":
             add_ball(self.builder, name, parent, child, placement, T_far[:3, 3], where)
             return
-        axis, options = T_far[:3, axis_of(joint)], dict[str, Any]()
-        if not link.forward:
+        axis = T_far[:3, axis_of(joint)]
+        if not tree_joint.forward:  # the file's joint leads from the child to the parent
             axis = -axis
+        options: dict[str, Any] = {}
         if kind != "fixed":
-            options = self._options(joint, kind)
+            options = self._joint_options(joint, kind)
         S = screw_through(kind, axis, T_far[:3, 3])
         self.builder.add_joint(name, kind, parent, child, placement=placement, axis=S, where=where, **options)
 
-    def _options(self, joint: Any, kind: str) -> dict[str, Any]:
-        """Limits of a one-degree joint, including its drive, and the values of PhysX's and Newton's schemas."""
+    def _joint_options(self, joint: Any, kind: str) -> dict[str, Any]:
+        """Limits of a one-degree joint and of its drive, and values of PhysX's and Newton's schemas, in SI units."""
         kilogram, metre = self.stage.kilogram, self.stage.metre
         if kind == "revolute":
-            drive, unit, force, inertia = "drive:angular", math.pi / 180.0, kilogram * metre**2, kilogram * metre**2
+            drive = "drive:angular"
+            position_unit = math.pi / 180.0
+            force_unit = kilogram * metre**2
+            inertia_unit = kilogram * metre**2
         else:
-            drive, unit, force, inertia = "drive:linear", metre, kilogram * metre, kilogram
-        values = {
-            "lower": unit * number_of(joint, "physics:lowerLimit", -math.inf),
-            "upper": unit * number_of(joint, "physics:upperLimit", math.inf),
-            "effort": force * number_of(joint, f"{drive}:physics:maxForce", math.inf),
-            "velocity": unit * number_of(joint, "physxJoint:maxJointVelocity", math.inf),
-            "armature": inertia * (number_of(joint, "newton:armature") or number_of(joint, "physxJoint:armature")),
-            "damping": force / unit * number_of(joint, "newton:damping"),
-            "friction": force * number_of(joint, "newton:friction"),
+            drive = "drive:linear"
+            position_unit = metre
+            force_unit = kilogram * metre
+            inertia_unit = kilogram
+        armature = number_of(joint, "newton:armature")
+        if armature == 0:
+            armature = number_of(joint, "physxJoint:armature")
+        options = {
+            "lower": position_unit * number_of(joint, "physics:lowerLimit", -math.inf),
+            "upper": position_unit * number_of(joint, "physics:upperLimit", math.inf),
+            "effort": force_unit * number_of(joint, f"{drive}:physics:maxForce", math.inf),
+            "velocity": position_unit * number_of(joint, "physxJoint:maxJointVelocity", math.inf),
+            "armature": inertia_unit * armature,
+            "damping": force_unit / position_unit * number_of(joint, "newton:damping"),
+            "friction": force_unit * number_of(joint, "newton:friction"),
         }
-        return {name: x for name, x in values.items() if math.isfinite(x) and abs(x) < 1e30}
+        # Numbers near the largest float32, 3.4e38, mean no limit in USD.
+        return {name: value for name, value in options.items() if math.isfinite(value) and abs(value) < 1e30}
 
-    def _offer(self, joint: Any) -> None:
-        """Register a joint outside the articulation as a closure of two frames."""
-        kind, name = str(joint.GetTypeName()), self._name(joint)
-        if kind not in _KINDS:
-            self.builder.note(who(joint), f"is a {kind} outside the articulation, which is left out")
+    def _offer_closure(self, joint: Any) -> None:
+        """Offer a joint outside the articulation as a closure of two frames."""
+        joint_type, name = str(joint.GetTypeName()), self._name(joint)
+        if joint_type not in _KIND_OF_TYPE:
+            self.builder.note(who(joint), f"is a {joint_type} outside the articulation, which is left out")
             return
         axis = "xyz"[axis_of(joint)]
-        free = {"ball": TWIST[:3], "revolute": (f"w{axis}",), "prismatic": (f"v{axis}",)}.get(_KINDS[kind], ())
-        rows = " ".join(row for row in TWIST if row not in free)
-        frames = []
+        free_rows: dict[str, tuple[str, ...]] = {
+            "ball": TWIST[:3],
+            "revolute": (f"w{axis}",),
+            "prismatic": (f"v{axis}",),
+        }
+        own_free_rows = free_rows.get(_KIND_OF_TYPE[joint_type], ())
+        rows = " ".join(row for row in TWIST if row not in own_free_rows)
+        sites = []
         for k, end in enumerate(self.tree.ends[joint.GetPath()]):
-            frames.append(self.builder.add_site(f"{name}:{k}", self._name(end.body), end.T, where=who(joint)))
-        self.builder.add_closure(name, OfferedClosure(frames[0], frames[1], rows))
-        self.builder.remark(f"{who(joint)} is left open: robot.close({frames[0]!r}, {frames[1]!r}, {rows!r}) closes it")
+            sites.append(self.builder.add_site(f"{name}:{k}", self._name(end.body), end.T, where=who(joint)))
+        a, b = sites
+        self.builder.add_closure(name, OfferedClosure(a, b, rows))
+        self.builder.remark(f"{who(joint)} is left open: robot.close({a!r}, {b!r}, {rows!r}) closes it")
 
     def _inertia(self, body: Any) -> SpatialInertia:
-        """Inertia from the MassAPI, completed by the colliders."""
+        """Spatial inertia of a body from the MassAPI, completed by its colliders.
+
+        In the format, infinities stand for a missing centre of mass, and zeros for missing moments.
+        """
         metre, kilogram = self.stage.metre, self.stage.kilogram
         mass = number_of(body, "physics:mass") * kilogram
-        com = vector_of(body, "physics:centerOfMass", (-math.inf,) * 3)
+        _, scale = self.stage.pose_and_scale(body)
+        com = vector_of(body, "physics:centerOfMass", (-math.inf,) * 3) * scale * metre
         moments = vector_of(body, "physics:diagonalInertia", (0.0, 0.0, 0.0))
         R = quaternion.rotation(quaternion_of(body, "physics:principalAxes"))
-        com, I = com * self.stage.pose_and_scale(body)[1] * metre, R @ np.diag(moments * kilogram * metre**2) @ R.T
-        has_com, has_moments = bool(np.isfinite(com).all()), bool(moments.any())
-        if mass > 0 and has_moments and not has_com and not self.stage.colliders(body):
-            com, has_com = np.zeros(3), True
-        if not (mass > 0 and has_moments and has_com):
+        I = R @ np.diag(moments * kilogram * metre**2) @ R.T
+        has_com = bool(np.isfinite(com).all())
+        has_moments = bool(moments.any())
+        only_com_is_missing = mass > 0 and has_moments and not has_com
+        if only_com_is_missing and not self.stage.colliders(body):
+            com = np.zeros(3)
+            has_com = True
+        is_complete = mass > 0 and has_moments and has_com
+        if not is_complete:
             G = inertia_of_shapes(self.stage, body, mass)
             mass = G.mass
             if not has_com:
@@ -224,17 +264,17 @@ def _note_unread(unread: Unread, kind: str, prim: Any) -> None:
     """Add notes on unread attributes and schemas of a prim."""
     row = unread.row(kind)
     authored = {attribute.GetName(): attribute for attribute in prim.GetAuthoredAttributes() if attribute.HasValue()}
-    names = [name for name in authored if ":" in name]
+    names = [name for name in authored if ":" in name]  # of a schema; others are the author's own
     for name in names:
         entry = unread.entry(row, name)
         if entry is None:
             unread.note_unknown(kind, name, who(prim))
         elif isinstance(entry, LeftOut) and entry.acts(_values_as_text(authored[name])):
-            in_newton = name.replace("mjc:", "newton:").removesuffix("loss")
-            if name.startswith("mjc:") and in_newton in names:
+            name_in_newton = name.replace("mjc:", "newton:").removesuffix("loss")  # mjc:frictionloss, newton:friction
+            if name.startswith("mjc:") and name_in_newton in names:
                 continue  # converters write both; Newton's is read
             unread.note_left_out(kind, name, entry, f"{name} of {who(prim)}")
-    for schema in prim.GetPrimTypeInfo().GetAppliedAPISchemas():  # including those without a plugin
+    for schema in prim.GetPrimTypeInfo().GetAppliedAPISchemas():  # also schemas whose plugin is not installed
         entry = unread.entry(row, f"<{schema.partition(':')[0]}>")
         if isinstance(entry, LeftOut):
             unread.note_left_out(kind, schema, entry, f"{schema} of {who(prim)}")
@@ -247,13 +287,13 @@ def _values_as_text(attribute: Any) -> list[str]:
     return [str(attribute.Get())]
 
 
-def _names(prims: Sequence[Any], *reserved: str) -> dict[str, str]:
-    """Name of each prim by path: its name if unique, otherwise its path."""
-    count = Counter([*reserved, *(prim.GetName() for prim in prims)])
+def _unique_names(prims: Sequence[Any], *reserved: str) -> dict[str, str]:
+    """Name of each prim by path: its name if it is unique and not reserved, otherwise its path."""
+    uses = Counter([*reserved, *(prim.GetName() for prim in prims)])
     names = {}
     for prim in prims:
         path, name = str(prim.GetPath()), prim.GetName()
-        if count[name] > 1:
+        if uses[name] > 1:
             name = path
         names[path] = name
     return names

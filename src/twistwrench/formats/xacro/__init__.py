@@ -20,26 +20,27 @@ ENDING = ".xacro"
 """Ending of files that are expanded without a request."""
 EXPAND = "`xacro file.xacro > robot.urdf`"
 """Command for expanding a xacro file."""
-SECONDS = 20.0
+MAX_SECONDS = 20.0
 """Largest processor time of an expansion [s]."""
-MEMORY = 2**30
+MAX_MEMORY = 2**30
 """Largest memory of an expansion [bytes]."""
-MOST_BYTES = 64 * 2**20
+MAX_BYTES = 64 * 2**20
 """Largest size of all included files, and of the expanded text [bytes]."""
 
-_ELEMENT, _EXPRESSIONS = "xacro:", ("${", "$(")
+_ELEMENT_PREFIX = "xacro:"
+_EXPRESSION_STARTS = ("${", "$(")
 
 
 def is_marked(text: str) -> bool:
     """True if a text could have elements or expressions of xacro."""
-    return any(mark in text for mark in (_ELEMENT, *_EXPRESSIONS))
+    return _ELEMENT_PREFIX in text or _has_expression(text)
 
 
 def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"]) -> str:
-    """Name of the first element of a ``<robot>`` that only xacro can read; empty if there is none.
+    """Clause that names the first element of a ``<robot>`` that only xacro can read; empty if there is none.
 
     Such an element has the prefix ``xacro:``, or an expression in an attribute that is read. Declarations, comments and
-    elements that are ignored do not count. ``rows``: names that are read, in place of those of URDF.
+    ignored elements do not count. ``rows`` list the elements and attributes that are read, by default those of URDF.
     """
     if not is_marked(text):
         return ""
@@ -49,29 +50,34 @@ def xacro_in(text: str, root: Element | None = None, rows: Rows = KNOWN["URDF"])
         return ""
     stack = [(root, rows.get(root.tag, {}))]
     while stack:
-        element, row = stack.pop()
-        if element.tag.startswith(_ELEMENT):
+        element, entries = stack.pop()
+        if element.tag.startswith(_ELEMENT_PREFIX):
             return f"{element} is unexpanded xacro"
         for name, value in element.attributes.items():
-            if row.get(name) is READ and _has_expression(value):
-                if name == "name":  # it stands in the text of the element
+            if entries.get(name) is READ and _has_expression(value):
+                if name == "name":  # the text of the element contains the name already
                     return f"{element} is unexpanded xacro"
-                return f"{element} is unexpanded xacro: {shorten(f'{name}={value!r}')}"
-        children = [c for c in element.children if c.tag.startswith(_ELEMENT) or row.get(f"<{c.tag}>") is READ]
-        stack.extend((child, _row_of(child, element, rows)) for child in reversed(children))
+                attribute = shorten(f"{name}={value!r}")
+                return f"{element} is unexpanded xacro: {attribute}"
+        children = [
+            c for c in element.children if c.tag.startswith(_ELEMENT_PREFIX) or entries.get(f"<{c.tag}>") is READ
+        ]
+        # reversed, since the stack returns the last one first
+        stack.extend((child, _entries_of(child, element, rows)) for child in reversed(children))
     return ""
 
 
-def _has_expression(value: str) -> bool:
-    return any(mark in value for mark in _EXPRESSIONS)
+def _has_expression(text: str) -> bool:
+    return any(start in text for start in _EXPRESSION_STARTS)
 
 
-def _row_of(element: Element, parent: Element, rows: Rows) -> Mapping[str, Entry]:
+def _entries_of(element: Element, parent: Element, rows: Rows) -> Mapping[str, Entry]:
+    """Attributes and children of an element that are known; rows with the parent's tag come first."""
     return rows.get(f"{parent.tag}/{element.tag}") or rows.get(element.tag) or {}
 
 
 def xacro_arguments(arguments: Mapping[str, Any] | bool | None) -> Mapping[str, Any] | None:
-    """Arguments of a xacro file; empty for True, None without expansion. Raises ValueRangeError."""
+    """Arguments of a xacro file as text; empty for True, and None if the file is not to be expanded. Raises ValueRangeError."""
     if arguments is None or arguments is False:
         return None
     if arguments is True:
@@ -82,9 +88,7 @@ def xacro_arguments(arguments: Mapping[str, Any] | bool | None) -> Mapping[str, 
     for name, value in arguments.items():
         if not isinstance(name, str) or not isinstance(value, str | int | float):
             raise _wrong_arguments(arguments)
-        texts[name] = str(value)
-        if isinstance(value, bool):
-            texts[name] = texts[name].lower()
+        texts[name] = str(value).lower() if isinstance(value, bool) else str(value)
     return texts
 
 
@@ -100,8 +104,8 @@ def expand_xacro(
     """URDF text of a xacro file, expanded in another process with limits of time and memory.
 
     Files are read only below the file's folder and package, ``folders``, and the packages of ``ROS_PACKAGE_PATH`` and
-    ``AMENT_PREFIX_PATH``. Raises MissingExtraError with the text ``found``, UnknownNameError for undeclared arguments, and
-    RobotFileError.
+    ``AMENT_PREFIX_PATH``. Raises MissingExtraError, UnknownNameError for undeclared arguments, and RobotFileError.
+    ``found`` is the clause of :func:`xacro_in` for the message of MissingExtraError.
     """
     if importlib.util.find_spec("xacrodoc") is None or importlib.util.find_spec("xacro") is None:
         advice = MissingExtraError.advice("xacro")
@@ -112,12 +116,13 @@ def expand_xacro(
 
     from ...core.child_process import ChildLimits, run_in_child
 
-    limits = ChildLimits(SECONDS, MEMORY, 8 * MOST_BYTES)
-    request = _request(text, path, arguments, folders)
+    # The expander limits the text. As JSON, a character may take several bytes.
+    limits = ChildLimits(MAX_SECONDS, MAX_MEMORY, output=8 * MAX_BYTES)
+    request = _request_to_child(text, path, arguments, folders)
     answer = run_in_child(
         "twistwrench.formats.xacro.expander:expand", request, limits=limits, error_of=_expansion_error
     )
-    declared = dict.fromkeys(answer["declared"])
+    declared = dict.fromkeys(answer["declared"])  # names in their order, each once
     if "text" not in answer:
         raise _expansion_error(answer["reason"], declared)
     for name in arguments:
@@ -138,21 +143,24 @@ def _expansion_error(reason: str, declared: Mapping[str, None] = MappingProxyTyp
     )
 
 
-def _request(text: str, path: Path | None, arguments: Mapping[str, Any], folders: Sequence[Path]) -> dict[str, Any]:
-    file, allowed = None, list[Path]()
+def _request_to_child(
+    text: str, path: Path | None, arguments: Mapping[str, Any], folders: Sequence[Path]
+) -> dict[str, Any]:
+    """Request to the child process: text, arguments, and the folders below which files may be read."""
+    readable_folders: list[Path] = []
     if path is not None:
-        file = str(path)
-        allowed += [path.resolve().parent, *_package_around(path)]
-    allowed += folders
+        readable_folders += [path.resolve().parent, *_package_around(path)]
+    readable_folders += folders
     for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
-        allowed += map(Path, filter(None, os.environ.get(variable, "").split(os.pathsep)))
+        names = os.environ.get(variable, "").split(os.pathsep)
+        readable_folders += [Path(name) for name in names if name]
     return {
         "text": text,
-        "file": file,
+        "file": None if path is None else str(path),
         "arguments": dict(arguments),
-        "include_paths": list(map(str, folders)),
-        "folders": [str(folder.resolve()) for folder in allowed],
-        "bytes": MOST_BYTES,
+        "include_paths": [str(folder) for folder in folders],
+        "folders": [str(folder.resolve()) for folder in readable_folders],
+        "bytes": MAX_BYTES,
     }
 
 
