@@ -38,10 +38,12 @@ if TYPE_CHECKING:
 
 __all__ = ["check"]
 
-_PLANNING, _PLANNING_AND_SMOOTHING = 0.25, 3.0
-"""Durations of noise estimation and smoothing relative to the analysis."""
-_ROWS = 8192
-"""Rows of a slice whose clearance is searched at once."""
+_PLAN_DURATION = 0.25
+"""Duration of the noise estimation relative to the analysis."""
+_SMOOTHING_PLAN_DURATION = 3.0
+"""Duration of noise estimation and smoothing relative to the analysis."""
+_ROWS_PER_SLICE = 8192
+"""Number of rows whose clearance is searched at once."""
 
 
 class CheckOptions(TypedDict, total=False):
@@ -189,48 +191,58 @@ def check(
     >>> answer.verdict.ok, round(answer.largest_payload, 2)
     (False, 8.38)
     """
-    robot, named = robot_of(robot, actuators, lock)
+    robot, bundle_name = robot_of(robot, actuators, lock)
     question = SupportQuestion(
         feet=feet, wheels=wheels, casters=casters, contact_friction=contact_friction,
         contact_normal=contact_normal, in_contact=in_contact, mounting=mounting, bolts=bolts, grip=grip, cup=cup,
     )  # fmt: skip
     reading: dict[str, Any] = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode}
-    robot = question.robot_of(robot, motion, named, reading)
+    robot = question.robot_of(robot, motion, bundle_name, reading)
     motion = question.motion_of(robot, motion, at, degrees=degrees)
-    log = log_of(motion, robot, named=named, degrees=degrees, plan=plan, **reading)
-    in_degrees = log.columns.has_degrees
-    loads = {"payloads": payloads_of(payload), "wrenches": _wrenches(wrench_on_robot), "friction": friction}
+    log = log_of(motion, robot, named=bundle_name, degrees=degrees, plan=plan, **reading)
+    log_has_degrees = log.columns.has_degrees  # of the file, which a support may replace by a log in memory
+    loads = {"payloads": payloads_of(payload), "wrenches": _wrench_arrays(wrench_on_robot), "friction": friction}
     case, log = question.case(robot, log, loads)
     robot = case.robot
     bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)
-    steps = Steps(progress, (_PLANNING_AND_SMOOTHING if smooth else _PLANNING, 1.0))
+    plan_duration = _SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION
+    steps = Steps(progress, (plan_duration, 1.0))
     differentiation = Differentiation.plan(log, robot.model, smoothing=smooth, progress=steps.next())
     refuse_unused_srdf(clearance, srdf)
     report = analyse(with_limits(case, bounds), differentiation, bounds, progress=steps.next())
+    times_and_configurations = ((s.time, s.q) for s in differentiation.states(_ROWS_PER_SLICE))
     return replace(
         report,
         causes=measured_causes(report, log),
-        clearance=clearance_along(robot, ((s.time, s.q) for s in differentiation.states(_ROWS)), clearance, srdf),
+        clearance=clearance_along(robot, times_and_configurations, clearance, srdf),
         held=question.answers(report),
-        degrees=degrees or in_degrees,
+        degrees=degrees or log_has_degrees,
         with_why=why,
     )
 
 
-def _wrenches(given: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
-    return {frame: np.asarray(F) for frame, F in (given or {}).items()}
+def _wrench_arrays(given: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
+    """Wrenches by frame as arrays; empty if none are given."""
+    if given is None:
+        return {}
+    return {frame: np.asarray(F) for frame, F in given.items()}
 
 
 def robot_of(
     given: Robot | str | Path, actuators: str | Path | ActuatorFile | None, lock: Mapping[str, ArrayLike] | None
 ) -> tuple[Robot, str]:
     """Robot with its drives, and the name by which files are bundled with it."""
-    if actuators is None and not isinstance(given, Robot):
+    if isinstance(given, Robot):
+        robot, name = given, given.name
+    elif actuators is None:
         return load(given, lock=lock), str(given)
-    robot, name = (given, given.name) if isinstance(given, Robot) else (load(given), str(given))
+    else:
+        robot, name = load(given), str(given)
     if actuators is not None:
         robot = _driven_robot(robot, name, actuators)
-    return robot if lock is None else robot.lock(cast("Any", lock)), name
+    if lock is not None:
+        robot = robot.lock(cast("Any", lock))
+    return robot, name
 
 
 def _driven_robot(robot: Robot, name: str, actuators: str | Path | ActuatorFile) -> Robot:
@@ -243,7 +255,10 @@ def _driven_robot(robot: Robot, name: str, actuators: str | Path | ActuatorFile)
 
 
 def log_of(motion: Any, robot: Robot, *, named: str = "", plan: bool = False, **reading: Any) -> MotionLog:
-    """Log of a motion: a file is opened, a motion gives its own, and arrays become a table in memory.
+    """Log of a motion: a file is opened, a motion has its log, and arrays become a table in memory.
+
+    ``named`` is the name by which files are bundled with the robot, by default its own; ``reading`` are options of
+    :meth:`MotionLog.open`.
 
     Raises
     ------
@@ -267,10 +282,13 @@ def log_of(motion: Any, robot: Robot, *, named: str = "", plan: bool = False, **
         raise TypeError(
             f"motion is of type {type(motion).__name__}. Give a path, tw.Motion(time, q, robot=robot), or 'demo'."
         )
-    own, other = robot.model.velocity_names, motion.robot.model.velocity_names
-    if own != other:
+    robot_joints = robot.model.velocity_names
+    motion_joints = motion.robot.model.velocity_names
+    if robot_joints != motion_joints:
         raise ShapeError(
-            f"the motion is of {motion.robot.name!r} with the joints {listed(other)}, and the robot {robot.name!r} has "
-            f"{listed(own)}."
+            f"the motion is of {motion.robot.name!r} with the joints {listed(motion_joints)}, and the robot {robot.name!r} "
+            f"has {listed(robot_joints)}."
         )
-    return MotionLog.from_motion(motion) if motion.log is None else motion.log
+    if motion.log is not None:
+        return motion.log
+    return MotionLog.from_motion(motion)

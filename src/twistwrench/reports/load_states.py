@@ -1,7 +1,8 @@
-"""States of a motion for its loads, the same for every command: smoothed if noise of the log matters.
+"""States of a motion from which every command evaluates loads: smoothed if noise of the log matters.
 
-A log of positions has no accelerations, and its noise becomes torque. The analysis of ``torques`` decides whether that
-matters. Motors and gears are then judged by the smoothed motion; equally likely motions give the uncertainty of each load.
+A log of positions has no accelerations, and its noise becomes torque. The analysis of ``torques`` decides whether the noise
+matters. If it does, motors and gears are judged by the smoothed motion, and equally likely motions give the uncertainty of
+each load.
 """
 
 from __future__ import annotations
@@ -26,44 +27,46 @@ if TYPE_CHECKING:
 
 DRAWS = 12
 """Number of equally likely motions."""
-_ROWS = 8192
-"""Rows of a slice."""
+_ROWS_PER_SLICE = 8192
+"""Number of rows that are processed at once."""
 
 
 class LoadStates(NamedTuple):
     """States for the loads of a motion."""
 
     motion: Motion
-    """Velocities of joints at rest within the noise are 0."""
+    """Motion in which joints at rest within the noise have the velocity 0."""
     draws: tuple[Motion, ...] = ()
     """Equally likely motions with the noise of the log; empty if noise does not matter."""
 
     @classmethod
     def from_report(cls, report: TorqueReport) -> LoadStates:
         """States of the analysis of a log."""
-        plan, robot, motion = report.differentiation, report.load.robot, states_of(report)
+        motion = states_of(report)
         if not report.noisy:
             return cls(motion)
+        plan = report.differentiation
         rng = np.random.default_rng(0)
         parts_of_draws: list[list[MotionSamples]] = [[] for _ in range(DRAWS)]
-        for _, rows, inner in plan.surrounded_states(_ROWS):
+        for _, rows, inner in plan.surrounded_states(_ROWS_PER_SLICE):  # rows beyond the inner ones only smooth these
             for parts, states in zip(parts_of_draws, _draw_states(plan, rows, rng), strict=True):
                 parts.append(states[inner])
-        return cls(motion, tuple(_join_states(parts, robot) for parts in parts_of_draws))
+        return cls(motion, tuple(_join_states(parts, report.load.robot) for parts in parts_of_draws))
 
     @classmethod
     def from_motion(cls, robot: Robot, motion: Motion, *, friction: bool = True) -> LoadStates:
-        """States of a motion in memory; rates that were derived are judged as those of a log are."""
+        """States of a motion in memory; if its rates were derived, it is analysed like a log."""
         if not motion.derived:
             return cls(motion)
         log = MotionLog.from_motion(motion)
-        load = LoadCase(robot, friction=friction)
-        return cls.from_report(analyse(load, Differentiation.plan(log, robot.model), robot.limits))
+        plan = Differentiation.plan(log, robot.model)
+        report = analyse(LoadCase(robot, friction=friction), plan, robot.limits)
+        return cls.from_report(report)
 
 
 def states_of(report: TorqueReport) -> Motion:
     """States of the analysis of a log; velocities of joints at rest within the noise are 0."""
-    return _join_states(report.differentiation.states(_ROWS), report.load.robot)
+    return _join_states(report.differentiation.states(_ROWS_PER_SLICE), report.load.robot)
 
 
 def _join_states(parts: Iterable[MotionSamples], robot: Robot) -> Motion:
@@ -75,7 +78,9 @@ def _join_states(parts: Iterable[MotionSamples], robot: Robot) -> Motion:
 
 def _draw_states(plan: Differentiation, rows: LogRows, rng: np.random.Generator) -> list[MotionSamples]:
     """States of random logs of the smoothed motion, each smoothed as the log is."""
-    curve = plan.smooth(rows.time, plan.curves(rows))
-    logs: Array = plan.errors.drawn(rng, curve, spline_rates(rows.time, curve)[0], DRAWS)
-    name = "q" if rows.dq is None else "dq"
-    return [plan.complete(replace(rows, **{name: logs[:, :, k]})) for k in range(DRAWS)]
+    smoothed = plan.smooth(rows.time, plan.curves(rows))
+    rates, _ = spline_rates(rows.time, smoothed)
+    drawn: Array = plan.errors.drawn(rng, smoothed, rates, DRAWS)  # (n, k, draws)
+    quantity = "q" if rows.dq is None else "dq"
+    drawn_logs = [replace(rows, **{quantity: drawn[:, :, draw]}) for draw in range(DRAWS)]
+    return [plan.complete(log) for log in drawn_logs]

@@ -22,10 +22,14 @@ GAP = 3.0
 """Ratio to the median step above which a step is a gap."""
 
 
-_RUNS = 16, 4096
+_EXCERPTS = 16, 4096
+"""Number of excerpts of a large file, and rows of each, from which grid and noise are estimated."""
 _MIN_ROWS_FOR_NOISE = 16
-_MIN_SATURATED_SHARE, _MIN_SATURATED_ROWS = 0.01, 20
-"""Minimum share and number of rows at the extreme of a saturated column."""
+"""Smallest number of rows of an excerpt for an estimate of the noise."""
+_MIN_SATURATED_SHARE = 0.01
+"""Smallest share of the rows at the extreme of a saturated column."""
+_MIN_SATURATED_ROWS = 20
+"""Smallest number of rows at the extreme of a saturated column."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +37,11 @@ class LogColumn:
     """One column, in the file's unit."""
 
     name: str
+    """Heading of the column."""
     least: float
+    """Smallest value."""
     most: float
+    """Largest value."""
     grid: float
     """Step of the quantisation grid; 0 if none is found."""
     noise: float
@@ -53,6 +60,7 @@ class LogQuality:
 
     path: Path
     rows: int
+    """Number of rows."""
     time: str
     """Name of the time column; empty if there is none."""
     seconds: float
@@ -80,11 +88,15 @@ class LogQuality:
         ``topic`` selects a topic of a ROS recording, ``episode`` an episode of a LeRobot dataset.
         """
         file = open_motion_file(path, topic, episode)
-        text, notes = text_columns(file), list(file.notes)
+        notes = list(file.notes)
+        columns_of_words = text_columns(file)
         all_columns = range(len(file.header))
-        used = sorted({*all_columns} - {*text}) or list(all_columns)  # if all are words, the first row raises
-        if 0 < len(text) < len(file.header):
-            notes.append(f"Ignored, as they hold words: {listed([repr(file.header[k]) for k in text])}.")
+        used = [k for k in all_columns if k not in columns_of_words]
+        if not used:
+            used = list(all_columns)  # all are words: reading the first row raises an error with its place
+        elif columns_of_words:
+            names = [repr(file.header[k]) for k in columns_of_words]
+            notes.append(f"Ignored, as they hold words: {listed(names)}.")
         header = [file.header[k] for k in used]
         where = str(path)
         if isinstance(file, CsvFile):
@@ -93,36 +105,38 @@ class LogQuality:
         table = file.table(used)
         if not len(table):
             raise TrajectoryError(f"{path}: no rows after the header.")
-        time, clock = "", (np.nan, np.nan, 0, np.nan, 0, 0, np.nan)
+        time_name, clock = "", (np.nan, np.nan, 0, np.nan, 0, 0, np.nan)
         value_columns = list(range(len(header)))
-        time_column = _time_of(header, table)
+        time_column = _time_column(header, table)
         if time_column is not None:
             k, factor = time_column
-            time, clock = header[k], _clock(table[:, k] * factor)
+            time_name, clock = header[k], _clock_figures(table[:, k] * factor)
             value_columns.remove(k)
-        runs = [table]
-        if 8 * table.size > MAX_TABLE_IN_MEMORY:
-            runs = excerpts(table, *_RUNS)
-        columns = tuple(_column(header[k], table, runs, k) for k in value_columns)
-        return cls(file.path, len(table), time, *clock, columns, tuple(notes))
+        blocks = [table]
+        bytes_per_number = 8
+        if bytes_per_number * table.size > MAX_TABLE_IN_MEMORY:
+            blocks = excerpts(table, *_EXCERPTS)
+        columns = tuple(_column_quality(header[k], table, blocks, k) for k in value_columns)
+        return cls(file.path, len(table), time_name, *clock, columns, tuple(notes))
 
 
-def _grid_and_noise(runs: list[Array]) -> tuple[float, float]:
-    """Quantisation step and noise of the numbers in several blocks of rows."""
-    if min(map(np.min, runs)) == max(map(np.max, runs)):
+def _grid_and_noise(blocks: list[Array]) -> tuple[float, float]:
+    """Quantisation step and noise of the numbers in several blocks of rows; 0 for those that are not found."""
+    if min(map(np.min, blocks)) == max(map(np.max, blocks)):
         return 0.0, 0.0
-    grid = quantum(runs)
-    if min(map(len, runs)) < _MIN_ROWS_FOR_NOISE:
+    grid = quantum(blocks)
+    if min(map(len, blocks)) < _MIN_ROWS_FOR_NOISE:
         return grid, 0.0
-    row_numbers, columns = list[Array](), list[Array]()
-    for run in runs:
-        row_numbers.append(np.arange(len(run), dtype=float))
-        columns.append(run[:, None])
+    row_numbers = [np.arange(len(block), dtype=float) for block in blocks]
+    columns = [block[:, None] for block in blocks]
     return grid, float(noise(row_numbers, columns, grid)[0])
 
 
-def _time_of(header: Sequence[str], table: Array) -> tuple[int, float] | None:
-    """Time column and its factor to seconds, by its unit, or by its numbers if they count from 1970."""
+def _time_column(header: Sequence[str], table: Array) -> tuple[int, float] | None:
+    """Number of the time column and its factor to seconds; None if there is none.
+
+    The unit is that of the heading, else that of a name such as ``nsec``, else that of numbers that count from 1970, else s.
+    """
     candidates = []
     for k, cell in enumerate(header):
         name, unit = split_unit(cell)
@@ -133,34 +147,37 @@ def _time_of(header: Sequence[str], table: Array) -> tuple[int, float] | None:
             candidates.append((rank, k, time_factor(unit) or 1.0))
     if not candidates:
         return None
-    _, k, factor = min(candidates)
+    _, k, factor = min(candidates)  # of the best rank, then the first
     return k, factor
 
 
-def _clock(t: Array) -> tuple[float, float, int, float, int, int, float]:
+def _clock_figures(t: Array) -> tuple[float, float, int, float, int, int, float]:
+    """Fields of :class:`LogQuality` from ``seconds`` to ``jitter``, by the times (n,)."""
     steps = np.diff(t)
     ahead = steps[steps > 0]
     median = float(np.median(ahead)) if ahead.size else np.nan
     regular = ahead[ahead < GAP * median]
-    return (
-        float(t[-1] - t[0]),
-        1.0 / median,
-        int((ahead >= GAP * median).sum()),
-        float(ahead.max(initial=0.0)),
-        int((steps == 0).sum()),
-        int((steps < 0).sum()),
-        float(regular.std()) if regular.size else np.nan,
-    )
+    duration = float(t[-1] - t[0])
+    rate = 1.0 / median
+    gaps = int((ahead >= GAP * median).sum())
+    longest = float(ahead.max(initial=0.0))
+    repeated = int((steps == 0).sum())
+    backward = int((steps < 0).sum())
+    jitter = float(regular.std()) if regular.size else np.nan
+    return duration, rate, gaps, longest, repeated, backward, jitter
 
 
-def _column(name: str, table: Array, runs: Sequence[Array], k: int) -> LogColumn:
+def _column_quality(name: str, table: Array, blocks: Sequence[Array], k: int) -> LogColumn:
+    """Quality of column k; grid and noise are those of its numbers in ``blocks`` of rows."""
     x = table[:, k]
     least, most = float(x.min()), float(x.max())
-    constant = least == most
+    is_constant = least == most
+    # Many zeros are not saturation: a sensor may rest at an end of its range that is zero.
     counts = [int((x == extreme).sum()) for extreme in (least, most) if extreme != 0]
     rows_at_extreme = max(counts, default=0)
     saturated_share = 0.0
-    if not constant and rows_at_extreme >= max(_MIN_SATURATED_ROWS, _MIN_SATURATED_SHARE * len(x)):
+    if not is_constant and rows_at_extreme >= max(_MIN_SATURATED_ROWS, _MIN_SATURATED_SHARE * len(x)):
         saturated_share = rows_at_extreme / len(x)
-    grid, sigma = _grid_and_noise([run[:, k] for run in runs])
-    return LogColumn(name, least, most, grid, sigma, saturated_share, constant, float((x == 0).mean()))
+    grid, sigma = _grid_and_noise([block[:, k] for block in blocks])
+    zero_share = float((x == 0).mean())
+    return LogColumn(name, least, most, grid, sigma, saturated_share, is_constant, zero_share)

@@ -64,30 +64,34 @@ MISSING_CONTACT = "IS A CONTACT MISSING?"
 
 
 def verdict_view(report: TorqueReport, judged: Verdict | None = None) -> Headline:
-    """Verdict with its reasons, one per line; by default the report's, in its unit of angles."""
-    judged, load = judged or report.verdict, report.load
-    first, *others = judged.reasons or (_sure(report),)
+    """Headline with the reasons of the verdict and further sentences, one per line.
+
+    ``judged`` is the verdict; None: that of the report, in its unit of angles.
+    """
+    judged = judged or report.verdict
+    load, held = report.load, report.held
+    first_reason, *other_reasons = judged.reasons or (_ok_sentence(report),)
     assumed = ""
     if judged.ok:
         clauses = assumptions(load.robot.model, load.payloads, friction=load.friction, unjudged=report.limits)
         assumed = assumed_words(clauses)
-    margin, further = _payload_margin(report), []
-    if margin is not None and _has_other_limits(report):
-        further.append(Line(margin.words_alone))
-    elif margin is not None:
-        further.append(Line(margin.words))
-    if report.held.support is not None and not judged.ok and support_verdict(report.held.support).ok:
-        further.append(Line(f"{_capitalised(standing_words(report.held.support))}."))
-    if report.held.grip is not None and report.held.grip.verdict.ok:
-        further.append(Line(report.held.grip.line))
-    if report.held.mounting is not None:
-        further.append(Line(report.held.mounting.line))
+    further = []
+    margin = _payload_margin(report)
+    if margin is not None:
+        further.append(Line(margin.words_alone if _has_other_limits(report) else margin.words))
+    # The sentence of the verdict OK has the support of the robot; of another verdict it is a further one.
+    if held.support is not None and not judged.ok and support_verdict(held.support).ok:
+        further.append(Line(f"{_capitalised(standing_words(held.support))}."))
+    if held.grip is not None and held.grip.verdict.ok:
+        further.append(Line(held.grip.line))
+    if held.mounting is not None:
+        further.append(Line(held.mounting.line))
     if report.clearance is not None:
         further += map(Line, report.clearance.lines)
     for question, remark in _questions(report):
         further.append(Line((question, strong(Style.NEAR)), f" {remark}"))
-    reasons = [f"{reason}." for reason in others]
-    return Headline(judged.word, f"{first}{assumed}.", reasons=reasons, further=further)
+    reasons = [f"{reason}." for reason in other_reasons]
+    return Headline(judged.word, f"{first_reason}{assumed}.", reasons=reasons, further=further)
 
 
 def verdict_text(report: TorqueReport) -> str:
@@ -109,9 +113,9 @@ def _payload_margin(report: TorqueReport) -> PayloadMargin | None:
     """Largest payload, if the verdict is certain and consistent with the peaks of a noisy log."""
     if report.payload_margin is None or report.verdict.word not in (Word.OK, Word.OVER_LIMIT):
         return None
-    fits = report.payload_margin.mass >= report.load.payloads[0].mass
-    exceeds = any(e.kind == "effort" for e in report.excesses)
-    if fits == exceeds:
+    payload_fits = report.payload_margin.mass >= report.load.payloads[0].mass
+    torques_exceed_limits = any(e.kind == "effort" for e in report.excesses)
+    if payload_fits == torques_exceed_limits:  # the margin contradicts the peaks
         return None
     return report.payload_margin
 
@@ -122,37 +126,40 @@ def _has_other_limits(report: TorqueReport) -> bool:
     return report.held.grip is not None or bolted or bears(report.limits)
 
 
-def _sure(report: TorqueReport) -> str:
-    """Sentence of the verdict OK."""
-    nearest = _nearest(report)
+def _ok_sentence(report: TorqueReport) -> str:
+    """Sentences of the verdict OK, without the final stop."""
+    nearest = _nearest_sentences(report)
     if report.held.support is None:
         return nearest
-    return f"{standing_words(report.held.support)}. {nearest.removeprefix(_KEPT)}"
+    return f"{standing_words(report.held.support)}. {nearest.removeprefix(_ALL_LIMITS_KEPT)}"
 
 
-_KEPT = "all limits kept. "
+_ALL_LIMITS_KEPT = "all limits kept. "
+"""First words of the sentence on the nearest limit, which words on the support replace."""
 
 
-def _nearest(report: TorqueReport) -> str:
-    """Joint nearest to its limit for the verdict OK, with reservations: decisive noise, and motion during pauses."""
+def _nearest_sentences(report: TorqueReport) -> str:
+    """Sentences on the joint nearest to its limit, with reservations: noise that was smoothed, and motion in gaps."""
     limited = [j for j in report.joints if math.isfinite(j.limit)]
     if not limited:
         return sentence("no motor")
     j = max(limited, key=lambda j: j.share)
     if report.is_zero(j.largest):
         return sentence("no torque")
-    sure, smoothed = "", _joints_over_before_smoothing(report)
-    if smoothed:
-        sure = sentence("sure", share=percent(INTERVAL * report.reach(j) / j.limit, 2))
+    joints_over = _joints_over_before_smoothing(report)
+    uncertainty = ""
+    if joints_over:
+        uncertainty = sentence("sure", share=percent(INTERVAL * report.reach(j) / j.limit, 2))
     share = percent_of_limit(j.share)
-    nearest = sentence("nearest", joint=j.joint, share=share, sure=sure, time=seconds(j.time), because=because(j))
+    time = seconds(j.time)
+    nearest = sentence("nearest", joint=j.joint, share=share, sure=uncertainty, time=time, because=because(j))
     bearing = max(report.bearings, key=lambda use: use.share, default=None)
     if bearing is not None and bearing.share > j.share:
-        of_torques = sentence("near", kind="Torque", joint=j.joint, share=share + sure, time=seconds(j.time))
-        nearest = f"{_nearest_bearing(bearing)}. {of_torques}"
-    sentences = [nearest, *_also_near(report, j.share)]
-    if smoothed:
-        sentences.append(sentence("smoothed", joints=smoothed))
+        torque_sentence = sentence("near", kind="Torque", joint=j.joint, share=share + uncertainty, time=time)
+        nearest = f"{_nearest_bearing(bearing)}. {torque_sentence}"
+    sentences = [nearest, *_nearer_sentences(report, j.share)]
+    if joints_over:
+        sentences.append(sentence("smoothed", joints=joints_over))
     if report.gaps.hidden:
         sentences.append(_capitalised(report.gaps.hidden_words))
     return ". ".join(sentences)
@@ -164,6 +171,7 @@ def _capitalised(text: str) -> str:
 
 
 def _nearest_bearing(use: BearingUse) -> str:
+    """Sentence on a bearing that is nearer to its limit than every torque."""
     return sentence(
         "nearest bearing",
         joint=use.joint,
@@ -178,26 +186,29 @@ AT_STOP = 0.99
 
 
 def _near_limits(report: TorqueReport) -> list[dict[str, Any]]:
-    """Velocity, position and measured torque nearest to a limit, with the share ``least`` from which each is named."""
-    near_by_kind = {near.kind: near for near in reversed(report.near)}
+    """Velocity, position and measured torque nearest to a limit.
+
+    The entry ``least`` is the share of the limit above which it is named.
+    """
+    near_by_kind = {near.kind: near for near in reversed(report.near)}  # the first of a kind has the largest share
     nearest = []
-    for kind, least in (("velocity", NEAR_LIMIT), ("position", AT_STOP)):
+    for kind, least_share in (("velocity", NEAR_LIMIT), ("position", AT_STOP)):
         if kind in near_by_kind:
-            nearest.append(vars(near_by_kind[kind]) | {"least": least})
+            nearest.append(vars(near_by_kind[kind]) | {"least": least_share})
     if report.measured:
-        m = max(report.measured, key=lambda m: m.share)
-        nearest.append(
-            {"joint": m.joint, "kind": "measured torque", "share": m.share, "time": m.time, "least": NEAR_LIMIT}
-        )
+        measured = max(report.measured, key=lambda measured: measured.share)
+        entry = {"joint": measured.joint, "kind": "measured torque", "share": measured.share, "time": measured.time}
+        nearest.append(entry | {"least": NEAR_LIMIT})
     return nearest
 
 
-def _also_near(report: TorqueReport, share: float) -> list[str]:
-    """Sentences on what is nearer to a limit than the torque of this ``share``."""
+def _nearer_sentences(report: TorqueReport, share: float) -> list[str]:
+    """Sentences on quantities that are nearer to a limit than a torque with this ``share`` of its limit."""
     sentences = []
     for near in _near_limits(report):
         if near["share"] > max(share, near["least"]):
-            kind, near_share = _capitalised(near["kind"]), percent_of_limit(near["share"])
+            kind = _capitalised(near["kind"])
+            near_share = percent_of_limit(near["share"])
             time = seconds(near["time"])
             sentences.append(sentence("near", kind=kind, joint=near["joint"], share=near_share, time=time))
     return sentences
@@ -213,7 +224,7 @@ def _joints_over_before_smoothing(report: TorqueReport) -> str:
     return f"{count} joints"
 
 
-# ── The same as data
+# ── Verdict as data
 
 
 def verdict_data(
@@ -226,8 +237,8 @@ def verdict_data(
 ) -> dict[str, Any]:
     """Sentences, limits and doubts from which a page judges a motion with other payloads, pushes and speeds.
 
-    Without a ``report``, as for arrays, the motion has no noise; its contradictions and exceeded position limits are
-    arguments.
+    A motion without a ``report``, such as arrays, has no noise. Its contradictions are given as ``refused``, and its
+    exceeded position limits as ``positions``.
     """
     model = load.robot.model
     coordinates = Coordinates.from_model(model)
@@ -236,16 +247,18 @@ def verdict_data(
         payload = replace(load.payloads[0], mass=1.0)
     assume = partial(assumptions, model, friction=load.friction, unjudged=limits, mass="{mass}")
     if report is None:
-        before, after, look_again = model_warnings(load.with_load.model), list[str](), list(refused)
+        doubts_before: Sequence[str] = model_warnings(load.with_load.model)
+        doubts_after: Sequence[str] = []
+        look_again = list(refused)
     else:
-        before, after = carried_doubts(report)
+        doubts_before, doubts_after = carried_doubts(report)
         look_again = contradictions(report)
     closest: Sequence[str] = []
     clearance_reasons: dict[str, Sequence[str]] = {}
     if clearance is not None:
         closest = clearance.lines
         clearance_reasons = {clearance.verdict.word: clearance.verdict.reasons}
-    velocities = np.where(np.isfinite(limits.velocity), limits.velocity, -1.0)
+    velocities = np.where(np.isfinite(limits.velocity), limits.velocity, -1.0)  # -1 without a limit
     data = {
         "fixed": why_fixed(load) or why_doubted(report),
         "sentences": spoken_sentences(),
@@ -262,7 +275,7 @@ def verdict_data(
         "followers": [_follower(model, k) for k in model.limited_followers],
         "force": _force_at_base(model),
         "lookAgain": look_again,
-        "doubts": {"first": base_doubts(model, "hanging, feet"), "before": before, "after": after},
+        "doubts": {"first": base_doubts(model, "hanging, feet"), "before": doubts_before, "after": doubts_after},
         "placeholders": {
             "words": load_case.placeholder_doubt(load.robot, limits), "confirmed": limits.has_unit("effort").tolist(),
         },
@@ -273,7 +286,7 @@ def verdict_data(
         "turns": coordinates.angular_velocity.tolist(),
         "leastPerKilogram": load_case.least_torque_per_kilogram(model),
         "margin": not (load.friction and model.friction.load.any()),
-        "passed": [_exceeded_stop(v, model) for v in positions],
+        "passed": [_exceeded_stop(violation, model) for violation in positions],
         "noisy": [], "joints": None, "gap": None, "asLogged": "", "near": [], "questions": [],
         "closest": closest,
         "clearance": clearance_reasons,
@@ -283,21 +296,26 @@ def verdict_data(
     return data
 
 
-def _exceeded_stop(v: Violation, model: Model) -> dict[str, Any]:
-    """Exceeded position limit, in the form of :class:`Excess`."""
-    turns = bool(Coordinates.from_model(model).angular_velocity[model.velocity_names.index(v.joint)])
-    kind = "lower"
-    if v.value > v.limit:
-        kind = "upper"
-    return vars(v) | {"kind": kind, "angular": turns}
+def _exceeded_stop(violation: Violation, model: Model) -> dict[str, Any]:
+    """Exceeded position limit, with the entries of :class:`Excess`."""
+    k = model.velocity_names.index(violation.joint)
+    angular = bool(Coordinates.from_model(model).angular_velocity[k])
+    kind = "upper" if violation.value > violation.limit else "lower"
+    return vars(violation) | {"kind": kind, "angular": angular}
 
 
 def _follower(model: Model, k: int) -> dict[str, Any]:
-    """Mimic joint with a torque limit."""
+    """Figures of a mimic joint with a torque limit, that of body k."""
     body = model.bodies[k]
-    unit, axis = unit_of("tau", bool(body.joint.turning[0])), body.joint.axes[0].tolist()
-    found = {"joint": body.joint.name, "leader": body.v_index, "ratio": abs(body.ratio), "limit": body.effort}
-    return {**found, "unit": unit, "body": k, "axis": axis}
+    return {
+        "joint": body.joint.name,
+        "leader": body.v_index,
+        "ratio": abs(body.ratio),
+        "limit": body.effort,
+        "unit": unit_of("tau", bool(body.joint.turning[0])),
+        "body": k,
+        "axis": body.joint.axes[0].tolist(),
+    }
 
 
 def _force_at_base(model: Model) -> dict[str, Any] | None:
@@ -305,20 +323,26 @@ def _force_at_base(model: Model) -> dict[str, Any] | None:
     rows = base_velocities(model)
     if not rows:
         return None
-    strength = float(np.linalg.norm(model.gravity))
-    bounds = {"share": SHARE, "least": SHARE_OF_WEIGHT_ON_EARTH * STRENGTH, "sure": SURE_FORCE}
-    return {"rows": rows, "mass": model.moving_mass, "strength": strength, "question": MISSING_CONTACT, **bounds}
+    return {
+        "rows": rows,
+        "mass": model.moving_mass,
+        "strength": float(np.linalg.norm(model.gravity)),
+        "question": MISSING_CONTACT,
+        "share": SHARE,
+        "least": SHARE_OF_WEIGHT_ON_EARTH * STRENGTH,
+        "sure": SURE_FORCE,
+    }
 
 
 def _log_data(report: TorqueReport) -> dict[str, Any]:
-    """Data available only for a log: noise of each joint's peak, pauses, exceeded limits of the motion."""
+    """Data available only for a log: noise of each joint's peak, gaps, exceeded limits of the motion."""
     exceeded_stops, noisy_velocities = [], []
-    for e in report.excesses:
-        is_stop = e.kind in ("lower", "upper")
-        if is_stop and not is_noise(report, e):
-            exceeded_stops.append(vars(e))
-        if e.kind == "velocity" and is_noise(report, e):
-            noisy_velocities.append(e.joint)
+    for excess in report.excesses:
+        is_stop = excess.kind in ("lower", "upper")
+        if is_stop and not is_noise(report, excess):
+            exceeded_stops.append(vars(excess))
+        if excess.kind == "velocity" and is_noise(report, excess):
+            noisy_velocities.append(excess.joint)
     joints = None
     if report.noisy:
         joints = []
@@ -341,16 +365,18 @@ def _log_data(report: TorqueReport) -> dict[str, Any]:
 
 
 def why_doubted(report: TorqueReport | None) -> str | None:
-    """Reason why a page cannot judge other loads of a log in doubt; None if it can."""
-    if report is not None and bears(report.limits):
-        return "loads of bearings, which have limits, are not computed on the page"
-    if report is None or not (doubted_excesses(report) or rows_in_doubt(report)):
+    """Reason in a report why a page cannot judge other loads; None if there is none."""
+    if report is None:
         return None
-    return "rows of the log, or its unit, are in doubt"
+    if bears(report.limits):
+        return "loads of bearings, which have limits, are not computed on the page"
+    if doubted_excesses(report) or rows_in_doubt(report):
+        return "rows of the log, or its unit, are in doubt"
+    return None
 
 
 def why_fixed(load: LoadCase) -> str | None:
-    """Reason why a page cannot judge loads other than that of the command; None if it can."""
+    """Reason in a load case why a page cannot judge other loads; None if there is none."""
     model = load.robot.model
     if load.fixed_words:
         return load.fixed_words

@@ -58,12 +58,14 @@ if TYPE_CHECKING:
     from ..mechanics.model.model import Model
 
 T = TypeVar("T")
-_ROWS_AROUND, _MAX_NUMBERS_AROUND = 2048, 1 << 23
-"""Rows on either side of the worst joint's peak, and maximum count of numbers in them: 64 MiB."""
+_MAX_ROWS_BESIDE_PEAK = 2048
+"""Largest number of rows on either side of the worst joint's peak."""
+_MAX_NUMBERS_BESIDE_PEAK = 1 << 23
+"""Largest count of numbers in these rows: 64 MiB."""
 _MASS_SAMPLES = 32
-"""States of each chunk used for the noise of torques and for the largest payload torque."""
+"""Number of states of each slice used for the noise of torques and for the largest payload torque."""
 _BAND_SAMPLES = 512
-"""States of each chunk with a mass matrix, which is used up to the next one."""
+"""Number of states of each slice with a mass matrix, which is used up to the next one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +74,10 @@ class Extremes:
 
     load: LoadCase
     limits: Limits
-    passed: dict[str, Extrema]
-    """Excess over each kind of limit: lower, upper, velocity, and those of bearings if some have limits."""
+    excess: dict[str, Extrema]
+    """Largest excesses over each kind of limit: lower, upper, velocity, and those of bearings if some have limits."""
     peak: Extrema
+    """Largest torques of the drives."""
     borne: Extrema
     """Largest torques of mimic joints with an effort limit."""
 
@@ -84,30 +87,32 @@ class Extremes:
     ) -> Extremes:
         """Extremes of states, and of torques: their times (n,), those of the drives (n, nv) and of limited mimic joints."""
         position_of = Coordinates.from_model(load.robot.model).position_of
-        has_position = position_of >= 0
+        has_position = position_of >= 0  # balls have none
         q = np.where(has_position, s.measured[:, np.maximum(position_of, 0)], 0.0)
-        beyond = {
+        excess_and_value = {
             "lower": (np.where(has_position, limits.lower, -np.inf) - q, q),
             "upper": (q - np.where(has_position, limits.upper, np.inf), q),
             "velocity": (np.abs(s.dq) - limits.velocity, s.dq),
         }
         if bears(limits):
             for kind, bearing_load in load.bearing_loads(s).items():
-                beyond[kind] = bearing_load - getattr(limits, kind), bearing_load
-        passed = {kind: Extrema.from_rows(s.time, *values) for kind, values in beyond.items()}
-        time, tau, borne = torques
-        peak = Extrema.from_rows(time, np.abs(tau), tau)
-        return cls(load, limits, passed, peak, Extrema.from_rows(time, np.abs(borne), borne))
+                excess_and_value[kind] = bearing_load - getattr(limits, kind), bearing_load
+        excess = {kind: Extrema.from_rows(s.time, *arrays) for kind, arrays in excess_and_value.items()}
+        time, drive_torques, borne_torques = torques
+        peak = Extrema.from_rows(time, np.abs(drive_torques), drive_torques)
+        borne = Extrema.from_rows(time, np.abs(borne_torques), borne_torques)
+        return cls(load, limits, excess, peak, borne)
 
     @classmethod
     def from_parts(cls, parts: Sequence[Extremes]) -> Extremes:
         """Extremes of consecutive rows from those of their parts."""
         first = parts[0]
-        passed = dict(first.passed)
-        for kind in passed:
-            passed[kind] = Extrema.merge([part.passed[kind] for part in parts])
-        peak, borne = Extrema.merge(_each(parts, "peak")), Extrema.merge(_each(parts, "borne"))
-        return cls(first.load, first.limits, passed, peak, borne)
+        excess = {}
+        for kind in first.excess:
+            excess[kind] = Extrema.merge([part.excess[kind] for part in parts])
+        peak = Extrema.merge(_field_of_each(parts, "peak"))
+        borne = Extrema.merge(_field_of_each(parts, "borne"))
+        return cls(first.load, first.limits, excess, peak, borne)
 
     @property
     def _model(self) -> Model:
@@ -118,30 +123,35 @@ class Extremes:
         return Coordinates.from_model(self.load.robot.model)
 
     def nearest(self) -> tuple[NearLimit, ...]:
-        """Velocity and position nearest to a limit; those without one are left out."""
-        names, limits, velocity = self._coordinates.velocity_names, self.limits, self.passed["velocity"]
+        """Velocity and positions nearest to their limits, by the largest share; coordinates without a limit are left out."""
+        names = self._coordinates.velocity_names
+        limits = self.limits
+        velocity = self.excess["velocity"]
         if not len(names) or not np.isfinite(velocity.time).any():
             return ()
-        limited = np.isfinite(limits.velocity)
-        shares = np.abs(velocity.signed) / np.where(limited, limits.velocity, 1.0)
         near = []
-        if limited.any():
-            near = _nearest_limit(names, "velocity", np.where(limited, shares, 0.0), velocity.time)
-        bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper) & (limits.upper > limits.lower)
-        if bounded.any():
-            ranges = np.where(bounded, limits.upper - limits.lower, 1.0)
-            for passed in (self.passed["lower"], self.passed["upper"]):
-                shares = np.where(bounded, 1.0 + 2.0 * passed.value / ranges, 0.0)
-                near += _nearest_limit(names, "position", shares, passed.time)
+        has_limit = np.isfinite(limits.velocity)
+        if has_limit.any():
+            shares = np.abs(velocity.signed) / np.where(has_limit, limits.velocity, 1.0)
+            near.append(_nearest_limit(names, "velocity", np.where(has_limit, shares, 0.0), velocity.time))
+        has_range = np.isfinite(limits.lower) & np.isfinite(limits.upper) & (limits.upper > limits.lower)
+        if has_range.any():
+            ranges = np.where(has_range, limits.upper - limits.lower, 1.0)
+            for excess in (self.excess["lower"], self.excess["upper"]):
+                # 1 at the limit and 0 in the middle of the range, where the excess is minus half of the range.
+                shares = np.where(has_range, 1.0 + 2.0 * excess.value / ranges, 0.0)
+                near.append(_nearest_limit(names, "position", shares, excess.time))
         return tuple(sorted(near, key=lambda limit: -limit.share))
 
     def bearings(self) -> tuple[BearingUse, ...]:
         """Largest loads of the bearings that have limits, by joint."""
         uses = []
         for k, name in enumerate(self._coordinates.velocity_names):
-            for kind, loads in self.passed.items():
-                if kind in BEARINGS and np.isfinite(getattr(self.limits, kind)[k]):
-                    limit = float(getattr(self.limits, kind)[k])
+            for kind, loads in self.excess.items():
+                if kind not in BEARINGS:
+                    continue
+                limit = float(getattr(self.limits, kind)[k])
+                if np.isfinite(limit):
                     uses.append(BearingUse(name, kind, float(loads.signed[k]), limit, float(loads.time[k])))
         return tuple(uses)
 
@@ -155,38 +165,39 @@ class Extremes:
         model, limits = self._model, self.limits.effort
         turns = drive_turns(model)
         for k in np.flatnonzero(self.peak.value - limits > margin(limits)):
-            value, time = float(self.peak.signed[k]), float(self.peak.time[k])
+            torque, time = float(self.peak.signed[k]), float(self.peak.time[k])
             unit = unit_of("tau", turns[k])
-            yield Excess(model.drive_labels[k], "effort", value, float(limits[k]), time, unit, turns[k])
+            yield Excess(model.drive_labels[k], "effort", torque, float(limits[k]), time, unit, turns[k])
 
     def _motion_excesses(self) -> Iterator[Excess]:
         """Exceeded limits of positions, velocities and bearings."""
-        c = self._coordinates
-        for kind, extreme in self.passed.items():
+        coordinates = self._coordinates
+        for kind, excess in self.excess.items():
             limits = getattr(self.limits, kind)
-            coordinate = "dq" if kind == "velocity" else "q"
-            allowed = self.limits.tolerance if kind in ("lower", "upper") else margin(limits)
-            for k in np.flatnonzero(extreme.value > allowed):
-                angular = bool(c.angular_velocity[k])
-                unit = BEARING_UNITS.get(kind) or unit_of(coordinate, angular)
-                value, limit, time = float(extreme.signed[k]), float(limits[k]), float(extreme.time[k])
-                yield Excess(c.velocity_names[k], kind, value, limit, time, unit, angular)
+            quantity = "dq" if kind == "velocity" else "q"
+            tolerance = self.limits.tolerance if kind in ("lower", "upper") else margin(limits)
+            for k in np.flatnonzero(excess.value > tolerance):
+                angular = bool(coordinates.angular_velocity[k])
+                unit = BEARING_UNITS.get(kind) or unit_of(quantity, angular)
+                value, time = float(excess.signed[k]), float(excess.time[k])
+                yield Excess(coordinates.velocity_names[k], kind, value, float(limits[k]), time, unit, angular)
 
     def _follower_excesses(self) -> Iterator[Excess]:
         """Exceeded torque limits of mimic joints."""
         model = self._model
         for i, k in enumerate(model.limited_followers):
-            body, value = model.bodies[k], float(self.borne.signed[i])
-            if abs(value) > body.effort + margin(body.effort):
+            body = model.bodies[k]
+            torque, time = float(self.borne.signed[i]), float(self.borne.time[i])
+            if abs(torque) > body.effort + margin(body.effort):
                 angular = bool(body.joint.turning[0])
-                unit, time = unit_of("tau", angular), float(self.borne.time[i])
-                yield Excess(body.joint.name, "effort", value, body.effort, time, unit, angular)
+                unit = unit_of("tau", angular)
+                yield Excess(body.joint.name, "effort", torque, body.effort, time, unit, angular)
 
 
-def _nearest_limit(names: Sequence[str], kind: str, shares: Array, times: Array) -> list[NearLimit]:
-    """The coordinate with the largest share of its limit."""
+def _nearest_limit(names: Sequence[str], kind: str, shares: Array, times: Array) -> NearLimit:
+    """Coordinate with the largest share of its limit."""
     k = int(shares.argmax())
-    return [NearLimit(names[k], kind, float(shares[k]), float(times[k]))]
+    return NearLimit(names[k], kind, float(shares[k]), float(times[k]))
 
 
 def _severity_order(excess: Excess) -> tuple[bool, str, float]:
@@ -197,20 +208,24 @@ def _severity_order(excess: Excess) -> tuple[bool, str, float]:
 
 @dataclass(frozen=True, eq=False)
 class MotionFigures:
-    """Figures of consecutive rows of a motion; those of the whole motion are joined from those of its slices."""
+    """Figures of consecutive rows of a motion; figures of slices are joined to those of the whole motion."""
 
     rows: int
+    """Number of rows."""
     squares: Array
     """Part (nv,) of the time mean of squared torques due to these rows."""
     whole: Extremes
+    """Extremes of all rows."""
     sound: Extremes
     """Extremes outside doubtful spans of time."""
     alone: Extrema
     """Largest torques without payloads and wrenches, as recorded."""
     speed: Extrema
+    """Largest velocities."""
     at_peaks: MotionSamples
     """States (nv,) at the peak of each torque."""
     envelope: Bins
+    """Torques of the drives for a plot."""
     band: Bins | None
     """95 % intervals of the torques; None unless peaks are estimated."""
     runs: Runs | None
@@ -228,7 +243,9 @@ class MotionFigures:
     outliers: Array
     """Outliers (m, 5) as in :func:`outliers_of`."""
     motors: MotorFigures | None
+    """Figures of the motors; None without motors."""
     margin: PayloadShares | None
+    """Torques for the largest mass of the payload; None if the mass is not determined."""
     carried: float
     """Largest torque due to the payloads, in some of the states."""
     compared: tuple[TorqueComparison, ...]
@@ -240,10 +257,10 @@ class MotionFigures:
     @classmethod
     def from_parts(cls, parts: Sequence[MotionFigures]) -> MotionFigures:
         """Figures of consecutive rows from those of their parts."""
-        each = partial(_each, parts)
+        each = partial(_field_of_each, parts)
         drives = np.arange(parts[0].whole.peak.value.size)
         part_with_peak = np.argmax([part.whole.peak.value for part in parts], axis=0)
-        states_at_peaks = _join_samples(each("at_peaks"))
+        states_at_peaks = _join_samples(each("at_peaks"))  # one for each part and drive, parts first
         q, dq = map(np.concatenate, zip(*each("edges"), strict=True))
         return cls(
             rows=sum(each("rows")),
@@ -270,14 +287,14 @@ class MotionFigures:
         )
 
 
-def _each(parts: Sequence[Any], name: str) -> list[Any]:
-    """One figure of each part."""
+def _field_of_each(parts: Sequence[Any], name: str) -> list[Any]:
+    """Value of a field in each of the parts."""
     return [getattr(part, name) for part in parts]
 
 
 def _join_samples(parts: Sequence[MotionSamples]) -> MotionSamples:
     """Samples of consecutive rows."""
-    return MotionSamples(*[np.concatenate(_each(parts, field.name)) for field in fields(MotionSamples)])
+    return MotionSamples(*[np.concatenate(_field_of_each(parts, field.name)) for field in fields(MotionSamples)])
 
 
 def _join_optional(join: Callable[[Sequence[T]], T], parts: Sequence[T | None]) -> T | None:
@@ -289,16 +306,16 @@ def _join_optional(join: Callable[[Sequence[T]], T], parts: Sequence[T | None]) 
 
 
 def _moved_velocities(model: Model, column: int) -> tuple[slice, float]:
-    """Velocities that a coordinate moves, and the largest acceleration of one of them for a unit of the coordinate's."""
+    """Velocities of the joint with a coordinate, and their largest acceleration if that of the coordinate is 1."""
     body = next(b for b in model.leaders if b.q_index <= column < b.q_index + b.joint.nq)
     _, velocities = body.places
     if body.joint.quaternion is None:
         return velocities, 1.0
-    first = body.q_index + body.joint.quaternion
-    middle = velocities.start + 3  # angular velocities come first; a unit of a quaternion is a turn by 2
-    if first <= column < first + 4:
-        return slice(velocities.start, middle), 2.0
-    return slice(middle, velocities.stop), 1.0
+    first_quaternion_column = body.q_index + body.joint.quaternion
+    end_of_angular = velocities.start + 3  # angular velocities come first
+    if first_quaternion_column <= column < first_quaternion_column + 4:
+        return slice(velocities.start, end_of_angular), 2.0  # a small change of a quaternion is half of the angle
+    return slice(end_of_angular, velocities.stop), 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,14 +340,17 @@ class MotionPass:
 
     @cached_property
     def _edges(self) -> Array:
-        return gap_edges(self.time, self._gap)
+        """Rows at either end of long gaps in time."""
+        return gap_edges(self.time, self._min_gap)
 
     @property
-    def _gap(self) -> float:
+    def _min_gap(self) -> float:
+        """Length [s] above which a time step is a gap."""
         return GAP * self.plan.quality.step
 
     @cached_property
     def _measured_noise(self) -> Array:
+        """Standard deviation (nv,) of the noise of measured torques."""
         return _measured_noise(self.plan)
 
     @cached_property
@@ -339,35 +359,42 @@ class MotionPass:
         return PeakBootstrap(self.plan, self.load)
 
     def figures(self, first: int, s: MotionSamples, torques: Array, measured: Array | None) -> MotionFigures:
-        """Figures of the rows from ``first`` on: states, torques (n, nv), and measured ones (n, nv)."""
-        load, count, rows = self.load, len(self.time), slice(first, first + len(s))
+        """Figures of n rows of the motion, which begin at its row ``first``.
+
+        ``torques`` (n, nv) are those of the drives at the states ``s``; ``measured`` (n, nv) are those of the log, if any.
+        """
+        load = self.load
+        count = len(self.time)
+        rows = slice(first, first + len(s))
         computed = [torques]
         if load.carries:
             computed.append(load.drive_torques(load.unloaded_torques(s)))
-        alone = computed[-1]
+        unloaded = computed[-1]
         borne = np.zeros((len(s), 0))
         if load.with_load.model.limited_followers:
             borne = load.follower_torques(s)
         whole = Extremes.from_states(load, self.limits, s, (s.time, torques, borne))
-        doubted = self.spans.within(s.time)
+        doubtful = self.spans.within(s.time)
         edges = self._edges[(self._edges >= rows.start) & (self._edges < rows.stop)] - first
         some_states = s[:: max(1, len(s) // _MASS_SAMPLES)]
-        sigma, band, runs, motors, carried = np.zeros_like(torques), None, None, None, 0.0
+        sigma = np.zeros_like(torques)
         if self.estimating or measured is not None:
             sigma = self._sigma(s)
+        band = runs = motors = None
         if self.estimating:
             band = Bins.from_rows(first, s.time, torques - INTERVAL * sigma, torques + INTERVAL * sigma, count)
             runs = Runs.from_rows(first, np.abs(torques), self.bootstrap.cell)
         if load.with_load.actuators:
             motors = MotorFigures.from_rows(load.with_load.model, rows, self.time, load.motor_loads(s))
+        carried = 0.0
         if load.payloads:
             carried = float(np.abs(load.payload_torques(some_states)).max(initial=0.0))
         return MotionFigures(
             rows=len(s),
             squares=mean_weights(self.time, rows) @ (torques * torques),
             whole=whole,
-            sound=self._sound_extremes(whole, s, torques, borne, doubted),
-            alone=Extrema.from_rows(s.time, np.abs(alone), alone),
+            sound=self._sound_extremes(whole, s, torques, borne, doubtful),
+            alone=Extrema.from_rows(s.time, np.abs(unloaded), unloaded),
             speed=Extrema.from_rows(s.time, np.abs(s.dq), s.dq),
             at_peaks=s[np.abs(torques).argmax(axis=0)],
             envelope=Bins.from_rows(first, s.time, torques, torques, count),
@@ -382,22 +409,23 @@ class MotionPass:
             motors=motors,
             margin=self._payload_shares(s, torques, borne),
             carried=carried,
-            **self._comparisons(s.time, computed, measured, sigma, doubted),
+            **self._comparisons(s.time, computed, measured, sigma, doubtful),
         )
 
     def _sound_extremes(
-        self, whole: Extremes, s: MotionSamples, torques: Array, borne: Array, doubted: Array
+        self, whole: Extremes, s: MotionSamples, torques: Array, borne: Array, doubtful: Array
     ) -> Extremes:
-        """Extremes without doubtful rows; torques of all rows if they do not depend on derived rates."""
+        """Extremes without doubtful rows. If no rates are derived, torques of all rows count."""
         if not self.spans:
             return whole
-        rows = ~doubted
+        torque_rows = ~doubtful
         if self.plan.source == "given":
-            rows = np.ones(len(s), bool)
-        return Extremes.from_states(self.load, self.limits, s[~doubted], (s.time[rows], torques[rows], borne[rows]))
+            torque_rows = np.ones(len(s), bool)
+        time_and_torques = s.time[torque_rows], torques[torque_rows], borne[torque_rows]
+        return Extremes.from_states(self.load, self.limits, s[~doubtful], time_and_torques)
 
     def _payload_shares(self, s: MotionSamples, torques: Array, borne: Array) -> PayloadShares | None:
-        """Torques with the payload's parts for its largest mass; None if that is not determined."""
+        """Torques and the parts due to the payload, for its largest mass; None if that mass is not determined."""
         load = self.load
         if not margin_determined(load):
             return None
@@ -407,24 +435,31 @@ class MotionPass:
         return payload_shares(load, self.limits.effort, s.time, np.hstack([torques, borne]), due_to_payload)
 
     def _comparisons(
-        self, time: Array, computed: Sequence[Array], measured: Array | None, sigma: Array, doubted: Array
+        self, time: Array, computed: Sequence[Array], measured: Array | None, sigma: Array, doubtful: Array
     ) -> dict[str, Any]:
-        """Comparisons with measured torques (n, nv), and the rows in which these are above their limits."""
+        """Comparisons of measured torques (n, nv) with computed ones, and where measured ones are above their limits.
+
+        The keys are the fields of :class:`MotionFigures`.
+        """
         if measured is None:
             return {"compared": (), "above": np.zeros((len(time), 0), bool)}
         tau = self.load.drive_torques(measured)
-        compared = tuple(TorqueComparison.from_rows(time, each, tau, sigma, doubted) for each in computed)
-        return {"compared": compared, "above": above_limits(tau, self.limits.effort, self._measured_noise)}
+        compared = [TorqueComparison.from_rows(time, torques, tau, sigma, doubtful) for torques in computed]
+        above = above_limits(tau, self.limits.effort, self._measured_noise)
+        return {"compared": tuple(compared), "above": above}
 
     def _sigma(self, s: MotionSamples) -> Array:
-        """Standard deviation (n, nv) of the torques, from the mass matrices of some of the states."""
+        """Standard deviation (n, nv) of the torques M q̈, from the mass matrices M of some of the states."""
         if not self.plan.sigma_ddq.any():
             return np.zeros(s.dq.shape)
         stride = max(1, len(s) // _BAND_SAMPLES)
         M = self.load.mass_matrix(s.q[::stride])
-        squares = self.plan.sigma_at(s) ** 2
-        blocks = [(M[k] * M[k]) @ squares[k * stride : (k + 1) * stride].T for k in range(len(M))]
-        return np.sqrt(np.concatenate(blocks, axis=1).T)
+        acceleration_variances = self.plan.sigma_at(s) ** 2
+        torque_variances = []
+        for k in range(len(M)):
+            rows = slice(k * stride, (k + 1) * stride)
+            torque_variances.append((M[k] * M[k]) @ acceleration_variances[rows].T)
+        return np.sqrt(np.concatenate(torque_variances, axis=1).T)
 
     def _noise(self, states: MotionSamples) -> Array:
         """Largest standard deviation (nv,) of the torques in some of the states."""
@@ -434,7 +469,7 @@ class MotionPass:
         return np.sqrt((M * M) @ (self.plan.sigma_ddq**2)).max(axis=0)
 
     def _outliers(self, s: MotionSamples, torques: Array) -> Array:
-        """Outliers (m, 5); the last column is 1 if the sample, if real, implies a torque beyond a limit or without a limit."""
+        """Outliers (m, 5): the last column is 1 if a real sample would mean a torque beyond a limit, or without a limit."""
         if not s.outlier.any():
             return np.zeros((0, 5))
         order = 2  # accelerations are this derivative of the smoothed columns
@@ -445,33 +480,37 @@ class MotionPass:
         outliers = np.column_stack([columns, s.time[rows], s.outlier[rows, columns], np.zeros(len(rows))])
         for outlier, row in zip(outliers, rows.tolist(), strict=True):
             acceleration = gain * abs(float(outlier[3]))
-            outlier[4] = self._may_pass(s.q[row], torques[row], int(outlier[0]), order, acceleration)
+            outlier[4] = self._may_exceed_limit(s.q[row], torques[row], int(outlier[0]), order, acceleration)
         return outliers
 
-    def _may_pass(self, q: Array, torques: Array, column: int, order: int, acceleration: float) -> bool:
-        """True if an acceleration at a smoothed column adds a torque that no limit covers."""
+    def _may_exceed_limit(self, q: Array, torques: Array, column: int, order: int, acceleration: float) -> bool:
+        """True if an acceleration at a smoothed column adds a torque to ``torques`` (nv,) that no limit covers."""
         velocities, factor = slice(column, column + 1), 1.0
         if order == 2:
             velocities, factor = _moved_velocities(self.load.robot.model, column)
         change = np.abs(self.load.mass_matrix(q)[:, velocities]).sum(axis=1) * factor * acceleration
         effort = np.where(np.isfinite(self.limits.effort), self.limits.effort, 0.0)
-        within = np.abs(torques) + change <= effort
-        return not (within | (change <= ZERO * np.abs(torques).max())).all()
+        is_within_limit = np.abs(torques) + change <= effort
+        is_negligible = change <= ZERO * np.abs(torques).max()
+        return not (is_within_limit | is_negligible).all()
 
     # What follows from the figures of the whole motion
 
     def gaps(self, found: MotionFigures) -> Gaps:
         """Gaps in time, and the motion that they may hide."""
-        simple = all(body.joint.nv == 1 and body.joint.nq == 1 for body in self.load.robot.model.leaders)
+        velocities_are_rates = all(body.joint.nv == body.joint.nq == 1 for body in self.load.robot.model.leaders)
         stops = None
-        if simple:
+        if velocities_are_rates:
             stops = self.limits.lower, self.limits.upper
-        return Gaps.from_edges(self.time, found.edges, found.fastest, self._gap, rates=simple, stops=stops)
+        return Gaps.from_edges(
+            self.time, found.edges, found.fastest, self._min_gap, rates=velocities_are_rates, stops=stops
+        )
 
     def terms(self, found: MotionFigures) -> dict[str, Array]:
         """Causes (nv,) of the peak of each torque."""
         terms = self.load.terms(found.at_peaks)
         for name, torques in terms.items():
+            # Row k has all torques at the peak of drive k, of which only that of drive k is asked for.
             terms[name] = np.diagonal(self.load.drive_torques(torques)).copy()
         return terms
 
@@ -479,17 +518,22 @@ class MotionPass:
         """States on either side of a joint's peak."""
         robot = self.load.robot
         numbers_per_row = 1 + 2 * robot.nq + 3 * robot.nv
-        reach = min(_ROWS_AROUND, max(1, _MAX_NUMBERS_AROUND // (2 * robot.nv * numbers_per_row)))
-        return self.plan.states_near(int(np.searchsorted(self.time, found.whole.peak.time[joint])), reach)
+        rows_in_memory = max(1, _MAX_NUMBERS_BESIDE_PEAK // (2 * robot.nv * numbers_per_row))
+        reach = min(_MAX_ROWS_BESIDE_PEAK, rows_in_memory)
+        peak_row = int(np.searchsorted(self.time, found.whole.peak.time[joint]))
+        return self.plan.states_near(peak_row, reach)
 
     def estimates(self, found: MotionFigures, progress: Callable[[float], None] | None) -> list[PeakEstimate]:
         """Noise-corrected peaks of all joints."""
         assert found.runs is not None
-        estimates, terms = [], self.terms(found)
+        estimates = []
+        terms = self.terms(found)
+        run_count = found.runs.count
         for k in range(self.load.robot.nv):
-            steady, speed = float(sum(terms[name][k] for name in STEADY)), float(found.speed.signed[k])
-            each, runs = found.runs.contenders(k), found.runs.count
-            estimates.append(self.bootstrap.estimate(k, found.whole.peak, each, runs, steady, speed))
+            contenders = found.runs.contenders(k)
+            steady = float(sum(terms[name][k] for name in STEADY))
+            speed = float(found.speed.signed[k])
+            estimates.append(self.bootstrap.estimate(k, found.whole.peak, contenders, run_count, steady, speed))
             if progress is not None:
                 progress((k + 1) / self.load.robot.nv)
         return estimates
@@ -499,23 +543,26 @@ class MotionPass:
         if not found.compared:
             return ()
         best = min(found.compared, key=lambda comparison: comparison.misfit)
-        step = 0.0
+        median_step = 0.0
         if found.rows > 1:
-            step = float(np.median(np.diff(self.time)))
+            median_step = float(np.median(np.diff(self.time)))
         above = TimeAbove.from_rows(self.time, found.above)
         labels = self.load.with_load.model.drive_labels
-        return best.torques(labels, self.load.units, self.limits.effort, above, step)
+        return best.torques(labels, self.load.units, self.limits.effort, above, median_step)
 
 
 # If noise of a log matters, a second pass over the smoothed log gives all results: peaks, causes, limits, motors, files and
 # pictures. The results of the unsmoothed log are reported beside them.
 
-_NUMBERS_PER_CHUNK = 1 << 19
-"""Rows times velocities of a chunk: 4 MiB per array."""
-_PASS_DURATION, _PLAN_DURATION, _DRAWS_DURATION = 1.0, 8.0, 1.0
-"""Durations of the steps for a log of up to :data:`_MAX_EXCERPT_BYTES` bytes, relative to one pass."""
+_NUMBERS_PER_SLICE = 1 << 19
+"""Rows times velocities of a slice: 4 MiB per array."""
 _MAX_EXCERPT_BYTES = 1 << 21
 """Bytes of the excerpts used to plan the analysis of a longer log."""
+
+# Durations of the steps for a log of up to _MAX_EXCERPT_BYTES bytes, relative to one pass.
+_PASS_DURATION = 1.0
+_PLAN_DURATION = 8.0
+_DRAWS_DURATION = 1.0
 
 
 def analyse(
@@ -531,71 +578,77 @@ def analyse(
     ``progress`` receives the finished share, 0 to 1. ``chunk`` is the number of rows processed at a time; it affects results
     only by rounding errors.
     """
-    planned_share = min(1.0, _MAX_EXCERPT_BYTES / max(1, differentiation.trajectory.size))
-    plan_and_draws = _PLAN_DURATION * planned_share, _DRAWS_DURATION * planned_share
-    steps = Steps(progress, (_PASS_DURATION, plan_and_draws[0], _PASS_DURATION, plan_and_draws[1]))
-    run = _Run(load, limits, chunk or _rows_of_a_slice(load), steps)
+    excerpt_share = min(1.0, _MAX_EXCERPT_BYTES / max(1, differentiation.trajectory.size))
+    plan_duration = _PLAN_DURATION * excerpt_share
+    draws_duration = _DRAWS_DURATION * excerpt_share
+    steps = Steps(progress, (_PASS_DURATION, plan_duration, _PASS_DURATION, draws_duration))
+    passes = _Passes(load, limits, chunk or _rows_per_slice(load), steps)
     if differentiation.smooths:
-        steps.skip(2)
-        report = run.answer(differentiation)
+        steps.skip(2)  # the pass over the unsmoothed log, and the plan
+        report = passes.report_of_smoothed(differentiation)
     elif not differentiation.sigma_ddq.any():
-        report = _report(*run.once(differentiation))
+        report = _report(*passes.run(differentiation))
     else:
-        derived = run.once(differentiation)
-        report = _report(*derived)
+        unsmoothed = passes.run(differentiation)
+        report = _report(*unsmoothed)
         if any(j.noise > MIN_NOISE_SHARE * report.reference(j) for j in report.joints):
-            report = run.answer(differentiation.with_smoothing(steps.next()), derived)
+            report = passes.report_of_smoothed(differentiation.with_smoothing(steps.next()), unsmoothed)
     steps.done()
     return report
 
 
 @dataclass(frozen=True, eq=False)
-class _Run:
-    """Passes over one motion."""
+class _Passes:
+    """Passes over one motion, each a step of the progress."""
 
     load: LoadCase
     limits: Limits
-    chunk: int
+    rows_per_slice: int
     steps: Steps
 
-    def once(self, plan: Differentiation, *, estimating: bool = False) -> tuple[MotionPass, MotionFigures]:
-        """Run one pass."""
+    def run(self, plan: Differentiation, *, estimating: bool = False) -> tuple[MotionPass, MotionFigures]:
+        """Take one pass; returns it with its figures."""
         progress = self.steps.next(len(plan.trajectory.table))
-        passing = MotionPass(self.load, self.limits, plan, estimating)
-        parts, first = list[MotionFigures](), 0
-        for states, motion, inner in plan.surrounded_states(self.chunk, progress):
+        motion_pass = MotionPass(self.load, self.limits, plan, estimating)
+        parts: list[MotionFigures] = []
+        first = 0
+        for states, motion, inner in plan.surrounded_states(self.rows_per_slice, progress):
             s = states[inner]
             torques = self.load.drive_torques(self.load.torques(s))
             _check_finite(torques, s)
-            measured = motion.tau
-            if measured is not None:
-                measured = measured[inner]
-            parts.append(passing.figures(first, s, torques, measured))
+            measured = None if motion.tau is None else motion.tau[inner]
+            parts.append(motion_pass.figures(first, s, torques, measured))
             first += len(s)
-        return passing, MotionFigures.from_parts(parts)
+        return motion_pass, MotionFigures.from_parts(parts)
 
-    def answer(self, plan: Differentiation, derived: tuple[MotionPass, MotionFigures] | None = None) -> TorqueReport:
-        """Report of the smoothed motion, with the results ``derived`` from the unsmoothed log."""
-        run, found = self.once(plan, estimating=True)
-        return _report(run, found, derived, run.estimates(found, self.steps.next()))
+    def report_of_smoothed(
+        self, plan: Differentiation, unsmoothed: tuple[MotionPass, MotionFigures] | None = None
+    ) -> TorqueReport:
+        """Report of the smoothed motion, beside the results of the ``unsmoothed`` log."""
+        motion_pass, figures = self.run(plan, estimating=True)
+        estimates = motion_pass.estimates(figures, self.steps.next())
+        return _report(motion_pass, figures, unsmoothed, estimates)
 
 
 def _report(
     run: MotionPass,
     found: MotionFigures,
-    derived: tuple[MotionPass, MotionFigures] | None = None,
+    unsmoothed: tuple[MotionPass, MotionFigures] | None = None,
     estimates: Sequence[PeakEstimate] | None = None,
 ) -> TorqueReport:
-    plan, load, outliers = run.plan, run.load, outliers_of(found.outliers)
+    """Report of the figures ``found`` by a pass ``run``, with noise-corrected peaks if there are ``estimates``."""
+    plan, load = run.plan, run.load
+    outliers = outliers_of(found.outliers)
     joints = _joints(run, found)
-    if derived is not None:
-        joints = _with_unsmoothed_figures(joints, derived[1])
+    if unsmoothed is not None:
+        _, unsmoothed_figures = unsmoothed
+        joints = _with_unsmoothed_figures(joints, unsmoothed_figures)
     if estimates is not None:
         for k, estimate in enumerate(estimates):
             joints[k] = replace(joints[k], estimate=estimate)
     worst = worst_joint(joints)
-    has_mass = any(payload.mass for payload in load.payloads)
-    unloaded = found.carried <= ZERO * float(found.whole.peak.value.max(initial=0.0))
+    has_payload_mass = any(payload.mass for payload in load.payloads)
+    payload_adds_nothing = found.carried <= ZERO * float(found.whole.peak.value.max(initial=0.0))
     largest_payload = None
     if found.margin is not None:
         largest_payload = payload_margin(load, run.limits.effort, found.margin)
@@ -611,7 +664,7 @@ def _report(
         quality=plan.quality,
         differentiation=plan,
         load=load,
-        envelope=found.envelope[1:],
+        envelope=found.envelope[1:],  # without the numbers of the bins
         band=None if found.band is None else found.band[1:],
         largest=found.largest,
         limits=run.limits,
@@ -625,69 +678,83 @@ def _report(
         spans=run.spans,
         sound=SoundFigures(found.sound.peak.value, found.sound.excesses()) if run.spans else None,
         measured=run.measured_torques(found),
-        idle_payload=has_mass and unloaded,
+        idle_payload=has_payload_mass and payload_adds_nothing,
         payload_margin=largest_payload,
-        derived=None if derived is None else _unsmoothed_results(*derived),
+        derived=None if unsmoothed is None else _unsmoothed_results(*unsmoothed),
     )
 
 
 def _unsmoothed_results(run: MotionPass, found: MotionFigures) -> AsDerived:
+    """Results of the unsmoothed log, for the report beside those of the smoothed one."""
     return AsDerived(run.plan, found.whole.excesses(), found.envelope[1:], _motor_uses(run, found))
 
 
 def _motor_uses(run: MotionPass, found: MotionFigures) -> tuple[MotorUse, ...]:
+    """Use of each motor; empty without motors."""
     if found.motors is None:
         return ()
     return found.motors.uses(run.load.with_load.model)
 
 
 def _spans_of(plan: Differentiation) -> DoubtfulSpans:
-    """Doubtful spans of a log; smoothing spreads what happens in them."""
-    rows = SURROUNDINGS + math.ceil(_SPREAD * float(plan.strengths.max(initial=0.0)) ** (1 / 6))
+    """Doubtful spans of a log, longer by the rows to which smoothing spreads wrong ones."""
+    smoothing_width = float(plan.strengths.max(initial=0.0)) ** (1 / 6)
+    rows = SURROUNDINGS + math.ceil(_SMOOTHING_REACH * smoothing_width)
     log = plan.trajectory
     return doubtful_spans(log.instants, plan.quality.step, log.origin, rows)
 
 
+_SMOOTHING_REACH = 16.0
+"""Rows, in units of strength^(1/6), to which smoothing spreads a wrong row by more than 1e-3 of it."""
+
+
 def _measured_noise(plan: Differentiation) -> Array:
     """Standard deviation (nv,) of the noise of the measured torques; 0 without a column."""
-    log, nv = plan.trajectory, plan.model.nv
+    log = plan.trajectory
+    no_noise = np.zeros(plan.model.nv)
     if log.columns.places["tau"] is None:
-        return np.zeros(nv)
-    times, torques = list[Array](), list[Array]()
-    for table in excerpts(log.table, *_NOISE_RUNS):
+        return no_noise
+    times: list[Array] = []
+    torques: list[Array] = []
+    for table in excerpts(log.table, *_NOISE_EXCERPTS):
         rows = log.motion(table)
         if rows.tau is not None:
             times.append(rows.time)
             torques.append(rows.tau)
     if not torques:
-        return np.zeros(nv)
+        return no_noise
     return noise(times, torques)
 
 
-_NOISE_RUNS = 8, 2048
-_SPREAD = 16.0
-"""Rows, in units of strength^(1/6), to which smoothing spreads a wrong row by more than 1e-3 of it."""
+_NOISE_EXCERPTS = 8, 2048
+"""Number of excerpts of a log, and rows of each, from which the noise of measured torques is estimated."""
 
 
 def _doubts(run: MotionPass, figures: MotionFigures, *, glitches: bool) -> tuple[Doubt, ...]:
-    """Doubts about the log without dynamics, by the robot's own limits; before them that torques are impossible."""
+    """Doubts about the log, with the doubt about impossible torques first.
+
+    If one of the other doubts refuses the log, torques are not doubted as well.
+    """
     log, robot = run.plan.trajectory, run.load.robot
-    found = log.doubts(run.limits, own=robot.limits, glitches=glitches)
-    if any(doubt.refuses for doubt in found):
-        return found
-    corners = replace(run.spans, instants=tuple(i for i in log.instants if i.cause is not InstantKind.ROWS))
-    too_strong = impossible_torque(robot, figures.alone, log.origin, corners)
-    if too_strong is None:
-        return found
-    return (too_strong, *found)
+    doubts_without_dynamics = log.doubts(run.limits, own=robot.limits, glitches=glitches)
+    if any(doubt.refuses for doubt in doubts_without_dynamics):
+        return doubts_without_dynamics
+    corners = tuple(instant for instant in log.instants if instant.cause is not InstantKind.ROWS)
+    spans_of_corners = replace(run.spans, instants=corners)
+    torque_doubt = impossible_torque(robot, figures.alone, log.origin, spans_of_corners)
+    if torque_doubt is None:
+        return doubts_without_dynamics
+    return (torque_doubt, *doubts_without_dynamics)
 
 
 def _joints(run: MotionPass, found: MotionFigures) -> list[JointTorque]:
     """Figures of each joint."""
-    rms, units, terms, peak = np.sqrt(found.squares), run.load.units, run.terms(found), found.whole.peak
+    rms = np.sqrt(found.squares)
+    units = run.load.units
+    terms = run.terms(found)
+    peak = found.whole.peak
     joints = []
     for k, name in enumerate(run.load.with_load.model.drive_labels):
-        causes = {term: float(values[k]) for term, values in terms.items()}
         joint = JointTorque(
             joint=name,
             unit=units[k],
@@ -695,34 +762,37 @@ def _joints(run: MotionPass, found: MotionFigures) -> list[JointTorque]:
             time=float(peak.time[k]),
             rms=float(rms[k]),
             limit=float(run.limits.effort[k]),
-            terms=causes,
+            terms={term: float(torques[k]) for term, torques in terms.items()},
             noise=float(found.noise[k]),
         )
         joints.append(joint)
     return joints
 
 
-def _with_unsmoothed_figures(joints: Sequence[JointTorque], derived: MotionFigures) -> list[JointTorque]:
-    """Joints with noise, peak and its time of the unsmoothed log."""
-    peak, unsmoothed = derived.whole.peak, []
-    for k, j in enumerate(joints):
-        raw, time = float(peak.signed[k]), float(peak.time[k])
-        unsmoothed.append(replace(j, noise=float(derived.noise[k]), raw=raw, raw_time=time))
-    return unsmoothed
+def _with_unsmoothed_figures(joints: Sequence[JointTorque], unsmoothed: MotionFigures) -> list[JointTorque]:
+    """Joints with the noise of the unsmoothed log, and with its peak and the time of that as raw ones."""
+    peak = unsmoothed.whole.peak
+    with_figures = []
+    for k, joint in enumerate(joints):
+        raw, raw_time = float(peak.signed[k]), float(peak.time[k])
+        with_figures.append(replace(joint, noise=float(unsmoothed.noise[k]), raw=raw, raw_time=raw_time))
+    return with_figures
 
 
 def _check_finite(torques: Array, s: MotionSamples) -> None:
-    bad = ~np.isfinite(torques).all(axis=1)
-    if bad.any():
-        time = float(s.time[np.argmax(bad)])
+    """Raise TrajectoryError with the time of the first state whose torques are not finite."""
+    not_finite = ~np.isfinite(torques).all(axis=1)
+    if not_finite.any():
+        time = float(s.time[np.argmax(not_finite)])
         raise TrajectoryError(
             f"the torques at t = {printed(time)} s are not finite numbers. Positions may be absurdly large there, or a "
             "quaternion zero: look at that row."
         )
 
 
-def _rows_of_a_slice(load: LoadCase) -> int:
-    return max(1024, _NUMBERS_PER_CHUNK // max(1, load.robot.nv))
+def _rows_per_slice(load: LoadCase) -> int:
+    """Number of rows that are processed at once."""
+    return max(1024, _NUMBERS_PER_SLICE // max(1, load.robot.nv))
 
 
 def write_torques(report: TorqueReport, path: str | Path, *, split: bool) -> Path:
@@ -735,18 +805,20 @@ def write_torques(report: TorqueReport, path: str | Path, *, split: bool) -> Pat
         quantities.append("torque.derived")
     names = load.with_load.model.drive_names
     header = [f"{name}.{quantity}" for quantity, name in itertools.product(quantities, names)]
-    further, first = further_columns(report.held), 0
+    further = further_columns(report.held)
+    first = 0
     with csv_table(path, ["time", *header, *further]) as table:
-        for states, motion, inner in plan.surrounded_states(_rows_of_a_slice(load)):
+        for states, motion, inner in plan.surrounded_states(_rows_per_slice(load)):
             s = states[inner]
             torques = [load.torques(s)]
             if split:
                 torques += load.terms(s).values()
             if unsmoothed is not None:
-                torques.append(load.torques(unsmoothed.differentiation.complete(motion)[inner]))
-            own_rows = slice(first, first + len(s))
+                unsmoothed_states = unsmoothed.differentiation.complete(motion)[inner]
+                torques.append(load.torques(unsmoothed_states))
+            rows = slice(first, first + len(s))
             columns = [s.time[:, None], *map(load.drive_torques, torques)]
-            columns += [values[own_rows, None] for values in further.values()]
+            columns += [values[rows, None] for values in further.values()]
             table.numbers(np.concatenate(columns, axis=1))
             first += len(s)
     return Path(path)

@@ -43,21 +43,24 @@ KINDS = {"lower": "position", "upper": "position", "velocity": "velocity", "effo
     "tilting": "tilting moment",
 }
 """Quantity of each kind of limit."""
-_LOADS = ("effort", *BEARINGS)
+_LOAD_KINDS = ("effort", *BEARINGS)
 """Kinds of limits that depend on what holds the robot."""
-_ERROR = 0.025
+_ERROR_PROBABILITY = 0.025
 """Probability that noise makes some joint appear over its limit, or hides that one is."""
 _MAX_SIGMAS_OF_NOISE = 5.0
-"""Standard deviations not exceeded by any of some million samples."""
+"""Number of standard deviations that none of some million samples exceeds."""
 _MAX_UNCERTAIN_SHARE = 0.5
 """Fraction of a peak above which half its 95 % interval, or its noise correction, makes it unsure."""
-_MIN_SHARE_OF_LIMIT, _MIN_SHARE_OF_LARGEST = 0.5, 0.02
-"""Fraction of a joint's limit, or without one of the largest torque, above which an unsure peak matters."""
+_MIN_SHARE_OF_LIMIT = 0.5
+"""Fraction of a joint's limit above which an unsure peak matters."""
+_MIN_SHARE_OF_LARGEST = 0.02
+"""Fraction of the largest torque above which an unsure peak of a joint without a limit matters."""
 _MAX_HIDDEN_SHARE = 0.15
-"""Fraction of the time above which a gap with motion hides too much; near a limit any such gap does."""
+"""Fraction of the time above which a gap with motion hides too much. If a torque is near its limit, every such gap does."""
 _MAX_STEPS_TO_GAP = 3
 """Distance in median steps of the log within which a peak is at the end of a gap."""
-_MAX_LISTED = 4
+_MAX_LISTED_JOINTS = 4
+"""Largest number of joints, and of samples, that a sentence lists."""
 
 
 def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
@@ -68,12 +71,14 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
     """
     over, open_torques = _judge_torques(report)
     over += _motion_excesses(report, degrees=degrees)
-    hanging = base_doubts(report.load.robot.model, "hanging, feet")
-    certain = _certain_excesses(report, over, loads_doubted=bool(hanging))
+    doubts_of_base = base_doubts(report.load.robot.model, "hanging, feet")
+    hanging = bool(doubts_of_base)
+    certain = _certain_excesses(report, over, loads_doubted=hanging)
     excess_reasons = _excess_sentences(certain)
     doubts = _unsure_doubts([*doubts_of_limits(report), *report.load.doubts]) + rows_in_doubt(report)
     if over and not certain:
-        doubts.append(_doubtful_excess(report, _excess_sentences(over)[0], hanging=bool(hanging)))
+        worst_excess, *_ = _excess_sentences(over)
+        doubts.append(_doubtful_excess(report, worst_excess, hanging=hanging))
     for use in report.motors:
         if not use.too_small:
             continue
@@ -83,18 +88,18 @@ def verdict_of(report: TorqueReport, *, degrees: bool = False) -> Verdict:
         else:
             excess_reasons.append(excess)
     missing_limits = limit_doubts(report.load.robot, report.limits, report.peaks)
-    before, after = carried_doubts(report, report.joints)
+    doubts_before, doubts_after = carried_doubts(report, report.joints)
     max_hidden = most_hidden(report)
     if max((j.share for j in report.joints), default=0.0) > NEAR_LIMIT:
         max_hidden = 0.0
     gaps = _gap_doubts(report, max_hidden)
-    after = [reason for reason in after if reason not in doubts]
-    own = Verdict.from_reasons(
+    doubts_after = [reason for reason in doubts_after if reason not in doubts]
+    verdict_on_torques = Verdict.from_reasons(
         look_again=contradictions(report),
         over=excess_reasons,
-        unsure=[*hanging, *doubts, *missing_limits, *open_torques, *before, *gaps, *after],
+        unsure=[*doubts_of_base, *doubts, *missing_limits, *open_torques, *doubts_before, *gaps, *doubts_after],
     )
-    return _join_further_verdicts(report, own)
+    return _join_further_verdicts(report, verdict_on_torques)
 
 
 def _join_further_verdicts(report: TorqueReport, verdict: Verdict) -> Verdict:
@@ -111,13 +116,13 @@ def _join_further_verdicts(report: TorqueReport, verdict: Verdict) -> Verdict:
 
 
 def _motion_excesses(report: TorqueReport, *, degrees: bool) -> list[tuple[Excess, str]]:
-    """Exceeded position and velocity limits; not the stops of joints that are read after a turn more or less."""
-    excesses = []
+    """Exceeded position and velocity limits with their sentences.
+
+    Stops are left out for joints whose angles are compared with them after a turn more or less.
+    """
+    over, _ = _judge_motion(report, degrees=degrees)
     turned_joints = _turned_joints(report, level="note")
-    for e, text in _judge_motion(report, degrees=degrees)[0]:
-        if e.kind not in _STOPS or e.joint not in turned_joints:
-            excesses.append((e, text))
-    return excesses
+    return [(e, text) for e, text in over if e.kind not in _STOP_KINDS or e.joint not in turned_joints]
 
 
 def _certain_excesses(
@@ -128,8 +133,10 @@ def _certain_excesses(
     open_joints = open_loop_joints(report.load.robot.model)
     certain = []
     for e, text in over:
-        load_doubted = e.kind in _LOADS and (loads_doubted or e.joint in open_joints)
-        if (e.joint, e.kind) not in doubted and not load_doubted:
+        load_is_doubted = loads_doubted or e.joint in open_joints
+        if e.kind in _LOAD_KINDS and load_is_doubted:
+            continue
+        if (e.joint, e.kind) not in doubted:
             certain.append((e, text))
     return certain
 
@@ -155,11 +162,12 @@ def _unsure_doubts(doubts: Iterable[Doubt], kind: str | None = None) -> list[str
     return [str(doubt) for doubt in doubts if doubt.level == "unsure" and kind in (None, doubt.kind)]
 
 
-def _kinds_of_doubts(doubts: Iterable[Doubt]) -> set[str]:
-    return {doubt.kind for doubt in doubts}
+def _has_kind(doubts: Iterable[Doubt], kinds: Collection[str]) -> bool:
+    """True if one of the doubts is of one of the kinds."""
+    return any(doubt.kind in kinds for doubt in doubts)
 
 
-_EVERYWHERE = (
+_DOUBTS_OF_WHOLE_LOG = (
     "repeated",
     "buffered",
     "impossible-speed",
@@ -174,18 +182,19 @@ _MIN_DECISIVE_CHANGE = 0.05
 
 
 def doubted_excesses(report: TorqueReport) -> set[tuple[str, str]]:
-    """Joint and kind of the excesses that stand only at instants, or in a log, whose rows are in doubt."""
+    """Joint and kind of the excesses that depend on rows, or on effort limits, which are in doubt."""
     doubted = _doubted_by_log(report)
-    if not _kinds_of_doubts(doubts_of_limits(report)).isdisjoint(("effort-unit", "effort-weight")):
+    if _has_kind(doubts_of_limits(report), ("effort-unit", "effort-weight")):
         doubted = doubted | _joints_and_kinds(report.excesses, ["effort"])
     return doubted
 
 
 def _doubted_by_log(report: TorqueReport) -> set[tuple[str, str]]:
+    """Joint and kind of the excesses that a log in doubt has, or has only in rows that are in doubt."""
     if report.differentiation.trajectory.origin is Origin.PLAN:
         return set()
     excesses = _joints_and_kinds(report.excesses)
-    if not _kinds_of_doubts(report.doubts).isdisjoint(_EVERYWHERE):
+    if _has_kind(report.doubts, _DOUBTS_OF_WHOLE_LOG):
         return excesses
     refuted = _refuted_excesses(report)
     if report.sound is None:
@@ -194,24 +203,26 @@ def _doubted_by_log(report: TorqueReport) -> set[tuple[str, str]]:
 
 
 def _joints_and_kinds(excesses: Iterable[Excess], kinds: Collection[str] = tuple(KINDS)) -> set[tuple[str, str]]:
+    """Joint and kind of the excesses of these kinds."""
     return {(e.joint, e.kind) for e in excesses if e.kind in kinds}
 
 
 def _refuted_excesses(report: TorqueReport) -> set[tuple[str, str]]:
     """Joint and kind of the excesses that a measured torque or a turn more or less contradicts."""
-    refuted = set(itertools.product(_turned_joints(report, level="unsure"), _STOPS))
+    refuted = set(itertools.product(_turned_joints(report, level="unsure"), _STOP_KINDS))
     for m in report.measured:
         if m.refutes:
             refuted.add((m.joint, "effort"))
     return _joints_and_kinds(report.excesses) & refuted
 
 
-_STOPS = "lower", "upper"
+_STOP_KINDS = "lower", "upper"
+"""Kinds of limits that are position limits."""
 
 
 def _turned_joints(report: TorqueReport, *, level: Level) -> set[str]:
-    """Joints whose angles are compared with their stops after a turn more or less."""
-    joints = set[str]()
+    """Joints whose angles are compared with their stops after a turn more or less, by doubts of this level."""
+    joints: set[str] = set()
     for doubt in report.doubts:
         if doubt.kind == "wound" and doubt.level == level:
             joints.update(doubt.joints)
@@ -221,30 +232,33 @@ def _turned_joints(report: TorqueReport, *, level: Level) -> set[str]:
 def rows_in_doubt(report: TorqueReport) -> list[str]:
     """Sentences on rows that are missing, repeated or wrong, if they decide a figure; empty otherwise."""
     doubted = _doubted_by_log(report)
-    everywhere = [str(doubt) for doubt in report.doubts if doubt.kind in _EVERYWHERE and not doubt.refuses]
-    if everywhere and not doubted:
-        return []
-    if everywhere:
-        return everywhere
-    others = _unsure_doubts(report.doubts, "wound")
+    doubts_of_log = [str(doubt) for doubt in report.doubts if doubt.kind in _DOUBTS_OF_WHOLE_LOG and not doubt.refuses]
+    if doubts_of_log:
+        return doubts_of_log if doubted else []
+    refutations = _unsure_doubts(report.doubts, "wound")
     for m in report.measured:
         if m.refutes and (m.joint, "effort") in doubted:
-            others.append(m.refuting_words)
-    unexplained = doubted - _refuted_excesses(report)
-    if report.sound is None or (doubted and not unexplained):
-        return others
-    if not doubted and _change_of_share(report, report.sound.peaks) < _MIN_DECISIVE_CHANGE:
-        return others
-    times = [e.time for e in report.excesses if (e.joint, e.kind) in unexplained]
+            refutations.append(m.refuting_words)
+    if report.sound is None:
+        return refutations
+    doubted_by_rows = doubted - _refuted_excesses(report)
+    if doubted:
+        rows_are_decisive = bool(doubted_by_rows)
+    else:
+        rows_are_decisive = _change_of_share(report, report.sound.peaks) >= _MIN_DECISIVE_CHANGE
+    if not rows_are_decisive:
+        return refutations
+    times = [e.time for e in report.excesses if (e.joint, e.kind) in doubted_by_rows]
     if not times and report.worst is not None:
         times = [report.joints[report.worst].time]
-    return [str(report.spans.doubt_at(times)), *others]
+    return [str(report.spans.doubt_at(times)), *refutations]
 
 
 def _change_of_share(report: TorqueReport, sound_peaks: Array) -> float:
-    """Largest share of a torque limit, less that of the peaks in sound rows."""
-    largest, limits = np.array([(abs(j.largest), j.limit) for j in report.joints]).reshape(-1, 2).T
-    return float((largest / limits).max(initial=0.0) - (sound_peaks / limits).max(initial=0.0))
+    """Largest share of a torque limit, less that of the peaks (nv,) in sound rows."""
+    peaks = np.array([abs(j.largest) for j in report.joints])
+    limits = np.array([j.limit for j in report.joints])
+    return float((peaks / limits).max(initial=0.0) - (sound_peaks / limits).max(initial=0.0))
 
 
 def condition_of_excesses(report: TorqueReport) -> str:
@@ -270,7 +284,7 @@ def most_hidden(report: TorqueReport) -> float:
 def contradictions(report: TorqueReport) -> list[str]:
     """Reasons to look again at the input that do not depend on payload and speed."""
     refusing = [str(doubt) for doubt in (*doubts_of_limits(report), *report.doubts) if doubt.refuses]
-    return [*report.load.contradictions, *refusing, *_against(report, contradicting=True)]
+    return [*report.load.contradictions, *refusing, *_reasons_of_differing_torques(report, contradicting=True)]
 
 
 def doubts_of_limits(report: TorqueReport) -> list[Doubt]:
@@ -283,7 +297,8 @@ def carried_doubts(report: TorqueReport, joints: Sequence[PeakTorque] = ()) -> t
 
     If ``joints`` holds the peaks of all velocities, they include the missing force of a floating base.
     """
-    before = _wide_peaks(report) + _judge_motion(report)[1] + model_warnings(report.load.with_load.model, joints)
+    _, noisy_excesses = _judge_motion(report)
+    before = _wide_peaks(report) + noisy_excesses + model_warnings(report.load.with_load.model, joints)
     return before, _reasons_of_log(report)
 
 
@@ -302,68 +317,74 @@ def _reasons_of_log(report: TorqueReport) -> list[str]:
     reasons += _unsure_doubts(report.doubts)
     reasons += [m.above_words for m in report.measured if m.lasting and not m.contradicts]
     reasons += [m.cut_words for m in report.measured if m.cut and m.matters]
-    different = _different(report)
+    differing = _differing_torques(report)
     for cause in report.causes:
-        if _alarms(cause) and not _explains_some(cause, different):
+        if _concerns_other_motions(cause) and not _explains_any(cause, differing):
             reasons.append(cause.sentence.rstrip("."))
-    return reasons + _against(report, contradicting=False)
+    return reasons + _reasons_of_differing_torques(report, contradicting=False)
 
 
-def _different(report: TorqueReport) -> list[MeasuredTorque]:
+def _differing_torques(report: TorqueReport) -> list[MeasuredTorque]:
     """Measured torques whose difference from the computed ones affects the verdict."""
-    least = {j.joint: _MIN_RESIDUAL * j.limit for j in _limited_joints(report)}
-    return [m for m in report.measured if m.disagrees and m.residual > least.get(m.joint, 0.0)]
+    min_differences = {j.joint: _MIN_DIFFERENCE_OF_LIMIT * j.limit for j in _limited_joints(report)}
+    return [m for m in report.measured if m.disagrees and m.residual > min_differences.get(m.joint, 0.0)]
 
 
-_MIN_RESIDUAL = 0.02
+_MIN_DIFFERENCE_OF_LIMIT = 0.02
 """Fraction of a joint's limit above which the difference of measured and computed torques affects the verdict."""
-_CAUSES_OF_OWN_TORQUES, _MINOR_CAUSES = ("torque-sign", "exchanged-torques", "gain"), ("late", "low-pass")
-"""Causes that affect only measured torques of their joints, and causes with small effects."""
+_CAUSES_OF_OWN_TORQUES = ("torque-sign", "exchanged-torques", "gain")
+"""Causes that affect only measured torques of their joints."""
+_MINOR_CAUSES = ("late", "low-pass")
+"""Causes with small effects."""
+
+
+def _is_gross(cause: Doubt) -> bool:
+    """True if a cause has large effects on torques: a discrete or continuous change (stages 2 and 3), not a joint law."""
+    return doubt_table()[cause.kind].stage in (2, 3) and cause.kind not in _MINOR_CAUSES
 
 
 def explains(cause: Doubt, joint: str) -> bool:
     """True if a cause makes a joint's measured torque differ grossly from the computed one; joint laws do not."""
-    if doubt_table()[cause.kind].stage not in (2, 3) or cause.kind in _MINOR_CAUSES:
+    if not _is_gross(cause):
         return False
     return cause.kind not in _CAUSES_OF_OWN_TORQUES or joint in cause.joints
 
 
-def _explains_some(cause: Doubt, measured: Iterable[MeasuredTorque]) -> bool:
+def _explains_any(cause: Doubt, measured: Iterable[MeasuredTorque]) -> bool:
+    """True if a cause explains one of the measured torques."""
     return any(explains(cause, m.joint) for m in measured)
 
 
 def _is_explained(joint: str, causes: Iterable[Doubt]) -> bool:
+    """True if one of the causes explains the measured torque of a joint."""
     return any(explains(cause, joint) for cause in causes)
 
 
-def _alarms(cause: Doubt) -> bool:
+def _concerns_other_motions(cause: Doubt) -> bool:
     """True if a cause also affects the torques of other motions, so that the computed ones are in doubt."""
-    return cause.refuses and doubt_table()[cause.kind].stage in (2, 3) and cause.kind not in _MINOR_CAUSES
+    return cause.refuses and _is_gross(cause)
 
 
-def _against(report: TorqueReport, *, contradicting: bool) -> list[str]:
+def _reasons_of_differing_torques(report: TorqueReport, *, contradicting: bool) -> list[str]:
     """Reasons from differing measured torques: named causes, and figures of joints without a cause.
 
-    They are those of the torques that contradict the model, or of those that do not.
+    Only torques that contradict the model are considered if ``contradicting``, otherwise only the others.
     """
-    different = [m for m in _different(report) if m.contradicts == contradicting]
-    causes, reasons = list[Doubt](), list[str]()
-    for cause in report.causes:
-        if _explains_some(cause, different):
-            causes.append(cause)
-            reasons.append(cause.sentence.rstrip("."))
-    unexplained = [m.words for m in different if not _is_explained(m.joint, causes)]
+    differing = [m for m in _differing_torques(report) if m.contradicts == contradicting]
+    causes = [cause for cause in report.causes if _explains_any(cause, differing)]
+    reasons = [cause.sentence.rstrip(".") for cause in causes]
+    unexplained = [m.words for m in differing if not _is_explained(m.joint, causes)]
     if unexplained:
-        figures = listed(unexplained, _MAX_LISTED, "; ")
+        figures = listed(unexplained, _MAX_LISTED_JOINTS, "; ")
         reasons.append(f"the file's own torque column disagrees with the torques computed: {figures}")
     return reasons
 
 
 def confidence(joints: int) -> float:
-    """Standard deviations that bound the peaks of that many joints simultaneously; () → ()."""
+    """Number of standard deviations that bounds the peaks of so many joints simultaneously."""
     from scipy.special import ndtri
 
-    return float(ndtri(1.0 - _ERROR / max(1, joints)))
+    return float(ndtri(1.0 - _ERROR_PROBABILITY / max(1, joints)))
 
 
 def _judge_torques(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list[str]]:
@@ -373,16 +394,17 @@ def _judge_torques(report: TorqueReport) -> tuple[list[tuple[Excess, str]], list
     excesses = _torque_excesses(report)
     over, unsure = [], []
     for j in limited:
-        reach, excess = factor * report.reach(j), excesses.get(j.joint)
+        reach = factor * report.reach(j)
+        excess = excesses.get(j.joint)
         if excess is not None and abs(j.peak) - reach > j.limit:
             over.append((excess, _over_sentence(report, j)))
         elif _is_open(j, reach, excess):
             unsure.append(_open_sentence(report, j))
-    for excess, text in _judge_followers(report):
-        if excess is None:
+    for follower_excess, text in _judge_followers(report):
+        if follower_excess is None:
             unsure.append(text)
         else:
-            over.append((excess, text))
+            over.append((follower_excess, text))
     return over, unsure
 
 
@@ -393,6 +415,7 @@ def _limited_joints(report: TorqueReport) -> list[JointTorque]:
 
 
 def _torque_excesses(report: TorqueReport) -> dict[str, Excess]:
+    """Exceeded torque limits by joint."""
     return {e.joint: e for e in report.excesses if e.kind == "effort"}
 
 
@@ -414,23 +437,29 @@ def _open_sentence(report: TorqueReport, j: JointTorque) -> str:
 
 def _is_open(j: JointTorque, reach: float, excess: Excess | None) -> bool:
     """True if noise within ``reach`` of the peak decides whether the limit is exceeded."""
-    return bool(over_limit((abs(j.peak) + reach) / j.limit)) and (reach > 0 or excess is not None)
+    if reach == 0 and excess is None:
+        return False
+    return bool(over_limit((abs(j.peak) + reach) / j.limit))
 
 
 def _wide_peaks(report: TorqueReport) -> list[str]:
     """Sentence on peaks too uncertain due to noise, of joints without another verdict; empty if there are none."""
     limited = _limited_joints(report)
-    factor, excesses = confidence(len(limited)), _torque_excesses(report)
+    factor = confidence(len(limited))
+    excesses = _torque_excesses(report)
     candidates = [j for j in limited if not _is_open(j, factor * report.reach(j), excesses.get(j.joint))]
     candidates += [j for j in report.joints if not math.isfinite(j.limit)]
     peaks = [_peak_text(report, j) for j in candidates if _is_wide(report, j)]
     if not peaks:
         return []
-    return [f"noise is too large a part of the peak: {listed(peaks, _MAX_LISTED, '; ')}"]
+    return [f"noise is too large a part of the peak: {listed(peaks, _MAX_LISTED_JOINTS, '; ')}"]
 
 
 def _judge_followers(report: TorqueReport) -> list[tuple[Excess | None, str]]:
-    """Mimic joints over their torque limits, as uncertain as their leaders; without the excess if noise may explain it."""
+    """Mimic joints over their torque limits, with sentences; the excess is None if noise may explain it.
+
+    Their torques are as uncertain as those of their leaders.
+    """
     factor = confidence(len(_limited_joints(report)))
     leaders = {j.joint for j in report.joints}
     bodies = {body.joint.name: body for body in report.load.robot.model.bodies}
@@ -457,20 +486,20 @@ def _is_wide(report: TorqueReport, j: JointTorque) -> bool:
     """True if the interval of the peak is too wide for its limit, or, without a limit, most of the peak is noise."""
     if j.estimate is None:
         return False
-    half_width, size = INTERVAL * report.reach(j), abs(j.peak)
-    too_wide = half_width > _MAX_UNCERTAIN_SHARE * size
+    peak = abs(j.peak)
+    half_width = INTERVAL * report.reach(j)
+    is_too_wide = half_width > _MAX_UNCERTAIN_SHARE * peak
     if math.isfinite(j.limit):
-        return too_wide and size + half_width > _MIN_SHARE_OF_LIMIT * j.limit
-    raw = abs(j.largest)
-    if j.raw is not None:
-        raw = abs(j.raw)
-    mostly_noise = raw - size > _MAX_UNCERTAIN_SHARE * raw
-    largest = max(abs(other.peak) for other in report.joints if other.unit == j.unit)
-    return (too_wide or mostly_noise) and max(size + half_width, raw) > _MIN_SHARE_OF_LARGEST * largest
+        return is_too_wide and peak + half_width > _MIN_SHARE_OF_LIMIT * j.limit
+    raw_peak = abs(j.largest) if j.raw is None else abs(j.raw)
+    is_mostly_noise = raw_peak - peak > _MAX_UNCERTAIN_SHARE * raw_peak
+    largest_peak = max(abs(other.peak) for other in report.joints if other.unit == j.unit)
+    matters = max(peak + half_width, raw_peak) > _MIN_SHARE_OF_LARGEST * largest_peak
+    return matters and (is_too_wide or is_mostly_noise)
 
 
 def _peak_text(report: TorqueReport, j: JointTorque) -> str:
-    """Text of the estimated, derived and measured peak."""
+    """Text of the estimated peak, of that derived from the unsmoothed log, and of a measured one that differs."""
     text = f"{j.joint} {torque(j.peak)} ± {deviation(report.reach(j))} {j.unit}"
     if j.raw is not None:
         text += f", {torque(j.raw)} as derived"
@@ -482,16 +511,17 @@ def _peak_text(report: TorqueReport, j: JointTorque) -> str:
 
 
 def _over_sentence(report: TorqueReport, j: JointTorque) -> str:
-    reach = report.reach(j)
-    doubt = ""
-    if reach > MIN_NOISE_SHARE * report.reference(j):
-        doubt = sentence("doubt", sigma=deviation(reach))
+    """Sentence on a joint that is certainly over its torque limit."""
+    sigma = report.reach(j)
+    uncertainty = ""
+    if sigma > MIN_NOISE_SHARE * report.reference(j):
+        uncertainty = sentence("doubt", sigma=deviation(sigma))
     return sentence(
         "over",
         joint=j.joint,
         time=seconds(j.time),
         peak=torque(j.peak),
-        doubt=doubt,
+        doubt=uncertainty,
         unit=j.unit,
         limit=number(j.limit),
         share=percent_of_limit(j.share),
@@ -506,55 +536,65 @@ def because(joint: JointTorque) -> str:
 
 
 def _judge_motion(report: TorqueReport, *, degrees: bool = False) -> tuple[list[tuple[Excess, str]], list[str]]:
-    """Exceeded position and velocity limits, and sentences on those explained by noise."""
+    """Exceeded limits of positions, velocities and bearings with sentences, and sentences on those that noise explains."""
     over: list[tuple[Excess, str]] = []
-    doubtful: dict[str, list[str]] = {}
+    noisy_joints: dict[str, list[str]] = {}  # by quantity
     for e in report.excesses:
         if e.kind == "effort":
             continue
         if is_noise(report, e):
-            doubtful.setdefault(KINDS[e.kind], []).append(e.joint)
+            noisy_joints.setdefault(KINDS[e.kind], []).append(e.joint)
         else:
-            over.append((e, _excess_sentence(e, degrees=degrees)))
-    if report.derived is not None:
+            over.append((e, _motion_sentence(e, degrees=degrees)))
+    if report.derived is not None:  # velocities that smoothing has brought below their limits
         exceeded = _joints_and_kinds(report.excesses)
         for e in report.derived.excesses:
-            if e.kind == "velocity" and (e.joint, e.kind) not in exceeded and _reaches(report, e):
-                doubtful.setdefault(KINDS[e.kind], []).append(e.joint)
+            if e.kind == "velocity" and (e.joint, e.kind) not in exceeded and _may_exceed_limit(report, e):
+                noisy_joints.setdefault(KINDS[e.kind], []).append(e.joint)
     doubts = []
-    for kind, joints in doubtful.items():
-        doubts.append(f"noise explains why the {kind} limit of {listed(joints, _MAX_LISTED)} is passed")
+    for quantity, joints in noisy_joints.items():
+        doubts.append(f"noise explains why the {quantity} limit of {listed(joints, _MAX_LISTED_JOINTS)} is passed")
     return over, doubts
 
 
-def _excess_sentence(e: Excess, *, degrees: bool) -> str:
+def _motion_sentence(e: Excess, *, degrees: bool) -> str:
     """Sentence on a position, velocity or load of a bearing beyond its limit."""
     if e.kind in BEARINGS:
-        load = {"value": torque(e.value), "limit": number(e.limit, 5), "unit": e.unit, "time": seconds(e.time)}
-        return sentence("bearing", joint=e.joint, kind=KINDS[e.kind], **load)
+        return sentence(
+            "bearing",
+            joint=e.joint,
+            kind=KINDS[e.kind],
+            value=torque(e.value),
+            limit=number(e.limit, 5),
+            unit=e.unit,
+            time=seconds(e.time),
+        )
     if e.kind == "velocity":
-        coordinate, excess = "dq", abs(e.value) - e.limit
+        quantity, excess = "dq", abs(e.value) - e.limit
     else:
-        coordinate, excess = "q", abs(e.value - e.limit)
-    scale = 1.0
+        quantity, excess = "q", abs(e.value - e.limit)
+    factor = 1.0
     if degrees and e.angular:
-        scale = math.degrees(1.0)
+        factor = math.degrees(1.0)
     return sentence(
         "motion",
         joint=e.joint,
         time=seconds(e.time),
         kind=KINDS[e.kind],
-        by=number(scale * excess, 3),
-        unit=unit_of(coordinate, e.angular, degrees=degrees),
-        value=number(scale * e.value, 5),
-        limit=number(scale * e.limit, 5),
+        by=number(factor * excess, 3),
+        unit=unit_of(quantity, e.angular, degrees=degrees),
+        value=number(factor * e.value, 5),
+        limit=number(factor * e.limit, 5),
     )
 
 
-def _reaches(report: TorqueReport, e: Excess) -> bool:
-    """True if a velocity within its limit after smoothing may exceed it."""
-    estimate = report.joints[report.differentiation.model.velocity_names.index(e.joint)].estimate
-    return estimate is None or abs(estimate.speed) + _MAX_SIGMAS_OF_NOISE * estimate.speed_sigma > e.limit
+def _may_exceed_limit(report: TorqueReport, e: Excess) -> bool:
+    """True if a velocity that is within its limit after smoothing may exceed it all the same."""
+    k = report.differentiation.model.velocity_names.index(e.joint)
+    estimate = report.joints[k].estimate
+    if estimate is None:
+        return True
+    return abs(estimate.speed) + _MAX_SIGMAS_OF_NOISE * estimate.speed_sigma > e.limit
 
 
 def is_noise(report: TorqueReport, e: Excess) -> bool:
@@ -566,8 +606,9 @@ def is_noise(report: TorqueReport, e: Excess) -> bool:
         if estimate is None or not d.derives_velocities:
             return False
         return abs(estimate.speed) - _MAX_SIGMAS_OF_NOISE * estimate.speed_sigma <= e.limit
-    if e.kind in BEARINGS or not (d.derives and d.derives_velocities):
-        return False  # noise of these was not estimated
+    position_noise_is_known = d.derives and d.derives_velocities
+    if e.kind in BEARINGS or not position_noise_is_known:
+        return False
     body = next(b for b in d.model.leaders if b.v_index <= k < b.v_index + b.joint.nv)
     return abs(e.value - e.limit) <= _MAX_SIGMAS_OF_NOISE * float(d.errors.at_rest[body.q_index])
 
@@ -576,16 +617,21 @@ def _excess_sentences(over: list[tuple[Excess, str]]) -> list[str]:
     """Sentences on the worst excess and on the other joints."""
     if not over:
         return []
-    first, text = over[0]
-    kinds_of_joints: dict[str, dict[str, None]] = {}
-    for e, _ in over[1:]:
-        kinds = kinds_of_joints.setdefault(e.joint, {})
-        if (e.joint, KINDS[e.kind]) != (first.joint, KINDS[first.kind]):
-            kinds[KINDS[e.kind]] = None
-    others = [sentence("other", joint=name, kinds=", ".join(kinds)) for name, kinds in kinds_of_joints.items() if kinds]
-    if not others:
+    (worst, text), *others = over
+    quantities_by_joint: dict[str, list[str]] = {}
+    for e, _ in others:
+        quantity = KINDS[e.kind]
+        quantities = quantities_by_joint.setdefault(e.joint, [])
+        is_in_text = (e.joint, quantity) == (worst.joint, KINDS[worst.kind])  # the other stop of the same joint
+        if not is_in_text and quantity not in quantities:
+            quantities.append(quantity)
+    other_texts = []
+    for joint, quantities in quantities_by_joint.items():
+        if quantities:
+            other_texts.append(sentence("other", joint=joint, kinds=", ".join(quantities)))
+    if not other_texts:
         return [text]
-    return [text, sentence("also", others=listed(others, _MAX_LISTED))]
+    return [text, sentence("also", others=listed(other_texts, _MAX_LISTED_JOINTS))]
 
 
 # ── Notes on the log
@@ -604,12 +650,12 @@ def notes_of(report: TorqueReport) -> Iterator[str]:
     yield from _contact_notes(report)
     model = report.load.with_load.model
     missing = drives_without_limit(model, report.limits.effort, report.peaks)
-    if missing and report.verdict.word is not Word.UNSURE:  # otherwise among the reasons
+    if missing and report.verdict.word is not Word.UNSURE:  # the reasons of UNSURE have it
         yield f"No torque limit is known for {listed(missing)}: {limits_remedy(model.source)}."
     yield from _payload_notes(report)
     yield from _friction_notes(report)
     yield from _measured_notes(report)
-    yield from _stray_notes(report)
+    yield from _outlier_notes(report)
     yield from report.differentiation.trajectory.notes
 
 
@@ -632,12 +678,11 @@ def _derivation_notes(report: TorqueReport) -> Iterator[str]:
 
 
 def _gap_note(report: TorqueReport) -> str:
+    """Note on the number of gaps in time, and on the longest."""
     gaps = report.gaps
-    times = "times"
-    if gaps.count == 1:
-        times = "time"
+    noun = "time" if gaps.count == 1 else "times"
     note = (
-        f"Time jumps {gaps.count} {times} by more than {number(gaps.threshold / report.quality.step)} usual steps; "
+        f"Time jumps {gaps.count} {noun} by more than {number(gaps.threshold / report.quality.step)} usual steps; "
         f"the longest gap is {number(gaps.longest)} s, after t = {seconds(gaps.longest_at, 4)} s."
     )
     if report.differentiation.derives:
@@ -650,9 +695,9 @@ def _contact_notes(report: TorqueReport) -> Iterator[str]:
     if report.held.support is not None:
         yield from support_notes(report.held.support)
         return
-    floating = list(dict.fromkeys(b.joint.name for b in report.load.robot.model.bodies if not b.joint.driven))
-    if floating and not missing_force(report.load.with_load.model, report.joints):  # otherwise the verdict has it
-        yield f"Nothing drives {', '.join(floating)}: its rows are the wrench that contacts would have to give."
+    undriven = list(dict.fromkeys(b.joint.name for b in report.load.robot.model.bodies if not b.joint.driven))
+    if undriven and not missing_force(report.load.with_load.model, report.joints):  # the verdict names a missing force
+        yield f"Nothing drives {', '.join(undriven)}: its rows are the wrench that contacts would have to give."
 
 
 def _payload_notes(report: TorqueReport) -> Iterator[str]:
@@ -660,7 +705,7 @@ def _payload_notes(report: TorqueReport) -> Iterator[str]:
     model = report.load.robot.model
     frames_at_base = []
     for payload in report.load.payloads:
-        frame = f"{payload.frame or model.tip}"
+        frame = str(payload.frame or model.tip)
         if model.frame(frame).body == BASE:
             frames_at_base.append(frame)
     if frames_at_base:
@@ -676,15 +721,17 @@ def notes_on_log(report: TorqueReport) -> Iterator[str]:
     """Notes on the log that affect all loads, whatever is judged by them."""
     if report.noisy:
         yield from _quality_notes(report)
-    yield from _stray_notes(report)
+    yield from _outlier_notes(report)
     yield from report.differentiation.trajectory.notes
 
 
 def _friction_notes(report: TorqueReport) -> Iterator[str]:
+    """Note on joints with Coulomb friction that are at rest within the noise, with the share of the rows."""
     if not report.load.friction:
         return
     model = report.load.robot.model
-    friction, rest_shares = model.friction.static, np.array(report.stationary)
+    friction = model.friction.static
+    rest_shares = np.array(report.stationary)
     for rows, _, _ in model.coupled:  # a motor is at rest if all its joints are at rest
         rest_shares[rows] = rest_shares[rows].min()
     resting = []
@@ -699,21 +746,17 @@ def _friction_notes(report: TorqueReport) -> Iterator[str]:
 
 
 def _measured_notes(report: TorqueReport) -> Iterator[str]:
+    """Notes on measured torques: causes of differences, joints that differ, short peaks, and columns that never change."""
     for cause in report.causes:
         if cause.sentence.rstrip(".") not in report.verdict.reasons:
             yield f"{cause.sentence[0].upper()}{cause.sentence[1:]}"
-    different, within_noise, constant = list[str](), list[str](), list[str]()
-    for m in report.measured:
-        if m.disagrees and not _is_explained(m.joint, report.causes):
-            different.append(m.joint)
-        if m.differs and not m.disagrees:
-            within_noise.append(m.joint)
-        if m.dead:
-            constant.append(m.joint)
-    if different:
+    unexplained = [m.joint for m in report.measured if m.disagrees and not _is_explained(m.joint, report.causes)]
+    within_noise = [m.joint for m in report.measured if m.differs and not m.disagrees]
+    constant = [m.joint for m in report.measured if m.dead]
+    if unexplained:
         yield (
-            f"The file's own torques are grossly different from those computed for {', '.join(different)}: friction or load "
-            "that the model lacks, another robot, or another unit."
+            f"The file's own torques are grossly different from those computed for {', '.join(unexplained)}: friction or "
+            "load that the model lacks, another robot, or another unit."
         )
     if within_noise:
         yield (
@@ -730,22 +773,19 @@ def _measured_notes(report: TorqueReport) -> Iterator[str]:
         yield f"The torque column never changes, and is not compared, for {', '.join(constant)}."
 
 
-def _stray_notes(report: TorqueReport) -> Iterator[str]:
+def _outlier_notes(report: TorqueReport) -> Iterator[str]:
+    """Note on samples that smoothing flattened although noise does not explain them."""
     d = report.differentiation
     columns = d.trajectory.columns
-    factors = columns.factors["q"]
-    if d.source == "velocities":
-        factors = columns.factors["dq"]
+    factors = columns.factors["dq" if d.source == "velocities" else "q"]
     samples = []
-    for outlier in report.outliers[:_MAX_LISTED]:
+    for outlier in report.outliers[:_MAX_LISTED_JOINTS]:
         name = columns.header[int(d.places[outlier.column])]
         if outlier.count > 1:
             name += f", {outlier.count} samples, the farthest"
-        deviation_in_file = outlier.off / factors[outlier.column]
-        samples.append(
-            f"{name} at t = {seconds(outlier.time, 4)} s off by {number(deviation_in_file)} "
-            f"({number(abs(outlier.sigmas), 2)} σ)"
-        )
+        offset_in_file = outlier.off / factors[outlier.column]
+        sigmas = number(abs(outlier.sigmas), 2)
+        samples.append(f"{name} at t = {seconds(outlier.time, 4)} s off by {number(offset_in_file)} ({sigmas} σ)")
     if not samples:
         return
     text = "; ".join(samples)
@@ -758,8 +798,8 @@ def _stray_notes(report: TorqueReport) -> Iterator[str]:
 
 
 def _quality_notes(report: TorqueReport) -> Iterator[str]:
-    d = report.differentiation
-    if d.source == "given":
+    """Notes on the noise of a log with derived rates, and on how it was removed."""
+    if report.differentiation.source == "given":
         return
     if not report.noisy:
         yield f"Noise of the log moves no torque by more than {percent(MIN_NOISE_SHARE, 1)} of its peak."
@@ -787,33 +827,33 @@ def _quality_notes(report: TorqueReport) -> Iterator[str]:
 
 def _noise_note(report: TorqueReport) -> str:
     """Noise of the noisiest column, and its effect on accelerations and torques."""
-    d, survey = report.differentiation, report.quality
-    column = int(survey.noise.argmax())
-    noise = (
-        f"{number(survey.noise[column], 2)} (1 σ, {d.trajectory.columns.header[d.places[column]]}, in the file's unit"
-    )
-    if survey.quantum[column]:
-        noise += f", on a grid of {number(survey.quantum[column])}"
+    d, quality = report.differentiation, report.quality
+    column = int(quality.noise.argmax())
+    name = d.trajectory.columns.header[d.places[column]]
+    noise = f"{number(quality.noise[column], 2)} (1 σ, {name}, in the file's unit"
+    if quality.quantum[column]:
+        noise += f", on a grid of {number(quality.quantum[column])}"
     noise += ")"
     if _stamps_matter(report):
         stamp_errors = d.errors.stamp
-        noise += f", and stamp errors of {number(1e3 * np.median(stamp_errors[stamp_errors > 0]), 2)} ms"
+        usual_error = np.median(stamp_errors[stamp_errors > 0])
+        noise += f", and stamp errors of {number(1e3 * usual_error, 2)} ms"
     if report.derived is None:
-        derived, motion = d, "Smoothed, it still"
+        subject, sigma_ddq = "Smoothed, it still", d.sigma_ddq
     else:
-        derived, motion = report.derived.differentiation, "As it is, it"
-    worst = int(derived.sigma_ddq.argmax())
+        subject, sigma_ddq = "As it is, it", report.derived.differentiation.sigma_ddq
+    worst = int(sigma_ddq.argmax())
     unit = unit_of("ddq", bool(Coordinates.from_model(d.model).angular_velocity[worst]))
     noisiest = max(report.joints, key=lambda j: j.noise)
     return (
-        f"The log has noise of {noise}. {motion} makes accelerations "
-        f"unsure by {number(derived.sigma_ddq.max(), 2)} {unit} ({report.joints[worst].joint}) and single torques by up to "
+        f"The log has noise of {noise}. {subject} makes accelerations "
+        f"unsure by {number(sigma_ddq.max(), 2)} {unit} ({report.joints[worst].joint}) and single torques by up to "
         f"{deviation(noisiest.noise)} {noisiest.unit} ({noisiest.joint})."
     )
 
 
 def _stamps_matter(report: TorqueReport) -> bool:
-    """True if most moving columns have time stamp errors beyond their noise."""
-    moving = report.quality.noise > 0
-    with_stamp_errors = report.differentiation.errors.stamp > 0
-    return bool(moving.any() and (with_stamp_errors & moving).sum() > 0.5 * moving.sum())
+    """True if most noisy columns have time stamp errors beyond their noise."""
+    is_noisy = report.quality.noise > 0
+    has_stamp_error = report.differentiation.errors.stamp > 0
+    return bool(is_noisy.any() and (has_stamp_error & is_noisy).sum() > 0.5 * is_noisy.sum())

@@ -39,28 +39,29 @@ from .support.view import contact_tables, imbalance
 from .torque_report import MIN_NOISE_SHARE, BearingUse, Excess, JointTorque, TorqueReport
 from .torque_verdict import KINDS, notes_of
 
-_DIGITS = 3
+_FIGURE_DIGITS = 3
 """Digits of currents, voltages, speeds and powers."""
-_MAX_DECIMALS = 6
-"""Decimals of these beyond which they are rounding errors."""
+_MAX_FIGURE_DECIMALS = 6
+"""Decimals of currents, voltages, speeds and powers; further ones are rounding errors."""
 _MAX_LISTED_MOTORS = 3
+"""Largest number of motors that are listed as too small."""
 
 
 def motors_table(motors: Sequence[MotorUse]) -> Table:
     """Table with one row per motor; limits are shown behind the values, exceeding values are red."""
     columns = [words("joint", [use.joint for use in motors])]
-    for k, demand in enumerate(motors[0].demands):  # each motor has the same kinds of demands, a column for each
-        name = demand.what.replace(" current", "")  # the unit tells it
+    for k, kind in enumerate(motors[0].demands):  # each motor has the same kinds of demands, a column for each
+        name = kind.what.replace(" current", "")  # the unit says that it is a current
         demands = [use.demands[k] for use in motors]
         limits = [demand.limit for demand in demands]
-        columns.append(numbers(name, map(_demand_cell, demands), unit=demand.unit, limits=limits))
+        columns.append(numbers(name, map(_demand_cell, demands), unit=kind.unit, limits=limits))
     shares = np.array([use.tightest.share for use in motors])
     known_shares = np.where(shares == 0.0, np.nan, shares)  # without a limit a share is 0
     return Table(
         "Motors",
         *columns,
-        numbers("power", [use.power for use in motors], _figure, "W", wide_only=True),
-        numbers("heat", [use.heat for use in motors], _figure, "W", wide_only=True),
+        numbers("power", [use.power for use in motors], _figure_text, "W", wide_only=True),
+        numbers("heat", [use.heat for use in motors], _figure_text, "W", wide_only=True),
         numbers("used", known_shares.tolist(), share_cell),
         most=_MAX_ROWS,
         by=shares.tolist(),
@@ -69,16 +70,15 @@ def motors_table(motors: Sequence[MotorUse]) -> Table:
 
 def _demand_cell(demand: Demand) -> Line:
     """Value, red beyond its limit, and the limit behind it."""
-    limit, style = "", ""
+    limit_text = ""
     if math.isfinite(demand.limit):
-        limit = f" / {number(demand.limit, _DIGITS)}"
-    if over_limit(demand.share):
-        style = Style.OVER
-    return Line((_figure(demand.value), style), (limit, Style.QUIET), value=demand.value)
+        limit_text = f" / {number(demand.limit, _FIGURE_DIGITS)}"
+    style = Style.OVER if over_limit(demand.share) else ""
+    return Line((_figure_text(demand.value), style), (limit_text, Style.QUIET), value=demand.value)
 
 
-def _figure(value: float) -> str:
-    return number(value, _DIGITS, decimals=_MAX_DECIMALS)
+def _figure_text(value: float) -> str:
+    return number(value, _FIGURE_DIGITS, decimals=_MAX_FIGURE_DECIMALS)
 
 
 def motors_verdict(motors: Sequence[MotorUse]) -> Line:
@@ -101,10 +101,10 @@ def report_view(report: TorqueReport) -> Iterator[Block]:
     yield _heading(report)
     if report.held.support is not None:
         yield from imbalance(report.held.support)
-    yield _peaks(report)
-    yield _causes(report)
+    yield _peaks_table(report)
+    yield _causes_table(report)
     if report.bearings:
-        yield _bearings(report.bearings)
+        yield _bearings_table(report.bearings)
     if report.held.support is not None:
         yield from contact_tables(report.held.support)
     if report.held.mounting is not None:
@@ -112,31 +112,30 @@ def report_view(report: TorqueReport) -> Iterator[Block]:
     if report.held.grip is not None:
         yield report.held.grip.table()
     if report.with_why and report.worst is not None:
-        yield _why(report, report.worst)
+        yield _explanation_table(report, report.worst)
     if any(not m.dead for m in report.measured):
         yield _measured_table(report)
     if report.motors:
         yield motors_table(report.motors)
         yield motors_verdict(report.motors)
-    motion_excesses = [e for e in report.excesses if e.kind != "effort"]
+    motion_excesses = [excess for excess in report.excesses if excess.kind != "effort"]
     if motion_excesses:
-        yield _motion_limits(motion_excesses, degrees=report.in_degrees)
+        yield _motion_limits_table(motion_excesses, degrees=report.in_degrees)
     yield from remarks(notes_of(report))
 
 
 def _heading(report: TorqueReport) -> Line:
+    """Robot, motion, payloads, wrenches, and whether friction is counted."""
     load = report.load
-    motion = f"{Path(report.trajectory).name}: {number(report.end - report.begin)} s, "
-    if report.rows == 1:
-        motion += "1 row"
-    else:
-        motion += f"{report.rows:,} rows at {number(1e3 * report.quality.step)} ms"
-    parts = [motion]
+    rows = "1 row"
+    if report.rows != 1:
+        rows = f"{report.rows:,} rows at {number(1e3 * report.quality.step)} ms"
+    parts = [f"{Path(report.trajectory).name}: {number(report.end - report.begin)} s, {rows}"]
     for payload in load.payloads:
-        carried = f"payload {number(payload.mass)} kg at {payload.frame or load.robot.model.tip}"
+        payload_text = f"payload {number(payload.mass)} kg at {payload.frame or load.robot.model.tip}"
         if any(payload.place):
-            carried += f" + {list(payload.place)} m"
-        parts.append(carried)
+            payload_text += f" + {list(payload.place)} m"
+        parts.append(payload_text)
     if not load.payloads:
         parts.append("no payload")
     for frame, wrench in load.wrenches.items():
@@ -146,15 +145,15 @@ def _heading(report: TorqueReport) -> Line:
 
 
 _MAX_ROWS = 11
-"""Rows of a table in a short report."""
+"""Largest number of rows of a table in a short report."""
 _MAX_LIMIT_ROWS = 5
-"""Rows of the table of exceeded limits of the motion, which is the last, in a short report."""
+"""Largest number of rows of the last table, of exceeded limits of the motion, in a short report."""
 
 
 def _torque_column(
     report: TorqueReport, name: str, values: Iterable[float | Line | None], show: Callable[[Any], Cell]
 ) -> Column:
-    """Column of torques of a table of joints; the unit is shown by the table."""
+    """Column of torques in a table with one row per joint. Its heading has no unit, since the table shows it."""
     units = sorted({j.unit for j in _driven_joints(report)})
     return numbers(name, values, show, ", ".join(units), headed=False)
 
@@ -167,11 +166,8 @@ def _joint_table(title: str, joints: Sequence[JointTorque], *columns: Column | N
         title = f"{title} [{units[0]}]"
     elif units:
         unit_column = words("unit", units, style=Style.QUIET)
-    limited = any(math.isfinite(j.limit) for j in joints)
-    if limited:
-        ranks = [j.share for j in joints]
-    else:
-        ranks = [abs(j.peak) for j in joints]
+    has_limits = any(math.isfinite(j.limit) for j in joints)
+    ranks = [j.share if has_limits else abs(j.peak) for j in joints]
     return Table(
         title,
         words("joint", [j.joint for j in joints]),
@@ -179,21 +175,24 @@ def _joint_table(title: str, joints: Sequence[JointTorque], *columns: Column | N
         *columns,
         most=_MAX_ROWS,
         by=ranks,
-        of_limits=limited,
+        of_limits=has_limits,
     )
 
 
 def _driven_joints(report: TorqueReport) -> list[JointTorque]:
-    """Joints of the tables: all, or those that are driven if the ground bears the rest."""
+    """Joints of the tables: all, or without the free base if the ground bears it."""
     if report.held.support is None:
         return list(report.joints)
-    borne_rows = base_velocities(report.load.robot.model)  # torques have a row for each velocity
-    return [joint for row, joint in enumerate(report.joints) if row not in borne_rows]
+    base_rows = base_velocities(report.load.robot.model)  # torques have a row for each velocity
+    return [joint for row, joint in enumerate(report.joints) if row not in base_rows]
 
 
-def _peaks(report: TorqueReport) -> Table:
-    joints, column = _driven_joints(report), partial(_torque_column, report)
-    bars, shares = list[Cell](), list[Cell]()
+def _peaks_table(report: TorqueReport) -> Table:
+    """Table of the peak torques with their limits and times."""
+    joints = _driven_joints(report)
+    column = partial(_torque_column, report)
+    bars: list[Cell] = []
+    shares: list[Cell] = []  # in place of the bars in a narrow terminal
     for j in joints:
         if math.isfinite(j.limit):
             bars.append(Bar(j.share, f"  {percent_of_limit(j.share):>5}"))
@@ -201,16 +200,16 @@ def _peaks(report: TorqueReport) -> Table:
         else:
             bars.append(Line((MISSING, Style.QUIET)))
             shares.append(Line((MISSING, Style.QUIET)))
-    noisy_columns = list[Column]()
+    noise_columns: list[Column] = []
     if report.noisy:
-        noisy_columns.append(column("± 1σ", [report.reach(j) for j in joints], deviation))
+        noise_columns.append(column("± 1σ", [report.reach(j) for j in joints], deviation))
     if report.derived is not None:
-        noisy_columns.append(column("raw\npeak", [j.raw for j in joints], report.label))
+        noise_columns.append(column("raw\npeak", [j.raw for j in joints], report.label))
     return _joint_table(
         "Torques",
         joints,
         column("peak", [j.peak for j in joints], report.label),
-        *noisy_columns,
+        *noise_columns,
         column("rms", [j.rms for j in joints], torque),
         column("limit", [j.limit for j in joints], cell_text),
         words("share of limit", bars, fold=False, narrow=numbers("of\nlimit", shares)),
@@ -218,8 +217,10 @@ def _peaks(report: TorqueReport) -> Table:
     )
 
 
-def _causes(report: TorqueReport) -> Table:
-    joints, column = _driven_joints(report), partial(_torque_column, report)
+def _causes_table(report: TorqueReport) -> Table:
+    """Table of the causes of the peak torques; causes that are zero in all joints have no column."""
+    joints = _driven_joints(report)
+    column = partial(_torque_column, report)
     columns = []
     for term in report.load.causes:
         torques = [j.terms[term] for j in joints]
@@ -234,21 +235,20 @@ def _causes(report: TorqueReport) -> Table:
 
 def _cause_cell(report: TorqueReport, term: str, j: JointTorque) -> Line:
     """Torque of one cause, strong if it is the main one."""
-    style = ""
-    if term == j.main_cause[0] and not report.is_zero(j.largest):
-        style = Style.STRONG
-    return Line((report.label(j.terms[term]), style), value=j.terms[term])
+    main_term, _ = j.main_cause
+    is_main = term == main_term and not report.is_zero(j.largest)
+    return Line((report.label(j.terms[term]), Style.STRONG if is_main else ""), value=j.terms[term])
 
 
 def _main_cause_text(report: TorqueReport, j: JointTorque) -> str:
     """Main cause of a peak and its share; a dash for a peak of zero."""
     if report.is_zero(j.largest):
         return MISSING
-    term, share = j.main_cause
-    return f"{cause_label(term)} {percent(share)}"
+    main_term, share = j.main_cause
+    return f"{cause_label(main_term)} {percent(share)}"
 
 
-def _bearings(uses: Sequence[BearingUse]) -> Table:
+def _bearings_table(uses: Sequence[BearingUse]) -> Table:
     """Largest loads of bearings that have limits, with their shares."""
     shares = [use.share for use in uses]
     return Table(
@@ -267,9 +267,9 @@ def _bearings(uses: Sequence[BearingUse]) -> Table:
 def _measured_table(report: TorqueReport) -> Table:
     """Table of measured and computed torques."""
     column = partial(_torque_column, report)
-    measured_of = {m.joint: m for m in report.measured if not m.dead}
-    joints = [j for j in _driven_joints(report) if j.joint in measured_of]
-    measured = [measured_of[j.joint] for j in joints]
+    measured_by_joint = {m.joint: m for m in report.measured if not m.dead}
+    joints = [j for j in _driven_joints(report) if j.joint in measured_by_joint]
+    measured = [measured_by_joint[j.joint] for j in joints]
     return _joint_table(
         "The file's own torques",
         joints,
@@ -282,6 +282,7 @@ def _measured_table(report: TorqueReport) -> Table:
 
 
 def _difference_cell(m: MeasuredTorque) -> Line:
+    """Root mean square of the difference, coloured if the torques differ or contradict each other."""
     style = ""
     if m.contradicts:
         style = Style.OVER
@@ -290,65 +291,65 @@ def _difference_cell(m: MeasuredTorque) -> Line:
     return Line((torque(m.residual), style), value=m.residual)
 
 
-def _why(report: TorqueReport, k: int) -> Table:
-    """Peak of the worst joint by link and by term."""
-    joint, states = report.joints[k], report.around
-    nearest = int(np.argmin(np.abs(states.time - joint.time)))
-    why = report.load.explain(states[nearest])
+def _explanation_table(report: TorqueReport, k: int) -> Table:
+    """Table of the peak of joint k by link and by term."""
+    joint = report.joints[k]
+    states = report.around
+    peak_row = int(np.argmin(np.abs(states.time - joint.time)))
+    explanation = report.load.explain(states[peak_row])
     if abs(joint.chance) > MIN_NOISE_SHARE * report.reference(joint):
         noise = np.zeros(len(report.joints))
         noise[k] = joint.chance
-        why = why.with_term("noise", noise)
-    (first_head, *heads), *rows = why.rows(why.joints[k])
+        explanation = explanation.with_term("noise", noise)
+    (link_heading, *headings), *rows = explanation.rows(explanation.joints[k])
     links, *columns_of_texts = zip(*rows, strict=True)  # a column for each term and for the sum
-    shown_causes = list(map(why.causes.index, links[:-1]))  # the last row is the sum
-    parts = np.vstack([why.parts[:, shown_causes, k].T, why.by_term[:, k]])
-    values = np.column_stack([parts, parts.sum(axis=1)])
+    shown_causes = list(map(explanation.causes.index, links[:-1]))  # the last row is the sum
+    torques_by_link = np.vstack([explanation.parts[:, shown_causes, k].T, explanation.by_term[:, k]])
+    table = np.column_stack([torques_by_link, torques_by_link.sum(axis=1)])
 
-    unit = why.units[k]
-    columns = [words(first_head, links)]
-    for head, texts, torques in zip(heads, columns_of_texts, values.T.tolist(), strict=True):
+    unit = explanation.units[k]
+    columns = [words(link_heading, links)]
+    for heading, texts, torques in zip(headings, columns_of_texts, table.T.tolist(), strict=True):
         if set(texts) != {NEGLIGIBLE_PART}:  # a term without effect has no column
             cells = map(_part_cell, texts, torques)
-            columns.append(numbers(head.removesuffix(f" [{unit}]"), cells, unit=unit, headed=False))
+            columns.append(numbers(heading.removesuffix(f" [{unit}]"), cells, unit=unit, headed=False))
     title = f"Why {joint.joint} at t = {seconds(joint.time)} s"
     if report.load.payloads:
         title += ", payload's part below each term"
     return Table(f"{title} [{unit}]", *columns, styles=[""] * (len(rows) - 1) + [Style.STRONG])
 
 
-def _part_cell(text: str, value: float) -> Cell:
+def _part_cell(text: str, part: float) -> Cell:
+    """Part of a torque; one that is negligible has the mark of the explanation instead of its number."""
     if text == NEGLIGIBLE_PART:
         return Glyphs(text)
-    return Line(torque(value), value=value)
+    return Line(torque(part), value=part)
 
 
 _LIMIT_LABELS = KINDS | {"lower": "position, lower", "upper": "position, upper"}
-"""Quantity of each kind of limit, and the side of a position's."""
+"""Quantity of each kind of limit; for position limits also the side."""
 
 
-def _motion_limits(excesses: list[Excess], *, degrees: bool) -> Table:
-    """Exceeded limits of the motion and of bearings."""
-    units, quantities, values, limits = [], [], [], []
-    for e in excesses:
-        coordinate, factor = "q", 1.0
-        if e.kind == "velocity":
-            coordinate = "dq"
-        if degrees and e.angular:
-            factor = math.degrees(1.0)
-        unit = BEARING_UNITS.get(e.kind) or unit_of(coordinate, e.angular, degrees=degrees)
+def _motion_limits_table(excesses: list[Excess], *, degrees: bool) -> Table:
+    """Table of exceeded limits of the motion and of bearings."""
+    units, labels, values, limits = [], [], [], []
+    for excess in excesses:
+        quantity = "dq" if excess.kind == "velocity" else "q"
+        factor = math.degrees(1.0) if degrees and excess.angular else 1.0
+        unit = BEARING_UNITS.get(excess.kind) or unit_of(quantity, excess.angular, degrees=degrees)
         units.append(unit)
-        quantities.append(f"{_LIMIT_LABELS[e.kind]} [{unit}]")
-        values.append(e.value * factor)
-        limits.append(e.limit * factor)
-    column = partial(numbers, show=lambda x: number(x, 5), unit=", ".join(dict.fromkeys(units)), headed=False)
+        labels.append(f"{_LIMIT_LABELS[excess.kind]} [{unit}]")
+        values.append(excess.value * factor)
+        limits.append(excess.limit * factor)
+    all_units = ", ".join(dict.fromkeys(units))
+    column = partial(numbers, show=lambda x: number(x, 5), unit=all_units, headed=False)
     return Table(
         "Motion limits passed",
-        words("joint", [e.joint for e in excesses], fold=False),
-        words("what", quantities, fold=False),
+        words("joint", [excess.joint for excess in excesses], fold=False),
+        words("what", labels, fold=False),
         column("worst", values),
         column("limit", limits),
-        numbers("when", [e.time for e in excesses], seconds, "s"),
+        numbers("when", [excess.time for excess in excesses], seconds, "s"),
         style=strong(Style.OVER),
         most=_MAX_LIMIT_ROWS,
     )

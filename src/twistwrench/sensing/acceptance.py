@@ -18,9 +18,9 @@ from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie.labelled import WRENCH
 from .conventions import (
     Diagnosis,
-    as_good_as_the_best,
     explain,
     free_bias,
+    indistinguishable_from_the_best,
     others,
     swap_forces_and_moments,
     upside_down,
@@ -186,7 +186,7 @@ def _doubt_on_poses(found: Diagnosis, force_noise: float) -> Doubt:
 
 def _remedy(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
     """Arguments that fit the log better, with their residual."""
-    best, *equal = as_good_as_the_best(better)
+    best, *equal = indistinguishable_from_the_best(better)
     remedy = f"Use {' or '.join(e.options for e in (best, *equal))}: the residual is then {_noise(best)}."
     if equal:
         remedy += " These cannot be distinguished: check the sign, or add readings tilted about another axis."

@@ -34,10 +34,14 @@ from .uncertainty import Uncertainty
 SensorGiven: TypeAlias = ForceTorqueSensor | Identification | str | Path
 """Sensor, with the noise of its readings, or the path of its file."""
 
-FALSE_ALARM_RATE = 1e-6  # probability that noise alone makes a reading an outlier
-MIN_SHARE_OF_UNKNOWN_INERTIA = 0.1  # fraction of unexplained moments that indicates an unknown inertia
-_NAMED = ("sensor-file-cause", "sensor-moving")  # doubts that name a cause
-MIN_MODEL_ERROR = 1e-3  # of the load's wrench: smallest model error, used as a lower bound of the noise
+FALSE_ALARM_RATE = 1e-6
+"""Probability that noise alone makes a reading an outlier."""
+MIN_SHARE_OF_UNKNOWN_INERTIA = 0.1
+"""Fraction of unexplained moments above which an unknown inertia shows."""
+_NAMED_CAUSES = ("sensor-file-cause", "sensor-moving")
+"""Kinds of doubts that name a cause."""
+MIN_MODEL_ERROR = 1e-3
+"""Smallest error of the model, relative to the load's wrench. Noise below it is not relied upon."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,12 +97,12 @@ class Compensation(Answer):
     @property
     def inertia(self) -> Doubt | None:
         """Doubt about residual moments due to an unknown load inertia, if any."""
-        return next((each for each in self.doubts if each.kind == "sensor-file-inertia"), None)
+        return next((doubt for doubt in self.doubts if doubt.kind == "sensor-file-inertia"), None)
 
     @property
     def explained(self) -> bool:
         """True unless the sensor file and the log do not match."""
-        return not any(each.refuses and each is not self.inertia for each in self.doubts)
+        return not any(doubt.refuses and doubt is not self.inertia for doubt in self.doubts)
 
     @cached_property
     def hits(self) -> Array:
@@ -110,9 +114,9 @@ class Compensation(Answer):
     @property
     def verdict(self) -> Verdict:
         """LOOK AGAIN if a doubt refuses the result; else CONTACT or OK."""
-        hits = int(self.hits.sum())
-        if hits:
-            return Verdict(Word.CONTACT, (f"{hits} of {len(self.log)} readings are more than noise explains",))
+        hit_count = int(self.hits.sum())
+        if hit_count:
+            return Verdict(Word.CONTACT, (f"{hit_count} of {len(self.log)} readings are more than noise explains",))
         return verdict_from_doubts(self.doubts)
 
     @property
@@ -237,9 +241,9 @@ def _test_residuals(
 ) -> Compensation:
     """Residuals of a log, tested by the uncertainty of its sensor."""
     sensor, noise, uncertainty = known.sensor, known.noise, known.uncertainty
-    missing = sensor.missing_signals(log.V, log.dV)
-    tested_axes = slice(3, 6) if missing else slice(0, 6)
-    threshold, notes = None, []
+    missing_moments = sensor.missing_signals(log.V, log.dV)
+    tested_axes = slice(3, 6) if missing_moments else slice(0, 6)
+    notes = []
     if uncertainty is None:
         if false_alarms is not None:
             notes.append(doubt("sensor-file-covariance"))
@@ -247,6 +251,7 @@ def _test_residuals(
         S, freedom = np.diag(np.repeat(noise, 3) ** 2), None
     else:
         S, freedom = uncertainty.predictive(log, sensor), uncertainty.noise_freedom
+    threshold = None
     if false_alarms is not None:
         threshold = CollisionThreshold.predictive(S, freedom, false_alarms, axes=tested_axes)
     with warnings.catch_warnings():
@@ -254,35 +259,42 @@ def _test_residuals(
         rest = log.compensated(sensor)
     load_wrenches = (log.predicted(sensor) - np.asarray(sensor.bias)).reshape(-1, 2, 3)
     load = np.sqrt((load_wrenches**2).sum(axis=2).mean(axis=0))
-    level = np.maximum(np.hypot(noise, MIN_MODEL_ERROR * load), 1e-9)
-    model_error = np.diag(np.maximum(np.repeat(level, 3) ** 2 - np.repeat(noise, 3) ** 2, 0.0))
+    level = np.maximum(np.hypot(noise, MIN_MODEL_ERROR * load), 1e-9)  # noise and model error of moments and forces
     if uncertainty is None:
-        model_error, S = np.zeros((6, 6)), np.diag(np.repeat(level, 3) ** 2)
-    test = CollisionThreshold.predictive(S + model_error, freedom, FALSE_ALARM_RATE, axes=tested_axes)
+        S_with_model_error = np.diag(np.repeat(level, 3) ** 2)
+    else:
+        S_with_model_error = S + np.diag(np.maximum(np.repeat(level, 3) ** 2 - np.repeat(noise, 3) ** 2, 0.0))
+    test = CollisionThreshold.predictive(S_with_model_error, freedom, FALSE_ALARM_RATE, axes=tested_axes)
     off = test(rest)
-    if missing:
+    if missing_moments:
         is_outlier = CollisionThreshold.of_noise(tuple(level), FALSE_ALARM_RATE, axes=slice(0, 3))
-        shows = is_outlier(rest).mean() > MIN_SHARE_OF_UNKNOWN_INERTIA
-        notes.append(doubt("sensor-file-inertia", level="refuse" if shows and threshold is None else None))
+        inertia_shows = is_outlier(rest).mean() > MIN_SHARE_OF_UNKNOWN_INERTIA
+        refuses = inertia_shows and threshold is None
+        notes.append(doubt("sensor-file-inertia", level="refuse" if refuses else None))
     doubts = _mismatch_doubts(log, sensor, noise, rest, off=off, level=level, tested_axes=tested_axes)
-    sigma = np.sqrt(np.broadcast_to(np.diagonal(S + model_error, axis1=-2, axis2=-1), rest.shape))
+    sigma = np.sqrt(np.broadcast_to(np.diagonal(S_with_model_error, axis1=-2, axis2=-1), rest.shape))
     cause = departure(log, sensor, rest, sigma, test if threshold is None else threshold)
-    if cause and {found.kind for found in doubts}.isdisjoint(_NAMED):
+    if cause and not any(mismatch.kind in _NAMED_CAUSES for mismatch in doubts):
         doubts = [cause]
     all_doubts = (*notes, *doubts, *log.motion_doubts())
     return Compensation(log, sensor, noise, rest, off, all_doubts, threshold, files)
 
 
-MIN_RATIO_TO_NOISE = 5.0  # minimum residual over noise for a search, and minimum reduction of it by the cause
-MIN_DIRECTION_SPREAD = 0.3  # spread of gravity directions above which a constant residual is a bias
-# Changes only the mass, so it is detected only if the mass is known.
+MIN_RATIO_TO_NOISE = 5.0
+"""Smallest ratio of residual to noise for which a cause is sought, and smallest ratio by which it must reduce the residual."""
+MIN_DIRECTION_SPREAD = 0.3
+"""Spread of gravity directions above which a constant residual is a bias."""
 _ALL_KILOGRAMS = Mixup("forces are in kilograms and moments in kg m", KGF, KGF)
+"""Mixup that changes only the mass, so that it shows only if the mass is known."""
 
 
 class _Explanation(NamedTuple):
+    """Mistake in a log that may explain its residuals."""
+
     cause: str
     cure: str
-    rest: Array  # (n, 6) residual
+    rest: Array
+    """Residuals (n, 6) without the mistake."""
 
 
 def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, float]) -> Doubt | None:
@@ -293,7 +305,9 @@ def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, fl
         sigma[0] = np.inf  # the moments due to the inertia are unknown
 
     def size(rest: Array) -> float:
-        return float(np.median(np.linalg.norm(np.linalg.norm(rest.reshape(-1, 2, 3), axis=2) / sigma, axis=1)))
+        """Median of the residuals of readings, in units of the noise."""
+        scaled = np.linalg.norm(rest.reshape(-1, 2, 3), axis=2) / sigma
+        return float(np.median(np.linalg.norm(scaled, axis=1)))
 
     given_size = size(log.readings - predicted)
     if given_size < MIN_RATIO_TO_NOISE:
@@ -307,18 +321,23 @@ def log_doubt(log: ReadingLog, sensor: ForceTorqueSensor, noise: tuple[float, fl
 
 def _input_mistakes(log: ReadingLog, sensor: ForceTorqueSensor, predicted: Array) -> list[_Explanation]:
     """Residuals with other units, signs, columns and direction of gravity."""
-    r, explanations = log.readings, []
+    r = log.readings
+    explanations = []
     for mixup in (*MIXUPS, _ALL_KILOGRAMS):
         converted = r * np.repeat([mixup.moment, mixup.force], 3)
         explanations.append(_Explanation(mixup.cause, mixup.cure, converted - predicted))
-    sign = "by_sensor" if sensor.sign == "on_sensor" else "on_sensor"
-    cause, cure = f"readings have the sign {sign}", "change their signs, or identify the sensor from such a log"
+    other_sign = "by_sensor" if sensor.sign == "on_sensor" else "on_sensor"
+    cause = f"readings have the sign {other_sign}"
+    cure = "change their signs, or identify the sensor from such a log"
     explanations.append(_Explanation(cause, cure, -r - predicted))
-    cause, cure = "forces and moments are swapped", "exchange mx, my, mz with fx, fy, fz"
+    cause = "forces and moments are swapped"
+    cure = "exchange mx, my, mz with fx, fy, fz"
     explanations.append(_Explanation(cause, cure, np.roll(r, 3, 1) - predicted))
-    cause, cure = "gravity points up", "orientations are of a world whose z points down"
+    cause = "gravity points up"
+    cure = "orientations are of a world whose z points down"
     if log.by_gravity:
-        cause, cure = "gx, gy, gz point up, as an accelerometer logs them", "negate them"
+        cause = "gx, gy, gz point up, as an accelerometer logs them"
+        cure = "negate them"
     upward = sensor.predict(np.eye(3), log.V, log.dV, gravity=-log.gravity)
     explanations.append(_Explanation(cause, cure, r - upward))
     return explanations
@@ -326,18 +345,18 @@ def _input_mistakes(log: ReadingLog, sensor: ForceTorqueSensor, predicted: Array
 
 def _moved_bias(log: ReadingLog, predicted: Array) -> list[_Explanation]:
     """Residuals without their median, as by a bias that has moved; empty if the log has one orientation."""
-    unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
-    if (
-        np.ptp(unit, axis=0).max() < MIN_DIRECTION_SPREAD
-    ):  # one orientation: a contact cannot be distinguished from a bias
+    directions = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    if np.ptp(directions, axis=0).max() < MIN_DIRECTION_SPREAD:  # a contact may then look like a bias
         return []
     moved = np.median(log.readings - predicted, axis=0)
     cause = f"the bias has moved by {listed_bias(moved)} [N m, N], as sensors drift or are zeroed"
     return [_Explanation(cause, "identify the sensor again", log.readings - moved - predicted)]
 
 
-MIN_SHARE_OF_OUTLIERS = 0.75  # fraction of unexplained readings above which the file does not fit the log
-MIN_RATIO_OF_INCREASE = 5.0  # residual over noise above which an increase counts
+MIN_SHARE_OF_OUTLIERS = 0.75
+"""Fraction of unexplained readings from which on the file does not fit the log."""
+MIN_RATIO_OF_INCREASE = 5.0
+"""Ratio of residual to noise above which an increase by compensation counts."""
 
 
 def _mismatch_doubts(
@@ -351,16 +370,17 @@ def _mismatch_doubts(
     tested_axes: slice,
 ) -> list[Doubt]:
     """Doubt about a log that the sensor's file does not fit, with a cause if one is found; empty if it fits."""
-    halves = [("forces", "N", slice(3, 6), level[1])]
-    if not tested_axes.start:
-        halves.insert(0, ("moments", "N m", slice(0, 3), level[0]))
+    moment_level, force_level = level
+    tested = [("forces", "N", slice(3, 6), force_level)]
+    if tested_axes.start == 0:
+        tested.insert(0, ("moments", "N m", slice(0, 3), moment_level))
     evidence = []
-    for what, unit, part, sigma in halves:
-        before = float(np.median(np.linalg.norm(log.readings[:, part], axis=1)))
-        after = float(np.median(np.linalg.norm(rest[:, part], axis=1)))
+    for quantity, unit, axes, sigma in tested:
+        before = float(np.median(np.linalg.norm(log.readings[:, axes], axis=1)))
+        after = float(np.median(np.linalg.norm(rest[:, axes], axis=1)))
         if after > before and after > MIN_RATIO_OF_INCREASE * sigma:
             evidence.append(
-                f"the {what} are larger than before, {number(after, 3)} after {number(before, 3)} {unit} (medians)"
+                f"the {quantity} are larger than before, {number(after, 3)} after {number(before, 3)} {unit} (medians)"
             )
     cause = log_doubt(log, sensor, noise)
     if cause:
@@ -371,8 +391,8 @@ def _mismatch_doubts(
         return []
     if seems_moving(log):
         return [doubt("sensor-moving", evidence=f"The sensor does not explain the log: {'; '.join(evidence)}")]
-    same = "" if log.V is None else " and, as V and dV, of the same instants as the readings"
-    return [doubt("sensor-file-other", why="; ".join(evidence), same=same)]
+    same_instants = "" if log.V is None else " and, as V and dV, of the same instants as the readings"
+    return [doubt("sensor-file-other", why="; ".join(evidence), same=same_instants)]
 
 
 def rms_residuals(rest: Array) -> tuple[float, float]:

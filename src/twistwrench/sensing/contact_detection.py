@@ -23,17 +23,21 @@ def checked_noise(noise: ArrayLike, *, none_at_all: bool = False) -> Array:
         sigma = np.asarray(arguments.real(noise, "noise"), float)
     except TwistWrenchError:  # reported below
         sigma = np.empty(0)
-    too_small = sigma < 0 if none_at_all else sigma <= 0
-    if sigma.shape != (2,) or not np.isfinite(sigma).all() or too_small.any():
-        what = "numbers from 0 on" if none_at_all else "positive numbers"
-        raise ValueRangeError(f"noise {noise!r} is not two {what}: of moments [N m] and of forces [N].")
+    if none_at_all:
+        is_allowed, expected = sigma >= 0, "numbers from 0 on"
+    else:
+        is_allowed, expected = sigma > 0, "positive numbers"
+    if sigma.shape != (2,) or not np.isfinite(sigma).all() or not is_allowed.all():
+        raise ValueRangeError(f"noise {noise!r} is not two {expected}: of moments [N m] and of forces [N].")
     return sigma
 
 
 def six_noises(noise: ArrayLike) -> Array:
     """Expand a noise, of two or six values, to standard deviations (6,) of mx, my, mz [N m], fx, fy, fz [N]."""
-    six = np.shape(noise) == (6,)
-    sigma = arguments.real(noise, "noise", 6) if six else np.repeat(checked_noise(noise), 3)
+    if np.shape(noise) == (6,):
+        sigma = arguments.real(noise, "noise", 6)
+    else:
+        sigma = np.repeat(checked_noise(noise), 3)
     if not np.isfinite(sigma).all() or (sigma <= 0).any():
         raise ValueRangeError(f"noise {noise!r} is not six positive numbers: mx, my, mz [N m], fx, fy, fz [N].")
     return sigma
@@ -41,7 +45,8 @@ def six_noises(noise: ArrayLike) -> Array:
 
 # ── Point of contact, residual moment, and thresholds
 
-_ROUNDING = 1e-12  # least eigenvalue of the covariance after scaling to unit variances
+_MIN_EIGENVALUE = 1e-12
+"""Smallest eigenvalue of a covariance after scaling to unit variances: that of rounding errors."""
 
 
 def residual_moment(F: ArrayLike) -> Array:
@@ -56,8 +61,8 @@ def residual_moment(F: ArrayLike) -> Array:
     >>> float(residual_moment([0.0, 0.0, 0.3, 0.0, 0.0, 10.0]))
     0.3
     """
-    m, f, size = _halves(F)
-    return np.asarray((m * f).sum(-1) / size)
+    m, f, force = _moment_and_force(F)
+    return np.asarray((m * f).sum(-1) / force)
 
 
 def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array:
@@ -80,11 +85,13 @@ def contact_on_plane(F: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array
     >>> contact_on_plane([0.2, 0, 0, 0, 0, 2], point=[0, 0, 0.3], normal=[0, 0, 1]).tolist()  # 2 N upwards at y = 0.1
     [0.0, 0.1, 0.3]
     """
-    start, along = _line(F)
+    start, direction = _line_of_action(F)
     n = arguments.real(normal, "normal", 3)
-    slope = (along * n).sum(-1)
-    slope = np.where(np.abs(slope) < 1e-12 * np.linalg.norm(n, axis=-1), np.nan, slope)
-    return np.asarray(start + (((arguments.real(point, "point", 3) - start) * n).sum(-1) / slope)[..., None] * along)
+    offset = arguments.real(point, "point", 3) - start
+    slope = (direction * n).sum(-1)
+    slope = np.where(np.abs(slope) < 1e-12 * np.linalg.norm(n, axis=-1), np.nan, slope)  # parallel to the plane
+    distance = (offset * n).sum(-1) / slope
+    return np.asarray(start + distance[..., None] * direction)
 
 
 def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
@@ -103,12 +110,14 @@ def contact_on_sphere(F: ArrayLike, centre: ArrayLike, radius: float) -> Array:
     >>> contact_on_sphere([0, 0, 0, 0, 0, -2], centre=[0, 0, 0], radius=0.1)[2].item()
     0.1
     """
-    (start, along), radius = _line(F), arguments.positive(radius, "radius", "m")
+    start, direction = _line_of_action(F)
+    radius = arguments.positive(radius, "radius", "m")
+    # Distances s from the start with |offset + s direction|² = radius²; the force enters at the smaller one.
     offset = start - arguments.real(centre, "centre", 3)
-    middle = (offset * along).sum(-1)
+    middle = (offset * direction).sum(-1)
     square = middle**2 - (offset * offset).sum(-1) + radius**2
-    first = -middle - np.sqrt(np.where(square < 0, np.nan, square))  # entry point: the force pushes inwards there
-    return np.asarray(start + first[..., None] * along)
+    first = -middle - np.sqrt(np.where(square < 0, np.nan, square))
+    return np.asarray(start + first[..., None] * direction)
 
 
 def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
@@ -123,20 +132,23 @@ def contact_nearest(F: ArrayLike, point: ArrayLike) -> Array:
     >>> contact_nearest([0, 0, 6, 0, 3, 0], [0, 1, 0]).tolist()
     [2.0, 1.0, 0.0]
     """
-    start, along = _line(F)
-    return np.asarray(start + ((arguments.real(point, "point", 3) - start) * along).sum(-1, keepdims=True) * along)
+    start, direction = _line_of_action(F)
+    offset = arguments.real(point, "point", 3) - start
+    return np.asarray(start + (offset * direction).sum(-1, keepdims=True) * direction)
 
 
-def _line(F: ArrayLike) -> tuple[Array, Array]:
-    """Nearest point to the origin and direction, (..., 3), of lines of action; NaN for a zero wrench."""
-    m, f, size = _halves(F)
-    return so3.cross(f, m) / size[..., None] ** 2, f / size[..., None]
+def _line_of_action(F: ArrayLike) -> tuple[Array, Array]:
+    """Lines of action: their points nearest to the origin and their directions, (..., 3); NaN without a force."""
+    m, f, force = _moment_and_force(F)
+    return so3.cross(f, m) / force[..., None] ** 2, f / force[..., None]
 
 
-def _halves(F: ArrayLike) -> tuple[Array, Array, Array]:
+def _moment_and_force(F: ArrayLike) -> tuple[Array, Array, Array]:
+    """Moments and forces (..., 3) of wrenches, and the magnitudes (...) of the forces; NaN for zero."""
     F = arguments.real(F, "F", 6)
-    size = np.linalg.norm(F[..., 3:], axis=-1)
-    return F[..., :3], F[..., 3:], np.where(size == 0, np.nan, size)
+    m, f = F[..., :3], F[..., 3:]
+    force = np.linalg.norm(f, axis=-1)
+    return m, f, np.where(force == 0, np.nan, force)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,10 +216,12 @@ class CollisionThreshold:
             raise ValueRangeError(
                 f"axes is {arguments.value_text(axes)}: give a slice of the six, such as slice(3, 6) for forces."
             )
-        limit = float(special.chdtri(len(range(6)[axes]), false_alarms))
+        tested_axes = len(range(6)[axes])
+        limit = float(special.chdtri(tested_axes, false_alarms))
         S = arguments.real(covariance, "covariance", 6, 6)
-        nu = None if freedom is None else arguments.real(freedom, "freedom", 6)
-        return cls(np.zeros(6), S, limit, false_alarms, axes, nu)
+        if freedom is not None:
+            freedom = arguments.real(freedom, "freedom", 6)
+        return cls(np.zeros(6), S, limit, false_alarms, axes, freedom)
 
     @classmethod
     def of_noise(
@@ -257,17 +271,19 @@ class CollisionThreshold:
             raise ValueRangeError(
                 f"{n} residuals are too few to estimate the noise. Give at least 8 finite readings at rest."
             )
-        spread = np.cov(r.T)
-        scale = np.sqrt(np.diag(spread))
-        if not (scale > 0).all() or np.linalg.matrix_rank(spread / np.outer(scale, scale), tol=1e-9) < 6:
-            dead = [name for name, s in zip(WRENCH, scale, strict=True) if s == 0]
-            why = f"{', '.join(dead)} never changes" if dead else "some axes always change together"
+        S = np.cov(r.T)
+        sigma = np.sqrt(np.diag(S))
+        if not (sigma > 0).all() or np.linalg.matrix_rank(S / np.outer(sigma, sigma), tol=1e-9) < 6:
+            constant = [axis for axis, deviation in zip(WRENCH, sigma, strict=True) if deviation == 0]
+            reason = "some axes always change together"
+            if constant:
+                reason = f"{', '.join(constant)} never changes"
             raise ValueRangeError(
-                f"these residuals are not noise of a six-axis sensor: {why}. Check the sensor's wiring, or use of_noise."
+                f"these residuals are not noise of a six-axis sensor: {reason}. Check the sensor's wiring, or use of_noise."
             )
         factor = 6 * (n + 1) * (n - 1) / (n * (n - 6))
         limit = factor * float(special.fdtri(6, n - 6, 1 - false_alarms))
-        return cls(r.mean(axis=0), spread, limit, false_alarms)
+        return cls(r.mean(axis=0), S, limit, false_alarms)
 
     def __call__(self, compensated: ArrayLike) -> Array:
         """True for each compensated reading (..., 6) that is a contact; NaN counts as a contact."""
@@ -292,10 +308,11 @@ class CollisionThreshold:
         from scipy import special
 
         r = (arguments.real(compensated, "compensated readings", 6) - self.middle)[..., self.axes]
-        L = np.linalg.cholesky(_definite(self.covariance[..., self.axes, self.axes]))
+        L = np.linalg.cholesky(_positive_definite(self.covariance[..., self.axes, self.axes]))
         u = np.linalg.solve(L, r[..., None])[..., 0]
         if self.freedom is not None:  # normal scores with the same tail probability as the Student variables
-            u = -special.ndtri(special.stdtr(np.minimum(self.freedom[self.axes], 1e9), -np.abs(u)))
+            tail_probability = special.stdtr(np.minimum(self.freedom[self.axes], 1e9), -np.abs(u))
+            u = -special.ndtri(tail_probability)
         return np.asarray((u * u).sum(-1))
 
     @property
@@ -309,32 +326,35 @@ class CollisionThreshold:
         S = self.covariance[..., self.axes, self.axes]
         if S.ndim == 3:
             S = S[len(S) // 2]
-        factor: Any = math.sqrt(self.limit)
+        sigmas: Any = math.sqrt(self.limit)  # limit in standard deviations
         if self.freedom is not None:
             nu = self.freedom[self.axes]
-            factor = np.where(np.isinf(nu), factor, -special.stdtrit(np.minimum(nu, 1e9), special.ndtr(-factor)))
+            student_limit = -special.stdtrit(np.minimum(nu, 1e9), special.ndtr(-sigmas))
+            sigmas = np.where(np.isinf(nu), sigmas, student_limit)
         smallest = np.full(6, math.inf)
-        smallest[self.axes] = factor / np.sqrt(np.diag(np.linalg.inv(_definite(S))))
+        smallest[self.axes] = sigmas / np.sqrt(np.diag(np.linalg.inv(_positive_definite(S))))
         return smallest
 
 
-def _definite(S: Array) -> Array:
-    """Regularise S (..., k, k) by the rounding error of its variances if it has no Cholesky factor.
+def _positive_definite(S: Array) -> Array:
+    """Covariance S (..., k, k) with a Cholesky factor: S itself, or S plus the rounding errors of its variances.
 
     S is semidefinite if a combination of axes is estimated exactly, or almost exactly compared with the others.
     """
     try:
         np.linalg.cholesky(S)
     except np.linalg.LinAlgError:
-        variance = np.abs(np.diagonal(S, axis1=-2, axis2=-1))  # rounding errors may make small ones negative
-        size = np.sqrt(np.maximum(variance, 1e-30 * variance.max() + np.finfo(float).tiny))
-        scale = size[..., None] * size[..., None, :]
-        missing = np.maximum(_ROUNDING - np.linalg.eigvalsh(S / scale)[..., :1], 0.0)
+        variances = np.abs(np.diagonal(S, axis1=-2, axis2=-1))  # rounding errors may make small ones negative
+        sigma = np.sqrt(np.maximum(variances, 1e-30 * variances.max() + np.finfo(float).tiny))
+        scale = sigma[..., None] * sigma[..., None, :]
+        least_eigenvalue = np.linalg.eigvalsh(S / scale)[..., :1]
+        missing = np.maximum(_MIN_EIGENVALUE - least_eigenvalue, 0.0)
         return np.asarray(S + missing[..., None] * scale * np.eye(S.shape[-1]))
     return S
 
 
 def _check_rate(false_alarms: float) -> None:
+    """Raise ValueRangeError unless a false-alarm rate is between 0 and 1."""
     if not 0 < arguments.number(false_alarms, "false_alarms") < 1:
         raise ValueRangeError(
             f"a false-alarm rate of {false_alarms!r} is not between 0 and 1. Give 1e-6 for one in a million."

@@ -18,7 +18,8 @@ from .outliers import least_rows, reject_outliers
 from .sensor import Sign, sign_factor
 from .unknowns import SensorState
 
-SIGNIFICANCE = 1e-4  # significance level for preferring another explanation
+SIGNIFICANCE = 1e-4
+"""Significance level of the F tests by which another explanation is preferred."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ class Diagnosis:
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of three channels."""
+        """Degrees of freedom of the three moments, or of the three forces: each has half of the unknowns."""
         return max(3.0 * self.kept.sum() - len(self.fit.unknowns.names) / 2, 1.0)
 
     @property
@@ -62,24 +63,28 @@ class Diagnosis:
         sign = spell(Argument("sign", self.sign))
         if not self.turn:
             return sign
-        degrees = math.degrees(float(np.linalg.norm(so3.log(self.fit.mounting))))
-        return f"{sign} with {spell(Argument('assume', 'orientation'))} (turned by {number(degrees, 3)}°)"
+        turn = float(np.linalg.norm(so3.log(self.fit.mounting)))
+        unknown_mounting = spell(Argument("assume", "orientation"))
+        return f"{sign} with {unknown_mounting} (turned by {number(math.degrees(turn), 3)}°)"
 
-    def improves(self, on: Fit) -> bool:
+    def improves(self, other: Fit) -> bool:
         """True if the residual noise is significantly less than that of another fit of the same log."""
-        return _surely_less(self.fit, on, self.kept)
+        return _has_significantly_less_noise(self.fit, other, self.kept)
 
     def equals(self, other: Fit, kept: Array) -> bool:
-        """True if another fit is not significantly better."""
-        return not _surely_less(other, self.fit, kept)
+        """True if another fit is not significantly better on its used rows ``kept``."""
+        return not _has_significantly_less_noise(other, self.fit, kept)
 
 
 def explain(sign: Sign, problem: Problem) -> Diagnosis | None:
     """Best fit of the log with the given sign; None if the log does not determine the unknowns."""
     problem = replace(problem, factor=sign_factor(sign))
-    if len(problem.log) < least_rows(problem) or blind_spots(problem.log, problem.unknowns, problem.factor):
+    if len(problem.log) < least_rows(problem):
         return None
-    return Diagnosis(sign, *reject_outliers(with_guessed_mounting(problem)))
+    if blind_spots(problem.log, problem.unknowns, problem.factor):
+        return None
+    fit, kept = reject_outliers(with_guessed_mounting(problem))
+    return Diagnosis(sign, fit, kept)
 
 
 def with_guessed_mounting(problem: Problem) -> Problem:
@@ -89,33 +94,45 @@ def with_guessed_mounting(problem: Problem) -> Problem:
 
 
 def others(sign: Sign, problem: Problem) -> list[Diagnosis]:
-    """Fits with other signs and mountings and a positive mass, sorted by noise."""
+    """Fits of the log by another sign, or with the mounting known instead of unknown or unknown instead of known.
+
+    Only fits with a positive mass are returned, sorted by noise.
+    """
     explanations = []
     for turn in (False, True):
-        for other in get_args(Sign):
-            if (other, turn) != (sign, problem.unknowns.turn):
-                explanation = explain(other, problem.with_unknowns(turn=turn))
-                if explanation is not None and explanation.mass > 0:
-                    explanations.append(explanation)
-    return sorted(explanations, key=lambda e: e.noise_product)
+        for other_sign in get_args(Sign):
+            if other_sign == sign and turn == problem.unknowns.turn:
+                continue
+            explanation = explain(other_sign, problem.with_unknowns(turn=turn))
+            if explanation is not None and explanation.mass > 0:
+                explanations.append(explanation)
+    return sorted(explanations, key=lambda explanation: explanation.noise_product)
 
 
-def as_good_as_the_best(sorted_: list[Diagnosis]) -> list[Diagnosis]:
-    """Fits not significantly worse than the first; with an unknown mounting only if its sign fits no log without."""
-    best = sorted_[0]
-    good = [e for e in sorted_ if e is best or e.equals(best.fit, best.kept)]
+def indistinguishable_from_the_best(explanations: list[Diagnosis]) -> list[Diagnosis]:
+    """Explanations not significantly worse than the first, which has the least noise.
+
+    An unknown mounting is left out if the same sign is among them with a known mounting, which is simpler.
+    """
+    best = explanations[0]
+    good = [e for e in explanations if e is best or e.equals(best.fit, best.kept)]
     signs_without_turn = {e.sign for e in good if not e.turn}
     return [e for e in good if not (e.turn and e.sign in signs_without_turn)]
 
 
 def first_guess(problem: Problem) -> Array:
-    """Initial guess of the mounting R_fs (3, 3) from forces: the rotation nearest to M of f = bias + M g."""
+    """Initial guess of the mounting R_fs (3, 3) from forces f = bias ± m R_fs' g.
+
+    It is the rotation nearest to the matrix m R_fs' that fits them best, for a point mass at the origin of {f}.
+    """
     log = problem.log
-    g, f = log.gravity, log.readings[:, 3:]
-    if log.V is not None and log.dV is not None:
+    g = log.gravity
+    f = log.readings[:, 3:]
+    if log.V is not None and log.dV is not None:  # g minus the acceleration of the origin
         g = g - log.dV[:, 3:] - so3.cross(log.V[:, :3], log.V[:, 3:])
     if problem.unknowns.bias:
-        g, f = g - g.mean(axis=0), f - f.mean(axis=0)
+        g = g - g.mean(axis=0)
+        f = f - f.mean(axis=0)
     else:
         f = f - problem.bias[3:]
     M = problem.factor * np.linalg.lstsq(g, f, rcond=None)[0].T  # m R_fs'
@@ -123,24 +140,27 @@ def first_guess(problem: Problem) -> Array:
     return np.asarray((U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt).T)
 
 
-def _surely_less(less: Fit, more: Fit, rows: Array) -> bool:
-    """True if the residuals of one fit are significantly less than those of another (F test of the variances)."""
+def _has_significantly_less_noise(fit: Fit, other: Fit, rows: Array) -> bool:
+    """True if the residuals of a fit are significantly less than those of another (F test of the variances)."""
     from scipy import special
 
-    scale = np.repeat(less.spread(rows), 3)
-    freedoms, variances = [], []
-    for f in (less, more):
-        freedom = max(6.0 * rows.sum() - len(f.unknowns.names), 1.0)
-        freedoms.append(freedom)
-        variances.append(float(((f.residuals[rows] / scale) ** 2).sum()) / freedom)
-    return variances[1] / variances[0] > float(special.fdtri(freedoms[1], freedoms[0], 1 - SIGNIFICANCE))
+    scale = np.repeat(fit.spread(rows), 3)  # of moments and forces, so that both count alike
+    variance, freedom = _residual_variance(fit, rows, scale)
+    other_variance, other_freedom = _residual_variance(other, rows, scale)
+    return other_variance / variance > float(special.fdtri(other_freedom, freedom, 1 - SIGNIFICANCE))
 
 
-_SWAP = [3, 4, 5, 0, 1, 2]
+def _residual_variance(fit: Fit, rows: Array, scale: Array) -> tuple[float, float]:
+    """Variance of the residuals of some rows, divided by ``scale`` (6,), and its degrees of freedom."""
+    freedom = max(6.0 * rows.sum() - len(fit.unknowns.names), 1.0)
+    return float(((fit.residuals[rows] / scale) ** 2).sum()) / freedom, freedom
 
 
 def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
-    """Fit with an estimated bias if significantly better than with the given one (F test of the six); else None."""
+    """Fit with an estimated bias if significantly better than with the given one; else None.
+
+    An F test compares what six more unknowns explain with the residuals that remain.
+    """
     if found.fit.unknowns.bias:
         return None
     from scipy import special
@@ -159,26 +179,36 @@ def free_bias(found: Diagnosis, problem: Problem) -> Diagnosis | None:
     return None
 
 
+_SWAP = [3, 4, 5, 0, 1, 2]
+"""Indices that exchange moments (0, 1, 2) and forces (3, 4, 5)."""
+
+
 def swap_forces_and_moments(problem: Problem, reference: Diagnosis) -> Diagnosis | None:
     """Fit with forces and moments exchanged, if significantly better than the reference; else None."""
     swapped_log = replace(problem.log, readings=problem.log.readings[:, _SWAP])
     noise = None if problem.noise is None else problem.noise[_SWAP]
     problem = replace(problem, log=swapped_log, bias=problem.bias[_SWAP], within=problem.within[_SWAP], noise=noise)
     reference_fit: Fit = replace(reference.fit, residuals=reference.fit.residuals[:, _SWAP])
-    good = []
+    better = []
     for sign in get_args(Sign):
         explanation = explain(sign, problem.with_unknowns(turn=False))
-        if explanation is not None and explanation.mass > 0 and explanation.improves(reference_fit):
-            good.append(explanation)
-    return min(good, key=lambda e: e.noise_product, default=None)
+        if explanation is None or explanation.mass <= 0:
+            continue
+        if explanation.improves(reference_fit):
+            better.append(explanation)
+    return min(better, key=lambda explanation: explanation.noise_product, default=None)
 
 
 def upside_down(found: Diagnosis, problem: Problem, reference: Diagnosis) -> Diagnosis | None:
-    """Fit of a log in motion with gravity reversed, if significantly better; at rest this equals the opposite sign."""
+    """Fit of a log in motion with gravity reversed, if significantly better than the reference; else None.
+
+    A log at rest cannot tell reversed gravity from the opposite sign.
+    """
     log = problem.log
     if not log.by_gravity or log.V is None:
         return None
-    other = explain(found.sign, replace(problem, log=replace(log, gravity=-log.gravity)))
-    if other is not None and other.mass > 0 and other.improves(reference.fit):
-        return other
-    return None
+    reversed_log = replace(log, gravity=-log.gravity)
+    explanation = explain(found.sign, replace(problem, log=reversed_log))
+    if explanation is None or explanation.mass <= 0:
+        return None
+    return explanation if explanation.improves(reference.fit) else None

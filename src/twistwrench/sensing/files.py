@@ -37,15 +37,15 @@ from .log import ReadingLog, ReadingsGiven, checked_log, first_late_row
 from .sensor import ForceTorqueSensor, gravity_in_frame, rotations_of_quaternions
 from .uncertainty import Uncertainty
 
-_ARRAYS = ("covariance", "freedom", "noise", "noise_freedom")
+_UNCERTAINTY_ARRAYS = ("covariance", "freedom", "noise", "noise_freedom")
 
-_LOGS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
-_SENSORS = {"demo": "demo_sensor.json"}
+_BUNDLED_LOGS = {"demo": "demo_poses.csv", "demo-motion": "demo_motion.csv"}
+_BUNDLED_SENSORS = {"demo": "demo_sensor.json"}
 MAX_SENSOR_FILE_BYTES = 2**20
 
 
-def _advice() -> str:
-    """Sentence that names the call or command for a sensor file."""
+def _advice_on_sensor_files() -> str:
+    """Sentence that names the call or command that writes a sensor file."""
     if in_the_shell():
         return f"twistwrench sensor identify LOG {spell(Argument('save', Placeholder('FILE')))} writes one."
     return "tw.sensing.identify(log).write(path) writes one."
@@ -57,7 +57,7 @@ def log_path(name: str | Path) -> Path:
     >>> log_path("demo").name, str(log_path("my.csv"))
     ('demo_poses.csv', 'my.csv')
     """
-    return _path_or_bundled(name, _LOGS)
+    return _bundled_or_own_path(name, _BUNDLED_LOGS)
 
 
 def sensor_path(name: str | Path) -> Path:
@@ -66,15 +66,15 @@ def sensor_path(name: str | Path) -> Path:
     >>> sensor_path("demo").name
     'demo_sensor.json'
     """
-    return _path_or_bundled(name, _SENSORS)
+    return _bundled_or_own_path(name, _BUNDLED_SENSORS)
 
 
-def _path_or_bundled(name: str | Path, files: Mapping[str, str]) -> Path:
-    """Path of a bundled file if it has that name and no file of the user has."""
-    path = Path(name)
-    if str(name) in files and not path.is_file():
+def _bundled_or_own_path(name: str | Path, files: Mapping[str, str]) -> Path:
+    """Path of the bundled file with this name; a file of the user with the same name goes before it."""
+    own_path = Path(name)
+    if str(name) in files and not own_path.is_file():
         return Path(__file__).with_name(files[str(name)])
-    return path
+    return own_path
 
 
 @dataclass(frozen=True)
@@ -129,10 +129,10 @@ def write_sensor(
             f"write_sensor: uncertainty is {arguments.value_text(uncertainty)}: give Identification.uncertainty, or None."
         )
     if uncertainty is not None:
-        content["uncertainty"] = {
-            "unknowns": list(uncertainty.unknowns),
-            **{name: _nested_lists(getattr(uncertainty, name)) for name in _ARRAYS},
-        }
+        entry: dict[str, Any] = {"unknowns": list(uncertainty.unknowns)}
+        for name in _UNCERTAINTY_ARRAYS:
+            entry[name] = _lists_for_json(getattr(uncertainty, name))
+        content["uncertainty"] = entry
     with replacing(path) as scratch:
         scratch.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
 
@@ -169,78 +169,117 @@ def read_sensor_file(path: str | Path) -> SensorFile:
         raise ShapeError(f"read_sensor takes the path of a sensor file, got {type(path).__name__}.")
     path = Path(path)
     try:
-        content = _content(path)
+        content = _read_content(path)
         load = SpatialInertia.from_parameters(content["load"])
         if load.mass < 0:
             raise ValueRangeError(f"the load's mass, {load.mass} kg, is negative. Identify the sensor again.")
         sensor = ForceTorqueSensor(
-            load, content["bias"], content["sign"], content["mounting"], content.get("frame"), _inertia(content, load)
+            load=load,
+            bias=content["bias"],
+            sign=content["sign"],
+            mounting=content["mounting"],
+            frame=content.get("frame"),
+            inertia=_inertia_state(content, load),
         )
-        moment, force = checked_noise(content["noise"], none_at_all=True).tolist()
+        moment_noise, force_noise = checked_noise(content["noise"], none_at_all=True).tolist()
         uncertainty = None
         if content.get("uncertainty") is not None:
-            uncertainty = _uncertainty(content["uncertainty"])
+            uncertainty = _uncertainty_of_entry(content["uncertainty"])
     except FileNotFoundError:
-        raise NotFoundError(f"no sensor file {str(path)!r}. {_advice()}") from None
+        raise NotFoundError(f"no sensor file {str(path)!r}. {_advice_on_sensor_files()}") from None
     except TwistWrenchError as problem:
         raise ValueRangeError(f"{path}: {problem}") from None
     except (ValueError, TypeError, KeyError, OverflowError):
-        raise ValueRangeError(f"{path}: is not a sensor file. {_advice()}") from None
-    return SensorFile(sensor, (moment, force), uncertainty)
+        raise ValueRangeError(f"{path}: is not a sensor file. {_advice_on_sensor_files()}") from None
+    return SensorFile(sensor, (moment_noise, force_noise), uncertainty)
 
 
-def _nested_lists(x: Array) -> Any:
-    """Convert to nested lists for JSON; infinities become null."""
-    if x.ndim > 1:
-        return [_nested_lists(row) for row in x]
-    return [float(value) if np.isfinite(value) else None for value in x]
+def _lists_for_json(array: Array) -> Any:
+    """Nested lists of an array for JSON, in which infinities become null."""
+    if array.ndim > 1:
+        return [_lists_for_json(row) for row in array]
+    return [float(value) if np.isfinite(value) else None for value in array]
 
 
-def _uncertainty(entry: dict[str, Any]) -> Uncertainty:
-    """Uncertainty of a sensor file."""
-    # NaN in a float array stands for infinity in the file; it is rejected where infinity is not allowed.
+def _uncertainty_of_entry(entry: dict[str, Any]) -> Uncertainty:
+    """Uncertainty from its entry in a sensor file."""
     arrays = {}
-    for name in _ARRAYS:
+    for name in _UNCERTAINTY_ARRAYS:
+        # Infinity is written as null, which NumPy reads as NaN. Uncertainty rejects infinity where it is not allowed.
         x = np.array(entry[name], float)
         arrays[name] = np.where(np.isnan(x), np.inf, x)
     return Uncertainty(tuple(entry["unknowns"]), **arrays)
 
 
-def _content(path: Path) -> dict[str, Any]:
-    with third_party_errors(lambda reason: ValueRangeError(f"is not a sensor file: {reason}. {_advice()}")):
+def _read_content(path: Path) -> dict[str, Any]:
+    """Entries of a sensor file; raises ValueRangeError unless it is JSON with named entries."""
+    with third_party_errors(
+        lambda reason: ValueRangeError(f"is not a sensor file: {reason}. {_advice_on_sensor_files()}")
+    ):
         try:
-            content = json.loads(
-                read_text(path, MAX_SENSOR_FILE_BYTES), parse_int=float
-            )  # no integers beyond the float range
+            text = read_text(path, MAX_SENSOR_FILE_BYTES)
         except FileNotFoundError:
             raise NotFoundError(str(path)) from None
+        content = json.loads(text, parse_int=float)  # integers may be larger than floats can be
     if not isinstance(content, dict):
-        raise ValueRangeError(f"is not a sensor file: it holds one value of kind {type(content).__name__}. {_advice()}")
+        raise ValueRangeError(
+            f"is not a sensor file: it holds one value of kind {type(content).__name__}. {_advice_on_sensor_files()}"
+        )
     return content
 
 
-def _inertia(content: dict[str, Any], load: SpatialInertia) -> Any:
-    """State of the rotational inertia in the file; "unknown" if the entry is missing and the load is a point mass."""
+def _inertia_state(content: dict[str, Any], load: SpatialInertia) -> Any:
+    """State of the rotational inertia in the file.
+
+    Older files have no such entry. The inertia of their load is "unknown" if the load is a point mass or inconsistent.
+    """
     if "inertia" in content:
         return content["inertia"]
     point_mass = SpatialInertia.zero()
     if load.mass:
         point_mass = SpatialInertia.from_com(load.mass, load.com)
     is_point_mass = np.allclose(load.parameters, point_mass.parameters, rtol=1e-9, atol=1e-12)
-    return "unknown" if is_point_mass or load.defects() else "given"
+    if is_point_mass or load.defects():
+        return "unknown"
+    return "given"
 
 
 # ── Logs of readings as CSV files
 
-_QUATERNION = ("qw", "qx", "qy", "qz")
-_MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
-_GRAVITY = ("gx", "gy", "gz")
-_DV = tuple(f"d{name}" for name in TWIST)
+_QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
+_MATRIX_COLUMNS = tuple(f"r{row}{column}" for row in "123" for column in "123")
+_GRAVITY_COLUMNS = ("gx", "gy", "gz")
+_DV_COLUMNS = tuple(f"d{name}" for name in TWIST)
 _POSITION = ("px", "py", "pz")
-_COLUMNS = ("time", *_QUATERNION, *_MATRIX, *_GRAVITY, *WRENCH, *TWIST, *_DV, *_POSITION)
+_COLUMNS = (
+    "time",
+    *_QUATERNION_COLUMNS,
+    *_MATRIX_COLUMNS,
+    *_GRAVITY_COLUMNS,
+    *WRENCH,
+    *TWIST,
+    *_DV_COLUMNS,
+    *_POSITION,
+)
 _ALIASES = {"t": "time", "tx": "mx", "ty": "my", "tz": "mz"}
-_ANGLES = {"roll", "pitch", "yaw", "rx", "ry", "rz", "a", "b", "c", "alpha", "beta", "gamma", "phi", "theta", "psi"}
-_UNITS = {
+_ANGLE_NAMES = {
+    "roll",
+    "pitch",
+    "yaw",
+    "rx",
+    "ry",
+    "rz",
+    "a",
+    "b",
+    "c",
+    "alpha",
+    "beta",
+    "gamma",
+    "phi",
+    "theta",
+    "psi",
+}
+_UNITS = {  # accepted units by column, or by its name without x, y or z; messages name the first
     "m": ("N m", "Nm", "N*m", "N·m"),
     "f": ("N",),
     "w": ("rad/s", "1/s"),
@@ -304,12 +343,13 @@ def read_log(
     path = Path(path)
     with table_errors(path, "log", f"a header ({', '.join(WRENCH)} and an orientation), then rows"):
         file = CsvFile.open(path)
-        header = _names(file.header, f"{path}: line {file.header_line}")
+        header = _column_names(file.header, f"{path}: line {file.header_line}")
         names = [name for name in header if name in _COLUMNS]
         ignored = [name for name in header if name not in _COLUMNS]
         _check_complete(names, ignored, f"{path}: line {file.header_line}", by_robot=robot is not None)
         table = file.table([k for k, name in enumerate(header) if name in _COLUMNS])
-    rotations, joint_columns = None, tuple[str, ...]()
+    rotations = None
+    joint_columns: tuple[str, ...] = ()
     if robot is not None:
         rotations, joint_columns = orientations_by_joints(file, robot, frame, degrees=degrees)
     if not len(table):
@@ -317,94 +357,116 @@ def read_log(
     columns = {name: table[:, k] for k, name in enumerate(names)}
     if "time" in columns:
         _check_times(file, columns["time"])
-    log = _log(path, columns, gravity, rotations)
-    return replace(log, notes=_notes([name for name in ignored if name not in joint_columns]))
+    log = _log_from_columns(path, columns, gravity, rotations)
+    return replace(log, notes=_note_on_ignored_columns([name for name in ignored if name not in joint_columns]))
 
 
 def _check_times(file: CsvFile, times: Array) -> None:
     """Raise ValueRangeError unless the times increase."""
-    k = first_late_row(times)
-    if k is not None:
+    row = first_late_row(times)
+    if row is not None:
         raise ValueRangeError(
-            f"{file.path}: {file.place(k)}: time {printed(times[k])} s is not after the {printed(times[k - 1])} s of the "
-            "row before. Times must increase: sort the rows, or remove the column."
+            f"{file.path}: {file.place(row)}: time {printed(times[row])} s is not after the {printed(times[row - 1])} s of "
+            "the row before. Times must increase: sort the rows, or remove the column."
         )
 
 
 def readings_of(log: ReadingsGiven, gravity: float, taker: str, **robot_options: Any) -> ReadingLog:
-    """Log, or that of a file with gravity of this size [m/s²]; doubts about the log are left to the ``taker``'s report.
+    """Log itself, or the log in a file, read with gravity of this size [m/s²].
 
-    ``robot_options`` are the arguments of :func:`read_log` for a file with positions of a robot's joints.
+    Doubts about the log do not warn here, since the report of the function ``taker`` has them. ``robot_options`` are
+    the arguments of :func:`read_log` for a file with positions of a robot's joints.
     """
     if not isinstance(log, str | Path):
         return checked_log(log, taker)
+    gravity_in_world = (0.0, 0.0, -checked_strength(gravity))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        return read_log(log_path(log), gravity=(0.0, 0.0, -checked_strength(gravity)), **robot_options)
+        return read_log(log_path(log), gravity=gravity_in_world, **robot_options)
 
 
-def _names(cells: Sequence[str], where: str) -> list[str]:
-    check_header(cells, where, f"{', '.join(WRENCH)} and an orientation")
+def _column_names(header: Sequence[str], where: str) -> list[str]:
+    """Names of the columns without their units; columns that are not part of a reading keep their text."""
+    check_header(header, where, f"{', '.join(WRENCH)} and an orientation")
     names = []
-    for column in cells:
-        plain_column, unit = column.strip().strip('"'), None
-        name = column
-        match = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", plain_column)
-        if match:
-            name, unit = match.groups()
+    for cell in header:
+        text = cell.strip().strip('"')
+        name, unit = cell, None
+        name_and_unit = re.fullmatch(r"([^\[(]*)(?:[\[(](.*)[\])])?", text)
+        if name_and_unit:
+            name, unit = name_and_unit.groups()
         name = name.strip().lower()
         name = _ALIASES.get(name, name)
-        if name in _COLUMNS and unit is not None:
+        if name not in _COLUMNS:
+            names.append(text)
+            continue
+        if unit is not None:
             _check_unit(name, unit, where)
-        names.append(name if name in _COLUMNS else plain_column)
+        names.append(name)
     for name in names:
         if name in _COLUMNS and names.count(name) > 1:
             raise ValueRangeError(f"{where}: column {name!r} is there {names.count(name)} times. Keep one of them.")
     return names
 
 
-def _notes(ignored: list[str]) -> tuple[str, ...]:
+def _note_on_ignored_columns(ignored: list[str]) -> tuple[str, ...]:
+    """One note that lists ignored columns, each with a similar name of a known one; empty if none is ignored."""
     if not ignored:
         return ()
     texts = []
     for name in ignored:
+        text = repr(name)
         similar = difflib.get_close_matches(name.lower(), _COLUMNS, n=1, cutoff=0.7)
-        texts.append(f"{name!r} (did you mean {similar[0]!r}?)" if similar else repr(name))
+        if similar:
+            text += f" (did you mean {similar[0]!r}?)"
+        texts.append(text)
     return (f"Columns that are not part of a reading are ignored: {', '.join(texts)}.",)
 
 
 def _check_unit(name: str, unit: str, where: str) -> None:
-    kind = name if name in _UNITS else name.rstrip("xyz")
-    allowed = _UNITS.get(kind)
-    if allowed is not None and unit.strip().lower() not in map(str.lower, allowed):
-        raise ValueRangeError(
-            f"{where}: column {name!r} is in {unit.strip()!r}. Convert it to {allowed[0] or 'a plain direction'} (SI units)."
-        )
+    """Raise ValueRangeError if a column has another unit than its quantity allows."""
+    quantity = name if name in _UNITS else name.rstrip("xyz")
+    allowed = _UNITS.get(quantity)
+    if allowed is None:
+        return
+    unit = unit.strip()
+    if unit.lower() not in map(str.lower, allowed):
+        remedy = allowed[0] or "a plain direction"
+        raise ValueRangeError(f"{where}: column {name!r} is in {unit!r}. Convert it to {remedy} (SI units).")
 
 
 def _check_complete(names: list[str], ignored: list[str], where: str, *, by_robot: bool) -> None:
-    """Raise ValueRangeError unless there are all readings, and one orientation unless a robot has it, each whole."""
+    """Raise ValueRangeError unless the columns are complete.
+
+    They are six components of readings and one orientation, which may be missing if it comes from a robot
+    (``by_robot``). An orientation or a motion must have all of its columns.
+    """
     missing = [name for name in WRENCH if name not in names]
     if missing:
         raise ValueRangeError(
             f"{where}: no column for {', '.join(missing)}. {_suggestion(missing, ignored)}A reading has "
             f"{', '.join(WRENCH)}, the moments perhaps as Tx, Ty, Tz."
         )
-    orientations = [kind for kind in (_QUATERNION, _MATRIX, _GRAVITY) if not set(kind).isdisjoint(names)]
-    if len(orientations) > 1 or not (orientations or by_robot):
+    kinds = (_QUATERNION_COLUMNS, _MATRIX_COLUMNS, _GRAVITY_COLUMNS)
+    orientations = [columns for columns in kinds if not set(columns).isdisjoint(names)]
+    is_missing = not orientations and not by_robot
+    if len(orientations) > 1 or is_missing:
         problem = "more than one orientation"
-        hint = _suggestion([*_QUATERNION, *_MATRIX, *_GRAVITY], ignored)
-        if not orientations:
-            problem, hint = "no orientation", _hint_on_angles(ignored) or hint
+        hint = _suggestion(list(chain.from_iterable(kinds)), ignored)
+        if is_missing:
+            problem = "no orientation"
+            hint = _hint_on_angles(ignored) or hint
         raise ValueRangeError(
-            f"{where}: {problem}. {hint}Give one of: {', '.join(_QUATERNION)}; r11, r12, …, r33; {', '.join(_GRAVITY)} "
-            "(gravity's direction in the sensor's frame); or joint positions, and the robot: {0}.",
+            f"{where}: {problem}. {hint}Give one of: {', '.join(_QUATERNION_COLUMNS)}; r11, r12, …, r33; "
+            f"{', '.join(_GRAVITY_COLUMNS)} (gravity's direction in the sensor's frame); or joint positions, and the robot: "
+            "{0}.",
             Argument("robot", Placeholder("ROBOT")),
         )
-    groups = [*orientations]
-    if not set(TWIST + _DV).isdisjoint(names):
-        groups.append(TWIST + _DV)
-    missing = [name for name in chain.from_iterable(groups) if name not in names]
+    expected = list(chain.from_iterable(orientations))
+    motion_columns = TWIST + _DV_COLUMNS
+    if not set(motion_columns).isdisjoint(names):
+        expected += motion_columns
+    missing = [name for name in expected if name not in names]
     if missing:
         raise ValueRangeError(
             f"{where}: no column for {', '.join(missing)}, although others of its kind are there. "
@@ -413,8 +475,8 @@ def _check_complete(names: list[str], ignored: list[str], where: str, *, by_robo
 
 
 def _hint_on_angles(ignored: list[str]) -> str:
-    """Hint on columns that look like angles of an orientation; empty if there are not two."""
-    angles = [name for name in ignored if re.sub(r"[^a-z]", "", name.lower()) in _ANGLES]
+    """Hint on columns that look like angles of an orientation; empty if there are fewer than two."""
+    angles = [name for name in ignored if re.sub(r"[^a-z]", "", name.lower()) in _ANGLE_NAMES]
     if len(angles) < 2:
         return ""
     return f"{', '.join(angles)}: angles have many conventions, so none is guessed; convert them to a quaternion. "
@@ -423,62 +485,78 @@ def _hint_on_angles(ignored: list[str]) -> str:
 def _suggestion(missing: list[str], ignored: list[str]) -> str:
     """Suggest an ignored column whose name resembles a missing one."""
     for name in ignored:
-        letters = re.sub(r"torque|moment|\bt(?=_)", "m", re.sub(r"force", "f", name.lower()))
-        similar = difflib.get_close_matches(re.sub(r"[^a-z0-9]", "", letters), missing, n=1, cutoff=0.7)
+        short_name = re.sub(r"force", "f", name.lower())
+        short_name = re.sub(r"torque|moment|\bt(?=_)", "m", short_name)
+        short_name = re.sub(r"[^a-z0-9]", "", short_name)
+        similar = difflib.get_close_matches(short_name, missing, n=1, cutoff=0.7)
         if similar:
             return f"Column {name!r} is not known: did you mean {similar[0]!r}? "
     return ""
 
 
-def _log(path: Path, columns: dict[str, Array], gravity: ArrayLike, rotations: Array | None) -> ReadingLog:
-    """Log of columns; ``rotations`` (n, 3, 3) are those of a robot's joints, used if the file has no orientations."""
+def _log_from_columns(path: Path, columns: dict[str, Array], gravity: ArrayLike, rotations: Array | None) -> ReadingLog:
+    """Log of the columns of a file.
 
-    def stack(names: tuple[str, ...]) -> Array:
-        return np.stack([columns[n] for n in names], axis=1)
+    ``rotations`` (n, 3, 3) follow from joint positions of a robot and are used if the file has no orientations. If it
+    has both, the log holds the angle between their directions of gravity.
+    """
+
+    def stack(names: tuple[str, ...]) -> Array | None:
+        """Columns (n, k) side by side; None if the file does not have them."""
+        if names[0] not in columns:
+            return None
+        return np.stack([columns[name] for name in names], axis=1)
 
     pose, log_gravity = rotations, gravity
-    if _QUATERNION[0] in columns:
-        pose = rotations_of_quaternions(stack(_QUATERNION), f"{path}: quaternion")
-    elif _MATRIX[0] in columns:
-        pose = stack(_MATRIX).reshape(-1, 3, 3)
-    elif _GRAVITY[0] in columns:
-        pose, directions = None, stack(_GRAVITY)
-        length = np.linalg.norm(directions, axis=1, keepdims=True)
-        if not length.all():
-            row = int(np.flatnonzero(length[:, 0] == 0)[0])
+    quaternions, matrices = stack(_QUATERNION_COLUMNS), stack(_MATRIX_COLUMNS)
+    directions = stack(_GRAVITY_COLUMNS)
+    if quaternions is not None:
+        pose = rotations_of_quaternions(quaternions, f"{path}: quaternion")
+    elif matrices is not None:
+        pose = matrices.reshape(-1, 3, 3)
+    elif directions is not None:
+        pose = None
+        lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+        if not lengths.all():
+            row = int(np.flatnonzero(lengths[:, 0] == 0)[0])
             raise ValueRangeError(f"{path}: gx, gy, gz of reading {row} are zero. Give the direction of gravity.")
-        log_gravity = directions / length * np.linalg.norm(np.asarray(gravity, float))
+        log_gravity = directions / lengths * np.linalg.norm(np.asarray(gravity, float))
+    readings = np.stack([columns[name] for name in WRENCH], axis=1)
     log = ReadingLog.from_arrays(
-        stack(WRENCH),
+        readings,
         pose=pose,
         gravity=log_gravity,
-        V=stack(TWIST) if TWIST[0] in columns else None,
-        dV=stack(_DV) if _DV[0] in columns else None,
+        V=stack(TWIST),
+        dV=stack(_DV_COLUMNS),
         time=columns.get("time"),
         name=str(path),
     )
     if rotations is None or pose is rotations:
         return log
-    return replace(log, turned=_angle_between(log.gravity, gravity_in_frame(rotations, gravity)))
+    robot_gravity = gravity_in_frame(rotations, gravity)
+    return replace(log, turned=_median_angle(log.gravity, robot_gravity))
 
 
-def _angle_between(a: Array, b: Array) -> float:
-    """Median angle [rad] between rows of two arrays (n, 3)."""
-    sines, cosines = np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)
+def _median_angle(a: Array, b: Array) -> float:
+    """Median of the angles [rad] between vectors in the same row of two arrays (n, 3)."""
+    # Sines and cosines have the product of both lengths as a factor, which cancels.
+    sines = np.linalg.norm(np.cross(a, b), axis=1)
+    cosines = (a * b).sum(axis=1)
     return float(np.median(np.arctan2(sines, cosines)))
 
 
 def orientations_by_joints(
     file: CsvFile, robot: Robot | str | Path, frame: str | None, *, degrees: bool
 ) -> tuple[Array, tuple[str, ...]]:
-    """Orientations (n, 3, 3) of a frame by the joint positions in a file, and the columns that have them."""
+    """Orientations (n, 3, 3) of a frame by the joint positions in a file, and the names of their columns."""
     arm = robot if isinstance(robot, Robot) else load(robot)
-    timed = any(time_meaning(split_unit(cell)[0]) is not None for cell in file.header)
-    reading = Reading(file.path, rate=None if timed else 1.0, degrees=degrees)
+    has_times = any(time_meaning(split_unit(cell)[0]) is not None for cell in file.header)
+    rate = None if has_times else 1.0  # any rate will do, since orientations do not depend on times
+    reading = Reading(file.path, rate=rate, degrees=degrees)
     where = f"{file.path}: line {file.header_line}"
     columns = Columns.from_header(file.header, Coordinates.from_model(arm.model), where, reading, file.first)
     table = file.table(columns.used)
-    if columns.counted:  # a column of times that the file does not have
+    if columns.counted:  # si_values expects a first column of times, which the file does not have
         table = np.column_stack([np.zeros(len(table)), table])
     q = columns.si_values(table, "q")
     return np.asarray(arm.forward_kinematics(q, frame))[:, :3, :3], tuple(columns.header)
@@ -506,15 +584,18 @@ def write_log(log: ReadingLog, path: str | Path) -> None:
     checked_log(log, "write_log")
     if not isinstance(path, str | Path):
         raise ShapeError(f"write_log takes a path after the log, got a {type(path).__name__}.")
-    unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
-    header, columns = [*_GRAVITY], [unit]
+    header: list[str] = []
+    columns: list[Array] = []
     if log.time is not None:
-        header, columns = ["time", *header], [log.time[:, None], *columns]
+        header.append("time")
+        columns.append(log.time[:, None])
+    header += _GRAVITY_COLUMNS
+    columns.append(log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True))
     if log.V is not None:
         header += TWIST
         columns.append(log.V)
     if log.dV is not None:
-        header += _DV
+        header += _DV_COLUMNS
         columns.append(log.dV)
     with csv_table(path, [*header, *WRENCH]) as table:
         table.numbers(np.concatenate([*columns, log.readings], axis=1))
@@ -524,7 +605,8 @@ def write_compensated(log: ReadingLog, compensated: Array, path: str | Path) -> 
     """Write readings (n, 6) without bias and load, with the times of the log if it has them."""
     header, rows = [*WRENCH], compensated
     if log.time is not None:
-        header, rows = ["time", *header], np.column_stack([log.time, compensated])
+        header.insert(0, "time")
+        rows = np.column_stack([log.time, compensated])
     with csv_table(path, header) as table:
         table.numbers(rows)
     return Path(path)

@@ -21,27 +21,45 @@ from ..core.typing import Array
 from .log import ReadingLog
 from .unknowns import SensorState, Unknowns
 
-_HUBER = 2.0  # scaled distance above which a row loses weight; 1 is the median of inliers
-MAX_ROUNDS, MAX_CHANGE = 100, 1e-7
-MIN_CLUSTERS = 6  # clusters below which the three channels of a kind share a variance
-MIN_NOISE_RATIO = 1e-3  # lower bound of a channel's noise, relative to the mean of its kind
+_HUBER_LIMIT = 2.0
+"""Scaled distance above which a row loses weight; 1 is the median of inliers."""
+MAX_ROUNDS = 100
+"""Largest number of iterations."""
+MAX_CHANGE = 1e-7
+"""Largest change of unknowns and relative change of variances in the last iteration."""
+_MAX_HUBER_CHANGE = 1e-3
+"""Largest such change with Huber weights, whose fit only finds suspect rows."""
+MIN_CLUSTERS = 6
+"""Number of clusters below which the three channels of a kind share a variance."""
+MIN_NOISE_RATIO = 1e-3
+"""Smallest ratio of a channel's excess variance to the largest of its kind, as a ratio of standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Problem of a fit: rows, unknowns, and known values."""
 
-    log: ReadingLog  # n rows: means of dwells, and readings in motion
+    log: ReadingLog
+    """n rows: means of dwells, and readings in motion."""
     unknowns: Unknowns
-    factor: float  # +1 for readings on the sensor, -1 for readings by it
-    bias: Array  # (6,) if known
-    noise: Array | None  # (6,) standard deviations of one reading, if known
-    count: Array  # (n,) readings in each row
-    within: Array  # (6,) variance of a reading within its static pose; zero if unknown
+    factor: float
+    """+1 for readings on the sensor, -1 for readings by it."""
+    bias: Array
+    """Known bias (6,); zero if there is none."""
+    noise: Array | None
+    """Known standard deviations (6,) of one reading; None if they are estimated."""
+    count: Array
+    """Number (n,) of readings in each row."""
+    within: Array
+    """Variance (6,) of a reading within its static pose; zero if unknown."""
     within_freedom: float
-    label: Array  # (n,) cluster of each row
-    timed: bool = False  # True if the log has times; False if only an order
+    """Degrees of freedom of ``within``."""
+    label: Array
+    """Cluster (n,) of each row."""
+    timed: bool = False
+    """True if the log has times; False if only an order."""
     state: SensorState = field(default_factory=SensorState)
+    """Initial mounting, tilt and delay."""
 
     def with_unknowns(self, **changes: bool) -> Problem:
         """Problem with changed unknowns."""
@@ -50,7 +68,8 @@ class Problem:
     @property
     def target(self) -> Array:
         """Right-hand side (n, 6) of the fit."""
-        return self.log.readings - (0.0 if self.unknowns.bias else self.bias)
+        known_bias = 0.0 if self.unknowns.bias else self.bias
+        return self.log.readings - known_bias
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,17 +81,26 @@ class Fit:
     """Estimates (p,) in the order of ``unknowns.names``; turn, tilt and delay are zero, as ``state`` contains them."""
     covariance: Array
     """Sandwich covariance (p, p), for intervals; for the turn, of a small rotation in the sensor's axes [rad]."""
-    known: Array  # (p,) degrees of freedom of each unknown's variance
+    known: Array
+    """Degrees of freedom (p,) of each unknown's variance."""
     com_known: Array
     """Degrees of freedom (3,) of first moment minus mass times centre of mass, as used by Fieller's intervals."""
-    joint: Array  # (p, p) covariance for joint regions, as if rows were independent; it has full rank
-    joint_freedom: float  # degrees of freedom of mass and first moment together
-    sigma: Array  # (6,) standard deviation of one reading in a new orientation [N m, N]
-    freedom: Array  # (6,) degrees of freedom of sigma; inf if the noise was given
-    deviation: Array  # (n, 6) standard deviation of each row
-    residuals: Array  # (n, 6) rows minus model
-    state: SensorState  # mounting, tilt of gravity and delay
-    design: Array  # (n, 6, p)
+    joint: Array
+    """Covariance (p, p) for joint regions, as if rows were independent; it has full rank."""
+    joint_freedom: float
+    """Degrees of freedom of mass and first moment together."""
+    sigma: Array
+    """Standard deviation (6,) of one reading in a new orientation [N m, N]."""
+    freedom: Array
+    """Degrees of freedom (6,) of sigma; inf if the noise was given."""
+    deviation: Array
+    """Standard deviation (n, 6) of each row."""
+    residuals: Array
+    """Rows minus model (n, 6)."""
+    state: SensorState
+    """Mounting, tilt of gravity and delay."""
+    design: Array
+    """Design matrices (n, 6, p)."""
     leverage: Array
     """Leverage (n, 6) of each row; zero for rows left out."""
 
@@ -110,9 +138,9 @@ class Fit:
 
     @property
     def com_deviation(self) -> Array:
-        """Standard deviations (3,) of the centre of mass [m], to first order."""
+        """Standard deviations (3,) of the centre of mass c = h / m [m], to first order: dc = (dh - c dm) / m."""
         part = slice(self.unknowns.load.start, self.unknowns.load.start + 4)
-        x, C = self.estimate[part], self.covariance[part, part]
+        x, C = self.estimate[part], self.covariance[part, part]  # (m, h)
         D = np.hstack([-(x[1:] / x[0])[:, None], np.eye(3)]) / x[0]
         return np.asarray(np.sqrt(np.diag(D @ C @ D.T)))
 
@@ -134,50 +162,59 @@ def fit(problem: Problem, *, keep: Array, huber: bool = False) -> Fit:
     of a row of count readings is v = τ + w / count, with w the variance within dwells. For each channel, τ makes the
     mean square of the residuals equal to v, corrected for the degrees of freedom.
     """
-    unknowns, log, target = problem.unknowns, problem.log, problem.target
-    t, nonlinear = log.clock, unknowns.nonlinear_columns
+    unknowns, log = problem.unknowns, problem.log
+    target = problem.target
+    t = log.clock
+    nonlinear = unknowns.nonlinear_columns
     state = replace(problem.state, middle=0.5 * float(t[0] + t[-1]))
-    groups = np.repeat([0, 1], 3) if few(problem.label[keep]) else np.arange(6)
-    share = 1.0 / problem.count[:, None]
-    own_variance = problem.within * share
+    groups = np.repeat([0, 1], 3) if few(problem.label[keep]) else np.arange(6)  # channels that share a variance
+    inverse_count = 1.0 / problem.count[:, None]
+    own_variance = problem.within * inverse_count
     min_variance = np.maximum(0.1 * own_variance, (1e-13 * (np.abs(target).max() + 1e-3)) ** 2)
     if problem.noise is None:
-        v = np.tile(np.repeat([0.03**2, 1.0], 3), (len(log), 1))
+        v = np.tile(np.repeat([0.03**2, 1.0], 3), (len(log), 1))  # initial guess
     else:
-        v = problem.noise**2 * share
-    freedom, weight = np.full(6, math.inf), keep.astype(float)
+        v = problem.noise**2 * inverse_count
+    freedom = np.full(6, math.inf)
+    weight = keep.astype(float)
     A = unknowns.design(log, problem.factor, state)
-    round_ = 0
+    iteration = 0
     while True:
-        if nonlinear.size and round_:
+        if nonlinear.size and iteration:
             A = unknowns.design(log, problem.factor, state)
-        used = weight
+        used_weight = weight
         if unknowns.delay:
-            used = weight * _inside(log, state.delay)
-        root = np.sqrt(used)[:, None] / np.sqrt(v)
-        x, half, Q = orthogonal_fit(A, target, root, unknowns.scales)
+            used_weight = weight * _pose_is_in_log(log, state.delay)
+        root_weight = np.sqrt(used_weight)[:, None] / np.sqrt(v)
+        x, half, Q = orthogonal_fit(A, target, root_weight, unknowns.scales)
         residuals = target - A @ x
         last_v, last_weight = v, weight
         if problem.noise is None:
-            tau, freedom = _excess_variance(residuals, Q, v, used, keep, own_variance, groups, huber=huber)
+            tau, freedom = _excess_variance(residuals, Q, v, used_weight, keep, own_variance, groups, huber=huber)
             v = np.maximum(tau + own_variance, min_variance)
         if huber:
-            weight = keep * huber_weights(np.sqrt(np.mean(residuals**2 / v, axis=1)), _HUBER)
+            scaled_distance = np.sqrt(np.mean(residuals**2 / v, axis=1))
+            weight = keep * huber_weights(scaled_distance, _HUBER_LIMIT)
         change = max(float(np.abs(v / last_v - 1.0).max()), float(np.abs(weight - last_weight).mean()))
         if nonlinear.size:
             state = unknowns.next_state(state, log, x)
-            change = max(change, float(np.abs(x[nonlinear]).max()), float(round_ == 0))
+            change = max(change, float(np.abs(x[nonlinear]).max()))
+            if iteration == 0:  # a second iteration at least, with the new state
+                change = max(change, 1.0)
             x[nonlinear] = 0.0
-        round_ += 1
-        converged = change < 1e-3 and round_ > 1 if huber else change < MAX_CHANGE
-        if converged or round_ == MAX_ROUNDS:
+        iteration += 1
+        if huber:
+            has_converged = iteration > 1 and change < _MAX_HUBER_CHANGE
+        else:
+            has_converged = change < MAX_CHANGE
+        if has_converged or iteration == MAX_ROUNDS:
             break
-    covariances = _covariances(problem, x, half, Q, (residuals * root)[keep], freedom, groups, keep)
+    covariances = _covariances(problem, x, half, Q, (residuals * root_weight)[keep], freedom, groups, keep)
     sigma = problem.noise
     if sigma is None:
         sigma, freedom = _reading_deviation(problem, v, keep, freedom)
-    deviation, leverage = np.sqrt(v), (Q * Q).sum(axis=2)
-    return Fit(unknowns, x, *covariances, sigma, freedom, deviation, residuals, state, A, leverage)
+    leverage = (Q * Q).sum(axis=2)
+    return Fit(unknowns, x, *covariances, sigma, freedom, np.sqrt(v), residuals, state, A, leverage)
 
 
 def _covariances(
@@ -185,28 +222,32 @@ def _covariances(
 ) -> tuple[Array, Array, Array, Array, float]:
     """Sandwich covariance, degrees of freedom of unknowns and centre of mass, joint covariance and its freedom.
 
-    ``residuals`` (m, 6) are whitened, and those of the kept rows.
+    ``half`` is the root of the covariance for unit variances. ``residuals`` (m, 6) are whitened, and those of the kept
+    rows.
     """
     p, load = len(x), problem.unknowns.load
-    m, h = load.start, slice(load.start + 1, load.start + 4)
-    rows = np.concatenate([half, half[h] * x[m] - np.outer(x[h], half[m])])
+    m, h = load.start, slice(load.start + 1, load.start + 4)  # mass and first moment
+    rows = np.concatenate([half, half[h] * x[m] - np.outer(x[h], half[m])])  # unknowns, then m dh - h dm
     C, known = channel_covariance(Q, rows, freedom, groups)
     joint = C[:p, :p]
-    joint_freedom = f_test_freedom(channel_covariance(Q, half[m : m + 4], weight_freedom(freedom), groups)[1])
+    _, load_freedom = channel_covariance(Q, half[m : m + 4], weight_freedom(freedom), groups)
+    joint_freedom = f_test_freedom(load_freedom)
     if problem.noise is None:
         label = problem.label[keep]
-        added = half @ variance_estimate_covariance(Q, freedom, groups) @ half.T
+        of_variance_estimates = half @ variance_estimate_covariance(Q, freedom, groups) @ half.T
         sandwich = None
         if not few(label):
             sandwich = cluster_robust_covariance(Q[keep], residuals, rows, label)
         if sandwich is not None:
             C, known = sandwich
-        C, joint = C[:p, :p] + added, joint + added
-        size = np.unique(label, return_counts=True)[1]
+        C = C[:p, :p] + of_variance_estimates
+        joint = joint + of_variance_estimates
         # Only the sandwich accounts for autocorrelated rows. Fully correlated rows of a cluster give the largest ratio
         # (Kish, Survey Sampling, 1965, section 5.4); larger values are noise of the sandwich.
         ratio = float((np.diag(C) / np.diag(joint))[load].mean())
-        joint = joint * min(max(1.0, ratio), float((size**2).sum() / size.sum()))
+        _, cluster_sizes = np.unique(label, return_counts=True)
+        largest_ratio = float((cluster_sizes**2).sum() / cluster_sizes.sum())
+        joint = joint * min(max(1.0, ratio), largest_ratio)
     return C[:p, :p], known[:p], known[p:], joint, joint_freedom
 
 
@@ -215,14 +256,15 @@ def _reading_deviation(problem: Problem, v: Array, keep: Array, freedom: Array) 
 
     σ² = v + w (1 - 1 / count): the variance of rows, plus the part that averaging removed.
     """
-    lost = problem.within * (1.0 - float((1.0 / problem.count[keep]).mean()))
+    mean_inverse_count = float((1.0 / problem.count[keep]).mean())
+    removed = problem.within * (1.0 - mean_inverse_count)
     mean = v[keep].mean(axis=0)
     freedoms = np.stack([freedom, np.full(6, problem.within_freedom)])
-    return np.sqrt(mean + lost), sum_freedom(np.stack([mean, lost]), freedoms)
+    return np.sqrt(mean + removed), sum_freedom(np.stack([mean, removed]), freedoms)
 
 
-def _inside(log: ReadingLog, delay: float) -> Array:
-    """1.0 for rows (n,) whose poses a delay earlier lie within the log."""
+def _pose_is_in_log(log: ReadingLog, delay: float) -> Array:
+    """1.0 for rows (n,) whose poses a delay earlier lie within the log, or at most two median steps beyond it."""
     t = log.clock
     near = 2 * float(np.median(np.diff(t)))
     return ((t - delay > t[0] - near) & (t - delay < t[-1] + near)).astype(float)
@@ -236,20 +278,23 @@ def _excess_variance(
     row_freedom = used[:, None] * (1.0 - (Q * Q).sum(axis=2))  # 1 - leverage
     freedom = np.maximum(_group_sums(row_freedom.sum(axis=0), groups), 1e-9)
     if huber:  # median: robust if up to half of the rows are outliers
-        sizes = np.abs(residuals[keep])
-        medians = np.median(sizes, axis=0)
+        magnitudes = np.abs(residuals[keep])
+        medians = np.median(magnitudes, axis=0)
         if int(groups[-1]) == 1:  # three channels of a kind share a variance
-            medians = np.repeat(np.median(sizes.reshape(-1, 2, 3), axis=(0, 2)), 3)
-        tau = (MAD * medians) ** 2 * keep.sum() * np.bincount(groups)[groups] / np.maximum(freedom, 1.0)
+            medians = np.repeat(np.median(magnitudes.reshape(-1, 2, 3), axis=(0, 2)), 3)
+        channels_of_group = np.bincount(groups)[groups]
+        tau = (MAD * medians) ** 2 * keep.sum() * channels_of_group / np.maximum(freedom, 1.0)
         tau = np.maximum(tau - np.median(own_variance[keep], axis=0), 0.0)
     else:
         weights = used[:, None] / v**2
         tau = _group_sums((weights * (residuals**2 - own_variance * row_freedom)).sum(axis=0), groups)
         tau = tau / np.maximum(_group_sums((weights * row_freedom).sum(axis=0), groups), 1e-300)
-    largest = np.repeat(np.maximum(tau, 0.0).reshape(2, 3).max(axis=1), 3)
-    return np.maximum(tau, np.where(own_variance.any(), -np.inf, MIN_NOISE_RATIO**2 * largest)), freedom
+    if own_variance.any():  # a channel has the noise within dwells, so τ needs no lower bound
+        return tau, freedom
+    largest_of_kind = np.repeat(np.maximum(tau, 0.0).reshape(2, 3).max(axis=1), 3)
+    return np.maximum(tau, MIN_NOISE_RATIO**2 * largest_of_kind), freedom
 
 
 def _group_sums(x: Array, groups: Array) -> Array:
-    """Sum over the channels of each group (6,)."""
+    """Sums (6,) of x (6,) over the channels of the group of each channel."""
     return np.bincount(groups, x)[groups]

@@ -18,13 +18,18 @@ from .observability import blind_spots
 from .outliers import least_rows, reject_outliers
 from .unknowns import SensorState
 
-SIGNIFICANCE = 1e-4  # significance level: probability of proposing a spurious unknown
-ROW_TEST_FACTOR = 0.1  # factor of the row-wise test, whose level is 1e-3: there are few rows
-MIN_FREEDOM = 4.0  # minimum number of residual degrees of freedom
-MIN_SHARE_OF_BEST = (
-    0.8  # fraction of the largest reduction; among candidates above it, the one with fewest columns is chosen
-)
-MIN_GAIN = 0.05  # of the load's wrench; smaller gains and cross-talk resemble pose errors of a degree or two
+SIGNIFICANCE = 1e-4
+"""Significance level: probability of proposing a spurious unknown."""
+ROW_TEST_FACTOR = 0.1
+"""Factor on the p-value of the test by rows. Its level is thus 1e-3, since it has few degrees of freedom."""
+MIN_FREEDOM = 4.0
+"""Smallest number of residual degrees of freedom of a test."""
+MIN_SHARE_OF_BEST = 0.8
+"""Fraction of the largest reduction. Among candidates above it, the one with fewest columns is chosen."""
+MIN_GAIN = 0.05
+"""Smallest error of gain or cross-talk, relative to the load's wrench. Smaller ones resemble pose errors of a degree."""
+_ROUNDING = 1e-20
+"""Fraction of the squares below which the rest of the residuals is rounding error."""
 
 
 def fit_unless_drift(problem: Problem, first_fit: Fit, kept: Array) -> tuple[Fit, Array]:
@@ -51,8 +56,11 @@ def offers_drift(problem: Problem, fit: Fit, kept: Array) -> bool:
 def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
     """Unknowns that would explain the residuals of the kept rows (n,), selected one by one, best first.
 
-    Each adds columns E to the whitened design. With P (rank r) the part of E orthogonal to it and to those before,
-    F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r)), e' = e - P P'e, with ν the degrees of freedom of the residuals e.
+    An unknown adds columns E to the whitened design. P is an orthonormal basis of rank r of the part of E that is
+    orthogonal to all columns before. With the residuals e and their degrees of freedom ν, the F test is
+
+    ``F = ((|e|² - |e'|²) / r) / (|e'|² / (ν - r))``, ``e' = e - P P'e``.
+
     Drift and gain have separate columns for each channel. Their p-value is six times the smallest of the channels, as
     each channel has its own variance. Candidates with p < 1e-4 are significant. Among those that explain nearly as much
     as the best, the one with fewest columns is selected.
@@ -61,17 +69,18 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
     e = (fit.residuals[kept] / scale).ravel()
 
     def unit_columns(columns: Array) -> Array:
-        x = (columns[kept] / scale[..., None]).reshape(e.size, -1)
-        size = np.linalg.norm(x, axis=0)
-        return np.asarray(x[:, size > 0] / size[size > 0])
+        """Whitened columns (N, k) of length 1; zero columns are left out."""
+        whitened = (columns[kept] / scale[..., None]).reshape(e.size, -1)
+        lengths = np.linalg.norm(whitened, axis=0)
+        return np.asarray(whitened[:, lengths > 0] / lengths[lengths > 0])
 
     basis = orthonormal(unit_columns(fit.design))
-    columns = _candidates(problem, fit)
-    candidates = {kind: unit_columns(of_kind) for kind, of_kind in columns.items()}
+    columns_by_kind = _candidates(problem, fit)
+    candidates = {kind: unit_columns(columns) for kind, columns in columns_by_kind.items()}
     doubts: list[Doubt] = []
     e = e - basis @ (basis.T @ e)
     total = float(e @ e)
-    while candidates and float(e @ e) > 1e-20 * max(total, 1e-300):
+    while candidates and float(e @ e) > _ROUNDING * max(total, 1e-300):
         significant = {}
         for kind, E in candidates.items():
             if _p_value(kind, E, e, basis) < SIGNIFICANCE:
@@ -84,55 +93,64 @@ def offers(problem: Problem, fit: Fit, kept: Array) -> list[Doubt]:
         candidates.pop(kind)
         explained = (P @ (P.T @ e)).reshape(-1, 6) * scale
         if kind != "gain" or largest_share(explained, _load_wrenches(fit)[kept]) > MIN_GAIN:
-            doubts.append(_offer(kind, reduction / total, columns[kind], fit, kept, explained))
+            doubts.append(_offer(kind, reduction / total, columns_by_kind[kind], fit, kept, explained))
         e = e - P @ (P.T @ e)
         basis = np.concatenate([basis, P], axis=1)
     return doubts
 
 
 def _simplest_kind(significant: dict[str, tuple[Array, float]]) -> str:
-    """Candidate of fewest columns among those that explain nearly as much as the best, by basis and reduction."""
-    largest_reduction = max(reduction for _, reduction in significant.values())
-    good = [kind for kind, (_, reduction) in significant.items() if reduction >= MIN_SHARE_OF_BEST * largest_reduction]
-    return min(good, key=lambda kind: significant[kind][0].shape[1])
+    """Candidate with the fewest columns among those that explain nearly as much as the best.
+
+    ``significant`` has the basis P of each and the squares by which it reduces the residuals.
+    """
+    needed = MIN_SHARE_OF_BEST * max(reduction for _, reduction in significant.values())
+    columns = {kind: P.shape[1] for kind, (P, reduction) in significant.items() if reduction >= needed}
+    return min(columns, key=lambda kind: columns[kind])
 
 
 def _p_value(kind: str, E: Array, e: Array, basis: Array) -> float:
     """p-value of the columns E (N, k): the probability that noise alone gives as good a fit."""
     from scipy import special
 
-    channel = np.arange(e.size) % 6
     by_channel = kind in ("drift", "gain")
     groups = [np.ones(e.size, bool)]
     if by_channel:
+        channel = np.arange(e.size) % 6
         groups = [channel == c for c in range(6)]
-    smallest = 1.0
+    smallest_p = 1.0
     for rows in groups:
         P = orthonormal(E[:, E[rows].any(axis=0)], basis)
-        r, freedom = P.shape[1], float(rows.sum() - (basis[rows] ** 2).sum()) - P.shape[1]
+        r = P.shape[1]
+        freedom = float(rows.sum() - (basis[rows] ** 2).sum()) - r
+        if not r or freedom < MIN_FREEDOM:
+            continue
         before = float((e[rows] ** 2).sum())
         after = float(((e - P @ (P.T @ e))[rows] ** 2).sum())
-        if r and freedom >= MIN_FREEDOM:
-            F = (before - after) / r / max(after / freedom, 1e-12 * before, 1e-300)
-            p = len(groups) * float(special.fdtrc(r, freedom, F))
-            if not by_channel:
-                p = max(p, ROW_TEST_FACTOR * _p_value_of_rows(P, e, freedom / 6))
-            smallest = min(smallest, p)
-    return smallest
+        variance = max(after / freedom, 1e-12 * before, 1e-300)  # not zero if all is explained
+        F = (before - after) / r / variance
+        p = len(groups) * float(special.fdtrc(r, freedom, F))
+        if not by_channel:
+            p = max(p, ROW_TEST_FACTOR * _p_value_of_rows(P, e, freedom / 6))
+        smallest_p = min(smallest_p, p)
+    return smallest_p
 
 
 def _p_value_of_rows(P: Array, e: Array, freedom: float) -> float:
     """p-value by Hotelling's test, for rows whose six channels share the error of their pose.
 
-    b = P'e is the sum of the rows' P_g'e_g; its covariance is Σ s_g s_g' n / ν, s_g = P_g'e'_g, of the residuals.
+    b = P'e is the sum of P_g'e_g over the n rows g. Its covariance is C = Σ s_g s_g' n / ν, with s_g = P_g'e'_g of the
+    residuals e' = e - P b. T² = b'C⁻¹b has an F distribution after scaling.
     """
     from scipy import special
 
-    r, b = P.shape[1], P.T @ e
+    r = P.shape[1]
     if freedom < r:
         return 1.0
+    b = P.T @ e
     s = (P * (e - P @ b)[:, None]).reshape(-1, 6, r).sum(axis=1)
-    T2 = float(b @ np.linalg.lstsq(s.T @ s * len(s) / freedom, b, rcond=None)[0])
+    covariance = s.T @ s * len(s) / freedom
+    T2 = float(b @ np.linalg.lstsq(covariance, b, rcond=None)[0])
     return float(special.fdtrc(r, freedom - r + 1, T2 * (freedom - r + 1) / (freedom * r)))
 
 
@@ -140,8 +158,12 @@ def _candidates(problem: Problem, fit: Fit) -> dict[str, Array]:
     """Design columns (n, 6, k) of each possible unknown; for a gain, one for each pair of channel and load component."""
     log = problem.log
     state = SensorState(fit.mounting, fit.state.tilt, fit.state.delay, fit.load, fit.state.middle)
-    possible = {"turn": True, "drift": True, "tilt": log.rotations is not None}
-    possible["delay"] = log.V is not None and problem.timed
+    possible = {
+        "turn": True,
+        "drift": True,
+        "tilt": log.rotations is not None,
+        "delay": log.V is not None and problem.timed,
+    }
     columns = {}
     for kind, is_possible in possible.items():
         if is_possible and not getattr(fit.unknowns, kind):
@@ -158,15 +180,21 @@ def _load_wrenches(fit: Fit) -> Array:
 
 
 def _offer(kind: str, share: float, columns: Array, fit: Fit, kept: Array, explained: Array) -> Doubt:
-    """Doubt with the size of an unknown, from the explained residuals (n, 6), which are ``share`` of the squares."""
+    """Doubt with the size of an unknown.
+
+    ``explained`` (n, 6) are the residuals of the kept rows that it explains, ``share`` of the squares of all. ``columns``
+    are those of the unknown in the design.
+    """
     found: dict[str, Any] = {"share": share}
     if kind in ("drift", "gain"):
         change = listed_bias(explained[-1] - explained[0])
         size = percent(largest_share(explained, _load_wrenches(fit)[kept]), 2)
         return doubt(f"sensor-{kind}", bias=change, size=size, share=percent(share), found=found)
-    scale, k = fit.deviation[kept], columns.shape[-1]
+    scale = fit.deviation[kept]
     A = np.concatenate([columns[kept], fit.design[kept]], axis=-1) / scale[..., None]
-    x = np.linalg.lstsq(A.reshape(6 * len(scale), -1), (fit.residuals[kept] / scale).ravel(), rcond=None)[0][:k]
+    residuals = (fit.residuals[kept] / scale).ravel()
+    changes = np.linalg.lstsq(A.reshape(6 * len(scale), -1), residuals, rcond=None)[0]
+    x = changes[: columns.shape[-1]]
     value, unit = math.degrees(float(np.linalg.norm(x))), "°"
     if kind == "delay":
         value, unit = 1e3 * float(x[0]), "ms"

@@ -30,7 +30,8 @@ from .sensor import Sign, sign_factor
 from .static_poses import static_poses
 from .unknowns import Unknowns
 
-MIN_ROWS_IN_ORDER = 8  # minimum number of rows for tests that use their order
+MIN_ROWS_IN_ORDER = 8
+"""Smallest number of rows for tests that use their order."""
 Cause: TypeAlias = Literal["orientation", "drift", "tilt", "delay"]
 """Causes of residuals for ``assume``, each an additional unknown of the fit."""
 Causes: TypeAlias = Cause | Sequence[Cause]
@@ -101,11 +102,13 @@ def identify(
     >>> print(identify("demo").headline)
     OK: 2.986 ± 0.022 kg (95 %) at (4.9, -12.1, 85.6) mm.
     """
-    log, factor = readings_of(log, gravity, "identify"), sign_factor(sign)
+    log = readings_of(log, gravity, "identify")
+    factor = sign_factor(sign)
     causes = (assume,) if isinstance(assume, str) else tuple(assume)
     for cause in causes:
         arguments.choice(cause, "assume", CAUSES)
-    unknowns = Unknowns(bias is None, arguments.flag(inertia, "inertia"), *(cause in causes for cause in CAUSES))
+    assumed = [cause in causes for cause in CAUSES]
+    unknowns = Unknowns(bias is None, arguments.flag(inertia, "inertia"), *assumed)
     known_bias, known_noise = _validate(bias, noise, outliers, confidence)
     _check_log(log, unknowns)
     used = np.ones(len(log), bool)
@@ -115,20 +118,20 @@ def identify(
     if not used.all():
         poses = static_poses(log.rows(used))
     problem = Problem(
-        poses.log,
-        unknowns,
-        factor,
-        known_bias,
-        known_noise,
-        poses.count,
-        poses.within,
-        poses.within_freedom,
-        poses.label,
-        log.time is not None,
+        log=poses.log,
+        unknowns=unknowns,
+        factor=factor,
+        bias=known_bias,
+        noise=known_noise,
+        count=poses.count,
+        within=poses.within,
+        within_freedom=poses.within_freedom,
+        label=poses.label,
+        timed=log.time is not None,
     )
-    blind = blind_spots(log.rows(used), unknowns, factor)
-    if blind:
-        raise ValueRangeError(f"{log.name}: {' '.join(blind[:3])} {advice(log, unknowns)}")
+    unobservable = blind_spots(log.rows(used), unknowns, factor)
+    if unobservable:
+        raise ValueRangeError(f"{log.name}: {' '.join(unobservable[:3])} {advice(log, unknowns)}")
     problem = with_guessed_mounting(problem)
     kept = np.ones(len(poses.log), bool)
     if outliers == "trim" and len(poses.log) > least_rows(problem):
@@ -137,16 +140,16 @@ def identify(
         best_fit = fit(problem, keep=kept)
     label = problem.label
     white = whiteness(best_fit, kept, label)
-    revisits = len(np.unique(problem.label)) < len(kept)
-    if white is not None and white.length > 1 and not revisits:  # autocorrelated neighbours become one cluster
+    has_revisits = len(np.unique(label)) < len(kept)
+    if white is not None and white.length > 1 and not has_revisits:  # autocorrelated neighbours become one cluster
         problem = replace(problem, label=np.arange(len(kept)) // white.length, state=best_fit.state)
         best_fit = fit(problem, keep=kept)
-    left_out, between = ~used, np.zeros(len(log), bool)
-    between[used] = poses.row < 0
-    left_out[used] = ~poses.spread(kept) & ~between[used]
-    return acceptance_test(
-        Diagnosis(sign, best_fit, kept), confidence, problem, log, UsedReadings(left_out, between, label, white)
-    )
+    between_dwells = np.zeros(len(log), bool)
+    between_dwells[used] = poses.row < 0
+    left_out = ~used
+    left_out[used] = ~poses.spread(kept) & ~between_dwells[used]
+    used_readings = UsedReadings(left_out, between_dwells, label, white)
+    return acceptance_test(Diagnosis(sign, best_fit, kept), confidence, problem, log, used_readings)
 
 
 def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
@@ -155,15 +158,16 @@ def whiteness(fit: Fit, kept: Array, label: Array) -> Whiteness | None:
     Rows with the same label (n,) share the pose error of a revisited orientation, so their mean is subtracted.
     """
     e = (fit.residuals / fit.deviation)[kept]
-    cluster, count = np.unique(label[kept], return_inverse=True, return_counts=True)[1:]
+    _, cluster, count = np.unique(label[kept], return_inverse=True, return_counts=True)
     total = np.zeros((len(count), 6))
     np.add.at(total, cluster, e)
-    e = e - np.where(count[:, None] > 1, total / count[:, None], 0.0)[cluster]
+    cluster_means = np.where(count[:, None] > 1, total / count[:, None], 0.0)
+    e = e - cluster_means[cluster]
     if len(e) < MIN_ROWS_IN_ORDER:
         return None
     A = (fit.design / fit.deviation[..., None])[kept].reshape(e.size, -1)
-    size = np.abs(A).max(axis=0)
-    Q = np.linalg.qr(A / np.where(size > 0, size, 1.0))[0]
+    largest_entries = np.abs(A).max(axis=0)
+    Q, _ = np.linalg.qr(A / np.where(largest_entries > 0, largest_entries, 1.0))
     return Whiteness.from_residuals(e, Q.reshape(len(e), 6, -1), WRENCH)
 
 
@@ -178,14 +182,14 @@ def _check_log(log: ReadingLog, unknowns: Unknowns) -> None:
         (unknowns.delay, "a delay", log.time, time),
         (unknowns.tilt, "a tilt of the base", log.rotations, orientations),
     )
-    for is_unknown, what, signal, need in needs:
+    for is_unknown, name, signal, need in needs:
         if is_unknown and signal is None:
-            raise ValueRangeError(f"{log.name}: {what} shows only in {need}; otherwise leave it out.")
-    least = max(3, math.ceil((len(unknowns.names) + 2) / 6) + unknowns.turn)
+            raise ValueRangeError(f"{log.name}: {name} shows only in {need}; otherwise leave it out.")
+    least = max(3, math.ceil((len(unknowns.names) + 2) / 6) + unknowns.turn)  # as least_rows
     if len(log) < least:
-        count, wanted = len(log), len(unknowns.names)
+        readings = "1 reading" if len(log) == 1 else f"{len(log)} readings"
         raise ValueRangeError(
-            f"{log.name}: {count} reading{'s' * (count > 1)}, and {wanted} unknowns need at least {least} in different "
+            f"{log.name}: {readings}, and {len(unknowns.names)} unknowns need at least {least} in different "
             "orientations. Add readings; `poses` proposes some."
         )
 

@@ -27,16 +27,24 @@ from .sensor import (
     rotations_of_quaternions,
 )
 
-MAX_FORCE = 1100.0  # N; change of force when a 50 kg load is turned over, plus 10 %; exceeded by logs in grams
-MAX_LEVER = 5.0  # m; the ratio of moments to forces is 1000 times too large if moments are in N mm
-_MOTION_LIMITS = (  # faster than any arm, and slower than usual motions in degrees or millimetres
+MAX_FORCE = 1100.0
+"""N: largest plausible force, the change when a 50 kg load is turned over, plus 10 %. Logs in grams exceed it."""
+MAX_LEVER = 5.0
+"""m: largest plausible ratio of moments to forces. It is 1000 times too large if moments are in N mm."""
+_MIN_DOUBTED_MOMENT = 10.0
+"""N m: smaller moments are not doubted, since their ratio to forces may be that of noise."""
+_MOTION_LIMITS = (
     ("V", slice(0, 3), 50.0, "angular velocities", "rad/s", "are in degrees per second"),
     ("V", slice(3, 6), 30.0, "velocities", "m/s", "or the poses are in mm"),
     ("dV", slice(3, 6), 1000.0, "accelerations", "m/s²", "or the poses are in mm"),
 )
-_AFTER = "not after the {} s of the one before. Times must increase: sort the readings, or remove the column."
+"""Field and its columns, largest plausible value, its quantity and unit, and cause of larger values.
+
+No arm is as fast as a limit, and usual motions in degrees or millimetres are faster."""
 MAX_TURN = np.radians(2.0)
-_GRAVITY_RANGE = (1.5, 30.0)  # m/s²; covers the Moon and Jupiter, and excludes values in g or cm/s²
+"""Angle between gravity by orientations and by joint positions above which there is a doubt."""
+_GRAVITY_RANGE = (1.5, 30.0)
+"""m/s²: range from below the Moon's to above Jupiter's gravity; values in g or cm/s² are outside."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,11 +131,13 @@ class ReadingLog:
         """
         plain = plain_arrays({"pose": pose, "V": V, "dV": dV})
         pose, V, dV = plain["pose"], plain["V"], plain["dV"]
-        r = np.array(arguments.real(readings, f"{name}: readings"), float)
-        if r.size == 0:
+        F = np.array(arguments.real(readings, f"{name}: readings"), float)
+
+        if F.size == 0:
             raise ValueRangeError(f"{name}: the log is empty. Give at least one reading.")
-        if r.ndim != 2 or r.shape[1] != 6:
-            raise ShapeError(f"{name}: readings have shape {r.shape}, expected (n, 6): {', '.join(WRENCH)}.")
+        if F.ndim != 2 or F.shape[1] != 6:
+            raise ShapeError(f"{name}: readings have shape {F.shape}, expected (n, 6): {', '.join(WRENCH)}.")
+        n = len(F)
         if pose is not None and quaternion is not None:
             raise ValueRangeError(f"{name}: both pose and quaternion are given. Keep one of them.")
         if quaternion is not None:
@@ -136,13 +146,13 @@ class ReadingLog:
             g = np.array(arguments.real(gravity, f"{name}: gravity"), float)
         else:
             g = gravity_in_frame(pose, gravity)
-        gravity_rows = _rows(g, len(r), 3, f"{name}: gravity")
-        V_rows = None if V is None else _rows(V, len(r), 6, f"{name}: V")
-        dV_rows = None if dV is None else _rows(dV, len(r), 6, f"{name}: dV")
-        if not np.isfinite(r).all():
-            row, column = np.argwhere(~np.isfinite(r))[0]
+        gravity_rows = _reading_rows(g, n, 3, f"{name}: gravity")
+        V_rows = None if V is None else _reading_rows(V, n, 6, f"{name}: V")
+        dV_rows = None if dV is None else _reading_rows(dV, n, 6, f"{name}: dV")
+        if not np.isfinite(F).all():
+            row, column = np.argwhere(~np.isfinite(F))[0]
             raise ValueRangeError(
-                f"{name}: {WRENCH[column]} of reading {row} is {r[row, column]}. Readings must be finite: fill or remove it."
+                f"{name}: {WRENCH[column]} of reading {row} is {F[row, column]}. Readings must be finite: fill or remove it."
             )
         if not np.any(gravity_rows, axis=1).all():
             raise ValueRangeError(
@@ -150,10 +160,10 @@ class ReadingLog:
             )
         if (V is None) != (dV is None):
             raise ValueRangeError(f"{name}: V and dV belong together. Give both, or neither for a sensor at rest.")
-        t = None if time is None else _increasing_times(time, len(r), name)
+        t = None if time is None else _increasing_times(time, n, name)
+        R = None if pose is None else np.broadcast_to(checked_rotations(pose), (n, 3, 3))
         by_gravity = pose is None and g.ndim == 2
-        R = None if pose is None else np.broadcast_to(checked_rotations(pose), (len(r), 3, 3))
-        log = cls(r, gravity_rows, V_rows, dV_rows, t, name, by_gravity=by_gravity, rotations=R)
+        log = cls(F, gravity_rows, V_rows, dV_rows, t, name, by_gravity=by_gravity, rotations=R)
         for log_doubt in log.doubts():
             warnings.warn(f"{name}: {log_doubt}", ModelWarning, stacklevel=2)
         return log
@@ -183,7 +193,7 @@ class ReadingLog:
         2
         """
         try:
-            self.readings[which]
+            self.readings[which]  # NumPy raises an error if the index is not valid
         except (IndexError, TypeError, ValueError) as problem:
             raise ValueRangeError(
                 f"{self.name}: {arguments.value_text(which)} chooses no readings: {problem}. Give a slice, indices, or "
@@ -214,13 +224,18 @@ class ReadingLog:
         doubts = []
         centred = self.readings - np.median(self.readings, axis=0)  # removes the bias, which may have any size
         moments, forces = centred[:, :3], centred[:, 3:]
-        largest_moment, largest_force = float(np.abs(moments).max()), float(np.abs(forces).max())
+        largest_force = float(np.abs(forces).max())
         if largest_force > MAX_FORCE:
-            mass, factor = number(largest_force / STRENGTH, 2), printed(STRENGTH / 1000)
-            doubts.append(doubt("sensor-force-size", force=number(largest_force), mass=mass, factor=factor))
-        spread_m, spread_f = float(np.linalg.norm(moments)), float(np.linalg.norm(forces))
-        if largest_moment > 10 and spread_f and spread_m / spread_f > MAX_LEVER:
-            doubts.append(doubt("sensor-lever-size", lever=number(spread_m / spread_f, 3)))
+            mass = number(largest_force / STRENGTH, 2)
+            newtons_per_gram = printed(STRENGTH / 1000)
+            doubts.append(doubt("sensor-force-size", force=number(largest_force), mass=mass, factor=newtons_per_gram))
+        largest_moment = float(np.abs(moments).max())
+        moment_norm = float(np.linalg.norm(moments))
+        force_norm = float(np.linalg.norm(forces))
+        if largest_moment > _MIN_DOUBTED_MOMENT and force_norm:
+            lever = moment_norm / force_norm
+            if lever > MAX_LEVER:
+                doubts.append(doubt("sensor-lever-size", lever=number(lever, 3)))
         return doubts
 
     def motion_doubts(self) -> list[Doubt]:
@@ -232,21 +247,21 @@ class ReadingLog:
         """
         doubts = []
         if self.turned > MAX_TURN:
-            doubts.append(
-                doubt("sensor-kinematics", angle=number(np.degrees(self.turned), 2), found={"value": self.turned})
-            )
+            angle = number(np.degrees(self.turned), 2)
+            doubts.append(doubt("sensor-kinematics", angle=angle, found={"value": self.turned}))
         strength = np.linalg.norm(self.gravity, axis=1)
         least, largest = _GRAVITY_RANGE
         if strength.min() < least:
             doubts.append(doubt("sensor-gravity-size", gravity=number(strength.min()), usual=STRENGTH))
         elif strength.max() > largest:
             doubts.append(doubt("sensor-gravity-size", gravity=number(strength.max()), usual=STRENGTH))
-        for motion, part, limit, what, unit, other in _MOTION_LIMITS:
-            if getattr(self, motion) is None:
+        for field, columns, limit, quantity, unit, cause in _MOTION_LIMITS:
+            twists_or_rates = getattr(self, field)
+            if twists_or_rates is None:
                 continue
-            reached = float(np.abs(getattr(self, motion)[:, part]).max())
-            if reached > limit:
-                doubts.append(doubt("sensor-motion-size", what=what, reached=f"{number(reached)} {unit}", other=other))
+            peak = float(np.abs(twists_or_rates[:, columns]).max())
+            if peak > limit:
+                doubts.append(doubt("sensor-motion-size", what=quantity, reached=f"{number(peak)} {unit}", other=cause))
         return doubts
 
     def predicted(self, sensor: ForceTorqueSensor) -> Array:
@@ -256,7 +271,10 @@ class ReadingLog:
         -------
         readings : (n, 6) array [N m, N]
         """
-        return checked_sensor(sensor, "predicted").predict(np.eye(3), self.V, self.dV, gravity=self.gravity)
+        checked_sensor(sensor, "predicted")
+        return sensor.predict(
+            np.eye(3), self.V, self.dV, gravity=self.gravity
+        )  # gravity is in {f}, so no pose is needed
 
     def compensated(self, sensor: ForceTorqueSensor) -> Array:
         """Gravity compensation: readings without the sensor's bias, weight and inertial load.
@@ -296,18 +314,21 @@ def first_late_row(time: Array) -> int | None:
 
 
 def _increasing_times(time: ArrayLike, count: int, name: str) -> Array:
-    """Finite times (n,) that increase."""
+    """Checked times (n,), which must be finite and increase."""
     t = np.array(arguments.real(time, f"{name}: time"), float)
     if t.shape != (count,) or not np.isfinite(t).all():
         raise ShapeError(f"{name}: time has shape {t.shape}, expected ({count},) finite numbers [s].")
     k = first_late_row(t)
     if k is not None:
-        raise ValueRangeError(f"{name}: time of reading {k} is {printed(t[k])} s, {_AFTER.format(printed(t[k - 1]))}")
+        raise ValueRangeError(
+            f"{name}: time of reading {k} is {printed(t[k])} s, not after the {printed(t[k - 1])} s of the one before. "
+            "Times must increase: sort the readings, or remove the column."
+        )
     return t
 
 
-def _rows(value: ArrayLike, count: int, width: int, where: str) -> Array:
-    """A row for each reading, (n, width); one for all is repeated."""
+def _reading_rows(value: ArrayLike, count: int, width: int, where: str) -> Array:
+    """Values (count, width), a row for each reading; a single row is repeated."""
     x = np.array(arguments.finite(value, where), float)
     if x.shape == (width,):
         x = np.tile(x, (count, 1))

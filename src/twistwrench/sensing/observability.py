@@ -11,8 +11,9 @@ from ..mechanics.lie import so3
 from .log import ReadingLog
 from .unknowns import SensorState, Unknowns
 
-MIN_ANGLE = 1e-3  # rad; directions of gravity nearer to each other than this count as one
-_UNITS = {
+MIN_ANGLE = 1e-3
+"""rad: directions of gravity nearer to each other than this count as one."""
+_UNIT_BY_NAME_START = {
     "drift m": "N m/s",
     "drift f": "N/s",
     "bias m": "N m",
@@ -33,25 +34,26 @@ def blind_spots(log: ReadingLog, unknowns: Unknowns, factor: float) -> list[str]
     >>> print(blind_spots(upright, Unknowns(), 1.0)[0])
     mass +1 kg with bias fz +9.81 N changes no reading: these cannot be distinguished.
     """
-    # If the columns depend on the load: a load without symmetry, whose moments depend on every turn.
     load = None
-    if unknowns.nonlinear_columns.size:
+    if unknowns.nonlinear_columns.size:  # columns depend on the load: take one whose moments depend on every turn
         load = np.array([1.0, 0.05, 0.08, 0.1, *np.zeros(6)])
     A = unknowns.design(log, factor, SensorState(load=load)).reshape(6 * len(log), -1) * unknowns.scales
     names = unknowns.names
     # Load first and bias last: each combination is reported as a change of the load that the bias can cancel.
-    order = [*range(6 * unknowns.bias, len(names)), *range(6 * unknowns.bias)]
+    bias_count = 6 if unknowns.bias else 0
+    order = [*range(bias_count, len(names)), *range(bias_count)]
     combinations = null_combinations(A[:, order]) * unknowns.scales[order]
     ordered_names = [names[k] for k in order]
-    return [_sentence(row, ordered_names) for row in combinations]
+    return [_sentence(changes, ordered_names) for changes in combinations]
 
 
 def advice(log: ReadingLog, unknowns: Unknowns) -> str:
     """Advice on the rotations that the log lacks."""
-    unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
-    centre = unit.mean(axis=0)
-    spread, axes = np.linalg.svd(unit - centre)[1:]
-    spread = np.concatenate([spread, np.zeros(3)])[:3] / np.sqrt(len(unit))
+    directions = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    centre = directions.mean(axis=0)
+    _, singular_values, axes = np.linalg.svd(directions - centre)
+    # Root mean square distance from the centre along each axis, largest first; 0 beyond the number of directions.
+    spread = np.concatenate([singular_values, np.zeros(3)])[:3] / np.sqrt(len(directions))
     if spread[0] < MIN_ANGLE:
         return (
             f"In all readings gravity points along ({_vector(centre / np.linalg.norm(centre))}) of the sensor's frame. "
@@ -59,11 +61,11 @@ def advice(log: ReadingLog, unknowns: Unknowns) -> str:
         )
     if spread[1] < MIN_ANGLE:
         axis = so3.cross(axes[0], centre)
-        direction = ""
-        if np.linalg.norm(axis) > MIN_ANGLE:
-            direction = f" about ({_vector(axis / np.linalg.norm(axis))})"
+        about_axis = ""
+        if np.linalg.norm(axis) > MIN_ANGLE:  # zero for two opposite directions
+            about_axis = f" about ({_vector(axis / np.linalg.norm(axis))})"
         return (
-            f"Gravity takes only two directions in the sensor's frame: the tool was turned{direction} only. "
+            f"Gravity takes only two directions in the sensor's frame: the tool was turned{about_axis} only. "
             "Add readings tilted about another axis; `poses` proposes some."
         )
     if unknowns.inertia:
@@ -74,21 +76,23 @@ def advice(log: ReadingLog, unknowns: Unknowns) -> str:
     return "Add readings in other orientations; `poses` proposes some."
 
 
-def _sentence(row: Array, names: list[str]) -> str:
-    """Sentence on a combination of unknowns (p,) without effect."""
+def _sentence(changes: Array, names: list[str]) -> str:
+    """Sentence on changes of unknowns (p,) that together have no effect."""
     terms = []
-    for name, value in zip(names, row, strict=True):
-        if value:
-            terms.append(f"{name} {printed(value, 3, signed=True)} {_unit(name)}")
-    if len(terms) == 1:
-        return f"{terms[0]} changes no reading: it cannot be identified."
-    return f"{terms[0]} with {', '.join(terms[1:])} changes no reading: these cannot be distinguished."
+    for name, change in zip(names, changes, strict=True):
+        if change:
+            terms.append(f"{name} {printed(change, 3, signed=True)} {_unit(name)}")
+    first, *others = terms
+    if not others:
+        return f"{first} changes no reading: it cannot be identified."
+    return f"{first} with {', '.join(others)} changes no reading: these cannot be distinguished."
 
 
 def _unit(name: str) -> str:
     """Unit of an unknown, by the first entry that its name begins with."""
-    return next(unit for start, unit in _UNITS.items() if name.startswith(start))
+    return next(unit for start, unit in _UNIT_BY_NAME_START.items() if name.startswith(start))
 
 
 def _vector(x: Array) -> str:
-    return ", ".join(number(v, 2) for v in x + 0.0)
+    """Entries with two digits."""
+    return ", ".join(number(entry, 2) for entry in x + 0.0)  # no negative zeros

@@ -15,26 +15,32 @@ from .log import ReadingLog
 from .observability import blind_spots
 from .static_poses import StaticPoses
 
-FALSE_ALARM_RATE = 3e-5  # probability that a clean log loses a reading; 1e-2 with pose errors of half a degree
-FALSE_ALARM_RATE_OF_DWELL = 1e-9  # probability that a clean log loses a dwell; a whole orientation is rarely rejected
-MIN_READINGS_OF_DWELL = 5  # minimum readings of a dwell
-SUSPECT_QUANTILE = 0.98  # quantile of clean readings above which a reading is suspect
-MAX_DEVIATION_RATIO = 2.0  # largest ratio by which rejection may widen any unknown's deviation
-MIN_DIRECTIONS = 3  # gravity directions that determine mass, centre of mass and six biases
+FALSE_ALARM_RATE = 3e-5
+"""Probability that a clean log loses a reading; it is 1e-2 with pose errors of half a degree."""
+FALSE_ALARM_RATE_OF_DWELL = 1e-9
+"""Probability that a clean log loses a dwell: a whole orientation is rarely rejected."""
+MIN_READINGS_OF_DWELL = 5
+"""Smallest number of readings of a dwell in which outliers are sought."""
+SUSPECT_QUANTILE = 0.98
+"""Quantile of clean readings above which a reading is suspect."""
+MAX_DEVIATION_RATIO = 2.0
+"""Largest ratio by which rejection may widen the deviation of an unknown."""
+MIN_DIRECTIONS = 3
+"""Number of gravity directions that determine mass, centre of mass and six biases."""
 
 
 def least_rows(problem: Problem) -> int:
-    """Minimum number of rows for the unknowns."""
+    """Smallest number of rows, of six numbers each, for the unknowns and two variances; a mounting takes one more."""
     unknowns = problem.unknowns
     return max(MIN_DIRECTIONS, math.ceil((len(unknowns.names) + 2) / 6) + unknowns.turn)
 
 
 def touched_in_static_poses(log: ReadingLog, poses: StaticPoses) -> Array:
-    """Mask (N,) of outliers within their dwell; never more than half of a dwell.
+    """Mask (N,) of outliers within their dwell, where they are less than half of the dwell.
 
-    A reading is an outlier if its distance from the dwell's median, over 1.4826 times the median absolute distance in
-    all dwells, exceeds a χ² limit. The false-alarm probability is 3e-5 for the whole log. Dwells of four or fewer are
-    kept.
+    A reading is an outlier if its distance from the dwell's median exceeds a χ² limit. Distances are in units of the noise,
+    which is 1.4826 times the median absolute distance in all dwells. The false-alarm probability is 3e-5 for the whole
+    log. Dwells of four or fewer readings are kept.
     """
     touched = np.zeros(len(log), bool)
     dwell = poses.row
@@ -46,8 +52,8 @@ def touched_in_static_poses(log: ReadingLog, poses: StaticPoses) -> Array:
     for k in long_dwells.tolist():
         rows = dwell == k
         deviations[rows] = log.readings[rows] - np.median(log.readings[rows], axis=0)
-    spread = MAD * np.median(np.abs(deviations[in_long_dwell]), axis=0)
-    noise = np.maximum(spread, np.abs(log.readings).max() * 1e-12 + 1e-300)
+    noise = MAD * np.median(np.abs(deviations[in_long_dwell]), axis=0)
+    noise = np.maximum(noise, np.abs(log.readings).max() * 1e-12 + 1e-300)  # rounding errors if readings repeat
     is_outlier = CollisionThreshold.of_axes(noise, FALSE_ALARM_RATE / len(log))
     outliers = in_long_dwell & is_outlier(deviations)
     for k in np.unique(dwell[outliers]).tolist():
@@ -60,9 +66,9 @@ def touched_in_static_poses(log: ReadingLog, poses: StaticPoses) -> Array:
 def reject_outliers(problem: Problem) -> tuple[Fit, Array]:
     """Fit with outlier rejection: the fit and the mask (n,) of kept rows.
 
-    A Huber fit finds suspect rows. They are left out; each that the fit of the others predicts is restored. The test
-    has a false-alarm probability of 3e-5 for the whole log (1e-9 for a dwell) and is repeated until nothing changes. At
-    least as many rows stay as the unknowns need, and at most a third is rejected. If the rest would determine an
+    A Huber fit finds suspect rows, which are left out. Those that the fit of the other rows predicts are restored. This
+    test has a false-alarm probability of 3e-5 for the whole log (1e-9 for a dwell) and is repeated until nothing changes.
+    At least as many rows stay as the unknowns need, and at most a third is rejected. If the other rows determine an
     unknown much less well, all rows stay, and the contradictions count as noise.
     """
     from scipy import special
@@ -72,8 +78,9 @@ def reject_outliers(problem: Problem) -> tuple[Fit, Array]:
     robust = fit(problem, keep=all_rows, huber=True)
     start = replace(problem, state=robust.state)
     score = ((robust.residuals / robust.deviation) ** 2).sum(axis=1)
+    max_suspects = max(0, min(n // 3, n - least_rows(problem)))
     suspects = np.flatnonzero(score > special.chdtri(6, 1 - SUSPECT_QUANTILE))
-    suspects = suspects[np.argsort(-score[suspects])][: max(0, min(n // 3, n - least_rows(problem)))]
+    suspects = suspects[np.argsort(-score[suspects])][:max_suspects]
     keep = all_rows.copy()
     keep[suspects] = False
     if suspects.size and not _determines_unknowns(start, robust, keep):
@@ -82,8 +89,10 @@ def reject_outliers(problem: Problem) -> tuple[Fit, Array]:
     while suspects.size:
         if problem.noise is None and others_fit.freedom.min() < 1:
             return fit(start, keep=all_rows), all_rows
-        A, v = others_fit.design[suspects], others_fit.deviation[suspects] ** 2
-        S = A @ others_fit.joint @ np.swapaxes(A, -1, -2) + v[..., None] * np.eye(6)
+        A = others_fit.design[suspects]
+        variances = others_fit.deviation[suspects] ** 2
+        # Covariance of the errors of predicted readings: of the fit's unknowns, and of the noise.
+        S = A @ others_fit.joint @ np.swapaxes(A, -1, -2) + variances[..., None] * np.eye(6)
         test = CollisionThreshold.predictive(S, others_fit.freedom, FALSE_ALARM_RATE / n)
         is_short = problem.count[suspects] < MIN_READINGS_OF_DWELL
         alarm_rate = np.where(is_short, FALSE_ALARM_RATE / n, FALSE_ALARM_RATE_OF_DWELL)
@@ -102,15 +111,15 @@ def _determines_unknowns(problem: Problem, robust: Fit, keep: Array) -> bool:
     if blind_spots(rows, problem.unknowns, problem.factor):
         return False
     A = robust.design / robust.deviation[..., None] * problem.unknowns.scales
-    A = A[..., A.any(axis=(0, 1))]
+    A = A[..., A.any(axis=(0, 1))]  # without unknowns that do not affect the readings
     p = A.shape[-1]
     try:
         variances = _variances(A.reshape(-1, p))
         variances_of_kept = _variances(A[keep].reshape(-1, p))
     except np.linalg.LinAlgError:
         return False
-    determined = variances_of_kept <= MAX_DEVIATION_RATIO**2 * variances
-    return bool(determined.all() and (variances_of_kept > 0).all())
+    is_determined = variances_of_kept <= MAX_DEVIATION_RATIO**2 * variances
+    return bool(is_determined.all() and (variances_of_kept > 0).all())  # rounding may make variances negative
 
 
 def _variances(A: Array) -> Array:

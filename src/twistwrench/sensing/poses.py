@@ -33,15 +33,24 @@ from .unknowns import SensorState, Unknowns
 
 NoisePair: TypeAlias = tuple[float, float]
 """Standard deviations of moments [N m] and forces [N]."""
-_CANDIDATES = 400
-_BELIEF = 1e3  # prior standard deviation of each unknown, in its scale
+_CANDIDATE_COUNT = 400
+"""Number of candidate directions, unless they are given."""
+_PRIOR_DEVIATION = 1e3
+"""Prior standard deviation of each unknown, in its scale: nearly no prior knowledge."""
+_MAX_OBSERVABLE_DEVIATION = 10.0
+"""kg or kg m: larger standard deviations are those of the prior, so that the unknown is not observable yet."""
+_MAX_GAIN_OF_TIE = 1e-9
+"""Difference of the gains of two poses that may be due to rounding."""
 
 
 POSE = ("qw", "qx", "qy", "qz", "gx", "gy", "gz")
 """Columns of a pose: orientation and direction of gravity."""
-MAX_COM_INTERVAL = 0.1  # m; a centre of mass with a larger uncertainty is not determined
-_WITHIN_95 = 1.96  # half-width of a 95 % interval over the standard deviation
-_UPRIGHT = math.pi / 2  # rad; a smaller limit of the tilt is named in the doubt
+MAX_COM_INTERVAL = 0.1
+"""m: a centre of mass with a larger half-width of its interval is not determined."""
+_WITHIN_95 = 1.96
+"""Half-width of a 95 % interval in standard deviations."""
+_UPRIGHT = math.pi / 2
+"""rad: the doubt names a smaller limit of the tilt."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,25 +110,25 @@ class PoseProposal(Answer):
 
     @property
     def determines_mass(self) -> bool:
-        """True if the mass will be known better than to itself."""
+        """True if the half-width of the interval of the mass will be less than the mass."""
         return bool(self.intervals[-1, 0] < self.mass)
 
     @cached_property
     def doubts(self) -> tuple[Doubt, ...]:
         """Reason why the poses do not determine the load, if there is one."""
-        mass_interval, com_interval = self.intervals[-1]
-        if self.determines_mass and com_interval < MAX_COM_INTERVAL:
+        mass_half_width, com_half_width = self.intervals[-1]
+        if self.determines_mass and com_half_width < MAX_COM_INTERVAL:
             return ()
         if self.determines_mass:
-            what = f"the centre of mass{_interval_text(1e3 * com_interval, 'mm')}"
-        else:  # centre of mass: first moment over mass
-            what = f"the mass{_interval_text(mass_interval, 'kg')} or the centre of mass"
-        count = len(self.gravity)
-        those, remedy = f"{count} pose{'s' * (count > 1)}", "Ask for more of them"
+            undetermined = f"the centre of mass{_half_width_text(1e3 * com_half_width, 'mm')}"
+        else:  # the centre of mass is the first moment over the mass
+            undetermined = f"the mass{_half_width_text(mass_half_width, 'kg')} or the centre of mass"
+        poses = "1 pose" if len(self.gravity) == 1 else f"{len(self.gravity)} poses"
+        remedy = "Ask for more of them"
         if self.within < _UPRIGHT:
-            those += f" tilted by up to {number(math.degrees(self.within))}°"
+            poses += f" tilted by up to {number(math.degrees(self.within))}°"
             remedy = f"Allow larger tilts by {spell(Argument('within'))}, such as 60°"
-        return (doubt("sensor-few-poses", those=those, what=what, mass=number(self.mass), way=remedy),)
+        return (doubt("sensor-few-poses", those=poses, what=undetermined, mass=number(self.mass), way=remedy),)
 
     @property
     def verdict(self) -> Verdict:
@@ -141,8 +150,11 @@ class PoseProposal(Answer):
         """
         if not self.determines_mass:
             return {}
-        mass, com = self.intervals[-1]
-        return {"mass": f"± {number(mass, 2)} kg", "centre of mass": f"± {number(1e3 * com, 2)} mm"}
+        mass_half_width, com_half_width = self.intervals[-1]
+        return {
+            "mass": f"± {number(mass_half_width, 2)} kg",
+            "centre of mass": f"± {number(1e3 * com_half_width, 2)} mm",
+        }
 
     def sources(self) -> Mapping[str, str | Path]:
         """File of the readings that count already.
@@ -167,7 +179,7 @@ class PoseProposal(Answer):
         return Path(path)
 
 
-def _interval_text(half_width: float, unit: str) -> str:
+def _half_width_text(half_width: float, unit: str) -> str:
     """Half-width of an interval in brackets; empty if it is infinite."""
     return f" (± {number(half_width, 2)} {unit})" if math.isfinite(half_width) else ""
 
@@ -212,16 +224,18 @@ def propose_poses(
     >>> proposal.gravity.shape, bool(proposal.mass_deviation[-1] < 0.01)
     ((12, 3), True)
     """
-    count, sigma = arguments.integer(count, "count"), checked_noise(noise)
+    count = arguments.integer(count, "count")
+    sigma = checked_noise(noise)
     if not arguments.number(within, "within") >= 0:
         raise ValueRangeError(f"within {within!r} is not a valid largest tilt. Give an angle in rad, such as 1.0.")
-    directions = _choices(candidates, within)
-    unknowns, weight = Unknowns(), (1.0 / np.repeat(sigma, 3))[:, None]
+    directions = _candidate_directions(candidates, within)
     if not 0 < arguments.number(mass, "mass") < math.inf:
         text = "{0} is not a valid mass. Give about how many kilograms the load has."
         raise ValueRangeError(text, Argument("mass", mass))
-    rows = _design(checked_strength(gravity) * directions, unknowns) * weight
-    information = np.diag(1.0 / (_BELIEF * unknowns.scales) ** 2)
+    unknowns = Unknowns()
+    weight = (1.0 / np.repeat(sigma, 3))[:, None]
+    A = _design(checked_strength(gravity) * directions, unknowns) * weight
+    information = np.diag(1.0 / (_PRIOR_DEVIATION * unknowns.scales) ** 2)  # M of the source
     earlier_log = None
     if log is not None:
         earlier_log = readings_of(log, gravity, "propose_poses")
@@ -230,18 +244,19 @@ def propose_poses(
     chosen, deviations = [], []
     for _ in range(count):
         covariance = np.linalg.inv(information)
-        gain = np.linalg.slogdet(np.eye(6) + rows @ covariance @ np.swapaxes(rows, -1, -2))[1]
-        # Tie (up to rounding): take the first, so that the choice is the same on every machine.
-        best = int(np.flatnonzero(gain > gain.max() - 1e-9)[0])
+        _, log_gain = np.linalg.slogdet(np.eye(6) + A @ covariance @ np.swapaxes(A, -1, -2))
+        # The first of equally good directions, so that the choice is the same on every machine.
+        best = int(np.flatnonzero(log_gain > log_gain.max() - _MAX_GAIN_OF_TIE)[0])
         chosen.append(best)
-        information = information + rows[best].T @ rows[best]
-        load = np.sqrt(np.diag(np.linalg.inv(information)))[unknowns.load]
-        deviations.append((load[0], load[1:].max()))
+        information = information + A[best].T @ A[best]
+        load_deviations = np.sqrt(np.diag(np.linalg.inv(information)))[unknowns.load]
+        deviations.append((load_deviations[0], load_deviations[1:].max()))
     chosen_gravity = gravity * directions[chosen]
-    spread = np.array(deviations)
-    spread[spread > 10.0] = math.inf  # not observable yet: still the prior
     rotations = rotations_to_gravity(chosen_gravity)
-    return PoseProposal(chosen_gravity, rotations, spread[:, 0], spread[:, 1], mass, within, earlier_log)
+    mass_deviation, first_moment_deviation = np.array(deviations).T
+    mass_deviation[mass_deviation > _MAX_OBSERVABLE_DEVIATION] = math.inf
+    first_moment_deviation[first_moment_deviation > _MAX_OBSERVABLE_DEVIATION] = math.inf
+    return PoseProposal(chosen_gravity, rotations, mass_deviation, first_moment_deviation, mass, within, earlier_log)
 
 
 def _design(gravity: Array, unknowns: Unknowns) -> Array:
@@ -250,14 +265,15 @@ def _design(gravity: Array, unknowns: Unknowns) -> Array:
     return unknowns.design(still, 1.0, SensorState())
 
 
-def _choices(candidates: ArrayLike | None, within: float) -> Array:
-    """Unit gravity directions (n, 3)."""
-    if candidates is None:
-        k = np.arange(_CANDIDATES) + 0.5  # Fibonacci lattice over the allowed directions; upright comes first
-        cap = 1.0 - math.cos(min(within, math.pi))
-        z, turn = cap * k / _CANDIDATES - 1.0, math.pi * (1.0 + math.sqrt(5.0)) * k
+def _candidate_directions(candidates: ArrayLike | None, within: float) -> Array:
+    """Unit gravity directions (n, 3) within the largest tilt from upright [rad]."""
+    if candidates is None:  # upright, then a Fibonacci lattice over the allowed directions
+        k = np.arange(_CANDIDATE_COUNT) + 0.5
+        cap_height = 1.0 - math.cos(min(within, math.pi))
+        z = cap_height * k / _CANDIDATE_COUNT - 1.0
+        azimuth = math.pi * (1.0 + math.sqrt(5.0)) * k
         radius = np.sqrt(1.0 - z * z)
-        d = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=-1)
+        d = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=-1)
         d = np.concatenate([[[0.0, 0.0, -1.0]], d])
     else:
         d = np.asarray(arguments.real(candidates, "candidates"), float)
@@ -269,7 +285,8 @@ def _choices(candidates: ArrayLike | None, within: float) -> Array:
         if not (np.isfinite(d).all() and (length > 0).all()):
             raise ValueRangeError("candidates must be finite and not zero: gravity directions in the sensor's frame.")
         d = d / length
-    allowed = d[np.arccos(np.clip(-d[:, 2], -1.0, 1.0)) <= within + 1e-12]
+    tilts = np.arccos(np.clip(-d[:, 2], -1.0, 1.0))
+    allowed = d[tilts <= within + 1e-12]
     if not len(allowed):
         raise ValueRangeError(
             f"no candidate tilts the tool by {printed(math.degrees(within), 3)}° or less. Allow more."

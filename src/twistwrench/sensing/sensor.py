@@ -20,7 +20,7 @@ from ..mechanics.lie import quaternion, so3
 from ..mechanics.lie.labelled import frame_name
 from ..mechanics.lie.twist_wrench import Pose, Twist, Wrench
 
-_KINDS: dict[str, type] = {"pose": Pose, "V": Twist, "dV": Twist}
+_LABELLED_TYPES: dict[str, type] = {"pose": Pose, "V": Twist, "dV": Twist}
 
 
 def plain_arrays(given: dict[str, Any], frame: str | None = None, *, turned: bool = False) -> dict[str, Any]:
@@ -29,25 +29,34 @@ def plain_arrays(given: dict[str, Any], frame: str | None = None, *, turned: boo
     ``pose``, ``V`` and ``dV`` belong to {f}, named ``frame`` if known. Other arguments are wrenches in the sensor's
     axes {s}, which coincide with {f} unless the mounting is ``turned``.
     """
-    frames: dict[str, str] = {} if frame is None else {"the sensor": frame}
-    wrench_frames: dict[str, str] = {}
+    frames: dict[str, str] = {}  # by argument, of those that belong to {f}
+    if frame is not None:
+        frames["the sensor"] = frame
+    wrench_frames: dict[str, str] = {}  # by argument, of those that belong to {s}
     plain = dict(given)
     for name, x in given.items():
         if not isinstance(x, Pose | Twist | Wrench):
             continue
-        kind = _KINDS.get(name, Wrench)
-        if not isinstance(x, kind):
-            raise FrameError(f"{name} is a {type(x).__name__}, expected a {kind.__name__} or plain numbers.")
+        expected_type = _LABELLED_TYPES.get(name, Wrench)
+        if not isinstance(x, expected_type):
+            raise FrameError(f"{name} is a {type(x).__name__}, expected a {expected_type.__name__} or plain numbers.")
         if isinstance(x, Pose):
-            plain[name], frames[name] = x.matrix, x.of
+            plain[name] = x.matrix
+            frames[name] = x.of
         elif isinstance(x, Twist):
-            plain[name], frames[name] = x.values, x.frame
+            plain[name] = x.values
+            frames[name] = x.frame
         else:
-            plain[name], wrench_frames[name] = x.values, x.frame
+            plain[name] = x.values
+            wrench_frames[name] = x.frame
     if not turned:
-        frames, wrench_frames = frames | wrench_frames, {}
+        frames |= wrench_frames
+        wrench_frames = {}
     if len(set(frames.values())) > 1:
-        texts = [f"pose of {f!r}" if name == "pose" else f"{name} in {f!r}" for name, f in frames.items()]
+        texts = []
+        for name, frame_of_argument in frames.items():
+            preposition = "of" if name == "pose" else "in"
+            texts.append(f"{name} {preposition} {frame_of_argument!r}")
         raise FrameError(
             f"{', '.join(texts)}: a sensor's equation holds in one frame, that of the sensor. Move the others first, with "
             "a Pose."
@@ -66,15 +75,20 @@ MAX_ROTATION_ERROR = 1e-3  # accepts numbers with four decimals and rejects wron
 
 def checked_rotations(pose: ArrayLike, where: str = "pose") -> Array:
     """Rotations (..., 3, 3) of rotations or poses (..., 4, 4), projected onto the rotation group."""
-    T = arguments.real(pose, where)
-    if T.shape[-2:] not in ((3, 3), (4, 4)):
-        raise ShapeError(f"{where} has shape {T.shape}, expected rotations (..., 3, 3) or poses (..., 4, 4).")
-    R = np.asarray(arguments.finite(T[..., :3, :3], where), float)
+    matrices = arguments.real(pose, where)
+    if matrices.shape[-2:] not in ((3, 3), (4, 4)):
+        raise ShapeError(f"{where} has shape {matrices.shape}, expected rotations (..., 3, 3) or poses (..., 4, 4).")
+    R = np.asarray(arguments.finite(matrices[..., :3, :3], where), float)
     error = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
-    wrong = "is not a rotation: RᵀR is {gap} off the identity, allowed {allowed}; check the order of its entries (row by row)"
-    arguments.refuse(error, MAX_ROTATION_ERROR, f"{where} {wrong} and its decimals")
-    mirrored = np.maximum(-np.linalg.det(R), 0.0)[..., None, None]
-    arguments.refuse(mirrored, 0.5, f"{where} mirrors: its determinant is -{{gap}}; the frame must be right-handed")
+    message = (
+        f"{where} is not a rotation: RᵀR is {{gap}} off the identity, allowed {{allowed}}; check the order of its entries "
+        "(row by row) and its decimals"
+    )
+    arguments.refuse(error, MAX_ROTATION_ERROR, message)
+    # RᵀR is nearly the identity, so the determinant is nearly 1 or -1.
+    negative_determinant = np.maximum(-np.linalg.det(R), 0.0)[..., None, None]
+    message = f"{where} mirrors: its determinant is -{{gap}}; the frame must be right-handed"
+    arguments.refuse(negative_determinant, 0.5, message)
     return quaternion.rotation(quaternion.from_matrix(R))
 
 
@@ -82,10 +96,11 @@ def rotations_of_quaternions(quat: ArrayLike, where: str = "quaternion") -> Arra
     """Rotations (..., 3, 3) of unit quaternions (..., 4), scalar first."""
     quat = np.asarray(arguments.finite(quat, where, 4), float)
     error = np.abs(np.linalg.norm(quat, axis=-1) - 1.0)[..., None, None]
-    wrong = (
-        "is not of unit length: off from 1 by {gap}, allowed {allowed}; check which columns are qw, qx, qy, qz (qw is"
+    message = (
+        f"{where} is not of unit length: off from 1 by {{gap}}, allowed {{allowed}}; check which columns are qw, qx, qy, "
+        "qz (qw is the scalar), or normalise them"
     )
-    arguments.refuse(error, MAX_ROTATION_ERROR, f"{where} {wrong} the scalar), or normalise them")
+    arguments.refuse(error, MAX_ROTATION_ERROR, message)
     return quaternion.rotation(quat)
 
 
@@ -112,7 +127,8 @@ def rotations_to_gravity(directions: ArrayLike) -> Array:
     """Smallest rotations R_wf (..., 3, 3) for which gravity, along -z of {w}, has these directions (..., 3) in {f}."""
     d = np.asarray(directions, float)
     d = d / np.linalg.norm(d, axis=-1, keepdims=True)
-    # Quaternion from d to -z: (1 + cos, d × -z), or a half turn about x if they are opposite.
+    # Quaternion of the rotation from d to -z, of any length: (1 + cos, d × -z) with cos = -d_z and
+    # d × -z = (-d_y, d_x, 0). It is zero if d is opposite to -z; then a half turn about x takes its place.
     quat = np.stack([1.0 - d[..., 2], -d[..., 1], d[..., 0], np.zeros(d.shape[:-1])], axis=-1)
     opposite = np.linalg.norm(quat, axis=-1, keepdims=True) < 1e-9
     return quaternion.rotation(np.where(opposite, [0.0, 1.0, 0.0, 0.0], quat))
@@ -125,7 +141,8 @@ def rotations_to_gravity(directions: ArrayLike) -> Array:
 Sign = Literal["on_sensor", "by_sensor"]
 Inertia = Literal["given", "accept", "unknown"]
 
-MIN_MOUNTING_TURN = 1e-9  # largest entry of R_fs - 1 for which {s} and {f} coincide
+MIN_MOUNTING_TURN = 1e-9
+"""Largest entry of R_fs minus the identity for which {s} and {f} coincide."""
 
 
 def sign_factor(sign: str) -> float:
@@ -145,22 +162,28 @@ def load_regressor(gravity: ArrayLike, V: ArrayLike | None = None, dV: ArrayLike
     dV = np.zeros(6) if dV is None else np.asarray(dV, float)
     shape = np.broadcast_shapes(g.shape[:-1], V.shape[:-1], dV.shape[:-1])
     V = np.broadcast_to(V, (*shape, 6))
-    w, v, alpha = V[..., :3], V[..., 3:], np.broadcast_to(dV[..., :3], (*shape, 3))
+    w, v = V[..., :3], V[..., 3:]
+    alpha = np.broadcast_to(dV[..., :3], (*shape, 3))
     d = dV[..., 3:] + so3.cross(w, v) - g  # acceleration of the origin minus gravity
-    W, Y = so3.hat(w), np.zeros((*shape, 6, 10))
+    W = so3.hat(w)
+    Y = np.zeros((*shape, 6, 10))
     Y[..., 3:, 0] = -d  # force of the mass
     Y[..., :3, 1:4] = so3.hat(d)  # moment h × -d
     Y[..., 3:, 1:4] = -(so3.hat(alpha) + W @ W)  # force of the first moment
-    Y[..., :3, 4:] = -(_times_inertia(alpha) + W @ _times_inertia(w))  # moment -(I α + ω × I ω)
+    Y[..., :3, 4:] = -(_inertia_product_matrix(alpha) + W @ _inertia_product_matrix(w))  # moment -(I α + ω × I ω)
     return Y
 
 
-def _times_inertia(x: Array) -> Array:
+def _inertia_product_matrix(x: Array) -> Array:
     """Matrix L with I x = L (Ixx, Ixy, Iyy, Ixz, Iyz, Izz); (..., 3) → (..., 3, 6)."""
     a, b, c = x[..., 0], x[..., 1], x[..., 2]
     o = np.zeros_like(a)
-    rows = [a, b, o, c, o, o, o, a, b, o, c, o, o, o, o, a, b, c]
-    return np.stack(rows, axis=-1).reshape(*x.shape[:-1], 3, 6)
+    L = [
+        [a, b, o, c, o, o],
+        [o, a, b, o, c, o],
+        [o, o, o, a, b, c],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in L], axis=-2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,10 +228,10 @@ class ForceTorqueSensor:
         bias = np.array(arguments.finite(arguments.one(self.bias, "bias", 6), "bias"), float)
         if not np.isfinite(self.load.parameters.astype(float)).all():
             raise ValueRangeError("the sensor's load has a value that is not a finite number.")
-        problem = "; ".join(self.load.defects())
-        if problem and (self.inertia == "given" or self.load.mass < 0):
+        defects = "; ".join(self.load.defects())
+        if defects and (self.inertia == "given" or self.load.mass < 0):
             raise InertiaError(
-                f"no load has this inertia: {problem}. See nearest_consistent() and repair(); the keyword inertia "
+                f"no load has this inertia: {defects}. See nearest_consistent() and repair(); the keyword inertia "
                 "accepts it as it is, if the mass is not negative."
             )
         sign_factor(self.sign)
@@ -217,9 +240,10 @@ class ForceTorqueSensor:
         R = checked_rotations(self.mounting, "mounting")
         if R.shape != (3, 3):
             raise ShapeError(f"mounting has shape {np.shape(self.mounting)}, expected one rotation (3, 3).")
-        for name, value in (("bias", bias), ("mounting", R)):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+        bias.setflags(write=False)
+        R.setflags(write=False)
+        object.__setattr__(self, "bias", bias)
+        object.__setattr__(self, "mounting", R)
 
     def predict(
         self,
@@ -241,9 +265,10 @@ class ForceTorqueSensor:
             A :class:`~twistwrench.Pose` or :class:`~twistwrench.Twist` has another frame than {f} or than the others.
         """
         plain = self._plain_arrays(pose=pose, V=V, dV=dV)
-        V, dV = _six(plain["V"], "V"), _six(plain["dV"], "dV")
+        V = _optional_vectors(plain["V"], "V")
+        dV = _optional_vectors(plain["dV"], "dV")
         g = gravity_in_frame(plain["pose"], gravity)
-        _broadcast(gravity=g, V=V, dV=dV)
+        _check_broadcast(gravity=g, V=V, dV=dV)
         F_on = load_regressor(g, V, dV) @ self.load.parameters.astype(float)
         R = np.asarray(self.mounting)  # F_s = R_fs' F_f, origins coincide
         F_s = np.concatenate([F_on[..., :3] @ R, F_on[..., 3:] @ R], axis=-1)
@@ -279,7 +304,7 @@ class ForceTorqueSensor:
         plain_readings = np.asarray(arguments.real(plain.pop("readings"), "readings", 6), float)
         predicted = self.predict(**plain, gravity=gravity)
         self.warn_of_motion(plain["V"], plain["dV"])
-        _broadcast(readings=plain_readings, predicted=predicted)
+        _check_broadcast(readings=plain_readings, predicted=predicted)
         return plain_readings - predicted
 
     def contact_wrench(self, compensated: ArrayLike) -> Array:
@@ -299,9 +324,9 @@ class ForceTorqueSensor:
             The sensor has a ``frame``, and a labelled wrench is in another.
         """
         plain = self._plain_arrays(compensated=compensated)["compensated"]
-        F = sign_factor(self.sign) * np.asarray(arguments.real(plain, "compensated", 6), float)
-        Rt = np.asarray(self.mounting).T
-        return np.concatenate([F[..., :3] @ Rt, F[..., 3:] @ Rt], axis=-1)
+        F_s = sign_factor(self.sign) * np.asarray(arguments.real(plain, "compensated", 6), float)
+        Rt = np.asarray(self.mounting).T  # F_f = R_fs F_s, for rows
+        return np.concatenate([F_s[..., :3] @ Rt, F_s[..., 3:] @ Rt], axis=-1)
 
     def missing_signals(self, V: ArrayLike | None, dV: ArrayLike | None) -> str | None:
         """Explain which moments remain in a motion because the load's inertia is unknown.
@@ -334,8 +359,9 @@ class ForceTorqueSensor:
             warnings.warn(text, ModelWarning, stacklevel=3)
 
     def _plain_arrays(self, **given: Any) -> dict[str, Any]:
-        turned = float(np.abs(np.asarray(self.mounting) - np.eye(3)).max()) > MIN_MOUNTING_TURN
-        return plain_arrays(given, self.frame, turned=turned)
+        """Plain arrays of labelled arguments, whose frames are checked against that of the sensor."""
+        mounting_turn = float(np.abs(np.asarray(self.mounting) - np.eye(3)).max())
+        return plain_arrays(given, self.frame, turned=mounting_turn > MIN_MOUNTING_TURN)
 
 
 def checked_sensor(sensor: Any, taker: str) -> ForceTorqueSensor:
@@ -345,16 +371,20 @@ def checked_sensor(sensor: Any, taker: str) -> ForceTorqueSensor:
     raise ShapeError(f"{taker} takes a ForceTorqueSensor, got {arguments.value_text(sensor)}.")
 
 
-def _six(x: ArrayLike | None, name: str) -> Array | None:
-    return None if x is None else np.asarray(arguments.real(x, name, 6), float)
+def _optional_vectors(x: ArrayLike | None, name: str) -> Array | None:
+    """Checked vectors (..., 6), or None."""
+    if x is None:
+        return None
+    return np.asarray(arguments.real(x, name, 6), float)
 
 
-def _broadcast(**arrays: Array | None) -> None:
-    shapes = {name: x.shape[:-1] for name, x in arrays.items() if x is not None}
+def _check_broadcast(**arrays: Array | None) -> None:
+    """Raise ShapeError unless the batches of vectors broadcast."""
+    batch_shapes = {name: x.shape[:-1] for name, x in arrays.items() if x is not None}
     try:
-        np.broadcast_shapes(*shapes.values())
+        np.broadcast_shapes(*batch_shapes.values())
     except ValueError:
-        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        listed = ", ".join(f"{name} {shape}" for name, shape in batch_shapes.items())
         raise ShapeError(f"these batches do not broadcast: {listed}.") from None
 
 

@@ -20,8 +20,8 @@ from .log import ReadingLog
 from .poses import propose_poses
 from .sensor import ForceTorqueSensor, checked_sensor, gravity_in_frame, plain_arrays, sign_factor
 
-# Unit screws, three translations and three rotations: a basis of all twists.
 _SCREWS = np.roll(np.eye(6), 3, axis=0)
+"""Unit screws as rows, three translations and then three rotations: a basis of all twists."""
 
 
 def simulate(
@@ -52,9 +52,10 @@ def simulate(
     rng = arguments.generator(rng)
     sigma = checked_noise(noise, none_at_all=True)
     V = dV = time = None
-    counted = isinstance(poses, float | np.number) or (hasattr(poses, "__index__") and not np.shape(poses))
+    is_integer = hasattr(poses, "__index__") and not np.shape(poses)
+    is_number = is_integer or isinstance(poses, float | np.number)
     if motion is not None:
-        if not counted:
+        if not is_number:
             raise ValueRangeError("a motion makes its own poses. Give their number, such as poses=500.")
         if not isinstance(motion, int | float | np.number) or not 0 < motion < math.inf:
             raise ValueRangeError(
@@ -63,26 +64,30 @@ def simulate(
         time = np.linspace(0.0, float(motion), arguments.integer(poses, "poses"))
         T, V, dV = lively_motion(time)
         gravity = gravity_in_frame(T)
-    elif counted:
+    elif is_number:
         gravity = propose_poses(arguments.integer(poses, "poses")).gravity
     else:
-        gravity = np.atleast_2d(gravity_in_frame(plain_arrays({"pose": poses}, sensor.frame)["pose"], GRAVITY))
+        plain_poses = plain_arrays({"pose": poses}, sensor.frame)["pose"]
+        gravity = np.atleast_2d(gravity_in_frame(plain_poses, GRAVITY))
     exact = sensor.predict(np.eye(3), V, dV, gravity=gravity)
     readings = exact + rng.normal(size=exact.shape) * np.repeat(sigma, 3)
-    if touch is not None and not isinstance(touch, dict):
+    if touch is None:
+        touch = {}
+    if not isinstance(touch, dict):
         raise ValueRangeError(f"touch is {arguments.value_text(touch)}: give {{number of a reading: wrench (6,)}}.")
-    for index, wrench in (touch or {}).items():
-        what = f"touch of reading {index}"
-        F = arguments.finite(arguments.one(wrench, what, 6), what)
-        readings[_row(index, len(readings))] += sign_factor(sensor.sign) * F
+    for index, wrench in touch.items():
+        label = f"touch of reading {index}"
+        F = arguments.finite(arguments.one(wrench, label, 6), label)
+        readings[_touched_row(index, len(readings))] += sign_factor(sensor.sign) * F
     return ReadingLog.from_arrays(readings, gravity=gravity, V=V, dV=dV, time=time, name="simulated log")
 
 
-def _row(index: Any, count: int) -> int:
+def _touched_row(index: Any, count: int) -> int:
+    """Index of a touched reading as an integer; raises ValueRangeError unless it is one of ``count`` readings."""
     try:
         row = operator.index(index)
     except TypeError:
-        row = count
+        row = count  # not an integer; rejected like an integer beyond the end
     if not -count <= row < count:
         raise ValueRangeError(f"touch: there is no reading {index!r}. They are 0 to {count - 1}.")
     return row
@@ -103,19 +108,22 @@ def lively_motion(time: ArrayLike) -> tuple[Array, Array, Array]:
     ((2, 4, 4), (2, 6), (2, 6))
     """
     t = np.asarray(time, float)[..., None]
-    amplitude = np.array([0.2, 0.15, 0.1, 1.2, 1.0, 1.4])  # m, rad
-    rate = np.array([2.1, 2.9, 3.7, 1.7, 2.3, 3.1])  # rad/s, all different
+    # A chain of one joint for each screw, of which coordinate k oscillates.
+    amplitude = np.array([0.2, 0.15, 0.1, 1.2, 1.0, 1.4])  # m, then rad
+    frequency = np.array([2.1, 2.9, 3.7, 1.7, 2.3, 3.1])  # rad/s; all differ, so that motions do not repeat
     phase = np.array([0.0, 1.0, 2.0, 0.5, 1.5, 2.5])
-    q = amplitude * np.sin(rate * t + phase)
-    dq, ddq = amplitude * rate * np.cos(rate * t + phase), -(rate**2) * q
+    q = amplitude * np.sin(frequency * t + phase)
+    dq = amplitude * frequency * np.cos(frequency * t + phase)
+    ddq = -(frequency**2) * q
     T = np.broadcast_to(np.eye(4), (*t.shape[:-1], 4, 4))
     V = dV = np.zeros((*t.shape[:-1], 6))
     for k, S in enumerate(_SCREWS):
-        step = se3.exp(S * q[..., k : k + 1])
-        back = se3.Ad(se3.inverse(step))
-        own = S * dq[..., k : k + 1]
-        T, V = T @ step, back @ V + own
-        dV = back @ dV + se3.ad(V) @ own + S * ddq[..., k : k + 1]
+        T_joint = se3.exp(S * q[..., k : k + 1])
+        Ad_back = se3.Ad(se3.inverse(T_joint))
+        V_joint = S * dq[..., k : k + 1]
+        T = T @ T_joint
+        V = Ad_back @ V + V_joint
+        dV = Ad_back @ dV + se3.ad(V) @ V_joint + S * ddq[..., k : k + 1]
     return T, V, dV
 
 

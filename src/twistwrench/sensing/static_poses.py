@@ -10,26 +10,40 @@ import numpy as np
 from ..core.typing import Array
 from .log import ReadingLog
 
-_DIRECTION_TOLERANCE = (2e-3, 5e-2)  # rad; lower and upper bound of the tolerance on gravity's direction within a dwell
-TOLERANCE_IN_STEPS = 5.0  # tolerance between these bounds, in median steps between readings
-MAX_TOLERANCE_OF_SPREAD = 0.1  # upper bound of the tolerance as a fraction of the spread of all directions
-MIN_READINGS_OF_DWELL = 5  # minimum readings of a dwell in a log with motion
-_REST_LIMITS = (0.02, 0.01, 0.2, 0.2)  # rad/s, m/s, rad/s², m/s² below which the sensor is at rest
-MAX_COMPARED_DWELLS = 2000  # largest number of dwells whose orientations are compared pairwise
+_DIRECTION_TOLERANCE = (2e-3, 5e-2)
+"""rad: smallest and largest tolerance on gravity's direction within a dwell."""
+TOLERANCE_IN_STEPS = 5.0
+"""Tolerance between these bounds, in median steps between readings."""
+MAX_TOLERANCE_OF_SPREAD = 0.1
+"""Largest tolerance as a fraction of the spread of all directions."""
+MIN_READINGS_OF_DWELL = 5
+"""Smallest number of readings of a dwell in a log with motion."""
+_REST_LIMITS = (0.02, 0.01, 0.2, 0.2)
+"""rad/s, m/s, rad/s², m/s²: rates and accelerations below which the sensor is at rest."""
+MAX_COMPARED_DWELLS = 2000
+"""Largest number of dwells whose orientations are compared pairwise."""
+_FIRST_WINDOW = 64
+"""Number of readings in which the end of a run is sought first; later windows are twice as long each."""
 
 
 @dataclass(frozen=True, eq=False)
 class StaticPoses:
     """Reduced log: one row for each dwell (mean of its readings), and one for each reading in motion."""
 
-    log: ReadingLog  # log of n rows, with times, or indices if no times were logged
-    count: Array  # (n,) readings in each row
-    within: Array  # (6,) variance of a reading within its dwell [(N m)², N²]; zero if no dwell has two readings
-    within_freedom: float  # degrees of freedom of ``within``
-    label: Array  # (n,) cluster of each row; rows of a revisited orientation share one
+    log: ReadingLog
+    """Log of n rows, with times, or indices if no times were logged."""
+    count: Array
+    """Number (n,) of readings in each row."""
+    within: Array
+    """Variance (6,) of a reading within its dwell [(N m)², N²]; zero if no dwell has two readings."""
+    within_freedom: float
+    """Degrees of freedom of ``within``."""
+    label: Array
+    """Cluster (n,) of each row; rows of a revisited orientation share one."""
     row: Array
     """Row (N,) of each reading of the original log; -1 for readings between dwells, which are not used."""
-    moving: Array  # (n,) True for readings in motion
+    moving: Array
+    """Mask (n,) of readings in motion."""
 
     def spread(self, kept: Array) -> Array:
         """Expand a mask (n,) of rows to a mask (N,) of readings."""
@@ -46,103 +60,115 @@ def static_poses(log: ReadingLog) -> StaticPoses:
     >>> static_poses(still).count.tolist()
     [3.0, 3.0]
     """
-    unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
-    tolerance = _direction_tolerance(unit)
-    rest = _rest_mask(log)
-    first, last = _runs(unit, tolerance, rest)
-    length = last - first
-    moving = ~rest[first]
-    used, long = np.ones(len(first), bool), length >= MIN_READINGS_OF_DWELL
-    if log.V is None and length[long].sum() > 0.5 * len(log) and long.sum() > 2:
-        used = long
+    directions = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    tolerance = _direction_tolerance(directions)
+    at_rest = _rest_mask(log)
+    first, end = _constant_direction_runs(directions, tolerance, at_rest)
+    length = end - first
+    used = np.ones(len(first), bool)
+    is_long = length >= MIN_READINGS_OF_DWELL
+    if log.V is None and length[is_long].sum() > 0.5 * len(log) and is_long.sum() > 2:
+        used = is_long  # short runs are motion between the dwells
     row = np.repeat(np.where(used, np.cumsum(used) - 1, -1), length)
     count = length[used].astype(float)
-    averages = {"time": _means(log.clock, row, count)}
+    averages = {"time": _row_means(log.clock, row, count)}
     for name in ("readings", "gravity", "V", "dV", "rotations"):
-        averages[name] = _means(getattr(log, name), row, count)
+        averages[name] = _row_means(getattr(log, name), row, count)
     reduced = replace(log, **averages)
-    deviations = log.readings[row >= 0] - reduced.readings[row[row >= 0]]
-    freedom, within = float((count - 1).sum()), np.zeros(6)
+    is_used = row >= 0
+    deviations = log.readings[is_used] - reduced.readings[row[is_used]]
+    freedom = float((count - 1).sum())
+    within = np.zeros(6)
     if freedom:
         within = (deviations**2).sum(axis=0) / freedom
-    label = _labels(reduced, tolerance, moving[used])
-    return StaticPoses(reduced, count, within, freedom, label, row, moving[used])
+    moving = ~at_rest[first][used]
+    label = _orientation_labels(reduced, tolerance, moving)
+    return StaticPoses(reduced, count, within, freedom, label, row, moving)
 
 
-def _direction_tolerance(unit: Array) -> float:
+def _direction_tolerance(directions: Array) -> float:
     """Tolerance [rad] for equal directions (n, 3): a few median steps, far below the spread of the directions."""
-    if len(unit) < 2:
+    if len(directions) < 2:
         return 0.0
     least, largest = _DIRECTION_TOLERANCE
-    step = float(np.median(_lengths(np.diff(unit, axis=0))))
-    spread = float(_lengths(unit - unit.mean(axis=0)).max())
+    step = float(np.median(_lengths(np.diff(directions, axis=0))))
+    spread = float(_lengths(directions - directions.mean(axis=0)).max())
     return float(min(max(TOLERANCE_IN_STEPS * step, least), largest, MAX_TOLERANCE_OF_SPREAD * spread))
 
 
 def _rest_mask(log: ReadingLog) -> Array:
-    """True for readings (n,) in a run at rest that is long enough; all True for a log without twists."""
+    """Mask (n,) of readings in runs at rest that are long enough; all True for a log without twists."""
     if log.V is None or log.dV is None:
         return np.ones(len(log), bool)
-    sizes = _lengths(np.concatenate([log.V, log.dV], axis=1).reshape(-1, 4, 3))
-    slow = np.asarray((sizes < _REST_LIMITS).all(axis=1))
-    for a, b in runs(slow):
-        slow[a : b + 1] = b + 1 - a >= MIN_READINGS_OF_DWELL
-    return slow
+    rates = _lengths(np.concatenate([log.V, log.dV], axis=1).reshape(-1, 4, 3))  # in the order of the limits
+    is_slow = np.asarray((rates < _REST_LIMITS).all(axis=1))
+    for first, last in runs(is_slow):
+        is_slow[first : last + 1] = last + 1 - first >= MIN_READINGS_OF_DWELL
+    return is_slow
 
 
-def _runs(unit: Array, tolerance: float, rest: Array) -> tuple[Array, Array]:
+def _constant_direction_runs(directions: Array, tolerance: float, at_rest: Array) -> tuple[Array, Array]:
     """First index and end index of each run of constant gravity direction; each reading in motion is a separate run."""
-    edges, n, start = [0], len(unit), 0
+    edges = [0]
+    n = len(directions)
+    start = 0
     while start < n:
         end = start + 1
-        if rest[start]:
-            size = 64
+        if at_rest[start]:
+            window_size = _FIRST_WINDOW
             while end < n:
-                window = slice(end, min(n, end + size))
-                other = np.flatnonzero((_lengths(unit[window] - unit[start]) > tolerance) | ~rest[window])
-                if other.size:
-                    end += int(other[0])
+                window = slice(end, min(n, end + window_size))
+                is_other = _lengths(directions[window] - directions[start]) > tolerance
+                ends_run = np.flatnonzero(is_other | ~at_rest[window])
+                if ends_run.size:
+                    end += int(ends_run[0])
                     break
-                end, size = window.stop, 2 * size
+                end = window.stop
+                window_size *= 2
         edges.append(end)
         start = end
     return np.array(edges[:-1]), np.array(edges[1:])
 
 
-def _means(value: Array | None, row: Array, count: Array) -> Any:
-    """Mean over the readings of each row; valid as readings at rest are linear in all averaged quantities."""
-    if value is None:
+def _row_means(values: Array | None, row: Array, count: Array) -> Any:
+    """Means (n, ...) of values (N, ...) over the readings of each row, of which there are ``count`` (n,).
+
+    Means of all quantities of a log belong together, since readings at rest depend linearly on them.
+    """
+    if values is None:
         return None
-    if len(count) == len(value):
-        return value
-    total = np.zeros((len(count), *value.shape[1:]))
-    np.add.at(total, row[row >= 0], value[row >= 0])
-    return total / count.reshape(-1, *[1] * (value.ndim - 1))
+    if len(count) == len(values):
+        return values
+    total = np.zeros((len(count), *values.shape[1:]))
+    np.add.at(total, row[row >= 0], values[row >= 0])
+    return total / count.reshape(-1, *[1] * (values.ndim - 1))
 
 
-def _labels(log: ReadingLog, tolerance: float, moving: Array) -> Array:
-    """Cluster (n,) of each row: the index of the first row in the same orientation."""
+def _orientation_labels(log: ReadingLog, tolerance: float, moving: Array) -> Array:
+    """Cluster (n,) of each row: the index of the first row in the same orientation; a row in motion is a cluster of its own."""
     n = len(log)
     if n > MAX_COMPARED_DWELLS or moving.all():
         return np.arange(n)
-    R = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    orientations = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
     if log.rotations is not None:
-        R = log.rotations.reshape(n, 9)
-    label, known = np.arange(n), np.zeros(n, bool)
+        orientations = log.rotations.reshape(n, 9)
+    label = np.arange(n)
+    is_first = np.zeros(n, bool)
     for k in np.flatnonzero(~moving).tolist():
-        same = np.flatnonzero(known & (_lengths(R - R[k]) <= tolerance))
+        same = np.flatnonzero(is_first & (_lengths(orientations - orientations[k]) <= tolerance))
         if same.size:
             label[k] = int(same[0])
         else:
-            known[k] = True
+            is_first[k] = True
     return label
 
 
-def _lengths(x: Array) -> Array:
-    return np.asarray(np.linalg.norm(x, axis=-1))
+def _lengths(vectors: Array) -> Array:
+    """Lengths (...) of vectors (..., k)."""
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
 def runs(mask: Array) -> list[tuple[int, int]]:
     """First and last index of each run of true values in ``mask`` (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))  # first and end of each run in turn
+    return [(int(first), int(end) - 1) for first, end in zip(edges[::2], edges[1::2], strict=True)]

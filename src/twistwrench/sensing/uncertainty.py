@@ -13,8 +13,9 @@ from .log import ReadingLog
 from .sensor import ForceTorqueSensor, sign_factor
 from .unknowns import SensorState, Unknowns
 
-_KINDS = ("bias", "load", "inertia", "turn")  # unknowns of the sensor; drift, tilt and delay belong to one log
-_ASYMMETRY = 1e-6
+_SENSOR_KINDS = ("bias", "load", "inertia", "turn")
+"""Kinds of unknowns of a sensor; drift, tilt and delay belong to one log."""
+_MAX_ASYMMETRY = 1e-6
 """Largest difference of mirrored entries of a covariance, as a share of the product of their standard deviations."""
 
 
@@ -37,25 +38,30 @@ class Uncertainty:
         p = len(self.unknowns)
         if self._kinds.names != self.unknowns:
             raise ValueRangeError(f"the unknowns {', '.join(self.unknowns)} are not those of a sensor.")
-        for name, shape in (("covariance", (p, p)), ("freedom", (p,)), ("noise", (6,)), ("noise_freedom", (6,))):
+        shapes = {"covariance": (p, p), "freedom": (p,), "noise": (6,), "noise_freedom": (6,)}
+        for name, shape in shapes.items():
             x = np.asarray(getattr(self, name), float)
-            is_number = np.isfinite(x)
-            if "freedom" in name:
-                is_number |= x == np.inf
-            if x.shape != shape or not is_number.all() or (name != "covariance" and (x < 0).any()):
-                bound = "" if name == "covariance" else " from 0 on"
+            is_allowed = np.isfinite(x)
+            if name in ("freedom", "noise_freedom"):
+                is_allowed |= x == np.inf
+            bound = ""
+            if name != "covariance":
+                is_allowed &= x >= 0
+                bound = " from 0 on"
+            if x.shape != shape or not is_allowed.all():
                 raise ValueRangeError(f"{name} is not {shape} numbers{bound}.")
             object.__setattr__(self, name, x)
         if not (np.diagonal(self.covariance) > 0).all():
             raise ValueRangeError("covariance is not valid: a variance on its diagonal is not above 0.")
-        scale = _outer(self.covariance)
-        if (np.abs(self.covariance - self.covariance.T) > _ASYMMETRY * scale).any():
+        scale = _deviation_products(self.covariance)
+        if (np.abs(self.covariance - self.covariance.T) > _MAX_ASYMMETRY * scale).any():
             raise ValueRangeError("covariance is not valid: it is not symmetric.")
         if p and np.linalg.eigvalsh(self.covariance / scale).min() < -1e-9:
             raise ValueRangeError("covariance is not valid: it has a negative eigenvalue.")
 
     @property
     def _kinds(self) -> Unknowns:
+        """Unknowns with these names, told by the first name of each kind; the load is always one."""
         names = set(self.unknowns)
         return Unknowns(bias="bias mx" in names, inertia="Ixx" in names, turn="turn x" in names)
 
@@ -87,13 +93,15 @@ class Uncertainty:
 
 def uncertainty_of(fit: Fit) -> Uncertainty:
     """Uncertainty of a fit's sensor: unknowns of the log are marginalised."""
-    kinds = [kind for kind in fit.unknowns.kinds if kind in _KINDS]
-    columns = np.concatenate([np.arange(len(fit.estimate))[fit.unknowns.part(kind)] for kind in kinds])
+    all_columns = np.arange(len(fit.estimate))
+    kinds = [kind for kind in fit.unknowns.kinds if kind in _SENSOR_KINDS]
+    columns = np.concatenate([all_columns[fit.unknowns.part(kind)] for kind in kinds])
     names = tuple(fit.unknowns.names[k] for k in columns)
-    C = fit.joint[np.ix_(columns, columns)]
-    return Uncertainty(names, C, fit.known[columns], fit.sigma, fit.freedom)
+    covariance = fit.joint[np.ix_(columns, columns)]
+    return Uncertainty(names, covariance, fit.known[columns], fit.sigma, fit.freedom)
 
 
-def _outer(C: Array) -> Array:
-    size = np.sqrt(np.maximum(np.diag(C), 1e-300))
-    return np.outer(size, size)
+def _deviation_products(covariance: Array) -> Array:
+    """Products (p, p) of the standard deviations of two unknowns."""
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return np.outer(deviations, deviations)

@@ -26,83 +26,89 @@ from .poses import POSE, PoseProposal
 from .result import Identification
 from .static_poses import runs
 
-MAX_SPANS = 5
-"""Number of contacts in the first line."""
+MAX_LISTED_CONTACTS = 5
+"""Largest number of contacts that the first line lists."""
 MAX_POSES_IN_SHORT = 30
-"""Number of rows of the short form."""
+"""Largest number of poses in the short form of the report."""
 
 
 def identification_view(found: Identification) -> Iterator[Block]:
     """Identified parameters with their intervals, and the compensated readings."""
     log = found.log
-    reasons, others = _remarks(found, log.notes)
+    reasons, others = _reasons_and_remarks(found, log.notes)
     com = ", ".join(number(1e3 * x, decimals=1) for x in found.sensor.load.com)
-    ending = f" at ({com}) mm." if found.mass_interval[0] > 0 else ", which may be nothing."
+    least_mass, _ = found.mass_interval
+    ending = f" at ({com}) mm." if least_mass > 0 else ", which may be nothing."
     yield Headline(found.verdict.word, f"{found.mass_text}{ending}")
     yield from reasons
     yield ""
     yield _heading(log, found.sensor.sign)
-    names, units, values, halves = zip(*_parameters(found), strict=True)
-    all_units = ", ".join(dict.fromkeys(units))
+    names, units, values, half_widths = zip(*_parameter_rows(found), strict=True)
+    all_units = ", ".join(dict.fromkeys(units))  # each once, in their order
     yield Table(
         "Load and sensor",
         words("quantity", names, fold=False),
         words("unit", units, fold=False),
         numbers("value", values, unit=all_units, headed=False),
-        numbers(f"± ({percent(found.confidence, 3)})", halves, unit=all_units, headed=False),
+        numbers(f"± ({percent(found.confidence, 3)})", half_widths, unit=all_units, headed=False),
     )
     yield _readings_table(log, found.rest(log), found.kept)
     yield f"Noise of a reading: {number(found.noise[0], 2)} N m, {number(found.noise[1], 2)} N (1 σ)."
     yield from others
 
 
-def _parameters(found: Identification) -> Iterator[tuple[Any, ...]]:
-    """Name, unit, value and half-width of the interval of each parameter."""
-    load, unknowns, state = found.sensor.load, found.fit.unknowns, found.fit.state
+def _parameter_rows(found: Identification) -> Iterator[tuple[Any, ...]]:
+    """Name, unit, value and half_width-width of the interval of each parameter."""
+    load = found.sensor.load
+    unknowns = found.fit.unknowns
 
-    def half(name: str) -> float:
+    def half_width(name: str) -> float:
         return float(np.ptp(found.interval(name))) / 2
 
     low, high = found.mass_interval
-    yield "mass", "kg", *_estimate((high + low) / 2, (high - low) / 2)
+    yield "mass", "kg", *_estimate_cells((high + low) / 2, (high - low) / 2)
     for axis, x, (low, high) in zip("xyz", load.com, found.com_intervals, strict=True):
-        yield f"centre of mass {axis}", "mm", *_estimate(1e3 * x, 5e2 * (high - low))
+        yield f"centre of mass {axis}", "mm", *_estimate_cells(1e3 * x, 5e2 * (high - low))
     if unknowns.inertia:
         for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):
             name = f"I{'xyz'[i]}{'xyz'[j]}"
-            yield f"{name} about the origin", "kg m²", *_estimate(load.moment_about_origin[i, j], half(name))
+            cells = _estimate_cells(load.moment_about_origin[i, j], half_width(name))
+            yield f"{name} about the origin", "kg m²", *cells
     for axis, value in zip(WRENCH, np.asarray(found.sensor.bias), strict=True):
         name = f"bias {axis}"
         if unknowns.bias:
-            yield name, _unit(axis), *_estimate(value, half(name))
+            yield name, _unit(axis), *_estimate_cells(value, half_width(name))
         else:
             yield name, _unit(axis), value, "given"
     if unknowns.turn:
         for axis, turn in zip("xyz", found.turn, strict=True):
-            angle = _estimate(math.degrees(turn), math.degrees(half(f"turn {axis}")))
+            angle = _estimate_cells(math.degrees(turn), math.degrees(half_width(f"turn {axis}")))
             yield f"mounting turned about {axis}", "°", *angle
-    per = "s" if found.log.time is not None else "reading"
     if unknowns.drift:
+        per = "s" if found.log.time is not None else "reading"
         for axis in WRENCH:
             low, high = found.interval(f"drift {axis}")
-            yield f"drift {axis}", f"{_unit(axis)}/{per}", *_estimate((low + high) / 2, (high - low) / 2)
+            yield f"drift {axis}", f"{_unit(axis)}/{per}", *_estimate_cells((low + high) / 2, (high - low) / 2)
     if unknowns.tilt:
-        largest_half = max(half("tilt 1"), half("tilt 2"))
-        tilt = math.degrees(np.linalg.norm(so3.log(state.tilt)))
-        yield "base tilted by", "°", *_estimate(tilt, math.degrees(largest_half))
+        tilt = math.degrees(np.linalg.norm(so3.log(found.fit.state.tilt)))
+        larger_half_width = max(half_width("tilt 1"), half_width("tilt 2"))
+        yield "base tilted by", "°", *_estimate_cells(tilt, math.degrees(larger_half_width))
     if unknowns.delay:
-        yield "readings are late by", "ms", *_estimate(1e3 * state.delay, 1e3 * half("delay"))
+        delay_cells = _estimate_cells(1e3 * found.fit.state.delay, 1e3 * half_width("delay"))
+        yield "readings are late by", "ms", *delay_cells
 
 
-def _estimate(value: float, sigma: float) -> tuple[Line, Line]:
-    """Cells of a value and its half-width, rounded alike."""
+def _estimate_cells(value: float, sigma: float) -> tuple[Line, Line]:
+    """Cells of a value and its half_width-width, rounded alike."""
     value_text, sigma_text = estimate(value, sigma)
     return Line(value_text, value=value), Line(sigma_text, value=sigma)
 
 
-def _remarks(found: Identification | Compensation, notes: tuple[str, ...]) -> tuple[list[Remark], list[Remark]]:
-    """Split doubts into reasons of the verdict and remarks at the end of the report, which include notes on the log."""
-    texts = [str(each) for each in found.doubts]
+def _reasons_and_remarks(
+    found: Identification | Compensation, notes: tuple[str, ...]
+) -> tuple[list[Remark], list[Remark]]:
+    """Doubts that are reasons of the verdict, and remarks at the end of the report: ``notes`` and all other doubts."""
+    texts = [str(doubt) for doubt in found.doubts]
     reasons = [text for text in texts if text in found.verdict.reasons]
     others = [text for text in texts if text not in reasons]
     return remarks(reasons), remarks([*notes, *others])
@@ -111,8 +117,8 @@ def _remarks(found: Identification | Compensation, notes: tuple[str, ...]) -> tu
 def compensation_view(found: Compensation) -> Iterator[Block]:
     """Readings before and after compensation, and contacts."""
     log = found.log
-    reasons, others = _remarks(found, log.notes)
-    yield Headline(found.verdict.word, _outcome(found))
+    reasons, others = _reasons_and_remarks(found, log.notes)
+    yield Headline(found.verdict.word, _compensation_sentence(found))
     yield from reasons
     yield ""
     yield _heading(log, found.sensor.sign)
@@ -123,11 +129,11 @@ def compensation_view(found: Compensation) -> Iterator[Block]:
 
 
 def _threshold_sentence(threshold: CollisionThreshold, *, forces_only: bool) -> str:
-    """Smallest moment and force that count as a contact."""
+    """Sentence with the smallest moment and force that count as a contact; infinite ones are left out."""
     smallest = []
-    for axis, x in (("m", threshold.per_axis[:3]), ("f", threshold.per_axis[3:])):
-        if np.isfinite(x).all():
-            smallest.append(quantity(x.min(), _unit(axis)))
+    for axis, thresholds in (("m", threshold.per_axis[:3]), ("f", threshold.per_axis[3:])):
+        if np.isfinite(thresholds).all():
+            smallest.append(quantity(thresholds.min(), _unit(axis)))
     note = "; moments are not looked at" if forces_only else ""
     return (
         f"Contact is what noise alone reaches once in {number(1 / threshold.false_alarms)} readings: from "
@@ -135,42 +141,45 @@ def _threshold_sentence(threshold: CollisionThreshold, *, forces_only: bool) -> 
     )
 
 
-def _outcome(found: Compensation) -> str:
-    """First line of the answer: contacts, or the share of the readings that is explained."""
+def _compensation_sentence(found: Compensation) -> str:
+    """First line of the answer: contacts, or the number of readings that are explained."""
     log, hits = found.log, found.hits
     if not found.explained:
         return "this sensor file does not explain this log."
-    moment, force = rms_residuals(found.rest[~found.off])
-    noise = f"beside noise of {number(found.noise[1], 2)} N and {number(found.noise[0], 2)} N m"
     if hits.any():
         spans = [_span(log, first, last) for first, last in runs(hits)]
-        peak = np.linalg.norm(found.rest[hits][:, 3:], axis=1).max()
-        listed = "; ".join(spans[:MAX_SPANS])
-        if len(spans) > MAX_SPANS:
+        peak_force = np.linalg.norm(found.rest[hits][:, 3:], axis=1).max()
+        listed = "; ".join(spans[:MAX_LISTED_CONTACTS])
+        if len(spans) > MAX_LISTED_CONTACTS:
             listed += "; …"
-        return f"{hits.sum()} of {len(log)} readings, {listed}; up to {number(peak)} N."
+        return f"{hits.sum()} of {len(log)} readings, {listed}; up to {number(peak_force)} N."
     if found.threshold is not None:
         return "no contact force; moments were not looked at." if found.inertia else "no contact."
+    moment, force = rms_residuals(found.rest[~found.off])
+    moment_noise, force_noise = found.noise
+    beside_noise = f"beside noise of {number(force_noise, 2)} N and {number(moment_noise, 2)} N m"
     if found.inertia and found.inertia.refuses:
-        return f"the load's inertia is left in the moments, {number(moment, 2)} N m {noise}."
-    explained = int((~found.off).sum())
+        return f"the load's inertia is left in the moments, {number(moment, 2)} N m {beside_noise}."
+    explained_count = int((~found.off).sum())
     sentence = (
-        f"{explained} of {len(log)} readings are explained, with {number(force, 2)} N and {number(moment, 2)} N m left "
-        f"{noise}."
+        f"{explained_count} of {len(log)} readings are explained, with {number(force, 2)} N and {number(moment, 2)} N m "
+        f"left {beside_noise}."
     )
-    if explained == len(log):
+    if explained_count == len(log):
         return sentence
     contacts = spell(Argument("false_alarms", Placeholder("1e-6"), option="contacts"))
     return f"{sentence} In the others something else acts; {contacts} lists when."
 
 
 def _span(log: ReadingLog, first: int, last: int) -> str:
+    """Times, or else numbers, of the first and the last of some readings, as text."""
     if log.time is not None:
         return f"{seconds(log.time[first])} to {seconds(log.time[last])} s"
     return f"reading {first}" if first == last else f"readings {first} to {last}"
 
 
 def _heading(log: ReadingLog, sign: str) -> Line:
+    """File, number of readings, duration, motion and sign."""
     motion = "at rest" if log.V is None else "in motion"
     duration = ""
     if log.time is not None and len(log) > 1:
@@ -180,10 +189,11 @@ def _heading(log: ReadingLog, sign: str) -> Line:
 
 def _readings_table(log: ReadingLog, compensated: Array, kept: Array) -> Table:
     """Root mean squares of the kept readings before and after compensation."""
-    rms = [np.sqrt(np.mean(values**2, axis=0)) for values in (log.readings[kept], compensated[kept])]
+    before = np.sqrt(np.mean(log.readings[kept] ** 2, axis=0))
+    after = np.sqrt(np.mean(compensated[kept] ** 2, axis=0))
     columns = []
-    for axis, x in zip(WRENCH, np.transpose(rms), strict=True):
-        columns.append(numbers(axis, x, partial(number, decimals=4), _unit(axis), headed=False))
+    for axis, *before_and_after in zip(WRENCH, before, after, strict=True):
+        columns.append(numbers(axis, before_and_after, partial(number, decimals=4), _unit(axis), headed=False))
     heading = f"Readings, root mean square [{heading_unit('tau', (True, False))}]"
     return Table(heading, words("", ["before", "after"], fold=False), *columns)
 
@@ -200,13 +210,13 @@ def proposal_view(found: PoseProposal) -> Iterator[Block]:
         if not found.determines_mass:
             return
     else:
-        mass, com = found.intervals[-1]
-        intervals = f"mass ± {number(mass, 2)} kg, centre of mass ± {number(1e3 * com, 2)} mm (95 %)"
+        mass_error, com_error = found.intervals[-1]
+        intervals = f"mass ± {number(mass_error, 2)} kg, centre of mass ± {number(1e3 * com_error, 2)} mm (95 %)"
         load = f"a load of {number(found.mass)} kg"
         yield Headline(Word.OK, f"{len(found.poses)} orientations determine {load}: {intervals}.")
     yield ""
     show_coordinate, show_interval = partial(number, decimals=3), partial(number, digits=2)
-    columns = [numbers(head, x, show_coordinate) for head, x in zip(POSE, found.poses.T, strict=True)]
+    columns = [numbers(name, values, show_coordinate) for name, values in zip(POSE, found.poses.T, strict=True)]
     yield Table(
         "Next poses",
         words("no.", range(1, len(found.poses) + 1), fold=False),

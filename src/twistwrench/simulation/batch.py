@@ -37,10 +37,11 @@ class SimulationBatch:
     """Shape of the batch."""
 
     def __getitem__(self, index: int | tuple[int, ...]) -> SimulationResult:
-        places = index if isinstance(index, tuple) else (index,)
-        if len(places) != len(self.shape):
+        indices = index if isinstance(index, tuple) else (index,)
+        if len(indices) != len(self.shape):
             raise ValueRangeError(f"the batch has shape {self.shape}; give one index for each of its axes.")
-        return self.results[int(np.arange(len(self.results)).reshape(self.shape)[places])]
+        numbers = np.arange(len(self.results)).reshape(self.shape)
+        return self.results[int(numbers[indices])]
 
     def __len__(self) -> int:
         return len(self.results)
@@ -61,15 +62,16 @@ class SimulationBatch:
     def __repr__(self) -> str:
         if not self.results:
             return "<SimulationBatch: no simulations>"
-        first, completed = self.results[0], int(self.completed.sum())
-        parts = [f"{len(self)} simulations, {completed} reached the end"]
-        if completed < len(self):
+        first = self.results[0]
+        completed_count = int(self.completed.sum())
+        parts = [f"{len(self)} simulations, {completed_count} reached the end"]
+        if completed_count < len(self):
             k = int(np.argmin(self.completed.ravel()))
             index = ", ".join(map(str, np.unravel_index(k, self.shape))) if self.shape else ""
             parts.append(f"the first of the others, [{index}]: {self.results[k].stopped}")
         drift = np.max([result.relative_drift for result in self.results])
         parts.append(f"drift of energy at most {residual(drift)}")
-        remarks: dict[str, None] = {}
+        remarks: dict[str, None] = {}  # each remark once, in the order of the results
         for result in self.results:
             remarks |= dict.fromkeys(result.remarks)
         parts += [f"note: {remark}" for remark in list(remarks)[:3]]
@@ -79,9 +81,9 @@ class SimulationBatch:
 def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch:
     """Simulations from many states; see :meth:`twistwrench.Robot.simulate_batch`."""
     require_robot(robot, "simulate_batch")
-    bound = inspect.signature(robot.simulate).bind(*start, **options)
-    bound.apply_defaults()
-    options = bound.arguments
+    call = inspect.signature(robot.simulate).bind(*start, **options)
+    call.apply_defaults()
+    options = call.arguments
     q, dq, shape = _starts(robot, options.pop("q0"), options.pop("dq0"))
     progress = options.pop("progress")
     if progress is not None:
@@ -91,7 +93,8 @@ def simulate_batch(robot: Robot, *start: Any, **options: Any) -> SimulationBatch
         try:
             runs.append(build_run(robot, q0, dq0, **options, progress=None, loops=None))
         except TwistWrenchError as problem:
-            if index == (0,) * len(shape) or "q0" not in str(problem):
+            is_first = not any(index)
+            if is_first or "q0" not in str(problem):  # then all simulations have the same error
                 raise
             raise type(problem)(f"simulation {list(index)} of the batch: {problem}") from None
     with np.errstate(all="ignore"):  # overflow in unstable steps is detected and reported
@@ -124,10 +127,15 @@ def _starts(robot: Robot, q0: ArrayLike | None, dq0: ArrayLike | None) -> tuple[
 
 
 def _advance_together(runs: list[Run]) -> None:
-    """Take the steps of all runs side by side while they are compiled, stable and not ended; then each continues alone."""
-    if len(runs) < 2 or runs[0].method == ADAPTIVE or not runs[0].without_callbacks:
+    """Take the steps of all runs side by side in compiled code. A run that ends or becomes unstable leaves the others.
+
+    Runs that cannot be advanced so stay as they are; each then continues alone.
+    """
+    if len(runs) < 2:
         return
-    first = runs[0]
+    first = runs[0]  # all have the same options
+    if first.method == ADAPTIVE or not first.without_callbacks:
+        return
     running = []
     for run in runs:
         steps = CompiledSteps.build(run.system, run.method, run.scheme.order, run.h)
@@ -137,7 +145,7 @@ def _advance_together(runs: list[Run]) -> None:
         run.begin()
     if not running:
         return
-    wide = running[0][1].side_by_side()
+    batched_steps = running[0][1].side_by_side()
     while running:
         remaining = first.n - running[0][0].steps
         if not remaining:
@@ -146,11 +154,11 @@ def _advance_together(runs: list[Run]) -> None:
         inputs = [steps.inputs() for _, steps in running]
         stacked_inputs = [np.array(values) for values in zip(*inputs, strict=True)]
         states = np.array([run.last[1] for run, _ in running])
-        block = min(max(1, wide.most // len(running)), remaining)
-        results = wide.advance_with(states, block, first.h, stacked_inputs)
-        first.system.evaluations = evaluations
-        unended = []
+        block_size = min(max(1, batched_steps.most // len(running)), remaining)
+        results = batched_steps.advance_with(states, block_size, first.h, stacked_inputs)
+        first.system.evaluations = evaluations  # use_block counts those of each run
+        still_running = []
         for (run, steps), *own_results in zip(running, *results, strict=True):
             if use_block(run, steps, *own_results):
-                unended.append((run, steps))
-        running = unended
+                still_running.append((run, steps))
+        running = still_running

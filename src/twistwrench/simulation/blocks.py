@@ -20,14 +20,15 @@ MIN_PROGRESS_REPORTS = 100
 
 
 def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
-    """Take the steps of a run while they are stable; the rest is left to single steps."""
-    system, block = run.system, steps.most
+    """Take the steps of a run while they are stable. From an unstable step on, single steps follow, with their messages."""
+    system = run.system
+    block_size = steps.most
     if run.tick is not None:
-        block = min(block, max(1, run.n // MIN_PROGRESS_REPORTS))
+        block_size = min(block_size, max(1, run.n // MIN_PROGRESS_REPORTS))
     while run.steps < run.n:
         evaluations = system.evaluations
-        states, ddq, gaps = steps.advance(run.last[1], min(block, run.n - run.steps))
-        system.evaluations = evaluations
+        states, ddq, gaps = steps.advance(run.last[1], min(block_size, run.n - run.steps))
+        system.evaluations = evaluations  # use_block counts those of the steps that are used
         if not use_block(run, steps, states, ddq, gaps):
             return
     t, y = run.last
@@ -35,36 +36,45 @@ def run_compiled_blocks(run: Run, steps: CompiledSteps) -> None:
 
 
 def use_block(run: Run, steps: CompiledSteps, states: Array, ddq: Array, gaps: Array) -> bool:
-    """Store the next m steps of a run, by states (m + 1, size), up to an unstable one or the end; True if all are stored."""
-    m = _stable_steps(run, states)
-    stable = m == len(ddq)
+    """Store the next steps of a run up to the first that is unstable or ends the run; True if all are stored.
+
+    ``states`` (m + 1, size) are those before, between and after m steps; ``ddq`` (m, nv) and ``gaps`` (m, contacts) belong
+    to the starts of the steps.
+    """
+    m = _count_stable_steps(run, states)
+    all_stable = m == len(ddq)
     states = states[: m + 1]
-    gaps = _gaps(run, gaps[:m], states[-1])
+    gaps = _append_last_gaps(run, gaps[:m], states[-1])
     if run.detector is not None:
         gaps[0] = run.detector.gaps  # as at the last check: rounding errors do not begin a contact
     used, end = m, None
     if m:
         used, end = _first_end(run, steps, states, gaps)
-    run.system.evaluations += steps.stages * (used + (end is not None))
+    evaluated = used if end is None else used + 1
+    run.system.evaluations += steps.stages * evaluated
     keep_steps(run, states[: used + 1], ddq[:used], run.system.held, run.system.held, gaps[: used + 1])
     if end is not None:
         end_in_step(run, steps, end, ddq[used], run.system.held)
     elif run.tick is not None and m:
         run.tick(run.last[0])
-    return end is None and stable
+    return end is None and all_stable
 
 
-def _stable_steps(run: Run, states: Array) -> int:
+def _count_stable_steps(run: Run, states: Array) -> int:
     """Number of steps before an unstable one, by their states (m + 1, size)."""
-    after, speeds = states[1:], states[1:, run.system.moving]
+    after = states[1:]
+    speeds = states[1:, run.system.moving]
     if speeds.max() < MAX_SPEED and speeds.min() > -MAX_SPEED and np.isfinite(after).all():  # cheaper than by row
         return len(after)
-    stable = np.isfinite(after).all(axis=1) & (np.abs(speeds).max(axis=1) < MAX_SPEED)
-    return int(stable.argmin())
+    is_stable = np.isfinite(after).all(axis=1) & (np.abs(speeds).max(axis=1) < MAX_SPEED)
+    return int(is_stable.argmin())
 
 
 def _first_end(run: Run, steps: CompiledSteps, states: Array, gaps: Array) -> tuple[int, float | None]:
-    """Number of steps before one that ends the run, and time of the end in that step; all and None if no event does."""
+    """Number of steps before the one that ends the run, and the time of the end after the start of that step.
+
+    If no event ends the run: the number of all steps, and None.
+    """
     first, m = run.steps, len(states) - 1
     if run.detector is None:
         return m, None
@@ -81,11 +91,12 @@ def locate_event(run: Run, steps: CompiledSteps, t: float, y: Array, after: Arra
     """Locate events in a step from y at t; returns the time after t at which one ends the run, or None."""
     if t == 0.0 and run.leaves_at_once(y, after, run.h):
         return 0.0
-    return run.locate_event(t, [(run.h, after)], partial(steps.after, t, y))
+    state_at = partial(steps.after, t, y)
+    return run.locate_event(t, [(run.h, after)], state_at)
 
 
 def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Array) -> None:
-    """End a run in its next step at a time ``end`` after its start, where its values are ``ddq`` and ``tau``."""
+    """End a run in its next step, a time ``end`` after its start; ``ddq`` and ``tau`` are those at its start."""
     t, y = run.last
     if run.steps % run.every == 0:
         run.record.keep(t, y, ddq, tau)
@@ -94,11 +105,12 @@ def end_in_step(run: Run, steps: CompiledSteps, end: float, ddq: Array, tau: Arr
 
 
 def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gaps: Array) -> None:
-    """Store and record the next m steps of a run, by their states (m + 1, size).
+    """Store the next m steps of a run, by their states (m + 1, size), and check their errors.
 
-    Torques, and torques ``held`` for a controller, are (nv,) for all or (m, nv); gaps are (m + 1, contacts).
+    Torques ``tau``, and those that a controller ``held``, are (nv,) for all steps or (m, nv); gaps are (m + 1, contacts).
     """
-    system, first, m = run.system, run.steps, len(ddq)
+    system = run.system
+    first, m = run.steps, len(ddq)
     if not m:
         return
     numbers = np.arange(first, first + m + 1)
@@ -109,13 +121,15 @@ def keep_steps(run: Run, states: Array, ddq: Array, tau: Array, held: Array, gap
     if tau.ndim > 1:
         tau = tau[kept]
     run.record.keep_block(times[kept], states[kept], ddq[kept], tau)
-    changed = run.contact_durations.block(times[1:], gaps[1:], states[1:, -1] != states[:-1, -1])
+    contacts_worked = states[1:, -1] != states[:-1, -1]  # the last entry is the work of contacts
+    changed = run.contact_durations.block(times[1:], gaps[1:], contacts_worked)
     if system.dry_friction is not None:
         signs = np.sign(states[:, system.moving])
         changed |= (signs[1:] != signs[:-1])[:, system.dry_friction.dry].any(axis=1)
     run.doubling.note_block(times[:-1], states, held, ddq, changed)
     run.force_check.note_block(times[:-1], states, held)
-    run.steps, run.last = first + m, (float(times[-1]), states[-1].copy())
+    run.steps = first + m
+    run.last = float(times[-1]), states[-1].copy()
 
 
 def run_callback_blocks(run: Run, steps: CompiledSteps) -> None:
@@ -132,13 +146,14 @@ def run_callback_blocks(run: Run, steps: CompiledSteps) -> None:
 
 def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
     """Take one block of steps, or the remaining ones; True if an event ended the run."""
-    first, h, system = run.steps, run.h, run.system
-    watched, tick = run.detector is not None, run.tick
+    system = run.system
+    first, h = run.steps, run.h
+    detects_events, tick = run.detector is not None, run.tick
     states = rows.states[:: rows.calls_per_step]
     states[0] = run.last[1]
     call, sole, max_squared_speed = rows.call, rows.sole, MAX_SPEED**2
     function = None if sole is None else sole.function
-    done = sampled = 0
+    done = sampled = 0  # steps to be stored; steps whose torques of the controller are known
     end: float | None = None
     try:
         for stages in rows.steps[: run.n - first]:
@@ -148,22 +163,23 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
                 for law, row, base in evaluations:
                     row[...] = law(t, q, dq) if base is None else base + law(t, q, dq)
                 if function is None or sole is None:
-                    peak = call(k)
+                    squared_speed = call(k)
                 else:
                     try:
                         torques = function(t, q.copy(), dq.copy())
                     except Exception as problem:
                         raise sole.failure(t, problem) from problem
-                    peak = call(k, torques)
-                    if peak is None:  # not a plain array
-                        peak = call(k, sole.require_finite(t, torques))
-                    if not peak < max_squared_speed:  # NaN from torques that are not finite fails too
+                    squared_speed = call(k, torques)
+                    if squared_speed is None:  # not a plain array
+                        squared_speed = call(k, sole.require_finite(t, torques))
+                    if not squared_speed < max_squared_speed:  # NaN from torques that are not finite fails too
                         sole.require_finite(t, rows.given[k])
-            if not peak < max_squared_speed:
+            if not squared_speed < max_squared_speed:
                 sampled = done + 1
                 run.require_stable(begin, run.time(first + done + 1), states[done + 1])
-            if watched:
-                sampled, system.held = done + 1, rows.held[done].copy()
+            if detects_events:
+                sampled = done + 1
+                system.held = rows.held[done].copy()
                 end = locate_event(run, steps, begin, states[done], states[done + 1])
                 if end is not None:
                     break
@@ -178,17 +194,18 @@ def _take_block(run: Run, steps: CompiledSteps, rows: CallbackRows) -> bool:
 
 
 def _keep_block(run: Run, steps: CompiledSteps, rows: CallbackRows, done: int, sampled: int) -> None:
-    """Store the steps that are done, and the last torques of the controller, which may be of a step that failed."""
+    """Store the steps that are ``done``, and the controller's torques in the last one ``sampled``, which may have failed."""
     if sampled:
         run.system.held = rows.held[sampled - 1].copy()
     run.system.evaluations += steps.stages * sampled
     n = rows.calls_per_step
     states, ddq = rows.states[::n], rows.ddq[::n]
-    gaps = _gaps(run, rows.gaps[::n][:done], states[done])
+    gaps = _append_last_gaps(run, rows.gaps[::n][:done], states[done])
     keep_steps(run, states[: done + 1], ddq[:done], rows.tau[:done], rows.held[:done], gaps)
 
 
-def _gaps(run: Run, initial_gaps: Array, last: Array) -> Array:
-    """Gaps of the contacts at the start of each of m steps and after the last one, (m + 1, contacts)."""
-    q = run.system.split(last)[0]
-    return np.concatenate([initial_gaps, [[contact.gap(q) for contact in run.system.contacts]]])
+def _append_last_gaps(run: Run, start_gaps: Array, last_state: Array) -> Array:
+    """Gaps (m + 1, contacts) at the starts of m steps, and in the state after the last one."""
+    q, *_ = run.system.split(last_state)
+    last_gaps = [contact.gap(q) for contact in run.system.contacts]
+    return np.concatenate([start_gaps, [last_gaps]])

@@ -7,10 +7,10 @@ If a point penetrates to a depth d > 0 at the rate d', the repulsive force is
 The force is zero at the start and end of the contact and never pulls. For an impact at speed v, the coefficient of
 restitution e satisfies
 
-    c v - ln(1 + c v) = -c e v - ln(1 - c e v),      e ≈ 1 - ⅔ c v for slow ones,
+    c v - ln(1 + c v) = -c e v - ln(1 - c e v),      e ≈ 1 - ⅔ c v for small v,
 
 for any k, n and mass, if no other force acts. Source: Hunt and Crossley, "Coefficient of restitution interpreted as
-damping in vibroimpact", J. Applied Mechanics 42, 1975; the equation for e is the energy integral of the law.
+damping in vibroimpact", J. Applied Mechanics 42, 1975. The equation for e is the energy integral of the law.
 """
 
 from __future__ import annotations
@@ -74,12 +74,13 @@ class Plane:
         points = np.atleast_2d(np.asarray(arguments.finite(self.points, "Plane: points", 3), float))
         if points.ndim != 2 or not len(points):
             raise ShapeError(f"Plane: points have shape {points.shape}, expected (3,) or (n, 3).")
-        normal = np.asarray(arguments.finite(arguments.one(self.normal, "Plane: normal", 3), "Plane: normal", 3), float)
-        size = float(np.linalg.norm(normal))
-        if size == 0.0:
+        normal = arguments.one(self.normal, "Plane: normal", 3)
+        normal = np.asarray(arguments.finite(normal, "Plane: normal", 3), float)
+        length = float(np.linalg.norm(normal))
+        if length == 0.0:
             raise ValueRangeError("Plane: the normal is zero. Give the direction out of the ground, as (0, 0, 1).")
         object.__setattr__(self, "points", points)
-        object.__setattr__(self, "normal", normal / size)
+        object.__setattr__(self, "normal", normal / length)
         arguments.finite(arguments.one(self.height, "Plane: height"), "Plane: height")
         _check_law("Plane", self.stiffness, self.exponent, self.dissipation)
         positive(self.friction, "Plane: friction", zero=True)
@@ -106,17 +107,18 @@ class JointStops:
             object.__setattr__(self, "joints", (joints,))
 
 
-def _check_law(what: str, stiffness: float, exponent: float, dissipation: float) -> None:
-    positive(stiffness, f"{what}: stiffness")
-    if not 1.0 <= positive(exponent, f"{what}: exponent") <= 5.0:
-        raise ValueRangeError(f"{what}: exponent is {exponent}, and must be from 1 to 5; 1.5 is Hertz's.")
-    positive(dissipation, f"{what}: dissipation", zero=True)
+def _check_law(owner: str, stiffness: float, exponent: float, dissipation: float) -> None:
+    """Raise ValueRangeError unless the parameters of a contact law are valid; ``owner`` is the class with the law."""
+    positive(stiffness, f"{owner}: stiffness")
+    if not 1.0 <= positive(exponent, f"{owner}: exponent") <= 5.0:
+        raise ValueRangeError(f"{owner}: exponent is {exponent}, and must be from 1 to 5; 1.5 is Hertz's.")
+    positive(dissipation, f"{owner}: dissipation", zero=True)
 
 
 MAX_WEIGHTS_ON_POINT = 3.0
-"""Multiple of the robot's weight on a point at the start above which the point counts as buried."""
+"""Largest force on a point at the start, in weights of the robot. With a larger force the point starts too deep."""
 MIN_FORCE = 1e-9
-"""Force that counts as zero, for robots without weight [N]."""
+"""Largest force at the start for robots without weight [N]."""
 
 
 class RobotContact(ABC):
@@ -125,13 +127,18 @@ class RobotContact(ABC):
     def __init__(
         self, robot: Robot, name: str, key: tuple[Any, ...], size: int, numbers: dict[str, Array], **parts: Array
     ) -> None:
-        self.robot, self.name, self.size, self.numbers = robot, name, size, numbers
-        """Name of the contact's event; number of points or joints; inputs of the program other than the state, by name, (...)
-        each."""
+        self.robot = robot
+        self.name = name
+        """Name of the contact's event."""
+        self.size = size
+        """Number of points or joints."""
+        self.numbers = numbers
+        """Inputs of the program other than the state, by name."""
         self.key = (type(self).__name__, size, *key)
         """Cache key: contacts of one robot with equal keys share a program."""
         self.parts = {**numbers, **parts}
-        """Inputs in parts (m, ...), evaluated as a batch; the torques of the parts are added."""
+        """Inputs as in ``numbers``; some are divided into parts (m, ...), which are evaluated as a batch. The torques of the
+        parts are added."""
 
     @abstractmethod
     def symbolic_torques(self, model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
@@ -151,7 +158,8 @@ class RobotContact(ABC):
 
     def gaps(self, q: Array) -> Array:
         """Gaps (...) of configurations (..., nq)."""
-        return np.asarray(-self.torques_and_depths(q, np.zeros(self.robot.nv))[1].max(axis=-1))
+        _, depths = self.torques_and_depths(q, np.zeros(self.robot.nv))
+        return np.asarray(-depths.max(axis=-1))
 
     def torques(self, q: Array, dq: Array) -> Array | None:
         """Joint torques, (..., nv); None without contact."""
@@ -160,6 +168,7 @@ class RobotContact(ABC):
 
     @cached_property
     def _kernel(self) -> Any:
+        """Compiled :meth:`symbolic_torques`, of q, dq and one part of each input."""
         robot = self.robot
 
         def build() -> Any:
@@ -190,18 +199,20 @@ class PlaneContact(RobotContact):
 
     def remark_at_start(self, q: Array) -> str:
         """Remark on an initial state in which a point penetrates deeper than under the robot's weight; empty if none does."""
-        plane, model = self.plane, self.robot.model
-        depths = self.torques_and_depths(q, np.zeros(self.robot.nv))[1]
-        worst = int(depths.argmax())
+        plane = self.plane
+        model = self.robot.model
+        _, depths = self.torques_and_depths(q, np.zeros(self.robot.nv))
+        deepest = int(depths.argmax())
+        depth = max(float(depths[deepest]), 0.0)
         weight = sum(b.inertia.mass for b in model.bodies) * np.linalg.norm(model.gravity)
-        depth = max(float(depths[worst]), 0.0)
         if not plane.stiffness * depth**plane.exponent > max(MAX_WEIGHTS_ON_POINT * float(weight), MIN_FORCE):
             return ""
-        stored = float(plane.stiffness * (np.maximum(depths, 0.0) ** (plane.exponent + 1)).sum() / (plane.exponent + 1))
-        x, y, z = np.asarray(plane.points)[worst]
+        # Energy of a point: integral of k dⁿ from 0 to its depth.
+        energy = float(plane.stiffness * (np.maximum(depths, 0.0) ** (plane.exponent + 1)).sum() / (plane.exponent + 1))
+        x, y, z = np.asarray(plane.points)[deepest]
         return (
             f"point ({printed(x)}, {printed(y)}, {printed(z)}) of {plane.frame!r} starts {printed(depth, 4)} m below the "
-            f"plane, which throws the robot out: {printed(stored, 3)} J are in that contact at the start. Start higher, or "
+            f"plane, which throws the robot out: {printed(energy, 3)} J are in that contact at the start. Start higher, or "
             "with the plane lower"
         )
 
@@ -210,25 +221,28 @@ class StopContact(RobotContact):
     """Robot and its joint stops."""
 
     def __init__(self, robot: Robot, stops: JointStops) -> None:
-        limits, bodies = robot.limits, {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
+        limits = robot.limits
+        body_by_joint = {b.joint.name: b for b in robot.model.leaders if b.joint.nv == 1}
         has_limit = np.isfinite(limits.lower) | np.isfinite(limits.upper)
-        names = tuple(bodies) if stops.joints is None else stops.joints
-        rows = []
+        names = tuple(body_by_joint) if stops.joints is None else stops.joints
+        indices = []
         for name in names:
-            if name not in bodies:
-                raise UnknownNameError.from_choices("joint with one degree of freedom", name, bodies)
-            if has_limit[bodies[name].v_index]:
-                rows.append((bodies[name].q_index, bodies[name].v_index))
-        if not rows:
+            if name not in body_by_joint:
+                raise UnknownNameError.from_choices("joint with one degree of freedom", name, body_by_joint)
+            body = body_by_joint[name]
+            if has_limit[body.v_index]:
+                indices.append((body.q_index, body.v_index))
+        if not indices:
             raise ValueRangeError(f"robot {robot.name!r} has no limits of position there, so JointStops has no stops.")
-        self.stops, self.places = stops, tuple(rows)
-        """Indices in q and in dq of the joints that have stops."""
+        self.stops = stops
+        self.indices = tuple(indices)
+        """Indices in q and in dq of each joint that has stops."""
         law = np.array([stops.stiffness, stops.dissipation], float)
-        velocities = [k for _, k in rows]
-        numbers = {"lower": limits.lower[velocities], "upper": limits.upper[velocities], "law": law}
-        super().__init__(robot, "a joint touches its stop", (self.places, stops.exponent), len(rows), numbers)
+        v_indices = [v_index for _, v_index in indices]
+        numbers = {"lower": limits.lower[v_indices], "upper": limits.upper[v_indices], "law": law}
+        super().__init__(robot, "a joint touches its stop", (self.indices, stops.exponent), len(indices), numbers)
 
     def symbolic_torques(self, _model: Model, q: Array, dq: Array, /, *numbers: Array) -> tuple[Array, Array]:
         """Joint torques and penetrations by :func:`.stop_contact`."""
         lower, upper, law = numbers
-        return stop_contact(q, dq, self.places, self.stops.exponent, lower, upper, law)
+        return stop_contact(q, dq, self.indices, self.stops.exponent, lower, upper, law)

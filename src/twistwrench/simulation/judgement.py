@@ -46,19 +46,23 @@ VERBS_AND_MEANINGS = {
 
 
 def _meaning(kind: str) -> str:
-    """Meaning of an exceeded limit, and what to do."""
-    stop = Argument("limits", "stop", option="stop-at-limits", alone=True)
-    return VERBS_AND_MEANINGS[kind][1].format(stop=spell(stop), tau=spell(Argument("tau", option="torque")))
+    """Meaning of an exceeded limit of this kind, and what to do."""
+    _, meaning = VERBS_AND_MEANINGS[kind]
+    stop = spell(Argument("limits", "stop", option="stop-at-limits", alone=True))
+    return meaning.format(stop=stop, tau=spell(Argument("tau", option="torque")))
 
 
 def verdict_with_clearance(result: SimulationResult) -> Verdict:
     """Verdict on the motion, and on the distance between links if it was checked."""
-    verdict, clearance = simulation_verdict(result), result.clearance
+    verdict = simulation_verdict(result)
+    clearance = result.clearance
     if clearance is None:
         return verdict
     if not clearance.verdict.ok:
         return Verdict(clearance.verdict.word, clearance.verdict.reasons + verdict.reasons)
-    return Verdict(Word.OK) if verdict.ok else verdict
+    if verdict.ok:
+        return Verdict(Word.OK)  # not DONE, since distances were judged
+    return verdict
 
 
 def simulation_verdict(result: SimulationResult) -> Verdict:
@@ -71,7 +75,8 @@ def simulation_verdict(result: SimulationResult) -> Verdict:
     violations = list(chain.from_iterable(_violations(result).values()))
     if not result.driven or not violations:
         return Verdict(Word.DONE)
-    first, others = violations[0], len(violations) - 1
+    first = violations[0]
+    others = len(violations) - 1
     sentence = _violation_text(first, degrees=result.degrees)
     if others:
         sentence += f"; {others} more limit{'s are' if others > 1 else ' is'} passed"
@@ -79,14 +84,17 @@ def simulation_verdict(result: SimulationResult) -> Verdict:
 
 
 def _reason_of_end(result: SimulationResult) -> str:
-    """Reason for an early end; a position limit is in degrees if the answer is."""
-    k, robot = _joint_at_limit(result), result.simulated
+    """Reason for an early end. A position limit is in degrees if the report is."""
+    k = _joint_at_limit(result)
+    robot = result.simulated
     if k is None or robot is None:
         return result.stopped
-    limits, x = robot.limits, robot.model.positions(result.events[-1].q)[k]
-    side = "upper" if limits.upper[k] - x < x - limits.lower[k] else "lower"
+    position = robot.model.positions(result.events[-1].q)[k]
+    lower, upper = robot.limits.lower[k], robot.limits.upper[k]
+    side, limit = "lower", lower
+    if upper - position < position - lower:
+        side, limit = "upper", upper
     turns = bool(Coordinates.from_model(robot.model).angular_velocity[k])
-    limit = getattr(limits, side)[k]
     if result.degrees and turns:
         limit *= math.degrees(1.0)
     unit = unit_of("q", turns, degrees=result.degrees)
@@ -98,54 +106,58 @@ def _joint_at_limit(result: SimulationResult) -> int | None:
     robot = result.simulated
     if result.completed or not result.events or robot is None:
         return None
-    limits, x = robot.limits, robot.model.positions(result.events[-1].q)
-    margins = np.minimum(limits.upper - x, x - limits.lower) / limits.tolerance
+    limits = robot.limits
+    positions = robot.model.positions(result.events[-1].q)
+    margins = np.minimum(limits.upper - positions, positions - limits.lower) / limits.tolerance
     k = int(np.argmin(np.where(np.isfinite(margins), margins, np.inf)))
     return k if margins[k] <= 1.0 else None
 
 
 def _violation_text(violation: Violation, *, degrees: bool) -> str:
-    """Joint, value, time and limit of an exceeded limit."""
+    """Text with joint, value, time and limit of an exceeded limit."""
     if degrees:
         violation = violation.in_degrees()
-    verb, value = VERBS_AND_MEANINGS[violation.kind][0], f"{number(violation.value, 5)} {violation.unit}"
+    verb, _ = VERBS_AND_MEANINGS[violation.kind]
+    value = f"{number(violation.value, 5)} {violation.unit}"
     limit = violation.limit if violation.kind == "position" else abs(violation.limit)
     return f"{violation.joint} {verb} {value} at t = {seconds(violation.time)} s, limit {number(limit, 5)}"
 
 
 def _violations(result: SimulationResult) -> dict[str, list[Violation]]:
-    """Limits exceeded by states or given torques, by kind."""
+    """Limits exceeded by states or given torques, by kind in the order of :data:`VERBS_AND_MEANINGS`."""
     if result.simulated is None:
         return {}
     check = LimitCheck(result.simulated.model, bounds_of(result.simulated))
     check.add(result.times, result.q, result.dq, None, result.tau)
-    violations_of: dict[str, list[Violation]] = {kind: [] for kind in VERBS_AND_MEANINGS}
+    violations_by_kind: dict[str, list[Violation]] = {kind: [] for kind in VERBS_AND_MEANINGS}
     for violation in check.violations():
-        if violation.kind in violations_of:
-            violations_of[violation.kind].append(violation)
-    return {kind: violations for kind, violations in violations_of.items() if violations}
+        if violation.kind in violations_by_kind:
+            violations_by_kind[violation.kind].append(violation)
+    return {kind: violations for kind, violations in violations_by_kind.items() if violations}
 
 
 def worst_moment(result: SimulationResult) -> tuple[Array, MarkedJoint | None, str]:
     """Configuration of the picture, the joint that stopped the motion or exceeds its limit most, and a title."""
-    end = f"{result.robot} at the end, t = {number(result.times[-1], 6)} s"
+    title_of_end = f"{result.robot} at the end, t = {number(result.times[-1], 6)} s"
     k = _joint_at_limit(result)
     if k is not None:
         joint = result.velocity_names[k]
-        return result.q[-1], MarkedJoint(joint, f"{joint}, at its limit", Style.NEAR), end
-    violations_of = _violations(result)
-    if not violations_of:
-        return result.q[-1], None, end
-    worst = next(iter(violations_of.values()))[0]
-    row, label = int(np.abs(result.times - worst.time).argmin()), f"{worst.joint}, {worst.kind} over its limit"
-    return result.q[row], MarkedJoint(worst.joint, label, Style.OVER), f"{result.robot} at t = {seconds(worst.time)} s"
+        return result.q[-1], MarkedJoint(joint, f"{joint}, at its limit", Style.NEAR), title_of_end
+    violations = list(chain.from_iterable(_violations(result).values()))
+    if not violations:
+        return result.q[-1], None, title_of_end
+    worst = violations[0]
+    row = int(np.abs(result.times - worst.time).argmin())
+    mark = MarkedJoint(worst.joint, f"{worst.joint}, {worst.kind} over its limit", Style.OVER)
+    return result.q[row], mark, f"{result.robot} at t = {seconds(worst.time)} s"
 
 
 def limits_passed(result: SimulationResult) -> list[str]:
     """Sentences on exceeded limits, one per kind."""
     sentences = []
     for kind, violations in _violations(result).items():
-        sentence, others = _violation_text(violations[0], degrees=result.degrees), len(violations) - 1
+        sentence = _violation_text(violations[0], degrees=result.degrees)
+        others = len(violations) - 1
         if others:
             sentence += f", and {others} more joint{'s pass' if others > 1 else ' passes'} theirs"
         sentences.append(f"{sentence}. {_meaning(kind)}.")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .judgement import MotionClearance
 
 _ROUNDING = 1e-9
-"""Fraction of the energy below which drift counts as rounding error."""
+"""Fraction of the energy below which exchanged energy counts as rounding error."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,7 +78,7 @@ class SimulationResult(Answer):
     momentum: Array
     """Spatial momentum (n, 6) of the moving bodies at the base origin [N m s, N s]."""
     stopped: str
-    """Reason of the end of the simulation, as text."""
+    """Reason why the simulation ended, as text."""
     completed: bool = True
     """True if the run reached the end of its duration."""
     events: tuple[Happening, ...] = ()
@@ -95,7 +95,7 @@ class SimulationResult(Answer):
     """Number of evaluations of forward dynamics."""
     error_estimate: Array = field(default_factory=lambda: np.zeros(0))
     """(nv,) rad or m, estimated error of each coordinate: the sum of the errors of all steps. It is the error of the motion if
-    step errors neither grow nor decay nor cancel. With fixed steps, some are repeated as two half steps, forces and
+    step errors neither grow nor decay nor cancel. Some of the fixed steps are repeated as two half steps, forces and
     contacts included; ``dopri5`` estimates every step. NaN if unknown."""
     relative_error: float = np.nan
     """Largest estimated error divided by the largest travel of the revolute or of the prismatic joints."""
@@ -130,19 +130,23 @@ class SimulationResult(Answer):
         """Largest drift divided by the largest kinetic energy, work, or change of potential energy."""
         if not np.isfinite(self.energy).all():
             return np.nan
-        exchanged = float(self.kinetic_energy.max()), float(np.ptp(self.potential_energy))
-        largest = max(*exchanged, *map(_largest, self.work.values()), _ROUNDING * _largest(self.energy))
-        return _largest(self.drift) / largest if largest > 0 else 0.0
+        exchanged = [float(self.kinetic_energy.max()), float(np.ptp(self.potential_energy))]
+        exchanged += map(_largest_magnitude, self.work.values())
+        exchanged.append(_ROUNDING * _largest_magnitude(self.energy))
+        if not max(exchanged) > 0:
+            return 0.0
+        return _largest_magnitude(self.drift) / max(exchanged)
 
     def __len__(self) -> int:
         return len(self.times)
 
     def __repr__(self) -> str:
-        parts = [f"{len(self)} state{'s' * (len(self) != 1)} to {number(self.times[-1], 6)} s", self.stopped]
+        states = "1 state" if len(self) == 1 else f"{len(self)} states"
+        parts = [f"{states} to {number(self.times[-1], 6)} s", self.stopped]
         parts.append(f"drift of energy {residual(self.relative_drift)}")
         if np.isfinite(self.relative_error):
             parts.append(f"error of the motion about {residual(self.relative_error)}")
-        parts += [f"note: {r}" for r in self.remarks]
+        parts += [f"note: {remark}" for remark in self.remarks]
         return f"<SimulationResult of {self.robot!r}, {self.method}: {'; '.join(parts)}>"
 
     # ── Answer
@@ -189,8 +193,10 @@ class SimulationResult(Answer):
         -------
         facts : {name: text}
         """
-        drift = "energy drift, relative to the energy exchanged"
-        return {"simulated": f"{number(self.times[-1], 6)} s", drift: residual(self.relative_drift)}
+        return {
+            "simulated": f"{number(self.times[-1], 6)} s",
+            "energy drift, relative to the energy exchanged": residual(self.relative_drift),
+        }
 
     def sources(self) -> Mapping[str, str | Path]:
         """File of the robot.
@@ -285,7 +291,8 @@ class SimulationResult(Answer):
         return read(path)
 
 
-def _largest(x: Array) -> float:
+def _largest_magnitude(x: Array) -> float:
+    """Largest absolute value; NaN if there is one."""
     return max(float(x.max()), -float(x.min()))
 
 
@@ -296,7 +303,10 @@ MAX_INITIAL_ROWS = 1_000_000
 
 
 class Record:
-    """Record of times, states, accelerations and torques, each added atomically, and of events."""
+    """Record of the times, states, accelerations and torques of a run, and of its events.
+
+    A state counts only when all its values are stored, so that an interrupted run has no half-stored state.
+    """
 
     def __init__(self, rows: int, size: int, nv: int) -> None:
         self.count = 0
@@ -304,6 +314,7 @@ class Record:
         self.events: list[Happening] = []
         rows = min(rows, MAX_INITIAL_ROWS)
         self._parts = np.empty(rows), np.empty((rows, size)), np.empty((rows, nv)), np.empty((rows, nv))
+        """Times, states, accelerations and torques; rows from ``count`` on are free."""
 
     @property
     def last(self) -> float:
@@ -334,26 +345,41 @@ class Record:
             part[first:end] = values
         self.count = end
 
-    def result(self, robot: Robot, works: tuple[str, ...], **more: Any) -> SimulationResult:
-        """Result with the stored states, energies and momentum."""
-        times, Y, accelerations, torques = (x[: self.count] for x in self._parts)
+    def result(self, robot: Robot, works: tuple[str, ...], **other_fields: Any) -> SimulationResult:
+        """Result with the stored states, their energies, ``works`` by name and momentum, and other fields."""
+        times, states, accelerations, torques = (part[: self.count] for part in self._parts)
         if self.count < len(self._parts[0]) - 2:  # releases memory after an early end
             times, accelerations, torques = times.copy(), accelerations.copy(), torques.copy()
-        q, dq, W = map(np.ascontiguousarray, np.split(Y, [robot.nq, robot.nq + robot.nv], axis=1))
+        parts = np.split(states, [robot.nq, robot.nq + robot.nv], axis=1)
+        q, dq, work_values = map(np.ascontiguousarray, parts)
         with np.errstate(all="ignore"):  # the last states before a failure may overflow
-            kinetic, potential = robot.kinetic_energy(q, dq), robot.potential_energy(q)
+            kinetic_energy = robot.kinetic_energy(q, dq)
+            potential_energy = robot.potential_energy(q)
             momentum = robot.momentum(q, dq)
         units: list[str] = []
         for body in robot.model.leaders:
             units += body.joint.coordinate_units
-        more["coordinate_units"] = tuple(units)
         return SimulationResult(
-            robot.name, robot.coordinate_names, robot.model.velocity_names, times, q, dq, accelerations, torques,
-            np.asarray(kinetic), np.asarray(potential), {name: x.copy() for name, x in zip(works, W.T, strict=True)},
-            np.asarray(momentum), simulated=robot, events=tuple(self.events), **more,
-        )  # fmt: skip
+            robot=robot.name,
+            coordinate_names=robot.coordinate_names,
+            velocity_names=robot.model.velocity_names,
+            times=times,
+            q=q,
+            dq=dq,
+            ddq=accelerations,
+            tau=torques,
+            kinetic_energy=np.asarray(kinetic_energy),
+            potential_energy=np.asarray(potential_energy),
+            work={name: values.copy() for name, values in zip(works, work_values.T, strict=True)},
+            momentum=np.asarray(momentum),
+            coordinate_units=tuple(units),
+            simulated=robot,
+            events=tuple(self.events),
+            **other_fields,
+        )
 
     def _grow(self, rows: int) -> None:
+        """Make room for this number of states, and for twice as many as before."""
         parts = []
         for old in self._parts:
             new = np.empty((max(rows, 2 * len(old)), *old.shape[1:]))

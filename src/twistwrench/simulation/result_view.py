@@ -22,11 +22,13 @@ from .judgement import limits_passed, simulation_verdict
 if TYPE_CHECKING:
     from .result import SimulationResult
 
-MAX_EVENTS, MAX_EVENTS_IN_SHORT = 20, 3
-"""Maximum number of listed events; in the short form."""
+MAX_EVENTS = 20
+"""Largest number of listed events."""
+MAX_EVENTS_IN_SHORT = 3
+"""Largest number of listed events in the short form of the report."""
 MAX_ROWS_IN_SHORT = 8
-"""Maximum number of rows of a table in the short form."""
-_ROUNDING = 12
+"""Largest number of rows of a table in the short form."""
+_DECIMALS = 12
 """Decimals of coordinates, velocities and energies; smaller values are rounding errors."""
 
 
@@ -48,25 +50,28 @@ def simulation_view(result: SimulationResult) -> Iterator[Block]:
 
 def _headlines(result: SimulationResult) -> Iterator[Block]:
     """Verdicts on links that come too near and on the motion, and the closest links."""
-    verdict, clearance = simulation_verdict(result), result.clearance
+    verdict = simulation_verdict(result)
+    clearance = result.clearance
     drift = f"Energy drift {residual(result.relative_drift)} of the energy exchanged."
     end = f"{number(result.times[-1], 6)} s"
-    near = clearance is not None and not clearance.verdict.ok
-    if clearance is not None and near:
+    links_too_near = False
+    if clearance is not None and not clearance.verdict.ok:
+        links_too_near = True
         yield Headline.from_verdict(clearance.verdict)
-    if near and verdict.ok:
-        yield f"Simulated {end}. {drift}"
-    elif verdict.ok:
-        word = verdict.word if clearance is None else Word.OK
-        yield Headline(word, f"simulated {end}. {drift}")
-    else:
+    if not verdict.ok:
         time = "" if verdict.word is Word.OVER_LIMIT else f" at t = {end}"
         yield Headline(verdict.word, f"{verdict.reasons[0]}. {drift}", time)
+    elif links_too_near:
+        yield f"Simulated {end}. {drift}"
+    else:
+        word = verdict.word if clearance is None else Word.OK
+        yield Headline(word, f"simulated {end}. {drift}")
     if clearance is not None:
         yield from clearance.lines
 
 
 def _heading(result: SimulationResult) -> Line:
+    """Robot, method, number of states and steps, and whether friction is counted."""
     rejected = friction = ""
     if result.rejected:
         rejected = f", {result.rejected} rejected"
@@ -80,15 +85,20 @@ def _heading(result: SimulationResult) -> Line:
     )
 
 
-def _scale(result: SimulationResult, entries: Literal["angular", "angular_velocity"]) -> Array | float:
-    """Factor of each coordinate or velocity to the unit of the answer."""
+def _unit_factors(result: SimulationResult, mask: Literal["angular", "angular_velocity"]) -> Array | float:
+    """Factor of each coordinate or velocity from SI units to those of the report.
+
+    ``mask`` names the field of :class:`.Coordinates` that marks angles.
+    """
     if not result.degrees or result.simulated is None:
         return 1.0
-    return np.where(getattr(Coordinates.from_model(result.simulated.model), entries), math.degrees(1.0), 1.0)
+    is_angle = getattr(Coordinates.from_model(result.simulated.model), mask)
+    return np.where(is_angle, math.degrees(1.0), 1.0)
 
 
 def _coordinates(result: SimulationResult) -> Table:
-    q = result.q * _scale(result, "angular")
+    """First, last, lowest and highest value of each coordinate."""
+    q = result.q * _unit_factors(result, "angular")
     unit = heading_unit("q", (True, False), degrees=result.degrees)
     column = partial(numbers, show=_rounded_text, unit=unit, headed=False)
     return Table(
@@ -103,43 +113,49 @@ def _coordinates(result: SimulationResult) -> Table:
 
 
 def _velocities(result: SimulationResult) -> Table:
-    dq = result.dq * _scale(result, "angular_velocity")
-    peaks = np.abs(dq).argmax(axis=0)
+    """First, last and fastest value of each velocity, and the time of the last."""
+    dq = result.dq * _unit_factors(result, "angular_velocity")
+    peak_rows = np.abs(dq).argmax(axis=0)
     unit = heading_unit("dq", (True, False), degrees=result.degrees)
-    speeds = partial(numbers, show=_rounded_text, unit=unit, headed=False)
+    column = partial(numbers, show=_rounded_text, unit=unit, headed=False)
     return Table(
         f"Velocities [{unit}]",
         words("velocity", result.velocity_names),
-        speeds("start", dq[0]),
-        speeds("end", dq[-1]),
-        speeds("fastest", dq[peaks, np.arange(len(peaks))]),
-        numbers("at", result.times[peaks], seconds, "s"),
+        column("start", dq[0]),
+        column("end", dq[-1]),
+        column("fastest", dq[peak_rows, np.arange(len(peak_rows))]),
+        numbers("at", result.times[peak_rows], seconds, "s"),
         most=MAX_ROWS_IN_SHORT,
     )
 
 
 def _energies(result: SimulationResult) -> Table:
+    """First, last and largest value of each energy, of each work that is not zero, and of the drift."""
     energies = {"kinetic": result.kinetic_energy, "potential": result.potential_energy, "both": result.energy}
-    energies |= {f"work of {name}": work for name, work in result.work.items() if np.any(work)}
+    for name, work in result.work.items():
+        if np.any(work):
+            energies[f"work of {name}"] = work
     rows = []
     for x in energies.values():
-        row = x[[0, -1, int(np.abs(x).argmax())]]
-        rows.append([Line(_rounded_text(value), value=value) for value in row])
+        start_end_and_largest = x[[0, -1, int(np.abs(x).argmax())]]
+        rows.append([Line(_rounded_text(value), value=value) for value in start_end_and_largest])
     drift = result.drift
-    rows.append([Line(residual(value), value=value) for value in (0.0, drift[-1], drift[np.abs(drift).argmax()])])
+    largest_drift = drift[np.abs(drift).argmax()]
+    rows.append([Line(residual(value), value=value) for value in (0.0, drift[-1], largest_drift)])
     start, end, largest = zip(*rows, strict=True)
-    joules = partial(numbers, unit="J", headed=False)
+    column = partial(numbers, unit="J", headed=False)
     names = words("", [*energies, "drift"])
-    return Table("Energies [J]", names, joules("start", start), joules("end", end), joules("largest", largest))
+    return Table("Energies [J]", names, column("start", start), column("end", end), column("largest", largest))
 
 
 def _events(result: SimulationResult) -> Iterator[Block]:
     """The first events, and the number of all if there are more."""
     for k, event in enumerate(result.events[:MAX_EVENTS]):
-        yield Line(f"· {event}", level=Level.SHORT if k < MAX_EVENTS_IN_SHORT else Level.ALL)
+        level = Level.SHORT if k < MAX_EVENTS_IN_SHORT else Level.ALL
+        yield Line(f"· {event}", level=level)
     if len(result.events) > MAX_EVENTS_IN_SHORT:
         yield f"· … {len(result.events)} events in all"
 
 
 def _rounded_text(value: float) -> str:
-    return number(value, decimals=_ROUNDING)
+    return number(value, decimals=_DECIMALS)

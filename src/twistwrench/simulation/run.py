@@ -1,4 +1,4 @@
-"""Run loop of a simulation: fixed or adaptive steps, events, controller samples, and the instability error."""
+"""Run loop of a simulation: fixed or adaptive steps, events, controller samples, and the instability_message error."""
 
 from __future__ import annotations
 
@@ -30,14 +30,15 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
-def instability(run: Run, t0: float, t1: float, y: Array) -> str:
+def instability_message(run: Run, t0: float, t1: float, y: Array) -> str:
     """Error message for an unstable step from t0 to t1: joint, speed and remedy."""
     speeds = y[run.system.moving]
     fastest = int(np.argmax(np.where(np.isfinite(speeds), np.abs(speeds), np.inf)))
     advice = f"Take a smaller dt than {printed(run.h)} s, or {argument('method', ADAPTIVE)}."
     if run.method == ADAPTIVE:
         advice = "Its error is within the tolerance: look for torques or wrenches that push the way it moves already."
-        if run.controller is not None:  # with the torque held for h, damping kd turns dq into (1 - kd h / M) dq
+        if run.controller is not None:
+            # A damping torque -kd dq held for h turns dq into (1 - kd h / M) dq, which grows if kd > 2 M / h.
             advice += (
                 f" The controller's torques are held for {printed(run.h)} s each, too long for a damping above twice the "
                 "inertia over that time: take a smaller dt, less damping, or tau= in place of controller=."
@@ -64,27 +65,45 @@ class Run:
         remarks: list[str],
         method: str,
     ) -> None:
-        self.robot, self.system, self.scheme, self.end, self.n, self.every = robot, system, scheme, end, n, every
+        self.robot = robot
+        self.system = system
+        self.scheme = scheme
+        self.end = end
+        """End of the duration [s]."""
+        self.n = n
+        """Number of fixed steps, or of samples of a controller between adaptive steps."""
+        self.every = every
+        """Every so many steps a state is stored."""
         self.h = end / n
-        self.remarks, self.method = remarks, method
+        self.remarks = remarks
+        self.method = method
         self.friction = False
         """True if joint friction is counted."""
         self.record = Record(n // every + 2, system.size, system.nv)
         self.detector: EventDetector | None = None
         self.controller: ControlLaw | None = None
         self.constant = system.held
+        """Constant torques, to which those of the controller are added."""
         self.tick: Callable[[float], None] | None = None
+        """Function that is called with the time after each step or block of steps."""
         self.compiled: CompiledSteps | None = None
         """Compiled steps, if no Python function returns a force or observes a step."""
         self.go: Callable[[], None] = self.take_fixed_steps
         """Function that takes all steps."""
         self.stopped = ""
-        self.steps = self.rejected = 0
+        """Reason why an event ended the run; empty if none did."""
+        self.steps = 0
+        """Number of steps taken."""
+        self.rejected = 0
+        """Number of rejected adaptive steps."""
         self.rate = np.zeros(system.size)
+        """Rates of the state that were computed last."""
         self.doubling = StepDoubling(n, self.h, lagging=scheme.lagging)
-        self.force_check = ForceCheck(ForceQuadrature(system, *scheme.quadrature, probe_spacing(self.h, end)), self.h)
+        quadrature = ForceQuadrature(system, *scheme.quadrature, probe_spacing(self.h, end))
+        self.force_check = ForceCheck(quadrature, self.h)
         self.contact_durations = ContactDurations([contact.name for contact in system.contacts])
         self.stepper: Stepper | None = None
+        """Adaptive method, if the steps adapt."""
         self.accuracy = Accuracy(np.full(robot.nv, np.nan), np.nan)
         self.last: tuple[float, Array] = (0.0, start.copy())
         """Last stable state, stored or not; initially the first state."""
@@ -102,7 +121,7 @@ class Run:
             if self.stopped or self.steps == self.n:
                 return
             y = self.last[1].copy()
-        for k in range(self.steps, self.n):
+        for k in range(self.steps, self.n):  # all steps, or those from the first unstable one of compiled steps
             t = k * self.h
             self.sample(t, y)
             self.system.rates(t, y, self.rate)
@@ -130,14 +149,27 @@ class Run:
             except (SimulationError, KeyboardInterrupt):  # errors recur; an interrupt is already in progress
                 unknown = np.full(self.robot.nv, np.nan)
                 self.record.keep(*self.last, unknown, unknown)
-        end = {"stopped": stopped, "completed": completed, "method": self.method, "dt": self.h, "steps": self.steps}
-        end["friction"] = self.friction
-        counts = {"rejected": self.rejected, "evaluations": self.system.evaluations}
-        errors = {"error_estimate": self.accuracy.error, "relative_error": self.accuracy.relative}
-        remarks = (*self.remarks, *filter(None, [self.contact_durations.remark(self.h)]))
+        remarks = [*self.remarks]
+        contact_remark = self.contact_durations.remark(self.h)
+        if contact_remark:
+            remarks.append(contact_remark)
         if self.detector is not None:
-            remarks = (*remarks, *self.detector.several.values())
-        result = self.record.result(self.robot, WORKS, **end, **counts, **errors, remarks=remarks)
+            remarks += self.detector.several.values()
+        result = self.record.result(
+            self.robot,
+            WORKS,
+            stopped=stopped,
+            completed=completed,
+            method=self.method,
+            dt=self.h,
+            steps=self.steps,
+            friction=self.friction,
+            rejected=self.rejected,
+            evaluations=self.system.evaluations,
+            error_estimate=self.accuracy.error,
+            relative_error=self.accuracy.relative,
+            remarks=tuple(remarks),
+        )
         accuracy_remarks = self.accuracy.remarks(self.method, result.relative_drift)
         if not accuracy_remarks:
             return result
@@ -148,24 +180,25 @@ class Run:
         if not self.record.count:
             return
         extent = Extent.from_states(self.robot, self.record.states)
-        error: Array | None = None
+        step_error: Array | None = None
         if self.stepper is not None:
-            error = self.stepper.total_error(extent.spans)
+            step_error = self.stepper.total_error(extent.spans)
         elif self.doubling.steps:
             flow = self.compiled or OneByOne(self.system, self.scheme)
-            error = self.doubling.errors(flow, extent.spans)
-        if error is not None:
-            self.accuracy = Accuracy.from_error(extent, error)
-        missed = self.force_check.error(extent, self.last[0])
-        if missed is not None and Accuracy.from_error(extent, missed).remarkable:
+            step_error = self.doubling.errors(flow, extent.spans)
+        if step_error is not None:
+            self.accuracy = Accuracy.from_error(extent, step_error)
+        missed_error = self.force_check.error(extent, self.last[0])
+        if missed_error is not None and Accuracy.from_error(extent, missed_error).remarkable:
             self.remarks.append(self.force_check.remark())
-            self.accuracy = Accuracy.from_error(extent, np.fmax(self.accuracy.error, missed))
+            self.accuracy = Accuracy.from_error(extent, np.fmax(self.accuracy.error, missed_error))
 
     @property
     def without_callbacks(self) -> bool:
         """True if no Python function returns torques or observes steps; contacts and position limits are allowed."""
-        looks = self.detector is not None and not self.detector.without_callbacks
-        return not looks and self.controller is None and not self.system.functions
+        if self.controller is not None or self.system.functions:
+            return False
+        return self.detector is None or self.detector.without_callbacks
 
     def time(self, k: int) -> float:
         """Start time of fixed step k."""
@@ -190,17 +223,19 @@ class Run:
         return True
 
     def sample(self, t: float, y: Array) -> None:
-        """Call the controller."""
+        """Hold the torques of the controller for a state from t on."""
         if self.controller is not None:
             self.system.held = self.constant + self.controller(t, *self.system.split(y))
 
     def _changes(self, t: float, y: Array, y1: Array) -> bool:
         """True if a contact begins or ends in the step to y1 at t, or dry friction stops, releases or reverses a joint."""
-        dry_friction, moving, changes = self.system.dry_friction, self.system.moving, False
         if self.detector is not None and self.contact_durations.names:
-            changes = self.contact_durations.step(t, self.detector.gaps, worked=bool(y1[-1] != y[-1]))
-        if dry_friction is None or changes:
-            return changes
+            contacts_worked = bool(y1[-1] != y[-1])  # the last entry is their work
+            if self.contact_durations.step(t, self.detector.gaps, worked=contacts_worked):
+                return True
+        dry_friction, moving = self.system.dry_friction, self.system.moving
+        if dry_friction is None:
+            return False
         return bool((np.sign(y1[moving]) != np.sign(y[moving]))[dry_friction.dry].any())
 
     def advance(self, t: float, y: Array) -> None:
@@ -211,7 +246,7 @@ class Run:
             self.tick(t)
 
     def keep(self, t: float, y: Array) -> None:
-        """Store a state whose rates were computed last."""
+        """Store a state, whose rates were computed last."""
         self.record.keep(t, y, self.rate[self.system.moving], self.system.applied)
 
     def keep_at(self, t: float, y: Array) -> None:
@@ -236,48 +271,55 @@ class Run:
 
     def require_stable(self, t0: float, t1: float, y: Array) -> None:
         """Raise SimulationError after an unstable step, by the state after it."""
-        speed = np.abs(y[self.system.moving])
-        if not (speed.max() < MAX_SPEED and np.isfinite(y).all()):
-            raise SimulationError(instability(self, t0, t1, y))
+        speeds = np.abs(y[self.system.moving])
+        if not (speeds.max() < MAX_SPEED and np.isfinite(y).all()):
+            raise SimulationError(instability_message(self, t0, t1, y))
 
     def end_at_event(
         self, t: float, y: Array, points: Sequence[tuple[float, Array]], kept: Sequence[tuple[float, Array]] = ()
     ) -> bool:
-        """Locate events in a step from t; True if one ends the run, whose state and those before it are then stored."""
-        at = self.along(t, y)
-        end = self.locate_event(t, points, at)
+        """End the run at the first event in a step from y at t that ends it; False if there is none.
+
+        ``points`` are times after t and states in the step, with that at its end. Those of the states ``kept`` before the
+        event are stored, and then the state at the event.
+        """
+        state_at = self.along(t, y)
+        end = self.locate_event(t, points, state_at)
         if end is None:
             return False
-        before = [(t + s, between) for s, between in kept if s < end]
+        before = [(t + s, state) for s, state in kept if s < end]
         if before:
             times, states = zip(*before, strict=True)
             self.keep_all(np.array(times), np.array(states))
-        self.finish(t, end, at)
+        self.finish(t, end, state_at)
         return True
 
     def along(self, t: float, y: Array) -> Callable[[float], Array]:
         """Function from the time after t to the state, for a step from y at t whose rates were computed last."""
         rate = self.rate.copy()
 
-        def state(s: float) -> Array:
+        def state_at(s: float) -> Array:
             y1 = self.scheme.step(t, y, s, rate)
             self.system.manifold.normalise(y1[: self.system.nq])
             return y1
 
-        return state
+        return state_at
 
     def locate_event(
-        self, t: float, points: Sequence[tuple[float, Array]], at: Callable[[float], Array]
+        self, t: float, points: Sequence[tuple[float, Array]], state_at: Callable[[float], Array]
     ) -> float | None:
-        """Locate events in a step from t; returns the time after t of a terminal one. ``at``: state at a time after t."""
+        """Locate and record events in a step from t; returns the time after t of one that ends the run, or None.
+
+        ``points`` are times after t and states in the step; ``state_at`` returns the state at any time after t.
+        """
         if self.detector is None:
             return None
-        events, end = self.detector.look(t, points, at)
+        events, end = self.detector.look(t, points, state_at)
         self.record.events += events
         return end
 
-    def finish(self, t: float, end: float, at: Callable[[float], Array]) -> None:
-        """End the run in a step from t with the last event."""
-        self.keep_at(t + end, at(end))
+    def finish(self, t: float, end: float, state_at: Callable[[float], Array]) -> None:
+        """End the run at its last event, in a step from t, a time ``end`` after t."""
+        self.keep_at(t + end, state_at(end))
         self.stopped = str(self.record.events[-1])
         self.steps += 1

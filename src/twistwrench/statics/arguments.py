@@ -21,33 +21,42 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 
-def one_configuration(robot: Robot, q: ArrayLike, what: str, why: str) -> Array:
-    """Check that ``q`` is one finite configuration (nq,). ShapeError and ValueRangeError quote ``what`` and ``why``."""
-    require_robot(robot, what)
-    array = np.asarray(arguments.real(q, f"{what}: q", robot.nq, names=robot.coordinate_names), float)
+def one_configuration(robot: Robot, q: ArrayLike, function: str, reason: str) -> Array:
+    """One finite configuration (nq,).
+
+    A batch is a ShapeError with the name of the ``function`` and the ``reason`` why it takes no batch. A coordinate that is
+    not finite is a ValueRangeError.
+    """
+    require_robot(robot, function)
+    array = np.asarray(arguments.real(q, f"{function}: q", robot.nq, names=robot.coordinate_names), float)
     if array.ndim != 1:
         raise ShapeError(
-            f"{what} takes one q ({robot.nq},) of robot {robot.name!r}, got shape {array.shape}: {why}. "
-            f"Call it pose by pose: [{what}(robot, x, …) for x in q.reshape(-1, {robot.nq})]."
+            f"{function} takes one q ({robot.nq},) of robot {robot.name!r}, got shape {array.shape}: {reason}. "
+            f"Call it pose by pose: [{function}(robot, x, …) for x in q.reshape(-1, {robot.nq})]."
         )
-    if not np.isfinite(array).all():
-        k = int(np.argmin(np.isfinite(array)))
-        raise ValueRangeError(f"{what}: {robot.coordinate_names[k]!r} is {printed(array[k])}. Give finite coordinates.")
+    is_finite = np.isfinite(array)
+    if not is_finite.all():
+        k = int(np.argmin(is_finite))
+        raise ValueRangeError(
+            f"{function}: {robot.coordinate_names[k]!r} is {printed(array[k])}. Give finite coordinates."
+        )
     return array
 
 
 def unit_vectors(direction: ArrayLike, *sizes: int) -> Array:
-    """Scale ``direction`` (..., n) to unit length; n must be one of ``sizes``. Raises ShapeError, ValueRangeError."""
+    """Directions (..., n) of unit length; n must be one of ``sizes``. Raises ShapeError, ValueRangeError."""
     try:
-        last_axis = np.shape(direction)[-1:]
-    except ValueError:  # ragged; rejected below
-        last_axis = ()
-    n = last_axis[0] if last_axis and last_axis[0] in sizes else sizes[0]
+        shape = np.shape(direction)
+    except ValueError:  # lists of unequal lengths; rejected below
+        shape = ()
+    n = sizes[0]
+    if shape and shape[-1] in sizes:
+        n = shape[-1]
     try:
         d = np.asarray(arguments.real(direction, "direction", n), float)
     except ShapeError as problem:
-        more = "".join(f" Or give {k} numbers." for k in sizes[1:])
-        raise ShapeError(f"{problem}{more}") from None
+        alternatives = "".join(f" Or give {size} numbers." for size in sizes[1:])
+        raise ShapeError(f"{problem}{alternatives}") from None
     length = np.linalg.norm(d, axis=-1, keepdims=True)
     if not (np.isfinite(length).all() and (length > 0).all()):
         raise ValueRangeError("a direction of zero or not finite length points nowhere. Give one with a finite length.")
@@ -74,28 +83,31 @@ def unit_slips(
     """Warnings about values that suggest a wrong unit, in the named ``positions`` (3,) [m] and in q (nq,).
 
     Suspect values are a position beyond 1 m and a sliding joint more than 1 m beyond its limits. Unless angles are in
-    ``degrees``, so is a revolute joint more than one turn beyond its limits, or beyond ±2 turns if it has none.
+    ``degrees``, a revolute joint more than one turn beyond its limits is suspect as well. Without limits, and for wider
+    ones, this means beyond ±2 turns.
     """
     for name, position in positions.items():
         distance = float(np.linalg.norm(position))
         if distance > _SUSPECT_LENGTH:
-            metres = ",".join(f"{printed(x / 1000)}" for x in position)
+            metres = ",".join(printed(x / 1000) for x in position)
             yield f"{name} is {printed(distance)} m from its frame: lengths are in metres. If those are mm, write {metres}."
     for b in robot.model.leaders:
         if b.joint.nq != 1:
             continue
-        name, value = b.joint.name, float(q[b.q_index])
+        name = b.joint.name
+        coordinate = float(q[b.q_index])
         turns = bool(b.joint.axes[0][:3].any())
-        bound = 2 * math.pi if turns else math.inf
-        low, high = max(float(limits.lower[b.v_index]), -bound), min(float(limits.upper[b.v_index]), bound)
-        beyond = max(low - value, value - high)
-        if turns and not degrees and beyond > 2 * math.pi:
+        widest = 2 * math.pi if turns else math.inf
+        lower = max(float(limits.lower[b.v_index]), -widest)
+        upper = min(float(limits.upper[b.v_index]), widest)
+        excess = max(lower - coordinate, coordinate - upper)
+        if turns and not degrees and excess > 2 * math.pi:
             yield (
-                f"{name} at {printed(value)} rad is more than a turn beyond its limits: angles are in radians. If those "
-                f"are degrees, add {spell(Argument('degrees', True))}."
+                f"{name} at {printed(coordinate)} rad is more than a turn beyond its limits: angles are in radians. If "
+                f"those are degrees, add {spell(Argument('degrees', True))}."
             )
-        elif not turns and beyond > _SUSPECT_LENGTH:
+        elif not turns and excess > _SUSPECT_LENGTH:
             yield (
-                f"{name} at {printed(value)} m is more than 1 m beyond its limits: lengths are in metres. If those are mm, "
-                f"write {printed(value / 1000)}."
+                f"{name} at {printed(coordinate)} m is more than 1 m beyond its limits: lengths are in metres. If those are "
+                f"mm, write {printed(coordinate / 1000)}."
             )

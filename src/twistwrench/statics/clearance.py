@@ -33,8 +33,10 @@ from .link_pairs import Exact, LinkPairs
 
 STEP = 0.01
 """s: rows of a motion closer in time than this are skipped."""
-_MAX_LISTED = 4
-_DECIDES = f"decided by coal: {MissingExtraError.advice('clearance')}"
+_MAX_LISTED_PAIRS = 4
+"""Largest number of pairs or links that a sentence lists."""
+_ADVICE_ON_COAL = f"decided by coal: {MissingExtraError.advice('clearance')}"
+"""Advice for pairs that capsules alone do not decide."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,19 +77,25 @@ def clearance_of(robot: Robot, q: ArrayLike, exact: Exact, srdf: str | Path | No
     """See :meth:`twistwrench.Robot.clearance`."""
     configurations = arguments.finite(q, "clearance: q", robot.nq, names=robot.coordinate_names)
     pairs = LinkPairs.from_robot(robot, exact, srdf)
-    nearest = pairs.nearest(np.asarray(configurations, float).reshape(-1, robot.nq))
-    distances, indices = np.array([x.distance for x in nearest]), np.array([x.pair for x in nearest], int)
+    all_nearest = pairs.nearest(np.asarray(configurations, float).reshape(-1, robot.nq))
+    distances = np.array([nearest.distance for nearest in all_nearest])
     if len(pairs.links):
-        names = pairs.names[indices]
+        names = pairs.names[np.array([nearest.pair for nearest in all_nearest], int)]
     else:
-        names = np.full((len(indices), 2), "")
+        names = np.full((len(all_nearest), 2), "")
         if pairs.unknown:
-            distances = np.full(len(indices), np.nan)
+            distances = np.full(len(all_nearest), np.nan)
+    hidden: frozenset[int] = frozenset().union(*(nearest.hidden for nearest in all_nearest))
     shape = configurations.shape[:-1]
     return Clearance(
-        distances.reshape(shape), names.reshape(*shape, 2), pairs.shapes is not None, pairs.unknown, pairs.undecided,
-        pairs.touching, pairs.pair_texts(frozenset().union(*(x.hidden for x in nearest))),
-    )  # fmt: skip
+        distance=distances.reshape(shape),
+        pair=names.reshape(*shape, 2),
+        exact=pairs.shapes is not None,
+        unknown=pairs.unknown,
+        undecided=pairs.undecided,
+        touching=pairs.touching,
+        hidden=pairs.pair_texts(hidden),
+    )
 
 
 @dataclass(frozen=True)
@@ -95,12 +103,18 @@ class PathClearance:
     """Smallest distance between links along a motion, and its verdict."""
 
     pairs: LinkPairs
-    asked: float  # required distance [m]
-    distance: float = np.inf  # [m]
-    pair: tuple[str, str] = ("", "")  # nearest links; empty without pairs
-    time: float = np.nan  # time of the smallest distance [s]
-    step: float = 0.0  # longest interval between evaluated rows [s]
-    hidden: frozenset[int] = frozenset()  # pairs of which one link may be inside the other
+    asked: float
+    """Required distance [m]."""
+    distance: float = np.inf
+    """Smallest distance [m]."""
+    pair: tuple[str, str] = ("", "")
+    """Nearest links; empty without pairs."""
+    time: float = np.nan
+    """Time of the smallest distance [s]."""
+    step: float = 0.0
+    """Longest interval between evaluated rows [s]."""
+    hidden: frozenset[int] = frozenset()
+    """Pairs of which one link may be inside the other."""
 
     @classmethod
     def along(
@@ -116,11 +130,11 @@ class PathClearance:
                 stride = max(1, int(STEP / max(float(np.median(steps)), 1e-9) + 1e-9))
             rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
             longest_step = max(result.step, float(np.diff(time[rows]).max(initial=0.0)))
-            nearest, row = pairs.nearest_row(q[rows], result.distance)
+            nearest, k = pairs.nearest_row(q[rows], result.distance)
             result = replace(result, step=longest_step, hidden=result.hidden | nearest.hidden)
-            if row >= 0:
+            if k >= 0:  # nearer than in the portions before
                 first, second = pairs.names[nearest.pair].tolist()
-                result = replace(result, distance=nearest.distance, pair=(first, second), time=float(time[rows][row]))
+                result = replace(result, distance=nearest.distance, pair=(first, second), time=float(time[rows[k]]))
         return result
 
     @property
@@ -130,22 +144,23 @@ class PathClearance:
             if self.pairs.unknown:
                 return "Closest links: not known"
             return "Closest links: no two can touch"
-        exact = self.pairs.shapes is not None
-        if self.distance > 0.0:
-            size = f"{'' if exact else 'at least '}{quantity(self.distance, 'm', 3)} at"
+        if self.pairs.shapes is not None:
+            method, lower_bound, contact = "exact", "", "in contact"
         else:
-            size = f"{'in contact' if exact else 'capsules overlap'} from"
-        how = "exact" if exact else "capsules around the links"
+            method, lower_bound, contact = "capsules around the links", "at least ", "capsules overlap"
+        distance = f"{contact} from"
+        if self.distance > 0.0:
+            distance = f"{lower_bound}{quantity(self.distance, 'm', 3)} at"
         step = ""
         if self.step:
             step = f", every {quantity(1000.0 * self.step, 'ms', 3)}"
-        return f"Closest links: {' – '.join(self.pair)}, {size} t = {seconds(self.time)} s ({how}{step})"
+        return f"Closest links: {' – '.join(self.pair)}, {distance} t = {seconds(self.time)} s ({method}{step})"
 
     @property
     def lines(self) -> list[str]:
         """Sentences on the nearest links and on the pairs left out because they are always in contact."""
         lines = [f"{self.words}."]
-        left_out = listed(self.pairs.touching, _MAX_LISTED, "; ")
+        left_out = listed(self.pairs.touching, _MAX_LISTED_PAIRS, "; ")
         if left_out:
             lines.append(f"Not judged, as in contact in 95 % of configurations: {left_out}.")
         return lines
@@ -159,28 +174,31 @@ class PathClearance:
     @cached_property
     def verdict(self) -> Verdict:
         """COLLISION in contact, OVER LIMIT if too near, UNSURE if decided only by capsules or with missing shapes."""
-        collision, over, unsure = list[str](), list[str](), list[str]()
-        links, when = " and ".join(self.pair), f"at t = {seconds(self.time)} s"
-        if self.distance <= 0.0 and self.pairs.shapes is not None:
-            collision = [f"{links} are in contact {when}"]
-        elif self.distance < self.asked and self.pairs.shapes is not None:
-            kept = f"{quantity(self.distance, 'm', 3)} {when}, and {quantity(self.asked, 'm', 3)} are required"
-            over = [f"{links} come within {kept}"]
+        collision: list[str] = []
+        over: list[str] = []
+        unsure: list[str] = []
+        links = " and ".join(self.pair)
+        when = f"at t = {seconds(self.time)} s"
+        required = quantity(self.asked, "m", 3)
+        is_exact = self.pairs.shapes is not None
+        if self.distance <= 0.0 and is_exact:
+            collision.append(f"{links} are in contact {when}")
+        elif self.distance < self.asked and is_exact:
+            over.append(f"{links} come within {quantity(self.distance, 'm', 3)} {when}, and {required} are required")
         elif self.distance <= self.asked:
-            nearer = f"come within {quantity(self.asked, 'm', 3)}" if self.distance > 0.0 else "touch"
-            unsure = [f"{links} may {nearer} {when} (capsules; {_DECIDES})"]
+            possible = f"come within {required}" if self.distance > 0.0 else "touch"
+            unsure.append(f"{links} may {possible} {when} (capsules; {_ADVICE_ON_COAL})")
         if self.pairs.undecided:
-            unsure.append(
-                f"capsules always overlap and are not judged: {listed(self.pairs.undecided, _MAX_LISTED, '; ')} ({_DECIDES})"
-            )
+            pairs = listed(self.pairs.undecided, _MAX_LISTED_PAIRS, "; ")
+            unsure.append(f"capsules always overlap and are not judged: {pairs} ({_ADVICE_ON_COAL})")
         if self.hidden:
-            pairs = listed(self.pairs.pair_texts(self.hidden), _MAX_LISTED, "; ")
+            pairs = listed(self.pairs.pair_texts(self.hidden), _MAX_LISTED_PAIRS, "; ")
             unsure.append(f"a mesh is not closed, so it is not known whether one link is inside the other: {pairs}")
         if self.pairs.unknown:
             count = len(self.pairs.unknown)
             unsure.append(
                 f"clearance not known of {count} of {count + self.pairs.known} links, whose shapes are not in the file or "
-                f"could not be read: {listed(self.pairs.unknown, _MAX_LISTED)}"
+                f"could not be read: {listed(self.pairs.unknown, _MAX_LISTED_PAIRS)}"
             )
         return Verdict.from_reasons(collision=collision, over=over, unsure=unsure)
 

@@ -36,14 +36,15 @@ def contact_forces(
 ) -> ContactForces:
     """Forces of :func:`support` that balance torques (n, nv) without contacts in the rows of the free base."""
     free = floating_entries(robot)
-    maps, balance = _balance_of(robot, q, tau, contacts, in_contact)
+    maps, balance = _maps_and_balance(robot, q, tau, contacts, in_contact)
     forces, least_norm, holds = balance.forces()
     if limits is not None:
         forces, _ = balance.forces_within(forces, least_norm, maps, tau, np.where(free, np.inf, limits))
-    if not holds.all():
-        G = balance.maps[~holds] * in_contact[~holds][:, None, :, None]
+    if not holds.all():  # contacts stick there: forces of least norm without cones
+        fails = ~holds
+        G = balance.maps[fails] * in_contact[fails][:, None, :, None]
         G = G.reshape(len(G), G.shape[1], -1)
-        forces[~holds] = (np.linalg.pinv(G) @ balance.load[~holds][..., None]).reshape(-1, len(contacts), 3)
+        forces[fails] = (np.linalg.pinv(G) @ balance.load[fails][..., None]).reshape(-1, len(contacts), 3)
     return ContactForces(forces, maps, holds)
 
 
@@ -51,19 +52,20 @@ def friction_within(
     robot: Robot, q: Array, tau: Array, contacts: tuple[Contact, ...], in_contact: Array, friction: Array, limits: Array,
     most: float,
 ) -> Array:  # fmt: skip
-    """Least coefficients (n,) from ``friction`` to ``most`` that keep the torques within limits (nv,) too.
+    """Least coefficients (n,) from ``friction`` to ``most`` that also keep the torques within limits (nv,).
 
-    ``friction`` (n,) is that of the balance alone; it stays where the limits do not matter, or cannot be kept.
+    ``friction`` (n,) is that of the balance alone. It stays if the limits need no more, or cannot be kept.
     """
-    maps, balance = _balance_of(robot, q, tau, contacts, in_contact)
-    return balance.friction_within(friction, maps, tau, np.where(floating_entries(robot), np.inf, limits), most)
+    maps, balance = _maps_and_balance(robot, q, tau, contacts, in_contact)
+    limits = np.where(floating_entries(robot), np.inf, limits)
+    return balance.friction_within(friction, maps, tau, limits, most)
 
 
-def _balance_of(
+def _maps_and_balance(
     robot: Robot, q: Array, tau: Array, contacts: tuple[Contact, ...], in_contact: Array
 ) -> tuple[Array, Balance]:
     """Maps (n, nv, c, 3) of the contacts, and the balance of torques (n, nv) at the free base."""
     free = floating_entries(robot)
-    turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
+    is_moment = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
     maps, _ = contact_maps(robot, q, contacts)
-    return maps, Balance(contacts, maps[:, free], tau[:, free], None, None, turning, in_contact)
+    return maps, Balance(contacts, maps[:, free], tau[:, free], None, None, is_moment, in_contact)

@@ -64,12 +64,12 @@ class Contact:
 
     def __post_init__(self) -> None:
         for name in ("point", "normal"):
-            what = f"a contact's {name}"
-            value = arguments.finite(arguments.one(getattr(self, name), what, 3), what, 3).copy()
-            object.__setattr__(self, name, value)
+            label = f"a contact's {name}"
+            vector_given = arguments.one(getattr(self, name), label, 3)
+            object.__setattr__(self, name, arguments.finite(vector_given, label, 3).copy())
         object.__setattr__(self, "friction", arguments.number(self.friction, "a contact's friction"))
-        size = float(np.linalg.norm(self.normal))
-        if size == 0:
+        length = float(np.linalg.norm(self.normal))
+        if length == 0:
             raise ValueRangeError("a contact's normal has no length. Give the direction in which the world can push.")
         if not 0 <= self.friction < np.inf:
             raise ValueRangeError(
@@ -78,14 +78,15 @@ class Contact:
         object.__setattr__(self, "radius", arguments.positive(self.radius, "a contact's radius", "m", zero=True))
         for name in ("push", "pull"):
             force = arguments.number(getattr(self, name), f"a contact's {name}")
-            if not force >= 0 or (name == "pull" and force == np.inf):
+            is_endless_pull = name == "pull" and force == np.inf
+            if not force >= 0 or is_endless_pull:
                 raise ValueRangeError(f"a contact's {name} is {printed(force)}. Give a force of at least zero [N].")
             object.__setattr__(self, name, force)
         if not isinstance(self.group, str | None):
             raise ValueRangeError(f"a contact's group is {self.group!r}. Give a name, or None.")
         if not isinstance(self.frame, str | None):
             raise ValueRangeError(f"a contact's frame is {self.frame!r}. Give the name of a link, or None for the tip.")
-        object.__setattr__(self, "normal", self.normal / size)
+        object.__setattr__(self, "normal", self.normal / length)
 
     def __repr__(self) -> str:
         text = f"Contact at {vector(self.point)} m"
@@ -115,12 +116,12 @@ class Contact:
         count = arguments.whole(count, "the number of a cone's edges", 3)  # fewer edges enclose no volume
         if self.friction == 0:
             return np.array(self.normal[None])
-        lean = self.friction
+        tangential = self.friction
         if around:
-            lean = lean / np.cos(np.pi / count)
+            tangential = tangential / np.cos(np.pi / count)
         first, second = tangents(self.normal)
         angle = 2 * np.pi * np.arange(count)[:, None] / count
-        return self.normal + lean * (np.cos(angle) * first + np.sin(angle) * second)
+        return self.normal + tangential * (np.cos(angle) * first + np.sin(angle) * second)
 
     def allows(self, force: ArrayLike, slack: float = 1e-9) -> Any:
         """True if a force lies in the friction cone and is within the contact's ``push`` and ``pull``.
@@ -135,15 +136,13 @@ class Contact:
         answer : (...) array of bool
         """
         f = arguments.finite(force, "force", 3)
-        along = f @ self.normal
-        sideways = np.linalg.norm(f - along[..., None] * self.normal, axis=-1)
+        normal_part = f @ self.normal
+        tangential_part = np.linalg.norm(f - normal_part[..., None] * self.normal, axis=-1)
         tolerance = slack * np.maximum(1.0, np.linalg.norm(f, axis=-1))
-        pressed = along + self.pull
-        return (
-            (sideways <= self.friction * pressed + tolerance)
-            & (pressed >= -tolerance)
-            & (along <= self.push + tolerance)
-        )
+        pressing = normal_part + self.pull
+        does_not_slide = tangential_part <= self.friction * pressing + tolerance
+        stays_closed = pressing >= -tolerance
+        return does_not_slide & stays_closed & (normal_part <= self.push + tolerance)
 
 
 def tangents(n: Array) -> Array:
@@ -162,27 +161,27 @@ def contacts_of(value: Any) -> tuple[Contact, ...]:
     return contacts
 
 
-def refuse_loops(robot: Robot, what: str) -> None:
+def refuse_loops(robot: Robot, function: str) -> None:
     """Raise ConstraintError if the robot's loops are closed: their forces and friction cones are not decided together."""
     if not robot.constraints:
         return
-    first, *more = robot.constraints
-    others = f" and {len(more)} more" if more else ""
-    outside = [c.name for c in robot.constraints if not _joins_links(robot, c)]
-    if outside:
-        remedy = f"In place of {outside[0]} give a contact that holds there, with pull=, on a robot without it."
+    first, *others = robot.constraints
+    and_others = f" and {len(others)} more" if others else ""
+    joined_to_base = [c.name for c in robot.constraints if not _joins_moving_links(robot, c)]
+    if joined_to_base:
+        remedy = f"In place of {joined_to_base[0]} give a contact that holds there, with pull=, on a robot without it."
     else:
         remedy = (
             "Loops of its links change neither contact forces nor margins: robot.open() gives them here. Torques with these "
             "forces are robot.inverse_dynamics(q, dq, ddq, actuated=…, wrench_on_robot=…)."
         )
     raise ConstraintError(
-        f"{what}: robot {robot.name!r} is closed by {first.name}{others}, and forces of closures and contacts are not computed "
-        f"together. {remedy}"
+        f"{function}: robot {robot.name!r} is closed by {first.name}{and_others}, and forces of closures and contacts are not "
+        f"computed together. {remedy}"
     )
 
 
-def _joins_links(robot: Robot, constraint: Constraint) -> bool:
+def _joins_moving_links(robot: Robot, constraint: Constraint) -> bool:
     """True for a closure of two links that move."""
     if not isinstance(constraint, Closure):
         return False
@@ -191,21 +190,24 @@ def _joins_links(robot: Robot, constraint: Constraint) -> bool:
 
 def contact_maps(robot: Robot, q: Array, contacts: Sequence[Contact]) -> tuple[Array, Array]:
     """Maps (n, nv, c, 3) of contact forces to torques, and contact points (n, c, 3), in the base frame."""
-    maps, points = np.zeros((len(contacts), len(q), 3, robot.nv)), np.zeros((len(q), len(contacts), 3))
-    frames: dict[str | None, tuple[Array, Array]] = {}
+    jacobians = np.zeros((len(contacts), len(q), 3, robot.nv))  # of the contact points
+    points = np.zeros((len(q), len(contacts), 3))
+    frames: dict[str | None, tuple[Array, Array]] = {}  # Jacobians and poses, once for each frame
     for k, c in enumerate(contacts):
         if c.frame not in frames:
-            J, T = robot.jacobian(q, c.frame, "world_aligned"), robot.forward_kinematics(q, c.frame)
-            frames[c.frame] = np.asarray(J), np.asarray(T)
+            frames[c.frame] = (
+                np.asarray(robot.jacobian(q, c.frame, "world_aligned")),
+                np.asarray(robot.forward_kinematics(q, c.frame)),
+            )
         J, T = frames[c.frame]
-        arm = T[:, :3, :3] @ c.point - c.radius * c.normal
-        maps[k] = J[:, 3:] + np.cross(J[:, :3], arm[:, :, None], axis=1)
-        points[:, k] = T[:, :3, 3] + arm
-    return maps.transpose(1, 3, 0, 2), points
+        lever = T[:, :3, :3] @ c.point - c.radius * c.normal
+        jacobians[k] = J[:, 3:] + np.cross(J[:, :3], lever[:, :, None], axis=1)  # v + ω × lever
+        points[:, k] = T[:, :3, 3] + lever
+    return jacobians.transpose(1, 3, 0, 2), points
 
 
 def cones_of(contacts: Sequence[Contact], rows: int = 1) -> tuple[Cones, ForceBounds]:
-    """Cones of forces that a preload has been added to, and bounds of their normal parts; contacts of a group share one."""
+    """Cones of forces, to which preloads are added, and bounds of their normal parts; contacts of a group share a bound."""
     groups: dict[object, list[int]] = {}
     for k, c in enumerate(contacts):
         if c.push < np.inf:

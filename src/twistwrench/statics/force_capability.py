@@ -48,17 +48,19 @@ class WrenchEllipsoid:
     """Axes and reference point, as in :meth:`Robot.jacobian`."""
 
     def __repr__(self) -> str:
-        what = f"WrenchEllipsoid of {self.part}s, {self.kind}"
+        title = f"WrenchEllipsoid of {self.part}s, {self.kind}"
         if self.semi_axes.ndim > 1:
-            return f"{what}, of poses {self.semi_axes.shape[:-1]}"
+            return f"{title}, of poses {self.semi_axes.shape[:-1]}"
         parts = []
-        for size, axis in zip(self.semi_axes, self.axes.T, strict=True):
-            if not np.isinf(size):
-                direction = np.round(axis * np.sign(axis[np.argmax(np.abs(axis))]), 4)
-                parts.append(f"{number(size)} along {vector(direction)}")
-        if free := int(np.isinf(self.semi_axes).sum()):
-            parts.append(f"unbounded in {free} direction{'s' if free > 1 else ''}")
-        return f"{what}: {', '.join(parts)}"
+        for length, axis in zip(self.semi_axes, self.axes.T, strict=True):
+            if not np.isinf(length):
+                largest_entry = axis[np.argmax(np.abs(axis))]
+                direction = np.round(axis * np.sign(largest_entry), 4)
+                parts.append(f"{number(length)} along {vector(direction)}")
+        unbounded = int(np.isinf(self.semi_axes).sum())
+        if unbounded:
+            parts.append(f"unbounded in {unbounded} direction{'s' if unbounded > 1 else ''}")
+        return f"{title}: {', '.join(parts)}"
 
     @property
     def condition(self) -> Array:
@@ -84,9 +86,9 @@ class WrenchEllipsoid:
         """
         d = unit_vectors(direction, self.matrix.shape[-1])
         same_batch(poses=self.semi_axes, direction=d)
-        square = np.einsum("...i,...ij,...j->...", d, self.matrix, d)
-        none = square <= RANK_TOLERANCE**2 * np.trace(self.matrix, axis1=-2, axis2=-1)
-        return np.where(none, np.inf, 1.0 / np.sqrt(np.where(none, 1.0, square)))
+        squared_torque = np.einsum("...i,...ij,...j->...", d, self.matrix, d)  # of a unit wrench: d' A d
+        needs_none = squared_torque <= RANK_TOLERANCE**2 * np.trace(self.matrix, axis1=-2, axis2=-1)
+        return np.where(needs_none, np.inf, 1.0 / np.sqrt(np.where(needs_none, 1.0, squared_torque)))
 
 
 def wrench_ellipsoid(
@@ -127,13 +129,15 @@ def wrench_ellipsoid(
     if limits is not None:
         J = motor_torques(robot.model, J) * effort_weights(robot, limits)
     A = J @ np.swapaxes(J, -1, -2)
-    unknown = np.isnan(J).any(axis=(-2, -1))
-    U, s, _ = np.linalg.svd(np.where(unknown[..., None, None], 0.0, J), full_matrices=True)
-    U, s = np.where(unknown[..., None, None], np.nan, U), np.where(unknown[..., None], np.nan, s)
-    n = J.shape[-2]
-    sigma = np.concatenate([s, np.zeros((*s.shape[:-1], n - s.shape[-1]))], axis=-1)
-    flat = sigma <= RANK_TOLERANCE * np.maximum(sigma.max(axis=-1, keepdims=True), 1e-300)
-    semi_axes = np.where(flat, np.inf, 1.0 / np.where(flat, 1.0, sigma))
+    has_nan = np.isnan(J).any(axis=(-2, -1))
+    U, s, _ = np.linalg.svd(np.where(has_nan[..., None, None], 0.0, J), full_matrices=True)  # the SVD rejects NaN
+    U = np.where(has_nan[..., None, None], np.nan, U)
+    s = np.where(has_nan[..., None], np.nan, s)
+    # The semi-axes are the reciprocal singular values; with fewer joints than n, further ones are zero.
+    missing = J.shape[-2] - s.shape[-1]
+    sigma = np.concatenate([s, np.zeros((*s.shape[:-1], missing))], axis=-1)
+    is_zero = sigma <= RANK_TOLERANCE * np.maximum(sigma.max(axis=-1, keepdims=True), 1e-300)
+    semi_axes = np.where(is_zero, np.inf, 1.0 / np.where(is_zero, 1.0, sigma))
     return WrenchEllipsoid(A, U[..., ::-1], semi_axes[..., ::-1], part, kind)
 
 
@@ -217,9 +221,10 @@ def largest_wrench(
     F = d
     if d.shape[-1] == 3:
         F = np.concatenate([np.zeros_like(d), d], axis=-1)
-    g, J = (motor_torques(robot.model, x) for x in (resting_torques(robot, q), robot.jacobian(q, frame, kind)))
+    g = motor_torques(robot.model, resting_torques(robot, q))
+    J = motor_torques(robot.model, robot.jacobian(q, frame, kind))
     same_batch(q=g, direction=F)
-    return _along(robot, g, J, F, effort_limits(robot, limits))
+    return _largest_along(robot, g, J, F, effort_limits(robot, limits))
 
 
 def weakest_direction(
@@ -248,36 +253,40 @@ def weakest_direction(
     10.19 along (0, 0, 0, 0, 0, 1), limited by joint2
     """
     require_fixed_base(robot, "the weakest direction")
-    rows, L = part_rows(part), effort_limits(robot, limits)
-    g, J = (motor_torques(robot.model, x) for x in (resting_torques(robot, q), robot.jacobian(q, frame, kind)))
-    lever = np.linalg.norm(J[..., rows, :], axis=-2)
-    felt = lever > 1e-12 * np.maximum(1.0, lever.max(axis=-1, initial=0.0, keepdims=True))
-    unknown = np.isnan(g).any(axis=-1) | np.isnan(lever).any(axis=-1)
-    if not (felt.any(axis=-1) | unknown).all():
+    rows = part_rows(part)
+    L = effort_limits(robot, limits)
+    g = motor_torques(robot.model, resting_torques(robot, q))
+    J = motor_torques(robot.model, robot.jacobian(q, frame, kind))
+    lever = np.linalg.norm(J[..., rows, :], axis=-2)  # |J_i|
+    takes_part = lever > 1e-12 * np.maximum(1.0, lever.max(axis=-1, initial=0.0, keepdims=True))
+    has_nan = np.isnan(g).any(axis=-1) | np.isnan(lever).any(axis=-1)
+    if not (takes_part.any(axis=-1) | has_nan).all():
         raise ValueRangeError(
             f"no joint of {robot.name!r} depends on any {part} there: the structure bears it all. Choose a frame that moves."
         )
-    distance = np.where(felt, (L - np.abs(g)) / np.where(felt, lever, 1.0), np.inf)
+    distance = np.where(takes_part, (L - np.abs(g)) / np.where(takes_part, lever, 1.0), np.inf)
     joint = np.argmin(distance, axis=-1)[..., None]
     sign = np.where(np.take_along_axis(g, joint, axis=-1) < 0, -1.0, 1.0)
     column = sign * np.take_along_axis(J, joint[..., None, :], axis=-1)[..., 0]
     F = np.zeros_like(column)
     F[..., rows] = column[..., rows]
-    F /= np.where(unknown[..., None], np.nan, np.linalg.norm(F, axis=-1, keepdims=True))
-    return _along(robot, g, J, F, L)
+    F /= np.where(has_nan[..., None], np.nan, np.linalg.norm(F, axis=-1, keepdims=True))
+    return _largest_along(robot, g, J, F, L)
 
 
-def _along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrench:
+def _largest_along(robot: Robot, g: Array, J: Array, F: Array, L: Array) -> LargestWrench:
+    """Largest multiples of unit wrenches F (..., 6) with resting torques g, Jacobian J and limits L (nv,)."""
     a = np.einsum("...ij,...i->...j", J, F)
     s = growth(g, a, L)
-    unknown = np.isnan(g).any(axis=-1) | np.isnan(a).any(axis=-1)
-    holds = np.all(np.abs(g) <= L, axis=-1)
+    has_nan = np.isnan(g).any(axis=-1) | np.isnan(a).any(axis=-1)
+    holds_itself = np.all(np.abs(g) <= L, axis=-1)
+    magnitude = np.where(holds_itself, np.maximum(s.most, 0.0), 0.0)
     return LargestWrench(
-        np.where(unknown, np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0)),
-        np.broadcast_to(F, (*a.shape[:-1], 6)).copy(),
-        np.where(holds, s.joint, -1),
-        np.where(holds, s.side, 0),
-        robot.model.drive_labels,
+        magnitude=np.where(has_nan, np.nan, magnitude),
+        wrench=np.broadcast_to(F, (*a.shape[:-1], 6)).copy(),
+        joint=np.where(holds_itself, s.joint, -1),
+        side=np.where(holds_itself, s.side, 0),
+        joint_names=robot.model.drive_labels,
     )
 
 
@@ -342,22 +351,23 @@ class WrenchPolytope:
         """
         d = arguments.finite(direction, "direction", self.normals.shape[1])
         largest = (d @ self.vertices.T).max(axis=-1)
-        size = np.linalg.norm(d, axis=-1)
-        return np.where(np.linalg.norm(d @ self.borne, axis=-1) > RANK_TOLERANCE * size, np.inf, largest)
+        length = np.linalg.norm(d, axis=-1)
+        is_unbounded = np.linalg.norm(d @ self.borne, axis=-1) > RANK_TOLERANCE * length
+        return np.where(is_unbounded, np.inf, largest)
 
     @property
     def facets(self) -> tuple[str, ...]:
         """Sides that bound the polytope: those that contain at least as many corners as its dimension."""
         dimension = self.normals.shape[1] - self.borne.shape[1]
         gap = np.abs(self.normals @ self.vertices.T - self.offsets[:, None])
-        touching = np.sum(gap <= 1e-7 * (1.0 + np.abs(self.offsets[:, None])), axis=1)
-        return tuple(s for s, n in zip(self.sides, touching, strict=False) if n >= dimension)
+        corner_counts = np.sum(gap <= 1e-7 * (1.0 + np.abs(self.offsets[:, None])), axis=1)
+        return tuple(side for side, count in zip(self.sides, corner_counts, strict=False) if count >= dimension)
 
     def __str__(self) -> str:
-        free = f", unbounded along {self.borne.shape[1]} directions the structure bears" if self.borne.size else ""
-        return (
-            f"{self.part} polytope at {self.frame}: {len(self.vertices)} corners{free}; the other part is {self.rest}"
-        )
+        text = f"{self.part} polytope at {self.frame}: {len(self.vertices)} corners"
+        if self.borne.size:
+            text += f", unbounded along {self.borne.shape[1]} directions the structure bears"
+        return f"{text}; the other part is {self.rest}"
 
 
 def wrench_polytope(
@@ -403,10 +413,12 @@ def wrench_polytope(
     if rest not in ("zero", "any"):
         raise UnknownNameError.from_choices("value of rest", rest, ("zero", "any"))
     q = one_configuration(robot, q, "wrench_polytope", "poses differ in how many corners they have")
-    rows, whole = part_rows(part), slice(0, 6)
+    rows = part_rows(part)
+    jacobian_rows = slice(0, 6) if rest == "any" else rows
     effort_weights(robot, limits)  # rejects limits of zero
-    L, g = effort_limits(robot, limits), motor_torques(robot.model, resting_torques(robot, q))
-    J = motor_torques(robot.model, robot.jacobian(q, frame, kind))[whole if rest == "any" else rows]
+    L = effort_limits(robot, limits)
+    g = motor_torques(robot.model, resting_torques(robot, q))
+    J = motor_torques(robot.model, robot.jacobian(q, frame, kind))[jacobian_rows]
     limited = np.isfinite(L)
     A = np.concatenate([J.T[limited], -J.T[limited]])
     b = np.concatenate([(L - g)[limited], (L + g)[limited]])
@@ -414,14 +426,14 @@ def wrench_polytope(
     sides = [f"+{name}" for name in names] + [f"-{name}" for name in names]
     labels: tuple[Any, ...] = (part, rest, str(robot.tip if frame is None else frame), kind)
     length = np.linalg.norm(A, axis=1)
-    felt = length > 1e-12 * max(1.0, length.max(initial=0.0))
-    if np.any(b[~felt] < 0):
-        k = int(np.flatnonzero(~felt)[np.argmin(b[~felt])])
-        raise ValueRangeError(
-            f"{sides[k][1:]} is beyond its limit whatever wrench is applied: the robot cannot hold itself."
-        )
-    A, b = A[felt] / length[felt, None], b[felt] / length[felt]
-    sides = list(compress(sides, felt))
+    takes_part = length > 1e-12 * max(1.0, length.max(initial=0.0))  # joints that some wrench loads
+    if np.any(b[~takes_part] < 0):
+        k = int(np.flatnonzero(~takes_part)[np.argmin(b[~takes_part])])
+        joint = sides[k][1:]
+        raise ValueRangeError(f"{joint} is beyond its limit whatever wrench is applied: the robot cannot hold itself.")
+    A = A[takes_part] / length[takes_part, None]
+    b = b[takes_part] / length[takes_part]
+    sides = list(compress(sides, takes_part))
     vertices, borne = _corners(A, b)
     if rest == "any" and part != "wrench":
         return _projection(vertices[:, rows], borne[rows], labels)
@@ -437,13 +449,15 @@ def _corners(A: Array, b: Array) -> tuple[Array, Array]:
     Q, borne = Vt[:rank].T, Vt[rank:].T
     if rank == 0:
         return np.zeros((1, A.shape[1])), borne
-    H = A @ Q
+    H = A @ Q  # half-spaces in the coordinates y of the cross-section, with x = Q y
     inside = _deepest_point(H, b)
     if rank == 1:
-        ends = b / H[:, 0]
-        corners = np.array([[ends[H[:, 0] > 0].min()], [ends[H[:, 0] < 0].max()]])
+        h = H[:, 0]
+        ends = b / h
+        corners = np.array([[ends[h > 0].min()], [ends[h < 0].max()]])
     else:
         corners = HalfspaceIntersection(np.column_stack([H, -b]), inside).intersections
+        # More half-spaces than dimensions may meet in a corner, which then stands there several times.
         scale = np.abs(corners - inside).max()
         _, first = np.unique(np.round((corners - inside) / (1e-9 * scale)), axis=0, return_index=True)
         corners = corners[np.sort(first)]
@@ -451,13 +465,17 @@ def _corners(A: Array, b: Array) -> tuple[Array, Array]:
 
 
 def _deepest_point(H: Array, b: Array) -> Array:
-    """Centre (r,) of the largest ball in H x ≤ b, by linear programming."""
+    """Centre (r,) of the largest ball in H x ≤ b: the largest radius ρ with H x + ρ ≤ b, by linear programming.
+
+    It is nearly that of half-spaces whose normals, the rows of H, have unit length.
+    """
     from scipy.optimize import linprog
 
     scale = np.abs(b).max(initial=1e-300)
-    size = H.shape[1]
-    A, bounds = np.column_stack([H, np.ones(len(H))]), [(None, None)] * size + [(0.0, 1e3)]
-    optimum = linprog([0.0] * size + [-1.0], A_ub=A, b_ub=b / scale, bounds=bounds, method="highs")
+    r = H.shape[1]
+    A = np.column_stack([H, np.ones(len(H))])
+    bounds = [(None, None)] * r + [(0.0, 1e3)]  # on x and ρ, divided by the scale
+    optimum = linprog([0.0] * r + [-1.0], A_ub=A, b_ub=b / scale, bounds=bounds, method="highs")
     if optimum.status != 0 or optimum.x is None or optimum.x[-1] <= 1e-9:
         raise ValueRangeError(
             "no wrench at this pose keeps the torques within their limits: the robot's own weight and springs need more. "
@@ -467,23 +485,25 @@ def _deepest_point(H: Array, b: Array) -> Array:
 
 
 def _projection(corners: Array, lines: Array, labels: tuple[Any, ...]) -> WrenchPolytope:
-    """Projection on three numbers: hull of the projected corners across the projected lines."""
+    """Polytope of three numbers: hull of the projected ``corners`` (k, 3) perpendicular to the projected ``lines`` (3, l)."""
     from scipy.spatial import ConvexHull
 
     U, s, _ = np.linalg.svd(lines, full_matrices=True)
     rank = int(np.sum(s > 1e-7))
     borne, Q = U[:, :rank], U[:, rank:]
-    flat = corners @ Q
+    points = corners @ Q  # in the coordinates of the cross-section
     if Q.shape[1] >= 2:
-        hull = ConvexHull(flat)
-        equations = np.unique(np.round(hull.equations, 12), axis=0)
-        normals, offsets, kept = equations[:, :-1], -equations[:, -1], flat[hull.vertices]
+        hull = ConvexHull(points)
+        equations = np.unique(np.round(hull.equations, 12), axis=0)  # facets are triangles, several in one plane
+        normals, offsets = equations[:, :-1], -equations[:, -1]
+        vertices = points[hull.vertices]
     elif Q.shape[1] == 1:
-        kept = np.array([[flat.max()], [flat.min()]])
-        normals, offsets = np.array([[1.0], [-1.0]]), np.array([flat.max(), -flat.min()])
+        normals, offsets = np.array([[1.0], [-1.0]]), np.array([points.max(), -points.min()])
+        vertices = np.array([[points.max()], [points.min()]])
     else:
-        kept, normals, offsets = np.zeros((1, 0)), np.zeros((0, 0)), np.zeros(0)
-    return WrenchPolytope(normals @ Q.T, offsets, kept @ Q.T, borne, (), *labels)
+        normals, offsets = np.zeros((0, 0)), np.zeros(0)
+        vertices = np.zeros((1, 0))
+    return WrenchPolytope(normals @ Q.T, offsets, vertices @ Q.T, borne, (), *labels)
 
 
 complete(globals())

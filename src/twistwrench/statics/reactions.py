@@ -18,7 +18,7 @@ from ..core.typing import Array
 from ..mechanics.bodies.inertia import SpatialInertia
 from ..mechanics.lie import se3
 from ..mechanics.lie.labelled import WRENCH
-from ..mechanics.model.joint_loads import bearing_loads as components
+from ..mechanics.model.joint_loads import bearing_loads as bearing_load_components
 from ..mechanics.model.limits import BEARINGS
 from ..mechanics.model.model import BASE, Body, Model
 from ..robot.base import require_robot
@@ -71,29 +71,33 @@ class MountingLoad:
         >>> load.bolts(bolt_circle(4, 0.17)).shape
         (1, 4, 2)
         """
-        at = arguments.finite(places, "places of bolts", 2)
-        if at.ndim != 2:
-            raise ShapeError(f"places of bolts have the shape {at.shape}. Give (k, 2): x and y of each bolt [m].")
-        pattern = np.column_stack([np.ones(len(at)), at])
-        if np.linalg.matrix_rank(pattern, tol=1e-9 * max(1.0, float(np.abs(at).max(initial=0.0)))) < 3:
+        xy = arguments.finite(places, "places of bolts", 2)
+        if xy.ndim != 2:
+            raise ShapeError(f"places of bolts have the shape {xy.shape}. Give (k, 2): x and y of each bolt [m].")
+        count = len(xy)
+        pattern = np.column_stack([np.ones(count), xy])  # N = pattern @ (a, b, c)
+        tolerance = 1e-9 * max(1.0, float(np.abs(xy).max(initial=0.0)))
+        if np.linalg.matrix_rank(pattern, tol=tolerance) < 3:
             raise ValueRangeError(
-                f"{len(at)} bolts in one line bear no moment about it. Give at least three places that are not in one line."
+                f"{count} bolts in one line bear no moment about it. Give at least three places that are not in one line."
             )
         mx, my, mz, fx, fy, fz = self.wrench.T
         pull = np.stack([fz, -my, mx], axis=1)  # Σ N, Σ N x, Σ N y: the foundation pulls back what the robot lifts
         axial = pull @ np.linalg.inv(pattern.T @ pattern) @ pattern.T + arguments.number(preload, "preload")
-        centre = at.mean(axis=0)
-        x, y = (at - centre).T
-        twist = (mz - centre[0] * fy + centre[1] * fx) / (x**2 + y**2).sum()
-        shear = np.hypot(fx[:, None] / len(at) - twist[:, None] * y, fy[:, None] / len(at) + twist[:, None] * x)
-        return np.stack([axial, shear], axis=-1)
+        centre = xy.mean(axis=0)
+        x, y = (xy - centre).T
+        twist = (mz - centre[0] * fy + centre[1] * fx) / (x**2 + y**2).sum()  # torsion over polar moment of the pattern
+        shear_x = fx[:, None] / count - twist[:, None] * y
+        shear_y = fy[:, None] / count + twist[:, None] * x
+        return np.stack([axial, np.hypot(shear_x, shear_y)], axis=-1)
 
     def __repr__(self) -> str:
         return f"MountingLoad: {self}"
 
     def __str__(self) -> str:
         force = np.linalg.norm(self.wrench[:, 3:], axis=1).max(initial=0.0)
-        tilting, torque = np.hypot(*self.wrench.T[:2]).max(initial=0.0), np.abs(self.wrench[:, 2]).max(initial=0.0)
+        tilting = np.hypot(self.wrench[:, 0], self.wrench[:, 1]).max(initial=0.0)
+        torque = np.abs(self.wrench[:, 2]).max(initial=0.0)
         return (
             f"on the foundation at {self.frame}: force up to {printed(force, 4)} N, tilting moment {printed(tilting, 4)} N m, "
             f"torque {printed(torque, 4)} N m"
@@ -179,23 +183,33 @@ def mounting_load(
             f"the base of robot {robot.name!r} is free, so that nothing mounts it. Load it with floating_base=False, or use "
             "statics.support for its contacts."
         )
-    root = next(name for name, x in model.frames.items() if x.body == BASE and _parent(model, name) not in model.frames)
+    root = _root_link(model)
     if frame is None:
         frame = root
     _check_mounting(model, frame)
     q = np.asarray(q, float)
     F = np.asarray(robot.joint_wrenches(q, dq, ddq, wrench_on_robot=wrench_on_robot))
-    wrench = np.zeros((*F.shape[:-2], 6))
+    wrench = np.zeros((*F.shape[:-2], 6))  # in the base frame
     for k, body in enumerate(model.bodies):
         if body.parent == BASE and _stands_on(model, _carrier(model, body), frame):
             wrench = wrench - _transform(_poses(body, q), F[..., k, :])
     for name, F_on in (wrench_on_robot or {}).items():
         if model.frame(name).body == BASE and _stands_on(model, name, frame):
             wrench = wrench + _transform(model.frame(name).pose, np.asarray(F_on, float))
-    still = model.base_inertia if frame in model.sites or frame == root else _fixed_inertia(model, frame)
+    if frame in model.sites or frame == root:
+        still = model.base_inertia
+    else:
+        still = _fixed_inertia(model, frame)
     weight = still.mass * model.gravity
     wrench = wrench + np.concatenate([np.cross(still.com, weight), weight])
-    return MountingLoad(np.atleast_2d(_transform(se3.inverse(model.frame(frame).pose), wrench)), frame)
+    wrench_at_frame = _transform(se3.inverse(model.frame(frame).pose), wrench)
+    return MountingLoad(np.atleast_2d(wrench_at_frame), frame)
+
+
+def _root_link(model: Model) -> str:
+    """Fixed link that no other link carries."""
+    fixed = [name for name, frame in model.frames.items() if frame.body == BASE]
+    return next(name for name in fixed if _parent(model, name) not in model.frames)
 
 
 def _check_mounting(model: Model, frame: str) -> None:
@@ -205,7 +219,7 @@ def _check_mounting(model: Model, frame: str) -> None:
             f"{frame!r} moves with a joint. Give a link fixed to the base of robot {model.name!r}. The load of what moves it "
             "is that of the joint's bearing: give limits with columns radial, axial, tilting, or use statics.bearing_loads."
         )
-    fixed = [name for name, x in model.frames.items() if x.body == BASE]
+    fixed = [name for name, fixed_frame in model.frames.items() if fixed_frame.body == BASE]
     if frame in model.sites and len(fixed) > 1:
         raise ValueRangeError(
             f"{frame!r} is a site, and the links that stand on it are not known. Give one of {listed(fixed)}."
@@ -213,48 +227,53 @@ def _check_mounting(model: Model, frame: str) -> None:
 
 
 def _parent(model: Model, link: str) -> str:
+    """Link that carries a link; empty for the root."""
     parent, _ = model.mounts.get(link, ("", ""))
     return parent
 
 
 def _stands_on(model: Model, link: str, frame: str) -> bool:
-    """True if a link is that of a frame or beyond it in the tree; all links are beyond a site of the only fixed link."""
+    """True if a link is ``frame`` or beyond it in the tree. All links stand on a site, which the only fixed link has."""
     while link and link != frame:
         link = _parent(model, link)
     return link == frame or frame in model.sites
 
 
 def _carrier(model: Model, body: Body) -> str:
-    """Link of a body, or the link that carries it if it is a rotor."""
+    """Link of a body; for a rotor, the link that carries it: that given, or else the parent of the driven link."""
     if body.joint.moves_body:
         return body.link
     actuator = next(a for a in model.actuators.values() if f"{a.joint}.rotor" == body.link)
     if actuator.rotor is not None and actuator.rotor.link is not None:
         return actuator.rotor.link
-    return _parent(model, next(driven.link for driven in model.bodies if driven.joint.name == actuator.joint))
+    driven_link = next(driven.link for driven in model.bodies if driven.joint.name == actuator.joint)
+    return _parent(model, driven_link)
 
 
 def _poses(body: Body, q: Array) -> Array:
     """Poses (..., 4, 4) in the base frame of a body that the base carries."""
-    coordinates = body.ratio * q[..., body.places[0]] + body.offset
-    rows = [body.placement @ body.joint.pose(x) for x in coordinates.reshape(-1, coordinates.shape[-1])]
-    return np.reshape(rows, (*q.shape[:-1], 4, 4))
+    q_indices, _ = body.places
+    coordinates = body.ratio * q[..., q_indices] + body.offset
+    poses = [body.placement @ body.joint.pose(x) for x in coordinates.reshape(-1, coordinates.shape[-1])]
+    return np.reshape(poses, (*q.shape[:-1], 4, 4))
 
 
 def _fixed_inertia(model: Model, frame: str) -> SpatialInertia:
     """Inertia of the fixed links that stand on a frame, in the base frame."""
-    found = SpatialInertia.zero()
+    total = SpatialInertia.zero()
     for name, inertia in model.link_inertias.items():
         link = model.frames[name]
         if link.body == BASE and _stands_on(model, name, frame):
-            found = found + inertia.in_frame(link.pose)
-    return found
+            total = total + inertia.in_frame(link.pose)
+    return total
 
 
 def _transform(T_ab: Array, F_b: Array) -> Array:
-    """Wrench (..., 6) about the origin and in the axes of {a}."""
-    m, f = (np.einsum("...ij,...j->...i", T_ab[..., :3, :3], x) for x in (F_b[..., :3], F_b[..., 3:]))
-    return np.concatenate([m + np.cross(T_ab[..., :3, 3], f), f], axis=-1)
+    """Wrench (..., 6) about the origin and in the axes of {a}: m_a = R m_b + p × R f_b, f_a = R f_b."""
+    R, p = T_ab[..., :3, :3], T_ab[..., :3, 3]
+    m = np.einsum("...ij,...j->...i", R, F_b[..., :3])
+    f = np.einsum("...ij,...j->...i", R, F_b[..., 3:])
+    return np.concatenate([m + np.cross(p, f), f], axis=-1)
 
 
 def bearing_loads(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> BearingLoads:
@@ -279,10 +298,10 @@ def bearing_loads(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> 
     """
     model = require_robot(robot, "bearing_loads").model
     F = np.asarray(robot.joint_wrenches(q, dq, ddq))
-    loads = components(model, F.reshape(-1, *F.shape[-2:]))
-    which = [k for k, body in enumerate(model.bodies) if body.joint.nv == 1 and body.joint.moves_body]
-    names = tuple(model.bodies[k].joint.name for k in which)
-    return BearingLoads(names, *(loads[kind][:, which] for kind in BEARINGS))
+    loads = bearing_load_components(model, F.reshape(-1, *F.shape[-2:]))
+    single = [k for k, body in enumerate(model.bodies) if body.joint.nv == 1 and body.joint.moves_body]
+    names = tuple(model.bodies[k].joint.name for k in single)
+    return BearingLoads(names, *(loads[kind][:, single] for kind in BEARINGS))
 
 
 complete(globals())

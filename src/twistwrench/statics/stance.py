@@ -24,13 +24,15 @@ from .torque_limits import floating_entries
 if TYPE_CHECKING:
     from ..robot import Robot
 
-_MIN_STANCE_DROP, _MIN_STANCE_TIME = 0.005, 0.02
-"""A foot becomes the stance foot if it is lower than the other by so much [m] for so long [s]."""
-_EQUAL_HEIGHT = 0.0005
-"""Difference in height below which both feet stand, so that the new one keeps the place it had then [m]."""
-_LEVEL = 0.01
-"""Distance from one plane up to which all feet stand [m]."""
-_LEANING = np.cos(np.radians(45.0))
+_MIN_STANCE_DROP = 0.005
+"""A foot becomes the stance foot if it is lower than the other by this height [m]."""
+_MIN_STANCE_TIME = 0.02
+"""The new stance foot must be lower for this time [s]."""
+_MAX_EQUAL_HEIGHT = 0.0005
+"""Difference in height up to which both feet stand [m]. The new stance foot keeps its place of the last such row."""
+_MAX_DISTANCE_FROM_PLANE = 0.01
+"""Largest distance of points from one plane for which they all stand on it [m]."""
+_MIN_COSINE_OF_LEAN = np.cos(np.radians(45.0))
 """Cosine of the largest angle between the feet's plane and the base's horizontal at the first instant."""
 
 
@@ -91,26 +93,35 @@ def base_from_stance(robot: Robot, motion: Motion, feet: Sequence[str], stance: 
 
 
 def resting_points(soles: Mapping[str, Array]) -> dict[str, Array]:
-    """Corners (k, 3) of each foot that rest with it; a foot of a biped without a known sole rests with its whole frame."""
-    if len(soles) >= _FEET_OF_POINTS or any(len(points) > 1 for points in soles.values()):
+    """Corners (k, 3) of each foot that do not move while it stands.
+
+    One or two feet without known soles do not determine the pose of the base. They get three corners each, so that their
+    whole frame does not move.
+    """
+    if len(soles) >= _MIN_POINT_FEET or any(len(points) > 1 for points in soles.values()):
         return dict(soles)
-    return {frame: points + _BESIDE for frame, points in soles.items()}
+    return {frame: points + _CORNERS_OF_UNKNOWN_SOLE for frame, points in soles.items()}
 
 
-_FEET_OF_POINTS = 3
-"""Least number of feet that are points and determine the pose of the base together."""
-_BESIDE = 0.005 * np.array([(1.0, 1, 0), (1, -1, 0), (-1, 0, 0)])
-"""Points beside the origin of a foot without a sole [m]."""
+_MIN_POINT_FEET = 3
+"""Least number of feet that determine the pose of the base together if they are points."""
+_CORNERS_OF_UNKNOWN_SOLE = 0.005 * np.array([(1.0, 1, 0), (1, -1, 0), (-1, 0, 0)])
+"""Corners (3, 3) about the origin of a foot without a known sole [m]."""
 
 
 def stance_rates(
     robot: Robot, q: Array, dq: Array, ddq: Array, soles: Mapping[str, Array], standing: Array
 ) -> tuple[Array, Array]:
-    """Velocities and accelerations (n, nv) with those of the free base, from the joints' and the feet (n, k) that rest."""
+    """Velocities and accelerations (n, nv) of base and joints, from those of the joints (n, nv - 6).
+
+    ``standing`` (n, k) is true for the feet whose points do not move: J_b V_b + J_q dq = 0 gives the base's twist, and the
+    accelerations of these points without that of the base give its rate.
+    """
     base = np.zeros((len(q), 6))
-    V, A = np.column_stack([base, dq]), np.column_stack([base, ddq])
+    velocities = np.column_stack([base, dq])
+    accelerations = np.column_stack([base, ddq])
     if not soles:
-        return V, A
+        return velocities, accelerations
     for mask in np.unique(standing, axis=0):
         rows = np.flatnonzero((standing == mask).all(axis=1))
         contacts: list[Contact] = []
@@ -118,11 +129,14 @@ def stance_rates(
             contacts += [Contact(point, frame=frame) for point in soles[frame]]
         maps, _ = contact_maps(robot, q[rows], contacts)
         J = np.moveaxis(maps, 1, -1).reshape(len(rows), -1, robot.nv)  # of all points
-        free = np.linalg.pinv(J[:, :, :6])
-        V[rows, :6] = -_times(free, _times(J[:, :, 6:], V[rows, 6:]))
-        drift = np.concatenate([_point_acceleration(robot, q[rows], V[rows], A[rows], c) for c in contacts], axis=1)
-        A[rows, :6] = -_times(free, drift)
-    return V, A
+        inverse_J_b = np.linalg.pinv(J[:, :, :6])
+        velocities[rows, :6] = -_apply(inverse_J_b, _apply(J[:, :, 6:], velocities[rows, 6:]))
+        without_base = []
+        for contact in contacts:
+            a = _point_acceleration(robot, q[rows], velocities[rows], accelerations[rows], contact)
+            without_base.append(a)
+        accelerations[rows, :6] = -_apply(inverse_J_b, np.concatenate(without_base, axis=1))
+    return velocities, accelerations
 
 
 def _point_acceleration(robot: Robot, q: Array, dq: Array, ddq: Array, contact: Contact) -> Array:
@@ -132,11 +146,12 @@ def _point_acceleration(robot: Robot, q: Array, dq: Array, ddq: Array, contact: 
     w, v = V[:, :3], V[:, 3:]
     a = A[:, 3:] + np.cross(w, v) + np.cross(A[:, :3], contact.point) + np.cross(w, np.cross(w, contact.point))
     R = np.asarray(robot.forward_kinematics(q, contact.frame))[:, :3, :3]
-    return _times(R, a)
+    return _apply(R, a)
 
 
-def _times(A: Array, x: Array) -> Array:
-    return np.asarray((A @ x[..., None])[..., 0])
+def _apply(matrices: Array, vectors: Array) -> Array:
+    """Products (..., m) of matrices (..., m, n) and vectors (..., n)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def base_poses(
@@ -147,45 +162,52 @@ def base_poses(
     stance: str | Sequence[str] = "auto",
     normal: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Poses (n, 4, 4) of the base of a robot that stands, and the feet (n, k) of bool whose points stay.
+    """Poses (n, 4, 4) of the base of a robot that stands, and a mask (n, k) of the feet whose points do not move.
 
     ``robot`` has a fixed base; ``soles`` are the corners of each foot in its frame. A flat foot stands alone; feet that are
     points stand together, at least three of them. ``normal`` (3,) is that of the ground; None: the world's vertical axis.
     """
-    up, frames = upward(robot), list(soles)
-    ground = up if normal is None else normal
-    corners = []
+    up = upward(robot)
+    frames = list(soles)
+    ground_normal = up if normal is None else normal
+    corners = []  # of each foot, (n, c, 3) in the frame of the base
     for frame, points in soles.items():
         T = np.asarray(robot.forward_kinematics(q, frame)).reshape(-1, 4, 4)
         corners.append(points @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3])
-    start = _level([points[0] for points in corners], up, ground)
+    start = _pose_on_plane([points[0] for points in corners], up, ground_normal)
     chosen = _chosen_feet(stance, frames, len(q))
-    if chosen is None and not any(_plane(points[0], up)[1] > MIN_SOLE_WIDTH for points in corners):
-        return _PointFeet(time, corners, ground, frames).poses(start)
-    return _flat_foot(time, corners, ground, start, chosen)
+    widths = [_nearest_plane(points[0], up)[1] for points in corners]
+    if chosen is None and max(widths) <= MIN_SOLE_WIDTH:
+        return _PointFeet(time, corners, ground_normal, frames).poses(start)
+    return _flat_foot(time, corners, ground_normal, start, chosen)
 
 
 def _flat_foot(
     time: Array, corners: Sequence[Array], up: Array, start: Array, chosen: Array | None
 ) -> tuple[Array, Array]:
-    """Poses of the base while one foot after the other keeps its place, and which one does."""
+    """Poses of the base while one foot after the other stands, and a mask of the foot that stands.
+
+    ``chosen`` is the number of the stance foot in each row; None: the lowest foot stands.
+    """
     n = len(time)
-    T_sb, standing = np.tile(start, (n, 1, 1)), np.zeros((n, len(corners)), bool)
+    T_sb = np.tile(start, (n, 1, 1))
+    standing = np.zeros((n, len(corners)), bool)
     if chosen is None:
-        foot = int(_heights(corners, T_sb, up)[0].argmin())
+        foot = int(_sole_heights(corners, T_sb, up)[0].argmin())
     else:
         foot = int(chosen[0])
-    row = 0
+    row = 0  # from which on ``foot`` stands
     while row < n:
         targets = corners[foot][row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3]
         T_sb[row:] = _fit_poses(corners[foot][row:], targets)
         if chosen is None:
-            heights = _heights([c[row:] for c in corners], T_sb[row:], up)
-            change, successor = _next_lowest(time[row:], heights, foot)
+            heights = _sole_heights([c[row:] for c in corners], T_sb[row:], up)
+            row_count, successor = _next_lowest(time[row:], heights, foot)
         else:
-            change, successor = _next_chosen(chosen[row:], foot)
-        standing[row : row + change, foot] = True
-        row, foot = row + change, successor
+            row_count, successor = _next_chosen(chosen[row:], foot)
+        standing[row : row + row_count, foot] = True
+        row += row_count
+        foot = successor
     return T_sb, standing
 
 
@@ -193,51 +215,61 @@ class _PointFeet:
     """Base on feet that are points: those on the ground keep their places, at least three at a time."""
 
     def __init__(self, time: Array, corners: Sequence[Array], up: Array, frames: Sequence[str]) -> None:
-        self.time, self.corners, self.up, self.frames = time, corners, up, frames
+        self.time = time
+        self.corners = corners
+        self.up = up
+        self.frames = frames
 
     def poses(self, start: Array) -> tuple[Array, Array]:
-        """Poses (n, 4, 4) of the base, and the feet (n, k) that stand."""
+        """Poses (n, 4, 4) of the base, and a mask (n, k) of the feet that stand."""
         n, k = len(self.time), len(self.corners)
-        T_sb, standing = np.tile(start, (n, 1, 1)), np.zeros((n, k), bool)
-        heights = _heights(self.corners, T_sb[:1], self.up)[0]
-        down, raised, row = heights <= heights.min() + _LEVEL, np.zeros(k, bool), 0
+        T_sb = np.tile(start, (n, 1, 1))
+        standing = np.zeros((n, k), bool)
+        heights = _sole_heights(self.corners, T_sb[:1], self.up)[0]
+        down = heights <= heights.min() + _MAX_DISTANCE_FROM_PLANE  # (k,) feet that stand from ``row`` on
+        raised = np.zeros(k, bool)  # feet that were lifted since they stood, and so may stand again
+        row = 0
         while row < n:
-            self._check(down, row)
+            self._require_area(down, row)
             targets = [c[row] @ T_sb[row, :3, :3].T + T_sb[row, :3, 3] for c in self.corners]
-            chosen = np.flatnonzero(down).tolist()
-            points = np.concatenate([self.corners[i][row:] for i in chosen], axis=1)
-            T_sb[row:] = _fit_poses(points, np.concatenate([targets[i] for i in chosen]))
+            standing_feet = np.flatnonzero(down).tolist()
+            points = np.concatenate([self.corners[i][row:] for i in standing_feet], axis=1)
+            T_sb[row:] = _fit_poses(points, np.concatenate([targets[i] for i in standing_feet]))
             displacements = np.stack([self._displacement(i, row, T_sb, targets[i]) for i in range(k)], axis=1)
-            heights = _heights([c[row:] for c in self.corners], T_sb[row:], self.up)
+            heights = _sole_heights([c[row:] for c in self.corners], T_sb[row:], self.up)
             floor = heights[:, down].min(axis=1, keepdims=True)
             leaves = (displacements > _MIN_STANCE_DROP) & down
             lifted = np.maximum.accumulate(heights > floor + 2 * _MIN_STANCE_DROP, axis=0) | raised
-            enters = lifted & (heights <= floor + _MIN_STANCE_DROP) & ~down
-            events = np.flatnonzero((leaves | enters)[1:].any(axis=1)) + 1
+            lands = lifted & (heights <= floor + _MIN_STANCE_DROP) & ~down
+            events = np.flatnonzero((leaves | lands)[1:].any(axis=1)) + 1
             if not len(events):
                 standing[row:] = down
                 break
-            stop = int(events[0])
-            standing[row : row + stop] = down
-            raised = lifted[stop] & ~enters[stop]
-            if leaves[stop].any():
-                gone = int(np.where(down, displacements[stop], -1.0).argmax())
-                down = down | enters[stop]
-                down[gone] = raised[gone] = False
+            row_count = int(events[0])
+            standing[row : row + row_count] = down
+            raised = lifted[row_count] & ~lands[row_count]
+            if leaves[row_count].any():  # only the foot that slides most leaves; the others may then fit again
+                leaving = int(np.where(down, displacements[row_count], -1.0).argmax())
+                down = down | lands[row_count]
+                down[leaving] = False
+                raised[leaving] = False
             else:
-                down = down | enters[stop]
-            row += stop
+                down = down | lands[row_count]
+            row += row_count
         return T_sb, standing
 
     def _displacement(self, foot: int, row: int, poses: Array, targets: Array) -> Array:
-        """Distances (n,) of a foot's corners from where they stood, the largest of each row from ``row`` on."""
+        """Largest distance (m,) of a foot's corners from their targets, in each of the m rows from ``row`` on."""
         points = np.einsum("nij,nkj->nki", poses[row:, :3, :3], self.corners[foot][row:]) + poses[row:, None, :3, 3]
         return np.asarray(np.linalg.norm(points - targets, axis=-1).max(axis=1))
 
-    def _check(self, down: Array, row: int) -> None:
-        points = np.concatenate([self.corners[i][row] for i in np.flatnonzero(down).tolist()])
-        if _plane(points, self.up)[1] <= MIN_SOLE_WIDTH:
-            names = listed([self.frames[i] for i in np.flatnonzero(down).tolist()])
+    def _require_area(self, down: Array, row: int) -> None:
+        """Raise ValueRangeError if the points of the feet that stand lie on one line."""
+        standing_feet = np.flatnonzero(down).tolist()
+        points = np.concatenate([self.corners[i][row] for i in standing_feet])
+        _, width, _ = _nearest_plane(points, self.up)
+        if width <= MIN_SOLE_WIDTH:
+            names = listed([self.frames[i] for i in standing_feet])
             raise ValueRangeError(
                 f"at t = {seconds(float(self.time[row]))} s the robot stands on {names} alone, which are points: the pose "
                 "of its base is not known from the joints. Give a log with the pose of the base, and load the robot with a "
@@ -247,27 +279,31 @@ class _PointFeet:
 
 def _fit_poses(points: Array, targets: Array) -> Array:
     """Poses (n, 4, 4) that bring points (n, k, 3) nearest to targets (k, 3). Source: Kabsch, Acta Cryst. A32, 1976."""
-    middle, target = points.mean(axis=1), targets.mean(axis=0)
-    U, _, Vt = np.linalg.svd(np.einsum("ki,nkj->nij", targets - target, points - middle[:, None]))
+    point_means = points.mean(axis=1)
+    target_mean = targets.mean(axis=0)
+    U, _, Vt = np.linalg.svd(np.einsum("ki,nkj->nij", targets - target_mean, points - point_means[:, None]))
     D = np.tile(np.eye(3), (len(points), 1, 1))
-    D[:, 2, 2] = np.sign(np.linalg.det(U @ Vt))
+    D[:, 2, 2] = np.sign(np.linalg.det(U @ Vt))  # a rotation, not a reflection
     R = U @ D @ Vt
     T = np.tile(np.eye(4), (len(points), 1, 1))
-    T[:, :3, :3], T[:, :3, 3] = R, target - _times(R, middle)
+    T[:, :3, :3] = R
+    T[:, :3, 3] = target_mean - _apply(R, point_means)
     return T
 
 
-def _heights(corners: Sequence[Array], poses: Array, up: Array) -> Array:
-    """Least height (n, k) of the corners (n, c, 3) of each foot."""
-    return np.stack([_least_heights(c, poses, up) for c in corners], axis=1)
+def _sole_heights(corners: Sequence[Array], poses: Array, up: Array) -> Array:
+    """Heights (n, k) of the lowest corners of the feet, with corners (n, c, 3) of each."""
+    return np.stack([_least_heights(foot_corners, poses, up) for foot_corners in corners], axis=1)
 
 
 def _least_heights(corners: Array, poses: Array, up: Array) -> Array:
-    return np.asarray((np.einsum("nij,nkj->nki", poses[:, :3, :3], corners) @ up).min(axis=1) + poses[:, :3, 3] @ up)
+    """Heights (n,) of the lowest of the corners (n, c, 3) in the frame of a base at ``poses`` (n, 4, 4)."""
+    heights_above_base = np.einsum("nij,nkj->nki", poses[:, :3, :3], corners) @ up
+    return np.asarray(heights_above_base.min(axis=1) + poses[:, :3, 3] @ up)
 
 
 def _chosen_feet(stance: str | Sequence[str], frames: Sequence[str], n: int) -> Array | None:
-    """Number (n,) of the stance foot of each row as given; None if it is to be found."""
+    """Number (n,) of the given stance foot of each row; None if ``stance`` is "auto"."""
     if isinstance(stance, str) and stance == "auto":
         return None
     names = [stance] * n if isinstance(stance, str) else list(stance)
@@ -280,62 +316,74 @@ def _chosen_feet(stance: str | Sequence[str], frames: Sequence[str], n: int) -> 
 
 
 def _next_chosen(chosen: Array, foot: int) -> tuple[int, int]:
-    other = np.flatnonzero(chosen != foot)
-    if not len(other):
+    """Number of rows before another foot is chosen, and that foot; ``foot`` itself if there is none."""
+    rows_of_others = np.flatnonzero(chosen != foot)
+    if not len(rows_of_others):
         return len(chosen), foot
-    row = int(other[0])
+    row = int(rows_of_others[0])
     return row, int(chosen[row])
 
 
 def _next_lowest(time: Array, heights: Array, foot: int) -> tuple[int, int]:
-    """Rows until another foot has been lower for long enough, and that foot."""
-    low = heights.argmin(axis=1)
-    lower = heights[np.arange(len(low)), low] < heights[:, foot] - _MIN_STANCE_DROP
-    lower[0] = False
-    start = 0
+    """Number of rows before another foot stands, and that foot; ``foot`` itself if there is none."""
+    lowest = heights.argmin(axis=1)
+    is_lower = heights[np.arange(len(lowest)), lowest] < heights[:, foot] - _MIN_STANCE_DROP
+    is_lower[0] = False  # ``foot`` stands at least in its first row
+    search_start = 0
     while True:
-        begins = np.flatnonzero(lower[start:])
+        begins = np.flatnonzero(is_lower[search_start:])
         if not len(begins):
             return len(time), foot
-        first = start + int(begins[0])
-        ends = np.flatnonzero(~lower[first:])
-        last = first + int(ends[0]) if len(ends) else len(time)
-        if time[last - 1] - time[first] >= _MIN_STANCE_TIME or (last == len(time) and last - first > 1):
-            other = int(low[first])
-            equal = np.flatnonzero(heights[:first, other] > heights[:first, foot] - _EQUAL_HEIGHT)
-            first_lower = 1
+        begin = search_start + int(begins[0])
+        ends = np.flatnonzero(~is_lower[begin:])
+        end = begin + int(ends[0]) if len(ends) else len(time)
+        is_long_enough = time[end - 1] - time[begin] >= _MIN_STANCE_TIME
+        lasts_to_end = end == len(time) and end - begin > 1
+        if is_long_enough or lasts_to_end:
+            successor = int(lowest[begin])
+            equal = np.flatnonzero(heights[:begin, successor] > heights[:begin, foot] - _MAX_EQUAL_HEIGHT)
+            row_count = 1
             if len(equal):
-                first_lower = int(equal[-1]) + 1
-            return first_lower, other
-        start = last
+                row_count = int(equal[-1]) + 1
+            return row_count, successor
+        search_start = end
 
 
 def level_pose(robot: Robot, points: Array, normal: Array) -> Array:
     """Pose (4, 4) of the base in which the plane of points (k, 3) is that of the ground through the origin."""
-    return _level([points], upward(robot), normal)
+    return _pose_on_plane([points], upward(robot), normal)
 
 
-def _level(corners: Sequence[Array], up: Array, ground: Array) -> Array:
+def _pose_on_plane(corners: Sequence[Array], up: Array, ground_normal: Array) -> Array:
     """Pose of the base in which the feet's plane is that of the ground, through the origin.
 
-    If only one foot stands, the base's own axis ``up`` is along the ground's normal.
+    If not all feet stand on one plane, the plane of the lowest corners is used. If these do not determine a plane, the
+    base's own axis ``up`` is along the ground's normal.
     """
+
+    def is_plane_to_stand_on(normal: Array, width: float) -> bool:
+        return bool(width > MIN_SOLE_WIDTH and normal @ up > _MIN_COSINE_OF_LEAN)
+
     points = np.concatenate(corners)
-    normal, width, distance = _plane(points, up)
-    if not (distance <= _LEVEL and width > MIN_SOLE_WIDTH and normal @ up > _LEANING):
+    normal, width, distance = _nearest_plane(points, up)
+    if distance > _MAX_DISTANCE_FROM_PLANE or not is_plane_to_stand_on(normal, width):
         heights = points @ up
-        points = points[heights <= heights.min() + _LEVEL]
-        normal, width, distance = _plane(points, up)
-        if not (width > MIN_SOLE_WIDTH and normal @ up > _LEANING):
+        points = points[heights <= heights.min() + _MAX_DISTANCE_FROM_PLANE]
+        normal, width, _ = _nearest_plane(points, up)
+        if not is_plane_to_stand_on(normal, width):
             normal = up
+    R = _rotation_between(normal, ground_normal)
     T = np.eye(4)
-    T[:3, :3] = _turn(normal, ground)
-    T[:3, 3] = -(points @ T[:3, :3].T @ ground).min() * ground
+    T[:3, :3] = R
+    T[:3, 3] = -(points @ R.T @ ground_normal).min() * ground_normal  # the lowest point is at height 0
     return T
 
 
-def _plane(points: Array, up: Array) -> tuple[Array, float, float]:
-    """Normal of the plane nearest to some points, the width across their line in it, and the farthest distance from it."""
+def _nearest_plane(points: Array, up: Array) -> tuple[Array, float, float]:
+    """Normal of the plane nearest to some points, their width across their longest direction in it, and the largest distance.
+
+    A width of zero means that the points lie on one line.
+    """
     if len(points) < 3:
         return up, 0.0, 0.0
     offsets = points - points.mean(axis=0)
@@ -346,20 +394,21 @@ def _plane(points: Array, up: Array) -> tuple[Array, float, float]:
     return normal, float(widths[1]), float(np.abs(offsets @ normal).max())
 
 
-def _turn(start: Array, end: Array) -> Array:
+def _rotation_between(start: Array, end: Array) -> Array:
     """Smallest rotation (3, 3) from one unit vector to another."""
-    axis = np.cross(start, end)
-    sine = float(np.linalg.norm(axis))
+    normal = np.cross(start, end)
+    sine = float(np.linalg.norm(normal))
     if sine < 1e-15:
         return np.eye(3)
-    return np.asarray(so3.exp(axis / sine * np.arctan2(sine, float(start @ end))))
+    angle = np.arctan2(sine, float(start @ end))
+    return np.asarray(so3.exp(normal / sine * angle))
 
 
 def pose_coordinates(poses: Array) -> Array:
-    """Coordinates (n, 7) of a floating base: quaternion w, x, y, z of constant sign, and position."""
+    """Coordinates (n, 7) of a floating base: quaternion w, x, y, z without jumps of its sign, and position."""
     quaternions = np.asarray(quaternion.from_matrix(poses[:, :3, :3]))
-    same = np.sum(quaternions[1:] * quaternions[:-1], axis=1) >= 0
-    signs = np.cumprod(np.r_[1.0, np.where(same, 1.0, -1.0)])
+    has_same_sign = np.sum(quaternions[1:] * quaternions[:-1], axis=1) >= 0
+    signs = np.cumprod(np.r_[1.0, np.where(has_same_sign, 1.0, -1.0)])
     return np.column_stack([quaternions * signs[:, None], poses[:, :3, 3]])
 
 

@@ -73,32 +73,33 @@ class Support:
 
     @property
     def worst(self) -> int:
-        """Row that sets the speed; the first that fails if a pose cannot be held at rest."""
-        failed = np.flatnonzero(~self.holds)
-        if len(failed) and np.isnan(self.speed[failed]).any():
-            return int(failed[np.isnan(self.speed[failed])][0])
+        """Row with the least factor of the speed; if poses cannot be held even at rest, the first of these rows."""
+        fails_at_rest = ~self.holds & np.isnan(self.speed)
+        if fails_at_rest.any():
+            return int(np.argmax(fails_at_rest))
         return int(np.argmin(np.where(np.isnan(self.speed), np.inf, self.speed)))
 
     def __repr__(self) -> str:
         return f"Support: {self}"
 
     def __str__(self) -> str:
-        k = self.worst
         if not self.decided.all():
             return f"undecided at {int((~self.decided).sum())} of {len(self.holds)} rows"
+        max_speed = float(self.speed[self.worst])
         if not self.holds.all():
             first = int(np.argmin(self.holds))
-            speed = self.speed[k]
-            upto = "" if np.isnan(speed) else f"; it holds up to {number(float(speed), 3)} × this speed"
-            return f"{self.how[first]} at row {first} of {len(self.holds)}{upto}"
-        least = float(self.friction.max(initial=0.0))
-        mass = float(self.payload.min(initial=np.inf))
-        text = f"holds with friction {number(least, 3)}" if least > 0 else "holds without friction"
+            margin = "" if np.isnan(max_speed) else f"; it holds up to {number(max_speed, 3)} × this speed"
+            return f"{self.how[first]} at row {first} of {len(self.holds)}{margin}"
+        needed_friction = float(self.friction.max(initial=0.0))
+        further_mass = float(self.payload.min(initial=np.inf))
+        text = "holds without friction"
+        if needed_friction > 0:
+            text = f"holds with friction {number(needed_friction, 3)}"
         margins = []
-        if np.isfinite(self.speed[k]):
-            margins.append(f"up to {number(float(self.speed[k]), 3)} × this speed")
-        if np.isfinite(mass):
-            margins.append(f"{number(mass, 3)} kg more")
+        if np.isfinite(max_speed):
+            margins.append(f"up to {number(max_speed, 3)} × this speed")
+        if np.isfinite(further_mass):
+            margins.append(f"{number(further_mass, 3)} kg more")
         if margins:
             text += f", {' or '.join(margins)}"
         return text
@@ -165,16 +166,18 @@ def support(
         raise ValueRangeError(
             f"the base of robot {robot.name!r} is fixed, so that contacts carry nothing. Load it with floating_base=True."
         )
-    q, dq, ddq = _rows(robot, q, dq, ddq)
+    q, dq, ddq = _state_rows(robot, q, dq, ddq)
     tau = _torques(robot, q, dq, ddq, wrench_on_robot)
     holding_torques = _torques(robot, q, 0.0 * dq, 0.0 * ddq, wrench_on_robot)
     maps, points = contact_maps(robot, q, contacts)
-    heavier = None
+    load_per_kilogram = None
     if payload_frame is not None:
         loaded = robot.with_payload(SpatialInertia.from_com(1.0, payload_com), payload_frame)
-        heavier = (_torques(loaded, q, dq, ddq, wrench_on_robot) - tau)[:, free]
-    turning = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
-    balance = Balance(contacts, maps[:, free], tau[:, free], holding_torques[:, free], heavier, turning, in_contact)
+        load_per_kilogram = (_torques(loaded, q, dq, ddq, wrench_on_robot) - tau)[:, free]
+    is_moment = np.array([S[:3].any() for body in robot.model.leaders for S in body.joint.axes], bool)[free]
+    balance = Balance(
+        contacts, maps[:, free], tau[:, free], holding_torques[:, free], load_per_kilogram, is_moment, in_contact
+    )
     solution = balance.solve()
     if limits is not None:
         effort = np.where(free, np.inf, effort_limits(robot, limits))
@@ -186,8 +189,8 @@ def support(
     torques = tau - np.einsum("nvck,nck->nv", maps, solution.forces)
     torques[:, free] = 0.0
     torques[~solution.holds] = np.nan
-    zmp, margin = zero_moment_point(balance, points, _wrench_at_base(robot, q, tau))
-    return _support(solution, balance, torques, motion, zmp, margin)
+    zmp, zmp_margin = zero_moment_point(balance, points, _wrench_at_base(robot, q, tau))
+    return _support_of_solution(solution, balance, torques, motion, zmp, zmp_margin)
 
 
 def hold(
@@ -235,68 +238,96 @@ def hold(
     if F.ndim != 2:
         raise ShapeError(f"wrenches has the shape {F.shape}. Give (n, 6), one wrench a row.")
     points = np.array([c.point for c in contacts])
-    maps = np.stack([np.vstack([so3.hat(p), np.eye(3)]) for p in points], axis=1)
-    maps = np.broadcast_to(maps, (len(F), *maps.shape))
-    rest_load, heavier = _load_like(F, at_rest, "at_rest"), _load_like(F, per_kilogram, "per_kilogram")
-    balance = Balance(contacts, maps, -F, rest_load, heavier, np.arange(6) < 3, None)
+    maps = np.broadcast_to(_wrench_maps(points), (len(F), 6, *points.shape))
+    rest_load = _balancing_load(F, at_rest, "at_rest")
+    load_per_kilogram = _balancing_load(F, per_kilogram, "per_kilogram")
+    is_moment = np.arange(6) < 3
+    balance = Balance(contacts, maps, -F, rest_load, load_per_kilogram, is_moment, None)
     solution = balance.solve()
-    zmp, margin = zero_moment_point(balance, np.broadcast_to(points, (len(F), *points.shape)), -F)
-    return _support(solution, balance, np.zeros((len(F), 0)), solution.motion, zmp, margin)
+    zmp, zmp_margin = zero_moment_point(balance, np.broadcast_to(points, (len(F), *points.shape)), -F)
+    return _support_of_solution(solution, balance, np.zeros((len(F), 0)), solution.motion, zmp, zmp_margin)
 
 
-def _load_like(F: Array, wrench: ArrayLike | None, what: str) -> Array | None:
-    """Load that balances a further wrench on the body, for each of the wrenches F."""
+def _wrench_maps(points: Array) -> Array:
+    """Maps (6, c, 3) from forces at points (c, 3) to wrenches (p × f, f) about the origin."""
+    return np.stack([np.vstack([so3.hat(p), np.eye(3)]) for p in points], axis=1)
+
+
+def _balancing_load(F: Array, wrench: ArrayLike | None, name: str) -> Array | None:
+    """Load (n, 6) that balances a further wrench on the body, one for all wrenches F (n, 6) or one for each."""
     if wrench is None:
         return None
-    array = arguments.finite(wrench, what, 6)
+    array = arguments.finite(wrench, name, 6)
     if array.ndim > 2 or (array.ndim == 2 and len(array) not in (1, len(F))):
-        raise ShapeError(f"{what} has the shape {array.shape}. Give (6,) or {F.shape}, as the wrenches.")
+        raise ShapeError(f"{name} has the shape {array.shape}. Give (6,) or {F.shape}, as the wrenches.")
     return -np.broadcast_to(array, F.shape)
 
 
-def _rows(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Array, Array, Array]:
-    """One state or several, as rows."""
-    states = (("q", q, robot.nq), ("dq", dq, robot.nv), ("ddq", ddq, robot.nv))
-    rows = [np.atleast_2d(np.asarray(arguments.finite(x, f"support: {name}", n), float)) for name, x, n in states]
-    counts = {len(x) for x in rows if len(x) != 1} or {1}
+def _state_rows(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Array, Array, Array]:
+    """Checked states as rows (n, nq), (n, nv) and (n, nv); a single row is repeated."""
+    rows = []
+    for name, values, width in (("q", q, robot.nq), ("dq", dq, robot.nv), ("ddq", ddq, robot.nv)):
+        rows.append(np.atleast_2d(np.asarray(arguments.finite(values, f"support: {name}", width), float)))
+    counts = {len(x) for x in rows} - {1}
     if len(counts) > 1 or any(x.ndim != 2 for x in rows):
         raise ShapeError(
             f"support takes rows of states, got q {rows[0].shape}, dq {rows[1].shape}, ddq {rows[2].shape}. Give (n, nq), "
             "(n, nv) and (n, nv)."
         )
-    q, dq, ddq = (np.broadcast_to(x, (max(counts), x.shape[1])) for x in rows)
+    n = max(counts, default=1)
+    q, dq, ddq = (np.broadcast_to(x, (n, x.shape[1])) for x in rows)
     return q, dq, ddq
 
 
 def _torques(robot: Robot, q: Array, dq: Array, ddq: Array, wrench_on_robot: Mapping[str, ArrayLike] | None) -> Array:
+    """Torques (n, nv) of inverse dynamics without contacts."""
     return np.asarray(robot.inverse_dynamics(q, dq, ddq, wrench_on_robot=wrench_on_robot))
 
 
 def _wrench_at_base(robot: Robot, q: Array, tau: Array) -> Array | None:
     """Wrench (n, 6) that contacts give to a floating root, about the base origin; None for other roots."""
-    free = [body for body in robot.model.leaders if not body.joint.driven]
-    if len(free) != 1 or free[0].joint.nv != 6:
+    undriven = [body for body in robot.model.leaders if not body.joint.driven]
+    if len(undriven) != 1 or undriven[0].joint.nv != 6:
         return None
-    T = np.asarray(robot.forward_kinematics(q, free[0].link))
-    F = tau[:, free[0].v_index : free[0].v_index + 6]
-    m, f = (np.einsum("nij,nj->ni", T[:, :3, :3], x) for x in (F[:, :3], F[:, 3:]))
-    return np.concatenate([m + np.cross(T[:, :3, 3], f), f], axis=1)
+    root = undriven[0]
+    T = np.asarray(robot.forward_kinematics(q, root.link))
+    R, p = T[:, :3, :3], T[:, :3, 3]
+    F = tau[:, root.v_index : root.v_index + 6]  # in the frame of the root
+    m = np.einsum("nij,nj->ni", R, F[:, :3])
+    f = np.einsum("nij,nj->ni", R, F[:, 3:])
+    return np.concatenate([m + np.cross(p, f), f], axis=1)
 
 
-def _support(
-    solution: BalanceSolution, balance: Balance, torques: Array, motion: Array, zmp: Array, margin: Array
+def _support_of_solution(
+    solution: BalanceSolution, balance: Balance, torques: Array, motion: Array, zmp: Array, zmp_margin: Array
 ) -> Support:
+    """Result with the fields of a solution and of what was evaluated from it."""
     return Support(
-        solution.holds, solution.decided, solution.how, solution.forces, torques, solution.speed, solution.slowest,
-        solution.payload, solution.friction, zmp, margin, motion, solution.power, balance.contacts, solution.least_norm,
-    )  # fmt: skip
+        holds=solution.holds,
+        decided=solution.decided,
+        how=solution.how,
+        forces=solution.forces,
+        torques=torques,
+        speed=solution.speed,
+        slowest=solution.slowest,
+        payload=solution.payload,
+        friction=solution.friction,
+        zmp=zmp,
+        zmp_margin=zmp_margin,
+        motion=motion,
+        power=solution.power,
+        contacts=balance.contacts,
+        least_norm=solution.least_norm,
+    )
 
 
 # ── Force of a grip
 
 
 def force_shares(wrenches: ArrayLike, contacts: Sequence[Contact]) -> Array:
-    """Least factors (n,) of the contacts' largest forces and preloads that hold one body under wrenches; inf if none does.
+    """Least factors (n,) by which the contacts' largest forces and preloads are multiplied to hold one body under wrenches.
+
+    A factor is inf if none holds the body, and NaN if rounding prevents an answer.
 
     Examples
     --------
@@ -306,12 +337,15 @@ def force_shares(wrenches: ArrayLike, contacts: Sequence[Contact]) -> Array:
     """
     contacts = contacts_of(contacts)
     load = -np.atleast_2d(arguments.finite(wrenches, "wrenches (m, f)", 6))
-    points, n = np.array([c.point for c in contacts]), len(load)
-    units = np.r_[np.full(3, float(np.abs(points).max(initial=0.0)) or 1.0), np.ones(3)]
-    maps = np.stack([np.vstack([so3.hat(p), np.eye(3)]) for p in points], axis=1) / units[:, None, None]
+    n = len(load)
+    points = np.array([c.point for c in contacts])
+    size = float(np.abs(points).max(initial=0.0)) or 1.0
+    units = np.r_[np.full(3, size), np.ones(3)]  # moments are divided by a length, so that all rows count alike
+    maps = _wrench_maps(points) / units[:, None, None]
     cones, bounds = cones_of(contacts, n)
-    growing = replace(bounds, most=np.zeros_like(bounds.most), rate=bounds.most)
-    pulls = np.einsum("mck,ck->m", maps, np.array([c.pull for c in contacts])[:, None] * cones.normals)
+    growing = replace(bounds, most=np.zeros_like(bounds.most), rate=bounds.most)  # bounds in proportion to the factor s
+    preloads = np.array([c.pull for c in contacts])
+    pulls = np.einsum("mck,ck->m", maps, preloads[:, None] * cones.normals)
     optimum = cone_programme(
         cones,
         np.broadcast_to(maps, (n, *maps.shape)),
@@ -320,7 +354,8 @@ def force_shares(wrenches: ArrayLike, contacts: Sequence[Contact]) -> Array:
         bounds=growing,
         sense="least",
     )
-    return np.where(optimum.settled, np.where(np.isnan(optimum.s), np.inf, optimum.s), np.nan)
+    factors = np.where(np.isnan(optimum.s), np.inf, optimum.s)
+    return np.where(optimum.settled, factors, np.nan)
 
 
 complete(globals())

@@ -65,17 +65,22 @@ class TorqueWrench:
     @property
     def balanced(self) -> bool:
         """True if the wrench balances the torques to within 1e-9 of them."""
-        return bool(np.abs(self.unbalanced).max(initial=0.0) <= 1e-9 * self._torques)
+        return bool(np.abs(self.unbalanced).max(initial=0.0) <= 1e-9 * self._torque_scale)
 
     @property
-    def _torques(self) -> float:
+    def _torque_scale(self) -> float:
+        """Sum of the largest given torque and the largest torque of gravity."""
         return self.size + float(np.abs(self.gravity).max(initial=0.0))
 
     def __str__(self) -> str:
         return "\n".join(self._sentences())
 
     def _sentences(self) -> Iterator[str]:
-        rounding = 1e-13 * self._torques / (self.singular_values[self.rank - 1] if self.rank else 1.0)
+        """Sentences on the wrench, on what torques do not determine, and on what no wrench balances."""
+        least_lever = 1.0
+        if self.rank:
+            least_lever = self.singular_values[self.rank - 1]
+        rounding = 1e-13 * self._torque_scale / least_lever
         yield f"wrench at {self.frame} ({self.kind}): {_combination(self.wrench, WRENCH, 'none', rounding)}"
         n = len(self.joint_names)
         singular = ""
@@ -124,21 +129,23 @@ def wrench_from_torques(
     length = arguments.positive(length, "length [m]")
     g = np.asarray(robot.holding_torques(q))  # includes springs of elastic joints
     J = np.asarray(robot.jacobian(q, frame, kind))
-    rank, U, Vt, rows, columns = _equilibrate(J)
+    rank, U, Vt, row_scale, column_scale = _equilibrate(J)
     scale = np.array([length] * 3 + [1.0] * 3)  # J_w * length and J_v are both in m
-    idle = columns[:, None] * Vt[rank:].T
-    borne = rows[:, None] * U[:, rank:]
-    lost = np.linalg.qr(idle)[0]
-    unbalanced = lost @ (lost.T @ (tau - g))
+    idle = column_scale[:, None] * Vt[rank:].T
+    borne = row_scale[:, None] * U[:, rank:]
+    idle_basis, _ = np.linalg.qr(idle)
+    unbalanced = idle_basis @ (idle_basis.T @ (tau - g))
     # The wrench of least norm in the metric of ``length``: any solution minus its part in the null space.
-    B = rows[:, None] * J * columns
-    F = rows * np.linalg.lstsq(B.T, columns * (tau - g - unbalanced), rcond=RANK_TOLERANCE)[0]
-    free = np.linalg.qr(borne / scale[:, None])[0]
-    F = F - scale * (free @ (free.T @ (F / scale)))
+    equilibrated_J = row_scale[:, None] * J * column_scale
+    solution, *_ = np.linalg.lstsq(equilibrated_J.T, column_scale * (tau - g - unbalanced), rcond=RANK_TOLERANCE)
+    F = row_scale * solution
+    borne_basis, _ = np.linalg.qr(borne / scale[:, None])
+    F = F - scale * (borne_basis @ (borne_basis.T @ (F / scale)))
+    producible, _ = np.linalg.qr((scale**2 / row_scale)[:, None] * U[:, :rank])
     return TorqueWrench(
         wrench=F,
         unbalanced=unbalanced,
-        producible=np.linalg.qr((scale**2 / rows)[:, None] * U[:, :rank])[0],
+        producible=producible,
         borne=_sparse_basis(borne),
         idle=_sparse_basis(idle),
         singular_values=np.linalg.svd(scale[:, None] * J, compute_uv=False),
@@ -154,30 +161,35 @@ def wrench_from_torques(
 def _equilibrate(J: Array) -> tuple[int, Array, Array, Array, Array]:
     """Rank of J (6, nv), U and V' of R J C by singular values, and the diagonals of R and C, which equilibrate J.
 
-    R divides rotational rows by the longest lever of a revolute joint, so that ranks do not depend on the robot's size.
+    R multiplies rotational rows by the longest lever of a revolute joint, so that ranks do not depend on the robot's size.
     C scales every joint to the same effect on the frame.
     """
-    turn, move = (np.linalg.norm(part, axis=0) for part in (J[:3], J[3:]))
-    lever = np.max(move[turn > 0] / turn[turn > 0], initial=0.0)
-    rows = np.array([lever or 1.0] * 3 + [1.0] * 3)
-    moves = np.linalg.norm(rows[:, None] * J, axis=0)
-    felt = moves > RANK_TOLERANCE**1.5 * moves.max(initial=0.0)
-    columns = 1.0 / np.where(felt, moves, moves.max(initial=0.0) or 1.0)
-    U, s, Vt = np.linalg.svd(rows[:, None] * J * columns)
-    return int(np.sum(s > RANK_TOLERANCE * s.max(initial=0.0))), U, Vt, rows, columns
+    rotation = np.linalg.norm(J[:3], axis=0)  # of each joint
+    translation = np.linalg.norm(J[3:], axis=0)
+    turns = rotation > 0
+    longest_lever = np.max(translation[turns] / rotation[turns], initial=0.0) or 1.0
+    row_scale = np.array([longest_lever] * 3 + [1.0] * 3)
+    effects = np.linalg.norm(row_scale[:, None] * J, axis=0)
+    largest_effect = effects.max(initial=0.0)
+    has_effect = effects > RANK_TOLERANCE**1.5 * largest_effect
+    column_scale = 1.0 / np.where(has_effect, effects, largest_effect or 1.0)
+    U, s, Vt = np.linalg.svd(row_scale[:, None] * J * column_scale)
+    rank = int(np.sum(s > RANK_TOLERANCE * s.max(initial=0.0)))
+    return rank, U, Vt, row_scale, column_scale
 
 
 def _sparse_basis(B: Array) -> Array:
-    """Sparse basis (n, k) of the same space by elimination, each column's largest entry 1."""
+    """Sparse basis (n, k) of the space of the columns B (n, k) by elimination; the largest entry of each column is 1."""
     rows = B.T.copy()
     for k in range(len(rows)):
-        r, c = divmod(int(np.argmax(np.abs(rows[k:]))), rows.shape[1])
-        rows[[k, k + r]] = rows[[k + r, k]]
-        rows[k] /= rows[k, c]
+        row_after_k, column = divmod(int(np.argmax(np.abs(rows[k:]))), rows.shape[1])  # of the largest pivot
+        pivot_row = k + row_after_k
+        rows[[k, pivot_row]] = rows[[pivot_row, k]]
+        rows[k] /= rows[k, column]
         for other in range(len(rows)):
             if other != k:
-                rows[other] -= rows[other, c] * rows[k]
-                rows[other, c] = 0.0
+                rows[other] -= rows[other, column] * rows[k]
+                rows[other, column] = 0.0
     rows[np.abs(rows) < 1e-12] = 0.0  # relative to the pivot 1 of each row
     if not rows.size:
         return rows.T
@@ -186,15 +198,21 @@ def _sparse_basis(B: Array) -> Array:
 
 
 def _combination(x: Array, names: tuple[str, ...], nothing: str = "nothing", least: float = 0.0) -> str:
-    """Linear combination as text, without rounding errors: ``0.5 mx − 2 fz``."""
+    """Linear combination as text, ``0.5 mx − 2 fz``, without entries up to ``least`` and rounding errors.
+
+    ``nothing`` is the text if no entry remains.
+    """
     least = max(least, 1e-9 * float(np.abs(x).max(initial=0.0)))
-    shown = [(v, n) for v, n in zip(x, names, strict=True) if abs(v) > least]
-    if not shown:
-        return nothing
     terms = []
-    for value, name in shown:
-        factor = "" if abs(abs(value) - 1) < 1e-9 else f"{number(abs(value))} "
-        terms.append(f"{'-' if value < 0 else '+'} {factor}{name}")
+    for entry, name in zip(x, names, strict=True):
+        magnitude = abs(entry)
+        if not magnitude > least:
+            continue
+        sign = "-" if entry < 0 else "+"
+        factor = "" if abs(magnitude - 1) < 1e-9 else f"{number(magnitude)} "
+        terms.append(f"{sign} {factor}{name}")
+    if not terms:
+        return nothing
     return " ".join(terms).removeprefix("+ ").replace("-", "−")
 
 

@@ -26,28 +26,28 @@ if TYPE_CHECKING:
 def robot_description(model: Model, *, local: bool = False) -> Element:
     """URDF of a model with locked joints fixed, and with the visuals and collision shapes of its own URDF file.
 
-    Mesh names relative to the file become paths. If ``local``, all mesh names become paths, and shapes without their mesh file
-    are left out.
+    Mesh names relative to the file become paths. If ``local``, all mesh names become paths, and shapes whose mesh file is
+    missing are left out.
     """
-    robot = parse(write_urdf(model).text)
+    description = parse(write_urdf(model).text)
     try:
         file = file_of(model)
-        own = robot if file is None else file.root
+        root = description if file is None else file.root
     except (ModelError, NotFoundError, OSError, ValueError):  # the file changed since the robot was loaded
-        return robot
-    if file is None or own.tag != "robot":
-        return robot
-    links = {link.attributes["name"]: link for link in robot.all("link")}
-    robot.children = [*own.all("material"), *robot.children]
-    for link in own.all("link"):
-        described = links.get(link.attributes.get("name", ""))
-        if described is None:
+        return description
+    if file is None or root.tag != "robot":
+        return description
+    described_links = {link.attributes["name"]: link for link in description.all("link")}
+    description.children = [*root.all("material"), *description.children]
+    for link in root.all("link"):
+        described_link = described_links.get(link.attributes.get("name", ""))
+        if described_link is None:
             continue
         for original in (*link.all("visual"), *link.all("collision")):
             shape = original.deep_copy()
             if _resolve_meshes(shape, Path(file), local=local):
-                described.add(shape)
-    return robot
+                described_link.add(shape)
+    return description
 
 
 def _resolve_meshes(shape: Element, file: Path, *, local: bool) -> bool:
@@ -73,6 +73,7 @@ class MovingJoints:
 
     robot: Robot
     description: Element
+    """URDF of the robot."""
 
     @cached_property
     def joints(self) -> dict[str, Element]:
@@ -80,12 +81,12 @@ class MovingJoints:
         return {joint.attributes["name"]: joint for joint in self.description.all("joint")}
 
     def coordinates(self, q: Array) -> dict[str, Array]:
-        """Coordinates (n,) of joints with one coordinate, including mimic joints."""
+        """Coordinates (n,) of joints with one coordinate, including mimic joints, by name."""
         coordinates = {}
         for body in self.robot.model.bodies:
             if body.joint.nq == 1:
                 coordinates[body.joint.name] = body.ratio * q[:, body.q_index] + body.offset
-        for name, joint in self.joints.items():
+        for name, joint in self.joints.items():  # mimic joints that are in the description alone
             mimic = joint.child("mimic")
             if mimic is not None and name not in coordinates:
                 leader = coordinates[mimic.attributes["joint"]]
@@ -97,17 +98,17 @@ class MovingJoints:
 
         A ball joint is three joints in the description, of which the first has the whole rotation.
         """
-        bodies = [b for b in self.robot.model.bodies if b.joint.nq > 1]
+        bodies = [body for body in self.robot.model.bodies if body.joint.nq > 1]
         if not bodies:
             return
-        names, T = list(self.robot.link_names), np.asarray(self.robot.link_poses(q))
+        link_names = list(self.robot.link_names)
+        T = np.asarray(self.robot.link_poses(q))
         for body in bodies:
             joint = self.joints.get(body.joint.name) or self.joints[f"{body.joint.name}.x"]
-            parent, child = (
-                joint.require_child("parent", "").text("link"),
-                joint.require_child("child", "").text("link"),
-            )
-            pose = T[:, names.index(body.link)]
-            if parent in names:  # excludes the world of a floating base
-                pose = se3.inverse(T[:, names.index(parent)]) @ pose
-            yield parent, child, pose[:, :3, 3], np.roll(quaternion.from_matrix(pose[:, :3, :3]), -1, axis=-1)
+            parent = joint.require_child("parent", "").text("link")
+            child = joint.require_child("child", "").text("link")
+            pose = T[:, link_names.index(body.link)]
+            if parent in link_names:  # excludes the world of a floating base
+                pose = se3.inverse(T[:, link_names.index(parent)]) @ pose
+            scalar_last = np.roll(quaternion.from_matrix(pose[:, :3, :3]), -1, axis=-1)
+            yield parent, child, pose[:, :3, 3], scalar_last

@@ -30,30 +30,34 @@ def require_rerun() -> Any:
 
 def write_rerun(path: str | Path, recording: Recording) -> Path:
     """Write an .rrd file: the robot with its meshes, its transforms, a curve of each joint and quantity, and the verdict."""
-    path, rerun = as_path(path), require_rerun()
-    moving = MovingJoints(recording.robot, robot_description(recording.robot.model, local=True))
+    path = as_path(path)
+    rerun = require_rerun()
+    description = robot_description(recording.robot.model, local=True)
+    moving = MovingJoints(recording.robot, description)
     with replacing(path) as scratch:
         stream = rerun.RecordingStream("twistwrench")
         stream.save(scratch)
-        tree = _log_tree(rerun, stream, moving.description)
+        tree = _log_links(rerun, stream, moving.description)
         curves = _CurveWriter(rerun, stream, recording)
-        for time, q, series in recording.portions:
+        for time, q, states_by_topic in recording.portions:
             stamps = recording.stamps(time)
             coordinates = moving.coordinates(q)
             for joint in tree.joints():
                 if joint.name in coordinates:  # a joint beyond its limits is drawn at its value
                     columns = joint.compute_transform_columns(coordinates[joint.name], clamp=False)
-                    stream.send_columns("transforms", curves.index(stamps), columns)
-            for parent, child, place, turn in moving.transforms(q):
+                    stream.send_columns("transforms", curves.time_columns(stamps), columns)
+            for parent, child, positions, quaternions in moving.transforms(q):
                 frames = {"parent_frame": [parent] * len(q), "child_frame": [child] * len(q)}
-                columns = rerun.Transform3D.columns(translation=place, quaternion=turn, **frames)
-                stream.send_columns("transforms", curves.index(stamps), columns)
-            for topic, states in series.items():
+                columns = rerun.Transform3D.columns(translation=positions, quaternion=quaternions, **frames)
+                stream.send_columns("transforms", curves.time_columns(stamps), columns)
+            for topic, states in states_by_topic.items():
                 curves.send(topic, states, stamps)
-        if recording.limits is not None:
-            curves.send("limits", _repeat_once(recording.limits), recording.stamps(np.array(recording.span)))
+        if recording.limits is not None:  # constant curves from the first to the last time
+            ends = recording.stamps(np.array(recording.span))
+            curves.send("limits", _duplicate_rows(recording.limits), ends)
         if recording.verdict is not None:
-            stream.log("verdict", rerun.TextDocument(recording.verdict[1]), static=True)
+            _, text = recording.verdict
+            stream.log("verdict", rerun.TextDocument(text), static=True)
         stream.flush()
         stream.disconnect()
     return path
@@ -63,35 +67,38 @@ class _CurveWriter:
     """Writer of curves of joint states to a stream."""
 
     def __init__(self, rerun: Any, stream: Any, recording: Recording) -> None:
-        self._rerun, self._stream, self._recording = rerun, stream, recording
-        self._with_name = set[str]()
+        self._rerun = rerun
+        self._stream = stream
+        self._recording = recording
+        self._named_entities = set[str]()
+        """Paths of the curves whose names are sent."""
 
-    def index(self, stamps: Array) -> list[Any]:
-        """Column of time, with the date if the log has it."""
+    def time_columns(self, stamps: Array) -> list[Any]:
+        """Column of times [ns], with the date if the log has it."""
         if self._recording.epoch > SINCE_1970 * NANOSECONDS:
             return [self._rerun.TimeColumn("time", timestamp=stamps.astype("datetime64[ns]"))]
         return [self._rerun.TimeColumn("time", duration=stamps.astype("timedelta64[ns]"))]
 
     def send(self, topic: str, states: JointStates, stamps: Array) -> None:
-        """Send the curves of a topic; the name of a curve is sent once."""
-        for parts, unit, values in _curves(self._recording, topic, states):
-            entity = self._rerun.new_entity_path(parts)
-            if entity not in self._with_name:
-                self._with_name.add(entity)
-                name = f"{' '.join(parts)} [{unit}]"
+        """Send the curves of a topic at times [ns]; the name of a curve is sent once."""
+        for path, unit, values in _curves(self._recording, topic, states):
+            entity = self._rerun.new_entity_path(path)
+            if entity not in self._named_entities:
+                self._named_entities.add(entity)
+                name = f"{' '.join(path)} [{unit}]"
                 self._stream.log(entity, self._rerun.SeriesLines(names=name), static=True)
             columns = self._rerun.Scalars.columns(scalars=values)
-            self._stream.send_columns(entity, self.index(stamps), columns)
+            self._stream.send_columns(entity, self.time_columns(stamps), columns)
 
 
-def _repeat_once(states: JointStates) -> JointStates:
+def _duplicate_rows(states: JointStates) -> JointStates:
     """States with each row twice."""
     return JointStates(*(None if x is None else np.repeat(x, 2, axis=0) for x in states))
 
 
-def _log_tree(rerun: Any, stream: Any, description: Element) -> Any:
-    """Log the links and shapes of a description; returns its joint tree."""
-    with tempfile.TemporaryDirectory() as folder:
+def _log_links(rerun: Any, stream: Any, description: Element) -> Any:
+    """Log the links and shapes of a URDF description; returns its joint tree."""
+    with tempfile.TemporaryDirectory() as folder:  # rerun reads a URDF file only from a path
         file = Path(folder, "robot.urdf")
         file.write_text(xml_text(description), encoding="utf-8")
         tree = rerun.urdf.UrdfTree.from_file_path(file)
@@ -101,12 +108,12 @@ def _log_tree(rerun: Any, stream: Any, description: Element) -> Any:
 
 def _curves(recording: Recording, topic: str, states: JointStates) -> Iterator[tuple[tuple[str, ...], str, Array]]:
     """Path, unit and values (n,) of each joint and quantity of a topic."""
-    names, _, _ = recording.joints
+    joint_names, _, _ = recording.joints
     is_result = topic == "share" or topic.startswith("torque")
     for quantity, values in recording.values(states).items():
-        if is_result and quantity != "effort":
+        if is_result and quantity != "effort":  # positions and velocities are those of the motion's own topic
             continue
-        parts = topic.split("/") if is_result else [topic, quantity]
-        units = ["1"] * len(names) if topic == "share" else recording.units[quantity]
-        for name, unit, curve in zip(names, units, values.T, strict=True):
-            yield (*parts, name), unit, curve
+        path = topic.split("/") if is_result else [topic, quantity]
+        units = ["1"] * len(joint_names) if topic == "share" else recording.units[quantity]
+        for joint_name, unit, curve in zip(joint_names, units, values.T, strict=True):
+            yield (*path, joint_name), unit, curve

@@ -19,26 +19,33 @@ from ...motion.motion_log import MotionLog
 from .ground import ContactSchedule, ContactSource, Ground, InContactGiven
 
 _MIN_CARRYING_FORCE = 20.0
-"""Force from which a foot carries [N]."""
+"""Force above which a foot carries [N]."""
 _MIN_SWITCH_VALUE = 0.5
-"""Value of a column of 0 and 1 from which a foot carries."""
+"""Value above which a foot carries in a column of 0 and 1."""
 
 
 def with_schedule(ground: Ground, given: InContactGiven, log: MotionLog) -> Ground:
-    """Ground whose feet carry at the rows of a log that ``given`` marks; "auto" keeps the rule of heights and speeds."""
+    """Ground whose feet carry at the rows of a log that ``given`` marks.
+
+    "auto" keeps the rule of heights and speeds; the other word takes the columns that are named after the feet.
+    """
     if not isinstance(given, Mapping):
         if arguments.choice(given, "in_contact", get_args(ContactSource)) == "auto":
             return ground
         given = {frame: f"{frame}.contact" for frame in ground.feet}
     _check_feet(ground, given)
-    columns = {frame: _column(log, frame, name) for frame, name in given.items() if isinstance(name, str)}
-    time, values = _rows(log, list(columns.values()))
-    logged = dict(zip(columns, values.T, strict=True))
+    column_by_foot = {frame: _column(log, frame, name) for frame, name in given.items() if isinstance(name, str)}
+    time, values = _times_and_columns(log, list(column_by_foot.values()))
+    logged = dict(zip(column_by_foot, values.T, strict=True))
     carries = np.ones((len(time), len(ground.contacts)), bool)
     for frame, source in given.items():
-        own = logged[frame] if frame in logged else _values(frame, source, len(time))
-        threshold = _MIN_SWITCH_VALUE if own.max(initial=0.0) <= 1.0 else _MIN_CARRYING_FORCE
-        carries[:, ground.contacts_at(frame)] = (own > threshold)[:, None]
+        if frame in logged:
+            foot_values = logged[frame]
+        else:
+            foot_values = _given_values(frame, source, len(time))
+        is_switch = foot_values.max(initial=0.0) <= 1.0
+        threshold = _MIN_SWITCH_VALUE if is_switch else _MIN_CARRYING_FORCE
+        carries[:, ground.contacts_at(frame)] = (foot_values > threshold)[:, None]
     return replace(ground, schedule=ContactSchedule(time, carries))
 
 
@@ -58,13 +65,13 @@ def _check_feet(ground: Ground, given: Mapping[str, object]) -> None:
 
 def _column(log: MotionLog, frame: str, name: str) -> int:
     """Number of the column of a foot, by its name with or without the unit."""
-    names = []
-    for k, text in enumerate(log.file.header):
-        name_without_unit, _ = split_unit(text)
-        if name in (text, name_without_unit):
+    names_without_unit = []
+    for k, heading in enumerate(log.file.header):
+        name_without_unit, _ = split_unit(heading)
+        if name in (heading, name_without_unit):
             return k
-        names.append(name_without_unit)
-    similar = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+        names_without_unit.append(name_without_unit)
+    similar = difflib.get_close_matches(name, names_without_unit, n=1, cutoff=0.6)
     hint = f" Did you mean {similar[0]!r}?" if similar else ""
     raise ValueRangeError(
         f"{log.path}: no column {name!r}, needed for {frame!r}.{hint} Name one for each foot, {{0}}: 0 or 1, "
@@ -73,27 +80,27 @@ def _column(log: MotionLog, frame: str, name: str) -> int:
     )
 
 
-def _rows(log: MotionLog, used: Sequence[int]) -> tuple[Array, Array]:
-    """Time (n,) of each row of a file [s], as its motion has it, and columns (n, k), forces in N."""
-    columns, header = log.columns, log.file.header
-    if columns.counted:
-        table = log.file.table((0, *used))
+def _times_and_columns(log: MotionLog, column_numbers: Sequence[int]) -> tuple[Array, Array]:
+    """Time (n,) of each row of a file [s], as the motion of the log has it, and columns (n, k), forces in N."""
+    columns = log.columns
+    if columns.counted:  # no column of time; the first column takes its place in the table
+        table = log.file.table((0, *column_numbers))
         time = columns.seconds * np.arange(len(table))
     else:
-        table = log.file.table((columns.used[columns.time], *used))
+        table = log.file.table((columns.used[columns.time], *column_numbers))
         time = columns.seconds * table[:, 0]
-    if len(time) and date_note(float(time[0])):
+    if len(time) and date_note(float(time[0])):  # seconds since 1970, which a motion counts from its first row
         time = time - float(time[0])
-    factors = np.ones(len(used))
-    for k, column in enumerate(used):
-        _, unit = split_unit(header[column])
+    factors = np.ones(len(column_numbers))
+    for k, column in enumerate(column_numbers):
+        _, unit = split_unit(log.file.header[column])
         if unit:
-            factors[k] = si_factor(unit, "tau", angular=False) or 1.0
+            factors[k] = si_factor(unit, "tau", angular=False) or 1.0  # 1 for a unit that is not of a force
     return time, table[:, 1:] * factors
 
 
-def _values(frame: str, given: ArrayLike, rows: int) -> Array:
-    """Values (n,) of a foot for each row of the log; one value is that of all rows."""
+def _given_values(frame: str, given: ArrayLike, rows: int) -> Array:
+    """Given values (n,) of a foot, one for each row of the log; a single value is repeated."""
     values = arguments.finite(given, f"in_contact of {frame!r}")
     if values.shape not in ((), (rows,)):
         raise ShapeError(

@@ -16,50 +16,56 @@ from ...mechanics.model.model import BASE, Model
 
 @dataclass(frozen=True)
 class FingerDrives:
-    """Fingers whose drives have effort limits, and that no wrench of the user loads."""
+    """Drives of fingers with effort limits, which no wrench of the user loads."""
 
     joints: tuple[str, ...] = ()
+    """Names of the joints."""
     efforts: tuple[float, ...] = ()
     """Effort limits [N m, sliding joints: N]."""
     turning: tuple[bool, ...] = ()
+    """True for joints that turn, False for those that slide."""
 
     def remark(self, force: float) -> str:
         """Sentence on drives that are not judged for a grip force [N]; empty without any."""
         if not self.joints:
             return ""
-        limits = set[str]()
+        limits: set[str] = set()
         for effort, turning in zip(self.efforts, self.turning, strict=True):
             limits.add(f"{number(effort)} {unit_of('tau', turning)}")
-        drives, are = ("drive", "is") if len(self.joints) == 1 else ("drives", "are")
+        noun, verb = "drives", "are"
+        if len(self.joints) == 1:
+            noun, verb = "drive", "is"
         return (
-            f"the {drives} of {listed(self.joints)} ({', '.join(sorted(limits))}) {are} not "
+            f"the {noun} of {listed(self.joints)} ({', '.join(sorted(limits))}) {verb} not "
             f"judged for the grip force of {number(force)} N"
         )
 
     def are_weaker(self, force: float) -> bool:
         """True if a sliding finger's drive gives less than a grip force [N]."""
         slides = np.logical_not(self.turning)
-        return bool((slides & (np.array(self.efforts) < (1 - TOLERANCE) * force)).any())
+        is_weaker = np.array(self.efforts) < (1 - TOLERANCE) * force
+        return bool((slides & is_weaker).any())
 
 
 NO_FINGERS = FingerDrives()
+"""Drives of a holder without fingers."""
 
 
 def finger_drives(model: Model, frame: str, efforts: Array, pushed: Iterable[str]) -> FingerDrives:
     """Drives of the joints beyond the body of a gripping frame, or beside that body if it is a finger itself.
 
-    ``efforts`` (nv,) are the limits of the comparison. Fingers with one of the ``pushed`` frames are left out: the
+    ``efforts`` (nv,) are the limits of the drives. Fingers with one of the ``pushed`` frames are left out, since the
     wrench there loads them.
     """
-    loaded = set[int]()
+    loaded_bodies: set[int] = set()
     for name in pushed:
-        loaded.update(model.ancestors(model.frame(name).body))
+        loaded_bodies.update(model.ancestors(model.frame(name).body))
     joints, limits, turning = [], [], []
     for i in _finger_bodies(model, model.frame(frame).body):
         body = model.bodies[i]
-        if body.joint.nv != 1 or i in loaded:
+        if body.joint.nv != 1 or i in loaded_bodies:
             continue
-        effort = body.effort if body.follows else float(efforts[body.v_index])
+        effort = body.effort if body.follows else float(efforts[body.v_index])  # a mimic joint has its own limit
         if np.isfinite(effort):
             joints.append(body.joint.name)
             limits.append(effort)
@@ -68,13 +74,13 @@ def finger_drives(model: Model, frame: str, efforts: Array, pushed: Iterable[str
 
 
 def _finger_bodies(model: Model, palm: int) -> list[int]:
-    """Bodies beyond the palm; if there are none, the palm is a finger, and those beside it are meant."""
+    """Moving bodies beyond the palm. If there are none, the palm itself is a finger: it and the bodies beside it."""
     moving = [i for i, body in enumerate(model.bodies) if body.joint.moves_body]
     beyond = [i for i in moving if i != palm and palm in model.ancestors(i)]
     if beyond or palm == BASE:
         return beyond
     parent = model.bodies[palm].parent
-    siblings = [i for i in moving if model.bodies[i].parent == parent]
+    siblings = [i for i in moving if model.bodies[i].parent == parent]  # the palm among them
     if parent == BASE or len(siblings) == 1:
         return []
     return siblings

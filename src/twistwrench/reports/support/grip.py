@@ -32,11 +32,15 @@ HolderGiven: TypeAlias = "str | Mapping[str, Any]"
 Kind = Literal["grip", "cup"]
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_WIDTH, _PAD, _RADIUS = 0.05, (0.02, 0.02), 0.02
-"""Distance of the fingers, size of a pad and radius of a cup, unless given [m]."""
-_RING = 8
-"""Points of a cup's ring."""
-_KEYS: dict[Kind, tuple[str, ...]] = {
+_DEFAULT_WIDTH = 0.05
+"""Distance of the fingers [m]."""
+_DEFAULT_PAD = (0.02, 0.02)
+"""Size of a pad [m]."""
+_DEFAULT_RADIUS = 0.02
+"""Radius of a cup [m]."""
+_RING_POINTS = 8
+"""Number of contact points that stand for a cup's ring."""
+_ENTRY_NAMES: dict[Kind, tuple[str, ...]] = {
     "grip": ("force", "friction", "frame", "axis", "width", "pad"),
     "cup": ("force", "friction", "frame", "radius"),
 }
@@ -50,39 +54,42 @@ class Holder:
     force: float
     """Largest force of each finger, or vacuum force [N]."""
     frame: str
+    """Frame of the holder."""
     contacts: tuple[Contact, ...]
-    """In the frame, with normals into the payload."""
+    """Contacts in the frame, with normals into the payload."""
     assumed: str = ""
-    """Dimension that was not given."""
+    """Words on dimensions that were assumed since they were not given; empty if none were."""
 
     @classmethod
     def from_given(cls, kind: Kind, given: HolderGiven, load: LoadCase) -> Holder:
         """Holder as a user gives it; the frame is that of the payload if none is given."""
         payload = _payload(kind, load)
-        values = _entries(kind, given)
-        frame = str(values.get("frame") or payload.frame or load.robot.model.tip)
-        load.robot.model.frame(frame)
-        force = positive(values["force"], f"the force of {kind}", "N")
-        friction = number_of(values["friction"], f"the friction of {kind}")
+        entries = _holder_entries(kind, given)
+        frame = str(entries.get("frame") or payload.frame or load.robot.model.tip)
+        load.robot.model.frame(frame)  # raises an error for an unknown frame
+        force = positive(entries["force"], f"the force of {kind}", "N")
+        friction = number_of(entries["friction"], f"the friction of {kind}")
         if not 0 <= friction < math.inf:
             raise ValueRangeError(f"{{0}}: the friction is {friction!r}. Give at least zero.", Argument(kind))
         assumed = ""
         if kind == "cup":
-            radius = positive(values.get("radius", _RADIUS), "the radius of a cup", "m")
-            if "radius" not in values:
+            radius = positive(entries.get("radius", _DEFAULT_RADIUS), "the radius of a cup", "m")
+            if "radius" not in entries:
                 assumed = f"a cup of {number(2000 * radius)} mm"
             return cls(kind, force, frame, _cup(force, friction, radius), assumed)
-        axis = str(values.get("axis", "y"))
+        axis = str(entries.get("axis", "y"))
         if axis not in _AXES:
             raise UnknownNameError.from_choices("axis of the fingers", axis, _AXES)
-        width = positive(values.get("width", _WIDTH), "the width of a grip", "m")
-        pad = values.get("pad", _PAD)
-        if "pad" not in values or "width" not in values:
+        width = positive(entries.get("width", _DEFAULT_WIDTH), "the width of a grip", "m")
+        pad = entries.get("pad", _DEFAULT_PAD)
+        if "pad" not in entries or "width" not in entries:
             assumed = f"pads of {number(1000 * pad[0])} x {number(1000 * pad[1])} mm"
-        return cls(kind, force, frame, _fingers(force, friction, np.array(_AXES[axis]), width, pad), assumed)
+        contacts = _fingers(force, friction, np.array(_AXES[axis]), width, pad)
+        return cls(kind, force, frame, contacts, assumed)
 
 
 def _payload(kind: Kind, load: LoadCase) -> Payload:
+    """Single payload of a load case; raises ValueRangeError if there is none with a mass, or several."""
     if len(load.payloads) != 1 or not load.payloads[0].mass:
         raise ValueRangeError(
             f"{{0}} holds the payload, and there are {len(load.payloads)}. Give one, {{1}}.",
@@ -92,40 +99,41 @@ def _payload(kind: Kind, load: LoadCase) -> Payload:
     return load.payloads[0]
 
 
-def _form(kind: Kind) -> str:
-    return f"FORCE,FRICTION[@FRAME] in N, for example {'60,0.5@tool0' if kind == 'grip' else '80,0.5@tool0'}"
+def _expected_text(kind: Kind) -> str:
+    """Form of the text that describes a holder, with an example."""
+    example = "60,0.5@tool0" if kind == "grip" else "80,0.5@tool0"
+    return f"FORCE,FRICTION[@FRAME] in N, for example {example}"
 
 
-def _entries(kind: Kind, given: HolderGiven) -> dict[str, Any]:
+def _holder_entries(kind: Kind, given: HolderGiven) -> dict[str, Any]:
     """Entries of a holder from its text or mapping, with force and friction."""
     if not isinstance(given, Mapping):
         text, _, frame = str(given).partition("@")
-        force, friction = parse_numbers(text, kind, _form(kind), 2)
+        force, friction = parse_numbers(text, kind, _expected_text(kind), 2)
         return {"force": force, "friction": friction, "frame": frame.strip()}
     for key in given:
-        if key not in _KEYS[kind]:
-            raise UnknownNameError.from_choices(f"entry of {kind}", key, _KEYS[kind])
+        if key not in _ENTRY_NAMES[kind]:
+            raise UnknownNameError.from_choices(f"entry of {kind}", key, _ENTRY_NAMES[kind])
     for key in ("force", "friction"):
         if key not in given:
-            raise ValueRangeError(f"{{0}} lacks {key!r}. Give {_form(kind)}.", Argument(kind))
+            raise ValueRangeError(f"{{0}} lacks {key!r}. Give {_expected_text(kind)}.", Argument(kind))
     return dict(given)
 
 
 def _fingers(force: float, friction: float, axis: Array, width: float, pad: Any) -> tuple[Contact, ...]:
-    """Two pads that face each other across an axis."""
-    along = tangents(axis)
+    """Contacts of two pads with the sides of ``pad`` [m] that face each other along an axis at the distance ``width``."""
     signs = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-    corners = 0.5 * (signs * [pad[0], pad[1]]) @ along
-    contacts = list[Contact]()
+    corners = 0.5 * (signs * [pad[0], pad[1]]) @ tangents(axis)
+    contacts: list[Contact] = []
     for side in (-1.0, 1.0):
         contacts += patch(None, corners - side * 0.5 * width * axis, side * axis, friction, push=force)
     return tuple(contacts)
 
 
 def _cup(force: float, friction: float, radius: float) -> tuple[Contact, ...]:
-    """Ring of points that pushes along z of the frame, and pulls by its vacuum."""
-    angle = 2 * np.pi * np.arange(_RING) / _RING
-    ring = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(_RING)], axis=1)
+    """Contacts of a ring in the plane z = 0 that pushes along z of the frame, and pulls by its vacuum."""
+    angles = 2 * np.pi * np.arange(_RING_POINTS) / _RING_POINTS
+    ring = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(_RING_POINTS)], axis=1)
     return patch(None, ring, (0.0, 0.0, 1.0), friction, pull=force)
 
 
@@ -139,9 +147,9 @@ class GripSupport:
     support: Support
     holder: Holder
     time: Array
-    """(n,) [s]"""
+    """(n,): times of the motion [s]."""
     needed: Array
-    """(n,): force that would hold [N]; inf if none would."""
+    """(n,): least force of the holder that would hold the payload [N]; inf if none would."""
     mass: float
     """Mass of the payload [kg]."""
     fingers: FingerDrives = NO_FINGERS
@@ -151,12 +159,12 @@ class GripSupport:
     def verdict(self) -> Verdict:
         """OVER LIMIT if the payload slips or comes off, with the force that it needs."""
         over, unsure = [], []
-        failing = self.support.decided & ~self.support.holds
-        if failing.any():
-            over.append(self._failure(failing))
-        undecided = int((~self.support.decided).sum())
-        if undecided:
-            unsure.append(f"rounding prevents an answer on the grip at {undecided} instants")
+        fails = self.support.decided & ~self.support.holds
+        if fails.any():
+            over.append(self._failure(fails))
+        undecided_count = int((~self.support.decided).sum())
+        if undecided_count:
+            unsure.append(f"rounding prevents an answer on the grip at {undecided_count} instants")
         if self.fingers.are_weaker(self.holder.force):
             limits = spell(Argument("limits", "limits.csv"))
             unsure.append(
@@ -164,9 +172,10 @@ class GripSupport:
             )
         return Verdict.from_reasons(over=over, unsure=unsure)
 
-    def _failure(self, rows: Array) -> str:
-        k = int(np.where(rows, self.needed, -1.0).argmax())
-        force = self.needed[k]
+    def _failure(self, fails: Array) -> str:
+        """Sentence on the instant with the largest needed force, among those (n,) that fail."""
+        k = int(np.where(fails, self.needed, -1.0).argmax())
+        needed_force = self.needed[k]
         if self.holder.kind == "grip":
             failure = "slips in the grip"
         elif math.isfinite(float(self.support.friction[k])):  # with more friction it would hold
@@ -174,30 +183,32 @@ class GripSupport:
         else:
             failure = "comes off the cup"
         need = "no force holds it"
-        if math.isfinite(force):
-            need = f"it needs {_up(force)} N, given {number(self.holder.force)} N"
+        if math.isfinite(needed_force):
+            need = f"it needs {_rounded_up(needed_force)} N, given {number(self.holder.force)} N"
         return f"the load {failure} at t = {seconds(float(self.time[k]))} s: {need}{self._assumption}"
 
     @property
     def _finger_remark(self) -> str:
+        """Clause on drives of fingers that are not judged; empty if there are none."""
         return self.fingers.remark(self.holder.force)
 
     @property
     def _assumption(self) -> str:
+        """Assumed dimensions in parentheses; empty if none were assumed."""
         return f" (with {self.holder.assumed})" if self.holder.assumed else ""
 
     @property
     def line(self) -> str:
         """Sentence on a payload that is held: the force it needs, and how much faster or heavier it still is held."""
-        need = float(self.needed.max(initial=0.0))
+        needed_force = float(self.needed.max(initial=0.0))
         speed = float(self.support.speed.min(initial=math.inf))
-        more_mass = float(self.support.payload.min(initial=math.inf))
-        text = f"The {self.holder.kind} needs {_up(need)} N (given {number(self.holder.force)} N)"
+        further_mass = float(self.support.payload.min(initial=math.inf))
+        text = f"The {self.holder.kind} needs {_rounded_up(needed_force)} N (given {number(self.holder.force)} N)"
         margins = []
         if math.isfinite(speed):
             margins.append(f"{rounded_down(speed)} × this speed")
-        if math.isfinite(more_mass):
-            margins.append(f"{rounded_down(more_mass)} kg more")
+        if math.isfinite(further_mass):
+            margins.append(f"{rounded_down(further_mass)} kg more")
         if margins:
             text += f", and holds up to {' or '.join(margins)}"
         text += f"{self._assumption}."
@@ -224,50 +235,56 @@ class GripSupport:
         return {"grip.needed [N]": self.needed, "grip.speed_margin": self.support.speed}
 
 
-def _up(force: float) -> str:
-    """Three digits, rounded up."""
+def _rounded_up(force: float) -> str:
+    """Force with three digits, rounded up."""
     if force <= 0:
         return number(0.0)
-    unit = 10.0 ** (math.floor(math.log10(force)) - 2)
-    return number(math.ceil(force / unit * (1 - 1e-9)) * unit, 3)
+    unit = 10.0 ** (math.floor(math.log10(force)) - 2)  # of the third digit
+    return number(math.ceil(force / unit * (1 - 1e-9)) * unit, 3)  # not up by a rounding error
 
 
 def grip_support(holder: Holder, load: LoadCase, motion: Motion, efforts: Array) -> GripSupport:
-    """Support of the payload along the states of a motion; its weight and inertia are those at the holder's frame.
+    """Support of the payload by its holder along the states of a motion.
 
     ``efforts`` (nv,) are the limits of the drives, fingers among them.
     """
     payload = _payload(holder.kind, load)
     robot, frame = load.robot, holder.frame
-    carried = payload.frame or str(robot.model.tip)
+    payload_frame = payload.frame or str(robot.model.tip)
     T_sf = np.asarray(robot.forward_kinematics(motion.q, frame))
-    T_fp = se3.inverse(T_sf) @ np.asarray(robot.forward_kinematics(motion.q, carried))
+    T_fp = se3.inverse(T_sf) @ np.asarray(robot.forward_kinematics(motion.q, payload_frame))
     if np.abs(T_fp - T_fp[0]).max(initial=0.0) > _MAX_SHIFT_OF_PAYLOAD:
         raise ValueRangeError(
-            f"{{0}}: the payload is at {carried!r}, which moves against {frame!r}. Hold it at a frame that is fixed to it.",
+            f"{{0}}: the payload is at {payload_frame!r}, which moves against {frame!r}. Hold it at a frame that is fixed to "
+            "it.",
             Argument(holder.kind),
         )
     G = payload.inertia.in_frame(T_fp[0])
-    whole, at_rest = _wrenches(np.asarray(G.matrix), robot, motion, frame)
-    support = hold(whole, holder.contacts, per_kilogram=whole / payload.mass, at_rest=at_rest)
-    needed = holder.force * force_shares(whole, holder.contacts)
-    fingers = finger_drives(robot.model, frame, efforts, load.wrenches) if holder.kind == "grip" else NO_FINGERS
+    wrenches, weights = _payload_wrenches(np.asarray(G.matrix), robot, motion, frame)
+    support = hold(wrenches, holder.contacts, per_kilogram=wrenches / payload.mass, at_rest=weights)
+    needed = holder.force * force_shares(wrenches, holder.contacts)
+    fingers = NO_FINGERS
+    if holder.kind == "grip":
+        fingers = finger_drives(robot.model, frame, efforts, load.wrenches)
     return GripSupport(support, holder, motion.time, needed, payload.mass, fingers)
 
 
 _MAX_SHIFT_OF_PAYLOAD = 1e-6
-"""Largest change of the payload's pose in the frame that holds it [m], as of rounding."""
+"""Largest change of the payload's pose in the frame that holds it, an entry of its matrix: that of rounding errors."""
 
 
-def _wrenches(G: Array, robot: Any, motion: Motion, frame: str) -> tuple[Array, Array]:
-    """Wrenches (n, 6) of inertia and gravity on a payload, and those of gravity alone, in the axes of a frame."""
+def _payload_wrenches(G: Array, robot: Any, motion: Motion, frame: str) -> tuple[Array, Array]:
+    """Wrenches (n, 6) of weight and inertia on a payload, and those of its weight alone, in the axes of a frame.
+
+    They are G (0, g) - G A + ad(V)' G V and G (0, g).
+    """
     V = np.asarray(robot.frame_velocity(motion.q, motion.dq, frame))
     A = np.asarray(robot.frame_acceleration(motion.q, motion.dq, motion.ddq, frame))
     R = np.asarray(robot.forward_kinematics(motion.q, frame))[:, :3, :3]
     g = np.einsum("nji,j->ni", R, robot.model.gravity)
-    falling = np.concatenate([np.zeros_like(g), g], axis=1)
+    free_fall = np.concatenate([np.zeros_like(g), g], axis=1)  # (0, g)
     P = V @ G.T
     w, v = V[:, :3], V[:, 3:]
-    bias = np.concatenate([np.cross(P[:, :3], w) + np.cross(P[:, 3:], v), np.cross(P[:, 3:], w)], axis=1)  # adᵀ_V P
-    weight = falling @ G.T
+    bias = np.concatenate([np.cross(P[:, :3], w) + np.cross(P[:, 3:], v), np.cross(P[:, 3:], w)], axis=1)  # ad(V)' P
+    weight = free_fall @ G.T
     return weight - A @ G.T + bias, weight

@@ -25,16 +25,18 @@ if TYPE_CHECKING:
     from ...statics.contacts import Contact
     from .noise import SupportNoise
 
-_ROWS = 4096
-"""States of one batch."""
+_STATES_PER_BATCH = 4096
+"""Number of states that are evaluated at once."""
 _MAX_STANDING_SPEED = 0.1
 """Speed of a foot on the ground above which it slides [m/s]."""
 _MAX_HEIGHT_ON_FLOOR = 0.01
 """Height above the floor up to which a foot is on it [m]."""
 MAX_DETERMINATE_CONTACTS = 3
-"""Contacts whose forces follow from the balance alone."""
-_MIN_WIDTH = 1e-3
-"""Width of the contacts [m], and its share of their length, below which they lie on one line."""
+"""Largest number of contacts whose forces follow from the balance alone."""
+_MIN_LENGTH = 1e-3
+"""Length of the contacts [m]; shorter ones are taken as this long."""
+_MIN_WIDTH_SHARE = 1e-3
+"""Ratio of width to length of the contacts below which they lie on one line."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,9 +50,9 @@ class GroundSupport(Support):
     states: Motion = field(kw_only=True)
     """States of the motion."""
     need: Array = field(kw_only=True)
-    """(n,): force that the base needs [N]."""
+    """(n,): magnitude of the force that the free base needs [N]."""
     sliding: tuple[str, float, float] | None = field(kw_only=True)
-    """Foot on the ground that moves although none else carries, with its speed [m/s] and time [s]."""
+    """Foot on the ground that moves although no other foot carries, with its speed [m/s] and time [s]; None if none does."""
     strained: bool = field(kw_only=True)
     """True if torques exceed their limits at some instant, whatever forces within the cones are chosen."""
     noise: SupportNoise | None = field(kw_only=True, default=None)
@@ -73,10 +75,10 @@ class GroundSupport(Support):
 
     def again(self, s: MotionSamples, contacts: tuple[Contact, ...], in_contact: Array) -> Support:
         """Support of other states, or on other contacts, of the same robot with its loads."""
-        return _support(self.case, s, contacts, in_contact)
+        return _support_of_states(self.case, s, contacts, in_contact)
 
     def failing_motions(self, s: MotionSamples, rows: Array) -> tuple[Array, Array]:
-        """Motions (k, nv) that prove that some states fail, and their power; on unlimited ground if none is given."""
+        """Motions (k, nv) that prove that some states fail, and their power; friction is unlimited unless it is given."""
         if self.ground.given:
             return self.motion[rows], self.power[rows]
         unlimited = self.again(s, self.ground.unlimited_contacts, self.in_contact[rows])
@@ -101,12 +103,13 @@ class GroundSupport(Support):
 
     @cached_property
     def balanced_forces(self) -> Array:
-        """(n, c, 3): ``forces``, and at instants that need more friction than is assumed those on such ground [N]."""
+        """(n, c, 3): ``forces`` [N]. At instants that need more friction than is assumed, those with unlimited friction."""
         forces = self.forces.copy()
         with_more_friction = np.flatnonzero(self.balanced & ~self.holds)
-        for start in range(0, len(with_more_friction), _ROWS):
-            rows = with_more_friction[start : start + _ROWS]
-            forces[rows] = self.case.contact(samples(self.states, rows))[0].forces
+        for start in range(0, len(with_more_friction), _STATES_PER_BATCH):
+            rows = with_more_friction[start : start + _STATES_PER_BATCH]
+            contact_forces, _ = self.case.contact(samples(self.states, rows))
+            forces[rows] = contact_forces.forces
         return forces
 
     @cached_property
@@ -115,40 +118,42 @@ class GroundSupport(Support):
         _, points = contact_maps(self.robot, self.states.q, self.contacts)
         on_a_line = np.zeros(len(self.time), bool)
         for k in np.flatnonzero(self.aground & ~self.holds):
-            carrying = points[k, self.in_contact[k]]
-            if len(carrying) < MAX_DETERMINATE_CONTACTS:
+            carrying_points = points[k, self.in_contact[k]]
+            if len(carrying_points) < 3:
                 on_a_line[k] = True
                 continue
-            length, width, *_ = np.linalg.svd(carrying - carrying.mean(axis=0), compute_uv=False)
-            on_a_line[k] = width < _MIN_WIDTH * max(_MIN_WIDTH, length)
+            length, width, *_ = np.linalg.svd(carrying_points - carrying_points.mean(axis=0), compute_uv=False)
+            on_a_line[k] = width < _MIN_WIDTH_SHARE * max(_MIN_LENGTH, length)
         return on_a_line
 
 
 def ground_support(load: StandingCase, motion: Motion) -> GroundSupport:
     """Support along the states of a motion."""
-    parts, carrying_parts, needs, strained = [], [], [], False
-    for start in range(0, len(motion), _ROWS):
-        s = samples(motion, slice(start, start + _ROWS))
+    parts, carrying_parts, base_forces = [], [], []
+    strained = False
+    force_indices = _free_base_indices(load.robot)[3:]  # after the moments
+    for start in range(0, len(motion), _STATES_PER_BATCH):
+        s = samples(motion, slice(start, start + _STATES_PER_BATCH))
         carrying = load.ground.carrying(load.robot, s)
-        part = _support(load, s, load.ground.contacts, carrying)
+        part = _support_of_states(load, s, load.ground.contacts, carrying)
         if load.effort is not None:
-            part, beyond_limits = _with_torque_limits(load, s, part, carrying, load.effort)
-            strained |= beyond_limits
+            part, exceeds_limits = _with_torque_limits(load, s, part, carrying, load.effort)
+            strained |= exceeds_limits
         parts.append(part)
         carrying_parts.append(carrying)
-        needs.append(np.linalg.norm(load.torques_in_the_air(s)[:, _base(load.robot)[3:]], axis=1))
-    figures: dict[str, Any] = {}
-    for figure in fields(Support):
-        if figure.name != "contacts":
-            figures[figure.name] = np.concatenate([getattr(part, figure.name) for part in parts])
+        base_forces.append(np.linalg.norm(load.torques_in_the_air(s)[:, force_indices], axis=1))
+    joined_arrays: dict[str, Any] = {}
+    for each in fields(Support):
+        if each.name != "contacts":  # the only field without a row for each state
+            joined_arrays[each.name] = np.concatenate([getattr(part, each.name) for part in parts])
     in_contact = np.concatenate(carrying_parts)
     return GroundSupport(
-        **figures,
+        **joined_arrays,
         contacts=load.ground.contacts,
         in_contact=in_contact,
         case=load,
         states=motion,
-        need=np.concatenate(needs),
+        need=np.concatenate(base_forces),
         sliding=_sliding_foot(load, motion, in_contact),
         strained=strained,
     )
@@ -157,9 +162,12 @@ def ground_support(load: StandingCase, motion: Motion) -> GroundSupport:
 def _with_torque_limits(
     load: StandingCase, s: MotionSamples, part: Support, carrying: Array, limits: Array
 ) -> tuple[Support, bool]:
-    """Support whose friction keeps the torque limits (nv,) too, and True if they are exceeded whatever friction there is."""
-    robot, effort = load.with_load, np.where(floating_entries(load.robot), np.inf, limits)
-    tau, friction, torques = load.torques_in_the_air(s), part.friction.copy(), part.torques
+    """Support with the friction that also keeps the torque limits (nv,), and whether they are exceeded with any friction."""
+    robot = load.with_load
+    effort = np.where(floating_entries(load.robot), np.inf, limits)
+    tau = load.torques_in_the_air(s)
+    friction = part.friction.copy()
+    torques = part.torques
     if load.ground.given:
         max_friction = float(load.ground.frictions.max())
         rows = np.flatnonzero(part.holds)
@@ -177,36 +185,51 @@ def _with_torque_limits(
     return replace(part, friction=friction), bool(exceeding(torques, effort).any())
 
 
-def _base(robot: Robot) -> Array:
+def _free_base_indices(robot: Robot) -> Array:
+    """Indices in dq of the free base: moments, then forces."""
     return np.flatnonzero(floating_entries(robot))
 
 
-def _support(load: StandingCase, s: MotionSamples, contacts: tuple[Contact, ...], carrying: Array) -> Support:
-    frame, place = load.robot.model.tip, (0.0, 0.0, 0.0)
+def _support_of_states(load: StandingCase, s: MotionSamples, contacts: tuple[Contact, ...], carrying: Array) -> Support:
+    """Support of states on some contacts. A further payload is at that of the load case, or else at the tip."""
+    frame: str | None = load.robot.model.tip
+    com = (0.0, 0.0, 0.0)
     if load.payload_mass:
         payload = load.payloads[0]
-        frame, place = payload.frame or frame, payload.place
+        frame = payload.frame or frame
+        com = payload.place
+    if frame in load.ground.frames:  # a mass at a foot says nothing about what the robot can carry
+        frame = None
     return support(
-        load.with_load, s.q, s.dq, s.ddq, contacts, in_contact=carrying, wrench_on_robot=load.wrenches_on(s),
-        payload_frame=None if frame in load.ground.frames else frame, payload_com=place, limits=load.effort,
-    )  # fmt: skip
+        load.with_load,
+        s.q,
+        s.dq,
+        s.ddq,
+        contacts,
+        in_contact=carrying,
+        wrench_on_robot=load.wrenches_on(s),
+        limits=load.effort,
+        payload_frame=frame,
+        payload_com=com,
+    )
 
 
 def _sliding_foot(load: StandingCase, motion: Motion, in_contact: Array) -> tuple[str, float, float] | None:
-    """Foot on the floor that moves although no other carries: its speed and time at the fastest."""
+    """Foot on the floor that moves while no contact carries, with its largest speed and the time; None if it is slow."""
     in_the_air = np.flatnonzero(~in_contact.any(axis=1))
     if not len(in_the_air):
         return None
     up, contacts = load.ground.normal, load.ground.contacts
-    lowest = []
-    for start in range(0, len(motion), _ROWS):
-        _, points = contact_maps(load.robot, motion.q[start : start + _ROWS], contacts)
-        lowest.append(float((points @ up).min()))
+    least_heights = []
+    for start in range(0, len(motion), _STATES_PER_BATCH):
+        _, points = contact_maps(load.robot, motion.q[start : start + _STATES_PER_BATCH], contacts)
+        least_heights.append(float((points @ up).min()))
+    floor = min(least_heights)
     maps, points = contact_maps(load.robot, motion.q[in_the_air], contacts)
     speeds = np.linalg.norm(np.einsum("nvck,nv->nck", maps, motion.dq[in_the_air]), axis=-1)
-    speeds_on_floor = np.where(points @ up <= min(lowest) + _MAX_HEIGHT_ON_FLOOR, speeds, 0.0)
-    row, contact = np.unravel_index(int(speeds_on_floor.argmax()), speeds_on_floor.shape)
-    speed = float(speeds_on_floor[row, contact])
+    speeds_on_floor = np.where(points @ up <= floor + _MAX_HEIGHT_ON_FLOOR, speeds, 0.0)
+    row, k = np.unravel_index(int(speeds_on_floor.argmax()), speeds_on_floor.shape)
+    speed = float(speeds_on_floor[row, k])
     if speed <= _MAX_STANDING_SPEED:
         return None
-    return str(contacts[contact].frame), speed, float(motion.time[in_the_air[row]])
+    return str(contacts[k].frame), speed, float(motion.time[in_the_air[row]])

@@ -18,17 +18,20 @@ if TYPE_CHECKING:
     from ...motion.motion import Motion
     from .standing import StandingCase
 
-_ROWS = 4096
-"""States of one batch."""
-_MAX_UNEVENNESS, _MIN_HEIGHT_DIFFERENCE = 0.02, 0.002
-"""Difference in height of contacts on level ground, as a share of their distance, and in any case [m]."""
+_STATES_PER_BATCH = 4096
+"""Number of states that are evaluated at once."""
+_MAX_UNEVENNESS = 0.02
+"""Largest difference in height of contacts on level ground, as a share of their distance."""
+_MIN_HEIGHT_DIFFERENCE = 0.002
+"""Difference in height up to which contacts are level at any distance [m]."""
 _MAX_DISTANCE_FROM_PLANE = 0.1
-"""Distance from one plane, as a share of the difference in height, up to which contacts lie on a slope."""
+"""Largest distance from one plane, as a share of the difference in height, for which contacts lie on a slope."""
 _MAX_NORMAL_SPEED = 0.1
-"""Speed of a wheel along the normal of the ground from which it does not stay on it [m/s]."""
+"""Speed of a wheel along the normal of the ground above which it does not stay on the ground [m/s]."""
 _MIN_SLOPE = math.radians(0.5)
-"""Angle from which a slope is stated."""
-_MAX_LISTED = 4
+"""Angle [rad] above which a slope is stated."""
+_MAX_LISTED_FRAMES = 4
+"""Largest number of frames that a sentence lists."""
 
 
 def samples(motion: Motion, rows: slice | Array) -> MotionSamples:
@@ -43,61 +46,66 @@ def slope(load: StandingCase) -> float:
     strength = float(np.linalg.norm(gravity))
     if not strength:
         return 0.0
-    angle = math.acos(min(1.0, max(-1.0, float(-gravity @ load.ground.normal) / strength)))
+    cosine = float(-gravity @ load.ground.normal) / strength
+    angle = math.acos(min(1.0, max(-1.0, cosine)))
     return angle if angle > _MIN_SLOPE else 0.0
 
 
 def ground_doubt(load: StandingCase, motion: Motion, in_contact: Array, failing: Array) -> str:
     """Reason why the ground is not as assumed; empty if it fits.
 
-    Nothing presses the robot on, a wheel leaves the ground, or contacts stand at different heights. Heights are those of
-    contacts that carry; of feet that rest too, in the first state and in those that are ``failing``, since the feet of a
-    robot on a slope stand at different heights. A normal that the user states is not doubted.
+    Reasons are that nothing presses the robot onto the ground, that a wheel leaves it, or that contacts stand at different
+    heights. Heights are compared among contacts that carry. In the first state, and in those that are ``failing`` (n,),
+    feet at rest are compared as well: feet on a slope that is taken as level stand at different heights, so that not all
+    seem to carry. A normal that the user states is not doubted.
     """
     ground, gravity = load.ground, load.robot.model.gravity
-    pulled = any(contact.pull > 0 for contact in ground.contacts)
-    if not pulled and ground.on_ground.all() and not float(-gravity @ ground.normal) > 0.0:
-        return _nothing_presses(gravity, ground.normal)
+    is_pulled = any(contact.pull > 0 for contact in ground.contacts)
+    is_pressed = float(-gravity @ ground.normal) > 0.0
+    if ground.on_ground.all() and not is_pulled and not is_pressed:
+        return _doubt_of_gravity(gravity, ground.normal)
     doubt, largest_spread = "", 0.0
     frames = [str(contact.frame) for contact in ground.contacts]
     wheels = ~np.array(ground.automatic) & ground.on_ground
-    for start in range(0, len(motion), _ROWS):
-        rows = slice(start, start + _ROWS)
+    for start in range(0, len(motion), _STATES_PER_BATCH):
+        rows = slice(start, start + _STATES_PER_BATCH)
         time = motion.time[rows]
         points, velocities = ground.points_and_velocities(load.robot, samples(motion, rows))
-        leaving = _leaving(frames, velocities @ ground.normal, wheels, time)
-        if leaving:
-            return leaving
+        doubt_of_wheels = _doubt_of_wheel_speeds(frames, velocities @ ground.normal, wheels, time)
+        if doubt_of_wheels:
+            return doubt_of_wheels
         if ground.normal_given:
             continue
         carrying = in_contact[rows] & (wheels if ground.schedule is None else ground.on_ground)
-        standing = carrying.copy()  # with the feet that rest, where these are asked for
-        with_resting_feet = failing[rows] | (np.arange(start, start + len(points)) == 0)
+        compares_resting_feet = failing[rows] | (np.arange(start, start + len(points)) == 0)
+        compared = carrying.copy()
         if ground.schedule is None:
-            slow = (np.linalg.norm(velocities, axis=-1) < MAX_CARRYING_SPEED) & ground.on_ground
-            standing |= slow & with_resting_feet[:, None]
-        for k in np.flatnonzero(carrying.any(axis=1) | with_resting_feet):
-            spread, plane = _height_difference(points[k], standing[k], ground.normal)
-            lifted = carrying[k].sum() != standing[k].sum()  # one foot, if no plane fits
-            if spread > largest_spread and not (plane is None and lifted):
+            is_slow = np.linalg.norm(velocities, axis=-1) < MAX_CARRYING_SPEED
+            compared |= is_slow & ground.on_ground & compares_resting_feet[:, None]
+        for k in np.flatnonzero(carrying.any(axis=1) | compares_resting_feet):
+            spread, plane = _height_difference(points[k], compared[k], ground.normal)
+            has_resting_feet = carrying[k].sum() != compared[k].sum()
+            may_be_lifted_foot = plane is None and has_resting_feet
+            if spread > largest_spread and not may_be_lifted_foot:
                 largest_spread = spread
-                doubt = _words(frames, points[k], standing[k], ground.normal, plane, float(time[k]))
+                doubt = _doubt_of_heights(frames, points[k], compared[k], ground.normal, plane, float(time[k]))
     return doubt
 
 
-def _nothing_presses(gravity: Array, normal: Array) -> str:
+def _doubt_of_gravity(gravity: Array, normal: Array) -> str:
+    """Doubt about a robot that nothing presses onto the ground."""
     if not gravity.any():
         return "without gravity nothing presses the robot onto the ground"
-    stated = _normal_argument(-normal)
+    opposite_normal = _normal_argument(-normal)
     return Reason(
         f"gravity, {vector(gravity)} m/s², points away from the ground, whose normal is {vector(normal)}: nothing "
-        f"presses the robot on. If the ground is on the other side, give its normal, {stated}",
-        stated,
+        f"presses the robot on. If the ground is on the other side, give its normal, {opposite_normal}",
+        opposite_normal,
     )
 
 
-def _leaving(frames: list[str], speeds: Array, wheels: Array, time: Array) -> str:
-    """Reason to doubt a log whose wheels move along the normal of the ground, by their speeds (n, c); empty if none does."""
+def _doubt_of_wheel_speeds(frames: list[str], speeds: Array, wheels: Array, time: Array) -> str:
+    """Doubt about wheels that move along the normal of the ground, by the speeds (n, c) of contacts; empty if none does."""
     wheel_speeds = np.where(wheels, np.abs(speeds), 0.0)
     row, wheel = np.unravel_index(int(wheel_speeds.argmax()), wheel_speeds.shape)
     speed = float(wheel_speeds[row, wheel])
@@ -118,38 +126,46 @@ def _normal_argument(normal: Array) -> str:
 
 
 def _height_difference(points: Array, standing: Array, normal: Array) -> tuple[float, Array | None]:
-    """Difference in height of some contacts, 0 if they are level, and the normal of their plane if they lie on one."""
+    """Difference in height of the contacts ``standing`` (c,), and the normal of their plane if they lie on one.
+
+    The difference is 0 if they are level.
+    """
     if not standing.any():
         return 0.0, None
     chosen = points[standing]
     heights = chosen @ normal
     spread = float(np.ptp(heights))
-    across = chosen - heights[:, None] * normal
-    size = float(np.linalg.norm(np.ptp(across, axis=0)))
-    if spread <= max(_MIN_HEIGHT_DIFFERENCE, _MAX_UNEVENNESS * size):
+    horizontal = chosen - heights[:, None] * normal
+    distance = float(np.linalg.norm(np.ptp(horizontal, axis=0)))
+    if spread <= max(_MIN_HEIGHT_DIFFERENCE, _MAX_UNEVENNESS * distance):
         return 0.0, None
     centred = chosen - chosen.mean(axis=0)
     _, widths, axes = np.linalg.svd(centred)
-    if len(chosen) <= 2 or widths[1] <= _MAX_DISTANCE_FROM_PLANE * widths[0]:
+    if len(chosen) <= 2 or widths[1] <= _MAX_DISTANCE_FROM_PLANE * widths[0]:  # nearly on one line
         return spread, None
     if float(np.abs(centred @ axes[2]).max()) > _MAX_DISTANCE_FROM_PLANE * spread:
         return spread, None
     return spread, axes[2] * np.sign(axes[2] @ normal)
 
 
-def _words(frames: list[str], points: Array, standing: Array, level: Array, plane: Array | None, time: float) -> str:
+def _doubt_of_heights(
+    frames: list[str], points: Array, standing: Array, level: Array, plane: Array | None, time: float
+) -> str:
+    """Doubt about contacts at different heights above level ground, with the normal of their ``plane`` if they have one."""
     heights = points @ level
     heights = heights - heights[standing].min()
-    by_frame = {frames[k]: number(float(heights[k]), 2) for k in np.flatnonzero(standing)}
-    heights_of_frames = listed([f"{frame} {height} m" for frame, height in by_frame.items()], _MAX_LISTED)
-    flat = _normal_argument(level)
-    doubt = f"contacts stand at different heights at t = {seconds(time)} s: {heights_of_frames}"
+    height_by_frame = {frames[k]: number(float(heights[k]), 2) for k in np.flatnonzero(standing)}
+    texts = [f"{frame} {height} m" for frame, height in height_by_frame.items()]
+    level_argument = _normal_argument(level)
+    doubt = f"contacts stand at different heights at t = {seconds(time)} s: {listed(texts, _MAX_LISTED_FRAMES)}"
     if plane is None:
-        return Reason(f"{doubt}. If the ground is level at each of them, state its normal, {flat}", flat)
+        return Reason(
+            f"{doubt}. If the ground is level at each of them, state its normal, {level_argument}", level_argument
+        )
     angle = math.degrees(math.acos(min(1.0, float(plane @ level))))
-    sloped = _normal_argument(plane)
+    slope_argument = _normal_argument(plane)
     return Reason(
-        f"{doubt}. Does the floor slope by {number(angle, 2)}°? Give its normal, {sloped}, or {flat} if it is level at each of "
-        "them",
-        sloped,
+        f"{doubt}. Does the floor slope by {number(angle, 2)}°? Give its normal, {slope_argument}, or {level_argument} if it "
+        "is level at each of them",
+        slope_argument,
     )

@@ -33,7 +33,8 @@ def standing_case(
     robot: Robot, log: MotionLog, given: GroundGiven, loads: Mapping[str, Any]
 ) -> tuple[StandingCase, MotionLog]:
     """Load case of a robot on the ground, and the log with its base, from a log of the robot as it was loaded."""
-    free, q = with_base_free(robot), log.motion(log.table[:1]).q[0]
+    free = with_base_free(robot)
+    q = log.motion(log.table[:1]).q[0]
     if free is not robot:
         if has_base_columns(log.file, free):
             raise ValueRangeError(
@@ -51,61 +52,64 @@ def standing_case(
 
 def has_base_columns(file: MotionFile, free: Robot, columns: Mapping[str, str] | None = None) -> bool:
     """True if a file has the pose of the base, under the names that a robot with a free base has, or by ``columns``."""
-    root = next(body.joint.name for body in free.model.leaders if not body.joint.driven)
-    return not absent_joints(file.header, Coordinates.from_model(free.model), [root], columns or {}, file.path)
+    base_joint = next(body.joint.name for body in free.model.leaders if not body.joint.driven)
+    return not absent_joints(file.header, Coordinates.from_model(free.model), [base_joint], columns or {}, file.path)
 
 
 def robot_of_log(robot: Robot, file: MotionFile, columns: Mapping[str, str] | None = None) -> Robot:
-    """Robot whose coordinates a file has: with its free base held, if the file has the joints alone."""
-    if floating_entries(robot).sum() != _FREE or has_base_columns(file, robot, columns):
+    """Robot whose coordinates a file has: with its free base held if the file has only the joints."""
+    if floating_entries(robot).sum() != _VELOCITIES_OF_FREE_BASE or has_base_columns(file, robot, columns):
         return robot
     return with_base_held(robot)
 
 
 def with_base_held(robot: Robot) -> Robot:
-    """Robot whose free base is held, so that its coordinates are those of the joints; a robot without one as it is."""
-    if floating_entries(robot).sum() != _FREE:
+    """Robot whose free base is held, so that its coordinates are those of the joints; the same robot if it has none."""
+    if floating_entries(robot).sum() != _VELOCITIES_OF_FREE_BASE:
         return robot
     root = next(body for body in robot.model.leaders if not body.joint.driven)
-    held = edit.lock(robot.model, {root.joint.name: robot.neutral[root.places[0]]})
+    q_indices, _ = root.places
+    held = edit.lock(robot.model, {root.joint.name: robot.neutral[q_indices]})
     return Robot(replace(held, mounted=False, locked=robot.model.locked))
 
 
-_FREE = 6
-"""Velocities of a free base."""
+_VELOCITIES_OF_FREE_BASE = 6
+"""Number of velocities of a free base."""
 
 
 def standing_log(log: MotionLog, held: Robot, free: Robot, ground: Ground) -> MotionLog:
-    """Log of a robot with a free base from one of its joints alone: feet that stand, and wheels, stay where they are."""
-    rows = log.motion(log.table)
+    """Log of a robot with a free base, from a log of its joints alone: feet that stand, and wheels, do not move."""
+    motion = log.motion(log.table)
+    n = len(motion.time)
     soles = resting_points(ground.feet)
     if soles:
-        poses, standing = base_poses(held, rows.time, rows.q, soles, normal=ground.normal)
+        poses, standing = base_poses(held, motion.time, motion.q, soles, normal=ground.normal)
     else:
-        poses = np.tile(_pose_on_wheels(held, rows.q[0], ground), (len(rows.time), 1, 1))
-        standing = np.zeros((len(rows.time), 0), bool)
-    parts: dict[str, Array] = {"q": np.column_stack([pose_coordinates(poses), rows.q])}
-    if rows.dq is not None:
-        joint_ddq = np.zeros_like(rows.dq) if rows.ddq is None else rows.ddq
-        parts["dq"], base_ddq = stance_rates(free, parts["q"], rows.dq, joint_ddq, soles, standing)
-        if rows.ddq is not None:
-            parts["ddq"] = base_ddq
-    if rows.tau is not None:
-        parts["tau"] = np.column_stack([np.zeros((len(rows.q), 6)), rows.tau])
-    names = Coordinates.from_model(free.model)
-    header = [time_column(names.names)]
-    for part in parts:
-        header += names.headers(part)
-    table = np.column_stack([rows.time, *parts.values()])
+        poses = np.tile(_pose_on_wheels(held, motion.q[0], ground), (n, 1, 1))
+        standing = np.zeros((n, 0), bool)
+    quantities: dict[str, Array] = {"q": np.column_stack([pose_coordinates(poses), motion.q])}
+    if motion.dq is not None:
+        joint_ddq = np.zeros_like(motion.dq) if motion.ddq is None else motion.ddq
+        dq, ddq = stance_rates(free, quantities["q"], motion.dq, joint_ddq, soles, standing)
+        quantities["dq"] = dq
+        if motion.ddq is not None:
+            quantities["ddq"] = ddq
+    if motion.tau is not None:
+        quantities["tau"] = np.column_stack([np.zeros((n, _VELOCITIES_OF_FREE_BASE)), motion.tau])
+    coordinates = Coordinates.from_model(free.model)
+    header = [time_column(coordinates.names)]
+    for quantity in quantities:
+        header += coordinates.headers(quantity)
+    table = np.column_stack([motion.time, *quantities.values()])
     file = ArrayFile.from_table(log.path, header, table, table.nbytes)
     with_base = MotionLog.open(file, free.model, plan=log.plan)
     standing_frames = [frame for k, frame in enumerate(soles) if standing[:, k].any()]
-    resting = listed(standing_frames, 4) or "wheels"
-    note = ReadingNote(f"The pose of the base is that in which these stay where they are: {resting}.")
+    resting_frames = listed(standing_frames, 4) or "wheels"
+    note = ReadingNote(f"The pose of the base is that in which these stay where they are: {resting_frames}.")
     columns = replace(with_base.columns, notes=(*log.notes, note))
-    own_kinds = {doubt.kind for doubt in with_base.doubts()}
-    doubts = tuple(doubt for doubt in log.doubts() if doubt.kind not in own_kinds)
-    return replace(with_base, columns=columns, of_source=doubts, locked=log.locked, unused=log.unused)
+    kinds_with_base = {doubt.kind for doubt in with_base.doubts()}
+    doubts_of_source = tuple(doubt for doubt in log.doubts() if doubt.kind not in kinds_with_base)
+    return replace(with_base, columns=columns, of_source=doubts_of_source, locked=log.locked, unused=log.unused)
 
 
 def _pose_on_wheels(held: Robot, q: Array, ground: Ground) -> Array:

@@ -17,13 +17,14 @@ from .answers import SupportAnswers
 from .ground_support import GroundSupport
 
 _MAX_ROWS = 11
+"""Largest number of rows of the table in a short report."""
 
 
 def imbalance(found: GroundSupport) -> Iterator[Line]:
-    """Line on instants at which no forces of the ground balance, so that the torques are none of a real motion."""
-    unbalanced = int((found.aground & ~found.balanced).sum())
-    if unbalanced:
-        instants = f"{unbalanced} of {len(found.time)} instants"
+    """Line on instants at which no forces of the ground balance, so that the robot cannot move so."""
+    unbalanced_count = int((found.aground & ~found.balanced).sum())
+    if unbalanced_count:
+        instants = f"{unbalanced_count} of {len(found.time)} instants"
         if len(found.time) == 1:
             instants = "this instant"
         yield Line(
@@ -33,24 +34,25 @@ def imbalance(found: GroundSupport) -> Iterator[Line]:
 
 
 def contact_tables(found: GroundSupport) -> Iterator[Table]:
-    """Forces of each frame in contact: the largest, how near they come to slipping, and when; none if none balance."""
+    """Table of the forces on each frame in contact, and of the friction that they use; none if no forces balance."""
     if not found.balanced.any():
         return
-    title, slip_column = "Forces of the ground", None
+    title = "Forces of the ground"
     if (found.aground & ~found.balanced).any():
         title += ", where they balance"
-    rows = [_frame_forces(found, frame) for frame in found.ground.frames]
+    rows = [_forces_on_frame(found, frame) for frame in found.ground.frames]
     largest = [row.largest for row in rows]
+    friction_column = None
     if found.ground.given:
-        slip_column = numbers("of friction", [row.share_of_friction for row in rows], share_cell)
+        friction_column = numbers("of friction", [row.share_of_friction for row in rows], share_cell)
     yield Table(
         title,
         words("frame", found.ground.frames),
-        numbers("pressing", largest, _newton, "N"),
+        numbers("pressing", largest, _force_text, "N"),
         numbers("when", [row.time for row in rows], seconds, "s"),
-        numbers("least", [row.least for row in rows], _newton, "N"),
-        numbers("sideways", [row.sideways for row in rows], _newton, "N"),
-        slip_column,
+        numbers("least", [row.least for row in rows], _force_text, "N"),
+        numbers("sideways", [row.sideways for row in rows], _force_text, "N"),
+        friction_column,
         most=_MAX_ROWS,
         by=largest,
     )
@@ -60,38 +62,43 @@ class _FrameForces(NamedTuple):
     """Forces of the ground on one frame along a motion [N]."""
 
     largest: float
+    """Largest pressing force."""
     least: float
-    """Over the instants at which the frame carries; nan if it never does."""
+    """Least pressing force at instants at which the frame carries; nan if it never does."""
     sideways: float
+    """Largest sum of the tangential forces of the contacts."""
     share_of_friction: float
     """Largest share of the friction that a contact uses; nan without friction."""
     time: float
     """Time of the largest force [s]."""
 
 
-def _frame_forces(found: GroundSupport, frame: str) -> _FrameForces:
+def _forces_on_frame(found: GroundSupport, frame: str) -> _FrameForces:
+    """Forces of the ground on one frame, at the instants at which forces balance."""
     contacts = found.ground.contacts_at(frame)
-    normals, friction = found.ground.normals[contacts], found.ground.frictions[contacts]
+    normals = found.ground.normals[contacts]
+    friction = found.ground.frictions[contacts]
     forces = np.where(found.balanced[:, None, None], found.balanced_forces[:, contacts], 0.0)
-    pressing = (forces * normals).sum(axis=-1)
-    sliding = np.linalg.norm(forces - pressing[..., None] * normals, axis=-1)
-    total = pressing.sum(axis=1)
-    row = int(total.argmax())
+    normal_forces = (forces * normals).sum(axis=-1)
+    tangential_forces = np.linalg.norm(forces - normal_forces[..., None] * normals, axis=-1)
+    pressing = normal_forces.sum(axis=1)
+    peak_row = int(pressing.argmax())
     carrying = found.in_contact[:, contacts].any(axis=1) & found.balanced
-    least, share = math.nan, math.nan
+    least = share = math.nan
     if carrying.any():
-        least = float(total[carrying].min())
+        least = float(pressing[carrying].min())
     if friction.any():
-        limits = friction * pressing
-        loaded = limits > 1e-9 * max(1.0, float(total[row]))
-        shares = np.where(loaded, sliding / np.where(loaded, limits, 1.0), 0.0)
+        limits = friction * normal_forces
+        is_loaded = limits > 1e-9 * max(1.0, float(pressing[peak_row]))
+        shares = np.where(is_loaded, tangential_forces / np.where(is_loaded, limits, 1.0), 0.0)
         share = float(shares.max(initial=0.0))
-    sideways = float(sliding.sum(axis=1).max(initial=0.0))
-    return _FrameForces(float(total[row]), least, sideways, share, float(found.time[row]))
+    sideways = float(tangential_forces.sum(axis=1).max(initial=0.0))
+    return _FrameForces(float(pressing[peak_row]), least, sideways, share, float(found.time[peak_row]))
 
 
-def _newton(value: float) -> str:
-    return number(value, 4, decimals=6)
+def _force_text(force: float) -> str:
+    """Force with four digits [N]."""
+    return number(force, 4, decimals=6)
 
 
 def further_columns(held: SupportAnswers) -> dict[str, Array]:
@@ -114,15 +121,16 @@ def support_columns(found: GroundSupport) -> dict[str, Array]:
     axes = tangents(normals[0])
     for frame in found.ground.frames:
         contacts = found.ground.contacts_at(frame)
-        force = found.balanced_forces[:, contacts].sum(axis=1)
-        columns[f"{frame}.fx [N]"], columns[f"{frame}.fy [N]"], columns[f"{frame}.fz [N]"] = force.T
+        forces = found.balanced_forces[:, contacts]
+        columns[f"{frame}.fx [N]"], columns[f"{frame}.fy [N]"], columns[f"{frame}.fz [N]"] = forces.sum(axis=1).T
         if len(contacts) > 1:
-            pressing = (found.balanced_forces[:, contacts] * normals[contacts]).sum(axis=-1)
-            total = pressing.sum(axis=1)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                centre = np.einsum("nk,nkx->nx", pressing, points[:, contacts]) / total[:, None]
+            normal_forces = (forces * normals[contacts]).sum(axis=-1)
+            pressing = normal_forces.sum(axis=1)
+            with np.errstate(divide="ignore", invalid="ignore"):  # NaN where the frame does not carry
+                centre = np.einsum("nk,nkx->nx", normal_forces, points[:, contacts]) / pressing[:, None]
             columns[f"{frame}.cop_x [m]"], columns[f"{frame}.cop_y [m]"] = (centre @ axes.T).T
         columns[f"{frame}.contact"] = found.in_contact[:, contacts].any(axis=1).astype(float)
-    columns["speed_margin"], columns["friction_needed"] = found.speed, found.friction
+    columns["speed_margin"] = found.speed
+    columns["friction_needed"] = found.friction
     columns["zmp.x [m]"], columns["zmp.y [m]"] = found.zmp.T
     return columns

@@ -16,27 +16,33 @@ if TYPE_CHECKING:
     from ..log import ReadingLog
     from ..sensor import ForceTorqueSensor
 
-MIN_OUTLIERS = 3  # minimum number of off readings for a search
-MAX_REMAINING_SHARE = 0.25  # largest fraction of off readings that may remain
-MAX_GAIN = 0.5  # of the load's wrench; above, the tool is another one
-MIN_READINGS_PER_COLUMN = 3  # minimum readings per column of an explanation
-_HUBER = 2.0  # residual over noise above which a reading loses weight
+MIN_OUTLIERS = 3
+"""Smallest number of off readings for which a cause is sought."""
+MAX_REMAINING_SHARE = 0.25
+"""Largest fraction of the off readings that a cause may leave off."""
+MAX_GAIN = 0.5
+"""Largest error of gain or cross-talk, relative to the load's wrench; with a larger one the tool is another one."""
+MIN_READINGS_PER_COLUMN = 3
+"""Smallest number of readings for each column of an explanation."""
+_HUBER_LIMIT = 2.0
+"""Ratio of residual to noise above which a reading loses weight."""
 
 
 def departure(
     log: ReadingLog, sensor: ForceTorqueSensor, rest: Array, sigma: Array, off: Callable[[Array], Array]
 ) -> Doubt | None:
-    """Cause of nearly all ``off`` readings in the residuals rest (n, 6) with noise sigma (n, 6); None if not found.
+    """Cause of nearly all readings that are off; None if not found.
 
-    Each channel is fitted by columns X with Huber weights: 1 for a constant offset, 1, t, t² for a drifting bias, or 1 and
-    the six components of the load's wrench for a gain or cross-talk. None fits a temporary contact. An offset that
-    explains the readings is named before the others, which contain it.
+    ``off`` returns the mask of these readings, from residuals ``rest`` (n, 6) with noise ``sigma`` (n, 6). Each channel is
+    fitted by columns X with Huber weights: 1 for a constant offset, 1, t, t² for a drifting bias, or 1 and the six
+    components of the load's wrench for a gain or cross-talk. None of them fits a temporary contact. If an offset explains
+    the readings, the other causes are not tried, since they contain it.
     """
     before = int(off(rest).sum())
     if before < MIN_OUTLIERS:
         return None
     t = log.clock
-    s = (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 0.5
+    s = (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 0.5  # time from -½ to ½
     load = log.predicted(sensor) - np.asarray(sensor.bias)
     constant = np.ones((len(s), 1))
     explanations = {
@@ -59,20 +65,22 @@ def departure(
     if best is None:
         return None
     after, name, explained = best
-    count: dict[str, Any] = {"count": before - after, "total": before}
+    counts: dict[str, Any] = {"count": before - after, "total": before}
     if name == "offset":
-        return doubt("sensor-file-offset", bias=listed_bias(explained[0]), **count)
+        return doubt("sensor-file-offset", bias=listed_bias(explained[0]), **counts)
     if name == "drift":
-        span = f"{number(t[-1] - t[0], 3)} s" if log.time is not None else f"the {len(t)} readings"
-        return doubt("sensor-file-drift", bias=listed_bias(explained[-1] - explained[0]), span=span, **count)
+        span = f"the {len(t)} readings"
+        if log.time is not None:
+            span = f"{number(t[-1] - t[0], 3)} s"
+        return doubt("sensor-file-drift", bias=listed_bias(explained[-1] - explained[0]), span=span, **counts)
     share = largest_share(explained, load)
     if share > MAX_GAIN:
         return None
-    return doubt("sensor-file-gain", share=percent(share, 2), **count)
+    return doubt("sensor-file-gain", share=percent(share, 2), **counts)
 
 
 def largest_share(explained: Array, load: Array) -> float:
-    """Change of the explained part (n, 6) over the change of the load (n, 6); the larger of moments and forces."""
+    """Ratio of the changes of the explained part (n, 6) and of the load (n, 6); the larger of moments and forces."""
     return float((_changes(explained) / np.maximum(_changes(load), 1e-12)).max())
 
 
@@ -86,7 +94,7 @@ def orthonormal(E: Array, basis: Array | None = None) -> Array:
     """Orthonormal basis of the columns E (N, k) orthogonal to a basis (N, p), without directions at rounding level."""
     if basis is not None:
         E = E - basis @ (basis.T @ E)
-        E = E - basis @ (basis.T @ E)
+        E = E - basis @ (basis.T @ E)  # again: rounding errors of the first projection are not orthogonal
     U, values, _ = np.linalg.svd(E, full_matrices=False)
     return np.asarray(U[:, values > 1e-6])
 
@@ -98,4 +106,5 @@ def _robust_fit(X: Array, y: Array, sigma: Array) -> Array:
     def residuals(x: Array) -> Array:
         return np.asarray((X @ x - y) / sigma)
 
-    return np.asarray(X @ least_squares(residuals, np.zeros(X.shape[1]), loss="huber", f_scale=_HUBER).x)
+    optimum = least_squares(residuals, np.zeros(X.shape[1]), loss="huber", f_scale=_HUBER_LIMIT)
+    return np.asarray(X @ optimum.x)

@@ -16,22 +16,29 @@ if TYPE_CHECKING:
     from ..fit import Fit
     from ..log import ReadingLog
 
-POSE_SIGNIFICANCE = 1e-4  # significance level for blaming the poses
-SEARCH_SIGNIFICANCE = 1e-2  # significance level for trying other explanations
-MIN_RATIO_OFF_PLANE = 10.0  # ratio to the noise above which a wrong sign is evident without a test
-MAX_NOISE_OF_RADIUS = 0.1  # noise over radius below which forces of equal size lie on a sphere
-_STEPS_IN_MOTION = (1e-4, 0.2)  # rad between consecutive readings of a log in motion
-MIN_READINGS_OF_MOTION = 10  # minimum number of readings for the test of motion
+POSE_SIGNIFICANCE = 1e-4
+"""Significance level of a doubt about the poses."""
+SEARCH_SIGNIFICANCE = 1e-2
+"""Significance level from which on other explanations are tried."""
+MIN_RATIO_OFF_PLANE = 10.0
+"""Ratio to the noise above which a wrong sign is evident without a test."""
+MAX_NOISE_OF_RADIUS = 0.1
+"""Largest ratio of noise to radius for which forces of equal size lie on a sphere."""
+_STEPS_IN_MOTION = (1e-4, 0.2)
+"""Smallest median step and largest step [rad] between consecutive readings of a log in motion."""
+MIN_READINGS_OF_MOTION = 10
+"""Smallest number of readings for the test of motion."""
 
 
 def seems_moving(log: ReadingLog) -> bool:
     """True if the directions of a log without twists change steadily, unlike those of static poses."""
     if log.V is not None or len(log) < MIN_READINGS_OF_MOTION:
         return False
-    unit = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
-    step = np.linalg.norm(np.diff(unit, axis=0), axis=1)
+    directions = log.gravity / np.linalg.norm(log.gravity, axis=1, keepdims=True)
+    step = np.linalg.norm(np.diff(directions, axis=0), axis=1)
+    extent = np.ptp(directions, axis=0).max()
     smallest, largest = _STEPS_IN_MOTION
-    return bool(smallest < np.median(step) and step.max() < largest and np.ptp(unit, axis=0).max() > largest)
+    return bool(smallest < np.median(step) and step.max() < largest and extent > largest)
 
 
 def listed_bias(bias: Array) -> str:
@@ -48,7 +55,7 @@ def misfit(log: ReadingLog, found: Fit, kept: Array) -> float:
 
 
 def is_planar(log: ReadingLog, found: Fit, kept: Array, mass: float) -> bool:
-    """True if gravity lies in a plane within noise; a half turn about its normal then equals the opposite sign."""
+    """True if gravity lies in a plane within noise; then a half turn about its normal cannot be told from the other sign."""
     g = log.gravity[kept]
     if found.unknowns.bias:  # a constant component is absorbed by the bias
         g = g - g.mean(axis=0)
@@ -69,29 +76,32 @@ def unexplained_turns(log: ReadingLog, found: Diagnosis) -> float | None:
     n = len(f)
     if log.V is not None or n < 7:
         return None
-    middle, size = f.mean(axis=0), float(np.linalg.norm(f - f.mean(axis=0), axis=1).max())
-    if not size:
+    mean = f.mean(axis=0)
+    scale = float(np.linalg.norm(f - mean, axis=1).max())
+    if not scale:
         return None
-    u = (f - middle) / size
+    u = (f - mean) / scale  # forces in units in which their spread is 1
     A = np.column_stack([2 * u, np.ones(n)])
     x, _, rank, _ = np.linalg.lstsq(A, (u * u).sum(axis=1), rcond=1e-6)
     if rank < 4:
         return None
-    radius = math.sqrt(max(float(x[3] + x[:3] @ x[:3]), 1e-300))
-    deviations = np.linalg.norm(u - x[:3], axis=1) - radius
-    noise = size * max(math.sqrt(float(deviations @ deviations) / (n - 4)), 1e-12)
-    if noise > MAX_NOISE_OF_RADIUS * radius * size:
+    centre = x[:3]
+    radius = math.sqrt(max(float(x[3] + centre @ centre), 1e-300))
+    deviations = np.linalg.norm(u - centre, axis=1) - radius
+    noise = scale * max(math.sqrt(float(deviations @ deviations) / (n - 4)), 1e-12)
+    if noise > MAX_NOISE_OF_RADIUS * radius * scale:
         return None
-    if (found.noise[1] / noise) ** 2 < special.fdtri(2 * n, n - 4, 1 - POSE_SIGNIFICANCE):
+    _, force_noise = found.noise
+    if (force_noise / noise) ** 2 < special.fdtri(2 * n, n - 4, 1 - POSE_SIGNIFICANCE):
         return None
     return noise
 
 
 def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
-    """True if another sign or mounting may explain a log significantly better; at rest, if any linear map of gravity does.
+    """True if another sign or mounting may explain a log significantly better.
 
-    Bias and weight are a linear map of gravity for every sign and mounting. If the best linear map is not better, no
-    other sign or mounting is.
+    At rest, bias and weight are a linear map of gravity for every sign and mounting. If the best linear map is not
+    significantly better by an F test, no other sign or mounting is.
     """
     from scipy import special
 
@@ -101,11 +111,12 @@ def turns_may_help(log: ReadingLog, found: Fit, kept: Array) -> bool:
     A = np.column_stack([np.ones(len(g)), g - g.mean(axis=0)])
     x, _, rank, _ = np.linalg.lstsq(A, readings, rcond=1e-6)
     scale = np.repeat(found.spread(kept), 3)
-    map_freedom, freedom = 6.0 * (len(g) - rank), 6.0 * len(g) - len(found.unknowns.names)
-    if map_freedom <= 0 or freedom <= map_freedom:
+    map_freedom = 6.0 * (len(g) - rank)
+    freedom = 6.0 * len(g) - len(found.unknowns.names)
+    if map_freedom <= 0 or freedom <= map_freedom:  # no test is possible
         return True
     map_sum = float((((readings - A @ x) / scale) ** 2).sum())
     reduction = float(((found.residuals[kept] / scale) ** 2).sum()) - map_sum
-    further = freedom - map_freedom
-    limit = float(special.fdtri(further, map_freedom, 1 - SEARCH_SIGNIFICANCE))
-    return reduction / further - map_sum / map_freedom * limit > 0
+    further_unknowns = freedom - map_freedom
+    limit = float(special.fdtri(further_unknowns, map_freedom, 1 - SEARCH_SIGNIFICANCE))
+    return reduction / further_unknowns - map_sum / map_freedom * limit > 0

@@ -1,8 +1,8 @@
 """Doubts about the units of a log, judged by the resulting tool.
 
-A wrong force unit scales the mass, a wrong moment unit the first moment; the centre of mass and the ratio of the two
-noises scale with their quotient. One of the three may be unusual. A doubt is raised if one is unusual and another unit
-makes all three usual, or if one is impossible.
+A wrong force unit scales the mass, and a wrong moment unit the first moment. The distance of the centre of mass and the
+ratio of the two noises scale with the quotient of both units. A doubt is raised if mass, distance or noise ratio is
+unusual and other units make all three usual, or if one of them is impossible.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ class Mixup(NamedTuple):
     """Units of a log other than N and N m."""
 
     cause: str
+    """Clause that names the units."""
     force: float
     """Newtons per force unit."""
     moment: float
@@ -57,13 +58,21 @@ MIXUPS = (
 """Wrong units found in logs, most frequent first."""
 
 # Rows: mass [kg], distance of the centre of mass from the sensor [m], ratio of force noise to moment noise [1/m]. The
-# ratio is the inverse of the distance of the strain gauges from the axis. Margins are 10 %.
+# ratio is the inverse of the distance of the strain gauges from the axis. Columns: smallest and largest value.
 _USUAL_TOOLS = np.array([[0.045, 55.0], [0.009, 0.33], [4.0, 600.0]])
-_IMPOSSIBLE_TOOLS = np.array([500.0, 0.5, math.inf])  # impossible for tools on a six-axis sensor
-# Ranges that raise no doubt: a tool may be long, and noise in N and N m may be equal.
+"""Ranges of usual tools, with margins of 10 %."""
+_IMPOSSIBLE_TOOLS = np.array([500.0, 0.5, math.inf])
+"""Values above which no tool on a six-axis sensor is."""
 _PLAUSIBLE_TOOLS = np.array([[0.045, 55.0], [0.009, 0.4], [0.5, 600.0]])
-MISS_PROBABILITY, NOISE_MISS_PROBABILITY = 1e-5, 1e-3  # probabilities that an interval below misses the true value
-MIN_NOISE_OF_WEIGHT = 1e-4  # of the weight; residuals below are rounding errors
+"""Ranges that raise no doubt: a tool may be long, and noise in N and N m may be equal."""
+MISS_PROBABILITY = 1e-5
+"""Probability that the interval of mass or distance misses the true value."""
+NOISE_MISS_PROBABILITY = 1e-3
+"""Probability that the interval of the noise ratio misses the true value."""
+MIN_NOISE_OF_WEIGHT = 1e-4
+"""Noise relative to the weight below which residuals are rounding errors."""
+_RANK_PENALTY = 0.08
+"""Score for each place of a mixup in the order of frequency."""
 
 
 def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) -> Doubt | None:
@@ -71,21 +80,24 @@ def unit_doubt(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) ->
     bounds = _tool_bounds(result, sensor, log)
     if _overlap(bounds, _PLAUSIBLE_TOOLS).all():
         return None
+    log_ranges = np.log(_USUAL_TOOLS)
     remedies = []
     for rank, mixup in enumerate(MIXUPS):
         factors = np.array([mixup.force, mixup.moment / mixup.force, mixup.force / mixup.moment])
-        meant = bounds * factors[:, None]
-        if _overlap(meant, _USUAL_TOOLS).all():
-            deviation = (np.log(meant[:, 1]) - np.log(_USUAL_TOOLS).mean(axis=1)) / np.ptp(np.log(_USUAL_TOOLS), axis=1)
-            score = float((deviation[np.isfinite(deviation)] ** 2).sum()) + 0.08 * rank
+        corrected_bounds = bounds * factors[:, None]
+        if _overlap(corrected_bounds, _USUAL_TOOLS).all():
+            # Distance from the middle of the usual range, in widths of the range.
+            deviation = (np.log(corrected_bounds[:, 1]) - log_ranges.mean(axis=1)) / np.ptp(log_ranges, axis=1)
+            score = float((deviation[np.isfinite(deviation)] ** 2).sum()) + _RANK_PENALTY * rank
             remedies.append((score, f"{mixup.cause} ({mixup.cure})"))
     if not remedies and not (bounds[:, 0] > _IMPOSSIBLE_TOOLS).any():
         return None
-    distance, (moment, force) = float(np.linalg.norm(sensor.load.com)), result.fit.noise
+    distance = float(np.linalg.norm(sensor.load.com))
     distance_text = f"{number(distance, 3)} m" if distance >= 1 else f"{number(1e3 * distance, 3)} mm"
+    moment_noise, force_noise = result.fit.noise
     tool = (
-        f"a mass of {number(sensor.load.mass, 3)} kg, {distance_text} out, on a sensor with noise of {number(force, 2)} N and "
-        f"{number(moment, 2)} N m"
+        f"a mass of {number(sensor.load.mass, 3)} kg, {distance_text} out, on a sensor with noise of "
+        f"{number(force_noise, 2)} N and {number(moment_noise, 2)} N m"
     )
     if not remedies:
         return doubt("sensor-counts", tool=tool)
@@ -101,24 +113,25 @@ def _tool_bounds(result: Diagnosis, sensor: ForceTorqueSensor, log: ReadingLog) 
     """Lower bound, estimate, upper bound (3, 3): mass [kg], distance of centre of mass [m], noise ratio [1/m]."""
     from scipy import special
 
-    mass, start = float(result.fit.load[0]), result.fit.unknowns.load.start
-    t = float(special.stdtrit(min(float(result.fit.known[start]), 1e9), 1 - MISS_PROBABILITY))
+    mass = float(result.fit.load[0])
+    mass_freedom = float(result.fit.known[result.fit.unknowns.load.start])
+    t = float(special.stdtrit(min(mass_freedom, 1e9), 1 - MISS_PROBABILITY))
     mass_error = t * result.fit.mass_deviation
     distance = float(np.linalg.norm(sensor.load.com))
     distance_error = t * float(np.linalg.norm(result.fit.com_deviation))
-    freedom, (moment, force) = result.freedom, result.noise
-    weight = mass * float(np.linalg.norm(log.gravity, axis=1).mean())
-    noise_ratios = (0.0, math.nan, math.inf)
-    above_rounding = moment > _rounding(log.readings[:, :3]) and force > _rounding(log.readings[:, 3:])
-    if above_rounding and moment > 0 and force > MIN_NOISE_OF_WEIGHT * weight:
-        factor = math.sqrt(float(special.fdtri(freedom, freedom, 1 - NOISE_MISS_PROBABILITY)))
-        noise_ratios = (force / moment / factor, force / moment, force / moment * factor)
     masses = (mass - mass_error, mass, mass + mass_error)
     distances = (distance - distance_error, distance, distance + distance_error)
+    noise_ratios = (0.0, math.nan, math.inf)  # unknown
+    moment, force = result.noise
+    weight = mass * float(np.linalg.norm(log.gravity, axis=1).mean())
+    is_noise = moment > 0 and force > MIN_NOISE_OF_WEIGHT * weight
+    if is_noise and moment > _decimal_place(log.readings[:, :3]) and force > _decimal_place(log.readings[:, 3:]):
+        factor = math.sqrt(float(special.fdtri(result.freedom, result.freedom, 1 - NOISE_MISS_PROBABILITY)))
+        noise_ratios = (force / moment / factor, force / moment, force / moment * factor)
     return np.array([masses, distances, noise_ratios])
 
 
-def _rounding(values: Array) -> float:
+def _decimal_place(values: Array) -> float:
     """Decimal place to which all values are rounded, such as 0.01; 0 if there are more than six decimals."""
     for digits in range(7):
         decimal_place = 10.0**-digits

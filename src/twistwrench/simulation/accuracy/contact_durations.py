@@ -23,33 +23,42 @@ class ContactDurations:
         self._since = np.zeros(len(self.names), int)
         """Index of the step end at which each contact closed last."""
         self._worked = False
+        """True if contacts did work in the last step."""
         self._steps = 0
+        """Number of recorded steps."""
         self.short = 0
         """Number of contacts that began and ended within three steps."""
         self.first = ""
-        """First of them with its time, as text."""
+        """Name and time of the first of these contacts, as text."""
 
     def step(self, t: float, gaps: Sequence[float], *, worked: bool) -> bool:
         """Record the gaps at the end t of a step, and whether contacts did work; returns True if the contact state changed."""
         return bool(self.block(np.array([t]), np.array([gaps], float), np.array([worked]))[0])
 
     def block(self, times: Array, gaps: Array, worked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Record m steps that end at times (m,) with gaps (m, contacts); mask (m,) of changes of contact state."""
+        """Record m steps that end at times (m,) with gaps (m, contacts) and a mask (m,) of those in which contacts did work.
+
+        Returns a mask (m,) of the steps in which the contact state changed.
+        """
         if not self.names:
             return np.zeros(len(times), bool)
-        closed = np.concatenate([self._closed[None], gaps < 0.0])
+        closed = np.concatenate([self._closed[None], gaps < 0.0])  # row k + 1 belongs to the end of step k
         works = np.concatenate([[self._worked], worked])
         changed = (closed[1:] != closed[:-1]).any(axis=1) | (works[1:] != works[:-1])
         for k in np.flatnonzero(changed).tolist():
-            t, before, now = float(times[k]), closed[k], closed[k + 1]
+            t = float(times[k])
+            before, now = closed[k], closed[k + 1]
             step = self._steps + k + 1
             for j in np.flatnonzero(before & ~now).tolist():
                 if step - self._since[j] <= MAX_STEPS_OF_SHORT_CONTACT:
                     self._note_short(self.names[j], t)
             self._since[now & ~before] = step
-            if works[k + 1] and not works[k] and not before.any() and not now.any():
+            began_to_work = works[k + 1] and not works[k]
+            if began_to_work and not before.any() and not now.any():  # it began and ended within this step
                 self._note_short("a contact", t)
-        self._closed, self._worked, self._steps = closed[-1], bool(works[-1]), self._steps + len(times)
+        self._closed = closed[-1]
+        self._worked = bool(works[-1])
+        self._steps += len(times)
         return np.asarray(changed)
 
     def remark(self, h: float) -> str:
@@ -63,5 +72,7 @@ class ContactDurations:
         )
 
     def _note_short(self, name: str, t: float) -> None:
+        """Count a contact that was too short and had ended at time t."""
         self.short += 1
-        self.first = self.first or f"{name!r} before {printed(t)} s"
+        if not self.first:
+            self.first = f"{name!r} before {printed(t)} s"

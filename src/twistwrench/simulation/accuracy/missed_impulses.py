@@ -19,7 +19,7 @@ Path = Callable[[Array], Array]
 """Function from fractions (m,) of steps to states (..., m, size)."""
 
 MAX_STORED_STEPS = 100_000
-"""Number of steps stored for a check at the end of the run; of longer runs, the first steps are checked earlier."""
+"""Largest number of steps stored for the check. In longer runs, a check follows whenever so many are stored."""
 BATCH_SIZE = 256
 """Number of steps that are evaluated together."""
 
@@ -28,19 +28,22 @@ class ForceQuadrature:
     """Callbacks of a run, evaluated at the times of :class:`~twistwrench.core.quadrature.ProbeRule`."""
 
     def __init__(self, system: System, times: Array, weights: Array, spacing: float) -> None:
-        self.system, self.rule = system, ProbeRule(times, weights, spacing)
+        self.system = system
+        self.rule = ProbeRule(times, weights, spacing)
 
     def impulses(self, t: Any, h: float, path: Path) -> Array:
         """Impulses of the callbacks missed by steps from times t (...), (..., nv) [N m s or N s]."""
-        t, missing = np.asarray(t), np.zeros((*np.shape(t), self.system.nv))
+        t = np.asarray(t)
+        mean_missed = np.zeros((*np.shape(t), self.system.nv))
         if not self.system.functions or not self.rule.needed(h):
-            return missing
+            return mean_missed
         shares, weights = self.rule.shares(h)
-        times, states = t[..., None] + h * shares, path(shares)
-        for _, forces in self.system.functions:
-            values = forces(times.ravel(), states.reshape(-1, states.shape[-1])).reshape(*times.shape, -1)
-            missing += left_out(weights, values)
-        return h * missing
+        times = t[..., None] + h * shares
+        states = path(shares)
+        for _, forces_of in self.system.functions:
+            forces = forces_of(times.ravel(), states.reshape(-1, states.shape[-1]))
+            mean_missed += left_out(weights, forces.reshape(*times.shape, -1))
+        return h * mean_missed
 
     def change(self, q: Array, dq: Array, impulse: Array) -> Array:
         """Changes of velocity (..., nv) due to impulses (..., nv)."""
@@ -50,25 +53,29 @@ class ForceQuadrature:
     def furthest(self, t: float, h: float, path: Path) -> tuple[str, float]:
         """Name of the callback with the largest deviation from its median in a step from t, and the time [s]."""
         shares, _ = self.rule.shares(h)
-        states, furthest = path(shares), (-1.0, "", t)
-        for name, forces in self.system.functions:
-            values = forces(t + h * shares, states)
-            deviations = np.abs(values - np.median(values, axis=0)).max(axis=1)
+        states = path(shares)
+        furthest = (-1.0, "", t)  # deviation, name and time
+        for name, forces_of in self.system.functions:
+            forces = forces_of(t + h * shares, states)
+            deviations = np.abs(forces - np.median(forces, axis=0)).max(axis=1)
             k = int(deviations.argmax())
             furthest = max(furthest, (float(deviations[k]), name, t + h * float(shares[k])))
-        return furthest[1:]
+        _, name_of_furthest, time = furthest
+        return name_of_furthest, time
 
 
 class ForceCheck:
     """Sum of missed impulses over all steps of length ``h``; evaluated at the end of the run, like step doubling."""
 
     def __init__(self, probes: ForceQuadrature, h: float) -> None:
-        self.probes, self.h = probes, h
+        self.probes = probes
+        self.h = h
         self._sum = np.zeros(probes.system.nv)
         """Sum of the missed changes of velocity (nv,)."""
         self._blocks: list[tuple[Array, ...]] = []
-        """Times (m,), states before and after, and controller torques, (m, ...)."""
+        """Stored steps: times (m,), states before and after, and controller torques, (m, ...)."""
         self._count = 0
+        """Number of stored steps."""
         self._worst: tuple[Array, tuple[float, Array, Array, Array]] | None = None
         """Largest missed change of velocity, with time, states before and after, and controller torques of its step."""
 
@@ -80,19 +87,21 @@ class ForceCheck:
     def note_block(self, times: Array, states: Array, held: Array) -> None:
         """Record n steps from times (n,), with states (n + 1, size) and controller torques (nv,) or (n, nv)."""
         if self.probes.system.functions:
-            kept, torques = states.copy(), np.broadcast_to(held, (len(times), held.shape[-1])).copy()
-            self._keep(times, kept[:-1], kept[1:], torques)
+            states = states.copy()
+            torques = np.broadcast_to(held, (len(times), held.shape[-1])).copy()
+            self._keep(times, states[:-1], states[1:], torques)
 
-    def _keep(self, *steps: Array) -> None:
-        self._blocks.append(steps)
-        self._count += len(steps[0])
+    def _keep(self, times: Array, y: Array, after: Array, held: Array) -> None:
+        """Store m steps; evaluate all that are stored if there are many."""
+        self._blocks.append((times, y, after, held))
+        self._count += len(times)
         if self._count >= MAX_STORED_STEPS:
             self._add_up()
 
     def error(self, extent: Extent, end: float) -> Array | None:
         """Error of a run to ``end`` [s], (nv,) rad or m; None if no impulse is missed.
 
-        Velocity changes decay as in step doubling; for a joint that does not move they last to the end.
+        Velocity changes decay as in step doubling. Those of a joint that does not move last at most to the end.
         """
         self._add_up()
         if self._worst is None:
@@ -109,31 +118,33 @@ class ForceCheck:
         """Remark on callbacks for which the steps are too long."""
         if self._worst is None:
             return ""
-        t, y, after, _ = self._worst[1]
-        what, time = self.probes.furthest(t, self.h, _straight_path(y, after))
+        _, (t, y, after, _) = self._worst
+        callback, time = self.probes.furthest(t, self.h, _straight_path(y, after))
         return (
-            f"{what} changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all about "
-            f"t = {printed(time)} s: take a smaller dt"
+            f"{callback} changes within steps of {printed(self.h, 3)} s in a way that the method does not see, most of all "
+            f"about t = {printed(time)} s: take a smaller dt"
         )
 
     def _add_up(self) -> None:
-        """Add the missed changes of velocity of the stored steps."""
+        """Add the missed changes of velocity of the stored steps to the sum, and forget these steps."""
         if not self._count:
             return
         system = self.probes.system
         t, y, after, held = map(np.concatenate, zip(*self._blocks, strict=True))
-        self._blocks, self._count = [], 0
+        self._blocks = []
+        self._count = 0
         batches = [slice(k, k + BATCH_SIZE) for k in range(0, len(t), BATCH_SIZE)]
-        missing = np.concatenate([self._impulses(t[batch], y[batch], after[batch]) for batch in batches])
-        rows = np.flatnonzero(missing.any(axis=1))
+        impulses = np.concatenate([self._impulses(t[batch], y[batch], after[batch]) for batch in batches])
+        rows = np.flatnonzero(impulses.any(axis=1))
         if not len(rows):
             return
-        change = self.probes.change(y[rows, : system.nq], y[rows, system.moving], missing[rows])
-        self._sum += np.abs(change).sum(axis=0)
-        largest = int(np.abs(change).max(axis=1).argmax())
-        if self._worst is None or np.abs(change[largest]).max() > np.abs(self._worst[0]).max():
+        changes = self.probes.change(y[rows, : system.nq], y[rows, system.moving], impulses[rows])
+        self._sum += np.abs(changes).sum(axis=0)
+        sizes = np.abs(changes).max(axis=1)
+        largest = int(sizes.argmax())
+        if self._worst is None or sizes[largest] > np.abs(self._worst[0]).max():
             k = rows[largest]
-            self._worst = change[largest], (float(t[k]), y[k], after[k], held[k])
+            self._worst = changes[largest], (float(t[k]), y[k], after[k], held[k])
 
     def _impulses(self, t: Array, y: Array, after: Array) -> Array:
         """Missed impulses of steps, (n, nv); zero if a callback fails at times between those of the run."""
@@ -142,8 +153,10 @@ class ForceCheck:
         except SimulationError:
             if len(t) == 1:
                 return np.zeros((1, self.probes.system.nv))
-            return np.concatenate([self._impulses(t[k : k + 1], y[k : k + 1], after[k : k + 1]) for k in range(len(t))])
+            single_rows = [slice(k, k + 1) for k in range(len(t))]  # only some of the steps may fail
+            return np.concatenate([self._impulses(t[row], y[row], after[row]) for row in single_rows])
 
 
 def _straight_path(y: Array, after: Array) -> Path:
+    """Linear interpolation between the states before and after steps, (..., size) each."""
     return lambda shares: y[..., None, :] + shares[:, None] * (after - y)[..., None, :]

@@ -10,6 +10,7 @@ its torque is that of the step.
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol, Self
@@ -24,28 +25,32 @@ from ..forces import System
 MIN_SAMPLES = 32
 """Smallest number of sampled steps of a run, if it has as many."""
 MAX_SPACING = 50
-"""Spacing of sampled steps in a long run. A sample costs 2.5 steps, or 6 for a method with one evaluation."""
+"""Spacing of sampled steps in a long run. A sample costs as much as 2.5 steps, or 6 for a method with one evaluation."""
 MAX_SAMPLES = 2000
-"""Largest number of sampled steps of a run, and of additional steps in which a contact begins or ends."""
+"""Largest number of sampled steps of a run, and of further samples of steps in which a contact begins or ends."""
 _ROUNDING = 1e-14
 """Rounding error of a state, relative to its largest entry."""
 
 
 class SampledSteps(NamedTuple):
-    """Steps of a run, either m along an axis or a single one."""
+    """Steps of a run: m steps along the first axis of each field, or a single step without that axis."""
 
     numbers: Any
+    """Indices of the steps in the run."""
     t: Any
+    """Times at the start of the steps [s]."""
     y: Array
+    """States at the start of the steps."""
     after: Array
+    """States at the end of the steps."""
     held: Array
     """Torques of the controller."""
     accelerations: Array
     """Accelerations at the start of the steps."""
 
-    def pick(self, which: Any) -> SampledSteps:
-        """Selected steps, or a single one."""
-        return SampledSteps(*(x[which] for x in self))
+    def pick(self, index: Any) -> SampledSteps:
+        """Steps selected by an array or slice, or a single one by an integer."""
+        return SampledSteps(*(x[index] for x in self))
 
     @classmethod
     def join(cls, parts: list[SampledSteps]) -> SampledSteps:
@@ -61,12 +66,14 @@ def sample_steps(n: int) -> tuple[int, ...]:
     (0, 1, 2, 4, 8, 16, 32, 80, 111)
     """
     spacing = max(min(n // MIN_SAMPLES, MAX_SPACING), n // MAX_SAMPLES, 1)
-    indices, k = [], 0
+    indices = []
+    k = 0
     while k < min(spacing, n):
         indices.append(k)
         k = max(2 * k, 1)
-    for block in range(1, -(-n // spacing)):
-        k = block * spacing + int(spacing * (block * 0.6180339887498949 % 1.0))  # golden-section sequence
+    for block in range(1, math.ceil(n / spacing)):
+        share = block * 0.6180339887498949 % 1.0  # place in the block: golden-section sequence
+        k = block * spacing + int(spacing * share)
         if k < n:
             indices.append(k)
     return tuple(sorted(indices))
@@ -86,13 +93,13 @@ class Flow(Protocol):
         """True if states and times may have a batch axis."""
 
     def under(self, held: Array) -> Self:
-        """Same steps of a copy of the system, under these torques of the controller."""
+        """Same steps of a copy of the system, in which the controller holds these torques."""
 
     def after(self, t: float, y: Array, h: float, /) -> Array:
-        """State a time h later, with unit quaternions."""
+        """State at t + h, with unit quaternions."""
 
     def step_and_accelerations(self, t: float, y: Array, h: float, /) -> tuple[Array, Array]:
-        """State a time h later, and accelerations (nv,) at the given state."""
+        """State at t + h, and accelerations (nv,) at t."""
 
     def accelerations(self, t: float, y: Array, /) -> Array:
         """Accelerations (nv,) of a state (size,)."""
@@ -102,13 +109,21 @@ class StepDoubling:
     """Sampled steps of a run, and their errors by step doubling."""
 
     def __init__(self, n: int, h: float, *, lagging: bool) -> None:
-        self.h, self.lagging = h, lagging
+        self.h = h
+        self.lagging = lagging
         """True if velocities lag half a step behind coordinates: see :meth:`_halve_with_lag`."""
         self._ordered = sample_steps(n)
+        """Indices of the steps to be sampled, in order."""
         self._due = frozenset(self._ordered)
+        """The same indices, for look-ups."""
         self._spread: list[SampledSteps] = []
+        """Samples at these indices."""
         self._changed: list[SampledSteps] = []
-        self.steps = self._changes = 0
+        """Samples of steps in which a contact begins or ends, or dry friction changes direction."""
+        self.steps = 0
+        """Number of recorded steps."""
+        self._changes = 0
+        """Number of changed steps, of which not all are stored."""
         self._last: SampledSteps | None = None
         """Last step, unless it is among the changed ones."""
 
@@ -125,31 +140,36 @@ class StepDoubling:
     ) -> None:
         """Record the next m steps, by states (m + 1, size); the step before a changed one also counts as changed."""
         first, m = self.steps, len(times)
-        numbers, held = np.arange(first, first + m), np.broadcast_to(held, accelerations.shape)
+        numbers = np.arange(first, first + m)
+        held = np.broadcast_to(held, accelerations.shape)
         steps = SampledSteps(numbers, times, states[:-1], states[1:], held, accelerations)
-        k = bisect_left(self._ordered, first)
-        due = self._ordered[k : bisect_left(self._ordered, first + m, k)]
+        begin = bisect_left(self._ordered, first)
+        end = bisect_left(self._ordered, first + m, begin)
+        due = self._ordered[begin:end]
         if due:
             self._spread.append(steps.pick(np.array(due) - first))
-        marked = changed.copy()
+        counts_as_changed = changed.copy()
         if changed.any():
             if changed[0] and self._last is not None:
-                self._mark(SampledSteps(*(np.asarray(x)[None] for x in self._last)))
-            marked[:-1] |= changed[1:]
-            self._mark(steps.pick(np.flatnonzero(marked)))
+                self._add_changed(SampledSteps(*(np.asarray(x)[None] for x in self._last)))
+            counts_as_changed[:-1] |= changed[1:]
+            self._add_changed(steps.pick(np.flatnonzero(counts_as_changed)))
         self._last = None
-        if not marked[-1]:
+        if not counts_as_changed[-1]:
             self._last = SampledSteps(*(x[-1].copy() for x in steps))
         self.steps = first + m
 
-    def _mark(self, steps: SampledSteps) -> None:
+    def _add_changed(self, steps: SampledSteps) -> None:
         """Count changed steps, and store them as samples up to the largest number."""
         if self._changes < MAX_SAMPLES:
             self._changed.append(steps.pick(slice(MAX_SAMPLES - self._changes)))
         self._changes += len(steps.t)
 
     def errors(self, flow: Flow, spans: Array) -> Array | None:
-        """Sum of absolute errors of all steps (nv,) [rad or m]; velocity errors times ``spans`` [s] or their decay time."""
+        """Sum of absolute errors of all steps (nv,) [rad or m]; None if no step could be halved.
+
+        Velocity errors count ``spans`` [s], or their decay times if these are shorter.
+        """
         spread_parts = self._spread
         if self._changed:
             changed_numbers = SampledSteps.join(self._changed).numbers
@@ -160,9 +180,12 @@ class StepDoubling:
             return None
         total = self._initial_lag(flow, spans)
         if spread is not None:
-            total += (1.0 - self._changes / self.steps) * _integral(*spread, self.steps)
+            numbers, errors = spread
+            share_of_others = 1.0 - self._changes / self.steps
+            total += share_of_others * _interpolated_sum(numbers, errors, self.steps)
         if changed is not None:
-            total += self._changes * changed[1].mean(axis=0)
+            _, errors = changed
+            total += self._changes * errors.mean(axis=0)
         return total
 
     def _sampled_errors(self, flow: Flow, parts: list[SampledSteps], spans: Array) -> tuple[Array, Array] | None:
@@ -173,15 +196,17 @@ class StepDoubling:
         halved_parts = self._halve_all(flow, SampledSteps.join(parts))
         if not halved_parts:
             return None
-        numbers, whole, halved, times = map(np.concatenate, zip(*halved_parts, strict=True))
-        finite = np.isfinite(halved).all(axis=1)
-        if not finite.any():
+        numbers, whole, halved, decay = map(np.concatenate, zip(*halved_parts, strict=True))
+        is_finite = np.isfinite(halved).all(axis=1)
+        if not is_finite.any():
             return None
-        numbers, whole, halved, times = numbers[finite], whole[finite], halved[finite], times[finite]
-        robot, q, v = flow.system.robot, slice(0, flow.system.nq), flow.system.moving
-        position_differences = _above_rounding(robot.subtract(whole[:, q], halved[:, q]), whole[:, q])
-        velocity_differences = _above_rounding(whole[:, v] - halved[:, v], whole[:, v])
-        position_errors = position_differences + np.minimum(spans, times[:, None]) * velocity_differences
+        numbers, whole, halved, decay = numbers[is_finite], whole[is_finite], halved[is_finite], decay[is_finite]
+        q, v = slice(0, flow.system.nq), flow.system.moving
+        q_differences = flow.system.robot.subtract(whole[:, q], halved[:, q])
+        position_differences = _without_rounding(q_differences, whole[:, q])
+        velocity_differences = _without_rounding(whole[:, v] - halved[:, v], whole[:, v])
+        error_times = np.minimum(spans, decay[:, None])
+        position_errors = position_differences + error_times * velocity_differences
         return numbers, position_errors / (1.0 - 0.5**flow.order)
 
     def _halve_all(self, flow: Flow, steps: SampledSteps) -> list[tuple[Array, Array, Array, Array]]:
@@ -202,24 +227,25 @@ class StepDoubling:
     def _halve(self, flow: Flow, step: SampledSteps) -> tuple[Array, Array, Array, Array]:
         """Indices (m,), states (m, size) after the step and after two halves, and decay times (m,) of the difference [s]."""
         flow = flow.under(step.held)
-        v, accelerations = flow.system.moving, None
+        v = flow.system.moving
+        accelerations = None
         if self.lagging:
             halved, accelerations = self._halve_with_lag(flow, step)
         else:
             halved = self._half_steps(flow, step)
         change = (halved - step.after)[..., v]
-        times = decay_times(flow, v, step.t + self.h, step.after, change, accelerations)
-        return np.atleast_1d(step.numbers), np.atleast_2d(step.after), np.atleast_2d(halved), np.atleast_1d(times)
+        decay = decay_times(flow, v, step.t + self.h, step.after, change, accelerations)
+        return np.atleast_1d(step.numbers), np.atleast_2d(step.after), np.atleast_2d(halved), np.atleast_1d(decay)
 
     def _initial_lag(self, flow: Flow, spans: Array) -> Array:
-        """Effect of a lagging method's initial velocities, given at the start rather than half a step before it."""
+        """Effect (nv,) of the initial velocities of a lagging method: they are given at the start, not half a step before."""
         if not self.lagging:
             return np.zeros(flow.system.nv)
         first = self._spread[0].pick(0)
         flow = flow.under(first.held)
         velocity_error = 0.5 * self.h * first.accelerations
-        times = decay_times(flow, flow.system.moving, first.t, first.y, velocity_error, first.accelerations)
-        return np.asarray(np.minimum(spans, times) * np.abs(velocity_error))
+        decay = decay_times(flow, flow.system.moving, first.t, first.y, velocity_error, first.accelerations)
+        return np.asarray(np.minimum(spans, decay) * np.abs(velocity_error))
 
     def _half_steps(self, flow: Flow, step: SampledSteps) -> Array:
         """State after two steps of half the length."""
@@ -229,16 +255,18 @@ class StepDoubling:
     def _halve_with_lag(self, flow: Flow, step: SampledSteps) -> tuple[Array, Array]:
         """State after two half steps whose velocities lag by h/2, as after the step, and accelerations after the step.
 
-        Velocities lag by h/2 after a step, and by h/4 after half steps. Taken as errors, these lags would add up over a
-        run, although they cancel. Velocities are therefore shifted in time before and after the half steps, using
-        accelerations over half a step. A shifted velocity violates constraints because their directions change; this
-        violation is not an error and is removed.
+        Velocities lag by h/2 after a step, and by h/4 after half steps. The difference is not an error, but would add up
+        over a run as if it were one. Velocities are therefore shifted in time by h/4 before and after the half steps: by
+        their accelerations, and by half of the change in a half step. A shifted velocity violates constraints because
+        their directions change; this violation is not an error and is removed.
         """
-        v, start, end, half = (..., flow.system.moving), step.y.copy(), step.after, 0.5 * self.h
+        v = (..., flow.system.moving)
+        half = 0.5 * self.h
+        start, end = step.y.copy(), step.after
         start[v] += 0.5 * half * step.accelerations
         halved = self._half_steps(flow, step._replace(y=start))
-        later, accelerations = flow.step_and_accelerations(step.t + self.h, end, half)
-        halved[v] -= 0.5 * (later[v] - end[v])
+        half_step_later, accelerations = flow.step_and_accelerations(step.t + self.h, end, half)
+        halved[v] -= 0.5 * (half_step_later[v] - end[v])
         halved[v] = flow.system.allowed_velocities(halved)
         return halved, accelerations
 
@@ -246,24 +274,27 @@ class StepDoubling:
 def decay_times(
     flow: Flow | System, moving: slice, t: Any, y: Array, change: Array, accelerations: Array | None = None
 ) -> Array:
-    """Approximate decay time (...) [s] of velocity changes (..., nv), by their effect on accelerations; inf if undamped."""
-    moved = y.copy()
-    moved[..., moving] += change
-    moved_accelerations = flow.accelerations(t, moved)
+    """Approximate decay time (...) [s] of velocity changes Δv (..., nv): |Δv|² / -(Δv · Δa), or inf if they do not decay.
+
+    Δa is their effect on the accelerations, which may be given for the state y itself.
+    """
+    changed = y.copy()
+    changed[..., moving] += change
+    changed_accelerations = flow.accelerations(t, changed)
     if accelerations is None:
         accelerations = flow.accelerations(t, y)
-    damped = -np.vecdot(change, moved_accelerations - accelerations)
+    damping = -np.vecdot(change, changed_accelerations - accelerations)
     with np.errstate(all="ignore"):
-        return np.where(damped > 0.0, np.vecdot(change, change) / damped, np.inf)
+        return np.where(damping > 0.0, np.vecdot(change, change) / damping, np.inf)
 
 
-def _above_rounding(differences: Array, values: Array) -> Array:
+def _without_rounding(differences: Array, values: Array) -> Array:
     """Magnitudes of differences (m, nv) of numbers (m, k), with rounding errors set to zero."""
-    above = np.abs(differences) > _ROUNDING * np.abs(values).max(axis=1, keepdims=True)
-    return np.where(above, np.abs(differences), 0.0)
+    is_above_rounding = np.abs(differences) > _ROUNDING * np.abs(values).max(axis=1, keepdims=True)
+    return np.where(is_above_rounding, np.abs(differences), 0.0)
 
 
-def _integral(numbers: Array, errors: Array, n: int) -> Array:
-    """Sum over steps 0 … n - 1 of values known at some of them, linearly interpolated; (m,), (m, k) → (k,)."""
+def _interpolated_sum(numbers: Array, errors: Array, n: int) -> Array:
+    """Sum (k,) over the steps 0 … n - 1 of errors (m, k) known at steps (m,), each of which stands for the steps nearest it."""
     edges = np.concatenate([[-0.5], 0.5 * (numbers[1:] + numbers[:-1]), [n - 0.5]])
     return np.asarray(np.diff(edges) @ errors)

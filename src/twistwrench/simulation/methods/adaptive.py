@@ -24,8 +24,14 @@ from .trial_steps import FunctionTrials, TrialSteps
 if TYPE_CHECKING:
     from ..run import Run
 
-_SAFETY, MIN_STEP_FACTOR, MAX_STEP_FACTOR = 0.9, 0.2, 5.0
-"""Factor on the step that the error allows; smallest and largest ratio of a step to the one before it."""
+_SAFETY = 0.9
+"""Factor on the step that the error allows."""
+MIN_STEP_FACTOR = 0.2
+"""Smallest ratio of a step to the one before it."""
+MAX_STEP_FACTOR = 5.0
+"""Largest ratio of a step to the one before it."""
+_FACTOR_AFTER_OVERFLOW = 0.1
+"""Ratio of a step to the one before it if the error of that one is not finite."""
 
 
 class Stepper:
@@ -35,30 +41,42 @@ class Stepper:
         self, system: System, rtol: float, atol: float, longest: float, spacing: float, duration: float,
         *, trials: TrialSteps | None = None,
     ) -> None:  # fmt: skip
-        self.system, self.scheme = system, RungeKutta(system, DORMAND_PRINCE)
+        self.system = system
+        self.scheme = RungeKutta(system, DORMAND_PRINCE)
         self.probes = ForceQuadrature(system, *self.scheme.quadrature, spacing)
-        self.rtol, self.atol, self.longest = rtol, atol, longest
+        self.rtol = rtol
+        self.atol = atol
+        self.longest = longest
         self.trials = trials or FunctionTrials(system, self.scheme, (rtol, atol))
         self.stiffness = Stiffness(system, self.trials, duration)
         self.power = -1.0 / (DORMAND_PRINCE.embedded_order + 1)
-        self.h, self.rejected = 0.0, 0
+        """Exponent of the error in the ratio of steps."""
+        self.h = 0.0
+        """Length of the next step [s]; 0 before the first."""
+        self.rejected = 0
+        """Number of rejected steps."""
         self.speed = 0.0
         """Sum of squared velocities after the last step."""
         self.rate_after = np.zeros(0)
         """f at the end of the last step; used by the dense output."""
         self.last: tuple[float, float, Array, Array] = (0.0, 0.0, np.zeros(0), np.zeros(0))
+        """Start time, length, first state and stage rates K of the last accepted step."""
 
     def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
         """Time and state after one accepted step, not beyond ``until``."""
         trials = self.trials
-        h = min(self.h or self._first_step(y, rate, until - t), self.longest)
+        h = self.h
+        if not h:
+            h = self._first_step(y, rate, until - t)
+        h = min(h, self.longest)
         max_factor = MAX_STEP_FACTOR
         while True:
-            t1 = until if t + 1.01 * h >= until else t + h
+            t1 = until if t + 1.01 * h >= until else t + h  # leaves no tiny step before `until`
             step = t1 - t
             error, steepness, distance, self.speed = trials.attempt(t, y, rate, step)
             self.stiffness.note(t, step, steepness, distance)
-            y1, K = trials.states[trials.count], trials.rates[trials.count]
+            y1 = trials.states[trials.count]
+            K = trials.rates[trials.count]
             if error <= 1.0 and self.system.functions:
                 error = max(error, self._missed_change(t, step, y, y1, K))
             if error <= 1.0:
@@ -72,18 +90,22 @@ class Stepper:
                 self.last = (t, step, y, K)
                 return t1, y1
             self.rejected += 1
-            max_factor = 1.0
-            h = step * (self._step_factor(error) if np.isfinite(error) else 0.1)
+            max_factor = 1.0  # the step after a rejected one does not grow
+            factor = _FACTOR_AFTER_OVERFLOW
+            if np.isfinite(error):
+                factor = self._step_factor(error)
+            h = step * factor
             if h < 1e-14 * max(t, 1e-3):
                 raise self._failure(t, h, y, y1)
 
     def _step_factor(self, error: float) -> float:
-        """Ratio of the next step to this one, by the norm of this one's error."""
+        """Ratio of the next step to this one, by the norm of the error of this one."""
         return max(MIN_STEP_FACTOR, _SAFETY * error**self.power)
 
     def _failure(self, t: float, h: float, y: Array, y1: Array) -> SimulationError:
-        """Error for steps that shrink without end."""
-        errors = np.abs(self.trials.errors[self.trials.count] / self._tolerance(y, y1))[self.system.moving]
+        """Error message for steps that shrink without end."""
+        relative_errors = np.abs(self.trials.errors[self.trials.count] / self._tolerance(y, y1))
+        errors = relative_errors[self.system.moving]
         worst = int(np.argmax(np.where(np.isfinite(errors), errors, np.inf)))
         return SimulationError(
             f"at t = {printed(t, 9)} s steps shrink below {residual(h)} s and still miss the tolerance, most of "
@@ -94,7 +116,8 @@ class Stepper:
     def between(self, times: Array) -> Array:
         """States (m, size) at times (m,) within the last step, by dense output."""
         t0, h, y0, K = self.last
-        y = y0 + h * _dense(((times - t0) / h)[:, None], self.scheme.dense.T @ K)
+        shares = ((times - t0) / h)[:, None]
+        y = y0 + h * _dense_change(shares, self.scheme.dense.T @ K)
         for state in y:
             self.system.manifold.normalise(state[: self.system.nq])
         return y
@@ -104,88 +127,96 @@ class Stepper:
         return self.atol + self.rtol * np.maximum(np.abs(y), np.abs(y1))
 
     def total_error(self, spans: Array) -> Array:
-        """Estimated error of all steps with order 4, (nv,) [rad or m]; velocity errors times ``spans`` (nv) [s]."""
+        """Sum of the estimated errors of all steps with order 4, (nv,) [rad or m]; velocity errors count ``spans`` (nv) [s]."""
         errors = self.trials.total
-        return np.asarray(self.system.manifold.errors(errors[: self.system.nq]) + spans * errors[self.system.moving])
+        position_errors = self.system.manifold.errors(errors[: self.system.nq])
+        return np.asarray(position_errors + spans * errors[self.system.moving])
 
     def _missed_change(self, t: float, h: float, y: Array, y1: Array, K: Array) -> float:
-        """Impulse of callbacks between the stages of a step, as a change of velocity relative to the tolerance."""
+        """Size of the velocity change that callbacks cause between the stages of a step, relative to the tolerance."""
         Q = self.scheme.dense.T @ K
-        missing = self.probes.impulses(t, h, lambda shares: y + h * _dense(shares[:, None], Q))
-        if not missing.any():
+        missed_impulse = self.probes.impulses(t, h, lambda shares: y + h * _dense_change(shares[:, None], Q))
+        if not missed_impulse.any():
             return 0.0
-        change = self.probes.change(*self.system.split(y), missing)
-        return float(np.sqrt(np.mean(np.square(change / self._tolerance(y, y1)[self.system.moving]))))
+        change = self.probes.change(*self.system.split(y), missed_impulse)
+        allowed_change = self._tolerance(y, y1)[self.system.moving]
+        return float(np.sqrt(np.mean(np.square(change / allowed_change))))
 
     def _first_step(self, y: Array, rate: Array, span: float) -> float:
         """Initial step in which linear extrapolation changes the state by 1 %; 1e-6 s if the state or its rate is tiny."""
         scale = self.atol + self.rtol * np.abs(y)
-        motion = slice(0, self.system.size - len(WORKS))
+        motion = slice(0, self.system.size - len(WORKS))  # coordinates and velocities
         d0 = float(np.sqrt(np.mean(np.square((y / scale)[motion]))))
         d1 = float(np.sqrt(np.mean(np.square((rate / scale)[motion]))))
-        tiny = min(d0, d1) < 1e-5 or not np.isfinite(d1)
-        h = 1e-6 if tiny else 0.01 * d0 / d1
+        is_tiny = min(d0, d1) < 1e-5 or not np.isfinite(d1)
+        h = 1e-6 if is_tiny else 0.01 * d0 / d1
         return min(h, span, self.longest)
 
 
-def _dense(share: Any, Q: Array) -> Array:
-    """Mean rate (..., size) from the start of a step to a fraction (..., 1) of it, times the fraction."""
-    return np.asarray(share ** np.arange(1, len(Q) + 1) @ Q)
+def _dense_change(shares: Any, Q: Array) -> Array:
+    """Change θ Q_1 + θ² Q_2 + … of a state, divided by the step, up to fractions θ (..., 1) of the step: (..., size)."""
+    return np.asarray(shares ** np.arange(1, len(Q) + 1) @ Q)
 
 
-MAX_ENTRIES = 2_000_000
+MAX_DENSE_ENTRIES = 2_000_000
 """Largest number of entries of the states evaluated at once."""
 
 
 def run_dense(run: Run, stepper: Stepper, trials: TrialSteps) -> None:
     """Take the steps of a run from its stored first state to its end, to a limit, or to a failure."""
-    system, end = run.system, run.end
-    (t, y), rate = run.last, run.rate.copy()
-    waiting = _DueSteps(run, stepper, trials)
-    checks, flat = bool(system.robot.model.quaternions), system.manifold.flat
+    system = run.system
+    end = run.end
+    t, y = run.last
+    rate = run.rate.copy()
+    due_steps = _DueSteps(run, stepper, trials)
+    has_quaternions = bool(system.robot.model.quaternions)
+    is_flat = system.manifold.flat
     try:
         while t < end:
             t1, y1 = stepper.step(t, y, rate, end)
             run.rejected = stepper.rejected
-            if checks or not stepper.speed < MAX_SPEED**2:
+            if has_quaternions or not stepper.speed < MAX_SPEED**2:
                 y1 = run.stable_state(t, t1, y1)
             if t == 0.0 and run.leaves_at_once(y, y1, t1):
                 return
-            waiting.add(t, stepper.last[1])
+            due_steps.add(t, stepper.last[1])
             t, y, rate = t1, y1, stepper.rate_after
-            if not flat:
+            if not is_flat:  # the rates of normalised quaternions differ from those of the last stage
                 rate = rate.copy()
                 system.manifold.rates(*system.split(y), out=rate[: system.nq])
             run.advance(t, y)
-            if trials.full or waiting.many:
-                if waiting.keep():
+            if trials.full or due_steps.many:
+                if due_steps.keep():
                     return
                 trials.restart()
     except (SimulationError, KeyboardInterrupt) as problem:
-        if waiting.keep() and isinstance(problem, SimulationError):  # the run ended before the failure
+        if due_steps.keep() and isinstance(problem, SimulationError):  # the run ended before the failure
             return
         raise
-    if not waiting.keep():
+    if not due_steps.keep():
         run.keep_all(np.array([t]), y[None])
 
 
 class _DueSteps:
-    """Accepted steps whose dense output is not yet stored and checked; their rows are those of the trials."""
+    """Accepted steps whose dense output is not yet stored and checked: the rows of the trials, in the same order."""
 
     def __init__(self, run: Run, stepper: Stepper, trials: TrialSteps) -> None:
-        self.run, self.trials, self.dense, self.kept = run, trials, stepper.scheme.dense, 1
+        self.run = run
+        self.trials = trials
+        self.dense = stepper.scheme.dense
+        self.kept = 1
         """Number of stored states."""
         self.steps: list[tuple[float, float, int, int]] = []
         """Start time and length of each step [s]; evaluations and rejected steps up to its end."""
         self.first = run.last[1].copy()
         """State at the start of the first step."""
-        self._most = max(1, MAX_ENTRIES // (5 * run.system.size))
+        self._max_states = max(1, MAX_DENSE_ENTRIES // (5 * run.system.size))
         """Largest number of states evaluated at once."""
 
     @property
     def many(self) -> bool:
         """True if enough states are due to be stored now."""
-        return self.run.last[0] > (self.kept + self._most) * self.run.h * self.run.every
+        return self.run.last[0] > (self.kept + self._max_states) * self.run.h * self.run.every
 
     def add(self, t: float, h: float) -> None:
         """Add the step from t that was accepted last."""
@@ -193,69 +224,89 @@ class _DueSteps:
 
     def keep(self) -> bool:
         """Store the states at all times due within the steps, by dense output; True if the run ends there."""
-        run, system, n = self.run, self.run.system, len(self.steps)
+        run = self.run
+        n = len(self.steps)
         if not n:
             return False
-        spacing, near = run.h * run.every, 1e-12 * run.end
+        spacing = run.h * run.every
+        rounding = 1e-12 * run.end  # largest difference of equal times
         t0, lengths = np.array([step[:2] for step in self.steps]).T
         t1 = np.append(t0[1:], run.last[0])
-        before = np.concatenate([self.first[None], self.trials.states[: n - 1]])
-        Q = np.tensordot(self.dense.T, self.trials.rates[:n], axes=(1, 1))
-        most = self._most
+        before = np.concatenate([self.first[None], self.trials.states[: n - 1]])  # states at t0
+        Q = np.tensordot(self.dense.T, self.trials.rates[:n], axes=(1, 1))  # (powers, n, size)
+        max_states = self._max_states
         if run.detector is not None:
-            most = run.n  # nothing is stored before all is checked
+            max_states = run.n  # nothing is stored before all is checked
         while True:
-            due = np.arange(self.kept, min(self.kept + most, int(t1[-1] / spacing) + 2)) * spacing
-            due = due[(due < t1[-1] - near) & (due < run.end)]
+            stop = min(self.kept + max_states, int(t1[-1] / spacing) + 2)
+            due = np.arange(self.kept, stop) * spacing
+            due = due[(due < t1[-1] - rounding) & (due < run.end)]
             if not len(due) and run.detector is None:
                 break
-            k = np.searchsorted(t1 - near, due, side="right")
+            k = np.searchsorted(t1 - rounding, due, side="right")  # step of each due time
             since = due - t0[k]
-            since[np.abs(since) <= near] = 0.0
-            states = dense_states(before[k], lengths[k], since / lengths[k], (weights[k] for weights in Q[::-1]))
-            for quaternion in system.robot.model.quaternions:
+            since[np.abs(since) <= rounding] = 0.0
+            weights_from_highest_power = (weights[k] for weights in Q[::-1])
+            states = dense_states(before[k], lengths[k], since / lengths[k], weights_from_highest_power)
+            for quaternion in run.system.robot.model.quaternions:
                 states[:, quaternion] /= np.linalg.norm(states[:, quaternion], axis=1, keepdims=True)
-            if run.detector is not None and self._ends(before, k, since, states):
+            if run.detector is not None and self._end_at_event(before, k, since, states):
                 return True
             run.keep_all(t0[k] + since, states)
             self.kept += len(due)
             if run.detector is not None:
                 break
-        self.steps, self.first = [], run.last[1].copy()
+        self.steps = []
+        self.first = run.last[1].copy()
         return False
 
-    def _ends(self, before: Array, k: NDArray[np.intp], since: Array, between: Array) -> bool:
-        """True if a step ends the run, by the states ``between`` (m, size) in steps k (m,); later ones are then discarded."""
-        run, trials, n = self.run, self.trials, len(self.steps)
+    def _end_at_event(self, before: Array, k: NDArray[np.intp], since: Array, between: Array) -> bool:
+        """End the run at the first event in the steps that ends it, and discard later states; False if there is none.
+
+        ``before`` (n, size) are the states at the starts of the steps. ``between`` (m, size) are the states to be stored:
+        in the steps k (m,), at the times ``since`` (m,) after the starts of these steps.
+        """
+        run, trials = self.run, self.trials
+        n = len(self.steps)
         assert run.detector is not None
-        first = np.searchsorted(k, np.arange(n + 1)).tolist()
+        first_row = np.searchsorted(k, np.arange(n + 1)).tolist()  # of each step in ``between``
         owners = np.concatenate([k, np.arange(n)])
         order = np.argsort(owners, kind="stable")  # states within a step, then the one after it
-        passes, gaps, margins = run.detector.mark_passings(np.concatenate([between, trials.states[:n]])[order])
-        evaluations = run.system.evaluations
+        states_in_order = np.concatenate([between, trials.states[:n]])[order]
+        passes, gaps, margins = run.detector.mark_passings(states_in_order)
+        evaluations_before = run.system.evaluations
         for j in np.unique(owners[order][passes]).tolist():
-            (t, h, _, _), own_rows, after = self.steps[j], slice(first[j], first[j + 1]), trials.states[j]
-            run.detector.stand(gaps[first[j] + j], margins[first[j] + j])
-            points = list(zip(since[own_rows].tolist(), between[own_rows], strict=True))
+            t, h, evaluations_of_step, rejected_of_step = self.steps[j]
+            rows = slice(first_row[j], first_row[j + 1])
+            row_before = first_row[j] + j  # gaps have one row more for each step before, and one at the beginning
+            run.detector.stand(gaps[row_before], margins[row_before])
+            points = list(zip(since[rows].tolist(), between[rows], strict=True))
             run.rate[:] = trials.rates[j, 0]
-            at = run.along(t, before[j])
-            end = run.locate_event(t, [*points, (h, after)], at)
+            state_at = run.along(t, before[j])
+            end = run.locate_event(t, [*points, (h, trials.states[j])], state_at)
             if end is None:
                 continue
-            evaluations_of_search = run.system.evaluations - evaluations
-            run.system.evaluations, run.rejected = self.steps[j][2] + evaluations_of_search, self.steps[j][3]
-            run.steps, run.last, trials.count = run.steps - (n - j), (t, before[j].copy()), j + 1
-            kept = slice(0, int(np.searchsorted(since[own_rows], end)) + first[j])
-            times = np.array([step[0] for step in self.steps])[k[kept]] + since[kept]
-            run.keep_all(times, between[kept])
-            run.finish(t, end, at)
+            evaluations_of_search = run.system.evaluations - evaluations_before
+            run.system.evaluations = evaluations_of_step + evaluations_of_search
+            run.rejected = rejected_of_step
+            run.steps -= n - j
+            run.last = t, before[j].copy()
+            trials.count = j + 1
+            kept = slice(0, int(np.searchsorted(since[rows], end)) + first_row[j])
+            starts = np.array([step[0] for step in self.steps])
+            run.keep_all(starts[k[kept]] + since[kept], between[kept])
+            run.finish(t, end, state_at)
             return True
         run.detector.stand(gaps[-1], margins[-1])
         return False
 
 
 def dense_states(before: Array, lengths: Array, shares: Array, weights: Iterator[Array]) -> Array:
-    """y + h (θ w1 + θ² w2 + …), (m, size), at fractions θ (m,) of steps h (m,) from y (m, size); weights in falling powers."""
+    """States y + h (θ w_1 + θ² w_2 + …), (m, size), at fractions θ (m,) of steps with the lengths h (m,) from y (m, size).
+
+    ``weights`` are the w (m, size), that of the highest power first; the first is overwritten. They are summed by Horner's
+    rule.
+    """
     states, shares = next(weights), shares[:, None]
     for w in weights:
         states *= shares
@@ -269,27 +320,31 @@ def run_adaptive(run: Run, stepper: Stepper) -> None:
     """Take adaptive steps, between the samples of a controller if there is one; states in between by dense output."""
     run.stepper = stepper
     y = run.begin()
-    t, k, spacing, end = 0.0, 0, run.h * run.every, run.end
+    t, end = 0.0, run.end
+    spacing = run.h * run.every
+    rounding = 1e-12 * end  # largest difference of equal times
     run.sample(t, y)
     run.system.rates(t, y, run.rate)
     run.keep(t, y)
     if isinstance(stepper.trials, TrialSteps) and run.without_callbacks:
         run_dense(run, stepper, stepper.trials)
         return
-    kept = 1
+    kept = 1  # number of stored states
+    sample = 0  # number of the last sample of the controller
     while t < end:
         until = end
-        if run.controller is not None and k + 1 < run.n:
-            until = (k + 1) * run.h
+        if run.controller is not None and sample + 1 < run.n:
+            until = (sample + 1) * run.h
         t1, y1 = stepper.step(t, y, run.rate, until)
-        run.rejected, rate1 = stepper.rejected, stepper.rate_after
+        run.rejected = stepper.rejected
+        rate1 = stepper.rate_after
         y1 = run.stable_state(t, t1, y1)
         if t == 0.0 and run.leaves_at_once(y, y1, t1):
             return
-        begin = kept
-        while kept * spacing < t1 - 1e-12 * end and kept * spacing < end:
+        first_due = kept
+        while kept * spacing < t1 - rounding and kept * spacing < end:
             kept += 1
-        times = np.arange(begin, kept) * spacing
+        times = np.arange(first_due, kept) * spacing
         between = np.zeros((0, len(y)))
         if len(times):
             between = stepper.between(times)
@@ -299,17 +354,17 @@ def run_adaptive(run: Run, stepper: Stepper) -> None:
         run.keep_all(t + (times - t), between)
         t, y = t1, y1
         run.advance(t, y)
-        due = abs(kept * spacing - t) <= 1e-12 * end and t < end
-        kept += due
+        is_due = abs(kept * spacing - t) <= rounding and t < end
+        kept += is_due
         if run.controller is not None and t == until and t < end:
-            k += 1
+            sample += 1
             run.sample(t, y)
             run.system.rates(t, y, run.rate)
-            if due:
+            if is_due:
                 run.keep(t, y)
             continue
         run.rate[:] = rate1
         run.system.manifold.rates(*run.system.split(y), out=run.rate[: run.system.nq])
-        if due:
+        if is_due:
             run.keep_at(t, y)
     run.keep_at(t, y)

@@ -3,8 +3,8 @@
 q̈ and λ of  τ = M q̈ + h + A'λ,  A q̈ + (dA/dt) dq = 0       (MR section 8.7)
 
 determine the acceleration only. After each step q and dq are projected: see
-:mod:`twistwrench.mechanics.algorithms.loop_closure`. Simulations and rollouts take the same steps. The state consists of q
-and dq, the constraint errors removed so far, and, in simulations, the works done.
+:mod:`twistwrench.mechanics.algorithms.loop_closure`. Simulations and rollouts take the same steps. The state consists of q,
+dq and the loop-closure state; in simulations, the works done so far follow.
 """
 
 from __future__ import annotations
@@ -40,13 +40,24 @@ from .schemes import Scheme
 if TYPE_CHECKING:
     from ...robot.doors import ConstrainedRobot
 
-LARGEST_GAP, LARGEST_RATE, REMAINING_GAP, PIVOT, ON_CONSTRAINTS = range(5)
-"""Loop-closure state passed between steps with q and dq: largest gap [rad or m] and gap rate before projection, largest
-gap after it, smallest relative pivot of A M⁻¹ A', and 1 as long as all steps end on the constraints."""
+# Entries of the loop-closure state, which steps pass on with q and dq. Its largest values are those of all steps so far.
+LARGEST_GAP = 0
+"""Largest gap before projection [rad or m]."""
+LARGEST_RATE = 1
+"""Largest gap rate before projection [rad/s or m/s]."""
+REMAINING_GAP = 2
+"""Largest gap after projection [rad or m]."""
+PIVOT = 3
+"""Smallest relative pivot of A M⁻¹ A' after the last step."""
+ON_CONSTRAINTS = 4
+"""1 as long as all steps end on the constraints, then 0."""
 LOOP_STATE_SIZE = 5
-SMALL_PIVOT, MIN_PIVOT_RATIO = 1e-2, 0.25
-"""Relative pivot that counts as small; and ratio to the previous pivot at which its root has halved, so that another such
-step would reach or pass the singular configuration."""
+
+SMALL_PIVOT = 1e-2
+"""Relative pivot that counts as small."""
+MIN_PIVOT_RATIO = 0.25
+"""Ratio of a small pivot to the one before it below which the constraints lose rank. The root of the pivot, which is nearly
+proportional to the distance from the singular configuration, has then halved. Another such step would reach or pass it."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +83,12 @@ class ClosedStep(StepPlan):
 
     @property
     def eases(self) -> bool:
-        """True: every method smooths friction."""
+        """True if there is friction, which every method smooths."""
         return self.friction
 
     @cached_property
     def _independent_constraints(self) -> tuple[Constraint, ...]:
+        """Constraints without rows that depend on others."""
         return independent_constraints(self.loops.constraints, self.loops.independent)
 
     def recurrence(self) -> Scan:
@@ -88,38 +100,47 @@ class ClosedStep(StepPlan):
         return Scan(program, tuple(sources), visible=n)
 
     def _step(self, q: Array, dq: Array, loop_state: Array, *rest: Any) -> tuple[Array, ...]:
-        """One step by :class:`.schemes.RungeKutta` or :class:`.schemes.SemiImplicit`, and projection onto the constraints."""
-        start, (h, *given) = (q, dq, *rest[: self.works]), rest[self.works :]
-        first, tau, _ = self._rates(q, q, dq, given)
+        """One step by :class:`.schemes.RungeKutta` or :class:`.schemes.SemiImplicit`, and projection onto the constraints.
+
+        ``rest`` are the works, if the plan has them, the step h and the inputs of the plan.
+        """
+        start = (q, dq, *rest[: self.works])
+        h, *given = rest[self.works :]
+        first_rates, tau, _ = self._rates(q, q, dq, given)
         if self.method in TABLEAUS:
             a, b, _, _, _ = TABLEAUS[self.method].numbers
-            stages = [first]
+            stages = [first_rates]
             for i in range(1, len(b)):
                 q_i, dq_i = _add_stages(start[:2], h, a[i], stages)
-                stages.append(self._rates(q_i, q_i, dq_i, given)[0])
+                rates, _, _ = self._rates(q_i, q_i, dq_i, given)
+                stages.append(rates)
             q1, dq1, *work = _add_stages(start, h, b, stages)
         else:
-            dq1, *work = [x + h * rate for x, rate in zip(start[1:], first[1:], strict=True)]
+            dq1, *work = [x + h * rate for x, rate in zip(start[1:], first_rates[1:], strict=True)]
             q1 = add(self.model, q, h * dq1)
         _, plant, _ = self._models(given)
         q1, dq1, *errors = project_state(plant, q1, dq1, self.loops.constraints, self.loops.independent)
-        reports = [*[first[1]] * self.works, *[tau] * self.returns_torques]
+        ddq = first_rates[1]
+        reports = [*[ddq] * self.works, *[tau] * self.returns_torques]  # each flag is 0 or 1
         return q1, dq1, self._next_loop_state(loop_state, *errors), *work, *reports
 
     def _accelerations(self, plant: Model, angles: Array, dq: Array, force: Array, inputs: dict[str, Array]) -> Array:
-        return constrained_dynamics(
-            plant, angles, dq, force, self._robot_wrenches(inputs), self._independent_constraints
-        )[0]
+        """Accelerations (nv,) of the robot on its constraints."""
+        wrenches = self._robot_wrenches(inputs)
+        ddq, *_ = constrained_dynamics(plant, angles, dq, force, wrenches, self._independent_constraints)
+        return ddq
 
     def _next_loop_state(self, before: Array, gaps: Array, rates: Array, after: Array, pivots: Array) -> Array:
-        """Loop-closure state for the next step; :func:`loses_rank` evaluates it."""
+        """Loop-closure state after a step, from the state ``before`` it and the results of its projection.
+
+        Conditions are factors of 0 or 1; those on the pivot are the conditions of :func:`loses_rank`.
+        """
         pivot: Any = smallest(pivots / np.array(self.typical_pivots), np.inf)
         relative_gaps = after
         if self.allowed_gaps:
             relative_gaps = after / np.array(self.allowed_gaps)
-        keeps_rank = (1.0 - positive(SMALL_PIVOT - pivot) * positive(MIN_PIVOT_RATIO * before[PIVOT] - pivot)) * (
-            1.0 - positive(MIN_PIVOT - pivot)
-        )
+        shrinks_fast = positive(SMALL_PIVOT - pivot) * positive(MIN_PIVOT_RATIO * before[PIVOT] - pivot)
+        keeps_rank = (1.0 - shrinks_fast) * (1.0 - positive(MIN_PIVOT - pivot))
         on_constraints = before[ON_CONSTRAINTS] * keeps_rank * (1.0 - positive(largest(relative_gaps, 0.0) - 1.0))
         loop_state = (
             largest(gaps, before[LARGEST_GAP]),
@@ -127,33 +148,39 @@ class ClosedStep(StepPlan):
             largest(after, before[REMAINING_GAP]),
             pivot,
             on_constraints,
-        )
+        )  # in the order of their indices
         return np.array(loop_state, object)
 
 
 def _add_stages(start: Sequence[Array], h: Any, weights: Array, stages: Sequence[Sequence[Array]]) -> list[Array]:
-    """Step x + h Σ w_i k_i of each part of the state."""
+    """Parts of the state x + h Σ w_i k_i; stages k_i of weight 0 add no operations."""
     end = []
     for part, x in enumerate(start):
-        rates = [float(w) * stage[part] for w, stage in zip(weights, stages, strict=False) if w]
-        end.append(x + h * sum(rates))
+        weighted_rates = [float(w) * stage[part] for w, stage in zip(weights, stages, strict=False) if w]
+        end.append(x + h * sum(weighted_rates))
     return end
 
 
-def loses_rank(pivot: Array, earlier: Array | float) -> Array:
+def loses_rank(pivot: Array, pivot_before: Array | float) -> Array:
     """True if the constraints lose rank after a step or in the next, by the smallest pivots after and before it."""
-    return ~(pivot >= MIN_PIVOT) | ((pivot < SMALL_PIVOT) & (pivot < MIN_PIVOT_RATIO * earlier))
+    is_singular = ~(pivot >= MIN_PIVOT)  # also true for NaN
+    return is_singular | ((pivot < SMALL_PIVOT) & (pivot < MIN_PIVOT_RATIO * pivot_before))
+
+
+MAX_GAP_OF_STEP = 1.0
+"""rad or m: a step that leaves a larger gap is too long, even if the loops can be closed again."""
 
 
 class Loops:
     """Constraints of a closed robot in a simulation, and the constraint errors that its steps left."""
 
     def __init__(self, closed: ConstrainedRobot) -> None:
-        self.closed, robot = closed, closed.open()
+        robot = closed.open()
+        self.closed = closed
         self._nq = robot.nq
         self._moving = slice(robot.nq, robot.nq + robot.nv)
         self._units = gap_units(closed)
-        self._sizes = closed.sizes[list(closed.independent)] ** 2
+        self._typical_pivots = closed.sizes[list(closed.independent)] ** 2
         key = "projection", closed.constraints, closed.independent
         self._project = robot.engine.cache(key, self._compile_projection)
         independent = independent_constraints(closed.constraints, closed.independent)
@@ -167,7 +194,7 @@ class Loops:
     """Compiled steps on the constraints."""
 
     def system_under(self, **acting: Any) -> ClosedSystem:
-        """Closed system under torques, wrenches and contacts."""
+        """Closed system under ``acting`` torques, wrenches and contacts, the arguments of :class:`.System`."""
         return ClosedSystem(self, **acting)
 
     def scheme_on(self, scheme: Scheme) -> ClosedScheme:
@@ -175,11 +202,13 @@ class Loops:
         return ClosedScheme(scheme, self)
 
     def stepper(self, *options: float) -> ClosedStepper:
-        """Adaptive method whose steps end on the constraints."""
+        """Adaptive method whose steps end on the constraints, with the options of :class:`.Stepper`."""
         return ClosedStepper(self, *options)
 
     def _compile_projection(self) -> Any:
-        closed, robot = self.closed, self.closed.open()
+        """Kernel of :func:`.project_state`."""
+        closed = self.closed
+        robot = closed.open()
 
         def program(q: Array, dq: Array) -> tuple[Array, ...]:
             return project_state(robot.model, q, dq, closed.constraints, closed.independent)
@@ -189,8 +218,9 @@ class Loops:
         return compile_form(trace(program, [("q", (robot.nq,)), ("dq", (robot.nv,))], names), "projection", doc)
 
     def operations(self, stages: int) -> float:
-        """Approximate operations of a step with this number of stages; inf if nothing is compiled."""
-        projection, dynamics = owner_of(self._project), owner_of(self.dynamics)
+        """Approximate number of operations of a step with this number of stages; inf if nothing is compiled."""
+        projection = owner_of(self._project)
+        dynamics = owner_of(self.dynamics)
         if not projection or not dynamics:
             return np.inf
         return projection.cost + stages * dynamics.cost
@@ -211,16 +241,17 @@ class Loops:
 
     def smallest_pivot(self, y: Array) -> Array:
         """Smallest relative pivot of A M⁻¹ A', of states (..., size); 0 if the constraints lose rank."""
-        return np.asarray(self.project(y[..., : self._nq], y[..., self._moving])[-1])
+        _, _, pivot = self.project(y[..., : self._nq], y[..., self._moving])
+        return np.asarray(pivot)
 
     def project(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Projected q (..., nq) and dq (..., nv), and the smallest relative pivot (...)."""
         q, dq, *_, pivots = self._project(q, dq)
-        return q, dq, (pivots / self._sizes).min(axis=-1, initial=np.inf)
+        return q, dq, (pivots / self._typical_pivots).min(axis=-1, initial=np.inf)
 
     def step(self, t: float, h: float, y: Array, y1: Array) -> None:
-        """Project the state after a step from y at t onto the constraints, in place."""
-        if not np.isfinite(y1).all():  # reported by the check of the step
+        """Project the state y1 after a step from y at t onto the constraints, in place; raises SimulationError."""
+        if not np.isfinite(y1).all():  # the check of the step reports it
             return
         pivot = self.onto(t + h, y1)
         if not pivot >= SMALL_PIVOT and loses_rank(np.array(pivot), self.smallest_pivot(y)):
@@ -236,29 +267,35 @@ class Loops:
         return ClosedStep(
             **options,
             loops=LoopRows(self.closed.constraints, self.closed.independent),
-            typical_pivots=tuple(self._sizes.tolist()),
+            typical_pivots=tuple(self._typical_pivots.tolist()),
             allowed_gaps=tuple((MAX_CLOSED_GAP * self._units).tolist()),
         )
 
     def note(self, gap: float, rate: float) -> None:
         """Record the largest gap and gap rate that a step left."""
-        self.largest_gap, self.largest_rate = max(self.largest_gap, float(gap)), max(self.largest_rate, float(rate))
+        self.largest_gap = max(self.largest_gap, float(gap))
+        self.largest_rate = max(self.largest_rate, float(rate))
 
     def onto(self, t: float, y: Array) -> float:
-        """Project a state onto the constraints, in place; returns the smallest relative pivot."""
+        """Project a state onto the constraints, in place; returns the smallest relative pivot.
+
+        Two corrections close the loops after a usual step. If they do not suffice, the loops are closed by iteration.
+        """
         q, dq, before, rates, after, pivots = self._project(y[: self._nq], y[self._moving])
         gap = float(np.abs(before).max(initial=0.0))
         if not np.abs(after / self._units).max(initial=0.0) <= MAX_CLOSED_GAP:
             closed_q, remaining = self.closed.settled(y[None, : self._nq], MAX_CLOSED_GAP)
-            if not (remaining[0] <= MAX_CLOSED_GAP and gap <= 1.0):
+            is_closed = remaining[0] <= MAX_CLOSED_GAP
+            if not (is_closed and gap <= MAX_GAP_OF_STEP):
                 raise SimulationError(
                     f"at t = {printed(t, 9)} s the loops cannot be closed again: the step left a gap of {printed(gap, 3)} "
                     f"(rad or m), and {printed(remaining[0], 3)} remains. Take a smaller dt."
                 )
             q, dq, _, rates, _, pivots = self._project(closed_q[0], y[self._moving])
-        y[: self._nq], y[self._moving] = q, dq
+        y[: self._nq] = q
+        y[self._moving] = dq
         self.note(gap, np.abs(rates).max(initial=0.0))
-        return float((pivots / self._sizes).min(initial=np.inf))
+        return float((pivots / self._typical_pivots).min(initial=np.inf))
 
 
 class ClosedSystem(System):
@@ -270,12 +307,14 @@ class ClosedSystem(System):
         super().__init__(loops.closed.open(), **acting)
         self.done = slice(self.size - len(WORKS), self.size)
         """Slice of the works in a state."""
-        self.loops, loops.system = loops, self
+        self.loops = loops
+        loops.system = self
 
     def rates(self, t: float, y: Array, out: Array) -> None:
         """Write f(t, y) into ``out``."""
         self.evaluations += 1
-        q, dq, powers = y[: self.nq], y[self.moving], out[-4:]
+        q, dq = y[: self.nq], y[self.moving]
+        powers = out[self.done]  # written by self.forces
         powers[:] = 0.0
         self.manifold.rates(q, dq, out[: self.nq])
         out[self.moving] = self.loops.dynamics(q, dq, self.forces(t, q, dq, powers))[0]
@@ -283,16 +322,18 @@ class ClosedSystem(System):
     def allowed_velocities(self, y: Array) -> Array:
         """Velocities (..., nv) projected onto the constraints, as at the end of a step."""
         with np.errstate(all="ignore"):  # states may be NaN
-            return self.loops.project(y[..., : self.nq], y[..., self.moving])[1]
+            _, dq, _ = self.loops.project(y[..., : self.nq], y[..., self.moving])
+        return dq
 
     def multipliers(self, times: Array, q: Array, dq: Array, tau: Array) -> Array:
         """Multipliers λ (n, k) of states under torques tau and all other forces; wrench callbacks are called again."""
+        closed = self.loops.closed
         if not len(times):
-            return np.zeros((0, len(self.loops.closed.sizes)))
+            return np.zeros((0, len(closed.sizes)))
         total = self.total(times, q, dq, tau)
         _, lam, pivots = self.loops.dynamics(q, dq, total)
-        closed = self.loops.closed
-        if len(closed.independent) == len(closed.sizes) and not needs_singular_values(pivots, closed.sizes).any():
+        all_independent = len(closed.independent) == len(closed.sizes)
+        if all_independent and not needs_singular_values(pivots, closed.sizes).any():
             return np.asarray(lam)
         return np.asarray(closed.forward_dynamics(q, dq, total).lam)
 
@@ -301,15 +342,18 @@ class ClosedScheme:
     """One-step method whose steps end on the constraints."""
 
     def __init__(self, scheme: Scheme, loops: Loops) -> None:
-        self.scheme, self.loops = scheme, loops
-        self.order, self.quadrature, self.lagging = scheme.order, scheme.quadrature, scheme.lagging
+        self.scheme = scheme
+        self.loops = loops
+        self.order = scheme.order
+        self.quadrature = scheme.quadrature
+        self.lagging = scheme.lagging
 
     def on(self, system: System) -> ClosedScheme:
         """Same method for a copy of its system."""
         return ClosedScheme(self.scheme.on(system), self.loops)
 
     def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
-        """State a time ``h`` later."""
+        """State at t + ``h``, on the constraints."""
         y1 = self.scheme.step(t, y, h, rate)
         self.loops.step(t, h, y, y1)
         return y1
@@ -318,8 +362,8 @@ class ClosedScheme:
 class ClosedStepper(Stepper):
     """Dormand–Prince method whose steps and dense output are projected onto the constraints."""
 
-    def __init__(self, loops: Loops, *rest: float) -> None:
-        super().__init__(loops.system, *rest)
+    def __init__(self, loops: Loops, *options: float) -> None:
+        super().__init__(loops.system, *options)
         self.loops = loops
 
     def step(self, t: float, y: Array, rate: Array, until: float) -> tuple[float, Array]:
@@ -354,7 +398,8 @@ class ClosedSteps(CompiledSteps):
             return None
         if system.functions or system.contacts or not can_compile_steps(system):
             return None
-        loops, robot = system.loops, system.robot
+        loops = system.loops
+        robot = system.robot
         plan = loops.step_of(StepPlan.from_system(system, method))
         operations = loops.operations(plan.stages)
         if not operations <= MAX_OPERATIONS:
@@ -362,29 +407,33 @@ class ClosedSteps(CompiledSteps):
         doc = f"Steps of {robot.name} on its constraints, compiled: {method}."
         kernel = robot.engine.cache(plan.key, lambda: compile_form(plan.recurrence(), "closed steps", doc))
         steps = cls(system, plan, order, h, kernel, operations)
-        steps.most, steps.loops = STEPS_PER_CALL, loops
+        steps.most = STEPS_PER_CALL
+        steps.loops = loops
         return steps
 
     def advance(self, y: Array, steps: int, h: float | None = None) -> tuple[Array, Array, Array]:
         """Advance as :meth:`.CompiledSteps.advance`; states are NaN from the first step that ends off the constraints."""
-        s, loops = self.system, self.loops
+        s = self.system
+        loops = self.loops
         lengths = np.full(steps, self.h if h is None else h)
         batch = (*y.shape[:-1], steps)
         states = np.empty((*y.shape[:-1], steps + 1, s.size))
-        loop_states, ddq = np.empty((*batch, LOOP_STATE_SIZE)), np.empty((*batch, s.nv))
+        loop_states = np.empty((*batch, LOOP_STATE_SIZE))
+        ddq = np.empty((*batch, s.nv))
         states[..., 0, :] = y
-        Y = states[..., 1:, :]
-        first = np.zeros((*y.shape[:-1], LOOP_STATE_SIZE))
-        first[..., PIVOT], first[..., ON_CONSTRAINTS] = loops.smallest_pivot(y), 1.0
+        after = states[..., 1:, :]
+        first_loop_state = np.zeros((*y.shape[:-1], LOOP_STATE_SIZE))
+        first_loop_state[..., PIVOT] = loops.smallest_pivot(y)
+        first_loop_state[..., ON_CONSTRAINTS] = 1.0
         inputs = [np.broadcast_to(x[..., None, :], (*x.shape[:-1], steps, x.shape[-1])) for x in self.inputs()]
         q, dq, work = self.parts(y)
-        q_after, dq_after, work_after = self.parts(Y)
+        q_after, dq_after, work_after = self.parts(after)
         out = q_after, dq_after, loop_states, work_after, ddq
         with np.errstate(all="ignore"):
-            self.kernel(q, dq, first, work, lengths, *inputs, out=out)
+            self.kernel(q, dq, first_loop_state, work, lengths, *inputs, out=out)
         on_constraints = loop_states[..., ON_CONSTRAINTS] > 0.5
-        Y[~on_constraints] = np.nan
-        if h is None and on_constraints.any():
+        after[~on_constraints] = np.nan
+        if h is None and on_constraints.any():  # steps of another length only estimate errors
             last = loop_states[int(on_constraints.sum()) - 1]
             loops.note(last[LARGEST_GAP], last[LARGEST_RATE])
         s.evaluations += self.stages * steps

@@ -26,34 +26,37 @@ class Scheme(Protocol):
 
     @property
     def lagging(self) -> bool:
-        """True if the velocities of a state lag half a step behind its coordinates."""
+        """True if the velocities of a state belong to a time half a step before that of its coordinates."""
 
     def on(self, system: System) -> Scheme:
         """Same method for a copy of its system."""
 
     def step(self, t: float, y: Array, h: float, rate: Array, /) -> Array:
-        """State a time ``h`` later; ``rate`` is f(t, y)."""
+        """State at t + ``h``; ``rate`` is f(t, y), the rate of the state at its begin."""
 
 
 class RungeKutta:
-    """Explicit method from its tableau. The caller normalises quaternions."""
+    """Explicit Runge–Kutta method from its tableau. The caller normalises quaternions."""
 
     lagging = False
 
     def __init__(self, system: System, tableau: Tableau) -> None:
-        self.system, self.tableau, self.order = system, tableau, tableau.order
+        self.system = system
+        self.tableau = tableau
+        self.order = tableau.order
         self.a, self.b, self.c, self.error, self.dense = tableau.numbers
         self.quadrature = self.c, self.b
         self.K = np.zeros((len(self.b), system.size))
-        """Rates of the stages of the last step."""
+        """Rates k_i of the stages of the last step, one a row."""
 
     def on(self, system: System) -> RungeKutta:
         """Same method for a copy of its system."""
         return RungeKutta(system, self.tableau)
 
     def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
-        """Step y + h Σ b_i k_i."""
-        K, rates = self.K, self.system.rates
+        """State y + h Σ b_i k_i, with the stages k_i = f(t + c_i h, y + h Σ_j a_ij k_j)."""
+        K = self.K
+        rates = self.system.rates
         K[0] = rate
         for i in range(1, len(self.b)):
             rates(t + self.c[i] * h, y + h * np.dot(self.a[i], K[:i]), K[i])
@@ -61,9 +64,9 @@ class RungeKutta:
 
 
 class SemiImplicit:
-    """Semi-implicit Euler: velocities by the rates before, coordinates by the velocities after, along the manifold.
+    """Semi-implicit Euler: old accelerations change velocities, and new velocities move coordinates on the manifold.
 
-    Friction, and velocity gains of laws that return them, are implicit. With friction, velocities change at the
+    Friction is implicit, and so are velocity gains of laws that return them. With friction, velocities change at the
     midpoint.
     """
 
@@ -83,30 +86,42 @@ class SemiImplicit:
         return SemiImplicit(system)
 
     def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
-        """dq1 = dq + h ddq, with implicit friction and gains if any; then q1 = q ⊕ h dq1, or half steps by dq and dq1."""
+        """State at t + h.
+
+        Without friction and gains: dq1 = dq + h ddq, then q1 = q ⊕ h dq1. With them, dq1 is implicit, and the
+        coordinates move half a step by dq, then half a step by dq1.
+        """
         s = self.system
         if s.dry_friction is None:
             y1 = y + h * rate
             y1[: s.nq] = s.manifold.move(y[: s.nq], h * y1[s.moving])
             return y1
-        y1, powers = y.copy(), np.zeros(len(WORKS))
-        v = s.braked_step(t, y, h, powers)
-        middle = s.dry_friction.middle(s.manifold, y[: s.nq], y[s.moving], h)
-        y1[: s.nq], y1[s.moving] = s.dry_friction.end(s.manifold, middle, v, h), v
+        y1 = y.copy()
+        powers = np.zeros(len(WORKS))
+        dq1 = s.braked_step(t, y, h, powers)
+        q_middle = s.dry_friction.middle(s.manifold, y[: s.nq], y[s.moving], h)
+        y1[: s.nq] = s.dry_friction.end(s.manifold, q_middle, dq1, h)
+        y1[s.moving] = dq1
         y1[-len(WORKS) :] += h * powers
         return y1
 
 
 class OneByOne:
-    """Steps of a method from any state: first the rates there, last the normalisation of quaternions."""
+    """Steps of a method, each from a state by itself.
+
+    A step begins with the rates at its state and ends with the normalisation of quaternions.
+    """
 
     takes_many = False
+    """True if a call takes many states."""
 
     def __init__(self, system: System, scheme: Scheme) -> None:
-        self.system, self.scheme, self.order = system, scheme, scheme.order
+        self.system = system
+        self.scheme = scheme
+        self.order = scheme.order
 
     def under(self, held: Array) -> OneByOne:
-        """Same steps of a copy of the system, under these torques of the controller."""
+        """Same steps of a copy of the system, in which the controller holds these torques."""
         system = self.system.under(held)
         return OneByOne(system, self.scheme.on(system))
 
@@ -115,16 +130,16 @@ class OneByOne:
         return self.system.accelerations(t, y)
 
     def after(self, t: float, y: Array, h: float) -> Array:
-        """State a time ``h`` later."""
+        """State at t + ``h``."""
         return self.step_and_accelerations(t, y, h)[0]
 
     def step_and_accelerations(self, t: float, y: Array, h: float) -> tuple[Array, Array]:
-        """State a time h later, and accelerations (nv,) at the given state."""
+        """State at t + h, and accelerations (nv,) at t."""
         rate = np.zeros(self.system.size)
         self.system.rates(t, y, rate)
-        y = self.scheme.step(t, y, h, rate)
-        self.system.manifold.normalise(y[: self.system.nq])
-        return y, rate[self.system.moving]
+        y1 = self.scheme.step(t, y, h, rate)
+        self.system.manifold.normalise(y1[: self.system.nq])
+        return y1, rate[self.system.moving]
 
 
 METHODS: dict[str, Callable[[System], Scheme]] = {

@@ -1,9 +1,9 @@
 """Runge–Kutta tableaus with orders verified by rooted trees.
 
-Order conditions: the expansion of the exact solution of y' = f(y) has one term for each rooted tree, and so has that of
-a step. They agree to order p if they agree on all trees with at most p nodes. Source: Butcher, Numerical Methods for
-Ordinary Differential Equations, 3rd ed., section 31; Hairer, Nørsett and Wanner, Solving Ordinary Differential
-Equations I, section II.2.
+Order conditions: the expansion of the exact solution of y' = f(y) has one term for each rooted tree, and so has the
+expansion of a step. A step has order p if both expansions agree on all trees with at most p nodes. Source: Butcher,
+Numerical Methods for Ordinary Differential Equations, 3rd ed., section 31; Hairer, Nørsett and Wanner, Solving Ordinary
+Differential Equations I, section II.2.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from ...core.errors import ValueRangeError
 from ...core.typing import Array
 
 Tree = tuple["Tree", ...]
-"""Subtrees of a root, sorted."""
+"""Rooted tree: the subtrees of its root, sorted."""
 Row = tuple[Fraction, ...]
+"""Row of a tableau."""
 
 
 @cache
@@ -36,18 +37,18 @@ def trees(nodes: int) -> tuple[Tree, ...]:
 
 
 def _forests(nodes: int, largest: int) -> set[Tree]:
-    """Collections of trees with a given total number of nodes, none with more than ``largest``."""
+    """Sorted collections of trees with a given total number of nodes, none of which has more than ``largest`` nodes."""
     if nodes == 0:
         return {()}
     forests: set[Tree] = set()
-    for size in range(1, min(nodes, largest) + 1):
-        for first, others in product(trees(size), _forests(nodes - size, size)):
-            forests.add(tuple(sorted((first, *others))))
+    for size in range(1, min(nodes, largest) + 1):  # of the largest tree
+        for largest_tree, others in product(trees(size), _forests(nodes - size, size)):
+            forests.add(tuple(sorted((largest_tree, *others))))
     return forests
 
 
 def order(tree: Tree) -> int:
-    """Number of nodes."""
+    """Number of nodes of a tree."""
     return 1 + sum(map(order, tree))
 
 
@@ -103,27 +104,30 @@ class Tableau:
     """Order of dense output."""
 
     def __post_init__(self) -> None:
-        for part in ("a", "dense"):
-            object.__setattr__(self, part, tuple(tuple(map(Fraction, row)) for row in getattr(self, part)))
-        for part in ("b", "embedded"):
-            object.__setattr__(self, part, tuple(map(Fraction, getattr(self, part))))
+        for name in ("a", "dense"):
+            matrix = getattr(self, name)
+            object.__setattr__(self, name, tuple(tuple(map(Fraction, row)) for row in matrix))
+        for name in ("b", "embedded"):
+            object.__setattr__(self, name, tuple(map(Fraction, getattr(self, name))))
         if len(self.b) != len(self.a) or any(len(row) != len(self.a) for row in self.a):
             raise ValueRangeError(f"tableau {self.name!r}: a must be square, with a row for each entry of b.")
-        self._require(self.b, self.order, "is not")
+        self._require_order(self.b, self.order, "is not")
         if self.embedded:
-            self._require(self.embedded, self.embedded_order, "has no embedded step")
-        if not self.dense:
-            return
-        # Σ b_i(θ) φ_i = θ^nodes / γ, power by power of θ; for θ = 1 this is the step itself.
+            self._require_order(self.embedded, self.embedded_order, "has no embedded step")
+        if self.dense:
+            self._require_dense_order()
+
+    def _require_dense_order(self) -> None:
+        """Raise ValueRangeError unless Σ b_i(θ) φ_i = θ^nodes / γ, power by power of θ; θ = 1 is the end of the step."""
         if tuple(sum(row, Fraction(0)) for row in self.dense) != self.b:
             raise ValueRangeError(f"tableau {self.name!r}: the dense output does not end where the step does.")
         for power, weights in enumerate(zip(*self.dense, strict=True), start=1):
-            for tree, value, wanted in self._conditions(weights, self.dense_order):
-                expected = wanted if order(tree) == power else 0
-                if value != expected:
+            for tree, weighted_sum, exact in self._conditions(weights, self.dense_order):
+                expected = exact if order(tree) == power else 0
+                if weighted_sum != expected:
                     raise ValueRangeError(
                         f"tableau {self.name!r} has no dense output of order {self.dense_order}: at θ^{power} tree "
-                        f"{tree} gives {value}."
+                        f"{tree} gives {weighted_sum}."
                     )
 
     @cached_property
@@ -134,7 +138,7 @@ class Tableau:
     @property
     def explicit(self) -> bool:
         """True if each stage depends only on earlier ones."""
-        return not any(x for i, row in enumerate(self.a) for x in row[i:])
+        return not any(any(row[i:]) for i, row in enumerate(self.a))
 
     @property
     def first_same_as_last(self) -> bool:
@@ -150,24 +154,30 @@ class Tableau:
     def numbers(self) -> tuple[tuple[Array, ...], Array, Array, Array, Array]:
         """Rows of a up to the diagonal, b, c, b - embedded, dense, as float64."""
         rows = tuple(np.array(row[:i], float) for i, row in enumerate(self.a))
-        b, c = np.array(self.b, float), np.array(self.c, float)
-        error = b - np.array(self.embedded, float) if self.embedded else np.zeros(0)
+        b = np.array(self.b, float)
+        c = np.array(self.c, float)
+        error = np.zeros(0)
+        if self.embedded:
+            error = b - np.array(self.embedded, float)
         return rows, b, c, error, np.array(self.dense, float)
 
-    def _require(self, weights: Row, order: int, claim: str) -> None:
-        for tree, value, wanted in self._conditions(weights, order):
-            if value != wanted:
+    def _require_order(self, weights: Row, order: int, claim: str) -> None:
+        """Raise ValueRangeError unless the weights of a step have this order, and not a higher one."""
+        for tree, weighted_sum, exact in self._conditions(weights, order):
+            if weighted_sum != exact:
                 raise ValueRangeError(
-                    f"tableau {self.name!r} {claim} of order {order}: tree {tree} gives {value}, wanted {wanted}."
+                    f"tableau {self.name!r} {claim} of order {order}: tree {tree} gives {weighted_sum}, wanted {exact}."
                 )
-        if all(value == wanted for _, value, wanted in self._conditions(weights, order + 1, order + 1)):
+        conditions_of_next_order = self._conditions(weights, order + 1, order + 1)
+        if all(weighted_sum == exact for _, weighted_sum, exact in conditions_of_next_order):
             raise ValueRangeError(f"tableau {self.name!r} claims order {order} and has order {order + 1}.")
 
     def _conditions(self, weights: Row, last: int, first: int = 1) -> Iterator[tuple[Tree, Fraction, Fraction]]:
         """Tree, Σ b_i φ_i and 1/γ, for the trees with ``first`` to ``last`` nodes."""
         for nodes in range(first, last + 1):
             for tree in trees(nodes):
-                yield tree, _dot(weights, elementary_weights(tree, self.a)), Fraction(1, density(tree))
+                weighted_sum = _dot(weights, elementary_weights(tree, self.a))
+                yield tree, weighted_sum, Fraction(1, density(tree))
 
 
 @dataclass(frozen=True)
@@ -184,13 +194,13 @@ class Partitioned:
     """Tableau of the positions."""
 
     def __post_init__(self) -> None:
-        v, p = self.velocities, self.positions
-        ends = all(sum(t.b) == 1 for t in (v, p))
-        # Trees with two nodes, by the colours of root and leaf: Σ b_i a_ij = ½ with b and a of either part.
-        pairs = all(_dot(s.b, t.c) == Fraction(1, 2) for s, t in product((v, p), repeat=2))
+        parts = (self.velocities, self.positions)
+        # The tree with one node: Σ b_i = 1. Trees with two nodes: Σ b_i c_i = ½, with b and c of either part.
+        has_order_1 = all(sum(part.b) == 1 for part in parts)
+        has_order_2 = all(_dot(root.b, leaf.c) == Fraction(1, 2) for root, leaf in product(parts, repeat=2))
         actual_order = 0
-        if ends:
-            actual_order = 2 if pairs else 1
+        if has_order_1:
+            actual_order = 2 if has_order_2 else 1
         if actual_order != self.order:
             raise ValueRangeError(
                 f"partitioned tableau {self.name!r} claims order {self.order} and has order {actual_order}."
@@ -198,7 +208,7 @@ class Partitioned:
 
     @property
     def symplectic(self) -> bool:
-        """True if b_i â_ij + b̂_j a_ji = b_i b̂_j: the map preserves the symplectic form of H(q, p)."""
+        """True if b_i â_ij + b̂_j a_ji = b_i b̂_j, with a hat on positions: the symplectic form of H(q, p) is preserved."""
         return _preserves_products(self.velocities.b, self.velocities.a, self.positions.b, self.positions.a)
 
 
@@ -213,6 +223,7 @@ def _preserves_products(b: Row, a: tuple[Row, ...], b_hat: Row, a_hat: tuple[Row
 
 
 def _fractions(*rows: str) -> tuple[Row, ...]:
+    """Rows of a tableau from text."""
     return tuple(tuple(map(Fraction, row.split())) for row in rows)
 
 

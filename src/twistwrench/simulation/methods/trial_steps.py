@@ -25,6 +25,7 @@ from .schemes import RungeKutta
 from .tableaus import DORMAND_PRINCE
 
 STAGES = len(DORMAND_PRINCE.b)
+"""Number of stages of a step."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,14 @@ class TrialStep(StepPlan):
 
     @property
     def stages(self) -> int:
-        """Evaluations of forward dynamics, except the first stage, whose rates are inputs."""
+        """Number of evaluations of forward dynamics: not that of the first stage, whose rates are inputs."""
         return STAGES - 1
 
     def recurrence(self) -> Scan:
-        """Loop with the states q, dq, W, the rates (7, size) of the stages, error (size,) and step statistics (4,).
+        """Loop over the stages, with the states q, dq, W, the rates (7, size), error (size,) and statistics (4,) of a step.
 
-        Of the rates, only the first are inputs; error and statistics are outputs only. The tolerances follow the step's
-        length and the other inputs.
+        The rates of the first stage are inputs; error and statistics are outputs only. The inputs are the step's length,
+        those of the plan, and the tolerances.
         """
         model = self.model
         nq, nv, works = model.nq, model.nv, len(WORKS)
@@ -53,7 +54,7 @@ class TrialStep(StepPlan):
         sources += [Source("state", 3), Source("stage"), *[Source("given")] * len(inputs)]
         names = ["q", "dq", "work", "rates", "error", "judgement"]
         program = trace(self._attempt, ports, names)
-        return Scan(program, tuple(sources), visible=6, table=_rows())
+        return Scan(program, tuple(sources), visible=6, table=_stage_table())
 
     def _attempt(
         self,
@@ -70,33 +71,42 @@ class TrialStep(StepPlan):
     ) -> tuple[Array, ...]:
         """Write the rates of a stage into K, by the first half of a row; its second half gives the next stage or the end."""
         *forces, rtol, atol = inputs
-        rate = np.concatenate(self._rates(angles, angles, dq, forces)[0])
-        here, ahead = row[:STAGES], row[STAGES:]
-        K = np.array([K[0]] + [K[i] + here[i] * (rate - K[i]) for i in range(1, STAGES)], object)
+        rates, _, _ = self._rates(angles, angles, dq, forces)
+        rate = np.concatenate(rates)
+        is_stage, weights = row[:STAGES], row[STAGES:]
+        K = np.array([K[0]] + [K[i] + is_stage[i] * (rate - K[i]) for i in range(1, STAGES)], object)
         y = np.concatenate([q0, dq0, work0])
-        y1 = y + h * (ahead @ K)
+        y1 = y + h * (weights @ K)
         nq, nv = self.model.nq, self.model.nv
-        error, statistics = judgement(slice(nq, nq + nv), y, y1, K, h, rtol, atol)
+        error, statistics = error_and_statistics(slice(nq, nq + nv), y, y1, K, h, rtol, atol)
         return y1[:nq], y1[nq : nq + nv], y1[nq + nv :], K, error, statistics
 
 
-def _rows() -> tuple[tuple[float, ...], ...]:
-    """For each stage the index of its rate and the weights of the next stage; the last row is the end of the step."""
+def _stage_table() -> tuple[tuple[float, ...], ...]:
+    """Row of each stage: 1 at its own place, then the weights of the next stage, or of the step after the last stage.
+
+    The first stage has no 1, since its rates are inputs.
+    """
     a, b, *_ = DORMAND_PRINCE.numbers
     rows = []
     for i in range(STAGES):
-        here, ahead = np.zeros(STAGES), np.zeros(STAGES)
-        here[i] = float(i > 0)
+        is_stage, weights = np.zeros(STAGES), np.zeros(STAGES)
+        is_stage[i] = float(i > 0)
         if i + 1 < STAGES:
-            ahead[: i + 1] = a[i + 1][: i + 1]
+            weights[: i + 1] = a[i + 1][: i + 1]
         else:
-            ahead[:] = b
-        rows.append((*map(float, here), *map(float, ahead)))
+            weights[:] = b
+        rows.append((*map(float, is_stage), *map(float, weights)))
     return tuple(rows)
 
 
-def judgement(moving: slice, y: Array, y1: Array, K: Array, h: Any, rtol: Any, atol: Any) -> tuple[Array, Array]:
-    """Error (size,) of a step from y to y1, and squared norm, steepness, distance and speed (4,)."""
+def error_and_statistics(
+    moving: slice, y: Array, y1: Array, K: Array, h: Any, rtol: Any, atol: Any
+) -> tuple[Array, Array]:
+    """Error (size,) of a step from y to y1, and four squares: of its norm, steepness, distance and speed.
+
+    Steepness is h |k_7 - k_6|, and distance is that of the states of the last two stages, both without works.
+    """
     motion = slice(0, moving.stop)
     a, _, _, weights, _ = DORMAND_PRINCE.numbers
     error = h * (weights @ K)
@@ -114,8 +124,8 @@ def judgement(moving: slice, y: Array, y1: Array, K: Array, h: Any, rtol: Any, a
     return error, statistics
 
 
-ROWS = 256
-"""Number of rows in the buffer; accepted steps stay there until their dense output is evaluated."""
+BUFFER_ROWS = 256
+"""Number of rows in a buffer; accepted steps stay there until their dense output is evaluated."""
 
 
 class TrialSteps:
@@ -125,36 +135,49 @@ class TrialSteps:
     """
 
     def __init__(self, system: System, plan: TrialStep, kernel: Any, tolerances: tuple[float, float]) -> None:
-        self.system, self.plan, self.count = system, plan, 0
+        self.system = system
+        self.plan = plan
+        self.count = 0
+        """Number of accepted steps in the buffers."""
         self._total = np.zeros(system.size)
-        m, size = ROWS, system.size
-        self.states, self.rates = np.zeros((m, size)), np.zeros((m, STAGES, size))
-        self.errors, self.judgements = np.zeros((m, size)), np.zeros((m, 4))
-        """(m, size), (m, 7, size), (m, size), (m, 4): states after the steps, rates of the stages, errors and statistics."""
-        self._y, self._K, self._h = np.zeros((1, size)), np.zeros((1, STAGES, size)), np.zeros(1)
+        """Sum of the errors of accepted steps that have left the buffers."""
+        m, size = BUFFER_ROWS, system.size
+        self.states = np.zeros((m, size))
+        """States after the steps."""
+        self.rates = np.zeros((m, STAGES, size))
+        """Rates of the stages."""
+        self.errors = np.zeros((m, size))
+        self.statistics = np.zeros((m, 4))
+        self._y = np.zeros((1, size))
+        self._K = np.zeros((1, STAGES, size))
+        self._h = np.zeros(1)
         self._tau = np.zeros((1, system.nv))
         self._held: Array | None = None
         """Torques of the controller that stand in the inputs."""
-        only_row, rows = np.zeros(m, int), np.arange(m)
-        cuts = slice(0, system.nq), system.moving, slice(system.nq + system.nv, size)
-        before = [(self._y[:, cut], only_row) for cut in cuts]
-        after = [(self.states[:, cut], rows) for cut in cuts]
-        statistics = [(self.errors, rows), (self.judgements, rows)]
+        # An input or output is an array and its row for each call: always the first one, or that of the step.
+        first_row, own_row = np.zeros(m, int), np.arange(m)
+        parts_of_state = slice(0, system.nq), system.moving, slice(system.nq + system.nv, size)
+        before = [(self._y[:, part], first_row) for part in parts_of_state]
+        after = [(self.states[:, part], own_row) for part in parts_of_state]
+        error_rows = [(self.errors, own_row), (self.statistics, own_row)]
         values = {"tau": self._tau}
         for name, x in constants(system, plan).items():
             values[name] = x[None]
-        named = [(values[name], only_row) for name, _ in plan.inputs[1:]]
-        limits = [(np.array([x]), only_row) for x in tolerances]
-        inputs: list[Rows] = [*before, (self._K, only_row), *statistics, (self._h, only_row), *named, *limits]
-        outputs: list[Rows] = [*after, (self.rates, rows), *statistics]
-        self._call = _row_caller(kernel, inputs, outputs, list(dict(plan.inputs)).index("tau") + 6)
+        plan_inputs = [(values[name], first_row) for name, _ in plan.inputs[1:]]
+        tolerance_inputs = [(np.array([tolerance]), first_row) for tolerance in tolerances]
+        inputs: list[Rows] = [*before, (self._K, first_row), *error_rows, (self._h, first_row)]
+        tau = len(inputs) - 1 + list(dict(plan.inputs)).index("tau")  # the length is the first input of the plan
+        inputs += [*plan_inputs, *tolerance_inputs]
+        outputs: list[Rows] = [*after, (self.rates, own_row), *error_rows]
+        self._call = _row_caller(kernel, inputs, outputs, tau)
 
     @classmethod
     def build(cls, system: System, tolerances: tuple[float, float]) -> TrialSteps | None:
         """Trial steps; None if there are callbacks or contacts, or compilation is impossible."""
         if system.functions or not can_compile_steps(system):
             return None
-        robot, plan = system.robot, TrialStep.from_system(system, "dopri5")
+        robot = system.robot
+        plan = TrialStep.from_system(system, "dopri5")
 
         def build() -> Any:
             robot.engine.require_invertible()
@@ -162,7 +185,9 @@ class TrialSteps:
             return compile_form(plan.recurrence(), "attempted step", doc, scalar=True)
 
         kernel = robot.engine.cache(plan.key, build)
-        return None if owner_of(kernel) is None else cls(system, plan, kernel, tolerances)
+        if owner_of(kernel) is None:
+            return None
+        return cls(system, plan, kernel, tolerances)
 
     def attempt(self, _t: float, y: Array, rate: Array, h: float) -> tuple[float, float, float, float]:
         """Try a step from a state and its rates (size,): norm of its error, steepness, distance, and squared speed."""
@@ -172,10 +197,12 @@ class TrialSteps:
         if self._held is not s.held:
             self._held = s.held
             self._tau[0] = s.held
-        self._y[0], self._K[0, 0], self._h[0] = y, rate, h
+        self._y[0] = y
+        self._K[0, 0] = rate
+        self._h[0] = h
         self._call(k)
         s.evaluations += self.plan.stages
-        squared_error, squared_steepness, squared_distance, squared_speed = self.judgements[k].tolist()
+        squared_error, squared_steepness, squared_distance, squared_speed = self.statistics[k].tolist()
         return math.sqrt(squared_error), math.sqrt(squared_steepness), math.sqrt(squared_distance), squared_speed
 
     @property
@@ -199,11 +226,11 @@ class TrialSteps:
 
 
 def _row_caller(kernel: Any, inputs: list[Rows], outputs: list[Rows], tau: int) -> Callable[[int], Any]:
-    """Function that makes call k of a kernel, from and to rows of arrays."""
+    """Function that makes call k of a kernel, from and to rows of arrays; ``tau`` is the number of the torques' input."""
     if can_bind_calls(kernel):
         return bind_calls(kernel, [*inputs, *outputs], tau, len(inputs) + len(outputs) - 1)
 
-    def call(k: int) -> None:
+    def call(k: int) -> None:  # the first seven inputs are three parts of the state, K, error, statistics and length
         *states, length = [x[rows[k]] for x, rows in inputs[:7]]
         values = [x[rows[k]][None] for x, rows in inputs[7:]]
         results = [x[rows[k]][None] for x, rows in outputs]
@@ -218,22 +245,29 @@ class FunctionTrials:
     count = 0
 
     def __init__(self, system: System, scheme: RungeKutta, tolerances: tuple[float, float]) -> None:
-        self.system, self.scheme, self.tolerances = system, scheme, tolerances
+        self.system = system
+        self.scheme = scheme
+        self.tolerances = tolerances
         self.total = np.zeros(system.size)
-        self.states = self.rates = self.errors = np.zeros((1, system.size))
+        self.states = self.rates = self.errors = np.zeros((1, system.size))  # replaced by the first attempt
 
     def attempt(self, t: float, y: Array, rate: Array, h: float) -> tuple[float, float, float, float]:
         """Try a step from a state and its rates (size,): norm of its error, steepness, distance; the speed is unknown."""
-        scheme, motion, (rtol, atol) = self.scheme, slice(0, self.system.size - len(WORKS)), self.tolerances
+        scheme = self.scheme
+        motion = slice(0, self.system.size - len(WORKS))
+        rtol, atol = self.tolerances
         y1 = scheme.step(t, y, h, rate)
         K = scheme.K.copy()
         error = h * np.dot(scheme.error, K)
-        self.states, self.rates, self.errors = y1[None], K[None], error[None]
+        self.states = y1[None]
+        self.rates = K[None]
+        self.errors = error[None]
         relative_error = error / (atol + rtol * np.maximum(np.abs(y), np.abs(y1)))
-        z = y + h * np.dot(scheme.a[-2], K[:-2])
+        y_of_stage_before = y + h * np.dot(scheme.a[-2], K[:-2])
         error_norm = float(np.sqrt(np.mean(np.square(relative_error[motion]))))
         steepness = h * float(np.linalg.norm((K[-1] - K[-2])[motion]))
-        return error_norm, steepness, float(np.linalg.norm((y1 - z)[motion])), np.nan
+        distance = float(np.linalg.norm((y1 - y_of_stage_before)[motion]))
+        return error_norm, steepness, distance, np.nan
 
     def accept(self) -> None:
         """Add the error of the last trial step."""

@@ -36,10 +36,15 @@ from ..forces import WORKS, System
 MAX_ITERATIONS = 100
 """Largest number of iterations. Convergence is linear and faster for shorter steps; three or four are usual."""
 MAX_CONTRACTION = 0.3
-"""Largest ratio of consecutive changes; above it a tiny change is rounding error, otherwise secant updates are used."""
+"""Largest ratio of a change to the one before it if iterations converge well. Above it, a tiny change is rounding error; after
+a change that is not tiny, secant updates begin."""
+_CONVERGED = 1e-16
+"""Change relative to the velocities that is expected next at which the iteration ends."""
+_MAX_ROUNDING = 1e-11
+"""Largest change relative to the velocities that may be rounding error."""
 
-# Series of ad(η), whose eigenvalues are 0 and ±i times the rotation angle. The first two converge for less than a full
-# turn; at 1 rad the first omitted term is below 1e-19.
+# Series of ad(η), whose eigenvalues are 0 and ±i times the rotation angle. Those of a / (e^a - 1) and of tanh converge for
+# less than a full turn; at 1 rad the first omitted term is below 1e-19.
 
 LARGEST_TURN = 2.0
 """Largest rotation per step [rad]; the first omitted term is then below 1e-12."""
@@ -48,12 +53,16 @@ _EXPONENTIAL_TERMS = 20
 
 
 _BERNOULLI = [Fraction(1)]
+"""Bernoulli numbers B_m from Σ_j binomial(m + 1, j) B_j = 0 over j = 0 … m."""
 for _m in range(1, 2 * _SERIES_TERMS + 1):
-    _BERNOULLI.append(-sum((comb(_m + 1, j) * _BERNOULLI[j] for j in range(_m)), Fraction(0)) / (_m + 1))
-_RATIOS = [float(_BERNOULLI[2 * n] / factorial(2 * n)) for n in range(1, _SERIES_TERMS + 1)]
-"""B_2n / (2n)! for n = 1, 2, …, with the Bernoulli numbers B."""
-_TANH = [0.5 * 4.0**n * (4.0**n - 1.0) * r * 0.25 ** (2 * n - 1) for n, r in enumerate(_RATIOS, start=1)]
-"""½ tanh(a/4) = Σ _TANH a^(2n-1)."""
+    _sum_of_earlier = sum((comb(_m + 1, j) * _BERNOULLI[j] for j in range(_m)), Fraction(0))
+    _BERNOULLI.append(-_sum_of_earlier / (_m + 1))
+_BERNOULLI_SERIES = [float(_BERNOULLI[2 * n] / factorial(2 * n)) for n in range(1, _SERIES_TERMS + 1)]
+"""Coefficients B_2n / (2n)! for n = 1, 2, … of a / (e^a - 1) = 1 - a/2 + Σ B_2n / (2n)! a^2n."""
+_TANH_SERIES = [
+    0.5 * 4.0**n * (4.0**n - 1.0) * b * 0.25 ** (2 * n - 1) for n, b in enumerate(_BERNOULLI_SERIES, start=1)
+]
+"""Coefficients of ½ tanh(a/4) = Σ c_n a^(2n-1), from tanh x = Σ 4^n (4^n - 1) B_2n / (2n)! x^(2n-1)."""
 
 
 def _adjoint(V: Array, constants: Array) -> Array:
@@ -62,7 +71,7 @@ def _adjoint(V: Array, constants: Array) -> Array:
 
 
 def _exponential(a: Array, x: Array) -> Array:
-    """e^a x."""
+    """e^a x = x + a (x + a/2 (x + a/3 (x + …)))."""
     y = x
     for k in range(_EXPONENTIAL_TERMS, 0, -1):
         y = x + a.dot(y) / k
@@ -70,8 +79,9 @@ def _exponential(a: Array, x: Array) -> Array:
 
 
 def _even_series(a: Array, x: Array, coefficients: list[float]) -> Array:
-    """Σ c_n a^(2n) x over n = 0, 1, … of an even function."""
-    square, y = a.dot(a), coefficients[-1] * x
+    """Σ c_n a^(2n) x over n = 0, 1, … of an even function, by Horner's rule."""
+    square = a.dot(a)
+    y = coefficients[-1] * x
     for c in coefficients[-2::-1]:
         y = c * x + square.dot(y)
     return y
@@ -84,16 +94,22 @@ class _Secant:
     """
 
     def __init__(self, change: Array) -> None:
-        self.inverse, self.plain_change, self.last_change = np.eye(len(change)), change, change
+        self.inverse = np.eye(len(change))
+        """Inverse of the slope of the plain change, with the opposite sign."""
+        self.plain_change = change
+        """Last change of the plain iteration."""
+        self.last_change = change
+        """Last change of the unknowns."""
 
     def correct(self, plain_change: Array) -> Array:
         """Broyden's change for the change of the plain iteration."""
-        predicted = self.inverse @ (self.plain_change - plain_change)  # change by the current inverse
+        predicted = self.inverse @ (self.plain_change - plain_change)  # last_change, if the inverse were right
         projection = float(self.last_change @ predicted)
         if projection:
             update = np.outer(self.last_change - predicted, self.last_change @ self.inverse)
             self.inverse = self.inverse + update / projection
-        self.plain_change, self.last_change = plain_change, self.inverse @ plain_change
+        self.plain_change = plain_change
+        self.last_change = self.inverse @ plain_change
         return self.last_change
 
 
@@ -103,12 +119,15 @@ class Variational:
     lagging = False
 
     def __init__(self, system: System, order: int) -> None:
-        self.system, self.order, self.fractions = system, order, COMPOSITIONS[order]
-        parts = np.array(self.fractions)
-        self.quadrature = np.cumsum(parts) - 0.5 * parts, parts
-        robot = system.robot
-        self.terms = robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
+        self.system = system
+        self.order = order
+        self.fractions = COMPOSITIONS[order]
+        """Lengths of the midpoint steps, as fractions of a step."""
+        lengths = np.array(self.fractions)
+        self.quadrature = np.cumsum(lengths) - 0.5 * lengths, lengths
+        self.terms = system.robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
         self.groups = system.manifold.groups
+        """Velocities, angular ones among them, and structure constants of each joint with several degrees of freedom."""
 
     def on(self, system: System) -> Variational:
         """Same method for a copy of its system."""
@@ -117,22 +136,26 @@ class Variational:
         return copied
 
     def step(self, t: float, y: Array, h: float, rate: Array) -> Array:
-        """State a time ``h`` later; ``rate`` is f(t, y)."""
+        """State at t + ``h``; ``rate`` is f(t, y)."""
         system = self.system
         q, dq = system.split(y)
         p = system.robot.mass_matrix(q) @ dq
-        works, ddq, xi = y[-len(WORKS) :].copy(), rate[system.moving], dq
-        xi_time = 0.0  # time of the velocity xi after the start of a part
+        works = y[-len(WORKS) :].copy()
+        ddq = rate[system.moving]
+        xi = dq
+        xi_time = 0.0  # time to which the velocity xi belongs, after the start of the next midpoint step
         for c in self.fractions:
             xi = xi + (0.5 * c * h - xi_time) * ddq  # initial guess: velocity at the midpoint
             q, p, xi, powers = self._step(t, q, p, xi, c * h)
-            t, xi_time = t + c * h, -0.5 * c * h
+            t = t + c * h
+            xi_time = -0.5 * c * h
             works += c * h * powers
         return np.concatenate([q, np.linalg.solve(system.robot.mass_matrix(q), p), works])
 
     def _step(self, t: float, q0: Array, p0: Array, xi: Array, h: float) -> tuple[Array, Array, Array, Array]:
-        """One midpoint step; returns the state after it, ξ, and the powers of the forces at the midpoint (4,)."""
-        system, powers = self.system, np.zeros(len(WORKS))
+        """One midpoint step; returns q and p after it, ξ, and the powers of the forces at the midpoint (4,)."""
+        system = self.system
+        powers = np.zeros(len(WORKS))
         secant: _Secant | None = None
         previous_size = np.inf
         initial_speed = float(np.abs(xi).max()) or 1e-300  # the robot may come to rest in a step
@@ -150,47 +173,54 @@ class Variational:
             if secant is not None:
                 change = secant.correct(change)
             xi = xi + change
-            size, scale = float(np.abs(change).max()), max(float(np.abs(xi).max()), initial_speed)
+            size = float(np.abs(change).max())
+            scale = max(float(np.abs(xi).max()), initial_speed)
             if not size < np.inf:
                 raise self._failure(t, "the step is unstable", change)
             if any(np.linalg.norm(h * xi[k][turning]) > LARGEST_TURN for k, turning, _ in self.groups):
                 raise self._failure(t, f"the step turns a body by more than {printed(LARGEST_TURN)} rad", change)
-            # The next change would be smaller by the same ratio; this one may already be rounding error.
             next_size = size
-            if previous_size < np.inf:
+            if previous_size < np.inf:  # the next change would be smaller by the same ratio
                 next_size = size * min(size / previous_size, 1.0)
-            if next_size <= 1e-16 * scale or MAX_CONTRACTION * previous_size < size <= 1e-11 * scale:
+            shrinks_slowly = size > MAX_CONTRACTION * previous_size
+            is_rounding = shrinks_slowly and size <= _MAX_ROUNDING * scale
+            if next_size <= _CONVERGED * scale or is_rounding:
                 p1 = self._momentum_after(h * xi, p0, h * G)
                 return system.manifold.move(q0, h * xi), p1, xi, powers
-            if (
-                secant is None and size > MAX_CONTRACTION * previous_size
-            ):  # force too stiff for the step, as in a contact
+            if secant is None and shrinks_slowly:  # a force is too stiff for the step, as in a contact
                 secant = _Secant(change)
             previous_size = size
         raise self._failure(t, f"{MAX_ITERATIONS} iterations found no balance", change)
 
     def _midpoint_terms(self, xi: Array, h: float, p: Array, G: Array) -> tuple[Array, Array]:
-        """(a / (e^a - 1))ᵀ p and (1 + E)⁻ᵀ G, after ad(ξ)ᵀ p is subtracted from G."""
-        brackets = [(k, _adjoint(xi[k], c).T) for k, _, c in self.groups]
-        for k, ad in brackets:
+        """(a / (e^a - 1))ᵀ p and (1 + E)⁻ᵀ G, after ad(ξ)ᵀ p is subtracted from G.
+
+        In the loops, a stands for its transpose, and (1 + E)⁻ᵀ = ½ - ½ tanh(a/4).
+        """
+        transposed_ads = [(k, _adjoint(xi[k], c).T) for k, _, c in self.groups]
+        for k, ad in transposed_ads:
             G[k] -= ad @ p[k]
-        p_term, G_term = p.copy(), 0.5 * G
-        for k, ad in brackets:
+        p_term = p.copy()
+        G_term = 0.5 * G
+        for k, ad in transposed_ads:
             a = h * ad
             ap = a.dot(p[k])
-            p_term[k] = p[k] - 0.5 * ap + a.dot(a.dot(_even_series(a, p[k], _RATIOS)))  # Σ B_n / n! a^n p
-            G_term[k] = 0.5 * G[k] - a.dot(_even_series(a, G[k], _TANH))  # ½ G - ½ tanh(a/4) G
+            p_term[k] = p[k] - 0.5 * ap + a.dot(a.dot(_even_series(a, p[k], _BERNOULLI_SERIES)))  # Σ B_n / n! a^n p
+            G_term[k] = 0.5 * G[k] - a.dot(_even_series(a, G[k], _TANH_SERIES))
         return p_term, G_term
 
     def _momentum_after(self, eta: Array, p0: Array, impulse: Array) -> Array:
-        """Eᵀ (Eᵀ p0 + h G)."""
+        """Momentum p1 = Eᵀ (Eᵀ p0 + h G), with the ``impulse`` h G."""
         p1 = p0 + impulse
         for k, _, c in self.groups:
             half = 0.5 * _adjoint(eta[k], c).T
             p1[k] = _exponential(half, _exponential(half, p0[k]) + impulse[k])
         return p1
 
-    def _failure(self, t: float, what: str, change: Array) -> SimulationError:
-        bad = int(np.argmax(np.where(np.isfinite(change), np.abs(change), np.inf)))
-        name = self.system.robot.model.velocity_names[bad]
-        return SimulationError(f"at t = {printed(t, 9)} s {what}, first of all in joint {name!r}. Take a smaller dt.")
+    def _failure(self, t: float, problem: str, change: Array) -> SimulationError:
+        """Error message for a step that failed, with the joint of the largest change."""
+        worst = int(np.argmax(np.where(np.isfinite(change), np.abs(change), np.inf)))
+        name = self.system.robot.model.velocity_names[worst]
+        return SimulationError(
+            f"at t = {printed(t, 9)} s {problem}, first of all in joint {name!r}. Take a smaller dt."
+        )
