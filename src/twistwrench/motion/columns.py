@@ -239,6 +239,10 @@ class Assignment:
             return math.radians(1.0)
         return 1.0
 
+    def factors(self, choices: Sequence[Choice], part: str, angular: Sequence[bool]) -> Array:
+        """Factors (k,) of columns of one part to SI units."""
+        return np.array([self.factor(choice, part, turns) for choice, turns in zip(choices, angular, strict=True)])
+
     def choice(self, column: int) -> Choice:
         """Column with the unit in its name."""
         return Choice(column, self.units[column])
@@ -937,11 +941,7 @@ class Columns:
             columns = [choice.column for choice in choices]
             places[part] = table_index[columns] if columns else None
             angular = _is_angular(part, coordinates, of_motors=assignment.of_motors)
-            all_choices = choices or [_NO_COLUMN] * len(angular)
-            factors_of_part = []
-            for choice, is_angular in zip(all_choices, angular, strict=True):
-                factors_of_part.append(assignment.factor(choice, part, is_angular))
-            factors[part] = np.array(factors_of_part)
+            factors[part] = assignment.factors(choices or [_NO_COLUMN] * len(angular), part, angular)
         if reading.rate:
             seconds = 1.0 / reading.rate
         else:

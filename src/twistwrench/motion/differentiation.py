@@ -259,11 +259,7 @@ class Differentiation:
 
         def sigma_of_derivatives(order: int) -> Array:
             """Standard deviations (k,) of the derivatives of the columns, in SI units."""
-            gain_by_strength = {}  # computed once for equal strengths
-            for strength in set(strengths.tolist()):
-                gain_by_strength[strength] = noise_gain(order, strength, quality.step)
-            gains = np.array([gain_by_strength[strength] for strength in strengths.tolist()])
-            return np.asarray(deviation * factors * gains)
+            return np.asarray(deviation * factors * _noise_gains(order, strengths, quality.step))
 
         sigma_dq = np.zeros(model.nv)
         if derives_velocities:
@@ -434,6 +430,14 @@ def _strengths(
         if progress is not None:
             progress((k + 1) / len(strengths))
     return strengths, deviation
+
+
+def _noise_gains(order: int, strengths: Array, step: float) -> Array:
+    """Noise gains (k,) of derivatives at smoothing strengths (k,), computed once for equal strengths."""
+    gain_by_strength = {}
+    for strength in set(strengths.tolist()):
+        gain_by_strength[strength] = noise_gain(order, strength, step)
+    return np.array([gain_by_strength[strength] for strength in strengths.tolist()])
 
 
 def _ends(time: Array) -> Array:
