@@ -860,6 +860,13 @@ class MimicJointColumn(NamedTuple):
     """Factor to SI units."""
 
 
+def _seconds_per_unit(rate: float | None, time_unit: str | None) -> float:
+    """Seconds of one unit of the column of time: of one sample if the rate [1/s] is given."""
+    if rate:
+        return 1.0 / rate
+    return time_factor(time_unit or "s") or 1.0
+
+
 def _is_angular(part: str, coordinates: Coordinates, *, of_motors: bool) -> list[bool]:
     """True for each coordinate, velocity or drive of a part of the motion that is an angle or a torque."""
     if part == "tau" and of_motors:
@@ -942,10 +949,6 @@ class Columns:
             places[part] = table_index[columns] if columns else None
             angular = _is_angular(part, coordinates, of_motors=assignment.of_motors)
             factors[part] = assignment.factors(choices or [_NO_COLUMN] * len(angular), part, angular)
-        if reading.rate:
-            seconds = 1.0 / reading.rate
-        else:
-            seconds = time_factor(time_unit or "s") or 1.0
         mimic_joints = []
         for follower, choice in assignment.mimic_joints:
             factor = assignment.factor(choice, "q", follower.angular)
@@ -959,7 +962,7 @@ class Columns:
             header=tuple(table_header),
             used=tuple(used),
             time=0,
-            seconds=seconds,
+            seconds=_seconds_per_unit(reading.rate, time_unit),
             counted=has_row_numbers,
             time_stated=reading.rate is not None or time_unit is not None,
             places=places,

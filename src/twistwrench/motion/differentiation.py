@@ -256,19 +256,15 @@ class Differentiation:
         strengths, deviation = np.zeros(len(columns)), quality.noise
         if smoothing:
             strengths, deviation = _strengths(times, curves, quality, progress)
-
-        def sigma_of_derivatives(order: int) -> Array:
-            """Standard deviations (k,) of the derivatives of the columns, in SI units."""
-            return np.asarray(deviation * factors * _noise_gains(order, strengths, quality.step))
-
+        sigma = deviation * factors  # of the columns, in SI units
         sigma_dq = np.zeros(model.nv)
         if derives_velocities:
-            sigma_dq = _to_joints(model, sigma_of_derivatives(1))
+            sigma_dq = _to_joints(model, sigma * _noise_gains(1, strengths, quality.step))
         sigma_ddq = np.zeros(model.nv)
         if source == "velocities":
-            sigma_ddq = sigma_of_derivatives(1)
+            sigma_ddq = sigma * _noise_gains(1, strengths, quality.step)
         elif source == "positions":
-            sigma_ddq = _to_joints(model, sigma_of_derivatives(2))
+            sigma_ddq = _to_joints(model, sigma * _noise_gains(2, strengths, quality.step))
         return cls(
             trajectory=trajectory,
             model=model,
