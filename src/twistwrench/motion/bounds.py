@@ -69,10 +69,10 @@ def bounds_of(
     [2.0, 2.0]
     """
     require_robot(robot, "bounds_of")
-    limits = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
-    limits |= {"effort": effort, "jerk": jerk}
+    given = {"velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
+    given |= {"effort": effort, "jerk": jerk}
     replaced = {}
-    for name, values in limits.items():
+    for name, values in given.items():
         if values is None:
             continue
         array = np.asarray(arguments.real(values, name, names=robot.model.velocity_names), float)
@@ -81,9 +81,10 @@ def bounds_of(
                 f"{name} has shape {array.shape}: give one number, or {robot.nv}, one for each of "
                 f"{', '.join(robot.model.velocity_names[:12])}."
             )
-        if not (array > 0).all():
+        is_positive = array > 0
+        if not is_positive.all():
             raise ValueRangeError(
-                f"{name} has {printed(array[~(array > 0)].flat[0])}: a limit is above 0, inf for none."
+                f"{name} has {printed(array[~is_positive].flat[0])}: a limit is above 0, inf for none."
             )
         replaced[name] = np.broadcast_to(array, (robot.nv,)).copy()
     if "acceleration" in replaced:
@@ -106,8 +107,9 @@ def velocities_inside(time: Array, dq: Array, ddq: Array, begin: float, end: flo
     """
     if begin >= end:
         return dq
-    direction = 1.0 * (time <= begin) - 1.0 * (time >= end)
-    return np.where(dq == 0.0, _TIME_BESIDE_END * direction[..., None] * ddq, dq)
+    inwards = 1.0 * (time <= begin) - 1.0 * (time >= end)  # 1 at the start, -1 at the end, 0 between them
+    dq_inside = _TIME_BESIDE_END * inwards[..., None] * ddq
+    return np.where(dq == 0.0, dq_inside, dq)
 
 
 _PARTS: dict[str, Part] = {"position": "q", "velocity": "dq", "acceleration": "ddq", "jerk": "dddq", "torque": "tau"}
@@ -155,8 +157,8 @@ class Violation:
         """
         if "rad" not in self.unit:
             return self
-        value, limit = math.degrees(self.value), math.degrees(self.limit)
-        return replace(self, value=value, limit=limit, unit=self.unit.replace("rad", "°"))
+        unit = self.unit.replace("rad", "°")
+        return replace(self, value=math.degrees(self.value), limit=math.degrees(self.limit), unit=unit)
 
 
 class Extrema(NamedTuple):
@@ -171,26 +173,28 @@ class Extrema(NamedTuple):
     @classmethod
     def from_rows(cls, time: Array, values: Array, signed: Array) -> Extrema:
         """Maxima of values (n, columns) at times (n,); ``signed`` (n, columns) has the numbers behind the values."""
-        count = values.shape[1]
+        column_count = values.shape[1]
         if not len(values):
-            return cls(np.full(count, -np.inf), np.full(count, np.nan), np.zeros(count))
-        return cls._of(np.broadcast_to(time[:, None], values.shape), values, signed)
+            return cls(np.full(column_count, -np.inf), np.full(column_count, np.nan), np.zeros(column_count))
+        return cls._from_tables(np.broadcast_to(time[:, None], values.shape), values, signed)
 
     @classmethod
     def merge(cls, parts: Sequence[Extrema]) -> Extrema:
         """Maxima of consecutive rows from those of their parts."""
         value, time, signed = map(np.stack, zip(*parts, strict=True))
-        return cls._of(time, value, signed)
+        return cls._from_tables(time, value, signed)
 
     @classmethod
-    def _of(cls, time: Array, values: Array, signed: Array) -> Extrema:
-        rows, columns = values.argmax(axis=0), np.arange(values.shape[1])
-        value = values[rows, columns]
-        known = value > -np.inf
+    def _from_tables(cls, time: Array, values: Array, signed: Array) -> Extrema:
+        """Maxima of values (n, columns), each with its own time and signed value; n ≥ 1."""
+        rows = values.argmax(axis=0)
+        columns = np.arange(values.shape[1])
+        maxima = values[rows, columns]
+        is_known = maxima > -np.inf
         return cls(
-            np.where(known, value, -np.inf),
-            np.where(known, time[rows, columns], np.nan),
-            np.where(known, signed[rows, columns], 0.0),
+            np.where(is_known, maxima, -np.inf),
+            np.where(is_known, time[rows, columns], np.nan),
+            np.where(is_known, signed[rows, columns], 0.0),
         )
 
 
@@ -202,21 +206,22 @@ class LimitCheck:
 
     def __init__(self, model: Model, bounds: Limits) -> None:
         self.model, self.bounds = model, bounds
-        none = np.zeros(0)
-        self._worst = {kind: Extrema.from_rows(none, *np.zeros((2, 0, model.nv))) for kind in KINDS}
+        no_rows = np.zeros(0)
+        self._excesses = {kind: Extrema.from_rows(no_rows, *np.zeros((2, 0, model.nv))) for kind in KINDS}
         self._followers = [model.bodies[i] for i in model.limited_followers]
-        self._borne = Extrema.from_rows(none, *np.zeros((2, 0, len(self._followers))))
+        self._follower_torques = Extrema.from_rows(no_rows, *np.zeros((2, 0, len(self._followers))))
 
-    def _add(self, kind: str, time: Array, beyond: Array, values: Array) -> None:
-        self._worst[kind] = Extrema.merge([self._worst[kind], Extrema.from_rows(time, beyond, values)])
+    def _add(self, kind: str, time: Array, excess: Array, values: Array) -> None:
+        self._excesses[kind] = Extrema.merge([self._excesses[kind], Extrema.from_rows(time, excess, values)])
 
     def add(self, time: Array, q: Array, dq: Array, ddq: Array | None = None, tau: Array | None = None) -> None:
         """Check states at times (n,): q (n, nq), dq, ddq and torques (n, nv); None is skipped."""
-        b, x = self.bounds, self.model.positions(q)
-        self._add("position", time, np.maximum(x - b.upper, b.lower - x), x)
-        largest = {"velocity": b.velocity, "torque": b.effort}
+        bounds = self.bounds
+        positions = self.model.positions(q)
+        self._add("position", time, np.maximum(positions - bounds.upper, bounds.lower - positions), positions)
+        largest = {"velocity": bounds.velocity, "torque": bounds.effort}
         if dq is not None and ddq is not None:
-            largest["acceleration"] = b.acceleration_at(dq, ddq)
+            largest["acceleration"] = bounds.acceleration_at(dq, ddq)
         if tau is not None:
             tau = motor_torques(self.model, tau)
         for kind, values in (("velocity", dq), ("acceleration", ddq), ("torque", tau)):
@@ -227,8 +232,8 @@ class LimitCheck:
         """Check the slopes of accelerations (n, nv), n ≥ 3, of a motion from rest to rest, with jumps at its ends."""
         jerk = np.gradient(ddq, time, axis=0, edge_order=2)
         jumps = np.abs(ddq) > TOLERANCE * np.abs(ddq).max(axis=0)
-        for end, step in ((0, time[1] - time[0]), (-1, time[-2] - time[-1])):
-            jerk[end] = np.where(jumps[end], ddq[end] / step, jerk[end])
+        for end_row, step in ((0, time[1] - time[0]), (-1, time[-2] - time[-1])):
+            jerk[end_row] = np.where(jumps[end_row], ddq[end_row] / step, jerk[end_row])
         self._add("jerk", time, np.abs(jerk) - self.bounds.jerk, jerk)
 
     def add_dynamics(self, robot: Robot, time: Array, q: Array, dq: Array, ddq: Array) -> None:
@@ -237,56 +242,64 @@ class LimitCheck:
             self.add_borne(time, follower_torques(self.model, np.asarray(robot.joint_wrenches(q, dq, ddq))))
 
     def add_borne(self, time: Array, borne: Array) -> None:
-        """Check the torques (n, k) of these mimic joints at times (n,)."""
-        self._borne = Extrema.merge([self._borne, Extrema.from_rows(time, np.abs(borne), borne)])
+        """Check the torques (n, k) of the mimic joints with an effort limit at times (n,)."""
+        largest = Extrema.from_rows(time, np.abs(borne), borne)
+        self._follower_torques = Extrema.merge([self._follower_torques, largest])
 
     def violations(self) -> tuple[Violation, ...]:
         """Violations, sorted by their ratio to the tolerance, largest first."""
-        excesses = []
-        for kind, worst in self._worst.items():
-            names, turns = self.model.velocity_names, Coordinates.from_model(self.model).angular_velocity.tolist()
+        by_severity = []
+        for kind, worst in self._excesses.items():
+            names = self.model.velocity_names
+            is_turning = Coordinates.from_model(self.model).angular_velocity.tolist()
             if kind == "torque":
-                names, turns = self.model.drive_labels, drive_turns(self.model)
+                names = self.model.drive_labels
+                is_turning = drive_turns(self.model)
             for k, value in enumerate(worst.signed.tolist()):
-                beyond = float(worst.value[k])
-                limit = self._limit(kind, k, value, beyond)
-                allowed = float(margin(abs(limit)))
+                excess = float(worst.value[k])
+                limit = self._limit(kind, k, value, excess)
+                tolerance = float(margin(abs(limit)))
                 if kind == "position":
-                    allowed = float(self.bounds.tolerance[k])
-                if not beyond > allowed:
+                    tolerance = float(self.bounds.tolerance[k])
+                if not excess > tolerance:  # also for an excess of nan
                     continue
-                share = np.inf
-                if allowed > 0:
-                    share = beyond / allowed
-                unit = unit_of(_PARTS[kind], bool(turns[k]))
-                excesses.append((share, Violation(names[k], kind, value, limit, float(worst.time[k]), unit)))
+                severity = np.inf
+                if tolerance > 0:
+                    severity = excess / tolerance
+                unit = unit_of(_PARTS[kind], bool(is_turning[k]))
+                by_severity.append((severity, Violation(names[k], kind, value, limit, float(worst.time[k]), unit)))
         for i, body in enumerate(self._followers):
-            value, beyond = float(self._borne.signed[i]), float(self._borne.value[i] - body.effort)
-            allowed = float(margin(body.effort))
-            if beyond > allowed:
-                limit, time = float(np.copysign(body.effort, value)), float(self._borne.time[i])
+            value = float(self._follower_torques.signed[i])
+            excess = float(self._follower_torques.value[i] - body.effort)
+            tolerance = float(margin(body.effort))
+            if excess > tolerance:
+                limit = float(np.copysign(body.effort, value))
+                time = float(self._follower_torques.time[i])
                 unit = unit_of("tau", bool(body.joint.turning[0]))
-                excesses.append((beyond / allowed, Violation(body.joint.name, "torque", value, limit, time, unit)))
-        excesses.sort(key=lambda excess: -excess[0])
-        return tuple(violation for _, violation in excesses)
+                by_severity.append((excess / tolerance, Violation(body.joint.name, "torque", value, limit, time, unit)))
+        by_severity.sort(key=lambda pair: -pair[0])
+        return tuple(violation for _, violation in by_severity)
 
-    def _limit(self, kind: str, k: int, value: float, beyond: float) -> float:
-        """Limit that the value exceeds."""
-        b = self.bounds
+    def _limit(self, kind: str, k: int, value: float, excess: float) -> float:
+        """Limit that the value exceeds by ``excess``; accelerations have two, one to speed up and one to brake."""
+        bounds = self.bounds
         if kind == "position":
-            if value > b.upper[k]:
-                return float(b.upper[k])
-            return float(b.lower[k])
-        limits = {"velocity": [b.velocity], "torque": [b.effort], "jerk": [b.jerk]}
-        limits["acceleration"] = [b.acceleration, b.deceleration]
+            if value > bounds.upper[k]:
+                return float(bounds.upper[k])
+            return float(bounds.lower[k])
+        limits = {"velocity": [bounds.velocity], "torque": [bounds.effort], "jerk": [bounds.jerk]}
+        limits["acceleration"] = [bounds.acceleration, bounds.deceleration]
         candidates = [float(limit[k]) for limit in limits[kind]]
-        size = min(candidates, key=lambda limit: abs(abs(value) - beyond - limit))
-        return float(np.copysign(size, value))
+        exceeded = abs(value) - excess
+        nearest = min(candidates, key=lambda limit: abs(exceeded - limit))
+        return float(np.copysign(nearest, value))
 
 
-_MIN_SIGMAS, _MIN_ROWS, _MIN_TIME = 3.0, 3, 0.01
-"""Noise [standard deviations], rows in a row, and time [s] above which a measured torque stays above its limit. Shorter peaks
-are those of impacts, and of gears with a peak rating."""
+_MIN_SIGMAS = 3.0
+"""Standard deviations of its noise by which a measured torque is above its limit."""
+_MIN_ROWS, _MIN_TIME = 3, 0.01
+"""Consecutive rows and time [s] from which on a torque stays above its limit. Shorter peaks are those of impacts, and of
+gears with a peak rating."""
 
 
 class TimeAbove(NamedTuple):
@@ -308,16 +321,18 @@ class TimeAbove(NamedTuple):
 
     def is_lasting(self, step: float) -> Array:
         """Mask (nv,) of torques that stay above for at least three rows and 10 ms; each row lasts one ``step`` [s]."""
-        return np.asarray((self.rows >= _MIN_ROWS) & (self.length + step >= _MIN_TIME * (1 - 1e-6)))
+        is_long = self.length + step >= _MIN_TIME * (1 - 1e-6)  # also at exactly 10 ms, with rounded times
+        return np.asarray((self.rows >= _MIN_ROWS) & is_long)
 
 
 def _longest_run(time: Array, rows: Array) -> tuple[int, float, float]:
     """Number of rows, duration and beginning of the longest run of consecutive numbers in ``rows``."""
-    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    longest = max(runs, key=len)
+    run_starts = np.flatnonzero(np.diff(rows) > 1) + 1
+    longest = max(np.split(rows, run_starts), key=len)
     if not len(longest):
         return 0, 0.0, np.nan
-    begin, end = float(time[longest[0]]), float(time[longest[-1]])
+    begin = float(time[longest[0]])
+    end = float(time[longest[-1]])
     return len(longest), end - begin, begin
 
 

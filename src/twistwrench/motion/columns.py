@@ -142,12 +142,12 @@ class Assignment:
                 name, unit = cell, None
             self.column_names.append(name)
             self.units.append(unit)
-        self.assigned: dict[str, dict[int, Choice]] = {}
-        """Columns of each part of the motion, by coordinate index."""
+        self.given: dict[str, dict[int, Choice]] = {}
+        """Columns assigned to the entries of each part of the motion, by entry."""
         self.requested_names: dict[str, set[int]] = {}
         """Indices of the coordinates whose columns the caller named, by part."""
         for part in PARTS:
-            self.assigned[part] = {}
+            self.given[part] = {}
             self.requested_names[part] = set()
         self.notes: list[str] = []
         self.degrees = reading.degrees
@@ -220,10 +220,10 @@ class Assignment:
             if belongs(self.column_names[k], locked):
                 self.of_locked.append(self.cells[k])
                 explained.add(k)
-        if len(self.assigned["tau"]) < len(self.names["tau"]):
+        if len(self.given["tau"]) < len(self.names["tau"]):
             # Torques are only compared with others, so some joints may lack them.
-            self.free += [choice.column for choice in self.assigned["tau"].values()]
-            self.assigned["tau"] = {}
+            self.free += [choice.column for choice in self.given["tau"].values()]
+            self.given["tau"] = {}
         for k in sorted(self.free):
             cell = self.cells[k]
             if k not in explained and not (is_result(cell) or is_command(cell)):
@@ -239,6 +239,10 @@ class Assignment:
             return math.radians(1.0)
         return 1.0
 
+    def factors(self, choices: Sequence[Choice], part: str, angular: Sequence[bool]) -> Array:
+        """Factors (k,) of columns of one part to SI units."""
+        return np.array([self.factor(choice, part, turns) for choice, turns in zip(choices, angular, strict=True)])
+
     def choice(self, column: int) -> Choice:
         """Column with the unit in its name."""
         return Choice(column, self.units[column])
@@ -253,7 +257,7 @@ class Assignment:
 
     def without_column(self, part: str) -> list[int]:
         """Indices of the coordinates that have no column of a part of the motion."""
-        return [k for k in range(len(self.names[part])) if k not in self.assigned[part]]
+        return [k for k in range(len(self.names[part])) if k not in self.given[part]]
 
     def found_text(self) -> str:
         """List of the column names, for the end of an error message."""
@@ -280,7 +284,7 @@ class Assignment:
 
     def assign(self, part: str, k: int, choice: Choice) -> None:
         """Assign a column to a coordinate."""
-        self.assigned[part][k] = choice
+        self.given[part][k] = choice
         self.use(choice.column)
 
     def use(self, column: int) -> None:
@@ -360,7 +364,7 @@ class Assignment:
         for name in gains:
             if name.removesuffix(f".{CURRENT}") not in {*names} | self.motors:
                 raise UnknownNameError.from_choices(f"joint (of {argument('gain')})", name, names)
-        for k, choice in self.assigned["tau"].items():
+        for k, choice in self.given["tau"].items():
             amperes_per_unit: float | None = 1.0  # None: the unit is not that of a current
             gain = gains.get(names[k])
             if choice.unit is not None:
@@ -374,7 +378,7 @@ class Assignment:
                     Argument("gain"),
                 )
             if gain is not None and amperes_per_unit is not None:
-                self.assigned["tau"][k] = replace(choice, gain=gain * amperes_per_unit)
+                self.given["tau"][k] = replace(choice, gain=gain * amperes_per_unit)
 
     def assign_time(
         self, requested: Choice | None, rate: float | None, first_numbers: Callable[[int], Array]
@@ -476,7 +480,7 @@ class Assignment:
             for k, name in enumerate(self.names[part]):
                 for ending in READ[part]:
                     columns = columns_by_name.get(f"{name}{ending}", [])
-                    if k in self.assigned[part] or not columns:
+                    if k in self.given[part] or not columns:
                         continue
                     if len(columns) > 1:
                         raise self.repetition_error(f"{name}{ending}", len(columns))
@@ -496,10 +500,10 @@ class Assignment:
             if is_current:
                 if not self.reading.gain:
                     continue
-                if name in self.reading.gain and k in self.assigned[part]:
-                    torque_choice = self.assigned[part].pop(k)
+                if name in self.reading.gain and k in self.given[part]:
+                    torque_choice = self.given[part].pop(k)
                     self.free.append(torque_choice.column)
-            if k in self.assigned[part]:
+            if k in self.given[part]:
                 continue
             key = name if part == "q" else f"{name}{READ[part][0]}"
             if len(columns) > 1:
@@ -562,7 +566,7 @@ class Assignment:
         Joints whose columns the caller named are left out of the rule.
         """
         part = "tau" if meaning == CURRENT else meaning
-        if self.assigned[part].keys() - self.requested_names[part]:
+        if self.given[part].keys() - self.requested_names[part]:
             return []
         coordinate_indices = self.without_column(part)
         names = [self.names[part][k] for k in coordinate_indices]
@@ -610,9 +614,9 @@ class Assignment:
     def choices(self) -> dict[str, list[Choice]]:
         """Columns of each part of the motion in the order of the coordinates; joints without a command have none."""
         choices = {}
-        for part, choice_by_index in self.assigned.items():
+        for part, choice_by_index in self.given.items():
             choices[part] = [choice_by_index[k] for k in sorted(choice_by_index)]
-        commands = self.assigned["command"]
+        commands = self.given["command"]
         if commands:
             choices["command"] = [commands.get(k, _NO_COLUMN) for k in range(len(self.names["command"]))]
         return choices
@@ -745,8 +749,8 @@ class Assignment:
     def has_columns_of(self, group: Sequence[str], unused: Sequence[str]) -> bool:
         """True if the columns are those of the positions of a group of joints, by name or by a rule that matches all."""
         names = self.names["q"]
-        if self.assigned["q"]:
-            return not unused and {names[k] for k in self.assigned["q"]} == {*group}
+        if self.given["q"]:
+            return not unused and {names[k] for k in self.given["q"]} == {*group}
         columns = candidates(self.free_names()).get("q", [])
         other_joints = [*self.reading.locked, *self.coordinates_beside(group)]
         _, matches = _match_by_rules(columns, group, other_joints)
@@ -832,10 +836,10 @@ def absent_joints(
     for key in assignment.entries_for_log(columns, name_by_key):
         if key in name_by_key:
             k = names.index(name_by_key[key])
-            assignment.assigned["q"][k] = Choice(0)  # only that there is a column counts here, not which one
+            assignment.given["q"][k] = Choice(0)  # only that there is a column counts here, not which one
     assignment.assign_by_exact_name()
     assignment.assign_by_words()
-    present = {names[k] for k in assignment.assigned["q"]}
+    present = {names[k] for k in assignment.given["q"]}
     if not present:
         position_columns = candidates(assignment.free_names()).get("q", [])
         matches = match_most_by_prefix(position_columns, names)
@@ -854,6 +858,13 @@ class MimicJointColumn(NamedTuple):
     """Index in the table."""
     factor: float
     """Factor to SI units."""
+
+
+def _seconds_per_unit(rate: float | None, time_unit: str | None) -> float:
+    """Seconds of one unit of the column of time: of one sample if the rate [1/s] is given."""
+    if rate:
+        return 1.0 / rate
+    return time_factor(time_unit or "s") or 1.0
 
 
 def _is_angular(part: str, coordinates: Coordinates, *, of_motors: bool) -> list[bool]:
@@ -937,15 +948,7 @@ class Columns:
             columns = [choice.column for choice in choices]
             places[part] = table_index[columns] if columns else None
             angular = _is_angular(part, coordinates, of_motors=assignment.of_motors)
-            all_choices = choices or [_NO_COLUMN] * len(angular)
-            factors_of_part = []
-            for choice, is_angular in zip(all_choices, angular, strict=True):
-                factors_of_part.append(assignment.factor(choice, part, is_angular))
-            factors[part] = np.array(factors_of_part)
-        if reading.rate:
-            seconds = 1.0 / reading.rate
-        else:
-            seconds = time_factor(time_unit or "s") or 1.0
+            factors[part] = assignment.factors(choices or [_NO_COLUMN] * len(angular), part, angular)
         mimic_joints = []
         for follower, choice in assignment.mimic_joints:
             factor = assignment.factor(choice, "q", follower.angular)
@@ -959,7 +962,7 @@ class Columns:
             header=tuple(table_header),
             used=tuple(used),
             time=0,
-            seconds=seconds,
+            seconds=_seconds_per_unit(reading.rate, time_unit),
             counted=has_row_numbers,
             time_stated=reading.rate is not None or time_unit is not None,
             places=places,

@@ -256,23 +256,15 @@ class Differentiation:
         strengths, deviation = np.zeros(len(columns)), quality.noise
         if smoothing:
             strengths, deviation = _strengths(times, curves, quality, progress)
-
-        def sigma_of_derivatives(order: int) -> Array:
-            """Standard deviations (k,) of the derivatives of the columns, in SI units."""
-            gain_by_strength = {}  # computed once for equal strengths
-            for strength in set(strengths.tolist()):
-                gain_by_strength[strength] = noise_gain(order, strength, quality.step)
-            gains = np.array([gain_by_strength[strength] for strength in strengths.tolist()])
-            return np.asarray(deviation * factors * gains)
-
+        sigma = deviation * factors  # of the columns, in SI units
         sigma_dq = np.zeros(model.nv)
         if derives_velocities:
-            sigma_dq = _to_joints(model, sigma_of_derivatives(1))
+            sigma_dq = _to_joints(model, sigma * _noise_gains(1, strengths, quality.step))
         sigma_ddq = np.zeros(model.nv)
         if source == "velocities":
-            sigma_ddq = sigma_of_derivatives(1)
+            sigma_ddq = sigma * _noise_gains(1, strengths, quality.step)
         elif source == "positions":
-            sigma_ddq = _to_joints(model, sigma_of_derivatives(2))
+            sigma_ddq = _to_joints(model, sigma * _noise_gains(2, strengths, quality.step))
         return cls(
             trajectory=trajectory,
             model=model,
@@ -434,6 +426,14 @@ def _strengths(
         if progress is not None:
             progress((k + 1) / len(strengths))
     return strengths, deviation
+
+
+def _noise_gains(order: int, strengths: Array, step: float) -> Array:
+    """Noise gains (k,) of derivatives at smoothing strengths (k,), computed once for equal strengths."""
+    gain_by_strength = {}
+    for strength in set(strengths.tolist()):
+        gain_by_strength[strength] = noise_gain(order, strength, step)
+    return np.array([gain_by_strength[strength] for strength in strengths.tolist()])
 
 
 def _ends(time: Array) -> Array:

@@ -138,6 +138,7 @@ class Instant(NamedTuple):
     joint: int
     """Entry of dq that departs most."""
     cause: InstantKind
+    """Kind of event between the rows."""
 
 
 class _Usual(NamedTuple):

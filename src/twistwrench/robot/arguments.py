@@ -38,7 +38,8 @@ def is_symbolic(arrays: Sequence[Any]) -> bool:
     for x in arrays:
         if isinstance(x, Expr):
             return True
-        if isinstance(x, np.ndarray) and x.dtype == object and any(isinstance(e, Expr) for e in x.flat):
+        is_object_array = isinstance(x, np.ndarray) and x.dtype == object
+        if is_object_array and any(isinstance(entry, Expr) for entry in x.flat):
             return True
         if isinstance(x, list | tuple) and is_symbolic(x):
             return True
@@ -55,12 +56,12 @@ def names_of(model: Model, label: str) -> tuple[str, ...]:
 
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
-    """Names and shapes of a kernel's inputs."""
+    """Names of a kernel's inputs, as in messages, and shapes without batch axes."""
     from . import programs as quantity_programs
     from .kernels.options import checked_options
 
-    ports = quantity_programs.inputs_of(model, name, checked_options(model, name, options))
-    return [(input_name(label), core) for label, core in ports]
+    inputs = quantity_programs.inputs_of(model, name, checked_options(model, name, options))
+    return [(input_name(label), shape) for label, shape in inputs]
 
 
 def input_name(label: str) -> str:
@@ -74,16 +75,17 @@ def to_numbers(model: Model, name: str, arrays: Sequence[Any], options: Mapping[
     """Arrays of a quantity as NumPy or Dask arrays; table columns in the robot's order."""
     from .quantities import QUANTITIES
 
-    labels, converted = QUANTITIES[name].inputs, []
+    input_names = QUANTITIES[name].inputs
+    converted = []
     for k, array in enumerate(arrays):
         label = f"input {k + 1}"
-        if k < len(labels):
-            label = labels[k]
+        if k < len(input_names):
+            label = input_names[k]
         columns: tuple[str, ...] = ()
         if is_table(array):
-            ports = inputs_of(model, name, options)
-            if k < len(ports):
-                label = ports[k][0]
+            all_inputs = inputs_of(model, name, options)  # with wrenches, gravity and parameters
+            if k < len(all_inputs):
+                label, _ = all_inputs[k]
             columns = names_of(model, label)
         converted.append(arguments.to_numbers(array, f"{name}: {label}", columns))
     return tuple(converted)
@@ -124,24 +126,24 @@ def numbers(name: str, names: Mapping[str, Sequence[str]], /, **arrays: ArrayLik
 
 def misfit(model: Model, name: str, arrays: Sequence[Any], options: Mapping[str, Any]) -> ShapeError | None:
     """Shape error that names the argument, or None if types and shapes fit."""
-    batches = []
-    for (label, core), a in zip(inputs_of(model, name, options), arrays, strict=False):
-        if not np.can_cast(a.dtype, float):
-            return _not_real(name, label, a)
-        if a.ndim < 1 or a.shape[-1:] != core:
-            entries = _entries_text(model, label, core[0])
-            return ShapeError(f"{name}: {label} has shape {a.shape}, but robot {model.name!r} wants {entries}.")
-        batches.append((label, a.shape[:-1]))
+    batch_shapes = []
+    for (label, shape), array in zip(inputs_of(model, name, options), arrays, strict=False):
+        if not np.can_cast(array.dtype, float):
+            return _not_real(name, label, array)
+        if array.ndim < 1 or array.shape[-1:] != shape:
+            entries = _entries_text(model, label, shape[0])
+            return ShapeError(f"{name}: {label} has shape {array.shape}, but robot {model.name!r} wants {entries}.")
+        batch_shapes.append((label, array.shape[:-1]))
     try:
-        np.broadcast_shapes(*(shape for _, shape in batches))
+        np.broadcast_shapes(*(batch_shape for _, batch_shape in batch_shapes))
     except ValueError:
-        listed = ", ".join(f"{label} {shape}" for label, shape in batches)
+        listed = ", ".join(f"{label} {batch_shape}" for label, batch_shape in batch_shapes)
         return ShapeError(f"{name}: the batch shapes do not broadcast: {listed}.")
     except RuntimeError:  # more axes than NumPy supports
-        label, shape = max(batches, key=lambda batch: len(batch[1]))
+        label, longest = max(batch_shapes, key=lambda pair: len(pair[1]))
         return ShapeError(
-            f"{name}: {label} has {len(shape)} batch axes. NumPy's arrays have at most 64 axes, those of one result included. "
-            "Reshape the batch to one axis."
+            f"{name}: {label} has {len(longest)} batch axes. NumPy's arrays have at most 64 axes, those of one result "
+            "included. Reshape the batch to one axis."
         )
     return None
 
@@ -151,8 +153,8 @@ def _entries_text(model: Model, label: str, count: int) -> str:
     if label == "wrench":
         return "(m, f), angular part first"
     names = model.coordinate_names if label == "q" else model.joint_names
-    listed = f" (one per entry of {', '.join(names)})" if count <= _MAX_LISTED_ENTRIES else ""
-    return f"{count} in the last axis{listed}"
+    parenthesis = f" (one per entry of {', '.join(names)})" if count <= _MAX_LISTED_ENTRIES else ""
+    return f"{count} in the last axis{parenthesis}"
 
 
 def _not_real(name: str, label: str, array: Any) -> ShapeError:
@@ -210,7 +212,7 @@ def wrench_at(model: Model, frame: str, F: ArrayLike | Wrench) -> Array:
     if isinstance(F, Wrench):
         F = values_at(F, frame)
     components = arguments.to_numbers(F, f"the wrench at {frame!r}")
-    array = numbers("wrench", {}, **{f"the one at {frame!r}": components})[0]
+    (array,) = numbers("wrench", {}, **{f"the one at {frame!r}": components})
     if array.shape[-1:] != (6,):
         raise ShapeError(f"the wrench at {frame!r} has shape {array.shape}, expected six numbers (m, f), moment first.")
     if np.can_cast(components.dtype, np.float32):  # as in kernels: float16 does not promote results to double
@@ -228,17 +230,16 @@ def sum_by_frame(
         for frame, F in (wrenches or {}).items():
             signed = sign * wrench_at(model, frame, F)
             try:
-                if frame in total:
-                    signed = total[frame] + signed
-                total[frame] = signed
+                total[frame] = total[frame] + signed if frame in total else signed
             except ValueError:
                 raise ShapeError(
                     f"the wrenches by and on the robot at {frame!r} have batch shapes that do not broadcast: "
                     f"{total[frame].shape[:-1]} and {signed.shape[:-1]}."
                 ) from None
-    if total and all(getattr(a, "dtype", None) == np.float32 for a in arrays):  # lists do not promote float32 to double
-        arguments_by_frame = {**(by_robot or {}), **(on_robot or {})}
+    others_are_float32 = all(getattr(array, "dtype", None) == np.float32 for array in arrays)
+    if total and others_are_float32:  # lists do not promote float32 to double
+        wrench_arguments = {**(by_robot or {}), **(on_robot or {})}
         for frame, F in total.items():
-            if not hasattr(arguments_by_frame[frame], "dtype"):
+            if not hasattr(wrench_arguments[frame], "dtype"):
                 total[frame] = F.astype(np.float32)
     return dict(sorted(total.items()))  # one kernel for any order of arguments

@@ -63,7 +63,8 @@ class EditMethods(RobotBase):
                 f"a payload is a SpatialInertia, got {arguments.value_text(payload)}: for a point mass, "
                 "tw.SpatialInertia.from_com(mass, com)."
             )
-        return _robot_of(self, edit.with_payload(require_robot(self, "with_payload").model, payload, frame))
+        model = require_robot(self, "with_payload").model
+        return _robot_of(self, edit.with_payload(model, payload, frame))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """Robot with another gravity.
@@ -74,7 +75,8 @@ class EditMethods(RobotBase):
         """
         from ..mechanics.model import edit
 
-        return _robot_of(self, edit.with_gravity(require_robot(self, "with_gravity").model, gravity))
+        model = require_robot(self, "with_gravity").model
+        return _robot_of(self, edit.with_gravity(model, gravity))
 
     def with_actuators(self, source: str | Path | Mapping[str, Any], *, stiff: bool = False) -> Robot:
         """Robot with motors, gears, rotors, elastic joints and friction laws.
@@ -94,7 +96,8 @@ class EditMethods(RobotBase):
         """
         from ..formats.actuators import add_actuators
 
-        return _robot_of(self, add_actuators(require_robot(self, "with_actuators").model, source, stiff=stiff))
+        model = require_robot(self, "with_actuators").model
+        return _robot_of(self, add_actuators(model, source, stiff=stiff))
 
     def with_armature(self, joints: Mapping[str, ArrayLike]) -> Robot:
         """Robot with other armature (reflected inertia of the drives) at the named joints.
@@ -114,7 +117,8 @@ class EditMethods(RobotBase):
             raise ShapeError(f"with_armature takes a dict {{joint: kg m² or kg}}, got {joints!r}.")
         from ..mechanics.model import edit
 
-        return _robot_of(self, edit.with_armature(require_robot(self, "with_armature").model, joints))
+        model = require_robot(self, "with_armature").model
+        return _robot_of(self, edit.with_armature(model, joints))
 
     def lock(self, joints: Mapping[str, float | Sequence[float]]) -> Robot:
         """Robot with some joints fixed at given coordinates.
@@ -131,7 +135,8 @@ class EditMethods(RobotBase):
             raise ShapeError(f"lock takes a dict {{joint: position}}, got {joints!r}.")
         from ..mechanics.model import edit
 
-        return _robot_of(self, edit.lock(require_robot(self, "lock").model, joints))
+        model = require_robot(self, "lock").model
+        return _robot_of(self, edit.lock(model, joints))
 
     def attach(
         self, other: Robot, frame: str | None = None, pose: ArrayLike | None = None, *, prefix: str = "", name: str = ""
@@ -169,8 +174,10 @@ class EditMethods(RobotBase):
         from ..mechanics.model import joining
 
         T = np.eye(4) if pose is None else arguments.pose(pose, "attach: pose")
-        model, part = require_robot(self, "attach").model, require_robot(other, "attach").model
-        return _robot_of(self, joining.attach(model, part, frame, T, prefix, name or f"{model.name}_{part.name}"))
+        model = require_robot(self, "attach").model
+        other_model = require_robot(other, "attach").model
+        joined_name = name or f"{model.name}_{other_model.name}"
+        return _robot_of(self, joining.attach(model, other_model, frame, T, prefix, joined_name))
 
     def chain(self, base: str | None = None, tip: str | None = None) -> Robot:
         """Part of the robot: the subtree of a link, or the chain of joints from a link to a tip.
@@ -205,7 +212,8 @@ class EditMethods(RobotBase):
         """
         from ..mechanics.model import joining
 
-        return _robot_of(self, joining.chain(require_robot(self, "chain").model, base, tip))
+        model = require_robot(self, "chain").model
+        return _robot_of(self, joining.chain(model, base, tip))
 
 
 class FileMethods(RobotBase):
@@ -271,8 +279,9 @@ class FileMethods(RobotBase):
         text = _text(self, "mjcf")
         try:
             return mujoco.MjModel.from_xml_string(text)
-        except ValueError as refusal:
-            raise ModelError(f"MuJoCo refuses robot {self.name!r}: {' '.join(str(refusal).split())}.") from None
+        except ValueError as error:
+            reason = " ".join(str(error).split())  # on one line
+            raise ModelError(f"MuJoCo refuses robot {self.name!r}: {reason}.") from None
 
     def to_pinocchio(self) -> Any:
         """Pinocchio model of the robot; :func:`twistwrench.robot.convert.to_pinocchio` converts states.
@@ -291,24 +300,26 @@ class FileMethods(RobotBase):
         """
         from ..formats.pinocchio_model import pinocchio_of
 
-        model, lost = pinocchio_of(require_robot(self, "to_pinocchio").model)
-        _warn(self.name, "a model of Pinocchio's", lost)
+        model, losses = pinocchio_of(require_robot(self, "to_pinocchio").model)
+        _warn_of_losses(self.name, "a model of Pinocchio's", losses)
         return model
 
 
-def _text(robot: Any, form: str) -> str:
+def _text(robot: Any, file_format: str) -> str:
+    """Text of a robot in a format; warns of what it cannot represent."""
     from ..formats.writers import WRITERS
 
-    written = WRITERS[form](require_robot(robot, f"to_{form}").model)
-    _warn(robot.name, form.upper(), written.lost)
-    return written.text
+    document = WRITERS[file_format](require_robot(robot, f"to_{file_format}").model)
+    _warn_of_losses(robot.name, file_format.upper(), document.lost)
+    return document.text
 
 
-def _warn(name: str, form: str, lost: Iterable[str]) -> None:
+def _warn_of_losses(name: str, target: str, losses: Iterable[str]) -> None:
+    """Warn of properties of a robot that a ``target``, a format or a model, cannot represent."""
     from ..mechanics.model.description import frames_to_user, grouped
 
-    for sentence in grouped(lost):
-        warnings.warn(f"robot {name!r} as {form}: {sentence}.", ModelWarning, stacklevel=frames_to_user())
+    for sentence in grouped(losses):
+        warnings.warn(f"robot {name!r} as {target}: {sentence}.", ModelWarning, stacklevel=frames_to_user())
 
 
 class BridgeMethods(RobotBase):
@@ -346,9 +357,8 @@ class BridgeMethods(RobotBase):
         from .export.jax import jax_function
         from .export.request import BridgedQuantity
 
-        return jax_function(
-            BridgedQuantity.from_robot("to_jax", cast("Robot", self), quantity, options, precision), precision
-        )
+        bridged = BridgedQuantity.from_robot("to_jax", cast("Robot", self), quantity, options, precision)
+        return jax_function(bridged, precision)
 
     def to_torch(self, quantity: str, **options: Unpack[KernelOptions]) -> Callable[..., Any]:
         """PyTorch function that computes one quantity by compiled kernels, twice differentiable.
@@ -377,7 +387,8 @@ class BridgeMethods(RobotBase):
         from .export.request import BridgedQuantity
         from .export.torch import torch_function
 
-        return torch_function(BridgedQuantity.from_robot("to_torch", cast("Robot", self), quantity, options, "double"))
+        bridged = BridgedQuantity.from_robot("to_torch", cast("Robot", self), quantity, options, "double")
+        return torch_function(bridged)
 
     def to_casadi(self, quantity: str, **options: Unpack[KernelOptions]) -> Any:
         """CasADi function that computes one quantity with SX symbols, for optimal control and code generation.
@@ -402,9 +413,8 @@ class BridgeMethods(RobotBase):
         from .export.casadi_function import casadi_function
         from .export.request import BridgedQuantity
 
-        return casadi_function(
-            BridgedQuantity.from_robot("to_casadi", cast("Robot", self), quantity, options, "double")
-        )
+        bridged = BridgedQuantity.from_robot("to_casadi", cast("Robot", self), quantity, options, "double")
+        return casadi_function(bridged)
 
     def to_javascript(self, quantity: str, **options: Unpack[KernelOptions]) -> str:
         """JavaScript module with one function that computes one quantity, for browsers and Node.
@@ -485,7 +495,8 @@ class ExportMethods(ConstraintMethods):
         """
         from .export import export_c
 
-        return export_c(self.open(), self._requests(quantities), path, precision=precision, prefix=prefix, test=test)
+        pairs = self._with_constraints(quantities)
+        return export_c(self.open(), pairs, path, precision=precision, prefix=prefix, test=test)
 
     def export_st(
         self,
@@ -537,9 +548,9 @@ class ExportMethods(ConstraintMethods):
         """
         from .export.structured_text import export_st
 
-        wanted: Any = self._requests(quantities)
+        pairs: Any = self._with_constraints(quantities)
         return export_st(
-            self.open(), wanted, path, precision=precision, prefix=prefix, test=test, style=style, torque=torque
+            self.open(), pairs, path, precision=precision, prefix=prefix, test=test, style=style, torque=torque
         )
 
     def export_ros2(self, path: str | Path, *, license: str = "Apache-2.0") -> Written:  # noqa: A002
@@ -609,18 +620,19 @@ class ExportMethods(ConstraintMethods):
         """
         from .export import export_cuda
 
-        return export_cuda(self.open(), self._requests(quantities), path, precision=precision, prefix=prefix)
+        return export_cuda(self.open(), self._with_constraints(quantities), path, precision=precision, prefix=prefix)
 
-    def _requests(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
-        """Quantities with their options, including the constraints."""
+    def _with_constraints(self, quantities: Quantities) -> list[tuple[str, dict[str, Any]]]:
+        """Names of quantities with their options, including the constraints."""
         from .export.request import name_option_pairs
         from .kernels.options import options_of
 
         pairs = []
-        for name, options in name_option_pairs(quantities):
+        for name, given_options in name_option_pairs(quantities):
+            options = dict(given_options)
             if self.constraints and "constraints" in options_of(name):
-                options = {"constraints": self._independent_constraints, **options}
-            pairs.append((name, dict(options)))
+                options.setdefault("constraints", self._independent_constraints)
+            pairs.append((name, options))
         return pairs
 
 

@@ -60,9 +60,11 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         >>> np.round(by_q, 2).tolist()
         [[-29.43, -9.81], [-9.81, -9.81]]
         """
-        how = {} if actuated is None else {"actuated": self._motors(actuated)}
+        options = {} if actuated is None else {"actuated": self._motors(actuated)}
         arrays = q, dq, ddq
-        return self._with_wrenches("inverse_dynamics_derivatives", arrays, wrench_by_robot, wrench_on_robot, out, **how)
+        return self._with_wrenches(
+            "inverse_dynamics_derivatives", arrays, wrench_by_robot, wrench_on_robot, out, **options
+        )
 
     def forward_dynamics_derivatives(
         self,
@@ -128,9 +130,9 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         >>> by_q.round(2).tolist()
         [-39.24, -19.62]
         """
-        how = {"by": ("q", "dq", "ddq"), "form": "weighted"}
+        options = {"by": ("q", "dq", "ddq"), "form": "weighted"}
         arrays = (q, dq, ddq, weights)
-        return self._with_wrenches("inverse_dynamics", arrays, wrench_by_robot, wrench_on_robot, out, **how)
+        return self._with_wrenches("inverse_dynamics", arrays, wrench_by_robot, wrench_on_robot, out, **options)
 
     def inverse_dynamics_hessian_product(
         self,
@@ -167,9 +169,9 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         >>> curved[0].round(2).tolist()
         [-29.43, -9.81]
         """
-        how = {"by": ("q", "dq", "ddq"), "form": "hessian_along"}
+        options = {"by": ("q", "dq", "ddq"), "form": "hessian_along"}
         arrays = (q, dq, ddq, weights, along_q, along_dq, along_ddq)
-        return self._with_wrenches("inverse_dynamics", arrays, wrench_by_robot, wrench_on_robot, out, **how)
+        return self._with_wrenches("inverse_dynamics", arrays, wrench_by_robot, wrench_on_robot, out, **options)
 
     def jacobian_derivative(
         self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", *, out: Any = None
@@ -220,14 +222,20 @@ class DerivativeMethods(RobotBase, Generic[Slopes]):
         >>> A.round(9).tolist(), B.round(9).tolist()
         ([[0.0, 1.0], [9.81, 0.0]], [[0.0], [1.0]])
         """
-        by_q, by_dq, by_tau = self.forward_dynamics_derivatives(q, dq, tau)
-        n, batch = self.nv, by_q.shape[:-2]
-        A, B = np.zeros((*batch, 2 * n, 2 * n)), np.zeros((*batch, 2 * n, n))
         from ..mechanics.algorithms.kinematics import brackets
 
-        A[..., :n, :n] = np.einsum("bad,...a->...db", brackets(self.model), np.asarray(dq, float))
+        ddq_by_q, ddq_by_dq, ddq_by_tau = self.forward_dynamics_derivatives(q, dq, tau)
+        n = self.nv
+        batch_shape = ddq_by_q.shape[:-2]
+        # Structure constants c_bad of [S_b, S_a] = -[S_a, S_b], so that this is -ad(dq).
+        minus_ad_dq = np.einsum("bad,...a->...db", brackets(self.model), np.asarray(dq, float))
+        A = np.zeros((*batch_shape, 2 * n, 2 * n))
+        A[..., :n, :n] = minus_ad_dq
         A[..., :n, n:] = np.eye(n)
-        A[..., n:, :n], A[..., n:, n:], B[..., n:, :] = by_q, by_dq, by_tau
+        A[..., n:, :n] = ddq_by_q
+        A[..., n:, n:] = ddq_by_dq
+        B = np.zeros((*batch_shape, 2 * n, n))
+        B[..., n:, :] = ddq_by_tau
         return A, B
 
 

@@ -56,9 +56,9 @@ class Derivative:
                 raise UnknownNameError.from_choices(f"input of {what}", name, inputs)
         if len(set(names)) < len(names):
             raise KernelError(f"{what}: an input is named twice in by={names}. Name each once.")
-        for label, value, allowed in (("form", form, FORMS), ("mode", mode, MODES)):
-            if value not in allowed:
-                raise UnknownNameError.from_choices(f"{label} of a derivative", value, allowed)
+        for label, choice, allowed in (("form", form, FORMS), ("mode", mode, MODES)):
+            if choice not in allowed:
+                raise UnknownNameError.from_choices(f"{label} of a derivative", choice, allowed)
         if mode != "auto" and form not in ("jacobian", "hessian"):
             raise KernelError(f"{what}: form={form!r} has one way to compute it; leave mode={mode!r} out.")
         return cls(names, form, mode, bool(values))
@@ -70,14 +70,15 @@ class Derivative:
 
     def inputs(self, charts: Mapping[str, Shape], outputs: Mapping[str, Shape]) -> dict[str, Shape]:
         """Additional inputs: weights of the results and the direction; ``charts``: shapes of directions by input."""
-        more: dict[str, Shape] = {}
-        if self.weighs and list(outputs.values()) != [()]:  # a single number needs no weight
+        further: dict[str, Shape] = {}
+        is_single_number = list(outputs.values()) == [()]
+        if self.weighs and not is_single_number:  # a single number needs no weight
             for name, shape in outputs.items():
-                more[f"weight on {name}"] = shape
+                further[f"weight on {name}"] = shape
         if self.form in ("along", "hessian_along"):
             for name in self.by:
-                more[f"along {name}"] = charts[name]
-        return more
+                further[f"along {name}"] = charts[name]
+        return further
 
     def outputs(self, names: Sequence[str]) -> list[str]:
         """Names of the outputs."""
@@ -98,28 +99,29 @@ class Derivative:
         own_charts = [charts[name] for name in self.by]
         input_shapes = [chart.shape for chart in own_charts]
         chart = Chart.concatenate(own_charts)
-        n = math.prod(chart.shape)
+        direction_count = math.prod(chart.shape)
         results = [np.asarray(result, object) for result in results]
-        owner = _trace_of([*chart.known, *_entries(results)])
-        flat = list(map(owner.lift, _entries(results)))
+        symbol_trace = _trace_of([*chart.known, *_entries(results)])
+        result_entries = list(map(symbol_trace.lift, _entries(results)))
         direction = _entries_of("along ", more)
-        self._check_size(what, flat, chart)
+        self._check_size(what, result_entries, chart)
         if self.form == "along":
-            rates = autodiff.along(flat, chart.known, direction)
+            rates = autodiff.along(result_entries, chart.known, direction)
             derivatives = _split(rates, [result.shape for result in results])
         elif self.form == "jacobian":
-            J = autodiff.jacobian(flat, chart.known, n, self.mode)
+            J = autodiff.jacobian(result_entries, chart.known, direction_count, self.mode)
             derivatives = _jacobian_parts(J, results, input_shapes)
         elif self.form == "hessian":
-            H = _hessian(autodiff.jacobian(flat, chart.known, n, self.mode), chart)
+            J = autodiff.jacobian(result_entries, chart.known, direction_count, self.mode)
+            H = _hessian(J, chart)
             derivatives = []
             for result, rows in zip(results, np.split(H, _boundaries(results)), strict=True):
-                derivatives.append(rows.reshape((*result.shape, n, n)))
+                derivatives.append(rows.reshape((*result.shape, direction_count, direction_count)))
         else:
             weights = _entries_of("weight on ", more)
-            if flat and not weights:  # a single number needs no weight
+            if result_entries and not weights:  # a single number needs no weight
                 weights = [1.0]
-            gradient = autodiff.gradient(flat, weights, chart.known, n)
+            gradient = autodiff.gradient(result_entries, weights, chart.known, direction_count)
             if self.form == "hessian_along":
                 gradient = _hessian_along(gradient, chart, direction)
             derivatives = _split(gradient, input_shapes)
@@ -127,17 +129,20 @@ class Derivative:
             return (*results, *derivatives)
         return tuple(derivatives)
 
-    def _check_size(self, what: str, flat: Sequence[Expr], chart: Chart) -> None:
-        n, rows = math.prod(chart.shape), len(flat)
-        size = {"jacobian": rows * n, "hessian": rows * n * n}.get(self.form, 0)
+    def _check_size(self, what: str, result_entries: Sequence[Expr], chart: Chart) -> None:
+        """Raise KernelError for a Jacobian or Hessian that is too large to trace; the other forms are small."""
+        n = math.prod(chart.shape)
+        row_count = len(result_entries)
+        number_count = {"jacobian": row_count * n, "hessian": row_count * n * n}.get(self.form, 0)
         advice = "Differentiate fewer results, by fewer inputs, or along a direction: form='along' or 'weighted'."
-        if size > LARGEST_RESULT:
+        if number_count > LARGEST_RESULT:
             raise KernelError(
-                f"{what}: its {self.form} has {size} numbers, more than the {LARGEST_RESULT} one kernel may give. {advice}"
+                f"{what}: its {self.form} has {number_count} numbers, more than the {LARGEST_RESULT} one kernel may "
+                f"give. {advice}"
             )
-        if not size:
+        if not number_count:
             return
-        counts = autodiff.work(flat, chart.known)
+        counts = autodiff.work(result_entries, chart.known)
         operations = min(counts) if self.mode == "auto" else getattr(counts, self.mode)
         if self.form == "hessian":
             operations *= n
@@ -161,47 +166,47 @@ class Chart:
     def from_input(cls, x: Any, model: Model | None = None) -> Chart:
         """Each entry of x is a direction; for a robot's q, each velocity is one, along robot.add of ``model``."""
         if model is None:
-            return cls(np.shape(x), {e: {k: e.trace.one} for k, e in enumerate(np.reshape(x, -1))})
+            return cls(np.shape(x), {entry: {k: entry.trace.one} for k, entry in enumerate(np.reshape(x, -1))})
         known: dict[Expr, dict[int, Expr]] = {}
-        for part, slope in moving_parts(model, x):
-            for e, row in zip(part.reshape(-1), slope.reshape(part.size, model.nv), strict=True):
-                known[e] = {}
-                for k, rate in enumerate(row):
-                    slope_of_e = e.trace.lift(rate)
-                    if slope_of_e is not e.trace.zero:
-                        known[e][k] = slope_of_e
-                if e.op == "sub":  # negation swaps the operands in the trace
-                    known[-e] = {k: -d for k, d in known[e].items()}
-        c = brackets(model)
-        if not c.any():
+        for part, slopes in moving_parts(model, x):
+            for entry, row in zip(part.reshape(-1), slopes.reshape(part.size, model.nv), strict=True):
+                known[entry] = {}
+                for k, number_or_symbol in enumerate(row):
+                    slope = entry.trace.lift(number_or_symbol)
+                    if slope is not entry.trace.zero:
+                        known[entry][k] = slope
+                if entry.op == "sub":  # negation swaps the operands in the trace
+                    known[-entry] = {k: -slope for k, slope in known[entry].items()}
+        constants = brackets(model)
+        if not constants.any():
             return cls((model.nv,), known)
-        return cls((model.nv,), known, c)
+        return cls((model.nv,), known, constants)
 
     @classmethod
     def concatenate(cls, charts: Sequence[Chart]) -> Chart:
         """Several inputs combined, with their directions concatenated."""
-        n = sum(math.prod(chart.shape) for chart in charts)
+        direction_count = sum(math.prod(chart.shape) for chart in charts)
         known: dict[Expr, dict[int, Expr]] = {}
-        c = np.zeros((n, n, n))
+        constants = np.zeros((direction_count, direction_count, direction_count))
         first = 0
         for chart in charts:
             last = first + math.prod(chart.shape)
-            for e, row in chart.known.items():
-                known[e] = {first + k: d for k, d in row.items()}
+            for entry, slopes in chart.known.items():
+                known[entry] = {first + k: slope for k, slope in slopes.items()}
             if chart.brackets is not None:
-                c[first:last, first:last, first:last] = chart.brackets
+                constants[first:last, first:last, first:last] = chart.brackets
             first = last
         if all(chart.brackets is None for chart in charts):
-            return cls((n,), known)
-        return cls((n,), known, c)
+            return cls((direction_count,), known)
+        return cls((direction_count,), known, constants)
 
 
 def _jacobian_parts(J: Array, results: Sequence[Array], input_shapes: Sequence[Shape]) -> list[Array]:
     """J split by result, and by the input that it differentiates by."""
-    columns = np.cumsum(list(map(math.prod, input_shapes)))[:-1]
+    column_boundaries = np.cumsum(list(map(math.prod, input_shapes)))[:-1]
     parts = []
     for result, rows in zip(results, np.split(J, _boundaries(results)), strict=True):
-        for shape, part in zip(input_shapes, np.split(rows, columns, axis=1), strict=True):
+        for shape, part in zip(input_shapes, np.split(rows, column_boundaries, axis=1), strict=True):
             parts.append(part.reshape((*result.shape, *shape)))
     return parts
 
@@ -218,9 +223,9 @@ def _entries(arrays: Iterable[Any]) -> list[Any]:
 
 def _trace_of(entries: Iterable[Any]) -> Trace:
     """Trace of the first symbol; a new one if all entries are numbers."""
-    for e in entries:
-        if isinstance(e, Expr):
-            return e.trace
+    for entry in entries:
+        if isinstance(entry, Expr):
+            return entry.trace
     return Trace()
 
 
@@ -265,9 +270,10 @@ def _hessian_along(gradient: Array, chart: Chart, direction: Sequence[Any]) -> A
 
 def _along(entries: Array, chart: Chart, direction: Sequence[Any]) -> list[Any]:
     """Derivatives of entries along a direction; entries may be plain numbers."""
-    symbols = {k: e for k, e in enumerate(entries.reshape(-1)) if isinstance(e, Expr)}
+    symbols = {k: entry for k, entry in enumerate(entries.reshape(-1)) if isinstance(entry, Expr)}
+    rates = autodiff.along(list(symbols.values()), chart.known, direction)
     derivatives: list[Any] = [0.0] * entries.size
-    for k, rate in zip(symbols, autodiff.along(list(symbols.values()), chart.known, direction), strict=True):
+    for k, rate in zip(symbols, rates, strict=True):
         derivatives[k] = rate
     return derivatives
 
@@ -358,7 +364,7 @@ def differentiate(
         by = tuple(shapes)
     derivative = Derivative.from_inputs(what, tuple(shapes), by, form, mode, values)
 
-    def run(*arrays: Any) -> list[Any]:
+    def run_on_symbols(*arrays: Any) -> list[Any]:
         try:
             return _results(what, function(*map(_floats_if_empty, arrays)))
         except TwistWrenchError:
@@ -366,30 +372,32 @@ def differentiate(
         except Exception as problem:
             raise KernelError(f"{what}: it cannot be traced: {str(problem).rstrip('.')}. {_ADVICE}") from problem
 
-    owner = Trace()
-    symbols = [_one(owner.inputs(0, shape)) for shape in shapes.values()]
-    result_shapes = list(map(np.shape, run(*symbols)))
-    owner.forget()
-    names = ["result"]
+    symbol_trace = Trace()
+    symbols = [_scalar_if_no_axes(symbol_trace.inputs(0, shape)) for shape in shapes.values()]
+    result_shapes = list(map(np.shape, run_on_symbols(*symbols)))
+    symbol_trace.forget()
+    result_names = ["result"]
     if len(result_shapes) != 1:
-        names = [f"result{k}" for k in range(1, len(result_shapes) + 1)]
+        result_names = [f"result{k}" for k in range(1, len(result_shapes) + 1)]
     directions = dict(shapes)
     for label, model in models.items():
         directions[label] = (model.nv,)
-    more = derivative.inputs(directions, dict(zip(names, result_shapes, strict=True)))
-    for label in more:
+    further_inputs = derivative.inputs(directions, dict(zip(result_names, result_shapes, strict=True)))
+    for label in further_inputs:
         if label in shapes:
             raise ShapeError(f"{what}: an argument is named {label!r}, as a further input of the kernel is. Rename it.")
 
     def derivatives(*arrays: Any) -> tuple[Any, ...]:
-        own_arrays, further_arrays = arrays[: len(shapes)], arrays[len(shapes) :]
+        own_arrays = arrays[: len(shapes)]
+        further_arrays = arrays[len(shapes) :]
         inputs = dict(zip(shapes, own_arrays, strict=True))
         charts = {}
         for label in derivative.by:
             charts[label] = Chart.from_input(inputs[label], models.get(label))
-        return derivative.derive(what, run(*own_arrays), charts, dict(zip(more, further_arrays, strict=True)))
+        weights_and_directions = dict(zip(further_inputs, further_arrays, strict=True))
+        return derivative.derive(what, run_on_symbols(*own_arrays), charts, weights_and_directions)
 
-    program = trace(derivatives, [*shapes.items(), *more.items()], derivative.outputs(names))
+    program = trace(derivatives, [*shapes.items(), *further_inputs.items()], derivative.outputs(result_names))
     doc = f"{form} of {name} by {', '.join(derivative.by)}, compiled. {ports_text(program)}"
     return compile_form(program, name, doc)
 
@@ -449,9 +457,9 @@ def _results(what: str, returned: Any) -> list[Any]:
     for result in returned:
         try:
             array = np.asarray(result, object)
-            for e in array.reshape(-1):
-                if not isinstance(e, Expr):
-                    float(e)
+            for entry in array.reshape(-1):
+                if not isinstance(entry, Expr):
+                    float(entry)
         except (TypeError, ValueError):
             raise ShapeError(
                 f"{what}: it returned {str(result)[:60]!r}. Return an array of numbers, or a tuple of such arrays."
@@ -462,7 +470,7 @@ def _results(what: str, returned: Any) -> list[Any]:
     return arrays
 
 
-def _one(array: Any) -> Any:
+def _scalar_if_no_axes(array: Any) -> Any:
     """Scalar in place of a zero-dimensional array."""
     if array.ndim:
         return array

@@ -22,7 +22,7 @@ def evaluate_quantity(quantity: Quantity, model: Model, arrays: Sequence[Any], o
     """The quantity's algorithm on arrays of numbers or symbols: usual inputs, a wrench per frame, gravity, parameters."""
     own_options = dict(options)
     own_options.pop("derivative", None)
-    usual = len(quantity.inputs)
+    usual_count = len(quantity.inputs)
     parameters = own_options.pop("parameters", ())
     if parameters:
         model = with_symbolic_parameters(model, parameters, arrays[-1])
@@ -30,14 +30,15 @@ def evaluate_quantity(quantity: Quantity, model: Model, arrays: Sequence[Any], o
     frames = own_options.pop("wrenches", ())
     if frames:
         on_robot = own_options.pop("on_robot", ())
-        wrenches_by_robot = dict(zip(frames, arrays[usual : usual + len(frames)], strict=True))
+        wrench_arrays = arrays[usual_count : usual_count + len(frames)]
+        wrenches_by_robot = dict(zip(frames, wrench_arrays, strict=True))
         for frame in frames:
             if frame in on_robot:
                 wrenches_by_robot[frame] = -wrenches_by_robot[frame]
         own_options["wrenches"] = wrenches_by_robot
-    if own_options.pop("gravity", None):
+    if own_options.pop("gravity", None):  # the last input, as parameters were taken off above
         model = replace(model, gravity=arrays[-1])
-    return quantity.algorithm(model, *arrays[:usual], **own_options)
+    return quantity.algorithm(model, *arrays[:usual_count], **own_options)
 
 
 def _result_tuple(returned: Any) -> tuple[Any, ...]:
@@ -68,29 +69,29 @@ def program_of_several(model: Model, requested: Mapping[str, Mapping[str, Any]],
         inputs |= shapes
     order = _input_order(inputs)
 
-    def results(*arrays: Any) -> tuple[Any, ...]:
-        values = dict(zip(order, arrays, strict=True))
-        all_results: list[Any] = []
+    def all_results(*arrays: Any) -> tuple[Any, ...]:
+        array_by_label = dict(zip(order, arrays, strict=True))
+        collected: list[Any] = []
         for name, options in requested.items():
-            arguments = {label: values[label] for label in ports[name]}
-            own_results = _result_tuple(
-                evaluate_quantity(QUANTITIES[name], models[name], list(arguments.values()), options)
-            )
+            arguments = {label: array_by_label[label] for label in ports[name]}
+            returned = evaluate_quantity(QUANTITIES[name], models[name], list(arguments.values()), options)
+            results = _result_tuple(returned)
             derivative = options.get("derivative")
             if derivative is not None:
                 charts = {}
                 for label in derivative.by:
-                    charts[label] = Chart.from_input(arguments[label], model if label in CONFIGURATIONS else None)
-                weights_and_directions = {label: values[label] for label in derivative_ports[name]}
-                own_results = derivative.derive(name, own_results, charts, weights_and_directions)
-            all_results.extend(own_results)
-        return tuple(all_results)
+                    is_configuration = label in CONFIGURATIONS
+                    charts[label] = Chart.from_input(arguments[label], model if is_configuration else None)
+                weights_and_directions = {label: array_by_label[label] for label in derivative_ports[name]}
+                results = derivative.derive(name, results, charts, weights_and_directions)
+            collected.extend(results)
+        return tuple(collected)
 
     outputs: list[str] = []
     for name, options in requested.items():
-        own = QUANTITIES[name].outputs
-        outputs += options["derivative"].outputs(own) if "derivative" in options else own
-    return trace(results, [(label, inputs[label]) for label in order], outputs)
+        names = QUANTITIES[name].outputs
+        outputs += options["derivative"].outputs(names) if "derivative" in options else names
+    return trace(all_results, [(label, inputs[label]) for label in order], outputs)
 
 
 def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
@@ -102,32 +103,34 @@ def inputs_of(model: Model, name: str, options: Mapping[str, Any]) -> list[tuple
 def _input_order(labels: Iterable[str]) -> list[str]:
     """Usual inputs, weights and directions of derivatives, wrenches, gravity, parameters."""
     last = ("gravity", "parameters")
-    return sorted(labels, key=lambda label: (label in last, label.startswith("wrench at")))
+    return sorted(labels, key=lambda label: (label in last, label.startswith("wrench at")))  # stable within each kind
 
 
 def _ports_of_derivative(model: Model, name: str, options: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
-    """Additional inputs of a derivative."""
+    """Shapes of the additional inputs of a derivative by name."""
     derivative = options.get("derivative")
     if derivative is None:
         return {}
-    ports, outputs = input_shapes(model, name, options), QUANTITIES[name].outputs
-    shapes: Any = [()] * len(outputs)
+    ports = input_shapes(model, name, options)
+    outputs = QUANTITIES[name].outputs
+    result_shapes: Any = [()] * len(outputs)
     if derivative.weighs:  # shapes of results are known only after tracing
-        owner = Trace()
-        symbols = [owner.inputs(0, shape) for shape in ports.values()]
+        temporary_trace = Trace()
+        symbols = [temporary_trace.inputs(0, shape) for shape in ports.values()]
         results = _result_tuple(evaluate_quantity(QUANTITIES[name], model, symbols, options))
-        shapes = list(map(np.shape, results))
-        owner.forget()
-    directions = dict(ports)
+        result_shapes = list(map(np.shape, results))
+        temporary_trace.forget()
+    direction_shapes = dict(ports)
     for label in ports:
         if label in CONFIGURATIONS:
-            directions[label] = (model.nv,)
+            direction_shapes[label] = (model.nv,)
     labels = [f"{name} {output}" for output in outputs]
-    return derivative.inputs(directions, dict(zip(labels, shapes, strict=True)))
+    return derivative.inputs(direction_shapes, dict(zip(labels, result_shapes, strict=True)))
 
 
 def _model_for(model: Model, name: str, options: Mapping[str, Any], regroup: bool) -> Model:
-    fixed = not moves_joints(model, options.get("parameters", ()))
-    if QUANTITIES[name].felt and regroup and fixed:
+    """Model for a quantity: with base parameters if it depends on torques only and no parameter moves a joint."""
+    parameters_move_joints = moves_joints(model, options.get("parameters", ()))
+    if QUANTITIES[name].felt and regroup and not parameters_move_joints:
         return regrouped(model)
     return model

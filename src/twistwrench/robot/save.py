@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from ..mechanics.model.model import Model
     from .export.written import Saved
 
-_ENDINGS = {"urdf": ".urdf", "mjcf": ".xml", "sdf": ".sdf"}
-"""Ending of a file of each format."""
+_SUFFIX_OF_FORMAT = {"urdf": ".urdf", "mjcf": ".xml", "sdf": ".sdf"}
 
 
 def save(robot: Robot, path: str | Path, *, overwrite: bool = False, strict: bool = False) -> Saved:
@@ -62,27 +61,32 @@ def save(robot: Robot, path: str | Path, *, overwrite: bool = False, strict: boo
     write = writer_of(path, robot.name)
     check_outputs({"the file": path}, {})
     refuse_existing(path, overwrite=overwrite)
-    written = write(robot.model)
-    with replacing(path) as scratch:
-        scratch.write_text(written.text, encoding="utf-8", newline="\n")
-    return Saved([*written.lost, *_tip_lost(robot, path)], path, robot.name, strict=strict)
+    document = write(robot.model)
+    with replacing(path) as temporary_file:
+        temporary_file.write_text(document.text, encoding="utf-8", newline="\n")
+    return Saved([*document.lost, *_loss_of_tip(robot, path)], path, robot.name, strict=strict)
 
 
 def writer_of(path: str | Path, name: str = "robot") -> Callable[[Model], RobotDocument]:
-    """Writer of the format that the ending of a path names; raises ValueRangeError for another ending."""
+    """Writer of the format that the ending of a path names; raises ValueRangeError for another ending.
+
+    ``name``: name of the robot, for an example in the message.
+    """
     from ..formats.writers import SUFFIXES, WRITERS
 
     path = as_path(path)
-    form = SUFFIXES.get(path.suffix.lower())
-    if form is None:
+    file_format = SUFFIXES.get(path.suffix.lower())
+    if file_format is None:
+        # A path such as "mjcf" is the name of a format, and gets an example of it.
+        example = name + _SUFFIX_OF_FORMAT.get(path.name.lower(), ".urdf")
         raise ValueRangeError(
             f"cannot write {path.name!r}: its ending does not name a format. Choose one of {', '.join(SUFFIXES)}, "
-            f"for example {name}{_ENDINGS.get(path.name.lower(), '.urdf')}."
+            f"for example {example}."
         )
-    return WRITERS[form]
+    return WRITERS[file_format]
 
 
-def _tip_lost(robot: Robot, path: Path) -> list[str]:
+def _loss_of_tip(robot: Robot, path: Path) -> list[str]:
     """Sentence if the file's default tip differs from the robot's; no format stores the tip."""
     from ..formats import load_model
 
@@ -91,8 +95,8 @@ def _tip_lost(robot: Robot, path: Path) -> list[str]:
         tip = load_model(path, inertia="accept").tip
     if tip == robot.tip:
         return []
-    result = "finds none" if tip is None else f"takes {tip!r}"
-    return [f"the tip is not kept: reading the file {result}; pass tip={robot.tip!r} for the same"]
+    tip_of_file = "finds none" if tip is None else f"takes {tip!r}"
+    return [f"the tip is not kept: reading the file {tip_of_file}; pass tip={robot.tip!r} for the same"]
 
 
 complete(globals())

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from .robot import Robot
 
 
-def _count(options: Mapping[str, Any]) -> int:
+def _row_count(options: Mapping[str, Any]) -> int:
+    """Number of rows that the option ``rows`` selects."""
     from ..mechanics.algorithms.kinematics import row_numbers
 
     return len(row_numbers(options.get("rows")))
@@ -31,7 +32,7 @@ def _count(options: Mapping[str, Any]) -> int:
 class TaskSpaceMethods(RobotBase):
     """Methods that express a robot's dynamics in task space."""
 
-    @third_party.lazy_by_blocks(lambda _, options: [(_count(options),) * 2])
+    @third_party.lazy_by_blocks(lambda _, options: [(_row_count(options),) * 2])
     def task_inertia(self, q: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None) -> Array:
         """Task-space (operational-space) inertia Λ of F = Λ dV + η on the selected rows of J: (J M⁻¹ J')⁻¹.
 
@@ -57,7 +58,7 @@ class TaskSpaceMethods(RobotBase):
         """
         return _task_quantity(cast("Robot", self), "task_inertia", (q,), frame, kind, rows)
 
-    @third_party.lazy_by_blocks(lambda _, options: [(_count(options),)])
+    @third_party.lazy_by_blocks(lambda _, options: [(_row_count(options),)])
     def task_bias(
         self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, kind: Kind = "body", rows: Rows = None
     ) -> Array:
@@ -99,11 +100,11 @@ class TaskSpaceMethods(RobotBase):
         from ..mechanics.algorithms.kinematics import row_numbers
 
         q = np.asarray(arguments.finite(q, "lost_directions: q", self.nq, names=self.coordinate_names), float)
-        chosen = list(row_numbers(rows))
+        row_indices = list(row_numbers(rows))
         robot = require_robot(self, "lost_directions")
-        J = robot.jacobian(q, frame, kind)[..., chosen, :]
-        sizes = _samples(robot, frame, kind)[2][chosen]
-        return ConstraintProjector.from_rows(J, robot.mass_matrix(q), sizes).lost
+        J = robot.jacobian(q, frame, kind)[..., row_indices, :]
+        _, _, sizes = _samples(robot, frame, kind)
+        return ConstraintProjector.from_rows(J, robot.mass_matrix(q), sizes[row_indices]).lost
 
 
 def _task_quantity(
@@ -113,32 +114,41 @@ def _task_quantity(
     from ..mechanics.algorithms.constraint_projector import ConstraintProjector, needs_singular_values
     from ..mechanics.algorithms.kinematics import row_numbers
 
-    chosen = row_numbers(rows)
+    row_indices = row_numbers(rows)
     arrays = to_numbers(robot.model, name, arrays, {})
+    row_count = len(row_indices)
     if robot.nv == 0:
         robot.jacobian(arrays[0], frame, kind)  # argument validation
-        batch = np.broadcast_shapes(*(np.shape(a)[:-1] for a in arrays))
-        return np.zeros((*batch, len(chosen), len(chosen))[: len(batch) + 3 - len(arrays)])
+        batch_shape = np.broadcast_shapes(*(np.shape(array)[:-1] for array in arrays))
+        result_shape = (row_count, row_count) if name == "task_inertia" else (row_count,)
+        return np.zeros((*batch_shape, *result_shape))
     with np.errstate(all="ignore"):
-        results, pivots = robot.engine.call(name, *arrays, frame=frame, kind=kind, rows=chosen)
-    sizes = _samples(robot, frame, kind)[2][list(chosen)]
-    finite = np.ones(pivots.shape[:-1], bool)
+        results, pivots = robot.engine.call(name, *arrays, frame=frame, kind=kind, rows=row_indices)
+    _, _, all_sizes = _samples(robot, frame, kind)
+    sizes = all_sizes[list(row_indices)]
+    is_finite = np.ones(pivots.shape[:-1], bool)
     for array in arrays:
-        finite = finite & np.isfinite(array).all(axis=-1)
-    results[~finite] = np.nan  # elimination of NaN may leave numbers
-    singular = needs_singular_values(pivots, sizes) & finite
-    if not singular.any():
+        is_finite = is_finite & np.isfinite(array).all(axis=-1)
+    results[~is_finite] = np.nan  # elimination with NaN may result in numbers
+    is_singular = needs_singular_values(pivots, sizes) & is_finite
+    if not is_singular.any():
         return np.asarray(results)
-    _warn_of_lost_rows(robot, frame, kind, chosen)
-    q, *dq = (np.broadcast_to(np.asarray(a, float), (*singular.shape, np.shape(a)[-1]))[singular] for a in arrays)
-    J, M = robot.jacobian(q, frame, kind)[:, chosen], robot.mass_matrix(q)
+    _warn_of_lost_rows(robot, frame, kind, row_indices)
+    singular_arrays = []
+    for array in arrays:
+        full_shape = (*is_singular.shape, np.shape(array)[-1])
+        singular_arrays.append(np.broadcast_to(np.asarray(array, float), full_shape)[is_singular])
+    q = singular_arrays[0]
+    J = robot.jacobian(q, frame, kind)[:, row_indices]
+    M = robot.mass_matrix(q)
     Lambda = ConstraintProjector.from_rows(J, M, sizes).pseudoinverse
-    if dq:
-        free = np.linalg.solve(M, robot.bias_forces(q, dq[0])[..., None])  # M⁻¹ h
-        dJ_dq = robot.jacobian_rate(q, dq[0], frame, kind)[:, chosen] @ dq[0][..., None]
-        results[singular] = (Lambda @ (J @ free - dJ_dq))[..., 0]
+    if name == "task_inertia":
+        results[is_singular] = Lambda
     else:
-        results[singular] = Lambda
+        dq = singular_arrays[1]
+        M_inverse_h = np.linalg.solve(M, robot.bias_forces(q, dq)[..., None])
+        dJ_dq = robot.jacobian_rate(q, dq, frame, kind)[:, row_indices] @ dq[..., None]
+        results[is_singular] = (Lambda @ (J @ M_inverse_h - dJ_dq))[..., 0]
     return np.asarray(results)
 
 
@@ -157,22 +167,23 @@ def _samples(robot: Robot, frame: str | None, kind: Kind) -> tuple[Array, Array,
     return samples
 
 
-def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tuple[int, ...]) -> None:
+def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, row_indices: tuple[int, ...]) -> None:
     """Warn once of rows that are lost at every configuration."""
     from ..mechanics.algorithms.constraint_projector import independent_rows
     from ..mechanics.lie.labelled import TWIST
 
-    remarked = robot.engine.cache(("lost rows remarked", frame, kind, chosen), list)
-    if remarked:
+    # A list in the engine's cache that has an entry once the warning was considered.
+    earlier_calls = robot.engine.cache(("lost rows remarked", frame, kind, row_indices), list)
+    if earlier_calls:
         return
-    remarked.append(True)
-    order = sorted(chosen, key=lambda row: (row < 3, row))  # linear rows first
+    earlier_calls.append(True)
+    order = sorted(row_indices, key=lambda row: (row < 3, row))  # linear rows first
     J, M, sizes = _samples(robot, frame, kind)
     independent = [order[k] for k in independent_rows(J[:, order], M, sizes[order])]
-    if len(independent) == len(chosen):
+    if len(independent) == len(row_indices):
         return
-    immovable = [k for k in chosen if not independent_rows(J[:, [k]], M, sizes[[k]])]
-    dependent = [k for k in chosen if k not in independent and k not in immovable]
+    immovable = [row for row in row_indices if not independent_rows(J[:, [row]], M, sizes[[row]])]
+    dependent = [row for row in row_indices if row not in independent and row not in immovable]
     reasons = []
     if immovable:
         reasons.append(f"{' '.join(TWIST[k] for k in immovable)} never move")
@@ -180,12 +191,12 @@ def _warn_of_lost_rows(robot: Robot, frame: str | None, kind: Kind, chosen: tupl
         reasons.append(f"the others determine {' '.join(TWIST[k] for k in dependent)}")
     advice = "this frame does not move along any of them"
     if independent:
-        names = " ".join(TWIST[k] for k in chosen if k in independent)
+        names = " ".join(TWIST[k] for k in row_indices if k in independent)
         advice = f"choose independent ones, rows={names!r}"
     warnings.warn(
-        f"robot {robot.name!r}: of the {len(chosen)} rows of {frame or robot.tip!r} ({kind!r}) only {len(independent)} can "
-        f"move independently at any configuration: {' and '.join(reasons)}. Λ is 0 where no motion is possible, and no inertia "
-        f"is defined there; {advice}.",
+        f"robot {robot.name!r}: of the {len(row_indices)} rows of {frame or robot.tip!r} ({kind!r}) only {len(independent)} "
+        f"can move independently at any configuration: {' and '.join(reasons)}. Λ is 0 where no motion is possible, and no "
+        f"inertia is defined there; {advice}.",
         ModelWarning,
         stacklevel=5,
     )
@@ -209,34 +220,38 @@ def _make_power_balance(*arrays: Any) -> PowerBalance:
 class ActuationMethods(RobotBase):
     """Methods of a robot, with or without constraints, for its motors and power."""
 
-    def _loads(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
+    def _drive_torques(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, friction: bool, wrenches: dict[str, Any]
+    ) -> Any:
         """Torques through the gears, and torques that accelerate the rotors, (nv,) each."""
         robot = self.open()
         if self.constraints:
             from .constraints.projections import inverse_dynamics
 
             motors = list(robot.actuators)
-            tau = inverse_dynamics(
-                cast("ConstrainedRobot", self), q, dq, ddq, motors, friction=friction, **wrenches
-            ).tau
-            _, rotor = robot.drive_torques(q, dq, ddq)
-            return tau - rotor, rotor
-        carried, rotor = robot.drive_torques(q, dq, ddq, **wrenches)
+            closed = cast("ConstrainedRobot", self)
+            tau = inverse_dynamics(closed, q, dq, ddq, motors, friction=friction, **wrenches).tau
+            _, rotor_torques = robot.drive_torques(q, dq, ddq)
+            return tau - rotor_torques, rotor_torques
+        gear_torques, rotor_torques = robot.drive_torques(q, dq, ddq, **wrenches)
         if friction:
             from ..mechanics.model.actuators import moving
 
-            (speeds,) = states(robot.model, "friction_forces", dq=dq)
-            carried = carried + robot.friction_forces(moving(speeds), load=carried + rotor)
-        return carried, rotor
+            (dq_array,) = states(robot.model, "friction_forces", dq=dq)
+            load = gear_torques + rotor_torques
+            gear_torques = gear_torques + robot.friction_forces(moving(dq_array), load=load)
+        return gear_torques, rotor_torques
 
     def _accelerate(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, friction: bool, wrenches: dict[str, Any]) -> Any:
-        """q̈ under torques τ, and τ minus friction, or None if not yet computed."""
-        if self.constraints:
-            from .constraints.projections import forward_dynamics
+        """q̈ under torques τ, and τ minus friction for a closed robot with friction, otherwise None."""
+        if not self.constraints:
+            return self.open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
+        from .constraints.projections import forward_dynamics
 
-            ddq = forward_dynamics(cast("ConstrainedRobot", self), q, dq, tau, friction=friction, **wrenches).ddq
-            return ddq, self.engine.call("torque_past_friction", dq, tau) if friction else None
-        return self.open().forward_dynamics(q, dq, tau, friction=friction, **wrenches), None
+        ddq = forward_dynamics(cast("ConstrainedRobot", self), q, dq, tau, friction=friction, **wrenches).ddq
+        if not friction:
+            return ddq, None
+        return ddq, self.engine.call("torque_past_friction", dq, tau)
 
     @third_party.lazy_by_blocks(lambda robot, _: [(len(robot.open().actuators),)] * 6, _make_motor_loads)
     def motor_loads(
@@ -284,9 +299,9 @@ class ActuationMethods(RobotBase):
         wrenches = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
         from ..mechanics.algorithms.motor_loads import motor_loads
 
-        carried, rotor = self._loads(q, dq, ddq, friction, wrenches)
+        gear_torques, rotor_torques = self._drive_torques(q, dq, ddq, friction, wrenches)
         (dq,) = states(robot.model, "motor_loads", dq=dq)
-        return motor_loads(robot.model, dq.astype(float), carried, rotor)
+        return motor_loads(robot.model, dq.astype(float), gear_torques, rotor_torques)
 
     @third_party.lazy_by_blocks(lambda *_: [()] * 4, _make_power_balance)
     def power_balance(
@@ -322,18 +337,19 @@ class ActuationMethods(RobotBase):
         """
         from ..mechanics.algorithms.motor_loads import power_balance
 
-        robot, wrenches = self.open(), {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
-        ddq, past_friction = self._accelerate(q, dq, tau, friction, wrenches)
+        robot = self.open()
+        wrenches = {"wrench_by_robot": wrench_by_robot, "wrench_on_robot": wrench_on_robot}
+        ddq, tau_past_friction = self._accelerate(q, dq, tau, friction, wrenches)
         dq, tau = states(robot.model, "power_balance", dq=dq, tau=tau)
-        moving = robot.inverse_dynamics(q, dq, ddq)  # M ddq + h: times dq it is the rate of the energy
-        pushing = robot.holding_torques(q, **wrenches) - robot.holding_torques(q)
-        if past_friction is not None:
-            friction_torque = tau - past_friction
+        motion_torques = robot.inverse_dynamics(q, dq, ddq)  # M ddq + h: times dq it is the rate of the energy
+        wrench_torques = robot.holding_torques(q, **wrenches) - robot.holding_torques(q)
+        if tau_past_friction is not None:
+            friction_torques = tau - tau_past_friction
         elif friction:
-            friction_torque = robot.friction_forces(dq, load=moving + pushing)
+            friction_torques = robot.friction_forces(dq, load=motion_torques + wrench_torques)
         else:
-            friction_torque = np.zeros_like(dq)
-        return power_balance(dq, tau, moving, pushing, friction_torque)
+            friction_torques = np.zeros_like(dq)
+        return power_balance(dq, tau, motion_torques, wrench_torques, friction_torques)
 
 
 complete(globals())

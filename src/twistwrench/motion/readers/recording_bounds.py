@@ -174,7 +174,7 @@ def check_chunks(path: Path) -> None:
 
 
 def _unpacked_size_in_data(chunk: Any) -> int:
-    """Unpacked size [bytes] by the packed data of a chunk itself; 0 if they do not tell it."""
+    """Unpacked size [bytes] by the packed data of a chunk itself; 0 if they do not state it."""
     if chunk.compression != "zstd":
         return 0  # LZ4 unpacks to at most 255 times its size
     import zstandard

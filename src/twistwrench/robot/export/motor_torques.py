@@ -28,46 +28,53 @@ def with_motor_torques(robot: Robot, request: Request) -> Request:
 
     Raises KernelError for another quantity, and ModelError for a joint without an actuator.
     """
-    model, full = robot.model, request.full
+    model = robot.model
+    options = request.full
     option = spell(Argument("torque", "motor", option="torque-side"))
-    if request.quantity != "inverse_dynamics" or "derivative" in full or "parameters" in full:
+    if request.quantity != "inverse_dynamics" or "derivative" in options or "parameters" in options:
         raise KernelError(
             f"{option} applies to inverse_dynamics, not to {request.function.name}. Export {request.quantity} by itself."
         )
-    driven, actuators = driven_velocities(model), list(model.actuators.values())
-    missing = [name for k, name in enumerate(model.drive_names) if k not in driven]
-    if missing:
+    driven = driven_velocities(model)
+    names_without_actuator = [name for k, name in enumerate(model.drive_names) if k not in driven]
+    if names_without_actuator:
         remedy = "robot.with_actuators(file)"
         if in_the_shell():
             remedy = spell(Argument("actuators", Placeholder("FILE")))
         raise ModelError(
-            f"{option} needs an actuator at every joint; there is none at {', '.join(missing)}. Describe them: {remedy}."
+            f"{option} needs an actuator at every joint; there is none at {', '.join(names_without_actuator)}. Describe "
+            f"them: {remedy}."
         )
-    gears = [(actuator.ratio, actuator.efficiency, actuator.no_load_torque) for actuator in actuators]
-    ratio, efficiency, no_load_torque = np.array(gears, float)[np.argsort(driven)].T
-    ports = inputs_of(model, "inverse_dynamics", full)
+    gears = [(actuator.ratio, actuator.efficiency, actuator.no_load_torque) for actuator in model.actuators.values()]
+    ratio, efficiency, no_load_torque = np.array(gears, float)[np.argsort(driven)].T  # in the order of the velocities
+    ports = inputs_of(model, "inverse_dynamics", options)
+    further_labels = [label for label, _ in ports[3:]]
 
-    def torques(q: Array, dq: Array, ddq: Array, *more: Array) -> Array:
-        inputs = dict(zip([label for label, _ in ports[3:]], more, strict=True))
+    def torques(q: Array, dq: Array, ddq: Array, *further_inputs: Array) -> Array:
+        inputs = dict(zip(further_labels, further_inputs, strict=True))
         wrenches = {}
-        for frame in full.get("wrenches", ()):
-            sign = -1.0 if frame in full.get("on_robot", ()) else 1.0
+        for frame in options.get("wrenches", ()):
+            sign = -1.0 if frame in options.get("on_robot", ()) else 1.0
             wrenches[frame] = sign * inputs[f"wrench at {frame}"]
         own_model = model
         if "gravity" in inputs:
             own_model = replace(model, gravity=inputs["gravity"])
-        carried, rotor = drive_torques(own_model, q, dq, ddq, wrenches)
-        if full.get("friction"):
-            carried = carried + friction_forces(model, dq, carried + rotor)
-        carried, rotor = motor_torques(model, carried), motor_torques(model, rotor)
+        gear_torques, rotor_torques = drive_torques(own_model, q, dq, ddq, wrenches)
+        if options.get("friction"):
+            gear_torques = gear_torques + friction_forces(model, dq, gear_torques + rotor_torques)
+        gear_torques = motor_torques(model, gear_torques)
+        rotor_torques = motor_torques(model, rotor_torques)
         speeds = motor_velocities(model, dq)
-        directions = np.array([positive(w - STANDING) - positive(-w - STANDING) for w in speeds], object)
-        braking = [positive(-(force * direction)) for force, direction in zip(carried, directions, strict=True)]
-        share = np.array([either(b, e, 1.0 / e) for b, e in zip(braking, efficiency, strict=True)], object)
-        torque = (carried * share + rotor) / ratio
+        # 1, 0 or -1; below STANDING a motor counts as at rest.
+        directions = np.array([positive(speed - STANDING) - positive(-speed - STANDING) for speed in speeds], object)
+        torque_factors = []
+        for torque, direction, own_efficiency in zip(gear_torques, directions, efficiency, strict=True):
+            is_braking = positive(-(torque * direction))
+            torque_factors.append(either(is_braking, own_efficiency, 1.0 / own_efficiency))
+        shaft_torques = (gear_torques * np.array(torque_factors, object) + rotor_torques) / ratio
         if not no_load_torque.any():
-            return torque
-        return torque + no_load_torque * np.sign(ratio) * directions
+            return shaft_torques
+        return shaft_torques + no_load_torque * np.sign(ratio) * directions
 
     name = request.function.name.replace("inverse_dynamics", "motor_torques")
     return replace(request, function=replace(request.function, name=name, program=trace(torques, ports, ["tau"])))

@@ -122,7 +122,7 @@ def _python_handler(name: str, kernel: Callable[..., Any], count: int, version: 
 
 
 def _interface_version(jax: Any) -> tuple[int, int]:
-    """Version of the FFI in the header of the installed JAX; 0.1 if the header does not tell it."""
+    """Version of the FFI in the header of the installed JAX; 0.1 if the header does not state it."""
     header = Path(jax.ffi.include_dir(), "xla", "ffi", "api", "c_api.h").read_text(encoding="utf-8")
     major = re.search(r"#define XLA_FFI_API_MAJOR (\d+)", header)
     minor = re.search(r"#define XLA_FFI_API_MINOR (\d+)", header)

@@ -62,7 +62,7 @@ class PoseSearch:
         """
         self.model, self.poses, self.difference, self.loops = model, poses, difference, loops
         self.target_shape = (4, 4) if len(frames) == 1 else (len(frames), 4, 4)
-        self._starts: dict[int, _StartConfigurations] = {}
+        self._starts_by_seed: dict[int, _StartConfigurations] = {}
         self.length = farthest if farthest > 0 else 1.0
         """Length in m that is weighted like one radian."""
         error_rows: list[int] = []  # rows of twists: below 3 angular, from 3 on linear
@@ -71,18 +71,24 @@ class PoseSearch:
         if loops is not None:
             error_rows += loops.kinds
         scale = np.where(np.array(error_rows) < 3, 1.0, 1.0 / self.length)
-        simple = [b for b in model.leaders if b.joint.nv == 1]
-        self.q_of = np.array([b.q_index for b in simple], int)
-        v_of = np.array([b.v_index for b in simple], int)
-        self.low, self.high = model.limits.lower[v_of], model.limits.upper[v_of]
-        v_low, v_high = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)  # limits by velocity, then by coordinate
-        v_low[v_of], v_high[v_of] = self.low, self.high
-        self._q_low, self._q_high = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
-        self._q_low[self.q_of], self._q_high[self.q_of] = self.low, self.high
+        single = [body for body in model.leaders if body.joint.nv == 1]
+        self.single_q = np.array([body.q_index for body in single], int)
+        """Coordinates of the joints of one degree of freedom, which alone have limits."""
+        single_v = np.array([body.v_index for body in single], int)
+        self.lower = model.limits.lower[single_v]
+        self.upper = model.limits.upper[single_v]
+        lower_by_velocity = np.full(model.nv, -np.inf)
+        upper_by_velocity = np.full(model.nv, np.inf)
+        lower_by_velocity[single_v] = self.lower
+        upper_by_velocity[single_v] = self.upper
+        self._lower_by_coordinate = np.full(model.nq, -np.inf)
+        self._upper_by_coordinate = np.full(model.nq, np.inf)
+        self._lower_by_coordinate[self.single_q] = self.lower
+        self._upper_by_coordinate[self.single_q] = self.upper
         coordinates = np.full(model.nv, -1)  # coordinate of each velocity; -1 for joints of several degrees
-        coordinates[v_of] = self.q_of
+        coordinates[single_v] = self.single_q
         self._step = NewtonStep(
-            model, frames, scale, v_low, v_high, tuple(coordinates.tolist()),
+            model, frames, scale, lower_by_velocity, upper_by_velocity, tuple(coordinates.tolist()),
             loops=None if loops is None else loops.rows, gaps=() if loops is None else loops.allowed,
         )  # fmt: skip
         search = self._search(self._step)
@@ -98,21 +104,24 @@ class PoseSearch:
         self.weights = np.concatenate(weights)
 
     def _search(self, step: NewtonStep) -> Search:
-        nq, count = self.model.nq, len(self.poses)
+        """Loop of the compiled search over one step."""
+        nq = self.model.nq
+        pose_count = len(self.poses)
         target = TensorSpec("T", self.target_shape)
         if step.posture:
-            target = TensorSpec("T and posture", (16 * count + nq,))
+            target = TensorSpec("T and posture", (16 * pose_count + nq,))
         given_size = target.size + 2  # and the two tolerances
-        ports = [("angles", (nq,)), ("q", (nq,)), ("passed on", (sum(step.sizes),)), ("given", (given_size,))]
-        program = trace(step, ports, ["q", "passed on"])
-        compared = np.arange(16 * count).reshape(count, 16)[:, :12]  # entries (R, p) of each pose, without the last row
+        inputs = [("angles", (nq,)), ("q", (nq,)), ("passed on", (sum(step.sizes),)), ("given", (given_size,))]
+        program = trace(step, inputs, ["q", "passed on"])
+        entries_by_pose = np.arange(16 * pose_count).reshape(pose_count, 16)
+        compared = entries_by_pose[:, :12]  # entries (R, p) of each pose, without the last row
         return Search(
             program,
             target,
             tuple(compared.ravel().tolist()),
             step.begins,
-            tuple(self._q_low.tolist()),
-            tuple(self._q_high.tolist()),
+            tuple(self._lower_by_coordinate.tolist()),
+            tuple(self._upper_by_coordinate.tolist()),
         )
 
     @cached_property
@@ -133,23 +142,25 @@ class PoseSearch:
     def settings(self, tolerances: tuple[float, float], restarts: int, steps: int = STEPS) -> Array:
         """Settings of the kernel other than poses and starts."""
         angle, distance = tolerances
-        share = 1.0 - _TOLERANCE_MARGIN
-        return np.array([steps, restarts, share * angle * angle, share * distance * distance, *self.weights])
+        factor = 1.0 - _TOLERANCE_MARGIN
+        return np.array([steps, restarts, factor * angle * angle, factor * distance * distance, *self.weights])
 
     def inside(self, q: Array) -> Array:
         """q with joints of one degree of freedom clipped to their limits."""
         q = np.array(q, float)
-        q[..., self.q_of] = np.clip(q[..., self.q_of], self.low, self.high)
+        q[..., self.single_q] = np.clip(q[..., self.single_q], self.lower, self.upper)
         return q
 
-    def round_to_type(self, q: Array, kind: np.dtype[Any]) -> Array:
+    def round_to_type(self, q: Array, dtype: np.dtype[Any]) -> Array:
         """q rounded to another type; numbers that leave the limits by rounding are moved to the nearest value inside."""
-        rounded = q.astype(kind, copy=False)
-        if kind == q.dtype:
+        rounded = q.astype(dtype, copy=False)
+        if dtype == q.dtype:
             return rounded
-        x = rounded[..., self.q_of]
-        x = np.where(x > self.high, np.nextafter(x, np.asarray(-np.inf, kind)), x)
-        rounded[..., self.q_of] = np.where(x < self.low, np.nextafter(x, np.asarray(np.inf, kind)), x)
+        x = rounded[..., self.single_q]
+        next_below = np.nextafter(x, np.asarray(-np.inf, dtype))
+        x = np.where(x > self.upper, next_below, x)
+        next_above = np.nextafter(x, np.asarray(np.inf, dtype))
+        rounded[..., self.single_q] = np.where(x < self.lower, next_above, x)
         return rounded
 
     def best(
@@ -157,28 +168,33 @@ class PoseSearch:
     ) -> tuple[Array, Array]:
         """Best result of all starts (n, nq), the first at ``start``, and its status (n, status); T (n, *core)."""
         settings = self.settings(tolerances, min(restarts, PLACES))
-        if seed not in self._starts:  # the start table takes longer than most searches, which need none
+        if seed not in self._starts_by_seed:  # the start table takes longer than most searches, which need none
             q, status = self.run(T, start, self._no_starts, self.settings(tolerances, 0))
-            rows = np.flatnonzero(status[:, OUTCOME] == 0.0)
-            if not restarts or not len(rows):
+            unsolved = np.flatnonzero(status[:, OUTCOME] == 0.0)
+            if not restarts or not len(unsolved):
                 return q, status
-            q[rows], status[rows] = self.run(T[rows], start[rows], self.start_configurations(seed).table(0), settings)
+            table = self.start_configurations(seed).table(0)
+            q[unsolved], status[unsolved] = self.run(T[unsolved], start[unsolved], table, settings)
         else:
             q, status = self.run(T, start, self.start_configurations(seed).table(0), settings)
         starts = self.start_configurations(seed)
-        number, done = 1, PLACES  # table of starts; restarts so far
-        while done < restarts:  # a start before those of a table, then the table's
-            rows = np.flatnonzero(status[:, OUTCOME] == 0.0)
-            if not len(rows):
+        number = 1  # of the next table of starts
+        restarts_done = PLACES
+        while restarts_done < restarts:  # a start before those of a table, then the table's
+            unsolved = np.flatnonzero(status[:, OUTCOME] == 0.0)
+            if not len(unsolved):
                 break
-            settings = self.settings(tolerances, min(restarts - done - 1, PLACES))
-            first = np.broadcast_to(starts.first(number), (len(rows), self.model.nq))
-            new_q, new_status = self.run(T[rows], first, starts.table(number), settings)
-            new_status[:, ATTEMPT_COUNT] += status[rows, ATTEMPT_COUNT]
-            status[rows, ATTEMPT_COUNT] = new_status[:, ATTEMPT_COUNT]  # also of poses that did not improve
-            improved = (new_status[:, OUTCOME] != 0.0) | (new_status[:, POSE_ERROR] < status[rows, POSE_ERROR])
-            number, done = number + 1, done + PLACES + 1
-            q[rows[improved]], status[rows[improved]] = new_q[improved], new_status[improved]
+            settings = self.settings(tolerances, min(restarts - restarts_done - 1, PLACES))
+            first = np.broadcast_to(starts.first(number), (len(unsolved), self.model.nq))
+            new_q, new_status = self.run(T[unsolved], first, starts.table(number), settings)
+            new_status[:, ATTEMPT_COUNT] += status[unsolved, ATTEMPT_COUNT]
+            status[unsolved, ATTEMPT_COUNT] = new_status[:, ATTEMPT_COUNT]  # also of poses that did not improve
+            is_nearer = new_status[:, POSE_ERROR] < status[unsolved, POSE_ERROR]
+            improved = (new_status[:, OUTCOME] != 0.0) | is_nearer
+            q[unsolved[improved]] = new_q[improved]
+            status[unsolved[improved]] = new_status[improved]
+            number += 1
+            restarts_done += PLACES + 1
         return q, status
 
     def nearest(
@@ -186,28 +202,32 @@ class PoseSearch:
     ) -> tuple[Array, Array]:
         """Move solutions towards postures (n, nq) with the frames fixed, until no step improves."""
         q, status = solution
-        rows = np.flatnonzero(status[:, OUTCOME] > 0.0)
-        no_starts, settings = self._no_starts, self.settings(tolerances, 0, POSTURE_STEPS)
-        target = np.concatenate([T[rows].reshape(len(rows), 16 * len(self.poses)), posture[rows]], axis=1)
-        new_q, _ = self.run(target, q[rows], no_starts, settings, self.to_posture)
-        new_q, new_status = self.run(T[rows], new_q, no_starts, settings)  # to full precision
-        old_distance = np.linalg.norm(self.difference(posture[rows], q[rows]), axis=1)
-        new_distance = np.linalg.norm(self.difference(posture[rows], new_q), axis=1)
+        solved = np.flatnonzero(status[:, OUTCOME] > 0.0)
+        no_starts = self._no_starts
+        settings = self.settings(tolerances, 0, POSTURE_STEPS)
+        pose_entries = T[solved].reshape(len(solved), 16 * len(self.poses))
+        target = np.concatenate([pose_entries, posture[solved]], axis=1)
+        near_q, _ = self.run(target, q[solved], no_starts, settings, self.to_posture)
+        new_q, new_status = self.run(T[solved], near_q, no_starts, settings)  # to full precision
+        old_distance = np.linalg.norm(self.difference(posture[solved], q[solved]), axis=1)
+        new_distance = np.linalg.norm(self.difference(posture[solved], new_q), axis=1)
         improved = (new_status[:, OUTCOME] > 0.0) & (new_distance < old_distance)
-        new_status[:, ATTEMPT_COUNT] = status[rows, ATTEMPT_COUNT]
-        q[rows[improved]], status[rows[improved]] = new_q[improved], new_status[improved]
+        new_status[:, ATTEMPT_COUNT] = status[solved, ATTEMPT_COUNT]
+        q[solved[improved]] = new_q[improved]
+        status[solved[improved]] = new_status[improved]
         return q, status
 
     def run(
         self, T: Array, start: Array, table: tuple[Array, Array], settings: Array, kernel: Any = None
     ) -> tuple[Array, Array]:
         """Run the kernel, or another one, on any number of poses, in parts."""
-        q, status = np.empty((len(T), self.model.nq)), np.empty((len(T), self.status_size))
+        q = np.empty((len(T), self.model.nq))
+        status = np.empty((len(T), self.status_size))
         restarts = settings[1]
-        size = max(MIN_POSES_AT_ONCE, int(AT_ONCE / (1.0 + restarts)))
+        part_size = max(MIN_POSES_AT_ONCE, int(AT_ONCE / (1.0 + restarts)))
         parts = []
-        for first in range(0, len(T), size):
-            rows = slice(first, first + size)
+        for first in range(0, len(T), part_size):
+            rows = slice(first, first + part_size)
             parts.append(Part((T[rows], start[rows], settings, *table), (q[rows], status[rows])))
         with np.errstate(all="ignore"):  # steps near a singularity may overflow; the best iterate counts
             batch_threads.share(kernel or self.kernel, parts)
@@ -215,13 +235,14 @@ class PoseSearch:
 
     @property
     def _no_starts(self) -> tuple[Array, Array]:
+        """Table of starts for a search without restarts, which reads none."""
         return np.zeros((PLACES, self.model.nq)), np.zeros((len(self.weights), PLACES))
 
     def start_configurations(self, seed: int) -> _StartConfigurations:
         """Start configurations of a seed; those of the last seed are cached."""
-        if seed not in self._starts:
-            self._starts = {seed: _StartConfigurations(self, seed)}
-        return self._starts[seed]
+        if seed not in self._starts_by_seed:
+            self._starts_by_seed = {seed: _StartConfigurations(self, seed)}
+        return self._starts_by_seed[seed]
 
 
 class _StartConfigurations:
@@ -242,14 +263,13 @@ class _StartConfigurations:
         while len(self._tables) <= number:
             count_before = min(1, len(self._tables))  # a start precedes every table but the first
             starts = random_configuration(self.search.model, self.rng, (PLACES + count_before,))
-            loops, inside = self.search.loops, self.search.inside
-            if loops is None:
-                starts = inside(starts)
+            if self.search.loops is None:
+                starts = self.search.inside(starts)
             else:
-                starts = loops.closed_starts(starts, inside)
-            q = np.ascontiguousarray(starts[count_before:])
+                starts = self.search.loops.closed_starts(starts, self.search.inside)
             self._firsts.append(starts[0])
-            pose_rows = [poses(q)[:, :3].reshape(PLACES, 12).T for poses in self.search.poses]
+            q = np.ascontiguousarray(starts[count_before:])
+            pose_rows = [poses_at(q)[:, :3].reshape(PLACES, 12).T for poses_at in self.search.poses]
             self._tables.append((q, np.ascontiguousarray(np.concatenate(pose_rows))))
         return self._tables[number]
 
@@ -262,7 +282,8 @@ class SinglePose:
     """
 
     def __init__(self, search: PoseSearch, restarts: int, seed: int, tolerances: tuple[float, float]) -> None:
-        self.kernel, self.table = search.kernel, search.start_configurations(seed).table(0)
+        self.kernel = search.kernel
+        self.table = search.start_configurations(seed).table(0)
         self.settings = search.settings(tolerances, restarts)
         self.look_settings = search.settings(tolerances, 0, FIRST_LOOK)
         self.start = search.model.neutral
@@ -273,9 +294,12 @@ class SinglePose:
         if self.call is None:
             return None
         solution: tuple[Array, Array] | None = self.call(T, q0, self.look_settings, *self.table)
-        if solution is None or not solution[1][OUTCOME] > 0.0:
+        if solution is None:
             return None
-        return solution[0]
+        q, status = solution
+        if not status[OUTCOME] > 0.0:  # NaN too
+            return None
+        return q
 
     def solve(self, T: Any, q0: Any) -> tuple[Array, Array] | None:
         """Return q and the search's status; None if the general search is needed."""

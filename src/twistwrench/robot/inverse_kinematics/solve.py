@@ -279,10 +279,7 @@ def solve(
     if unsolved.any():  # these poses are not rigid, or not to the last digit
         rigid_poses = _rigid(target, (*batch_shape, *target_shape)).reshape(-1, *target_shape)
         q[unsolved], status[unsolved] = search.best(rigid_poses[unsolved], start[unsolved], *settings)
-        invalid = ~np.isfinite(status[:, OUTCOME])
-        q[invalid] = np.nan
-        status[invalid] = np.nan
-        status[invalid, ATTEMPT_COUNT] = 0.0
+        _erase_invalid(q, status)
     elif memory_key is not None and not batch_shape and restart_count <= PLACES:
         _remember_search(remembered_searches, memory_key, search, settings, request)
     if nearest:
@@ -291,6 +288,14 @@ def solve(
         q, status = _close_loops(search, _frames(robot, frame, rows), loops, poses, (q, status))
     q = search.round_to_type(q.reshape(*batch_shape, robot.nq), result_type)
     return IKResult(q, status.reshape(*batch_shape, -1), request)
+
+
+def _erase_invalid(q: Array, status: Array) -> None:
+    """Fill the rows of poses that are not valid with NaN, without attempts."""
+    invalid = ~np.isfinite(status[:, OUTCOME])
+    q[invalid] = np.nan
+    status[invalid] = np.nan
+    status[invalid, ATTEMPT_COUNT] = 0.0
 
 
 def _remember_search(
