@@ -288,7 +288,7 @@ def test_robots_come_by_pipes_and_by_standard_input():
 def test_a_pipe_that_nobody_writes_to_is_refused(tmp_path, monkeypatch):
     from twistwrench.core import files
 
-    monkeypatch.setattr(files, "_PATIENCE", 0.1)
+    monkeypatch.setattr(files, "_OPENING_TIMEOUT", 0.1)
     os.mkfifo(tmp_path / "pipe.urdf")
     result = run(["info", str(tmp_path / "pipe.urdf")])
     assert result.exit_code == ExitCode.BAD_INPUT

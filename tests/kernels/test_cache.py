@@ -44,7 +44,7 @@ def place(tmp_path, monkeypatch):
     pytest.importorskip("llvmlite.binding")
     folder = tmp_path / "chosen" / "cache"
     monkeypatch.setenv("TWISTWRENCH_CACHE_DIR", str(folder))
-    monkeypatch.setattr(object_cache, "_REMARKS", set())
+    monkeypatch.setattr(object_cache, "_WARNINGS_GIVEN", set())
     return folder
 
 

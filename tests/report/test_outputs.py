@@ -195,7 +195,7 @@ def test_owner_and_group_are_kept_where_the_system_allows_it(tmp_path, monkeypat
     monkeypatch.setattr(os, "chown", refused)
     scratch = tmp_path / "scratch"
     scratch.write_text("new")
-    files._keep(scratch, Elsewhere(path.stat()))
+    files._keep_owner_and_mode(scratch, Elsewhere(path.stat()))
     assert stat.S_IMODE(scratch.stat().st_mode) == 0o644  # the group that has it now may do no more than all may
 
 

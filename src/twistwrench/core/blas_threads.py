@@ -1,4 +1,4 @@
-"""Threads of the BLAS library within NumPy and SciPy: one where matrices are small, so that no thread only waits."""
+"""Number of threads of OpenBLAS within NumPy and SciPy: one while matrices are small, as further threads would only wait."""
 
 from __future__ import annotations
 
@@ -11,50 +11,59 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-_NAMES = [f"{begin}openblas_{{}}_num_threads{end}" for begin in ("scipy_", "") for end in ("64_", "")]
-"""Functions of OpenBLAS in wheels of NumPy and SciPy, and elsewhere."""
+_FUNCTION_NAMES = (
+    "scipy_openblas_{}_num_threads64_", "scipy_openblas_{}_num_threads", "openblas_{}_num_threads64_",
+    "openblas_{}_num_threads",
+)  # fmt: skip
+"""Names of the functions "get" and "set" of OpenBLAS: in wheels of NumPy and SciPy with 64 and 32 bits, and elsewhere."""
 
 
 class _Library(NamedTuple):
+    """One loaded OpenBLAS library."""
+
     threads: Callable[[], int]
+    """Function that returns the number of threads."""
     set_threads: Callable[[int], Any]
 
 
 class _OneThread:
-    """Calls that want one thread; the first sets it, and the last restores what was set before."""
+    """Counter of the calls that need one thread. The first sets it, and the last restores the former numbers."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.calls = 0
-        self.before: list[tuple[_Library, int]] = []
+        """Number of calls that run now."""
+        self.former_counts: list[tuple[_Library, int]] = []
 
     def begin(self) -> None:
+        """Begin a call."""
         with self.lock:
             self.calls += 1
             if self.calls == 1:
-                self.before = [(library, library.threads()) for library in _libraries()]
-                for library, _ in self.before:
+                self.former_counts = [(library, library.threads()) for library in _libraries()]
+                for library, _ in self.former_counts:
                     library.set_threads(1)
 
     def end(self) -> None:
+        """End a call."""
         with self.lock:
             self.calls -= 1
             if self.calls == 0:
-                for library, count in self.before:
+                for library, count in self.former_counts:
                     library.set_threads(count)
 
 
-_ONE = _OneThread()
+_ONE_THREAD = _OneThread()
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Run OpenBLAS on one thread in the block, in all threads of the process; other libraries are left as they are."""
-    _ONE.begin()
+    """Context in which OpenBLAS runs on one thread, for all threads of the process; other BLAS libraries are not changed."""
+    _ONE_THREAD.begin()
     try:
         yield
     finally:
-        _ONE.end()
+        _ONE_THREAD.end()
 
 
 def blas_threads() -> list[int]:
@@ -64,21 +73,24 @@ def blas_threads() -> list[int]:
 
 def _libraries() -> list[_Library]:
     """OpenBLAS libraries that NumPy and SciPy have loaded."""
-    found = []
+    libraries = []
     for name in ("numpy", "scipy"):
         module = sys.modules.get(name)
         if module is None or not getattr(module, "__file__", None):
             continue
         package = Path(str(module.__file__)).parent
-        for folder in (package.with_name(f"{name}.libs"), package / ".dylibs"):
-            found += [library for path in sorted(folder.glob("*openblas*")) if (library := _opened(path)) is not None]
-    return found
+        for folder in (package.with_name(f"{name}.libs"), package / ".dylibs"):  # on Linux and Windows; on macOS
+            opened = map(_open_library, sorted(folder.glob("*openblas*")))
+            libraries += [library for library in opened if library is not None]
+    return libraries
 
 
-def _opened(path: Path) -> _Library | None:
+def _open_library(path: Path) -> _Library | None:
+    """Library in a file if it is loaded already; otherwise None."""
+    only_if_loaded = getattr(os, "RTLD_NOLOAD", 0) | getattr(os, "RTLD_NOW", 0)
     with suppress(OSError, AttributeError):
-        loaded = ctypes.CDLL(str(path), mode=getattr(os, "RTLD_NOLOAD", 0) | getattr(os, "RTLD_NOW", 0))
-        for name in _NAMES:
+        loaded = ctypes.CDLL(str(path), mode=only_if_loaded)
+        for name in _FUNCTION_NAMES:
             if hasattr(loaded, name.format("set")):
                 return _Library(getattr(loaded, name.format("get")), getattr(loaded, name.format("set")))
     return None

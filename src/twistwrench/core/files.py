@@ -20,13 +20,14 @@ from .text import Argument
 MOST_BYTES = 64 * 2**20
 """Default size limit of a reader [bytes]."""
 
-_PORTION = 1 << 16
-_PATIENCE = 10.0
-"""Timeout [s] for another process to open the other end of a named pipe."""
+_READ_SIZE = 1 << 16
+"""Number of bytes that are read at once."""
+_OPENING_TIMEOUT = 10.0
+"""Time in which another process must open the other end of a named pipe [s]."""
 
 
 def as_path(path: Any) -> Path:
-    """Return the caller's path, a text or a Path. Raises ValueRangeError for anything else and for an empty text."""
+    """Path from a caller's text or Path. Raises ValueRangeError for anything else and for an empty text."""
     if not isinstance(path, str | os.PathLike) or isinstance(path, bytes) or not str(path):
         raise ValueRangeError(f"path is {value_text(path)}: give the path of a file, a text or a pathlib.Path.")
     return Path(path)
@@ -44,8 +45,8 @@ def is_stream(path: Path) -> bool:
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """All bytes of a file, or of a pipe or device up to its end.
 
-    Reading waits while another process holds the other end of a pipe open, and ten seconds for it to be opened. Raises OSError:
-    ``EFBIG`` for more than ``most`` bytes, ``ETIMEDOUT`` if no process opens the pipe for writing.
+    Another process has ten seconds to open the other end of a pipe, and any time to write. Raises OSError: ``EFBIG`` for more
+    than ``most`` bytes, ``ETIMEDOUT`` if no process opens the pipe for writing.
 
     >>> read_bytes(Path("/dev/zero"), most=1000)
     Traceback (most recent call last):
@@ -53,12 +54,12 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
-        about = os.fstat(handle)
-        if stat.S_ISDIR(about.st_mode):
+        status = os.fstat(handle)
+        if stat.S_ISDIR(status.st_mode):
             raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
-        if stat.S_ISREG(about.st_mode) and about.st_size > most:
-            raise _too_large(path, most)
-        return _to_the_end(handle, path, most)
+        if stat.S_ISREG(status.st_mode) and status.st_size > most:
+            raise _size_error(path, most)
+        return _read_to_end(handle, path, most)
     finally:
         os.close(handle)
 
@@ -66,7 +67,7 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 def read_text(path: Path, most: int = MOST_BYTES) -> str:
     """Text of a file in UTF-8, with or without a byte order mark; line ends are kept.
 
-    Raises what :func:`read_bytes` raises, and UnicodeDecodeError.
+    Raises the errors of :func:`read_bytes`, and UnicodeDecodeError.
     """
     return read_bytes(path, most).decode("utf-8-sig")
 
@@ -75,42 +76,49 @@ def read_standard_input(most: int = MOST_BYTES) -> bytes:
     """All bytes of standard input. Raises OSError with ``EFBIG`` for more than ``most``."""
     data = sys.stdin.buffer.read(most + 1)
     if len(data) > most:
-        raise _too_large(Path("-"), most)
+        raise _size_error(Path("-"), most)
     return data
 
 
-def _to_the_end(handle: int, path: Path, most: int) -> bytes:
-    portions: list[bytes] = []
-    size, until = 0, time.monotonic() + _PATIENCE
+def _read_to_end(handle: int, path: Path, most: int) -> bytes:
+    """All bytes of an open file, pipe or device; raises the errors of :func:`read_bytes`."""
+    parts: list[bytes] = []
+    size = 0
+    deadline = time.monotonic() + _OPENING_TIMEOUT
     while True:
         try:
-            portion = os.read(handle, _PORTION)
+            part = os.read(handle, _READ_SIZE)
         except BlockingIOError:  # the pipe has a writer that has not written yet
             select.select([handle], [], [])
             continue
-        if portion:
-            portions.append(portion)
-            size += len(portion)
+        if part:
+            parts.append(part)
+            size += len(part)
             if size > most:
-                raise _too_large(path, most)
-        elif portions or not _unopened(handle):
-            return b"".join(portions)
-        elif time.monotonic() > until:
+                raise _size_error(path, most)
+        elif parts or not _is_unopened_pipe(handle):
+            return b"".join(parts)
+        elif time.monotonic() > deadline:
             raise OSError(errno.ETIMEDOUT, "it is a pipe that nobody writes to", str(path))
         else:
             time.sleep(0.01)
 
 
-def _unopened(handle: int) -> bool:
-    """True for a pipe whose other end has not been opened since; poll would otherwise report the end of the data."""
+def _is_unopened_pipe(handle: int) -> bool:
+    """True for a pipe whose other end no process has opened yet.
+
+    Reading such a pipe returns nothing, as at the end of the data; but poll reports the end only once a writer has left.
+    """
     if not hasattr(select, "poll") or not stat.S_ISFIFO(os.fstat(handle).st_mode):
         return False
     poll = select.poll()
     poll.register(handle, select.POLLIN)
-    return not poll.poll(0)
+    events = poll.poll(0)
+    return not events
 
 
-def _too_large(path: Path, most: int) -> OSError:
+def _size_error(path: Path, most: int) -> OSError:
+    """Error for a file of more than ``most`` bytes."""
     amount = f"{most // 2**20} MiB" if most >= 2**20 else f"{most} bytes"
     return OSError(errno.EFBIG, f"it has more than {amount}", str(path))
 
@@ -120,18 +128,21 @@ def _too_large(path: Path, most: int) -> OSError:
 PICTURES = (".png", ".pdf", ".svg")
 """File name suffixes of pictures."""
 
-_SHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
+_SPREADSHEET_SUFFIXES = (".xlsx", ".xls", ".xlsm", ".ods")
 """File name suffixes of spreadsheet formats, which are not written."""
 
 
 def picture_path(path: str | Path) -> str:
     """File name of a picture: ``path``, with .png appended if it has no suffix.
 
-    Raises :class:`~twistwrench.ValueRangeError` for a suffix that is none of :data:`PICTURES`.
+    Raises :class:`~twistwrench.ValueRangeError` for a suffix that is not one of :data:`PICTURES`.
     """
-    text, suffix = str(as_path(path)), Path(path).suffix.lower()
+    text = str(as_path(path))
+    suffix = Path(path).suffix.lower()
+    if not suffix and Path(text).is_dir():  # rejected later, on writing
+        return text
     if not suffix:
-        return text if Path(text).is_dir() else f"{text}.png"  # an existing folder is rejected later, on writing
+        return f"{text}.png"
     if suffix not in PICTURES:
         raise ValueRangeError(
             f"cannot draw {Path(path).name!r}: pictures of kind {suffix[1:]!r} are not made. "
@@ -147,31 +158,31 @@ def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Mapping[str,
     resolved; devices such as /dev/null may be shared. Pass a picture's path through :func:`picture_path` first.
     Raises :class:`~twistwrench.ValueRangeError`.
     """
-    others = {name: Path(path) for name, path in inputs.items() if path is not None}
-    for name, given in outputs.items():
-        if given is None:
+    used_paths = {name: Path(path) for name, path in inputs.items() if path is not None}
+    for name, output in outputs.items():
+        if output is None:
             continue
-        path = Path(given)
+        path = Path(output)
         try:
-            for other, known in others.items():
-                if _same(path, known):
+            for other_name, used_path in used_paths.items():
+                if _is_same_file(path, used_path):
                     raise ValueRangeError(
-                        f"{name} {str(given)!r} would overwrite the file of {other}. Give another name."
+                        f"{name} {str(output)!r} would overwrite the file of {other_name}. Give another name."
                     )
             _check_writable(path)
-            if name.endswith("csv") and path.suffix.lower() in _SHEETS:
+            if name.endswith("csv") and path.suffix.lower() in _SPREADSHEET_SUFFIXES:
                 raise ValueRangeError(
-                    f"{name} {str(given)!r}: CSV is written, which spreadsheets do not open under the ending "
+                    f"{name} {str(output)!r}: CSV is written, which spreadsheets do not open under the ending "
                     f"{path.suffix}. Name it {path.with_suffix('.csv').name!r}."
                 )
         except (OSError, RuntimeError) as problem:  # name too long, circular links
             reason = getattr(problem, "strerror", None) or str(problem)
             raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. Give another name.") from None
-        others[name] = path
+        used_paths[name] = path
 
 
 def refuse_existing(path: str | Path, *, overwrite: bool) -> Path:
-    """Return the path. Raises :class:`~twistwrench.ValueRangeError` if the file exists and ``overwrite`` is False.
+    """Path of an output. Raises :class:`~twistwrench.ValueRangeError` if the file exists and ``overwrite`` is False.
 
     Devices, such as /dev/stdout, are accepted.
     """
@@ -183,10 +194,11 @@ def refuse_existing(path: str | Path, *, overwrite: bool) -> Path:
     return target
 
 
-def _same(one: Path, other: Path) -> bool:
-    if one.exists() and other.exists():
-        return one.is_file() and one.samefile(other)  # resolves hard links too
-    return one.resolve() == other.resolve()
+def _is_same_file(a: Path, b: Path) -> bool:
+    """True if two paths name the same file, by links or directly; a device is never the same."""
+    if a.exists() and b.exists():
+        return a.is_file() and a.samefile(b)  # resolves hard links too
+    return a.resolve() == b.resolve()
 
 
 def _status(path: Path) -> os.stat_result | None:
@@ -198,6 +210,7 @@ def _status(path: Path) -> os.stat_result | None:
 
 
 def _check_writable(path: Path) -> None:
+    """Raise ValueRangeError, or OSError for an invalid name, unless a file can be written at a path."""
     _status(path)
     if path.is_dir():
         raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
@@ -213,7 +226,7 @@ def _check_writable(path: Path) -> None:
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Context with a temporary name in the same folder; the file is renamed to ``path`` on success and removed on an error.
+    """Context with a temporary name in the same folder, which is renamed to ``path`` on success and removed on an error.
 
     A replaced file keeps its mode, and its owner and group if the system allows it; a new one gets the mode of the process's
     new files. Raises :class:`~twistwrench.ValueRangeError` if the folder is missing or not writable.
@@ -226,28 +239,28 @@ def replacing(path: str | Path) -> Iterator[Path]:
 def replacing_together(paths: Sequence[str | Path]) -> Iterator[tuple[Path, ...]]:
     """Temporary names for several files as in :func:`replacing`: all are written to disk before the first is renamed."""
     files: list[tuple[Path, Path, os.stat_result | None]] = []  # temporary file, target, status of the target
-    at = as_path(paths[0])
+    current_path = as_path(paths[0])  # named in the message of an error
     try:
         for path in map(as_path, paths):
-            at = path
-            files.append(_begun(path))
+            current_path = path
+            files.append(_begin_file(path))
         yield tuple(scratch for scratch, _, _ in files)
-        for path, (scratch, target, before) in zip(map(as_path, paths), files, strict=True):
-            at = path
+        for path, (scratch, target, old_status) in zip(map(as_path, paths), files, strict=True):
+            current_path = path
             if scratch != target:
-                if before is not None:
-                    _keep(scratch, before)
+                if old_status is not None:
+                    _keep_owner_and_mode(scratch, old_status)
                 with scratch.open("rb+") as file:
                     os.fsync(file.fileno())
         for path, (scratch, target, _) in zip(map(as_path, paths), files, strict=True):
-            at = path
+            current_path = path
             if scratch != target:
                 os.replace(scratch, target)  # noqa: PTH105  the atomic one, by its plain name
     except BrokenPipeError:
         raise
     except OSError as problem:
         raise ValueRangeError(
-            f"cannot write {str(at)!r}: {problem.strerror}. Free space, or give another name."
+            f"cannot write {str(current_path)!r}: {problem.strerror}. Free space, or give another name."
         ) from None
     finally:
         for scratch, target, _ in files:
@@ -255,36 +268,44 @@ def replacing_together(paths: Sequence[str | Path]) -> Iterator[tuple[Path, ...]
                 scratch.unlink(missing_ok=True)
 
 
-def _begun(path: Path) -> tuple[Path, Path, os.stat_result | None]:
-    """Empty temporary file, its target, and the target's status; pipes and devices are written directly."""
+def _begin_file(path: Path) -> tuple[Path, Path, os.stat_result | None]:
+    """Empty temporary file, its target, and the status of an existing target.
+
+    Pipes and devices are written directly: the temporary file is then the target.
+    """
     if path.is_dir():
         raise ValueRangeError(f"cannot write {str(path)!r}: it is a folder. Give a file name.")
     if path.exists() and not path.is_file():
         return path, path, None
     advice = "Name a file in a folder that exists and is writable."
     try:
-        target = path.resolve()  # keeps a link
-        before = _status(target)
+        target = path.resolve()  # so that a link stays, and the file that it names is replaced
+        old_status = _status(target)
     except (OSError, RuntimeError) as problem:  # name too long, circular links
         reason = getattr(problem, "strerror", None) or str(problem)
         raise ValueRangeError(f"cannot write {str(path)!r}: {reason}. {advice}") from None
     scratch = target.with_name(f".{target.stem[:20]}.{os.urandom(8).hex()}{target.suffix[-20:]}")
+    # The system applies the umask to a new file; a file that replaces another is private until it has the other's mode.
+    mode = 0o666 if old_status is None else 0o600
     try:
-        # The system applies the umask to a new file; a file that replaces another is private from the start.
-        os.close(os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666 if before is None else 0o600))
+        os.close(os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
     except OSError as problem:
         raise ValueRangeError(f"cannot write {str(path)!r}: {problem.strerror}. {advice}") from None
-    return scratch, target, before
+    return scratch, target, old_status
 
 
-def _keep(scratch: Path, before: os.stat_result) -> None:
-    """Copy owner, group and mode of the replaced file; without its group, the group permissions are reduced to others'."""
-    mode = stat.S_IMODE(before.st_mode)
+def _keep_owner_and_mode(scratch: Path, old_status: os.stat_result) -> None:
+    """Give a file owner, group and mode of the file that it replaces.
+
+    If the system refuses the group, the new group may do no more than others could.
+    """
+    mode = stat.S_IMODE(old_status.st_mode)
     if hasattr(os, "chown"):
         with contextlib.suppress(OSError):
-            os.chown(scratch, before.st_uid, -1)
+            os.chown(scratch, old_status.st_uid, -1)
         with contextlib.suppress(OSError):
-            os.chown(scratch, -1, before.st_gid)
-        if scratch.stat().st_gid != before.st_gid:
-            mode &= ~0o070 | (mode & 0o007) << 3
+            os.chown(scratch, -1, old_status.st_gid)
+        if scratch.stat().st_gid != old_status.st_gid:
+            permissions_of_others = mode & 0o007
+            mode &= ~0o070 | permissions_of_others << 3
     scratch.chmod(mode)

@@ -68,8 +68,9 @@ def rounded_down(value: SupportsFloat) -> str:
     value = float(value)
     if not 0.0 < value < math.inf:
         return number(value)
-    step = 10.0 ** (math.floor(math.log10(value)) - DIGITS + 1)
-    return number(math.floor(value / step * (1.0 + _MAX_ROUNDING)) * step)
+    last_digit = 10.0 ** (math.floor(math.log10(value)) - DIGITS + 1)
+    count = math.floor(value / last_digit * (1.0 + _MAX_ROUNDING))
+    return number(count * last_digit)
 
 
 def printed(value: SupportsFloat, digits: int = 6, *, signed: bool = False) -> str:
@@ -98,7 +99,8 @@ def torque(value: float) -> str:
     if not 5e-4 <= abs(value) < _MIN_ABBREVIATED:
         return number(value, decimals=3)
     decimals = DIGITS - 1 - math.floor(math.log10(abs(value)))
-    return f"{value:.{min(max(decimals, 0), 3)}f}"
+    decimals = min(max(decimals, 0), 3)
+    return f"{value:.{decimals}f}"
 
 
 def quantity(value: SupportsFloat | None, unit: str, digits: int = DIGITS, *, decimals: int | None = None) -> str:
@@ -130,7 +132,7 @@ def percent(share: SupportsFloat | None, digits: int | None = None) -> str:
 
 
 def percent_of_limit(share: SupportsFloat | None) -> str:
-    """Fraction of a limit as a percentage: a whole one, with decimals if it would look like 100 % otherwise.
+    """Fraction of a limit as a whole percentage; with decimals if it would otherwise be printed as 100 %, but is not.
 
     >>> percent_of_limit(0.7649), percent_of_limit(0.996), percent_of_limit(1.00004), percent_of_limit(1.0)
     ('76 %', '99.6 %', '100.004 %', '100 %')
@@ -148,15 +150,16 @@ def deviation(sigma: float, decimals: int = 3) -> str:
     """Standard deviation with two digits, including trailing zeros, and at most ``decimals``."""
     if not math.isfinite(sigma):
         return MISSING
+    if sigma <= 0:
+        return "0"
     last_decimal = 10.0**-decimals
     if sigma < 0.5 * last_decimal:
-        if sigma > 0:
-            return f"<{last_decimal:.{decimals}f}"
-        return "0"
+        return f"<{last_decimal:.{decimals}f}"
     if sigma >= _MIN_ABBREVIATED:
         return number(sigma, 2)
     rounded = float(f"{sigma:.1e}")
-    return f"{rounded:.{min(max(_decimals(sigma), 0), decimals)}f}"
+    shown_decimals = min(max(_decimals(sigma), 0), decimals)
+    return f"{rounded:.{shown_decimals}f}"
 
 
 def estimate(value: float, sigma: float) -> tuple[str, str]:
@@ -170,8 +173,9 @@ def estimate(value: float, sigma: float) -> tuple[str, str]:
 
 
 def _rounded_text(x: float, decimals: int) -> str:
-    """Number rounded to decimals, or to a power of ten if they are negative."""
-    return f"{round(x, decimals) + 0.0:.{max(decimals, 0)}f}"
+    """Number rounded to decimals; negative ones round to a power of ten."""
+    rounded = round(x, decimals) + 0.0  # no negative zero
+    return f"{rounded:.{max(decimals, 0)}f}"
 
 
 def plus_minus(value: SupportsFloat, sigma: SupportsFloat, unit: str = "") -> str:
@@ -198,19 +202,24 @@ def vector(x: Array, digits: int = 6) -> str:
     >>> vector(np.array([0.1 + 0.2, 1e-17, -2.0]))
     '(0.3, 0, -2)'
     """
-    entries: Any = x if x.dtype == object else [number(value, digits) for value in without_noise(x)]
-    return f"({', '.join(map(str, entries))})"
+    if x.dtype == object:  # symbols
+        texts = [str(entry) for entry in x]
+    else:
+        texts = [number(entry, digits) for entry in without_noise(x)]
+    return f"({', '.join(texts)})"
 
 
 def without_noise(x: Array, scale: float | None = None) -> Array:
-    """Numbers with rounding errors, entries below 1e-12 of ``scale``, set to zero; None: scale of the largest entry."""
-    size = np.abs(x[np.isfinite(x)]).max(initial=0.0) if scale is None else scale
-    return np.where(np.abs(x) <= _MAX_ROUNDING * size, 0.0, x) + 0.0  # no negative zero
+    """Numbers, of which those below 1e-12 of ``scale`` are set to zero as rounding errors; default scale: the largest entry."""
+    if scale is None:
+        scale = np.abs(x[np.isfinite(x)]).max(initial=0.0)
+    return np.where(np.abs(x) <= _MAX_ROUNDING * scale, 0.0, x) + 0.0  # no negative zero
 
 
 def _decimals(sigma: float) -> int:
     """Number of decimals up to a deviation's second digit; negative if it is left of the decimal point."""
-    return 1 - math.floor(math.log10(float(f"{sigma:.1e}")) + 1e-9)
+    rounded = float(f"{sigma:.1e}")  # 0.0999 is printed as 0.10
+    return 1 - math.floor(math.log10(rounded) + 1e-9)
 
 
 # ── Limits

@@ -1,8 +1,8 @@
 """Disk cache of machine code and of LLVM's properties: private to the user, verified before use, optional.
 
-Entries are in the user's cache folder, or in ``TWISTWRENCH_CACHE_DIR``; ``TWISTWRENCH_CACHE_DIR=off`` disables the cache. A
-folder that others can write to, an unreadable entry or a full disk makes the code be compiled again. A :class:`CacheWarning`
-reports this once, if there is a remedy.
+Entries are in the user's cache folder, or in ``TWISTWRENCH_CACHE_DIR``; ``TWISTWRENCH_CACHE_DIR=off`` disables the cache. If
+others can write to the folder, an entry cannot be read or the disk is full, code is compiled again. If there is a remedy, a
+:class:`CacheWarning` reports this once.
 """
 
 from __future__ import annotations
@@ -24,21 +24,27 @@ except ImportError:
     from hashlib import blake2b
 
 MAGIC = b"twistwrench code 2\n"
+"""Beginning of every entry; the number is that of the format."""
 MOST_ENTRIES = 2000
+"""Maximum number of entries."""
 MOST_BYTES = 2**28
 """Maximum size of an entry [bytes]; the code of the largest robots has a few MiB."""
 VARIABLE = "TWISTWRENCH_CACHE_DIR"
+"""Environment variable with the folder, or "off"."""
 
-_CHECKSUM = 32
+_CHECKSUM_SIZE = 32
+"""Size of a checksum [bytes]."""
 
-_OURS = re.compile(r"[0-9a-f]{64}|\.new-\w+")
+_OWN_NAMES = re.compile(r"[0-9a-f]{64}|\.new-\w+")
 """Names of entries and of temporary files; other files in the folder are ignored."""
 
 _BINARY = getattr(os, "O_BINARY", 0)
-_NO_ENTRY = (errno.EINVAL, errno.ELOOP, errno.EMLINK, errno.ENXIO)
+"""Flag of Windows for files without conversion of line ends."""
+_NOT_A_FILE = (errno.EINVAL, errno.ELOOP, errno.EMLINK, errno.ENXIO)
 """Error numbers for links, sockets and anything else that is not a regular file."""
 
-_REMARKS: set[str] = set()
+_WARNINGS_GIVEN: set[str] = set()
+"""Texts of the warnings that were given in this process."""
 
 
 def folder() -> Path | None:
@@ -47,69 +53,78 @@ def folder() -> Path | None:
     if chosen.lower() == "off":
         return None
     try:
-        place = Path(chosen).expanduser() if chosen else _usual()
+        place = Path(chosen).expanduser() if chosen else _default_folder()
         if not place.exists():
-            for missing in [p for p in (place, *place.parents) if not p.exists()][::-1]:
-                missing.mkdir(mode=0o700, exist_ok=True)
-        about = place.stat()
-        if not stat.S_ISDIR(about.st_mode):
+            missing_folders = [path for path in (place, *place.parents) if not path.exists()]
+            for missing_folder in reversed(
+                missing_folders
+            ):  # parents first; mkdir(parents=True) would ignore their mode
+                missing_folder.mkdir(mode=0o700, exist_ok=True)
+        status = place.stat()
+        if not stat.S_ISDIR(status.st_mode):
             raise NotADirectoryError(errno.ENOTDIR, "it is not a folder")
-    except (OSError, RuntimeError) as problem:  # RuntimeError: no home for ~
-        if chosen:  # an inaccessible home folder is not the user's mistake
-            _remark(
+    except (OSError, RuntimeError) as problem:  # RuntimeError: the user of ~ has no home
+        if chosen:  # without a choice, an inaccessible home folder needs no warning
+            _warn_once(
                 f"{VARIABLE} is {chosen!r}, which is not a folder and cannot be made one ({problem}). Give another, or off."
             )
         return None
     if hasattr(os, "getuid"):  # code is executed from here: only this user may write it
         for parent in place.resolve().parents:
-            if not _is_ours_alone(parent.stat()):
-                _remark(f"others can rename what is in {parent}. Set {VARIABLE} to a folder of your own, or to off.")
+            if not _is_safe_parent(parent.stat()):
+                _warn_once(f"others can rename what is in {parent}. Set {VARIABLE} to a folder of your own, or to off.")
                 return None
-        if about.st_uid != os.getuid():
-            _remark(
-                f"{place} belongs to another user (uid {about.st_uid}). Set {VARIABLE} to a folder of your own, or to off."
+        if status.st_uid != os.getuid():
+            _warn_once(
+                f"{place} belongs to another user (uid {status.st_uid}). Set {VARIABLE} to a folder of your own, or to off."
             )
             return None
-        if about.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-            mode = f"mode {stat.S_IMODE(about.st_mode):o}"
-            _remark(f"others can write to {place} ({mode}). Run chmod go-w on it, or set {VARIABLE} to another folder.")
+        if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            mode = f"mode {stat.S_IMODE(status.st_mode):o}"
+            _warn_once(
+                f"others can write to {place} ({mode}). Run chmod go-w on it, or set {VARIABLE} to another folder."
+            )
             return None
     return place
 
 
-def _is_ours_alone(about: os.stat_result) -> bool:
-    """True if only this user and the system can rename files in a folder.
-
-    A group with the user's own number is the user's alone, by the convention of distributions.
-    """
-    if about.st_uid not in (0, os.getuid()):
+def _is_safe_parent(status: os.stat_result) -> bool:
+    """True if only this user and the system can rename entries of a folder with this status."""
+    if status.st_uid not in (0, os.getuid()):
         return False
-    by_others, by_group = about.st_mode & stat.S_IWOTH, about.st_mode & stat.S_IWGRP
-    return bool(about.st_mode & stat.S_ISVTX) or not (by_others or (by_group and about.st_gid != about.st_uid))
+    if status.st_mode & stat.S_ISVTX:  # the sticky bit, as of /tmp: only its owner renames an entry
+        return True
+    if status.st_mode & stat.S_IWOTH:
+        return False
+    has_own_group = status.st_gid == status.st_uid  # by convention of distributions, no other user is in it
+    return has_own_group or not status.st_mode & stat.S_IWGRP
 
 
 def digest(*parts: bytes | str) -> bytes:
-    """Hash (32,) of all parts together, for keys and checksums."""
-    state = blake2b(digest_size=_CHECKSUM)
+    """Hash (32 bytes) of all parts together, for keys and checksums."""
+    state = blake2b(digest_size=_CHECKSUM_SIZE)
     for part in parts:
         data = part.encode() if isinstance(part, str) else part
+        # with its length, so that ("ab", "c") and ("a", "bc") have different hashes
         state.update(len(data).to_bytes(8, "little") + data)
     return state.digest()
 
 
-def _usual() -> Path:
-    if str(sys.platform) == "linux":  # same as platformdirs, whose import takes longer than a cache hit
-        given = os.environ.get("XDG_CACHE_HOME", "").strip()
-        return (Path(given) if given else Path("~/.cache").expanduser()) / "twistwrench" / "kernels"
+def _default_folder() -> Path:
+    """Folder for the cache if the user has chosen none."""
+    if str(sys.platform) == "linux":  # as platformdirs returns, whose import takes longer than reading an entry
+        user_cache = os.environ.get("XDG_CACHE_HOME", "").strip()
+        base = Path(user_cache) if user_cache else Path("~/.cache").expanduser()
+        return base / "twistwrench" / "kernels"
     import platformdirs
 
     return Path(platformdirs.user_cache_dir("twistwrench", appauthor=False)) / "kernels"
 
 
-def _remark(text: str) -> None:
-    """Warn once per process: there are many kernels, and each uses the folder twice."""
-    if text not in _REMARKS:
-        _REMARKS.add(text)
+def _warn_once(text: str) -> None:
+    """Warn once per process: there are many kernels, and each looks for the folder twice."""
+    if text not in _WARNINGS_GIVEN:
+        _WARNINGS_GIVEN.add(text)
         warnings.warn(f"Compiled code is not kept: {text}", CacheWarning, stacklevel=2)
 
 
@@ -122,30 +137,30 @@ def load(key: str, place: Path | None = None) -> bytes | None:
     try:
         raw = _bytes_of(entry)
     except OSError as problem:
-        if problem.errno in _NO_ENTRY:
-            _clear(entry)
+        if problem.errno in _NOT_A_FILE:
+            _remove_entry(entry)
         return None
-    head = len(MAGIC)
-    checksum, code = raw[head : head + _CHECKSUM], raw[head + _CHECKSUM :]
-    if raw[:head] == MAGIC and digest(key, code) == checksum:
+    after_magic = raw[len(MAGIC) :]
+    checksum, code = after_magic[:_CHECKSUM_SIZE], after_magic[_CHECKSUM_SIZE:]
+    if raw.startswith(MAGIC) and digest(key, code) == checksum:
         return code
-    _clear(entry)
+    _remove_entry(entry)
     return None
 
 
 def _bytes_of(entry: Path) -> bytes:
     """Bytes of an entry. Raises OSError for a link, a pipe, a folder, a device, and for a file that is too large for code."""
     handle = os.open(entry, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | _BINARY)
-    about = os.fstat(handle)
-    foreign = hasattr(os, "getuid") and (about.st_uid != os.getuid() or about.st_mode & 0o022)
-    if not stat.S_ISREG(about.st_mode) or about.st_size > MOST_BYTES or foreign:
+    status = os.fstat(handle)
+    others_can_write = hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & 0o022)
+    if not stat.S_ISREG(status.st_mode) or status.st_size > MOST_BYTES or others_can_write:
         os.close(handle)
         raise OSError(errno.EINVAL, "no entry of the cache", str(entry))
     with os.fdopen(handle, "rb") as file:
         return file.read(about.st_size)  # not MOST_BYTES, for which memory would be reserved at each call
 
 
-def _clear(entry: Path) -> None:
+def _remove_entry(entry: Path) -> None:
     """Remove an invalid entry, or an empty folder in its place; a nonempty folder stays, and the entry is not cached."""
     with suppress(OSError):
         if entry.is_dir() and not entry.is_symlink():
@@ -171,7 +186,7 @@ def store(key: str, code: bytes) -> None:
         _prune(place)
     except OSError as problem:
         if os.environ.get(VARIABLE):
-            _remark(f"{place}: {problem.strerror or problem}. Set {VARIABLE} to another folder, or to off.")
+            _warn_once(f"{place}: {problem.strerror or problem}. Set {VARIABLE} to another folder, or to off.")
     finally:
         if temporary is not None:
             with suppress(OSError):
@@ -179,20 +194,20 @@ def store(key: str, code: bytes) -> None:
 
 
 def _prune(place: Path) -> None:
-    """Remove the oldest quarter of the entries if there are too many."""
-    entries = list(place.iterdir())
-    if len(entries) <= MOST_ENTRIES:  # usual after an entry is stored: no file is looked at
+    """Remove the oldest entries if there are too many: a quarter of the maximum number."""
+    paths = list(place.iterdir())
+    if len(paths) <= MOST_ENTRIES:  # the usual case, without a look at the files
         return
-    entries = [entry for entry in entries if _OURS.fullmatch(entry.name) and entry.is_file()]
+    entries = [path for path in paths if _OWN_NAMES.fullmatch(path.name) and path.is_file()]
     if len(entries) <= MOST_ENTRIES:
         return
-    entries.sort(key=_written)
-    for old in entries[: MOST_ENTRIES // 4]:
+    entries.sort(key=_time_of_writing)
+    for old_entry in entries[: MOST_ENTRIES // 4]:
         with suppress(OSError):
-            old.unlink()
+            old_entry.unlink()
 
 
-def _written(entry: Path) -> float:
+def _time_of_writing(entry: Path) -> float:
     """Modification time of an entry; zero if another process has removed it since it was listed."""
     try:
         return entry.stat().st_mtime

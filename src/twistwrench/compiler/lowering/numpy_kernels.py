@@ -1,7 +1,7 @@
-"""Forms on whole arrays, one NumPy call per instruction: fallback without a compiler, and reference for tests.
+"""Forms evaluated by NumPy on whole arrays, one call per instruction: fallback without a compiler, and reference for tests.
 
-Each class is called like the compiled ufunc of its form: broadcasting, ``out=``, float32 in and out. Fused products round twice
-here, so results agree with compiled ones up to rounding errors, not to the bit.
+Each class is called like the compiled ufunc of its form: it broadcasts, accepts ``out=``, and returns float32 for float32.
+Fused products round twice here. So results agree with compiled ones up to rounding errors, not to the bit.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..ir.program import Program, TensorSpec
 from .reference_interpreter import batch_shape, evaluated, functions_of, last_uses
 
 CHUNK = 4096
-"""Number of samples evaluated at a time: intermediates stay in the cache, and memory is bounded."""
+"""Number of samples that are evaluated at once, so that intermediate values stay in the cache."""
 
 _FUNCTIONS = functions_of(np, np.where)
 
@@ -36,35 +36,37 @@ class NumpyKernel:
 
     def __call__(self, *args: ArrayLike, out: Any = None) -> Any:
         """Evaluate on arrays whose last axes match the signature."""
-        arrays = [np.asarray(a) for a in args[: self.nin]]
         if len(args) != self.nin:
             raise TypeError(f"{self.__name__} takes {self.nin} arrays, got {len(args)}.")
-        for a, port in zip(arrays, self.program.inputs, strict=True):
-            if not np.can_cast(a.dtype, float):
-                raise TypeError(f"{self.__name__}: {port.name} is {a.dtype}, real numbers wanted.")
-        for number, (a, port) in enumerate(zip(arrays, self.program.inputs, strict=True)):
-            if a.ndim < len(port.shape) or a.shape[a.ndim - len(port.shape) :] != port.shape:
+        arrays = [np.asarray(argument) for argument in args]
+        for array, port in zip(arrays, self.program.inputs, strict=True):
+            if not np.can_cast(array.dtype, float):
+                raise TypeError(f"{self.__name__}: {port.name} is {array.dtype}, real numbers wanted.")
+        for number, (array, port) in enumerate(zip(arrays, self.program.inputs, strict=True)):
+            batch_axes = array.ndim - len(port.shape)
+            if batch_axes < 0 or array.shape[batch_axes:] != port.shape:
                 raise ValueError(
-                    f"{self.__name__}: operand {number} has shape {a.shape}, core shape {port.shape} wanted."
+                    f"{self.__name__}: operand {number} has shape {array.shape}, core shape {port.shape} wanted."
                 )
-        dtype, batch = _loop_type(arrays), batch_shape(arrays, self.program)
+        dtype = _loop_type(arrays)
+        batch = batch_shape(arrays, self.program)
         samples = int(np.prod(batch))
-        columns: list[Array] = []
-        for a, port in zip(arrays, self.program.inputs, strict=True):
-            rows = np.broadcast_to(a, (*batch, *port.shape)).reshape(samples, port.size)
-            columns += list(rows.astype(dtype, copy=False).T)
+        input_columns: list[Array] = []  # one (samples,) array for each element of an input
+        for array, port in zip(arrays, self.program.inputs, strict=True):
+            rows = np.broadcast_to(array, (*batch, *port.shape)).reshape(samples, port.size)
+            input_columns += list(rows.astype(dtype, copy=False).T)
         results: list[Any] = []
-        result_columns: list[Array] = []
+        result_columns: list[Array] = []  # views of the results
         for port in self.program.outputs:
             rows = np.empty((samples, port.size), dtype)
             result_columns += list(rows.T)
             results.append(rows.reshape((*batch, *port.shape)))
         for start in range(0, samples, CHUNK):
-            part = slice(start, start + CHUNK)
-            chunk = [column[part] for column in columns]
-            computed = evaluated(self.program, chunk, _FUNCTIONS, self._spent)
-            for column, values in zip(result_columns, computed, strict=True):
-                column[part] = values
+            chunk = slice(start, start + CHUNK)
+            elements = [column[chunk] for column in input_columns]
+            result_elements = evaluated(self.program, elements, _FUNCTIONS, self._spent)
+            for column, values in zip(result_columns, result_elements, strict=True):
+                column[chunk] = values
         if out is None:
             results = [result[()] for result in results]  # an array without axes becomes a number
         else:
@@ -73,15 +75,18 @@ class NumpyKernel:
 
 
 def _loop_type(arrays: Sequence[Array]) -> Any:
-    """Type of the loop that NumPy would select among the two of a compiled ufunc."""
-    for a in arrays:
-        if not np.can_cast(a.dtype, np.float32):
+    """Type of the loop that NumPy would select for a compiled ufunc: float32 if it holds all inputs, otherwise float64."""
+    for array in arrays:
+        if not np.can_cast(array.dtype, np.float32):
             return np.float64
     return np.float32
 
 
 def _copy_results(results: list[Any], out: Any, name: str) -> None:
-    """Copy results to the arrays of ``out``, which take their places in the list; casts like a ufunc, never to integers."""
+    """Copy results to the arrays of ``out``, and put these into the list of results.
+
+    Types are cast as by a ufunc: not to integers.
+    """
     targets = out if isinstance(out, tuple) else (out,)
     if len(targets) != len(results):
         raise ValueError(f"{name}: out= has {len(targets)} arrays, {len(results)} wanted.")
@@ -142,9 +147,10 @@ class NumpyProducts:
             before = factors[left] @ factors[right]
             left, right = matrix.after
             after = factors[left] @ factors[right]
-            M: Array = np.where(relations == BEFORE, before, np.where(relations == AFTER, after, before.dtype.type(0)))
-            for r, c, x in matrix.added:
-                M[..., r, c] += x
+            zero = before.dtype.type(0)
+            M: Array = np.where(relations == BEFORE, before, np.where(relations == AFTER, after, zero))
+            for row, column, constant in matrix.added:
+                M[..., row, column] += constant
             results.append(M)
         if out is not None:
             _copy_results(results, out, self.__name__)
@@ -165,51 +171,66 @@ class NumpySearch:
     def __call__(
         self, target: Array, start: Array, settings: Array, places: Array, reached: Array, out: Any = None
     ) -> tuple[Array, ...]:
-        """Run all attempts."""
+        """Run all attempts of all samples.
+
+        ``places`` are the start configurations after the first, ``reached`` the target entries at these.
+        """
         s = self.search
         size, target_axes = s.x.size, len(s.target.shape)
         status, error = size, size + 1  # columns of the memory after x
         batch = np.broadcast_shapes(target.shape[: target.ndim - target_axes], start.shape[:-1])
         targets = np.broadcast_to(target, (*batch, *s.target.shape)).reshape(-1, s.target.size)
-        x = np.minimum(np.maximum(np.broadcast_to(start, (*batch, size)).reshape(-1, size), s.least), s.most)
-        tolerances = np.broadcast_to(self._tolerances(settings), (len(x), self._count()))
+        x = np.broadcast_to(start, (*batch, size)).reshape(-1, size)
+        x = np.minimum(np.maximum(x, s.least), s.most)
+        tolerances = np.broadcast_to(self._tolerances(settings), (len(x), self._tolerance_count()))
         given = np.concatenate([targets, tolerances], axis=1)
         max_steps = int(settings[TIMES])
-        best = self._attempt(given, x, max_steps)
-        starts, rows = np.ones(len(x)), np.flatnonzero(_is_unfinished(best[:, status]))
-        gap = targets[rows][:, list(s.near), None] - reached
-        distances = (settings[TOLERANCES + self._count() :, None] * (gap * gap)).sum(axis=1)
+        best = self._attempt(given, x, max_steps)  # memories of the best attempts
+        attempt_counts = np.ones(len(x))
+        rows = np.flatnonzero(_is_unfinished(best[:, status]))  # samples that need another attempt
+        weights = settings[TOLERANCES + self._tolerance_count() :]
+        difference = targets[rows][:, list(s.near), None] - reached
+        distances = (weights[:, None] * (difference * difference)).sum(axis=1)
         for _ in range(int(settings[ATTEMPTS])):
             if not len(rows):
                 break
             nearest = np.argmin(distances, axis=1)
             distances[np.arange(len(rows)), nearest] = np.inf  # each start is used once
-            attempt, before = self._attempt(given[rows], places[nearest], max_steps), best[rows]
+            attempt = self._attempt(given[rows], places[nearest], max_steps)
+            old_best = best[rows]
             unfinished = _is_unfinished(attempt[:, status])
-            new_error, old_error = attempt[:, error], before[:, error]
-            is_better = ~unfinished | (new_error < old_error) | (np.isnan(old_error) & ~np.isnan(new_error))
-            best[rows] = np.where(is_better[:, None], attempt, before)
-            starts[rows] += 1
+            new_error, old_error = attempt[:, error], old_best[:, error]
+            has_first_number = np.isnan(old_error) & ~np.isnan(new_error)
+            is_better = ~unfinished | (new_error < old_error) | has_first_number
+            best[rows] = np.where(is_better[:, None], attempt, old_best)
+            attempt_counts[rows] += 1
             rows, distances = rows[unfinished], distances[unfinished]
         configurations = best[:, :size].reshape((*batch, -1))
-        reports = np.concatenate([starts[:, None], best[:, status:-2]], axis=1).reshape((*batch, -1))
+        # The last two columns of the memory, steps without progress and the flag to continue, are not reported.
+        reports = np.concatenate([attempt_counts[:, None], best[:, status:-2]], axis=1).reshape((*batch, -1))
         if out is None:
             return configurations, reports
-        out[0][...], out[1][...] = configurations, reports
+        out[0][...] = configurations
+        out[1][...] = reports
         return tuple(out)
 
-    def _count(self) -> int:
+    def _tolerance_count(self) -> int:
         """Number of tolerances."""
         return self.search.program.inputs[-1].size - self.search.target.size
 
     def _tolerances(self, settings: Array) -> Array:
-        return settings[TOLERANCES : TOLERANCES + self._count()]
+        """Tolerances in the settings."""
+        return settings[TOLERANCES : TOLERANCES + self._tolerance_count()]
 
-    def _attempt(self, given: Array, x: Array, times: int) -> Array:
-        """Memory after the last step of an attempt, which ends when the target is found or progress stops."""
-        memory = np.concatenate([x, np.broadcast_to(self.search.begins, (len(x), len(self.search.begins)))], axis=1)
-        rows = np.arange(len(x))
-        for _ in range(times):
+    def _attempt(self, given: Array, x: Array, max_steps: int) -> Array:
+        """Memory after the last step of an attempt, one row for each sample.
+
+        An attempt ends when the target is found, progress stops, or ``max_steps`` are made.
+        """
+        begins = np.broadcast_to(self.search.begins, (len(x), len(self.search.begins)))
+        memory = np.concatenate([x, begins], axis=1)
+        rows = np.arange(len(x))  # samples whose attempt goes on
+        for _ in range(max_steps):
             x, memory[rows] = self.kernel(x, x, memory[rows], given[rows])
             continues = memory[rows, -1] > 0.0
             rows, x = rows[continues], x[continues]
@@ -219,7 +240,7 @@ class NumpySearch:
 
 
 def _is_unfinished(status: Array) -> Array:
-    """Mask of searches to continue: neither found nor invalid."""
+    """Mask of samples without an answer: neither found nor invalid. NaN counts as no answer."""
     return np.asarray(~((status < 0) | (status > 0)))
 
 
@@ -237,58 +258,63 @@ class NumpySteps:
     def __call__(self, *args: Array, out: tuple[Array, ...]) -> tuple[Array, ...]:
         """Evaluate all steps; ``args`` are the initial states, then the inputs given for each step."""
         r = self.recurrence
-        arrays = [np.asarray(a) for a in args]
+        arrays = [np.asarray(argument) for argument in args]
         dtype = _loop_type(arrays)
         batches = []
         for result, port in zip(out, r.outputs, strict=True):
             batches.append(result.shape[: result.ndim - 1 - len(port.shape)])
         batch = np.broadcast_shapes(*batches)
-        initial, given_arrays = arrays[: r.visible], arrays[r.visible :]
-        state = [np.broadcast_to(a.astype(dtype, copy=False), (*batch, *a.shape[-1:])) for a in initial]
+        initial_states, given_arrays = arrays[: r.visible], arrays[r.visible :]
+        state = [np.broadcast_to(a.astype(dtype, copy=False), (*batch, *a.shape[-1:])) for a in initial_states]
         state += [np.zeros((*batch, *port.shape), dtype) for port in r.states[r.visible :]]
         given = []
-        for a, port in zip(given_arrays, r.inputs[r.visible :], strict=True):
-            given.append(_GivenInput(a.astype(dtype, copy=False), port))
-        kept_rows = out[0].shape[len(batch)]
-        steps_per_row = given[0].steps // max(kept_rows, 1)
-        for row in range(kept_rows):
-            for between in range(steps_per_row):
-                number = row * steps_per_row + between
-                inputs = {k: array.at(number) for k, array in zip(r.given, given, strict=True)}
-                begin = list(state)
+        for array, port in zip(given_arrays, r.inputs[r.visible :], strict=True):
+            given.append(_GivenInput(array.astype(dtype, copy=False), port))
+        row_count = out[0].shape[len(batch)]
+        steps_per_row = given[0].steps // max(row_count, 1)
+        for row in range(row_count):
+            for step_in_row in range(steps_per_row):
+                step = row * steps_per_row + step_in_row
+                inputs = {k: array.at(step) for k, array in zip(r.given, given, strict=True)}
+                start = list(state)
                 for stage, coefficients in enumerate(r.table):
                     table_row = np.array(coefficients, dtype)
-                    operands = [self._input(k, s, inputs, state, begin, table_row) for k, s in enumerate(r.sources)]
+                    operands = []
+                    for k, source in enumerate(r.sources):
+                        operands.append(self._input(k, source, inputs, state, start, table_row))
                     results = self.kernel(*operands)
                     state = list(results[: len(r.states)])
-                    if stage == 0 and between == 0:
+                    if stage == 0 and step_in_row == 0:
                         for k, reported in zip(r.reported, out[r.visible :], strict=True):
                             reported[..., row, :] = results[k]
-            for kept, x in zip(out, state[: r.visible], strict=False):
-                kept[..., row, :] = x
+            # The first results are the visible states; those after them were stored as reports.
+            for result, visible_state in zip(out, state[: r.visible], strict=False):
+                result[..., row, :] = visible_state
         return out
 
     @staticmethod
     def _input(
-        k: int, source: Source, inputs: dict[int, Array], state: list[Array], begin: list[Array], table_row: Array
+        k: int, source: Source, inputs: dict[int, Array], state: list[Array], start: list[Array], table_row: Array
     ) -> Any:
+        """Input k of the program from its source; ``start`` is the state at the beginning of the step."""
         if source.kind == "given":
             return inputs[k]
         if source.kind == "stage":
             return table_row
         if source.kind == "start":
-            return begin[source.state]
+            return start[source.state]
         return state[source.state]
 
 
 class _GivenInput:
-    """Array with an input of every step."""
+    """Array that contains an input for every step."""
 
     def __init__(self, array: Array, port: TensorSpec) -> None:
         self.array = array
         self.axis = array.ndim - 1 - len(port.shape)
         """Axis of the steps."""
         self.steps = array.shape[self.axis]
+        """Number of steps."""
 
     def at(self, step: int) -> Array:
         """Input of one step."""

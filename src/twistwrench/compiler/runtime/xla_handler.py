@@ -1,8 +1,8 @@
 """Handlers of XLA's typed foreign function interface that run a kernel's loop without Python, as LLVM assembly.
 
-XLA calls ``handler(frame)`` with a structure of ``xla/ffi/api/c_api.h``. The handler takes the number of samples from the shape
-of one array, stores the arrays' pointers in a table, and runs the loop. The code contains shapes but no addresses, so it can be
-cached. The exported function ``install(loop)`` stores the loop's address and returns the handler's address.
+XLA calls ``handler(frame)`` with a structure of ``xla/ffi/api/c_api.h``, the call frame. The handler takes the number of
+samples from the shape of one array, stores the arrays' pointers in a table, and runs the loop. The code contains shapes but no
+addresses, so it can be cached. The exported function ``install(loop)`` stores the loop's address and returns the handler's.
 """
 
 from __future__ import annotations
@@ -23,54 +23,67 @@ INSTALL = "install"
 """Name of the function that stores the loop's address and returns the handler's address."""
 
 EXTENSION, STAGE, ARGUMENTS, RESULTS = 8, 32, 72, 112
-"""Offsets in the call frame: extension, stage, and tables of pointers to buffers."""
+"""Offsets in the call frame [bytes]: extension, stage, and tables of pointers to the buffers of arguments and results."""
 
 DATA, RANK, DIMENSIONS = 24, 32, 40
-"""Offsets in a buffer."""
+"""Offsets in a buffer [bytes]: its elements, number of axes, and lengths of the axes."""
 
-TYPE, METADATA, MAJOR_VERSION, MINOR_VERSION = 8, 24, 24, 28
-"""Offsets in an extension: its type and its pointer to metadata. Offsets in metadata: the handler's API version."""
+TYPE, METADATA = 8, 24
+"""Offsets in an extension [bytes]: its type, and its pointer to metadata."""
+MAJOR_VERSION, MINOR_VERSION = 24, 28
+"""Offsets in metadata [bytes]: the version of the interface for which the handler is written."""
 
-IS_METADATA, EXECUTE = 1, 3
-"""XLA_FFI_Extension_Metadata, XLA_FFI_ExecutionStage_EXECUTE."""
+IS_METADATA = 1
+"""Type of an extension by which XLA asks for metadata in place of a call: XLA_FFI_Extension_Metadata."""
+EXECUTE = 3
+"""Stage of a call in which results are computed: XLA_FFI_ExecutionStage_EXECUTE."""
 
 
 def handler_assembly(
     inputs: Sequence[TensorSpec], outputs: Sequence[TensorSpec], precision: Precision, version: tuple[int, int]
 ) -> str:
-    """Module for contiguous arrays of these shapes with a common batch shape; some array must have elements."""
-    w, specs = LlvmWriter(precision, 1), (*inputs, *outputs)
+    """Module for contiguous arrays of these shapes with a common batch shape; at least one array must have elements."""
+    w = LlvmWriter(precision, 1)
+    specs = (*inputs, *outputs)
 
     def load(base: str, offset: int, kind: str = "ptr") -> str:
-        return w.new(f"load {kind}, ptr {w.gep(base, offset)}")
+        """Field of a structure at an offset, of an LLVM type."""
+        address = w.gep(base, offset)
+        return w.new(f"load {kind}, ptr {address}")
 
-    arrays, samples = w.new(f"alloca [{len(specs)} x ptr]"), w.new("alloca i64")
+    arrays = w.new(f"alloca [{len(specs)} x ptr]")
+    samples = w.new("alloca i64")
     extension = load("%frame", EXTENSION)
-    w.do(f"br i1 {w.new(f'icmp eq ptr {extension}, null')}, label %call, label %query")
+    has_none = w.new(f"icmp eq ptr {extension}, null")
+    w.do(f"br i1 {has_none}, label %call, label %query")
     w.begin("query")
-    queried = w.new(f"icmp eq i32 {load(extension, TYPE, 'i32')}, {IS_METADATA}")
-    w.do(f"br i1 {queried}, label %answer, label %call")
+    asks_for_metadata = w.new(f"icmp eq i32 {load(extension, TYPE, 'i32')}, {IS_METADATA}")
+    w.do(f"br i1 {asks_for_metadata}, label %answer, label %call")
     w.begin("answer")
     metadata = load(extension, METADATA)
     for offset, number in zip((MAJOR_VERSION, MINOR_VERSION), version, strict=True):
         w.do(f"store i32 {number}, ptr {w.gep(metadata, offset)}")
     w.do("ret ptr null")
     w.begin("call")
-    staged = w.new(f"icmp eq i32 {load('%frame', STAGE, 'i32')}, {EXECUTE}")
-    w.do(f"br i1 {staged}, label %run, label %done")
+    is_execution = w.new(f"icmp eq i32 {load('%frame', STAGE, 'i32')}, {EXECUTE}")
+    w.do(f"br i1 {is_execution}, label %run, label %done")
     w.begin("run")
     buffers = [load(load("%frame", ARGUMENTS), 8 * k) for k in range(len(inputs))]
     buffers += [load(load("%frame", RESULTS), 8 * k) for k in range(len(outputs))]
     for k, buffer in enumerate(buffers):
         w.do(f"store ptr {load(buffer, DATA)}, ptr {w.gep(arrays, 8 * k)}")
+    # The number of samples is the product of the lengths of the batch axes of the first array with elements.
     first = next(k for k, spec in enumerate(specs) if spec.size)
-    rank, dims = load(buffers[first], RANK, "i64"), load(buffers[first], DIMENSIONS)
+    rank = load(buffers[first], RANK, "i64")
+    dims = load(buffers[first], DIMENSIONS)
     w.do(f"store i64 1, ptr {samples}")
-    with w.loop(w.new(f"sub i64 {rank}, {len(specs[first].shape)}"), "run") as axis:
+    batch_axes = w.new(f"sub i64 {rank}, {len(specs[first].shape)}")
+    with w.loop(batch_axes, "run") as axis:
         length = load(w.gep(dims, w.new(f"mul i64 {axis}, 8")), 0, "i64")
         product = w.new(f"mul i64 {load(samples, 0, 'i64')}, {length}")
         w.do(f"store i64 {product}, ptr {samples}")
-    w.do(f"call void {w.new('load ptr, ptr @loop')}(ptr {arrays}, ptr {samples}, ptr @steps, ptr null)")
+    loop = w.new("load ptr, ptr @loop")
+    w.do(f"call void {loop}(ptr {arrays}, ptr {samples}, ptr @steps, ptr null)")
     w.do("br label %done")
     w.begin("done")
     steps = loop_steps(specs, precision)
@@ -88,15 +101,17 @@ def handler_assembly(
 
 # ── A kernel's compiled loop as a handler of XLA's foreign functions, without Python in the call
 
-_INSTALLED = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
+_INSTALL_TYPE = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
+"""C type of the function ``install``."""
 
 
 @dataclass(frozen=True)
 class XlaHandler:
-    """Function in memory, and the objects that must live as long."""
+    """Handler in memory."""
 
     address: int
     keep: tuple[Any, ...]
+    """Objects that must live as long as the handler is used."""
 
 
 def is_compiled(kernel: Any) -> bool:
@@ -115,8 +130,7 @@ def make_handler(kernel: Any, char: str, version: tuple[int, int], *, scalar: bo
         loop = owner.scalar_code(precision).address
     else:
         loop = owner.address(precision)
-    code = assemble(
-        handler_assembly(owner.given.inputs, owner.given.outputs, precision, version), INSTALL, owner.machine
-    )
-    address = _INSTALLED(code.address)(loop)
-    return XlaHandler(address, (code, kernel))
+    assembly = handler_assembly(owner.given.inputs, owner.given.outputs, precision, version)
+    code = assemble(assembly, INSTALL, owner.machine)
+    install = _INSTALL_TYPE(code.address)
+    return XlaHandler(install(loop), keep=(code, kernel))

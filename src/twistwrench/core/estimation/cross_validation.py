@@ -1,4 +1,4 @@
-"""Cross-validation: residuals of held-out rows, compared with those of other predictions."""
+"""Cross-validation: residuals of rows that were held out of a fit."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from ..typing import Array
 
 FOLDS = 5
-"""Number of blocks of time, left out in turn."""
+"""Number of blocks of time that are held out, one after the other."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutRows:
-    """Held-out rows and their predictions.
+    """Measured torques of held-out rows, and their predictions by a fit without these rows.
 
     Attributes
     ----------
@@ -38,8 +38,8 @@ class HeldOut:
     Attributes
     ----------
     kind : str, ``test`` for separate logs, ``five-fold`` for fifths of the training logs
-    squares : (nv,) array, sums of squared residuals
-    sizes : (nv,) array, sums of squared torques
+    squares : (nv,) array, sums of squared residuals by joint
+    sizes : (nv,) array, sums of squared measured torques by joint
     names : sequence of str, joint names
     rows : tuple of HeldOutRows
     """
@@ -72,13 +72,16 @@ class HeldOut:
         all        50 %
         """
         residuals = rows.measured - rows.predicted
-        return cls(kind, (residuals**2).sum(axis=0), (rows.measured**2).sum(axis=0), names, (rows,))
+        squares = (residuals**2).sum(axis=0)
+        sizes = (rows.measured**2).sum(axis=0)
+        return cls(kind, squares, sizes, names, (rows,))
 
     def __str__(self) -> str:
-        """Return a table of the residuals of each joint, and of all joints."""
-        shares = {**self.joints, "all": self.all}
-        width = max(map(len, shares))
-        return "\n".join(f"{name:<{width}}  {100 * share:6.3g} %" for name, share in shares.items())
+        """Return a table of the residuals of each joint, and of all joints together."""
+        relative_residuals = {**self.joints, "all": self.all}
+        width = max(map(len, relative_residuals))
+        lines = [f"{name:<{width}}  {100 * residual:6.3g} %" for name, residual in relative_residuals.items()]
+        return "\n".join(lines)
 
     def __add__(self, other: HeldOut) -> HeldOut:
         return HeldOut(
@@ -88,7 +91,8 @@ class HeldOut:
     @property
     def all(self) -> float:
         """Residual of all joints together, |τ - τ̂| / |τ|."""
-        return float(np.sqrt(self.squares.sum() / max(float(self.sizes.sum()), 1e-300)))
+        size = max(float(self.sizes.sum()), 1e-300)  # not zero
+        return float(np.sqrt(self.squares.sum() / size))
 
     @property
     def joints(self) -> dict[str, float]:

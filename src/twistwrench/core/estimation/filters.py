@@ -20,67 +20,85 @@ from ..typing import Array
 
 _MAX_SAMPLES_PER_BLOCK = 1 << 16
 """Number of samples of several signals that are filtered together, so that they stay in the cache."""
-_BLOCK, _MIN_STATE = 64, 1e-20
-"""Block size in samples, and relative size below which a state is negligible."""
+_BLOCK_LENGTH = 64
+"""Number N of samples of a block."""
+_MIN_STATE = 1e-20
+"""Relative size of a state that is negligible."""
 _ALL_PASS = 0.45
-"""Cut-off over the sampling rate from which samples are unchanged."""
+"""Ratio of cut-off to sampling rate from which samples are unchanged."""
 REACH = 12
-"""Periods of the cut-off beyond which the impulse response of the zero-phase low-pass is below 1e-12."""
+"""Number of periods of the cut-off after which the impulse response of the zero-phase low-pass is below 1e-12."""
 _MIN_SAMPLES_PER_RESULT = 16
-"""Minimum number of samples per wanted one, for which sums of the impulse response take less time than the recursion."""
+"""Ratio of samples to wanted results from which sums of the impulse response take less time than the recursion."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Recursion:
-    """Recursive filter y_n = d u_n + Re Σ_k r_k s_k, with s_k ← p_k s_k + u_n, as matrices for blocks of samples.
+    """Recursive filter y_n = d u_n + Re Σ_k r_k s_k, with s_k ← p_k s_k + u_n, as matrices for blocks of N samples.
 
-    State vectors contain real parts, then imaginary parts.
+    Vectors of the states s_k contain the real parts of all, then the imaginary parts. Rows of samples are multiplied from the
+    left, as in states @ carried.
     """
 
     within: Array
-    """(N, N + 2 k) map from a block's samples to its response and its final states."""
+    """(N, N + 2 k) map from a block's samples to its response and its final states, for zero initial states."""
     carried: Array
-    """(2 k, 2 k) map of states over a block."""
+    """(2 k, 2 k) map from states to the states a block later, without samples."""
     after: Array
     """(2 k, N) map from the previous block's final states to a block's response."""
 
     @classmethod
     def from_modes(cls, poles: Array, residues: Array, direct: float) -> _Recursion:
         """Filter with impulse response d δ_n + Re Σ_k r_k p_k^n."""
-        powers = poles[:, None] ** np.arange(_BLOCK + 1)
+        powers = poles[:, None] ** np.arange(_BLOCK_LENGTH + 1)
         h = (residues @ powers[:, :-1]).real
         h[0] += direct
-        lag = np.subtract.outer(np.arange(_BLOCK), np.arange(_BLOCK))
-        ends, over, after = powers[:, _BLOCK - 1 :: -1], np.diag(powers[:, -1]), residues[:, None] * powers[:, 1:]
+        lag = np.subtract.outer(np.arange(_BLOCK_LENGTH), np.arange(_BLOCK_LENGTH))
+        toeplitz = np.tril(h[np.abs(lag)])
+        final_states = powers[:, _BLOCK_LENGTH - 1 :: -1]  # of a unit sample at each place in the block
+        decay = np.diag(powers[:, -1])
+        response = residues[:, None] * powers[:, 1:]  # to each initial state
         return cls(
-            np.concatenate([np.tril(h[np.abs(lag)]), ends.real, ends.imag]).T.copy(),
-            np.block([[over.real, over.imag], [-over.imag, over.real]]),
-            np.concatenate([after.real, -after.imag]),
+            within=np.concatenate([toeplitz, final_states.real, final_states.imag]).T.copy(),
+            carried=np.block([[decay.real, decay.imag], [-decay.imag, decay.real]]),
+            after=np.concatenate([response.real, -response.imag]),
         )
 
     def __call__(self, u: Array) -> Array:
         """Response (c, n) to samples u (c, n), with a constant signal before them."""
-        first, (columns, n) = u[:, :1], u.shape
-        blocks = np.zeros((columns, -(-n // _BLOCK), _BLOCK))
-        np.subtract(u, first, out=blocks.reshape(columns, -1)[:, :n])
+        first = u[:, :1]
+        signals, n = u.shape
+        block_count = -(-n // _BLOCK_LENGTH)  # rounded up
+        blocks = np.zeros((signals, block_count, _BLOCK_LENGTH))
+        np.subtract(u, first, out=blocks.reshape(signals, -1)[:, :n])
         responses = blocks @ self.within
-        y, ends, over, k = responses[..., :_BLOCK], responses[..., _BLOCK:], self.carried, 1
-        while k < ends.shape[1] and np.abs(over).max() > _MIN_STATE:  # s_b over b, b - 1; then b - 2, b - 3; …
-            ends[:, k:] += ends[:, :-k] @ over
-            over, k = over @ over, 2 * k
-        y[:, 1:] += ends[:, :-1] @ self.after
-        return y.reshape(columns, -1)[:, :n] + first
+        y, states = responses[..., :_BLOCK_LENGTH], responses[..., _BLOCK_LENGTH:]
+        # The final states of block b are Σ_i (states of block b - i) carried^i. Each round doubles the number of terms.
+        carried, term_count = self.carried, 1
+        while term_count < block_count and np.abs(carried).max() > _MIN_STATE:
+            states[:, term_count:] += states[:, :-term_count] @ carried
+            carried = carried @ carried
+            term_count = 2 * term_count
+        y[:, 1:] += states[:, :-1] @ self.after
+        return y.reshape(signals, -1)[:, :n] + first
 
 
 @lru_cache(maxsize=32)
 def _butterworth(ratio: float) -> _Recursion:
-    """Butterworth filter of order 4; ``ratio`` is the cut-off over the sampling rate."""
+    """Butterworth filter of order 4; ``ratio`` is the cut-off over the sampling rate.
+
+    Its transfer function in z^-1 is g (1 + z^-1)^4 / Π_k (1 - p_k z^-1), with g = Π_k (1 - p_k) / 16 for a gain of 1 at
+    frequency 0. Its residues are r_k = g (1 + 1 / p_k)^4 / Π_{j≠k} (1 - p_j / p_k).
+    """
     s = np.tan(np.pi * ratio) * np.exp(1j * np.pi * (2 * np.arange(4) + 5) / 8)
-    p, far = (1 + s) / (1 - s), -2 * s / (1 - s)  # 1 - p without cancellation
-    others = 2 * (s[:, None] - s) / ((1 - s[:, None]) * (1 - s) * p[:, None]) + np.eye(4)  # 1 - p_j / p_k
-    gain = float(far.prod().real) / 16
-    r = gain * ((1 + p) / p) ** 4 / others.prod(axis=1)
-    return _Recursion.from_modes(p[:2], 2 * r[:2], gain / float(p.prod().real))
+    p = (1 + s) / (1 - s)
+    one_minus_p = -2 * s / (1 - s)  # without cancellation
+    # 1 - p_j / p_k in row k, without cancellation; 1 on the diagonal
+    one_minus_ratio = 2 * (s[:, None] - s) / ((1 - s[:, None]) * (1 - s) * p[:, None]) + np.eye(4)
+    g = float(one_minus_p.prod().real) / 16
+    r = g * ((1 + p) / p) ** 4 / one_minus_ratio.prod(axis=1)
+    direct = g / float(p.prod().real)
+    return _Recursion.from_modes(p[:2], 2 * r[:2], direct)  # the other two poles are the conjugates of these
 
 
 def low_pass(x: Array, cutoff: float, rate: float) -> Array:
@@ -91,41 +109,51 @@ def low_pass(x: Array, cutoff: float, rate: float) -> Array:
     """
     if cutoff >= _ALL_PASS * rate:
         return x
-    filtered, pad = _butterworth(float(cutoff) / float(rate)), min(len(x) - 1, int(3 * rate / cutoff) + 1)
-    flat, result = x.reshape(len(x), -1), np.empty(x.shape)
-    out = result.reshape(flat.shape)
-    width = max(1, _MAX_SAMPLES_PER_BLOCK // (len(x) + 2 * pad))
-    for k in range(0, flat.shape[1], width):
-        u = flat[:, k : k + width].T
-        u = np.concatenate([2 * u[:, :1] - u[:, pad:0:-1], u, 2 * u[:, -1:] - u[:, -2 : -pad - 2 : -1]], axis=1)
-        u = filtered(filtered(u)[:, ::-1])[:, ::-1]
-        out[:, k : k + width] = u[:, pad : pad + len(x)].T
+    butterworth = _butterworth(float(cutoff) / float(rate))
+    n = len(x)
+    pad = min(n - 1, int(3 * rate / cutoff) + 1)
+    columns = x.reshape(n, -1)
+    result = np.empty(x.shape)
+    result_columns = result.reshape(columns.shape)  # a view
+    signals_per_block = max(1, _MAX_SAMPLES_PER_BLOCK // (n + 2 * pad))
+    for k in range(0, columns.shape[1], signals_per_block):
+        u = columns[:, k : k + signals_per_block].T
+        reflected_start = 2 * u[:, :1] - u[:, pad:0:-1]
+        reflected_end = 2 * u[:, -1:] - u[:, -2 : -pad - 2 : -1]
+        u = np.concatenate([reflected_start, u, reflected_end], axis=1)
+        forward = butterworth(u)
+        filtered = butterworth(forward[:, ::-1])[:, ::-1]
+        result_columns[:, k : k + signals_per_block] = filtered[:, pad : pad + n].T
     return result
 
 
 def low_pass_at(x: Array, cutoff: float, rate: float, at: Array) -> Array:
-    """Samples ``at`` (k,), in increasing order, of :func:`low_pass` of (n, ...), to 1e-12 of the size of ``x``.
+    """Samples of :func:`low_pass` of x (n, ...), at the indices ``at`` (k,) in increasing order.
 
-    If few samples are wanted, each is the sum of the impulse response times its neighbours; only the ends are filtered.
+    If few samples are wanted, each is the sum of its neighbours times the impulse response, to 1e-12 of the size of ``x``.
+    Only samples near both ends are then filtered by recursion.
     """
-    reach, n = int(REACH * rate / cutoff) + 1, len(x)
-    if n < 6 * reach or n < _MIN_SAMPLES_PER_RESULT * len(at) or cutoff >= _ALL_PASS * rate:
+    n = len(x)
+    reach = int(REACH * rate / cutoff) + 1  # samples on each side that influence a result
+    are_many = n < _MIN_SAMPLES_PER_RESULT * len(at)
+    if n < 6 * reach or are_many or cutoff >= _ALL_PASS * rate:
         return low_pass(x, cutoff, rate)[at]
     result = np.empty((len(at), *x.shape[1:]))
-    flat, out = x.reshape(n, -1), result.reshape(len(at), -1)
-    begin, end = np.searchsorted(at, [reach, n - reach]).tolist()
+    columns, result_columns = x.reshape(n, -1), result.reshape(len(at), -1)
+    begin, end = np.searchsorted(at, [reach, n - reach]).tolist()  # results between them are far from both ends
     if begin:
-        out[:begin] = low_pass(flat[: 2 * reach], cutoff, rate)[at[:begin]]
+        result_columns[:begin] = low_pass(columns[: 2 * reach], cutoff, rate)[at[:begin]]
     if end < len(at):
-        out[end:] = low_pass(flat[n - 2 * reach :], cutoff, rate)[at[end:] - (n - 2 * reach)]
+        first = n - 2 * reach
+        result_columns[end:] = low_pass(columns[first:], cutoff, rate)[at[end:] - first]
     response = _zero_phase_response(float(cutoff) / float(rate), reach)
-    while begin < end:
+    while begin < end:  # results at indices within ``reach`` are computed together
         stop = int(np.searchsorted(at[:end], at[begin] + reach))
         first = at[begin] - reach
         T = np.zeros((stop - begin, at[stop - 1] + reach + 1 - first))
         for row, start in zip(T, at[begin:stop] - reach - first, strict=True):
             row[start : start + len(response)] = response
-        out[begin:stop] = T @ flat[first : first + T.shape[1]]
+        result_columns[begin:stop] = T @ columns[first : first + T.shape[1]]
         begin = stop
     return result
 
@@ -139,17 +167,18 @@ def _zero_phase_response(ratio: float, reach: int) -> Array:
 
 
 def lagged(x: Array, steps: float, before: Array | None = None) -> Array:
-    """First-order low-pass of samples (n, ...), time constant ``steps`` steps.
+    """First-order low-pass of samples x (n, ...) with a time constant of ``steps`` steps.
 
-    Continues from the response (...) ``before`` the first sample, or from a constant signal.
+    The response before the first sample is ``before`` (...), by default that of a constant signal x[0].
     """
     a = np.exp(-1.0 / steps)
-    filtered = _Recursion.from_modes(np.array([a]), np.array([1.0 - a]), 0.0)
-    response = filtered(x.reshape(len(x), -1).T).T.reshape(x.shape)
+    first_order = _Recursion.from_modes(np.array([a]), np.array([1.0 - a]), 0.0)
+    response = first_order(x.reshape(len(x), -1).T).T.reshape(x.shape)
     if before is None:
         return response
     decay = a ** np.arange(1.0, len(x) + 1.0)
-    return np.asarray(response + decay.reshape(-1, *[1] * (x.ndim - 1)) * (before - x[0]))
+    decay = decay.reshape(-1, *[1] * (x.ndim - 1))
+    return np.asarray(response + decay * (before - x[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,38 +197,47 @@ class UniformSpline:
     """
 
     start: float
+    """Time of the first sample [s]."""
     step: float
+    """Time step h [s]."""
     y: Array
+    """(n, ...) samples."""
     M: Array
+    """(n, ...) second derivatives at the samples."""
 
     @classmethod
     def from_samples(cls, time: Array, y: Array) -> UniformSpline:
         """Spline through ``y`` (n, ...) at ``time`` (n,)."""
         from scipy.linalg import solve_banded
 
-        step, n = float(time[-1] - time[0]) / (len(time) - 1), len(y)
-        bands = np.ones((3, n - 2))
-        bands[1], bands[1, [0, -1]] = 4.0, 6.0
-        bands[0, 1], bands[2, -2] = 0.0, 0.0
+        step = float(time[-1] - time[0]) / (len(time) - 1)
+        # Rows are the upper diagonal, the diagonal and the lower diagonal of the equations for M_1 … M_{n-2}. With
+        # M_0 = 2 M_1 - M_2, the first equation is 6 M_1 = …, and the last one likewise.
+        bands = np.ones((3, len(y) - 2))
+        bands[1] = 4.0
+        bands[1, [0, -1]] = 6.0
+        bands[0, 1] = 0.0
+        bands[2, -2] = 0.0
         inner = solve_banded((1, 1), bands, 6.0 * np.diff(y, 2, axis=0) / step**2, check_finite=False)
-        M = np.concatenate([2 * inner[:1] - inner[1:2], inner, 2 * inner[-1:] - inner[-2:-1]])
-        return cls(float(time[0]), step, y, M)
+        M_first = 2 * inner[:1] - inner[1:2]
+        M_last = 2 * inner[-1:] - inner[-2:-1]
+        return cls(float(time[0]), step, y, np.concatenate([M_first, inner, M_last]))
 
     def __call__(self, t: Array) -> Array:
         """Values (m, ...) at times (m,)."""
-        k, a, b = self._places(t)
+        k, a, b = self._positions(t)
         y, M, h = self.y, self.M, self.step
         return np.asarray(a * y[k] + b * y[k + 1] + ((a**3 - a) * M[k] + (b**3 - b) * M[k + 1]) * (h**2 / 6))
 
     def slope(self, t: Array) -> Array:
         """First derivatives (m, ...) at times (m,)."""
-        k, a, b = self._places(t)
+        k, a, b = self._positions(t)
         y, M, h = self.y, self.M, self.step
         return np.asarray((y[k + 1] - y[k]) / h + ((1 - 3 * a**2) * M[k] + (3 * b**2 - 1) * M[k + 1]) * (h / 6))
 
-    def _places(self, t: Array) -> tuple[Array, Array, Array]:
-        """Indices of the samples before times (m,), and the weights of these and the next samples."""
-        at = (t - self.start) / self.step
-        k = np.clip(at.astype(int), 0, len(self.y) - 2)
-        b = (at - k).reshape(-1, *[1] * (self.y.ndim - 1))
+    def _positions(self, t: Array) -> tuple[Array, Array, Array]:
+        """Indices k (m,) of the samples before times (m,), and linear weights a and b of samples k and k + 1."""
+        steps_from_start = (t - self.start) / self.step
+        k = np.clip(steps_from_start.astype(int), 0, len(self.y) - 2)
+        b = (steps_from_start - k).reshape(-1, *[1] * (self.y.ndim - 1))
         return k, 1.0 - b, b

@@ -12,17 +12,23 @@ from ..typing import Array
 
 ORDERS = range(3, 9)
 """Orders of the differences that separate noise from motion."""
-_FINEST_DECIMAL = 11
-_ROUND_OFF = 4e-16
-"""Ratio of noise to values below which noise is rounding error."""
+_MAX_DECIMALS = 11
+"""Largest number of decimals of a grid."""
+_MAX_ROUND_OFF = 4e-16
+"""Largest ratio of noise to values that is the rounding error of computation."""
 _MIN_NOISE_OF_GRID = 0.02
-"""Smallest noise, as a share of the rounding error q/√12 of a grid q: slow motions stay on each grid point for
-hundreds of samples, which hides most of the error.
+"""Smallest noise of values on a grid, as a share of the grid's rounding error q/√12.
+
+Slow motions stay on each grid point for hundreds of samples, which hides most of the error.
 """
 _GRID_STEPS = 1.5
-"""Largest effect of rounding by half a grid step on a difference with unit-norm weights: √(m+1)/2, order m ≤ 8."""
-_MAX_OUTLIER_SHARE, _ROWS_OF_TWO_GLITCHES, _MAX_ROUNDS = 0.02, 18, 20
-"""Residuals that may be left out: a share of many; of few, those affected by two glitches at the highest order."""
+"""Largest effect of rounding on a difference with unit-norm weights, in grid steps: √(m+1)/2 for the order m ≤ 8."""
+_MAX_OUTLIER_SHARE = 0.02
+"""Largest share of residuals that may be left out."""
+_ROWS_OF_TWO_GLITCHES = 18
+"""Largest number of residuals that may be left out of few: those that two glitches affect at the highest order."""
+_MAX_ROUNDS = 20
+"""Maximum number of rounds of rejection."""
 _MIN_KINKS = 30
 """Minimum number of places without parabolic motion for a grid; kinks of planned motions are fewer."""
 
@@ -50,22 +56,23 @@ def survey(times: Sequence[Array], parts: Sequence[Array], curves: Sequence[Arra
     ``curves`` are the same columns without jumps of wrapped angles and sign changes of quaternions. These jumps are not
     noise, and 2π is not on a grid.
     """
+    if curves is None:
+        curves = parts
     steps = np.concatenate([np.diff(t) for t in times])
-    columns = range(parts[0].shape[1])
-    quanta = np.empty(len(columns))
-    for k in columns:
-        quanta[k] = quantum([x[:, k] for x in parts])
+    median_step = float(np.median(steps)) if steps.size else math.nan
+    quanta = np.array([quantum([x[:, k] for x in parts]) for k in range(parts[0].shape[1])], float)
     moves = np.any([np.ptp(x, axis=0) > 0 for x in parts if len(x)], axis=0)
-    sigma = np.where(moves, noise(times, parts if curves is None else curves, quanta), 0.0)
-    # Rounding causes noise. Without noise, equal steps come from the motion, such as a constant speed.
-    quanta = np.where(sigma > _MIN_NOISE_OF_GRID * quanta / math.sqrt(12.0), quanta, 0.0)
-    return Survey(float(np.median(steps)) if steps.size else math.nan, quanta, sigma)
+    sigma = np.where(moves, noise(times, curves, quanta), 0.0)
+    # Rounding to a grid causes noise. Without noise, equal steps come from the motion, such as a constant speed.
+    has_grid = sigma > _MIN_NOISE_OF_GRID * quanta / math.sqrt(12.0)
+    return Survey(median_step, np.where(has_grid, quanta, 0.0), sigma)
 
 
 def quantum(parts: Sequence[Array]) -> float:
-    """Grid of a column's values, 0 if not detected: a power of ten, or the smallest step of an encoder.
+    """Grid of a column's values: a power of ten, or the smallest step of an encoder; 0 if none is detected.
 
-    At constant speed or acceleration, all increments are multiples of one value too; this is not a grid.
+    At constant speed or acceleration, all increments are multiples of one value too; this is not a grid. So the column must
+    have enough kinks, where third differences are large.
     """
     values = np.concatenate(parts)
     size = float(np.abs(values).max(initial=0.0))
@@ -82,7 +89,7 @@ def quantum(parts: Sequence[Array]) -> float:
 
 def _decimal_grid(values: Array, size: float) -> float:
     """Coarsest power of ten of which all values are multiples; 0 without one."""
-    for decimals in range(_FINEST_DECIMAL + 1):
+    for decimals in range(_MAX_DECIMALS + 1):
         scale = 10.0**decimals
         scaled = values * scale
         if (np.abs(np.round(scaled) - scaled) <= 8e-16 * max(size * scale, 1.0)).all():
@@ -94,8 +101,8 @@ def _common_step(increments: Array) -> float:
     """Smallest increment, if there are enough small ones and nearly all are multiples of it; else 0."""
     smallest = float(increments.min())
     ratios = increments[increments < 20 * smallest] / smallest
-    regular = np.abs(ratios - np.round(ratios)) < 0.05
-    if ratios.size < 30 or regular.mean() < 0.98:
+    is_multiple = np.abs(ratios - np.round(ratios)) < 0.05
+    if ratios.size < 30 or is_multiple.mean() < 0.98:
         return 0.0
     return float(np.median(increments[increments < 1.5 * smallest]))
 
@@ -108,16 +115,18 @@ def noise(times: Sequence[Array], parts: Sequence[Array], quanta: Array | float 
     A few glitches do not count as noise, but steps of the columns' grids ``quanta`` (k,) do.
     """
     size = np.max([np.abs(x).max(axis=0, initial=0.0) for x in parts], axis=0)
+    grid_effect = _GRID_STEPS * np.asarray(quanta)
     sigma = np.full(parts[0].shape[1], np.inf)
     for order in ORDERS:
         residuals = [differences(t, x, order) for t, x in zip(times, parts, strict=True) if len(t) > order]
         if residuals:
-            sigma = np.minimum(sigma, deviation(np.concatenate(residuals), _GRID_STEPS * np.asarray(quanta)))
-    return np.asarray(np.where(np.isfinite(sigma) & (sigma > _ROUND_OFF * size), sigma, 0.0))
+            sigma = np.minimum(sigma, deviation(np.concatenate(residuals), grid_effect))
+    is_noise = np.isfinite(sigma) & (sigma > _MAX_ROUND_OFF * size)
+    return np.asarray(np.where(is_noise, sigma, 0.0))
 
 
 def deviation(residuals: Array, floor: Array) -> Array:
-    """Standard deviation (k,) of residuals (n, k), with iterative rejection beyond 5 deviations and ``floor``."""
+    """Standard deviation (k,) of residuals (n, k); those beyond both 5 deviations and ``floor`` (k,) are rejected in rounds."""
     squares = residuals**2
     mean_square = np.mean(squares, axis=0)
     variance = mean_square
@@ -135,11 +144,15 @@ def deviation(residuals: Array, floor: Array) -> Array:
 
 
 def differences(t: Array, x: Array, order: int) -> Array:
-    """Divided differences of x at times t, with weights of unit norm; (n,), (n, k) → (n - order, k)."""
-    t = np.lib.stride_tricks.sliding_window_view(t, order + 1) - t[: len(t) - order, None]
-    t = t / t[:, -1:]
-    gaps = t[:, :, None] - t[:, None, :]
-    gaps[:, np.arange(order + 1), np.arange(order + 1)] = 1.0
+    """Divided differences (n - order, k) of x (n, k) at times t (n,), with weights of unit norm.
+
+    The weight of sample j in a window of order + 1 samples is 1 / Π_{i≠j} (t_j - t_i), up to a common factor.
+    """
+    window_t = np.lib.stride_tricks.sliding_window_view(t, order + 1) - t[: len(t) - order, None]
+    window_t = window_t / window_t[:, -1:]  # from 0 to 1
+    gaps = window_t[:, :, None] - window_t[:, None, :]
+    diagonal = np.arange(order + 1)
+    gaps[:, diagonal, diagonal] = 1.0
     weights = 1.0 / gaps.prod(axis=2)
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
     n = len(weights)
@@ -148,8 +161,10 @@ def differences(t: Array, x: Array, order: int) -> Array:
 
 # ── Errors of samples: noise, rounding, and stamps
 
-_MAX_GROUPS, _MIN_ROWS_PER_GROUP = 16, 60
-"""Number of groups of rows by speed, and minimum rows in each."""
+_MAX_GROUPS = 16
+"""Maximum number of groups of rows with similar speeds."""
+_MIN_ROWS_PER_GROUP = 60
+"""Minimum number of rows of a group."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,10 +180,10 @@ class SampleErrors:
     grid: Array
     """Grid step; 0 without a grid."""
     stamp: Array
-    """Standard deviation of e [s], as estimated from that column."""
+    """Standard deviation of e [s], as each column shows it."""
 
     def scaled(self, factors: Array) -> SampleErrors:
-        """Convert units: ``factors`` (k,) are the columns' units in the new ones."""
+        """Errors in other units: ``factors`` (k,) convert numbers of the columns to them."""
         return SampleErrors(self.white * factors, self.grid * factors, self.stamp)
 
     @property
@@ -181,7 +196,7 @@ class SampleErrors:
         return np.asarray(np.sqrt(self.at_rest**2 + (self.stamp * speed) ** 2))
 
     def drawn(self, rng: np.random.Generator, curve: Array, speed: Array, count: int) -> Array:
-        """Random samples (n, k, count) of a log of this curve (n, k), which has the speed ``speed`` (n, k)."""
+        """Random samples (n, k, count): ``count`` logs of a curve (n, k) with the speeds ``speed`` (n, k)."""
         n = len(curve)
         samples = np.repeat(curve[:, :, None], count, axis=2)
         if self.stamp.any():
@@ -201,8 +216,8 @@ def sample_errors(times: Sequence[Array], curves: Sequence[Array], survey: Surve
     High-order differences isolate the errors. Their variance as a function of speed, a + b speed², separates noise and
     errors of stamps.
     """
-    columns = len(survey.noise)
-    white, stamp = np.zeros(columns), np.zeros(columns)
+    white = np.zeros(len(survey.noise))
+    stamp = np.zeros(len(survey.noise))
     for k in np.flatnonzero(survey.noise).tolist():
         grid = float(survey.quantum[k])
         isolated = _isolate_errors(times, [x[:, k] for x in curves], grid)
@@ -215,35 +230,42 @@ def sample_errors(times: Sequence[Array], curves: Sequence[Array], survey: Surve
 
 
 def _isolate_errors(times: Sequence[Array], parts: Sequence[Array], grid: float) -> tuple[Array, Array] | None:
-    """Differences (n,), scaled to the samples' deviation, and speeds (n,), of the order least affected by motion."""
-    isolated, smallest = None, math.inf
+    """Differences (n,) of the order least affected by motion, and speeds (n,); None for short excerpts.
+
+    Differences have weights of unit norm, and so the standard deviation of the samples.
+    """
+    isolated = None
+    smallest_sigma = math.inf
     for order in ORDERS:
-        pairs = [(t, x) for t, x in zip(times, parts, strict=True) if len(t) > order]
-        if sum(len(t) - order for t, _ in pairs) < _MIN_ROWS_PER_GROUP:
+        excerpts = [(t, x) for t, x in zip(times, parts, strict=True) if len(t) > order]
+        difference_count = sum(len(t) - order for t, _ in excerpts)
+        if difference_count < _MIN_ROWS_PER_GROUP:
             return isolated
-        errors = np.concatenate([differences(t, x[:, None], order)[:, 0] for t, x in pairs])
-        size = float(deviation(errors[:, None], np.array([_GRID_STEPS * grid]))[0])
-        if size < smallest:
-            speed = np.concatenate([(x[order:] - x[:-order]) / (t[order:] - t[:-order]) for t, x in pairs])
-            isolated, smallest = (errors, speed), size
+        errors = np.concatenate([differences(t, x[:, None], order)[:, 0] for t, x in excerpts])
+        sigma = float(deviation(errors[:, None], np.array([_GRID_STEPS * grid]))[0])
+        if sigma < smallest_sigma:
+            speed = np.concatenate([(x[order:] - x[:-order]) / (t[order:] - t[:-order]) for t, x in excerpts])
+            isolated = errors, speed
+            smallest_sigma = sigma
     return isolated
 
 
 def _split_variance(errors: Array, speed: Array, *, rounding: float) -> tuple[float, float]:
-    """Nonnegative a and b of the variance a + rounding + b speed² of differences."""
+    """Nonnegative a and b of the variance a + rounding + b speed² of differences (n,), by weighted least squares of groups."""
     from scipy.optimize import lsq_linear
 
     group_count = max(1, min(_MAX_GROUPS, len(errors) // _MIN_ROWS_PER_GROUP))
     groups = np.array_split(np.argsort(np.abs(speed), kind="stable"), group_count)
     floor = np.array([_GRID_STEPS * math.sqrt(12.0 * rounding)])
     variance = np.array([float(deviation(errors[rows, None], floor)[0]) ** 2 for rows in groups])
-    square = np.array([float(np.mean(speed[rows] ** 2)) for rows in groups])
-    top = float(square.max()) or 1.0
-    table = np.stack([np.ones(len(groups)), square / top], axis=1)
-    floor_of_scale = 0.02 * float(variance.mean()) + 1e-300  # noise-free rest must not outweigh motion
-    target, scale = np.maximum(variance - rounding, 0.0), np.maximum(variance, floor_of_scale)
+    square_speed = np.array([float(np.mean(speed[rows] ** 2)) for rows in groups])
+    largest_square = float(square_speed.max()) or 1.0  # 1 at rest
+    A = np.stack([np.ones(len(groups)), square_speed / largest_square], axis=1)
+    y = np.maximum(variance - rounding, 0.0)
+    least_scale = 0.02 * float(variance.mean()) + 1e-300  # a rest without noise must not outweigh the motion
+    scale = np.maximum(variance, least_scale)
     x = np.zeros(2)
-    for _ in range(3):  # the error of a variance is proportional to it
-        x = lsq_linear(table / scale[:, None], target / scale, (0.0, math.inf), method="bvls").x
-        scale = np.maximum(np.maximum(table @ x + rounding, 0.1 * variance), floor_of_scale)
-    return float(x[0]), float(x[1] / top)
+    for _ in range(3):  # the error of a variance is proportional to the variance, which each round knows better
+        x = lsq_linear(A / scale[:, None], y / scale, (0.0, math.inf), method="bvls").x
+        scale = np.maximum(np.maximum(A @ x + rounding, 0.1 * variance), least_scale)
+    return float(x[0]), float(x[1] / largest_square)

@@ -1,8 +1,8 @@
 """Mass properties of the colliders of a USD body.
 
-The mass of a collider is that of its MassAPI; otherwise its volume times a density: its own, that of the body's
-MassAPI, that of its material, or 1000 kg/m³, in this order. A given mass of the body is distributed over the
-colliders, which keeps the shape of the inertia. Meshes and planes have no mass.
+The mass of a collider is that of its MassAPI; otherwise it is volume times density. The density is that of the collider's
+MassAPI, of the body's, of its material, or 1000 kg/m³, in this order. If the body has a mass, the inertia of all colliders
+together is scaled to it. Meshes and planes are not read.
 """
 
 from __future__ import annotations
@@ -20,63 +20,66 @@ from .stage import Stage, axis_of, number_of, who
 _WATER_DENSITY = 1000.0
 """Default density of the format [kg/m³]."""
 _ADVICE = "Give the body a PhysicsMassAPI with mass, centerOfMass, diagonalInertia and principalAxes"
-_TURNS = (
+_ROTATIONS_FROM_Z = (
     np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
     np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
     np.eye(3),
 )
-"""Rotations from z, the solids' axis, to x, y and z."""
+"""Rotations that turn z, the axis of cylinders and capsules here, to x, y and z."""
 
 
 def inertia_of_shapes(stage: Stage, body: Any, mass: float) -> SpatialInertia:
-    """Inertia of the colliders of a body about its frame's origin, scaled to ``mass`` [kg] if positive.
+    """Inertia of the colliders of a body in its frame, scaled to ``mass`` [kg] if this is positive.
 
-    Raises :class:`~twistwrench.RobotFileError` with the path of the prim if it has no collider or no such volume.
+    Raises :class:`~twistwrench.RobotFileError` with the path of the prim if the body has no collider, or one whose mass is not
+    computed.
     """
-    total, colliders = SpatialInertia.zero(), stage.colliders(body)
+    colliders = stage.colliders(body)
     if not colliders:
         missing = "physics:mass"
         if mass > 0:
             missing = "physics:diagonalInertia"
         raise RobotFileError(f"{who(body)} has no {missing}, and no collider that could give it. {_ADVICE}.")
-    T_sb = stage.pose_and_scale(body)[0]
+    T_sb, _ = stage.pose_and_scale(body)
+    total = SpatialInertia.zero()
     for prim in colliders:
         T_sc, scale = stage.pose_and_scale(prim)
-        total = total + _solid(stage, prim, body, scale).in_frame(se3.inverse(T_sb) @ T_sc)
+        total = total + _inertia_of_collider(stage, prim, body, scale).in_frame(se3.inverse(T_sb) @ T_sc)
     if mass <= 0:
         return total
     return SpatialInertia.from_parameters(mass / total.mass * total.parameters)
 
 
-def _solid(stage: Stage, prim: Any, body: Any, scale: Array) -> SpatialInertia:
-    """Inertia of a collider in its frame."""
+def _inertia_of_collider(stage: Stage, prim: Any, body: Any, scale: Array) -> SpatialInertia:
+    """Inertia of a collider in its frame; ``scale`` (3,) is that of its axes."""
     mass_or_density = _mass_or_density(stage, prim, body)
-    kind, metres = str(prim.GetTypeName()), scale * stage.metre
+    kind = str(prim.GetTypeName())
+    units = scale * stage.metre  # metres for a unit of length along each axis
     if kind == "Cube":
-        return SpatialInertia.box(number_of(prim, "size", 2.0) * metres, **mass_or_density)
+        return SpatialInertia.box(number_of(prim, "size", 2.0) * units, **mass_or_density)
     if kind == "Sphere":
-        return SpatialInertia.ellipsoid(number_of(prim, "radius", 1.0) * metres, **mass_or_density)
+        return SpatialInertia.ellipsoid(number_of(prim, "radius", 1.0) * units, **mass_or_density)
     if kind not in ("Cylinder", "Capsule"):
         raise RobotFileError(f"{who(prim)} is a {kind}, whose mass is not computed. {_ADVICE}.")
-    k = axis_of(prim, "axis", default="Z")
-    along, across = metres[k], np.delete(metres, k)
+    axis = axis_of(prim, "axis", default="Z")
+    unit_along = units[axis]
+    units_across = np.delete(units, axis)
     if kind == "Cylinder":
-        default_radius, build, equal = 1.0, SpatialInertia.cylinder, across
+        default_radius, build = 1.0, SpatialInertia.cylinder
+        must_be_equal = units_across
     else:
-        default_radius, build, equal = (
-            0.5,
-            SpatialInertia.capsule,
-            metres,
-        )  # a capsule keeps its shape only if all are equal
-    if np.ptp(equal) > 1e-6 * along:
+        default_radius, build = 0.5, SpatialInertia.capsule
+        must_be_equal = units  # otherwise its ends are no longer half spheres
+    if np.ptp(must_be_equal) > 1e-6 * unit_along:
         raise RobotFileError(f"{who(prim)} is a {kind} scaled to another shape, whose mass is not computed. {_ADVICE}.")
-    radius, height = number_of(prim, "radius", default_radius), number_of(prim, "height", 2.0 * default_radius)
-    return build(float(radius * across[0]), float(height * along), **mass_or_density).in_frame(
-        se3.pose(_TURNS[k], np.zeros(3))
-    )
+    radius = float(number_of(prim, "radius", default_radius) * units_across[0])
+    height = float(number_of(prim, "height", 2.0 * default_radius) * unit_along)
+    along_z = build(radius, height, **mass_or_density)
+    return along_z.in_frame(se3.pose(_ROTATIONS_FROM_Z[axis], np.zeros(3)))
 
 
 def _mass_or_density(stage: Stage, prim: Any, body: Any) -> dict[str, float]:
+    """Mass [kg] or density [kg/m³] of a collider, under the name ``mass`` or ``density``."""
     mass = number_of(prim, "physics:mass") * stage.kilogram
     if mass > 0:
         return {"mass": mass}
@@ -89,6 +92,8 @@ def _mass_or_density(stage: Stage, prim: Any, body: Any) -> dict[str, float]:
 
 
 def _material(prim: Any) -> Any:
+    """Prim of a collider's physical material; a false one without a material."""
     from pxr import UsdShade
 
-    return UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")[0].GetPrim()
+    material, _binding = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")
+    return material.GetPrim()
