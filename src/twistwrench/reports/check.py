@@ -42,7 +42,7 @@ _PLAN_DURATION = 0.25
 """Duration of the noise estimation relative to the analysis."""
 _SMOOTHING_PLAN_DURATION = 3.0
 """Duration of noise estimation and smoothing relative to the analysis."""
-_ROWS_PER_SLICE = 8192
+_SLICE_ROWS = 8192
 """Number of rows whose clearance is searched at once."""
 
 
@@ -200,23 +200,21 @@ def check(
     robot = question.robot_of(robot, motion, bundle_name, reading)
     motion = question.motion_of(robot, motion, at, degrees=degrees)
     log = log_of(motion, robot, named=bundle_name, degrees=degrees, plan=plan, **reading)
-    log_has_degrees = log.columns.has_degrees  # of the file, which a support may replace by a log in memory
+    degrees_in_report = degrees or log.columns.has_degrees  # of the file, before a support replaces the log
     loads = {"payloads": payloads_of(payload), "wrenches": _wrench_arrays(wrench_on_robot), "friction": friction}
     case, log = question.case(robot, log, loads)
     robot = case.robot
     bounds = limits_file.limits_of(limits, robot.model, degrees=degrees)
-    plan_duration = _SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION
-    steps = Steps(progress, (plan_duration, 1.0))
+    steps = Steps(progress, (_SMOOTHING_PLAN_DURATION if smooth else _PLAN_DURATION, 1.0))
     differentiation = Differentiation.plan(log, robot.model, smoothing=smooth, progress=steps.next())
     refuse_unused_srdf(clearance, srdf)
     report = analyse(with_limits(case, bounds), differentiation, bounds, progress=steps.next())
-    times_and_configurations = ((s.time, s.q) for s in differentiation.states(_ROWS_PER_SLICE))
     return replace(
         report,
         causes=measured_causes(report, log),
-        clearance=clearance_along(robot, times_and_configurations, clearance, srdf),
+        clearance=clearance_along(robot, ((s.time, s.q) for s in differentiation.states(_SLICE_ROWS)), clearance, srdf),
         held=question.answers(report),
-        degrees=degrees or log_has_degrees,
+        degrees=degrees_in_report,
         with_why=why,
     )
 

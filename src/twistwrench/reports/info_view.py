@@ -29,48 +29,52 @@ from .robot_summary import body_of_link, link_of
 
 MAX_DEPTH = 12
 """Depth at which the tree continues at the left margin."""
-_MAX_ROWS, _MAX_BODIES, _MAX_NOTES, _MAX_NAMES = 12, 6, 2, 8
-"""Maximum number of rows of a table; number of bodies above which the short form has the joints only; maximum numbers of
-notes and of names of configurations."""
+_MAX_ROWS = 12
+"""Largest number of rows of a table in the short form."""
+_MAX_BODIES = 6
+"""Number of bodies above which the short form has no inertias and no tree."""
+_MAX_NOTES = 2
+"""Largest number of notes in the short form."""
+_MAX_NAMES = 8
+"""Largest number of listed names."""
 
 
 def info_view(robot: Robot, *, degrees: bool = False) -> Iterator[Block]:
     """Heading, joints, actuators, inertias and tree of a robot; angles in degrees if ``degrees``."""
     model = robot.model
-    level = Level.SHORT
-    if len(model.bodies) > _MAX_BODIES:
-        level = Level.ALL
+    level = Level.ALL if len(model.bodies) > _MAX_BODIES else Level.SHORT
     yield _heading(model)
-    yield _joints(model, degrees=degrees)
+    yield _joints_table(model, degrees=degrees)
     if model.actuators:
-        yield _actuators(model)
+        yield _actuators_table(model)
     for k in range(len(model.couplings)):
-        yield _coupling(model, k, level)
-    yield _inertias(model, level)
+        yield _coupling_table(model, k, level)
+    yield _inertias_table(model, level)
     yield _tree(model, level)
     notes = remarks([*grouped(model.defects), *(f"{text}." for text in base_doubts(model))])
     yield from notes[:_MAX_NOTES]
     for note in notes[_MAX_NOTES:]:
         yield replace(note, level=Level.ALL)
-    further = []
+    left_out = []
     if level is Level.ALL:
-        further.append(f"Inertias of {len(_masses(model))} links, tree")
+        left_out.append(f"Inertias of {len(_links_with_mass(model))} links, tree")
     if len(notes) > _MAX_NOTES:
-        further.append(f"{len(notes) - _MAX_NOTES} more notes")
-    if further:
-        yield More(", ".join(further))
+        left_out.append(f"{len(notes) - _MAX_NOTES} more notes")
+    if left_out:
+        yield More(", ".join(left_out))
 
 
 def _heading(model: Model) -> Line:
-    rotors = sum(not b.joint.moves_body for b in model.bodies)
-    counts = [f"{len(model.bodies) - rotors} moving bodies"]
-    if rotors:
-        counts[0] += f" and {rotors} rotors"
-    counts += [f"{model.nq} coordinates", f"{model.nv} velocities", f"{len(model.all_frames)} frames"]
+    """Name, counts, masses, gravity, tip and configurations."""
+    rotor_count = sum(not b.joint.moves_body for b in model.bodies)
+    bodies = f"{len(model.bodies) - rotor_count} moving bodies"
+    if rotor_count:
+        bodies += f" and {rotor_count} rotors"
+    counts = f"{bodies}, {model.nq} coordinates, {model.nv} velocities, {len(model.all_frames)} frames"
     gravity = " ".join(map(number, model.gravity))
-    moving, fixed = number(model.moving_mass), number(model.base_inertia.mass)
-    masses = f"mass {moving} kg moving, {fixed} kg fixed  ·  gravity [{gravity}] m/s²"
-    text = f"  {', '.join(counts)}\n{masses}  ·  tip {_tip(model)}"
+    moving_mass, fixed_mass = number(model.moving_mass), number(model.base_inertia.mass)
+    masses = f"mass {moving_mass} kg moving, {fixed_mass} kg fixed  ·  gravity [{gravity}] m/s²"
+    text = f"  {counts}\n{masses}  ·  tip {_tip(model)}"
     if model.configurations:
         text += f"\nconfigurations {listed([*model.configurations], _MAX_NAMES)}"
     return Line((model.name, Style.STRONG), text)
@@ -91,25 +95,27 @@ class _JointRow(NamedTuple):
     """Row of the table of joints."""
 
     name: str
+    """Name of the joint, or of one of its velocities."""
     kind: str
+    """Type of the joint; empty below its first row."""
     link: str
+    """Link that the joint carries; empty below its first row."""
     velocity: int | None
     """Index of the velocity whose limits the row has; None for a mimic joint."""
 
 
-def _joints(model: Model, *, degrees: bool) -> Table:
+def _joints_table(model: Model, *, degrees: bool) -> Table:
+    """Table of joints with limits, friction and armature; mimic joints have blank figures."""
     turns = Coordinates.from_model(model).angular_velocity
-    unit = np.where(turns & degrees, math.degrees(1.0), 1.0)
-    rows = list(_joint_rows(model, unit, degrees=degrees))
+    unit_factors = np.where(turns & degrees, math.degrees(1.0), 1.0)
+    rows = list(_joint_rows(model, unit_factors, degrees=degrees))
     columns = []
-    for head, figures in _joint_figures(model, unit).items():
-        figure_of: dict[int | None, float | str] = {None: ""} | dict(
-            enumerate(figures.tolist())
-        )  # blank for a mimic joint
-        columns.append(numbers(head, [figure_of[row.velocity] for row in rows]))
-    in_units = partial(heading_unit, turning=(True, False), degrees=degrees)
+    for heading, figures in _joint_figures(model, unit_factors).items():
+        cells = ["" if row.velocity is None else float(figures[row.velocity]) for row in rows]
+        columns.append(numbers(heading, cells))
+    unit_text = partial(heading_unit, turning=(True, False), degrees=degrees)
     return Table(
-        f"Joints: positions in {in_units('q')}, velocities in {in_units('dq')}, efforts in {in_units('tau')}",
+        f"Joints: positions in {unit_text('q')}, velocities in {unit_text('dq')}, efforts in {unit_text('tau')}",
         words("joint", [row.name for row in rows]),
         words("kind", [row.kind for row in rows]),
         words("carries", [row.link for row in rows]),
@@ -118,7 +124,7 @@ def _joints(model: Model, *, degrees: bool) -> Table:
     )
 
 
-def _joint_rows(model: Model, unit: Array, *, degrees: bool) -> Iterator[_JointRow]:
+def _joint_rows(model: Model, unit_factors: Array, *, degrees: bool) -> Iterator[_JointRow]:
     """A row for each velocity of each joint; rotors are listed in the table of actuators."""
     names = Coordinates.from_model(model).velocity_names
     for i, b in enumerate(model.bodies):
@@ -126,7 +132,7 @@ def _joint_rows(model: Model, unit: Array, *, degrees: bool) -> Iterator[_JointR
             continue
         for k in range(b.v_index, b.v_index + b.joint.nv):
             if b.follows:
-                rule = _rule(b, names[k], unit[k], degrees=degrees)
+                rule = _mimic_rule(b, names[k], unit_factors[k], degrees=degrees)
                 yield _JointRow(b.joint.name, f"{b.joint.kind},\n{rule}", link_of(model, i), None)
             elif k == b.v_index:
                 yield _JointRow(names[k], b.joint.kind, link_of(model, i), k)
@@ -134,15 +140,20 @@ def _joint_rows(model: Model, unit: Array, *, degrees: bool) -> Iterator[_JointR
                 yield _JointRow(names[k], "", "", k)
 
 
-def _joint_figures(model: Model, unit: Array) -> dict[str, Array]:
-    """Limits, friction and armature (nv,) by the head of their column, in the units of the table."""
+def _joint_figures(model: Model, unit_factors: Array) -> dict[str, Array]:
+    """Limits, friction and armature (nv,) by the heading of their column, in the units of the table."""
     limits, friction = model.limits, model.friction
-    coupled = coupled_entries(model)
-    figures = {"lower": unit * limits.lower, "upper": unit * limits.upper, "velocity": unit * limits.velocity}
-    figures["effort"] = joint_effort(model, limits.effort)
+    coupled = coupled_entries(model)  # their motors have friction and armature, in a table of their own
+    figures = {
+        "lower": unit_factors * limits.lower,
+        "upper": unit_factors * limits.upper,
+        "velocity": unit_factors * limits.velocity,
+        "effort": joint_effort(model, limits.effort),
+    }
     for name in ("acceleration", "deceleration", "jerk"):
-        if np.isfinite(getattr(limits, name)).any():
-            figures[name] = unit * getattr(limits, name)
+        limit = getattr(limits, name)
+        if np.isfinite(limit).any():
+            figures[name] = unit_factors * limit
     if friction.any:
         figures["damping"] = np.where(coupled, np.nan, friction.viscous)
         figures["friction"] = np.where(coupled, np.nan, friction.coulomb)
@@ -151,7 +162,7 @@ def _joint_figures(model: Model, unit: Array) -> dict[str, Array]:
     return figures
 
 
-def _actuators(model: Model) -> Table:
+def _actuators_table(model: Model) -> Table:
     """Gears, rotors and motors; unknown values are left blank."""
     actuators = list(model.actuators.values())
     ratings = []
@@ -170,9 +181,10 @@ def _actuators(model: Model) -> Table:
     )
 
 
-def _coupling(model: Model, k: int, level: Level) -> Table:
-    """Velocities of coupled motors per joint velocity, and indices of these motors."""
-    coupling, (rows, A, _) = model.couplings[k], model.coupled[k]
+def _coupling_table(model: Model, k: int, level: Level) -> Table:
+    """Table of velocities of coupled motors per joint velocity, and of the effort, armature and friction of these motors."""
+    coupling = model.couplings[k]
+    rows, A, _ = model.coupled[k]
     return Table(
         f"Coupling {coupling.name}: velocity of each motor, behind its gear, per velocity of each joint (SI units)",
         words("motor", coupling.motors),
@@ -185,29 +197,31 @@ def _coupling(model: Model, k: int, level: Level) -> Table:
     )
 
 
-def _rule(follower: Body, leader: str, leader_factor: float, *, degrees: bool) -> str:
-    """Coupling of a mimic joint in the table's units."""
+def _mimic_rule(follower: Body, leader: str, leader_factor: float, *, degrees: bool) -> str:
+    """Position of a mimic joint by that of its leader, in the table's units."""
     factor = 1.0
     if degrees and follower.joint.axes[0, :3].any():
         factor = math.degrees(1.0)
-    ratio, position = follower.ratio * (factor / leader_factor), leader
+    ratio = follower.ratio * (factor / leader_factor)
+    position = leader
     if ratio != 1.0:
         position = f"{number(ratio)} × {leader}"
-    if follower.offset > 0:
-        position += f" +{number(factor * follower.offset)}"
-    elif follower.offset:
-        position += f" {number(factor * follower.offset)}"
+    if follower.offset:
+        sign = "+" if follower.offset > 0 else ""  # a negative number has its sign
+        position += f" {sign}{number(factor * follower.offset)}"
     return f"follows {position}"
 
 
-def _inertias(model: Model, level: Level) -> Table:
+def _inertias_table(model: Model, level: Level) -> Table:
+    """Table of links with mass, centre of mass and principal moments."""
     links, carriers, masses, centres, moments = [], [], [], [], []
-    for link, inertia in _masses(model).items():
+    for link, inertia in _links_with_mass(model).items():
         links.append(link)
         carriers.append(link_of(model, body_of_link(model, link)))
         masses.append(inertia.mass)
         centres.append(" ".join(map(number, inertia.com)))
-        moments.append(" ".join(map(number, inertia.principal()[0])))
+        principal_moments, *_ = inertia.principal()
+        moments.append(" ".join(map(number, principal_moments)))
     return Table(
         "Links with mass, each in its own frame (kg, m, kg m²)",
         words("link", links),
@@ -220,7 +234,8 @@ def _inertias(model: Model, level: Level) -> Table:
     )
 
 
-def _masses(model: Model) -> dict[str, SpatialInertia]:
+def _links_with_mass(model: Model) -> dict[str, SpatialInertia]:
+    """Inertias that are not zero, by link."""
     return {link: inertia for link, inertia in model.link_inertias.items() if inertia.parameters.any()}
 
 
@@ -229,27 +244,27 @@ def _tree(model: Model, level: Level) -> Branch:
 
     Deeper levels continue at the left margin.
     """
-    frames_of_bodies: dict[int, list[str]] = defaultdict(list)
+    frames_by_body: dict[int, list[str]] = defaultdict(list)
     for name, frame in model.all_frames.items():
-        frames_of_bodies[frame.body].append(name)
-    root = Branch(Line(*_frames("base", frames_of_bodies[BASE])), level=level)
-    branches, depths = {BASE: root}, {BASE: 0}
+        frames_by_body[frame.body].append(name)
+    root = Branch(Line(*_link_and_frames("base", frames_by_body[BASE])), level=level)
+    branches = {BASE: root}
+    depths = {BASE: 0}
     for i, b in enumerate(model.bodies):
-        if not b.joint.moves_body and b.follows:
+        if not b.joint.moves_body and b.follows:  # a rotor stands beside the body that carries it
             branches[b.parent].label.pieces.append((f"  · {b.link}", Style.QUIET))
             continue
         if depths[b.parent] == MAX_DEPTH:
             branches[b.parent] = root.add(Line((link_of(model, b.parent), Style.STRONG), (" carries on:", Style.QUIET)))
             depths[b.parent] = 0
         joint = (b.joint.name, Style.POINTED), (f" ({b.joint.kind}) → ", Style.QUIET)
-        branches[i] = branches[b.parent].add(Line(*joint, *_frames(link_of(model, i), frames_of_bodies[i])))
+        branches[i] = branches[b.parent].add(Line(*joint, *_link_and_frames(link_of(model, i), frames_by_body[i])))
         depths[i] = depths[b.parent] + 1
     return root
 
 
-def _frames(link: str, frames: list[str]) -> list[Piece]:
+def _link_and_frames(link: str, frames: list[str]) -> list[Piece]:
     """Text of a link and the other frames of its body."""
-    further, others = "", [name for name in frames if name != link]
-    if others:
-        further = f"  + {', '.join(others)}"
-    return [(link, Style.STRONG), (further, Style.QUIET)]
+    other_frames = [name for name in frames if name != link]
+    text = f"  + {', '.join(other_frames)}" if other_frames else ""
+    return [(link, Style.STRONG), (text, Style.QUIET)]

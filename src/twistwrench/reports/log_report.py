@@ -74,7 +74,8 @@ class LogReport(Answer):
         -------
         data : dict, as written by ``--json`` for each file
         """
-        return {**super().to_dict(), **_plain({**asdict(self.quality), "path": str(self.quality.path)})}
+        figures = {**asdict(self.quality), "path": str(self.quality.path)}
+        return {**super().to_dict(), **_without_infinities(figures)}
 
 
 def check_log(file: str | Path, *, topic: str | None = None, episode: int | None = None) -> LogReport:
@@ -105,15 +106,19 @@ def check_log(file: str | Path, *, topic: str | None = None, episode: int | None
 
 
 _MAX_ROWS = 10
-"""Maximum number of rows in the short form."""
-_MAX_ZEROS, _MIN_STEPS = 0.1, 50
-"""Share of exact zeros above which, and number of grid steps over the range below which, a column gets a remark."""
+"""Largest number of rows in the short form."""
+_MAX_ZEROS = 0.1
+"""Share of exact zeros above which a column gets a remark."""
+_MIN_GRID_STEPS = 50
+"""Number of grid steps over its range below which a column gets a remark."""
+_MIN_JITTER = 1e-3
+"""Variation of the steps, relative to the usual step, above which it is stated."""
 
 
 def log_view(quality: LogQuality) -> Iterator[Block]:
     """Line on the clock, and table of the columns."""
     columns = quality.columns
-    yield Line((quality.path.name, Style.STRONG), f"  {_clock(quality)}")
+    yield Line((quality.path.name, Style.STRONG), f"  {_clock_text(quality)}")
     yield Table(
         "",
         words("column", [column.name for column in columns]),
@@ -121,48 +126,53 @@ def log_view(quality: LogQuality) -> Iterator[Block]:
         numbers("most", [column.most for column in columns]),
         numbers("grid", [column.grid or None for column in columns]),
         numbers("noise", [column.noise or None for column in columns]),
-        words("", map(_doubts, columns), style=Style.NEAR),
+        words("", map(_remarks_on_column, columns), style=Style.NEAR),
         most=_MAX_ROWS,
     )
     yield from remarks(quality.notes)
 
 
-def _clock(quality: LogQuality) -> str:
+def _clock_text(quality: LogQuality) -> str:
+    """Number of rows, duration and rate, and what is irregular about the steps."""
     if not quality.time:
         return f"{quality.rows} rows, no column of time"
     parts = [f"{quality.rows} rows in {number(quality.seconds)} s, {number(quality.rate)} Hz by the usual step"]
-    if math.isfinite(quality.jitter) and quality.jitter * quality.rate > 1e-3:
-        parts.append(f"steps vary by {percent(quality.jitter * quality.rate, 2)}")
+    relative_jitter = quality.jitter * quality.rate
+    if math.isfinite(quality.jitter) and relative_jitter > _MIN_JITTER:
+        parts.append(f"steps vary by {percent(relative_jitter, 2)}")
     longest = f", the longest {number(quality.longest)} s"
-    for count, one, several in (
+    irregularities = (
         (quality.gaps, f"gap{longest}", f"gaps{longest}"),
         (quality.repeated, "stamp repeated", "stamps repeated"),
         (quality.backward, "stamp runs back", "stamps run back"),
-    ):
+    )
+    for count, singular, plural in irregularities:
         if count:
-            parts.append(f"{count} {one if count == 1 else several}")
+            parts.append(f"{count} {singular if count == 1 else plural}")
     return "; ".join(parts)
 
 
-def _doubts(column: LogColumn) -> str:
+def _remarks_on_column(column: LogColumn) -> str:
+    """Remarks on saturation, zeros and grid of a column; empty if there are none."""
     if column.dead:
         return "one number throughout"
-    doubts = []
+    column_remarks = []
     if column.cut:
-        doubts.append(f"cut off: {percent(column.cut, 2)} of the rows at an extreme")
+        column_remarks.append(f"cut off: {percent(column.cut, 2)} of the rows at an extreme")
     if column.zeros > _MAX_ZEROS:
-        doubts.append(f"exactly 0 in {percent(column.zeros, 2)} of the rows")
-    if column.grid and column.most - column.least < _MIN_STEPS * column.grid:
-        doubts.append(f"no more than {round((column.most - column.least) / column.grid)} steps of its grid in all")
-    return "; ".join(doubts)
+        column_remarks.append(f"exactly 0 in {percent(column.zeros, 2)} of the rows")
+    extent = column.most - column.least
+    if column.grid and extent < _MIN_GRID_STEPS * column.grid:
+        column_remarks.append(f"no more than {round(extent / column.grid)} steps of its grid in all")
+    return "; ".join(column_remarks)
 
 
-def _plain(value: Any) -> Any:
-    """Replace non-finite numbers by None for JSON."""
+def _without_infinities(value: Any) -> Any:
+    """Data for JSON, in which numbers that are not finite become None."""
     if isinstance(value, dict):
-        return {name: _plain(x) for name, x in value.items()}
+        return {name: _without_infinities(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(x) for x in value]
+        return [_without_infinities(entry) for entry in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

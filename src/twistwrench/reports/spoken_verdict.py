@@ -246,13 +246,7 @@ def verdict_data(
     if load.payloads:
         payload = replace(load.payloads[0], mass=1.0)
     assume = partial(assumptions, model, friction=load.friction, unjudged=limits, mass="{mass}")
-    if report is None:
-        doubts_before: Sequence[str] = model_warnings(load.with_load.model)
-        doubts_after: Sequence[str] = []
-        look_again = list(refused)
-    else:
-        doubts_before, doubts_after = carried_doubts(report)
-        look_again = contradictions(report)
+    look_again, doubts_before, doubts_after = _doubts_of_all_loads(load, report, refused)
     closest: Sequence[str] = []
     clearance_reasons: dict[str, Sequence[str]] = {}
     if clearance is not None:
@@ -294,6 +288,15 @@ def verdict_data(
     if report is not None:
         data |= _log_data(report)
     return data
+
+
+def _doubts_of_all_loads(
+    load: LoadCase, report: TorqueReport | None, refused: Sequence[str]
+) -> tuple[Sequence[str], Sequence[str], Sequence[str]]:
+    """Reasons to look again, and to be unsure, the latter before and after those on gaps of a log."""
+    if report is None:
+        return list(refused), model_warnings(load.with_load.model), []
+    return contradictions(report), *carried_doubts(report)
 
 
 def _exceeded_stop(violation: Violation, model: Model) -> dict[str, Any]:

@@ -31,30 +31,39 @@ from .fit import Problem, few
 from .further_unknowns import offers, offers_drift
 from .log import ReadingLog
 from .result import Identification, weakness
-from .sensor import ForceTorqueSensor, Inertia
+from .sensor import ForceTorqueSensor, Inertia, Sign
 from .static_poses import runs
 
-_MISTAKES = ("sensor-exchanged", "sensor-known-bias", "sensor-gravity-up")  # swapped columns or a wrong bias, not units
+_INPUT_MISTAKES = ("sensor-exchanged", "sensor-known-bias", "sensor-gravity-up")
+"""Kinds of doubts that explain a log by a mistake other than its units."""
 _MAY_POINT_UP = (
     "Or gx, gy, gz point up, as an accelerometer at rest logs them, which explains the log as well: "
     "then negate these three and keep the sign."
 )
-MAX_NOISE_RATIO = 1.5  # residual over given noise above which the noise is doubtful
-MIN_ORIENTATIONS, MIN_CHANNEL_FREEDOM = (
-    10,
-    6,
-)  # orientations, and degrees of freedom per channel, for reliable intervals
-MIN_MISFIT = 0.05  # fraction of the change of forces above which residuals may be more than noise
+MAX_NOISE_RATIO = 1.5
+"""Ratio of residuals to given noise above which the noise is doubtful."""
+MIN_ORIENTATIONS = 10
+"""Smallest number of orientations for reliable intervals."""
+MIN_CHANNEL_FREEDOM = 6
+"""Smallest number of degrees of freedom of a channel for reliable intervals."""
+MIN_MISFIT = 0.05
+"""Fraction of the change of forces above which residuals may be more than noise."""
+_MAX_LISTED_SPANS = 10
+"""Largest number of runs of outliers that are listed."""
 
 
 @dataclass(frozen=True, eq=False)
 class UsedReadings:
     """Classification of the readings of a log: outliers, between static poses, or used in the fit."""
 
-    left_out: Array  # (N,) outliers
-    between: Array  # (N,) readings between dwells
-    orientation: Array  # (n,) label of the orientation of each row of the fit
-    whiteness: Whiteness | None  # whiteness of the residuals; None for too few rows
+    left_out: Array
+    """Mask (N,) of outliers."""
+    between: Array
+    """Mask (N,) of readings between dwells."""
+    orientation: Array
+    """Label (n,) of the orientation of each row of the fit."""
+    whiteness: Whiteness | None
+    """Whiteness of the residuals; None for too few rows."""
 
 
 def acceptance_test(
@@ -86,41 +95,44 @@ def acceptance_test(
     if has_mass and not causes:
         causes += offers(problem, fit, found.kept)
     kinds = {cause.kind for cause in causes}
-    if kinds.isdisjoint(_MISTAKES):
-        unit = None
+    if kinds.isdisjoint(_INPUT_MISTAKES):
+        doubt_of_units = None
         if has_mass and "sensor-gain" not in kinds:
-            unit = unit_doubt(found, sensor, problem.log)
-        causes += _size_doubts(log, unit)
+            doubt_of_units = unit_doubt(found, sensor, problem.log)
+        causes += _size_doubts(log, doubt_of_units)
     kept = ~use.left_out & ~use.between
     result = Identification(sensor, fit, found.kept, kept, confidence, log, left_out=use.left_out)
-    weak = []
+    weaknesses = []
     if has_mass and not any(cause.refuses for cause in causes):
-        weak = weakness(result)
-    return replace(result, doubts=(*doubts, *causes, *weak, *_cluster_doubts(found, problem, use)))
+        weaknesses = weakness(result)
+    return replace(result, doubts=(*doubts, *causes, *weaknesses, *_cluster_doubts(found, problem, use)))
 
 
-def _size_doubts(log: ReadingLog, unit: Doubt | None) -> list[Doubt]:
-    """Doubts about the units of the motion; otherwise that about the unit of the readings, or about their sizes."""
+def _size_doubts(log: ReadingLog, doubt_of_units: Doubt | None) -> list[Doubt]:
+    """Doubts about the units of the motion; without any, that about the units of the readings, or about their sizes."""
     motion_doubts = log.motion_doubts()
     if motion_doubts:
         return motion_doubts
-    return [unit] if unit else log.size_doubts()
+    if doubt_of_units:
+        return [doubt_of_units]
+    return log.size_doubts()
 
 
 def _log_doubts(log: ReadingLog, use: UsedReadings) -> list[Doubt]:
     """Doubts about outliers and about readings between dwells."""
     doubts = []
-    outliers, between = int(use.left_out.sum()), int(use.between.sum())
-    if outliers:
+    outlier_count = int(use.left_out.sum())
+    if outlier_count:
         spans = [_span(log, first, last) for first, last in runs(use.left_out)]
-        listed = ", ".join(spans[:10])
-        if len(spans) > 10:
+        listed = ", ".join(spans[:_MAX_LISTED_SPANS])
+        if len(spans) > _MAX_LISTED_SPANS:
             listed += ", …"
         if log.time is None:
             listed += " (from 0)"
-        doubts.append(doubt("sensor-outliers", count=outliers, total=len(log), listed=listed))
-    if between:
-        doubts.append(doubt("sensor-between-dwells", count=between))
+        doubts.append(doubt("sensor-outliers", count=outlier_count, total=len(log), listed=listed))
+    between_count = int(use.between.sum())
+    if between_count:
+        doubts.append(doubt("sensor-between-dwells", count=between_count))
     return doubts
 
 
@@ -129,16 +141,17 @@ def _cluster_doubts(found: Diagnosis, problem: Problem, use: UsedReadings) -> li
     doubts = []
     label = use.orientation[found.kept]
     count = len(np.unique(label))
-    # Readings of a revisited orientation share its error.
+    # Readings of a revisited orientation share its error, so that they add no degree of freedom.
     freedom = (1.0 - found.fit.leverage[found.kept]).sum(axis=0) - (len(label) - count)
-    wanted = max(MIN_ORIENTATIONS - count, math.ceil(MIN_CHANNEL_FREEDOM - freedom.min() - 1e-9))
-    if problem.noise is None and wanted > 0:
+    missing_freedom = math.ceil(MIN_CHANNEL_FREEDOM - freedom.min() - 1e-9)
+    missing_orientations = max(MIN_ORIENTATIONS - count, missing_freedom)
+    if problem.noise is None and missing_orientations > 0:
         alike = ", and it is taken to be alike in the three forces and in the three moments" if few(label) else ""
         details: dict[str, Any] = {
             "orientations": MIN_ORIENTATIONS,
             "count": count,
             "axis": WRENCH[int(freedom.argmin())],
-            "wanted": wanted,
+            "wanted": missing_orientations,
             "alike": alike,
             "freedom": number(max(freedom.min(), 0.0), 2),
             "least": MIN_CHANNEL_FREEDOM,
@@ -146,9 +159,15 @@ def _cluster_doubts(found: Diagnosis, problem: Problem, use: UsedReadings) -> li
         doubts.append(doubt("sensor-few-orientations", **details))
     white = use.whiteness
     if white is not None and not white.white:
-        rare, lag1 = number(1 / max(white.chance, 1e-12), 2), number(white.lag1, 2)
-        lagged: dict[str, Any] = {"test": white.test, "length": white.length, "found": {"value": white.lag1}}
-        doubts.append(doubt("sensor-correlated", axis=white.axis, lag1=lag1, rare=rare, **lagged))
+        details = {
+            "axis": white.axis,
+            "lag1": number(white.lag1, 2),
+            "rare": number(1 / max(white.chance, 1e-12), 2),
+            "test": white.test,
+            "length": white.length,
+            "found": {"value": white.lag1},
+        }
+        doubts.append(doubt("sensor-correlated", **details))
     return doubts
 
 
@@ -160,10 +179,10 @@ def _span(log: ReadingLog, first: int, last: int) -> str:
 
 
 def _no_mass(found: Diagnosis, log: ReadingLog, problem: Problem) -> str:
-    """Message for a negative mass: evidence and most likely cause."""
+    """Message for a mass that is negative or zero: evidence and most likely cause."""
     evidence = f"mass comes out as {number(found.mass)} kg"
     better = others(found.sign, problem)
-    for reference in (found, *better[:1]):
+    for reference in (found, *better[:1]):  # the best of the others, if there is one
         mistake = _input_mistake(found, problem, reference)
         if mistake:
             return f"{evidence}. {mistake}"
@@ -186,9 +205,10 @@ def _doubt_on_poses(found: Diagnosis, force_noise: float) -> Doubt:
 
 def _remedy(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
     """Arguments that fit the log better, with their residual."""
-    best, *equal = indistinguishable_from_the_best(better)
-    remedy = f"Use {' or '.join(e.options for e in (best, *equal))}: the residual is then {_noise(best)}."
-    if equal:
+    best, *equally_good = indistinguishable_from_the_best(better)
+    options = " or ".join(explanation.options for explanation in (best, *equally_good))
+    remedy = f"Use {options}: the residual is then {_noise(best)}."
+    if equally_good:
         remedy += " These cannot be distinguished: check the sign, or add readings tilted about another axis."
     if log.by_gravity and log.V is None and best.sign != found.sign:
         remedy += f" {_MAY_POINT_UP}"
@@ -196,42 +216,47 @@ def _remedy(better: list[Diagnosis], found: Diagnosis, log: ReadingLog) -> str:
 
 
 def _input_mistake(found: Diagnosis, problem: Problem, reference: Diagnosis) -> Doubt | None:
-    """Swapped columns, wrong bias or gravity if they fit significantly better than the reference; None if not found."""
-    free = free_bias(found, problem)
-    exchanged = swap_forces_and_moments(problem, free or reference)
-    if exchanged is not None:
-        return doubt("sensor-exchanged", sign=Argument("sign", exchanged.sign), noise=_noise(exchanged))
-    if free is not None:
-        bias = listed_bias(free.fit.estimate[:6])
-        return doubt("sensor-known-bias", bias=bias, before=_noise(found), after=_noise(free))
-    upright = upside_down(found, problem, reference)
-    if upright is None:
+    """Doubt about swapped columns, a wrong bias or gravity that points up; None if none fits significantly better."""
+    with_free_bias = free_bias(found, problem)
+    with_swapped_columns = swap_forces_and_moments(problem, with_free_bias or reference)
+    if with_swapped_columns is not None:
+        sign = Argument("sign", with_swapped_columns.sign)
+        return doubt("sensor-exchanged", sign=sign, noise=_noise(with_swapped_columns))
+    if with_free_bias is not None:
+        bias = listed_bias(with_free_bias.fit.estimate[:6])
+        return doubt("sensor-known-bias", bias=bias, before=_noise(found), after=_noise(with_free_bias))
+    with_reversed_gravity = upside_down(found, problem, reference)
+    if with_reversed_gravity is None:
         return None
-    return doubt("sensor-gravity-up", noise=_noise(upright))
+    return doubt("sensor-gravity-up", noise=_noise(with_reversed_gravity))
 
 
 def _noise_doubts(found: Diagnosis) -> list[Doubt]:
-    """Doubts about a given noise."""
-    if not np.isinf(found.fit.freedom).all():
+    """Doubts about a given noise that residuals exceed."""
+    is_given = np.isinf(found.fit.freedom).all()
+    if not is_given:
         return []
     scaled = (found.fit.residuals / found.fit.deviation)[found.kept].reshape(-1, 2, 3)
+    ratios = np.sqrt((scaled**2).mean(axis=(0, 2))).tolist()
     doubts = []
-    for what, ratio in zip(("moments", "forces"), np.sqrt((scaled**2).mean(axis=(0, 2))).tolist(), strict=True):
+    for quantity, ratio in zip(("moments", "forces"), ratios, strict=True):
         if ratio > MAX_NOISE_RATIO:
-            doubts.append(doubt("sensor-noise", what=what, times=number(ratio, 2)))
+            doubts.append(doubt("sensor-noise", what=quantity, times=number(ratio, 2)))
     return doubts
 
 
 def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> list[Doubt]:
-    """Input error that explains the log, if any; otherwise the possible explanations."""
-    rows, doubts = problem.log, []
+    """Doubt about an input error that explains the log, if there is one; otherwise doubts about possible explanations."""
+    rows = problem.log
+    doubts = []
     better: list[Diagnosis] = []
     share = misfit(rows, found.fit, found.kept)
-    unexplained = share > MIN_MISFIT
-    if unexplained and turns_may_help(rows, found.fit, found.kept):
-        better = [e for e in others(found.sign, problem) if e.improves(found.fit)]
-    if unexplained or free_bias(found, problem) is not None:
-        mistake = _input_mistake(found, problem, better[0] if better else found)
+    is_misfit = share > MIN_MISFIT
+    if is_misfit and turns_may_help(rows, found.fit, found.kept):
+        better = [explanation for explanation in others(found.sign, problem) if explanation.improves(found.fit)]
+    if is_misfit or free_bias(found, problem) is not None:
+        reference = better[0] if better else found
+        mistake = _input_mistake(found, problem, reference)
         if mistake:
             return [mistake]
         residual = f"the residual is {_noise(found)}, {percent(share, 2)} of the change of forces"
@@ -249,7 +274,8 @@ def _explanation_doubts(found: Diagnosis, log: ReadingLog, problem: Problem) -> 
         if with_inertia is not None and with_inertia.improves(found.fit):
             doubts.append(doubt("sensor-inertia", before=_noise(found), after=_noise(with_inertia)))
     if found.turn and not doubts and is_planar(rows, found.fit, found.kept, found.mass):
-        other = explain("by_sensor" if found.sign == "on_sensor" else "on_sensor", problem)
+        other_sign: Sign = "by_sensor" if found.sign == "on_sensor" else "on_sensor"
+        other = explain(other_sign, problem)
         if other is not None and other.mass > 0 and other.equals(found.fit, found.kept):
             doubts.append(doubt("sensor-sign-or-mounting", options=other.options, noise=_noise(other)))
     return doubts

@@ -61,7 +61,7 @@ class Uncertainty:
 
     @property
     def _kinds(self) -> Unknowns:
-        """Unknowns with these names, told by the first name of each kind; the load is always one."""
+        """Unknowns with these names, by the first name of each kind; the load is always among them."""
         names = set(self.unknowns)
         return Unknowns(bias="bias mx" in names, inertia="Ixx" in names, turn="turn x" in names)
 

@@ -13,7 +13,7 @@ from ..mechanics.lie.labelled import WRENCH
 from .log import ReadingLog
 from .sensor import load_regressor
 
-_NAMES = {
+_NAMES_BY_KIND = {
     "bias": tuple(f"bias {axis}" for axis in WRENCH),
     "load": ("mass", "m cx", "m cy", "m cz"),
     "inertia": ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz"),
@@ -22,19 +22,25 @@ _NAMES = {
     "tilt": ("tilt 1", "tilt 2"),
     "delay": ("delay",),
 }
-MAX_DELAY = 0.5  # longest delay [s] that is tried
-_SCALES = {"bias": 1.0, "load": 1.0, "inertia": 0.1, "turn": 0.1, "drift": 1.0, "tilt": 0.1, "delay": 0.1}
+"""Names of the unknowns of each kind, in the order of their columns."""
+MAX_DELAY = 0.5
+"""Longest delay [s] that is tried."""
+_SCALE_BY_KIND = {"bias": 1.0, "load": 1.0, "inertia": 0.1, "turn": 0.1, "drift": 1.0, "tilt": 0.1, "delay": 0.1}
+"""Typical size of each unknown, in its SI unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorState:
     """Values of the unknowns on which readings depend nonlinearly."""
 
-    mounting: Array = field(default_factory=lambda: np.eye(3))  # R_fs (3, 3)
+    mounting: Array = field(default_factory=lambda: np.eye(3))
+    """R_fs (3, 3)."""
     tilt: Array = field(default_factory=lambda: np.eye(3))
     """Rotation (3, 3) from the given to the actual gravity, in {w}."""
-    delay: float = 0.0  # delay of readings after the poses of the same row [s]
-    load: Array | None = None  # (10,) parameters, once estimated
+    delay: float = 0.0
+    """Delay of readings after the poses of the same row [s]."""
+    load: Array | None = None
+    """Parameters (10,) of the load; None until they are estimated."""
     middle: float | None = None
     """Time [s] to which a drifting bias refers; the middle of the log if None."""
 
@@ -57,23 +63,24 @@ class Unknowns:
     @property
     def kinds(self) -> tuple[str, ...]:
         """Groups of unknowns, in the order of their columns."""
-        return tuple(kind for kind in _NAMES if kind == "load" or getattr(self, kind))
+        return tuple(kind for kind in _NAMES_BY_KIND if kind == "load" or getattr(self, kind))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the columns of the design, in order."""
-        return tuple(chain.from_iterable(_NAMES[kind] for kind in self.kinds))
+        return tuple(chain.from_iterable(_NAMES_BY_KIND[kind] for kind in self.kinds))
 
     @property
     def scales(self) -> Array:
         """Typical size (p,) of each unknown, to make them comparable."""
-        return np.concatenate([np.full(len(_NAMES[kind]), _SCALES[kind]) for kind in self.kinds])
+        return np.concatenate([np.full(len(_NAMES_BY_KIND[kind]), _SCALE_BY_KIND[kind]) for kind in self.kinds])
 
     @property
     def load(self) -> slice:
         """Columns of mass, first moment (and inertia)."""
-        start = 6 * self.bias
-        return slice(start, start + 4 + 6 * self.inertia)
+        start = 6 if self.bias else 0
+        count = 10 if self.inertia else 4
+        return slice(start, start + count)
 
     @property
     def nonlinear_columns(self) -> Array:
@@ -88,8 +95,8 @@ class Unknowns:
     def part(self, kind: str) -> slice:
         """Columns of the unknowns of one group."""
         earlier_kinds = self.kinds[: self.kinds.index(kind)]
-        start = sum(len(_NAMES[k]) for k in earlier_kinds)
-        return slice(start, start + len(_NAMES[kind]))
+        start = sum(len(_NAMES_BY_KIND[earlier_kind]) for earlier_kind in earlier_kinds)
+        return slice(start, start + len(_NAMES_BY_KIND[kind]))
 
     def design(self, log: ReadingLog, factor: float, state: SensorState) -> Array:
         """Design matrix A (n, 6, p) of the readings; columns of turn, tilt and delay are zero without a load."""
@@ -104,11 +111,15 @@ class Unknowns:
         if self.delay:  # F(t - d) changes by -Ḟ
             from scipy.interpolate import CubicSpline
 
-            spline, pose_times = CubicSpline(log.clock, Y), log.clock - state.delay
+            spline = CubicSpline(log.clock, Y)
+            pose_times = log.clock - state.delay
             Y = np.asarray(spline(pose_times))
-            columns["delay"] = -_to_sensor_axes(np.asarray(spline(pose_times, 1)), state.mounting) @ load[:, None]
+            dY = np.asarray(spline(pose_times, 1))
+            columns["delay"] = -_to_sensor_axes(dY, state.mounting) @ load[:, None]
         Y = _to_sensor_axes(Y, state.mounting)  # F_s = Y π
-        columns |= {"bias": np.broadcast_to(np.eye(6), (len(log), 6, 6)), "load": Y[..., :4], "inertia": Y[..., 4:]}
+        columns["bias"] = np.broadcast_to(np.eye(6), (len(log), 6, 6))
+        columns["load"] = Y[..., :4]
+        columns["inertia"] = Y[..., 4:]
         if self.turn:  # R exp([δ]): the wrench in the turned axes changes by F × δ
             F = Y @ load
             columns["turn"] = np.concatenate([so3.hat(F[:, :3]), so3.hat(F[:, 3:])], axis=1)
@@ -128,27 +139,32 @@ class Unknowns:
 
     def next_state(self, state: SensorState, log: ReadingLog, x: Array) -> SensorState:
         """State after a Gauss-Newton step x (p,)."""
-        load = np.concatenate([x[self.load], np.zeros(10 - len(x[self.load]))])
+        estimated = x[self.load]
+        load = np.concatenate([estimated, np.zeros(10 - len(estimated))])
         mounting, tilt, delay = state.mounting, state.tilt, state.delay
         if self.turn:
             mounting = mounting @ so3.exp(x[self.part("turn")])
         if self.tilt:
             tilt = so3.exp(x[self.part("tilt")] @ level_axes(log)) @ tilt
         if self.delay:
-            delay = float(np.clip(delay + float(x[self.part("delay")][0]), -MAX_DELAY, MAX_DELAY))
+            change = float(x[self.part("delay")][0])
+            delay = float(np.clip(delay + change, -MAX_DELAY, MAX_DELAY))
         return SensorState(mounting, tilt, delay, load, state.middle)
 
 
 def level_axes(log: ReadingLog) -> Array:
     """The two most level axes of {w} (2, 3), about which a base may be tilted."""
-    g = np.abs(_world_gravity(log)[1][0])
-    return np.eye(3)[np.sort(np.argsort(g)[:2])]
+    _, gravity = _world_gravity(log)
+    most_level = np.argsort(np.abs(gravity[0]))[:2]
+    return np.eye(3)[np.sort(most_level)]
 
 
 def _world_gravity(log: ReadingLog) -> tuple[Array, Array]:
-    """R_fw (n, 3, 3), and gravity (n, 3) in {w}."""
-    R = np.broadcast_to(np.eye(3), (len(log), 3, 3)) if log.rotations is None else log.rotations
-    return np.swapaxes(R, 1, 2), np.asarray((R @ log.gravity[..., None])[..., 0])
+    """R_fw (n, 3, 3), and gravity (n, 3) in {w}; {w} is {f} if no orientations were logged."""
+    R_wf = log.rotations
+    if R_wf is None:
+        R_wf = np.broadcast_to(np.eye(3), (len(log), 3, 3))
+    return np.swapaxes(R_wf, 1, 2), np.asarray((R_wf @ log.gravity[..., None])[..., 0])
 
 
 def _to_sensor_axes(Y: Array, mounting: Array) -> Array:

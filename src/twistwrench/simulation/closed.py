@@ -56,12 +56,13 @@ class ClosedSimulation(SimulationResult):
     @classmethod
     def _from_result(cls, result: SimulationResult, closed: ConstrainedRobot, loops: Loops | None) -> Self:
         """Result with its constraint forces and errors; ``loops`` is None if no row is constrained."""
-        known = {f.name: getattr(result, f.name) for f in fields(SimulationResult) if f.init}
-        known |= {"row_names": closed.row_names, "gap": np.abs(closed.gaps(result.q)).max(axis=-1, initial=0.0)}
+        values = {field.name: getattr(result, field.name) for field in fields(SimulationResult) if field.init}
+        values["row_names"] = closed.row_names
+        values["gap"] = np.abs(closed.gaps(result.q)).max(axis=-1, initial=0.0)
         if loops is None:
-            return cls(**known, lam=np.zeros((len(result), len(closed.sizes))))
+            return cls(**values, lam=np.zeros((len(result), len(closed.sizes))))
         lam = loops.system.multipliers(result.times, result.q, result.dq, result.tau)
-        return cls(**known, lam=lam, gap_before=loops.largest_gap, slip_before=loops.largest_rate)
+        return cls(**values, lam=lam, gap_before=loops.largest_gap, slip_before=loops.largest_rate)
 
     def __repr__(self) -> str:
         gaps = f"gap {residual(self.gap.max(initial=0.0))}, before projection {residual(self.gap_before)}"
@@ -77,10 +78,10 @@ def simulate_closed(
         raise UnknownNameError.from_choices("method", method, CLOSED_METHODS)
     loops = Loops(closed) if closed.independent else None
     if q0 is None:
-        q0 = some_configurations(closed, closed.open().neutral)[0]
+        q0, *_ = some_configurations(closed, closed.open().neutral)
     try:
         result = run_to_end(build_run(closed.open(), q0, *start, method=method, loops=loops, **options))
-    except (SimulationError, KeyboardInterrupt) as problem:
+    except (SimulationError, KeyboardInterrupt) as problem:  # its partial result becomes that of a closed robot
         partial_result = getattr(problem, "result", None)
         if isinstance(partial_result, SimulationResult):
             problem.result = ClosedSimulation._from_result(partial_result, closed, loops)  # type: ignore[union-attr]
@@ -103,7 +104,8 @@ class ClosedRollout(Rollout):
     States from there on are NaN, because the motion is not unique."""
 
     def __repr__(self) -> str:
-        gap, gap_before = float(np.max(self.gap, initial=0.0)), float(np.max(self.gap_before, initial=0.0))
+        gap = float(np.max(self.gap, initial=0.0))
+        gap_before = float(np.max(self.gap_before, initial=0.0))
         return f"{super().__repr__()[:-1]}; gap {residual(gap)}, before projection {residual(gap_before)}>"
 
 
@@ -117,10 +119,10 @@ def rollout_closed(
             "gradients and out are for rollouts of open robots; leave them out where loops are closed."
         )
     if not closed.independent:
-        plain = rollout_of_tree(robot, *start, gradients=False, out=None, **options)
-        none = np.zeros(plain.batch)
-        known = {name: getattr(plain, name) for name in Rollout.__dataclass_fields__}
-        return ClosedRollout(**known, gap=none, gap_before=none, slip_before=none, lost_from=none + np.inf)
+        rollout = rollout_of_tree(robot, *start, gradients=False, out=None, **options)
+        zeros = np.zeros(rollout.batch)
+        values = {name: getattr(rollout, name) for name in Rollout.__dataclass_fields__}
+        return ClosedRollout(**values, gap=zeros, gap_before=zeros, slip_before=zeros, lost_from=zeros + np.inf)
     loops = Loops(closed)
     inputs = validate_inputs(robot, *start, **options, step_of=loops.step_of)
     if moves_joints(robot.model, inputs.plan.parameters):
@@ -130,19 +132,27 @@ def rollout_closed(
         )
     inputs = _projected_inputs(loops, inputs)
     q, dq, loop_states, *tau = take_all_steps(robot, inputs, room_for(inputs, None))
-    lost = ~(loop_states[..., ON_CONSTRAINTS] > 0.5)
-    q[lost], dq[lost] = np.nan, np.nan
-    last = np.maximum((~lost).sum(axis=-1) - 1, 0)  # last state on the constraints
-    end = np.take_along_axis(loop_states, last[..., None, None], axis=-2)[..., 0, :]
-    lost_from = np.where(lost.any(axis=-1), inputs.times[np.argmax(lost, axis=-1)], np.inf)
-    if lost.any():
+    is_lost = ~(loop_states[..., ON_CONSTRAINTS] > 0.5)
+    q[is_lost] = np.nan
+    dq[is_lost] = np.nan
+    last = np.maximum((~is_lost).sum(axis=-1) - 1, 0)  # index of the last state on the constraints
+    last_loop_state = np.take_along_axis(loop_states, last[..., None, None], axis=-2)[..., 0, :]
+    first_lost_time = inputs.times[np.argmax(is_lost, axis=-1)]
+    lost_from = np.where(is_lost.any(axis=-1), first_lost_time, np.inf)
+    if is_lost.any():
         inputs = replace(inputs, remarks=(*inputs.remarks, _remark_on_lost(lost_from)))
-    gaps = {
-        "gap": end[..., REMAINING_GAP],
-        "gap_before": end[..., LARGEST_GAP],
-        "slip_before": end[..., LARGEST_RATE],
-    }
-    return build_rollout(ClosedRollout, robot, inputs, q, dq, tau, **gaps, lost_from=lost_from)
+    return build_rollout(
+        ClosedRollout,
+        robot,
+        inputs,
+        q,
+        dq,
+        tau,
+        gap=last_loop_state[..., REMAINING_GAP],
+        gap_before=last_loop_state[..., LARGEST_GAP],
+        slip_before=last_loop_state[..., LARGEST_RATE],
+        lost_from=lost_from,
+    )
 
 
 def _remark_on_lost(lost_from: Array) -> str:
@@ -160,10 +170,8 @@ def _remark_on_lost(lost_from: Array) -> str:
 
 def _projected_inputs(loops: Loops, inputs: Inputs) -> Inputs:
     """Inputs with initial states projected onto the constraints, and the initial loop-closure state."""
-    closed = loops.closed
-    # float64, since loops are closed to 1e-12.
-    q, dq, *rest = (x.astype(float, copy=False) for x in inputs.arrays)
-    require_met(closed, q, dq)
+    q, dq, *other_arrays = (x.astype(float, copy=False) for x in inputs.arrays)  # float64: loops are closed to 1e-12
+    require_met(loops.closed, q, dq)
     with np.errstate(all="ignore"):
         q, dq, pivot = loops.project(q, dq)
     if not (pivot >= MIN_PIVOT).all():
@@ -174,5 +182,6 @@ def _projected_inputs(loops: Loops, inputs: Inputs) -> Inputs:
             "way only. Start elsewhere."
         )
     loop_state = np.zeros((*pivot.shape, LOOP_STATE_SIZE))
-    loop_state[..., PIVOT], loop_state[..., ON_CONSTRAINTS] = pivot, 1.0
-    return replace(inputs, arrays=[q, dq, loop_state, *rest], ranks=[1, *inputs.ranks], dtype=np.float64)
+    loop_state[..., PIVOT] = pivot
+    loop_state[..., ON_CONSTRAINTS] = 1.0
+    return replace(inputs, arrays=[q, dq, loop_state, *other_arrays], ranks=[1, *inputs.ranks], dtype=np.float64)

@@ -34,15 +34,16 @@ def torque_limits_of(robot: Robot, given: Any) -> list[tuple[str, Array, int]]:
     if given is True:
         limits = robot.limits.effort
     else:
-        limits = _real(given, "torque_limits", robot.model.velocity_names)
-    if limits.shape[-1:] != (robot.nv,) and limits.ndim:
+        limits = _real_array(given, "torque_limits", robot.model.velocity_names)
+    if limits.ndim and limits.shape[-1] != robot.nv:
         raise ShapeError(
             f"torque_limits has shape {limits.shape}, but robot {robot.name!r} wants {robot.nv} in the last axis, one number "
             "for all, or True for its own."
         )
-    if not (limits >= 0).all():
+    not_allowed = limits[~(limits >= 0)]  # NaN among them
+    if not_allowed.size:
         raise ValueRangeError(
-            f"torque_limits has {printed(limits[~(limits >= 0)].flat[0])}, and limits are at least 0; inf is none."
+            f"torque_limits has {printed(not_allowed.flat[0])}, and limits are at least 0; inf is none."
         )
     return [("torque_limits", limits, robot.nv)]
 
@@ -61,23 +62,24 @@ def law_of(tau: Any) -> TorqueLaw:
     return GivenTorque(tau)
 
 
-def _real(x: Any, what: str, names: Sequence[str] = ()) -> Array:
-    """Real numbers, float32 or float64, of any shape; table columns by name."""
-    array = arguments.array(x, what, names=names)
+def _real_array(x: Any, label: str, names: Sequence[str] = ()) -> Array:
+    """Real numbers, float32 or float64, of any shape; a table's columns are taken by ``names``."""
+    array = arguments.array(x, label, names=names)
     if array.dtype == object:
-        raise ValueRangeError(f"{what} is of symbols, and a rollout is of numbers.")
+        raise ValueRangeError(f"{label} is of symbols, and a rollout is of numbers.")
     return array
 
 
-def state_of(robot: Robot, what: str, given: Any, size: int) -> Array:
-    """Part of a state, q0 or dq0, with the right length; quaternions must not be zero."""
-    names = robot.coordinate_names if what == "q0" else robot.model.velocity_names
-    x = _real(given, what, names)
+def state_of(robot: Robot, name: str, given: Any, size: int) -> Array:
+    """Part of a state, q0 or dq0 by its name, with the right length; quaternions must not be zero."""
+    names = robot.coordinate_names if name == "q0" else robot.model.velocity_names
+    x = _real_array(given, name, names)
     if x.shape[-1:] != (size,):
-        raise ShapeError(f"{what} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
-    if what == "q0":
+        raise ShapeError(f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis.")
+    if name == "q0":
         for body in robot.model.leaders:
-            if not body.joint.is_configuration(x[..., body.places[0]]):
+            q_indices, _ = body.places
+            if not body.joint.is_configuration(x[..., q_indices]):
                 raise ValueRangeError(
                     f"q0 has a quaternion of zeros at joint {body.joint.name!r}, not a rotation; the identity is (1, 0, 0, 0)."
                 )
@@ -89,14 +91,14 @@ def law_inputs(robot: Robot, law: TorqueLaw) -> list[tuple[str, Array, int]]:
     inputs = []
     for name in law.names:
         names = robot.coordinate_names if name == "q_des" else robot.model.velocity_names
-        size, value = len(names), getattr(law, name)
-        no_torque = value is None and isinstance(law, GivenTorque)
-        if no_torque:
-            value = 0.0
-        x = _real(value, name, names)
-        one_for_all = no_torque or name not in ("tau", "q_des")
-        if x.shape[-1:] != (size,) and not (one_for_all and x.ndim == 0):
-            alternative = ", or one number for all" if one_for_all else ""
+        size = len(names)
+        given = getattr(law, name)
+        is_torque_left_out = given is None and isinstance(law, GivenTorque)
+        x = _real_array(0.0 if is_torque_left_out else given, name, names)
+        may_be_number = is_torque_left_out or name not in ("tau", "q_des")
+        is_number_for_all = may_be_number and x.ndim == 0
+        if x.shape[-1:] != (size,) and not is_number_for_all:
+            alternative = ", or one number for all" if may_be_number else ""
             raise ShapeError(
                 f"{name} has shape {x.shape}, but robot {robot.name!r} wants {size} in the last axis{alternative}."
             )
@@ -117,7 +119,7 @@ def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Ar
             raise ValueRangeError(
                 f"parameters: {name!r} is a pattern. Name each: {', '.join(robot.varying(str(name)))}."
             )
-    values = {name: _real(x, f"parameter {name!r}") for name, x in given.items()}
+    values = {name: _real_array(x, f"parameter {name!r}") for name, x in given.items()}
     refuse_impossible(robot.model, values)
     return tuple(values), list(values.values())
 
@@ -125,7 +127,9 @@ def parameter_values(robot: Robot, given: Any) -> tuple[tuple[str, ...], list[Ar
 ROLLOUT_METHODS = ("semi_implicit", "rk4")
 """Methods of rollouts, by their names in simulations."""
 MAX_STEPS = 10**9
+"""Largest number of steps of a rollout."""
 LAWS_OF_FRICTION = (".viscous", ".coulomb", ".static", ".load")
+"""Endings of the names of friction parameters."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,7 @@ class Inputs:
     """Arguments of a kernel call."""
 
     plan: StepPlan
+    """Step of the rollout."""
     arrays: list[Array]
     """States, dt, and the other inputs of each step, with an axis of steps; the batch has one axis or none."""
     ranks: list[int]
@@ -184,52 +189,67 @@ def validate_inputs(
         raise ShapeError("wrench_on_robot is a dict {frame: (m, f)}, since a wrench needs its frame.")
     frames = {frame: wrench_at(robot.model, frame, F) for frame, F in wrenches.items()}
     names, values = parameter_values(robot, parameters)
-    rubs = friction and (robot.model.friction.any or any(name.endswith(LAWS_OF_FRICTION) for name in names))
-    if rubs and method == "semi_implicit":
+    has_friction = friction and _has_friction(robot, names)
+    if has_friction and method == "semi_implicit":
         refuse_couplings(robot.model, f"friction by method {method!r}")
     returns_torques = arguments.flag(torques, "torques")
     if not isinstance(method, str) or method not in ROLLOUT_METHODS:
         raise UnknownNameError.from_choices("method", method, ROLLOUT_METHODS)
-    plan = step_of(StepPlan(robot.model, law, method, bool(limits), tuple(frames), names, rubs, returns_torques))
+    plan = step_of(
+        StepPlan(robot.model, law, method, bool(limits), tuple(frames), names, has_friction, returns_torques)
+    )
     given = [*law_inputs(robot, law), *limits]
     given += [(f"the wrench at {frame!r}", F, 6) for frame, F in frames.items()]
     states = [state_of(robot, "q0", q0, robot.nq), state_of(robot, "dq0", dq0, robot.nv)]
     n, h, kept = _count_steps(dt, steps, duration, every, given)
-    by_step = {label: _with_step_axis(label, x, size, n) for label, x, size in given}
-    parameter_of = dict(zip(names, values, strict=True))
-    batch = _batch_shape(states, by_step, parameter_of)
-    step_inputs = list(by_step.values())
+    arrays_by_step = {label: _with_step_axis(label, x, size, n) for label, x, size in given}
+    parameter_by_name = dict(zip(names, values, strict=True))
+    batch = _batch_shape(states, arrays_by_step, parameter_by_name)
+    step_inputs = list(arrays_by_step.values())
     remarks: tuple[str, ...] = (NONE_GIVEN,) if friction and not plan.friction else ()
     if plan.eases:
-        creep = creep_of_samples(robot, states[0], h, parameter_of)
+        creep = creep_of_samples(robot, states[0], h, parameter_by_name)
         step_inputs.append(creep[..., None, :])
         remark = easing_remark(robot.model, creep) if creep.size else None
         if remark:
             remarks = (remark,)
     if names:
         step_inputs.append(np.stack(np.broadcast_arrays(*values), axis=-1)[..., None, :])
-    numbers = [x for label, x, _ in given if label != "torque_limits" or torque_limits is not True]
-    dtype = _common_dtype([*states, *numbers, *values])
+    # The robot's own torque limits are float64 and do not decide the type of the results.
+    decisive = [x for label, x, _ in given if label != "torque_limits" or torque_limits is not True]
+    dtype = _common_dtype([*states, *decisive, *values])
     arrays = [_with_batch_axis(x.astype(dtype, copy=False), 1, batch) for x in states]
     arrays.append(np.broadcast_to(np.asarray(h, dtype), n))
-    for x in step_inputs:
-        array = _with_batch_axis(x.astype(dtype, copy=False), 2, batch)
-        if array.shape[-2] != n:
-            array = np.broadcast_to(array, (*array.shape[:-2], n, array.shape[-1]))
-        arrays.append(array)
+    arrays += [_with_all_steps(_with_batch_axis(x.astype(dtype, copy=False), 2, batch), n) for x in step_inputs]
     shapes: dict[str, tuple[int, ...] | None] = {"q0": states[0].shape, "dq0": states[1].shape}
     shapes |= {label: x.shape for label, x, _ in given}
-    shapes |= {f"parameter {name}": x.shape for name, x in parameter_of.items()}
+    shapes |= {f"parameter {name}": x.shape for name, x in parameter_by_name.items()}
     if isinstance(law, GivenTorque) and law.tau is None:
         shapes["tau"] = None
-    return Inputs(plan, arrays, [1, 1, 1, *[2] * len(step_inputs)], batch, dtype, n, h, kept, remarks, shapes)
+    ranks = [1, 1, 1, *[2] * len(step_inputs)]  # of q0, dq0 and dt, then of the other inputs
+    return Inputs(plan, arrays, ranks, batch, dtype, n, h, kept, remarks, shapes)
 
 
-def _batch_shape(states: list[Array], by_step: dict[str, Array], parameter_of: dict[str, Array]) -> tuple[int, ...]:
+def _has_friction(robot: Robot, parameters: Sequence[str]) -> bool:
+    """True if a robot has joint friction, or if some of the parameters that vary are those of friction."""
+    return bool(robot.model.friction.any) or any(name.endswith(LAWS_OF_FRICTION) for name in parameters)
+
+
+def _with_all_steps(x: Array, n: int) -> Array:
+    """Array with n entries along its axis of steps, the last but one; a single entry is repeated."""
+    if x.shape[-2] == n:
+        return x
+    return np.broadcast_to(x, (*x.shape[:-2], n, x.shape[-1]))
+
+
+def _batch_shape(
+    states: list[Array], arrays_by_step: dict[str, Array], parameter_by_name: dict[str, Array]
+) -> tuple[int, ...]:
     """Shape of the batch of all inputs; raises ShapeError if they do not broadcast."""
-    shapes = [("q0", states[0].shape[:-1]), ("dq0", states[1].shape[:-1])]
-    shapes += [(label, x.shape[:-2]) for label, x in by_step.items()]
-    shapes += [(name, x.shape) for name, x in parameter_of.items()]
+    q0, dq0 = states
+    shapes = [("q0", q0.shape[:-1]), ("dq0", dq0.shape[:-1])]
+    shapes += [(label, x.shape[:-2]) for label, x in arrays_by_step.items()]
+    shapes += [(name, x.shape) for name, x in parameter_by_name.items()]
     try:
         return np.broadcast_shapes(*(shape for _, shape in shapes))
     except ValueError:
@@ -245,17 +265,18 @@ def _common_dtype(arrays: list[Array]) -> Any:
 
 
 def _with_batch_axis(x: Array, rank: int, batch: tuple[int, ...]) -> Array:
-    """Array with one axis for the whole batch, or none if it is constant over the batch."""
-    own, core = x.shape[: x.ndim - rank], x.shape[x.ndim - rank :]
-    if math.prod(own) == 1:
+    """Array with one axis for the whole batch before its last ``rank`` axes, or none if it is constant over the batch."""
+    batch_axes = x.ndim - rank
+    own_batch, core = x.shape[:batch_axes], x.shape[batch_axes:]
+    if math.prod(own_batch) == 1:
         return x.reshape(core)
     try:
         return np.broadcast_to(x, (*batch, *core)).reshape(math.prod(batch), *core)
     except (MemoryError, ValueError):
-        size = math.prod((*batch, *core)) * x.itemsize
+        bytes_needed = math.prod((*batch, *core)) * x.itemsize
         raise ValueRangeError(
-            f"an input of shape {x.shape} for each of a batch {batch} takes {printed(size / 1e9, 3)} GB, more than there "
-            "is. Take fewer samples at a time."
+            f"an input of shape {x.shape} for each of a batch {batch} takes {printed(bytes_needed / 1e9, 3)} GB, more than "
+            "there is. Take fewer samples at a time."
         ) from None
 
 
@@ -263,24 +284,26 @@ def _count_steps(
     dt: Any, steps: Any, duration: Any, every: Any, given: list[tuple[str, Array, int]]
 ) -> tuple[int, float, int]:
     """Number of steps, their length, and the number of states stored after the first."""
-    h, interval = positive(dt, "dt", "s"), whole(every, "every")
+    h = positive(dt, "dt", "s")
+    interval = whole(every, "every")
     if steps is not None and duration is not None:
         raise ValueRangeError("both steps and duration are given: leave one out.")
     if steps is not None:
         n = whole(steps, "steps")
     elif duration is not None:
-        length = positive(duration, "duration", "s")
-        if not length / h < MAX_STEPS:
+        duration = positive(duration, "duration", "s")
+        if not duration / h < MAX_STEPS:
             raise ValueRangeError(
-                f"a duration of {printed(length)} s with a dt of {printed(h)} s makes more than {printed(MAX_STEPS, 1)} steps."
+                f"a duration of {printed(duration)} s with a dt of {printed(h)} s makes more than {printed(MAX_STEPS, 1)} "
+                "steps."
             )
-        n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
-        h = length / n
+        n = max(1, math.ceil(duration / h * (1.0 - 1e-12)))  # no further step for a rounding error
+        h = duration / n
     else:
-        lengths = [x.shape[-2] for _, x, _ in given if x.ndim > 1 and x.shape[-2] != 1]
-        if not lengths or not lengths[0]:
+        step_counts = [x.shape[-2] for _, x, _ in given if x.ndim > 1 and x.shape[-2] != 1]
+        if not step_counts or not step_counts[0]:
             raise ValueRangeError("how long? Give steps, duration, or torques with axes (..., steps, nv).")
-        n = lengths[0]
+        n = step_counts[0]
     if n > MAX_STEPS:
         raise ValueRangeError(f"steps is {printed(n, 3)}, and more than {printed(MAX_STEPS, 1)} are refused.")
     if n % interval:

@@ -26,17 +26,20 @@ if TYPE_CHECKING:
     from ..shapes.solids import Solid
 
 Exact = Literal["auto"] | bool
-_POSES = 2000
+"""True: distances by coal; False: by capsules; "auto": by coal if it is installed."""
+_RANDOM_CONFIGURATIONS = 2000
 """Number of random configurations used to find pairs that are always in contact."""
-_ROWS = 4096
+_ROWS_PER_BATCH = 4096
 """Number of configurations processed at a time."""
-_CONTACT = 1e-9  # m: surfaces closer than this are in contact
+_CONTACT_DISTANCE = 1e-9
+"""m: surfaces closer than this are in contact."""
 
 
 class LinkShape(NamedTuple):
     """One shape of a link for coal, and what it encloses."""
 
     geometry: Any
+    """Object of coal."""
     pose: Array
     """Pose (4, 4) in the frame of the link."""
     walls: Enclosure | None
@@ -51,14 +54,15 @@ class LinkShape(NamedTuple):
 
     def inside(self, wall: Enclosure, T: Array) -> bool | None:
         """True if a part of this shape, whose pose in the frame of ``wall`` is T, is inside it; None if that is not known."""
-        own = np.zeros((1, 3)) if self.walls is None else self.walls.vertices
-        if not wall.reaches(own @ T[:3, :3].T + T[:3, 3]).any():
+        R, p = T[:3, :3], T[:3, 3]
+        vertices = np.zeros((1, 3)) if self.walls is None else self.walls.vertices
+        if not wall.reaches(vertices @ R.T + p).any():
             return False
-        return any_of(wall.holds(points @ T[:3, :3].T + T[:3, 3]) for points in self.parts)
+        return any_of(wall.holds(points @ R.T + p) for points in self.parts)
 
 
 def any_of(answers: Iterable[bool | None]) -> bool | None:
-    """True if an answer is; otherwise None if one is not known."""
+    """True if one of the answers is True; otherwise None if one of them is None, which means not known."""
     result: bool | None = False
     for answer in answers:
         if answer:
@@ -69,10 +73,10 @@ def any_of(answers: Iterable[bool | None]) -> bool | None:
 
 
 class Nearest(NamedTuple):
-    """Smallest distance found."""
+    """Smallest distance found, and its pair."""
 
     distance: float
-    """[m]."""
+    """Distance [m]."""
     pair: int
     """Index of the pair; -1 if none is nearer than the bound given."""
     hidden: frozenset[int] = frozenset()
@@ -85,13 +89,20 @@ class LinkPairs:
 
     robot: Robot
     capsules: CapsuleDistances
-    links: Array  # (p, 2), indices of the links
-    starts: Array  # (p,), index of each link pair's first capsule pair; its others follow
-    shapes: Sequence[Sequence[LinkShape]] | None  # of each link; None: capsules only
+    links: Array
+    """(p, 2) indices of the links."""
+    starts: Array
+    """(p,) index of the first capsule pair of each link pair; its other ones follow."""
+    shapes: Sequence[Sequence[LinkShape]] | None
+    """Shapes of each link; None: capsules only."""
     unknown: tuple[str, ...]
-    known: int  # number of links with all their shapes
+    """Links with mass and a missing or unreadable shape."""
+    known: int
+    """Number of links with all their shapes."""
     undecided: tuple[str, ...] = ()
+    """Pairs left out because their capsules always overlap."""
     touching: tuple[str, ...] = ()
+    """Pairs left out because they are nearly always in contact."""
 
     @classmethod
     def from_robot(cls, robot: Robot, exact: Exact = "auto", srdf: str | Path | None = None) -> LinkPairs:
@@ -107,13 +118,17 @@ class LinkPairs:
 
     @classmethod
     def _without_contact(cls, robot: Robot, disabled: frozenset[frozenset[str]], *, exact: bool) -> LinkPairs:
+        """Pairs of links that are not disabled, without those that are always in contact."""
         solids, unknown = link_solids(robot)
-        capsules, names = LinkCapsules.from_solids(robot, solids), robot.link_names
+        capsules = LinkCapsules.from_solids(robot, solids)
+        names = robot.link_names
         shapes = [_geometries(link) for link in solids] if exact else None
         with_shapes = {name for name, link in zip(names, solids, strict=True) if link}
-        pairs = capsules.separable_pairs(robot)
-        pairs = pairs[[frozenset((names[a], names[b])) not in disabled for a, b in capsules.links[pairs]]]
-        pairs = pairs[np.lexsort(capsules.links[pairs].T[::-1])]  # capsule pairs of the same links are adjacent
+        capsule_pairs = capsules.separable_pairs(robot)
+        is_enabled = [frozenset((names[a], names[b])) not in disabled for a, b in capsules.links[capsule_pairs]]
+        capsule_pairs = capsule_pairs[is_enabled]
+        order = np.lexsort(capsules.links[capsule_pairs].T[::-1])  # capsule pairs of the same links are adjacent
+        capsule_pairs = capsule_pairs[order]
         none = np.zeros(0, int)
 
         def link_pairs(rows: Array) -> LinkPairs:
@@ -121,34 +136,36 @@ class LinkPairs:
             distances = CapsuleDistances(robot, capsules, rows, none, None, none, itself=True)
             return cls(robot, distances, links, starts, shapes, tuple(unknown), len(with_shapes - {*unknown}))
 
-        all_pairs = link_pairs(pairs)
-        if not len(pairs):
+        all_pairs = link_pairs(capsule_pairs)
+        if not len(capsule_pairs):
             return all_pairs
-        always = all_pairs._always_in_contact()
-        _, link_pair_of = np.unique(capsules.links[pairs], axis=0, return_inverse=True)
+        always_touch = all_pairs._always_in_contact()
+        _, link_pair_of = np.unique(capsules.links[capsule_pairs], axis=0, return_inverse=True)
         link_pair_of = link_pair_of.ravel()  # of two axes in NumPy 2.0
-        judged = link_pairs(pairs[~always[link_pair_of]])
-        left_out = all_pairs.pair_texts(np.flatnonzero(always).tolist())
+        judged = link_pairs(capsule_pairs[~always_touch[link_pair_of]])
+        left_out = all_pairs.pair_texts(np.flatnonzero(always_touch).tolist())
         if exact:
             return replace(judged, touching=left_out)
         return replace(judged, undecided=left_out)
 
     def _always_in_contact(self) -> Array:
         """Mask (p,) of pairs in contact (without coal: of capsules) in a share :data:`ALWAYS` of random configurations."""
-        q = self.robot.random_configuration(0, _POSES)
-        touch = self.bounds(q) <= 0.0
-        always = np.asarray(touch.mean(axis=0) >= ALWAYS)
+        q = self.robot.random_configuration(0, _RANDOM_CONFIGURATIONS)
+        capsules_touch = self.bounds(q) <= 0.0
+        always_touch = np.asarray(capsules_touch.mean(axis=0) >= ALWAYS)
         if self.shapes is None:
-            return always
+            return always_touch
         poses = self.robot.link_poses(q)
-        for k in np.flatnonzero(always).tolist():
-            apart = 0
-            for row in np.flatnonzero(touch[:, k]):
-                apart += self.separation(poses[row], k, _CONTACT)[0] > 0.0
-                if apart > (1.0 - ALWAYS) * _POSES:
-                    always[k] = False
+        max_apart = (1.0 - ALWAYS) * _RANDOM_CONFIGURATIONS
+        for k in np.flatnonzero(always_touch).tolist():
+            apart_count = 0
+            for row in np.flatnonzero(capsules_touch[:, k]):
+                distance, _ = self.separation(poses[row], k, _CONTACT_DISTANCE)
+                apart_count += distance > 0.0
+                if apart_count > max_apart:
+                    always_touch[k] = False
                     break
-        return always
+        return always_touch
 
     @property
     def names(self) -> Array:
@@ -156,12 +173,12 @@ class LinkPairs:
         return np.array(self.robot.link_names)[self.links]
 
     def pair_texts(self, pairs: Iterable[int]) -> tuple[str, ...]:
-        """Texts of some pairs."""
-        return tuple(f"{a} – {b}" for a, b in self.names[sorted(pairs)])
+        """Texts of some pairs, given by their indices."""
+        return tuple(f"{first} – {second}" for first, second in self.names[sorted(pairs)])
 
     def bounds(self, q: Array) -> Array:
         """Lower bounds (n, p) of the distances [m] in configurations (n, nq)."""
-        parts = [self.capsules.evaluate(q[k : k + _ROWS])[0] for k in range(0, len(q), _ROWS)]
+        parts = [self.capsules.evaluate(q[k : k + _ROWS_PER_BATCH])[0] for k in range(0, len(q), _ROWS_PER_BATCH)]
         return np.minimum.reduceat(np.concatenate(parts), self.starts, axis=1)
 
     def distance(self, poses: Array, k: int, bound: float = np.inf) -> float:
@@ -173,34 +190,34 @@ class LinkPairs:
         result.min_distance = bound  # initial bound of the search in the trees of two meshes
 
         def placed_shapes(link: int) -> list[tuple[Any, Any]]:
+            """Geometry and pose of each shape of a link."""
             assert self.shapes is not None
-            pairs = []
-            for shape, own_pose, _ in self.shapes[link]:
-                T = poses[link] @ own_pose
-                pairs.append((shape, coal.Transform3s(T[:3, :3], T[:3, 3])))
-            return pairs
+            placed = []
+            for shape in self.shapes[link]:
+                T = poses[link] @ shape.pose
+                placed.append((shape.geometry, coal.Transform3s(T[:3, :3], T[:3, 3])))
+            return placed
 
-        first, second = map(placed_shapes, self.links[k])
-        for a, T_a in first:
-            for b, T_b in second:
+        first_shapes, second_shapes = map(placed_shapes, self.links[k])
+        for a, T_a in first_shapes:
+            for b, T_b in second_shapes:
                 bound = min(bound, coal.distance(a, T_a, b, T_b, request, result))
         return float(bound)
 
     def encloses(self, poses: Array, k: int) -> bool | None:
         """True if a part of one link of pair k, whose surfaces do not touch, is inside a mesh of the other; None: not known."""
         assert self.shapes is not None
-        result: bool | None = False
+        answers = []
         for inner, outer in (self.links[k], self.links[k][::-1]):
-            for around in self.shapes[outer]:
-                if around.walls is None:
+            for mesh in self.shapes[outer]:
+                if mesh.walls is None:
                     continue
-                into = np.linalg.inv(poses[outer] @ around.pose) @ poses[inner]
-                inside = any_of(shape.inside(around.walls, into @ shape.pose) for shape in self.shapes[inner])
+                T_mesh_inner = np.linalg.inv(poses[outer] @ mesh.pose) @ poses[inner]
+                inside = any_of(shape.inside(mesh.walls, T_mesh_inner @ shape.pose) for shape in self.shapes[inner])
                 if inside:
                     return True
-                if inside is None:
-                    result = None
-        return result
+                answers.append(inside)
+        return any_of(answers)
 
     def separation(self, poses: Array, k: int, bound: float) -> tuple[float, bool]:
         """Distance of pair k as :meth:`distance`, 0 if one link is inside the other; and True if that is not known."""
@@ -212,22 +229,25 @@ class LinkPairs:
             return 0.0, False
         return distance, inside is None
 
-    def _least(self, poses: Array, low: Array, bound: float) -> Nearest:
+    def _nearest_pair(self, poses: Array, lower_bounds: Array, bound: float) -> Nearest:
         """Smallest distance in one configuration and its pair, from bounds (p,); ``bound`` and -1 if none is smaller."""
-        nearest, hidden = -1, set[int]()
-        for k in np.argsort(low, kind="stable").tolist():
-            if low[k] >= bound or bound <= 0.0:
+        nearest = -1
+        hidden: set[int] = set()
+        for k in np.argsort(lower_bounds, kind="stable").tolist():
+            if lower_bounds[k] >= bound or bound <= 0.0:
                 break
+            is_unknown = False
             if self.shapes is None:
-                distance, unknown = float(low[k]), False
-            elif low[k] > 0.0:  # links whose capsules are apart are not inside each other
-                distance, unknown = self.distance(poses, k, bound), False
+                distance = float(lower_bounds[k])
+            elif lower_bounds[k] > 0.0:  # links whose capsules are apart are not inside each other
+                distance = self.distance(poses, k, bound)
             else:
-                distance, unknown = self.separation(poses, k, bound)
-            if unknown:
+                distance, is_unknown = self.separation(poses, k, bound)
+            if is_unknown:
                 hidden.add(k)
             if distance < bound:
-                bound, nearest = max(distance, 0.0), k
+                bound = max(distance, 0.0)
+                nearest = k
         return Nearest(bound, nearest, frozenset(hidden))
 
     def nearest(self, q: Array) -> list[Nearest]:
@@ -236,27 +256,30 @@ class LinkPairs:
             return [Nearest(np.inf, 0)] * len(q)
         if not len(q):
             return []
-        return [self._least(T, low, np.inf) for T, low in zip(self.robot.link_poses(q), self.bounds(q), strict=True)]
+        poses, lower_bounds = self.robot.link_poses(q), self.bounds(q)
+        return [self._nearest_pair(poses[k], lower_bounds[k], np.inf) for k in range(len(q))]
 
     def nearest_row(self, q: Array, bound: float) -> tuple[Nearest, int]:
         """Smallest distance over all configurations, and its row (the first in contact); -1 if above ``bound``."""
-        row, nearest = -1, Nearest(bound, -1)
+        row = -1
+        nearest = Nearest(bound, -1)
         if not len(self.links) or not len(q):
             return nearest, row
-        poses, low = self.robot.link_poses(q), self.bounds(q)
-        row_bounds = low.min(axis=1)
+        poses, lower_bounds = self.robot.link_poses(q), self.bounds(q)
+        row_bounds = lower_bounds.min(axis=1)
         for k in np.argsort(row_bounds, kind="stable").tolist():
             if row_bounds[k] >= nearest.distance or nearest.distance <= 0.0:
                 break
-            candidate = self._least(poses[k], low[k], nearest.distance)
+            candidate = self._nearest_pair(poses[k], lower_bounds[k], nearest.distance)
             hidden = nearest.hidden | candidate.hidden
             if candidate.pair >= 0:
-                row, nearest = k, candidate
+                row = k
+                nearest = candidate
             nearest = nearest._replace(hidden=hidden)
         if nearest.distance > 0.0:
             return nearest, row
         for k in np.flatnonzero(row_bounds[: row + 1] <= 0.0).tolist():  # the first row in contact
-            contact = self._least(poses[k], low[k], _CONTACT)
+            contact = self._nearest_pair(poses[k], lower_bounds[k], _CONTACT_DISTANCE)
             if contact.pair >= 0:
                 return nearest._replace(pair=contact.pair), k
         return nearest, row
@@ -280,22 +303,24 @@ def _geometries(solids: Sequence[Solid]) -> list[LinkShape]:
     import coal
 
     constructors = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
-    shapes = list[LinkShape]()
+    shapes: list[LinkShape] = []
     for solid in solids:
-        description, surface, walls = solid.shape, solid.surface, None
+        description, surface = solid.shape, solid.surface
+        walls = None
         if surface is not None:
-            points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
             vertices = surface.vertices * np.asarray(description.sizes)
             walls = Enclosure(vertices, surface.faces)
+            points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
             points.extend(list(vertices))
             triangles.extend([coal.Triangle(*corners) for corners in surface.faces.tolist()])
-            shape = coal.BVHModelOBBRSS()
-            shape.beginModel(len(triangles), len(points))
-            shape.addSubModel(points, triangles)
-            shape.endModel()
+            geometry = coal.BVHModelOBBRSS()
+            geometry.beginModel(len(triangles), len(points))
+            geometry.addSubModel(points, triangles)
+            geometry.endModel()
         else:
-            shape = constructors.get(description.kind, coal.Ellipsoid)(*description.sizes)
-        shapes.append(LinkShape(shape, description.pose, walls))
+            constructor = constructors.get(description.kind, coal.Ellipsoid)
+            geometry = constructor(*description.sizes)
+        shapes.append(LinkShape(geometry, description.pose, walls))
     return shapes
 
 
@@ -326,7 +351,8 @@ def disabled_pairs(robot: Robot, srdf: str | Path) -> frozenset[frozenset[str]]:
         raise RobotFileError(
             f"{name}: <{root.tag}> has no <disable_collisions link1=… link2=…>. Give an SRDF file that leaves out pairs."
         )
-    own_pairs = frozenset(frozenset(pair) for pair in pairs if {*pair} <= {*robot.link_names})
+    link_names = set(robot.link_names)
+    own_pairs = frozenset(frozenset(pair) for pair in pairs if link_names.issuperset(pair))
     if not own_pairs:
         raise RobotFileError(
             f"{name}: none of its {len(pairs)} pairs are links of robot {robot.name!r}; the first is {' – '.join(pairs[0])}. "

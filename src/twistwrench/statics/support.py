@@ -292,7 +292,8 @@ def _wrench_at_base(robot: Robot, q: Array, tau: Array) -> Array | None:
     root = undriven[0]
     T = np.asarray(robot.forward_kinematics(q, root.link))
     R, p = T[:, :3, :3], T[:, :3, 3]
-    F = tau[:, root.v_index : root.v_index + 6]  # in the frame of the root
+    _, velocities = root.places
+    F = tau[:, velocities]  # in the frame of the root
     m = np.einsum("nij,nj->ni", R, F[:, :3])
     f = np.einsum("nij,nj->ni", R, F[:, 3:])
     return np.concatenate([m + np.cross(p, f), f], axis=1)

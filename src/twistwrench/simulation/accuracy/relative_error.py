@@ -21,20 +21,21 @@ MIN_REPORTED_ERROR = 0.05
 MIN_TRAVEL = 1e-9
 """rad or m: smaller displacements count as rest."""
 MAX_PRINTED_RATIO = 1e4
+"""Largest multiple of the motion that is printed as a number."""
 _ABOVE_MAX_RATIO = "more than 10 000 times"
-"""Text for an error above this multiple of the motion."""
+"""Text for larger multiples."""
 MAX_ROWS = 2000
-"""Largest number of states of which the travel is computed."""
+"""Largest number of states from which the travel is computed; of more states, so many are taken."""
 
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """Travel of the joints in a run and its duration, over all revolute and over all prismatic velocities."""
+    """Extent of the motion of the joints in a run; all revolute joints have the same, and all prismatic joints."""
 
     travels: Array
-    """Largest displacement of each joint (nv,) [rad or m]."""
+    """Largest travel of a joint of the same kind, for each joint (nv,) [rad or m]."""
     spans: Array
-    """Travel divided by peak speed (nv,) [s]."""
+    """This travel divided by the largest speed of a joint of the kind (nv,) [s]; 0 if none moves."""
 
     @property
     def rests(self) -> Array:
@@ -50,14 +51,17 @@ class Extent:
         displacements = np.ascontiguousarray(robot.subtract(states[rows, : robot.nq], states[0, : robot.nq]).T)
         rates = np.ascontiguousarray(states[:, robot.nq : robot.nq + robot.nv].T)  # contiguous rows are faster
         joint_travels = displacements.max(axis=1) - displacements.min(axis=1)
-        speeds = np.maximum(rates.max(axis=1), -rates.min(axis=1))
+        joint_speeds = np.maximum(rates.max(axis=1), -rates.min(axis=1))
         travels, spans = np.zeros(robot.nv), np.zeros(robot.nv)
         angular = np.array([turns for body in robot.model.leaders for turns in body.joint.turning], bool)
-        for group in (angular, ~angular):
-            if group.any():
-                travels[group], peak = joint_travels[group].max(), speeds[group].max()
-                if peak > 0.0:
-                    spans[group] = travels[group] / peak
+        for kind in (angular, ~angular):
+            if not kind.any():
+                continue
+            largest_travel = joint_travels[kind].max()
+            largest_speed = joint_speeds[kind].max()
+            travels[kind] = largest_travel
+            if largest_speed > 0.0:
+                spans[kind] = largest_travel / largest_speed
         return cls(travels, spans)
 
 
@@ -68,6 +72,7 @@ class Accuracy:
     error: Array
     """(nv,) rad or m, NaN if unknown."""
     relative: float
+    """Largest ratio of an error to the travel."""
 
     @classmethod
     def from_error(cls, extent: Extent, error: Array) -> Accuracy:
@@ -97,6 +102,8 @@ class Accuracy:
 
 
 def _percent(ratio: float) -> str:
+    """Ratio in percent, with two digits below 100 %; words for one that is too large or NaN."""
     if not ratio < MAX_PRINTED_RATIO:
         return _ABOVE_MAX_RATIO
-    return percent(ratio, 2 if ratio < 1.0 else None)
+    digits = 2 if ratio < 1.0 else None
+    return percent(ratio, digits)
