@@ -107,15 +107,16 @@ def test_files_of_the_wheel_have_whole_docstrings_and_the_same_code(path, monkey
     hook = build_hooks(monkeypatch)
     built, room = hook.completed_source(path), path.relative_to(SOURCE).parts[0].removesuffix(".py")
 
-    def code(text):
-        tree = ast.parse(text)
+    def code(tree):
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef) and ast.get_docstring(node):
                 node.body[0].value.value = ""
         return ast.dump(tree)
 
-    assert code(built) == code(path.read_text("utf-8"))
-    for node, doc in docstrings(ast.walk(ast.parse(built))):
+    tree = ast.parse(built)
+    documented = [*docstrings(ast.walk(tree))]
+    assert code(tree) == code(ast.parse(path.read_text("utf-8")))
+    for node, doc in documented:
         given = node.args
         names = [a.arg for a in (*given.args, *given.kwonlyargs) if a.arg not in ("self", "cls")]
         assert len(complete_docstring(doc, names, room)) <= len(doc) + 1, node.name
