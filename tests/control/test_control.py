@@ -123,7 +123,7 @@ def test_a_frame_called_to_a_pose_goes_there_on_one_screw_and_its_error_decays_a
     """X_e(t) = (1 + ω t) exp(-ω t) X_e(0), however large: X_e stays on its ray, on which its rate is V_e itself."""
     T_d = ur5.forward_kinematics(Q6) @ se3.exp([0.5, -0.4, 0.6, 0.1, 0.2, -0.15])
     law = TaskSpace(ur5, T_d, kp=64.0, kd=16.0, kind="body")
-    run = ur5.simulate(Q6, None, 0.6, 0.05, tau=law, **TIGHT)
+    run = ur5.simulate(Q6, None, 0.4, 0.05, tau=law, **TIGHT)
     found, _ = tasks(law, run)
     decay = (1 + 8.0 * run.times) * np.exp(-8.0 * run.times)
     np.testing.assert_allclose(found, decay[:, None] * found[0], atol=1e-7)
@@ -140,13 +140,13 @@ def test_beside_a_moving_pose_the_error_obeys_the_books_equation(ur5, path):
     moving = PoseMotion(path(T @ se3.exp([0.2, 0.1, -0.2, 0.03, 0.02, 0.05]), there), trajectories.quintic(0.6))
     Kp = np.diag([50.0, 60, 70, 80, 90, 100]) + 5.0
     law = TaskSpace(ur5, moving, kp=Kp, kd=15.0, kind="body")
-    run = ur5.simulate(Q6, 0.3 * np.ones(6), 0.5, 0.05, tau=law, **TIGHT)
+    run = ur5.simulate(Q6, 0.3 * np.ones(6), 0.3, 0.05, tau=law, **TIGHT)
     X, V = tasks(law, run)
 
     def f(_t, y):
         return np.r_[se3.left_jacobian_inverse(y[:6]) @ y[6:], -Kp @ y[:6] - 15.0 * y[6:]]
 
-    found = solve_ivp(f, (0, 0.5), np.r_[X[0], V[0]], method="DOP853", rtol=1e-12, atol=1e-13, t_eval=run.times)
+    found = solve_ivp(f, (0, 0.3), np.r_[X[0], V[0]], method="DOP853", rtol=1e-12, atol=1e-13, t_eval=run.times)
     np.testing.assert_allclose(np.c_[X, V], found.y.T, atol=1e-7)
 
 
@@ -156,7 +156,7 @@ def test_along_the_worlds_axes_moving_errors_are_linear_each_for_itself(ur5):
     path = trajectories.straight_path(T, T @ se3.exp([0.4, 0.5, -0.3, 0.1, -0.1, 0.1]))
     kp, kd = np.array([40.0, 40, 40, 50, 80, 120]), np.array([12.0, 12, 12, 10, 18, 20])
     law = TaskSpace(ur5, PoseMotion(path, trajectories.quintic(0.6)), kp, kd)
-    run = ur5.simulate(Q6 + 0.05, 0.2 * np.ones(6), 0.5, 0.05, tau=law, **TIGHT)
+    run = ur5.simulate(Q6 + 0.05, 0.2 * np.ones(6), 0.3, 0.05, tau=law, **TIGHT)
     X, V = tasks(law, run)
     np.testing.assert_allclose(X[:, 3:], second_order(run.times, X[0, 3:], V[0, 3:], kp[3:], kd[3:]), atol=1e-7)
     assert np.abs(X[-1, :3]).max() < np.abs(X[0, :3]).max()
@@ -178,7 +178,7 @@ def test_turning_along_the_worlds_axes_decays_about_one_axis(ur5):
 def test_a_trajectory_of_the_joints_is_one_of_their_frame(ur5, kind):
     moving = trajectories.move(ur5, Q6, Q6 + 0.6, trajectories.quintic(0.8))
     law = TaskSpace(ur5, moving, 100.0, 20.0, kind=kind)
-    run = ur5.simulate(Q6, None, 0.5, 0.1, tau=law, **TIGHT)
+    run = ur5.simulate(Q6, None, 0.3, 0.1, tau=law, **TIGHT)
     np.testing.assert_allclose(run.q, moving(run.times)[0], atol=1e-7)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from quick import slow
 
 import twistwrench as tw
 from twistwrench.cli.main import main
@@ -150,9 +151,7 @@ def described(robot, changed=()):
 
 
 @built
-@pytest.mark.parametrize(
-    "name", ["panda", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ur5", "planar_2r"))]
-)
+@pytest.mark.parametrize("name", ["planar_2r", *slow("ur5", "panda")])
 def test_it_compiles_without_a_warning_and_its_own_test_passes(bundled, name, tmp_path):
     plain = bundled(name)
     robot = plain.with_payload(tw.SpatialInertia.from_com(2.0, (0, 0, 0.1)))

@@ -28,7 +28,7 @@ from .mutations import Dice
 from .robot_seeds import Case
 
 QUICK = [kind for kind in KINDS.values() if not kind.slow]
-FEW = 5
+FEW = 3
 """Files of each kind in the short form, times its share."""
 MANY = 460
 """The same in the long form, 20,000 in all."""

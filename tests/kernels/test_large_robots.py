@@ -191,7 +191,7 @@ def on_a_small_stack(function):
 @functools.cache
 def wide() -> Program:
     """Entries of results enough for buffers far beyond a small stack."""
-    return trace(lambda x: np.outer(np.tile(x, 75), np.tile(x, 10)), [("x", (4,))], ["W"])
+    return trace(lambda x: np.outer(np.tile(x, 60), np.tile(x, 10)), [("x", (4,))], ["W"])
 
 
 @pytest.mark.parametrize("way", mostly_slow(["usual", "whole", "cut"], 3))
@@ -201,7 +201,7 @@ def test_wide_results_need_no_large_stack(monkeypatch, way):
         monkeypatch.setattr(lower, "MAX_INSTRUCTIONS", 0 if way == "cut" else 10**9)
     kernel = make_ufunc(program, "wide", "")
     x = np.random.default_rng(2).normal(size=(COUNT, 4))
-    expected = np.einsum("ni,nj->nij", np.tile(x, 75), np.tile(x, 10))
+    expected = np.einsum("ni,nj->nij", np.tile(x, 60), np.tile(x, 10))
     assert on_a_small_stack(lambda: np.array_equal(kernel(x), expected))
     assert on_a_small_stack(lambda: np.array_equal(kernel(np.asfortranarray(x)[:3]), expected[:3]))
 

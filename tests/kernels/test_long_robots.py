@@ -21,7 +21,7 @@ NAMES = ("mass_matrix", "inverse_dynamics_derivatives")
 COUNT = 2 * host().lanes(SINGLE) + 3
 
 
-def tree(seed: int, joints: int = 10, *, floating: bool = False) -> Robot:
+def tree(seed: int, joints: int = 7, *, floating: bool = False) -> Robot:
     kinds = [kind for kind in KINDS if kind not in ("mimic", "fixed")]
     return random_robot(seed, joints, kinds, floating_base=floating)
 

@@ -1,4 +1,7 @@
-"""Everything shown is executed: the Python blocks and the commands of the README and of docs/."""
+"""Everything shown is executed: the Python blocks and the commands of the README and of docs/.
+
+The code and the commands of pages that compute for long run with ``-m slow``; their links and words are looked at always.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import re
 import runpy
 import shlex
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import click
@@ -37,6 +41,17 @@ WANTS = {
     "coming-from.md": ("pinocchio", "mujoco", "modern_robotics"),
 }
 """Other packages that a page is about."""
+LONG_PAGES = {
+    "assistant.md",
+    "chapter-8.md",
+    "coming-from.md",
+    "control.md",
+    "holds.md",
+    "identification.md",  # tutorial-identification.md is run always
+    "trajectories.md",
+    "viewer.md",
+}
+"""Pages whose code takes half of the time of all; calls of the same functions are tested in the rooms' own folders."""
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -52,7 +67,11 @@ def marked_blocks(page: Path, language: str) -> list[tuple[str, int]]:
     ]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def usual_or_slow(values, is_slow):
+    return [pytest.param(x, marks=pytest.mark.slow if is_slow(x) else ()) for x in values]
+
+
+@pytest.mark.parametrize("page", usual_or_slow(PAGES, lambda p: p.name in LONG_PAGES), ids=lambda p: p.name)
 def test_python_blocks_run_and_print_what_is_shown(page, tmp_path, monkeypatch):
     for name in WANTS.get(page.name, ()):
         pytest.importorskip(name)
@@ -76,6 +95,14 @@ CODES = {
     if line.startswith("$ ")
 }
 """What each command of the pages ends with; one that several pages show is run once."""
+USUAL = {
+    line[2:]
+    for page in PAGES
+    if page.name not in LONG_PAGES
+    for text, _ in marked_blocks(page, "console")
+    for line in text.splitlines()
+    if line.startswith("$ ")
+}
 SAID = [
     (command, text)
     for page in PAGES
@@ -91,7 +118,7 @@ SAID = [
 ]
 
 
-@pytest.mark.parametrize("command", CODES)
+@pytest.mark.parametrize("command", usual_or_slow(CODES, lambda command: command not in USUAL))
 def test_commands_run_and_say_what_is_shown(command, tmp_path, monkeypatch):
     """Every line that a page shows below a command is in its output, but for … and for how large rounding is."""
 
@@ -113,6 +140,10 @@ def test_commands_run_and_say_what_is_shown(command, tmp_path, monkeypatch):
             assert line == "…" or plain(line) in said, line
 
 
+def test_pages_that_run_with_the_slow_tests_are_pages():
+    assert {page.name for page in PAGES} >= LONG_PAGES
+
+
 def test_titles_of_pages_are_those_of_the_navigation():
     nav = dict(re.findall(r"^ +- (.+): ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE))
     titles = {name: title for title, name in nav.items()}
@@ -132,6 +163,27 @@ def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text("utf-8")):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_anchors_are_headings_of_their_pages(page):
+    """With MkDocs' rule for the names of headings."""
+    for target, anchor in re.findall(r"\]\(([\w./-]*?\.md)?#([^)\s]+)\)", page.read_text("utf-8")):
+        place = page.parent / target if target else page
+        if place.exists():  # pages of the API are made with the site
+            assert anchor in anchors_of(place), f"{page.name} links to {target}#{anchor}"
+
+
+@cache
+def anchors_of(page: Path) -> frozenset[str]:
+    slugs = pytest.importorskip("markdown.extensions.toc")
+    text = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+    titles = re.findall(r"^#+ (.+?)(?: \{#([\w-]+)\})?$", text, re.MULTILINE)
+    used = set(re.findall(r'\bid="([^"]+)"', text))
+    for title, own in titles:
+        words = re.sub(r"\[([^\]]*)\]\([^)]*\)|[`*]", lambda found: found[1] or "", title)
+        used.add(own or slugs.unique(slugs.slugify(words, "-"), used))
+    return frozenset(used)
 
 
 def test_pages_and_makefile_agree_on_the_commands():

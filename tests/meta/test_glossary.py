@@ -10,6 +10,7 @@ from types import ModuleType
 
 import pytest
 from places import ROOT
+from source_trees import syntax_nodes
 
 import twistwrench as tw
 from twistwrench.core.answers.page import TERMS
@@ -58,8 +59,8 @@ def test_help_shows_what_the_source_leaves_out():
     assert "joint velocities [rad/s, m/s]" in (tw.Robot.inverse_dynamics.__doc__ or "")
 
 
-def docstrings(text):
-    for node in ast.walk(ast.parse(text)):
+def docstrings(nodes):
+    for node in nodes:
         if isinstance(node, ast.FunctionDef) and (doc := ast.get_docstring(node)):
             yield node, doc
 
@@ -94,7 +95,7 @@ def test_no_docstring_repeats_the_glossary(path):
     words = {**ENTRIES, **ROOMS.get(room_of(path.relative_to(SOURCE).parts[:-1]), {})}
     twice = [
         f"{node.name}: {name}"
-        for node, doc in docstrings(path.read_text("utf-8"))
+        for node, doc in docstrings(syntax_nodes(path))
         for name, text in words.items()
         if re.search(rf"^{re.escape(f'{name} : {text}')}\n(?! )", parameters(doc), re.MULTILINE)
     ]
@@ -106,15 +107,16 @@ def test_files_of_the_wheel_have_whole_docstrings_and_the_same_code(path, monkey
     hook = build_hooks(monkeypatch)
     built, room = hook.completed_source(path), path.relative_to(SOURCE).parts[0].removesuffix(".py")
 
-    def code(text):
-        tree = ast.parse(text)
+    def code(tree):
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef) and ast.get_docstring(node):
                 node.body[0].value.value = ""
         return ast.dump(tree)
 
-    assert code(built) == code(path.read_text("utf-8"))
-    for node, doc in docstrings(built):
+    tree = ast.parse(built)
+    documented = [*docstrings(ast.walk(tree))]
+    assert code(tree) == code(ast.parse(path.read_text("utf-8")))
+    for node, doc in documented:
         given = node.args
         names = [a.arg for a in (*given.args, *given.kwonlyargs) if a.arg not in ("self", "cls")]
         assert len(complete_docstring(doc, names, room)) <= len(doc) + 1, node.name

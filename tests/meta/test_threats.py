@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from source_trees import syntax_tree
+from source_trees import syntax_nodes
 
 import twistwrench as tw
 
@@ -63,7 +63,7 @@ def test_every_module_that_opens_files_stands_in_the_table():
     known = {module for modules in TABLE["readers"].values() for module in modules} | set(TABLE["own"])
     found = set()
     for path in SOURCE.rglob("*.py"):
-        calls = (node for node in ast.walk(syntax_tree(path)) if isinstance(node, ast.Call))
+        calls = (node for node in syntax_nodes(path) if isinstance(node, ast.Call))
         if any(opens(call) for call in calls):
             found.add(path.relative_to(SOURCE).as_posix())
     assert found == known, f"not in the table: {sorted(found - known)}; opens no file: {sorted(known - found)}"

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import click
 import pytest
 from places import ROOT
-from source_trees import syntax_tree
+from source_trees import syntax_nodes
 
 from twistwrench.cli.main import main
 
@@ -66,9 +66,9 @@ def literals() -> list[tuple[str, str, bool]]:
     """Place, text, and True for a docstring: each text with a space in the source, parts of f-strings and doubts too."""
     found = []
     for path in sorted(SOURCE.rglob("*.py")):
-        tree = syntax_tree(path)
-        documented = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        for node in ast.walk(tree):
+        nodes = syntax_nodes(path)
+        documented = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+        for node in nodes:
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value.strip():
                 text = " ".join(re.sub(r"``.*?``", "x", node.value).split())
                 found.append((f"{path.relative_to(SOURCE)}:{node.lineno}", text, id(node) in documented))

@@ -99,7 +99,7 @@ CASES = [
 
 @as_cpp
 @pytest.mark.parametrize("precision", ["double", "float"])
-@pytest.mark.parametrize(("name", "quantity", "options"), mostly_slow(CASES, 3), ids=[f"{n}-{q}" for n, q, _ in CASES])
+@pytest.mark.parametrize(("name", "quantity", "options"), mostly_slow(CASES, 4), ids=[f"{n}-{q}" for n, q, _ in CASES])
 def test_the_same_text_as_cpp_gives_what_the_kernels_give(name, quantity, options, precision, bundled, tmp_path):
     robot = bundled(name)
     program, kernel = robot.program(quantity, **options), robot.kernel(quantity, **options)

@@ -8,6 +8,11 @@ from typing import Any
 import pytest
 
 
+def slow(*values: Any) -> list[Any]:
+    """Parameters, all marked slow."""
+    return [pytest.param(value, marks=pytest.mark.slow) for value in values]
+
+
 def mostly_slow(values: Iterable[Any], every: int) -> list[Any]:
     """Parameters, all marked slow but the first of every so many."""
     params = [v if hasattr(v, "marks") else pytest.param(*(v if isinstance(v, tuple) else (v,))) for v in values]
