@@ -18,7 +18,8 @@ from scipy.interpolate import CubicSpline
 import twistwrench as tw
 from twistwrench.motion.load_case import without_velocity_limit
 
-pytest_plugins = ("torque_fixtures",)
+pytest_plugins = ("torque_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 SLOW = pytest.mark.slow
 """Of the long form, for `make test-all`."""

@@ -24,7 +24,10 @@ OTHER_PROGRAMS = {
 
 def options_in(path):
     """Texts of a file with an option, without docstrings."""
-    tree = ast.parse(path.read_text("utf-8"))
+    source = path.read_text("utf-8")
+    if "--" not in source:
+        return []
+    tree = ast.parse(source)
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
     docs = {
         id(node.body[0].value)

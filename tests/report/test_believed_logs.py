@@ -330,7 +330,7 @@ def test_a_row_with_one_wrong_position_is_left_out(clean, tmp_path):
     assert "shoulder leaves its path by 2.86 degrees for a single row" in " ".join(result.output.split())
 
 
-@pytest.mark.parametrize("seconds", [0.1, 2.0, 10.0])
+@pytest.mark.parametrize("seconds", mostly_slow([0.1, 2.0, 10.0], 2))
 def test_a_pause_is_not_filled(clean, tmp_path, seconds):
     asked, t, q, tau = known_log(tmp_path)
     kept = (t < 8) | (t >= 8 + seconds)

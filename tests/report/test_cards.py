@@ -10,6 +10,9 @@ from twistwrench.core.answers.answer import Answer
 from twistwrench.core.answers.blocks import Headline, Line, Remark, Table, numbers, words
 from twistwrench.core.verdict import Verdict, Word
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 LARGEST = 120_000
 """Bytes."""
 HOSTILE = ["<script>x</script>", "a" * 10_000, "\x1b[31mred\x07", '"><img src=x onerror=y>', "𝄞‮"]

@@ -14,6 +14,9 @@ from twistwrench.cli.main import main
 from twistwrench.core.text import words_of_the_shell
 from twistwrench.robots.finding import bundled_file
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 UR5 = tw.robots.path_of("ur5")
 DEMO = UR5.with_name("ur5_demo.csv")
 

@@ -8,6 +8,9 @@ from click.testing import CliRunner
 import twistwrench as tw
 from twistwrench.cli.main import main
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 
 def _link(name):
     return (

@@ -9,6 +9,9 @@ from scipy.optimize import linprog
 import twistwrench as tw
 from twistwrench import statics
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 _LEANER = """<mujoco model="leaner"><compiler angle="radian"/><worldbody><body name="trunk" pos="0 0 0.9"><freejoint name="root"/>
 <geom type="box" size="0.1 0.15 0.25" mass="30" pos="0 0 0.25"/>
 <body name="leg"><joint name="hip" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.85" size="0.05" mass="8"/>

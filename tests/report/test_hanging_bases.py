@@ -24,6 +24,9 @@ from twistwrench.reports.spoken_verdict import verdict_text
 from twistwrench.reports.torque_analysis import analyse
 from twistwrench.viz import write_page
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 FIRST = "UNSURE: trunk is held in the air, and the robot looks legged; "
 
 

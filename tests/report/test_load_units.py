@@ -7,6 +7,9 @@ from click.testing import CliRunner
 
 from twistwrench.cli.main import main
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 
 @pytest.mark.parametrize(
     "words",

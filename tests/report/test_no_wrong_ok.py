@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-pytest_plugins = ("torque_fixtures",)
+pytest_plugins = ("torque_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 LINK = """<link name="l{0}"><inertial><origin xyz="0 0 0.2"/><mass value="2"/>
 <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.05"/></inertial></link>"""

@@ -23,6 +23,9 @@ from twistwrench.core.files import check_outputs, picture_path, replacing
 from twistwrench.core.tables import CsvWriter, csv_table, harmless_text, unescape_cell
 from twistwrench.motion.motion_log import MotionLog
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 
 @pytest.mark.parametrize(
     ("given", "found"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from quick import mostly_slow
 
 import twistwrench as tw
 from twistwrench import Motion, trajectories
@@ -277,7 +278,7 @@ def test_clean_motions_of_whole_seconds_are_not_taken_for_row_numbers(run, tmp_p
     assert "row numbers" not in said, said[:400]
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-6, 3e-6, 1e-5])
+@pytest.mark.parametrize("noise", mostly_slow([0.0, 1e-7, 3e-6, 1e-6, 1e-5], 2))
 def test_a_brief_stop_on_the_way_is_no_wrong_row(noise, tmp_path):
     """The bundled motion passes its poses at rest within four rows: whatever its noise, it keeps its word."""
     robot = tw.robots.ur5()

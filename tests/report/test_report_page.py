@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 import shutil
@@ -17,6 +18,9 @@ from quick import mostly_slow
 import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.text import words_of_the_shell
+
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 pytest.importorskip("matplotlib")
 DEMO = Path(tw.__file__).parent / "robots" / "ur5_demo.csv"
@@ -76,14 +80,33 @@ def run(*arguments: object, code: int | None = None) -> str:
     return result.output
 
 
+def small_log(path: Path) -> Path:
+    """A motion of the bundled arm of two joints, which has no meshes and a page of two panels."""
+    t = np.linspace(0.0, 1.0, 101)
+    table = np.column_stack([t, 0.5 * np.sin(3.0 * t), np.cos(2.0 * t)])
+    np.savetxt(path, table, "%.9g", ",", header="time,joint1,joint2", comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def page_of(tmp_path_factory):
+    """What a command prints, and the file of its page, by the name of the command."""
+
+    @functools.cache
+    def page_of(name: str) -> tuple[str, Path]:
+        path = tmp_path_factory.mktemp("report") / "report.html"
+        return run(*COMMANDS[name], "--report", path), path
+
+    return page_of
+
+
 @pytest.fixture(
     scope="module",
     params=[pytest.param(name, marks=pytest.mark.slow) if name == "identify" else name for name in COMMANDS],
 )
-def report(request, tmp_path_factory):
+def report(request, page_of):
     """Name of a command, its output, and its page."""
-    path = tmp_path_factory.mktemp("report") / "report.html"
-    output = run(*COMMANDS[request.param], "--report", path)
+    output, path = page_of(request.param)
     return request.param, output, path.read_text("utf-8")
 
 
@@ -148,17 +171,16 @@ def test_provenance_and_terms_stand_on_the_page(report):
 
 def test_two_pages_of_one_date_are_equal_byte_for_byte(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    pages = []
+    log, pages = small_log(Path("log.csv")), []
     for _ in range(2):
-        run(*COMMANDS["torques"], "--report", "a.html", code=1)
+        run("torques", "planar_2r", log, "--report", "a.html", code=1)
         pages.append(Path("a.html").read_bytes())
         Path("a.html").unlink()
     assert pages[0] == pages[1]
 
 
-def test_the_page_of_torques_shows_the_robot_with_the_worst_joint(tmp_path):
-    run(*COMMANDS["torques"], "--report", tmp_path / "a.html")
-    page = (tmp_path / "a.html").read_text("utf-8")
+def test_the_page_of_torques_shows_the_robot_with_the_worst_joint(page_of):
+    page = page_of("torques")[1].read_text("utf-8")
     (caption,) = Reader(page).texts["figcaption"]
     assert caption == "ur5 at t = 1.808 s; red: shoulder_lift_joint, 111 % of its limit"
     facts = page.partition('<dl class="facts">')[2].partition("</dl>")[0]
@@ -187,10 +209,8 @@ def test_the_picture_of_a_simulation_shows_the_joint_that_passes_its_limit(tmp_p
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["move", "size", "doctor"])
-def test_the_report_holds_the_robot_that_can_be_moved(tmp_path, name):
-    report = tmp_path / "report.html"
-    run(*COMMANDS[name], "--report", report)
-    page = report.read_text("utf-8")
+def test_the_report_holds_the_robot_that_can_be_moved(page_of, name):
+    page = page_of(name)[1].read_text("utf-8")
     shown = json.loads(re.search(r'<script type="application/json" id="viewer">(.*?)</script>', page, re.DOTALL)[1])
     assert '<canvas id="stage"' in shown
 
@@ -199,9 +219,9 @@ def test_the_report_holds_the_robot_that_can_be_moved(tmp_path, name):
 def test_folders_are_left_out_unless_they_are_asked_for(tmp_path, whole):
     folder = tmp_path / "customer name"
     folder.mkdir()
-    shutil.copy(DEMO, folder / "log.csv")
     page = folder / "r.html"
-    run("torques", "ur5", "--trajectory", folder / "log.csv", "--report", page, *["--full-paths"] * whole)
+    log = small_log(folder / "log.csv")
+    run("torques", "planar_2r", "--trajectory", log, "--report", page, *["--full-paths"] * whole)
     text = page.read_text("utf-8")
     assert "log.csv" in text
     assert ("customer name" in text) == whole
@@ -210,9 +230,8 @@ def test_folders_are_left_out_unless_they_are_asked_for(tmp_path, whole):
 def test_working_files_are_named_with_size_and_digest(tmp_path):
     import hashlib
 
-    log = tmp_path / "log.csv"
-    shutil.copy(DEMO, log)
-    run("torques", "ur5", "--trajectory", log, "--report", tmp_path / "r.html")
+    log = small_log(tmp_path / "log.csv")
+    run("torques", "planar_2r", "--trajectory", log, "--report", tmp_path / "r.html")
     said = f"log.csv, {log.stat().st_size:,} bytes, SHA-256 {hashlib.sha256(log.read_bytes()).hexdigest()}"
     assert said in (tmp_path / "r.html").read_text("utf-8")
 
@@ -239,24 +258,22 @@ def test_many_motions_have_one_page(tmp_path):
         assert re.search(rf"<dt>MOTION</dt><dd>{name}, [\d,]+ bytes, SHA-256", text)
 
 
-SHELL_AND_PYTHON = {
-    "torques": (["ur5", "demo", "--payload", "10"], lambda: tw.check("ur5", "demo", payload=10)),
-    "payload": (["ur5", "--at", "elbow_joint=1"], lambda: tw.payload("ur5", {"elbow_joint": 1.0})),
-    "move": (["ur5", "--to", "1,0,0,0,0,0", "--fastest"], lambda: tw.move("ur5", [1.0, *[0.0] * 5], fastest=True)),
-    "doctor": (["ur5"], lambda: tw.doctor("ur5")),
+IN_PYTHON = {
+    "torques": lambda: tw.check("ur5", "demo", payload=10),
+    "payload": lambda: tw.payload("ur5", {"shoulder_lift_joint": -0.6}),
+    "move": lambda: tw.move("ur5", [0.9, -0.9, 1.0, -0.4, 1.2, 1.0], payload=5, fastest=True),
+    "doctor": lambda: tw.doctor("quadruped"),
 }
+"""The same questions as those of the commands."""
 
 
-@pytest.mark.parametrize("name", mostly_slow(SHELL_AND_PYTHON, 2))
-def test_the_page_of_the_command_is_that_of_the_answer(name, tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", mostly_slow(IN_PYTHON, 2))
+def test_the_page_of_the_command_is_that_of_the_answer(name, page_of, tmp_path, monkeypatch):
     """Except for the words of the command line, which only the shell has."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
-    words, ask = SHELL_AND_PYTHON[name]
     with words_of_the_shell():  # sentences of the page that can be moved name options there, and arguments in Python
-        answer = ask()
-        python = answer.to_html(tmp_path / "python.html").read_text("utf-8")
-    run(name, *words, "--report", tmp_path / "shell.html", code=int(answer.verdict.exit_code))
-    pages = [(tmp_path / "shell.html").read_text("utf-8"), python]
+        python = IN_PYTHON[name]().to_html(tmp_path / "python.html").read_text("utf-8")
+    pages = [page_of(name)[1].read_text("utf-8"), python]
     command = re.compile(r'<dt>command</dt><dd>.*?</dd>|"command":"twistwrench [^"]*",')
     shell, python = (_unnumbered(command.sub("", page)) for page in pages)
     assert shell == python
@@ -307,9 +324,8 @@ def page():
 
 
 @pytest.mark.parametrize("name", ["torques", pytest.param("identify", marks=pytest.mark.slow)])
-def test_the_page_fits_a_phone_and_is_read_in_light_in_dark_and_on_paper(page, name, tmp_path):
-    run(*COMMANDS[name], "--report", tmp_path / "report.html")
-    page.open((tmp_path / "report.html").as_uri())
+def test_the_page_fits_a_phone_and_is_read_in_light_in_dark_and_on_paper(page, name, page_of):
+    page.open(page_of(name)[1].as_uri())
     for width in (390, 1280):
         page.call(
             "Emulation.setDeviceMetricsOverride", width=width, height=844, deviceScaleFactor=1, mobile=width < 500
@@ -326,9 +342,9 @@ def test_the_page_fits_a_phone_and_is_read_in_light_in_dark_and_on_paper(page, n
     assert not [request for request in page.requests if not request.startswith(("file:", "data:"))]
 
 
-def test_the_robot_on_the_page_can_be_moved(tmp_path):
+def test_the_robot_on_the_page_can_be_moved(page_of):
     """Without a request and without a complaint; the frame runs the viewer's scripts, and nothing else may run."""
-    path = tw.check("ur5", "demo", payload=10).to_html(tmp_path / "report.html")
+    _, path = page_of("torques")
     assert path.stat().st_size < 650_000
     with browser() as page:
         page.offline()
@@ -351,8 +367,8 @@ def test_the_robot_on_the_page_can_be_moved(tmp_path):
 def test_a_page_written_in_python_has_no_folders_of_its_writer(tmp_path):
     folder = tmp_path / "secret"
     folder.mkdir()
-    for name in ("ur5.urdf", "ur5_demo.csv"):
-        shutil.copy(tw.robots.path_of("ur5").with_name(name), folder)
-    page = tw.check(folder / "ur5.urdf", folder / "ur5_demo.csv").to_html(tmp_path / "page.html").read_text("utf-8")
-    assert "ur5_demo.csv" in page
+    shutil.copy(tw.robots.path_of("planar_2r"), folder)
+    log = small_log(folder / "motion.csv")
+    page = tw.check(folder / "planar_2r.urdf", log).to_html(tmp_path / "page.html").read_text("utf-8")
+    assert "motion.csv" in page
     assert "secret" not in page

@@ -20,6 +20,9 @@ from twistwrench.cli.main import main
 from twistwrench.motion.credible_values import arm_entries, placeholder_limits, weight_share
 from twistwrench.motion.limits_file import read_limits
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 T = np.arange(0, 4, 0.01)
 S = (T / 4) ** 3 * (10 - 15 * T / 4 + 6 * (T / 4) ** 2)
 

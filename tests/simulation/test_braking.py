@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 from itertools import pairwise
 
@@ -26,10 +27,12 @@ def rubbing(robot, **law):
     return robot.with_actuators({"actuators": dict.fromkeys(robot.joint_names, entry)})
 
 
+@functools.cache
 def arm(seed=3, joints=5, **law):
     return rubbing(random_robot(seed, joints=joints, kinds=("revolute",)), **(law or DRY))
 
 
+@functools.cache
 def slides(**law):
     """Sliders in directions that are not square: M is constant and full, and c is 0, so that (1) can be checked to rounding."""
     robot = random_robot(5, joints=5, kinds=("prismatic",))
@@ -324,7 +327,7 @@ FEW = (
 )
 
 
-@pytest.mark.parametrize("name", mostly_slow([name for name in FEW if name in FILES] or NONE, 2))
+@pytest.mark.parametrize("name", mostly_slow([name for name in FEW if name in FILES] or NONE, 5))
 def test_robots_that_explicit_steps_make_unstable_come_down(name):
     """By friction too stiff for them; or by whirling at 70 rad/s almost without any, as the Panda does."""
     _, found, gain = fall(name, 2.0)

@@ -196,12 +196,12 @@ def test_a_platform_that_floats_on_three_legs():
 
 @pytest.mark.parametrize("rows", ["wx wy", "wx wy wz"])
 def test_a_tool_that_may_only_spin_or_not_turn_at_all(rows):
-    arm = tw.robots.ur5()
+    arm = tw.robots.ur5().lock({"shoulder_lift_joint": -1.0, "elbow_joint": 1.0})
     q = arm.random_configuration(3)
     T = arm.forward_kinematics(q)
     closed = arm.close("ground", arm.tip, rows=rows, pose=T, near=q)
-    dq = closed.project_velocity(q, [1, -1, 0.5, 2, 1, 3])
-    found = closed.simulate(q, dq, duration=0.2, dt=5e-3)
+    dq = closed.project_velocity(q, [1, -1, 0.5, 2])
+    found = closed.simulate(q, dq, duration=0.2, dt=0.01)
     R = arm.forward_kinematics(found.q)[:, :3, :3]
     assert found.gap.max() <= 1e-12 and found.gap_before > 1e-12 and found.relative_drift < 1e-6
     assert np.abs(R[:, :, 2] - T[:3, 2]).max() < 1e-12, "its axis stands still"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -18,6 +20,7 @@ HINGE = """<joint name="{name}" type="revolute"><parent link="base"/><child link
 <limit lower="{lower}" upper="{upper}" effort="50" velocity="9"/></joint>"""
 
 
+@functools.cache
 def doors(*limits):
     """Leaves of 2 kg on hinges of one base, level at zero, their angle counted upward: gravity takes each down."""
     parts = [

@@ -125,8 +125,9 @@ SERVED = [(name, law) for name in ROBOTS for law in LAWS if law != "computed" or
 """Computed torque wants joints of one degree of freedom; it says so below."""
 
 
-@pytest.mark.parametrize("method", ("semi_implicit", "rk4"))
-@pytest.mark.parametrize(("name", "law"), mostly_slow(SERVED, 3))
+@pytest.mark.parametrize(
+    ("name", "law", "method"), mostly_slow([(*served, m) for served in SERVED for m in ("semi_implicit", "rk4")], 5)
+)
 def test_a_rollout_takes_the_steps_of_a_plain_loop(name, law, method):
     robot, size = robot_named(name), 5
     law = law_of(law, robot, np.random.default_rng(2))

@@ -80,7 +80,7 @@ class Weighed:
 # ── what differences find ──
 
 
-SLOW, SLOW_IN_STAGES = ("quadruped",), ("mixed", "ball", "floating")
+SLOW, SLOW_IN_STAGES = ("chain", "sliding", "planar", "quadruped"), ("mixed", "ball", "floating")
 COMPARED = [
     pytest.param(
         name, method, marks=[pytest.mark.slow] * (name in SLOW or (method == "rk4" and name in SLOW_IN_STAGES))

@@ -218,8 +218,12 @@ def test_steps_too_long_stop_with_time_and_joint(method):
     assert len(found) >= 1
 
 
-@pytest.mark.parametrize("method", mostly_slow(["rk4", "euler", "semi_implicit", "variational", "midpoint"], 2))
-@pytest.mark.parametrize("kinds", [("floating",), ("planar",)])
+LONG_STEPS = ["rk4", "euler", "semi_implicit", "variational", "midpoint"]
+
+
+@pytest.mark.parametrize(
+    ("kinds", "method"), mostly_slow([((k,), m) for k in ("floating", "planar") for m in LONG_STEPS], 4)
+)
 def test_steps_too_long_on_groups_end_in_the_same_error(method, kinds):
     """Sines of infinite angles, quaternions of no direction: nothing raw comes out."""
     robot = random_robot(4, joints=2, kinds=kinds, floating_base=True)
@@ -497,8 +501,7 @@ def test_pictures_have_a_panel_for_each_unit_and_no_colour_twice(tmp_path, monke
     from twistwrench.viz import style
 
     drawn = []
-    save = style.save
-    monkeypatch.setattr(style, "save", lambda figure, path: drawn.append(figure) or save(figure, path))
+    monkeypatch.setattr(style, "save", lambda figure, path: drawn.append(figure))
     dog = tw.robots.quadruped()
     dog.simulate(None, np.ones(dog.nv), 0.02, 0.01).plot(tmp_path / "a.png")
     cart = tw.robots.cart_pole()
@@ -528,18 +531,24 @@ def test_a_joint_has_one_colour_in_every_picture(tmp_path, monkeypatch):
         assert [shown[name] for name in arm.joint_names] == list(style.SERIES[:6])
 
 
+LONG = "a_rather_long_namespace/and_a_long_name_of_a_link_"
+
+
+@pytest.fixture(scope="module")
+def with_long_names():
+    """A simulation of the quadruped, some of whose joints have long names."""
+    text = tw.robots.path_of("quadruped").read_text().replace("FL_", LONG + "FL_")
+    robot = tw.load(text, floating_base=True)
+    assert robot.nv == tw.robots.quadruped().nv
+    return robot.simulate(None, -1.23456e-5 * np.arange(1.0, robot.nv + 1), 0.02, 0.01)
+
+
 @pytest.mark.parametrize("width", [60, 80, 110])
-def test_tables_fold_names_and_cut_no_number(width):
+def test_tables_fold_names_and_cut_no_number(with_long_names, width):
     """In a terminal of any width, and in a pipe."""
     from rich.console import Console
 
-    base = tw.robots.quadruped()
-    long = "a_rather_long_namespace/and_a_long_name_of_a_link_"
-    text = tw.robots.path_of("quadruped").read_text().replace("FL_", long + "FL_")
-    robot = tw.load(text, floating_base=True)
-    assert robot.nv == base.nv
-    rates = -1.23456e-5 * np.arange(1.0, robot.nv + 1)
-    found = robot.simulate(None, rates, 0.02, 0.01)
+    found = with_long_names
     console = Console(width=width, record=True, file=StringIO())
     console.print(printed(found.blocks(), console.width))
     said = console.export_text()
@@ -549,7 +558,7 @@ def test_tables_fold_names_and_cut_no_number(width):
         assert {f"{v:.4g}" if abs(v) > 1e-12 else "0" for v in x} <= numbers
     assert "…" not in said.split("Energies")[0]
     names = "".join(line.split()[0] for line in said.splitlines() if line.split())  # folded names, put together again
-    assert f"{long}FL_thigh_joint" in names
+    assert f"{LONG}FL_thigh_joint" in names
 
 
 # ── the command ──

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -113,14 +115,20 @@ def test_velocities_of_semi_implicit_steps_lag_by_half_a_step():
     assert found.error_estimate[0] == pytest.approx(0.5 * 9.81 * h * lasts, rel=1e-6)
 
 
+@functools.cache
+def tree_of_all_kinds():
+    """A floating robot, a state of it, and its motion for half a second by dopri5 at 1e-11, at every 5 ms."""
+    robot = random_robot(1, joints=3, floating_base=True, kinds=("revolute", "prismatic", "planar"))
+    state = random_state(robot, 1)
+    return robot, state, robot.simulate(state.q, state.dq, 0.5, 0.005, rtol=1e-11, atol=1e-12)
+
+
 @pytest.mark.parametrize(("method", "dt"), [("rk4", 0.01), ("midpoint", 0.005), ("semi_implicit", 0.005)])
 def test_the_error_of_a_tree_of_all_kinds_of_joints_is_estimated_to_its_size(method, dt):
     """Half a second of a floating robot, against dopri5 at 1e-11: errors hardly grow or cancel, so to a factor of five."""
-    robot = random_robot(1, joints=3, floating_base=True, kinds=("revolute", "prismatic", "planar"))
-    state = random_state(robot, 1)
+    robot, state, wanted = tree_of_all_kinds()
     found = robot.simulate(state.q, state.dq, 0.5, dt, method=method)
-    wanted = robot.simulate(state.q, state.dq, 0.5, dt, rtol=1e-11, atol=1e-12)
-    error = np.abs(robot.subtract(found.q, wanted.q)).max()
+    error = np.abs(robot.subtract(found.q, wanted.q[:: round(dt / 0.005)])).max()
     assert error / 5 < found.error_estimate.max() < 5 * error
 
 
@@ -271,8 +279,8 @@ def test_the_error_under_implicit_damping_is_estimated_to_its_size(pendulum, sti
     reference of 16 times finer steps."""
     wheel = pendulum.with_gravity([0, 0, 0])
     given = {"method": "semi_implicit", "tau": tw.control.PD(wheel, [0.0], kp=stiffness, kd=damping)}
-    found = wheel.simulate([1.0], None, 4.0, 4e-3, **given)
-    wanted = wheel.simulate([1.0], None, 4.0, 4e-3 / 16, every=16, **given)
+    found = wheel.simulate([1.0], None, 1.0, 4e-3, **given)
+    wanted = wheel.simulate([1.0], None, 1.0, 4e-3 / 16, every=16, **given)
     error = np.abs(found.q - wanted.q).max()
     assert error < found.error_estimate[0] < 8 * error
 
@@ -296,8 +304,9 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize("kind", LAWS)
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("kind", "method"), [(kind, m) for kind in LAWS for m in METHODS if kind == "of both" or m in ("rk4", "dopri5")]
+)
 def test_smooth_functions_cost_no_step_and_no_remark(pendulum, monkeypatch, method, kind):
     dt = 2e-3 if method in ("euler", "semi_implicit") else 0.02
     found = pendulum.simulate([1.0], None, 1.0, dt, method=method, tau=LAWS[kind])

@@ -9,13 +9,7 @@ from random_trees import SIMPLE_TREES, TREES, tree
 
 from twistwrench.testing import random_state
 
-
-@pytest.fixture(scope="module")
-def on_numpy():
-    """Programs run on NumPy here: nothing to compile, and that compiled ones agree is another test's business."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TWISTWRENCH_JIT", "0")
-        yield
+pytest_plugins = ("numpy_fixtures",)
 
 
 @pytest.fixture(params=[*mostly_slow(list(TREES)[:12], 4), *list(TREES)[12:]])

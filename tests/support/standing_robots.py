@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 import twistwrench as tw
@@ -39,7 +41,7 @@ def cart_text():
     return f'<robot name="cart">{link("cart", 30, 0)}{wheels}{arm}{tool}</robot>'
 
 
-def turning(robot, angle=0.8, rows=61):
+def turning(robot, angle=0.8, rows=31):
     """The arm turns about the vertical, from rest to rest."""
     t = np.linspace(0, 1, rows)
     s, ds, dds = t - np.sin(2 * np.pi * t) / (2 * np.pi), 1 - np.cos(2 * np.pi * t), 2 * np.pi * np.sin(2 * np.pi * t)
@@ -50,9 +52,13 @@ def turning(robot, angle=0.8, rows=61):
 LEGS = ("FL", "FR", "RL", "RR")
 
 
+quadruped = functools.cache(tw.robots.quadruped)
+
+
+@functools.cache
 def dog(acceleration=0.0, rows=41, period=0.4):
     """The bundled quadruped with its base, which sways sideways while its feet stand, in whole periods of a sine."""
-    robot = tw.robots.quadruped()
+    robot = quadruped()
     angles = {f"{leg}_{k}_joint": a for leg in LEGS for k, a in (("thigh", 0.8), ("calf", -1.6))}
     t, rate = np.linspace(0, period, rows), 2 * np.pi / period
     q = np.repeat(robot.coordinates(**angles)[None], rows, axis=0)

@@ -166,7 +166,8 @@ class ReportPage:
             text += f"\n<h2>Terms</h2>{_list(terms)}"
         policy, scripts = POLICY, ""
         if self.viewer is not None:
-            content = json.dumps(self.viewer.page, ensure_ascii=False).replace("<", "\\u003c")
+            page = "".join(map(self._without_folders_in_text, _ENCODED.split(self.viewer.page)))
+            content = json.dumps(page, ensure_ascii=False).replace("<", "\\u003c")
             scripts = (
                 f'<script type="application/json" id="viewer">{content}</script>\n<script>{_START_VIEWER}</script>'
             )
@@ -231,6 +232,11 @@ class ReportPage:
             return part
         return self.shorten(part)
 
+    def _without_folders_in_text(self, part: str) -> str:
+        if _ENCODED.fullmatch(part):
+            return part
+        return self.shorten(part)
+
     def _data(self) -> str:
         """Verdict, facts and tables as JSON."""
         verdict: list[str] = []
@@ -248,6 +254,8 @@ class ReportPage:
         return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
+_ENCODED = re.compile("([A-Za-z0-9+/=]{200,})")
+"""Numbers and images of the viewer as base64, in which short paths occur by chance."""
 _MOVE = '<p class="move" hidden><button type="button" id="move">Move it</button></p>'
 """Button that starts the viewer; without scripts it stays hidden, and the picture remains."""
 _START_VIEWER = """
