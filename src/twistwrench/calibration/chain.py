@@ -245,28 +245,28 @@ class TipChain:
 
     def poses(self, q: Array, loads: Array, at: Corrections) -> tuple[Array, Array]:
         """Poses (N, 4, 4) of the tip in the base, and twist columns (N, 6, p) of the parameters in the base frame."""
-        T, bends = np.tile(np.eye(4), (len(q), 1, 1)), self.bends(at)
+        yields = -loads  # derivative of each joint's position by its compliance
+        positions = q[:, self.columns] * (1.0 + at.gears) + at.sags * yields
+        moves = np.asarray(se3.exp(positions.T[..., None] * self.screws[:, None]))
+        T, placed, displaced = np.tile(np.eye(4), (len(q), 1, 1)), list[Array](), list[Array]()
+        for placement, displacement, move in zip(self.placements, self.placements @ self.bends(at), moves, strict=True):
+            placed.append(T @ placement)
+            displaced.append(T @ displacement)
+            T = displaced[-1] @ move
         turns, shifts = self.turns_and_shifts(at)
-        twists, gears, sags = list[Array](), list[Array](), list[Array]()
-        for k, column in enumerate(self.columns):
-            point = self.centres[k] + shifts[k]  # of the axis about which D_k turns, after its shift
-            twists.append(_displacement_columns(T @ self.placements[k], point, turns[k], self.axes[k]))
-            T = T @ (self.placements[k] @ bends[k])
-            screw = Ad(T) @ self.screws[k]
-            gears.append(screw * q[:, column, None])
-            sags.append(-screw * loads[:, k, None])
-            turn = q[:, column] * (1.0 + at.gears[k]) - at.sags[k] * loads[:, k]
-            T = T @ np.asarray(se3.exp(turn[:, None] * self.screws[k]))
+        points = self.centres + shifts  # of the axes about which D_k turn, after their shifts
+        twists = _displacement_columns(np.array(placed), points[:, None], turns[:, None], self.axes[:, None])
+        parts = [np.moveaxis(twists, 0, 2).reshape(len(q), 6, -1)]
+        if self.assume:
+            screws = np.moveaxis(Ad(np.array(displaced)) @ self.screws[:, None], 0, 2)
+            if "gears" in self.assume:
+                parts.append(screws * q[:, None, self.columns])
+            if "sag" in self.assume:
+                parts.append(screws * yields[:, None])
         displacement = np.asarray(se3.inverse(self.start.tip)) @ at.tip
         tip_turn = np.asarray(so3.log(displacement[:3, :3]))
-        tip = _displacement_columns(T @ self.start.tip, displacement[:3, 3], tip_turn, np.eye(3))
-        T = T @ at.tip
-        parts = [np.concatenate(twists, axis=2)]
-        if "gears" in self.assume:
-            parts.append(np.stack(gears, axis=2))
-        if "sag" in self.assume:
-            parts.append(np.stack(sags, axis=2))
-        return T, np.concatenate([*parts, tip], axis=2)
+        parts.append(_displacement_columns(T @ self.start.tip, displacement[:3, 3], tip_turn, np.eye(3)))
+        return T @ at.tip, np.concatenate(parts, axis=2)
 
     def tips(self, q: Array, at: Corrections | None = None) -> Array:
         """Poses (N, 4, 4) of the tip alone."""
@@ -288,16 +288,16 @@ class TipChain:
 
 
 def _displacement_columns(T: Array, point: Array, turn: Array, axes: Array) -> Array:
-    """Twist columns (N, 6, 6) in the base of a turn w about a point and of its shift, in frames T (N, 4, 4) and ``axes``.
+    """Twist columns (..., 6, 6) in the base of a turn w about a point and of its shift, in frames T (..., 4, 4) and ``axes``.
 
     The velocity of rotation is J(w) dw with the left Jacobian J.
     """
-    R = T[:, :3, :3]
+    R = T[..., :3, :3]
     angular = R @ (np.asarray(so3.left_jacobian(turn)) @ axes)
-    columns = np.zeros((len(T), 6, 6))
-    columns[:, :3, :3] = angular
-    columns[:, 3:, :3] = so3.hat(T[:, :3, 3] + R @ point) @ angular  # [p] ω
-    columns[:, 3:, 3:] = R @ axes
+    columns = np.zeros((*T.shape[:-2], 6, 6))
+    columns[..., :3, :3] = angular
+    columns[..., 3:, :3] = so3.hat(T[..., :3, 3] + (R @ point[..., None])[..., 0]) @ angular  # [p] ω
+    columns[..., 3:, 3:] = R @ axes
     return columns
 
 
