@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import shutil
 from dataclasses import replace
 from functools import partial
 
@@ -68,14 +69,21 @@ POSES = {
 }
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Folder with a sensor identified at rest and a log of the other sign."""
+    folder, found = tmp_path_factory.mktemp("sensor"), tw.sensing.identify("demo")
+    found.write(folder / "rest.json")
+    log = tw.sensing.read_log(found.sources()["LOG"])
+    tw.sensing.write_log(replace(log, readings=-log.readings), folder / "negated.csv")
+    return folder
+
+
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """Working folder with a sensor identified at rest and a log of the other sign."""
+def folder(written, tmp_path, monkeypatch):
+    """Working folder with copies of these files."""
     monkeypatch.chdir(tmp_path)
-    tw.sensing.identify("demo").write("rest.json")
-    log = tw.sensing.read_log(tw.sensing.identify("demo").sources()["LOG"])
-    tw.sensing.write_log(replace(log, readings=-log.readings), "negated.csv")
-    return tmp_path
+    return shutil.copytree(written, tmp_path, dirs_exist_ok=True)
 
 
 def same_answer(ask, *words):
