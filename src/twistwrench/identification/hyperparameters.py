@@ -162,6 +162,8 @@ _MIN_ROWS_OF_GROUP = 10.0  # minimum number of equations per group at a cut-off
 _BYTES = 64 * 2**20
 """Cache size for rows at several cut-offs with their states, and for normal equations at several settings; the least
 recently used are evicted."""
+_SCORES = 10_000
+"""Maximum number of scores that are kept: the search comes back to many settings."""
 _MAX_ROWS_OF_CHOICE = 3000
 """Maximum number of rows for the choice of settings."""
 _SHIFT_TOLERANCE = 5e-5
@@ -206,10 +208,14 @@ class SettingRows:
         self._trials = lru_cache(2)(self._trial)
         sets_of_equations = 2 + int(_BYTES / (8 * nv * base.count**2 * FOLDS))
         self._parts = lru_cache(sets_of_equations)(self._equations_without_delay)
+        sets_of_products = 2 + int(_BYTES / (8 * nv * base.count * FOLDS))
+        self._delayed = lru_cache(sets_of_products)(self._delayed_products)
+        self._scores = lru_cache(_SCORES)(self._score_at)
 
     def release(self) -> None:
         """Release the rows of all candidates, to limit memory; they are computed again when needed."""
-        for cache in (self.rows, self._judged, self._later, self._trials, self._parts):
+        caches = (self.rows, self._judged, self._later, self._trials, self._parts, self._delayed, self._scores)
+        for cache in caches:
             cache.cache_clear()
         self.__dict__.pop("_torques", None)
 
@@ -237,14 +243,17 @@ class SettingRows:
         parts = self._parts(*key)
         if not settings.shift:
             return parts
-        trial = self._trials(*key)
-        torques = trial.rows.torques(settings.shift)
-        shifted = list[NormalEquations]()
-        for part, fifth in zip(parts, trial.places, strict=True):
+        products = self._delayed(*key, settings.shift)
+        return [replace(part, c=c, y=y) for part, (c, y) in zip(parts, products, strict=True)]
+
+    def _delayed_products(self, cutoff: float, speeds: tuple[float, ...], shift: float) -> list[tuple[Array, Array]]:
+        """Right-hand side c (nv, r) and squares of the torques (nv,) of each fifth, ``shift`` seconds later."""
+        trial, found = self._trials(cutoff, speeds), list[tuple[Array, Array]]()
+        torques = trial.rows.torques(shift)
+        for fifth in trial.places:
             tau = torques[fifth]
-            products = np.einsum("mjr,mj->jr", trial.W[fifth], tau)
-            shifted.append(replace(part, c=products, y=(tau**2).sum(axis=0)))
-        return shifted
+            found.append((np.einsum("mjr,mj->jr", trial.W[fifth], tau), (tau**2).sum(axis=0)))
+        return found
 
     def folds(self, log: Array, time: Array) -> Array:
         """(m,) index 0 to 4 of the fifth of each row, in the time of all logs together."""
@@ -334,10 +343,15 @@ class SettingRows:
             fits.append((part, prior.solve(*training.whitened(sigma))))
         return fits
 
-    def _score(self, settings: FitSettings, prior: Prior, blocks: Sequence[int]) -> float:
+    def _score(self, settings: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> float:
         """Sum of log |residual|² over the joints, of fifths predicted from the others."""
+        return self._scores(settings.cutoff, tuple(settings.friction_speed.tolist()), settings.shift, prior, blocks)
+
+    def _score_at(
+        self, cutoff: float, speeds: tuple[float, ...], shift: float, prior: Prior, blocks: tuple[int, ...]
+    ) -> float:
         squares = np.zeros(len(self.dead))
-        for part, x in self._fits(settings, prior, blocks):
+        for part, x in self._fits(FitSettings(cutoff, np.array(speeds), shift), prior, blocks):
             squares = squares + part.squares(x)
         return float(np.log(np.maximum(squares, 1e-300)).sum())
 
