@@ -173,8 +173,8 @@ TITLES = {
 def test_every_surface_has_the_word_and_the_sentence(answer, tmp_path):
     answer = answer()
     sentence = answer.headline.partition(": ")[2]
-    page = answer.to_html(tmp_path / "page.html").read_text("utf-8")
-    for text in (page, answer._repr_html_()):
+    page, card = answer.to_html(tmp_path / "page.html").read_text("utf-8"), answer._repr_html_()
+    for text in (page, card):
         assert sentence in re.sub(r"<[^>]+>", "", text).replace("&#x27;", "'")
     assert re.sub(r"\s+", " ", str(answer)).startswith(answer.headline)
     assert len(str(answer).splitlines()) <= 45
@@ -186,7 +186,7 @@ def test_every_surface_has_the_word_and_the_sentence(answer, tmp_path):
     else:
         with pytest.raises(tw.ValueRangeError, match="has no picture"):
             answer.plot()
-    assert "<script" not in answer._repr_html_()
+    assert "<script" not in card
 
 
 def test_doubts_speak_python_to_python_and_options_to_the_shell(folder):
