@@ -288,10 +288,11 @@ def without_torques(q, dq):
     return np.zeros_like(dq)
 
 
-def test_a_four_bar_linkage_keeps_its_loop_over_ten_seconds(linkage):
+@pytest.mark.parametrize("seconds", [2.5, pytest.param(10.0, marks=pytest.mark.slow)])
+def test_a_four_bar_linkage_keeps_its_loop_for_seconds(linkage, seconds):
     q = linkage.consistent([0.3, 0.4, 1.2])
     dq = linkage.project_velocity(q, [6.0, 0, 0])
-    energy, gap, rate = drifts(linkage, q, dq, without_torques, linkage.open().potential_energy, 0.01, 10.0)
+    energy, gap, rate = drifts(linkage, q, dq, without_torques, linkage.open().potential_energy, 0.01, seconds)
     assert gap < 1e-12
     assert rate < 1e-10
     assert energy < 1e-3  # of 6 J that go to and fro; falls with dt⁴ and faster
@@ -724,7 +725,7 @@ def test_inverse_dynamics_with_friction_is_undone_by_forward_dynamics_with_it(li
     assert_close(found.lam, lam, 1e-11, "λ")
 
 
-@pytest.mark.parametrize("kind", ["closure", "body", "world_aligned", "space"])
+@pytest.mark.parametrize("kind", mostly_slow(["closure", "body", "world_aligned", "space"], 2))
 def test_wrenches_across_the_joints_turn_them_with_the_torques_of_their_motors(kind):
     """What a joint's axis takes of the wrench across it is τ: of motors that of theirs, nothing at the others."""
     F = {"panda_hand_tcp": [0.1, 0.2, 0.3, 1.0, 2.0, 3.0]}
