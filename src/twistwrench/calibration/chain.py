@@ -256,7 +256,7 @@ class TipChain:
         turns, shifts = self.turns_and_shifts(at)
         points = self.centres + shifts  # of the axes about which D_k turn, after their shifts
         twists = _displacement_columns(np.array(placed), points[:, None], turns[:, None], self.axes[:, None])
-        parts = [np.moveaxis(twists, 0, 2).reshape(len(q), 6, -1)]
+        parts = [np.moveaxis(twists, 0, 2).reshape(len(q), 6, 6 * len(self.bodies))]
         if self.assume:
             screws = np.moveaxis(Ad(np.array(displaced)) @ self.screws[:, None], 0, 2)
             if "gears" in self.assume:
