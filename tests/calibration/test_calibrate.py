@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from dataclasses import replace
@@ -29,12 +30,19 @@ from twistwrench.core.errors import TwistWrenchError
 
 ARMS = {f"{n}R": (lambda n=n: planar(n)) for n in range(2, 8)} | {"scara": scara, "rail": rail, "gantry": gantry}
 ARMS |= {"ur5": tw.robots.ur5, "panda": tw.robots.panda}
+ARMS = {name: functools.cache(make) for name, make in ARMS.items()}
 LACKING = {"pose": 0, "position": 3, "distance": 6, "pair": 9}
 """Number of groups that a kind does not see, of 4 R + 2 P + 6."""
 
 
 def tip_of(robot):
     return None if robot.tip else "panda_link8"
+
+
+@functools.cache
+def calibrated_demo():
+    """Calibration with the bundled readings."""
+    return tw.calibration.calibrate("ur5", "demo")
 
 
 @pytest.mark.parametrize("kind", LACKING)
@@ -213,14 +221,8 @@ def test_a_ball_on_the_last_axis_has_two_groups_fewer():
     assert found.rank == found.theory - 2 and "on the axis of wrist_3_joint" in found.headline
 
 
-def test_a_right_file_needs_nothing():
-    world = World.drawn(tw.robots.ur5(), 9, size=(1e-9, 1e-9))
-    found = tw.calibration.calibrate(world.robot, world.measured("position", 40))
-    assert found.verdict.ok and "already right" in found.headline
-
-
 @pytest.mark.parametrize("kind", ["position", "pose", "distance"])
-def test_a_right_file_needs_nothing_with_any_kind(kind):
+def test_a_right_file_needs_nothing(kind):
     """Sixty readings in all of the reach: the error that the first line gives is above that of the file, which is zero."""
     world = World.drawn(tw.robots.ur5(), 9, size=(1e-9, 1e-9))
     found = tw.calibration.calibrate(world.robot, world.measured(kind, 60))
@@ -325,7 +327,7 @@ def test_a_displacement_that_no_file_can_have_is_stated():
 def test_the_written_file_has_the_calibrated_poses(tmp_path):
     """Another program reads the same poses: Pinocchio, to 1e-9 m; only placements change."""
     pin = pytest.importorskip("pinocchio", exc_type=ImportError)
-    found = tw.calibration.calibrate("ur5", "demo")
+    found = calibrated_demo()
     path = found.write(tmp_path / "mine.urdf")
     model = pin.buildModelFromUrdf(str(path))
     data = model.createData()
@@ -358,7 +360,7 @@ def test_a_written_mjcf_file_has_the_calibrated_poses(tmp_path):
 
 
 def test_results_are_plain_data(tmp_path):
-    found = tw.calibration.calibrate("ur5", "demo")
+    found = calibrated_demo()
     data = json.loads(found.to_json())
     assert data["verdict"] == "OK" and data["rank"] == found.rank == 27 and data["doubts"] == []
     assert data["held_out"]["rms"] == found.held_out.rms and len(data["groups"]) == 21
@@ -469,7 +471,7 @@ def test_a_given_noise_is_that_of_lengths_and_then_of_angles():
 
 def test_another_seed_draws_other_folds():
     """Each reading is predicted from other ones, so the error held out differs in some digit, and by a few per cent."""
-    first, other = (tw.calibration.calibrate("ur5", "demo", seed=seed).held_out.rms for seed in (1, 2))
+    first, other = calibrated_demo().held_out.rms, tw.calibration.calibrate("ur5", "demo", seed=1).held_out.rms
     assert first != other and abs(first / other - 1.0) < 0.2
 
 
@@ -539,7 +541,7 @@ def test_a_fault_of_the_readings_is_named_first(name):
         Rotation.from_euler("xyz", Rotation.from_matrix(m.rotations).as_euler("XYZ")).as_matrix(), m.points)),
 ])  # fmt: skip
 def test_a_convention_of_poses_is_named(fault, change):
-    world = World.drawn(tw.robots.ur5(), 14)
+    world = World.drawn(ARMS["4R"](), 14)
     m = world.measured("pose", 30)
     found = tw.calibration.calibrate(world.robot, replace(m, poses=change(m)))
     assert found.doubts[0].kind == f"calibration-{fault}" and found.verdict.word == "LOOK AGAIN"
@@ -573,7 +575,7 @@ def test_the_command_is_the_function(tmp_path):
     done = CliRunner().invoke(
         main, ["calibrate", "ur5", "demo", "--out", str(out), "--json", str(data), "--plot", str(tmp_path / "p.svg")]
     )
-    found = tw.calibration.calibrate("ur5", "demo")
+    found = calibrated_demo()
     assert done.exit_code == 0 and " ".join(done.output.split()).startswith(found.headline)
     written = json.loads(data.read_text())
     assert {key: written[key] for key in ("verdict", "groups", "held_out", "remaining")} == {

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import html
 import json
 import re
+import tempfile
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,12 +77,21 @@ SEARCH = {"duration": 4.0, "harmonics": 1, "restarts": 1}
 SEARCH_WORDS = ["--duration", 4, "--harmonics", 1, "--restarts", 1]
 
 
-def run(folder, *words, every=True):
+@functools.cache
+def run(*words, every=True):
     """Result of a command in 80 columns, and what it writes as JSON."""
-    told = [*map(str, words), "--json", str(folder / "told.json"), "--overwrite", *(["--all"] if every else [])]
-    result = CliRunner().invoke(main, told, env={"COLUMNS": "80"})
-    assert result.exit_code in (0, 1), result.output
-    return result, json.loads((folder / "told.json").read_text("utf-8"))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "told.json"
+        told = [*map(str, words), "--json", str(file), "--overwrite", *(["--all"] if every else [])]
+        result = CliRunner().invoke(main, told, env={"COLUMNS": "80"})
+        assert result.exit_code in (0, 1), result.output
+        return result, json.loads(file.read_text("utf-8"))
+
+
+@functools.cache
+def demo():
+    """Answer on the bundled log."""
+    return tw.identify("planar_2r", "demo")
 
 
 def agree(answer, result, printed):
@@ -96,16 +108,16 @@ SLOW = {"gain", "degrees", "static friction", "plain least squares"}
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in RUNS])
-def test_identify_and_its_command_give_the_same_answer(name, tmp_path):
+def test_identify_and_its_command_give_the_same_answer(name):
     arguments, words = RUNS[name]
-    agree(tw.identify("planar_2r", "demo", **arguments), *run(tmp_path, "identify", "planar_2r", "demo", *words))
+    agree(tw.identify("planar_2r", "demo", **arguments), *run("identify", "planar_2r", "demo", *words))
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_excite_and_its_command_give_the_same_answer(name, tmp_path):
+def test_excite_and_its_command_give_the_same_answer(name):
     robot, arguments, words = MOTIONS[name]
     answer = tw.excite(robot, **SEARCH, **arguments)
-    agree(answer, *run(tmp_path, "excite", robot, *SEARCH_WORDS, *words))
+    agree(answer, *run("excite", robot, *SEARCH_WORDS, *words))
 
 
 needs_logs = pytest.mark.skipif(not (SHARED / "logs").is_dir(), reason="the shared logs are not here")
@@ -117,17 +129,17 @@ def test_answers_on_real_logs_of_a_double_pendulum_agree(stamp, tmp_path):
     robot = tmp_path / "pendulum.urdf"
     robot.write_text(PENDULUM)
     log = SHARED / "logs" / "dfki_double_pendulum" / f"20220812-{stamp}-PM_measured.csv"
-    agree(tw.identify(robot, log, cutoff=5.0), *run(tmp_path, "identify", robot, log, "--cutoff", 5))
+    agree(tw.identify(robot, log, cutoff=5.0), *run("identify", robot, log, "--cutoff", 5))
 
 
 @needs_logs
-def test_answers_on_a_log_that_is_refused_agree(tmp_path):
+def test_answers_on_a_log_that_is_refused_agree():
     folder = SHARED / "logs" / "dfki_simple_pendulum"
     robot, log = folder / "dfki_simple_pendulum.urdf", folder / "sysid_pd_measured.csv"
     with words_of_the_shell():  # sentences are kept in the words in which they were first asked for
         answer = tw.identify(robot, log)
         assert answer.verdict.word == "LOOK AGAIN" and "measured [kg]" not in str(answer)
-    agree(answer, *run(tmp_path, "identify", robot, log))
+    agree(answer, *run("identify", robot, log))
 
 
 # ── Short forms
@@ -136,22 +148,22 @@ def test_answers_on_a_log_that_is_refused_agree(tmp_path):
 @pytest.mark.parametrize("words", [
     ["identify", "planar_2r", "demo"],
     ["identify", "planar_2r", "demo", "--payload-only", "link2"],
-    ["excite", "planar_2r", "--acceleration", 3, *SEARCH_WORDS],
+    ["excite", "planar_2r", *SEARCH_WORDS, "--acceleration", 3],
 ])  # fmt: skip
-def test_short_reports_fit_on_a_screen(words, tmp_path):
-    short, _ = run(tmp_path, *words, every=False)
-    every, _ = run(tmp_path, *words)
+def test_short_reports_fit_on_a_screen(words):
+    short, _ = run(*words, every=False)
+    every, _ = run(*words)
     lines = [line for line in short.stdout.splitlines() if not line.startswith("wrote ")]  # whatever the folder's name
     assert len(lines) <= 45 and max(map(len, lines)) <= 80
     assert "--all" in short.stdout and len(every.stdout.splitlines()) > len(short.stdout.splitlines())
 
 
-def carried(robot, mass, com, *, seed, rate=100.0):
+def carried(robot, mass, com, *, seed, rate=100.0, seconds=12.0):
     """Log of a robot that carries a mass at its last link, with friction and noise."""
     rng = np.random.default_rng(seed)
     last = robot.model.bodies[-1].link
     real = robot.with_payload(tw.SpatialInertia.from_com(mass, com), last) if mass else robot
-    t, q, dq, ddq = fourier_states(robot, 20.0, rate, rng)
+    t, q, dq, ddq = fourier_states(robot, seconds, rate, rng)
     tau = real.inverse_dynamics(q, dq, ddq) + 0.6 * np.tanh(dq / 0.02) + 0.9 * dq
     tau = tau + 0.02 * np.sqrt(np.mean(tau**2, axis=0)) * rng.normal(size=tau.shape)
     return tw.Motion(t, q, tau=tau, robot=robot)
@@ -217,7 +229,7 @@ def test_a_tool_of_a_seven_axis_arm_is_nearer_by_one_body_than_by_all(mass, com,
         warnings.simplefilter("ignore", tw.ModelWarning)
         names = tw.load(path).model.velocity_names
         robot = tw.load(path, lock=dict.fromkeys(names[7:], 0.0))
-    answer = tw.identify(robot, carried(robot, mass, com, seed=seed))
+    answer = tw.identify(robot, carried(robot, mass, com, seed=seed, seconds=20.0))
     changes = answer.body_changes
     assert abs(changes.tool.mass - mass) < 0.02
     assert abs(changes.tool.mass - mass) < abs(changes.masses[-1] - changes.before[-1] - mass)
@@ -249,7 +261,7 @@ def test_a_joint_of_negligible_torque_does_not_make_the_verdict_unsure():
 def test_many_doubts_leave_room_on_the_screen():
     """A log with several faults, of a robot with six joints."""
     robot = tw.robots.ur5()
-    log = carried(robot, 0.0, (0, 0, 0), seed=3)
+    log = carried(robot, 0.0, (0, 0, 0), seed=3, seconds=20.0)
     tau = log.tau * [1, 1, -1, 1, 1.5, 1] + 5.0 * np.sin(3.0 * log.time)[:, None]
     answer = tw.identify(robot, tw.Motion(log.time, log.q, tau=tau, robot=robot))
     assert answer.verdict.word != "OK" and len(str(answer).splitlines()) <= 45
@@ -259,13 +271,13 @@ def test_many_doubts_leave_room_on_the_screen():
 
 
 def test_every_surface_has_the_word_and_the_sentence(tmp_path):
-    for answer in (tw.identify("planar_2r", "demo"), tw.excite("planar_2r", acceleration=3.0, **SEARCH)):
+    for answer in (demo(), tw.excite("planar_2r", acceleration=3.0, **SEARCH)):
         assert re.sub(r"\s+", " ", str(answer)).startswith(answer.headline)
         page = answer.to_html(tmp_path / f"{answer.call}.html").read_text("utf-8")
-        sentence = answer.headline.partition(": ")[2]
-        for text in (page, answer._repr_html_()):
+        sentence, card = answer.headline.partition(": ")[2], answer._repr_html_()
+        for text in (page, card):
             assert sentence in html.unescape(re.sub(r"<[^>]+>", "", text))
-        assert len(answer._repr_html_()) < 120_000 and "<script" not in answer._repr_html_()
+        assert len(card) < 120_000 and "<script" not in card
         data = json.loads(answer.to_json(tmp_path / f"{answer.call}.json").read_text("utf-8"))
         assert data["verdict"] == answer.verdict.word and len(data["tables"]) == len(answer.tables)
         assert answer.plot(path=tmp_path / f"{answer.call}.svg").is_file()
@@ -276,7 +288,7 @@ def test_every_surface_has_the_word_and_the_sentence(tmp_path):
 
 def test_marks_are_those_of_the_data():
     """A cell with ● is a change of two standard deviations; numbers in tables have all digits."""
-    answer = tw.identify("planar_2r", "demo")
+    answer = demo()
     changes, lines = answer.body_changes, str(answer).splitlines()
     for one in changes.to_list():
         line = next(line for line in lines if line.split()[:1] == [one["link"]])

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,18 +20,26 @@ from twistwrench.cli.main import main
 ARM = tw.robots.planar_2r()
 
 
+SETTINGS = ("--cutoff", 10, "--shift", 0)
+"""Nothing to be searched for: what these tests ask does not depend on it."""
+
+
 def run(*arguments):
     return CliRunner().invoke(main, ["identify", *map(str, arguments)])
 
 
-@pytest.fixture
-def logs(tmp_path):
-    folder = tmp_path / "logs"
-    folder.mkdir()
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs")
     for seed in (1, 2):
-        m = known_log(ARM, seed, seconds=8.0, rate=100.0).motion
-        m.to_csv(folder / f"log{seed}.csv")
+        known_log(ARM, seed, seconds=8.0, rate=100.0).motion.to_csv(folder / f"log{seed}.csv")
     return folder
+
+
+@pytest.fixture
+def logs(written, tmp_path):
+    """A folder of one's own with two logs."""
+    return Path(shutil.copytree(written, tmp_path / "logs"))
 
 
 def test_every_file_that_is_asked_for(tmp_path):
@@ -52,7 +62,7 @@ def test_every_file_that_is_asked_for(tmp_path):
 def test_folders_and_patterns_are_the_files_in_them(logs, tmp_path):
     out = [tmp_path / "a.json", tmp_path / "b.json", tmp_path / "c.json"]
     for path, what in zip(out, ([logs], [logs / "*.csv"], [logs / "log1.csv", logs / "log2.csv"]), strict=True):
-        run("planar_2r", *what, "--cutoff", 10, "--json", path)
+        run("planar_2r", *what, *SETTINGS, "--json", path)
     first, *others = (json.loads(path.read_text()) | {"command": None} for path in out)
     assert all(other == first for other in others)
 
@@ -71,10 +81,9 @@ def test_the_topic_of_a_recording_is_chosen(logs, tmp_path):
         topics[topic] = ("sensor_msgs/msg/JointState", JOINT_STATE, messages)
     write_messages(tmp_path / "r.mcap", topics)
     m[:700].to_csv(tmp_path / "plain.csv")
-    more = ("--cutoff", 10, "--friction-model", "none")
     found = {}
     for name, log in (("r", ["r.mcap", "--topic", "/arm"]), ("plain", ["plain.csv"])):
-        result = run("planar_2r", tmp_path / log[0], *log[1:], *more, "--json", tmp_path / f"{name}.json")
+        result = run("planar_2r", tmp_path / log[0], *log[1:], *SETTINGS, "--json", tmp_path / f"{name}.json")
         assert "error" not in result.output, result.output
         found[name] = json.loads((tmp_path / f"{name}.json").read_text())["parameters"]
     for name, value in found["plain"].items():
@@ -186,11 +195,12 @@ def test_an_actuator_file_of_other_joints_is_refused(logs, tmp_path):
 def test_thresholds_are_those_of_an_observer_of_the_identified_robot(tmp_path):
     """Option, Python and the observer give the same; the log bundled with the robot lasts long enough."""
     log = tw.robots.path_of("planar_2r").with_name("planar_2r_demo_log.csv")
+    given = ("--cutoff", "10", "--shift", "0")
     result = CliRunner().invoke(
-        main, ["identify", "planar_2r", "demo", "--thresholds", "30", "--json", str(tmp_path / "o.json")]
+        main, ["identify", "planar_2r", "demo", *given, "--thresholds", "30", "--json", str(tmp_path / "o.json")]
     )
     assert "thresholds for 1 false alarm an hour: " in result.output, result.output
-    found = tw.identify("planar_2r", log, thresholds=30.0)
+    found = tw.identify("planar_2r", log, cutoff=10.0, shift=0.0, thresholds=30.0)
     mine = json.loads((tmp_path / "o.json").read_text("utf-8"))["thresholds"]
     theirs = tw.control.MomentumObserver(found.robot, 30.0, friction=True)
     expected = theirs.threshold(tw.Motion.from_file(log, found.original)).torques

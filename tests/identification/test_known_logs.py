@@ -13,7 +13,7 @@ from twistwrench.mechanics.bodies.inertia import SpatialInertia
 from twistwrench.testing import random_robot
 
 ARM = tw.robots.ur5().lock({"wrist_2_joint": 0.3, "wrist_3_joint": 0.0})
-LOG = known_log(ARM, 1, seconds=15.0)
+LOG = known_log(ARM, 1, seconds=10.0)
 GIVEN = {"cutoff": 10.0, "friction_speed": 0.05}
 """Hz and rad/s: what the program chooses is tested apart."""
 

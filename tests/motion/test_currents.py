@@ -94,9 +94,8 @@ def test_identify_and_torques_read_currents_by_the_option_or_the_actuator_file(a
     drives = tmp_path / "drives.yaml"
     drives.write_text(DRIVES)
     said = ("--gain", "joint1=2", "--gain", "joint2=-4")
-    outputs = [
-        run("identify", "planar_2r", path, "--no-motor-inertia", *more)[1] for more in (said, ("--actuators", drives))
-    ]
+    given = ("--no-motor-inertia", "--cutoff", "10", "--shift", "0")
+    outputs = [run("identify", "planar_2r", path, *given, *more)[1] for more in (said, ("--actuators", drives))]
     assert outputs[0].startswith("OK")
     assert outputs[0].splitlines()[0] == outputs[1].splitlines()[0]
     for more in (said, ("--actuators", drives, "--no-friction")):

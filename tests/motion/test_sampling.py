@@ -180,7 +180,8 @@ def log():
 
 def identified(q, tau, t=T):
     given = tw.Motion(t, q, tau=tau, robot=ARM, in_seconds=True)
-    return tw.identification.identify(ARM, given, motor_inertia=False)
+    settings = {"cutoff": 10.0, "friction_speed": 0.05, "shift": 0.0}
+    return tw.identification.identify(ARM, given, motor_inertia=False, **settings)
 
 
 @pytest.mark.parametrize("fault", ["pause", "repeated", "spikes"])

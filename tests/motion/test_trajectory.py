@@ -41,7 +41,7 @@ def test_numbers_are_those_of_python(form):
 
 
 @given(st.lists(st.decimals(-(10**9), 10**9, places=6), min_size=1, max_size=60))
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 def test_every_decimal_is_rounded_correctly(values):
     text = "".join(f"{x}\n" for x in values).encode()
     np.testing.assert_array_equal(parse_block(text, Dialect(","), 1, [0])[:, 0], [float(x) for x in values])

@@ -14,6 +14,7 @@ import pytest
 from chains import chain
 from mechanisms import LEGS, along, closed_platform, four_bar, integrated
 from places import ROOT
+from quick import mostly_slow
 from random_trees import DIFFERENCES, ROUNDING
 
 import twistwrench as tw
@@ -37,7 +38,7 @@ def at(linkage):
 # ── gaps ──
 
 
-@pytest.mark.parametrize("scale", [1e-7, 1e-5, 1e-3, 1.0, 30.0])
+@pytest.mark.parametrize("scale", mostly_slow([1e-7, 1e-3, 1.0, 1e-5, 30.0], 2))
 def test_how_far_a_loop_may_be_open_goes_by_the_size_of_the_mechanism(scale):
     lengths = scale * np.array([0.3, 0.8, 0.6, 0.7])
     closed = four_bar(tuple(lengths)).close("rocker_pin", "coupler_pin", "vx vz")
@@ -52,7 +53,7 @@ def test_how_far_a_loop_may_be_open_goes_by_the_size_of_the_mechanism(scale):
     assert np.isfinite(closed.forward_dynamics(little, np.zeros(3), np.zeros(3)).ddq).all()
 
 
-@pytest.mark.parametrize("scale", [1e3, 1e5, 1e6, 1e8])
+@pytest.mark.parametrize("scale", mostly_slow([1e3, 1e5, 1e6, 1e8], 3))
 def test_loops_of_huge_mechanisms_close_as_well_as_rounding_allows(scale):
     """Positions of 2.4 scale m are rounded to 1e-16 of that: 1e-12 m is less than the last place of them."""
     closed = four_bar(tuple(scale * np.array([0.3, 0.8, 0.6, 0.7]))).close("rocker_pin", "coupler_pin", "vx vz")
@@ -287,10 +288,11 @@ def without_torques(q, dq):
     return np.zeros_like(dq)
 
 
-def test_a_four_bar_linkage_keeps_its_loop_over_ten_seconds(linkage):
+@pytest.mark.parametrize("seconds", [2.5, pytest.param(10.0, marks=pytest.mark.slow)])
+def test_a_four_bar_linkage_keeps_its_loop_for_seconds(linkage, seconds):
     q = linkage.consistent([0.3, 0.4, 1.2])
     dq = linkage.project_velocity(q, [6.0, 0, 0])
-    energy, gap, rate = drifts(linkage, q, dq, without_torques, linkage.open().potential_energy, 0.01, 10.0)
+    energy, gap, rate = drifts(linkage, q, dq, without_torques, linkage.open().potential_energy, 0.01, seconds)
     assert gap < 1e-12
     assert rate < 1e-10
     assert energy < 1e-3  # of 6 J that go to and fro; falls with dt⁴ and faster
@@ -723,7 +725,7 @@ def test_inverse_dynamics_with_friction_is_undone_by_forward_dynamics_with_it(li
     assert_close(found.lam, lam, 1e-11, "λ")
 
 
-@pytest.mark.parametrize("kind", ["closure", "body", "world_aligned", "space"])
+@pytest.mark.parametrize("kind", mostly_slow(["closure", "body", "world_aligned", "space"], 2))
 def test_wrenches_across_the_joints_turn_them_with_the_torques_of_their_motors(kind):
     """What a joint's axis takes of the wrench across it is τ: of motors that of theirs, nothing at the others."""
     F = {"panda_hand_tcp": [0.1, 0.2, 0.3, 1.0, 2.0, 3.0]}

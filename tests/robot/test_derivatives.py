@@ -9,7 +9,7 @@ from random_trees import DIFFERENCES, ROUNDING, driven
 import twistwrench as tw
 from twistwrench.testing import assert_close, derivative, derivative_along, random_state
 
-pytest_plugins = ("random_tree_fixtures",)
+pytest_plugins = ("random_tree_fixtures", "small_trees")
 pytestmark = pytest.mark.usefixtures("on_numpy")
 
 
@@ -52,8 +52,8 @@ def test_at_rest_the_derivative_by_q_is_the_stiffness_of_gravity(simple_robot, r
     assert not np.abs(by_dq).max() > 1e-12 * np.abs(by_q).max()
 
 
-def test_forward_dynamics(robot, state):
-    q, dq, ddq = state
+def test_forward_dynamics(small_robot, small_state):
+    robot, (q, dq, ddq) = small_robot, small_state
     F = {robot.frame_names[-1]: np.arange(1.0, 7.0)}
     M = robot.mass_matrix(q)
     # Rows of M ∂ddq/∂x are compared: fingers of grams make M⁻¹, and differences through it, large.

@@ -17,19 +17,19 @@ MODES = ("forward", "reverse")
 STATE = ("q", "dq", "ddq")
 
 
-def test_auto_takes_the_mode_of_fewer_operations(bundled):
+@pytest.mark.parametrize("name", ["panda", pytest.param("quadruped", marks=pytest.mark.slow)])
+def test_auto_takes_the_mode_of_fewer_operations(bundled, name):
     """The estimate is right about which, wherever one of the modes takes a tenth less."""
-    for name in ("panda", "quadruped"):
-        robot = bundled(name)
-        for quantity, by in [
-            ("mass_matrix", "q"),
-            ("center_of_mass", "q"),
-            ("inverse_dynamics", STATE),
-            ("momentum", "q"),
-        ]:
-            made = [robot.program(quantity, by=by, mode=mode).flops for mode in MODES]
-            auto = robot.program(quantity, by=by).flops
-            assert auto <= 1.1 * min(made)
+    robot = bundled(name)
+    for quantity, by in [
+        ("mass_matrix", "q"),
+        ("center_of_mass", "q"),
+        ("inverse_dynamics", STATE),
+        ("momentum", "q"),
+    ]:
+        made = [robot.program(quantity, by=by, mode=mode).flops for mode in MODES]
+        auto = robot.program(quantity, by=by).flops
+        assert auto <= 1.1 * min(made)
 
 
 def test_compiled_kernels_take_batches_and_share_what_several_have_in_common():

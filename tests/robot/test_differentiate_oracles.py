@@ -44,8 +44,17 @@ class Case:
         self.theirs = to_pinocchio(self.robot, self.model, *self.state)
 
 
+CASES = [(name, base) for name in NAMES for base in (False, True)]
+QUICK = {("ur5_robot", False), ("kinova", False), ("kinova", True), ("solo12", True), ("borinot_flying_arm_2", True)}
+"""Arms, continuous joints, legs, and floating bases; the others are slow."""
+
+
 @pytest.fixture(
-    params=[(name, base) for name in NAMES for base in (False, True)] or NONE,
+    params=[
+        case if (case[0].rpartition("/")[2], case[1]) in QUICK else pytest.param(case, marks=pytest.mark.slow)
+        for case in CASES
+    ]
+    or NONE,
     ids=lambda x: f"{x[0].rpartition('/')[2]}-{'floating' if x[1] else 'fixed'}",
 )
 def at(request, monkeypatch):

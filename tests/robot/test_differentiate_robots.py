@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from quick import mostly_slow
 from random_trees import DIFFERENCES, ROUNDING, frames
 from small_trees import SIMPLE, tree
 
@@ -64,8 +63,15 @@ BY_Q = [
 ]
 
 
-@pytest.mark.parametrize("name", ["floating base", pytest.param("planar", marks=pytest.mark.slow), "driven"])
-@pytest.mark.parametrize("quantity", mostly_slow(BY_Q, 2))
+QUANTITIES_OF_TREES = [
+    pytest.param(quantity, name, marks=() if name == ("floating base", "", "driven", "")[k % 4] else pytest.mark.slow)
+    for name in ("floating base", "planar", "driven")
+    for k, quantity in enumerate(BY_Q)
+]
+"""Every second quantity of one tree or the other by turns; all quantities of all trees are slow."""
+
+
+@pytest.mark.parametrize(("quantity", "name"), QUANTITIES_OF_TREES)
 def test_of_any_quantity_by_differences(quantity, name):
     robot = tree(name)
     options = {"frame": robot.frame_names[-1]} if "frame" in QUANTITIES[quantity].options else {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -55,8 +56,10 @@ print(tau.tobytes().hex(), "twistwrench.mechanics.model.builder" in sys.modules,
 
 
 @pytest.fixture
-def file(tmp_path) -> Path:
-    path = tmp_path / "arm.urdf"
+def file(tmp_path, monkeypatch) -> Path:
+    """The arm's file in the working folder, under a name that is the same in every test: robots are kept by their paths."""
+    monkeypatch.chdir(tmp_path)
+    path = Path("arm.urdf")
     path.write_text(ARM)
     return path
 
@@ -66,9 +69,30 @@ def place(tmp_path) -> Path:
     return tmp_path / "cache"
 
 
-def python(code: str, place: Path | str, *flags: str, **environment: str) -> str:
+@pytest.fixture(scope="module")
+def first(tmp_path_factory) -> tuple[Path, str]:
+    """What one process has kept of the arm, and the bits of its torque."""
+    folder = tmp_path_factory.mktemp("first")
+    (folder / "arm.urdf").write_text(ARM)
+    code = TORQUE.format(path="arm.urdf", options="", nv=2)
+    return folder / "cache", python(code, folder / "cache", cwd=folder).split()[0]
+
+
+@pytest.fixture
+def bits(first) -> str:
+    """Bits of the arm's torque in a process that found nothing kept."""
+    return first[1]
+
+
+@pytest.fixture
+def kept(first, place) -> Path:
+    """A place with what one process has kept of the arm."""
+    return Path(shutil.copytree(first[0], place))
+
+
+def python(code: str, place: Path | str, *flags: str, cwd: Path | None = None, **environment: str) -> str:
     done = subprocess.run(
-        [sys.executable, *(flags or ("-W", "error")), "-c", code],
+        [sys.executable, *(flags or ("-W", "error")), "-c", code], cwd=cwd,
         env={**os.environ, "TWISTWRENCH_CACHE_DIR": str(place), **environment}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -101,25 +125,23 @@ def test_what_is_kept_of_a_kernel_is_what_it_has(file, place):
     assert length != effort
 
 
-def test_a_first_torque_imports_nothing_that_it_does_not_need(file, place):
-    torque(file, place)
+def test_a_first_torque_imports_nothing_that_it_does_not_need(file, kept):
     code = TORQUE.format(path=str(file), options="", nv=2) + "print(*sys.modules)"
-    loaded = python(code, place).splitlines()[1].split()
+    loaded = python(code, kept).splitlines()[1].split()
     assert "twistwrench.robot.engine" in loaded
     placed = sys.platform.startswith("linux") and os.uname().machine == "x86_64"
     unwanted = HEAVY if placed else [name for name in HEAVY if "llvm" not in name]
-    alone = python("import numpy, sys; print(*sys.modules)", place).split()
+    alone = python("import numpy, sys; print(*sys.modules)", kept).split()
     assert [x for x in loaded if any(x == y or x.startswith(f"{y}.") for y in unwanted) and x not in alone] == []
 
 
-def test_another_file_of_that_name_is_another_robot(file, place):
-    torque(file, place)
+def test_another_file_of_that_name_is_another_robot(file, kept, bits):
     file.write_text(ARM.replace('<mass value="1"/>', '<mass value="3"/>'))
-    bits, built = torque(file, place)
+    heavier, built = torque(file, kept)
     assert built
-    assert bits == torque(file, "off")[0]
+    assert heavier == torque(file, "off")[0] != bits
     file.write_text(ARM)
-    assert torque(file, place) == (torque(file, "off")[0], False)
+    assert torque(file, kept) == (bits, False)
 
 
 def test_a_file_that_includes_others_is_read_again_whatever_it_is_called(file, place):
@@ -136,9 +158,8 @@ def test_a_file_that_includes_others_is_read_again_whatever_it_is_called(file, p
 
 
 @pytest.mark.parametrize(("options", "nv"), mostly_slow([(", gravity=[0, 0, -1.62]", 2), (", lock={'b': 0.5}", 1)], 2))
-def test_other_options_are_another_robot(file, place, options, nv):
-    torque(file, place)
-    made, found = (torque(file, place, options=options, nv=nv) for _ in range(2))
+def test_other_options_are_another_robot(file, kept, options, nv):
+    made, found = (torque(file, kept, options=options, nv=nv) for _ in range(2))
     assert made == (torque(file, "off", options=options, nv=nv)[0], True)
     assert found == (made[0], False)
 
@@ -157,26 +178,25 @@ def test_what_is_doubtful_is_said_each_time(file, place):
     assert said[1].count("ModelWarning") == 1
 
 
-def test_an_error_is_the_same_each_time(file, place):
-    torque(file, place)
+def test_an_error_is_the_same_each_time(file, kept):
     code = (
         f"import twistwrench as tw\ntry: tw.load({str(file)!r}, tip='none')\nexcept tw.UnknownNameError as e: print(e)"
     )
-    assert python(code, place) == python(code, place) == python(code, "off")
+    assert python(code, kept) == python(code, kept) == python(code, "off")
     file.unlink()
     code = code.replace("UnknownNameError", "NotFoundError")
-    assert "no file" in python(code, place)
+    assert "no file" in python(code, kept)
 
 
-def test_a_library_in_an_archive_reads_files_as_any_other(file, place, tmp_path):
+def test_a_library_in_an_archive_reads_files_as_any_other(file, place, tmp_path, bits):
     """As applications in one file have it; what tells its versions apart is no file there, so nothing is kept of robots."""
     package, archive = Path(tw.__file__).parent, tmp_path / "library.zip"
     with zipfile.ZipFile(archive, "w") as packed:
         for path in (*package.rglob("*.py"), *package.rglob("*.txt")):
             packed.write(path, path.relative_to(package.parent))
     code = f"import sys; sys.path.insert(0, {str(archive)!r})" + TORQUE.format(path=str(file), options="", nv=2)
-    bits, built, _ = python(code, place, PYTHONPATH="").split()
-    assert (bits, built == "True") == torque(file, "off")
+    found, built, _ = python(code, place, PYTHONPATH="").split()
+    assert (found, built) == (bits, "True")
 
 
 def test_another_version_is_another_one_where_only_compiled_files_are_there(tmp_path, monkeypatch):
@@ -196,45 +216,40 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("damage", mostly_slow(DAMAGE, 2))
-def test_damaged_entries_are_made_again(file, place, damage):
-    first = torque(file, place)[0]
-    for entry in place.iterdir():
+def test_damaged_entries_are_made_again(file, kept, bits, damage):
+    for entry in kept.iterdir():
         entry.write_bytes(DAMAGE[damage](entry.read_bytes()))
-    assert torque(file, place) == (first, True)
+    assert torque(file, kept) == (bits, True)
 
 
-def test_lost_entries_are_made_again(file, place):
-    first = torque(file, place)[0]
-    entries = {entry: entry.read_bytes() for entry in place.iterdir()}
+def test_lost_entries_are_made_again(file, kept, bits):
+    entries = {entry: entry.read_bytes() for entry in kept.iterdir()}
     assert len(entries) >= 3
     for lost in entries:
         for entry, raw in entries.items():
             entry.write_bytes(raw)
         lost.unlink()
-        assert torque(file, place)[0] == first
+        assert torque(file, kept)[0] == bits
         assert lost.read_bytes() == entries[lost]
 
 
-def test_another_version_of_the_library_makes_its_own(file, place):
-    torque(file, place)
+def test_another_version_of_the_library_makes_its_own(file, kept):
     code = TORQUE.format(path=str(file), options="", nv=2)
     other = "from twistwrench.robot.kernels import disk_cache; disk_cache._version = lambda: 'another'\n" + code
-    assert python(other, place).split()[1] == "True"
-    assert python(other, place).split()[1] == "False"
+    assert python(other, kept).split()[1] == "True"
+    assert python(other, kept).split()[1] == "False"
 
 
 @pytest.mark.skipif(not hasattr(os, "uname") or os.uname().machine != "x86_64", reason="levels of x86-64")
-def test_another_processor_has_kernels_of_its_own(file, place):
-    torque(file, place)
-    bits, built = torque(file, place, TWISTWRENCH_CPU="x86-64")
+def test_another_processor_has_kernels_of_its_own(file, kept):
+    bits, built = torque(file, kept, TWISTWRENCH_CPU="x86-64")
     assert built
     assert bits == torque(file, "off", TWISTWRENCH_CPU="x86-64")[0]
 
 
-def test_without_the_compiler_nothing_kept_is_used(file, place):
-    torque(file, place)
+def test_without_the_compiler_nothing_kept_is_used(file, kept):
     code = TORQUE.format(path=str(file), options="", nv=2) + "print(type(robot.kernel('inverse_dynamics')).__name__)"
-    assert python(code, place, TWISTWRENCH_JIT="0").splitlines()[1] == "NumpyKernel"
+    assert python(code, kept, TWISTWRENCH_JIT="0").splitlines()[1] == "NumpyKernel"
 
 
 def test_no_home_and_a_home_that_cannot_be_written_to(file, place, tmp_path):
@@ -313,13 +328,12 @@ def test_kernels_with_options_are_told_apart(file, place):
     assert (first[3], second[3]) == ("True", "False")
 
 
-def test_a_robot_is_known_whatever_was_imported_before(file, place):
-    torque(file, place)
+def test_a_robot_is_known_whatever_was_imported_before(file, kept):
     code = "import twistwrench.mechanics.algorithms.inverse_dynamics, twistwrench.compiler.ir.tracer\n" + TORQUE.format(
         path=str(file), options="", nv=2
     )
     code += "print('twistwrench.formats.urdf' in sys.modules)"
-    assert python(code, place).split()[3] == "False"
+    assert python(code, kept).split()[3] == "False"
 
 
 @pytest.mark.parametrize("name", mostly_slow(["text", "mjcf"], 2))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import shutil
 from dataclasses import replace
 from functools import partial
 
@@ -68,14 +69,21 @@ POSES = {
 }
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Folder with a sensor identified at rest and a log of the other sign."""
+    folder, found = tmp_path_factory.mktemp("sensor"), tw.sensing.identify("demo")
+    found.write(folder / "rest.json")
+    log = tw.sensing.read_log(found.sources()["LOG"])
+    tw.sensing.write_log(replace(log, readings=-log.readings), folder / "negated.csv")
+    return folder
+
+
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """Working folder with a sensor identified at rest and a log of the other sign."""
+def folder(written, tmp_path, monkeypatch):
+    """Working folder with copies of these files."""
     monkeypatch.chdir(tmp_path)
-    tw.sensing.identify("demo").write("rest.json")
-    log = tw.sensing.read_log(tw.sensing.identify("demo").sources()["LOG"])
-    tw.sensing.write_log(replace(log, readings=-log.readings), "negated.csv")
-    return tmp_path
+    return shutil.copytree(written, tmp_path, dirs_exist_ok=True)
 
 
 def same_answer(ask, *words):
@@ -165,8 +173,8 @@ TITLES = {
 def test_every_surface_has_the_word_and_the_sentence(answer, tmp_path):
     answer = answer()
     sentence = answer.headline.partition(": ")[2]
-    page = answer.to_html(tmp_path / "page.html").read_text("utf-8")
-    for text in (page, answer._repr_html_()):
+    page, card = answer.to_html(tmp_path / "page.html").read_text("utf-8"), answer._repr_html_()
+    for text in (page, card):
         assert sentence in re.sub(r"<[^>]+>", "", text).replace("&#x27;", "'")
     assert re.sub(r"\s+", " ", str(answer)).startswith(answer.headline)
     assert len(str(answer).splitlines()) <= 45
@@ -178,7 +186,7 @@ def test_every_surface_has_the_word_and_the_sentence(answer, tmp_path):
     else:
         with pytest.raises(tw.ValueRangeError, match="has no picture"):
             answer.plot()
-    assert "<script" not in answer._repr_html_()
+    assert "<script" not in card
 
 
 def test_doubts_speak_python_to_python_and_options_to_the_shell(folder):

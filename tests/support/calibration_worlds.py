@@ -124,8 +124,9 @@ class World:
     def _touching(self, kind, centre, count, noise):
         from twistwrench.calibration.chain import point_columns
 
-        far = noise * self.rng.normal(size=(4000, 3))
-        q = self.configurations(4000)
+        tries = 5 * count  # two of five end within the limits
+        far = noise * self.rng.normal(size=(tries, 3))
+        q = self.configurations(tries)
         chain, joints = replace(self.chain, assume=("sag",)), len(self.chain.joints)
         for _ in range(30):
             T, J = chain.poses(q, -np.ones((len(q), joints)), replace(self.truth, sags=np.zeros(joints)))

@@ -639,12 +639,17 @@ def test_on_a_phone_nothing_scrolls_sideways_and_targets_are_large(article, sect
         (["planar_2r", "--section", "8.1"], "no page with a robot: twistwrench view --section 8.1 --html page.html"),
     ],
 )
-def test_without_a_robot_the_command_writes_an_article_or_says_why_not(tmp_path, monkeypatch, arguments, message):
+def test_the_command_says_why_it_writes_no_article(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     found = CliRunner().invoke(main, ["view", *arguments, "--html", "x.html"])
     assert found.exit_code == 2
     assert message in " ".join(found.output.split())
     assert not any(tmp_path.iterdir())
+
+
+def test_without_a_robot_the_command_writes_an_article(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x.html").write_text("of before")
     done = CliRunner().invoke(main, ["view", "--section", "8.2", "--html", "x.html", "--overwrite"])
     assert (done.exit_code, done.output) == (0, "wrote x.html\n")
     assert (tmp_path / "x.html").read_text("utf-8") == article_text("8.2")

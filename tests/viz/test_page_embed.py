@@ -229,7 +229,9 @@ def test_the_robot_fills_the_frame_of_a_guide(at, width, least):
 @pytest.mark.parametrize(("width", "least"), [(900, 0.45), (690, 0.45), (358, 0.25)])
 def test_a_robot_to_be_let_go_fills_its_frame_until_it_falls(page, folder, width, least):
     """Then the view draws back to its floor, and stays there when it is stopped."""
-    path = write_page(tw.robots.ur5(), folder / "falling.html", embed=True, control="fall")
+    path = folder / "falling.html"
+    if not path.exists():
+        write_page(tw.robots.ur5(), path, embed=True, control="fall")
     page.call("Emulation.setDeviceMetricsOverride", width=width, height=560, deviceScaleFactor=1, mobile=False)
     try:
         page.call("Page.navigate", url="about:blank")
@@ -317,7 +319,8 @@ def test_a_page_within_another_plays_once_and_stands_at_its_start(opened):
 @pytest.mark.parametrize(("address", "embedded"), [("", True), ("#full", False), ("#embed", True)])
 def test_the_address_opens_an_embedded_page_in_full(page, folder, address, embedded):
     path = folder / "ur5_address.html"
-    write_page(tw.robots.ur5(), path, embed=True)
+    if not path.exists():
+        write_page(tw.robots.ur5(), path, embed=True)
     page.call("Page.navigate", url="about:blank")
     page.open(path.as_uri() + address)
     assert page.wait("!!window.viewer")

@@ -122,7 +122,7 @@ def test_feet_stay_where_they_are_and_share_the_weight_wherever_sliders_go(stand
     start, rng = np.array(header["start"]), np.random.default_rng(0)
     hands = [k for k, hand in enumerate(header["hands"]) if "turn" not in hand]
     moves = []
-    for k in rng.choice(hands, 16):
+    for k in rng.choice(hands, 6):
         hand = header["hands"][k]
         wide = 0.15 if hand["unit"] == "m" else 0.4
         moves.append(

@@ -231,7 +231,7 @@ def test_work_less_friction_is_what_the_energies_gain(bundled):
 
 
 @pytest.mark.parametrize("draw", [plot_split, plot_power, plot_phase])
-@pytest.mark.parametrize("name", mostly_slow(["ur5", "pendulum", "floating_box", "cart_pole"], 2))
+@pytest.mark.parametrize("name", mostly_slow(["cart_pole", "ur5", "floating_box", "pendulum"], 2))
 def test_pictures_of_any_robot(bundled, tmp_path, draw, name):
     image = pytest.importorskip("matplotlib.image")
     robot = bundled(name)

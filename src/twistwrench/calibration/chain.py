@@ -265,29 +265,31 @@ class TipChain:
 
     def poses(self, q: Array, loads: Array, at: Corrections) -> tuple[Array, Array]:
         """Poses (N, 4, 4) of the tip in the base, and twist columns (N, 6, p) of the parameters in the base frame."""
+        slopes_by_compliance = -loads  # of the joints' positions
+        positions = q[:, self.columns] * (1.0 + at.gears) + at.sags * slopes_by_compliance
+        motions = np.asarray(se3.exp(positions.T[..., None] * self.screws[:, None]))  # (n, N, 4, 4)
         T = np.tile(np.eye(4), (len(q), 1, 1))
-        displacements = self.bends(at)
+        before_displacement, after_displacement = list[Array](), list[Array]()
+        for placement, displacement, motion in zip(self.placements, self.bends(at), motions, strict=True):
+            before_displacement.append(T @ placement)
+            after_displacement.append(T @ (placement @ displacement))
+            T = after_displacement[-1] @ motion
         turns, shifts = self.turns_and_shifts(at)
-        displacement_columns, gear_columns, sag_columns = list[Array](), list[Array](), list[Array]()
-        for k, column in enumerate(self.columns):
-            point = self.centres[k] + shifts[k]  # of the axis about which D_k turns, after its shift
-            displacement_columns.append(_displacement_columns(T @ self.placements[k], point, turns[k], self.axes[k]))
-            T = T @ (self.placements[k] @ displacements[k])
-            screw = Ad(T) @ self.screws[k]
-            gear_columns.append(screw * q[:, column, None])
-            sag_columns.append(-screw * loads[:, k, None])
-            turn = q[:, column] * (1.0 + at.gears[k]) - at.sags[k] * loads[:, k]
-            T = T @ np.asarray(se3.exp(turn[:, None] * self.screws[k]))
+        points = self.centres + shifts  # of the axes about which D_k turn, after their shifts
+        twists = _displacement_columns(
+            np.array(before_displacement), points[:, None], turns[:, None], self.axes[:, None]
+        )
+        columns = [np.moveaxis(twists, 0, 2).reshape(len(q), 6, 6 * len(self.bodies))]
+        if self.assume:
+            screws = np.moveaxis(Ad(np.array(after_displacement)) @ self.screws[:, None], 0, 2)
+            if "gears" in self.assume:
+                columns.append(screws * q[:, None, self.columns])
+            if "sag" in self.assume:
+                columns.append(screws * slopes_by_compliance[:, None])
         tip_displacement = np.asarray(se3.inverse(self.start.tip)) @ at.tip
         tip_turn = np.asarray(so3.log(tip_displacement[:3, :3]))
-        tip_columns = _displacement_columns(T @ self.start.tip, tip_displacement[:3, 3], tip_turn, np.eye(3))
-        T = T @ at.tip
-        columns = [np.concatenate(displacement_columns, axis=2)]
-        if "gears" in self.assume:
-            columns.append(np.stack(gear_columns, axis=2))
-        if "sag" in self.assume:
-            columns.append(np.stack(sag_columns, axis=2))
-        return T, np.concatenate([*columns, tip_columns], axis=2)
+        columns.append(_displacement_columns(T @ self.start.tip, tip_displacement[:3, 3], tip_turn, np.eye(3)))
+        return T @ at.tip, np.concatenate(columns, axis=2)
 
     def tips(self, q: Array, at: Corrections | None = None) -> Array:
         """Poses (N, 4, 4) of the tip alone."""
@@ -310,17 +312,17 @@ class TipChain:
 
 
 def _displacement_columns(T: Array, point: Array, turn: Array, axes: Array) -> Array:
-    """Twist columns (N, 6, 6) in the base frame: for a change of a turn w about a point, and of the point's shift.
+    """Twist columns (..., 6, 6) in the base frame: for a change of a turn w about a point, and of the point's shift.
 
-    T (N, 4, 4) are the poses of the frame in which ``point`` (3,) and ``turn`` w (3,) are given, and the columns of ``axes``
-    (3, 3) the directions of both changes. The velocity of rotation is J(w) dw with the left Jacobian J.
+    T (..., 4, 4) are the poses of the frame in which ``point`` (..., 3) and ``turn`` w (..., 3) are given, and the columns of
+    ``axes`` (..., 3, 3) the directions of both changes. The velocity of rotation is J(w) dw with the left Jacobian J.
     """
-    R = T[:, :3, :3]
+    R = T[..., :3, :3]
     angular = R @ (np.asarray(so3.left_jacobian(turn)) @ axes)
-    columns = np.zeros((len(T), 6, 6))
-    columns[:, :3, :3] = angular
-    columns[:, 3:, :3] = so3.hat(T[:, :3, 3] + R @ point) @ angular  # [p] ω
-    columns[:, 3:, 3:] = R @ axes
+    columns = np.zeros((*T.shape[:-2], 6, 6))
+    columns[..., :3, :3] = angular
+    columns[..., 3:, :3] = so3.hat(T[..., :3, 3] + (R @ point[..., None])[..., 0]) @ angular  # [p] ω
+    columns[..., 3:, 3:] = R @ axes
     return columns
 
 

@@ -172,6 +172,8 @@ _CACHE_BYTES = 64 * 2**20
 """Cache size for rows at several cut-offs with their states, and for normal equations at several settings; the least
 recently used are evicted."""
 _BYTES_OF_FLOAT = 8
+_MAX_SCORES = 10_000
+"""Maximum number of scores that are kept: the search comes back to many settings."""
 _MAX_ROWS_OF_CHOICE = 3000
 """Maximum number of rows for the choice of settings."""
 _SHIFT_TOLERANCE = 5e-5
@@ -226,10 +228,14 @@ class SettingRows:
         self._trials = lru_cache(2)(self._trial)
         sets_of_equations = 2 + int(_CACHE_BYTES / (_BYTES_OF_FLOAT * nv * base.count**2 * FOLDS))
         self._fifths = lru_cache(sets_of_equations)(self._equations_without_delay)
+        sets_of_products = 2 + int(_CACHE_BYTES / (_BYTES_OF_FLOAT * nv * base.count * FOLDS))
+        self._products = lru_cache(sets_of_products)(self._shifted_products)
+        self._scores = lru_cache(_MAX_SCORES)(self._score_at)
 
     def release(self) -> None:
         """Release the rows of all candidates, to limit memory; they are computed again when needed."""
-        for cache in (self.rows, self._judged, self._shifted_torques, self._trials, self._fifths):
+        rows_and_torques = (self.rows, self._judged, self._shifted_torques)
+        for cache in (*rows_and_torques, self._trials, self._fifths, self._products, self._scores):
             cache.cache_clear()
         self.__dict__.pop("_torques", None)  # value of the cached property
 
@@ -258,14 +264,18 @@ class SettingRows:
         fifths = self._fifths(*key)
         if not settings.shift:
             return fifths
-        trial = self._trials(*key)
-        torques = trial.rows.torques(settings.shift)
-        shifted = list[NormalEquations]()
-        for fifth, place in zip(fifths, trial.places, strict=True):
+        products = self._products(*key, settings.shift)
+        return [replace(fifth, c=c, y=y) for fifth, (c, y) in zip(fifths, products, strict=True)]
+
+    def _shifted_products(self, cutoff: float, speeds: tuple[float, ...], shift: float) -> list[tuple[Array, Array]]:
+        """Products W' τ (nv, r) and squares of the torques (nv,) of each fifth, with torques ``shift`` seconds later."""
+        trial = self._trials(cutoff, speeds)
+        torques = trial.rows.torques(shift)
+        products = list[tuple[Array, Array]]()
+        for place in trial.places:
             tau = torques[place]
-            products = np.einsum("mjr,mj->jr", trial.W[place], tau)  # W' τ of each joint
-            shifted.append(replace(fifth, c=products, y=(tau**2).sum(axis=0)))
-        return shifted
+            products.append((np.einsum("mjr,mj->jr", trial.W[place], tau), (tau**2).sum(axis=0)))
+        return products
 
     def folds(self, log: Array, time: Array) -> Array:
         """(m,) index 0 to 4 of the fifth of each row, in the time of all logs together."""
@@ -365,10 +375,15 @@ class SettingRows:
             fits.append((fifth, prior.solve(*training.whitened(sigma))))
         return fits
 
-    def _score(self, settings: FitSettings, prior: Prior, blocks: Sequence[int]) -> float:
+    def _score(self, settings: FitSettings, prior: Prior, blocks: tuple[int, ...]) -> float:
         """Sum of log |residual|² over the joints, of fifths predicted from the others."""
+        return self._scores(settings.cutoff, tuple(settings.friction_speed.tolist()), settings.shift, prior, blocks)
+
+    def _score_at(
+        self, cutoff: float, speeds: tuple[float, ...], shift: float, prior: Prior, blocks: tuple[int, ...]
+    ) -> float:
         squares = np.zeros(len(self.dead))
-        for fifth, x in self._fits(settings, prior, blocks):
+        for fifth, x in self._fits(FitSettings(cutoff, np.array(speeds), shift), prior, blocks):
             squares = squares + fifth.squares(x)
         return float(np.log(np.maximum(squares, 1e-300)).sum())
 

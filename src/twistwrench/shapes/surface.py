@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,8 @@ _COS_OF_CREASE = np.cos(np.radians(38.0))
 """Cosine of the crease angle; faces that meet at a smaller angle are shaded smoothly."""
 _CORNERS_OF_CIRCLE = 32
 """Number of corners of a circle."""
+_MAX_FACES_OF_SOLID = 4000
+"""Number of faces up to which decimated surfaces are kept."""
 _PACKING_WEIGHTS = np.array([1 << 42, 1 << 21, 1])
 """Weights that pack three integers below 2²¹ into one, since integers sort faster than rows."""
 
@@ -49,6 +52,14 @@ class Surface:
         faces, so that an edge never has more than two faces. If no such edge is left, more triangles remain. Source:
         Hoppe and others, Mesh Optimization, SIGGRAPH 1993; errors as in Garland and Heckbert, SIGGRAPH 1997.
         """
+        if len(self.faces) <= most:
+            return self
+        if len(self.faces) <= _MAX_FACES_OF_SOLID:
+            kinds = self.vertices.dtype, self.faces.dtype
+            return _decimated_solid(self.vertices.tobytes(), self.faces.tobytes(), kinds, most)
+        return self._decimated(most)
+
+    def _decimated(self, most: int) -> Surface:
         surface, previous_count = self, len(self.faces) + 1
         while most < len(surface.faces) < previous_count:
             previous_count = len(surface.faces)
@@ -134,6 +145,13 @@ class Surface:
         n = np.cross(b - a, c - a)
         size = np.linalg.norm(n, axis=1, keepdims=True)
         return np.asarray(n / np.where(size > 0, size, 1.0))
+
+
+@lru_cache(256)
+def _decimated_solid(vertices: bytes, faces: bytes, kinds: tuple[np.dtype[Any], np.dtype[Any]], most: int) -> Surface:
+    """Decimated surface of few faces: pictures of a robot show the same solids again and again."""
+    points, corners = (np.frombuffer(x, kind).reshape(-1, 3) for x, kind in zip((vertices, faces), kinds, strict=True))
+    return Surface(points, corners)._decimated(most)
 
 
 def _without_slivers(surface: Surface) -> Surface:

@@ -92,6 +92,7 @@ class PagePrograms:
         frames = {_unused_name(f"body {k}", named): Frame(k, np.eye(4)) for k in range(len(model.bodies))}
         self.body_frames = tuple(frames)
         self.robot = Robot(replace(model, frames={**frames, **named}, sites={}))
+        self._quantities: dict[Any, BridgedQuantity] = {}
 
     def data(self) -> dict[str, Any]:
         """Header entry: names of the programs, and the data needed to run them."""
@@ -198,13 +199,20 @@ class PagePrograms:
             programs["gravity"] = "gravity_forces", {}
         return programs
 
+    def _quantity(self, name: str, options: dict[str, Any]) -> BridgedQuantity:
+        """Quantity with its program, which is traced once for its length and its text."""
+        key = name, *options.items()
+        if key not in self._quantities:
+            self._quantities[key] = BridgedQuantity(self.robot, name, options)
+        return self._quantities[key]
+
     def _length(self, quantity: str, options: dict[str, Any]) -> int:
         """Number of instructions of a program."""
-        return len(self.robot.program(quantity, **options).instructions)
+        return len(self._quantity(quantity, options).program.instructions)
 
     def _function(self, quantity: str, options: dict[str, Any]) -> str:
         """Expression of one function of the module, without the comment above it that contains the robot's name."""
-        text = javascript_module(BridgedQuantity(self.robot, quantity, options))
+        text = javascript_module(self._quantity(quantity, options))
         text = text[text.index("export function") + len("export ") :].rstrip()
         for wide, narrow in _NARROWER:
             text = text.replace(wide, narrow)

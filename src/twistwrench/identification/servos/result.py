@@ -277,7 +277,7 @@ class IdentifiedServos(Answer):
         Examples
         --------
         >>> import tempfile, twistwrench as tw
-        >>> arm = tw.robots.planar_2r()
+        >>> arm = tw.robots.pendulum()
         >>> log = tw.identification.simulated_servo_log(arm, armature=0.4, damping=3.0, coulomb=0.5, kp=90.0, delay=0.012)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     notes = tw.identification.identify_servos(arm, log).write(f"{folder}/arm.xml")
