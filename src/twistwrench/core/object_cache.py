@@ -157,7 +157,7 @@ def _bytes_of(entry: Path) -> bytes:
         os.close(handle)
         raise OSError(errno.EINVAL, "no entry of the cache", str(entry))
     with os.fdopen(handle, "rb") as file:
-        return file.read(about.st_size)  # not MOST_BYTES, for which memory would be reserved at each call
+        return file.read(status.st_size)  # not MOST_BYTES, for which memory would be reserved at each call
 
 
 def _remove_entry(entry: Path) -> None:
