@@ -234,7 +234,7 @@ def test_contenders_are_the_largest_of_each_run_of_rows_but_flanks(portion):
     around = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
     after = around[[min(k + 11, 996) for k in range(0, 995, 10)]]
     runs[(runs < around[0:995:10]) | (runs < after)] = -np.inf
-    assert found.count == 100
+    assert found.run_count == 100
     for k in range(2):
         np.testing.assert_array_equal(found.contenders(k), -np.sort(-runs[:, k]))
 

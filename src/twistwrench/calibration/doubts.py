@@ -68,8 +68,7 @@ def _contradictory_rows(found: CalibratedRobot) -> Iterator[Doubt]:
         yield from _duplicates(m)
         excess = _LIMIT_EXCESS * (limits.upper - limits.lower)
         is_outside = (m.q > limits.upper + excess) | (m.q < limits.lower - excess)
-        is_joint_outside = is_outside.all(axis=0)
-        names = [joint for joint, k in zip(chain.joints, chain.columns, strict=True) if is_joint_outside[k]]
+        names = [joint for joint, k in zip(chain.joints, chain.columns, strict=True) if is_outside[:, k].all()]
         if names:
             yield doubt("calibration-limits", names)
     outliers = found.outliers

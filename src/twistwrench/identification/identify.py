@@ -187,8 +187,10 @@ def identify(
     read = read_logs((*sources, *tests), Workers.from_client(client), lambda share: report_progress(0.2 * share))
     training_logs, test_logs = _readable(read[: len(sources)]), _readable(read[len(sources) :])
     read_doubts = _unreadable((*sources, *tests), read)
-    fixed: dict[str, Any] = {"method": method, "payload_only": payload_only, "read_doubts": read_doubts}
-    fit = partial(_identify_once, unknown, robot, training_logs, test_logs, **fixed)
+    fit = partial(
+        _identify_once, unknown, robot, training_logs, test_logs, method=method, payload_only=payload_only,
+        read_doubts=read_doubts,
+    )  # fmt: skip
     found, laws = fit(options, wanted, report_progress=lambda share: report_progress(0.2 + 0.5 * share))
     if may_fit_laws and laws and not payload_only:
         with_laws, _ = fit(_options_at_cutoff(options, found), (*wanted, *laws), report_progress=report_progress)

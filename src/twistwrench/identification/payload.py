@@ -295,10 +295,8 @@ def read_motion(
     log = open_log(path, robot.model, side, **reading)
     rows = side.of_joints(log.motion(log.table))
     doubts = sided_doubts(log, side, robot.limits)
-    return Motion(
-        rows.time, rows.q, dq=rows.dq, ddq=rows.ddq, tau=rows.tau, in_seconds=True, robot=robot, notes=log.notes,
-        read=doubts,
-    )  # fmt: skip
+    logged: dict[str, Any] = {"dq": rows.dq, "ddq": rows.ddq, "tau": rows.tau}
+    return Motion(rows.time, rows.q, **logged, in_seconds=True, robot=robot, notes=log.notes, read=doubts)
 
 
 def sided_doubts(log: MotionLog, side: MotorSide, limits: Limits) -> tuple[Doubt, ...]:

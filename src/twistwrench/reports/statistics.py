@@ -326,8 +326,8 @@ class Runs(NamedTuple):
         return cls(_descending(maxima), number[starts], largest, first, last, before, after)
 
     @property
-    def count(self) -> int:
-        """Number of runs."""
+    def run_count(self) -> int:
+        """Number of runs of the motion up to the last row."""
         return int(self.number[-1]) + 1
 
     def contenders(self, column: int) -> Array:

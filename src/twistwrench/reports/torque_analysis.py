@@ -528,7 +528,7 @@ class MotionPass:
         assert found.runs is not None
         estimates = []
         terms = self.terms(found)
-        run_count = found.runs.count
+        run_count = found.runs.run_count
         for k in range(self.load.robot.nv):
             contenders = found.runs.contenders(k)
             steady = float(sum(terms[name][k] for name in STEADY))

@@ -58,10 +58,10 @@ def _numpy_function(equations: Equations, function: Routine) -> str:
     for name, expr in function.lines:
         lines.append(f"    {name} = {expression_text(expr, _NUMPY)}")
     lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({', '.join(batch_shapes)}), {result_shape}))")
-    for index, expr in zip(np.ndindex((n,) * axes), function.results, strict=True):
+    for entry, expr in zip(np.ndindex((n,) * axes), function.results, strict=True):
         if expr != 0:
-            index_text = ", ".join(map(str, index))
-            lines.append(f"    {letter}[..., {index_text}] = {expression_text(expr, _NUMPY)}")
+            indices = ", ".join(map(str, entry))
+            lines.append(f"    {letter}[..., {indices}] = {expression_text(expr, _NUMPY)}")
     lines.append(f"    return {letter}\n")
     return "\n".join(lines)
 

@@ -115,10 +115,10 @@ def cached_code(keys: Sequence[str], machine: Machine) -> Code | None:
     """Code of a kernel from the keys of its cache entries; None if an entry is missing or the entries do not link."""
     objects: list[bytes] = []
     for key in keys:
-        code = object_cache.load(key)
-        if code is None:
+        entry = object_cache.load(key)
+        if entry is None:
             return None
-        objects.append(code)
+        objects.append(entry)
     with _JIT.lock:
         try:
             code = _load(objects, LOOP, machine, cached=True)
