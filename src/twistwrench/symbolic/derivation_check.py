@@ -40,34 +40,38 @@ class Evaluator:
             value = self._values[expr] = self._evaluate(expr)
         return value
 
-    def array(self, exprs: Any, batch: tuple[int, ...]) -> Array:
+    def array(self, expressions: Any, batch: tuple[int, ...]) -> Array:
         """Values of a matrix or array of expressions, (*batch, *its shape)."""
-        shape = tuple(map(int, exprs.shape))
-        entries = [np.broadcast_to(self(exprs[place]), batch) for place in np.ndindex(shape)]
+        shape = tuple(map(int, expressions.shape))
+        entries = [np.broadcast_to(self(expressions[index]), batch) for index in np.ndindex(shape)]
         return np.stack(entries, axis=-1).reshape(*batch, *shape)
 
     def _evaluate(self, expr: Any) -> Any:
+        """Value of an expression that has not been evaluated before."""
         if expr.is_Number:
             return float(expr)
         if expr.is_Add:
             return sum(map(self, expr.args))
         if expr.is_Mul:
-            total = 1.0
+            product = 1.0
             for factor in expr.args:
-                total = total * self(factor)
-            return total
+                product = product * self(factor)
+            return product
         if expr.is_Pow and expr.exp.is_Integer:
             return self(expr.base) ** int(expr.exp)
         if expr.is_Pow:
             return np.power(self(expr.base), self(expr.exp))
-        return getattr(np, expr.func.__name__)(*map(self, expr.args))
+        function = getattr(np, expr.func.__name__)
+        return function(*map(self, expr.args))
 
 
 TOLERANCE = 1e-12
-"""Tolerance relative to the largest torque, mass or force; both sides round sums of a few hundred terms of order one."""
+"""Largest deviation relative to the largest torque, mass or force; both sides round sums of a few hundred terms."""
 
-_STATES, _CHECK_SEED = 16, 8100
-"""Number of random states, and their seed."""
+_STATES = 16
+"""Number of random states."""
+_CHECK_SEED = 8100
+"""Seed of the random states."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,11 @@ class DerivationCheck:
 
 
 def check_derivation(equations: Equations, robot: Robot) -> DerivationCheck:
-    """Deviation from the kernels at random states."""
+    """Deviation from the kernels at random states.
+
+    The coordinates u of the equations may differ from the robot's q. With dq = N du, torques, M and forces of the robot become
+    N'τ, N'M N and so on.
+    """
     n, rng = robot.nv, np.random.default_rng(_CHECK_SEED)
     u = rng.uniform(-1.5, 1.5, (_STATES, n))
     du, ddu = rng.standard_normal((2, _STATES, n))
@@ -112,9 +120,10 @@ def check_derivation(equations: Equations, robot: Robot) -> DerivationCheck:
             return robot.bias_forces(q, zero)
         return robot.gravity_forces(q)
 
-    for x, dx, ddx in zip(u, du, ddu, strict=True):
-        q, dq, ddq, N = to_robot(robot.model, x, dx, ddx)
-        bias = ddq - N @ ddx  # dN/dt du: part of c due to the choice of coordinates
+    for state in zip(u, du, ddu, strict=True):
+        q, dq, ddq, N = to_robot(robot.model, *state)
+        _, _, ddu_state = state
+        bias = ddq - N @ ddu_state  # dN/dt du: part of c due to the choice of coordinates
         M = robot.mass_matrix(q)
         expected["inverse_dynamics"].append(N.T @ robot.inverse_dynamics(q, dq, ddq))
         expected["mass_matrix"].append(N.T @ M @ N)
@@ -122,10 +131,11 @@ def check_derivation(equations: Equations, robot: Robot) -> DerivationCheck:
         expected["gravity_forces"].append(N.T @ torques_at_rest(q))
     largest_torque = np.abs(expected["inverse_dynamics"]).max()
     deviations = {}
-    for name, rows in expected.items():
-        exprs = equations.tau if name == "inverse_dynamics" else getattr(equations, name)
-        values = evaluator.array(exprs, (_STATES,)).reshape(np.shape(rows))
-        scale = np.abs(rows).max() if name == "mass_matrix" else largest_torque
-        # Without any torque, the deviation is absolute.
-        deviations[name] = float(np.abs(values - rows).max() / (scale or 1.0))
+    for name, expected_values in expected.items():
+        expressions = equations.tau if name == "inverse_dynamics" else getattr(equations, name)
+        values = evaluator.array(expressions, (_STATES,)).reshape(np.shape(expected_values))
+        scale = np.abs(expected_values).max() if name == "mass_matrix" else largest_torque
+        if scale == 0.0:  # without any torque, the deviation is absolute
+            scale = 1.0
+        deviations[name] = float(np.abs(values - expected_values).max() / scale)
     return DerivationCheck(**deviations, states=_STATES)

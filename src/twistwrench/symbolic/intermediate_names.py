@@ -24,16 +24,16 @@ def exact_number(value: float) -> Any:
 
 
 class Definitions:
-    """Ordered definitions, with their derivatives."""
+    """Ordered definitions of names for intermediate results, with their derivatives."""
 
     def __init__(self, coordinates: tuple[Coordinate, ...], entries: ModelEntries) -> None:
         self.q = list(map(sympy.Symbol, names_of(coordinates)))
-        self.definitions: list[tuple[Any, Any]] = []
-        self.groups: list[tuple[str, str, int]] = []
-        self._taken = set(names_of([*self.q, *entries.parameters]))
-        self._expr: dict[Any, Any] = {}
-        self._slopes: dict[tuple[Any, int], Any] = {}
-        self._waves: dict[tuple[int, float, float], tuple[Any, Any]] = {}
+        self.definitions: list[tuple[Any, Any]] = []  # symbol and expression
+        self.groups: list[tuple[str, str, int]] = []  # name and remark of a step, and its first definition
+        self._used_names = set(names_of([*self.q, *entries.parameters]))
+        self._expressions: dict[Any, Any] = {}  # by symbol
+        self._derivatives: dict[tuple[Any, int], Any] = {}  # by symbol and number of the coordinate
+        self._waves: dict[tuple[int, float, float], tuple[Any, Any]] = {}  # cosine, sine by arguments of cosine_sine
 
     def group(self, name: str, remark: str) -> None:
         """Begin a step, to which the following definitions belong."""
@@ -42,15 +42,15 @@ class Definitions:
     def name(self, name: str, expr: Any) -> Any:
         """New name for the expression, or the expression itself if it is a number or a number times a symbol."""
         expr = sympy.sympify(expr)
-        core = expr.as_coeff_Mul()[1]
-        if core.is_Symbol or not expr.free_symbols:
+        _, without_number = expr.as_coeff_Mul()
+        if without_number.is_Symbol or not expr.free_symbols:
             return expr
-        while name in self._taken:
+        while name in self._used_names:
             name += "_"
-        self._taken.add(name)
+        self._used_names.add(name)
         symbol = sympy.Symbol(name)
         self.definitions.append((symbol, expr))
-        self._expr[symbol] = expr
+        self._expressions[symbol] = expr
         return symbol
 
     def names(self, pattern: str, vector: Array) -> Array:
@@ -63,20 +63,24 @@ class Definitions:
     def slope(self, expr: Any, k: int) -> Any:
         """d(expr)/dq_k by the chain rule through the definitions; derivatives of names get names."""
         total = sympy.Integer(0)
-        for symbol in sorted(expr.free_symbols, key=str):
-            inner = self._symbol_slope(symbol, k)
-            if inner != 0:
-                total = total + expr.diff(symbol) * inner
+        for symbol in sorted(
+            expr.free_symbols, key=str
+        ):  # sorted, so that names are defined in the same order each time
+            symbol_slope = self._symbol_slope(symbol, k)
+            if symbol_slope != 0:
+                total = total + expr.diff(symbol) * symbol_slope
         return total
 
     def _symbol_slope(self, symbol: Any, k: int) -> Any:
+        """d(symbol)/dq_k: 1 for q_k, 0 for a parameter or another coordinate, a name for a defined symbol."""
         if symbol == self.q[k]:
             return sympy.Integer(1)
-        if symbol not in self._expr:
+        if symbol not in self._expressions:
             return sympy.Integer(0)
-        if (symbol, k) not in self._slopes:
-            self._slopes[symbol, k] = self.name(f"d{symbol.name}_q{k + 1}", self.slope(self._expr[symbol], k))
-        return self._slopes[symbol, k]
+        if (symbol, k) not in self._derivatives:
+            derivative = self.slope(self._expressions[symbol], k)
+            self._derivatives[symbol, k] = self.name(f"d{symbol.name}_q{k + 1}", derivative)
+        return self._derivatives[symbol, k]
 
     # ── arithmetic of kinematics ──
 
@@ -98,6 +102,7 @@ class Definitions:
         return self._waves[key]
 
     def _name_waves(self, k: int, rate: float, offset: float) -> tuple[Any, Any]:
+        """New names for the cosine and sine, with the coordinate's letter unless it is theta, and with their derivatives."""
         letter, _, index = self.q[k].name.partition("_")
         if letter.startswith("theta"):
             letter = ""
@@ -107,16 +112,16 @@ class Definitions:
         argument = exact_number(rate) * self.q[k] + exact_number(offset)
         c = self.name(f"c{letter}_{index}", sympy.cos(argument))
         s = self.name(f"s{letter}_{index}", sympy.sin(argument))
-        if c in self._expr:  # their derivatives refer to each other
-            self._slopes[c, k] = -exact_number(rate) * s
-            self._slopes[s, k] = exact_number(rate) * c
+        if c in self._expressions:  # their derivatives refer to each other
+            self._derivatives[c, k] = -exact_number(rate) * s
+            self._derivatives[s, k] = exact_number(rate) * c
         return c, s
 
 
 # ── The equations
 
-# Order of the definitions: cosines and sines; rotations between links; velocities of centres of mass and links per unit
-# of each rate, for K; the direction of gravity and the height in each link, for P; derivatives by the chain rule. Every
+# Order of the definitions: cosines and sines; poses of links in the links before them; velocities of links and their centres of
+# mass per unit of each rate, for K; direction of gravity and heights in each link, for P; derivatives by the chain rule. Every
 # line uses only names of earlier lines. Modern Robotics sections 8.1 and 5.1.
 
 
@@ -134,15 +139,15 @@ def named_derivation(model: Model, entries: ModelEntries, coordinates: tuple[Coo
     names.group("mass_matrix", "M_jk = Σ m v_j·v_k + ω_j·I ω_k over the links: K = ½ q̇'M q̇")
     M = _mass_matrix(names, entries, velocities, n)
     names.group("potential_energy", "the sum of −m (gravity · p), and the energy of springs")
-    lifted = []
+    gravity_energies = []
     for numbers, height in zip(entries.bodies, heights, strict=True):
-        lifted.append(names.number(numbers.mass) * height)
-    P = names.name("P", _springs(names, model, entries) + sympy.Add(*lifted))
+        gravity_energies.append(names.number(numbers.mass) * height)
+    P = names.name("P", _spring_energy(names, model, entries) + sympy.Add(*gravity_energies))
     remark = "derivatives of M and P with respect to the coordinates (d…_qk), by the chain rule"
     names.group("slopes_of_energies", remark)
     dM = np.empty((n, n, n), object)
     for i, j, k in np.ndindex(n, n, n):
-        if i <= j:
+        if i <= j:  # M is symmetric
             dM[i, j, k] = dM[j, i, k] = names.slope(M[i, j], k)
     g = [names.slope(P, k) for k in range(n)]
     return {**_equations(names, coordinates, M, dM, g, P), "definitions": tuple(names.definitions), "form": "named"}
@@ -154,8 +159,9 @@ def _motions(names: Definitions, entries: ModelEntries, poses: list[tuple[Array,
     motions = []
     for body, (R, p) in zip(entries.bodies, poses, strict=True):
         named_R = np.empty((3, 3), object)
-        for a, b in np.ndindex(3, 3):
-            named_R[a, b] = names.name(f"R_{body.tag}_{AXES[a]}{AXES[b]}", R[a, b])
+        for row, column in np.ndindex(3, 3):
+            name = f"R_{body.tag}_{AXES[row]}{AXES[column]}"
+            named_R[row, column] = names.name(name, R[row, column])
         motions.append((named_R, names.names(f"t_{body.tag}_", p)))
     return motions
 
@@ -163,14 +169,14 @@ def _motions(names: Definitions, entries: ModelEntries, poses: list[tuple[Array,
 def _velocities(
     names: Definitions, model: Model, entries: ModelEntries, motions: Any
 ) -> list[dict[int, tuple[Array, Array]]]:
-    """Velocities of each body: coordinate → (ω, v of the centre of mass) per unit of its rate, in body axes."""
+    """Velocities of each body: map from coordinates to (ω, v of the centre of mass) per unit of their rate, in body axes."""
     remark = "w_i_j, u_i_j, v_i_j: turning, origin and centre of mass of link i per unit of rate j, in its own axes"
     names.group("velocities", remark)
     origins: list[dict[int, tuple[Array, Array]]] = []
     centres: list[dict[int, tuple[Array, Array]]] = []
     for body, numbers, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
-        columns: dict[int, tuple[Array, Array]] = {}
-        if body.parent != BASE:
+        columns: dict[int, tuple[Array, Array]] = {}  # (ω, v of the origin) by coordinate
+        if body.parent != BASE:  # motion with the parent
             for j, (w, u) in origins[body.parent].items():
                 columns[j] = (R.T @ w, R.T @ (u + _cross(w, p)))
         for k in range(body.v_index, body.v_index + body.joint.nv):
@@ -203,17 +209,19 @@ def _centre_velocities(
 
 def _joint_column(names: Definitions, R: Array, k: int, body: Any, numbers: BodyEntries) -> tuple[Array, Array]:
     """Contribution of the joint itself: ω and v of the origin in child axes, per unit of the rate of coordinate k."""
-    joint, number = body.joint, k - body.v_index
+    joint = body.joint
     if joint.nv > 1:
-        R0 = body.placement[:3, :3]
-        return joint.chart_column(number, lambda step: R.T @ exact(R0 @ step), chart_waves(names, body))
-    ratio = exact(body.ratio)
-    if not joint.moves_body:
-        ratio = names.number(numbers.ratio)
+        R_placement = body.placement[:3, :3]
+        entry_number = k - body.v_index
+        return joint.chart_column(
+            entry_number, lambda vector: R.T @ exact(R_placement @ vector), chart_waves(names, body)
+        )
+    ratio = exact(body.ratio) if joint.moves_body else names.number(numbers.ratio)  # a symbol for a gear
     w = ratio * exact(joint.axes[0, :3])
     if not joint.axes[0, :3].any():
         return w, exact(body.ratio) * exact(joint.axes[0, 3:])
-    return w, -_cross(w, numbers_of(names, numbers.point)) + w * names.number(numbers.pitch)
+    u = -_cross(w, numbers_of(names, numbers.point)) + w * names.number(numbers.pitch)
+    return w, u
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -226,43 +234,47 @@ def _heights(names: Definitions, model: Model, entries: ModelEntries, motions: A
         "n_i: minus gravity in the axes of link i; eta_i, zeta_i: that times the place of its origin and centre of mass"
     )
     names.group("heights", remark)
-    up = -numbers_of(names, entries.gravity)
-    directions: list[Array] = []
-    origins: list[Any] = []
-    centres = []
+    minus_gravity = -numbers_of(names, entries.gravity)
+    directions: list[Array] = []  # n of each body
+    origin_heights: list[Any] = []  # eta of each body
+    centre_heights = []  # zeta of each body
     for body, numbers, (R, p) in zip(model.bodies, entries.bodies, motions, strict=True):
-        n, y = up, 0
+        parent_n, parent_eta = minus_gravity, 0
         if body.parent != BASE:
-            n, y = directions[body.parent], origins[body.parent]
-        directions.append(names.names(f"n_{numbers.tag}_", R.T @ n))
-        origins.append(names.name(f"eta_{numbers.tag}", y + n @ p))
-        centre = origins[-1] + directions[-1] @ numbers_of(names, numbers.com)
-        centres.append(names.name(f"zeta_{numbers.tag}", centre))
-    return centres
+            parent_n, parent_eta = directions[body.parent], origin_heights[body.parent]
+        n = names.names(f"n_{numbers.tag}_", R.T @ parent_n)
+        eta = names.name(f"eta_{numbers.tag}", parent_eta + parent_n @ p)
+        zeta = names.name(f"zeta_{numbers.tag}", eta + n @ numbers_of(names, numbers.com))
+        directions.append(n)
+        origin_heights.append(eta)
+        centre_heights.append(zeta)
+    return centre_heights
 
 
-def _springs(names: Definitions, model: Model, entries: ModelEntries) -> Any:
+def _spring_energy(names: Definitions, model: Model, entries: ModelEntries) -> Any:
     """Sum of ½ k (Σ weight · coordinate - rest)²."""
     v_indices = {body.joint.name: body.v_index for body in model.leaders}
     total = sympy.Integer(0)
-    for spring, k in zip(model.springs, entries.springs, strict=True):
+    for spring, stiffness in zip(model.springs, entries.springs, strict=True):
         displacements = []
         for joint, weight in spring.terms:
             displacements.append(exact_number(weight) * names.q[v_indices[joint]])
         stretch = sympy.Add(*displacements) - exact_number(spring.rest)
-        total += sympy.Rational(1, 2) * names.number(k) * stretch**2
+        total += sympy.Rational(1, 2) * names.number(stiffness) * stretch**2
     return total
 
 
 def _mass_matrix(names: Definitions, entries: ModelEntries, velocities: Any, n: int) -> Array:
+    """M_jk = Σ m v_j·v_k + ω_j·I ω_k over the links, plus the armature; with names for its entries."""
     M = np.empty((n, n), object)
     for j in range(n):
         for k in range(j, n):
             total = sympy.Integer(0)
             for body, columns in zip(entries.bodies, velocities, strict=True):
                 if j in columns and k in columns:
-                    (w, v), (x, u) = columns[j], columns[k]
-                    total += names.number(body.mass) * (v @ u) + w @ (numbers_of(names, body.inertia) @ x)
+                    (w_j, v_j), (w_k, v_k) = columns[j], columns[k]
+                    I = numbers_of(names, body.inertia)
+                    total += names.number(body.mass) * (v_j @ v_k) + w_j @ (I @ w_k)
             if j == k:
                 total += names.number(entries.armature[j])
             M[j, k] = M[k, j] = names.name(entry_name("M", j, k), total)
@@ -275,7 +287,8 @@ _SUMMARY_STEPS = (
 """Steps that are written after the definitions, which already contain the others."""
 
 
-def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, g: Any, P: Any) -> dict[str, Any]:
+def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, P_slopes: Any, P: Any) -> dict[str, Any]:
+    """Fields of the equations from M, ∂M/∂q (n, n, n), ∂P/∂q and P."""
     n = len(coordinates)
     coordinate_names, rate_names, acceleration_names = variable_names(coordinates)
     dq, ddq = list(map(sympy.Symbol, rate_names)), list(map(sympy.Symbol, acceleration_names))
@@ -289,8 +302,8 @@ def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, g: Any
     C = matrix(n, n, lambda i, j: weighted_sum(gamma[i, j], dq))
     names.group("gravity_forces", "g = ∂P/∂q, torques at rest")
     gravity_forces = []
-    for i, slope in enumerate(g):
-        gravity_forces.append(names.name(entry_name("g", i), slope))
+    for i, P_slope in enumerate(P_slopes):
+        gravity_forces.append(names.name(entry_name("g", i), P_slope))
     g = matrix(gravity_forces)
     L = _quadratic_form(M / 2, dq) - P
     c, tau, momenta, momentum_rates, slopes = [], [], [], [], []
@@ -298,16 +311,16 @@ def _equations(names: Definitions, coordinates: Any, M: Array, dM: Array, g: Any
         c.append(_quadratic_form(gamma[i], dq))
         tau.append(weighted_sum(M[i], ddq) + c[i] + g[i])
         momenta.append(weighted_sum(M[i], dq))
-        dM_dt = [weighted_sum(row, dq) for row in dM[i]]
+        dM_dt = [weighted_sum(row, dq) for row in dM[i]]  # row i
         momentum_rates.append(weighted_sum(M[i], ddq) + weighted_sum(dM_dt, dq))
-        slopes.append(_quadratic_form(dM[:, :, i] / 2, dq) - g[i])
+        slopes.append(_quadratic_form(dM[:, :, i] / 2, dq) - g[i])  # ∂L/∂q_i = ½ q̇' ∂M/∂q_i q̇ - ∂P/∂q_i
     fields = equation_fields(
         coordinate_names, rate_names, matrix(M),
         sympy.ImmutableDenseNDimArray(list(gamma.flat), gamma.shape), C, matrix(c), g, matrix(tau),
         momenta, momentum_rates, slopes, only=_SUMMARY_STEPS,
     )  # fmt: skip
-    first = Step("lagrangian", "K − P", ((Label("L"), L),))
-    return {**fields, "lagrangian": L, "steps": (*_definition_steps(names), first, *fields["steps"])}
+    lagrangian_step = Step("lagrangian", "K − P", ((Label("L"), L),))
+    return {**fields, "lagrangian": L, "steps": (*_definition_steps(names), lagrangian_step, *fields["steps"])}
 
 
 def _quadratic_form(A: Array, x: list[Any]) -> Any:
@@ -316,9 +329,10 @@ def _quadratic_form(A: Array, x: list[Any]) -> Any:
 
 
 def _definition_steps(names: Definitions) -> list[Step]:
-    """Definitions as steps."""
+    """Definitions as steps, one for each group that has any."""
     steps = []
-    ends = [start for _, _, start in names.groups[1:]] + [len(names.definitions)]
+    next_starts = [start for _, _, start in names.groups[1:]]
+    ends = [*next_starts, len(names.definitions)]
     for (name, remark, start), end in zip(names.groups, ends, strict=True):
         lines = []
         for symbol, expr in names.definitions[start:end]:

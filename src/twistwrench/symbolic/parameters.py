@@ -336,7 +336,7 @@ def model_entries(model: Model, symbols: str | Iterable[str] = "all") -> ModelEn
         for name in fields.keys() - {"tag"}:
             fields[name] = select(fields[name])
         bodies.append(BodyEntries(**fields))
-    parameters = tuple(p for p in entries.parameters if p.name in selected)
+    parameters = tuple(parameter for parameter in entries.parameters if parameter.name in selected)
     return ModelEntries(
         tuple(bodies), select(entries.gravity), select(entries.springs), select(entries.armature), parameters
     )
@@ -357,7 +357,7 @@ def _selected_names(symbols: str | Iterable[str], parameters: tuple[Parameter, .
         if word == "all":
             selected |= names
         elif word in KINDS:
-            selected |= {p.name for p in parameters if word in p.kinds}
+            selected |= {parameter.name for parameter in parameters if word in parameter.kinds}
         elif word in names:
             selected.add(word)
         elif word != "none":

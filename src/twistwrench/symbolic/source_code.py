@@ -30,6 +30,7 @@ FUNCTIONS = {
 """For each function name: input arrays, output array, its number of axes, and description."""
 
 _FIELDS = {"inverse_dynamics": "tau", "bias_forces": "tau"}
+"""Field of the equations for a function whose name differs from it."""
 _RESERVED = frozenset(
     """q dq ddq tau M C c g h p out batch parameters PARAMETERS np float ValueError f math double int char const void
     return if else for while do long short signed unsigned static struct union enum switch case default break
@@ -57,13 +58,14 @@ class Routine:
     inputs: tuple[tuple[str, int, str], ...]
     """Array (q, dq, ddq, p), index, and local name."""
     lines: tuple[tuple[str, Any], ...]
+    """Local name and expression of each intermediate result."""
     results: tuple[Any, ...]
     """Results in C order, with safe names for all symbols."""
 
 
 def ordered_names(equations: Equations) -> dict[Any, str]:
-    """Safe, unused name for every symbol."""
-    used: set[str] = set()
+    """Name for every symbol, valid in Python and C and different from all others."""
+    used_names: set[str] = set()
     names = {}
     moving = (*equations.q, *equations.dq, *equations.ddq)
     for symbol in (*moving, *constants(equations), *dict(equations.definitions)):
@@ -72,9 +74,9 @@ def ordered_names(equations: Equations) -> dict[Any, str]:
             name = f"v{name}"
         if _MACRO.fullmatch(name):
             name = f"{name}_"
-        while name in used or name in _RESERVED or keyword.iskeyword(name):
+        while name in used_names or name in _RESERVED or keyword.iskeyword(name):
             name += "_"
-        used.add(name)
+        used_names.add(name)
         names[symbol] = name
     return names
 
@@ -82,25 +84,27 @@ def ordered_names(equations: Equations) -> dict[Any, str]:
 def constants(equations: Equations) -> list[Any]:
     """Symbols that are neither coordinates nor definitions, parameters first, in order."""
     definitions = dict(equations.definitions)
-    known = {*equations.q, *equations.dq, *equations.ddq, *definitions}
-    parameters = [symbol for symbol in equations.values if symbol not in known]
-    used = free_symbols([*equations.tau, *equations.mass_matrix, *definitions.values()])
-    return [*parameters, *sorted(used - known - set(parameters), key=str)]
+    variables = {*equations.q, *equations.dq, *equations.ddq, *definitions}
+    parameters = [symbol for symbol in equations.values if symbol not in variables]
+    all_symbols = free_symbols([*equations.tau, *equations.mass_matrix, *definitions.values()])
+    other_constants = all_symbols - variables - set(parameters)
+    return [*parameters, *sorted(other_constants, key=str)]
 
 
-def free_symbols(exprs: Iterable[Any]) -> set[Any]:
-    """Symbols in some of the expressions."""
+def free_symbols(expressions: Iterable[Any]) -> set[Any]:
+    """Symbols that occur in any of the expressions."""
     symbols = set[Any]()
-    for expr in exprs:
+    for expr in expressions:
         symbols |= expr.free_symbols
     return symbols
 
 
 def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
-    """Statements of one function: its definitions, then common subexpressions of its results."""
-    field, definitions = getattr(equations, _FIELDS.get(name, name)), equations.definitions
+    """Statements of one function: the definitions that it needs, or else common subexpressions of its results."""
+    field = getattr(equations, _FIELDS.get(name, name))
+    definitions = equations.definitions
     shape = tuple(map(int, field.shape))
-    results = [field[place] for place in np.ndindex(shape)]
+    results = [field[index] for index in np.ndindex(shape)]
     if name == "bias_forces":
         at_rest = dict.fromkeys(equations.ddq, sympy.Integer(0))
         results = [expr.subs(at_rest) for expr in results]
@@ -113,24 +117,24 @@ def routine(equations: Equations, name: str, names: dict[Any, str]) -> Routine:
         for symbol, expr in needed:
             lines.append((names[symbol], expr.xreplace(safe_symbols)))
     else:
-        shared, results = sympy.cse(results, symbols=_unused_symbols(names), order="none")
-        for symbol, expr in shared:
+        subexpressions, results = sympy.cse(results, symbols=_unused_symbols(names), order="none")
+        for symbol, expr in subexpressions:
             lines.append((symbol.name, expr))
-    used = set(map(str, free_symbols([*dict(lines).values(), *results])))
+    used_names = set(map(str, free_symbols([*dict(lines).values(), *results])))
     inputs = []
     arrays = {"q": equations.q, "dq": equations.dq, "ddq": equations.ddq, "p": constants(equations)}
     for array, symbols in arrays.items():
-        for k, symbol in enumerate(symbols):
-            if names[symbol] in used:
-                inputs.append((array, k, names[symbol]))
+        for index, symbol in enumerate(symbols):
+            if names[symbol] in used_names:
+                inputs.append((array, index, names[symbol]))
     return Routine(name, tuple(inputs), tuple(lines), tuple(results))
 
 
 def _unused_symbols(names: dict[Any, str]) -> Iterator[Any]:
     """Symbols k0, k1, … without those whose names are used."""
-    used = set(names.values())
+    used_names = set(names.values())
     for symbol in sympy.numbered_symbols("k"):
-        if symbol.name not in used:
+        if symbol.name not in used_names:
             yield symbol
 
 
@@ -147,7 +151,8 @@ def _needed_definitions(definitions: tuple[tuple[Any, Any], ...], results: list[
 
 def header(equations: Equations) -> list[str]:
     """Sentences for the top of a source file."""
-    lines = [f"Equations of motion of {equations.name}: {FUNCTIONS['inverse_dynamics'][3]}. SI units, radians."]
+    _, _, _, description = FUNCTIONS["inverse_dynamics"]
+    lines = [f"Equations of motion of {equations.name}: {description}. SI units, radians."]
     if equations.split:
         lines.append("h = c(q, dq) + g(q).")
     else:
@@ -176,46 +181,48 @@ def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
         if x.is_Add:
             return " + ".join(map(write, x.args)).replace("+ -", "- ")
         if x.is_Mul:
-            coefficient, others = x.as_coeff_Mul()
+            coefficient, other_factors = x.as_coeff_Mul()
             if coefficient == -1:
-                return f"-{product(others)}"
-            return product(x)
+                return f"-{write_product(other_factors)}"
+            return write_product(x)
         if x.is_Symbol:
             return str(x.name)
         if x.is_Number or x.is_NumberSymbol:
             return _number(x)
         if x.is_Pow:
-            return power(x.base, x.exp)
-        return call(x.func.__name__ if x.args else str(x), *x.args)
+            return write_power(x.base, x.exp)
+        return write_call(x.func.__name__ if x.args else str(x), *x.args)
 
-    def power(base: Any, exponent: Any) -> str:
+    def write_power(base: Any, exponent: Any) -> str:
         if exponent.is_Integer and 0 < int(exponent) <= 8:
-            return "*".join([factor(base)] * int(exponent))
+            return "*".join([write_factor(base)] * int(exponent))
         if exponent.is_Integer and int(exponent) < 0:
-            below = base**-exponent
-            divisor = write(below)
-            if not (below.is_Symbol or below.is_Function):
-                divisor = f"({divisor})"
-            return f"1.0/{divisor}"
+            denominator = base**-exponent
+            text = write(denominator)
+            if not (denominator.is_Symbol or denominator.is_Function):
+                text = f"({text})"
+            return f"1.0/{text}"
         if abs(exponent) == sympy.Rational(1, 2):
-            root = call("sqrt", base)
+            root = write_call("sqrt", base)
             return root if exponent > 0 else f"1.0/{root}"
-        return call("pow", base, exponent)
+        return write_call("pow", base, exponent)
 
-    def product(x: Any) -> str:
-        return "*".join(map(factor, sympy.Mul.make_args(x)))
+    def write_product(x: Any) -> str:
+        return "*".join(map(write_factor, sympy.Mul.make_args(x)))
 
-    def factor(x: Any) -> str:
+    def write_factor(x: Any) -> str:
+        """Factor of a product, in parentheses unless it is an atom or a product itself."""
         is_atom = x.is_Symbol or x.is_Function or x.is_NumberSymbol or (x.is_Number and not x.is_negative)
-        if is_atom or (x.is_Pow and x.exp.is_Integer and int(x.exp) > 0):
+        is_product = x.is_Pow and x.exp.is_Integer and int(x.exp) > 0
+        if is_atom or is_product:
             return write(x)
         return f"({write(x)})"
 
-    def call(name: str, *args: Any) -> str:
+    def write_call(name: str, *args: Any) -> str:
         if name not in functions:
-            known = ", ".join(n for n in functions if n != "pow")
+            names = ", ".join(function for function in functions if function != "pow")
             raise ValueRangeError(
-                f"{name}, in these equations or the derivatives, cannot be written as source. Allowed are powers and {known}, "
+                f"{name}, in these equations or the derivatives, cannot be written as source. Allowed are powers and {names}, "
                 "of symbols with real=True where Abs is differentiated. Rewrite the Lagrangian in these, or evaluate the "
                 "expressions with SymPy."
             )
@@ -225,6 +232,7 @@ def expression_text(expr: Any, functions: Mapping[str, str]) -> str:
 
 
 def _number(x: Any) -> str:
+    """Number as text: a decimal if a double holds it exactly, otherwise a quotient of whole numbers."""
     value = math.inf
     with suppress(OverflowError):
         if x.is_finite:
@@ -233,7 +241,7 @@ def _number(x: Any) -> str:
         raise ValueRangeError(f"{str(x)[:40]} cannot be written as source: no double holds it. Scale the Lagrangian.")
     if not x.is_Rational or x.is_Integer or max(abs(x.p), x.q) >= 1 << 1000:
         return repr(value)
-    is_exact = x.q & (x.q - 1) == 0 and abs(x.p) < 1 << 50
-    if is_exact:
+    is_power_of_two = x.q & (x.q - 1) == 0
+    if is_power_of_two and abs(x.p) < 1 << 50:
         return repr(value)
     return f"({x.p}.0/{x.q}.0)"

@@ -14,8 +14,9 @@ from ..model.model import BASE, Model
 from .inverse_dynamics import Wrenches
 from .recursion import joint_poses, spring_forces
 
-# The bodies are stacked: 𝒱 = ℒ(𝒜 q̇), with ℒ = (1 - 𝒲)⁻¹ and 𝒲 with Ad(T_i,p) where body p is the parent of body i.
-# M = 𝒜'ℒ'𝒢ℒ𝒜, and c, g and the wrenches' part follow without a recursion. Floats only.
+# The twists of all bodies are stacked: 𝒱 = ℒ(𝒜 q̇), with ℒ = (1 - 𝒲)⁻¹. 𝒲 has the block Ad(T_i,p) in row i and column p if
+# body p is the parent of body i. Then M = 𝒜'ℒ'𝒢ℒ𝒜, and c, g and the torques of wrenches follow without a recursion. Floats
+# only.
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,22 +105,24 @@ class ClosedForm:
 def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = None) -> ClosedForm:
     """All terms at one state, from block matrices of size 6n. MR section 8.4."""
     n, nv = len(model.bodies), model.nv
-    T = [np.asarray(X, float) for X in joint_poses(model, np.asarray(q, float))]
+    T = [np.asarray(pose, float) for pose in joint_poses(model, np.asarray(q, float))]
     A, G, W = np.zeros((6 * n, nv)), np.zeros((6 * n, 6 * n)), np.zeros((6 * n, 6 * n))
     dV_base, F = np.zeros(6 * n), np.zeros(6 * n)
+    rows_of_bodies = [slice(6 * i, 6 * i + 6) for i in range(n)]
     for i, body in enumerate(model.bodies):
-        rows = slice(6 * i, 6 * i + 6)
-        A[rows, body.places[1]] = body.ratio * body.joint.axes.T
+        rows = rows_of_bodies[i]
+        _, columns = body.places
+        A[rows, columns] = body.ratio * body.joint.axes.T
         G[rows, rows] = body.inertia.matrix
-        X = Ad(se3.inverse(T[i])).matrix
+        Ad_ip = Ad(se3.inverse(T[i])).matrix
         if body.parent == BASE:
-            dV_base[rows] = X @ np.concatenate([np.zeros(3), -model.gravity])
+            dV_base[rows] = Ad_ip @ np.concatenate([np.zeros(3), -model.gravity])
         else:
-            W[rows, 6 * body.parent : 6 * body.parent + 6] = X
+            W[rows, rows_of_bodies[body.parent]] = Ad_ip
     for name, F_by in (wrenches or {}).items():
         frame = model.frame(name)
         if frame.body != BASE:
-            F[6 * frame.body : 6 * frame.body + 6] += Ad(se3.inverse(frame.pose)).matrix.T @ F_by
+            F[rows_of_bodies[frame.body]] += Ad(se3.inverse(frame.pose)).matrix.T @ F_by
     L = np.linalg.inv(np.eye(6 * n) - W)
     V = L @ A @ dq
     ad_V, ad_Adq = _block_diagonal(V), _block_diagonal(A @ dq)
@@ -133,15 +136,20 @@ def closed_form(model: Model, q: Array, dq: Array, wrenches: Wrenches | None = N
 
 
 def _armature_products(model: Model, dq: Array) -> Array:
-    """Part of c due to the armature of each joint: -S [V, ·]' S' A u, with V = S' u the joint's own twist; (nv,)."""
+    """Part of c due to the armature A of each joint: -S [V, ·]' S' A u, with u = dq and V = S' u the joint's twist; (nv,)."""
     c = np.zeros(model.nv)
+    A_u = model.armature * dq
     for body in model.leaders:
-        columns, S = body.places[1], body.joint.axes
-        c[columns] = -S @ (ad(dq[columns] @ S).T @ ((model.armature * dq)[columns] @ S))
+        _, columns = body.places
+        S = body.joint.axes
+        V = dq[columns] @ S
+        momentum = A_u[columns] @ S
+        c[columns] = -S @ (ad(V).T @ momentum)
     return c
 
 
 def _block_diagonal(V: Array) -> Array:
+    """Matrices ad(V_i) on the diagonal, from twists (6n,); (6n, 6n)."""
     matrix = np.zeros((len(V), len(V)))
     for k in range(0, len(V), 6):
         matrix[k : k + 6, k : k + 6] = ad(V[k : k + 6]).matrix

@@ -154,7 +154,7 @@ def _relative_jacobian(model: Model, q: Array, closure: Closure) -> Array:
     J = zeros(6, model.nv)
     axes_on_path, p = _axes_on_path(model, q, closure)
     for body, axes in axes_on_path:
-        columns = body.places[1]
+        _, columns = body.places
         J[:, columns] = J[:, columns] + np.array([_twist_at_point(p, axis) for axis in axes]).T
     return J
 
@@ -164,7 +164,8 @@ def _relative_bias(model: Model, q: Array, dq: Array, closure: Closure) -> Array
     V, dV = zeros(6), zeros(6)
     axes_on_path, p = _axes_on_path(model, q, closure)
     for body, axes in axes_on_path:
-        V_joint = dq[body.places[1]] @ axes
+        _, columns = body.places
+        V_joint = dq[columns] @ axes
         dV = dV + ad(V) @ V_joint  # V may include V_joint or not, since [V_joint, V_joint] = 0
         V = V + V_joint
     dp = _twist_at_point(p, V)[3:]
@@ -257,9 +258,8 @@ def balance(f: Array, A: Array, sizes: Array, driven: Array) -> tuple[Array, Arr
     min_singular = SINGULAR_VALUE * np.linalg.norm(At, axis=(-2, -1))
     inverse = _pseudoinverse(At_undriven, min_singular)
     x = -inverse @ f_undriven
-    null_space = (
-        np.eye(len(sizes)) - inverse @ At_undriven
-    )  # projector on changes of x without effect on undriven joints
+    # Projector on changes of x without effect on undriven joints
+    null_space = np.eye(len(sizes)) - inverse @ At_undriven
     x = x - null_space @ _pseudoinverse(At_driven @ null_space, min_singular) @ (f_driven + At_driven @ x)
     residual = f_undriven + At_undriven @ x
     return x[..., 0] / sizes, residual[..., 0]

@@ -77,13 +77,13 @@ def velocity_step(
             model, q, dq, h, tau, gains, limits, viscous, dry_joints, friction, push, wrenches
         ).solve()
     force = tau if push is None else tau + push
-    if friction:
-        force = force - viscous * dq
     added_inertia = None  # of K in (4), with t = 0
     if gains is not None:
         added_inertia = h * (viscous + gains)
     elif friction:
         added_inertia = h * viscous
+    if friction:
+        force = force - viscous * dq
     change = h * forward_dynamics(model, q, dq, force, wrenches, added_inertia)
     if friction:  # c at the midpoint
         change = h * forward_dynamics(model, q, dq + 0.5 * change, force, wrenches, added_inertia)

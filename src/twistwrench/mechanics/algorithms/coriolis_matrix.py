@@ -13,12 +13,13 @@ from .energies import body_velocities
 from .mass_matrix import composite_inertias
 from .recursion import add_entry, ancestors, armature_symbols, inward, joint_poses, zeros
 
-# For a body, let K = ∫ ẋ r' dm and p = ∫ ẋ dm, velocities ẋ and positions r of its points in the body's frame. Then
+# For a body, let K = ∫ ẋ r' dm and p = ∫ ẋ dm, with the velocities ẋ and positions r of its points in the body's frame. The
+# operator B maps a twist (w, v) to
 #
-#     B V' = ((tr K 1 - K) w', w' × p)
+#     B (w, v) = ((tr K 1 - K) w, w × p)
 #
-# is the factor with  C = Σ J_i' (G_i dJ_i + B_i J_i),  C dq = c  and  dM/dt - 2C  skew. K and p add up like inertias. With the
-# sums G and B over all bodies that joint i carries, and S_j expressed in body i,
+# With it, C = Σ J_i' (G_i dJ_i + B_i J_i), C dq = c, and dM/dt - 2C is skew. K and p add up like inertias. With the sums G and
+# B over all bodies that joint i carries, and S_j expressed in body i,
 #
 #     (1)  C_ji = S_j·(G dS_i + B S_i)                      j is i, or before it
 #     (2)  C_ij = dS_j·G S_i + S_j·B'S_i,   dS = [V, S]     j before i
@@ -32,51 +33,57 @@ class BodyCoriolis:
 
     @classmethod
     def from_twist(cls, G: SpatialInertia, V: Array) -> BodyCoriolis:
-        """Coriolis matrix of a body with inertia G and twist V."""
+        """Operator of a body with inertia G and twist V = (w, v): its points move with ẋ = v + w × r."""
         w, v, h = V[:3], V[3:], G.first_moment
-        return cls(so3.hat(w) @ G.second_moment + np.outer(v, h), so3.cross(w, h) + G.mass * v)
+        K = so3.hat(w) @ G.second_moment + np.outer(v, h)
+        p = so3.cross(w, h) + G.mass * v
+        return cls(K, p)
 
     def __add__(self, other: BodyCoriolis) -> BodyCoriolis:
         return BodyCoriolis(self.K + other.K, self.p + other.p)
 
     def in_frame(self, T: Array) -> BodyCoriolis:
         """Operator expressed in {a}, given one in {b} and T = T_ab."""
-        R, r = T[:3, :3], T[:3, 3]
+        R, origin = T[:3, :3], T[:3, 3]
         p = R @ self.p
-        return BodyCoriolis(R @ self.K @ R.T + np.outer(p, r), p)
+        K = R @ self.K @ R.T + np.outer(p, origin)
+        return BodyCoriolis(K, p)
 
     def __matmul__(self, V: Array) -> Array:
         w = V[:3]
         return np.concatenate([self.K.trace() * w - self.K @ w, so3.cross(w, self.p)])
 
     def transposed_times(self, V: Array) -> Array:
-        """B' V."""
+        """B' V, a pure couple."""
         w, v = V[:3], V[3:]
-        return np.concatenate([self.K.trace() * w - self.K.T @ w + so3.cross(self.p, v), zeros(3)])
+        couple = self.K.trace() * w - self.K.T @ w + so3.cross(self.p, v)
+        return np.concatenate([couple, zeros(3)])
 
 
 def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
-    """C with C dq = c and dM/dt - 2C skew; the Christoffel form for one-degree joints; (nv, nv)."""
+    """C with C dq = c and dM/dt - 2C skew; (nv, nv). For joints of one degree, C is made of Christoffel symbols."""
     T = joint_poses(model, q)
     V, G = body_velocities(model, T, dq), composite_inertias(model, q)
     B = [BodyCoriolis.from_twist(body.inertia, V[i]) for i, body in enumerate(model.bodies)]
     for i, p in inward(model):
         if p != BASE:
             B[p] = B[p] + B[i].in_frame(T[i])
-    to_parent = [Ad(X).inverse.T for X in T]
+    to_parent = [Ad(pose).inverse.T for pose in T]
     C = zeros(model.nv, model.nv)
     for i, body in enumerate(model.bodies):
-        for b, S in enumerate(body.joint.axes):
-            dS = ad(V[i]) @ S
-            F, GS, BS = G[i] @ dS + B[i] @ S, G[i] @ S, B[i].transposed_times(S)
-            for j in ancestors(model, i):
+        for k, S_i in enumerate(body.joint.axes):
+            dS_i = ad(V[i]) @ S_i
+            # Wrenches of (1) and (2), in the frame of body i and then of each ancestor
+            F, GS, BS = G[i] @ dS_i + B[i] @ S_i, G[i] @ S_i, B[i].transposed_times(S_i)
+            for j in ancestors(model, i):  # i itself first
                 ancestor = model.bodies[j]
-                for a, S_j in enumerate(ancestor.joint.axes):
-                    add_entry(C, ancestor, a, body, b, S_j @ F)  # (1)
+                for m, S_j in enumerate(ancestor.joint.axes):
+                    add_entry(C, ancestor, m, body, k, S_j @ F)  # (1)
                     if j != i:
-                        add_entry(C, body, b, ancestor, a, (ad(V[j]) @ S_j) @ GS + S_j @ BS)  # (2)
+                        dS_j = ad(V[j]) @ S_j
+                        add_entry(C, body, k, ancestor, m, dS_j @ GS + S_j @ BS)  # (2)
                 F, GS, BS = to_parent[j] @ F, to_parent[j] @ GS, to_parent[j] @ BS
-    for block, L in armature_symbols(model):
+    for block, L in armature_symbols(model):  # L (n, n, n): the armature's torques are dq' L dq
         C[block, block] = C[block, block] + L @ dq[block]
     return C
 
@@ -84,6 +91,6 @@ def coriolis_matrix(model: Model, q: Array, dq: Array) -> Array:
 def christoffel(model: Model, q: Array) -> Array:
     """Γ_ijk of the first kind; (nv, nv, nv). C is linear in dq, so Γ_··k is C at the k-th unit velocity. MR section 8.1.2."""
     gamma = zeros(model.nv, model.nv, model.nv)
-    for k, e in enumerate(np.eye(model.nv).astype(object)):
-        gamma[:, :, k] = coriolis_matrix(model, q, e)
+    for k, unit_velocity in enumerate(np.eye(model.nv).astype(object)):
+        gamma[:, :, k] = coriolis_matrix(model, q, unit_velocity)
     return gamma

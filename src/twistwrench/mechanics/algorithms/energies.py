@@ -37,9 +37,9 @@ def body_velocities(model: Model, T: Sequence[Array], dq: Array) -> list[Array]:
 
 def kinetic_energy(model: Model, q: Array, dq: Array) -> Any:
     """½ Σ V' G V plus the energy of the drives' armature [J]. MR section 8.1.2."""
+    twists = body_velocities(model, joint_poses(model, q), dq)
     motor_dq = motor_velocities(model, dq)
     energy = 0.5 * (motor_dq @ (model.armature * motor_dq))
-    twists = body_velocities(model, joint_poses(model, q), dq)
     for body, V in zip(model.bodies, twists, strict=True):
         energy = energy + 0.5 * (V @ (body.inertia @ V))
     return energy

@@ -138,13 +138,13 @@ def either(which: Any, a: Any, b: Any) -> Any:
 
 def largest(numbers: Iterable[Any], bound: Any) -> Any:
     """Largest absolute value, at least ``bound``; NaN if any number is NaN."""
-    for x in numbers:
-        bound = abs(x).clip(bound, np.inf) if hasattr(x, "clip") else max(abs(x), bound)
+    for number in numbers:
+        bound = abs(number).clip(bound, np.inf) if hasattr(number, "clip") else max(abs(number), bound)
     return bound
 
 
 def smallest(numbers: Iterable[Any], bound: Any) -> Any:
     """Smallest number, at most ``bound``; NaN if any number is NaN."""
-    for x in numbers:
-        bound = x.clip(-np.inf, bound) if hasattr(x, "clip") else min(x, bound)
+    for number in numbers:
+        bound = number.clip(-np.inf, bound) if hasattr(number, "clip") else min(number, bound)
     return bound

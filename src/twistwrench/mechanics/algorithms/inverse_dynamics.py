@@ -49,13 +49,13 @@ def body_motions(
     base_acceleration = -model.gravity if gravity else zeros(3)
     motions = {BASE: BodyMotion(zeros(3), zeros(3), base_acceleration)}
     for i, p in outward(model):
-        parent = motions[p]
+        up = motions[p]
         R, r = T[i][:3, :3], T[i][:3, 3]
-        w_joint, v_joint = Adq[i][:3], Adq[i][3:]
-        dw_joint, dv_joint = Addq[i][:3], Addq[i][3:]
-        w = R.T @ parent.w + w_joint  # (8.51)
-        dw = R.T @ parent.dw + so3.cross(w, w_joint) + dw_joint  # (8.52), angular part
-        a = R.T @ (parent.a + parent.U @ r) + so3.cross(2.0 * w - w_joint, v_joint) + dv_joint  # (8.52), origin
+        wJ, vJ = Adq[i][:3], Adq[i][3:]  # twist of the joint, A dq
+        dwJ, dvJ = Addq[i][:3], Addq[i][3:]  # A ddq
+        w = R.T @ up.w + wJ  # (8.51)
+        dw = R.T @ up.dw + so3.cross(w, wJ) + dwJ  # (8.52), angular part
+        a = R.T @ (up.a + up.U @ r) + so3.cross(2.0 * w - wJ, vJ) + dvJ  # (8.52), origin
         motions[i] = BodyMotion(w, dw, a)
         yield i, motions[i]
 

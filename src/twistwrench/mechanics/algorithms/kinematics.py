@@ -20,25 +20,33 @@ from .recursion import ancestors, base_poses, joint_poses, zeros
 def forward_kinematics(model: Model, q: Array, frame: str) -> Array:
     """Pose of the frame in the base frame, T_s,frame; (4, 4)."""
     target = model.frame(frame)
-    T = joint_poses(model, q)
-    X = target.pose
+    poses_in_parents = joint_poses(model, q)
+    T = target.pose
     for i in ancestors(model, target.body):
-        X = T[i] @ X
-    return np.asarray(X)
+        T = poses_in_parents[i] @ T
+    return np.asarray(T)
 
 
 def link_poses(model: Model, q: Array) -> Array:
     """Pose of every link, T_s,link, in the order of the model's frames; (nlinks, 4, 4)."""
     T_s = base_poses(model, joint_poses(model, q))
-    return np.stack([f.pose if f.body == BASE else T_s[f.body] @ f.pose for f in model.frames.values()])
+    poses = []
+    for frame in model.frames.values():
+        T = frame.pose
+        if frame.body != BASE:
+            T = T_s[frame.body] @ T
+        poses.append(T)
+    return np.stack(poses)
 
 
 # ── Jacobians of a frame and their rates. Modern Robotics section 5.1
 
-# ``kind`` selects the twist: ``"body"``, V_b in the frame itself; ``"space"``, V_s at the base origin;
-# ``"world_aligned"``, at the frame's origin with the axes of {s}.
-
 KINDS = ("body", "space", "world_aligned")
+"""Kinds of twists of a frame, and so of its Jacobian, for the parameter ``kind`` of the following functions.
+
+``"body"`` is V_b, in the frame itself; ``"space"`` is V_s, at the base origin; ``"world_aligned"`` is the twist at the frame's
+origin with the axes of {s}.
+"""
 PINOCCHIO = {"LOCAL": "body", "WORLD": "space", "LOCAL_WORLD_ALIGNED": "world_aligned"}
 """Names of the Jacobian's frames in Pinocchio."""
 
@@ -67,6 +75,7 @@ def row_numbers(rows: str | Iterable[int | str] | None) -> tuple[int, ...]:
 
 
 def _row_number(row: object) -> int:
+    """Number of a row, from its name or number; raises an error for other input."""
     if isinstance(row, str):
         if row not in TWIST:
             raise UnknownNameError.from_choices("row of a twist", row, TWIST)
@@ -79,19 +88,24 @@ def _row_number(row: object) -> int:
 
 
 def _columns(model: Model, q: Array, frame: str, kind: str) -> Iterator[tuple[Body, Array]]:
-    """(body, its joint's screw axes (k, 6) in the frame of ``kind``) from the base to the frame. MR eq. 5.11, 5.18."""
-    target, T = model.frame(frame), joint_poses(model, q)
+    """Each body from the base to the frame, with its joint's screw axes (k, 6) in the frame of ``kind``. MR eq. 5.11, 5.18."""
+    target = model.frame(frame)
+    poses_in_parents = joint_poses(model, q)
     path = list(ancestors(model, target.body))
-    poses: dict[int, Array] = {}  # of the bodies, in the frame of ``kind``
+    poses: dict[int, Array] = {}  # of the bodies on the path, in the frame of ``kind``
     if kind == "body":
-        X = se3.inverse(target.pose)
+        T = se3.inverse(target.pose)
         for i in path:
-            poses[i] = X
-            X = X @ se3.inverse(T[i])
+            poses[i] = T
+            T = T @ se3.inverse(poses_in_parents[i])
     else:
-        T_s = base_poses(model, T)
-        shift = np.zeros(3) if kind == "space" or target.body == BASE else (T_s[target.body] @ target.pose)[:3, 3]
-        poses = {i: se3.pose(T_s[i][:3, :3], T_s[i][:3, 3] - shift) for i in path}
+        T_s = base_poses(model, poses_in_parents)
+        origin = np.zeros(3)  # of the frame of ``kind``, which has the axes of {s}
+        if kind == "world_aligned" and target.body != BASE:
+            origin = (T_s[target.body] @ target.pose)[:3, 3]
+        for i in path:
+            R, p = T_s[i][:3, :3], T_s[i][:3, 3]
+            poses[i] = se3.pose(R, p - origin)
     for i in reversed(path):
         body = model.bodies[i]
         yield body, body.ratio * Ad(poses[i]).apply(body.joint.axes)
@@ -101,39 +115,43 @@ def jacobian(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
     """Jacobian J of the frame; (6, nv)."""
     J = zeros(6, model.nv)
     for body, axes in _columns(model, q, frame, kind):
-        _add(J, body, axes)
+        _add_columns(J, body, axes)
     return J
 
 
 def jacobian_rate(model: Model, q: Array, dq: Array, frame: str, kind: str = "body") -> Array:
     """dJ/dt; (6, nv). Each column moves with its body relative to the observing frame: dJ_i = [V_i - V_observer, J_i]."""
-    return _rate(model, list(_columns(model, q, frame, kind)), dq, kind)
+    return _rate_of_columns(model, list(_columns(model, q, frame, kind)), dq, kind)
 
 
-def _rate(model: Model, columns: list[tuple[Body, Array]], dq: Array, kind: str) -> Array:
+def _rate_of_columns(model: Model, columns: list[tuple[Body, Array]], dq: Array, kind: str) -> Array:
+    """dJ/dt from the bodies and screw axes of :func:`_columns`."""
     V, twists = zeros(6), []
     for body, axes in columns:
-        V = V + dq[body.places[1]] @ axes
+        _, velocities = body.places
+        V = V + dq[velocities] @ axes
         twists.append(V)
-    observer = {"space": zeros(6), "body": V, "world_aligned": np.concatenate([zeros(3), V[3:]])}[kind]
-    rate = zeros(6, model.nv)
+    observer_twists = {"space": zeros(6), "body": V, "world_aligned": np.concatenate([zeros(3), V[3:]])}
+    dJ = zeros(6, model.nv)
     for (body, axes), V_i in zip(columns, twists, strict=True):
-        _add(rate, body, ad(V_i - observer).apply(axes))
-    return rate
+        _add_columns(dJ, body, ad(V_i - observer_twists[kind]).apply(axes))
+    return dJ
 
 
 def jacobian_derivative(model: Model, q: Array, frame: str, kind: str = "body") -> Array:
-    """∂J/∂q; (6, nv, nv), last axis along robot.add. dJ/dt is linear in dq, so ∂J/∂q_k is dJ/dt at the k-th unit velocity."""
-    columns, units = list(_columns(model, q, frame, kind)), np.eye(model.nv).astype(object)
-    D = zeros(6, model.nv, model.nv)
+    """∂J/∂q along robot.add (last axis); (6, nv, nv). dJ/dt is linear in dq, so ∂J/∂q_k is dJ/dt at the k-th unit velocity."""
+    columns = list(_columns(model, q, frame, kind))
+    unit_velocities = np.eye(model.nv).astype(object)
+    derivative = zeros(6, model.nv, model.nv)
     for body, axes in columns:
         for k in range(body.v_index, body.v_index + len(axes)):
-            D[:, :, k] = _rate(model, columns, units[k], kind)
-    return D
+            derivative[:, :, k] = _rate_of_columns(model, columns, unit_velocities[k], kind)
+    return derivative
 
 
-def _add(J: Array, body: Body, axes: Array) -> None:
-    columns = body.places[1]
+def _add_columns(J: Array, body: Body, axes: Array) -> None:
+    """Add axes (k, 6) to the columns of a body's joint; joints that share a coordinate add to the same columns."""
+    _, columns = body.places
     J[:, columns] = J[:, columns] + axes.T
 
 
@@ -149,25 +167,27 @@ def frame_acceleration(model: Model, q: Array, dq: Array, ddq: Array, frame: str
 
 def wrench_torques(model: Model, q: Array, F: Array, frame: str) -> Array:
     """J_b' F: torques for a wrench (6,) that the robot exerts at the frame, in its axes; (nv,). MR eq. 5.26."""
-    target, T = model.frame(frame), joint_poses(model, q)
+    target = model.frame(frame)
+    poses_in_parents = joint_poses(model, q)
     tau = zeros(model.nv)
-    F = Ad(target.pose).inverse.T @ F
+    F_body = Ad(target.pose).inverse.T @ F
     for i in ancestors(model, target.body):
         body = model.bodies[i]
-        columns = body.places[1]
-        tau[columns] = tau[columns] + body.ratio * (body.joint.axes @ F)
-        F = Ad(T[i]).inverse.T @ F
+        _, columns = body.places
+        tau[columns] = tau[columns] + body.ratio * (body.joint.axes @ F_body)
+        F_body = Ad(poses_in_parents[i]).inverse.T @ F_body
     return tau
 
 
 # ── Coordinate rates: derivatives of q ⊕ v with respect to v at v = 0, and Lie brackets of joint axes
 
-# Along robot.add the pose of each joint is T exp([A v]). With dR = R [w] and dp = R v
+# Along robot.add the pose of each joint is T exp([A v]), with the joint's screw axes A and velocities v. The rotation and the
+# position of a floating joint change by dR = R [w] and dp = R v. The coordinates change by
 #
-#     dq = N(q) v,      N of a quaternion Q:  dQ = ½ Q (0, w),
+#     dq = N(q) v,      for a quaternion Q:  dQ = ½ Q (0, w),
 #
-# which leaves the length of Q unchanged. Functions that do not depend on this length have the same derivative as along
-# robot.add, which normalises Q. Modern Robotics sections 3.2.2 and 3.3.2; quaternions: Appendix B.3.
+# which leaves the length of Q unchanged, while robot.add normalises Q. Functions that do not depend on this length have the
+# same derivative along both. Modern Robotics sections 3.2.2 and 3.3.2; quaternions: Appendix B.3.
 
 
 def coordinate_rates(model: Model, q: Array) -> Array:
@@ -182,9 +202,10 @@ def coordinate_rates(model: Model, q: Array) -> Array:
 def velocity_map(model: Model, q: Array) -> Array:
     """B in dq = B dq/dt, the inverse of N; (nv, nq). Rates that change a quaternion's length give no velocity.
 
-    The columns of N are orthogonal, so the rows of B are the scaled columns.
+    The columns of N are orthogonal, so the rows of B are these columns, each divided by its square.
     """
-    return np.stack([column / (column @ column) for column in coordinate_rates(model, q).T])
+    N = coordinate_rates(model, q)
+    return np.stack([column / (column @ column) for column in N.T])
 
 
 def rates_of_coordinates(model: Model, q: Array, dq: Array) -> Array:
@@ -193,9 +214,9 @@ def rates_of_coordinates(model: Model, q: Array, dq: Array) -> Array:
 
 
 def moving_parts(model: Model, q: Array) -> Iterator[tuple[Array, Array]]:
-    """(x, its derivative along each velocity (*x.shape, nv)) for q, and for each rotation that a quaternion describes.
+    """q and its derivative along each velocity (nq, nv); then each rotation R of a quaternion, and its derivative (3, 3, nv).
 
-    dR = R [w] is short and half zeros, unlike the derivative through the quaternion.
+    A function of R is differentiated by dR = R [w], which is shorter than the derivative through the quaternion.
     """
     yield q, coordinate_rates(model, q)
     for body in model.leaders:
@@ -210,12 +231,13 @@ def brackets(model: Model) -> Array:
     """Structure constants c of each joint's screw axes, [S_a, S_b] = Σ c_abd S_d, which form a Lie algebra; (nv, nv, nv)."""
     c = np.zeros((model.nv, model.nv, model.nv))
     for body in model.leaders:
-        columns = body.places[1]
+        _, columns = body.places
         axes = body.joint.axes
-        products = np.zeros((len(axes), len(axes), 6))
-        for a, b in np.ndindex(*products.shape[:2]):
-            products[a, b] = ad(axes[a]) @ axes[b]
-        c[columns, columns, columns] = np.round(products @ np.linalg.pinv(axes), 12)  # orthonormal axes: 0, 1 and -1
+        axis_brackets = np.zeros((len(axes), len(axes), 6))
+        for a, b in np.ndindex(len(axes), len(axes)):
+            axis_brackets[a, b] = ad(axes[a]) @ axes[b]
+        # Rounded, so that orthonormal axes give exactly 0, 1 and -1
+        c[columns, columns, columns] = np.round(axis_brackets @ np.linalg.pinv(axes), 12)
     return c
 
 
@@ -250,11 +272,13 @@ def subtract(model: Model, q1: Array, q0: Array) -> Array:
 
 def halfway(model: Model, q: Array, dv: Array, angles: Array) -> Array:
     """q ⊕ dv/2; (nq,). Sines of its angles need no range reduction: they come from the angle-sum formulas."""
-    q_new, turn = add_at_angles(model, q, 0.5 * dv, angles), 0.5 * dv
+    half_dv = 0.5 * dv
+    q_new = add_at_angles(model, q, half_dv, angles)
     for body in model.leaders:
         if body.joint.angle is not None:
-            i, k = body.q_index + body.joint.angle[0], body.v_index + body.joint.angle[1]
-            q_new[i] = angles[i].turned(turn[k].clip(-LARGEST_HALF_TURN, LARGEST_HALF_TURN))
+            coordinate, velocity = body.joint.angle  # indices within the joint
+            i, k = body.q_index + coordinate, body.v_index + velocity
+            q_new[i] = angles[i].turned(half_dv[k].clip(-LARGEST_HALF_TURN, LARGEST_HALF_TURN))
     return q_new
 
 
@@ -263,5 +287,6 @@ def normalise_quaternions(model: Model, q: Array, share: Any = 1.0) -> Array:
     q_new = q.copy()
     for columns in model.quaternions:
         Q = q[columns]
-        q_new[columns] = Q + share * (1.0 / np.sqrt(Q @ Q) - 1.0) * Q
+        length_change = 1.0 / np.sqrt(Q @ Q) - 1.0  # relative to |Q|
+        q_new[columns] = Q + share * length_change * Q
     return q_new

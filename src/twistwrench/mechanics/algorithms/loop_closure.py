@@ -1,13 +1,15 @@
 """Closed loops: projection of states onto the constraints, reachable rows, and closing configurations.
 
-Projection: with M = L'DL, Y = L⁻ᵀA' and S = Y'D⁻¹Y = A M⁻¹ A', the smallest changes in the kinetic metric are
+A q̇ = 0 are the constraints, M is the mass matrix, S = A M⁻¹ A', and g the gaps (closure errors) of the loops. Projection makes
+the smallest changes in the kinetic metric:
 
-    (1)  q ← q ⊕ -M⁻¹A'S⁻¹ g(q),  g the gaps (closure errors) of the loops
+    (1)  q ← q ⊕ -M⁻¹A'S⁻¹ g(q)
     (2)  dq ← dq - M⁻¹A'S⁻¹ A dq
 
-(1) is applied twice with the matrices of the first q (simplified Newton method): the gaps after an integration step are
-small, and each iteration reduces them quadratically. (2) is exact at the resulting q. Source: Hairer, Lubich and Wanner,
-Geometric Numerical Integration, section IV.4, projection methods. The metric M makes the projection independent of coordinates.
+With M = L'DL and Y = L⁻ᵀA', S = Y'D⁻¹Y and M⁻¹A' = L⁻¹D⁻¹Y. (1) is applied twice with the matrices of the first q (simplified
+Newton method): the gaps after an integration step are small, and each iteration reduces them quadratically. (2) is exact at
+the resulting q. Source: Hairer, Lubich and Wanner, Geometric Numerical Integration, section IV.4, projection methods. The
+metric M makes the projection independent of coordinates.
 """
 
 from __future__ import annotations
@@ -30,57 +32,67 @@ ROUNDS = 2
 """Iterations of (1): they reduce a gap of 1e-5 of the robot's size to 1e-10, then to rounding error."""
 
 
-_MIN_COSINE_SUM = 1e-30
-"""Avoids a division by zero for a rotation by π, whose sine is zero; negligible for any other angle."""
+_ADDED_COSINE = 1e-30
+"""Added to 1 + cos x, so that there is no division by zero for x = π; negligible for any other angle."""
 
 
 @dataclass(frozen=True)
 class LoopRows:
-    """Independent rows of closures that have a gap; the projection brings these gaps to zero."""
+    """Independent rows of A that belong to closures and so have a gap; the projection brings these gaps to zero."""
 
     constraints: tuple[Constraint, ...]
+    """All constraints, in the order of the rows of A."""
     independent: tuple[int, ...]
     """Numbers of the rows of A that are independent of earlier rows."""
 
     @property
     def indices(self) -> tuple[list[int], list[int]]:
         """Indices of these rows in :func:`small_gaps`, and in A."""
-        rows = np.flatnonzero(with_gaps(self.constraints))
-        gaps = np.flatnonzero(np.isin(rows, self.independent))
-        return gaps.tolist(), rows[gaps].tolist()
+        rows_of_gaps = np.flatnonzero(with_gaps(self.constraints))
+        gap_indices = np.flatnonzero(np.isin(rows_of_gaps, self.independent))
+        return gap_indices.tolist(), rows_of_gaps[gap_indices].tolist()
 
     def gaps(self, model: Model, q: Array) -> Array:
         """Gaps of the loops, rad and m."""
-        return small_gaps(model, q, self.constraints)[self.indices[0]]
+        gap_indices, _ = self.indices
+        return small_gaps(model, q, self.constraints)[gap_indices]
 
     def jacobian(self, model: Model, q: Array) -> Array:
         """Rows of A that belong to these gaps."""
-        return constraint_jacobian(model, q, self.constraints)[self.indices[1]]
+        _, rows = self.indices
+        return constraint_jacobian(model, q, self.constraints)[rows]
 
 
 def project_state(
     model: Model, q: Array, dq: Array, constraints: Sequence[Constraint], independent: Sequence[int]
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """q and dq on the constraints, the gaps and the rates A dq before, the gaps after, and the pivots of A M⁻¹ A'.
+    """State on the constraints, from a state near them, with what was changed.
 
-    (nq,), (nv,), (rows of closures,), (independent rows,), (rows of closures,), (independent rows,). ``independent`` holds the
-    numbers of the rows of A that are independent of earlier rows.
+    The result is q (nq,) and dq (nv,) on the constraints; the gaps before (rows of closures,); the rates A dq before
+    (independent rows,); the gaps after (rows of closures,); and the pivots of A M⁻¹ A' (independent rows,). ``independent``
+    holds the numbers of the rows of A that are independent of earlier rows. In the code ``D_inverse`` and ``E_inverse`` stand
+    for D⁻¹ of M and for the same of S = R'ER.
     """
-    gaps, rows = LoopRows(tuple(constraints), tuple(independent)).indices
-    before = after = small_gaps(model, q, constraints)
-    if gaps:
-        (L, D), A = ldl_factors(mass_matrix(model, q)), constraint_jacobian(model, q, tuple(constraints))
+    gap_indices, rows = LoopRows(tuple(constraints), tuple(independent)).indices
+    gaps = gaps_before = small_gaps(model, q, constraints)
+    if gap_indices:
+        L, D_inverse = ldl_factors(mass_matrix(model, q))
+        A = constraint_jacobian(model, q, tuple(constraints))
         Y = solve_transposed(L, A[rows].T)
-        R, E = ldl_factors(Y.T @ (D[:, None] * Y))
+        R, E_inverse = ldl_factors(Y.T @ (D_inverse[:, None] * Y))
         for _ in range(ROUNDS):
-            q = add(model, q, -solve_triangular(L, D * (Y @ solve_ldl(R, E, after[gaps]))))  # (1)
-            after = small_gaps(model, q, constraints)
+            multipliers = solve_ldl(R, E_inverse, gaps[gap_indices])
+            q = add(model, q, -solve_triangular(L, D_inverse * (Y @ multipliers)))  # (1)
+            gaps = small_gaps(model, q, constraints)
     q = normalise_quaternions(model, q)
-    (L, D), A = ldl_factors(mass_matrix(model, q)), constraint_jacobian(model, q, tuple(constraints))[list(independent)]
+    L, D_inverse = ldl_factors(mass_matrix(model, q))
+    A = constraint_jacobian(model, q, tuple(constraints))[list(independent)]
     Y = solve_transposed(L, A.T)
-    R, E = ldl_factors(Y.T @ (D[:, None] * Y))
-    rates = A @ dq
-    return q, dq - solve_triangular(L, D * (Y @ solve_ldl(R, E, rates))), before, rates, after, 1.0 / E  # (2)
+    R, E_inverse = ldl_factors(Y.T @ (D_inverse[:, None] * Y))
+    rates_before = A @ dq
+    multipliers = solve_ldl(R, E_inverse, rates_before)
+    dq = dq - solve_triangular(L, D_inverse * (Y @ multipliers))  # (2)
+    return q, dq, gaps_before, rates_before, gaps, 1.0 / E_inverse
 
 
 def small_gaps(model: Model, q: Array, constraints: Sequence[Constraint]) -> Array:
@@ -88,70 +100,86 @@ def small_gaps(model: Model, q: Array, constraints: Sequence[Constraint]) -> Arr
 
     An angle is replaced by twice the sine of its half.
     """
-    closures = [c for c in constraints if isinstance(c, Closure)]
+    closures = [constraint for constraint in constraints if isinstance(constraint, Closure)]
     if not closures:
         return zeros(0)
-    T = closure_poses(model, q, tuple(closures))
-    return np.concatenate([_small_gap(c.rows, T[n, :3, :3], T[n, :3, 3]) for n, c in enumerate(closures)])
+    gaps = []
+    for closure, T in zip(closures, closure_poses(model, q, tuple(closures)), strict=True):
+        gaps.append(_small_gap(closure.rows, T[:3, :3], T[:3, 3]))
+    return np.concatenate(gaps)
 
 
 def _small_gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
-    turning = sorted({0, 1, 2}.intersection(rows))
-    if not turning:
+    """Gap of one closure with T_cb = (R, p), in its rows.
+
+    The angular part is the rotation axis times sin x, from which 2 sin(x/2) follows. x is the angle of R for three angular
+    rows, the angle between the free axes of {b} and {c} for two, and the angle about the row's axis for one.
+    """
+    angular_rows = sorted({0, 1, 2}.intersection(rows))
+    if not angular_rows:
         return p[[row - 3 for row in rows]]
-    turn, cosine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]), 0.5 * (np.trace(R) - 1.0)
-    k = 3 - sum(turning) if len(turning) == 2 else turning[0]
-    i, j = (k + 1) % 3, (k + 2) % 3
-    if len(turning) == 2:
-        turn[i], turn[j], cosine = -R[j, k], R[i, k], R[k, k]  # e_k × R e_k
-    elif len(turning) == 1:
+    sine_vector = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    cosine = 0.5 * (np.trace(R) - 1.0)
+    if len(angular_rows) == 2:
+        k = 3 - sum(angular_rows)  # axis of the free rotation
+        i, j = (k + 1) % 3, (k + 2) % 3
+        sine_vector[i], sine_vector[j] = -R[j, k], R[i, k]  # e_k × R e_k
+        cosine = R[k, k]
+    elif len(angular_rows) == 1:
+        (k,) = angular_rows
+        i, j = (k + 1) % 3, (k + 2) % 3
         cosine = 0.5 * (R[i, i] + R[j, j])
-    # sin x = 2 sin(x/2) cos(x/2), and 1 + cos x = 2 cos²(x/2)
-    turn = turn * np.sqrt(2.0 / (1.0 + cosine + _MIN_COSINE_SUM))
-    return np.concatenate([turn, p])[list(rows)]
+    # 2 sin(x/2) = sin x / cos(x/2) = sin x √(2 / (1 + cos x))
+    half_sine_vector = sine_vector * np.sqrt(2.0 / (1.0 + cosine + _ADDED_COSINE))
+    return np.concatenate([half_sine_vector, p])[list(rows)]
 
 
-# A gap is zero if {b} coincides with {c} in the closure's rows; near there its rate is that of the same rows of V_cb. Linear
-# rows are those of p. Three angular rows are those of log R. Two are the smallest rotation that takes the third axis of {b} to
-# that of {c}, for any free rotation about it. One is the angle of a planar motion.
+# A gap is zero if {b} coincides with {c} in the closure's rows. Near this state its rate equals the same rows of V_cb. Linear
+# rows of the gap are those of p. Three angular rows are those of log R. Two angular rows are the smallest rotation that takes
+# the third axis of {c} to the third axis of {b}, since the rotation about this axis is free. One angular row is the angle of a
+# planar motion.
 
 ITERATIONS = 100
 """Maximum number of Levenberg–Marquardt iterations. Convergence is quadratic near a solution; distant starts need more."""
 HALVINGS = 12
-"""Number of lengths that are tried for a step, each half of the last."""
+"""Number of lengths that are tried for a step, each half of the previous one."""
 
 
 def closure_gaps(constraints: Sequence[Constraint], T: Array) -> Array:
     """Gaps of the closures' rows [rad, m], from T_cb of each; (..., n, 4, 4) → (..., rows)."""
-    closures = [c for c in constraints if isinstance(c, Closure)]
+    closures = [constraint for constraint in constraints if isinstance(constraint, Closure)]
     gaps = [_gap(closure.rows, T[..., n, :3, :3], T[..., n, :3, 3]) for n, closure in enumerate(closures)]
     return np.concatenate([np.zeros((*T.shape[:-3], 0)), *gaps], axis=-1)
 
 
 def _gap(rows: tuple[int, ...], R: Array, p: Array) -> Array:
-    turning = sorted({0, 1, 2}.intersection(rows))
-    if len(turning) == 3:
-        turn = so3.log(R)
-    elif len(turning) == 2:
-        turn = _rotation_of_axis(R, 3 - sum(turning))
-    elif len(turning) == 1:
-        i, j, k = np.roll(range(3), -turning[0])
-        turn = np.zeros_like(p)
-        turn[..., i] = np.arctan2(R[..., k, j] - R[..., j, k], R[..., j, j] + R[..., k, k])
+    """Gap of one closure with T_cb = (R, p), (..., 3, 3) and (..., 3), in its rows; accurate for any size."""
+    angular_rows = sorted({0, 1, 2}.intersection(rows))
+    if len(angular_rows) == 3:
+        rotation_vector = so3.log(R)
+    elif len(angular_rows) == 2:
+        free_axis = 3 - sum(angular_rows)
+        rotation_vector = _rotation_of_axis(R, free_axis)
+    elif len(angular_rows) == 1:
+        (i,) = angular_rows
+        j, k = (i + 1) % 3, (i + 2) % 3
+        rotation_vector = np.zeros_like(p)
+        rotation_vector[..., i] = np.arctan2(R[..., k, j] - R[..., j, k], R[..., j, j] + R[..., k, k])
     else:
-        turn = np.zeros_like(p)
-    return np.concatenate([turn, p], axis=-1)[..., list(rows)]
+        rotation_vector = np.zeros_like(p)
+    return np.concatenate([rotation_vector, p], axis=-1)[..., list(rows)]
 
 
 def _rotation_of_axis(R: Array, k: int) -> Array:
-    """Smallest rotation vector that takes axis k of {c} to axis k of {b}; if they are opposite, one of those by π."""
-    axis = R[..., :, k]
-    across = np.cross(np.eye(3)[k], axis)
-    sine, cosine = np.linalg.norm(across, axis=-1), axis[..., k]
+    """Smallest rotation vector that takes axis k of {c} to axis k of {b}; if they are opposite, one of the rotations by π."""
+    axis_c, axis_b = np.eye(3)[k], R[..., :, k]
+    sine_vector = np.cross(axis_c, axis_b)
+    sine, cosine = np.linalg.norm(sine_vector, axis=-1), axis_b[..., k]
     angle = np.arctan2(sine, cosine)
-    opposite = (sine < TOLERANCE) & (cosine < 0)
-    scale = np.divide(angle, sine, out=np.ones_like(sine), where=sine > TOLERANCE)
-    return np.where(opposite[..., None], np.pi * np.eye(3)[(k + 1) % 3], scale[..., None] * across)
+    is_opposite = (sine < TOLERANCE) & (cosine < 0)
+    angle_per_sine = np.divide(angle, sine, out=np.ones_like(sine), where=sine > TOLERANCE)
+    half_turn = np.pi * np.eye(3)[(k + 1) % 3]
+    return np.where(is_opposite[..., None], half_turn, angle_per_sine[..., None] * sine_vector)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,14 +188,14 @@ class LoopProblem:
 
     gaps: Callable[[Array], Array]
     """Gaps (n, rows) of configurations (n, nq) [rad, m]."""
-    slopes: Callable[[Array], tuple[Array, Array]]
-    """A (n, rows, nv) of the gaps, and M (n, nv, nv)."""
+    rows_and_mass: Callable[[Array], tuple[Array, Array]]
+    """Rows A (n, rows, nv) of the gaps, and M (n, nv, nv), at configurations (n, nq)."""
     add: Callable[[Array, Array], Array]
     """q ⊕ dv."""
     sizes: Array
     """Usual size of each row of A; (rows,)."""
     units: Array
-    """Unit of each gap; (rows,)."""
+    """Size [rad or m] of each gap that counts as 1 in comparisons with the tolerance; (rows,)."""
 
     def largest_gaps(self, gaps: Array) -> Array:
         """Largest gap of each configuration, divided by the unit of its row; (n,)."""
@@ -188,33 +216,39 @@ def close_loops(q: Array, problem: LoopProblem, tolerance: float) -> tuple[Array
     largest_gap = problem.largest_gaps(gaps)
     is_open = largest_gap > tolerance
     for _ in range(ITERATIONS):
-        n = np.flatnonzero(is_open)
-        if not n.size:
+        open_rows = np.flatnonzero(is_open)
+        if not open_rows.size:
             break
-        A, M = problem.slopes(q[n])
-        step = _step(gaps[n], A, M, problem.sizes, damping=np.minimum(1.0, largest_gap[n] ** 2))
-        q[n], gaps[n], improved = _shorten_step(q[n], gaps[n], step, problem)
-        largest_gap[n] = problem.largest_gaps(gaps[n])
-        is_open[n] = improved & (largest_gap[n] > tolerance)
+        A, M = problem.rows_and_mass(q[open_rows])
+        damping = np.minimum(1.0, largest_gap[open_rows] ** 2)
+        step = _damped_step(gaps[open_rows], A, M, problem.sizes, damping)
+        q[open_rows], gaps[open_rows], has_improved = _take_step(q[open_rows], gaps[open_rows], step, problem)
+        largest_gap[open_rows] = problem.largest_gaps(gaps[open_rows])
+        is_open[open_rows] = has_improved & (largest_gap[open_rows] > tolerance)
     return q, largest_gap
 
 
-def _shorten_step(q: Array, gaps: Array, step: Array, problem: LoopProblem) -> tuple[Array, Array, Array]:
-    """q and gaps after the step, halved while it does not reduce the gaps, and where one does; elsewhere q is unchanged."""
+def _take_step(q: Array, gaps: Array, step: Array, problem: LoopProblem) -> tuple[Array, Array, Array]:
+    """q and gaps after the step, and True for each configuration that has smaller gaps; the others are unchanged.
+
+    The step of a configuration is halved until it reduces the gaps.
+    """
     length = np.ones(len(q))
-    norm = problem.gap_norms(gaps)
+    old_norms = problem.gap_norms(gaps)
     for _ in range(HALVINGS):
         q_new = problem.add(q, length[:, None] * step)
         gaps_new = problem.gaps(q_new)
-        improved = problem.gap_norms(gaps_new) < norm
-        if improved.all():
+        has_improved = problem.gap_norms(gaps_new) < old_norms
+        if has_improved.all():
             break
-        length = np.where(improved, length, 0.5 * length)
-    return np.where(improved[:, None], q_new, q), np.where(improved[:, None], gaps_new, gaps), improved
+        length = np.where(has_improved, length, 0.5 * length)
+    improved_rows = has_improved[:, None]
+    return np.where(improved_rows, q_new, q), np.where(improved_rows, gaps_new, gaps), has_improved
 
 
-def _step(gap: Array, A: Array, M: Array, sizes: Array, damping: Array) -> Array:
+def _damped_step(gaps: Array, A: Array, M: Array, sizes: Array, damping: Array) -> Array:
     """Smallest step dv in the kinetic metric that closes the gaps, up to damping; (n, nv)."""
     projector = ConstraintProjector.from_rows(A, M, sizes)
-    damped = 1.0 / (1.0 + damping[:, None] * projector.inverse_sigma**2)  # σ²/(σ² + damping)
-    return projector.nearest(np.zeros(A.shape[:1] + A.shape[2:]), gap, damped)
+    factors = 1.0 / (1.0 + damping[:, None] * projector.inverse_sigma**2)  # σ²/(σ² + damping)
+    n, _, nv = A.shape
+    return projector.nearest(np.zeros((n, nv)), gaps, factors)

@@ -17,26 +17,27 @@ from .recursion import ancestors, inward, joint_coordinates, joint_poses, zeros
 
 
 def ldl_factors(M: Array) -> tuple[Array, Array]:
-    """L, unit lower triangular, and 1/D with M = L' D L, from the last row up; Featherstone, RBDA (2008), 6.5.
+    """L and 1/D with M = L' D L, from the last row up; Featherstone, RBDA (2008), 6.5.
 
-    Leaves come after their ancestors in M, so elimination from the end keeps the zeros between branches, and tracing omits
-    them. Only the lower triangle is read. Unrolled and without pivoting: M is positive definite.
+    L is unit lower triangular: only its entries below the diagonal are set and read, the others are those of M. Leaves come
+    after their ancestors in M, so elimination from the end keeps the zeros between branches, and tracing omits them. Only the
+    lower triangle of M is read. There is no pivoting, since M is positive definite.
     """
     n = len(M)
-    H, L, inverse = M.copy(), M.copy(), M.diagonal().copy()
+    H, L, D_inverse = M.copy(), M.copy(), M.diagonal().copy()  # H: what remains of M after each elimination
     for k in reversed(range(n)):
-        inverse[k] = 1.0 / H[k, k]
+        D_inverse[k] = 1.0 / H[k, k]
         for i in range(k):
-            L[k, i] = H[k, i] * inverse[k]
+            L[k, i] = H[k, i] * D_inverse[k]
         for i in range(k):
             for j in range(i + 1):
                 H[i, j] = H[i, j] - L[k, i] * H[k, j]
-    return L, inverse
+    return L, D_inverse
 
 
-def solve_ldl(L: Array, inverse: Array, b: Array) -> Array:
+def solve_ldl(L: Array, D_inverse: Array, b: Array) -> Array:
     """x with L' D L x = b."""
-    return solve_triangular(L, inverse * solve_transposed(L, b))
+    return solve_triangular(L, D_inverse * solve_transposed(L, b))
 
 
 def solve_transposed(L: Array, b: Array) -> Array:
@@ -59,24 +60,26 @@ def solve_triangular(L: Array, b: Array) -> Array:
 
 def inverse_factor(L: Array) -> Array:
     """W with W L = 1: unit lower triangular, with the zeros of L; M⁻¹ = W D⁻¹ W'."""
-    return np.array([solve_triangular(L, e) for e in np.eye(len(L)).astype(object)]).reshape(L.shape).T
+    unit_vectors = np.eye(len(L)).astype(object)
+    columns = [solve_triangular(L, unit_vector) for unit_vector in unit_vectors]
+    return np.array(columns).reshape(L.shape).T
 
 
-def symmetric_product(W: Array, inverse: Array) -> Array:
+def symmetric_product(W: Array, D_inverse: Array) -> Array:
     """W D⁻¹ W', each symmetric pair computed once."""
     n = len(W)
-    scaled, product = W * inverse, W.copy()
+    scaled_W, product = W * D_inverse, W.copy()
     for i in range(n):
         for j in range(i + 1):
-            product[i, j] = product[j, i] = scaled[i] @ W[j]
+            product[i, j] = product[j, i] = scaled_W[i] @ W[j]
     return product
 
 
 def with_diagonal(M: Array, diagonal: Array) -> Array:
     """M with ``diagonal`` added to its diagonal."""
     total = M.astype(object)
-    for i, x in enumerate(diagonal):
-        total[i, i] = total[i, i] + x
+    for i, entry in enumerate(diagonal):
+        total[i, i] = total[i, i] + entry
     return total
 
 
@@ -92,36 +95,42 @@ def composite_inertias(model: Model, q: Array) -> list[SpatialInertia]:
     for i, p in inward(model):
         if p != BASE:
             body = model.bodies[i]
-            G[p] = G[p] + body.joint.carry(G[i], coordinates[i]).in_frame(body.placement)
+            carried_inertia = body.joint.carry(G[i], coordinates[i])  # in the joint's frame
+            G[p] = G[p] + carried_inertia.in_frame(body.placement)
     return G
 
 
 def mass_matrix(model: Model, q: Array) -> Array:
     """M, symmetric and full; (nv, nv)."""
-    T = joint_poses(model, q)
-    up = [Ad(X).inverse.T for X in T]
+    to_parent = [Ad(pose).inverse.T for pose in joint_poses(model, q)]
     M = zeros(model.nv, model.nv)
     for i, G in enumerate(composite_inertias(model, q)):
-        for b, S in enumerate(model.bodies[i].joint.axes):
-            F = G @ S  # momentum of all carried bodies at unit rate
-            for j in ancestors(model, i):
-                for a, S_j in enumerate(model.bodies[j].joint.axes):
-                    if i != j or a <= b:
-                        _add_symmetric(M, model.bodies[j], a, model.bodies[i], b, S_j @ F)
-                F = up[j] @ F
-    drives = armature_matrix(model)
-    M = with_diagonal(M, drives.diagonal())
-    for at, _, _ in model.coupled:
-        for i, j in permutations(at, 2):
-            if not is_zero(drives[i, j]):
-                M[i, j] = M[i, j] + drives[i, j]
+        body = model.bodies[i]
+        for k, S_i in enumerate(body.joint.axes):
+            F = G @ S_i  # momentum of all carried bodies at unit rate
+            for j in ancestors(model, i):  # i itself first
+                ancestor = model.bodies[j]
+                for m, S_j in enumerate(ancestor.joint.axes):
+                    if i != j or m <= k:  # each pair of velocities of one joint once
+                        _add_symmetric(M, ancestor, m, body, k, S_j @ F)
+                F = to_parent[j] @ F
+    armature = armature_matrix(model)
+    M = with_diagonal(M, armature.diagonal())
+    for coupled_indices, _, _ in model.coupled:
+        for i, j in permutations(coupled_indices, 2):
+            if not is_zero(armature[i, j]):
+                M[i, j] = M[i, j] + armature[i, j]
     return M
 
 
-def _add_symmetric(M: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
-    """Add an entry and its mirror image. Joints that share a coordinate may add several values to one entry."""
-    r, c = row.v_index + a, column.v_index + b
-    value = row.ratio * column.ratio * value
-    M[r, c] = M[r, c] + value
-    if row is not column or a != b:
-        M[c, r] = M[c, r] + value
+def _add_symmetric(M: Array, row_body: Body, m: int, column_body: Body, k: int, value: Any) -> None:
+    """Add an entry and its mirror image, at velocities m and k of two joints.
+
+    Joints that share a coordinate may add several values to one entry.
+    """
+    row, column = row_body.v_index + m, column_body.v_index + k
+    value = row_body.ratio * column_body.ratio * value
+    M[row, column] = M[row, column] + value
+    is_diagonal = row_body is column_body and m == k
+    if not is_diagonal:
+        M[column, row] = M[column, row] + value

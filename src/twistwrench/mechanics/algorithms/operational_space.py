@@ -1,8 +1,8 @@
 """Operational-space dynamics, F = Λ dV + η (MR section 8.6), and joint control laws (MR section 11.4).
 
-With Y = L⁻ᵀJ' and M = L'DL, J M⁻¹ J' is Y'D⁻¹Y: M is factored once, and the zeros between branches stay zeros. The
-pivots of J M⁻¹ J' are returned too. Each is the squared part of a row that is independent of the later rows; a value near
-zero marks a direction in which the hand cannot move.
+With Y = L⁻ᵀJ' and M = L'DL, J M⁻¹ J' = Y'D⁻¹Y = R'ER. M is factored once, and the zeros between branches stay zeros. The pivots
+E of J M⁻¹ J' are returned too. Each is the squared part of a row that is independent of the later rows; a value near zero
+marks a direction in which the hand cannot move. In the code ``D_inverse`` and ``E_inverse`` stand for D⁻¹ and E⁻¹.
 """
 
 from __future__ import annotations
@@ -20,24 +20,26 @@ from .recursion import zeros
 
 def task_inertia(model: Model, q: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
     """Λ = (J M⁻¹ J')⁻¹ and the pivots of J M⁻¹ J'; (r, r), (r,). MR section 8.6, also for non-square J."""
-    L, D = ldl_factors(mass_matrix(model, q))
+    L, D_inverse = ldl_factors(mass_matrix(model, q))
     Y = solve_transposed(L, jacobian(model, q, frame, kind)[list(rows)].T)
-    R, E = ldl_factors(Y.T @ (D[:, None] * Y))
+    R, E_inverse = ldl_factors(Y.T @ (D_inverse[:, None] * Y))
     Lambda = zeros(len(rows), len(rows))
-    for k, unit in enumerate(np.eye(len(rows)).astype(object)):
-        Lambda[:, k] = solve_ldl(R, E, unit)
-    lower = np.tril_indices(len(rows), -1)
-    Lambda.T[lower] = Lambda[lower]
-    return Lambda, 1.0 / E
+    for k, unit_vector in enumerate(np.eye(len(rows)).astype(object)):
+        Lambda[:, k] = solve_ldl(R, E_inverse, unit_vector)
+    below_diagonal = np.tril_indices(len(rows), -1)
+    Lambda.T[below_diagonal] = Lambda[below_diagonal]  # symmetric to the last bit
+    return Lambda, 1.0 / E_inverse
 
 
 def task_bias(model: Model, q: Array, dq: Array, frame: str, kind: str, rows: tuple[int, ...]) -> tuple[Array, Array]:
     """η = Λ (J M⁻¹ h - (dJ/dt) dq) and the pivots of J M⁻¹ J'; (r,), (r,). MR section 8.6."""
-    L, D = ldl_factors(mass_matrix(model, q))
+    L, D_inverse = ldl_factors(mass_matrix(model, q))
     Y = solve_transposed(L, jacobian(model, q, frame, kind)[list(rows)].T)
-    R, E = ldl_factors(Y.T @ (D[:, None] * Y))
-    z = D * solve_transposed(L, bias_forces(model, q, dq))
-    return solve_ldl(R, E, Y.T @ z - jacobian_rate(model, q, dq, frame, kind)[list(rows)] @ dq), 1.0 / E
+    R, E_inverse = ldl_factors(Y.T @ (D_inverse[:, None] * Y))
+    z = D_inverse * solve_transposed(L, bias_forces(model, q, dq))  # D⁻¹L⁻ᵀh
+    J_M_inverse_h = Y.T @ z
+    dJ = jacobian_rate(model, q, dq, frame, kind)[list(rows)]
+    return solve_ldl(R, E_inverse, J_M_inverse_h - dJ @ dq), 1.0 / E_inverse
 
 
 # ── Control laws of joints. Modern Robotics section 11.4
@@ -50,7 +52,10 @@ def multi_dof_joints(model: Model) -> tuple[str, ...]:
 
 def clip_torques(tau: Array, limits: Array) -> Array:
     """Torques clipped to their limits; (nv,). For symbols; a plain number is the 0 of a joint without control law."""
-    return np.array([x.clip(-y, y) if hasattr(x, "clip") else x for x, y in zip(tau, limits, strict=True)], object)
+    clipped = []
+    for torque, limit in zip(tau, limits, strict=True):
+        clipped.append(torque.clip(-limit, limit) if hasattr(torque, "clip") else torque)
+    return np.array(clipped, object)
 
 
 def proportional_derivative(
@@ -61,7 +66,8 @@ def proportional_derivative(
     for body in model.leaders:
         if body.joint.nv == 1:
             i, k = body.q_index, body.v_index
-            u[k] = kp[k] * (q_des[i] - q[i]) + kd[k] * (dq_des[k] - dq[k])
+            error, error_rate = q_des[i] - q[i], dq_des[k] - dq[k]
+            u[k] = kp[k] * error + kd[k] * error_rate
     return u
 
 

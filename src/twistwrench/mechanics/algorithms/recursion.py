@@ -1,7 +1,8 @@
 """Outward and inward passes over the kinematic tree; maps between robot and body coordinates; armature and springs of joints.
 
 An algorithm is a loop ``for i, p in outward(model)`` or ``for i, p in inward(model)``; ``p`` is the parent's number,
-``BASE`` for bodies on the base. Parents come before children, so the passes count up and down.
+``BASE`` for bodies on the base. Parents have lower numbers than their children, so an outward pass counts up, an inward pass
+down.
 """
 
 from __future__ import annotations
@@ -35,22 +36,24 @@ def ancestors(model: Model, i: int) -> Iterator[int]:
 
 
 def joint_coordinates(model: Model, q: Array) -> list[Array]:
-    """Coordinates of each body's joint, (nq,) of that joint; those of a follower come from its leader."""
+    """Coordinates of each body's joint, (nq,) of that joint; coordinates of a follower come from its leader."""
     return [body.coordinates(q) for body in model.bodies]
 
 
 def joint_poses(model: Model, q: Array) -> list[Array]:
     """T[i], pose of body i in its parent's frame; (4, 4) each."""
-    coordinates = joint_coordinates(model, q)
-    return [body.placement @ body.joint.pose(x) for body, x in zip(model.bodies, coordinates, strict=True)]
+    poses = []
+    for body, q_joint in zip(model.bodies, joint_coordinates(model, q), strict=True):
+        poses.append(body.placement @ body.joint.pose(q_joint))
+    return poses
 
 
 def spread(model: Model, dq: Array) -> list[Array]:
-    """Twist A dq of each joint in its body's frame; (6,) each. For ddq in place of dq, its derivative, as A is constant."""
+    """Twist A dq of each joint in its body's frame; (6,) each. With ddq in place of dq, its derivative, as A is constant."""
     twists = []
     for body in model.bodies:
-        dq_joint = dq[body.places[1]]
-        twists.append(body.ratio * (dq_joint @ body.joint.axes))
+        _, columns = body.places
+        twists.append(body.ratio * (dq[columns] @ body.joint.axes))
     return twists
 
 
@@ -59,15 +62,15 @@ def collect(model: Model, wrenches: Array) -> Array:
     tau = zeros(model.nv)
     for body, F in zip(model.bodies, wrenches, strict=True):
         torque = body.joint.axes @ F
-        columns = body.places[1]
+        _, columns = body.places
         tau[columns] = tau[columns] + body.ratio * torque
     return tau
 
 
-def add_entry(matrix: Array, row: Body, a: int, column: Body, b: int, value: Any) -> None:
-    """Add an entry for velocity a of one joint and b of another, scaled by the ratios of followers."""
-    r, c = row.v_index + a, column.v_index + b
-    matrix[r, c] = matrix[r, c] + row.ratio * column.ratio * value
+def add_entry(matrix: Array, row_body: Body, m: int, column_body: Body, k: int, value: Any) -> None:
+    """Add an entry in the row of one joint's velocity m and the column of another's k, scaled by the ratios of followers."""
+    row, column = row_body.v_index + m, column_body.v_index + k
+    matrix[row, column] = matrix[row, column] + row_body.ratio * column_body.ratio * value
 
 
 def zeros(*shape: int) -> Array:
@@ -96,14 +99,15 @@ def base_poses(model: Model, T: Sequence[Array]) -> list[Array]:
 
 
 def armature_symbols(model: Model) -> Iterator[tuple[slice, Array]]:
-    """(place in dq, L (n, n, n)) of each joint that has n > 1 velocities and an armature."""
+    """Slice of dq and L (n, n, n) of each joint that has n > 1 velocities and an armature."""
     for body in model.leaders:
-        columns, S = body.places[1], body.joint.axes
+        _, columns = body.places
+        S, n = body.joint.axes, body.joint.nv
         a = model.armature[columns]
-        if body.joint.nv > 1 and a.any():
-            L = np.empty((body.joint.nv,) * 3, a.dtype)
-            for i, j in np.ndindex(*L.shape[:2]):
-                L[i, j] = a * (S @ (ad(S[i]) @ S[j]))
+        if n > 1 and a.any():
+            L = np.empty((n, n, n), a.dtype)
+            for i, j in np.ndindex(n, n):
+                L[i, j] = a * (S @ (ad(S[i]) @ S[j]))  # a_c S_c·[S_a, S_b] for all c
             yield columns, L
 
 
@@ -112,9 +116,11 @@ def armature_forces(model: Model, dq: Array, ddq: Array) -> Array:
     tau = joint_torques(model, model.armature * motor_velocities(model, ddq))
     for columns, L in armature_symbols(model):
         u = dq[..., columns]
-        pairs = np.triu(L + L.swapaxes(1, 2))  # each product of two velocities once; squares have zero coefficients
+        coefficients = np.triu(
+            L + L.swapaxes(1, 2)
+        )  # each product of two velocities once; squares have zero coefficients
         products = u[..., None, :, None] * u[..., None, None, :]
-        tau[..., columns] = tau[..., columns] + (pairs * products).sum(axis=(-2, -1))
+        tau[..., columns] = tau[..., columns] + (coefficients * products).sum(axis=(-2, -1))
     return tau
 
 
@@ -125,7 +131,7 @@ def spring_energy(model: Model, q: Array) -> Any:
     """½ Σ k x² with the elongation x of each spring [J]."""
     energy: Any = 0.0
     for spring in model.springs:
-        x = _stretch(model, spring, q)
+        x = _elongation(model, spring, q)
         energy = energy + 0.5 * spring.stiffness * (x * x)
     return energy
 
@@ -134,8 +140,8 @@ def spring_forces(model: Model, q: Array) -> Array:
     """Torques that hold the springs, the gradient of their energy; (nv,)."""
     tau = zeros(model.nv)
     for spring in model.springs:
-        force = spring.stiffness * _stretch(model, spring, q)
-        for body, weight in _ends(model, spring):
+        force = spring.stiffness * _elongation(model, spring, q)
+        for body, weight in _bodies_with_weights(model, spring):
             tau[body.v_index] = tau[body.v_index] + weight * force
     return tau
 
@@ -144,20 +150,21 @@ def spring_stiffness(model: Model) -> Array:
     """Second derivative of the springs' energy; (nv, nv)."""
     K = zeros(model.nv, model.nv)
     for spring in model.springs:
-        for row, a in _ends(model, spring):
-            for column, b in _ends(model, spring):
-                K[row.v_index, column.v_index] = K[row.v_index, column.v_index] + spring.stiffness * a * b
+        for row_body, row_weight in _bodies_with_weights(model, spring):
+            for column_body, column_weight in _bodies_with_weights(model, spring):
+                row, column = row_body.v_index, column_body.v_index
+                K[row, column] = K[row, column] + spring.stiffness * row_weight * column_weight
     return K
 
 
-def _stretch(model: Model, spring: Spring, q: Array) -> Any:
-    """Elongation of a spring."""
-    x: Any = -spring.rest
-    for body, weight in _ends(model, spring):
-        x = x + weight * q[body.q_index]
-    return x
+def _elongation(model: Model, spring: Spring, q: Array) -> Any:
+    """Elongation Σ weight · coordinate - rest of a spring."""
+    elongation: Any = -spring.rest
+    for body, weight in _bodies_with_weights(model, spring):
+        elongation = elongation + weight * q[body.q_index]
+    return elongation
 
 
-def _ends(model: Model, spring: Spring) -> Iterator[tuple[Body, float]]:
-    by_name = {body.joint.name: body for body in model.leaders}
-    return ((by_name[joint], weight) for joint, weight in spring.terms)
+def _bodies_with_weights(model: Model, spring: Spring) -> Iterator[tuple[Body, float]]:
+    """Body and weight of each joint on which a spring acts."""
+    return ((model.leaders_by_name[joint], weight) for joint, weight in spring.terms)

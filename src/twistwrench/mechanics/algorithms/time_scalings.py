@@ -175,10 +175,8 @@ class Trapezoid:
         t = arguments.real(t, "t")
         T, v, a = self.duration, self.v, self.a
         t_a = self.ramp
-        t_up, t_down = (
-            np.clip(t, 0.0, t_a),
-            np.clip(T - t, 0.0, t_a),
-        )  # time since the start and until the end, up to t_a
+        t_up = np.clip(t, 0.0, t_a)  # time since the start, up to t_a
+        t_down = np.clip(T - t, 0.0, t_a)  # time until the end, up to t_a
         t_coast = np.clip(t - t_a, 0.0, max(T - 2 * t_a, 0.0))
         s = np.where(t < T - t_a, 0.5 * a * t_up * t_up + v * t_coast, 1.0 - 0.5 * a * t_down * t_down)
         ds = np.minimum(a * np.minimum(t_up, t_down), v)
@@ -301,8 +299,9 @@ class Averaged:
         integral, _ = self._second_integral
         a, b = self.windows
         t = np.clip(t, 0.0, self.duration)
-        late, late_a, late_b = integral(t - (a + b), order), integral(t - a, order), integral(t - b, order)
-        return np.asarray((integral(t, order) - late_a - late_b + late) / (a * b))
+        shifted_by_a, shifted_by_b = integral(t - a, order), integral(t - b, order)
+        shifted_by_both = integral(t - (a + b), order)
+        return np.asarray((integral(t, order) - shifted_by_a - shifted_by_b + shifted_by_both) / (a * b))
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Constant before 0 and after T."""

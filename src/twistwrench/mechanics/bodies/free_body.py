@@ -28,11 +28,14 @@ from .inertia import COMPOSITIONS, SpatialInertia
 from .rigid_body import common_frame
 
 
-def steps(duration: float, dt: float, stride: int) -> int:
-    """Number of steps that fill the duration. Raises ValueRangeError."""
-    for name, x in (("duration", duration), ("dt", dt)):
-        if not 0.0 < arguments.number(x, name) < np.inf:
-            raise ValueRangeError(f"{name} is {x}, and must be a positive number of seconds.")
+def step_count(duration: float, dt: float, stride: int) -> int:
+    """Number of steps that fill the duration, each at most ``dt``. Raises ValueRangeError for impossible arguments.
+
+    Every ``stride``-th state is kept.
+    """
+    for name, value in (("duration", duration), ("dt", dt)):
+        if not 0.0 < arguments.number(value, name) < np.inf:
+            raise ValueRangeError(f"{name} is {value}, and must be a positive number of seconds.")
     if not (arguments.number(stride, "every") >= 1 and stride % 1 == 0):
         raise ValueRangeError(f"every is {stride}, and must be a whole number of steps, at least 1.")
     if not float(duration) < 1e8 * stride * dt:
@@ -40,34 +43,40 @@ def steps(duration: float, dt: float, stride: int) -> int:
             f"a duration of {printed(duration)} s in steps of {printed(dt)} s, one in {stride} kept, makes more than 1e8 "
             "states. Keep fewer with every, or take a larger dt."
         )
-    return max(1, int(np.ceil(duration / dt * (1.0 - 1e-12))))
+    rounded_ratio = duration / dt * (1.0 - 1e-12)  # a whole number of steps stays whole in spite of rounding
+    return max(1, int(np.ceil(rounded_ratio)))
 
 
-def constant(wrench: ArrayLike) -> WrenchLaw:
+def constant_law(wrench: ArrayLike) -> WrenchLaw:
     """Return a constant wrench (6,) as a function of the state."""
     F = six("wrench", wrench)
     return lambda _t, _T, _V: F
 
 
 def checked_law(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
-    """Function checked to take three arguments; all its labelled values must be in one frame."""
+    """Function checked to take three arguments; all its labelled values must be in one frame.
+
+    ``frame`` is the body's frame, if it is known; otherwise the first labelled value determines it.
+    """
     try:
-        parameters = signature(wrench)
+        wrench_signature = signature(wrench)
     except (TypeError, ValueError):  # some C functions have no signature
-        parameters = None
-    if parameters is not None:
+        wrench_signature = None
+    if wrench_signature is not None:
         try:
-            parameters.bind(0.0, None, None)
+            wrench_signature.bind(0.0, None, None)
         except TypeError as problem:
             raise ValueRangeError(
-                f"wrench is a function of {parameters}, and is called as wrench(t, T, V), with the time [s], the pose T_sb "
-                f"(4, 4) and the body twist (6,): {problem}. Write lambda t, T, V: …"
+                f"wrench is a function of {wrench_signature}, and is called as wrench(t, T, V), with the time [s], the pose "
+                f"T_sb (4, 4) and the body twist (6,): {problem}. Write lambda t, T, V: …"
             ) from None
 
+    common = frame
+
     def law(t: float, T: Array, V: Array) -> ArrayLike:
-        nonlocal frame
+        nonlocal common
         F = wrench(t, T, V)
-        frame = common_frame(frame, wrench=F)
+        common = common_frame(common, wrench=F)
         return F
 
     return law
@@ -75,8 +84,10 @@ def checked_law(wrench: WrenchLaw, frame: str | None) -> WrenchLaw:
 
 # ── Recorded motion and drift of its invariants
 
-_LARGE_TURN, _LARGE_LOSS = 1.0, 0.01
-"""Rotation per step [rad] and fraction of the energy above which simulations of boxes failed within a few turns."""
+_MAX_TURN_PER_STEP = 1.0
+"""Rotation per step [rad] above which simulations of boxes failed within a few turns."""
+_MAX_ENERGY_ERROR = 0.01
+"""Error of the energy, as a fraction of it, above which simulations of boxes failed within a few turns."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +106,12 @@ class Drift:
     """Steps that are too large, or differ from the requested ones, as text; see :func:`fly`."""
 
     def __str__(self) -> str:
-        return "; note: ".join(
-            (
-                f"momentum {residual(self.momentum)}, energy {residual(self.energy)} (trend "
-                f"{printed(self.energy_trend, 2, signed=True)}), rotation {residual(self.rotation)}",
-                *self.remarks,
-            )
+        trend = printed(self.energy_trend, 2, signed=True)
+        text = (
+            f"momentum {residual(self.momentum)}, energy {residual(self.energy)} (trend {trend}), rotation "
+            f"{residual(self.rotation)}"
         )
+        return "; note: ".join((text, *self.remarks))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -145,34 +155,43 @@ class Flight:
     def __post_init__(self) -> None:
         R, p = self.poses[:, :3, :3], self.poses[:, :3, 3]
         l, f = self.momentum[:, :3], self.momentum[:, 3:]
-        dP = self.momentum - self.impulse - self.momentum[0]
-        terms = np.abs(l).max() + np.abs(p).max() * np.abs(f).max(), np.abs(f).max()
-        changes = (np.abs(dP[:, :3]).max(), np.abs(dP[:, 3:]).max())
-        momentum = max(float(d / s) if s else 0.0 for d, s in zip(changes, terms, strict=True))
-        scale = float(self.energy.max()) or 1.0
-        dE = (self.energy - self.work - self.energy[0]) / scale
+        momentum_errors = np.abs(self.momentum - self.impulse - self.momentum[0])
+        largest_f = np.abs(f).max()
+        largest_l = np.abs(l).max() + np.abs(p).max() * largest_f  # of the terms that make up l
+        momentum_drift = max(
+            _ratio(momentum_errors[:, :3].max(), largest_l), _ratio(momentum_errors[:, 3:].max(), largest_f)
+        )
+        energy_scale = float(self.energy.max()) or 1.0  # 1 J for a body at rest
+        energy_errors = (self.energy - self.work - self.energy[0]) / energy_scale
         t = self.times / self.times[-1] - 0.5
-        trend = float((t - t.mean()) @ dE / ((t - t.mean()) @ t))
-        rotation = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
-        lost = float(np.abs(dE).max())
-        remarks = tuple(self._remarks(lost))
-        object.__setattr__(self, "drift", Drift(momentum, lost, trend, rotation, remarks))
+        energy_trend = float((t - t.mean()) @ energy_errors / ((t - t.mean()) @ t))
+        rotation_error = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
+        energy_drift = float(np.abs(energy_errors).max())
+        remarks = tuple(self._remarks(energy_drift))
+        drift = Drift(momentum_drift, energy_drift, energy_trend, rotation_error, remarks)
+        object.__setattr__(self, "drift", drift)
 
-    def _remarks(self, lost: float) -> Iterator[str]:
+    def _remarks(self, energy_drift: float) -> Iterator[str]:
+        """Remarks on the steps, on what they do not resolve, and on the energy."""
         if abs(self.step - self.dt) > 1e-9 * self.dt:
             yield (
                 f"steps of {number(self.step, 6)} s, not {number(self.dt, 6)} s, so that a whole number fills "
                 f"{printed(self.times[-1])} s"
             )
-        if self.turn > _LARGE_TURN:
+        if self.turn > _MAX_TURN_PER_STEP:
             yield (
                 f"dt is too large to trust the motion: the body turns up to {number(self.turn, 3)} rad in a step; keep it "
                 "below 1"
             )
         if self.unseen:
             yield self.unseen
-        if lost > _LARGE_LOSS:
-            yield f"the energy is off by {percent(lost, 2)}, so the motion is wrong: take a smaller dt, or a tolerance"
+        if energy_drift > _MAX_ENERGY_ERROR:
+            yield f"the energy is off by {percent(energy_drift, 2)}, so the motion is wrong: take a smaller dt, or a tolerance"
+
+
+def _ratio(error: float, size: float) -> float:
+    """error / size, 0 for size 0."""
+    return float(error / size) if size else 0.0
 
 
 # The body is integrated in principal axes at its centre of mass, where rotation and translation are independent. The state is
@@ -181,8 +200,8 @@ class Flight:
 # of free motion, each an implicit midpoint rule in the momentum. So the method is symmetric, the orders of the compositions
 # also hold for wrenches that depend on velocity, and work is exactly the gain of energy.
 
-_STAGES = 3.0
-"""Maximum step of DOP853 in probe intervals: its stages are at most 0.27 of a step apart."""
+_PROBES_PER_STEP = 3.0
+"""Maximum step of DOP853 in intervals between probes: its stages are at most 0.27 of a step apart."""
 
 
 def fly(
@@ -199,13 +218,14 @@ def fly(
 ) -> Flight:
     """Free motion of a body; the arguments are those of :meth:`twistwrench.RigidBody.fly`."""
     moments, axes = inertia.principal()
-    if not (inertia.mass > 0 and moments[0] > 1e-14 * moments[2]):
+    smallest, _, largest = moments
+    if not (inertia.mass > 0 and smallest > 1e-14 * largest):
         raise InertiaError(
             f"a body of mass {printed(inertia.mass)} kg with principal moments {moments.tolist()} kg m² has no definite "
             "rotation. Give it mass, and some thickness."
         )
     body = FreeBody(float(inertia.mass), moments, se3.pose(axes, inertia.com))
-    n = steps(duration, dt, every)
+    n = step_count(duration, dt, every)
     h = float(duration) / n
     if arguments.number(order, "order") not in COMPOSITIONS:
         raise ValueRangeError(f"order {order} is not available; choose one of {sorted(COMPOSITIONS)}.")
@@ -214,26 +234,30 @@ def fly(
     frame = common_frame(T0=T0, V0=V0, wrench=wrench)
     pose = arguments.pose(arguments.finite(arguments.one(T0, "T0", 4, 4), "T0", 4, 4), "T0")
     start = body.state(pose, six("V0", V0))
-    records = np.append(np.arange(0, n, every), n)
+    recorded_steps = np.append(np.arange(0, n, every), n)
     law: WrenchLaw | None = None
-    if wrench is not None:
-        law = checked_law(wrench, frame) if callable(wrench) else constant(wrench)
-    spacing = probe_spacing(h, float(duration)) if callable(wrench) else np.inf
-    unseen = MissedImpulse(COMPOSITIONS[order], h, spacing)
+    spacing = np.inf  # of probes; a constant wrench needs none
+    if callable(wrench):
+        law = checked_law(wrench, frame)
+        spacing = probe_spacing(h, float(duration))
+    elif wrench is not None:
+        law = constant_law(wrench)
+    missed = MissedImpulse(COMPOSITIONS[order], h, spacing)
     if tolerance is not None:
-        rows = adaptive_motion(body, start, records * h, law, tolerance, _STAGES * spacing)
+        rows = adaptive_motion(body, start, recorded_steps * h, law, tolerance, _PROBES_PER_STEP * spacing)
     elif law is None:
         rows = torque_free_motion(body, start, h, n, every, COMPOSITIONS[order])
     else:
-        rows = motion_under_wrench(body, start, h, n, every, COMPOSITIONS[order], law, unseen)
+        rows = motion_under_wrench(body, start, h, n, every, COMPOSITIONS[order], law, missed)
     q, p, l, f, impulse, work = rows
     T, V = body.motion(q, p, l, f)
     P = inertia @ V
     energy = 0.5 * np.einsum("ij,ij->i", V, P)
-    exact = law is None and np.diff(moments).min() <= 1e-6 * moments[2]
-    turn = 0.0 if exact or tolerance is not None else h * float(np.linalg.norm(V[:, :3], axis=-1).max())
+    is_exact = law is None and np.diff(moments).min() <= 1e-6 * largest  # two moments are equal
+    turn = 0.0
+    if not is_exact and tolerance is None:
+        turn = h * float(np.linalg.norm(V[:, :3], axis=-1).max())
     momentum = se3.Ad(se3.inverse(T)).T @ P
-    remark = unseen.remark(
-        max(float(np.abs(f).max()), float(np.abs(impulse[:, 3:]).sum(axis=-1).max())), float(np.abs(l).max())
-    )
-    return Flight(records * h, T, V, momentum, energy, impulse, work, float(dt), h, turn, remark)
+    largest_linear = max(float(np.abs(f).max()), float(np.abs(impulse[:, 3:]).sum(axis=-1).max()))
+    remark = missed.remark(largest_linear, float(np.abs(l).max()))
+    return Flight(recorded_steps * h, T, V, momentum, energy, impulse, work, float(dt), h, turn, remark)

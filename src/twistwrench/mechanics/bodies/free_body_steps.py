@@ -254,7 +254,9 @@ def adaptive_motion(
     def rate(t: float, y: Array) -> Array:
         q, p, l, f = y[:4] / np.linalg.norm(y[:4]), y[4:7], y[7:10], y[10:13]
         w = (quaternion.rotation(q).T @ l) / body.moments
-        F, power = (np.zeros(6), 0.0) if law is None else body.push(law, t, q, p, l, f)
+        F, power = np.zeros(6), 0.0
+        if law is not None:
+            F, power = body.push(law, t, q, p, l, f)
         dq = 0.5 * quaternion.multiply(q, np.append(0.0, w))
         return np.concatenate([dq, f / body.mass, F, F[:3] + so3.cross(p, F[3:]), F[3:], [power]])
 

@@ -24,18 +24,22 @@ from .mesh_files import read_parts
 from .shells import edges_of, nest, shell_numbers
 from .solids import rotational_inertia, total_mass
 
-_USUAL_SIZE = 1e-4, 10.0
+_MIN_SIZE, _MAX_SIZE = 1e-4, 10.0
 """Plausible extent of a robot part [m]. A part drawn in millimetres but read in metres is 1000 times too large."""
-_USUAL_DENSITY = 1.0, 23_000.0
+_MIN_DENSITY, _MAX_DENSITY = 1.0, 23_000.0
 """Plausible density [kg/m³], from thin shells filled with air to osmium."""
-_COINCIDENT = 1e-8
-"""Distance of coincident vertices, in the units of the mesh."""
+_VERTEX_TOLERANCE = 1e-8
+"""Distance below which vertices count as one, in the units of the mesh."""
 
 
 def mass_com_and_inertia(
     surface: str | Path | tuple[ArrayLike, ArrayLike], mass: float | None, density: float | None, scale: float
 ) -> tuple[float, Array, Array]:
-    """Mass, centre of mass and rotational inertia about it of a uniform solid, as for ``SpatialInertia.mesh``."""
+    """Mass, centre of mass and rotational inertia about it of a uniform solid, as for ``SpatialInertia.mesh``.
+
+    With the corners a_i of a tetrahedron whose fourth corner is the origin, their sum s, and d = det(a_1, a_2, a_3), the
+    integrals of 1, r and r r' over its volume are d/6, d s/24 and d (Σ a_i a_i' + s s')/120.
+    """
     if not 0.0 < arguments.number(scale, "mesh: scale") < np.inf:
         raise ValueRangeError(f"mesh: scale is {scale}, and must be positive and finite.")
     name, vertices, faces = _read(surface)
@@ -43,31 +47,34 @@ def mass_com_and_inertia(
     vertices = scale * vertices
     count, shell = shell_numbers(faces)
     centre = vertices[faces].mean(axis=(0, 1))  # near the solid, against rounding errors of distant meshes
-    a = (vertices - centre)[faces]
-    six = np.linalg.det(a)  # six times the signed volume of each tetrahedron
-    volumes = np.bincount(shell, six, count) / 6.0
+    corners = (vertices - centre)[faces]
+    determinants = np.linalg.det(corners)  # six times the signed volume of each tetrahedron
+    shell_volumes = np.bincount(shell, determinants, count) / 6.0
     extent = float(np.ptp(vertices[faces], axis=(0, 1)).max())
-    turned = np.where(volumes < 0, -1.0, 1.0)
-    signs = turned * _signs(name, np.where((turned < 0)[shell, None, None], a[:, ::-1], a), shell, count)
-    six = signs[shell] * six
-    volume = six.sum() / 6.0
+    is_inverted = shell_volumes < 0  # the shell's faces are oriented inwards
+    outward_triangles = np.where(is_inverted[shell, None, None], corners[:, ::-1], corners)
+    signs = np.where(is_inverted, -1.0, 1.0) * _solid_or_cavity(name, outward_triangles, shell, count)
+    determinants = signs[shell] * determinants
+    volume = determinants.sum() / 6.0
     if not math.isfinite(volume) or not math.cbrt(volume) > 1e-5 * extent:
         raise ModelError(f"{name} encloses no volume ({printed(volume, 3)} m³).")
-    sums = a.sum(axis=1)
-    h = six @ sums / 24.0
-    S = (np.einsum("k,kia,kib->ab", six, a, a) + np.einsum("k,ka,kb->ab", six, sums, sums)) / 120.0
+    sums = corners.sum(axis=1)
+    h = determinants @ sums / 24.0
+    squares_of_corners = np.einsum("k,kia,kib->ab", determinants, corners, corners)
+    squares_of_sums = np.einsum("k,ka,kb->ab", determinants, sums, sums)
+    S = (squares_of_corners + squares_of_sums) / 120.0
     m = total_mass("mesh", float(volume), mass, density)
     rho, c = m / volume, h / volume
-    _remark_on_size(name, extent, float(rho), m)
-    S = rho * S - m * np.outer(c, c)
-    return m, c + centre, rotational_inertia(S)
+    _warn_about_size(name, extent, float(rho), m)
+    S_com = rho * S - m * np.outer(c, c)
+    return m, c + centre, rotational_inertia(S_com)
 
 
-def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
+def _solid_or_cavity(name: str, outward_triangles: Array, shell: Array, count: int) -> Array:
     """1 for each shell that bounds a solid, -1 for a cavity; triangles (k, 3, 3) oriented outwards."""
     if count == 1:
         return np.ones(1)
-    nesting = nest(outwards, shell, count)
+    nesting = nest(outward_triangles, shell, count)
     if nesting.cutting:
         warnings.warn(
             f"{name}: of its {count} shells {len(nesting.cutting)} pairs cut each other or coincide; each counts as a solid, "
@@ -79,29 +86,30 @@ def _signs(name: str, outwards: Array, shell: Array, count: int) -> Array:
     return nesting.sign
 
 
-def _remark_on_size(name: str, extent: float, density: float, mass: float) -> None:
+def _warn_about_size(name: str, extent: float, density: float, mass: float) -> None:
     """Warn about a probable mistake in the unit of length."""
-    small, large = _USUAL_SIZE
-    light, heavy = _USUAL_DENSITY
     text = f"{name} is {printed(extent, 3)} m long and weighs {printed(mass, 3)} kg, {printed(density, 3)} kg/m³"
-    if not small <= extent <= large:
-        unit = "If it is in millimetres, pass scale=0.001" if extent > large else "Check scale"
-        warnings.warn(f"{text}: not a plausible size of a robot part. {unit}.", ModelWarning, stacklevel=4)
-    elif not light <= density <= heavy:
+    if not _MIN_SIZE <= extent <= _MAX_SIZE:
+        advice = "If it is in millimetres, pass scale=0.001" if extent > _MAX_SIZE else "Check scale"
+        warnings.warn(f"{text}: not a plausible size of a robot part. {advice}.", ModelWarning, stacklevel=4)
+    elif not _MIN_DENSITY <= density <= _MAX_DENSITY:
         warnings.warn(
             f"{text}: not a plausible density. Check mass, density [kg/m³] and scale.", ModelWarning, stacklevel=4
         )
 
 
 def _read(surface: str | Path | tuple[ArrayLike, ArrayLike]) -> tuple[str, Array, Array]:
+    """Name for messages, vertices (n, 3) and faces (k, 3) of a mesh given as a file or as two arrays."""
     if isinstance(surface, str | Path):
-        return (str(surface), *read_surface(Path(surface)))
+        vertices, faces = read_surface(Path(surface))
+        return str(surface), vertices, faces
     try:
         corners, triangles = surface
         vertices, faces = arguments.real(corners, "vertices"), np.asarray(triangles)
     except (TypeError, ValueError):
         raise ShapeError("a mesh is a file name or a pair (vertices (n, 3), faces (k, 3)).") from None
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not faces.size:
+    have_shapes = vertices.ndim == faces.ndim == 2 and vertices.shape[1] == faces.shape[1] == 3
+    if not have_shapes or not faces.size:
         raise ShapeError(f"vertices have shape {vertices.shape} and faces {faces.shape}, expected (n, 3) and (k, 3).")
     if not np.issubdtype(faces.dtype, np.integer) or faces.min() < 0 or faces.max() >= len(vertices):
         raise ValueRangeError(f"faces must be whole numbers of the {len(vertices)} vertices, 0 to {len(vertices) - 1}.")
@@ -114,12 +122,16 @@ def read_surface(path: Path) -> tuple[Array, Array]:
         parts = read_parts(path)
     except ModelError as problem:
         raise ModelError(f"{path} {problem}.") from None
-    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces_of_parts, first_vertex = [], 0
+    for part in parts:
+        faces_of_parts.append(part.faces + first_vertex)
+        first_vertex += len(part.vertices)
     vertices = np.concatenate([part.vertices for part in parts])
-    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+    faces = np.concatenate(faces_of_parts)
     # Formats such as STL repeat each vertex.
-    _, first, numbered = np.unique(np.round(vertices / _COINCIDENT), axis=0, return_index=True, return_inverse=True)
-    return vertices[first], numbered.reshape(-1)[faces]
+    rounded = np.round(vertices / _VERTEX_TOLERANCE)
+    _, first, new_numbers = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    return vertices[first], new_numbers.reshape(-1)[faces]
 
 
 def _require_closed(name: str, vertices: Array, faces: Array) -> None:
@@ -127,13 +139,13 @@ def _require_closed(name: str, vertices: Array, faces: Array) -> None:
     if not np.isfinite(vertices[faces]).all():
         raise ValueRangeError(f"{name} has corners that are not finite numbers.")
     edges = edges_of(faces)
-    forward = edges[:, 0] * len(vertices) + edges[:, 1]
-    backward = edges[:, 1] * len(vertices) + edges[:, 0]
-    keys, first, counts = np.unique(forward, return_index=True, return_counts=True)
-    one_sided = edges[first[~np.isin(keys, backward)]]
+    keys = edges[:, 0] * len(vertices) + edges[:, 1]  # a number for each directed edge
+    reverse_keys = edges[:, 1] * len(vertices) + edges[:, 0]
+    unique_keys, first, counts = np.unique(keys, return_index=True, return_counts=True)
+    one_sided = edges[first[~np.isin(unique_keys, reverse_keys)]]
     _refuse_edges(name, vertices, one_sided, "is not watertight: {n} edges have a face on one side only")
-    doubled = edges[first[counts > 1]]
-    _refuse_edges(name, vertices, doubled, "has {n} edges along which two faces run the same way (flipped or doubled)")
+    repeated = edges[first[counts > 1]]
+    _refuse_edges(name, vertices, repeated, "has {n} edges along which two faces run the same way (flipped or doubled)")
 
 
 def _refuse_edges(name: str, vertices: Array, edges: Array, defect: str) -> None:
@@ -169,8 +181,9 @@ def hull_faces(points: Array) -> Array | None:
     if points.shape[1] == 2:
         return faces
     a, b, c = np.moveaxis(points[faces], 1, 0)
-    inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0
-    faces[inward] = faces[inward][:, [0, 2, 1]]
+    outward_normals = hull.equations[:, :3]
+    is_inward = (np.cross(b - a, c - a) * outward_normals).sum(axis=1) < 0
+    faces[is_inward] = faces[is_inward][:, [0, 2, 1]]
     return faces
 
 
@@ -179,8 +192,8 @@ def convex_hull(points: Array) -> tuple[Array, Array] | None:
     faces = hull_faces(points)
     if faces is None:
         return None
-    used, numbered = np.unique(faces, return_inverse=True)
-    return points[used], numbered.reshape(-1, 3)
+    used_points, new_numbers = np.unique(faces, return_inverse=True)
+    return points[used_points], new_numbers.reshape(-1, 3)
 
 
 complete(globals())

@@ -23,32 +23,43 @@ if TYPE_CHECKING:
     from .free_body_steps import WrenchLaw
 
 _KINDS: dict[str, type[Twist | Wrench | Pose]] = {"F": Wrench, "wrench": Wrench, "T0": Pose}
-"""Kinds of labelled arguments; all others are twists and their rates."""
+"""Kinds of labelled arguments by name; all other arguments are twists or rates of twists."""
 
 
-def common_frame(known: str | None = None, **given: Any) -> str | None:
-    """Common body frame of the labelled values in ``given``; None if none has a label. For a pose, it is the frame ``of``.
+def common_frame(known: str | None = None, **values: Any) -> str | None:
+    """Common body frame of the labelled ``values``; None if none has a label. For a pose, it is the frame ``of``.
 
     ``known`` is the frame if it is already known. Raises FrameError for two different frames, and for a value of the wrong
     kind. Values without a label are ignored.
     """
-    frames = {} if known is None else {"the body": known}
-    for name, x in given.items():
-        if isinstance(x, Twist | Wrench | Pose):
-            kind = _KINDS.get(name, Twist)
-            if not isinstance(x, kind):
-                raise FrameError(f"{name} is a {kind.__name__}, not a {type(x).__name__}.")
-            frames[f"{name} = {x.symbol}" if isinstance(x, Pose) else name] = x.of if isinstance(x, Pose) else x.frame
-    if len(set(frames.values())) > 1:
-        listed = ", ".join(f"{name} {'of' if '=' in name else 'in'} {frame!r}" for name, frame in frames.items())
-        raise FrameError(f"{listed}: a body's equations hold in one frame. Move one first, with a Pose between them.")
-    return next(iter(frames.values()), None)
+    frames: set[str] = set()
+    descriptions: list[str] = []  # for the message
+    if known is not None:
+        frames.add(known)
+        descriptions.append(f"the body in {known!r}")
+    for name, value in values.items():
+        if not isinstance(value, Twist | Wrench | Pose):
+            continue
+        kind = _KINDS.get(name, Twist)
+        if not isinstance(value, kind):
+            raise FrameError(f"{name} is a {kind.__name__}, not a {type(value).__name__}.")
+        if isinstance(value, Pose):
+            frames.add(value.of)
+            descriptions.append(f"{name} = {value.symbol} of {value.of!r}")
+        else:
+            frames.add(value.frame)
+            descriptions.append(f"{name} in {value.frame!r}")
+    if len(frames) > 1:
+        raise FrameError(
+            f"{', '.join(descriptions)}: a body's equations hold in one frame. Move one first, with a Pose between them."
+        )
+    return next(iter(frames), None)
 
 
 def numbers(**vectors: Any) -> list[Array]:
-    """Numbers (..., 6) of the vectors, after a check that kinds and frames of labelled ones agree."""
+    """Numbers (..., 6) of the vectors, after a check that kinds and frames of labelled vectors agree."""
     common_frame(**vectors)
-    return [arguments.real(x, name, 6) for name, x in vectors.items()]
+    return [arguments.real(vector, name, 6) for name, vector in vectors.items()]
 
 
 # ── Dynamics of one rigid body in any body-fixed frame. Modern Robotics section 8.2
@@ -84,6 +95,7 @@ class RigidBody:
     inertia: SpatialInertia
     """Spatial inertia about the origin of the body's frame {b}."""
     _matrix: Array = field(init=False, repr=False)
+    """G as a matrix (6, 6)."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, SpatialInertia):
@@ -91,7 +103,9 @@ class RigidBody:
                 f"a RigidBody is made of a SpatialInertia, got {type(self.inertia).__name__}. Write "
                 "SpatialInertia.from_com(mass, com, moment_about_com), or SpatialInertia.from_matrix(G) for a matrix (6, 6)."
             )
-        problem = "; ".join(self.inertia.defects()) or ("" if self.inertia.mass > 0 else "it has no mass")
+        problem = "; ".join(self.inertia.defects())
+        if not problem and not self.inertia.mass > 0:
+            problem = "it has no mass"
         if problem:
             raise InertiaError(f"no rigid body has this inertia: {problem}. See nearest_consistent() and repair().")
         object.__setattr__(self, "_matrix", self.inertia.matrix)
@@ -125,8 +139,9 @@ class RigidBody:
         SingularMassMatrixError
             The body has no inertia about some axis, so that its acceleration is undefined.
         """
-        moments = self.inertia.principal()[0]
-        if moments[0] <= 1e-14 * moments[2] or moments[2] == 0:
+        moments, _ = self.inertia.principal()
+        smallest, _, largest = moments
+        if smallest <= 1e-14 * largest or largest == 0:
             raise SingularMassMatrixError(
                 f"the body has no inertia about one of its axes (principal moments {moments.tolist()} kg m²), so its "
                 "angular acceleration is undetermined. Give it some thickness."
@@ -171,10 +186,10 @@ class RigidBody:
         arguments.pose(T_sb, "T_sb")
         T, g = arguments.real(T_sb, "T_sb", 4, 4), arguments.real(gravity, "gravity", 3)
         try:
-            f = (np.swapaxes(T[..., :3, :3], -1, -2) @ g[..., None])[..., 0]
+            g_b = (np.swapaxes(T[..., :3, :3], -1, -2) @ g[..., None])[..., 0]
         except ValueError:
             raise arguments.mismatch(T_sb=T, gravity=g) from None
-        return np.concatenate([so3.cross(self.inertia.first_moment, f), self.inertia.mass * f], axis=-1)
+        return np.concatenate([so3.cross(self.inertia.first_moment, g_b), self.inertia.mass * g_b], axis=-1)
 
     # ── points, frames, flight ──
 
@@ -187,21 +202,25 @@ class RigidBody:
         -------
         velocity : (..., 3) array [m/s]
         """
-        (V,), r = numbers(V=V), arguments.real(r, "r", 3)
-        return V[..., 3:] + so3.cross(V[..., :3], r)
+        (V,) = numbers(V=V)
+        r = arguments.real(r, "r", 3)
+        w, v = V[..., :3], V[..., 3:]
+        return v + so3.cross(w, r)
 
     def point_acceleration(self, V: ArrayLike, dV: ArrayLike, r: ArrayLike) -> Array:
         """Acceleration of a point of the body relative to {s}, v̇ + ω̇ × r + ω × (v + ω × r), in the axes of {b}.
 
-        Reading of an accelerometer at that point, without gravity. MR section 8.2.1.
+        An accelerometer at that point reads this acceleration minus gravity. MR section 8.2.1.
 
         Returns
         -------
         acceleration : (..., 3) array [m/s²]
         """
-        (V, dV), r = numbers(V=V, dV=dV), arguments.real(r, "r", 3)
+        V, dV = numbers(V=V, dV=dV)
+        r = arguments.real(r, "r", 3)
         V, dV = arguments.together(V=V, dV=dV)
-        return dV[..., 3:] + so3.cross(dV[..., :3], r) + so3.cross(V[..., :3], self.point_velocity(V, r))
+        w, dw, dv = V[..., :3], dV[..., :3], dV[..., 3:]
+        return dv + so3.cross(dw, r) + so3.cross(w, self.point_velocity(V, r))
 
     def in_frame(self, T_ab: ArrayLike) -> RigidBody:
         """The same body described in another frame {a} fixed to it; twists and wrenches are then expressed in {a}.
@@ -285,24 +304,27 @@ class RigidBody:
         dtype = np.result_type(*arrays)
         G = self._matrix.astype(dtype)
         shape = arrays[0].shape
-        flat = [x.reshape(-1, 6) for x in arrays]
-        out = np.empty((len(flat[0]), 6), dtype)
-        for i in range(0, len(out), ROWS):
-            out[i : i + ROWS] = law(G, *(np.ascontiguousarray(x[i : i + ROWS].T) for x in flat)).T
-        return out.reshape(shape)
+        all_rows = [array.reshape(-1, 6) for array in arrays]
+        result = np.empty((len(all_rows[0]), 6), dtype)
+        for first in range(0, len(result), ROWS):
+            block = slice(first, first + ROWS)
+            columns = [np.ascontiguousarray(rows[block].T) for rows in all_rows]
+            result[block] = law(G, *columns).T
+        return result.reshape(shape)
 
 
 def _ad_transposed(V: Array, P: Array) -> Array:
     """ad(V)ᵀ P = −(ω × l + v × p, ω × p) for columns (6, n); P = (l, p)."""
-    (a, b, c, u, v, w), (k, l, m, p, q, r) = V, P
-    out = np.empty_like(P)
-    out[0] = l * c - m * b + q * w - r * v
-    out[1] = m * a - k * c + r * u - p * w
-    out[2] = k * b - l * a + p * v - q * u
-    out[3] = q * c - r * b
-    out[4] = r * a - p * c
-    out[5] = p * b - q * a
-    return out
+    wx, wy, wz, vx, vy, vz = V
+    lx, ly, lz, px, py, pz = P
+    result = np.empty_like(P)
+    result[0] = ly * wz - lz * wy + py * vz - pz * vy
+    result[1] = lz * wx - lx * wz + pz * vx - px * vz
+    result[2] = lx * wy - ly * wx + px * vy - py * vx
+    result[3] = py * wz - pz * wy
+    result[4] = pz * wx - px * wz
+    result[5] = px * wy - py * wx
+    return result
 
 
 complete(globals())

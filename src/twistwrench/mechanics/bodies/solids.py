@@ -185,10 +185,8 @@ def capsule(
     True
     """
     (r,), (h,) = _lengths("radius", radius, 1), _lengths("length", length, 1)
-    tube, ball = (
-        np.pi * r * r * h,
-        4.0 / 3.0 * np.pi * r**3,
-    )  # volumes of the cylinder, and of both hemispheres together
+    tube = np.pi * r * r * h  # volume of the cylinder
+    ball = 4.0 / 3.0 * np.pi * r**3  # volume of both hemispheres together
     # A hemisphere's centre of mass is 3r/8 above its flat face, which is h/2 above the origin. By Steiner's theorem, its moment
     # per volume, 2/5 r² about the face's centre, grows by (h/2 + 3r/8)² - (3r/8)² = h²/4 + 3/8 h r.
     across = tube * (r * r / 4.0 + h * h / 12.0) + ball * (2.0 / 5.0 * r * r + h * h / 4.0 + 3.0 / 8.0 * h * r)
@@ -226,11 +224,16 @@ def total_mass(shape: str, volume: float, mass: float | None, density: float | N
     if (mass is None) == (density is None):
         count = "neither" if mass is None else "both"
         raise ValueRangeError(f"{shape}: give mass= [kg] or density= [kg/m³], exactly one of them; got {count}.")
-    name, number = ("mass", mass) if mass is not None else ("density", density)
-    value = arguments.number(number, f"{shape}: {name}")
+    if mass is not None:
+        return _positive_number(mass, f"{shape}: mass")
+    return _positive_number(density, f"{shape}: density") * volume
+
+
+def _positive_number(x: Any, name: str) -> float:
+    value = arguments.number(x, name)
     if not 0.0 < value < np.inf:
-        raise ValueRangeError(f"{shape}: {name} is {value}, and must be positive and finite.")
-    return value if name == "mass" else value * volume
+        raise ValueRangeError(f"{name} is {value}, and must be positive and finite.")
+    return value
 
 
 def _lengths(name: str, value: ArrayLike, count: int) -> Array:

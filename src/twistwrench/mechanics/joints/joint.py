@@ -63,10 +63,10 @@ def euler_rates(angles: Array, rates: Array) -> tuple[Array, Array, Array]:
     dE = np.array(
         [[-cb * db, 0, 0], [-sb * sg * db + cb * cg * dg, -sg * dg, 0], [-sb * cg * db - cb * sg * dg, -cg * dg, 0]]
     )
-    z, y, x = np.eye(3)[::-1]
-    Q_z, Q_y, Q_x = (
-        np.r_[np.cos(angle / 2), np.sin(angle / 2) * axis] for angle, axis in zip(angles, (z, y, x), strict=True)
-    )
+    turns = []  # about z, y and x
+    for angle, axis in zip(angles, np.eye(3)[::-1], strict=True):
+        turns.append(np.r_[np.cos(angle / 2), np.sin(angle / 2) * axis])
+    Q_z, Q_y, Q_x = turns
     Q = quaternion.multiply(quaternion.multiply(Q_z, Q_y), Q_x)
     return Q, E, dE
 
@@ -299,18 +299,18 @@ class Joint:
         """
         return sigma
 
-    def bound(self, off: Array) -> Array:
-        """Bounds on the joint's errors for given errors of the coordinates.
+    def bound(self, error: Array) -> Array:
+        """Bounds on the errors of the joint's pose, one for each velocity, for given errors of the coordinates.
 
         Parameters
         ----------
-        off : (nq,) array
+        error : (nq,) array
 
         Returns
         -------
-        off : (nv,) array
+        bounds : (nv,) array
         """
-        return off
+        return error
 
     def random(self, rng: np.random.Generator, shape: tuple[int, ...], lower: Array, upper: Array) -> Array:
         """Random coordinates.
@@ -392,7 +392,7 @@ class Joint:
 
         Returns
         -------
-        off : (nv,) array
+        difference : (nv,) array
         """
         return np.zeros(self.nv)
 

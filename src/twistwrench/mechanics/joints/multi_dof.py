@@ -32,6 +32,7 @@ from .joint import (
 from .screw_joint import direction_of, no_pitch, plane_of, rodrigues, unit_vector
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+"""Signs of the conjugate quaternion."""
 
 
 class Ball(Joint):
@@ -63,7 +64,8 @@ class Ball(Joint):
 
     def subtract(self, q1: Array, q0: Array) -> Array:
         """Rotation vector log(Q0⁻¹ Q1)."""
-        return turn_between(q1, q0)[0]
+        w, _ = rotation_between(q1, q0)
+        return w
 
     def rates(self, q: Array) -> Array:
         """N in dQ = ½ Q (0, ω) = N ω; (4, 3)."""
@@ -71,32 +73,34 @@ class Ball(Joint):
         return np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]], object)
 
     def rotation_slopes(self, q: Array) -> Iterator[tuple[Array, Array]]:
-        """R and dR = R [ω], which is short and half zeros, unlike the derivative through the quaternion."""
+        """R and dR = R [ω] for each unit velocity: shorter than derivatives through the quaternion, and half zeros."""
         R = quaternion.rotation(q)
-        yield R, np.stack([R @ so3.hat(e) for e in np.eye(3).astype(object)], axis=-1)
+        unit_velocities = np.eye(3).astype(object)
+        yield R, np.stack([R @ so3.hat(omega) for omega in unit_velocities], axis=-1)
 
     def velocities(self, q: Array, q1: Array, q2: Array) -> tuple[Array, Array]:
-        """ω = 2 vec(Q* dQ) / |Q|², and its derivative; the term dQ* dQ is a pure scalar and drops out."""
+        """ω = 2 vec(Q* dQ) / |Q|² and dω = 2 (vec(Q* ddQ) - (Q·dQ) ω) / |Q|²; vec(dQ* dQ) is zero."""
         conjugate, square = q * _CONJUGATE, np.sum(q * q, axis=1, keepdims=True)
         w = 2.0 * quaternion.multiply(conjugate, q1)[:, 1:] / square
-        dw = 2.0 * (quaternion.multiply(conjugate, q2)[:, 1:] - np.sum(q * q1, axis=1, keepdims=True) * w) / square
+        half_square_rate = np.sum(q * q1, axis=1, keepdims=True)
+        dw = 2.0 * (quaternion.multiply(conjugate, q2)[:, 1:] - half_square_rate * w) / square
         return w, dw
 
     def spread(self, sigma: Array) -> Array:
-        """Standard deviations of dω: twice the largest one of the quaternion's second derivatives."""
+        """Standard deviations of dω: twice the largest standard deviation of the quaternion's second derivatives."""
         return np.full(3, 2.0 * sigma.max())
 
-    def bound(self, off: Array) -> Array:
-        """Error bound of the angle: twice that of the quaternion."""
-        return np.full(3, 2.0 * np.linalg.norm(off))
+    def bound(self, error: Array) -> Array:
+        """Error bound of the angle: twice the length of the quaternion's error."""
+        return np.full(3, 2.0 * np.linalg.norm(error))
 
     def random(self, rng: np.random.Generator, shape: tuple[int, ...], lower: Array, upper: Array) -> Array:
         """Random quaternions, uniform over all rotations."""
-        return unit(rng.standard_normal((*shape, 4)))
+        return unit_quaternion(rng.standard_normal((*shape, 4)))
 
     def to_pinocchio(self, q: Array) -> Array:
         """Quaternion in the order (x, y, z, w)."""
-        return np.roll(unit(q), -1, axis=-1)
+        return np.roll(unit_quaternion(q), -1, axis=-1)
 
     def from_pinocchio(self, q: Array) -> Array:
         """Quaternion in the order (w, x, y, z)."""
@@ -104,13 +108,13 @@ class Ball(Joint):
 
     def to_mujoco(self, q: Array) -> Array:
         """Coordinates in MuJoCo's order, with a unit quaternion."""
-        return unit(q)
+        return unit_quaternion(q)
 
     @property
     def chart(self) -> tuple[ChartEntry, ...]:
         """ZYX Euler angles, because quaternion entries are not independent."""
         letters = (("alpha", "yaw"), ("beta", "pitch"), ("gamma", "roll"))
-        return tuple(ChartEntry(letter, True, f"{word} of joint {{}}") for letter, word in letters)
+        return tuple(ChartEntry(letter, True, f"{meaning} of joint {{}}") for letter, meaning in letters)
 
     def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
         """Quaternion, and E in ω = E times the rates of the angles."""
@@ -129,24 +133,27 @@ class Ball(Joint):
     @property
     def sliders(self) -> tuple[Slider, ...]:
         """Sliders for roll, pitch and yaw."""
-        words = (("roll", math.pi), ("pitch", math.pi / 2), ("yaw", math.pi))
-        return tuple(Slider(f" {word}", 0, "°", most, k) for k, (word, most) in enumerate(words))
+        ranges = (("roll", math.pi), ("pitch", math.pi / 2), ("yaw", math.pi))
+        return tuple(Slider(f" {angle}", 0, "°", reach, k) for k, (angle, reach) in enumerate(ranges))
 
 
-def turn_between(Q1: Array, Q0: Array) -> tuple[Array, Any]:
+def rotation_between(Q1: Array, Q0: Array) -> tuple[Array, Any]:
     """Shortest ω = log(Q0⁻¹ Q1) for quaternions of length 1e-150 to 1e150, and its square."""
-    Q = quaternion.multiply((Q0 / np.sqrt(Q0 @ Q0)) * _CONJUGATE, Q1 / np.sqrt(Q1 @ Q1))
+    Q0_inverse = (Q0 / np.sqrt(Q0 @ Q0)) * _CONJUGATE
+    Q = quaternion.multiply(Q0_inverse, Q1 / np.sqrt(Q1 @ Q1))
     Q = short_way(Q[0]) * Q
-    w = 2.0 * half_turn(Q[0], Q[1:] @ Q[1:]) * Q[1:]
+    cosine, sine_vector = Q[0], Q[1:]  # of half the angle
+    w = 2.0 * half_turn(cosine, sine_vector @ sine_vector) * sine_vector
     return w, w @ w
 
 
-def unit(Q: Array) -> Array:
+def unit_quaternion(Q: Array) -> Array:
     """Quaternion (..., 4), normalised."""
     return np.asarray(Q / np.linalg.norm(Q, axis=-1, keepdims=True))
 
 
-_TURNING = Ball("", np.eye(6)[:3])
+_BALL = Ball("", np.eye(6)[:3])
+"""Ball joint whose functions a floating joint uses for its rotation."""
 
 
 class Floating(Joint):
@@ -176,61 +183,65 @@ class Floating(Joint):
 
     def add(self, q: Array, dv: Array, angles: Array) -> Array:
         """Pose (R, p) exp(dv)."""
-        Q, p, w, v = q[:4], q[4:], dv[:3], dv[3:]
+        Q, p = q[:4], q[4:]
+        w, v = dv[:3], dv[3:]
         Q = Q / np.sqrt(Q @ Q)
         half, cosine, third = half_angle(w @ w)
-        turned = quaternion.multiply(Q, np.concatenate([[cosine], half * w]))
-        slid = slide(w, v, 2.0 * half * half, third)  # MR eq. 3.88
-        return np.concatenate([turned, p + quaternion.rotation(angles[:4]) @ slid])
+        Q_new = quaternion.multiply(Q, np.concatenate([[cosine], half * w]))
+        displacement = slide(w, v, 2.0 * half * half, third)  # MR eq. 3.88, in the child's frame
+        return np.concatenate([Q_new, p + quaternion.rotation(angles[:4]) @ displacement])
 
     def subtract(self, q1: Array, q0: Array) -> Array:
         """Twist log(T0⁻¹ T1); MR eq. 3.92."""
-        w, square = turn_between(q1[:4], q0[:4])
+        w, square = rotation_between(q1[:4], q0[:4])
         p = quaternion.rotation(q0[:4]).T @ (q1[4:] - q0[4:])
         return np.concatenate([w, slide(w, p, -0.5, cotangent_quotient(square))])
 
     def rates(self, q: Array) -> Array:
         """N with the quaternion's block and R."""
         N = np.full((7, 6), 0.0, object)
-        N[:4, :3], N[4:, 3:] = _TURNING.rates(q[:4]), quaternion.rotation(q[:4])
+        N[:4, :3] = _BALL.rates(q[:4])
+        N[4:, 3:] = quaternion.rotation(q[:4])
         return N
 
     def rotation_slopes(self, q: Array) -> Iterator[tuple[Array, Array]]:
         """R and dR = R [ω]."""
-        for R, dR in _TURNING.rotation_slopes(q[:4]):
+        for R, dR in _BALL.rotation_slopes(q[:4]):
             yield R, np.concatenate([dR, np.full((3, 3, 3), 0.0, object)], axis=-1)
 
     def velocities(self, q: Array, q1: Array, q2: Array) -> tuple[Array, Array]:
-        """ω as for a ball joint, v = R' dp."""
-        w, dw = _TURNING.velocities(q[:, :4], q1[:, :4], q2[:, :4])
-        R_bs = np.swapaxes(quaternion.rotation(q[:, :4]), -1, -2)
-        v = (R_bs @ q1[:, 4:, None])[..., 0]
-        a = (R_bs @ q2[:, 4:, None])[..., 0] - np.cross(w, v)
-        return np.concatenate([w, v], axis=1), np.concatenate([dw, a], axis=1)
+        """ω as for a ball joint, v = R' dp and dv = R' ddp - ω × v."""
+        w, dw = _BALL.velocities(q[:, :4], q1[:, :4], q2[:, :4])
+        Rt = np.swapaxes(quaternion.rotation(q[:, :4]), -1, -2)
+        v = (Rt @ q1[:, 4:, None])[..., 0]
+        dv = (Rt @ q2[:, 4:, None])[..., 0] - np.cross(w, v)
+        return np.concatenate([w, v], axis=1), np.concatenate([dw, dv], axis=1)
 
     def spread(self, sigma: Array) -> Array:
         """Standard deviations as for a ball joint; the largest of x, y, z for all linear entries."""
-        return np.r_[_TURNING.spread(sigma[:4]), np.full(3, sigma[4:].max())]
+        return np.r_[_BALL.spread(sigma[:4]), np.full(3, sigma[4:].max())]
 
-    def bound(self, off: Array) -> Array:
-        """Bounds as for a ball joint; the length of (x, y, z) for all linear entries."""
-        return np.r_[_TURNING.bound(off[:4]), np.full(3, np.linalg.norm(off[4:]))]
+    def bound(self, error: Array) -> Array:
+        """Bounds as for a ball joint; the length of the error of (x, y, z) for all linear entries."""
+        return np.r_[_BALL.bound(error[:4]), np.full(3, np.linalg.norm(error[4:]))]
 
     def random(self, rng: np.random.Generator, shape: tuple[int, ...], lower: Array, upper: Array) -> Array:
         """Random poses: uniform over all rotations, each position coordinate within ±1 m."""
-        return np.concatenate([unit(rng.standard_normal((*shape, 4))), rng.uniform(-1.0, 1.0, (*shape, 3))], axis=-1)
+        quaternions = unit_quaternion(rng.standard_normal((*shape, 4)))
+        positions = rng.uniform(-1.0, 1.0, (*shape, 3))
+        return np.concatenate([quaternions, positions], axis=-1)
 
     def to_pinocchio(self, q: Array) -> Array:
         """Coordinates in Pinocchio's order (x, y, z, qx, qy, qz, qw)."""
-        return np.concatenate([q[..., 4:], _TURNING.to_pinocchio(q[..., :4])], axis=-1)
+        return np.concatenate([q[..., 4:], _BALL.to_pinocchio(q[..., :4])], axis=-1)
 
     def from_pinocchio(self, q: Array) -> Array:
         """Coordinates from Pinocchio's order (x, y, z, qx, qy, qz, qw)."""
-        return np.concatenate([_TURNING.from_pinocchio(q[..., 3:]), q[..., :3]], axis=-1)
+        return np.concatenate([_BALL.from_pinocchio(q[..., 3:]), q[..., :3]], axis=-1)
 
     def to_mujoco(self, q: Array) -> Array:
         """Coordinates in MuJoCo's order (x, y, z, qw, qx, qy, qz)."""
-        return np.concatenate([q[..., 4:], unit(q[..., :4])], axis=-1)
+        return np.concatenate([q[..., 4:], unit_quaternion(q[..., :4])], axis=-1)
 
     def from_mujoco(self, q: Array) -> Array:
         """Coordinates from MuJoCo's order (x, y, z, qw, qx, qy, qz)."""
@@ -239,7 +250,8 @@ class Floating(Joint):
     def mujoco_rates(self, q: Array) -> Array:
         """Matrix P to MuJoCo's velocities: the linear velocity first, in world axes."""
         P = np.zeros((6, 6))
-        P[:3, 3:], P[3:, :3] = quaternion.rotation(q[:4]), np.eye(3)
+        P[:3, 3:] = quaternion.rotation(q[:4])
+        P[3:, :3] = np.eye(3)
         return P
 
     def mujoco_turning(self, dq: Array) -> Array:
@@ -249,15 +261,19 @@ class Floating(Joint):
     @property
     def chart(self) -> tuple[ChartEntry, ...]:
         """Coordinates x, y, z and ZYX Euler angles."""
-        return (*(ChartEntry(letter, False, f"{letter} of joint {{}}") for letter in "xyz"), *_TURNING.chart)
+        position = [ChartEntry(letter, False, f"{letter} of joint {{}}") for letter in "xyz"]
+        return (*position, *_BALL.chart)
 
     def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
-        """ω = E times the rates of the angles, and v = R' dp."""
+        """ω = E times the rates of the angles, v = R' dp, and dR'/dt = -[ω] R'."""
         Q, E, dE = euler_rates(u[3:], du[3:])
         Rt = quaternion.rotation(Q).T
+        omega = E @ du[3:]
         B, dB = np.zeros((6, 6)), np.zeros((6, 6))
-        B[:3, 3:], B[3:, :3] = E, Rt
-        dB[:3, 3:], dB[3:, :3] = dE, -so3.hat(E @ du[3:]) @ Rt
+        B[:3, 3:] = E
+        B[3:, :3] = Rt
+        dB[:3, 3:] = dE
+        dB[3:, :3] = -so3.hat(omega) @ Rt
         return np.concatenate([Q, u[:3]]), B, dB
 
     def chart_pose(self, cosine_sine: CosineSine, coordinate: Callable[[int], Any]) -> tuple[Array, Array]:
@@ -268,19 +284,22 @@ class Floating(Joint):
         self, k: int, into_child: Callable[[Array], Array], cosine_sine: CosineSine
     ) -> tuple[Array, Array]:
         """Twist per unit rate: x, y, z translate along the joint's axes, the angles rotate."""
-        nothing = exact(np.zeros(3))
-        return (euler_axis(k - 3, 3, cosine_sine), nothing) if k > 2 else (nothing, into_child(np.eye(3)[k]))
+        zero = exact(np.zeros(3))
+        if k < 3:
+            return zero, into_child(np.eye(3)[k])
+        return euler_axis(k - 3, 3, cosine_sine), zero
 
     @property
     def sliders(self) -> tuple[Slider, ...]:
         """Sliders for roll, pitch, yaw, x, y and z."""
-        return (*_TURNING.sliders, *(Slider(f" {x}", 4 + k, "m", 1.0) for k, x in enumerate("xyz")))
+        position = [Slider(f" {letter}", 4 + k, "m", 1.0) for k, letter in enumerate("xyz")]
+        return (*_BALL.sliders, *position)
 
 
 class Planar(Joint):
-    """Joint in a plane: (x, y, theta), with rotation about the normal, and (omega, v_1, v_2).
+    """Joint in a plane, with the coordinates (x, y, theta) and the velocities (omega, v_1, v_2); theta is about the normal.
 
-    The twist is in the child's frame, x and y are along the joint's axes.
+    x and y are along the joint's axes; the velocities are the twist in the child's frame.
     """
 
     kind = "planar"
@@ -300,11 +319,15 @@ class Planar(Joint):
 
     def pose(self, q: Array) -> Array:
         """Pose Rot(normal, theta) at (x, y)."""
+        x, y, theta = q
         normal, e1, e2 = self.axes[0, :3], self.axes[1, 3:], self.axes[2, 3:]
-        return se3.pose(rodrigues(normal, np.cos(q[2]), np.sin(q[2])), e1 * q[0] + e2 * q[1])
+        return se3.pose(rodrigues(normal, np.cos(theta), np.sin(theta)), e1 * x + e2 * y)
 
     def add(self, q: Array, dv: Array, angles: Array) -> Array:
-        """Configuration after the motion along a circular arc."""
+        """Configuration after the motion along a circular arc.
+
+        In the child's frame the displacement is (dx, dy) = [a, -b; b, a] (v_1, v_2), with a and b of :func:`_arc`.
+        """
         (x, y, theta), (w, vx, vy) = q, dv
         a, b = _arc(w)
         dx, dy = a * vx - b * vy, b * vx + a * vy
@@ -313,15 +336,15 @@ class Planar(Joint):
 
     def subtract(self, q1: Array, q0: Array) -> Array:
         """Displacement along the circular arc from q0 to q1, with the shortest rotation."""
-        x, y, turn = q1 - q0
-        c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
-        way = short_way(c)
-        w = 2.0 * way * s * half_turn(way * c, s * s)
+        x, y, angle = q1 - q0
+        c_half, s_half = np.cos(0.5 * angle), np.sin(0.5 * angle)
+        sign = short_way(c_half)
+        w = 2.0 * sign * s_half * half_turn(sign * c_half, s_half * s_half)
         c, s = np.cos(q0[2]), np.sin(q0[2])
-        dx, dy = c * x + s * y, c * y - s * x
+        dx, dy = c * x + s * y, c * y - s * x  # in the child's frame at q0
         a, b = _arc(w)
-        n = a * a + b * b
-        return np.array([w, (a * dx + b * dy) / n, (a * dy - b * dx) / n], object)
+        determinant = a * a + b * b  # of the matrix [a, -b; b, a] of add()
+        return np.array([w, (a * dx + b * dy) / determinant, (a * dy - b * dx) / determinant], object)
 
     def rates(self, q: Array) -> Array:
         """N in (dx, dy, dtheta) = N (omega, v_1, v_2)."""
@@ -330,18 +353,20 @@ class Planar(Joint):
 
     def velocities(self, q: Array, q1: Array, q2: Array) -> tuple[Array, Array]:
         """Velocities N⁻¹ dq/dt, and their derivatives."""
-        c, s, w = np.cos(q[:, 2]), np.sin(q[:, 2]), q1[:, 2]
-        vx, vy = c * q1[:, 0] + s * q1[:, 1], c * q1[:, 1] - s * q1[:, 0]
-        ax, ay = c * q2[:, 0] + s * q2[:, 1] + w * vy, c * q2[:, 1] - s * q2[:, 0] - w * vx
-        return np.stack([w, vx, vy], axis=1), np.stack([q2[:, 2], ax, ay], axis=1)
+        dx, dy, w = q1.T
+        ddx, ddy, dw = q2.T
+        c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
+        vx, vy = c * dx + s * dy, c * dy - s * dx
+        dvx, dvy = c * ddx + s * ddy + w * vy, c * ddy - s * ddx - w * vx
+        return np.stack([w, vx, vy], axis=1), np.stack([dw, dvx, dvy], axis=1)
 
     def spread(self, sigma: Array) -> Array:
         """Standard deviations; the larger of x and y for both linear entries."""
         return np.r_[sigma[2], np.full(2, sigma[:2].max())]
 
-    def bound(self, off: Array) -> Array:
-        """Bounds; the length of (x, y) for both linear entries."""
-        return np.r_[off[2], np.full(2, np.hypot(off[0], off[1]))]
+    def bound(self, error: Array) -> Array:
+        """Bounds; the length of the error of (x, y) for both linear entries."""
+        return np.r_[error[2], np.full(2, np.hypot(error[0], error[1]))]
 
     def random(self, rng: np.random.Generator, shape: tuple[int, ...], lower: Array, upper: Array) -> Array:
         """Random coordinates (x, y, theta); the limits have the order of the velocities."""
@@ -355,26 +380,33 @@ class Planar(Joint):
     @property
     def chart(self) -> tuple[ChartEntry, ...]:
         """The joint's own coordinates."""
-        letters = (("x", False, "x"), ("y", False, "y"), ("theta", True, "angle"))
-        return tuple(ChartEntry(letter, angle, f"{word} of joint {{}}") for letter, angle, word in letters)
+        coordinates = (("x", False, "x"), ("y", False, "y"), ("theta", True, "angle"))
+        return tuple(
+            ChartEntry(letter, is_angle, f"{meaning} of joint {{}}") for letter, is_angle, meaning in coordinates
+        )
 
     def from_chart(self, u: Array, du: Array) -> tuple[Array, Array, Array]:
         """B in (omega, v_1, v_2) = B (dx, dy, dtheta), and its rate."""
         c, s, w = np.cos(u[2]), np.sin(u[2]), du[2]
         B = np.array([[0, 0, 1], [c, s, 0], [-s, c, 0]])
-        return u, B, w * np.array([[0, 0, 0], [-s, c, 0], [-c, -s, 0]])
+        dB = w * np.array([[0, 0, 0], [-s, c, 0], [-c, -s, 0]])
+        return u, B, dB
 
     def chart_pose(self, cosine_sine: CosineSine, coordinate: Callable[[int], Any]) -> tuple[Array, Array]:
         """Pose, the same as :meth:`pose`."""
         normal, e1, e2 = self.axes[0, :3], self.axes[1, 3:], self.axes[2, 3:]
-        return exact_rodrigues(normal, *cosine_sine(2)), exact(e1) * coordinate(0) + exact(e2) * coordinate(1)
+        R = exact_rodrigues(normal, *cosine_sine(2))
+        p = exact(e1) * coordinate(0) + exact(e2) * coordinate(1)
+        return R, p
 
     def chart_column(
         self, k: int, into_child: Callable[[Array], Array], cosine_sine: CosineSine
     ) -> tuple[Array, Array]:
         """Twist per unit rate: x and y translate along the joint's axes, theta rotates."""
-        nothing = exact(np.zeros(3))
-        return (exact(self.axes[0, :3]), nothing) if k == 2 else (nothing, into_child(self.axes[1 + k, 3:]))
+        zero = exact(np.zeros(3))
+        if k == 2:
+            return exact(self.axes[0, :3]), zero
+        return zero, into_child(self.axes[1 + k, 3:])
 
     @property
     def sliders(self) -> tuple[Slider, ...]:
@@ -383,6 +415,6 @@ class Planar(Joint):
 
 
 def _arc(w: Any) -> tuple[Any, Any]:
-    """sin(w)/w and (1 - cos w)/w."""
+    """a = sin(w)/w and b = (1 - cos w)/w, from sin w = 2 sin(w/2) cos(w/2) and 1 - cos w = 2 sin²(w/2)."""
     half, cosine, _ = half_angle(w * w)
     return 2.0 * half * cosine, 2.0 * half * half * w

@@ -185,10 +185,10 @@ def screw_motion(axis: Array, theta: Any) -> Array:
     angle = theta if rate == 1.0 else rate * theta
     w, v = w / rate, v / rate
     W = so3.hat(w)
-    sine, cosine = np.sin(angle), np.cos(angle)
+    sin, cos = np.sin(angle), np.cos(angle)
     # G(θ) v of MR eq. 3.88 with [w]² = w w' - 1:  -sin θ [w]² v + (1 - cos θ) [w] v + θ w (w'v). The last term is the pitch.
-    p = sine * (-(W @ W) @ v) + (1.0 - cosine) * (W @ v) + angle * (w * (w @ v))
-    return se3.pose(rodrigues(w, cosine, sine), p)
+    p = sin * (-(W @ W) @ v) + (1.0 - cos) * (W @ v) + angle * (w * (w @ v))
+    return se3.pose(rodrigues(w, cos, sin), p)
 
 
 def rodrigues(w: Array, cosine: Any, sine: Any) -> Array:

@@ -2,9 +2,9 @@
 
 ``Ad(T) @ V`` takes two rotations and a cross product, not a 6×6 product. ``.T`` is the transpose, which acts on wrenches.
 ``.matrix`` (or ``np.asarray``) is the matrix of the book. Operators act along the last axis, and batches broadcast:
-``Ad(T) @ V`` takes T (..., 4, 4) and V (..., 6). So ``ad(V).T @ G @ V`` with a matrix G, which Python reads from the left, is
-not the book's product; ``ad(V).T @ (G @ V)`` is. Elements may be numbers or symbols. An operator made from a labelled pose or
-twist keeps the frame names, and labelled twists and wrenches check them.
+``Ad(T) @ V`` takes T (..., 4, 4) and V (..., 6). With a matrix G, write ``ad(V).T @ (G @ V)``: Python evaluates
+``ad(V).T @ G @ V`` from the left, and an operator takes the rows of G as vectors. Elements may be numbers or symbols. An
+operator made from a labelled pose or twist keeps the frame names, and labelled twists and wrenches check them.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from .so3 import cross
 
 
 def _rotate(R: Array, x: Array) -> Array:
+    """R x for each vector; (..., 3, 3), (..., 3) → (..., 3)."""
     return (R @ x[..., None])[..., 0]
 
 
@@ -32,16 +33,18 @@ class _Operator(ABC):
     __array_ufunc__ = None  # ndarray @ operator raises TypeError instead of broadcasting
 
     transposed: bool
+    """True for the transpose, which acts on wrenches."""
     frames: tuple[str, str] | None
     """Frames of the result and of the argument, if the pose or the twist is labelled."""
 
     @abstractmethod
     def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
-        """Both halves of the result for (a, b)."""
+        """First and last three entries of the result for vectors whose first and last three entries are a and b."""
 
     @property
     @abstractmethod
-    def _batch(self) -> tuple[int, ...]: ...
+    def _batch(self) -> tuple[int, ...]:
+        """Batch shape of the pose or the twist."""
 
     def __matmul__(self, x: Any) -> Any:
         if hasattr(x, "frame"):
@@ -91,28 +94,33 @@ class _Operator(ABC):
         x = arguments.array(x, f"{type(self).__name__}(…) @ x: x", 6)
         try:
             return np.concatenate(self._apply(x[..., :3], x[..., 3:]), axis=-1)
-        except ValueError:
+        except ValueError:  # batches that do not fit: the following raises ShapeError
             arguments.together(**{type(self).__name__: np.empty((*self._batch, 1)), "x": x[..., :1]})
             raise
 
     @property
     def T(self) -> Self:
         """Transpose, which acts on wrenches."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        other.transposed, other.frames = not self.transposed, self.frames and self.frames[::-1]
-        return other
+        transpose = object.__new__(type(self))
+        transpose.__dict__.update(self.__dict__)
+        transpose.transposed = not self.transposed
+        if self.frames is not None:
+            transpose.frames = self.frames[::-1]
+        return transpose
 
     def __repr__(self) -> str:
-        of = f" from {self.frames[1]!r} to {self.frames[0]!r}" if self.frames else ""
+        frames = ""
+        if self.frames is not None:
+            to, of = self.frames
+            frames = f" from {of!r} to {to!r}"
         batch = f", batch {self._batch}" if self._batch else ""
-        on = "wrenches" if self.transposed else "twists"
-        return f"<{type(self).__name__}(…){'.T' * self.transposed} on {on}{of}{batch}>"
+        operands = "wrenches" if self.transposed else "twists"
+        return f"<{self._name} on {operands}{frames}{batch}>"
 
     @property
     def matrix(self) -> Array:
-        """Matrix of the operator (..., 6, 6)."""
-        images = [self @ np.broadcast_to(e, (*self._batch, 6)) for e in np.eye(6)]
+        """Matrix of the operator (..., 6, 6); its columns are the images of the unit vectors."""
+        images = [self @ np.broadcast_to(unit_vector, (*self._batch, 6)) for unit_vector in np.eye(6)]
         return np.stack(images, axis=-1)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
@@ -142,15 +150,18 @@ class Ad(_Operator):
     """
 
     def __init__(self, T: ArrayLike) -> None:
-        self._pose, self.transposed, self.inverted = arguments.pose(T, "Ad: T"), False, False
-        self.frames = (T.to, T.of) if hasattr(T, "to") and hasattr(T, "of") else None
+        self._pose = arguments.pose(T, "Ad: T")
+        self.transposed, self.inverted = False, False
+        is_labelled = hasattr(T, "to") and hasattr(T, "of")
+        self.frames = (T.to, T.of) if is_labelled else None
 
     @property
     def inverse(self) -> Self:
         """Ad(T⁻¹) without inverting T: ``Ad(T_ab).inverse @ V_a`` is V_b, ``Ad(T_ab).inverse.T @ F_b`` is F_a."""
-        other = self.T
-        other.transposed, other.inverted = self.transposed, not self.inverted
-        return other
+        inverse = self.T  # exchanges the frames, as the inverse does
+        inverse.transposed = self.transposed
+        inverse.inverted = not self.inverted
+        return inverse
 
     @property
     def _batch(self) -> tuple[int, ...]:
@@ -159,6 +170,7 @@ class Ad(_Operator):
     def _apply(self, a: Array, b: Array) -> tuple[Array, Array]:
         R, p = self._pose[..., :3, :3], self._pose[..., :3, 3]
         Rt = np.swapaxes(R, -1, -2)
+        # Blocks of the 6×6 matrix; [p]' = -[p].
         if self.inverted and self.transposed:  # [R, [p] R; 0, R]
             f = _rotate(R, b)
             return _rotate(R, a) + cross(p, f), f
@@ -188,7 +200,8 @@ class ad(_Operator):
     def __init__(self, V: ArrayLike) -> None:
         if getattr(V, "_kind", "twist") != "twist":
             raise FrameError("ad: V is a wrench, and ad(V) is of a twist.")
-        self._twist, self.transposed = arguments.array(V, "ad: V", 6), False
+        self._twist = arguments.array(V, "ad: V", 6)
+        self.transposed = False
         self.frames = (V.frame, V.frame) if hasattr(V, "frame") else None
 
     @property

@@ -63,8 +63,9 @@ def half_turn(cosine: Any, sine_square: Any) -> Any:
     quotient = 1.0 / (1.0 + cosine)  # tan(x/2) / sin(x)
     for _ in range(2):  # then tan(x/4) / sin(x) and tan(x/8) / sin(x)
         quotient = quotient / (1.0 + np.sqrt(1.0 + quotient * quotient * sine_square))
+    eight_quotients = 8.0 * quotient
     tangent_square = quotient * quotient * sine_square
-    return 8.0 * quotient * _polynomial(_ARCTANGENT, tangent_square)
+    return eight_quotients * _polynomial(_ARCTANGENT, tangent_square)
 
 
 def cotangent_quotient(square: Any) -> Any:

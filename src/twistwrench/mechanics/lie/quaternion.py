@@ -20,31 +20,35 @@ def rotation(quat: ArrayLike) -> Array:
     A zero quaternion raises :class:`~twistwrench.ValueRangeError`.
     """
     quat = arguments.array(quat, "quaternion.rotation: quat", 4)
+    # square / square is 1, but inf / inf = NaN if the square overflows: without it the result would be a wrong rotation.
     if quat.ndim == 1 and quat.dtype == np.float64:  # for four numbers, floats are faster than NumPy
         w, x, y, z = quat.tolist()
         square = w * w + x * x + y * y + z * z
         if square == 0.0:
-            _turning(np.zeros(()), "quaternion.rotation: quat")
+            _require_nonzero(np.zeros(()), "quaternion.rotation: quat")
         return np.array(entries(w, x, y, z, 2.0 / square * (square / square))).reshape(3, 3)
     w, x, y, z = np.moveaxis(quat, -1, 0)
     square = w * w + x * x + y * y + z * z
     if quat.dtype != object:
-        _turning(square, "quaternion.rotation: quat")
-    # inf / inf is NaN if the square overflows; otherwise the result would be a wrong rotation
-    return np.stack(entries(w, x, y, z, 2.0 / square * (square / square)), axis=-1).reshape(*quat.shape[:-1], 3, 3)
+        _require_nonzero(square, "quaternion.rotation: quat")
+    nine_entries = entries(w, x, y, z, 2.0 / square * (square / square))
+    return np.stack(nine_entries, axis=-1).reshape(*quat.shape[:-1], 3, 3)
 
 
 def entries(w: Any, x: Any, y: Any, z: Any, s: Any) -> list[Any]:
     """Nine entries of the rotation matrix row by row, s = 2 / squared length; for numbers, arrays and symbols."""
     sx, sy, sz = s * x, s * y, s * z
-    wx, wy, wz, xx, xy, xz, yy, yz, zz = w * sx, w * sy, w * sz, x * sx, x * sy, x * sz, y * sy, y * sz, z * sz
+    wx, wy, wz = w * sx, w * sy, w * sz  # all products times s
+    xx, xy, xz = x * sx, x * sy, x * sz
+    yy, yz, zz = y * sy, y * sz, z * sz
     return [1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy)]
 
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """Product a b (first b, then a); (..., 4), (..., 4) → (..., 4)."""
     a, b = arguments.array(a, "quaternion.multiply: a", 4), arguments.array(b, "quaternion.multiply: b", 4)
-    (a0, a1, a2, a3), (b0, b1, b2, b3) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
+    b0, b1, b2, b3 = np.moveaxis(b, -1, 0)
     try:
         return np.stack(
             [
@@ -56,7 +60,7 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
             axis=-1,
         )
     except ValueError:
-        arguments.together(a=a, b=b)
+        arguments.together(a=a, b=b)  # raises ShapeError if the batch shapes do not fit
         raise
 
 
@@ -74,26 +78,28 @@ def log(quat: ArrayLike) -> Array:
     """
     q = np.asarray(arguments.real(quat, "quaternion.log: quat", 4), float)
     size = np.abs(q).max(axis=-1, keepdims=True, initial=0.0)
-    _turning(size[..., 0], "quaternion.log: quat")
-    q = np.ldexp(q, -np.frexp(size)[1])  # squares neither overflow nor underflow
-    q = np.where(q[..., :1] < 0, -q, q)
-    v = q[..., 1:]
+    _require_nonzero(size[..., 0], "quaternion.log: quat")
+    _, exponent = np.frexp(size)
+    q = np.ldexp(q, -exponent)  # squares neither overflow nor underflow
+    q = np.where(q[..., :1] < 0, -q, q)  # the same rotation, by the angle up to π
+    w, v = q[..., :1], q[..., 1:]
     norm = np.linalg.norm(v, axis=-1, keepdims=True)
-    tiny = norm < 1e-150
-    angle = 2.0 * np.arctan2(norm, q[..., :1])
-    return v * np.where(tiny, 2.0 / np.where(q[..., :1] == 0, 1.0, q[..., :1]), angle / np.where(tiny, 1.0, norm))
+    is_tiny = norm < 1e-150
+    angle = 2.0 * np.arctan2(norm, w)
+    limit = 2.0 / np.where(w == 0, 1.0, w)  # of angle / norm for small norms
+    return v * np.where(is_tiny, limit, angle / np.where(is_tiny, 1.0, norm))
 
 
-def _turning(size: Array, what: str) -> None:
-    """Raise ValueRangeError for zero quaternions, given their size (...)."""
+def _require_nonzero(size: Array, what: str) -> None:
+    """Raise ValueRangeError for zero quaternions, given their size (...); ``what`` names the argument."""
     if not size.all():  # NaN counts as true
-        row = tuple(int(i) for i in np.argwhere(size == 0)[0])
-        raise ValueRangeError(
-            f"{what} is zero{f' in row {row}' if row else ''}, which is not a rotation; the identity is (1, 0, 0, 0)."
-        )
+        row = tuple(int(index) for index in np.argwhere(size == 0)[0])
+        where = f" in row {row}" if row else ""
+        raise ValueRangeError(f"{what} is zero{where}, which is not a rotation; the identity is (1, 0, 0, 0).")
 
 
 _MATRIX = "quaternion.from_matrix: R"
+"""Name of the argument in messages."""
 
 
 def from_matrix(R: ArrayLike) -> Array:
@@ -103,17 +109,17 @@ def from_matrix(R: ArrayLike) -> Array:
     Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """
     R = np.asarray(arguments.rotation(arguments.real(R, _MATRIX, 3, 3), _MATRIX), float)
-    d = np.diagonal(R, axis1=-2, axis2=-1)
-    trace = d.sum(-1)
-    # Row k is 4 q_k q, from the outer product of the quaternion with itself; the row of the largest q_k has the least error.
+    diagonal = np.diagonal(R, axis1=-2, axis2=-1)
+    trace = diagonal.sum(-1)
+    # K = 4 q q' is linear in R. Its row k is 4 q_k q; the row of the largest q_k has the least rounding error.
     K = np.empty((*R.shape[:-2], 4, 4))
     K[..., 0, 0] = 1 + trace
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        K[..., i + 1, i + 1] = 1 + 2 * d[..., i] - trace
+        K[..., i + 1, i + 1] = 1 + 2 * diagonal[..., i] - trace
         K[..., 0, i + 1] = K[..., i + 1, 0] = R[..., k, j] - R[..., j, k]
         K[..., j + 1, k + 1] = K[..., k + 1, j + 1] = R[..., j, k] + R[..., k, j]
-    best = np.argmax(np.diagonal(K, axis1=-2, axis2=-1), axis=-1)
-    quat = np.take_along_axis(K, best[..., None, None], axis=-2)[..., 0, :]
+    best_row = np.argmax(np.diagonal(K, axis1=-2, axis2=-1), axis=-1)
+    quat = np.take_along_axis(K, best_row[..., None, None], axis=-2)[..., 0, :]
     quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
     return np.where(quat[..., :1] < 0, -quat, quat)

@@ -61,7 +61,10 @@ def pose(R: ArrayLike, p: ArrayLike) -> Poses:
     if R.shape[:-2] != p.shape[:-1]:
         R, p = _broadcast(R, p)
     T = np.empty((*p.shape[:-1], 4, 4), np.result_type(R, p))
-    T[..., :3, :3], T[..., :3, 3], T[..., 3, :3], T[..., 3, 3] = R, p, 0.0, 1.0
+    T[..., :3, :3] = R
+    T[..., :3, 3] = p
+    T[..., 3, :3] = 0.0
+    T[..., 3, 3] = 1.0
     return T
 
 
@@ -82,7 +85,8 @@ def hat(V: ArrayLike) -> Array:
         x, y, z, u, v, w = V.tolist()
         return np.array([[0.0, -z, y, u], [z, 0.0, -x, v], [-y, x, 0.0, w], [0.0, 0.0, 0.0, 0.0]], V.dtype)
     X = np.zeros((*V.shape[:-1], 4, 4), V.dtype)
-    X[..., :3, :3], X[..., :3, 3] = so3.hat(V[..., :3]), V[..., 3:]
+    X[..., :3, :3] = so3.hat(V[..., :3])
+    X[..., :3, 3] = V[..., 3:]
     return X
 
 
@@ -99,7 +103,7 @@ def vee(X: ArrayLike) -> Twists:
     [0.0, 0.0, 1.0, 2.0, 3.0, 4.0]
     """
     X = arguments.array(X, "se3.vee: X", 4, 4)
-    if X.ndim == 2:
+    if X.ndim == 2:  # for one matrix, this is faster than NumPy operations
         return np.array([X[2, 1], X[0, 2], X[1, 0], X[0, 3], X[1, 3], X[2, 3]], X.dtype)
     return np.concatenate([so3.vee(X[..., :3, :3]), X[..., :3, 3]], axis=-1)
 
@@ -137,7 +141,8 @@ def exp(V: ArrayLike) -> Poses:
 
 
 def _exp(V: Array) -> Array:
-    (w, theta), v = within_reach(V[..., :3]), V[..., 3:]
+    w, theta = within_reach(V[..., :3])
+    v = V[..., 3:]
     b, c = series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta)
     wv = so3.cross(w, v)
     T = np.zeros((*V.shape[:-1], 4, 4), V.dtype)
@@ -165,14 +170,16 @@ def log(T: ArrayLike) -> Twists:
 
 def _log(T: Array) -> Array:
     w = so3.log(T[..., :3, :3])
-    return np.concatenate([w, (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]], axis=-1)
+    v = (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]
+    return np.concatenate([w, v], axis=-1)
 
 
 def left_jacobian(V: ArrayLike) -> Array:
     """Left Jacobian of SE(3): J with exp(V + dV) = exp(J dV) exp(V) to first order, [[J, 0], [Q, J]].
 
-    Q is the derivative of the SO(3) Jacobian along v, because ad(omega, v) is [omega + ε v] with ε² = 0. Valid for every
-    angle. Source of Q: Barfoot & Furgale, "Associating uncertainty with three-dimensional poses", IEEE T-RO 30(3), 2014.
+    The diagonal blocks are the left Jacobian of SO(3) at omega; Q is its derivative along v, because ad(omega, v) is
+    [omega + ε v] with ε² = 0. Valid for every angle. Source of Q: Barfoot & Furgale, "Associating uncertainty with
+    three-dimensional poses", IEEE T-RO 30(3), 2014.
 
     Returns
     -------
@@ -184,10 +191,12 @@ def left_jacobian(V: ArrayLike) -> Array:
     [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
     """
     V = arguments.real(V, "se3.left_jacobian: V", 6)
-    (w, theta), v = within_reach(V[..., :3]), V[..., 3:]
+    w, theta = within_reach(V[..., :3])
+    v = V[..., 3:]
     b, c = series.one_minus_cos_over_square(theta), series.theta_minus_sin_over_cube(theta)
     db, dc = series.one_minus_cos_slope(theta), series.theta_minus_sin_slope(theta)
-    return _dual(quadratic(w, b, c), slope(w, v, b, c, db, dc))
+    J, Q = quadratic(w, b, c), slope(w, v, b, c, db, dc)
+    return _block_matrix(J, Q)
 
 
 def left_jacobian_inverse(V: ArrayLike) -> Array:
@@ -209,7 +218,9 @@ def left_jacobian_inverse(V: ArrayLike) -> Array:
     w, v = V[..., :3], V[..., 3:]
     theta = angle(w)
     b, c = np.full_like(theta, -0.5), series.cot_term(theta)
-    return _dual(quadratic(w, b, c), slope(w, v, b, c, np.zeros_like(theta), series.cot_slope(theta)))
+    db, dc = np.zeros_like(theta), series.cot_slope(theta)
+    J, Q = quadratic(w, b, c), slope(w, v, b, c, db, dc)
+    return _block_matrix(J, Q)
 
 
 def project(M: ArrayLike, within: float = 0.1) -> Poses:
@@ -276,6 +287,7 @@ def from_scipy(transform: RigidTransform) -> Poses:
 
 
 def _broadcast(R: Array, p: Array) -> tuple[Array, Array]:
+    """R (..., 3, 3) and p (..., 3) with one batch shape; raises an error if their batch shapes do not fit."""
     try:
         batch = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
     except ValueError:
@@ -283,8 +295,11 @@ def _broadcast(R: Array, p: Array) -> tuple[Array, Array]:
     return np.broadcast_to(R, (*batch, 3, 3)), np.broadcast_to(p, (*batch, 3))
 
 
-def _dual(J: Array, Q: Array) -> Array:
-    return np.concatenate([np.concatenate([J, np.zeros_like(J)], axis=-1), np.concatenate([Q, J], axis=-1)], axis=-2)
+def _block_matrix(J: Array, Q: Array) -> Array:
+    """[[J, 0], [Q, J]]; (..., 3, 3) each → (..., 6, 6)."""
+    upper = np.concatenate([J, np.zeros_like(J)], axis=-1)
+    lower = np.concatenate([Q, J], axis=-1)
+    return np.concatenate([upper, lower], axis=-2)
 
 
 # ── Branch-free exp and log of one rotation or rigid motion: source of the compiled forms
@@ -294,10 +309,11 @@ def _dual(J: Array, Q: Array) -> Array:
 
 
 def rotation_exp(w: Array) -> tuple[Array, Any]:
-    """exp [w], (3, 3), and w·w. MR eq. 3.51, by half angles."""
+    """exp [w], (3, 3), and w·w. MR eq. 3.51 with sin θ = 2 sin(θ/2) cos(θ/2) and 1 - cos θ = 2 sin²(θ/2)."""
     square = w @ w
     half, cosine, _ = half_angle(square)
-    return quadratic(w, 2.0 * half * cosine, 2.0 * half * half), square
+    R = quadratic(w, 2.0 * half * cosine, 2.0 * half * half)
+    return R, square
 
 
 def pose_exp(V: Array) -> tuple[Array, Any]:
@@ -305,25 +321,30 @@ def pose_exp(V: Array) -> tuple[Array, Any]:
     w, v = V[:3], V[3:]
     R, square = rotation_exp(w)
     half, _, third = half_angle(square)
-    return pose(R, slide(w, v, 2.0 * half * half, third)), square
+    p = slide(w, v, 2.0 * half * half, third)
+    return pose(R, p), square
 
 
 def rotation_log(R: Array) -> tuple[Array, Any]:
     """w with exp [w] = R and |w| ≤ π, and the squared deviation of R from a rotation. MR section 3.2.3.3, by the quaternion."""
     Q = _quaternion(R)
     Q = short_way(Q[0]) * Q
-    return 2.0 * half_turn(Q[0], Q[1:] @ Q[1:]) * Q[1:], sum(gap * gap for gap in gaps(R))
+    cosine, sine_vector = Q[0], Q[1:]  # of half the angle
+    w = 2.0 * half_turn(cosine, sine_vector @ sine_vector) * sine_vector
+    square_deviation = sum(gap * gap for gap in gaps(R))
+    return w, square_deviation
 
 
 def pose_log(T: Array) -> tuple[Array, Any]:
     """V with exp [V] = T and |ω| ≤ π, and the squared deviation of T from a pose. MR eq. 3.92."""
-    w, off = rotation_log(T[:3, :3])
-    last = T[3] - np.eye(4)[3]
-    return np.concatenate([w, slide(w, T[:3, 3], -0.5, cotangent_quotient(w @ w))]), off + last @ last
+    w, square_deviation = rotation_log(T[:3, :3])
+    v = slide(w, T[:3, 3], -0.5, cotangent_quotient(w @ w))
+    last_row_error = T[3] - np.eye(4)[3]
+    return np.concatenate([w, v]), square_deviation + last_row_error @ last_row_error
 
 
 def slide(w: Array, v: Array, b: Any, c: Any) -> Array:
-    """v + b ω×v + c ω×(ω×v): the left Jacobian times v, or its inverse."""
+    """v + b ω×v + c ω×(ω×v): the left Jacobian times v, or its inverse times v, depending on b and c."""
     wv = cross(w, v)
     return np.asarray(v + b * wv + c * cross(w, wv))
 
@@ -333,17 +354,19 @@ def _quaternion(R: Array) -> Array:
 
     Source: Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
     """
-    (a, b, c), (d, e, f), (g, h, i) = R
-    trace = a + e + i
-    others = (
-        (a, [h - f, 1.0 + 2.0 * a - trace, d + b, c + g]),
-        (e, [c - g, d + b, 1.0 + 2.0 * e - trace, h + f]),
-        (i, [d - b, c + g, h + f, 1.0 + 2.0 * i - trace]),
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
+    trace = xx + yy + zz
+    other_rows = (
+        (xx, [zy - yz, 1.0 + 2.0 * xx - trace, yx + xy, xz + zx]),
+        (yy, [xz - zx, yx + xy, 1.0 + 2.0 * yy - trace, zy + yz]),
+        (zz, [yx - xy, xz + zx, zy + yz, 1.0 + 2.0 * zz - trace]),
     )
-    largest, Q = trace, np.array([1.0 + trace, h - f, c - g, d - b])
-    for size, row in others:
-        better = 0.5 - 0.5 * short_way(largest - size)  # 1 or 0
-        largest, Q = largest + better * (size - largest), Q + better * (np.array(row) - Q)
+    # q_k is the largest if the trace (k = 0) or the k-th diagonal entry is the largest of the four.
+    largest, Q = trace, np.array([1.0 + trace, zy - yz, xz - zx, yx - xy])
+    for diagonal_entry, row in other_rows:
+        is_larger = 0.5 - 0.5 * short_way(largest - diagonal_entry)  # 1 or 0
+        largest = largest + is_larger * (diagonal_entry - largest)
+        Q = Q + is_larger * (np.array(row) - Q)
     return np.asarray(Q / np.sqrt(Q @ Q))
 
 

@@ -4,8 +4,8 @@ Largest error of an entry against 50-digit arithmetic, 400 random rotations of a
 8.9e-16, ``left_jacobian`` 2.8e-16, ``left_jacobian_inverse`` 1.8e-16. Above π the rounding error of the angle itself,
 eps |w|, is added. ``tests/lie/test_lie_accuracy.py`` asserts these bounds.
 
-Input other than real numbers of that shape raises :class:`~twistwrench.ShapeError` or :class:`~twistwrench.ValueRangeError`;
-a row with NaN gives a row of NaN.
+Input of another shape raises :class:`~twistwrench.ShapeError`, input other than real numbers
+:class:`~twistwrench.ValueRangeError`; a row with NaN gives a row of NaN.
 """
 
 from __future__ import annotations
@@ -59,8 +59,9 @@ def hat(w: ArrayLike) -> Array:
     if w.ndim == 1:  # for three numbers, floats are faster than NumPy
         x, y, z = w.tolist()
         return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], w.dtype)
+    x, y, z = np.moveaxis(w, -1, 0)
     W = np.zeros((*w.shape, 3), w.dtype)
-    W[..., 2, 1], W[..., 0, 2], W[..., 1, 0] = x, y, z = np.moveaxis(w, -1, 0)
+    W[..., 2, 1], W[..., 0, 2], W[..., 1, 0] = x, y, z
     W[..., 1, 2], W[..., 2, 0], W[..., 0, 1] = -x, -y, -z
     return W
 
@@ -104,13 +105,14 @@ def cross(a: ArrayLike, b: ArrayLike) -> Array:
     [0.0, 0.0, 1.0]
     """
     a, b = arguments.array(a, "so3.cross: a", 3), arguments.array(b, "so3.cross: b", 3)
-    if a.ndim == b.ndim == 1 and a.dtype == b.dtype:
+    if a.ndim == b.ndim == 1 and a.dtype == b.dtype:  # for three numbers, floats are faster than NumPy
         (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
         return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], a.dtype)
-    (a0, a1, a2), (b0, b1, b2) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    a0, a1, a2 = np.moveaxis(a, -1, 0)
+    b0, b1, b2 = np.moveaxis(b, -1, 0)
     try:
         return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
-    except ValueError:
+    except ValueError:  # batches that do not fit: the following raises ShapeError
         arguments.together(a=a, b=b)
         raise
 
@@ -214,12 +216,14 @@ def project(M: ArrayLike, within: float = 0.1) -> Rotations:
     [0.707106781, -0.707106781, 0.0]
     """
     M, within = arguments.real(M, "so3.project: M", 3, 3), arguments.number(within, "so3.project: within")
-    solvable = np.isfinite(M).all(axis=(-2, -1), keepdims=True)  # LAPACK fails for the whole batch
-    U, _, Vt = np.linalg.svd(np.where(solvable, M, np.eye(3, dtype=M.dtype)))
-    U[..., :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1, 1)[..., None]
-    R = np.where(solvable, U @ Vt, np.nan)
+    is_finite = np.isfinite(M).all(axis=(-2, -1), keepdims=True)
+    finite_M = np.where(is_finite, M, np.eye(3, dtype=M.dtype))  # one NaN would make LAPACK fail for the whole batch
+    U, _, Vt = np.linalg.svd(finite_M)
+    U[..., :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1, 1)[..., None]  # a rotation, not a reflection
+    R = np.where(is_finite, U @ Vt, np.nan)
+    deviation = np.where(np.isinf(M), np.inf, np.abs(R - M))
     arguments.refuse(
-        np.where(np.isinf(M), np.inf, np.abs(R - M)),
+        deviation,
         within,
         "so3.project: not a rotation with rounding: the nearest one is {gap} away, allowed {allowed}",
     )

@@ -51,7 +51,7 @@ class Twist(Labelled):
 
     @property
     def axis(self) -> Axis:
-        """Screw axis: direction, point, pitch, magnitude; see :func:`twistwrench.mechanics.lie.axis.axis_of`."""
+        """Screw axis with direction, point, pitch and magnitude; see :func:`twistwrench.mechanics.lie.axis.axis_of`."""
         return axis_of(self.values)
 
     @property
@@ -78,7 +78,7 @@ class Twist(Labelled):
         """
         if not isinstance(other, Twist):
             raise ValueRangeError(f"the bracket is of two twists, not of a twist and a {type(other).__name__}.")
-        self._in_frame_of(other, f"bracket of a twist in {self.frame!r} and a twist")
+        self._require_frame_of(other, f"bracket of a twist in {self.frame!r} and a twist")
         bracket: Twist = ad(self) @ other
         return bracket
 
@@ -179,9 +179,9 @@ class Wrench(Labelled):
             The frames differ.
         """
         power = self @ V
-        norm = np.linalg.norm
-        size = norm(self.m, axis=-1) * norm(V.omega, axis=-1) + norm(self.f, axis=-1) * norm(V.v, axis=-1)
-        return abs(power) <= arguments.number(within, "within") * size
+        m, omega = np.linalg.norm(self.m, axis=-1), np.linalg.norm(V.omega, axis=-1)
+        f, v = np.linalg.norm(self.f, axis=-1), np.linalg.norm(V.v, axis=-1)
+        return abs(power) <= arguments.number(within, "within") * (m * omega + f * v)
 
 
 # ── Labelled poses: the frame names cancel in products
@@ -219,12 +219,12 @@ class Pose:
         self.matrix.setflags(write=False)  # unpickled arrays are writable
 
     def __init__(self, matrix: ArrayLike, to: str, of: str) -> None:
-        given: Any = matrix
-        if isinstance(given, Pose):
+        input_matrix: Any = matrix
+        if isinstance(input_matrix, Pose):
             raise FrameError(
-                f"a pose of {given.symbol}, which has names already; its numbers are {given.symbol}.matrix."
+                f"a pose of {input_matrix.symbol}, which has names already; its numbers are {input_matrix.symbol}.matrix."
             )
-        numbers = np.array(arguments.array(given, "a pose", 4, 4))
+        numbers = np.array(arguments.array(input_matrix, "a pose", 4, 4))
         if numbers.dtype != object:  # symbols are not checked
             arguments.pose(arguments.finite(numbers, "a pose", 4, 4), "the matrix")
         numbers.setflags(write=False)
@@ -260,19 +260,20 @@ class Pose:
     @property
     def inverse(self) -> Pose:
         """Inverse pose T_ba."""
-        return _follows(se3.inverse(self), to=self.of, of=self.to)
+        return _unchecked_pose(se3.inverse(self), to=self.of, of=self.to)
 
     def __repr__(self) -> str:
-        what = f"Pose {self.symbol} of {self.of!r} seen from {self.to!r}"
+        title = f"Pose {self.symbol} of {self.of!r} seen from {self.to!r}"
         if self.matrix.ndim > 2:
-            return f"{what}, batch {self.matrix.shape[:-2]}"
-        place = f"{what}: at {vector(self.position)} m"
+            return f"{title}, batch {self.matrix.shape[:-2]}"
+        text = f"{title}: at {vector(self.position)} m"
         if self.matrix.dtype == object:
-            return place
-        turn = so3.log(so3.project(self.rotation, within=np.inf))  # accepts accumulated rounding errors
-        angle = float(np.linalg.norm(turn))
-        turned = f"turned {number(angle, 6)} rad about {vector(turn / angle)}" if angle > 1e-12 else "not turned"
-        return f"{place}, {turned}"
+            return text
+        rotation_vector = so3.log(so3.project(self.rotation, within=np.inf))  # accepts accumulated rounding errors
+        angle = float(np.linalg.norm(rotation_vector))
+        if angle <= 1e-12:
+            return f"{text}, not turned"
+        return f"{text}, turned {number(angle, 6)} rad about {vector(rotation_vector / angle)}"
 
     def __rmatmul__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
@@ -295,23 +296,27 @@ class Pose:
                 f"{self.symbol} @ {type(other).__name__}: plain numbers name no frame; write Twist(…, {self.of!r}) or "
                 f"Wrench(…, {self.of!r}), or use Ad(T) @ V and Ad(T).T @ F on arrays."
             )
-        inner = other.to if isinstance(other, Pose) else other.frame
-        if inner != self.of:
+        other_frame = other.to if isinstance(other, Pose) else other.frame
+        if other_frame != self.of:
             raise FrameError(
-                f"{self.symbol} @ {other.symbol}: the inner frames {self.of!r} and {inner!r} do not cancel; missing is "
-                f"{missing_pose(self.of, inner)}."
+                f"{self.symbol} @ {other.symbol}: the inner frames {self.of!r} and {other_frame!r} do not cancel; missing is "
+                f"{missing_pose(self.of, other_frame)}."
             )
         if isinstance(other, Pose):
             try:
-                return _follows(self.matrix @ other.matrix, to=self.to, of=other.of)
-            except ValueError:
+                return _unchecked_pose(self.matrix @ other.matrix, to=self.to, of=other.of)
+            except ValueError:  # batches that do not fit: the following raises ShapeError
                 arguments.together(**{self.symbol: self.matrix, other.symbol: other.matrix})
                 raise
-        moved: Twist | Wrench = Ad(self) @ other if isinstance(other, Twist) else Ad(self.inverse).T @ other
+        moved: Twist | Wrench
+        if isinstance(other, Twist):
+            moved = Ad(self) @ other
+        else:
+            moved = Ad(self.inverse).T @ other
         return moved
 
 
-def _follows(matrix: Array, to: str, of: str) -> Pose:
+def _unchecked_pose(matrix: Array, to: str, of: str) -> Pose:
     """Pose computed from checked poses; its accumulated rounding error may exceed the tolerance of new poses."""
     pose = object.__new__(Pose)
     matrix.setflags(write=False)
@@ -341,13 +346,16 @@ def move_covariance(T_ab: ArrayLike, C_b: ArrayLike) -> Array:
     """
     C = arguments.real(C_b, "the covariance of a wrench", 6, 6)
     T: Any = T_ab
-    T_ba = T.inverse if hasattr(T, "inverse") else se3.inverse(arguments.real(T, "move_covariance: T_ab", 4, 4))
+    if hasattr(T, "inverse"):  # a labelled pose
+        T_ba = T.inverse
+    else:
+        T_ba = se3.inverse(arguments.real(T, "move_covariance: T_ab", 4, 4))
     X = Ad(T_ba).T.matrix
     try:
-        moved = X @ C @ np.swapaxes(X, -1, -2)
+        C_a = X @ C @ np.swapaxes(X, -1, -2)
     except ValueError:
         raise arguments.mismatch(T_ab=X, C_b=C) from None
-    return np.asarray(0.5 * (moved + np.swapaxes(moved, -1, -2)))
+    return np.asarray(0.5 * (C_a + np.swapaxes(C_a, -1, -2)))  # symmetric to the last bit
 
 
 complete(globals())

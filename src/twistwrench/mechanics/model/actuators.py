@@ -16,11 +16,11 @@ from ...core.typing import Array
 __all__ = ["Actuator", "Motor", "Rotor", "Thermal"]
 
 STANDING = 1e-6
-"""Speed [rad/s or m/s] at and below which a joint stands: a turn in ten weeks, above rounding errors of derived rates."""
+"""Largest speed [rad/s or m/s] of a joint that stands: a turn in ten weeks, above rounding errors of computed velocities."""
 
 
 def moving(velocity: ArrayLike) -> Array:
-    """Velocities, 0 for standing joints, so that rounding errors have no direction.
+    """Velocities, 0 for standing joints, so that rounding errors do not determine a direction.
 
     >>> moving([0.3, -1e-13]).tolist()
     [0.3, 0.0]
@@ -38,7 +38,8 @@ def gear_input(torque: ArrayLike, velocity: ArrayLike, efficiency: ArrayLike) ->
     [12.5, -8.0, 12.5, 12.5]
     """
     T, eta = np.asarray(torque), np.asarray(efficiency)
-    return np.where(T * moving(velocity) < 0, T * eta, T / eta)
+    power = T * moving(velocity)
+    return np.where(power < 0, T * eta, T / eta)
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Thermal:
 
 
 class Rating(NamedTuple):
-    """Number of a motor's data sheet, as files and tables name it."""
+    """Names of a number of a motor's data sheet in files, tables and messages."""
 
     kind: str
     """Kind of its unit: a key of ``UNITS`` of :mod:`twistwrench.formats.yaml`."""
@@ -81,7 +82,7 @@ RATINGS = {
     "current_peak": Rating("current", "A peak", "peak current"),
     "speed": Rating("rotor speed", "speed", "speed"),
 }
-"""Numbers of a :class:`Motor` by their names there and in actuator files."""
+"""Numbers of a :class:`Motor`, by the names of its fields, which are also their names in actuator files."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ class Motor:
         -------
         voltage : (...) array [V]
         """
-        i, w, di = (np.asarray(x, float) for x in (current, speed, current_rate))
+        i, w, di = np.asarray(current, float), np.asarray(speed, float), np.asarray(current_rate, float)
         return np.asarray(self.torque_constant * w + self.resistance * i + self.inductance * di)
 
     def heat(self, current: ArrayLike) -> Array:
@@ -176,13 +177,15 @@ class Motor:
         Beyond its largest speed in either direction, the result is -inf.
         """
         w = np.asarray(speed, float)
-        by_current = self.torque_constant * (self.current_peak if current is None else current)
+        max_current = self.current_peak if current is None else current
+        torque_by_current = self.torque_constant * max_current
         if self.resistance == 0.0:
-            by_voltage = np.where(self.torque_constant * w <= self.voltage, np.inf, -np.inf)
+            torque_by_voltage = np.where(self.torque_constant * w <= self.voltage, np.inf, -np.inf)
         else:
-            by_voltage = self.torque_constant * (self.voltage - self.torque_constant * w) / self.resistance
-        within = np.where(np.abs(w) <= self.speed, np.minimum(by_current, by_voltage), -np.inf)
-        return np.where(np.isnan(w), np.nan, within)
+            torque_by_voltage = self.torque_constant * (self.voltage - self.torque_constant * w) / self.resistance
+        torque = np.minimum(torque_by_current, torque_by_voltage)
+        torque = np.where(np.abs(w) <= self.speed, torque, -np.inf)
+        return np.where(np.isnan(w), np.nan, torque)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,10 +240,10 @@ class Actuator:
 # ── Validation of a drive's parameters
 
 _MIN_DRIVE_NUMBER, LARGEST = 1e-18, 1e12
-"""Bounds of a drive's numbers in SI units; their squares do not overflow."""
+"""Smallest and largest number of a drive in SI units; their squares neither underflow nor overflow."""
 
 _MIN_RATIO, _MAX_RATIO = 1e-6, 1e9
-"""Bounds of gear ratios: rad/rad, or rad/m for a spindle; a thread of 1 nm pitch has 6e9 rad/m."""
+"""Smallest and largest gear ratio: rad/rad, or rad/m for a spindle; a thread of 1 nm pitch has 6e9 rad/m."""
 
 
 def check_actuator(actuator: Actuator) -> None:
@@ -250,7 +253,9 @@ def check_actuator(actuator: Actuator) -> None:
 
 
 def _problems(actuator: Actuator) -> Iterator[str]:
-    motor, rotor, largest = actuator.motor, actuator.rotor, printed(LARGEST)
+    """Impossible numbers, each with its remedy, as the end of a sentence."""
+    motor, rotor = actuator.motor, actuator.rotor
+    largest = printed(LARGEST)
     if not _MIN_RATIO <= abs(actuator.ratio) <= _MAX_RATIO:
         bounds = f"from {printed(_MIN_RATIO)} to {printed(_MAX_RATIO)}"
         yield f"the ratio {printed(actuator.ratio)}; it must be a number {bounds}, or minus one."
@@ -261,10 +266,11 @@ def _problems(actuator: Actuator) -> Iterator[str]:
     if not (_is_in_range(actuator.stiffness) or actuator.stiffness == np.inf):
         stiffness = printed(actuator.stiffness)
         yield f"the stiffness {stiffness}; it must be above 0 and at most {largest}. Leave it out where the gear is rigid."
-    if rotor is not None and not (np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= LARGEST):
-        yield f"a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite."
-    if rotor is not None and not (_is_in_range(rotor.inertia) and 0 <= rotor.mass <= LARGEST):
-        yield f"a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
+    if rotor is not None:
+        if not (np.isfinite(rotor.place).all() and np.abs(rotor.place).max() <= LARGEST):
+            yield f"a rotor at {np.asarray(rotor.place).tolist()}; its place must be finite."
+        if not (_is_in_range(rotor.inertia) and 0 <= rotor.mass <= LARGEST):
+            yield f"a rotor of {printed(rotor.inertia)} kg m² and {printed(rotor.mass)} kg; give positive ones."
     if motor is None:
         return
     if motor.current_peak < motor.current_continuous < np.inf:
@@ -282,10 +288,10 @@ def _problems(actuator: Actuator) -> Iterator[str]:
         if name == "thermal":
             continue
         may_be_zero = name in ("resistance", "inductance")
-        exception = 0 if may_be_zero else np.inf
-        if not (_is_in_range(value) or value == exception):
-            allowed = f"{'at least' if may_be_zero else 'above'} 0 and at most {largest}"
-            yield f"{name.replace('_', ' ')} {printed(value)}; it must be {allowed}."
+        default = 0 if may_be_zero else np.inf
+        if not (_is_in_range(value) or value == default):
+            bound = "at least" if may_be_zero else "above"
+            yield f"{name.replace('_', ' ')} {printed(value)}; it must be {bound} 0 and at most {largest}."
 
 
 def _is_possible(thermal: Thermal) -> bool:

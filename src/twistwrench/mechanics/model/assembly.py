@@ -31,8 +31,8 @@ def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
     if not poses:
         return model
     carriers = _carriers(model, poses)
-    moving = [body for i, body in enumerate(model.bodies) if i not in poses]
-    inertias = {BASE: model.base_inertia} | {i: body.inertia for i, body in enumerate(moving)}
+    moving_bodies = [body for i, body in enumerate(model.bodies) if i not in poses]
+    inertias = {BASE: model.base_inertia} | {i: body.inertia for i, body in enumerate(moving_bodies)}  # by new index
     for i in sorted(poses):
         carrier, T = carriers[i]
         inertia = model.bodies[i].inertia
@@ -40,29 +40,25 @@ def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
             if not is_identity(T):
                 inertia = inertia.in_frame(T)
             inertias[carrier] = inertias[carrier] + inertia
-    leaders = sorted((body for body in moving if not body.follows and body.joint.nv), key=lambda body: body.v_index)
-    q_columns: list[int] = []
+    leaders = [body for body in moving_bodies if not body.follows and body.joint.nv]
+    leaders.sort(key=lambda body: body.v_index)
+    q_columns: list[int] = []  # remaining columns of q, in order
     v_columns: list[int] = []
     for body in leaders:
-        q_columns += range(body.q_index, body.q_index + body.joint.nq)
-        v_columns += range(body.v_index, body.v_index + body.joint.nv)
-    q_index = {old: new for new, old in enumerate(q_columns)}
-    v_index = {old: new for new, old in enumerate(v_columns)}
+        q_slice, v_slice = body.places
+        q_columns += range(q_slice.start, q_slice.stop)
+        v_columns += range(v_slice.start, v_slice.stop)
+    new_q_index = {old: new for new, old in enumerate(q_columns)}
+    new_v_index = {old: new for new, old in enumerate(v_columns)}
     bodies = []
-    for i, body in enumerate(moving):
+    for i, body in enumerate(moving_bodies):
         carrier, T = carriers[body.parent]
-        new_q, new_v = 0, 0
+        q_index, v_index = 0, 0
         if body.joint.nv:
-            new_q, new_v = q_index[body.q_index], v_index[body.v_index]
+            q_index, v_index = new_q_index[body.q_index], new_v_index[body.v_index]
+        placement = snap_pose(product(T, body.placement), model.snap)
         bodies.append(
-            replace(
-                body,
-                parent=carrier,
-                placement=snap_pose(product(T, body.placement), model.snap),
-                inertia=inertias[i],
-                q_index=new_q,
-                v_index=new_v,
-            )
+            replace(body, parent=carrier, placement=placement, inertia=inertias[i], q_index=q_index, v_index=v_index)
         )
     return replace(
         model,
@@ -78,37 +74,41 @@ def fuse(model: Model, poses: Mapping[int, Array]) -> Model:
 
 
 def _carriers(model: Model, poses: Mapping[int, Array]) -> dict[int, tuple[int, Array]]:
-    """New index of the body that carries each body, and its pose there; the base carries itself."""
+    """For each body, the new index of the body that it becomes part of, and its pose there.
+
+    A body that still moves is part of itself, and so is the base.
+    """
     carriers: dict[int, tuple[int, Array]] = {BASE: (BASE, IDENTITY)}
-    count = 0
+    new_index = 0
     for i, body in enumerate(model.bodies):
         if i in poses:
-            carrier, T = carriers[body.parent]
-            T_body = snap_pose(product(body.placement, poses[i]), model.snap)
-            carriers[i] = carrier, snap_pose(product(T, T_body), model.snap)
+            carrier, T_carrier_parent = carriers[body.parent]
+            T_parent_body = snap_pose(product(body.placement, poses[i]), model.snap)
+            carriers[i] = carrier, snap_pose(product(T_carrier_parent, T_parent_body), model.snap)
         else:
-            carriers[i] = count, IDENTITY
-            count += 1
+            carriers[i] = new_index, IDENTITY
+            new_index += 1
     return carriers
 
 
 def _frames_on_carriers(
     frames: Mapping[str, Frame], carriers: Mapping[int, tuple[int, Array]], snap: float
 ) -> dict[str, Frame]:
-    """Frames on the bodies that carry their bodies."""
-    moved: dict[str, Frame] = {}
+    """Frames on the bodies of which their bodies become a part."""
+    new_frames: dict[str, Frame] = {}
     for name, frame in frames.items():
         carrier, T = carriers[frame.body]
-        moved[name] = Frame(carrier, snap_pose(product(T, frame.pose), snap))
-    return moved
+        new_frames[name] = Frame(carrier, snap_pose(product(T, frame.pose), snap))
+    return new_frames
 
 
 def default_tip(model: Model) -> str | None:
     """Last leaf in document order on the last moving body, if the moving joints form one chain; else None."""
-    if any(body.parent != i - 1 for i, body in enumerate(model.bodies)):
+    is_chain = all(body.parent == i - 1 for i, body in enumerate(model.bodies))  # the base is -1
+    if not is_chain:
         return None
-    last = len(model.bodies) - 1
-    return next((name for name in reversed(model.leaves) if model.frames[name].body == last), None)
+    last_body = len(model.bodies) - 1
+    return next((name for name in reversed(model.leaves) if model.frames[name].body == last_body), None)
 
 
 def check_tip(model: Model, tip: str | None) -> str | None:
@@ -125,7 +125,7 @@ ROOT_JOINT = "root_joint"
 
 
 @dataclass(frozen=True)
-class _Column:
+class _Indices:
     """Indices of a leader's first coordinate and first velocity."""
 
     q: int
@@ -160,63 +160,74 @@ def assemble(
     source: str,
     additions: Additions,
 ) -> Model:
-    """Model of a checked tree, fixed links merged; a follower of a fixed joint, or with ratio 0, is fixed too."""
+    """Model of a checked tree, fixed links merged; a follower of a fixed joint, or with ratio 0, is fixed too.
+
+    A body is made for every joint at first, also for fixed ones; :func:`fuse` then removes those of fixed joints.
+    """
     joints = list(tree.joints)
     if floating_base:
         joints.insert(0, _root_entry(tree.root))
     leaders = [entry for entry in joints if entry.name not in drives and entry.joint.nv]
-    columns = _columns(leaders)
+    leader_indices = _leader_indices(leaders)
     limits, limit_remarks = _limits(leaders, joints, drives)
     joint_drives = {entry.name: drives.get(entry.name, Drive(entry.name, 1.0, 0.0)) for entry in joints}
-    index = {} if floating_base else {tree.root: BASE}
+    body_of_link = {} if floating_base else {tree.root: BASE}
     bodies: list[Body] = []
     fixed_poses: dict[int, Array] = {}
     for i, entry in enumerate(joints):
-        index[entry.child] = i
+        body_of_link[entry.child] = i
         drive = joint_drives[entry.name]
-        if drive.leader not in columns or drive.ratio == 0:
+        if drive.leader not in leader_indices or drive.ratio == 0:
             fixed_poses[i] = IDENTITY if entry.fixed else entry.joint.pose(np.array([drive.offset]))
-        column = columns.get(drive.leader, _Column(0, 0))
+        indices = leader_indices.get(drive.leader, _Indices(0, 0))
         follows = entry.name in drives
+        effort = float(entry.limits.effort[0]) if follows and entry.joint.nv else np.inf
         bodies.append(
             Body(
-                entry.joint, entry.child, index.get(entry.parent, BASE), snap_pose(entry.placement, snap),
-                links[entry.child].inertia, column.q, column.v, drive.ratio, drive.offset, follows=follows,
-                effort=float(entry.limits.effort[0]) if follows and entry.joint.nv else np.inf,
+                entry.joint, entry.child, body_of_link.get(entry.parent, BASE), snap_pose(entry.placement, snap),
+                links[entry.child].inertia, indices.q, indices.v, drive.ratio, drive.offset, follows=follows, effort=effort,
             )
         )  # fmt: skip
-    friction, armature = _losses(joints, joint_drives, columns, len(limits.lower))
+    friction, armature = _friction_and_armature(joints, joint_drives, leader_indices, len(limits.lower))
     model = Model(
         name, tuple(bodies), tip=None, gravity=gravity, leaves=tree.leaves, source=source, snap=snap,
-        frames={name: Frame(index[name], IDENTITY) for name, link in links.items() if not link.hidden},
-        sites={site.name: Frame(index[site.link], snap_pose(site.pose, snap)) for site in additions.sites.values()},
+        frames={name: Frame(body_of_link[name], IDENTITY) for name, link in links.items() if not link.hidden},
+        sites={
+            site.name: Frame(body_of_link[site.link], snap_pose(site.pose, snap)) for site in additions.sites.values()
+        },
         link_inertias={link.name: link.inertia for link in links.values() if not link.hidden},
         base_inertia=SpatialInertia.zero() if floating_base else links[tree.root].inertia,
         shaped=frozenset(link.name for link in links.values() if link.shaped),
         limits=limits, friction=friction, armature=armature,
-        springs=_springs_of_leaders(additions.springs, drives, columns),
+        springs=_springs_of_leaders(additions.springs, drives, leader_indices),
         closures=additions.closures, motor_joints=frozenset(additions.motor_joints), mounted=additions.mounted,
         locked=_locked_joints(joints, additions.locked),
         mounts={entry.child: (entry.parent, entry.name) for entry in joints},
         defects=limit_remarks,
     )  # fmt: skip
+    return fuse(_with_configurations(model, additions.configurations), fixed_poses)
+
+
+def _with_configurations(model: Model, positions_by_name: Mapping[str, Mapping[str, ArrayLike]]) -> Model:
+    """Model with named configurations, each given by positions of joints; positions of followers are ignored."""
     configurations: dict[str, Array] = {}
-    for label, positions in additions.configurations.items():  # mimic joints follow
-        leading = {joint: positions[joint] for joint in model.joint_names if joint in positions}
-        configurations[label] = from_names(model, leading)
-    if configurations:
-        model = replace(model, configurations=configurations)
-    return fuse(model, fixed_poses)
+    for name, positions in positions_by_name.items():
+        leader_positions = {joint: positions[joint] for joint in model.joint_names if joint in positions}
+        configurations[name] = from_names(model, leader_positions)
+    if not configurations:
+        return model
+    return replace(model, configurations=configurations)
 
 
-def _columns(leaders: Iterable[JointEntry]) -> dict[str, _Column]:
-    """Column of each leader by name, in the order of q."""
-    columns: dict[str, _Column] = {}
+def _leader_indices(leaders: Iterable[JointEntry]) -> dict[str, _Indices]:
+    """Indices of each leader by name, in the order of q."""
+    leader_indices: dict[str, _Indices] = {}
     nq, nv = 0, 0
     for entry in leaders:
-        columns[entry.name] = _Column(nq, nv)
-        nq, nv = nq + entry.joint.nq, nv + entry.joint.nv
-    return columns
+        leader_indices[entry.name] = _Indices(nq, nv)
+        nq += entry.joint.nq
+        nv += entry.joint.nv
+    return leader_indices
 
 
 def _limits(
@@ -227,17 +238,17 @@ def _limits(
     for entry in joints:
         if entry.name in drives:
             followers.setdefault(drives[entry.name].leader, []).append(entry)
-    limits: list[Limits] = []
+    limits_of_leaders: list[Limits] = []
     remarks: list[str] = []
     for leader in leaders:
-        shared, leader_remarks = shared_limits(leader, followers.get(leader.name, ()), drives)
-        limits.append(shared)
+        leader_limits, leader_remarks = shared_limits(leader, followers.get(leader.name, ()), drives)
+        limits_of_leaders.append(leader_limits)
         remarks += leader_remarks
-    columns = {f.name: np.zeros(0) for f in fields(Limits)}
-    for shared in limits:
-        for name, column in columns.items():
-            columns[name] = np.append(column, getattr(shared, name))
-    return Limits(**columns), tuple(remarks)
+    all_limits: dict[str, Array] = {}
+    for kind in fields(Limits):
+        values = [getattr(leader_limits, kind.name) for leader_limits in limits_of_leaders]
+        all_limits[kind.name] = np.concatenate([np.zeros(0), *values])
+    return Limits(**all_limits), tuple(remarks)
 
 
 def _locked_joints(
@@ -252,35 +263,36 @@ def _locked_joints(
 
 
 def _springs_of_leaders(
-    springs: Iterable[Spring], drives: Mapping[str, Drive], columns: Mapping[str, _Column]
+    springs: Iterable[Spring], drives: Mapping[str, Drive], leader_indices: Mapping[str, _Indices]
 ) -> tuple[Spring, ...]:
-    """Springs between leading coordinates, without those whose joints are all fixed."""
-    between_leaders = [_spring_of_leaders(spring, drives, columns) for spring in springs]
+    """Springs between coordinates of leaders, without springs whose joints are all fixed."""
+    between_leaders = [_spring_of_leaders(spring, drives, leader_indices) for spring in springs]
     return tuple(spring for spring in between_leaders if spring.terms)
 
 
-def _spring_of_leaders(spring: Spring, drives: Mapping[str, Drive], columns: Mapping[str, _Column]) -> Spring:
-    """Spring between leading coordinates, with the extension of their followers included."""
-    terms: dict[str, float] = {}
-    length = spring.rest
+def _spring_of_leaders(spring: Spring, drives: Mapping[str, Drive], leader_indices: Mapping[str, _Indices]) -> Spring:
+    """Spring between coordinates of leaders; a follower's coordinate is ratio times its leader's, plus the offset."""
+    weights: dict[str, float] = {}
+    rest = spring.rest
     for joint, weight in spring.terms:
         drive = drives.get(joint, Drive(joint, 1.0, 0.0))
-        length -= weight * drive.offset
-        if drive.leader in columns and drive.ratio:
-            terms[drive.leader] = terms.get(drive.leader, 0.0) + weight * drive.ratio
-    return Spring(tuple(terms.items()), spring.stiffness, length)
+        rest -= weight * drive.offset
+        if drive.leader in leader_indices and drive.ratio:
+            weights[drive.leader] = weights.get(drive.leader, 0.0) + weight * drive.ratio
+    return Spring(tuple(weights.items()), spring.stiffness, rest)
 
 
 def _root_entry(root: str) -> JointEntry:
+    """Floating joint of the root link."""
     infinite = np.full(6, np.inf)
     joint = Floating(ROOT_JOINT, np.eye(6))
     return JointEntry(joint, "", root, IDENTITY, Limits(-infinite, infinite, infinite, infinite), 0.0, 0.0, None, "")
 
 
-def _losses(
-    joints: list[JointEntry], drives: Mapping[str, Drive], columns: Mapping[str, _Column], nv: int
+def _friction_and_armature(
+    joints: list[JointEntry], drives: Mapping[str, Drive], leader_indices: Mapping[str, _Indices], nv: int
 ) -> tuple[Friction, Array]:
-    """Friction and armature per velocity, with those of followers added to their leaders.
+    """Friction and armature per velocity; friction and armature of followers are added to their leaders'.
 
     A follower moves at ratio * dq, and its torque acts on the leader times ratio: damping and armature are scaled by
     ratio², friction by |ratio|.
@@ -288,10 +300,10 @@ def _losses(
     damping, friction, armature = [0.0] * nv, [0.0] * nv, [0.0] * nv
     for entry in joints:
         drive = drives[entry.name]
-        column = columns.get(drive.leader)
-        if column is None:
+        indices = leader_indices.get(drive.leader)
+        if indices is None:
             continue
-        for k in range(column.v, column.v + entry.joint.nv):
+        for k in range(indices.v, indices.v + entry.joint.nv):
             damping[k] += drive.ratio**2 * entry.damping
             friction[k] += abs(drive.ratio) * entry.friction
             armature[k] += drive.ratio**2 * entry.armature

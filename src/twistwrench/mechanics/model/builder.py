@@ -76,7 +76,9 @@ class ModelBuilder:
         self._joints: dict[str, JointEntry] = {}
         self._remarks: list[str] = []
         self._additions = Additions()
-        self._actuators: dict[str, tuple[Actuator, Mapping[str, float]]] = {}
+        self._actuators: dict[
+            str, tuple[Actuator, Mapping[str, float]]
+        ] = {}  # by joint, with the friction of the drive
         self.gravity: ArrayLike = GRAVITY
         """Gravity of the file, (3,) m/s² in the base frame."""
 
@@ -197,17 +199,21 @@ class ModelBuilder:
         _check_new("joint", name, where, self._joints.get(name))
         if kind not in TYPES:
             raise ModelError(f"{who} has the unknown type {kind!r}. Allowed: {', '.join(TYPES)}.")
-        joint = TYPES[kind](name, TYPES[kind].axes_from(axis, pitch, normalise_axes, who))
-        largest = {"velocity": velocity, "effort": effort, "acceleration": acceleration, "deceleration": deceleration}
-        limits, remarks = limits_of(joint, lower, upper, {**largest, "jerk": jerk}, who)
+        joint_type = TYPES[kind]
+        joint = joint_type(name, joint_type.axes_from(axis, pitch, normalise_axes, who))
+        largest = {
+            "velocity": velocity, "effort": effort,
+            "acceleration": acceleration, "deceleration": deceleration, "jerk": jerk,
+        }  # fmt: skip
+        limits, remarks = limits_of(joint, lower, upper, largest, who)
         self._joints[name] = JointEntry(
             joint, parent, child, placement_of(placement, who), limits, number(damping, f"the damping of {who}"),
             number(friction, f"the friction of {who}"), mimic_of(mimic, who), where, armature_of(armature, who),
         )  # fmt: skip
         self._remarks.extend(remarks)
-        for loss, value in (("damping", damping), ("friction", friction)):
+        for quantity, value in (("damping", damping), ("friction", friction)):
             if value < 0:
-                self.note(who, f"has a negative {loss}, {printed(value)}, so it feeds energy into the robot")
+                self.note(who, f"has a negative {quantity}, {printed(value)}, so it feeds energy into the robot")
 
     def add_site(self, name: str, link: str, pose: ArrayLike | None = None, where: str = "") -> str:
         """Add a site: a named frame fixed to a link.
@@ -231,8 +237,11 @@ class ModelBuilder:
         """
         if link not in self._links:
             raise ModelError(f"{label('site', name, where)} is on link {link!r}, which is not there.")
-        name = f"site:{name}" if name in self._links else name
-        _check_new("site", name, where, None if name not in self._additions.sites else self._links[link])
+        if name in self._links:
+            name = f"site:{name}"
+        # Sites do not keep their place in the file, so the message names the place of the link.
+        namesake = self._links[link] if name in self._additions.sites else None
+        _check_new("site", name, where, namesake)
         self._additions.sites[name] = SiteEntry(name, link, placement_of(pose, label("site", name, where)))
         return name
 
@@ -257,12 +266,14 @@ class ModelBuilder:
         """
         for name in terms:
             if name not in self._joints or self._joints[name].joint.nq != 1:
+                where_text = f" ({where})" if where else ""
                 raise ModelError(
-                    f"a spring{f' ({where})' if where else ''} acts on {name!r}, which is not a joint of one degree of freedom."
+                    f"a spring{where_text} acts on {name!r}, which is not a joint of one degree of freedom."
                 )
         values = numbers([stiffness, rest, *terms.values()], (2 + len(terms),), f"the numbers of a spring ({where})")
-        weights = zip(terms, values[2:].tolist(), strict=True)
-        self._additions.springs.append(Spring(tuple(weights), float(values[0]), float(values[1])))
+        checked_stiffness, checked_rest, *weights = values.tolist()
+        checked_terms = tuple(zip(terms, weights, strict=True))
+        self._additions.springs.append(Spring(checked_terms, checked_stiffness, checked_rest))
 
     def add_actuator(self, actuator: Actuator, friction: Mapping[str, float] | None = None) -> None:
         """Add the motor and gear of a joint that the robot's own file describes.
@@ -388,12 +399,12 @@ class ModelBuilder:
             model = edit.lock(model, lock)
         model = self._with_actuators(model)
         model, inertia_remarks = judge(model, inertia, lambda link: str(self._links[link]))
-        # For files with missing masses; a purely kinematic table has none by intention.
+        # Only links of files are named: a purely kinematic table has no masses by intention.
         massless = [str(self._links[link]) for link in massless_links(model) if self._links[link].where]
         if massless:
-            verb, whose = ("has", "its") if len(massless) == 1 else ("have", "their")
+            verb, pronoun = ("has", "its") if len(massless) == 1 else ("have", "their")
             inertia_remarks.append(
-                f"{listed(massless)} {verb} no mass: {whose} weight and inertia are missing from every torque"
+                f"{listed(massless)} {verb} no mass: {pronoun} weight and inertia are missing from every torque"
             )
         model = replace(model, tip=check_tip(model, tip), defects=(*remarks, *inertia_remarks))
         if not quiet:
@@ -401,12 +412,14 @@ class ModelBuilder:
         return model
 
     def _with_actuators(self, model: Model) -> Model:
-        """Model with the described actuators of the remaining joints."""
+        """Model with the described actuators of the joints that are not locked, and with the friction of their drives."""
         described = {name: self._actuators[name] for name in model.joint_names if name in self._actuators}
-        model = with_actuators(model, [actuator for actuator, _ in described.values() if actuator.motor is not None])
-        return with_link_friction(model, {name: law for name, (_, law) in described.items() if law})
+        actuators = [actuator for actuator, _ in described.values() if actuator.motor is not None]
+        friction_laws = {name: law for name, (_, law) in described.items() if law}
+        return with_link_friction(with_actuators(model, actuators), friction_laws)
 
     def _floating_remarks(self, tree: Tree, floating_base: bool) -> list[str]:
+        """Remarks on a root link that floats twice; raises ModelError if a joint has the name of the added joint."""
         if not floating_base:
             return []
         if ROOT_JOINT in self._joints:
@@ -414,15 +427,19 @@ class ModelBuilder:
                 f"{self._joints[ROOT_JOINT]} has the name that {argument('floating_base', True)} gives to the joint it adds. "
                 "Rename it, or leave out floating_base."
             )
-        twice = [j for j in tree.joints if j.parent == tree.root and isinstance(j.joint, Floating)]
-        return [f"{joint} floats already, and a floating base makes the root link float too" for joint in twice]
+        root_joints = [entry for entry in tree.joints if entry.parent == tree.root]
+        floating_joints = [entry for entry in root_joints if isinstance(entry.joint, Floating)]
+        return [
+            f"{entry} floats already, and a floating base makes the root link float too" for entry in floating_joints
+        ]
 
 
-def _check_new(kind: str, name: str, where: str, old: LinkEntry | JointEntry | None) -> None:
+def _check_new(kind: str, name: str, where: str, namesake: LinkEntry | JointEntry | None) -> None:
+    """Raise ModelError for an empty name, and for a name that another entry of this kind has."""
     if not isinstance(name, str) or not name:
         raise ModelError(f"{label(kind, name, where)} needs a name: a text that is not empty.")
-    if old is not None:
-        where_text = f" ({where} and {old.where})" if where or old.where else ""
+    if namesake is not None:
+        where_text = f" ({where} and {namesake.where})" if where or namesake.where else ""
         raise ModelError(
             f"two {kind}s are called {name!r}{where_text}. Each needs a name of its own; rename or remove one."
         )

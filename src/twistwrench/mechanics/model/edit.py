@@ -122,7 +122,8 @@ def _armature_columns(model: Model, name: str) -> slice:
     leaders = model.leaders_by_name
     if name not in leaders:
         raise UnknownNameError.from_choices("joint", name, (*leaders, *model.coupled_motors))
-    return leaders[name].places[1]
+    _, columns = leaders[name].places
+    return columns
 
 
 def lock(model: Model, positions: Mapping[str, ArrayLike]) -> Model:

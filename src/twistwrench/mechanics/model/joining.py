@@ -32,7 +32,8 @@ def attach(model: Model, other: Model, frame: str | None, pose: Array, prefix: s
     :class:`~twistwrench.ModelError` for duplicate names.
     """
     model.frame(frame)
-    link, pose_in_link = str(model.tip if frame is None else frame), pose
+    link = str(model.tip if frame is None else frame)
+    pose_in_link = pose
     whole = disassemble(model, extra=False)
     part = _with_prefix(disassemble(other, extra=False), prefix)
     if link in whole.additions.sites:

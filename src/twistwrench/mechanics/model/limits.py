@@ -27,8 +27,10 @@ BEARING_UNITS = {"axial": "N", "radial": "N", "tilting": "N m"}
 BEARINGS = tuple(BEARING_UNITS)
 """Kinds of limits of bearings."""
 
-FASTEST_TURN, FASTEST_SLIDE = 60.0, 100.0
-"""Velocity limits [rad/s, m/s] from which they are placeholders or in other units; joints of quadrupeds reach 52 rad/s."""
+FASTEST_TURN = 60.0
+"""Velocity limit [rad/s] from which it is a placeholder or in another unit; joints of quadrupeds reach 52 rad/s."""
+FASTEST_SLIDE = 100.0
+"""Velocity limit [m/s] from which it is a placeholder or in another unit."""
 
 
 def known_velocities(velocity: Array, turning: Array) -> Array:
@@ -48,7 +50,8 @@ def known_velocities(velocity: Array, turning: Array) -> Array:
     >>> known_velocities(np.array([3.0, 1e9]), np.array([True, False])).tolist()
     [3.0, inf]
     """
-    return np.where(velocity < np.where(turning, FASTEST_TURN, FASTEST_SLIDE), velocity, np.inf)
+    fastest = np.where(turning, FASTEST_TURN, FASTEST_SLIDE)
+    return np.where(velocity < fastest, velocity, np.inf)
 
 
 def bears(limits: Limits) -> bool:
@@ -126,12 +129,12 @@ class Limits:
 
     @property
     def tolerance(self) -> Array:
-        """Excess over a position limit up to which a joint counts as at it, (nv,) [rad or m].
+        """Largest excess over a position limit at which a joint still counts as at the limit, (nv,) [rad or m].
 
         :data:`TOLERANCE` times the larger finite position limit of the joint, or times 1 if both are infinite or zero.
         """
-        ends = np.abs(np.stack([self.lower, self.upper]))
-        largest = np.max(np.where(np.isfinite(ends), ends, 0.0), axis=0)
+        sizes = np.abs(np.stack([self.lower, self.upper]))
+        largest = np.max(np.where(np.isfinite(sizes), sizes, 0.0), axis=0)
         return np.asarray(TOLERANCE * np.where(largest > 0.0, largest, 1.0))
 
     def exceeded(self, positions: Any) -> Array:
@@ -145,7 +148,8 @@ class Limits:
         -------
         exceeded : (..., nv) array of bool; False for NaN
         """
-        x, tolerance = np.asarray(positions, float), self.tolerance
+        x = np.asarray(positions, float)
+        tolerance = self.tolerance
         return np.asarray((x < self.lower - tolerance) | (x > self.upper + tolerance))
 
     def select(self, indices: Sequence[int] | slice | Array) -> Limits:
@@ -165,7 +169,7 @@ class Limits:
         >>> tw.robots.ur5().limits.select([5, 0]).effort.tolist()
         [28.0, 150.0]
         """
-        return Limits(*(getattr(self, f.name)[indices] for f in fields(Limits)))
+        return Limits(*(getattr(self, kind.name)[indices] for kind in fields(Limits)))
 
     def has_unit(self, kind: str) -> Array:
         """True for each joint whose limit of a kind was given with its unit; for no joint if the limits are those of a file.
@@ -204,9 +208,11 @@ class Limits:
         [[2.0], [5.0], [5.0]]
         """
         speed = np.abs(dq)
-        still = speed <= TOLERANCE * speed.max(initial=0.0, axis=tuple(range(speed.ndim - 1)))
+        largest_speed = speed.max(initial=0.0, axis=tuple(range(speed.ndim - 1)))  # of each joint
+        is_at_rest = speed <= TOLERANCE * largest_speed
         larger = np.maximum(self.acceleration, self.deceleration)
-        return np.where(still, larger, np.where(dq * ddq < 0, self.deceleration, self.acceleration))
+        limit_in_motion = np.where(dq * ddq < 0, self.deceleration, self.acceleration)
+        return np.where(is_at_rest, larger, limit_in_motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +243,8 @@ class StatedLimits(Limits):
         >>> limits.has_unit("effort").tolist(), limits.has_unit("velocity").tolist()
         ([True], [False])
         """
-        return np.asarray(self.with_unit[[f.name for f in fields(Limits)].index(kind)])
+        kinds = [limit.name for limit in fields(Limits)]
+        return np.asarray(self.with_unit[kinds.index(kind)])
 
 
 # ── Joint friction as data: viscous, Coulomb, static, Stribeck, load-dependent. Modern Robotics section 8.9.4
@@ -267,8 +274,8 @@ class Friction:
     """Friction per carried torque, below 1."""
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            getattr(self, f.name).setflags(write=False)
+        for parameter in fields(self):
+            getattr(self, parameter.name).setflags(write=False)
 
     def __setstate__(self, state: dict[str, Array]) -> None:
         vars(self).update(state)
@@ -282,24 +289,25 @@ class Friction:
 
     def select(self, indices: Sequence[int] | Array) -> Friction:
         """Friction of selected velocities, in that order."""
-        return Friction(*(getattr(self, f.name)[indices] for f in fields(self)))
+        return Friction(*(getattr(self, name)[indices] for name in LAWS))
 
-    def replaced(self, place: int, **values: float) -> Friction:
-        """Friction with other values for one velocity."""
-        columns = {f.name: getattr(self, f.name).copy() for f in fields(self)}
+    def replaced(self, index: int, **values: float) -> Friction:
+        """Friction with other values for the velocity at an index."""
+        arrays = {name: getattr(self, name).copy() for name in LAWS}
         for name, value in values.items():
-            columns[name][place] = value
-        return Friction(**columns)
+            arrays[name][index] = value
+        return Friction(**arrays)
 
     def extended(self) -> Friction:
         """Friction with one more velocity, free of friction, at the end."""
-        new = Friction.plain(np.zeros(1), np.zeros(1))
-        return Friction(*(np.append(getattr(self, f.name), getattr(new, f.name)) for f in fields(self)))
+        frictionless = Friction.plain(np.zeros(1), np.zeros(1))
+        return Friction(*(np.append(getattr(self, name), getattr(frictionless, name)) for name in LAWS))
 
-    def moved(self, place: int, to: int) -> Friction:
-        """Friction with the entry of one velocity moved to another index."""
-        laws = {f.name: float(getattr(self, f.name)[place]) for f in fields(self)}
-        return self.replaced(to, **laws).replaced(place, **dict.fromkeys(laws, 0.0) | {"stribeck": 1.0})
+    def moved(self, index: int, to: int) -> Friction:
+        """Friction with the entry of one velocity moved to another index; the old index is left without friction."""
+        law = {name: float(getattr(self, name)[index]) for name in LAWS}
+        no_friction = dict.fromkeys(law, 0.0) | {"stribeck": 1.0}
+        return self.replaced(to, **law).replaced(index, **no_friction)
 
     @property
     def any(self) -> bool:
@@ -307,5 +315,5 @@ class Friction:
         return bool(self.viscous.any() or self.static.any() or self.load.any())
 
 
-LAWS = tuple(entry.name for entry in fields(Friction))
-"""Names of the friction parameters in actuator files and parameters."""
+LAWS = tuple(parameter.name for parameter in fields(Friction))
+"""Names of the friction parameters, in the order of the fields of :class:`Friction`; also their names in actuator files."""

@@ -42,14 +42,14 @@ class Spring:
 
     def with_fixed(self, positions: dict[str, float]) -> Spring:
         """Spring with some joints locked; their part of the extension is constant."""
-        terms: list[tuple[str, float]] = []
-        fixed = 0.0
+        remaining_terms: list[tuple[str, float]] = []
+        constant_extension = 0.0
         for joint, weight in self.terms:
             if joint in positions:
-                fixed += weight * positions[joint]
+                constant_extension += weight * positions[joint]
             else:
-                terms.append((joint, weight))
-        return Spring(tuple(terms), self.stiffness, self.rest - fixed)
+                remaining_terms.append((joint, weight))
+        return Spring(tuple(remaining_terms), self.stiffness, self.rest - constant_extension)
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,12 @@ class OfferedClosure:
     """Rows of the frames' relative twist that are held at zero."""
 
 
-_MAX_TIPS = 12
-"""Most frames that may be the tip in a message."""
+_MAX_LISTED_TIPS = 12
+"""Number of frames that a message lists as possible tips; further ones are counted."""
 BASE = -1
 """Index of the fixed base."""
 _MAPPINGS = ("actuators", "configurations", "closures", "mounts", "locked")
-"""Fields made read-only."""
+"""Fields that are mappings, made read-only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +126,11 @@ class Body:
         >>> tw.robots.planar_2r().model.bodies[1].coordinates(np.array([0.1, 0.2])).tolist()
         [0.2]
         """
-        q_joint = q[self.places[0]]
-        return self.ratio * q_joint + self.offset if self.follows else q_joint
+        q_slice, _ = self.places
+        q_joint = q[q_slice]
+        if self.follows:
+            return self.ratio * q_joint + self.offset
+        return q_joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +180,10 @@ class Model:
     shaped: frozenset[str] = frozenset()
     """Links with a visual or collision shape."""
     snap: float = 0.0
-    """Distance from 0 or ±1 within which entries of fixed rotations were set to it; edits use the same value."""
+    """Distance from 0 or ±1 within which entries of fixed rotations were set to 0 or ±1; edits use the same value."""
     armature: Array = field(default_factory=lambda: np.zeros(0))
-    """(nv,) kg m² or kg: reflected inertia of the drives, added to the diagonal of M; without weight or momentum. A rotor with
-    known position and axis is a body instead."""
+    """Reflected inertia of the drives, added to the diagonal of M; (nv,) kg m² or kg. It has neither weight nor momentum. A
+    rotor with known position and axis is a body instead."""
     sites: dict[str, Frame] = field(default_factory=dict)
     """Named frames of the file that are not links, in document order; their names differ from link names."""
     configurations: Mapping[str, Array] = field(default_factory=dict)
@@ -211,7 +214,7 @@ class Model:
         for body in self.bodies:
             arrays += [body.placement, body.joint.axes]
         for array in arrays:
-            array.setflags(write=False)  # shared by robots and compiled into kernels
+            array.setflags(write=False)  # robots share arrays, and kernels contain their values
 
     def __getstate__(self) -> dict[str, Any]:
         state = {f.name: getattr(self, f.name) for f in fields(self)}  # without cached properties
@@ -226,12 +229,12 @@ class Model:
     @cached_property
     def nq(self) -> int:
         """Number of coordinates."""
-        return sum(b.joint.nq for b in self.leaders)
+        return sum(body.joint.nq for body in self.leaders)
 
     @cached_property
     def nv(self) -> int:
         """Number of velocities."""
-        return sum(b.joint.nv for b in self.leaders)
+        return sum(body.joint.nv for body in self.leaders)
 
     def positions(self, q: Any) -> Array:
         """Coordinate of each velocity; zero for planar, ball and floating joints, which have none.
@@ -252,15 +255,16 @@ class Model:
         """
         q = np.asarray(q, float)
         positions = np.zeros((*q.shape[:-1], self.nv))
-        for b in self.leaders:
-            if b.joint.nv == 1:
-                positions[..., b.v_index] = q[..., b.q_index]
+        for body in self.leaders:
+            if body.joint.nv == 1:
+                positions[..., body.v_index] = q[..., body.q_index]
         return positions
 
     @cached_property
     def leaders(self) -> tuple[Body, ...]:
         """Bodies whose joints have coordinates of their own, in the order of q: all except followers of mimic joints."""
-        return tuple(sorted((b for b in self.bodies if not b.follows), key=lambda b: b.v_index))
+        leaders = [body for body in self.bodies if not body.follows]
+        return tuple(sorted(leaders, key=lambda body: body.v_index))
 
     @cached_property
     def leaders_by_name(self) -> dict[str, Body]:
@@ -275,7 +279,7 @@ class Model:
     @cached_property
     def limited_followers(self) -> tuple[int, ...]:
         """Indices of bodies with a mimic joint that has its own effort limit."""
-        return tuple(i for i, b in enumerate(self.bodies) if b.follows and np.isfinite(b.effort))
+        return tuple(i for i, body in enumerate(self.bodies) if body.follows and np.isfinite(body.effort))
 
     @cached_property
     def moving_mass(self) -> float:
@@ -303,47 +307,47 @@ class Model:
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
         """Joints with coordinates, in the order of q."""
-        return tuple(b.joint.name for b in self.leaders)
+        return tuple(body.joint.name for body in self.leaders)
 
     @cached_property
     def coordinate_names(self) -> tuple[str, ...]:
         """A name for each coordinate: the joint's name, with a suffix if the joint has several; (nq,)."""
-        return tuple(b.joint.name + s for b in self.leaders for s in b.joint.coordinate_suffixes)
+        return tuple(body.joint.name + suffix for body in self.leaders for suffix in body.joint.coordinate_suffixes)
 
     @cached_property
     def velocity_names(self) -> tuple[str, ...]:
         """A name for each velocity and torque: the joint's name, with a suffix if the joint has several; (nv,)."""
-        return tuple(b.joint.name + s for b in self.leaders for s in b.joint.velocity_suffixes)
+        return tuple(body.joint.name + suffix for body in self.leaders for suffix in body.joint.velocity_suffixes)
 
     @cached_property
     def coupled(self) -> tuple[tuple[Array, Array, Array], ...]:
         """Indices in dq (n,), A and A⁻¹ (n, n) of each coupling."""
         blocks = []
-        for c in self.couplings:
-            indices = np.array([self.leaders_by_name[joint].v_index for joint in c.joints])
-            blocks.append((indices, c.motor_per_joint, c.joint_per_motor))
+        for coupling in self.couplings:
+            indices = np.array([self.leaders_by_name[joint].v_index for joint in coupling.joints])
+            blocks.append((indices, coupling.motor_per_joint, coupling.joint_per_motor))
         return tuple(blocks)
 
     @cached_property
     def coupled_motors(self) -> tuple[str, ...]:
         """Motors of all couplings."""
-        return tuple(chain.from_iterable(c.motors for c in self.couplings))
+        return tuple(chain.from_iterable(coupling.motors for coupling in self.couplings))
 
     @cached_property
     def drive_names(self) -> tuple[str, ...]:
         """A name for the drive of each velocity: the joint, or the coupled motor at its index; (nv,)."""
         motors: dict[str, str] = {}
-        for c in self.couplings:
-            motors.update(zip(c.joints, c.motors, strict=True))
+        for coupling in self.couplings:
+            motors.update(zip(coupling.joints, coupling.motors, strict=True))
         return tuple(motors.get(name, name) for name in self.velocity_names)
 
     @cached_property
     def drive_labels(self) -> tuple[str, ...]:
         """Drive names (:attr:`drive_names`) for reports: coupled motors with the joints they move; (nv,)."""
         labels: dict[str, str] = {}
-        for c in self.couplings:
-            for motor in c.motors:
-                labels[motor] = c.label(motor)
+        for coupling in self.couplings:
+            for motor in coupling.motors:
+                labels[motor] = coupling.label(motor)
         return tuple(labels.get(name, name) for name in self.drive_names)
 
     def drive_index(self, name: str) -> int:
@@ -370,27 +374,28 @@ class Model:
         """
         if name in self.coupled_motors:
             return self.drive_names.index(name)
-        for c in self.couplings:
-            if name in c.joints:
+        for coupling in self.couplings:
+            if name in coupling.joints:
                 raise ModelError(
-                    f"joint {name!r} is moved by motors {listed(c.motors)} of coupling {c.name!r}. Describe those instead."
+                    f"joint {name!r} is moved by motors {listed(coupling.motors)} of coupling {coupling.name!r}. Describe "
+                    "those instead."
                 )
         if name in self.leaders_by_name:
             leader = self.leaders_by_name[name]
             if leader.joint.nv != 1:
                 raise ModelError(f"joint {name!r} is {leader.joint.kind}; only joints of one degree have actuators.")
             return leader.v_index
-        if any(b.follows and b.joint.name == name for b in self.bodies):
+        if any(body.follows and body.joint.name == name for body in self.bodies):
             raise ModelError(f"joint {name!r} mimics another and has no actuator of its own. Describe its leader's.")
         raise UnknownNameError.from_choices("joint", name, (*self.leaders_by_name, *self.coupled_motors))
 
     @property
     def neutral(self) -> Array:
         """Coordinates with every joint at zero; (nq,)."""
-        return np.concatenate([np.zeros(0), *(b.joint.neutral for b in self.leaders)])
+        return np.concatenate([np.zeros(0), *(body.joint.neutral for body in self.leaders)])
 
     def ancestors(self, body: int) -> set[int]:
-        """Indices of a moving body and of those between it and the base; empty for the base.
+        """Indices of a moving body and of the bodies between it and the base; empty for the base.
 
         Parameters
         ----------
@@ -446,10 +451,10 @@ class Model:
         """
         if name is None:
             if self.tip is None:
-                first, *_ = tips = self.possible_tips
+                tips = self.possible_tips
                 raise FrameError(
                     f"robot {self.name!r} has no single tip, so the frame must be named. It may be one of "
-                    f"{listed(tips, _MAX_TIPS)}. Load with {argument('tip', first)}, or name the frame in the call."
+                    f"{listed(tips, _MAX_LISTED_TIPS)}. Load with {argument('tip', tips[0])}, or name the frame in the call."
                 )
             name = self.tip
         try:

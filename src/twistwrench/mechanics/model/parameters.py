@@ -68,9 +68,8 @@ def _part_without_effect(joint: Joint, G: SpatialInertia) -> SpatialInertia | No
 def _clear_rounding(G: SpatialInertia, before: SpatialInertia) -> SpatialInertia:
     """Inertia G, a difference from ``before``, with parameters that are rounding errors set to zero."""
     parameters = G.parameters.copy()
-    mass, first_moment, moment = (
-        abs(before.mass), np.abs(before.first_moment).max(), np.abs(before.parameters[4:]).max()
-    )  # fmt: skip
+    mass = abs(before.mass)
+    first_moment, moment = np.abs(before.first_moment).max(), np.abs(before.parameters[4:]).max()
     scales = np.repeat([mass, first_moment, moment], [1, 3, 6])
     parameters[np.abs(parameters) <= 4e-16 * scales] = 0.0
     return SpatialInertia.from_parameters(parameters)
@@ -238,7 +237,7 @@ def _springs_with_parameters(model: Model, new_values: dict[str, Any]) -> tuple[
 
 
 def _moved_body(body: Any, new_values: dict[str, Any]) -> Any:
-    """Body with the new_values position of its joint, if there is one."""
+    """Body with the new position of its joint, if there is one."""
     names = [f"{body.joint.name}.{parameter}" for parameter in _JOINT_PARAMETERS]
     if new_values.keys().isdisjoint(names):
         return body

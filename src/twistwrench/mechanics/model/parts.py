@@ -121,7 +121,7 @@ class _Disassembly:
         return parts
 
     def _add_links(self, parts: ModelParts) -> None:
-        """Add all links; what the inertia of a body exceeds the sum of its links by is added to the link on its joint."""
+        """Add all links. If a body has more inertia than its links together, the link on its joint gets the difference."""
         model = self.model
         whole_inertias = {i: body.inertia for i, body in enumerate(model.bodies) if body.joint.moves_body}
         whole_inertias[BASE] = model.base_inertia

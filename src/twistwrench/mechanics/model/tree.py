@@ -1,4 +1,4 @@
-"""Tree of links and joints, from their ends in any order."""
+"""Tree of links and joints, from joints in any order that name their parent and child links."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ from .description import JointEntry, LinkEntry
 
 @dataclass(frozen=True)
 class Tree:
-    """Root link, joints depth first (document order among siblings), and the links without children."""
+    """Tree of a robot."""
 
     root: str
+    """Link without a parent."""
     joints: tuple[JointEntry, ...]
+    """Joints depth first, siblings in document order."""
     leaves: tuple[str, ...]
+    """Links without children, in document order."""
 
 
 def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> Tree:
@@ -36,14 +39,17 @@ def find_tree(links: Mapping[str, LinkEntry], joints: Sequence[JointEntry]) -> T
         parent_joint[joint.child] = joint
         children[joint.parent].append(joint)
     root = _root(links, parent_joint)
-    ordered = _depth_first(root, children)
-    if len(ordered) + 1 < len(links):
-        reached = {root, *(joint.child for joint in ordered)}
-        raise ModelError(_cycle_message(next(name for name in links if name not in reached), parent_joint))
-    return Tree(root, ordered, tuple(name for name in links if not children[name]))
+    ordered_joints = _depth_first(root, children)
+    if len(ordered_joints) + 1 < len(links):
+        reached = {root, *(joint.child for joint in ordered_joints)}
+        unreached = next(name for name in links if name not in reached)
+        raise ModelError(_cycle_message(unreached, parent_joint))
+    leaves = tuple(name for name in links if not children[name])
+    return Tree(root, ordered_joints, leaves)
 
 
 def _check_ends(joint: JointEntry, links: Mapping[str, LinkEntry]) -> None:
+    """Raise ModelError if a joint's parent or child does not exist, or if both are the same."""
     for end, name in (("parent", joint.parent), ("child", joint.child)):
         if name not in links:
             error = UnknownNameError.from_choices("link", name, links)
@@ -56,19 +62,20 @@ def _check_ends(joint: JointEntry, links: Mapping[str, LinkEntry]) -> None:
 
 
 def _root(links: Mapping[str, LinkEntry], parent_joint: Mapping[str, JointEntry]) -> str:
+    """The only link without a parent; raises ModelError if there is none or more than one."""
     roots = [name for name in links if name not in parent_joint]
     if not roots:
         raise ModelError("there is no root link: " + _cycle_message(next(iter(links)), parent_joint))
     if len(roots) > 1:
         raise ModelError(
-            f"{len(roots)} root links, where a robot has one: {listed(str(links[r]) for r in roots)}. "
+            f"{len(roots)} root links, where a robot has one: {listed(str(links[name]) for name in roots)}. "
             "Join them with (fixed) joints, or remove those that do not belong to the robot."
         )
     return roots[0]
 
 
 def _depth_first(root: str, children: Mapping[str, Sequence[JointEntry]]) -> tuple[JointEntry, ...]:
-    # A stack instead of recursion: chains may exceed Python's recursion limit.
+    """Joints depth first. A stack replaces recursion, since chains may exceed Python's recursion limit."""
     ordered: list[JointEntry] = []
     stack = list(reversed(children[root]))
     while stack:
@@ -79,14 +86,14 @@ def _depth_first(root: str, children: Mapping[str, Sequence[JointEntry]]) -> tup
 
 
 def _cycle_message(link: str, parent_joint: Mapping[str, JointEntry]) -> str:
-    # Parents of a link without a root form a cycle.
-    order: dict[str, int] = {}
-    while link not in order:
-        order[link] = len(order)
+    """Error message for a link that is not connected to a root: among its ancestors there is a cycle."""
+    path: list[str] = []  # from the link towards its ancestors
+    while link not in path:
+        path.append(link)
         link = parent_joint[link].parent
-    loop = [*list(order)[order[link] :], link][::-1]
-    joints = listed(str(parent_joint[name]) for name in loop[1:])
+    cycle = [*path[path.index(link) :], link][::-1]  # parents first
+    joints = listed(str(parent_joint[name]) for name in cycle[1:])
     return (
-        f"the links {listed(map(repr, loop), between=' → ')} form a cycle, through {joints}. A robot must be a tree; "
+        f"the links {listed(map(repr, cycle), between=' → ')} form a cycle, through {joints}. A robot must be a tree; "
         "remove one of these joints."
     )
