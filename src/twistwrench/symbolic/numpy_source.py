@@ -58,10 +58,10 @@ def _numpy_function(equations: Equations, function: Routine) -> str:
     for name, expr in function.lines:
         lines.append(f"    {name} = {expression_text(expr, _NUMPY)}")
     lines.append(f"    {letter} = np.zeros((*np.broadcast_shapes({', '.join(batch_shapes)}), {result_shape}))")
-    for entry, expr in zip(np.ndindex((n,) * axes), function.results, strict=True):
+    for indices, expr in zip(np.ndindex((n,) * axes), function.results, strict=True):
         if expr != 0:
-            indices = ", ".join(map(str, entry))
-            lines.append(f"    {letter}[..., {indices}] = {expression_text(expr, _NUMPY)}")
+            index_text = ", ".join(map(str, indices))
+            lines.append(f"    {letter}[..., {index_text}] = {expression_text(expr, _NUMPY)}")
     lines.append(f"    return {letter}\n")
     return "\n".join(lines)
 

@@ -152,8 +152,7 @@ class Ad(_Operator):
     def __init__(self, T: ArrayLike) -> None:
         self._pose = arguments.pose(T, "Ad: T")
         self.transposed, self.inverted = False, False
-        is_labelled = hasattr(T, "to") and hasattr(T, "of")
-        self.frames = (T.to, T.of) if is_labelled else None
+        self.frames = (T.to, T.of) if hasattr(T, "to") and hasattr(T, "of") else None  # of a labelled pose
 
     @property
     def inverse(self) -> Self:

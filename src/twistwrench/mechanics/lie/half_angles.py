@@ -45,8 +45,9 @@ def half_angle(square: Any) -> HalfAngle:
     half = _clip_above(0.5 * angle, LARGEST_HALF_TURN)
     sine, cosine = np.sin(half), np.cos(half)
     is_large = 0.5 + 0.5 * _sign(square - 1.0)  # 1 above 1 rad, 0 below
+    closed_half = sine / angle
     closed_third = (1.0 - 2.0 * sine * cosine / angle) / large_square  # with sin(angle) = 2 sin(half) cos(half)
-    closed_forms = (sine / angle, cosine, closed_third)
+    closed_forms = (closed_half, cosine, closed_third)
     functions: list[Any] = []
     for closed_form, coefficients in zip(closed_forms, (_HALF, _COSINE, _THIRD), strict=True):
         series = _polynomial(coefficients, small_square)
