@@ -1,8 +1,8 @@
 """Factory calibration of UR robots, from ``calibration.conf`` of the controller or the YAML of UR's ROS tools.
 
 The controller's corrections are those of a Denavit-Hartenberg table. Axes 2, 3 and 4 are nearly parallel, so that frames of
-the corrected table lie hundreds of metres away. This is no problem for screw axes: e^[S_1]q_1 … e^[S_6]q_6 M depends on the
-axes and on M alone. Each link frame is moved the shortest way onto its new axis: turned by the smallest rotation, and shifted
+the corrected table lie hundreds of metres away. Screw axes need no such table: e^[S_1]q_1 … e^[S_6]q_6 M depends on the axes
+and on M alone. Each link frame is moved the shortest way onto its new axis: turned by the smallest rotation, and shifted
 along the common normal.
 """
 

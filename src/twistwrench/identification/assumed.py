@@ -274,10 +274,10 @@ class AssumedCauses:
 
     def with_step(self, step: Array) -> AssumedCauses:
         """Causes with values changed by ``step`` (k,)."""
-        pairs = zip(self.causes, self._slices(), strict=True)
-        return replace(
-            self, causes=tuple(replace(removed, beta=removed.beta + step[place]) for removed, place in pairs)
-        )
+        changed = list[_RemovedCause]()
+        for removed, place in zip(self.causes, self._slices(), strict=True):
+            changed.append(replace(removed, beta=removed.beta + step[place]))
+        return replace(self, causes=tuple(changed))
 
     def check(self, W: Array, root_weights: Array) -> None:
         """Raise ValueRangeError if weighted rows [W E] (m, nv, r + k) cannot distinguish a value from the groups."""

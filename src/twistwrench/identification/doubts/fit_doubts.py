@@ -87,7 +87,7 @@ _MIN_NEGATIVE_SHARE = 1e-3
 
 Without noise, standard deviations do not cover filter errors, which cause smaller values."""
 _MIN_RESIDUAL_RISE = 0.05
-"""Relative rise of a joint's residual in rows held out, if negative values are set to 0, from which they are no mere note."""
+"""Relative rise of a joint's held-out residual if negative values are set to 0, from which they are more than a note."""
 _MIN_SHARE_OF_JOINTS = 0.5
 """Share of joints with negative friction from which a controller counts as compensating it: usually all joints."""
 _MAX_CHANCE = 1e-6
