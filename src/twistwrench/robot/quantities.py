@@ -67,9 +67,14 @@ def row(
     algorithm: Algorithm, inputs: str, outputs: str, sizes: str, meaning: str, *, options: str = "", **more: Any
 ) -> Quantity:
     """Row of the table: names separated by blanks, sizes of several outputs by commas."""
-    axes = tuple(tuple(output.split()) for output in sizes.split(","))
     return Quantity(
-        algorithm, tuple(inputs.split()), tuple(outputs.split()), axes, meaning, tuple(options.split()), **more
+        algorithm,
+        inputs=tuple(inputs.split()),
+        outputs=tuple(outputs.split()),
+        sizes=tuple(tuple(axes.split()) for axes in sizes.split(",")),
+        meaning=meaning,
+        options=tuple(options.split()),
+        **more,
     )
 
 
@@ -276,14 +281,15 @@ QUANTITIES: Mapping[str, Quantity] = {
 
 @cache
 def other_names() -> Mapping[str, tuple[str, str]]:
-    """Library and quantity by the library's name for it, in small letters, from the table of first calls."""
+    """Library and quantity by the library's name for it, in lower case, from the table of first calls."""
     from ..core.first_calls import GUESS, first_calls
 
     names: dict[str, tuple[str, str]] = {}
-    for row in first_calls():
-        if row.quantity in QUANTITIES:
-            library = "another library" if row.of == GUESS else row.of
-            names = {word.casefold(): (library, row.quantity) for word in row.words} | names
+    for call in first_calls():
+        if call.quantity in QUANTITIES:
+            library = "another library" if call.of == GUESS else call.of
+            for word in call.words:
+                names.setdefault(word.casefold(), (library, call.quantity))  # the first row with a name counts
     return names
 
 

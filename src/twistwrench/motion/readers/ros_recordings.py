@@ -63,7 +63,7 @@ def ros_file(path: Path, topic: str | None = None, command_topic: str | None = N
     """
     if not path.exists():
         raise NotFoundError(f"no recording {str(path)!r}. Give the path of a .mcap, .bag or .db3, or a rosbag2 folder.")
-    read = _reader_of(path)
+    read_messages = _reader_of(path)
     chosen_topic: list[str] = []
     commands: list[Any] = []
 
@@ -76,15 +76,15 @@ def ros_file(path: Path, topic: str | None = None, command_topic: str | None = N
 
     with third_party_errors(lambda reason: TrajectoryError(f"{path}: cannot be read as a recording of ROS: {reason}.")):
         if command_topic is not None:
-            commands = list(read(path, choose_commands))
-        messages = list(read(path, choose))
-        name, kind, part, *notes = chosen_topic
+            commands = list(read_messages(path, choose_commands))
+        messages = list(read_messages(path, choose))
+        name, message_type, part, *notes = chosen_topic
         where = f"{path}, topic {name}"
         if not messages:
             raise TrajectoryError(f"{where}: has no messages.")
-        if kind == "JointState":
+        if message_type == "JointState":
             header, table = _joint_states(messages, where)
-        elif kind == "JointTrajectoryControllerState":
+        elif message_type == "JointTrajectoryControllerState":
             header, table = _controller_states(messages, part, where)
         else:
             header, table, note = _plan(messages, where)
@@ -92,8 +92,8 @@ def ros_file(path: Path, topic: str | None = None, command_topic: str | None = N
         if command_topic is not None:
             header, table = _with_commands(header, table, commands, messages[0], f"{path}, topic {command_topic}")
     epoch = 0
-    recorded = kind in ("JointState", "JointTrajectoryControllerState")
-    if recorded:
+    is_recorded = message_type in ("JointState", "JointTrajectoryControllerState")
+    if is_recorded:
         stamp = messages[0].header.stamp
         notes += date_note(_seconds(stamp))
         epoch = _nanoseconds(stamp)
@@ -101,7 +101,8 @@ def ros_file(path: Path, topic: str | None = None, command_topic: str | None = N
     if not path.is_file():
         files = list(filter(Path.is_file, path.iterdir()))
     size = sum(file.stat().st_size for file in files)
-    return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch, plan=not recorded or bool(part))
+    is_plan = not is_recorded or bool(part)
+    return replace(ArrayFile.from_table(path, header, table, size, notes), epoch=epoch, plan=is_plan)
 
 
 def _reader_of(path: Path) -> Callable[[Path, Callable[[Topics], str]], Iterator[Any]]:
@@ -117,29 +118,31 @@ def _reader_of(path: Path) -> Callable[[Path, Callable[[Topics], str]], Iterator
 def _choose_topic(path: Path, topics: Topics, requested: str | None, argument: Argument) -> list[str]:
     """Name of the topic, its type, the selected part, and a note if other topics are possible."""
     name, _, part = (requested or "").partition(":")
-    kinds, readable, topics_with_types = dict[str, str](), list[str](), list[str]()
-    for topic, (full_kind, count) in topics.items():
-        topics_with_types.append(f"{topic} ({full_kind})")
-        kinds[topic] = full_kind.rpartition("/")[2]
-        if kinds[topic] in _KINDS and count:
+    type_by_topic = dict[str, str]()
+    readable = list[str]()
+    topics_with_types = list[str]()
+    for topic, (full_type, count) in topics.items():
+        topics_with_types.append(f"{topic} ({full_type})")
+        type_by_topic[topic] = full_type.rpartition("/")[2]
+        if type_by_topic[topic] in _MESSAGE_TYPES and count:
             readable.append(topic)
     topic_list = listed(topics_with_types) or "none"
     if requested is None and not readable:
-        raise TrajectoryError(f"{path}: has no messages of the types {listed(_KINDS)}. Topics: {topic_list}.")
+        raise TrajectoryError(f"{path}: has no messages of the types {listed(_MESSAGE_TYPES)}. Topics: {topic_list}.")
     if requested is not None and name not in readable:
         raise TrajectoryError(f"{path}: has no motion in a topic {name!r}, {{0}}. Topics: {topic_list}.", argument)
-    if part and (part != "reference" or kinds[name] != "JointTrajectoryControllerState"):
+    if part and (part != "reference" or type_by_topic[name] != "JointTrajectoryControllerState"):
         raise TrajectoryError(
             f"{path}: {{0}}: only :reference of a JointTrajectoryControllerState is known.",
             Argument("topic", requested),
         )
-    largest = name or max(readable, key=lambda topic: topics[topic][1])
-    others = [topic for topic in readable if topic != largest]
+    chosen = name or max(readable, key=lambda topic: topics[topic][1])
+    others = [topic for topic in readable if topic != chosen]
     notes = []
     if others and requested is None:
         option = spell(Argument("topic"))
-        notes.append(f"Read from topic {largest}, which has most messages; {option} chooses another: {listed(others)}.")
-    return [largest, kinds[largest], part, *notes]
+        notes.append(f"Read from topic {chosen}, which has most messages; {option} chooses another: {listed(others)}.")
+    return [chosen, type_by_topic[chosen], part, *notes]
 
 
 def _nanoseconds(stamp: Any) -> int:
@@ -150,10 +153,10 @@ def _nanoseconds(stamp: Any) -> int:
 
 
 def _seconds(stamp: Any, begin: Any = None) -> float:
-    """Seconds of a stamp or duration, since ``begin``: nanoseconds since 1970 exceed the precision of a float."""
+    """Seconds of a stamp or duration, since ``begin``."""
     nanoseconds = _nanoseconds(stamp)
     if begin is not None:
-        nanoseconds -= _nanoseconds(begin)
+        nanoseconds -= _nanoseconds(begin)  # as integers: nanoseconds since 1970 exceed the precision of a float
     return nanoseconds / 1e9
 
 
@@ -166,12 +169,13 @@ def _joint_states(messages: Sequence[Any], where: str) -> tuple[list[str], Array
     """Header and table of the messages with the same joints as the first; others are ignored."""
     names = list(messages[0].name)
     states = [message for message in messages if set(message.name) >= set(names)]
-    header, columns = ["time [s]"], [_stamps(states, states[0])[:, None]]
-    for field, part in (("position", "q"), ("velocity", "dq"), ("effort", "tau")):
+    header = ["time [s]"]
+    columns = [_stamps(states, states[0])[:, None]]
+    for field, quantity in (("position", "q"), ("velocity", "dq"), ("effort", "tau")):
         values = _values_of(states, field, names)
         if values is not None:
             columns.append(values)
-            header += _headers(names, part)
+            header += _headers(names, quantity)
     if len(columns) == 1:
         raise TrajectoryError(f"{where}: its messages have neither positions nor efforts for their joints.")
     return header, np.concatenate(columns, axis=1)
@@ -181,10 +185,12 @@ def _values_of(states: Sequence[Any], field: str, names: Sequence[str]) -> Array
     """Values (n, k) of joint states in the order of the names; None unless each state has one for each of its joints."""
     rows = []
     for state in states:
-        own_names, values = list(state.name), np.asarray(getattr(state, field), float)
+        own_names = list(state.name)
+        values = np.asarray(getattr(state, field), float)
         if len(values) != len(own_names):
             return None
-        rows.append(values[list(map(own_names.index, names))])
+        entries = [own_names.index(name) for name in names]
+        rows.append(values[entries])
     return np.array(rows)
 
 
@@ -202,10 +208,11 @@ def _controller_states(messages: Sequence[Any], part: str, where: str) -> tuple[
     else:
         q, dq, _, effort = _values([getattr(state, feedback) for state in states], len(names), where)
         arrays = {"q": q, "dq": dq, "tau": effort, "command": _array_of(references, "positions", len(names))}
-    header, columns = ["time [s]"], [_stamps(states, states[0])[:, None]]
-    for kind, array in arrays.items():
+    header = ["time [s]"]
+    columns = [_stamps(states, states[0])[:, None]]
+    for quantity, array in arrays.items():
         if array is not None:
-            header += _headers(names, kind)
+            header += _headers(names, quantity)
             columns.append(array)
     return header, np.concatenate(columns, axis=1)
 
@@ -225,30 +232,33 @@ def _with_commands(
         )
     names = list(messages[0].name)
     time = _stamps(messages, first)
-    positions = [m.position for m in messages if list(m.name) == names and len(m.position) == len(names)]
-    if len(positions) < len(messages) or (np.diff(time) < 0.0).any():
+    matching = [message for message in messages if list(message.name) == names and len(message.position) == len(names)]
+    goes_back = (np.diff(time) < 0.0).any()
+    if len(matching) < len(messages) or goes_back:
         raise TrajectoryError(
             f"{where}: each message needs a later stamp and one position for each of {listed(names)}. Record the topic of one "
             "controller."
         )
     latest = np.searchsorted(time, table[:, 0], side="right") - 1
-    rows = latest >= 0
-    if not rows.any():
+    has_command = latest >= 0
+    if not has_command.any():
         raise TrajectoryError(f"{where}: its first stamp is after the last one of the positions, on another clock.")
-    commands = np.array(positions, float)[latest[rows]]
-    return [*header, *_headers(names, "command")], np.concatenate([table[rows], commands], axis=1)
+    positions = np.array([message.position for message in matching], float)
+    commands = positions[latest[has_command]]
+    return [*header, *_headers(names, "command")], np.concatenate([table[has_command], commands], axis=1)
 
 
-def _headers(names: Sequence[str], part: str) -> list[str]:
-    """Names of the columns of a part of the motion."""
-    return [f"{name}{SUFFIX[part]}" for name in names]
+def _headers(names: Sequence[str], quantity: str) -> list[str]:
+    """Names of the columns of one quantity: q, dq, ddq, tau or command."""
+    return [f"{name}{SUFFIX[quantity]}" for name in names]
 
 
 def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
     """Positions, velocities, accelerations and efforts (n, count) of points; None unless all points have them."""
     fields = ("positions", "velocities", "accelerations", "effort")
     arrays = [_array_of(points, field, count) for field in fields]
-    if arrays[0] is None:
+    positions = arrays[0]
+    if positions is None:
         raise TrajectoryError(f"{where}: a point has not one position for each of the {count} joints that are named.")
     return arrays
 
@@ -256,7 +266,8 @@ def _values(points: Sequence[Any], count: int, where: str) -> list[Any]:
 def _array_of(points: Sequence[Any], field: str, count: int) -> Array | None:
     """One field of points, (n, count); None unless each point has all its values."""
     rows = [getattr(point, field) for point in points]
-    if {*map(len, rows)} != {count}:
+    lengths = {len(row) for row in rows}
+    if lengths != {count}:
         return None
     return np.array(rows, float)
 
@@ -264,17 +275,18 @@ def _array_of(points: Sequence[Any], field: str, count: int) -> Array | None:
 def _accelerations(points: Sequence[Any], count: int) -> tuple[Array, Array]:
     """Accelerations (n, count) of points, NaN where a point has none, and the mask (n,) of points that have them."""
     ddq = np.full((len(points), count), np.nan)
-    complete = np.zeros(len(points), bool)
+    has_acceleration = np.zeros(len(points), bool)
     for k, point in enumerate(points):
         if len(point.accelerations) == count:
-            ddq[k], complete[k] = point.accelerations, True
-    return ddq, complete
+            ddq[k] = point.accelerations
+            has_acceleration[k] = True
+    return ddq, has_acceleration
 
 
 def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
     """Header and table of the longest plan, evaluated between its points, and a note on it."""
     plans = [_points(message) for message in messages]
-    names, points, time = max(plans, key=lambda plan: len(plan[1]))
+    names, points, time = max(plans, key=lambda plan: len(plan[1]))  # by its number of points
     if len(time) < 2:
         raise TrajectoryError(f"{where}: a plan of {len(time)} points. A motion needs two or more.")
     not_later = np.diff(time) <= 0
@@ -284,16 +296,16 @@ def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
             f"{where}: point {k + 2} at {number(time[k + 1])} s does not come after the one before, at {number(time[k])} s."
         )
     q, dq, _, _ = _values(points, len(names), where)
-    ddq, with_acceleration = _accelerations(points, len(names))
+    ddq, has_acceleration = _accelerations(points, len(names))
     _check_finite("positions", q, where)
     if dq is not None:
         _check_finite("velocities", dq, where)
-    _check_finite("accelerations", np.where(with_acceleration[:, None], ddq, 0.0), where)
-    curve = "a cubic"
-    if with_acceleration.all():
-        curve = "a quintic"
-    elif (with_acceleration[1:] & with_acceleration[:-1]).any():
-        curve = "a quintic where both have accelerations, else a cubic"
+    _check_finite("accelerations", np.where(has_acceleration[:, None], ddq, 0.0), where)
+    curve_text = "a cubic"
+    if has_acceleration.all():
+        curve_text = "a quintic"
+    elif (has_acceleration[1:] & has_acceleration[:-1]).any():
+        curve_text = "a quintic where both have accelerations, else a cubic"
     if dq is None:
         if len(time) < FEWEST:
             raise TrajectoryError(
@@ -301,11 +313,9 @@ def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
                 "velocities and accelerations at each point."
             )
         dq, ddq = spline_rates(time, q)
-        curve = "a quintic spline, as its points have no velocities"
+        curve_text = "a quintic spline, as its points have no velocities"
     step = max(STEP, (time[-1] - time[0]) / _MAX_ROWS)
-    note = (
-        f"Plan of {len(time)} points: between them each joint follows {curve}, evaluated every {number(1e3 * step)} ms."
-    )
+    note = f"Plan of {len(time)} points: between them each joint follows {curve_text}, evaluated every {number(1e3 * step)} ms."
     if len(plans) > 1:
         note += f" The longest of {len(plans)} plans."
     header = ["time [s]"]
@@ -316,9 +326,9 @@ def _plan(messages: Sequence[Any], where: str) -> tuple[list[str], Array, str]:
 
 def _check_finite(name: str, x: Array, where: str) -> None:
     """Raise TrajectoryError for a point (row) with a number that is not finite."""
-    finite = np.isfinite(x).all(axis=1)
-    if not finite.all():
-        k = int((~finite).argmax())
+    is_finite = np.isfinite(x).all(axis=1)
+    if not is_finite.all():
+        k = int((~is_finite).argmax())
         raise TrajectoryError(f"{where}: {name} of point {k + 1} are {x[k].tolist()}. They must be finite.")
 
 
@@ -328,14 +338,15 @@ def _points(message: Any) -> tuple[list[str], list[Any], Array]:
     if not parts:
         return [], [], np.zeros(0)
     names = list(parts[0].joint_names)
-    points, times = list[Any](), list[float]()
-    begin = 0.0
+    points = list[Any]()
+    times = list[float]()
+    begin = 0.0  # of a part: the end of the previous one
     for part in parts:
         if list(part.joint_names) != names:
             continue
         for k, point in enumerate(part.points):
             time = begin + _seconds(point.time_from_start)
-            repeats_end = k == 0 and bool(times) and time == begin  # of the previous part
+            repeats_end = k == 0 and bool(times) and time == begin  # the end of the previous part
             if not repeats_end:
                 points.append(point)
                 times.append(time)
@@ -368,31 +379,44 @@ def between_points(time: Array, q: Array, dq: Array, ddq: Array, step: float) ->
     """
     from scipy.interpolate import PPoly
 
-    h, displacement = np.diff(time)[:, None], np.diff(q, axis=0)
+    # s runs from 0 to 1 in each segment; velocities v0, v1 and accelerations a0, a1 are derivatives by it.
+    h = np.diff(time)[:, None]
+    displacement = np.diff(q, axis=0)
     v0, v1 = h * dq[:-1], h * dq[1:]
     b, c = 3 * displacement - 2 * v0 - v1, v0 + v1 - 2 * displacement  # of the cubic q_k + v0 s + b s² + c s³
-    with_acceleration = np.isfinite(ddq[:-1] + ddq[1:])
-    a0 = np.where(with_acceleration, h * h * ddq[:-1], 2 * b)
-    a1 = np.where(with_acceleration, h * h * ddq[1:], 2 * b + 6 * c)
+    is_quintic = np.isfinite(ddq[:-1] + ddq[1:])
+    a0 = np.where(is_quintic, h * h * ddq[:-1], 2 * b)  # those of the cubic make the quintic equal to it
+    a1 = np.where(is_quintic, h * h * ddq[1:], 2 * b + 6 * c)
+    # What remains of displacement, velocity and acceleration at the end, beyond q_k + v0 s + a0 s² / 2.
     e0, e1, e2 = displacement - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
-    coefficients = np.array(  # of 1, s, s² … s⁵, where s = 0 … 1 in a segment
+    coefficients = np.array(  # of 1, s, s² … s⁵
         [q[:-1], v0, 0.5 * a0, 10 * e0 - 4 * e1 + 0.5 * e2, -15 * e0 + 7 * e1 - e2, 6 * e0 - 3 * e1 + 0.5 * e2]
     )
     for k, coefficient in enumerate(coefficients):
-        coefficient /= h**k
+        coefficient /= h**k  # from powers of s to powers of time
     curve = PPoly(coefficients[::-1], time)
     grid = np.arange(time[0], time[-1], step)
-    close = np.abs(time[np.clip(np.searchsorted(time, grid), 1, len(time) - 1)] - grid) < 0.01 * step
-    close |= np.abs(time[np.clip(np.searchsorted(time, grid) - 1, 0, None)] - grid) < 0.01 * step
-    t = np.sort(np.r_[time, grid[~close]])
+    next_point = np.searchsorted(time, grid)
+    time_after = time[np.clip(next_point, 1, len(time) - 1)]
+    time_before = time[np.clip(next_point - 1, 0, None)]
+    is_close = np.abs(time_after - grid) < 0.01 * step  # to a point, which has a row of its own
+    is_close |= np.abs(time_before - grid) < 0.01 * step
+    t = np.sort(np.r_[time, grid[~is_close]])
     return np.concatenate([t[:, None], curve(t), curve.derivative(1)(t), curve.derivative(2)(t)], axis=1)
 
 
-_KINDS = ("JointState", "JointTrajectory", "RobotTrajectory", "DisplayTrajectory", "JointTrajectoryControllerState")
+_MESSAGE_TYPES = (
+    "JointState",
+    "JointTrajectory",
+    "RobotTrajectory",
+    "DisplayTrajectory",
+    "JointTrajectoryControllerState",
+)
 """Supported message types."""
 
 
 def _mcap(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
+    """Messages of an MCAP file in the topic that ``choose`` returns."""
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
@@ -401,18 +425,19 @@ def _mcap(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
     topics: dict[str, tuple[str, int]] = {}
 
     def count_messages(channel: Any, schema: Any, count: int) -> None:
-        kind = "" if schema is None else str(schema.name)
-        _, counted = topics.get(channel.topic, ("", 0))
-        topics[channel.topic] = kind, counted + count
+        message_type = "" if schema is None else str(schema.name)
+        _, count_before = topics.get(channel.topic, ("", 0))
+        topics[channel.topic] = message_type, count_before + count
 
     check_chunks(path)
     with BoundedFile(path) as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
         if summary is not None and summary.statistics is not None:
-            for k, channel in summary.channels.items():
+            counts = summary.statistics.channel_message_counts
+            for channel_id, channel in summary.channels.items():
                 schema = summary.schemas[channel.schema_id] if channel.schema_id else None
-                count_messages(channel, schema, summary.statistics.channel_message_counts.get(k, 0))
+                count_messages(channel, schema, counts.get(channel_id, 0))
         else:
             for schema, channel, _ in reader.iter_messages():
                 count_messages(channel, schema, 1)
@@ -421,6 +446,7 @@ def _mcap(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
 
 
 def _typestore() -> Any:
+    """Message definitions of ROS 2 Humble; raises MissingExtraError."""
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
@@ -428,19 +454,21 @@ def _typestore() -> Any:
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
-def _with_definition(store: Any, kind: str, text: str) -> Any:
+def _with_definition(store: Any, message_type: str, text: str) -> Any:
+    """The store, with the definition of one more type."""
     from rosbags.typesys import get_types_from_msg
 
-    store.register(get_types_from_msg(text, kind))
+    store.register(get_types_from_msg(text, message_type))
     return store
 
 
 def _bag(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
+    """Messages of a ROS 1 bag or a rosbag2 folder in the topic that ``choose`` returns."""
     store = _typestore()
     from rosbags.highlevel import AnyReader
 
-    for kind, texts in _DEFINITIONS.items():
-        store = _with_definition(store, kind, texts[0])
+    for message_type, texts in _DEFINITIONS.items():
+        store = _with_definition(store, message_type, texts[0])
     if path.is_dir():
         check_folder(path)
     with AnyReader([path], default_typestore=store) as reader:
@@ -454,31 +482,35 @@ def _database(path: Path, choose: Callable[[Topics], str]) -> Iterator[Any]:
     """Messages of a rosbag2 database without its metadata.yaml."""
     store = _typestore()
     with recording_database(path) as database:
-        counted = (
+        count_query = (
             "select name, type, count(messages.id) from topics left join messages on topics.id = topic_id group by name"
         )
-        topics = {str(name): (str(kind), int(count)) for name, kind, count in database.execute(counted)}
+        topics: dict[str, tuple[str, int]] = {}
+        for name, type_of_topic, count in database.execute(count_query):
+            topics[str(name)] = str(type_of_topic), int(count)
         topic = choose(topics)
-        kind = topics[topic][0]
-        defined = "select 1 from sqlite_master where name = 'message_definitions'"
-        texts: Sequence[str] = _DEFINITIONS.get(kind, ())
-        if database.execute(defined).fetchone():
-            own = "select encoded_message_definition from message_definitions where topic_type = ? and encoding = 'ros2msg'"
-            texts = [str(text) for (text,) in database.execute(own, (kind,))] or texts
-        rows = "select data from messages join topics on topics.id = topic_id where name = ? order by timestamp"
-        data = values_within((raw for (raw,) in database.execute(rows, (topic,))), path)
-    yield from _deserialise(store, kind, texts, data)
+        message_type = topics[topic][0]
+        has_definitions_query = "select 1 from sqlite_master where name = 'message_definitions'"
+        texts: Sequence[str] = _DEFINITIONS.get(message_type, ())
+        if database.execute(has_definitions_query).fetchone():
+            text_query = "select encoded_message_definition from message_definitions"
+            text_query += " where topic_type = ? and encoding = 'ros2msg'"
+            texts = [str(text) for (text,) in database.execute(text_query, (message_type,))] or texts
+        data_query = "select data from messages join topics on topics.id = topic_id where name = ? order by timestamp"
+        data = values_within((raw for (raw,) in database.execute(data_query, (topic,))), path)
+    yield from _deserialise(store, message_type, texts, data)
 
 
-def _deserialise(store: Any, kind: str, texts: Sequence[str], data: Sequence[bytes]) -> list[Any]:
+def _deserialise(store: Any, message_type: str, texts: Sequence[str], data: Sequence[bytes]) -> list[Any]:
     """Deserialise messages by the first matching definition, or by the store's if there is none."""
     from rosbags.serde import SerdeError
 
     for text in texts[:-1]:
         try:
-            known = _with_definition(_typestore(), kind, text)
-            return [known.deserialize_cdr(raw, kind) for raw in data]
+            own_store = _with_definition(_typestore(), message_type, text)
+            return [own_store.deserialize_cdr(raw, message_type) for raw in data]
         except (SerdeError, struct.error):  # the second of versions before 0.11, for messages that end early
             continue
-    known = _with_definition(store, kind, texts[-1]) if texts else store
-    return [known.deserialize_cdr(raw, kind) for raw in data]
+    if texts:
+        store = _with_definition(store, message_type, texts[-1])
+    return [store.deserialize_cdr(raw, message_type) for raw in data]
