@@ -238,17 +238,15 @@ def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large
     """Write the body of the loop function; ``inputs`` is the number of inputs among the arrays ``ports``."""
     samples, bases, strides = call_arrays(w, ports)
     allocation, label = "", "entry"
-    frame_argument: list[str] = []  # the frame, if there is one, is the last argument of blocks
     if large:
         results = [(bases[k], ports[k].shape, strides[k]) for k in range(inputs, len(ports))]
         allocation, label, (*buffers, room) = allocate(w, [*buffer_sizes(w, ports), frame], samples, results)
-        frame_argument = [room] if frame else []
     else:
-        buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
-        if frame:
-            frame_argument = [w.new(f"alloca [{frame} x i8], align {LINE}")]
+        *buffers, room = _buffers_on_stack(w, ports, frame)
+    frame_argument: list[str] = []  # the frame, if there is one, is the last argument of blocks
     if frame:
-        w.do(f"call void @prepare(ptr {frame_argument[0]})")
+        frame_argument = [room]
+        w.do(f"call void @prepare(ptr {room})")
     are_contiguous = [_is_contiguous(w, port, *strides[k]) for k, port in enumerate(ports)]
     all_contiguous = are_contiguous[0]
     for is_contiguous in are_contiguous[1:]:
@@ -297,6 +295,14 @@ def _body(w: LlvmWriter, ports: list[TensorSpec], inputs: int, frame: int, large
                 call_copy(w, "scatter", buffers[k], rows[k], count, ports[k].shape, strides[k])
     if allocation:
         w.do(f"call void @free(ptr {allocation})")
+
+
+def _buffers_on_stack(w: LlvmWriter, ports: list[TensorSpec], frame: int) -> list[str]:
+    """Buffers for a block of samples of each array, then for the frame; the latter is empty without one."""
+    buffers = [w.new(f"alloca [{max(port.size, 1) * w.lanes} x {w.element}], align 64") for port in ports]
+    if frame == 0:
+        return [*buffers, ""]
+    return [*buffers, w.new(f"alloca [{frame} x i8], align {LINE}")]
 
 
 def _can_stream(w: LlvmWriter, samples: str, outputs: list[tuple[str, TensorSpec]], piece: int) -> str:
