@@ -33,7 +33,7 @@ class LeftOut:
     """Mechanics that is not read, and its effect."""
 
     change: str
-    """Sentence that says which numbers it would change."""
+    """Sentence that lists the numbers that it would change."""
     unless: tuple[str, ...] = ()
     """Values without an effect; if empty: zeros and ``false``."""
 

@@ -279,7 +279,7 @@ class Products:
 
 
 Form = Program | Products | ColumnSolve | Scan | Search
-"""What is compiled: a program, or a program with a loop around or after it."""
+"""Forms of compiled code: a program, or a program with a loop around or after it."""
 
 
 def program_of(form: Form) -> Program:

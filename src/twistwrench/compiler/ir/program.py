@@ -1,4 +1,4 @@
-"""Programs of straight-line instructions, without loops and branches, with explicit rounding; arrays and gufunc signatures."""
+"""Programs: instructions in one line, without loops and branches, with explicit rounding; shapes and gufunc signatures."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class TensorSpec(NamedTuple):
 
 
 def signature_of(inputs: Sequence[TensorSpec], outputs: Sequence[TensorSpec]) -> str:
-    """Gufunc signature of arrays with those shapes, as in ``(7),(7)->(7,7)``."""
+    """Gufunc signature of inputs and outputs, as in ``(7),(7)->(7,7)``."""
     return gufunc_signature([port.shape for port in inputs], [port.shape for port in outputs])
 
 
 def gufunc_signature(inputs: Sequence[Sequence[int | str]], outputs: Sequence[Sequence[int | str]]) -> str:
-    """Gufunc signature of operands with those sizes, which may be names of sizes, as in ``(7),(k,7)->(m,7)``."""
+    """Gufunc signature from the shape of each operand, whose sizes may be names, as in ``(7),(k,7)->(m,7)``."""
     return f"{_operand_texts(inputs)}->{_operand_texts(outputs)}"
 
 
@@ -44,17 +44,20 @@ def _operand_texts(operands: Sequence[Sequence[int | str]]) -> str:
 
 @cache
 def axes_of(signature: str) -> list[list[int]]:
-    """Position of each axis' size in a loop's ``dims``, by operand; sizes are numbered in the order of first appearance.
+    """Position of the size of each axis in a loop's ``dims``, operand by operand.
+
+    Position 0 is the number of samples. Sizes that are equal in the signature share a position; positions are in the order of
+    first appearance.
 
     >>> axes_of("(7),(k,7)->(m,7)")
     [[1], [2, 1], [3, 1]]
     """
     positions: dict[str, int] = {}
-    operands = []
-    for operand in re.findall(r"\(([^)]*)\)", signature):
-        sizes = filter(None, operand.split(","))
-        operands.append([positions.setdefault(size, 1 + len(positions)) for size in sizes])
-    return operands
+    axes_by_operand = []
+    for shape_text in re.findall(r"\(([^)]*)\)", signature):
+        sizes = re.findall(r"\w+", shape_text)
+        axes_by_operand.append([positions.setdefault(size, 1 + len(positions)) for size in sizes])
+    return axes_by_operand
 
 
 FUSED = {"fma": (1, 1), "fms": (1, -1), "fnma": (-1, 1), "fnms": (-1, -1)}
@@ -66,19 +69,24 @@ ARITY = {
 }  # fmt: skip
 """Number of operands of every operation.
 
-``min`` is a if a < b, else b; ``max`` is a if a > b, else b. As in processors, unordered operands give the second one.
+``min`` is a if a < b, else b; ``max`` is a if a > b, else b. If an operand is NaN, the result is the second one, as in
+processors.
 """
 
 
-_FLOPS = {"add": 1, "sub": 1, "mul": 1, "div": 1, **dict.fromkeys(FUSED, 2)}
+_FLOPS_OF_OPERATION = {"add": 1, "sub": 1, "mul": 1, "div": 1, **dict.fromkeys(FUSED, 2)}
+"""Number of floating-point operations of each operation; functions are not counted."""
 
 
 class Instruction(NamedTuple):
-    """Operation on earlier results. ``value`` is the value of a constant or the number of an input."""
+    """Operation on results of earlier instructions."""
 
     op: str
+    """Name of the operation, one of :data:`ARITY`."""
     args: tuple[int, ...]
+    """Numbers of the instructions that compute the operands."""
     value: float
+    """Value of a constant, or number of an input."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -116,12 +124,12 @@ class Program:
         >>> tw.robots.pendulum().program("gravity_forces").counts()
         {'sin': 1, 'mul': 1}
         """
-        return dict(Counter(i.op for i in self.instructions if ARITY[i.op]))
+        return dict(Counter(instruction.op for instruction in self.instructions if ARITY[instruction.op] > 0))
 
     @property
     def flops(self) -> int:
         """Number of additions, multiplications and divisions; a fused product counts two, sines and cosines are not counted."""
-        return sum(_FLOPS.get(op, 0) * count for op, count in self.counts().items())
+        return sum(_FLOPS_OF_OPERATION.get(op, 0) * count for op, count in self.counts().items())
 
     @property
     def multiplications(self) -> int:

@@ -173,7 +173,7 @@ class Emitter:
                 self.output(k, self.value(number))
 
     def cut(self) -> None:
-        """End the basic block with a branch that is never taken: LLVM does not know that the pointer is not null."""
+        """End the basic block with a branch that is never taken; LLVM cannot exclude that the pointer is null."""
         next_block = self.w.label("cut")
         is_null = self.w.new("icmp eq ptr %a0, null")
         self.w.do(f"br i1 {is_null}, label %out{next_block}, label %{next_block}")

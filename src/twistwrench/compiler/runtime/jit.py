@@ -115,14 +115,14 @@ def cached_code(keys: Sequence[str], machine: Machine) -> Code | None:
     """Code of a kernel from the keys of its cache entries; None if an entry is missing or the entries do not link."""
     objects: list[bytes] = []
     for key in keys:
-        entry = object_cache.load(key)
-        if entry is None:
+        object_code = object_cache.load(key)
+        if object_code is None:
             return None
-        objects.append(entry)
+        objects.append(object_code)
     with _JIT.lock:
         try:
-            code = _load(objects, LOOP, machine, cached=True)
-            return code._replace(keys=tuple(keys))
+            loaded = _load(objects, LOOP, machine, cached=True)
+            return loaded._replace(keys=tuple(keys))
         except _LINKER_ERRORS:
             return None
 

@@ -34,7 +34,7 @@ MAJOR_VERSION, MINOR_VERSION = 24, 28
 """Offsets in metadata [bytes]: the version of the interface for which the handler is written."""
 
 IS_METADATA = 1
-"""Type of an extension by which XLA asks for metadata in place of a call: XLA_FFI_Extension_Metadata."""
+"""Type of an extension that requests metadata in place of a call: XLA_FFI_Extension_Metadata."""
 EXECUTE = 3
 """Stage of a call in which results are computed: XLA_FFI_ExecutionStage_EXECUTE."""
 

@@ -28,7 +28,7 @@ _MIN_RELATIVE_SQUARES = 1e-12
 """Smallest sum of squared residuals relative to |τ|²; smaller ones are rounding errors, and may be negative."""
 _MIN_RELATIVE_VARIANCE = 1e-7
 """Smallest variance of residuals relative to the mean squared torque; keeps the weights of noise-free rows finite."""
-_TINY = 1e-300
+_MIN_DIVISOR = 1e-300
 """Smallest divisor: keeps quotients finite where all torques are zero."""
 _DIAGONAL_ROUNDING = 1e-13
 """Relative growth of the diagonal, which keeps the matrix positive definite in spite of rounding."""
@@ -131,13 +131,13 @@ class NormalEquations:
         σ depends on x, and x on σ: both are computed in turn, until the variances change by less than 0.1 %.
         """
         n = max(self.rows, 1.0)
-        variance = np.maximum(self.y / n, _TINY)
+        variance = np.maximum(self.y / n, _MIN_DIVISOR)
         x = prior.mean
         for _ in range(_MAX_ITERATIONS):
             weighted_N = np.einsum("jkl,j->kl", self.N, 1.0 / variance)
             weighted_c = (self.c / variance[:, None]).sum(axis=0)
             x = prior.solve(weighted_N, weighted_c)
-            least_variance = _MIN_RELATIVE_VARIANCE * self.y / n + _TINY
+            least_variance = _MIN_RELATIVE_VARIANCE * self.y / n + _MIN_DIVISOR
             new_variance = np.maximum(self.squares(x) / n, least_variance)
             converged = bool(np.abs(np.log(new_variance / variance)).max() < 1e-3)
             variance = new_variance
@@ -190,7 +190,7 @@ Method = Literal["irls", "wls", "ols"]
 
 def huber_weights(distance: Array, k: float = HUBER) -> Array:
     """Huber weights of residuals; ``distance`` is their size over the standard deviation, |u| above."""
-    return np.asarray(np.minimum(1.0, k / np.maximum(distance, _TINY)))
+    return np.asarray(np.minimum(1.0, k / np.maximum(distance, _MIN_DIVISOR)))
 
 
 def weighted_fit(
@@ -213,7 +213,7 @@ def weighted_fit(
         return x, sigma, weights
     for _ in range(_MAX_REWEIGHTINGS):
         residuals = tau - W @ x
-        least_sigma = 1e-9 * np.abs(tau[used_rows]).max(axis=0) + _TINY
+        least_sigma = 1e-9 * np.abs(tau[used_rows]).max(axis=0) + _MIN_DIVISOR
         median_deviation = np.median(np.abs(residuals[used_rows]), axis=0)
         sigma = np.maximum(MAD * median_deviation, least_sigma)
         weights = huber_weights(np.abs(residuals / sigma))
