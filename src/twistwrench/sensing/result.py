@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -328,15 +328,16 @@ def weakness(found: Identification) -> list[Doubt]:
         moments = [name for name in unknowns.names if name.startswith("I")]
         half, name = max((_half_width(found.interval(name)), name) for name in moments)
         if half > _LARGE_SHARE_OF_TRACE * abs(trace):
-            figures = {"half": number(half, 2), "trace": number(trace, 2)}
+            figures: dict[str, Any] = {"half": number(half, 2), "trace": number(trace, 2)}
             return [doubt("sensor-weak-inertia", name=name, confidence=confidence, **figures)]
     mass_half = _half_width(found.mass_interval)
     com_halves = found._com_half_widths()
     widest = int(com_halves.argmax())
     if mass_half < _LARGE_SHARE_OF_MASS * load.mass and com_halves[widest] < _LARGE_OFFSET:
         return []
-    figures = {"mass": number(mass_half, 2), "out": number(1e3 * com_halves[widest], 2)}
-    return [doubt("sensor-weak-load", axis="xyz"[widest], confidence=confidence, **figures)]
+    mass = number(mass_half, 2)
+    out = number(1e3 * com_halves[widest], 2)
+    return [doubt("sensor-weak-load", axis="xyz"[widest], confidence=confidence, mass=mass, out=out)]
 
 
 def _half_width(interval: tuple[float, float]) -> float:
