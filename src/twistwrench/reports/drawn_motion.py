@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 _MAX_STATES = 4000
 """Number of evenly spaced states kept of a long motion; peaks may add three times as many."""
 _CHUNK = 8192
+"""Rows computed at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +139,8 @@ class DrawnMotion:
         >>> q.round(3).tolist()
         [0.25]
         """
-        q, k, after, share = between(self.load.with_load, self.time, self.q, np.asarray(time))
-        return q, self.torques[k] + share * (self.torques[after] - self.torques[k])
+        q, before, after, share = between(self.load.with_load, self.time, self.q, np.asarray(time))
+        return q, self.torques[before] + share * (self.torques[after] - self.torques[before])
 
 
 def motion_of(
@@ -184,26 +185,32 @@ def motion_of(
         doubts = given.contradictions
     load = robot if isinstance(robot, LoadCase) else LoadCase(robot)
     model = load.robot.model
-    t, q = arguments.finite(time, "time"), arguments.finite(q, "q", model.nq, names=load.robot.coordinate_names)
+    t = arguments.finite(time, "time")
+    q = arguments.finite(q, "q", model.nq, names=load.robot.coordinate_names)
     if t.ndim != 1 or q.shape != (len(t), model.nq) or not len(t):
         raise ShapeError(f"a motion has time (n,) and q (n, {model.nq}), got {t.shape} and {q.shape}.")
-    if (np.diff(t) <= 0).any():
-        k = int(np.argmax(np.diff(t) <= 0))
+    does_not_increase = np.diff(t) <= 0
+    if does_not_increase.any():
+        k = int(np.argmax(does_not_increase))
         raise ValueRangeError(
             f"time does not increase from sample {k} ({printed(t[k])} s) to the next ({printed(t[k + 1])} s)."
         )
-    rates = {name: _rates(name, x, len(t), model) for name, x in (("dq", dq), ("ddq", ddq)) if x is not None}
-    lacks_rates = len(rates) < 2
+    lacks_rates = dq is None or ddq is None
+    given_dq = None if dq is None else _check_rates("dq", dq, len(t), model)
+    given_ddq = None if ddq is None else _check_rates("ddq", ddq, len(t), model)
     zeros = np.zeros((len(t), model.nv))
-    derived_dq = derived_ddq = zeros
+    derived_dq = derived_ddq = zeros  # of too few samples, which are states at rest
     if lacks_rates and len(t) >= FEWEST:
         q = continuous(model, q)
         derived_dq, derived_ddq = joint_rates(model, q, *spline_rates(t, q))
-        if "dq" in rates:
-            derived_ddq = spline_rates(t, rates["dq"])[0]
-    dq, ddq = rates.get("dq", derived_dq), rates.get("ddq", derived_ddq)
+        if given_dq is not None:
+            derived_ddq, _ = spline_rates(t, given_dq)
+    dq = derived_dq if given_dq is None else given_dq
+    ddq = derived_ddq if given_ddq is None else given_ddq
     dq = velocities_inside(t, dq, ddq, t[0], t[-1])
-    states = MotionSamples(t, q, dq, ddq, q, np.zeros_like(zeros, bool), zeros[:, :0])
+    never_still = np.zeros_like(zeros, bool)
+    no_outliers = zeros[:, :0]
+    states = MotionSamples(t, q, dq, ddq, q, never_still, no_outliers)
     motion = _read_states(load, iter([states]))
     refused = tuple(map(str, doubts))
     warnings = [*_look_again_warnings(refused), *motion.warnings]
@@ -215,8 +222,8 @@ def motion_of(
     return replace(motion, refused=refused, warnings=tuple(warnings))
 
 
-def _rates(name: str, values: ArrayLike, rows: int, model: Model) -> Array:
-    """Velocities or accelerations (n, nv). Raises ShapeError."""
+def _check_rates(name: str, values: ArrayLike, rows: int, model: Model) -> Array:
+    """Velocities or accelerations (n, nv) as an array; raises ShapeError."""
     rates = arguments.finite(values, name, model.nv, names=model.velocity_names)
     if rates.shape != (rows, model.nv):
         raise ShapeError(f"{name} has shape {rates.shape}, expected ({rows}, {model.nv}).")
@@ -274,7 +281,8 @@ def _with_doubts(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
     refused = [*motion.load.contradictions, *(str(doubt) for doubt in doubts if doubt.refuses)]
     warnings = _look_again_warnings(refused)
     for doubt in doubts:
-        if doubt.level == "unsure" or (doubt.level == "note" and doubt.kind in ASKED):
+        is_question = doubt.level == "note" and doubt.kind in ASKED
+        if doubt.level == "unsure" or is_question:
             warnings.append(str(doubt))
     verdict = Verdict.from_reasons(look_again=refused)
     return replace(motion, warnings=(*warnings, *motion.warnings), verdict=verdict, refused=tuple(refused))
@@ -283,18 +291,21 @@ def _with_doubts(motion: DrawnMotion, trajectory: MotionLog) -> DrawnMotion:
 def _read_states(load: LoadCase, batches: Iterator[MotionSamples]) -> DrawnMotion:
     """Read the motion in one pass and bounded memory, keeping the peaks of torques, velocities and power."""
     nq, nv = load.robot.nq, load.robot.nv
-    states = Decimation(4 * _MAX_STATES, slice(1, 2 + 2 * nv))
+    curves = slice(1, 2 + 2 * nv)  # columns whose peaks are kept: power, torques and velocities
+    states = Decimation(4 * _MAX_STATES, curves)
     peaks = np.full(nv, -np.inf)
     check = LimitCheck(load.robot.model, bounds_of(load.robot))
-    for s in batches:
-        torques = load.torques(s)
+    for batch in batches:
+        torques = load.torques(batch)
         peaks = np.maximum(peaks, np.abs(torques).max(axis=0))
-        check.add(s.time, s.measured, s.dq, tau=torques)
+        check.add(batch.time, batch.measured, batch.dq, tau=torques)
         if load.robot.model.limited_followers:
-            check.add_borne(s.time, load.follower_torques(s))
-        power = (torques * s.dq).sum(axis=1)
-        states.add(np.column_stack([s.time, power, torques, s.dq, s.q, s.ddq, s.stationary]))
-    time, _, torques, dq, q, ddq, stationary = np.split(states.result(), np.cumsum([1, 1, nv, nv, nq, nv]), axis=1)
+            check.add_borne(batch.time, load.follower_torques(batch))
+        power = (torques * batch.dq).sum(axis=1)
+        columns = [batch.time, power, torques, batch.dq, batch.q, batch.ddq, batch.stationary]
+        states.add(np.column_stack(columns))
+    ends_of_columns = np.cumsum([1, 1, nv, nv, nq, nv])
+    time, _, torques, dq, q, ddq, stationary = np.split(states.result(), ends_of_columns, axis=1)
     violations = check.violations()
     return DrawnMotion(
         load,
@@ -311,11 +322,14 @@ def _read_states(load: LoadCase, batches: Iterator[MotionSamples]) -> DrawnMotio
     )
 
 
-_WORDS = {"velocity": "velocity limit", "torque": "torque limit"}
-
-
-def _sentence(v: Violation) -> str:
+def _sentence(violation: Violation) -> str:
     """Sentence on a limit violation: amount and time."""
-    words = _WORDS.get(v.kind) or ("upper limit" if v.value > v.limit else "lower limit")
-    by = number(v.by, 3) + (f" ({percent(v.by / abs(v.limit), 3)})" if v.limit else "")
-    return f"{v.joint} exceeds its {words} by {by} at t = {seconds(v.time)} s"
+    if violation.kind in ("velocity", "torque"):
+        limit = f"{violation.kind} limit"
+    else:
+        limit = "upper limit" if violation.value > violation.limit else "lower limit"
+    excess = number(violation.by, 3)
+    if violation.limit:
+        share = violation.by / abs(violation.limit)
+        excess += f" ({percent(share, 3)})"
+    return f"{violation.joint} exceeds its {limit} by {excess} at t = {seconds(violation.time)} s"

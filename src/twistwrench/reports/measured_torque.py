@@ -25,11 +25,20 @@ _NOISE_FACTOR = 1.5
 """Factor by which noise may exceed its estimate, as for velocities with noise of several sizes."""
 _MIN_CORRELATION = 0.9
 """Correlation above which one torque is a multiple of the other."""
-_MIN_SUPPORTED_SHARE, _ROWS_AROUND = 0.5, 10
-"""Share of a computed torque above which the measured one supports it, and rows on either side in which it is looked for."""
-_MIN_CUT_SHARE, _MIN_CUT_ROWS, _MIN_VARIATION = 0.02, 30, 0.05
-"""Minimum share and number of rows at the extreme of a saturated column, and relative variation of the computed torque in them.
-The variation also exceeds the column's last step, since a robot at rest and coarse torques repeat numbers too."""
+_MIN_SUPPORTED_SHARE = 0.5
+"""Share of a computed torque above which the measured one supports it."""
+_ROWS_AROUND = 10
+"""Rows on either side of the largest computed torque in which the largest measured one is taken."""
+_MIN_CUT_SHARE = 0.02
+"""Minimum share of the rows at the extreme of a saturated column."""
+_MIN_CUT_ROWS = 30
+"""Minimum number of rows at the extreme of a saturated column."""
+_MIN_VARIATION = 0.05
+"""Minimum relative variation of the computed torque in these rows.
+
+It also exceeds the step from the extreme to the next value, since a robot at rest and coarse torques repeat numbers too."""
+_MIN_SHARE_OF_EXTREME = 0.01
+"""Share of the extreme that the variation of the computed torque is relative to, at least."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +46,13 @@ class MeasuredTorque:
     """Measured and computed torque of one joint."""
 
     joint: str
+    """Name of the joint or motor."""
     unit: str
+    """Unit of all torques, N m or N."""
     computed: float
-    """RMS over the rows."""
+    """RMS of the computed torque over the rows."""
     measured: float
+    """RMS of the measured torque over the rows."""
     residual: float
     """RMS of measured minus computed torque."""
     noise: float
@@ -48,6 +60,7 @@ class MeasuredTorque:
     gain: float
     """Ratio of measured to computed torque, by least squares with an offset."""
     correlation: float
+    """Correlation of measured and computed torque, -1 to 1."""
     peak: float
     """Measured torque of largest magnitude, with its sign."""
     time: float
@@ -67,10 +80,9 @@ class MeasuredTorque:
     lasting: bool = False
     """True if that time is longer than an impact."""
     computed_peak: float = math.nan
-    """Largest computed torque, with its sign."""
-
+    """Computed torque of largest magnitude, with its sign."""
     beside: float = math.nan
-    """Largest measured torque [magnitude] near the instant of the largest computed one."""
+    """Largest magnitude of the measured torque near the instant of ``computed_peak``."""
 
     @property
     def share(self) -> float:
@@ -80,9 +92,8 @@ class MeasuredTorque:
     @property
     def refutes(self) -> bool:
         """True if a computed torque above the limit was measured to be less than half as large, and within the limit."""
-        return abs(self.computed_peak) > self.limit > self.beside and self.beside < _MIN_SUPPORTED_SHARE * abs(
-            self.computed_peak
-        )
+        peak = abs(self.computed_peak)
+        return peak > self.limit > self.beside and self.beside < _MIN_SUPPORTED_SHARE * peak
 
     @property
     def refuting_words(self) -> str:
@@ -113,36 +124,41 @@ class MeasuredTorque:
     @property
     def differs(self) -> bool:
         """True if measured and computed torque differ grossly, possibly by noise."""
-        return (
-            self.matters
-            and not self.dead
-            and self.residual > _MAX_RELATIVE_RESIDUAL * max(self.computed, self.measured)
-        )
+        largest_residual = _MAX_RELATIVE_RESIDUAL * max(self.computed, self.measured)
+        return self.matters and not self.dead and self.residual > largest_residual
 
     @property
     def disagrees(self) -> bool:
-        """True if they differ by more than noise explains."""
-        beyond = _without(self.residual, self.noise)
-        return self.differs and beyond > _MAX_RELATIVE_RESIDUAL * max(self._true, self.measured)
+        """True if measured and computed torque differ by more than noise explains."""
+        residual = _rms_without_noise(self.residual, self.noise)
+        return self.differs and residual > _MAX_RELATIVE_RESIDUAL * max(self._computed_without_noise, self.measured)
 
     @property
     def contradicts(self) -> bool:
         """True if parts missing in a robot file cannot explain the difference."""
-        opposite = self.correlation < -_MIN_CORRELATION
-        scaled = self.correlation > _MIN_CORRELATION and not 1 / _MAX_RATIO < self.gain < _MAX_RATIO
-        return self.disagrees and (opposite or scaled or self._true > _MAX_RATIO * self.measured)
+        is_too_large = self._computed_without_noise > _MAX_RATIO * self.measured
+        return self.disagrees and (self._is_opposite or self._is_scaled or is_too_large)
 
     @property
-    def _true(self) -> float:
-        return _without(self.computed, self.noise)
+    def _is_opposite(self) -> bool:
+        return self.correlation < -_MIN_CORRELATION
+
+    @property
+    def _is_scaled(self) -> bool:
+        """True if the measured torque is a multiple of the computed one, with a factor that friction cannot explain."""
+        return self.correlation > _MIN_CORRELATION and not 1 / _MAX_RATIO < self.gain < _MAX_RATIO
+
+    @property
+    def _computed_without_noise(self) -> float:
+        return _rms_without_noise(self.computed, self.noise)
 
     @property
     def words(self) -> str:
         """Text of the difference and its possible cause."""
         figures = f"rms {number(self.computed)} {self.unit} computed, {number(self.measured)} measured"
-        if self.correlation < -_MIN_CORRELATION:
+        if self._is_opposite:
             return f"{self.joint} has the opposite sign of what is computed ({figures})"
-        if self.correlation > _MIN_CORRELATION and not 1 / _MAX_RATIO < self.gain < _MAX_RATIO:
+        if self._is_scaled:
             return (
                 f"{self.joint} is {number(self.gain, 2)} times what is computed ({figures}): a current, another unit, or a "
                 "torque before the gear"
@@ -150,13 +166,16 @@ class MeasuredTorque:
         return f"{self.joint} {figures}"
 
 
-def _without(size: float, noise: float) -> float:
+def _rms_without_noise(rms: float, noise: float) -> float:
     """RMS without the part of independent noise, taken 1.5 times as large as estimated."""
-    return math.sqrt(max(0.0, size**2 - (_NOISE_FACTOR * noise) ** 2))
+    return math.sqrt(max(0.0, rms**2 - (_NOISE_FACTOR * noise) ** 2))
 
 
 class _AtExtreme(NamedTuple):
-    """Rows in which a column is at its maximum (with the sign turned, its minimum), and the computed torque there."""
+    """Rows in which a measured column is at its maximum, and the computed torque there.
+
+    A minimum is the maximum of the column with its sign turned.
+    """
 
     value: Array
     """Maximum (columns,)."""
@@ -169,26 +188,32 @@ class _AtExtreme(NamedTuple):
     def from_rows(cls, computed: Array, measured: Array) -> _AtExtreme:
         """Rows of torques (n, columns)."""
         value = measured.max(axis=0)
-        here = np.where(measured == value, 1.0, 0.0)
-        sums = np.array([here.sum(axis=0), (here * computed).sum(axis=0), (here * computed**2).sum(axis=0)])
-        return cls(value, np.where(measured < value, measured, -np.inf).max(axis=0), sums)
+        is_there = np.where(measured == value, 1.0, 0.0)
+        sums = np.array([is_there.sum(axis=0), (is_there * computed).sum(axis=0), (is_there * computed**2).sum(axis=0)])
+        next_value = np.where(measured < value, measured, -np.inf).max(axis=0)
+        return cls(value, next_value, sums)
 
     @classmethod
     def from_parts(cls, parts: Sequence[_AtExtreme]) -> _AtExtreme:
         """Rows of several parts."""
-        values, below, sums = map(np.stack, zip(*parts, strict=True))
+        values, next_values, sums = map(np.stack, zip(*parts, strict=True))
         value = values.max(axis=0)
-        lower = np.where(values < value, values, below).max(axis=0)
-        return cls(value, lower, np.where((values == value)[:, None], sums, 0.0).sum(axis=0))
+        # of a part with a smaller maximum, that maximum is the next value
+        next_value = np.where(values < value, values, next_values).max(axis=0)
+        sums_there = np.where((values == value)[:, None], sums, 0.0).sum(axis=0)
+        return cls(value, next_value, sums_there)
 
     def cut(self, rows: int, variance: Array) -> Array:
-        """(columns,) share of these rows if they are many and the computed torque varies among them; else 0."""
+        """(columns,) share of these rows if they are many and the computed torque varies among them; else 0.
+
+        ``rows`` is the number of all rows, ``variance`` that of the computed torque in them.
+        """
         count, total, squares = self.sums
         n = np.maximum(count, 1.0)
+        variance_there = squares / n - (total / n) ** 2
+        usual_variance = np.maximum(variance, (_MIN_SHARE_OF_EXTREME * self.value) ** 2)
         step = np.where(np.isfinite(self.next), self.value - self.next, 0.0)
-        varies = squares / n - (total / n) ** 2 > np.maximum(
-            _MIN_VARIATION**2 * np.maximum(variance, (0.01 * self.value) ** 2), step**2
-        )
+        varies = variance_there > np.maximum(_MIN_VARIATION**2 * usual_variance, step**2)
         many = (count >= _MIN_CUT_ROWS) & (count >= _MIN_CUT_SHARE * rows) & (self.value != 0.0)
         return np.where(many & varies, count / rows, 0.0)
 
@@ -197,14 +222,17 @@ class _Sums(NamedTuple):
     """Sums over rows of computed and measured torques c and m, and of the variance of c."""
 
     rows: int
+    """Number of rows."""
     sums: Array
     """(5, columns) sums of c, m, c², m² and c m."""
     noise: Array
+    """(columns,) sum of the variance of c."""
 
     @classmethod
     def from_rows(cls, c: Array, m: Array, sigma: Array) -> _Sums:
         """Sums of torques (n, columns) and of the standard deviation of c."""
-        return cls(len(c), np.array([x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)]), (sigma**2).sum(axis=0))
+        sums = np.array([x.sum(axis=0) for x in (c, m, c * c, m * m, c * m)])
+        return cls(len(c), sums, (sigma**2).sum(axis=0))
 
     @classmethod
     def from_parts(cls, parts: Sequence[_Sums]) -> _Sums:
@@ -214,16 +242,22 @@ class _Sums(NamedTuple):
 
 
 class TorqueComparison(NamedTuple):
-    """Measured torques of some rows beside computed ones, compared in sound rows, and in all rows only if none is sound."""
+    """Measured and computed torques of some rows, compared in sound rows, and in all rows only if none is sound."""
 
     all_rows: _Sums
+    """Sums over all rows."""
     sound: _Sums
+    """Sums over the rows that are not doubted."""
     measured: Extrema
+    """Largest magnitudes of the measured torques."""
     computed: Extrema
+    """Largest magnitudes of the computed torques."""
     beside: Array
-    """Largest measured torque (columns,) near the largest computed one."""
+    """Largest magnitude of the measured torque (columns,) near the largest computed one."""
     highest: _AtExtreme
+    """Rows at the maximum of the measured torque."""
     lowest: _AtExtreme
+    """Rows at its minimum, with the sign turned."""
 
     @classmethod
     def from_rows(cls, time: Array, c: Array, m: Array, sigma: Array, doubted: Array) -> TorqueComparison:
@@ -232,53 +266,56 @@ class TorqueComparison(NamedTuple):
         ``doubted`` (n,) is True in rows whose derived rates are not those of the robot's drives, as at an impact.
         """
         beside = []
-        for k, row in enumerate(np.abs(c).argmax(axis=0).tolist()):
-            rows = slice(max(0, row - _ROWS_AROUND), row + _ROWS_AROUND + 1)
-            beside.append(np.abs(m[rows, k]).max())
+        for column, row in enumerate(np.abs(c).argmax(axis=0).tolist()):
+            rows_around = slice(max(0, row - _ROWS_AROUND), row + _ROWS_AROUND + 1)
+            beside.append(np.abs(m[rows_around, column]).max())
+        is_sound = ~doubted
         return cls(
-            _Sums.from_rows(c, m, sigma),
-            _Sums.from_rows(c[~doubted], m[~doubted], sigma[~doubted]),
-            Extrema.from_rows(time, np.abs(m), m),
-            Extrema.from_rows(time, np.abs(c), c),
-            np.array(beside),
-            _AtExtreme.from_rows(c, m),
-            _AtExtreme.from_rows(c, -m),
+            all_rows=_Sums.from_rows(c, m, sigma),
+            sound=_Sums.from_rows(c[is_sound], m[is_sound], sigma[is_sound]),
+            measured=Extrema.from_rows(time, np.abs(m), m),
+            computed=Extrema.from_rows(time, np.abs(c), c),
+            beside=np.array(beside),
+            highest=_AtExtreme.from_rows(c, m),
+            lowest=_AtExtreme.from_rows(c, -m),
         )
 
     @classmethod
     def from_parts(cls, parts: Sequence[TorqueComparison]) -> TorqueComparison:
         """Comparison of consecutive rows from those of their parts."""
         all_rows, sound, measured, computed, beside, highest, lowest = zip(*parts, strict=True)
-        part_of_largest = np.argmax([extrema.value for extrema in computed], axis=0)
+        part_of_largest = np.argmax([extrema.value for extrema in computed], axis=0)  # for each column
+        columns = np.arange(len(part_of_largest))
         return cls(
-            _Sums.from_parts(all_rows),
-            _Sums.from_parts(sound),
-            Extrema.merge(measured),
-            Extrema.merge(computed),
-            np.stack(beside)[part_of_largest, np.arange(len(part_of_largest))],
-            _AtExtreme.from_parts(highest),
-            _AtExtreme.from_parts(lowest),
+            all_rows=_Sums.from_parts(all_rows),
+            sound=_Sums.from_parts(sound),
+            measured=Extrema.merge(measured),
+            computed=Extrema.merge(computed),
+            beside=np.stack(beside)[part_of_largest, columns],
+            highest=_AtExtreme.from_parts(highest),
+            lowest=_AtExtreme.from_parts(lowest),
         )
 
-    def _rows_to_compare(self) -> _Sums:
+    def _sums_to_compare(self) -> _Sums:
         return self.sound if self.sound.rows else self.all_rows
 
     @property
     def misfit(self) -> float:
-        """Sum over joints of the squared residual relative to the squared torques; 0 to 2 each."""
-        _, _, cc, mm, cm = self._rows_to_compare().sums
-        total = cc + mm
-        return float(np.where(total > 0, (total - 2 * cm) / np.where(total > 0, total, 1.0), 0.0).sum())
+        """Sum over joints of the squared residual (c - m)² relative to c² + m²; 0 to 2 each."""
+        _, _, cc, mm, cm = self._sums_to_compare().sums
+        squares = cc + mm
+        return float(_ratios(squares - 2 * cm, squares).sum())
 
     def torques(
         self, names: tuple[str, ...], units: tuple[str, ...], limits: Array, over: TimeAbove, step: float
     ) -> tuple[MeasuredTorque, ...]:
         """Torques of each joint, with the limits (columns,), the time above them, and the usual step of time [s]."""
-        rows = self._rows_to_compare()
-        n = rows.rows
-        c, m, cc, mm, cm = rows.sums
-        computed, measured = np.sqrt(cc / n), np.sqrt(mm / n)
-        noise = np.sqrt(rows.noise / n)
+        compared = self._sums_to_compare()
+        n = compared.rows
+        c, m, cc, mm, cm = compared.sums
+        computed = np.sqrt(cc / n)
+        measured = np.sqrt(mm / n)
+        noise = np.sqrt(compared.noise / n)
         residual = np.sqrt(np.maximum(cc + mm - 2 * cm, 0.0) / n)
         # sums of squares and products about the means
         computed_variance = np.maximum(cc - c * c / n, 0.0)
@@ -288,11 +325,13 @@ class TorqueComparison(NamedTuple):
         correlation = _ratios(covariance, np.sqrt(computed_variance * measured_variance))
         size = np.maximum(computed, measured)
         matters = size > _MIN_SHARE_OF_LARGEST * _largest_of_unit(size, units)
-        most, least = self.highest.value, -self.lowest.value
+        most = self.highest.value
+        least = -self.lowest.value
         constant = most - least <= _MAX_VARIATION_OF_CONSTANT * np.maximum(np.abs(most), np.abs(least))
-        above = self.highest.cut(self.all_rows.rows, computed_variance / n)
-        below = self.lowest.cut(self.all_rows.rows, computed_variance / n)
-        cut, cut_at = np.maximum(above, below), np.where(above >= below, most, least)
+        cut_above = self.highest.cut(self.all_rows.rows, computed_variance / n)
+        cut_below = self.lowest.cut(self.all_rows.rows, computed_variance / n)
+        cut = np.maximum(cut_above, cut_below)
+        cut_at = np.where(cut_above >= cut_below, most, least)
         lasting = over.is_lasting(step)
         time_above = np.where(over.rows, over.length + step, 0.0)
         torques = []
@@ -330,5 +369,5 @@ def _ratios(numerators: Array, denominators: Array) -> Array:
 
 def _largest_of_unit(sizes: Array, units: Sequence[str]) -> Array:
     """Largest size (n,) among those of the same unit."""
-    kinds = np.array(units)
-    return np.array([sizes[kinds == unit].max() for unit in units])
+    all_units = np.array(units)
+    return np.array([sizes[all_units == unit].max() for unit in units])

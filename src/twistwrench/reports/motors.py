@@ -21,8 +21,12 @@ if TYPE_CHECKING:
     from ..mechanics.model.model import Model
 
 _MAX_POINTS = 4096
+"""Largest number of points of a motor's speeds and torques."""
 SURE_LOAD = 3.0
-"""Standard deviations of a load within which noise decides; estimated from few draws, one of a thousand is farther off."""
+"""Standard deviations of a load within which noise decides.
+
+The deviations are estimated from few draws; one load of a thousand is farther off.
+"""
 
 
 @dataclass(frozen=True)
@@ -30,11 +34,15 @@ class Demand:
     """Demand on a motor and its limit."""
 
     what: str
+    """Name of the load, such as "rms current"."""
     value: float
+    """Largest or mean load, in ``unit``."""
     limit: float
+    """Limit of the load, in ``unit``."""
     unit: str
+    """SI unit of the load."""
     time: float = math.nan
-    """When [s]; nan for a mean over the motion."""
+    """Time of the load [s]; nan for a mean over the motion."""
     base: float = 0.0
     """Value without load, such as the ambient temperature."""
     sigma: float = 0.0
@@ -43,16 +51,18 @@ class Demand:
     @property
     def over(self) -> bool:
         """True if the value exceeds its limit by more than round-off, and by more than noise explains."""
-        return bool(over_limit(replace(self, value=self.value - SURE_LOAD * self.sigma).share))
+        surely = replace(self, value=self.value - SURE_LOAD * self.sigma)
+        return bool(over_limit(surely.share))
 
     @property
     def open(self) -> bool:
         """True if noise decides whether the limit is exceeded."""
-        return not self.over and bool(over_limit(replace(self, value=self.value + SURE_LOAD * self.sigma).share))
+        perhaps = replace(self, value=self.value + SURE_LOAD * self.sigma)
+        return not self.over and bool(over_limit(perhaps.share))
 
     @property
     def share(self) -> float:
-        """Value over limit, both relative to :attr:`base`; 0 without a limit, inf if the limit is not above the base."""
+        """Value over limit, both relative to :attr:`base`; 0 for an infinite limit, inf if the limit is not above the base."""
         room = self.limit - self.base
         return (self.value - self.base) / room if room > 0 else math.inf
 
@@ -73,7 +83,9 @@ class MotorUse:
     """Demands on one motor over a motion."""
 
     joint: str
+    """Name of the driven joint."""
     motor: Motor
+    """Data sheet of the motor."""
     demands: tuple[Demand, ...]
     """One for each rating that bounds a load."""
     power: float
@@ -90,7 +102,7 @@ class MotorUse:
     @property
     def tightest(self) -> Demand:
         """The demand nearest to its limit."""
-        return max(self.demands, key=lambda d: d.share)
+        return max(self.demands, key=lambda demand: demand.share)
 
     @property
     def too_small(self) -> bool:
@@ -104,34 +116,36 @@ class MotorUse:
 
 
 class MotorFigures(NamedTuple):
-    """Figures of the described motors in some rows; (motors,) each."""
+    """Figures of the motors with a data sheet, in some rows of a motion; (motors,) each."""
 
     peaks: dict[str, Extrema]
     """Largest magnitudes of current, voltage, speed and power."""
     squares: Array
-    """Part of the time mean of the squared current due to these rows [A²]."""
+    """Share of these rows in the time mean of the squared current [A²]."""
     points: Array
     """(points, motors, 3) times, speeds and torques of evenly spaced states."""
 
     @classmethod
     def from_rows(cls, model: Model, rows: slice, time: Array, loads: MotorLoads) -> MotorFigures:
-        """Figures of consecutive rows of a motion with rows at ``time`` (n,)."""
-        motors = [k for k, actuator in enumerate(model.actuators.values()) if actuator.motor is not None]
-        own_time = time[rows]
+        """Figures of consecutive rows of a motion of all times ``time`` (n,), from the motors' loads in these rows."""
+        described = [k for k, actuator in enumerate(model.actuators.values()) if actuator.motor is not None]
+        time_of_rows = time[rows]
         peaks = {}
         for name in ("current", "voltage", "speed", "power"):
-            load = getattr(loads, name)[:, motors]
-            peaks[name] = Extrema.from_rows(own_time, np.abs(load), load)
-        squares = mean_weights(time, rows) @ loads.current[:, motors] ** 2
+            load = getattr(loads, name)[:, described]
+            peaks[name] = Extrema.from_rows(time_of_rows, np.abs(load), load)
+        squares = mean_weights(time, rows) @ loads.current[:, described] ** 2
         stride = stride_of(len(time), _MAX_POINTS)
-        points = slice(-rows.start % stride, None, stride)
-        speed, torque = loads.speed[points, motors], loads.torque[points, motors]
-        times = np.broadcast_to(own_time[points, None], speed.shape)
-        return cls(peaks, squares, np.stack([times, speed, torque], axis=-1))
+        first_point = -rows.start % stride  # points are at multiples of the stride in the motion
+        points = slice(first_point, None, stride)
+        speed = loads.speed[points, described]
+        torque = loads.torque[points, described]
+        point_times = np.broadcast_to(time_of_rows[points, None], speed.shape)
+        return cls(peaks, squares, np.stack([point_times, speed, torque], axis=-1))
 
     @classmethod
     def from_parts(cls, parts: Sequence[MotorFigures]) -> MotorFigures:
-        """Figures of consecutive rows from those of their parts."""
+        """Figures of a motion from those of its consecutive parts."""
         peaks = dict(parts[0].peaks)
         for name in peaks:
             peaks[name] = Extrema.merge([part.peaks[name] for part in parts])
@@ -140,7 +154,8 @@ class MotorFigures(NamedTuple):
 
     def uses(self, model: Model) -> tuple[MotorUse, ...]:
         """Use of each motor in the order of the file."""
-        uses, rms_current = [], np.sqrt(self.squares)
+        uses = []
+        rms_current = np.sqrt(self.squares)
         described = [actuator for actuator in model.actuators.values() if actuator.motor is not None]
         for k, actuator in enumerate(described):
             motor = actuator.motor
@@ -156,7 +171,9 @@ class MotorFigures(NamedTuple):
             }
             heat = motor.resistance * rms**2
             power, _ = loads["power"]
-            uses.append(MotorUse(actuator.joint, motor, _demands(motor, loads), power, heat, *self.points[:, k].T))
+            time, speed, torque = self.points[:, k].T
+            demands = _demands(motor, loads)
+            uses.append(MotorUse(actuator.joint, motor, demands, power, heat, time, speed, torque))
         return tuple(uses)
 
     def _peak(self, name: str, k: int) -> tuple[float, float]:
@@ -165,15 +182,17 @@ class MotorFigures(NamedTuple):
 
 
 def _demands(motor: Motor, loads: Mapping[str, tuple[float, float]]) -> tuple[Demand, ...]:
-    """Loads, given with their times, for which a motor has a rating."""
+    """Demands of the loads for which a motor has a rating, from the value and the time of each load."""
     from ..formats.yaml import si_unit
 
-    rating_of_load = {rating.load: name for name, rating in RATINGS.items() if rating.load}
+    rating_by_load = {rating.load: name for name, rating in RATINGS.items() if rating.load}
     demands = []
     for load, (value, time) in loads.items():
-        if load in rating_of_load:
-            name = rating_of_load[load]
-            demands.append(Demand(load, value, getattr(motor, name), si_unit(RATINGS[name].kind), time))
+        if load in rating_by_load:
+            name = rating_by_load[load]
+            limit = getattr(motor, name)
+            unit = si_unit(RATINGS[name].kind)
+            demands.append(Demand(load, value, limit, unit, time))
     return tuple(demands)
 
 
@@ -185,27 +204,33 @@ class Steps:
 
     def __init__(self, progress: Callable[[float], None] | None, weights: Sequence[float]) -> None:
         self._progress = progress
-        self._bounds = [sum(weights[:k]) / sum(weights) for k in range(len(weights) + 1)]
+        self._bounds = [sum(weights[:k]) / sum(weights) for k in range(len(weights) + 1)]  # of the steps to come
 
     def next(self, size: int | None = None) -> Callable[[float], None] | None:
-        """Begin the next step; returns a callback for its finished share, or, given ``size``, for each finished chunk."""
-        begin, end, progress = self._bounds.pop(0), self._bounds[0], self._progress
+        """Begin the next step; returns a callback, or None without ``progress``.
+
+        The callback takes the finished share of the step or, if the ``size`` of the step is given, the size of each
+        finished portion.
+        """
+        begin = self._bounds.pop(0)
+        end = self._bounds[0]
+        progress = self._progress
         if progress is None:
             return None
         done = 0.0
 
-        def report(share: float) -> None:
+        def report_share(share: float) -> None:
             progress(begin + (end - begin) * min(share, 1.0))
 
-        def add(portion: float) -> None:
+        def report_portion(portion: float) -> None:
             nonlocal done
             done += portion
-            report(done / size if size else 1.0)
+            report_share(done / size if size else 1.0)
 
-        return report if size is None else add
+        return report_share if size is None else report_portion
 
     def skip(self, count: int) -> None:
-        """Skip steps."""
+        """Skip the next ``count`` steps."""
         del self._bounds[:count]
 
     def done(self) -> None:

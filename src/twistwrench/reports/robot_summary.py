@@ -64,35 +64,42 @@ def joint_rows(model: Model) -> list[dict[str, Any]]:
     armature of coupled joints belong to their motors and are left out.
     """
     rows: list[dict[str, Any]] = []
-    c, coupled = Coordinates.from_model(model), coupled_entries(model)
-    for i, b in enumerate(model.bodies):
-        if not b.joint.moves_body:
+    coordinates = Coordinates.from_model(model)
+    is_coupled = coupled_entries(model)
+    for index, body in enumerate(model.bodies):
+        joint = body.joint
+        if not joint.moves_body:
             continue
-        for k in range(b.v_index, b.v_index + b.joint.nv):
-            row = dict.fromkeys(COLUMNS)
-            row["type"] = b.joint.kind
-            row["joint"] = b.joint.name
-            row["parent_link"] = _root(model) if b.parent == BASE else link_of(model, b.parent)
-            row["child_link"] = link_of(model, i)
-            if b.follows:
-                row["velocity_name"] = b.joint.name
-                row["unit"] = unit_of("q", bool(b.joint.axes[0, :3].any()))
-                row["leader"], row["ratio"], row["offset"] = c.velocity_names[k], float(b.ratio), float(b.offset)
+        for k in range(body.v_index, body.v_index + joint.nv):
+            row = dict.fromkeys(COLUMNS)  # in their order
+            row["type"] = joint.kind
+            row["joint"] = joint.name
+            row["parent_link"] = _root(model) if body.parent == BASE else link_of(model, body.parent)
+            row["child_link"] = link_of(model, index)
+            if body.follows:  # a mimic joint: entry k is its leader's
+                row["velocity_name"] = joint.name
+                row["unit"] = unit_of("q", bool(joint.axes[0, :3].any()))
+                row["leader"] = coordinates.velocity_names[k]
+                row["ratio"] = float(body.ratio)
+                row["offset"] = float(body.offset)
             else:
-                row["velocity_name"] = c.velocity_names[k]
-                row["unit"] = unit_of("q", bool(c.angular_velocity[k]))
-                row.update(_joint_figures(model, k, coupled=bool(coupled[k])))
+                row["velocity_name"] = coordinates.velocity_names[k]
+                row["unit"] = unit_of("q", bool(coordinates.angular_velocity[k]))
+                row.update(_joint_figures(model, k, is_coupled=bool(is_coupled[k])))
             rows.append(row)
     return rows
 
 
-def _joint_figures(model: Model, k: int, *, coupled: bool) -> dict[str, float | None]:
-    """Limits, friction and armature of one velocity; None if unknown, or if they are those of coupled motors."""
+def _joint_figures(model: Model, k: int, *, is_coupled: bool) -> dict[str, float | None]:
+    """Limits, friction and armature of velocity entry k.
+
+    A figure is None if it is unknown, or if it belongs to the motors of a coupled joint.
+    """
     figures = {kind: getattr(model.limits, kind)[k] for kind in KINDS if kind in COLUMNS}
     figures["damping"] = model.friction.viscous[k]
     figures["friction"] = model.friction.coulomb[k]
     figures["armature"] = model.armature[k]
-    if coupled:
+    if is_coupled:
         figures |= dict.fromkeys(("effort", "damping", "friction", "armature"), math.nan)
     return {name: float(x) if math.isfinite(x) else None for name, x in figures.items()}
 
@@ -109,7 +116,8 @@ def limits_csv(robot: Robot) -> str:
 
 def _root(model: Model) -> str:
     """Root of the file's tree: first link of the base."""
-    return next((name for name, f in model.frames.items() if f.body == BASE), "base")
+    links_of_base = (name for name, frame in model.frames.items() if frame.body == BASE)
+    return next(links_of_base, "base")
 
 
 def _links(model: Model) -> list[dict[str, Any]]:
@@ -130,15 +138,18 @@ def _links(model: Model) -> list[dict[str, Any]]:
 
 
 def body_of_link(model: Model, link: str) -> int:
-    """Body that moves a link; the base for links that are not frames."""
+    """Index of the body that moves a link; that of the base for links that are not frames."""
     return model.frames[link].body if link in model.frames else BASE
 
 
 def link_of(model: Model, body: int) -> str:
-    """Link whose frame is the body frame, the child of its joint; "base" for the base."""
+    """Link whose frame is the body frame, the child of its joint; "base" for the base.
+
+    If no link has the body frame, the first link of the body.
+    """
     if body == BASE:
         return "base"
-    names = [name for name, f in model.frames.items() if f.body == body]
+    names = [name for name, frame in model.frames.items() if frame.body == body]
     for name in names:
         if np.array_equal(model.frames[name].pose, np.eye(4)):
             return name

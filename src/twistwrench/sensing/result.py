@@ -27,6 +27,13 @@ from .log import ReadingLog
 from .sensor import ForceTorqueSensor, sign_factor
 from .uncertainty import Uncertainty, uncertainty_of
 
+_LARGE_SHARE_OF_TRACE = 0.5
+"""Half of an interval of a moment of inertia, as a share of the inertia's trace, from which it is noted."""
+_LARGE_SHARE_OF_MASS = 0.1
+"""Half of the interval of the mass, as a share of the mass, from which it is noted."""
+_LARGE_OFFSET = 0.01
+"""Half of an interval of the centre of mass [m] from which it is noted."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(Answer):
@@ -73,12 +80,14 @@ class Identification(Answer):
     """Mask (N,) of outliers."""
 
     def __repr__(self) -> str:
-        halves = np.diff(self.com_intervals, axis=1)[:, 0] / 2
-        com = ", ".join(plus_minus(1e3 * x, 1e3 * half) for x, half in zip(self.sensor.load.com, halves, strict=True))
+        com_in_mm = 1e3 * np.asarray(self.sensor.load.com)
+        half_widths_in_mm = 1e3 * self._com_half_widths()
+        com = ", ".join(plus_minus(x, half) for x, half in zip(com_in_mm, half_widths_in_mm, strict=True))
+        of_moments, of_forces = self.noise
         word = f"; {self.verdict.word}, see doubts" if self.doubtful else ""
         return (
-            f"<Identification: {self.mass_text}, com ({com}) mm, noise {number(self.noise[1], 2)} N and "
-            f"{number(self.noise[0], 2)} N m{word}>"
+            f"<Identification: {self.mass_text}, com ({com}) mm, noise {number(of_forces, 2)} N and "
+            f"{number(of_moments, 2)} N m{word}>"
         )
 
     @property
@@ -100,7 +109,8 @@ class Identification(Answer):
     def mass_text(self) -> str:
         """Mass with half of its confidence interval, as text."""
         low, high = self.mass_interval
-        return f"{plus_minus(self.fit.load[0], (high - low) / 2, 'kg')} ({percent(self.confidence, 3)})"
+        mass = plus_minus(self.fit.load[0], (high - low) / 2, "kg")
+        return f"{mass} ({percent(self.confidence, 3)})"
 
     @property
     def outliers(self) -> list[int]:
@@ -123,9 +133,10 @@ class Identification(Answer):
         -------
         residuals : (n, 6) array, (m, f) [N m, N]
         """
-        unknowns, factor = self.fit.unknowns, sign_factor(self.sensor.sign)
-        residuals = log.readings - unknowns.design(log, factor, self.fit.state) @ self.fit.estimate
-        if not unknowns.bias:
+        unknowns = self.fit.unknowns
+        design = unknowns.design(log, sign_factor(self.sensor.sign), self.fit.state)
+        residuals = log.readings - design @ self.fit.estimate
+        if not unknowns.bias:  # a known bias is not part of the estimate
             residuals = residuals - np.asarray(self.sensor.bias)
         return np.asarray(residuals)
 
@@ -149,7 +160,8 @@ class Identification(Answer):
         -------
         facts : {name: text}
         """
-        noise = f"{number(self.noise[1], 2)} N, {number(self.noise[0], 2)} N m"
+        of_moments, of_forces = self.noise
+        noise = f"{number(of_forces, 2)} N, {number(of_moments, 2)} N m"
         return {"mass": self.mass_text, "noise of a reading": noise}
 
     def sources(self) -> Mapping[str, str | Path]:
@@ -206,7 +218,7 @@ class Identification(Answer):
 
         Parameters
         ----------
-        name : str, in ``fit.unknowns.names`` (``turn`` and ``tilt``: centred on zero)
+        name : str, one of ``fit.unknowns.names``; intervals of ``turn`` and ``tilt`` are centred on zero
 
         Returns
         -------
@@ -226,21 +238,29 @@ class Identification(Answer):
     def com_intervals(self) -> Array:
         """Confidence intervals (3, 2) of the centre of mass [m]; infinite if the mass may be zero.
 
-        Fieller's theorem: exact also for light loads, for which the error of the quotient is skewed.
+        Fieller's theorem is exact also for light loads, for which the error of the quotient h / m is skewed: the interval
+        holds all coordinates y with (h - m y)² ≤ t² var(h - m y), which is a y² - 2 b y + c ≤ 0.
         Source: Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954.
         """
-        x, C, _ = self._load
-        m = x[0]
-        out = np.tile([-math.inf, math.inf], (3, 1))
-        for k in range(3):
-            t2 = float(student_quantile(self.fit.com_known[k], self.confidence)) ** 2
+        estimate, C, _ = self._load
+        m = estimate[0]
+        intervals = np.tile([-math.inf, math.inf], (3, 1))
+        for axis in range(3):
+            h = estimate[1 + axis]
+            t2 = float(student_quantile(self.fit.com_known[axis], self.confidence)) ** 2
             a = m * m - t2 * C[0, 0]
-            if a <= 0:
+            if a <= 0:  # the mass may be zero
                 continue
-            b, c = m * x[1 + k] - t2 * C[0, 1 + k], x[1 + k] ** 2 - t2 * C[1 + k, 1 + k]
+            b = m * h - t2 * C[0, 1 + axis]
+            c = h**2 - t2 * C[1 + axis, 1 + axis]
             root = math.sqrt(max(b * b - a * c, 0.0))
-            out[k] = (b - root) / a, (b + root) / a
-        return out
+            intervals[axis] = (b - root) / a, (b + root) / a
+        return intervals
+
+    def _com_half_widths(self) -> Array:
+        """Half widths (3,) of the confidence intervals of the centre of mass [m]."""
+        low, high = self.com_intervals.T
+        return (high - low) / 2
 
     def com_region_contains(self, com: ArrayLike) -> bool:
         """Test if a point is in the joint confidence region of the centre of mass (Fieller's, in three dimensions).
@@ -249,13 +269,13 @@ class Identification(Answer):
         -------
         answer : bool
         """
-        x, _, C = self._load
+        estimate, _, C = self._load
         c = np.asarray(com, float)
         if c.shape != (3,):
             raise ShapeError(f"com has shape {c.shape}, expected (3,).")
-        H = np.hstack([-c[:, None], np.eye(3)])  # h - m c
-        r = H @ x
-        return bool(r @ np.linalg.solve(H @ C @ H.T, r) <= self._limit(3))
+        H = np.hstack([-c[:, None], np.eye(3)])  # H (m, h) = h - m c
+        r = H @ estimate
+        return bool(r @ np.linalg.solve(H @ C @ H.T, r) <= self._squared_distance_limit(3))
 
     def region_contains(self, mass: float, com: ArrayLike) -> bool:
         """Test if a mass and centre of mass are in their joint confidence region, an ellipsoid of (m, m c).
@@ -268,9 +288,10 @@ class Identification(Answer):
         -------
         answer : bool
         """
-        x, _, C = self._load
-        r = np.array([mass, *(mass * np.asarray(com, float))]) - x
-        return bool(r @ np.linalg.solve(C, r) <= self._limit(4))
+        estimate, _, C = self._load
+        first_moment = mass * np.asarray(com, float)
+        r = np.array([mass, *first_moment]) - estimate
+        return bool(r @ np.linalg.solve(C, r) <= self._squared_distance_limit(4))
 
     @property
     def com_deviation(self) -> Array:
@@ -284,33 +305,43 @@ class Identification(Answer):
 
     @property
     def _load(self) -> tuple[Array, Array, Array]:
-        """Mass and first moment (4,), their covariance, and their covariance for joint regions."""
-        part = slice(self.fit.unknowns.load.start, self.fit.unknowns.load.start + 4)
+        """Mass m and first moment h (4,), their covariance, and their covariance for joint regions."""
+        start = self.fit.unknowns.load.start
+        part = slice(start, start + 4)
         return self.fit.estimate[part], self.fit.covariance[part, part], self.fit.joint[part, part]
 
-    def _limit(self, count: int) -> float:
+    def _squared_distance_limit(self, count: int) -> float:
+        """Largest squared Mahalanobis distance in a joint region of ``count`` unknowns, by the F distribution."""
         from scipy import special
 
-        return float(count * special.fdtri(count, min(self.fit.joint_freedom, 1e9), self.confidence))
+        freedom = min(self.fit.joint_freedom, 1e9)  # fdtri of inf is NaN
+        return float(count * special.fdtri(count, freedom, self.confidence))
 
 
 def weakness(found: Identification) -> list[Doubt]:
     """Notes on poorly determined mass, centre of mass or inertia; empty if all are well determined."""
-    fit, load = found.fit, found.sensor.load
-    words: dict[str, Any] = {"confidence": percent(found.confidence, 3)}
-    if fit.unknowns.inertia:
-        size = float(load.moment_about_com.trace())
-        moments = [name for name in fit.unknowns.names if name.startswith("I")]
-        half, name = max((float(np.ptp(found.interval(name))) / 2, name) for name in moments)
-        if half > 0.5 * abs(size):
-            return [doubt("sensor-weak-inertia", name=name, half=number(half, 2), trace=number(size, 2), **words)]
-    half = float(np.ptp(found.mass_interval)) / 2
-    widths = np.diff(found.com_intervals, axis=1)[:, 0] / 2
-    k = int(widths.argmax())
-    if half < 0.1 * load.mass and widths[k] < 0.01:
+    load = found.sensor.load
+    unknowns = found.fit.unknowns
+    confidence = percent(found.confidence, 3)
+    if unknowns.inertia:
+        trace = float(load.moment_about_com.trace())
+        moments = [name for name in unknowns.names if name.startswith("I")]
+        half, name = max((_half_width(found.interval(name)), name) for name in moments)
+        if half > _LARGE_SHARE_OF_TRACE * abs(trace):
+            figures: dict[str, Any] = {"half": number(half, 2), "trace": number(trace, 2)}
+            return [doubt("sensor-weak-inertia", name=name, confidence=confidence, **figures)]
+    mass_half = _half_width(found.mass_interval)
+    com_halves = found._com_half_widths()
+    widest = int(com_halves.argmax())
+    if mass_half < _LARGE_SHARE_OF_MASS * load.mass and com_halves[widest] < _LARGE_OFFSET:
         return []
-    out = number(1e3 * widths[k], 2)
-    return [doubt("sensor-weak-load", mass=number(half, 2), axis="xyz"[k], out=out, **words)]
+    mass = number(mass_half, 2)
+    out = number(1e3 * com_halves[widest], 2)
+    return [doubt("sensor-weak-load", axis="xyz"[widest], confidence=confidence, mass=mass, out=out)]
+
+
+def _half_width(interval: tuple[float, float]) -> float:
+    return float(np.ptp(interval)) / 2
 
 
 complete(globals())

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from .rollout import Rollout
     from .rollout_gradient import RolloutGradient
 
-PD, ComputedTorque = BatchPD, BatchComputedTorque  # former names
+PD = BatchPD  # former name
+ComputedTorque = BatchComputedTorque  # former name
 simulate = RobotDoors.simulate
 
 __all__ = [

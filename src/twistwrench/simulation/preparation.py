@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from .methods.closed_steps import Loops
 
 MAX_STATES = 10**8
+"""Largest number of states of a result."""
 
 
 def build_run(
@@ -76,7 +77,7 @@ def build_run(
     method = ADAPTIVE if method is None else method
     if robot.nv == 0:
         raise ValueRangeError(f"nothing to simulate: robot {robot.name!r} has no joint that moves.")
-    n, end = _steps(duration, dt, whole(every, "every"))
+    n, end = _count_steps(duration, dt, whole(every, "every"))
     h = end / n
     held, law = torque_law(tau, robot.nv)
     surfaces = _contacts(robot, contacts)
@@ -91,7 +92,8 @@ def build_run(
     remarks = _remarks_at_start(surfaces, y0[: robot.nq], h, dt)
     friction = arguments.flag(friction, "friction")
     remarks += _set_friction(system, scheme, y0, h, method=method, tau=tau, friction=friction, creep=creep, loops=loops)
-    watched, stops = _events(events), _limits(robot, limits, y0)
+    watched = _check_events(events)
+    stops = _position_limits(robot, limits, y0)
     run = Run(robot, system, scheme, y0, end, n, every=int(every), remarks=remarks, method=method)
     run.friction = friction
     if watched or surfaces or stops is not None:
@@ -101,7 +103,7 @@ def build_run(
         run.controller = ControlLaw.from_function(controller, "the controller", (robot.nv,), meaning)
         run.constant = held
     tolerances = positive(rtol, "rtol"), positive(atol, "atol")
-    longest = _longest_step(max_step, method, h, h if surfaces else np.inf)
+    longest = _longest_step(max_step, method, h, default=h if surfaces else np.inf)
     if progress is not None:
         require_arguments(progress, "progress", ("the share done, from 0 to 1",))
         run.tick = lambda t: progress(min(t / end, 1.0))
@@ -114,9 +116,12 @@ def _remarks_at_start(surfaces: list[PlaneContact | StopContact], q0: Array, h: 
     remarks = []
     if abs(h - dt) > 1e-9 * dt:
         remarks.append(f"states {printed(h)} s apart, not {printed(dt)} s, so that a whole number fills it")
-    planes = [contact for contact in surfaces if isinstance(contact, PlaneContact)]
-    remarks += [plane.remark_at_start(q0) for plane in planes]
-    return list(filter(None, remarks))
+    for surface in surfaces:
+        if isinstance(surface, PlaneContact):
+            remark = surface.remark_at_start(q0)
+            if remark:
+                remarks.append(remark)
+    return remarks
 
 
 def _longest_step(max_step: float | None, method: str, h: float, default: float) -> float:
@@ -134,11 +139,12 @@ def _longest_step(max_step: float | None, method: str, h: float, default: float)
 
 def _take_steps(run: Run, tolerances: tuple[float, float], longest: float, loops: Loops | None) -> None:
     """Take all steps of a run, compiled as far as possible."""
-    system, options = run.system, (*tolerances, longest, probe_spacing(run.h, run.end), run.end)
+    options = (*tolerances, longest, probe_spacing(run.h, run.end), run.end)
     if run.method == ADAPTIVE and loops is not None:
         run_adaptive(run, loops.stepper(*options))
     elif run.method == ADAPTIVE:
-        run_adaptive(run, Stepper(system, *options, trials=TrialSteps.build(system, tolerances)))
+        trials = TrialSteps.build(run.system, tolerances)
+        run_adaptive(run, Stepper(run.system, *options, trials=trials))
     else:
         run.compiled = _compile_steps(run, loops)
         run.take_fixed_steps()
@@ -170,28 +176,31 @@ def _set_friction(
 ) -> list[str]:
     """Set the system's friction in the form that the method requires; returns remarks on it."""
     robot = system.robot
-    rubs, gains = friction and robot.model.friction.any, _rate_gains(tau, robot.nv)
-    remarks = [NONE_GIVEN] if friction and not rubs else []
+    has_friction = bool(friction and robot.model.friction.any)
+    gains = _rate_gains(tau, robot.nv)
+    remarks = [NONE_GIVEN] if friction and not has_friction else []
     if isinstance(scheme, SemiImplicit):
-        if rubs:
+        if has_friction:
             refuse_couplings(robot.model, f"friction by method {method!r}")
         if creep is not None:
             raise ValueRangeError(
                 f"creep is {arguments.value_text(creep)}, and method {method!r} eases no friction: it stops joints and "
                 "holds them. Leave creep out."
             )
-        if rubs or gains is not None:
-            system.dry_friction = DryFrictionStep(robot, h, friction=bool(rubs), gains=gains)
-    elif rubs:
+        if has_friction or gains is not None:
+            system.dry_friction = DryFrictionStep(robot, h, friction=has_friction, gains=gains)
+    elif has_friction:
         if creep is not None:
             speeds = np.full(robot.nv, positive(creep, "creep", "rad/s or m/s"))
         else:
             robot.engine.require_invertible()
-            speeds = creep_of_samples(robot, y0[: robot.nq], 0.0 if method == ADAPTIVE else h, {})
+            step = 0.0 if method == ADAPTIVE else h  # adaptive steps have no fixed length
+            speeds = creep_of_samples(robot, y0[: robot.nq], step, {})
         system.friction = EasedFriction(robot, speeds)
         remark = easing_remark(robot.model, speeds)
         if remark and loops is not None:
-            remark = remark.rpartition("; ")[0]  # semi-implicit steps of closed robots are smoothed too
+            # its end recommends semi-implicit steps, which ease the friction of closed robots too
+            remark, _, _ = remark.rpartition("; ")
         if remark:
             remarks.append(remark)
     return remarks
@@ -202,23 +211,25 @@ def _rate_gains(tau: Any, nv: int) -> Array | None:
     gains = getattr(tau, "rate_gains", None) if callable(tau) else None
     if gains is None:
         return None
-    return np.array(arguments.finite(arguments.one(gains, "rate_gains", nv), "rate_gains", nv), float)
+    checked = arguments.finite(arguments.one(gains, "rate_gains", nv), "rate_gains", nv)
+    return np.array(checked, float)
 
 
-def _steps(duration: float, dt: float, every: int) -> tuple[int, float]:
+def _count_steps(duration: float, dt: float, every: int) -> tuple[int, float]:
     """Number of steps and the duration."""
-    length, h = positive(duration, "duration", "s"), positive(dt, "dt", "s")
+    length = positive(duration, "duration", "s")
+    h = positive(dt, "dt", "s")
     if not length / h < MAX_STATES * every:
         raise ValueRangeError(
             f"a duration of {printed(length)} s with a dt of {printed(h)} s, one in {every} kept, makes more than "
             f"{printed(MAX_STATES, 1)} states. Take a larger dt, or keep fewer with every."
         )
-    n = max(1, math.ceil(length / h * (1.0 - 1e-12)))
+    n = max(1, math.ceil(length / h * (1.0 - 1e-12)))  # round-off adds no step
     return n, length
 
 
 def _start(robot: Robot, system: System, q0: ArrayLike | None, dq0: ArrayLike | None) -> Array:
-    """First state, with unit quaternions."""
+    """First state: q0 with unit quaternions, by default neutral, and dq0, by default zero."""
     y = np.zeros(system.size)
     y[: robot.nq] = robot.neutral
     if q0 is not None:
@@ -251,7 +262,7 @@ def _initial_values(values: ArrayLike, name: str, names: tuple[str, ...]) -> Arr
 
 
 def _contacts(robot: Robot, contacts: Any) -> list[PlaneContact | StopContact]:
-    """Contacts of the robot."""
+    """Contacts of the robot with its surfaces and stops; raises ValueRangeError for other arguments."""
     if isinstance(contacts, Plane | JointStops):
         contacts = [contacts]
     if isinstance(contacts, str) or not isinstance(contacts, Iterable):
@@ -262,27 +273,33 @@ def _contacts(robot: Robot, contacts: Any) -> list[PlaneContact | StopContact]:
             raise ValueRangeError(
                 f"contacts has {surface!r}, and takes tw.simulation.Plane and tw.simulation.JointStops."
             )
-    of_robot: list[PlaneContact | StopContact] = []
+    contacts_of_robot: list[PlaneContact | StopContact] = []
     for surface in surfaces:
         if isinstance(surface, Plane):
-            of_robot.append(PlaneContact(robot, surface))
+            contacts_of_robot.append(PlaneContact(robot, surface))
         else:
-            of_robot.append(StopContact(robot, surface))
-    return of_robot
+            contacts_of_robot.append(StopContact(robot, surface))
+    return contacts_of_robot
 
 
-def _events(events: Any) -> list[Event]:
-    """Events; a function becomes one with its name."""
+def _check_events(events: Any) -> list[Event]:
+    """Events as a list; a function becomes an event with its name."""
     if isinstance(events, Event) or callable(events):
         events = [events]
     if isinstance(events, str) or not isinstance(events, Iterable):
         raise ValueRangeError(
             f"events is {events!r}, and must be an Event, a function of (t, q, dq), or a list of them."
         )
-    return [e if isinstance(e, Event) else Event(e, getattr(e, "__name__", "event")) for e in events]
+    checked = []
+    for event in events:
+        if isinstance(event, Event):
+            checked.append(event)
+        else:
+            checked.append(Event(event, getattr(event, "__name__", "event")))
+    return checked
 
 
-def _limits(robot: Robot, limits: str | None, y0: Array) -> PositionLimits | None:
+def _position_limits(robot: Robot, limits: str | None, y0: Array) -> PositionLimits | None:
     """Position limits that end the simulation, if any."""
     if limits is None:
         return None
@@ -299,7 +316,7 @@ def _limits(robot: Robot, limits: str | None, y0: Array) -> PositionLimits | Non
 
 
 def simulate_robot(robot: Robot | ConstrainedRobot, *start: Any, **options: Any) -> SimulationResult:
-    """Result of :meth:`twistwrench.Robot.simulate`; steps of robots with constraints end on them."""
+    """Result of :meth:`twistwrench.Robot.simulate`; each step of a robot with constraints ends on them."""
     if robot.constraints:
         from .closed import simulate_closed
 

@@ -41,10 +41,10 @@ class Rollout:
     >>> falls.to_xarray().q.isel(sample=1, time=-1).sel(coordinate="hinge").shape
     ()
     >>> A, B = falls.linearize()
-    >>> slope = np.zeros((2, 101, 1))
-    >>> slope[:, -1] = 1.0                                  # cost: the angles at the end
-    >>> by = falls.gradient(slope)
-    >>> A.shape, B.shape, by.q0.shape, by.tau.shape
+    >>> cost_by_q = np.zeros((2, 101, 1))
+    >>> cost_by_q[:, -1] = 1.0                              # cost: the angles at the end
+    >>> gradient = falls.gradient(cost_by_q)
+    >>> A.shape, B.shape, gradient.q0.shape, gradient.tau.shape
     ((2, 100, 2, 2), (2, 100, 2, 1), (2, 1), (2, 100, 1))
     """
 
@@ -91,17 +91,21 @@ class Rollout:
         The motion refers to the original robot, even if the sample had other ``parameters=``. For torques with a
         sample's payload, use ``motion.with_robot(robot.with_payload(…))``.
         """
+        are_integers = all(isinstance(k, int | np.integer) for k in index)
+        is_of_every_axis = len(index) == len(self.batch)
         if (
-            not all(isinstance(k, int | np.integer) for k in index)
-            or len(index) != len(self.batch)
-            or not all(-n <= k < n for k, n in zip(index, self.batch, strict=False))
+            not are_integers
+            or not is_of_every_axis
+            or not all(-n <= k < n for k, n in zip(index, self.batch, strict=True))
         ):
             raise ValueRangeError(
                 f"motion{index}: the batch has shape {self.batch}; give one index for each of its axes."
             )
         from ..motion.motion import Motion
 
-        tau = None if self.tau is None else np.concatenate([self.tau[index], self.tau[index][-1:]])
+        tau = None
+        if self.tau is not None:  # n - 1 torques; the last one is also that of the last state
+            tau = np.concatenate([self.tau[index], self.tau[index][-1:]])
         return Motion(
             self.times, self.q[index], self.dq[index], tau=tau, robot=self._robot(), in_seconds=True, plan=True
         )
@@ -134,12 +138,12 @@ class Rollout:
         gradient : RolloutGradient
         """
         inputs = self._require_inputs()
-        slopes = {"q": q, "dq": dq}
+        cost_derivatives = {"q": q, "dq": dq}
         if inputs.plan.returns_torques:
-            slopes["tau"] = tau
+            cost_derivatives["tau"] = tau
         elif np.any(tau):
             raise ValueRangeError("gradient: this rollout returns no torques. Make it with torques=True, too.")
-        return gradient(self._robot(), inputs, self.q, self.dq, slopes)
+        return gradient(self._robot(), inputs, self.q, self.dq, cost_derivatives)
 
     def linearize(self) -> tuple[Array, Array]:
         """Linearised steps: A and B of small deviations from each state, x[k + 1] = A[k] x[k] + B[k] u[k].
@@ -164,11 +168,13 @@ class Rollout:
         return linearize_steps(self._robot(), inputs, self.q, self.dq)
 
     def _require_inputs(self) -> Inputs:
+        """Inputs of the rollout; raises ValueRangeError if they were not kept."""
         if self.given is None:
             raise ValueRangeError("this rollout did not keep what went in: make it with gradients=True.")
         return self.given
 
     def _robot(self) -> Robot:
+        """Robot of the rollout; raises ValueRangeError if there is none."""
         if self.simulated is None:
             raise ValueRangeError("this rollout has no robot in it.")
         return self.simulated
@@ -188,7 +194,8 @@ class Rollout:
         """First stored time at which each motion is unstable, (...) s; inf for stable motions."""
         times = np.full(self.batch, np.inf)
         for sample in map(tuple, np.argwhere(self.unstable)):
-            times[sample] = self.times[np.argmax(_is_unstable(self.q[sample], self.dq[sample]))]
+            first = np.argmax(_is_unstable(self.q[sample], self.dq[sample]))
+            times[sample] = self.times[first]
         return times
 
     def __len__(self) -> int:
@@ -205,18 +212,18 @@ class Rollout:
     def _remark_on_unstable(self) -> str:
         """Number of unstable motions, the first of them, and what to do."""
         first = np.unravel_index(np.argmin(self.unstable_from), self.batch)
+        time = self.unstable_from[first]
         index = f", first {tuple(map(int, first))}" if self.batch else ""
-        began_stable = self.unstable_from[first] > 0
-        advice = "take a smaller dt" if began_stable else "look at its q0 and dq0"
+        advice = "take a smaller dt" if time > 0 else "look at its q0 and dq0"
         count = int(np.count_nonzero(self.unstable))
-        return f"{count} unstable{index} at {printed(self.unstable_from[first])} s: {advice}"
+        return f"{count} unstable{index} at {printed(time)} s: {advice}"
 
 
 Result = TypeVar("Result", bound=Rollout)
 
 
 def roll_out(robot: Robot | ConstrainedRobot, *start: Any, **options: Any) -> Rollout:
-    """Result of :meth:`twistwrench.Robot.rollout`; steps of robots with constraints end on them."""
+    """Result of :meth:`twistwrench.Robot.rollout`; each step of a robot with constraints ends on them."""
     if robot.constraints:
         from .closed import rollout_closed
 
@@ -227,7 +234,7 @@ def roll_out(robot: Robot | ConstrainedRobot, *start: Any, **options: Any) -> Ro
 def rollout_of_tree(
     robot: Robot, *start: Any, gradients: bool, out: tuple[Array, ...] | None, **options: Any
 ) -> Rollout:
-    """Motions from q0 (..., nq) and dq0 (..., nv) without constraints."""
+    """Rollout of a robot without constraints; ``start`` is q0 (..., nq), dq0 (..., nv) and tau."""
     inputs = validate_inputs(robot, *start, **options)
     copied_inputs = None
     if arguments.flag(gradients, "gradients"):
@@ -241,7 +248,7 @@ def rollout_of_tree(
 def build_rollout(
     kind: type[Result], robot: Robot, inputs: Inputs, q: Array, dq: Array, tau: list[Array], **more: Any
 ) -> Result:
-    """Rollout from validated inputs, with the additional fields of its type."""
+    """Rollout of a type, from validated inputs; ``more`` are the additional fields of the type."""
     return kind(
         robot=robot.name,
         simulated=robot,
@@ -251,7 +258,7 @@ def build_rollout(
         method=inputs.plan.method,
         q=q,
         dq=dq,
-        tau=tau[0] if tau else None,
+        tau=tau[0] if tau else None,  # a list of one array, or empty if no torques are requested
         coordinate_names=robot.coordinate_names,
         velocity_names=robot.model.velocity_names,
         remarks=inputs.remarks,
@@ -260,8 +267,10 @@ def build_rollout(
 
 
 def _is_unstable(q: Array, dq: Array) -> Array:
+    """Mask (...) of states that are not finite or faster than the largest plausible speed."""
     with np.errstate(invalid="ignore"):
-        return np.asarray(~(np.isfinite(q).all(axis=-1) & (np.abs(dq) < MAX_SPEED).all(axis=-1)))
+        is_slow = (np.abs(dq) < MAX_SPEED).all(axis=-1)  # False for NaN, too
+        return np.asarray(~(np.isfinite(q).all(axis=-1) & is_slow))
 
 
 complete(globals())

@@ -22,7 +22,7 @@ class TorqueLaw(Protocol):
     """Control law of a rollout."""
 
     names: ClassVar[tuple[str, ...]]
-    """Names of the inputs of every step; each is an attribute, (nv,) or a number for all, except ``q_des`` (nq,)."""
+    """Names of the inputs of every step. Each is an attribute: (nq,) for ``q_des``, for others (nv,) or a number for all."""
 
     @property
     def key(self) -> tuple[Any, ...]:
@@ -32,7 +32,7 @@ class TorqueLaw(Protocol):
         """Raise an error for a robot that the law does not support."""
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, /, *given: Array) -> Array:
-        """Torques of the law, on symbols; angles are q again, for sines and cosines.
+        """Torques of the law, on symbols; ``angles`` are q again, for sines and cosines, and ``given`` are the inputs.
 
         Returns
         -------
@@ -58,6 +58,7 @@ class GivenTorque(TorqueLaw):
     """Given torques, possibly none."""
 
     tau: ArrayLike | None = None
+    """Torques (nv,); None for zero torques."""
     names: ClassVar[tuple[str, ...]] = ("tau",)
 
     @property
@@ -84,9 +85,9 @@ class BatchPD(TorqueLaw):
     """PD law of the motions of a rollout: τ = kp (q_des - q) + kd (dq_des - dq) + g(q). MR section 11.4.
 
     Unlike in :class:`twistwrench.control.PD`, gains and references may differ between motions. The law acts on joints
-    with one degree of freedom; ball, planar and floating joints get no torque, and their entries are ignored. Values
-    apply to all steps and samples, or step by step with axes (..., steps, n), or sample by sample with (..., 1, n). g,
-    including springs, is that of the robot without ``parameters``.
+    with one degree of freedom; ball, planar and floating joints get no torque, and their entries are ignored. A value
+    (n,) applies to all steps and samples, one of shape (..., steps, n) step by step, and one of shape (..., 1, n) sample
+    by sample. g includes springs, and is that of the robot without ``parameters``.
     """
 
     q_des: ArrayLike
@@ -128,12 +129,13 @@ class BatchPD(TorqueLaw):
     def torques_of_step(
         self, model: Model, angles: Array, q: Array, dq: Array, _h: Any, /, *given: Array
     ) -> tuple[Array, Array]:
-        """Torques of the law at dq, and kd, for semi-implicit steps."""
-        gains, kd = zeros(model.nv), given[3]
+        """Torques of the law at dq, and its damping: kd, or zero for joints that get no torque."""
+        _q_des, _dq_des, _kp, kd = given
+        damping = zeros(model.nv)
         for body in model.leaders:
             if body.joint.nv == 1:
-                gains[body.v_index] = kd[body.v_index]
-        return self.torques(model, angles, q, dq, *given), gains
+                damping[body.v_index] = kd[body.v_index]
+        return self.torques(model, angles, q, dq, *given), damping
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,13 +181,14 @@ class BatchComputedTorque(TorqueLaw):
 
     def torques(self, model: Model, angles: Array, q: Array, dq: Array, *given: Array) -> Array:
         """Torques of the law, on symbols."""
-        *pd, ddq_des = given
-        return np.asarray(computed_torque(model, angles, dq, ddq_des + proportional_derivative(model, q, dq, *pd)))
+        *pd_inputs, ddq_des = given
+        ddq = ddq_des + proportional_derivative(model, q, dq, *pd_inputs)
+        return np.asarray(computed_torque(model, angles, dq, ddq))
 
     def torques_of_step(
         self, model: Model, angles: Array, q: Array, dq: Array, _h: Any, /, *given: Array
     ) -> tuple[Array, None]:
-        """Torques of the law at dq, without damping: implicit kd with the law's predicted rates would shift its equilibrium."""
+        """Torques of the law at dq, without damping, since kd treated implicitly would shift the law's equilibrium."""
         return self.torques(model, angles, q, dq, *given), None
 
 

@@ -27,15 +27,19 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 _OF_A_BODY = "the body's twist (omega, v) in the frame of points and normals"
+"""Meaning of the motion of a body."""
 _OF_A_ROBOT = "joint velocities dq, of a floating base its twist in its own frame"
+"""Meaning of the motion of a robot."""
 _MIN_POWER = 1e-9
 """Power of a motion of size 1, as a share of the largest load, above which the motion proves that nothing holds."""
 _MAX_RESIDUAL = 1e-6
 """Largest residual of the load, relative to the forces, that counts as balanced; checked before a positive result."""
 _ROUNDING = 1e-14
 """Rounding tolerance relative to the sum of all contact loads, which may far exceed the load if levers are short."""
-_SHARE = 1e-6
+_EXCESS_SHARE = 1e-6
 """Share of a limit above the least one that forces of least norm may use."""
+_MIN_SHOWN_VELOCITY = 1e-6
+"""Entry of a motion with a largest entry of 1 above which it is printed."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,15 +48,17 @@ class Equilibrium:
 
     Contacts push but do not pull. In equilibrium the powers along every motion add up to zero. Suppose that along some
     motion no contact can absorb power and the loads supply more than the motors can absorb. Then no forces balance.
-    This motion, the certificate, proves that the body cannot hold, and can be checked by hand. At each contact n · v ≥
-    μ \|v - n (n · v)\|, with v its row of ``velocities`` and n its normal; a contact with a finite ``push`` may approach.
-    Moreover ``power`` > 0; for one body without ``push`` and ``pull`` it is F · V of its wrench F = (m, f) and V = ``motion``.
+    This motion, the certificate, proves that the body cannot hold.
+
+    The certificate can be checked by hand. At each contact n · v ≥ μ \|v - n (n · v)\|, with v its row of ``velocities``
+    and n its normal; only a contact with a finite ``push`` may approach. Moreover ``power`` > 0. For one body without
+    ``push`` and ``pull``, it is F · V of its wrench F = (m, f) and V = ``motion``.
     """
 
     holds: bool | None
     """True if forces balance; None if rounding prevents an answer."""
     forces: Array | None
-    """(contacts, 3) N on the body: in its frame, or for a robot in the base frame; None unless it holds."""
+    """(contacts, 3) N on the body in its frame, or on the robot in the base frame; None unless it holds."""
     torques: Array | None
     """(nv,) joint torques, 0 for floating joints; (6,) zeros for a body; None unless it holds."""
     share: float | None
@@ -60,8 +66,8 @@ class Equilibrium:
     motion: Array | None
     """(nv,) or (6,): the certificate, dq or the body's twist V, largest entry 1; None unless it cannot hold.
 
-    V is also a direction in wrench space: all wrenches of the contacts have F · V ≥ 0, while rest requires F · V <
-    0."""
+    V is also a direction in wrench space: all wrenches of the contacts have F · V ≥ 0, while rest requires F · V < 0.
+    """
     velocities: Array | None
     """(contacts, 3) m/s: velocities of the contact points, in the frame of the normals; None unless it cannot hold."""
     power: float | None
@@ -84,11 +90,10 @@ class Equilibrium:
             return text
         if self.holds is None:
             return "marginal: within rounding, neither forces nor a motion are found"
-        moving = [
-            f"{printed(v, 3, signed=True)} {n}"
-            for v, n in zip(np.asarray(self.motion), self.names, strict=True)
-            if abs(v) > 1e-6
-        ]
+        moving = []
+        for velocity, name in zip(np.asarray(self.motion), self.names, strict=True):
+            if abs(velocity) > _MIN_SHOWN_VELOCITY:
+                moving.append(f"{printed(velocity, 3, signed=True)} {name}")
         subject = "no contact resists" if len(np.asarray(self.velocities)) else "there is no contact to resist"
         return (
             f"cannot hold: {subject} the motion ({', '.join(moving)}), {self.frame}, "
@@ -122,26 +127,30 @@ def body_equilibrium(contacts: Sequence[Contact], wrench_on_body: ArrayLike) -> 
     cannot hold: there is no contact to resist the motion (-1 vz), the body's twist (omega, v) in the frame of points and
     normals, into which the load puts 30 W
     """
-    contacts = _clean(contacts)
-    for k, c in enumerate(contacts):
-        if c.frame is not None:
+    contacts = _check_contacts(contacts)
+    for k, contact in enumerate(contacts):
+        if contact.frame is not None:
             raise FrameError(
-                f"contacts[{k}] is at {c.frame!r}, a link of a robot: on one body all points and normals are in the one frame "
-                "of its wrench. Give them in that frame, with frame=None, or use robot_equilibrium."
+                f"contacts[{k}] is at {contact.frame!r}, a link of a robot: on one body all points and normals are in the "
+                "one frame of its wrench. Give them in that frame, with frame=None, or use robot_equilibrium."
             )
     F = arguments.finite(arguments.one(wrench_on_body, "wrench_on_body (m, f)", 6), "wrench_on_body (m, f)", 6)
-    # About the mean contact point, to avoid cancellation in moments of distant contacts.
-    points = np.array([c.point for c in contacts]).reshape(-1, 3)
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(3)
+    # Moments are about the middle of the contacts, to avoid cancellation in those of distant contacts.
+    points = np.array([contact.point for contact in contacts]).reshape(-1, 3)
+    middle = np.zeros(3)
+    if len(points):
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     maps = np.array([np.vstack([so3.hat(p - middle), np.eye(3)]) for p in points]).reshape(-1, 6, 3)  # f → (p × f, f)
-    about = np.concatenate([F[:3] - np.cross(middle, F[3:]), F[3:]])
-    turning = np.arange(6) < 3
-    system = _System(contacts, maps.swapaxes(0, 1), about, np.zeros(6), turning)
+    m, f = F[:3], F[3:]
+    F_at_middle = np.concatenate([m - np.cross(middle, f), f])
+    is_moment = np.arange(6) < 3
+    system = _System(contacts, maps.swapaxes(0, 1), F_at_middle, np.zeros(6), is_moment)
     result = system.decide(TWIST, _OF_A_BODY)
     if result.motion is None:
         return result
     w, v = result.motion[:3], result.motion[3:]
-    return _normalize(replace(result, motion=np.concatenate([w, v - np.cross(w, middle)])))
+    V = np.concatenate([w, v - np.cross(w, middle)])  # of the point at the origin
+    return _normalize(replace(result, motion=V))
 
 
 def robot_equilibrium(
@@ -171,7 +180,8 @@ def robot_equilibrium(
     >>> print(robot_equilibrium(box, box.neutral, corners).holds)
     True
     """
-    return _system(robot, q, contacts, limits, wrench_on_robot).decide(robot.model.velocity_names, _OF_A_ROBOT)
+    system = _robot_system(robot, q, contacts, limits, wrench_on_robot)
+    return system.decide(robot.model.velocity_names, _OF_A_ROBOT)
 
 
 def least_norm_contact_forces(
@@ -207,20 +217,21 @@ def least_norm_contact_forces(
     >>> bool(np.allclose(found.forces, found.forces.mean(axis=0)))  # each corner bears a quarter
     True
     """
-    system = _system(robot, q, contacts, limits, wrench_on_robot)
+    system = _robot_system(robot, q, contacts, limits, wrench_on_robot)
     return system.decide(robot.model.velocity_names, _OF_A_ROBOT, share=1.0)
 
 
-def _system(
+def _robot_system(
     robot: Robot,
     q: ArrayLike,
     contacts: Sequence[Contact],
     limits: ArrayLike | None,
     wrench_on_robot: Mapping[str, ArrayLike] | None,
 ) -> _System:
+    """Balance of a robot at one pose; raises errors for robots with loops or couplings, and for bad arguments."""
     refuse_loops(robot, "robot_equilibrium")
     refuse_couplings(robot.model, "robot_equilibrium")
-    contacts = _clean(contacts)
+    contacts = _check_contacts(contacts)
     q = one_configuration(robot, q, "robot_equilibrium", "each pose is decided on its own")
     unloaded = resting_torques(robot, q, wrench_on_robot)
     if unloaded.shape != (robot.nv,) or not np.isfinite(unloaded).all():
@@ -232,84 +243,100 @@ def _system(
     return _System(contacts, maps[0], -unloaded, effort_limits(robot, limits), turning)
 
 
-def _clean(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
-    value: Any = contacts
-    if not isinstance(value, Iterable):
-        raise ValueRangeError(f"contacts is {value!r}. Give a list of statics.Contact.")
-    checked = tuple(value)
-    for k, c in enumerate(checked):
-        if not isinstance(c, Contact):
-            raise ValueRangeError(f"contacts[{k}] is {c!r}. Give a list of statics.Contact.")
+def _check_contacts(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
+    """Contacts as a tuple; raises ValueRangeError for anything else."""
+    given: Any = contacts
+    if not isinstance(given, Iterable):
+        raise ValueRangeError(f"contacts is {given!r}. Give a list of statics.Contact.")
+    checked = tuple(given)
+    for k, contact in enumerate(checked):
+        if not isinstance(contact, Contact):
+            raise ValueRangeError(f"contacts[{k}] is {contact!r}. Give a list of statics.Contact.")
     return checked
 
 
 class _System:
-    """Balance τ + load + Σ G_i f_i = 0 with abs(τ) ≤ limits, one row of the solver; all entries are scaled to N."""
+    """Balance τ + load + Σ G_i f_i = 0 with abs(τ) ≤ limits, one row of the solver.
+
+    Moments are divided by a lever, so that all entries are in N. The forces of the solver come on top of the preloads
+    of the contacts.
+    """
 
     def __init__(self, contacts: tuple[Contact, ...], maps: Array, load: Array, limits: Array, turning: Array) -> None:
         self.units = np.where(turning, _lever(maps, load, turning), 1.0)
-        self.maps, self.load, self.limits = maps / self.units[:, None, None], load / self.units, limits / self.units
+        self.maps = maps / self.units[:, None, None]
+        self.load = load / self.units
+        self.limits = limits / self.units
         self.turning = turning
         self.cones, self.pushes = cones_of(contacts)
-        self.preload = -np.array([c.pull for c in contacts])[:, None] * self.cones.normals
-        self.beyond = self.load + np.einsum("mck,ck->m", self.maps, self.preload)
+        pulls = np.array([contact.pull for contact in contacts])
+        self.preload = -pulls[:, None] * self.cones.normals
+        self.preloaded = self.load + np.einsum("mck,ck->m", self.maps, self.preload)  # load with the preloads
         self.fixed = self.limits == 0
         self.limited = (self.limits > 0) & np.isfinite(self.limits)
 
-    def decide(self, names: tuple[str, ...], frame: str, share: float | None = None) -> Equilibrium:
-        """Forces of least norm at the least largest share of the limits, or at a given one, or a motion without resistance."""
+    def decide(self, names: tuple[str, ...], frame: str, share: float = 0.0) -> Equilibrium:
+        """Forces of least norm, or a motion without resistance.
+
+        The torques have the least largest share of the limits, or a ``share`` if that is larger.
+        """
         least = cone_programme(
-            self.cones, self.maps[None, self.fixed], -self.beyond[None, self.fixed],
+            self.cones, self.maps[None, self.fixed], -self.preloaded[None, self.fixed],
             bounds=self._bounds(self.limited, np.zeros_like(self.limits), self.limits), sense="least",
         )  # fmt: skip
         if least.settled[0] and least.s[0] <= 1.0 + _ROUNDING:
-            allowed = max(float(least.s[0]) * (1.0 + _SHARE) + _SHARE * _SHARE, share or 0.0)
-            for forces in (*self._least_norm(allowed), least.forces[0]):
-                torques = self._torques(forces + self.preload)
+            least_share = float(least.s[0]) * (1.0 + _EXCESS_SHARE) + _EXCESS_SHARE * _EXCESS_SHARE
+            for added_forces in (*self._least_norm(max(least_share, share)), least.forces[0]):
+                forces = added_forces + self.preload
+                torques = self._torques(forces)
                 if torques is None:
                     continue
                 shares = np.abs(torques / self.units)[self.limited] / self.limits[self.limited]
                 largest = float(shares.max()) if shares.size else None
-                return Equilibrium(True, forces + self.preload, torques, largest, None, None, None, names, frame)
+                return Equilibrium(True, forces, torques, largest, None, None, None, names, frame)
         motion, power = self._unresisted_motion()
-        if not power > _MIN_POWER * max(
-            float(np.abs(self.load).max(initial=0.0)), float(np.abs(motion).max()) * 1e-300
-        ):
+        largest_load = float(np.abs(self.load).max(initial=0.0))
+        least_size = float(np.abs(motion).max()) * 1e-300  # without load, the power must be above zero
+        if not power > _MIN_POWER * max(largest_load, least_size):
             return Equilibrium(None, None, None, None, None, None, None, names, frame)
         velocities = np.einsum("mck,m->ck", self.maps, motion)  # by virtual work
         return _normalize(Equilibrium(False, None, None, None, motion / self.units, velocities, power, names, frame))
 
     def _bounds(self, rows: Array, most: Array, rate: Array) -> ForceBounds:
         """abs(load + Σ G_i f_i) ≤ most + s rate in some rows, and the pushes of the contacts."""
-        torque_bounds = two_sided(*(x[None, rows] for x in (self.maps, self.beyond, most, rate)))
+        torque_bounds = two_sided(self.maps[None, rows], self.preloaded[None, rows], most[None, rows], rate[None, rows])
         return torque_bounds.concatenate(self.pushes)
 
     def _least_norm(self, share: float) -> Iterator[Array]:
+        """Forces of least norm with a share of the limits, if they are found."""
         bounds = self._bounds(self.limited, share * self.limits, np.zeros_like(self.limits))
         active = np.ones((1, self.maps.shape[1]), bool)
         forces, solved = least_norm_in_cones(
-            self.cones, self.maps[None, self.fixed], -self.beyond[None, self.fixed], active, bounds
+            self.cones, self.maps[None, self.fixed], -self.preloaded[None, self.fixed], active, bounds
         )
         if solved[0]:
             yield forces[0]
 
     def _torques(self, forces: Array) -> Array | None:
-        """Torques (nv,) beside contact forces; None if these leave more over than rounding."""
+        """Torques (nv,) that balance contact forces; None if more is left over than rounding explains."""
         contact_torque = np.einsum("mck,ck->m", self.maps, forces)
         residual = np.abs(self.load + contact_torque)
         largest_load = float(np.abs(self.load[self.fixed]).max(initial=0.0))
-        largest_force = float(np.abs(self.load[self.fixed & ~self.turning]).max(initial=0.0)) or largest_load
+        largest_force = float(np.abs(self.load[self.fixed & ~self.turning]).max(initial=0.0))
+        if largest_force == 0.0:
+            largest_force = largest_load
         scale = np.where(self.turning, largest_load, largest_force)
         allowed = np.where(self.fixed, _MAX_RESIDUAL * scale, (1.0 + _MAX_RESIDUAL) * self.limits)
-        terms = np.einsum("mck,ck->m", np.abs(self.maps), np.abs(forces)) + np.abs(self.load)
-        if (residual > allowed + _ROUNDING * terms).any():
+        sum_of_magnitudes = np.einsum("mck,ck->m", np.abs(self.maps), np.abs(forces)) + np.abs(self.load)
+        if (residual > allowed + _ROUNDING * sum_of_magnitudes).any():
             return None
         return np.where(self.fixed, 0.0, -(self.load + contact_torque)) * self.units
 
     def _unresisted_motion(self) -> tuple[Array, float]:
-        """Motion that the load drives most against all torques and contacts, of those with a sum of entries of 1; its power.
+        """Motion that the load drives most against all torques and contacts, and its power.
 
-        It has the prices of the least t with abs(load + Σ G_i f_i) ≤ limits + t.
+        The sum of the magnitudes of its entries is 1. The entries are the prices of the bounds in the programme of the
+        least t with abs(load + Σ G_i f_i) ≤ limits + t.
         """
         rows = np.isfinite(self.limits)  # a joint without limit resists any motion of its own
         none = np.zeros((1, 0))
@@ -318,16 +345,19 @@ class _System:
             bounds=self._bounds(rows, self.limits, np.ones_like(self.limits)), sense="least",
         )  # fmt: skip
         count = int(rows.sum())
+        prices = optimum.bound_prices[0]  # of the upper bounds, the lower bounds, and the pushes
         motion = np.zeros(len(self.load))
-        motion[rows] = optimum.bound_prices[0, :count] - optimum.bound_prices[0, count : 2 * count]
+        motion[rows] = prices[:count] - prices[count : 2 * count]
         v = np.einsum("mck,m->ck", self.maps, motion)
         rise = (v * self.cones.normals).sum(axis=1)
-        approach = self.cones.friction * np.linalg.norm(v - rise[:, None] * self.cones.normals, axis=1) - rise
+        slip = np.linalg.norm(v - rise[:, None] * self.cones.normals, axis=1)
+        approach = self.cones.friction * slip - rise
         bounded = np.einsum("kcx,cx->kc", self.pushes.maps[0], self.cones.normals)
         push_power = (bounded * np.maximum(approach, 0.0)).max(axis=1, initial=0.0) @ self.pushes.most[0]
         pull_power = -(self.preload * v).sum()
         motor_power = np.where(rows, self.limits, 0.0) @ np.abs(motion)
-        return motion + 0.0, float(self.load @ motion - motor_power - push_power - pull_power)
+        power = float(self.load @ motion - motor_power - push_power - pull_power)
+        return motion + 0.0, power  # + 0.0 turns -0.0 into 0.0
 
 
 def _lever(maps: Array, load: Array, turning: Array) -> float:
@@ -335,7 +365,8 @@ def _lever(maps: Array, load: Array, turning: Array) -> float:
     longest = float(np.abs(maps[turning]).max(initial=0.0))
     if longest > 0:
         return longest
-    moment, force = (float(np.abs(load[which]).max(initial=0.0)) for which in (turning, ~turning))
+    moment = float(np.abs(load[turning]).max(initial=0.0))
+    force = float(np.abs(load[~turning]).max(initial=0.0))
     if moment > 0 and force > 0:
         return moment / force
     return 1.0
@@ -344,8 +375,10 @@ def _lever(maps: Array, load: Array, turning: Array) -> float:
 def _normalize(proof: Equilibrium) -> Equilibrium:
     """Certificate scaled to a largest entry of 1."""
     size = float(np.abs(np.asarray(proof.motion)).max())
-    motion, velocities = (np.asarray(x) / size + 0.0 for x in (proof.motion, proof.velocities))
-    return replace(proof, motion=motion, velocities=velocities, power=float(proof.power or 0.0) / size)
+    motion = np.asarray(proof.motion) / size + 0.0  # + 0.0 turns -0.0 into 0.0
+    velocities = np.asarray(proof.velocities) / size + 0.0
+    power = float(proof.power or 0.0) / size
+    return replace(proof, motion=motion, velocities=velocities, power=power)
 
 
 # ── Joint stops: positions beyond the limits
@@ -358,7 +391,7 @@ class BeyondStop:
     joint: str
     """Name of the joint."""
     value: float
-    """rad or m."""
+    """Position [rad or m]."""
     stop: float
     """Nearest position within the limits [rad or m]."""
     turns: bool
@@ -374,14 +407,18 @@ def joints_beyond_stops(robot: Robot, q: Array, limits: Limits | None = None) ->
     """Joints of one pose (nq,) outside the robot's or the given position limits, in descending order of excess."""
     if limits is None:
         limits = robot.limits
-    beyond = limits.exceeded(robot.model.positions(q))
-    joints = []
-    for b in robot.model.leaders:
-        if b.joint.nq == 1 and beyond[b.v_index]:  # ball, planar and floating joints have no stops
-            value, low, high = float(q[b.q_index]), float(limits.lower[b.v_index]), float(limits.upper[b.v_index])
+    is_beyond = limits.exceeded(robot.model.positions(q))
+    found = []
+    for body in robot.model.leaders:
+        joint = body.joint
+        if joint.nq == 1 and is_beyond[body.v_index]:  # ball, planar and floating joints have no stops
+            value = float(q[body.q_index])
+            low = float(limits.lower[body.v_index])
+            high = float(limits.upper[body.v_index])
             stop = low if value < low else high
-            joints.append(BeyondStop(b.joint.name, value, stop, bool(b.joint.axes[0][:3].any())))
-    return tuple(sorted(joints, key=lambda joint: -joint.by))
+            turns = bool(joint.axes[0][:3].any())
+            found.append(BeyondStop(joint.name, value, stop, turns))
+    return tuple(sorted(found, key=lambda joint: -joint.by))
 
 
 complete(globals())

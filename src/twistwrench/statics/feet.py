@@ -31,16 +31,16 @@ _SENSOR_WORDS = "bumper", "sensor", "fsr", "tactel", "imu", "camera"
 """Words in the names of frames that a leg carries, and does not stand on."""
 _SAME_HEIGHT = 0.01
 """Height above the lowest frame of a leg within which a frame named as a foot is preferred [m]."""
-_SOLE = 0.005
+_SOLE_HEIGHT = 0.005
 """Height above the lowest point of a shape up to which its corners belong to the sole [m]."""
-_CORNERS = 8
-"""Most corners of a sole."""
+_MAX_CORNERS = 8
+"""Largest number of corners of a sole."""
 MIN_SOLE_WIDTH = 1e-3
 """Width below which the lowest points of a shape are one point or a line [m]."""
 
 
 def upward(robot: Robot) -> Array:
-    """Normal (3,) of a level floor in the base frame: the world's vertical axis. Gravity may lean from it, as on a slope."""
+    """Normal (3,) of a level floor in the base frame: the world's vertical axis, from which gravity leans on a slope."""
     return vertical_axis(robot.model.gravity)
 
 
@@ -58,7 +58,7 @@ def find_feet(robot: Robot, q: ArrayLike | None = None) -> tuple[str, ...]:
     Notes
     -----
     Legs are branches of two joints or more that reach the lowest frames of the robot in its neutral configuration, well below
-    everything that is fixed to the base; the file need not say that its base floats.
+    everything that is fixed to the base. The base need not be floating in the file.
 
     Examples
     --------
@@ -71,17 +71,20 @@ def find_feet(robot: Robot, q: ArrayLike | None = None) -> tuple[str, ...]:
         q = robot.neutral
     else:
         q = arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
-    poses, up = frame_poses(model, np.asarray(q, float)), upward(robot)
+    poses = frame_poses(model, np.asarray(q, float))
+    up = upward(robot)
     feet = []
     for links in legs_of(model):
         heights = {name: float(poses[name][:3, 3] @ up) for name in links}
-        lowest = min(heights.values())
-        near = [name for name in links if heights[name] <= lowest + _SAME_HEIGHT]
-        near = [name for name in near if not _has_word(name, _SENSOR_WORDS)] or near
-        with_foot_name = [name for name in near if _has_word(name, _FOOT_WORDS)]
+        lowest_height = min(heights.values())
+        lowest = [name for name in links if heights[name] <= lowest_height + _SAME_HEIGHT]
+        without_sensors = [name for name in lowest if not _has_word(name, _SENSOR_WORDS)]
+        candidates = without_sensors or lowest
+        with_foot_name = [name for name in candidates if _has_word(name, _FOOT_WORDS)]
         with_shape = [name for name in with_foot_name if name in model.shaped]
-        feet.append((with_shape or with_foot_name or near)[-1])
-    return tuple(dict.fromkeys(feet))
+        preferred = with_shape or with_foot_name or candidates
+        feet.append(preferred[-1])  # the farthest along the leg
+    return tuple(dict.fromkeys(feet))  # each once
 
 
 def _has_word(name: str, words: Sequence[str]) -> bool:
@@ -98,7 +101,7 @@ def sole(
     q: ArrayLike | None = None,
     normal: ArrayLike | None = None,
 ) -> tuple[Contact, ...]:
-    """Contacts of a foot: corners of its shape's lowest face, of a rectangle, or one point at the frame without a shape.
+    """Contacts of a foot at the corners of its shape's lowest face, or of a rectangle; without a shape, one at the frame.
 
     Parameters
     ----------
@@ -115,7 +118,7 @@ def sole(
     Notes
     -----
     The lowest face is the convex hull of the shape's lowest 5 mm, with at most eight corners. A ball stands on one point. A
-    shape whose mesh is missing counts as none.
+    shape whose mesh is missing is left out.
 
     Examples
     --------
@@ -124,23 +127,25 @@ def sole(
     >>> len(sole(dog, "FL_foot", 0.6)), len(sole(dog, "FL_foot", 0.6, size=(0.1, 0.05)))
     (1, 4)
     """
-    _moving_frame(robot, frame)
+    _require_moving_frame(robot, frame)
     middle = arguments.finite(arguments.one(at, "at", 3), "at", 3)
     if normal is None:
         normal = upward(robot)
+    radius = 0.0
     if size is not None:
         sizes = arguments.one(size, "size", 2).tolist()
         length, width = (arguments.positive(x, "the size of a sole", "m") for x in sizes)
         offsets = 0.5 * np.array([(length, width, 0), (length, -width, 0), (-length, -width, 0), (-length, width, 0)])
-        points, radius = [np.asarray(middle + offset) for offset in offsets], 0.0
+        points = [np.asarray(middle + offset) for offset in offsets]
     else:
         points, radius = _lowest_face(robot, frame, q)
-        points = points or [np.asarray(middle, float)]
+        if not points:  # the frame has no shape
+            points = [np.asarray(middle, float)]
     return tuple(Contact(point, normal, friction, frame, radius=radius) for point in points)
 
 
 def wheel(robot: Robot, frame: str, friction: float, *, normal: ArrayLike | None = None) -> Contact:
-    """Contact of a wheel at its lowest point, however it has turned; at the frame if the file has no shape.
+    """Contact of a wheel at its lowest point, in any rotation of the wheel; at the frame if the file has no shape.
 
     Parameters
     ----------
@@ -158,16 +163,24 @@ def wheel(robot: Robot, frame: str, friction: float, *, normal: ArrayLike | None
     >>> wheel(tw.robots.quadruped(), "FL_foot", 0.6).radius
     0.0
     """
-    _moving_frame(robot, frame)
-    points, radius = _lowest_face(robot, frame, None)
-    up = frame_poses(robot.model, robot.neutral)[frame][:3, :3].T @ upward(robot)
-    depth = max((-float(point @ up) for point in points), default=0.0)
+    _require_moving_frame(robot, frame)
+    points, ball_radius = _lowest_face(robot, frame, None)
+    down = _down_in_frame(robot, frame, robot.neutral)
+    depth = max((float(point @ down) for point in points), default=0.0)
     if normal is None:
         normal = upward(robot)
-    return Contact((0.0, 0.0, 0.0), normal, friction, frame, radius=max(depth + radius, 0.0))
+    wheel_radius = max(depth + ball_radius, 0.0)
+    return Contact((0.0, 0.0, 0.0), normal, friction, frame, radius=wheel_radius)
 
 
-def _moving_frame(robot: Robot, frame: str) -> None:
+def _down_in_frame(robot: Robot, frame: str, q: Array) -> Array:
+    """Direction (3,) of the floor in a frame of the robot in a configuration."""
+    R = frame_poses(robot.model, q)[frame][:3, :3]
+    return np.asarray(-R.T @ upward(robot))
+
+
+def _require_moving_frame(robot: Robot, frame: str) -> None:
+    """Raise ValueRangeError for a frame that is fixed to the base."""
     if require_robot(robot, "sole").model.frame(frame).body == BASE:
         raise ValueRangeError(f"{frame!r} is fixed to the base of robot {robot.name!r}. Give a frame of a leg.")
 
@@ -180,11 +193,11 @@ def patch(
     push: float = np.inf,
     pull: float = 0.0,
 ) -> tuple[Contact, ...]:
-    """Contacts of a pad, a suction cup or a flange: its corners, which share the largest force and the preload.
+    """Contacts at the corners of a pad, a suction cup or a flange, which share the largest force and the preload.
 
     Parameters
     ----------
-    frame : str, optional, link that carries it; None for one body
+    frame : str, optional, link that carries the pad; None for one body
     corners : (k, 3) array_like, in the frame [m]
     normal : (3,) array_like, into the held body
     push : float, largest sum of the normal forces [N]
@@ -203,31 +216,35 @@ def patch(
     points = arguments.finite(corners, "corners", 3)
     if points.ndim != 2:
         raise ShapeError(f"corners have the shape {points.shape}. Give (k, 3), a point each [m].")
-    group = f"patch at {vector(points.mean(axis=0))} towards {vector(arguments.finite(normal, 'normal', 3))}"
-    return tuple(Contact(p, normal, friction, frame, push, pull / len(points), group) for p in points)
+    centre = points.mean(axis=0)
+    direction = arguments.finite(normal, "normal", 3)
+    group = f"patch at {vector(centre)} towards {vector(direction)}"
+    pull_of_corner = pull / len(points)
+    return tuple(Contact(point, normal, friction, frame, push, pull_of_corner, group) for point in points)
 
 
 def _lowest_face(robot: Robot, frame: str, q: ArrayLike | None) -> tuple[list[Array], float]:
-    """Corners of a frame's shape at its lowest side, in the frame, or the centres of balls and their radius.
+    """Corners of a frame's shape at its lowest side, in the frame, and 0; for balls, their centres and their radius.
 
-    Of those in two configurations, the wider are taken.
+    Of the faces that are lowest in the neutral configuration and in q, the wider is taken. Without a shape there are no
+    corners.
     """
     T = np.asarray(robot.model.frame(frame).pose)
-    shapes = [(se3.inverse(T) @ link, solids) for link, solids in _solids_at(robot, frame)]
+    shapes = [(se3.inverse(T) @ link_pose, solids) for link_pose, solids in _solids_at(robot, frame)]
     if not any(solids for _, solids in shapes):
         return [], 0.0
     configurations = [robot.neutral]
     if q is not None:
         configurations.append(np.asarray(q, float))
-    faces = []
-    for configuration in configurations:
-        down = -frame_poses(robot.model, configuration)[frame][:3, :3].T @ upward(robot)
-        faces.append(_face_towards(shapes, down))
-    return max(reversed(faces), key=lambda face: float(np.ptp(face[0], axis=0).max()))  # of equal ones the last
+    faces = [_face_towards(shapes, _down_in_frame(robot, frame, configuration)) for configuration in configurations]
+    return max(reversed(faces), key=lambda face: float(np.ptp(face[0], axis=0).max()))  # of equal widths that in q
 
 
 def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid]]]:
-    """Poses in the body, and shapes, of a link; of all links fixed to it if it has none of its own."""
+    """Poses in the body, and shapes, of a link; those of all links fixed to it if it has no shape of its own.
+
+    Visual shapes are taken only if there are no collision shapes.
+    """
     from ..shapes.meshes import MeshFiles
     from ..shapes.reader import read_shapes
     from ..shapes.solids import SolidReader
@@ -235,16 +252,17 @@ def _solids_at(robot: Robot, frame: str) -> Iterator[tuple[Array, Sequence[Solid
     model = robot.model
     described = {shapes.link: shapes for shapes in read_shapes(model)}
     reader = SolidReader(MeshFiles(Path(model.source) if model.source else None))
-    siblings = [name for name, other in model.frames.items() if other.body == model.frame(frame).body]
-    for links in ([frame], siblings):
+    body = model.frame(frame).body
+    frames_of_body = [name for name, other in model.frames.items() if other.body == body]
+    for links in ([frame], frames_of_body):
         solids_by_link = {name: reader.read(described[name]).solids for name in links if name in described}
         for role in ("collision", "visual"):
-            with_role = {}
+            chosen_by_link = {}
             for name, solids in solids_by_link.items():
-                with_role[name] = [solid for solid in solids if solid.shape.role == role]
-            if any(with_role.values()):
-                for name, role_solids in with_role.items():
-                    yield np.asarray(model.frames[name].pose), role_solids
+                chosen_by_link[name] = [solid for solid in solids if solid.shape.role == role]
+            if any(chosen_by_link.values()):
+                for name, chosen in chosen_by_link.items():
+                    yield np.asarray(model.frames[name].pose), chosen
                 return
 
 
@@ -256,48 +274,56 @@ def _radius(solid: Solid) -> float:
 
 
 def _face_towards(shapes: Sequence[tuple[Array, Sequence[Solid]]], down: Array) -> tuple[list[Array], float]:
-    """Corners, at the lowest height, of the hull of what lies within 5 mm of it; of balls their centres, and the radius."""
+    """Corners of the lowest face of shapes, and 0; if the lowest shapes are balls of one radius, their centres and radius.
+
+    The face is the hull of all points within 5 mm of the lowest, moved to the height of the lowest.
+    """
     solid_points = [(solid, _points_towards(T, solid, down)) for T, solids in shapes for solid in solids]
-    lowest = max(float((points @ down).max()) for _, points in solid_points)
-    near_points, radii = [], set()
+    largest_depth = max(float((points @ down).max()) for _, points in solid_points)
+    sole_depth = largest_depth - _SOLE_HEIGHT
+    points_of_lowest = []
+    radii = set()
     for solid, points_of_solid in solid_points:
-        if (points_of_solid @ down).max() >= lowest - _SOLE:
-            near_points.append(points_of_solid)
+        if (points_of_solid @ down).max() >= sole_depth:
+            points_of_lowest.append(points_of_solid)
             radii.add(_radius(solid))
-    points = np.concatenate(near_points)
-    radius = 0.0
-    if len(radii) == 1:
-        radius = radii.pop()
+    points = np.concatenate(points_of_lowest)
+    radius = radii.pop() if len(radii) == 1 else 0.0
     axes = tangents(down)
-    corners = _corners(points[points @ down >= lowest - _SOLE] @ axes.T)
-    return [np.asarray(corner @ axes + (lowest - radius) * down) for corner in corners], radius
+    corners = _corners(points[points @ down >= sole_depth] @ axes.T)
+    return [np.asarray(corner @ axes + (largest_depth - radius) * down) for corner in corners], radius
 
 
 def _points_towards(T: Array, solid: Solid, down: Array) -> Array:
-    """Corners (k, 3) of a shape; of a ball the lowest point."""
+    """Corners (k, 3) of a shape in the frame in which its link has pose T; of a ball its lowest point."""
     if solid.shape.kind == "sphere":
-        return np.asarray((T @ solid.shape.pose)[:3, 3] + solid.shape.sizes[0] * down)[None]
+        centre = (T @ solid.shape.pose)[:3, 3]
+        return np.asarray(centre + solid.shape.sizes[0] * down)[None]
     return np.asarray(solid.points @ T[:3, :3].T + T[:3, 3])
 
 
-def _corners(flat: Array) -> Array:
-    """Corners (k, 2) of the convex hull of points in a plane; ends of a line, or the middle of a point."""
+def _corners(points: Array) -> Array:
+    """Corners (k, 2) of the convex hull of points in a plane; the ends of a line, or the middle of a point.
+
+    While there are more than the largest number, that with the smallest triangle with its neighbours is dropped.
+    """
     from scipy.spatial import ConvexHull
 
-    centre = flat.mean(axis=0)
-    _, widths, axes = np.linalg.svd(flat - centre, full_matrices=False)
-    along = (flat - centre) @ axes.T
-    wide = np.ptp(along, axis=0) > MIN_SOLE_WIDTH
-    if not wide.any() or not len(widths):
+    centre = points.mean(axis=0)
+    _, singular_values, axes = np.linalg.svd(points - centre, full_matrices=False)
+    along = (points - centre) @ axes.T
+    is_wide = np.ptp(along, axis=0) > MIN_SOLE_WIDTH
+    if not is_wide.any() or not len(singular_values):
         return centre[None]
-    if not wide.all():
-        first = int(np.argmax(wide))
-        return flat[[int(along[:, first].argmin()), int(along[:, first].argmax())]]
-    hull = flat[ConvexHull(flat).vertices]
-    while len(hull) > _CORNERS:
-        before, after = np.roll(hull, 1, axis=0), np.roll(hull, -1, axis=0)
-        u, v = hull - before, after - hull
-        hull = np.delete(hull, int(np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).argmin()), axis=0)
+    if not is_wide.all():  # a line
+        line = along[:, int(np.argmax(is_wide))]
+        return points[[int(line.argmin()), int(line.argmax())]]
+    hull = points[ConvexHull(points).vertices]
+    while len(hull) > _MAX_CORNERS:
+        u = hull - np.roll(hull, 1, axis=0)  # from the corner before
+        v = np.roll(hull, -1, axis=0) - hull  # to the corner after
+        doubled_areas = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        hull = np.delete(hull, int(doubled_areas.argmin()), axis=0)
     return np.asarray(hull)
 
 

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 class LargestPayload:
     """Largest payload: largest mass held at rest, and the joint at its limit.
 
-    Leading axes are those of the poses. Mimic joints with an effort limit are added after the joints of dq if they bear
-    the payload or exceed their limit without it. Coupled motors replace their joints.
+    Leading axes are those of the poses. The joints are those of dq, with coupled motors in place of their joints. Then
+    follow mimic joints with an effort limit that bear the payload, or exceed their limit without it.
     """
 
     mass: Array
@@ -48,11 +48,11 @@ class LargestPayload:
     per_joint: Array
     """(..., nv) kg: largest mass by each joint's limit alone."""
     limits: Array
-    """(nv,): the limits used."""
+    """(nv,): torque limits [N m or N]."""
     joint_names: tuple[str, ...]
     """Names of the joints, indexed by ``joint``."""
     units: tuple[str, ...]
-    """Units of their torques."""
+    """Units of the torques of the joints."""
 
     @property
     def torques(self) -> Array:
@@ -63,8 +63,8 @@ class LargestPayload:
     @property
     def share(self) -> Array:
         """Holding torques as shares of the limits (..., nv), 1 for the limiting joint."""
-        idle = np.where(self.torques == 0, 0.0, np.inf)  # a joint with a limit of zero
-        return np.divide(np.abs(self.torques), self.limits, out=idle, where=self.limits > 0)
+        without_limit = np.where(self.torques == 0, 0.0, np.inf)  # shares of joints with a limit of zero
+        return np.divide(np.abs(self.torques), self.limits, out=without_limit, where=self.limits > 0)
 
     def __str__(self) -> str:
         if self.mass.ndim:
@@ -72,7 +72,8 @@ class LargestPayload:
         if np.isnan(self.mass):
             return "unknown: q has an entry that is not a number"
         if not self.holds:
-            k = int(np.argmax(np.abs(self.unloaded) - self.limits))
+            excess = np.abs(self.unloaded) - self.limits
+            k = int(np.argmax(excess))
             return (
                 f"no payload: {self.joint_names[k]} needs {number(abs(self.unloaded[k]))} of {number(self.limits[k])} "
                 "to hold the robot alone"
@@ -89,8 +90,8 @@ def torques_per_kilogram(
 ) -> Array:
     """Holding torques of one kilogram at a point of a frame, without the robot's own weight.
 
-    τ = J_b' F with F = (c × f, f), where f = -R' g carries one kilogram, in the frame: MR eq. 5.26. Any batch of q and
-    com broadcasts.
+    In the frame, the force f = -R' g carries one kilogram, and τ = J_b' F with F = (c × f, f): MR eq. 5.26. Any batch of
+    q and com broadcasts.
 
     Returns
     -------
@@ -112,7 +113,8 @@ def _wrench_per_kilogram(robot: Robot, q: ArrayLike, com: ArrayLike, frame: str 
     R = np.asarray(robot.forward_kinematics(q, frame))[..., :3, :3]
     same_batch(q=R[..., 0], com=c)
     f = -np.einsum("...ji,j->...i", R, robot.gravity)
-    return np.concatenate([np.cross(c, f), np.broadcast_to(f, np.broadcast_shapes(c.shape, f.shape))], axis=-1)
+    m = np.cross(c, f)
+    return np.concatenate([m, np.broadcast_to(f, m.shape)], axis=-1)
 
 
 def _followers(
@@ -120,19 +122,28 @@ def _followers(
 ) -> tuple[Array, Array, Array, tuple[str, ...]]:
     """Torques of mimic joints with an effort limit, without payload and per kilogram (..., k), their limits (k,) and names.
 
-    Includes joints that the payload loads or that exceed their limits without it.
+    The joints are those that the payload loads, or that exceed their limits without it.
     """
-    model, zero = robot.model, np.zeros(robot.nv)
-    where, F = robot.tip if frame is None else frame, _wrench_per_kilogram(robot, q, com, frame)
-    alone = np.asarray(robot.joint_wrenches(q, zero, zero))
-    alone, loaded = np.broadcast_arrays(alone, robot.joint_wrenches(q, zero, zero, wrench_by_robot={str(where): F}))
-    unloaded, added = follower_torques(model, alone), follower_torques(model, loaded - alone)
-    added = np.where(np.abs(added) < least_torque_per_kilogram(model), 0.0, added)
+    model = robot.model
+    zeros = np.zeros(robot.nv)
+    loaded_frame = str(robot.tip if frame is None else frame)
+    F = _wrench_per_kilogram(robot, q, com, frame)
+    alone = np.asarray(robot.joint_wrenches(q, zeros, zeros))
+    loaded = robot.joint_wrenches(q, zeros, zeros, wrench_by_robot={loaded_frame: F})
+    alone, loaded = np.broadcast_arrays(alone, loaded)
+    unloaded = follower_torques(model, alone)
+    per_kilogram = _without_round_off(robot, follower_torques(model, loaded - alone))
     bodies = [model.bodies[i] for i in model.limited_followers]
+    names = [body.joint.name for body in bodies]
     limits = np.array([body.effort for body in bodies])
-    matters = (added != 0) | (np.abs(unloaded) > limits + margin(limits))
-    kept = np.flatnonzero(matters.reshape(-1, len(bodies)).any(axis=0))
-    return unloaded[..., kept], added[..., kept], limits[kept], tuple(bodies[k].joint.name for k in kept)
+    matters = (per_kilogram != 0) | (np.abs(unloaded) > limits + margin(limits))
+    kept = np.flatnonzero(matters.reshape(-1, len(bodies)).any(axis=0))  # in any of the poses
+    return unloaded[..., kept], per_kilogram[..., kept], limits[kept], tuple(names[k] for k in kept)
+
+
+def _without_round_off(robot: Robot, per_kilogram: Array) -> Array:
+    """Torques per kilogram, with zero for those that are rounding errors."""
+    return np.where(np.abs(per_kilogram) < least_torque_per_kilogram(robot.model), 0.0, per_kilogram)
 
 
 def largest_payload(
@@ -167,22 +178,32 @@ def largest_payload(
     require_fixed_base(robot, "the largest payload")
     L = effort_limits(robot, limits)
     unloaded = motor_torques(robot.model, resting_torques(robot, q))
-    per_kilogram = motor_torques(robot.model, torques_per_kilogram(robot, q, com, frame))
-    per_kilogram = np.where(np.abs(per_kilogram) < least_torque_per_kilogram(robot.model), 0.0, per_kilogram)
+    per_kilogram = _without_round_off(robot, motor_torques(robot.model, torques_per_kilogram(robot, q, com, frame)))
     unloaded, per_kilogram = np.broadcast_arrays(unloaded, per_kilogram)
-    names, turning = robot.model.drive_labels, drive_turns(robot.model)
+    names = robot.model.drive_labels
+    turning = drive_turns(robot.model)
     if robot.model.limited_followers:
-        alone, added, theirs, followers = _followers(robot, q, com, frame)
-        unloaded, per_kilogram = np.concatenate([unloaded, alone], -1), np.concatenate([per_kilogram, added], -1)
-        L, names = np.concatenate([L, theirs]), (*names, *followers)
+        of_followers = _followers(robot, q, com, frame)
+        unloaded = np.concatenate([unloaded, of_followers[0]], -1)
+        per_kilogram = np.concatenate([per_kilogram, of_followers[1]], -1)
+        L = np.concatenate([L, of_followers[2]])
+        names = (*names, *of_followers[3])
         turning += [bool(robot.model.bodies[i].joint.turning[0]) for i in robot.model.limited_followers]
-    s = growth(unloaded, per_kilogram, L)
+    masses = growth(unloaded, per_kilogram, L)
     holds = np.all(np.abs(unloaded) <= L + margin(L), axis=-1)
-    unknown = np.isnan(unloaded + per_kilogram).any(axis=-1)
-    mass = np.where(unknown, np.nan, np.where(holds, np.maximum(s.most, 0.0), 0.0))
-    joint, side = np.where(holds, s.joint, -1), np.where(holds, s.side, 0)
+    held_mass = np.where(holds, np.maximum(masses.most, 0.0), 0.0)
+    is_unknown = np.isnan(unloaded + per_kilogram).any(axis=-1)
     return LargestPayload(
-        mass, joint, side, holds, unloaded, per_kilogram, s.per_joint, L, names, units_of("tau", turning)
+        mass=np.where(is_unknown, np.nan, held_mass),
+        joint=np.where(holds, masses.joint, -1),
+        side=np.where(holds, masses.side, 0),
+        holds=holds,
+        unloaded=unloaded,
+        per_kilogram=per_kilogram,
+        per_joint=masses.per_joint,
+        limits=L,
+        joint_names=names,
+        units=units_of("tau", turning),
     )
 
 
@@ -205,9 +226,9 @@ def payload_in_region(
 ) -> RegionPayload:
     """Largest payload with its centre of mass in the convex hull of a region, at one pose.
 
-    The guaranteed payload is the minimum over the corners, since torques are affine in the centre of mass. The best
-    centre of mass solves a linear programme: maximise Σ λ over λ ≥ 0 with abs(g + Σ λ_k w(c_k)) ≤ limits, m = Σ λ and m
-    c = Σ λ_k c_k.
+    The guaranteed payload is the minimum over the corners c_k, since torques are affine in the centre of mass. The best
+    payload m and centre of mass c solve a linear programme: maximise Σ λ_k over λ ≥ 0 with abs(g + Σ λ_k w(c_k)) ≤ limits,
+    where w are torques per kilogram. Then m = Σ λ_k and m c = Σ λ_k c_k.
 
     Parameters
     ----------
@@ -229,24 +250,27 @@ def payload_in_region(
     worst = int(np.argmin(at_corners.mass))
     if not at_corners.holds.all():
         return RegionPayload(0.0, corners[worst], 0.0, corners[worst])
-    weights = _best_mixture(at_corners.unloaded[0], at_corners.per_kilogram, at_corners.limits)
-    best = float(weights.sum())
-    com = corners[int(np.argmax(at_corners.mass))]
+    masses = _best_masses(at_corners.unloaded[0], at_corners.per_kilogram, at_corners.limits)
+    best = float(masses.sum())
+    best_com = corners[int(np.argmax(at_corners.mass))]
     if 0 < best < np.inf:
-        com = weights @ corners / best
-    return RegionPayload(float(at_corners.mass[worst]), corners[worst], best, com)
+        best_com = masses @ corners / best
+    return RegionPayload(float(at_corners.mass[worst]), corners[worst], best, best_com)
 
 
-def _best_mixture(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
-    """Solution λ (k,) of the linear programme; inf if unbounded."""
+def _best_masses(unloaded: Array, per_kilogram: Array, limits: Array) -> Array:
+    """Masses λ (k,) at the corners that solve the linear programme; inf if unbounded."""
     from scipy.optimize import linprog
 
-    bounded = np.isfinite(limits)
-    A, L, g = per_kilogram.T[bounded], limits[bounded], unloaded[bounded]
-    b = np.concatenate([L - g, L + g])
-    optimum = linprog(-np.ones(A.shape[1]), A_ub=np.vstack([A, -A]), b_ub=b, method="highs")
+    has_limit = np.isfinite(limits)
+    A = per_kilogram.T[has_limit]
+    L = limits[has_limit]
+    g = unloaded[has_limit]
+    b = np.concatenate([L - g, L + g])  # A λ ≤ L - g and -A λ ≤ L + g
+    corners = A.shape[1]
+    optimum = linprog(-np.ones(corners), A_ub=np.vstack([A, -A]), b_ub=b, method="highs")
     if optimum.status != 0:
-        return np.full(A.shape[1], np.inf)
+        return np.full(corners, np.inf)
     return np.asarray(optimum.x)
 
 
@@ -260,8 +284,11 @@ def points(com: ArrayLike) -> Array:
 SLICES = {"xz": (0, 2, 1), "yz": (1, 2, 0), "xy": (0, 1, 2)}
 """In-plane axes of each slice and the axis across it; "rz" is radius and height, for any direction around z."""
 _CHUNK = 1 << 15
-_CELLS, _PER_CELL = (8, 60), 40
-"""Cells along the longer side, and configurations per cell of a square; typical slices fill half their cells."""
+"""Configurations computed at once."""
+_LEAST_CELLS, _MOST_CELLS = 8, 60
+"""Cells along the longer side."""
+_SAMPLES_PER_CELL = 40
+"""Configurations per cell of a square; typical slices fill half their cells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,9 +321,10 @@ class PayloadMap:
 
     def __str__(self) -> str:
         filled = int((self.count > 0).sum())
+        cell_size = float(np.diff(self.edges[0])[0])
         return (
             f"{self.plane} slice: {self.samples} configurations in {filled} cells of "
-            f"{number(1e3 * float(np.diff(self.edges[0])[0]), 3)} mm, best {number(np.nanmax(self.best))} kg, "
+            f"{number(1e3 * cell_size, 3)} mm, best {number(np.nanmax(self.best))} kg, "
             f"worst {number(np.nanmin(self.worst))} kg"
         )
 
@@ -319,8 +347,8 @@ def payload_map(
     Parameters
     ----------
     plane : "xz", "yz" or "xy" of the base frame, or "rz"
-        A slab of ``thickness`` about ``at`` on the axis across it; "rz", the distance from the base's z axis and the
-        height, wastes no sample.
+        A plane is a slab of ``thickness`` around ``at`` on the axis across it. "rz" is the distance from the base's z axis
+        and the height; it uses every sample.
     at : float, position of the slab [m]
     thickness : float, of the slab [m]
     cells : int, optional, number along the longer side
@@ -348,13 +376,15 @@ def payload_map(
         q = robot.random_configuration(rng, min(_CHUNK, samples - begin))
         p = np.asarray(robot.forward_kinematics(q, frame))[:, :3, 3]
         if plane == "rz":
-            position = np.column_stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]])
+            in_plane = np.column_stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]])
         else:
-            first, second, third = SLICES[plane]
-            inside = np.abs(p[:, third] - at) <= 0.5 * thickness
-            q, position = q[inside], p[inside][:, [first, second]]
+            first, second, across = SLICES[plane]
+            is_inside = np.abs(p[:, across] - at) <= 0.5 * thickness
+            q = q[is_inside]
+            in_plane = p[is_inside][:, [first, second]]
         if len(q):
-            parts.append(np.column_stack([position, largest_payload(robot, q, com, frame=frame, limits=limits).mass]))
+            mass = largest_payload(robot, q, com, frame=frame, limits=limits).mass
+            parts.append(np.column_stack([in_plane, mass]))
     if not parts:
         raise ValueRangeError(
             f"none of {samples} configurations has its tip in the {plane} slice {printed(thickness)} m thick at "
@@ -362,10 +392,12 @@ def payload_map(
         )
     rows = np.concatenate(parts)
     if cells is None:
-        cells = int(np.clip(np.sqrt(len(rows) / _PER_CELL), *_CELLS))
-    slab = (0.0, np.inf) if plane == "rz" else (at, thickness)
+        cells_of_square = len(rows) / _SAMPLES_PER_CELL
+        cells = int(np.clip(np.sqrt(cells_of_square), _LEAST_CELLS, _MOST_CELLS))
+    if plane == "rz":  # has no slab
+        at, thickness = 0.0, np.inf
     edges, best, worst, count = _sort_into_cells(rows, cells)
-    return PayloadMap(plane, *slab, edges, best, worst, count)
+    return PayloadMap(plane, at, thickness, edges, best, worst, count)
 
 
 def plane_and_samples(plane: str, samples: int) -> tuple[str, int]:
@@ -376,15 +408,18 @@ def plane_and_samples(plane: str, samples: int) -> tuple[str, int]:
 
 
 def _sort_into_cells(rows: Array, cells: int) -> tuple[tuple[Array, Array], Array, Array, Array]:
-    """Sort rows (x, y, mass) into square cells: borders, maximum, minimum and count."""
-    low, high = rows[:, :2].min(axis=0), rows[:, :2].max(axis=0)
-    size = max(float((high - low).max()), 1e-9) / cells
-    nx, ny = (np.maximum(np.ceil((high - low) / size - 1e-9), 1)).astype(int)
-    column = np.clip(((rows[:, 0] - low[0]) / size).astype(int), 0, nx - 1)
-    row = np.clip(((rows[:, 1] - low[1]) / size).astype(int), 0, ny - 1)
-    best, worst = np.full((ny, nx), -np.inf), np.full((ny, nx), np.inf)
-    np.maximum.at(best, (row, column), rows[:, 2])
-    np.minimum.at(worst, (row, column), rows[:, 2])
+    """Borders of square cells, and for each cell the maximum, minimum and number of the masses of rows (x, y, mass)."""
+    x, y, mass = rows.T
+    low = rows[:, :2].min(axis=0)
+    high = rows[:, :2].max(axis=0)
+    size = max(float((high - low).max()), 1e-9) / cells  # 1e-9: all rows may be at one point
+    nx, ny = (np.maximum(np.ceil((high - low) / size - 1e-9), 1)).astype(int)  # 1e-9: round-off adds no cell
+    column = np.clip(((x - low[0]) / size).astype(int), 0, nx - 1)
+    row = np.clip(((y - low[1]) / size).astype(int), 0, ny - 1)
+    best = np.full((ny, nx), -np.inf)
+    worst = np.full((ny, nx), np.inf)
+    np.maximum.at(best, (row, column), mass)
+    np.minimum.at(worst, (row, column), mass)
     count = np.zeros((ny, nx), int)
     np.add.at(count, (row, column), 1)
     best[count == 0] = worst[count == 0] = np.nan

@@ -35,10 +35,9 @@ def payload_view(report: PayloadReport) -> Iterator[Block]:
         yield from remarks([hint])
     yield ""
     carried = carried_words(report)
-    besides = ""
-    if carried:
-        besides = f"  ·  carrying {carried} already"
-    yield Line((report.robot.name, Style.STRONG), f"  ·  payload at {place_words(report.frame, report.com)}{besides}")
+    place = place_words(report.frame, report.com)
+    already = f"  ·  carrying {carried} already" if carried else ""
+    yield Line((report.robot.name, Style.STRONG), f"  ·  payload at {place}{already}")
     yield _holding_torques(report)
     if report.judged:
         yield from _forces(report)
@@ -46,7 +45,8 @@ def payload_view(report: PayloadReport) -> Iterator[Block]:
         yield f"map, {report.map}"
     yield Line((_CAUTION, Style.QUIET))
     positions = {"com": report.com}
-    positions |= {f"the centre of the tool of {number(p.mass)} kg": np.array(p.place) for p in report.load.payloads}
+    for payload in report.load.payloads:
+        positions[f"the centre of the tool of {number(payload.mass)} kg"] = np.array(payload.place)
     slips = unit_slips(report.robot, report.q, report.limits, positions, degrees=report.degrees)
     yield from remarks([*slips, *report.load.unit_hints])
 
@@ -68,7 +68,9 @@ def findings(report: PayloadReport) -> list[tuple[Word, tuple[str, ...]]]:
 def _headline(report: PayloadReport) -> Headline:
     """First word with its reasons; further words and the largest payload below it."""
     (first, reasons), *others = findings(report)
-    further = [Line((str(word), word_style(word)), f": {'; '.join(each)}.") for word, each in others]
+    further = [
+        Line((str(word), word_style(word)), f": {'; '.join(reasons_of_word)}.") for word, reasons_of_word in others
+    ]
     if first is not Word.OK and report.largest.holds and report.judged:
         sentence = _largest(report)
         further.append(Line(f"{sentence[0].upper()}{sentence[1:]}."))
@@ -77,15 +79,16 @@ def _headline(report: PayloadReport) -> Headline:
 
 def _largest(report: PayloadReport) -> str:
     """Sentence on the largest payload and the joint that limits it."""
-    largest, assumed = report.largest, report.assumed
-    k, side = int(largest.joint), "upper" if largest.side > 0 else "lower"
+    largest = report.largest
+    k = int(largest.joint)
     if k < 0:
-        return f"the payload is not limited at this pose: no joint torque depends on it{assumed}"
+        return f"the payload is not limited at this pose: no joint torque depends on it{report.assumed}"
+    side = "upper" if largest.side > 0 else "lower"
     itself = "the robot and what it carries" if report.load.payloads else "the robot itself"
     return (
         f"largest payload at rest in this pose: {rounded_down(largest.mass)} kg at {place_words(report.frame, report.com)}. "
         f"Limited by {largest.joint_names[k]}, {side} limit: {torque(largest.torques[k])} {largest.units[k]}, of which "
-        f"{torque(largest.unloaded[k])} carry {itself}{assumed}"
+        f"{torque(largest.unloaded[k])} carry {itself}{report.assumed}"
     )
 
 
@@ -99,21 +102,23 @@ def _not_held(report: PayloadReport) -> str:
 
 def _stops_words(beyond: tuple[BeyondStop, ...], *, degrees: bool) -> str:
     """Sentence on joints beyond their position limits, with their excess; turning joints in degrees if ``degrees``."""
-    parts = []
-    for b in beyond:
+    clauses = []
+    for joint in beyond:
         scale = 1.0
-        if degrees and b.turns:
+        if degrees and joint.turns:
             scale = math.degrees(1.0)
-        unit = unit_of("q", b.turns, degrees=degrees)
-        side = "above its upper" if b.value > b.stop else "below its lower"
-        value, excess, stop = (quantity(scale * x, unit, decimals=_ROUNDING) for x in (b.value, b.by, b.stop))
-        parts.append(f"{b.joint} at {value} is {excess} {side} position limit, {stop}")
-    return f"the robot cannot be in this pose: {'; '.join(parts)}"
+        unit = unit_of("q", joint.turns, degrees=degrees)
+        side = "above its upper" if joint.value > joint.stop else "below its lower"
+        figures = (joint.value, joint.by, joint.stop)
+        value, excess, stop = (quantity(scale * x, unit, decimals=_ROUNDING) for x in figures)
+        clauses.append(f"{joint.joint} at {value} is {excess} {side} position limit, {stop}")
+    return f"the robot cannot be in this pose: {'; '.join(clauses)}"
 
 
 def _holding_torques(report: PayloadReport) -> Table:
-    """One row per joint."""
-    largest, turning = report.largest, Coordinates.from_model(report.robot.model).angular_velocity
+    """Table with a row for each joint, which shows the share of its limit only in a report with limits."""
+    largest = report.largest
+    turning = Coordinates.from_model(report.robot.model).angular_velocity
     shares = [float(x) for x in largest.share]
     unit = heading_unit("tau", turning)
     torque_column = partial(numbers, show=torque, unit=unit, headed=False)
@@ -144,9 +149,10 @@ def _limit_shares(report: PayloadReport, shares: list[float]) -> Iterator[Column
     largest = report.largest
     masses = np.maximum(largest.per_joint, 0.0)
     yield numbers("up to", masses, lambda m: rounded_down(m) if math.isfinite(m) else MISSING, "kg")
-    known = [share if math.isfinite(limit) else None for share, limit in zip(shares, largest.limits, strict=True)]
-    bars = [Bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in known]
-    yield words("share of limit", bars, fold=False, narrow=numbers("share", known, percent_of_limit))
+    has_limit = np.isfinite(largest.limits)
+    shown_shares = [share if limited else None for share, limited in zip(shares, has_limit, strict=True)]
+    bars = [Bar(share or 0.0, f"  {percent_of_limit(share):>5}") for share in shown_shares]
+    yield words("share of limit", bars, fold=False, narrow=numbers("share", shown_shares, percent_of_limit))
 
 
 def _row_styles(shares: list[float], limiting: int) -> list[str]:
@@ -181,21 +187,25 @@ def carried_words(report: PayloadReport) -> str:
 
 def joint_positions(report: PayloadReport) -> Array:
     """Positions of the joints [rad or m, or degrees]; nan for joints of more than one degree of freedom."""
-    positions = dict.fromkeys(report.largest.joint_names, math.nan)
-    for b in report.robot.model.bodies:
-        if b.joint.nq == b.joint.nv == 1:
-            position = b.ratio * report.q[b.q_index] + b.offset
-            if report.degrees and b.joint.turning[0]:
+    position_by_joint = dict.fromkeys(report.largest.joint_names, math.nan)
+    for body in report.robot.model.bodies:
+        joint = body.joint
+        if joint.nq == joint.nv == 1:
+            position = body.ratio * report.q[body.q_index] + body.offset  # of a mimic joint by its leader's
+            if report.degrees and joint.turning[0]:
                 position = position * math.degrees(1.0)
-            positions[b.joint.name] = position
-    return np.array([positions[name] for name in report.largest.joint_names])
+            position_by_joint[joint.name] = position
+    return np.array([position_by_joint[name] for name in report.largest.joint_names])
 
 
 def _forces(report: PayloadReport) -> Iterator[str]:
     """Largest forces that the robot can apply at the frame, along the base axes and in the weakest direction."""
-    robot, q, effort = report.robot, report.q, report.limits.effort
-    along = largest_wrench(robot, q, np.concatenate([np.eye(3), -np.eye(3)]), frame=report.frame, limits=effort)
-    texts = [_force(magnitude) for magnitude in along.magnitude]
+    robot = report.robot
+    q = report.q
+    effort = report.limits.effort
+    both_ways = np.concatenate([np.eye(3), -np.eye(3)])
+    along_axes = largest_wrench(robot, q, both_ways, frame=report.frame, limits=effort)
+    texts = [_force_text(magnitude) for magnitude in along_axes.magnitude]
     pairs = [f"±{axis} {texts[k]} / {texts[k + 3]}" for k, axis in enumerate("xyz")]
     yield (
         f"Largest force [N] at the origin of {report.frame}, in place of the payload, along {', '.join(pairs)} (base axes)."
@@ -204,13 +214,13 @@ def _forces(report: PayloadReport) -> Iterator[str]:
         weakest = weakest_direction(robot, q, frame=report.frame, limits=effort)
     except ValueRangeError:
         return
-    d = ", ".join(number(x, 2, decimals=3) for x in weakest.wrench[3:])
-    limited = ""
+    direction = ", ".join(number(x, 2, decimals=3) for x in weakest.wrench[3:])
+    limiting = ""
     if weakest.joint >= 0:
-        limited = f", limited by {weakest.joint_names[int(weakest.joint)]}"
-    yield f"Weakest along ({d}): {_force(weakest.magnitude)} N{limited}."
+        limiting = f", limited by {weakest.joint_names[int(weakest.joint)]}"
+    yield f"Weakest along ({direction}): {_force_text(weakest.magnitude)} N{limiting}."
     yield ""
 
 
-def _force(value: Any) -> str:
+def _force_text(value: Any) -> str:
     return number(value, missing="unbounded")

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _NO_LEVER = 1e-12
 """Levers below this [m], or below this share of the longest, are rounding errors: their load does not affect the joint."""
 _MAX_LISTED_NAMES = 12
+"""Number of joints that a message names."""
 
 
 def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
@@ -32,9 +33,9 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
     :class:`~twistwrench.ValueRangeError` if a limit is negative or no joint of the robot has a limit.
     """
     names = require_robot(robot, "statics").model.drive_names
+    given_or_own = robot.limits.effort if limits is None else limits
     try:
-        efforts = robot.limits.effort if limits is None else limits
-        effort = arguments.one(efforts, "limits", robot.nv, names=names).copy()
+        effort = arguments.one(given_or_own, "limits", robot.nv, names=names).copy()
     except ShapeError as problem:
         listed = ", ".join(names[:_MAX_LISTED_NAMES])
         if len(names) > _MAX_LISTED_NAMES:
@@ -42,19 +43,21 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
         raise ShapeError(
             f"{problem} Robot {robot.name!r} wants the largest torque or force of each of {listed}."
         ) from None
-    free = floating_entries(robot)
-    effort[free] = 0.0
+    is_floating = floating_entries(robot)
+    effort[is_floating] = 0.0
     v_index = {body.joint.name: body.v_index for body in robot.model.leaders}
     for motor, actuator in robot.actuators.items():
         joint = actuator.joint
         if motor != joint and joint in v_index:  # an elastic joint
             effort[v_index[joint]] = min(effort[v_index[joint]], effort[v_index[motor]])
-    if np.isnan(effort).any() or (effort < 0).any():
-        k = int(np.argmax(~(effort >= 0)))
+    refused = ~(effort >= 0)  # negative or NaN
+    if refused.any():
+        k = int(np.argmax(refused))
         raise ValueRangeError(
             f"the limit of {names[k]!r} is {printed(effort[k])}. Give a torque or force of at least zero."
         )
-    if limits is None and robot.nv and not free.all() and np.isinf(effort[~free]).all():
+    driven_limits = effort[~is_floating]
+    if limits is None and driven_limits.size and np.isinf(driven_limits).all():
         raise ValueRangeError(
             f"robot {robot.name!r} has no effort limits, so its holding torques are unbounded. "
             f"Pass {spell(Argument('limits'))} with {robot.nv} numbers [N m or N], one for each of "
@@ -66,19 +69,21 @@ def effort_limits(robot: Robot, limits: ArrayLike | None = None) -> Array:
 def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, ArrayLike] | None = None) -> Array:
     """Torques that hold the robot at rest, (..., nv), against gravity, springs and wrenches on the robot.
 
-    Torques of elastic transmissions are left out. At rest their deflection balances the load, so motor positions in
-    ``q`` have no effect: see :func:`effort_limits`.
+    Torques of elastic transmissions are left out: at rest, their deflection balances the load. Motor positions in
+    ``q`` therefore have no effect; see :func:`effort_limits`.
     """
     require_robot(robot, "statics")
     tau = np.asarray(robot.holding_torques(q, wrench_on_robot=wrench_on_robot))
     motors = {name for name, actuator in robot.actuators.items() if name != actuator.joint}
-    gears = [spring for spring in robot.model.springs if not motors.isdisjoint(dict(spring.terms))]
-    if not gears:
+    transmissions = [spring for spring in robot.model.springs if not motors.isdisjoint(dict(spring.terms))]
+    if not transmissions:
         return tau
-    x, tau = np.asarray(robot.subtract(q, robot.neutral)), tau.copy()
+    displacement = np.asarray(robot.subtract(q, robot.neutral))
+    tau = tau.copy()
     v_index = {body.joint.name: body.v_index for body in robot.model.leaders}
-    for spring in gears:
-        stretch = sum(weight * x[..., v_index[joint]] for joint, weight in spring.terms) - spring.rest
+    for spring in transmissions:
+        length = sum(weight * displacement[..., v_index[joint]] for joint, weight in spring.terms)
+        stretch = length - spring.rest
         for joint, weight in spring.terms:
             tau[..., v_index[joint]] -= weight * spring.stiffness * stretch
     return tau
@@ -86,15 +91,15 @@ def resting_torques(robot: Robot, q: ArrayLike, wrench_on_robot: Mapping[str, Ar
 
 def floating_entries(robot: Robot) -> Array:
     """Mask (nv,), True for entries of τ that belong to floating joints."""
-    return np.array([not b.joint.driven for b in robot.model.leaders for _ in range(b.joint.nv)], bool)
+    is_floating = [not body.joint.driven for body in robot.model.leaders]
+    sizes = [body.joint.nv for body in robot.model.leaders]
+    return np.repeat(np.array(is_floating, bool), sizes)
 
 
 def span(values: Array) -> str:
     """Text of the minimum and maximum of an array, and the number of NaN values."""
     known = values[~np.isnan(values)]
-    text = "none known"
-    if known.size:
-        text = f"{number(known.min())} to {number(known.max())}"
+    text = f"{number(known.min())} to {number(known.max())}" if known.size else "none known"
     unknown = values.size - known.size
     if unknown:
         text += f"; {unknown} unknown, as q is not a number there"
@@ -102,7 +107,10 @@ def span(values: Array) -> str:
 
 
 def require_fixed_base(robot: Robot, what: str) -> None:
-    """Raise ValueRangeError for a robot with a floating base or without joints, whose torques cannot hold it."""
+    """Raise ValueRangeError if a robot has a floating base or no moving joints, since its torques cannot hold it.
+
+    The message begins with ``what``, the quantity asked for.
+    """
     if robot.nv == 0:
         raise ValueRangeError(
             f"{what} needs a robot with moving joints, but {robot.name!r} has none. If joints are locked, lock fewer of them."
@@ -135,17 +143,26 @@ class Growth:
 def growth(start: Array, step: Array, limits: Array) -> Growth:
     """Range of s with abs(start + s · step) ≤ limits, in closed form; (..., nv), (..., nv), (nv) → (...).
 
-    For each joint, s lies between (∓L - sign(a) τ₀) / abs(a), with a the step and τ₀ the start.
+    For each joint, s lies between (-L - sign(a) τ₀) / abs(a) and (L - sign(a) τ₀) / abs(a), with a the step, τ₀ the
+    start and L the limit. A step of zero leaves τ₀: then every s stays within the limit, or none.
     """
     start, step = np.broadcast_arrays(start, step)
     size = np.abs(step)
-    felt = size > _NO_LEVER * np.maximum(1.0, size.max(axis=-1, initial=0.0, keepdims=True))
-    lever = np.where(felt, size, 1.0)
-    within = np.abs(start) <= limits + margin(limits)
-    largest_s = np.where(felt, (limits - np.sign(step) * start) / lever, np.where(within, np.inf, -np.inf))
-    least_s = np.where(felt, (-limits - np.sign(step) * start) / lever, np.where(within, -np.inf, np.inf))
+    longest = size.max(axis=-1, initial=0.0, keepdims=True)
+    is_loaded = size > _NO_LEVER * np.maximum(1.0, longest)
+    divisor = np.where(is_loaded, size, 1.0)
+    signed_start = np.sign(step) * start
+    starts_within = np.abs(start) <= limits + margin(limits)
+    largest_s = np.where(is_loaded, (limits - signed_start) / divisor, np.where(starts_within, np.inf, -np.inf))
+    least_s = np.where(is_loaded, (-limits - signed_start) / divisor, np.where(starts_within, -np.inf, np.inf))
     joint = np.argmin(largest_s, axis=-1)
-    bound = np.take_along_axis(largest_s, joint[..., None], axis=-1)[..., 0]
+    most = np.take_along_axis(largest_s, joint[..., None], axis=-1)[..., 0]
     side = np.take_along_axis(np.where(step > 0, 1, -1), joint[..., None], axis=-1)[..., 0]
-    free = ~np.isfinite(bound)
-    return Growth(least_s.max(axis=-1), bound, largest_s, np.where(free, -1, joint), np.where(free, 0, side))
+    is_unbounded = ~np.isfinite(most)
+    return Growth(
+        least=least_s.max(axis=-1),
+        most=most,
+        per_joint=largest_s,
+        joint=np.where(is_unbounded, -1, joint),
+        side=np.where(is_unbounded, 0, side),
+    )

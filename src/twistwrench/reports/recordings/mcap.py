@@ -16,18 +16,18 @@ from ...formats.xml import xml_text
 from .description import MovingJoints, robot_description
 from .recording import NANOSECONDS, Recording
 
-_LEVELS = {Word.OK: 20, Word.UNSURE: 30}
-"""Message levels in /rosout; other verdicts have the level of errors, 40."""
+_INFO, _WARNING, _ERROR = 20, 30, 40  # levels of rcl_interfaces/msg/Log
+_LEVELS = {Word.OK: _INFO, Word.UNSURE: _WARNING}
+"""Message levels in /rosout; other verdicts are errors."""
 _RULE = "=" * 80 + "\n"
+"""Line between the definitions of a message and of the messages in it."""
 _TIME = f"{_RULE}MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 _HEADER = f"{_RULE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n{_TIME}"
 _XYZ = "float64 x\nfloat64 y\nfloat64 z\n"
-_STATE, _TEXT, _LOG, _TF = (
-    "sensor_msgs/msg/JointState",
-    "std_msgs/msg/String",
-    "rcl_interfaces/msg/Log",
-    "tf2_msgs/msg/TFMessage",
-)
+_STATE = "sensor_msgs/msg/JointState"
+_TEXT = "std_msgs/msg/String"
+_LOG = "rcl_interfaces/msg/Log"
+_TF = "tf2_msgs/msg/TFMessage"
 _MESSAGES = {
     _STATE: "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
     + _HEADER,
@@ -44,7 +44,7 @@ _MESSAGES = {
 
 
 def require_mcap() -> Any:
-    """Writer of MCAP files; raises MissingExtraError."""
+    """Class of the writer of MCAP files; raises MissingExtraError if it is not installed."""
     try:
         from mcap_ros2.writer import Writer
     except ImportError:
@@ -54,46 +54,52 @@ def require_mcap() -> Any:
 
 def write_mcap(path: str | Path, recording: Recording) -> Path:
     """Write an MCAP file: JointState, robot description, /tf of joints with several coordinates, and the verdict in /rosout."""
-    path, writer_of = as_path(path), require_mcap()
+    path = as_path(path)
+    writer_of = require_mcap()
     moving = MovingJoints(recording.robot, robot_description(recording.robot.model))
     with replacing(path) as scratch, scratch.open("wb") as file, writer_of(file) as writer:
-        messages = _MessageWriter(writer, recording.joints[0])
+        joint_names = recording.joints[0]
+        messages = _MessageWriter(writer, joint_names)
         first, last = recording.stamps(np.array(recording.span)).tolist()
         messages.write("/robot_description", _TEXT, first, {"data": xml_text(moving.description)})
         for time, q, series in recording.portions:
-            values_of_topics = {}
-            if recording.joints[0]:
-                values_of_topics = {_topic(name): recording.values(states) for name, states in series.items()}
-            poses = list(moving.transforms(q))
+            values_by_topic = {}
+            if joint_names:
+                values_by_topic = {_topic(name): recording.values(states) for name, states in series.items()}
+            pose_series = list(moving.transforms(q))
             for k, stamp in enumerate(recording.stamps(time).tolist()):
-                for topic, values in values_of_topics.items():
+                for topic, values in values_by_topic.items():
                     messages.write_states(topic, stamp, values, k)
-                if poses:
-                    transforms = [_transform(stamp, k, *pose) for pose in poses]
+                if pose_series:
+                    transforms = [_transform(stamp, k, *series_of_pair) for series_of_pair in pose_series]
                     messages.write("/tf", _TF, stamp, {"transforms": transforms})
         if recording.limits is not None:
+            limits = recording.values(recording.limits)
             for stamp in (first, last):
-                messages.write_states(_topic("limits"), stamp, recording.values(recording.limits), 0)
+                messages.write_states(_topic("limits"), stamp, limits, 0)
         if recording.verdict is not None:
             word, text = recording.verdict
-            message = {"stamp": _time(first), "level": _LEVELS.get(word, 40), "name": "twistwrench", "msg": text}
-            messages.write("/rosout", _LOG, first, {**message, "file": "", "function": "", "line": 0})
+            level = _LEVELS.get(word, _ERROR)
+            message = {"stamp": _time(first), "level": level, "name": "twistwrench", "msg": text}
+            empty_place = {"file": "", "function": "", "line": 0}
+            messages.write("/rosout", _LOG, first, message | empty_place)
     return path
 
 
 class _MessageWriter:
-    """Writer of ROS messages for some joints."""
+    """Writer of ROS messages for some joints; stamps are in nanoseconds."""
 
     def __init__(self, writer: Any, joints: list[str]) -> None:
-        self._writer, self._joints = writer, joints
+        self._writer = writer
+        self._joints = joints
         self._schemas = {kind: writer.register_msgdef(kind, text) for kind, text in _MESSAGES.items()}
 
     def write(self, topic: str, kind: str, stamp: int, message: dict[str, Any]) -> None:
-        """Write one message."""
+        """Write one message, which is logged and published at its stamp."""
         self._writer.write_message(topic, self._schemas[kind], message, stamp, stamp)
 
     def write_states(self, topic: str, stamp: int, values: Mapping[str, Array], k: int) -> None:
-        """Write row k of joint states."""
+        """Write row k of joint states; quantities that are not among the values are empty."""
         message: dict[str, Any] = {"header": _header(stamp), "name": self._joints}
         for name in ("position", "velocity", "effort"):
             message[name] = values[name][k].tolist() if name in values else []
@@ -112,9 +118,9 @@ def _header(stamp: int, frame: str = "") -> dict[str, Any]:
     return {"stamp": _time(stamp), "frame_id": frame}
 
 
-def _transform(stamp: int, k: int, parent: str, child: str, places: Array, turns: Array) -> dict[str, Any]:
-    """Message of row k of a transform."""
-    translation = dict(zip("xyz", places[k].tolist(), strict=True))
-    rotation = dict(zip("xyzw", turns[k].tolist(), strict=True))
+def _transform(stamp: int, k: int, parent: str, child: str, positions: Array, quaternions: Array) -> dict[str, Any]:
+    """Message of row k of the poses of a child in its parent."""
+    translation = dict(zip("xyz", positions[k].tolist(), strict=True))
+    rotation = dict(zip("xyzw", quaternions[k].tolist(), strict=True))
     transform = {"translation": translation, "rotation": rotation}
     return {"header": _header(stamp, parent), "child_frame_id": child, "transform": transform}

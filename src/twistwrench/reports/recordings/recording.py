@@ -31,8 +31,9 @@ NANOSECONDS = 10**9
 """Nanoseconds of a second."""
 _MAX_STAMP = 2**31
 """Largest ROS time stamp [s]."""
-_ROWS = 8192
-_PARTS = {"position": "q", "velocity": "dq", "effort": "tau"}
+_CHUNK = 8192
+"""Rows computed at once."""
+_QUANTITIES = {"position": "q", "velocity": "dq", "effort": "tau"}
 """Fields of a JointState and the quantities stored in them."""
 
 
@@ -53,21 +54,25 @@ class Recording:
     """Content of a recording, in chunks of rows."""
 
     robot: Robot
+    """Robot of the motion."""
     epoch: int
     """Stamp of time 0 [ns]."""
     span: tuple[float, float]
     """First and last time [s]."""
     portions: Iterator[Portion]
+    """Chunks of rows in the order of time; they can be read once."""
     limits: JointStates | None = None
     """Velocity and torque limits, (1, nv) each."""
     verdict: tuple[Word, str] | None = None
+    """Word of the verdict of a report, and its text."""
 
     @classmethod
     def from_motion(cls, motion: Motion) -> Recording:
         """Recording of a motion: its joint states."""
         states = {"joint_states": JointStates(motion.q, motion.dq, motion.tau)}
         portions = iter([(motion.time, motion.q, states)])
-        return cls(motion.robot, motion.epoch, (float(motion.time[0]), float(motion.time[-1])), portions)
+        span = float(motion.time[0]), float(motion.time[-1])
+        return cls(motion.robot, motion.epoch, span, portions)
 
     @classmethod
     def from_report(cls, report: TorqueReport) -> Recording:
@@ -98,12 +103,12 @@ class Recording:
 
     @cached_property
     def units(self) -> dict[str, list[str]]:
-        """Units of the positions, velocities and efforts of those joints."""
+        """Units of the positions, velocities and efforts of the joints with one coordinate."""
         _, _, v_indices = self.joints
-        angular = self.coordinates.angular_velocity[v_indices].tolist()
+        are_turning = self.coordinates.angular_velocity[v_indices].tolist()
         units = {}
-        for name, quantity in _PARTS.items():
-            units[name] = [unit_of(quantity, turns) for turns in angular]
+        for name, quantity in _QUANTITIES.items():
+            units[name] = [unit_of(quantity, is_turning) for is_turning in are_turning]
         return units
 
     def values(self, states: JointStates) -> dict[str, Array]:
@@ -121,39 +126,45 @@ class Recording:
     def stamps(self, time: Array) -> Array:
         """Stamps (n,) of times [ns]; raises ValueRangeError if they are negative or too large for ROS."""
         stamps = self.epoch + np.rint(time * NANOSECONDS).astype(np.int64)
-        if stamps[0] < 0 or stamps[-1] >= _MAX_STAMP * NANOSECONDS:
+        first, last = stamps[0], stamps[-1]
+        if first < 0 or last >= _MAX_STAMP * NANOSECONDS:
             raise ValueRangeError(
                 f"stamps of recordings are from 0 to {_MAX_STAMP} s, and the motion is from "
-                f"{seconds(stamps[0] / NANOSECONDS)} to {seconds(stamps[-1] / NANOSECONDS)} s. Shift its times, for example "
+                f"{seconds(first / NANOSECONDS)} to {seconds(last / NANOSECONDS)} s. Shift its times, for example "
                 "to begin at 0."
             )
         return stamps
 
 
 def _results(report: TorqueReport) -> Iterator[Portion]:
-    """Chunks of a report: log, computed torques and their causes."""
-    load, limits = report.load, report.limits
+    """Chunks of a report: log, computed torques, their causes, and shares of limits."""
+    load = report.load
     model = load.with_load.model
-    has_cause = {"spring": model.springs, "payload": load.payloads, "wrench": load.wrenches, "friction": load.friction}
-    for states, motion, inner in report.differentiation.surrounded_states(_ROWS):
-        s, torques = states[inner], load.torques(states[inner])
-        series = {"joint_states": _logged_states(motion, inner), "torque": JointStates(s.q, s.dq, torques)}
-        for name, values in load.terms(s).items():
-            if has_cause.get(name, True):
+    causes = {"spring": model.springs, "payload": load.payloads, "wrench": load.wrenches, "friction": load.friction}
+    for surrounded, log_rows, inner in report.differentiation.surrounded_states(_CHUNK):
+        states = surrounded[inner]
+        torques = load.torques(states)
+        series = {
+            "joint_states": _logged_states(log_rows, inner),
+            "torque": JointStates(states.q, states.dq, torques),
+        }
+        for name, values in load.terms(states).items():
+            if name not in causes or causes[name]:  # without springs, for example, no series of zeros
                 series[f"torque/{name}"] = JointStates(tau=values)
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.abs(load.drive_torques(torques)) / limits.effort
-        for joints, A, _ in model.coupled:  # coupled joints: largest share of their motors
+            share = np.abs(load.drive_torques(torques)) / report.limits.effort
+        for joints, A, _ in model.coupled:  # each coupled joint has the largest share of its motors
             share[:, joints] = np.max(share[:, joints, None] * (A != 0), axis=1)
         series["share"] = JointStates(tau=share)
-        yield s.time, s.q, series
+        yield states.time, states.q, series
 
 
-def _logged_states(motion: LogRows, rows: slice) -> JointStates:
-    """States of a log in some rows; velocities and torques if it has them."""
-    dq, tau = motion.dq, motion.tau
+def _logged_states(log_rows: LogRows, inner: slice) -> JointStates:
+    """States of a part of a log's rows; velocities and torques if it has them."""
+    dq = log_rows.dq
     if dq is not None:
-        dq = dq[rows]
+        dq = dq[inner]
+    tau = log_rows.tau
     if tau is not None:
-        tau = tau[rows]
-    return JointStates(motion.q[rows], dq, tau)
+        tau = tau[inner]
+    return JointStates(log_rows.q[inner], dq, tau)

@@ -29,26 +29,34 @@ if TYPE_CHECKING:
 FeetGiven: TypeAlias = "str | Sequence[str | Contact]"
 """Frames, rectangles ``"LxW[,x,y,z]@FRAME"``, contacts, or "auto"."""
 FramesGiven: TypeAlias = "str | Sequence[str]"
+"""A frame, or several."""
 FrictionGiven: TypeAlias = "float | Mapping[str, float]"
+"""One coefficient of friction for all frames, or one for each frame."""
 ContactSource = Literal["auto", "log"]
 """Source of the contacts that carry: heights and speeds, or columns ``FRAME.contact`` of the log."""
 InContactGiven: TypeAlias = "ContactSource | Mapping[str, str | ArrayLike]"
-"""Source, or for each foot the column of the log, or a value for each of its rows."""
+"""A source for all feet; or for each foot a column of the log, or a value for each row of the log."""
 
 ASSUMED_FRICTION = 0.3
-"""Coefficient of friction that dry ground gives; needs up to it are stated as a condition, more is unsure."""
+"""Coefficient of friction that dry ground gives.
+
+If a robot needs at most that, the report states it as a condition; if it needs more, the verdict is UNSURE.
+"""
 UNLIMITED_FRICTION = 10.0
 """Coefficient of friction that counts as unlimited."""
-_MAX_HEIGHT, MAX_CARRYING_SPEED = 0.01, 0.05
-"""Height above the lowest contact [m] and speed [m/s] up to which a contact carries."""
+_MAX_HEIGHT = 0.01
+"""Height above the lowest contact up to which a contact carries [m]."""
+MAX_CARRYING_SPEED = 0.05
+"""Speed up to which a contact carries [m/s]."""
 _MIN_ALIGNMENT = math.cos(math.radians(1.0))
 """Cosine of the angle from the ground's normal, or the vertical, up to which a contact is on the ground."""
 AUTO = "auto"
+"""Feet by the geometry of the robot."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactSchedule:
-    """Contacts of each instant as a log has them."""
+    """Contacts that carry at each instant, from a log."""
 
     time: Array
     """(n,) [s]"""
@@ -56,8 +64,8 @@ class ContactSchedule:
     """(n, c) of bool, with a column for each contact."""
 
     def at(self, time: Array) -> Array:
-        """Contacts (m, c) that carry at some times: those of the last row before."""
-        rows = np.searchsorted(self.time, time + 1e-12, side="right") - 1
+        """Contacts (m, c) that carry at some times: those of the last row at or before each time."""
+        rows = np.searchsorted(self.time, time + 1e-12, side="right") - 1  # 1e-12: equal times within round-off
         return np.asarray(self.carries[np.clip(rows, 0, len(self.time) - 1)])
 
 
@@ -66,25 +74,24 @@ class Ground:
     """Contacts of a robot with a free base, and the rule by which they carry."""
 
     contacts: tuple[Contact, ...]
-    """With their friction; with :data:`ASSUMED_FRICTION` where none is given."""
+    """Contacts with their coefficients of friction, :data:`ASSUMED_FRICTION` where none is given."""
     given: bool
     """True if the coefficient of friction is given."""
     automatic: tuple[bool, ...]
-    """For each contact True if it carries where it is low and slow, as a foot; False if at every instant, as a wheel or a hand
-    on a wall."""
+    """For each contact: True if it carries when it is low and slow, as a foot; False if it always carries, as a wheel."""
     on_ground: Array
-    """(c,) of bool: False for contacts with another normal, as a hand on a wall or a magnet at a ceiling."""
+    """(c,) of bool: False for contacts with another normal, such as a hand on a wall or a magnet at a ceiling."""
     normal: Array
     """(3,): normal of the ground in the base frame, along which heights are measured."""
     normal_given: bool = False
     """True if the user states the normal; heights of the contacts are then no reason to doubt it."""
     schedule: ContactSchedule | None = None
-    """Contacts as the log has them, in place of that rule."""
+    """Contacts that carry according to the log, in place of the rule of ``automatic``."""
 
     @cached_property
     def frames(self) -> tuple[str, ...]:
         """Frames in contact, in order."""
-        return tuple(dict.fromkeys(str(c.frame) for c in self.contacts))
+        return tuple(dict.fromkeys(str(contact.frame) for contact in self.contacts))
 
     @cached_property
     def normals(self) -> Array:
@@ -98,7 +105,7 @@ class Ground:
 
     @cached_property
     def unlimited_contacts(self) -> tuple[Contact, ...]:
-        """The contacts on ground of unlimited friction; those without friction remain so."""
+        """The contacts on ground of unlimited friction; contacts without friction stay without it."""
         contacts = list(self.contacts)
         for k in np.flatnonzero(self.frictions > 0):
             contacts[k] = replace(contacts[k], friction=UNLIMITED_FRICTION)
@@ -107,43 +114,54 @@ class Ground:
     @property
     def feet(self) -> dict[str, Array]:
         """Points (k, 3) of each foot, by its frame, without wheels."""
-        points_of_frames: dict[str, list[Array]] = {}
-        for contact, automatic in zip(self.contacts, self.automatic, strict=True):
-            if automatic:
-                points_of_frames.setdefault(str(contact.frame), []).append(contact.point)
-        return {frame: np.array(points) for frame, points in points_of_frames.items()}
+        points_by_frame: dict[str, list[Array]] = {}
+        for contact, is_foot in zip(self.contacts, self.automatic, strict=True):
+            if is_foot:
+                points_by_frame.setdefault(str(contact.frame), []).append(contact.point)
+        return {frame: np.array(points) for frame, points in points_by_frame.items()}
 
     def contacts_at(self, frame: str) -> Array:
-        """Numbers of the contacts at a frame."""
-        return np.array([k for k, c in enumerate(self.contacts) if c.frame == frame])
+        """Indices of the contacts at a frame."""
+        return np.array([k for k, contact in enumerate(self.contacts) if contact.frame == frame])
 
-    def carrying(self, robot: Robot, s: MotionSamples) -> Array:
-        """Contacts (n, c) that carry in each state: within 1 cm of the lowest and slower than 0.05 m/s."""
+    def carrying(self, robot: Robot, states: MotionSamples) -> Array:
+        """Mask (n, c) of the contacts that carry in each state.
+
+        Without a schedule, a foot carries within 1 cm of the lowest contact and slower than 0.05 m/s; others always do.
+        """
         if self.schedule is not None:
-            return self.schedule.at(s.time)
+            return self.schedule.at(states.time)
         if not any(self.automatic):
-            return np.ones((len(s), len(self.contacts)), bool)
-        points, velocities = self.points_and_velocities(robot, s)
-        speeds = np.linalg.norm(velocities, axis=-1)
+            return np.ones((len(states), len(self.contacts)), bool)
+        points, velocities = self.points_and_velocities(robot, states)
+        is_slow = np.linalg.norm(velocities, axis=-1) < MAX_CARRYING_SPEED
         heights = points @ self.normal
-        low = heights <= heights[:, self.on_ground].min(axis=1, keepdims=True) + _MAX_HEIGHT
-        return np.asarray((low & (speeds < MAX_CARRYING_SPEED)) | ~np.array(self.automatic))
+        lowest = heights[:, self.on_ground].min(axis=1, keepdims=True)
+        is_low = heights <= lowest + _MAX_HEIGHT
+        always_carries = ~np.array(self.automatic)
+        return np.asarray((is_low & is_slow) | always_carries)
 
-    def points_and_velocities(self, robot: Robot, s: MotionSamples) -> tuple[Array, Array]:
+    def points_and_velocities(self, robot: Robot, states: MotionSamples) -> tuple[Array, Array]:
         """Points of the contacts in the base frame, and their velocities, (n, c, 3) each."""
-        maps, points = contact_maps(robot, s.q, self.contacts)
-        return points, np.einsum("nvck,nv->nck", maps, s.dq)
+        maps, points = contact_maps(robot, states.q, self.contacts)
+        return points, np.einsum("nvck,nv->nck", maps, states.dq)
 
 
 class GroundGiven(NamedTuple):
     """Feet and wheels on the ground, as a user gives them."""
 
     feet: FeetGiven = ()
+    """Feet."""
     wheels: FramesGiven = ()
+    """Frames at the centres of wheels."""
     casters: FramesGiven = ()
+    """Frames at the centres of casters, which have no friction."""
     friction: FrictionGiven | None = None
+    """Coefficient of friction; None if it is not known."""
     in_contact: InContactGiven = "auto"
+    """Source of the contacts that carry at each instant."""
     normal: ArrayLike | None = None
+    """Normal (3,) of the ground in the base frame; None for the vertical axis."""
 
     @classmethod
     def of(
@@ -169,7 +187,7 @@ class GroundGiven(NamedTuple):
 
 
 def with_base_free(robot: Robot) -> Robot:
-    """Robot whose base floats; raises ValueRangeError if its file or the user holds it."""
+    """Robot whose base floats; raises ValueRangeError if its file or the user fixes the base."""
     free_entries = int(floating_entries(robot).sum())
     if free_entries >= 6:
         return robot
@@ -188,6 +206,7 @@ def with_base_free(robot: Robot) -> Robot:
 
 
 def _partly_free_base(robot: Robot, joint: str, kind: str) -> ValueRangeError:
+    """Error for a base that moves by a joint with fewer than six degrees of freedom."""
     return ValueRangeError(
         f"feet and wheels carry a free base, and the file of robot {robot.name!r} lets it move by the {kind} joint {joint!r} "
         "alone. Lock that joint, {0}, or give another file.",
@@ -197,7 +216,8 @@ def _partly_free_base(robot: Robot, joint: str, kind: str) -> ValueRangeError:
 
 def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
     """Ground of a robot with a free base from the options of a user; ``q`` (nq,) is a configuration in which it stands."""
-    entries, normal = _feet(robot, given.feet), _normal(robot, given.normal)
+    entries = _feet(robot, given.feet)
+    normal = _normal(robot, given.normal)
     feet = list[Contact]()
     for entry in entries:
         feet += _contacts(robot, entry, q, normal)
@@ -209,13 +229,14 @@ def ground_of(robot: Robot, given: GroundGiven, q: Array | None) -> Ground:
     friction_given = given.friction is not None
     if given.friction is not None:
         with_friction = _set_friction(with_friction, given.friction)
-    elif not wheels:
+    elif not wheels:  # contacts have their own friction
         friction_given = all(isinstance(entry, Contact) for entry in entries)
     contacts = (*with_friction, *casters)
-    grounds = np.stack([normal, upward(robot)])
-    on_ground = np.array([float((grounds @ contact.normal).max()) > _MIN_ALIGNMENT for contact in contacts])
+    ground_normals = np.stack([normal, upward(robot)])
+    alignments = [float((ground_normals @ contact.normal).max()) for contact in contacts]
+    on_ground = np.array(alignments) > _MIN_ALIGNMENT
     automatic = on_ground.copy()
-    automatic[len(feet) :] = False
+    automatic[len(feet) :] = False  # wheels and casters
     return Ground(contacts, friction_given, tuple(automatic.tolist()), on_ground, normal, given.normal is not None)
 
 
@@ -234,8 +255,8 @@ def _set_friction(contacts: list[Contact], given: FrictionGiven) -> list[Contact
                 f"{{0}} has no coefficient for {frame!r}. Give one for each frame, or one number.",
                 Argument("contact_friction"),
             )
-    mu = {frame: _coefficient(value) for frame, value in coefficients.items()}
-    return [replace(contact, friction=mu[str(contact.frame)]) for contact in contacts]
+    friction_by_frame = {frame: _coefficient(value) for frame, value in coefficients.items()}
+    return [replace(contact, friction=friction_by_frame[str(contact.frame)]) for contact in contacts]
 
 
 def _normal(robot: Robot, given: ArrayLike | None) -> Array:

@@ -31,6 +31,9 @@ _EQUAL_MARGINS = 1e-3
 _MIN_SPEED_FACTOR = 0.005
 """Factor of the speed that counts as none."""
 _MAX_LISTED = 4
+"""Largest number of frames that a sentence names."""
+_ROUND_OFF = 1e-6
+"""Share of a step of rounding by which a number may exceed a step without the next one being stated."""
 
 
 def support_verdict(found: GroundSupport) -> Verdict:
@@ -41,8 +44,8 @@ def support_verdict(found: GroundSupport) -> Verdict:
     if found.ground_doubt:
         return Verdict.from_reasons(unsure=[found.ground_doubt])
     unsure = list(_doubts(found))
-    failing = found.aground & found.decided & ~found.holds & ~found.balancing
-    if not found.ground.given:
+    failing = _judged_rows(found) & ~found.holds
+    if not found.ground.given:  # then only failures that no friction prevents
         failing = failing & ~np.isfinite(found.friction)
     beyond_noise = failing if found.noise is None else failing & found.noise.certain
     over = []
@@ -67,16 +70,17 @@ def _friction_question(found: GroundSupport) -> str:
 
 
 def _doubts(found: GroundSupport) -> Iterator[str]:
+    """Reasons to be unsure that do not depend on friction and noise."""
     if found.sliding is not None:
         frame, speed, time = found.sliding
         yield f"{frame} slides at {number(speed, 2)} m/s at t = {seconds(time)} s, where it should stand"
     if found.balancing.any():
         yield _balancing_doubt(found)
-    flight = ~found.aground
+    in_flight = ~found.aground
     weight = found.robot.model.moving_mass * float(np.linalg.norm(found.robot.model.gravity))
-    needed = float(found.need[flight].max(initial=0.0))
-    if needed > SHARE * weight and found.sliding is None:
-        yield f"no foot is down {_span(found.time, flight)}, and the base needs {number(needed, 3)} N there"
+    needed_force = float(found.need[in_flight].max(initial=0.0))
+    if needed_force > SHARE * weight and found.sliding is None:
+        yield f"no foot is down {_span_text(found.time, in_flight)}, and the base needs {number(needed_force, 3)} N there"
     undecided = int((found.aground & ~found.decided).sum())
     if undecided:
         yield f"rounding prevents an answer at {undecided} of {len(found.time)} instants"
@@ -87,13 +91,14 @@ def _balancing_doubt(found: GroundSupport) -> str:
     contacts = np.flatnonzero(found.in_contact[found.balancing].any(axis=0))
     frames = sorted({found.ground.contacts[k].frame or "" for k in contacts})
     if len(frames) != len(found.contacts):
-        return f"it can only balance {_span(found.time, found.balancing)}, on one line of contacts"
+        return f"it can only balance {_span_text(found.time, found.balancing)}, on one line of contacts"
     sizes = spell(Argument("feet", Placeholder(f"LxW@{frames[0]}")))
     text = f"feet are points, so it can only balance: {listed(frames, _MAX_LISTED)}. Give the sizes of their soles"
     return Reason(f"{text} in metres, {sizes}", sizes)
 
 
-def _span(time: Array, rows: Array) -> str:
+def _span_text(time: Array, rows: Array) -> str:
+    """Text of the first and last time of some rows."""
     times = time[rows]
     first, last = float(times[0]), float(times[-1])
     if first == last:
@@ -107,6 +112,7 @@ def _needed_friction(found: GroundSupport) -> float:
 
 
 def _judged_rows(found: GroundSupport) -> Array:
+    """Mask (n,) of instants at which the robot is on the ground, decided, and not only balancing."""
     return np.asarray(found.aground & found.decided & ~found.balancing)
 
 
@@ -114,8 +120,10 @@ def _friction_text(coefficient: float) -> str:
     """Two significant digits, rounded up, in steps of a thousandth at least."""
     if coefficient <= 0:
         return number(0.0)
-    unit = max(10.0 ** (math.floor(math.log10(coefficient)) - 1), _FRICTION_STEP)
-    return number(math.ceil(coefficient / unit - 1e-6) * unit, 3)
+    second_digit = 10.0 ** (math.floor(math.log10(coefficient)) - 1)
+    step = max(second_digit, _FRICTION_STEP)
+    steps = math.ceil(coefficient / step - _ROUND_OFF)
+    return number(steps * step, 3)
 
 
 def _failure(found: GroundSupport, rows: Array) -> str:
@@ -126,9 +134,10 @@ def _failure(found: GroundSupport, rows: Array) -> str:
     speed = float(found.speed[k])
     if math.isfinite(speed) and speed > _MIN_SPEED_FACTOR:
         remedies.append(f"up to {_margin_text(speed)} × this speed")
-    less_mass = -float(found.payload[rows].min(initial=np.inf))
-    if 0 < less_mass <= found.case.payload_mass:
-        remedies.append(f"with {_mass_text(less_mass)} kg less")
+    mass_margin = float(found.payload[rows].min(initial=np.inf))
+    excess_mass = -mass_margin
+    if 0 < excess_mass <= found.case.payload_mass:
+        remedies.append(f"with {_mass_text(excess_mass)} kg less")
     if not remedies:
         return words + _resting_pose_words(found, k)
     words += f". It stands {', or '.join(remedies)}"
@@ -138,12 +147,15 @@ def _failure(found: GroundSupport, rows: Array) -> str:
 
 
 def _worst_instant(found: GroundSupport, rows: Array) -> int:
-    """Among the instants with the least margin in speed, the one that needs most friction."""
-    without_margin = np.where(np.isfinite(found.friction), -1.0, -2.0)
-    speeds = np.where(np.isnan(found.speed), without_margin, found.speed)
-    speeds = np.where(rows, speeds, np.inf)
-    slowest = speeds <= speeds.min() + _EQUAL_MARGINS
-    return int(np.where(slowest, found.friction, -1.0).argmax())
+    """Among some instants with the least margin in speed, the one that needs most friction.
+
+    Instants without a margin come first, those that no friction holds before the others.
+    """
+    rank_without_margin = np.where(np.isfinite(found.friction), -1.0, -2.0)
+    ranks = np.where(np.isnan(found.speed), rank_without_margin, found.speed)
+    ranks = np.where(rows, ranks, np.inf)
+    is_worst = ranks <= ranks.min() + _EQUAL_MARGINS
+    return int(np.where(is_worst, found.friction, -1.0).argmax())
 
 
 def _failure_words(found: GroundSupport, k: int) -> str:
@@ -164,11 +176,14 @@ def _failure_words(found: GroundSupport, k: int) -> str:
 
 
 def _resting_pose_words(found: GroundSupport, k: int) -> str:
-    """Sentence on the pose of an instant at rest, as an answer has shown it; empty if the robot is at rest, or undecided."""
-    s = samples(found.states, slice(k, k + 1))
-    if not (s.dq.any() or s.ddq.any()):
+    """Sentence on whether the robot stands at rest in the pose of an instant.
+
+    Empty if the robot is at rest at this instant, or if rounding prevents an answer.
+    """
+    state = samples(found.states, slice(k, k + 1))
+    if not (state.dq.any() or state.ddq.any()):
         return ""
-    resting = replace(s, dq=np.zeros_like(s.dq), ddq=np.zeros_like(s.ddq))
+    resting = replace(state, dq=np.zeros_like(state.dq), ddq=np.zeros_like(state.ddq))
     support = found.again(resting, found.contacts, found.in_contact[k : k + 1])
     if not support.decided[0]:
         return ""
@@ -178,6 +193,7 @@ def _resting_pose_words(found: GroundSupport, k: int) -> str:
 
 
 def _given_friction(found: GroundSupport) -> str:
+    """Text of the largest coefficient of friction of the contacts."""
     return number(float(found.ground.frictions.max()))
 
 
@@ -190,22 +206,26 @@ def _margin_text(value: float) -> str:
     """Three digits, rounded down."""
     if value <= 0:
         return number(0.0)
-    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
-    return number(math.floor(value / unit * (1 + 1e-9)) * unit, 3)
+    third_digit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    steps = math.floor(value / third_digit * (1 + 1e-9))  # 1e-9: a whole number of steps stays whole
+    return number(steps * third_digit, 3)
 
 
 def _mass_text(mass: float) -> str:
-    return number(math.ceil(100 * mass - 1e-6) / 100, 4)
+    """Hundredths of a kilogram, rounded up."""
+    return number(math.ceil(100 * mass - _ROUND_OFF) / 100, 4)
 
 
 def _failure_and_frames(found: GroundSupport, k: int) -> tuple[str, list[str]]:
     """Name of the failure of an instant, and the frames about which it tips, that slip or that pull off."""
-    how, motion = str(found.how[k]), found.motion[k]
-    if not math.isfinite(float(found.friction[k])):
+    if math.isfinite(float(found.friction[k])):
+        how, motion = str(found.how[k]), found.motion[k]
+    else:
         how, motion = _failure_without_slip(found, k)
     maps, _ = contact_maps(found.robot, found.states.q[k : k + 1], found.contacts)
     velocity = np.einsum("vck,v->ck", maps[0], motion)
-    normals, friction = found.ground.normals, found.ground.frictions
+    normals = found.ground.normals
+    friction = found.ground.frictions
     active = found.in_contact[k]
     speeds = np.linalg.norm(velocity, axis=1)
     max_still = _MAX_STILL_VELOCITY * float(speeds[active].max(initial=0.0))
@@ -214,7 +234,8 @@ def _failure_and_frames(found: GroundSupport, k: int) -> tuple[str, list[str]]:
         involved = speeds <= max_still
     elif how == "slips":
         slide = np.linalg.norm(velocity - rise[:, None] * normals, axis=1)
-        involved = (slide > max_still) & (rise - friction * slide < max_still)
+        takes_power = rise - friction * slide < max_still  # a contact force whose friction opposes the slide
+        involved = (slide > max_still) & takes_power
         with_friction = involved & active & (friction > 0)
         if with_friction.any():
             involved = with_friction
@@ -226,8 +247,8 @@ def _failure_and_frames(found: GroundSupport, k: int) -> tuple[str, list[str]]:
 
 def _failure_without_slip(found: GroundSupport, k: int) -> tuple[str, Array]:
     """Name of the failure of an instant that no friction holds, and its motion."""
-    s = samples(found.states, slice(k, k + 1))
-    support = found.again(s, found.ground.unlimited_contacts, found.in_contact[k : k + 1])
+    state = samples(found.states, slice(k, k + 1))
+    support = found.again(state, found.ground.unlimited_contacts, found.in_contact[k : k + 1])
     return str(support.how[0]), support.motion[0]
 
 
@@ -263,26 +284,33 @@ def ground_words(found: GroundSupport) -> str:
 
 def _friction_words(found: GroundSupport, stands: str, margins: str) -> str:
     """Sentence with the friction that is needed, and its source; margins follow where it is known."""
-    need, given, assumed = _needed_friction(found), _given_friction(found), number(ASSUMED_FRICTION)
+    need = _needed_friction(found)
+    given = _given_friction(found)
+    assumed = number(ASSUMED_FRICTION)
+    before_margins = ", and holds"
     if not _has_friction(found):
-        words, holds = f"{stands}, without any friction", ", and holds"
+        words = f"{stands}, without any friction"
     elif found.ground.given and found.strained and need == 0:
-        words, holds = f"{stands} with the friction given, {given}", ", and holds"
+        words = f"{stands} with the friction given, {given}"
     elif found.ground.given:
         needed = f"friction {_friction_text(need)}" if need else "no friction"
-        words, holds = f"{stands}. It needs {needed} (given {given})", " and holds"
+        words = f"{stands}. It needs {needed} (given {given})"
+        before_margins = " and holds"
     elif need > 0:
-        words, holds = f"{stands}, if the ground gives friction {_friction_text(need)}", f". With {assumed} it holds"
+        words = f"{stands}, if the ground gives friction {_friction_text(need)}"
+        before_margins = f". With {assumed} it holds"
     elif found.strained:
-        words, holds = f"{stands} on ground of friction {assumed}", ", and holds"
+        words = f"{stands} on ground of friction {assumed}"
     else:
-        words, holds = f"{stands}, without any friction", f". With friction {assumed} it holds"
+        words = f"{stands}, without any friction"
+        before_margins = f". With friction {assumed} it holds"
     if margins:
-        words += f"{holds} up to {margins}"
+        words += f"{before_margins} up to {margins}"
     return words
 
 
 def _slope_words(found: GroundSupport) -> str:
+    """End of a sentence with the angle of the slope; empty on level ground."""
     angle = slope(found.case)
     return f" on a slope of {number(math.degrees(angle), 3)}°" if angle else ""
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 FrameOrTrue: TypeAlias = "bool | str"
 """Frame fixed to the base, or True for the root."""
 BoltsGiven: TypeAlias = "str | Path | ArrayLike"
-"""``"6x0.200"``, a CSV file ``x,y[,preload]``, or places (k, 2)."""
+"""Bolts as ``"6x0.200"``, number and diameter of the circle [m]; a CSV file ``x,y[,preload]``; or places (k, 2) [m]."""
 
 _CIRCLE = re.compile(r"(\d+)\s*x\s*([\d.eE+-]+)")
 _FORM = (
@@ -47,9 +47,9 @@ class BoltPattern:
     """Places of bolts in the frame of the mounting, and their preloads."""
 
     places: Array
-    """(k, 2) [m]"""
+    """Coordinates x and y (k, 2) of the bolts [m]."""
     preload: Array | None = None
-    """(k,) [N]; None if it is not known."""
+    """Preloads (k,) of the bolts [N]; None if they are not known."""
 
     def __post_init__(self) -> None:
         farthest = float(np.linalg.norm(self.places, axis=1).max(initial=0.0))
@@ -61,26 +61,30 @@ class BoltPattern:
                 Argument("bolts"),
             )
         if self.preload is not None and (self.preload < 0).any():
+            least = int(self.preload.argmin())
             raise ValueRangeError(
-                f"{{0}}: the preload of bolt {int(self.preload.argmin()) + 1} is {number(float(self.preload.min()))} N. Give "
+                f"{{0}}: the preload of bolt {least + 1} is {number(float(self.preload[least]))} N. Give "
                 "the force that presses the joint together, at least 0.",
                 Argument("bolts"),
             )
 
     @classmethod
     def from_given(cls, given: BoltsGiven) -> BoltPattern:
-        """Pattern of a number and a circle, of a file, or of places."""
+        """Pattern from the text of a bolt circle, from a file, or from places."""
         if not isinstance(given, str | Path):
             return cls(np.atleast_2d(arguments.finite(given, "bolts", 2)))
         circle = _CIRCLE.fullmatch(str(given).strip())
         if isinstance(given, str) and circle is not None:
-            return cls(bolt_circle(int(circle[1]), parse_numbers(circle[2], "bolts", _FORM, 1)[0]))
+            count = int(circle[1])
+            diameter = parse_numbers(circle[2], "bolts", _FORM, 1)[0]
+            return cls(bolt_circle(count, diameter))
         if not Path(given).is_file():
             raise ValueRangeError(f"{{0}}: {str(given)!r} is not {_FORM}.", Argument("bolts"))
         return cls._from_file(Path(given))
 
     @classmethod
     def _from_file(cls, path: Path) -> BoltPattern:
+        """Pattern from a CSV file with the columns x, y and perhaps preload, each perhaps with a unit."""
         with table_errors(path, "table of bolts", "x,y,preload, then a line for each bolt, such as 0.1,0.1,5000"):
             file = CsvFile.open(path)
             heads = [split_unit(cell) for cell in file.header]
@@ -90,10 +94,11 @@ class BoltPattern:
             factors = np.ones(len(heads))
             for k, (name, unit) in enumerate(heads):
                 if unit is not None:
-                    quantity = "tau" if names[k] == "preload" else "q"
+                    quantity = "tau" if names[k] == "preload" else "q"  # of a prismatic joint: a force, a length
                     factors[k] = unit_factor(unit, quantity, False, f"{path}, column {name!r}")
             table = file.table(tuple(range(len(heads)))) * factors
-        return cls(table[:, :2], table[:, 2] if table.shape[1] > 2 else None)
+        preload = table[:, 2] if "preload" in names else None
+        return cls(table[:, :2], preload)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +106,15 @@ class MotionMounting:
     """Wrench of a motion on the foundation, with the loads of its bolts."""
 
     load: MountingLoad
+    """Wrench on the foundation at each time."""
     time: Array
-    """(n,) [s]"""
+    """Times (n,) of the motion [s]."""
     pattern: BoltPattern | None = None
+    """Bolts of the mounting; None if they are not given."""
 
     @property
     def bolts(self) -> Array | None:
-        """(n, k, 2): axial and shear load of each bolt, with its preload; the axial load pulls if above 0 [N]."""
+        """(n, k, 2): axial and shear load of each bolt, with its preload [N]; an axial load above 0 pulls."""
         if self.pattern is None:
             return None
         loads = self.pulls(self.pattern).copy()
@@ -116,7 +123,7 @@ class MotionMounting:
         return loads
 
     def pulls(self, pattern: BoltPattern) -> Array:
-        """(n, k, 2): axial and shear load by the robot alone, without preload [N]."""
+        """(n, k, 2): axial and shear load of each bolt by the robot alone, without preload [N]."""
         return self.load.bolts(pattern.places)
 
     @property
@@ -124,17 +131,20 @@ class MotionMounting:
         """OVER LIMIT if the robot pulls at a bolt with more than its preload, so that the joint opens there."""
         if self.pattern is None or self.pattern.preload is None:
             return Verdict(Word.OK)
-        pull = self.pulls(self.pattern)[..., 0]
-        beyond = pull - self.pattern.preload
-        row, bolt = np.unravel_index(int(beyond.argmax()), beyond.shape)
-        if beyond[row, bolt] <= TOLERANCE * max(1.0, float(self.pattern.preload[bolt])):
+        pulls = self.pulls(self.pattern)[..., 0]
+        excess = pulls - self.pattern.preload
+        row, bolt = np.unravel_index(int(excess.argmax()), excess.shape)
+        preload = float(self.pattern.preload[bolt])
+        if excess[row, bolt] <= TOLERANCE * max(1.0, preload):
             return Verdict(Word.OK)
-        others = int((beyond.max(axis=0) > 0).sum()) - 1
+        others = int((excess.max(axis=0) > 0).sum()) - 1
         also = f", and {others} more" if others else ""
+        pull = float(pulls[row, bolt])
+        time = float(self.time[row])
         return Verdict.from_reasons(
             over=[
-                f"the joint opens at bolt {bolt + 1}{also}: the robot pulls it with {_four(float(pull[row, bolt]))} N at t = "
-                f"{seconds(float(self.time[row]))} s, preload {_four(float(self.pattern.preload[bolt]))} N"
+                f"the joint opens at bolt {bolt + 1}{also}: the robot pulls it with {_four_digits(pull)} N at t = "
+                f"{seconds(time)} s, preload {_four_digits(preload)} N"
             ]
         )
 
@@ -142,12 +152,13 @@ class MotionMounting:
     def line(self) -> str:
         """Sentence on the largest loads, and on bolts that are not judged."""
         text = str(self.load)
+        sentence = f"{text[0].upper()}{text[1:]}."
         if self.pattern is None or self.pattern.preload is not None:
-            return f"{text[0].upper()}{text[1:]}."
+            return sentence
         pull = float(self.pulls(self.pattern)[..., 0].max(initial=0.0))
         return (
-            f"{text[0].upper()}{text[1:]}. The bolts are not judged, as their preload is not known: the robot pulls one "
-            f"with up to {_four(pull)} N."
+            f"{sentence} The bolts are not judged, as their preload is not known: the robot pulls one "
+            f"with up to {_four_digits(pull)} N."
         )
 
     def blocks(self) -> list[Table | Line]:
@@ -157,7 +168,7 @@ class MotionMounting:
         wrench_table = Table(
             f"On the foundation, at {self.load.frame}",
             words("component", list(largest)),
-            numbers("largest", values, _four),
+            numbers("largest", values, _four_digits),
             words("unit", map(_unit, largest)),
             numbers("when", self.time[list(rows)].tolist(), seconds, "s"),
         )
@@ -168,19 +179,21 @@ class MotionMounting:
     def _bolt_table(self, pattern: BoltPattern) -> Table:
         """Pull and shear of the robot at each bolt, and its preload if that is known."""
         axial, shear = np.moveaxis(self.pulls(pattern), -1, 0)
-        title, preload = "Bolts", None
+        title = "Bolts"
+        preload_column = None
         if pattern.preload is not None:
-            title, preload = "Bolts, by the robot alone", numbers("preload", pattern.preload, _four, "N")
+            title = "Bolts, by the robot alone"
+            preload_column = numbers("preload", pattern.preload, _four_digits, "N")
         return Table(
             title,
             words("bolt", [str(k + 1) for k in range(axial.shape[1])]),
-            numbers("x", 1e3 * pattern.places[:, 0], _four, "mm"),
-            numbers("y", 1e3 * pattern.places[:, 1], _four, "mm"),
-            numbers("largest pull", axial.max(axis=0), _four, "N"),
+            numbers("x", 1e3 * pattern.places[:, 0], _four_digits, "mm"),
+            numbers("y", 1e3 * pattern.places[:, 1], _four_digits, "mm"),
+            numbers("largest pull", axial.max(axis=0), _four_digits, "N"),
             numbers("when", self.time[axial.argmax(axis=0)], seconds, "s"),
-            numbers("least", axial.min(axis=0), _four, "N"),
-            numbers("shear", shear.max(axis=0), _four, "N"),
-            preload,
+            numbers("least", axial.min(axis=0), _four_digits, "N"),
+            numbers("shear", shear.max(axis=0), _four_digits, "N"),
+            preload_column,
             most=12,
             by=axial.max(axis=0).tolist(),
         )
@@ -188,25 +201,26 @@ class MotionMounting:
     def columns(self) -> dict[str, Array]:
         """Columns (n,) of a written table."""
         columns = {f"mounting.{name} [{_unit(name)}]": self.load.wrench[:, k] for k, name in enumerate(WRENCH)}
-        bolts = self.bolts
-        if bolts is not None:
-            for k in range(bolts.shape[1]):
-                columns[f"bolt{k + 1}.axial [N]"] = bolts[:, k, 0]
-                columns[f"bolt{k + 1}.shear [N]"] = bolts[:, k, 1]
+        bolt_loads = self.bolts
+        if bolt_loads is not None:
+            for k in range(bolt_loads.shape[1]):
+                columns[f"bolt{k + 1}.axial [N]"] = bolt_loads[:, k, 0]
+                columns[f"bolt{k + 1}.shear [N]"] = bolt_loads[:, k, 1]
         return columns
 
 
 def _unit(component: str) -> str:
+    """Unit of a component of a wrench; names of moments begin with m."""
     return unit_of("tau", component.startswith("m"))
 
 
-def _four(value: float) -> str:
+def _four_digits(value: float) -> str:
     return number(value, 4, decimals=6)
 
 
 def motion_mounting(load: LoadCase, motion: Motion, frame: str | None, bolts: BoltsGiven | None) -> MotionMounting:
     """Wrench on the foundation along the states of a motion, with payloads and wrenches on the robot."""
-    wrenches = {name: np.broadcast_to(F, (len(motion), 6)) for name, F in load.wrenches.items()} or None
-    mounting = mounting_load(load.with_load, motion.q, motion.dq, motion.ddq, frame, wrench_on_robot=wrenches)
+    wrenches = {name: np.broadcast_to(F, (len(motion), 6)) for name, F in load.wrenches.items()}
+    mounting = mounting_load(load.with_load, motion.q, motion.dq, motion.ddq, frame, wrench_on_robot=wrenches or None)
     pattern = None if bolts is None else BoltPattern.from_given(bolts)
     return MotionMounting(mounting, motion.time, pattern)

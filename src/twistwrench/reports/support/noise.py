@@ -21,7 +21,7 @@ _MAX_SIGMAS_OF_NOISE = 5.0
 """Standard deviations not exceeded by any of some million samples."""
 _FACTOR_BEYOND_MARGIN = 1.01
 """Factor of the margin in speed at which the motion that fails is found."""
-_ROWS = 4096
+_BATCH_SIZE = 4096
 """States of one batch."""
 _MIN_STATED_INTERVAL = 0.002
 """Relative half of the interval of the margin from which it is stated."""
@@ -32,7 +32,7 @@ class SupportNoise:
     """Effect of the noise of derived accelerations on contact forces and margins."""
 
     certain: Array
-    """(n,) of bool: instants that fail by more than noise explains; False where the robot stands."""
+    """(n,) of bool: True at instants that fail by more than noise explains."""
     spread: float
     """Relative standard deviation of the margin in speed at the instant that sets it; 0 without a margin."""
     speed: float
@@ -47,15 +47,17 @@ class SupportNoise:
         """True if the robot may tip or slip within the noise, although it stands by the estimate."""
         if not math.isfinite(self.speed):
             return False
-        return (self.speed**2 - 1.0) < _MAX_SIGMAS_OF_NOISE * self.spread * self.speed**2
+        margin_in_power = self.speed**2 - 1.0  # inertial forces grow with the square of the speed
+        return margin_in_power < _MAX_SIGMAS_OF_NOISE * self.spread * self.speed**2
 
     @property
     def words(self) -> str:
         """Sentence on a margin that noise may use up."""
         half = INTERVAL * 0.5 * self.spread * self.speed
+        margin = plus_minus(self.speed, half)
         return (
             f"noise of the log decides whether it {self.how} at t = {seconds(self.time)} s: it holds up to "
-            f"{plus_minus(self.speed, half)} × this speed"
+            f"{margin} × this speed"
         )
 
     def interval_words(self, speed: float) -> str:
@@ -73,18 +75,23 @@ def support_noise(found: GroundSupport, d: Differentiation) -> SupportNoise | No
     failing = found.aground & found.decided & ~found.holds
     certain = np.zeros(len(failing), bool)
     rows = np.flatnonzero(failing)
-    for start in range(0, len(rows), _ROWS):
-        batch = rows[start : start + _ROWS]
-        s = samples(found.states, batch)
-        motion, power = found.failing_motions(s, batch)
-        certain[batch] = power > _MAX_SIGMAS_OF_NOISE * _deviation(found, d, s, motion)
+    for start in range(0, len(rows), _BATCH_SIZE):
+        batch = rows[start : start + _BATCH_SIZE]
+        states = samples(found.states, batch)
+        motion, power = found.failing_motions(states, batch)
+        certain[batch] = power > _MAX_SIGMAS_OF_NOISE * _power_deviation(found, d, states, motion)
     return SupportNoise(certain, *_margin(found, d))
 
 
-def _deviation(found: GroundSupport, d: Differentiation, s: MotionSamples, motion: Array) -> Array:
-    """Standard deviations (n,) of the power of the load in motions (n, nv) of the free base."""
-    M = np.asarray(found.robot.mass_matrix(s.q))
-    return np.asarray(np.sqrt((((M @ motion[..., None])[..., 0] * d.sigma_at(s)) ** 2).sum(axis=1)))
+def _power_deviation(found: GroundSupport, d: Differentiation, states: MotionSamples, motion: Array) -> Array:
+    """Standard deviations (n,) of the power of the load in motions (n, nv) of the free base, by noise of ddq.
+
+    The power of inertial forces M ddq in a motion is (M motion)ᵀ ddq.
+    """
+    M = np.asarray(found.robot.mass_matrix(states.q))
+    momentum = (M @ motion[..., None])[..., 0]
+    variances = ((momentum * d.sigma_at(states)) ** 2).sum(axis=1)
+    return np.asarray(np.sqrt(variances))
 
 
 def _margin(found: GroundSupport, d: Differentiation) -> tuple[float, float, float, str]:
@@ -93,14 +100,17 @@ def _margin(found: GroundSupport, d: Differentiation) -> tuple[float, float, flo
     if not standing.any():
         return 0.0, math.inf, 0.0, ""
     k = int(np.where(standing, found.speed, np.inf).argmin())
-    speed, time, s = float(found.speed[k]), float(found.time[k]), samples(found.states, slice(k, k + 1))
+    speed = float(found.speed[k])
+    time = float(found.time[k])
+    state = samples(found.states, slice(k, k + 1))
     beyond = _FACTOR_BEYOND_MARGIN * speed
-    fast = replace(s, dq=beyond * s.dq, ddq=beyond**2 * s.ddq)
-    after = found.again(fast, found.contacts, found.in_contact[k : k + 1])
-    if after.holds[0] or not after.decided[0]:
+    fast = replace(state, dq=beyond * state.dq, ddq=beyond**2 * state.ddq)
+    failed = found.again(fast, found.contacts, found.in_contact[k : k + 1])
+    if failed.holds[0] or not failed.decided[0]:
         return 0.0, speed, time, ""
-    at_rest = replace(s, dq=np.zeros_like(s.dq), ddq=np.zeros_like(s.ddq))
-    inertial_torques = found.case.torques_in_the_air(s)[0] - found.case.torques_in_the_air(at_rest)[0]
-    power = abs(float(after.motion[0] @ inertial_torques))
-    sigma = float(_deviation(found, d, s, after.motion)[0])
-    return (sigma / power if power > 0 else 0.0), speed, time, str(after.how[0])
+    at_rest = replace(state, dq=np.zeros_like(state.dq), ddq=np.zeros_like(state.ddq))
+    inertial_torques = found.case.torques_in_the_air(state)[0] - found.case.torques_in_the_air(at_rest)[0]
+    power = abs(float(failed.motion[0] @ inertial_torques))
+    sigma = float(_power_deviation(found, d, state, failed.motion)[0])
+    spread = sigma / power if power > 0 else 0.0
+    return spread, speed, time, str(failed.how[0])

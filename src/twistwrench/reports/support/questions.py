@@ -40,15 +40,25 @@ class SupportQuestion:
     """Options of a user about what holds the robot and its payload."""
 
     feet: FeetGiven | None = None
+    """Feet on the ground."""
     wheels: FramesGiven | None = None
+    """Frames at the centres of wheels."""
     casters: FramesGiven | None = None
+    """Frames at the centres of casters, which have no friction."""
     contact_friction: FrictionGiven | None = None
+    """Coefficient of friction of the ground, or of each frame."""
     contact_normal: ArrayLike | None = None
+    """Normal (3,) of the ground in the base frame."""
     in_contact: InContactGiven = "auto"
+    """Source of the contacts that carry at each instant."""
     mounting: FrameOrTrue | None = None
+    """Frame of the foundation, or True for the root."""
     bolts: BoltsGiven | None = None
+    """Bolts of the foundation."""
     grip: HolderGiven | None = None
+    """Gripper that holds the payload."""
     cup: HolderGiven | None = None
+    """Suction cups that hold the payload."""
 
     @property
     def ground(self) -> GroundGiven | None:
@@ -63,7 +73,10 @@ class SupportQuestion:
         return self.mounting not in (None, False) or self.bolts is not None
 
     def robot_of(self, robot: Robot, motion: Any, named: str, reading: Mapping[str, Any]) -> Robot:
-        """Robot as its motion has it: with its base held if that file has the joints alone, or if it is mounted."""
+        """Robot as its motion needs it: with its base held if it is mounted, or if the motion has the joints alone.
+
+        ``named`` is the file or name of the robot, and ``reading`` the options for reading the file of the motion.
+        """
         ground = self.ground
         if ground is not None and self.has_foundation:
             raise ValueRangeError(
@@ -87,7 +100,10 @@ class SupportQuestion:
         return robot_of_log(robot, open_motion_file(path, reading["topic"], reading["episode"]), reading["columns"])
 
     def motion_of(self, robot: Robot, motion: Any, at: ConfigurationGiven, *, degrees: bool) -> Any:
-        """Motion as given; without one an instant at rest ``at`` a configuration, by default neutral within its limits."""
+        """Motion as given; without one, an instant at rest ``at`` a configuration.
+
+        By default, the configuration is neutral within the position limits.
+        """
         if motion is not None:
             if at is None:
                 return motion
@@ -95,9 +111,9 @@ class SupportQuestion:
                 "{0} is of a robot at rest, and a motion is given too. Leave out one.", Argument("at")
             )
         if at is None and self.ground is None:
-            lack = "Missing MOTION:" if in_the_shell() else "no motion is given. Give"
+            beginning = "Missing MOTION:" if in_the_shell() else "no motion is given. Give"
             raise ValueRangeError(
-                f"{lack} a log or plan, or 'demo'. Or give a configuration at rest, {{0}}.",
+                f"{beginning} a log or plan, or 'demo'. Or give a configuration at rest, {{0}}.",
                 Argument("at", {robot.model.velocity_names[-1]: 0} if robot.nv else {}),
             )
         q = configuration_of(robot, at, degrees=degrees)
@@ -109,21 +125,22 @@ class SupportQuestion:
                 q[body.q_index] = np.clip(q[body.q_index], robot.limits.lower[k], robot.limits.upper[k])
         log = _log_at_rest(robot, q)
         form = "JOINT=VALUE" if in_the_shell() else "{joint: position}"
-        other = spell(Argument("at", Placeholder(form)))
-        pose = f"At rest with each joint at zero, or at the nearest limit. Another configuration: {other}."
-        return replace(log, columns=replace(log.columns, notes=(*log.columns.notes, pose)))
+        option = spell(Argument("at", Placeholder(form)))
+        note = f"At rest with each joint at zero, or at the nearest limit. Another configuration: {option}."
+        return replace(log, columns=replace(log.columns, notes=(*log.columns.notes, note)))
 
     def case(self, robot: Robot, log: MotionLog, loads: Mapping[str, Any]) -> tuple[LoadCase, MotionLog]:
-        """Load case with what holds the robot, and its log."""
+        """Load case of a robot that is held as given, and its log."""
         load: LoadCase
         if self.ground is None:
             load = LoadCase(robot, **loads)
         else:
             load, log = standing_case(robot, log, self.ground, loads)
-        self._holder(load)
+        self._holder(load)  # raises errors now, before the motion is read
         return load, log
 
     def _holder(self, load: LoadCase) -> Holder | None:
+        """Gripper or suction cups that hold the payload; None without any."""
         if self.grip is not None:
             return Holder.from_given("grip", self.grip, load)
         if self.cup is not None:
@@ -131,12 +148,16 @@ class SupportQuestion:
         return None
 
     def answers(self, report: TorqueReport) -> SupportAnswers:
-        """Parts of the report."""
-        load, holder = report.load, self._holder(report.load)
-        on_ground = isinstance(load, StandingCase)
-        if holder is None and not self.has_foundation and not on_ground:
+        """Parts of the report on ground, mounting and grip."""
+        load = report.load
+        holder = self._holder(load)
+        is_on_ground = isinstance(load, StandingCase)
+        if holder is None and not self.has_foundation and not is_on_ground:
             return SupportAnswers()
-        motion, support, mounting, grip = report.motion, None, None, None
+        motion = report.motion
+        support = None
+        mounting = None
+        grip = None
         if isinstance(load, StandingCase):
             support = ground_support(load, motion)
             support = replace(support, noise=support_noise(support, report.differentiation))

@@ -55,7 +55,7 @@ def misfit(log: ReadingLog, found: Fit, kept: Array) -> float:
 
 
 def is_planar(log: ReadingLog, found: Fit, kept: Array, mass: float) -> bool:
-    """True if gravity lies in a plane within noise; then a half turn about its normal cannot be told from the other sign."""
+    """True if gravity lies in a plane within noise: a half turn about its normal is then the same as the other sign."""
     g = log.gravity[kept]
     if found.unknowns.bias:  # a constant component is absorbed by the bias
         g = g - g.mean(axis=0)

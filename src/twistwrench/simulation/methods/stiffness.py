@@ -1,8 +1,8 @@
 """Stiff equations: trial steps limited by stability, and the error that ends such a run.
 
 The last two stages of the Dormand–Prince method are at the end of the step, at two states z and y1. The difference of
-their rates divided by the difference of the states estimates the largest eigenvalue λ; the method is stable up to h λ
-≈ 3.3. Source: Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.2.
+their rates, divided by the difference of the states, estimates the largest eigenvalue λ. The method is stable up to
+h λ ≈ 3.3. Source: Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.2.
 """
 
 from __future__ import annotations
@@ -30,31 +30,44 @@ class Stiffness:
     """Trial steps since the last check, and the number limited by stability."""
 
     def __init__(self, system: System, trials: TrialSteps | FunctionTrials, duration: float) -> None:
-        self.system, self.trials, self.duration = system, trials, duration
-        self._trials = self._limited = 0
-        """Trial steps since the last check; those limited by stability."""
+        self.system = system
+        self.trials = trials
+        self.duration = duration
+        self._trials = 0
+        """Trial steps since the last check."""
+        self._limited = 0
+        """Trial steps limited by stability since the last check."""
         self._begin = 0.0
+        """Time of the last check [s]."""
 
     def note(self, t: float, h: float, steepness: float, distance: float) -> None:
-        """Record two states at a distance, whose rates differ by ``steepness`` / h."""
+        """Record a trial step h to time t: two states at a distance, whose rates differ by ``steepness`` / h.
+
+        Raises SimulationError if the equations are stiff and the run would take too long.
+        """
         self._trials += 1
-        self._limited += steepness > STABILITY_LIMIT * distance > 0.0
+        self._limited += steepness > STABILITY_LIMIT * distance > 0.0  # h λ above the limit
         if self._trials < CHECK_INTERVAL:
             return
         mean_step = (t - self._begin) / self._trials
-        stiff = self._limited > MAX_LIMITED_SHARE * self._trials
-        if stiff and self.duration - t > MAX_REMAINING_STEPS * mean_step:
+        is_stiff = self._limited > MAX_LIMITED_SHARE * self._trials
+        if is_stiff and self.duration - t > MAX_REMAINING_STEPS * mean_step:
             K = self.trials.rates[self.trials.count]
-            raise SimulationError(self._message(t, h, mean_step, (K[-1] - K[-2])[self.system.moving]))
-        self._trials, self._limited, self._begin = 0, 0, t
+            change = (K[-1] - K[-2])[self.system.moving]
+            raise SimulationError(self._message(t, h, mean_step, change))
+        self._trials = 0
+        self._limited = 0
+        self._begin = t
 
     def _message(self, t: float, h: float, mean_step: float, change: Array) -> str:
-        """Error message for a stiff run: joint, step and remedy."""
-        names, friction = self.system.robot.model.velocity_names, self.system.friction
+        """Error message for a stiff run: joint, step and remedy; ``change`` (nv,) is that of the accelerations."""
+        names = self.system.robot.model.velocity_names
+        friction = self.system.friction
         worst = int(np.argmax(np.abs(change)))
         remaining = "endlessly many"
         if mean_step > 0.0:
-            remaining = f"some {printed((self.duration - t) / mean_step, 1)}"
+            remaining_steps = (self.duration - t) / mean_step
+            remaining = f"some {printed(remaining_steps, 1)}"
         problem = (
             f"at t = {printed(t)} s the equations are stiff: stability needs steps of {residual(h)} s, {remaining} more to "
             "the end"
