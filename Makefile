@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := demo
+unexport PYTHONDONTWRITEBYTECODE  # tests with rewritten assertions, and what children import, are compiled once
 
 .PHONY: help demo check test test-all lowest bridges docs release-check lock emulate lint gallery bench bench-bridges clean
 

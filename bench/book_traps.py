@@ -8,6 +8,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import mpmath
@@ -202,10 +203,17 @@ def no_wrench(p: Any) -> float:
     return np.abs(tau - 10 * np.sin(1.0)).max()
 
 
+@cache
+def nearly_half_turns() -> list[Any]:
+    """Poses, one for each axis."""
+    return [rounded(exact(hat6(np.r_[(np.pi - 2e-8) * axis, 0.3, -0.2, 0.5]))) for axis in AXES]
+
+
 def arrival(function: str) -> Callable[[Any], float]:
     """How far the last pose of a motion through nearly half a turn is from where it should end."""
-    ends = [rounded(exact(hat6(np.r_[(np.pi - 2e-8) * axis, 0.3, -0.2, 0.5]))) for axis in AXES]
-    return lambda p: max(np.abs(getattr(p, function)(np.eye(4), X, 1.0, 5, 5)[-1] - X).max() for X in ends)
+    return lambda p: max(
+        np.abs(getattr(p, function)(np.eye(4), X, 1.0, 5, 5)[-1] - X).max() for X in nearly_half_turns()
+    )
 
 
 TRAPS = (

@@ -27,7 +27,7 @@ TREES = [(1, False, ()), (2, True, ()), (3, False, ("mimic",)), (4, True, ("mimi
 
 def tree(seed: int, floating: bool, more: tuple[str, ...] = ()) -> Robot:
     kinds = [kind for kind in KINDS if kind not in ("mimic", "fixed")]
-    return random_robot(seed, 6, (*kinds, *more), floating_base=floating)
+    return random_robot(seed, 5, (*kinds, *more), floating_base=floating)
 
 
 def kernel_of(robot: Robot, monkeypatch: pytest.MonkeyPatch, least: int):

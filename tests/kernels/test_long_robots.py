@@ -21,7 +21,7 @@ NAMES = ("mass_matrix", "inverse_dynamics_derivatives")
 COUNT = 2 * host().lanes(SINGLE) + 3
 
 
-def tree(seed: int, joints: int = 7, *, floating: bool = False) -> Robot:
+def tree(seed: int, joints: int = 10, *, floating: bool = False) -> Robot:
     kinds = [kind for kind in KINDS if kind not in ("mimic", "fixed")]
     return random_robot(seed, joints, kinds, floating_base=floating)
 
@@ -151,9 +151,9 @@ def test_springs_and_armature_are_added(monkeypatch):
     body = "".join(
         f'<body name="b{k}" pos="0 0 0.3"><joint name="j{k}" axis="{k % 2} {(k + 1) % 2} 0" stiffness="{k + 1}" '
         'armature="0.1"/><geom type="sphere" size="0.05" mass="1"/>'
-        for k in range(20)
+        for k in range(16)
     )
-    text = f"<mujoco><worldbody>{body}{'</body>' * 20}</worldbody></mujoco>"
+    text = f"<mujoco><worldbody>{body}{'</body>' * 16}</worldbody></mujoco>"
     plain, robot = tw.load(text), tw.load(text)
     q, dq, ddq = states(robot, 5)
     for one in (plain, robot):

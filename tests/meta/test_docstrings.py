@@ -18,6 +18,7 @@ import re
 from pathlib import Path
 
 import pytest
+from source_trees import syntax_tree
 
 import twistwrench as tw
 from twistwrench.core.glossary import SECTIONS
@@ -38,18 +39,16 @@ def modules():
     yield from (importlib.import_module(f"twistwrench.{name}") for name in OWN_PATHS)
 
 
+@functools.cache
 def classes_by_name():
     """Every public class of the source by its name: where its module is."""
     found = {}
     for path in SOURCE.rglob("*.py"):
         module = ".".join(("twistwrench", *path.relative_to(SOURCE).with_suffix("").parts))
-        for node in ast.parse(path.read_text("utf-8")).body:
+        for node in syntax_tree(path).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 found.setdefault(node.name, module)
     return found
-
-
-CLASSES = classes_by_name()
 
 
 def members(cls):
@@ -100,7 +99,9 @@ def public():
             found.update(offered)
         for _, one in offered:
             waiting += [
-                getattr(importlib.import_module(CLASSES[label]), label) for label in returned(one) if label in CLASSES
+                getattr(importlib.import_module(classes_by_name()[label]), label)
+                for label in returned(one)
+                if label in classes_by_name()
             ]
     return {name.removeprefix("twistwrench."): found[name] for name in sorted(found)}
 
