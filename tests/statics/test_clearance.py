@@ -20,8 +20,7 @@ from twistwrench.cli.main import main
 from twistwrench.statics.clearance import PathClearance
 from twistwrench.statics.link_pairs import LinkPairs
 
-pytest_plugins = ("numpy_fixtures",)
-pytestmark = pytest.mark.usefixtures("on_numpy")
+pytest_plugins = ("small_trees",)
 
 ARMS = [
     name for name in ("ur_description/ur5_robot", "panda_description/panda", "xarm_description/xarm7") if name in FILES
@@ -403,6 +402,7 @@ INSIDE = {
 }
 
 
+@pytest.mark.usefixtures("each_on_numpy")
 @pytest.mark.parametrize("name", INSIDE)
 def test_a_link_inside_the_solid_of_another_is_in_contact(tmp_path, coal, name):
     """Cubes by their own arithmetic; in a cavity, between parts and beside a mesh, a link is as far as its surface is."""
