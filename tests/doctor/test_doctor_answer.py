@@ -73,7 +73,7 @@ def test_each_place_in_the_heading_of_a_paragraph_has_its_own_line():
 def test_every_finding_is_in_the_full_form_and_on_the_page(tmp_path):
     import io
 
-    answer, out = tw.doctor(many_placeholders(14)), io.StringIO()
+    answer, out = tw.doctor(many_placeholders(7)), io.StringIO()
     answer.print(every=True, file=out)
     pages = answer.to_html(tmp_path / "page.html").read_text("utf-8")
     for finding in answer.findings:

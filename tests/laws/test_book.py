@@ -14,6 +14,9 @@ import twistwrench as tw
 from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.testing import assert_close, random_state
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 PRINTED, EXACT = 1e-8, 1e-12
 
 

@@ -12,6 +12,8 @@ from quick import mostly_slow
 import twistwrench as tw
 from twistwrench.testing import assert_close, derivative, laws, random_robot, random_state
 
+pytest_plugins = ("small_trees",)
+
 ARMATURE = {"joint1": 0.3, "joint2": 0.05}
 
 
@@ -75,6 +77,7 @@ def test_a_rotor_on_a_base_that_rests_is_an_armature():
         turned.with_armature({joint: 0.1})
 
 
+@pytest.mark.usefixtures("each_on_numpy")
 @pytest.mark.parametrize("seed", range(3))
 def test_trees_with_every_joint_type(seed):
     """By any algorithm: programs of M, of articulated bodies and of torques agree, and a massless end needs no mass."""
@@ -114,6 +117,7 @@ def with_each_its_own(kind, seed):
     return robot.with_armature({body.joint.name: a[body.places[1]] for body in robot.model.leaders})
 
 
+@pytest.mark.usefixtures("each_on_numpy")
 @pytest.mark.parametrize("kind", ["ball", "planar", "floating"])
 @pytest.mark.parametrize("seed", mostly_slow(range(2), 2))
 def test_velocities_of_a_moving_frame_bring_its_products(kind, seed):

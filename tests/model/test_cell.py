@@ -11,6 +11,9 @@ from twistwrench.cli.main import main
 from twistwrench.robots.cell import PlacedRobot
 from twistwrench.testing import random_pose, random_robot
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 EXACT = 1e-12
 """Relative: the same recursion over the same bodies, added up in another order."""
 

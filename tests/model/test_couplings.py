@@ -22,6 +22,8 @@ from twistwrench.reports.robot_summary import joint_rows, limits_csv
 from twistwrench.testing import assert_close, derivative, random_state
 from twistwrench.viz.page import write_page
 
+pytest_plugins = ("small_trees",)
+
 WRIST = ("wrist_2_joint", "wrist_3_joint")
 DIFFERENTIAL = [[1.0, 1.0], [1.0, -1.0]]
 FILE = """
@@ -73,6 +75,7 @@ def robot():
 # ── mechanics
 
 
+@pytest.mark.usefixtures("each_on_numpy")
 @pytest.mark.parametrize(
     "name", ["one_degree1", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ur5", "tree3"))]
 )
@@ -105,6 +108,7 @@ def test_a_coupling_adds_the_inertia_of_its_motors_and_nothing_else(name):
             assert_close(by[:, k], derivative(moved, 1.0), 1e-6, "by differences", scale=1.0 + np.abs(by).max())
 
 
+@pytest.mark.usefixtures("each_on_numpy")
 @pytest.mark.parametrize("seed", range(4))
 def test_power_is_the_same_at_motors_and_joints(seed):
     """τ_m'q̇_m = τ_j'q̇_j, exact up to rounding: A' and A⁻ᵀ cancel, at a condition of A below 1e3."""

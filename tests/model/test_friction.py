@@ -8,6 +8,9 @@ import pytest
 import twistwrench as tw
 from twistwrench.testing import assert_close, random_robot, random_state
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 LAW = {"viscous": 2.0, "coulomb": 1.5, "static": 4.0, "stribeck": 0.3, "load": 0.2}
 UNITS = {"viscous": "N m s/rad", "coulomb": "N m", "static": "N m", "stribeck": "rad/s", "load": ""}
 

@@ -17,6 +17,9 @@ from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.mechanics.model.model import BASE
 from twistwrench.testing import assert_close, derivative, random_state
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 J, G = 2e-4, 80.0
 
 

@@ -8,6 +8,9 @@ import pytest
 import twistwrench as tw
 from twistwrench.testing import State, assert_close, laws, random_state
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 J, G, K = 1e-4, 50.0, 800.0
 
 

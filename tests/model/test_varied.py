@@ -12,6 +12,9 @@ import twistwrench as tw
 from twistwrench.mechanics.model.parameters import nominal, with_symbolic_parameters
 from twistwrench.testing import assert_close, random_state
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 QUANTITIES = (
     "inverse_dynamics",
     "mass_matrix",
@@ -23,8 +26,7 @@ QUANTITIES = (
 
 
 @pytest.mark.parametrize("name", ["tree1", "tree2", "driven1", "one_degree5"])
-def test_the_robots_own_numbers_change_nothing(name, monkeypatch):
-    monkeypatch.setenv("TWISTWRENCH_JIT", "0")
+def test_the_robots_own_numbers_change_nothing(name):
     robot = tree(name)
     own = np.array(list(robot.varying("*").values()))
     state = random_state(robot, np.random.default_rng(1))
@@ -101,7 +103,8 @@ def test_names_come_in_the_order_asked_for_and_once():
     assert set(robot.varying()) == set(nominal(robot.model))
 
 
-def test_unknown_parameters_are_errors():
+def test_unknown_parameters_are_errors(monkeypatch):
+    monkeypatch.setenv("TWISTWRENCH_JIT", "1")  # the last sentence is NumPy's own about a compiled function
     robot = tw.robots.planar_2r()
     with pytest.raises(tw.UnknownNameError, match=r"no parameter named 'link2\.mas'\. Did you mean 'link2\.mass'"):
         robot.varying("link2.mas")

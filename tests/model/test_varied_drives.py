@@ -11,6 +11,9 @@ from random_trees import tree
 import twistwrench as tw
 from twistwrench.testing import assert_close, random_state
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 QUANTITIES = ("inverse_dynamics", "forward_dynamics", "mass_matrix", "kinetic_energy", "drive_torques")
 GEARED = {
     "shoulder_lift_joint": {"ratio": 100, "rotor": {"inertia": "3 kg cm^2"}},
@@ -149,8 +152,9 @@ def test_derivatives_by_numbers_of_drives_are_differences(quantity):
         assert np.abs(slopes[:, k] - expected).max() <= 1e-7 * max(np.abs(expected).max(), 1e-3 / size), names[k]
 
 
-def test_rollouts_with_numbers_of_drives_and_their_gradients():
+def test_rollouts_with_numbers_of_drives_and_their_gradients(monkeypatch):
     """A rollout is that of the edited robots, sample by sample; slopes of a cost against differences."""
+    monkeypatch.setenv("TWISTWRENCH_JIT", "1")  # the loop over the steps is another one where it is compiled
     robot = tw.load(SPRUNG.format(7))
     given = {"hinge.stiffness": np.array([3.0, 9.0]), "hinge.armature": np.array([0.1, 0.4])}
     start, tau, options = ([[0.3], [0.3]], [[0.0], [0.5]]), np.full((40, 1), 0.4), {"dt": 0.01, "gradients": True}

@@ -19,6 +19,9 @@ from twistwrench.motion.motion_log import MotionLog
 from twistwrench.reports.motors import Demand, MotorFigures
 from twistwrench.reports.torque_analysis import analyse
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 FOLDER = Path(tw.__file__).parent / "robots"
 DEMO, MOTION = FOLDER / "ur5_demo.yaml", FOLDER / "ur5_demo.csv"
 

@@ -22,6 +22,9 @@ from twistwrench.trajectories import bounds_of
 from twistwrench.viz.plots.torques import plot_report
 from twistwrench.viz.style import OVER
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 SHARES = [pytest.param(1 + TOLERANCE / 2, False, id="at"), pytest.param(1 + 2 * TOLERANCE, True, id="over")]
 
 

@@ -10,7 +10,8 @@ import pytest
 from twistwrench import robots
 from twistwrench.reports.statistics import Gaps, gap_edges
 
-pytest_plugins = ("torque_fixtures",)
+pytest_plugins = ("torque_fixtures", "numpy_fixtures")
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 URDF = robots.path_of("ur5").read_text("utf-8")
 

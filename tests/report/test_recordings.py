@@ -12,6 +12,9 @@ from twistwrench.reports.recordings.description import robot_description
 from twistwrench.reports.recordings.mcap import write_mcap
 from twistwrench.reports.recordings.recording import Recording
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 EPOCH = 1_700_000_000_123_456_789
 DEMO = tw.robots.path_of("ur5").with_name("ur5_demo.csv")
 UR5 = tw.robots.ur5()

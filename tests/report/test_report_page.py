@@ -102,7 +102,7 @@ def page_of(tmp_path_factory):
 
 @pytest.fixture(
     scope="module",
-    params=[pytest.param(name, marks=pytest.mark.slow) if name == "identify" else name for name in COMMANDS],
+    params=[pytest.param(name, marks=pytest.mark.slow) if name in ("identify", "size") else name for name in COMMANDS],
 )
 def report(request, page_of):
     """Name of a command, its output, and its page."""

@@ -272,7 +272,7 @@ def test_gaps_in_time_are_told(run, ur5, motion, tmp_path):
 
 
 def test_a_noisy_log_is_told_and_smoothed_by_itself(run, tmp_path):
-    t = np.arange(3000) * 1e-3
+    t = np.arange(1500) * 1e-3
     q = 0.5 * np.sin(np.outer(t, np.arange(1, 7))) - 0.5
     path = tmp_path / "m.csv"
     np.savetxt(

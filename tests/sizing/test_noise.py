@@ -14,6 +14,9 @@ from twistwrench.cli.main import main
 from twistwrench.reports import motors
 from twistwrench.sizing import choice, cycle
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 FOLDER = tw.robots.path_of("ur5").parent
 CATALOG = json.loads(json.dumps(yaml.safe_load((FOLDER / "ur5_demo.drives.yaml").read_text())))
 ARM = tw.robots.planar_2r()

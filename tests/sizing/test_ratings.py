@@ -15,6 +15,9 @@ from twistwrench.core.verdict import Word
 from twistwrench.mechanics.model.actuators import Motor, Thermal, gear_input
 from twistwrench.sizing import drives, winding
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 UR5 = tw.robots.ur5()
 LOADED = UR5.with_payload(tw.SpatialInertia.from_com(5.0), "tool0")
 CATALOG = json.loads(

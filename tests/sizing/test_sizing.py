@@ -22,6 +22,9 @@ from twistwrench.sizing import catalog as catalogs
 from twistwrench.sizing import gear, winding
 from twistwrench.sizing.sizing_view import worst_moment
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 RPM = 2 * math.pi / 60
 UR5 = tw.robots.ur5().with_payload(tw.SpatialInertia.from_com(5.0), "tool0")
 CATALOG = tw.robots.path_of("ur5").with_name("ur5_demo.drives.yaml")

@@ -14,6 +14,9 @@ import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.core.text import words_of_the_shell
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 UR5 = tw.robots.path_of("ur5")
 DEMO = UR5.with_name("ur5_demo.csv")
 

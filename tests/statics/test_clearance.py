@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from places import ROOT
+from quick import mostly_slow
 from robot_files import FILES
 from robot_files import load as load_file
 
@@ -18,6 +19,8 @@ import twistwrench as tw
 from twistwrench.cli.main import main
 from twistwrench.statics.clearance import PathClearance
 from twistwrench.statics.link_pairs import LinkPairs
+
+pytest_plugins = ("small_trees",)
 
 ARMS = [
     name for name in ("ur_description/ur5_robot", "panda_description/panda", "xarm_description/xarm7") if name in FILES
@@ -97,7 +100,7 @@ def check_pruning(name, count):
 
 
 @needs_files
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", mostly_slow(ARMS, 3))
 def test_the_pruned_distance_is_that_of_all_pairs(coal, name):
     check_pruning(name, 5)
 
@@ -399,6 +402,7 @@ INSIDE = {
 }
 
 
+@pytest.mark.usefixtures("each_on_numpy")
 @pytest.mark.parametrize("name", INSIDE)
 def test_a_link_inside_the_solid_of_another_is_in_contact(tmp_path, coal, name):
     """Cubes by their own arithmetic; in a cavity, between parts and beside a mesh, a link is as far as its surface is."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 
 import numpy as np
@@ -13,6 +14,9 @@ from scipy.linalg import null_space
 import twistwrench as tw
 from twistwrench import statics
 from twistwrench.cli.main import main
+
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
 
 LEGS = ("fl", "fr", "rl", "rr")
 FEET = [f"{leg}_foot" for leg in LEGS]
@@ -51,6 +55,7 @@ def opened(text):
         return tw.load(text)
 
 
+@functools.cache
 def dog():
     places = {f"{leg}_": (0.25 if leg[0] == "f" else -0.25, 0.15 if leg[1] == "l" else -0.15) for leg in LEGS}
     return opened(file_of(places, '<freejoint name="root"/>'))
@@ -60,6 +65,7 @@ def limits(robot, effort=60.0):
     return {name: effort for name in robot.joint_names if name != "root"}
 
 
+@functools.cache
 def closed(robot):
     for closure in robot.closures.values():
         robot = robot.close(closure.frame_a, closure.frame_b, "vx vz")

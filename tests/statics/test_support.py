@@ -11,6 +11,9 @@ import twistwrench as tw
 from twistwrench import statics
 from twistwrench.statics.cone_programme import Cones, cone_programme, least_norm_in_cones
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 LEGS = ("FL", "FR", "RL", "RR")
 
 

@@ -13,6 +13,9 @@ import twistwrench as tw
 from twistwrench import statics
 from twistwrench.mechanics.lie import quaternion
 
+pytest_plugins = ("numpy_fixtures",)
+pytestmark = pytest.mark.usefixtures("on_numpy")
+
 LEGS = ("FL", "FR", "RL", "RR")
 MARGINS = ("speed", "slowest", "friction", "zmp_margin", "payload")
 

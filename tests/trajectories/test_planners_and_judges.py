@@ -89,8 +89,9 @@ def judged(seed, count, folder):
 def test_a_planned_motion_is_within_its_limits_for_every_judge(seed, tmp_path, request):
     """By ``violations`` of plan and samples, and by ``torques`` of the written file, with friction, couplings and payload."""
     long = request.node.get_closest_marker("slow") is not None
-    found = judged(seed, MOTIONS if long else 7, tmp_path)
-    assert len(found) >= (MOTIONS if long else 7) // 2
+    count = MOTIONS if long else 5
+    found = judged(seed, count, tmp_path)
+    assert len(found) > count // 2
     bad = [one for one in found if any(one[1:])]
     assert not bad, bad[:3]
 
