@@ -35,12 +35,18 @@ PENDULUM = """
     <axis xyz="0 1 0"/></joint>
 </robot>
 """
+SETTLED, SETTLED_WORDS = {"cutoff": 10.0, "shift": 0.0}, ["--cutoff", 10, "--shift", 0]
 RUNS = {
     "demo": ({}, []),
-    "known value": ({"known": {"link2.m": 1.0}}, ["--known", "link2.m=1 kg"]),
+    "known value": ({"known": {"link2.m": 1.0}} | SETTLED, ["--known", "link2.m=1 kg", *SETTLED_WORDS]),
     "payload": ({"payload_only": "link2"}, ["--payload-only", "link2"]),
-    "no friction": ({"friction": (), "motor_inertia": False}, ["--friction-model", "none", "--no-motor-inertia"]),
-    "strength": ({"keep_close": 1.0, "method": "wls"}, ["--keep-close", "1", "--weights", "wls"]),
+    "no friction": (
+        {"friction": (), "motor_inertia": False} | SETTLED,
+        ["--friction-model", "none", "--no-motor-inertia", *SETTLED_WORDS],
+    ),
+    "strength": (
+        {"keep_close": 1.0, "method": "wls"} | SETTLED, ["--keep-close", "1", "--weights", "wls", *SETTLED_WORDS],
+    ),
     "test log": ({"test": DEMO, "cutoff": 10.0, "shift": 0.0}, ["--test", DEMO, "--cutoff", 10, "--shift", 0]),
     "gain": ({"assume": ["gain:joint1"], "cutoff": 10.0}, ["--assume", "gain:joint1", "--cutoff", 10]),
     "degrees": ({"degrees": True, "cutoff": 10.0}, ["--degrees", "--cutoff", 10]),
@@ -49,8 +55,8 @@ RUNS = {
         ["--friction-model", "viscous,coulomb,stribeck", "--stribeck-speed", 0.2, "--shift", 0],
     ),
     "plain least squares": ({"method": "ols", "cutoff": 8.0}, ["--weights", "ols", "--cutoff", 8]),
-    "cause": ({"assume": "load-friction", "cutoff": 10.0}, ["--assume", "load-friction", "--cutoff", 10]),
-}
+    "cause": ({"assume": "load-friction"} | SETTLED, ["--assume", "load-friction", *SETTLED_WORDS]),
+}  # fmt: skip
 """Arguments of ``tw.identify``, and words of the command."""
 MOTIONS = {
     "plain": ("planar_2r", {"acceleration": 3.0}, ["--acceleration", 3]),
