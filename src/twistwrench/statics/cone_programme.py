@@ -144,10 +144,10 @@ def cone_programme(
         )
         optima.append(simplex.solve())
 
-    def of_all_rows(name: str) -> Array:
+    def join_batches(name: str) -> Array:
         return np.concatenate([getattr(optimum, name) for optimum in optima])
 
-    return ConeOptimum(*(of_all_rows(field.name) for field in fields(ConeOptimum)))
+    return ConeOptimum(*(join_batches(field.name) for field in fields(ConeOptimum)))
 
 
 def no_bounds(rows: int, contacts: int) -> ForceBounds:

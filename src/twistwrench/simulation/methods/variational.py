@@ -38,7 +38,7 @@ MAX_ITERATIONS = 100
 MAX_CONTRACTION = 0.3
 """Largest ratio of a change to the one before it if iterations converge well. Above it, a tiny change is rounding error; after
 a change that is not tiny, secant updates begin."""
-_CONVERGED = 1e-16
+_CONVERGED_CHANGE = 1e-16
 """Change relative to the velocities that is expected next at which the iteration ends."""
 _MAX_ROUNDING = 1e-11
 """Largest change relative to the velocities that may be rounding error."""
@@ -184,7 +184,7 @@ class Variational:
                 next_size = size * min(size / previous_size, 1.0)
             shrinks_slowly = size > MAX_CONTRACTION * previous_size
             is_rounding = shrinks_slowly and size <= _MAX_ROUNDING * scale
-            if next_size <= _CONVERGED * scale or is_rounding:
+            if next_size <= _CONVERGED_CHANGE * scale or is_rounding:
                 p1 = self._momentum_after(h * xi, p0, h * G)
                 return system.manifold.move(q0, h * xi), p1, xi, powers
             if secant is None and shrinks_slowly:  # a force is too stiff for the step, as in a contact
