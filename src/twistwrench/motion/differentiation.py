@@ -24,6 +24,8 @@ SIGNIFICANT_SIGMAS = 5.0
 """Standard deviations above which a velocity's sign is significant: false positives at rest are six in ten million."""
 _SLOPE_ROUND_OFF = 16.0
 """Error of the spline's slope times the time step, in units in the last place of q."""
+_MIN_NOISE_SHARE = 0.1
+"""Share of a joint's noise below which a column of it does not matter."""
 _MIN_OUTLIER_SIGMAS = 6.0
 """Standard deviations about the smoothed curve from which a sample is an outlier."""
 
@@ -310,6 +312,31 @@ class Differentiation:
                 sigma[:, body.v_index] *= error / usual_error[k]
         return sigma
 
+    def end_gain(self, time: Array) -> Array:
+        """(n, nv) noise of accelerations at times (n,) relative to :attr:`sigma_ddq`, which holds far from the log's ends.
+
+        Beyond an end there are no samples, so the spline's derivatives there have up to nine times the noise.
+        """
+        order = 1 if self.source == "velocities" else 2
+        distance = np.full(len(time), np.inf)
+        for end in self.ends.tolist():
+            distance = np.minimum(distance, np.abs(time - end))
+        rows = distance / self.quality.step
+        column_sigma = self.quality.error * _noise_gains(order, self.strengths, self.quality.step)
+        gain = np.ones((len(time), self.model.nv))
+        for strength in set(self.strengths.tolist()):
+            sigma_of_strength = np.where(self.strengths == strength, column_sigma, 0.0)
+            matters = self._velocity_entries(sigma_of_strength) > _MIN_NOISE_SHARE * self._velocity_entries(
+                column_sigma
+            )
+            gains_near_end = end_gains(order, strength, rows)[:, None]
+            gain = np.where(matters, np.maximum(gain, gains_near_end), gain)
+        return gain
+
+    def _velocity_entries(self, column_sigma: Array) -> Array:
+        """Standard deviations (nv,) of ddq from those (k,) of the derivatives of the differentiated columns."""
+        return column_sigma if self.source == "velocities" else _to_joints(self.model, column_sigma)
+
     def states(self, core: int, progress: Callable[[int], None] | None = None) -> Iterator[MotionSamples]:
         """Samples of the motion in runs of about ``core`` rows; up to rounding, values do not depend on ``core``."""
         for states, _, inner in self.surrounded_states(core, progress):
@@ -463,6 +490,29 @@ def noise_gain(order: int, strength: float, step: float) -> float:
     smoothed_pulse = smooth(t, pulse, strength, step)
     responses = spline_rates(t, smoothed_pulse[:, None])  # first and second derivative
     return float(np.linalg.norm(responses[order - 1]))
+
+
+_MAX_END_STRENGTH = 1e4
+"""Strength of smoothing above which the noise near an end is the same over distances in units of strength^(1/6)."""
+_END_ROWS = 200
+"""Rows of the log by which the noise near an end is computed; a tenth of them is near it."""
+
+
+def end_gains(order: int, strength: float, rows: Array) -> Array:
+    """Noise gain (n,) of the spline's derivative at ``rows`` (n,) from an end, relative to that far from it.
+
+    >>> end_gains(2, 0.0, np.array([0.0, 1.0, 50.0])).round(2).tolist()
+    [8.75, 0.69, 1.0]
+    """
+    computed_strength = min(strength, _MAX_END_STRENGTH)
+    stretch = 1.0
+    if strength > _MAX_END_STRENGTH:
+        stretch = (strength / _MAX_END_STRENGTH) ** (1 / 6)
+    t = np.arange(float(_END_ROWS))
+    responses = spline_rates(t, smooth(t, np.eye(_END_ROWS), computed_strength, 1.0))[order - 1]
+    gains = np.linalg.norm(responses, axis=1)
+    middle = _END_ROWS // 2
+    return np.interp(rows / stretch, np.arange(middle), gains[:middle] / gains[middle])
 
 
 def pulse_peak(order: int, step: float) -> float:

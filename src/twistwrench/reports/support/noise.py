@@ -90,7 +90,8 @@ def _power_deviation(found: GroundSupport, d: Differentiation, states: MotionSam
     """
     M = np.asarray(found.robot.mass_matrix(states.q))
     momentum = (M @ motion[..., None])[..., 0]
-    variances = ((momentum * d.sigma_at(states)) ** 2).sum(axis=1)
+    sigma = d.sigma_at(states) * d.end_gain(states.time)
+    variances = ((momentum * sigma) ** 2).sum(axis=1)
     return np.asarray(np.sqrt(variances))
 
 
