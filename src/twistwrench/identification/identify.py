@@ -186,10 +186,9 @@ def identify(
     report_progress = progress or (lambda _share: None)
     read = read_logs((*sources, *tests), Workers.from_client(client), lambda share: report_progress(0.2 * share))
     training_logs, test_logs = _readable(read[: len(sources)]), _readable(read[len(sources) :])
-    read_doubts = _unreadable((*sources, *tests), read)
     fit = partial(
         _identify_once, unknown, robot, training_logs, test_logs, method=method, payload_only=payload_only,
-        read_doubts=read_doubts,
+        read_doubts=_unreadable((*sources, *tests), read),
     )  # fmt: skip
     found, laws = fit(options, wanted, report_progress=lambda share: report_progress(0.2 + 0.5 * share))
     if may_fit_laws and laws and not payload_only:

@@ -181,7 +181,7 @@ class LatePositions(NamedTuple):
     """Positions that alternate between late and on time."""
 
     delay: float
-    """How late [s]."""
+    """Delay of the late positions [s]."""
     min_share: float
     """Smallest share of the time in which they are late."""
     max_share: float
