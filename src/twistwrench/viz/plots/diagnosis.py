@@ -36,7 +36,7 @@ def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
             file_inertia = report.contents.robot.model.link_inertias[link]
             parsed_link = report.contents.robot.links.get(link)
             solids = [] if parsed_link is None else list(parsed_link.shapes.solids)
-            # The file's inertia is figure last: its dashes stay visible over an equal solid line.
+            # The file's inertia is drawn last: its dashes stay visible over an equal solid line.
             inertias = [
                 (repaired_inertia, style.BLUE, "-", "repaired"),
                 (file_inertia, style.VERMILION, "--", "in the file"),
