@@ -71,8 +71,8 @@ def average_torque(torque: Array, speed: Array, duration: Array, exponent: float
     total = float(turned.sum())
     if total == 0.0:
         return math.nan
-    mean_power = turned @ np.abs(torque) ** exponent / total
-    return float(mean_power ** (1 / exponent))
+    mean_of_powers = turned @ np.abs(torque) ** exponent / total
+    return float(mean_of_powers ** (1 / exponent))
 
 
 def average_speed(speed: Array, duration: Array) -> float:
