@@ -79,7 +79,7 @@ def MatrixExp3(so3mat: ArrayLike) -> Rotations:
     """Matrix exponential of so(3): the rotation exp([omg] theta), at every angle."""
 
 
-def _choose_half_turn_sign(R: Array, w: Array) -> Array:
+def _signed_log(R: Array, w: Array) -> Array:
     """Logarithm w of R; for a half turn, w or -w: the one whose last non-negligible entry is positive.
 
     A half turn has two logarithms; the book's package takes this one.
@@ -97,12 +97,7 @@ def _choose_half_turn_sign(R: Array, w: Array) -> Array:
     return w
 
 
-@named(
-    lambda R: so3.hat(_choose_half_turn_sign(R, so3.log(R))),
-    "eq. 3.53, 3.54",
-    "so3mat : (..., 3, 3) array [rad]",
-    rotation,
-)
+@named(lambda R: so3.hat(_signed_log(R, so3.log(R))), "eq. 3.53, 3.54", "so3mat : (..., 3, 3) array [rad]", rotation)
 def MatrixLog3(R: ArrayLike) -> Array:
     """Matrix logarithm of SO(3): [omg] theta with 0 ≤ theta ≤ π; R with few digits is replaced by the nearest rotation."""
 
@@ -146,10 +141,10 @@ def se3ToVec(se3mat: ArrayLike) -> Twists:
 
 def _adjoint(T: Array) -> Array:
     R = T[..., :3, :3]
-    return _block_lower(R, so3.hat(T[..., :3, 3]) @ R)
+    return _blocks(R, so3.hat(T[..., :3, 3]) @ R)
 
 
-def _block_lower(diagonal: Array, below: Array) -> Array:
+def _blocks(diagonal: Array, below: Array) -> Array:
     """Matrix (..., 6, 6) with the block ``diagonal`` twice and the block ``below`` under it: [D, 0; B, D]."""
     out = np.zeros((*diagonal.shape[:-2], 6, 6), diagonal.dtype)
     out[..., :3, :3] = out[..., 3:, 3:] = diagonal
@@ -163,10 +158,7 @@ def Adjoint(T: ArrayLike) -> Array:
 
 
 @named(
-    lambda V: _block_lower(so3.hat(V[..., :3]), so3.hat(V[..., 3:])),
-    "definition 8.5",
-    "adV : (..., 6, 6) array",
-    real(6),
+    lambda V: _blocks(so3.hat(V[..., :3]), so3.hat(V[..., 3:])), "definition 8.5", "adV : (..., 6, 6) array", real(6)
 )
 def ad(V: ArrayLike) -> Array:
     """Matrix of the Lie bracket with a twist, [ad_V] = [[omega], 0; [v], [omega]]."""
@@ -227,10 +219,10 @@ def MatrixExp6(se3mat: ArrayLike) -> Poses:
 
 
 def _twist(T: Array) -> Array:
-    """Logarithm V of a pose T; that of a half turn has the sign of :func:`_choose_half_turn_sign`."""
+    """Logarithm V of a pose T; that of a half turn has the sign of :func:`_signed_log`."""
     V = se3.log(T)
     w_of_log = V[..., :3]
-    w = _choose_half_turn_sign(T[..., :3, :3], w_of_log)
+    w = _signed_log(T[..., :3, :3], w_of_log)
     if w is not w_of_log:
         v = (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]
         V = np.concatenate([w, v], axis=-1)
@@ -524,10 +516,10 @@ def ForwardDynamicsTrajectory(
     """
     chain = chain_of(Mlist, Glist, Slist)
     q, dq = _initial_state(chain, thetalist, dthetalist)
-    tau = _joint_rows(chain, taumat, "taumat")
+    tau, gravity = _joint_rows(chain, taumat, "taumat"), arguments.one(g, "g", 3)
+    dt = arguments.number(dt, "dt")
     F = _tip_wrenches(Ftipmat, len(tau))
-    gravity = arguments.one(g, "g", 3)
-    dt, steps = arguments.number(dt, "dt"), arguments.whole(intRes, "intRes")
+    steps = arguments.whole(intRes, "intRes")
     thetamat, dthetamat = np.empty(tau.shape), np.empty(tau.shape)
     thetamat[0], dthetamat[0] = q, dq
     for i in range(len(tau) - 1):
