@@ -63,7 +63,7 @@ def parse_friction(text: str, _flag: str = "") -> tuple[str, ...]:
 
 
 def _number_or_auto(text: str, flag: str) -> float | None:
-    """The number; None for ``auto``."""
+    """Number of the text; None for ``auto``."""
     if text == _AUTO:
         return None
     try:

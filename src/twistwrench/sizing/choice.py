@@ -411,8 +411,8 @@ class Sizing(Answer):
                 for kind, part in parts:
                     for demand in part.demands:
                         limit, share = _finite_or_none(demand.limit), _finite_or_none(demand.share)
-                        figure = [demand.what, demand.value, limit, demand.unit, share]
-                        table.row([joint.joint, kind, part.name, *figure])
+                        names = joint.joint, kind, part.name
+                        table.row([*names, demand.what, demand.value, limit, demand.unit, share])
         return Path(path)
 
     @property
@@ -477,7 +477,7 @@ class Sizing(Answer):
 
 
 def _finite_or_none(value: float) -> float | None:
-    """The value, or None for an infinite one, which a table leaves empty."""
+    """Value, or None if it is infinite, which a table leaves empty."""
     if math.isfinite(value):
         return value
     return None

@@ -14,7 +14,7 @@ from ..reports.motors import Demand
 from .cycle import RPM, Cycle, DrivePart, between
 
 _MOMENTARY_TURNS = 1e4
-"""The 10⁴ of the rule for momentary peak torques: 10⁴ / 2 turns of the wave generator in the life of a strain-wave gear."""
+"""Twice the turns of the wave generator under momentary peak torques in the life of a strain-wave gear."""
 KINDS = {"strain_wave": 3.0, "planetary": 3.0, "direct": math.nan}
 """Kinds of gears, with the usual exponent of the mean torque."""
 

@@ -27,7 +27,7 @@ Calibration: TypeAlias = CalibratedRobot | FactoryCalibration | MeasuringPoses
 
 
 def _positive_sizes(text: str, flag: str) -> list[float]:
-    """One or two numbers above 0 with units, such as 1mm,0.1deg, converted to m and rad."""
+    """Numbers above 0 with units, one or two, such as 1mm,0.1deg, converted to m and rad."""
     problem = ValueRangeError(f"{flag} {text!r} is not a length and an angle above 0. Write for example 1mm,0.1deg.")
     sizes = list[float]()
     for part in text.split(","):
@@ -47,7 +47,7 @@ def _positive_sizes(text: str, flag: str) -> list[float]:
 
 
 def _parse_noise(text: str, flag: str) -> float | tuple[float, ...]:
-    """One deviation, or one of lengths [m] and one of angles [rad]."""
+    """Deviation of all readings, or those of lengths [m] and angles [rad]."""
     sizes = _positive_sizes(text, flag)
     if len(sizes) == 1:
         return sizes[0]
