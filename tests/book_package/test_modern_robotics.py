@@ -287,13 +287,13 @@ def test_other_gravity_and_other_wrenches_compile_nothing_anew():
     robot, q = lists(rng, 3), joints(rng, 3)
     mr.InverseDynamics(q, q, q, [0, 0, -9.81], np.zeros(6), *robot)
     found = chains.chain_of(*robot)
-    kernel, before = found.kernel("inverse_dynamics"), chains._built.cache_info().misses
+    kernel, before = found.kernel("inverse_dynamics"), chains._cached_chain.cache_info().misses
     for _ in range(3):
         g, F = rng.standard_normal(3), rng.standard_normal(6)
         tau = mr.InverseDynamics(q, q, q, g, F, *robot)
         same = tw.from_screws(None, robot[2], robot[0], robot[1], gravity=g)
         assert gap(tau, same.inverse_dynamics(q, q, q, wrench_by_robot={same.tip: F})) <= 1e-13
-    assert chains._built.cache_info().misses == before
+    assert chains._cached_chain.cache_info().misses == before
     assert chains.chain_of(*robot).kernel("inverse_dynamics") is kernel
 
 
@@ -322,7 +322,7 @@ def test_lists_are_known_by_what_is_in_them():
 
 
 def test_no_more_lists_are_kept_than_said():
-    assert chains._built.cache_info().maxsize == chains.MAX_CACHED_CHAINS
+    assert chains._cached_chain.cache_info().maxsize == chains.MAX_CACHED_CHAINS
 
 
 def test_a_body_that_cannot_exist_is_accepted_with_a_warning():

@@ -15,8 +15,10 @@ from .shared import LOADING, RobotOptions, robot_source
 from .skin import Asked, OutputFile, command_of, picture_file
 
 
-def _repairs(report: DoctorReport) -> str:
-    return f", with {len(report.repairs)} repair{'' if len(report.repairs) == 1 else 's'}"
+def _repairs_text(report: DoctorReport) -> str:
+    """Number of repairs in the written file."""
+    count = len(report.repairs)
+    return f", with {count} repair" if count == 1 else f", with {count} repairs"
 
 
 def _changes_links(report: DoctorReport) -> bool:
@@ -34,7 +36,7 @@ def _changes_links(report: DoctorReport) -> bool:
             "--out OUT",
             "Write the repaired robot file; all else stays byte for byte.",
             lambda report, path: report.write(path, overwrite=True),
-            comment=_repairs,
+            comment=_repairs_text,
         ),
         picture_file(
             "Draw shapes, and inertia ellipsoids before and after the repair.",
@@ -60,14 +62,14 @@ def doctor_command(
 
     Exit code: 1 with errors or warnings.
     """
-    folders = meshes if isinstance(meshes, list) else []
-    for folder in folders:
+    mesh_folders = meshes if isinstance(meshes, list) else []
+    for folder in mesh_folders:
         if not Path(folder).is_dir():
             raise ValueRangeError(
                 f"--meshes {folder!r} is not a folder. Give the one that holds the meshes or their package."
             )
     if xacro is None and Path(source).suffix.lower() == XACRO_ENDING:
-        xacro = {}  # expanded as by every command
+        xacro = {}  # without arguments, as every command expands it
     robot: str | Path | Robot = robot_source(source)
     if xacro is not None and not isinstance(robot, Robot):
         robot = load(robot, xacro=xacro, inertia="accept", floating_base=floating_base, model=model)

@@ -44,12 +44,12 @@ def unknown_command(word: str, known: Iterable[str]) -> str:
     text = f"No such command {word!r}."
     rows = rows_of(word, "command")
     if rows:
-        use = rows[0].use
-        where = "Use" if use.startswith("twistwrench") else "In Python:"
-        return f"{text} {where} {use}."
-    near = similar_names(word, known)
-    if near:
-        text += f" Did you mean {near}?"
+        replacement = rows[0].use
+        verb = "Use" if replacement.startswith("twistwrench") else "In Python:"
+        return f"{text} {verb} {replacement}."
+    similar = similar_names(word, known)
+    if similar:
+        text += f" Did you mean {similar}?"
     return text
 
 
@@ -69,24 +69,28 @@ def unknown_option(error: click.NoSuchOption, typed: list[str]) -> str:
     from ..core.first_calls import rows_of, similar_names
 
     assert error.ctx is not None
-    name, command = error.option_name, error.ctx.command
-    known = {option for param in command.params for option in (*param.opts, *param.secondary_opts)}
+    name, command_name = error.option_name, error.ctx.info_name
+    known: set[str] = set()
+    for param in error.ctx.command.params:
+        known.update(param.opts, param.secondary_opts)
     text = f"No such option: {name}."
-    rows = [row for row in rows_of(name, "option") if not row.only or error.ctx.info_name in row.only]
-    rows.sort(key=lambda row: not row.only)
+    rows = [row for row in rows_of(name, "option") if not row.only or command_name in row.only]
+    rows.sort(key=lambda row: not row.only)  # rows of this command first
     for row in rows:
-        use = row.use.split()[0]
-        if use in known or not use.startswith("-"):
-            robot = next((word for word in typed[1:] if not word.startswith("-")), "ROBOT")
-            differs = row.differs.format(command=error.ctx.info_name, robot=robot, name=Path(robot).stem)
-            if not row.only:
-                text += f" Did you mean {row.use}?"
-            if differs:
-                text += f" {differs[0].upper()}{differs[1:]}."
-            return text
-    near = similar_names(name, known)
-    if near:
-        text += f" Did you mean {near.replace(chr(39), '')}?"
+        first_word = row.use.split()[0]
+        if first_word.startswith("-") and first_word not in known:
+            continue
+        robot = next((word for word in typed[1:] if not word.startswith("-")), "ROBOT")
+        difference = row.differs.format(command=command_name, robot=robot, name=Path(robot).stem)
+        if not row.only:
+            text += f" Did you mean {row.use}?"
+        if difference:
+            text += f" {difference[0].upper()}{difference[1:]}."
+        return text
+    similar = similar_names(name, known)
+    if similar:
+        without_quotes = similar.replace("'", "")
+        text += f" Did you mean {without_quotes}?"
     return text
 
 

@@ -37,10 +37,10 @@ from .terminal import progress_bar
 CommandHold: TypeAlias = Literal["zero", "linear", "auto"]
 Identified: TypeAlias = IdentifiedRobot | IdentifiedServos
 _KNOWN_UNITS = SERVO_UNITS | PARAMETER_UNITS
-_OF_SERVOS = ("known",)
+_SERVO_PARAMETERS = ("known",)
 """Parameters of ``identify`` that ``identify_servos`` has too, beside the logs."""
 _AUTO = "auto"
-_ALL_LOGS = "Write: twistwrench identify ROBOT day1.csv day2.csv"
+_HINT_ALL_LOGS = "Write: twistwrench identify ROBOT day1.csv day2.csv"
 _REMOVED = click.option("--add", "--information", "add", hidden=True, help="Give all logs at once.")
 """Options of earlier versions, which are answered with the new way for one version."""
 _FRICTION = Spelling(
@@ -62,7 +62,8 @@ def parse_friction(text: str, _flag: str = "") -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(","))
 
 
-def _number(text: str, flag: str) -> float | None:
+def _number_or_auto(text: str, flag: str) -> float | None:
+    """Number of the text; None for ``auto``."""
     if text == _AUTO:
         return None
     try:
@@ -77,27 +78,28 @@ def parse_known(texts: Sequence[str], flag: str = "--known") -> dict[str, float]
     >>> parse_known(["link_3.mass=0.73 kg", "joint_2.viscous=1.2"])
     {'link_3.m': 0.73, 'joint_2.viscous': 1.2}
     """
-    found = dict[str, float]()
+    known = dict[str, float]()
     for text in texts:
-        name, equal, value = (part.strip() for part in text.rpartition("="))
+        name, equals_sign, value = (part.strip() for part in text.rpartition("="))
         owner, _, kind = name.rpartition(".")
-        kind = {"mass": "m"}.get(kind, kind)
+        if kind == "mass":
+            kind = "m"
         number, _, unit = value.partition(" ")
-        allowed = _KNOWN_UNITS.get(kind)
-        if equal and owner and allowed is None:
+        units = _KNOWN_UNITS.get(kind)
+        if equals_sign and owner and units is None:
             raise UnknownNameError(f"{flag} {text!r}: {UnknownNameError.from_choices('parameter', kind, _KNOWN_UNITS)}")
         try:
-            if not equal or not owner or allowed is None:
-                raise ValueError  # noqa: TRY301  the same sentence answers all of it
-            found[f"{owner}.{kind}"] = float(number)
+            if not equals_sign or not owner or units is None:
+                raise ValueError  # noqa: TRY301  answered as a text that is not a number
+            known[f"{owner}.{kind}"] = float(number)
         except ValueError:
             raise ValueRangeError(
                 f"{flag} {text!r} is not NAME=VALUE, for example link_3.m=0.73. Links and joints have: "
                 f"{', '.join(_KNOWN_UNITS)}."
             ) from None
-        if unit and unit.strip() not in allowed:
-            raise ValueRangeError(f"{flag} {text!r}: the unit {unit.strip()!r} is not {' or '.join(allowed)}.")
-    return found
+        if unit and unit.strip() not in units:
+            raise ValueRangeError(f"{flag} {text!r}: the unit {unit.strip()!r} is not {' or '.join(units)}.")
+    return known
 
 
 # ── ``identify``
@@ -107,12 +109,12 @@ def _has_torques(found: Identified) -> bool:
     return isinstance(found, IdentifiedRobot)
 
 
-def _of_torques(found: Identified) -> IdentifiedRobot:
+def _require_torque_result(found: Identified) -> IdentifiedRobot:
     assert isinstance(found, IdentifiedRobot), "servos have no groups of parameters"
     return found
 
 
-def _logs(logs: tuple[str, ...], test: tuple[str, ...], source: str) -> dict[str, str]:
+def _input_logs(logs: tuple[str, ...], test: tuple[str, ...], source: str) -> dict[str, str]:
     return {f"LOG {path}": str(path) for path in log_paths([*logs, *test], source)}
 
 
@@ -135,7 +137,7 @@ def _logs(logs: tuple[str, ...], test: tuple[str, ...], source: str) -> dict[str
     _REMOVED,
     files=(
         table_file(
-            lambda found, path: _of_torques(found).to_csv(path),
+            lambda found, path: _require_torque_result(found).to_csv(path),
             "Write parameter groups with their intervals as a table",
             exists=_has_torques,
         ),
@@ -161,12 +163,12 @@ def _logs(logs: tuple[str, ...], test: tuple[str, ...], source: str) -> dict[str
         "FrictionLaws": Kind("LAWS", parse_friction),
         "KnownValues": Kind("NAME=VALUE", parse_known, REPEATED),
         "LinkNames": Kind("LINK", several, REPEATED),
-        "Hertz": Kind("HZ", _number),
-        "Seconds": Kind("SECONDS", _number),
-        "PriorWeight": Kind("STRENGTH", _number),
+        "Hertz": Kind("HZ", _number_or_auto),
+        "Seconds": Kind("SECONDS", _number_or_auto),
+        "PriorWeight": Kind("STRENGTH", _number_or_auto),
         "ObserverGain": Kind("GAIN", settings={"type": float}),
     },
-    reads=_logs,
+    reads=_input_logs,
 )
 def identify_command(
     robot: RobotOptions,
@@ -194,38 +196,41 @@ def identify_command(
     unless --force is given. Several files of one log are written a.csv+b.csv.
     """
     if add is not None:
-        raise ValueRangeError(f"--add and --information are gone: give all logs at once. {_ALL_LOGS}")
-    _check_payload(payload_only, outputs.flags)
+        raise ValueRangeError(f"--add and --information are gone: give all logs at once. {_HINT_ALL_LOGS}")
+    _refuse_files_of_payload(payload_only, outputs.flags)
     fitted = [str(path) for path in log_paths(logs, robot.source)]
     predicted = [str(path) for path in log_paths(test, robot.source)]
-    names = shared.parse_columns(columns, [*fitted, *predicted])
+    column_by_name = shared.parse_columns(columns, [*fitted, *predicted])
     if command_hold is not None and not from_commands:
         raise ValueRangeError("--command-hold belongs to --from-commands. Add it, or leave it out.")
     held = None
     if lock_missing:
-        held = partial(joints_without_column, open_motion_file(fitted[0], topic, episode), columns=names)
+        first_log = open_motion_file(fitted[0], topic, episode)
+        held = partial(joints_without_column, first_log, columns=column_by_name)
     arm, locked = replace(robot, actuators=None).load_and_locked(held=held)
     if from_commands:
-        reading = {"columns": names, "rate": rate, "degrees": robot.degrees, "topic": topic, "episode": episode}
-        servos = _servos(arm, fitted, predicted, command_hold or "auto", reading, asked)
+        reading = {
+            "columns": column_by_name, "rate": rate, "degrees": robot.degrees, "topic": topic, "episode": episode,
+        }  # fmt: skip
+        servos = _identify_servos(arm, fitted, predicted, command_hold or "auto", reading, asked)
         _plan_files(servos, outputs, robot, fitted, force=force)
         return servos
     arm, side = _with_motors(arm, locked, robot, writes_actuators=bool(outputs.path_of("--out-actuators")))
-    currents = shared.current_gains(gain, arm.model, robot.drives, of_side=True)
+    gains = shared.current_gains(gain, arm.model, robot.drives, of_side=True)
     with progress_bar("identifying") as progress, workers_of(workers, scheduler) as team:
         found = identify(
-            arm, fitted, test=predicted, motor_side=side, payload_only=payload_only, columns=names, rate=rate, gain=currents,
-            topic=topic, episode=episode, client=team.client, progress=progress, **asked,
+            arm, fitted, test=predicted, motor_side=side, payload_only=payload_only, columns=column_by_name, rate=rate,
+            gain=gains, topic=topic, episode=episode, client=team.client, progress=progress, **asked,
         )  # fmt: skip
     _plan_files(found, outputs, robot, fitted, force=force)
     return found
 
 
-def _servos(
+def _identify_servos(
     robot: Robot, logs: Sequence[str], test: Sequence[str], hold: CommandHold, reading: dict[str, Any], asked: Asked
 ) -> IdentifiedServos:
     """Servos from logs of commands and positions."""
-    ignored = [name for name in asked if name not in _OF_SERVOS]
+    ignored = [name for name in asked if name not in _SERVO_PARAMETERS]
     if ignored:
         raise ValueRangeError(f"--{ignored[0].replace('_', '-')} is for torques. Leave it out with --from-commands.")
     fitted = [Motion.from_file(path, robot, **reading) for path in logs]
@@ -234,7 +239,7 @@ def _servos(
         return identify_servos(robot, fitted, test=predicted, hold=hold, progress=progress, **asked)
 
 
-def _check_payload(frame: str | None, outputs: Sequence[str]) -> None:
+def _refuse_files_of_payload(frame: str | None, outputs: Sequence[str]) -> None:
     """Raise ValueRangeError if an output is requested that does not exist for a payload alone."""
     refused = [name for name in outputs if name not in ("--json", "--csv")]
     if frame is not None and refused:
@@ -249,12 +254,12 @@ def _with_motors(
     if file is None:
         return robot, None
     couplings = read_log_side(robot.model, file).couplings
-    known = [*robot.model.velocity_names, *locked]
+    drive_names = [*robot.model.velocity_names, *locked]
     for coupling in couplings:
-        known += coupling.motors
+        drive_names += coupling.motors
     for name in file.entries.get("actuators") or ():
-        if name not in known:
-            raise UnknownNameError(f"{file}: {UnknownNameError.from_choices('joint', name, known)}")
+        if name not in drive_names:
+            raise UnknownNameError(f"{file}: {UnknownNameError.from_choices('joint', name, drive_names)}")
     side = motor_side(robot.model, file)
     if couplings and writes_actuators:
         raise ValueRangeError(f"--out-actuators: {OF_COUPLED_MOTORS}; --json has the results.")
@@ -271,30 +276,31 @@ def _plan_files(
     *,
     force: bool,
 ) -> None:
-    """Write the robot and its actuators together, as each has notes on the other; after LOOK AGAIN write neither."""
-    out, actuators = outputs.path_of("--out") or None, outputs.path_of("--out-actuators") or None
+    """Plan to write the robot and its actuators together, as each has notes on the other; neither after LOOK AGAIN."""
+    robot_path = outputs.path_of("--out") or None
+    actuators_path = outputs.path_of("--out-actuators") or None
     if found.verdict.word is Word.LOOK_AGAIN and not force:
-        if out or actuators or outputs.path_of("--csv"):
+        if robot_path or actuators_path or outputs.path_of("--csv"):
             click.echo("nothing else is written after LOOK AGAIN; --force writes all the same.", err=True)
         outputs.leave_out_all_but("--json", "--plot")
         return
-    given: Mapping[str, object] | None = None if robot.drives is None else robot.drives.entries
-    names = []
+    actuator_entries: Mapping[str, object] | None = None if robot.drives is None else robot.drives.entries
+    log_names = []
     for log in logs:
         parts = [Path(part).name for part in log.split("+")]
-        names.append("+".join(parts))
+        log_names.append("+".join(parts))
 
-    def write(found: Identified, path: str) -> None:
-        if path != (out or actuators):
+    def write_both(found: Identified, path: str) -> None:
+        if path != (robot_path or actuators_path):  # called for each of both paths; the first call writes both
             return
-        further: dict[str, Any] = {}
+        options: dict[str, Any] = {}
         if isinstance(found, IdentifiedRobot):
-            further = {"given": given, "logs": names}
-        for each in found.write(out, actuators, force=force, **further):
-            note(each)
+            options = {"given": actuator_entries, "logs": log_names}
+        for sentence in found.write(robot_path, actuators_path, force=force, **options):
+            note(sentence)
 
-    outputs.written_by("--out", write)
-    outputs.written_by("--out-actuators", write)
+    outputs.written_by("--out", write_both)
+    outputs.written_by("--out-actuators", write_both)
 
 
 # ── ``excite``: a motion whose log tells most

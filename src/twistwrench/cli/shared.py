@@ -70,6 +70,7 @@ class RobotOptions:
     """Options for reading the robot."""
 
     source: str
+    """Argument ROBOT: name of a bundled robot, path of a file, or ``-``."""
     loading: Mapping[str, Any]
     """Options of :func:`~twistwrench.load` that are given, by parameter."""
     actuators: str | None = None
@@ -85,7 +86,7 @@ class RobotOptions:
 
     @property
     def tip(self) -> str | None:
-        """Default frame that is given."""
+        """Frame given with ``--tip``."""
         return self.loading.get("tip")
 
     def load(self) -> Robot:
@@ -124,31 +125,34 @@ class RobotOptions:
 
         ``stiff`` treats elastic gears as rigid. ``held`` names further joints to lock at neutral.
         """
-        make = self._maker()
+        make = self._loader()
         options = {name: value for name, value in self.loading.items() if name != "lock"}
-        given = self.loading.get("lock", {})
-        if not given and held is None and self.chain is None:
-            return self._driven(make(**options), stiff=stiff), ()
+        lock_option = self.loading.get("lock", {})
+        if not lock_option and held is None and self.chain is None:
+            return self._with_actuators(make(**options), stiff=stiff), ()
         # Units and limits of locked joints require the loaded robot.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
-            whole = make(**{**options, "inertia": "accept"})
-        free = whole.model
-        lock = joints_held(free, given, degrees=self.degrees)
+            unlocked = make(**{**options, "inertia": "accept"})
+        free = unlocked.model
+        lock = joints_held(free, lock_option, degrees=self.degrees)
         if self.chain is not None:
-            neutral = _neutral_positions(whole)
+            neutral = _neutral_positions(unlocked)
             lock = {name: neutral[name] for name in joints_beside(free, *self.chain) if name in neutral} | lock
         if held is not None:
-            lock |= self._missing(whole, [name for name in held(free) if name not in lock])
+            lock |= self._hold_joints_without_column(unlocked, [name for name in held(free) if name not in lock])
         if self.actuators:
-            robot = self._driven(make(**options), stiff=stiff).lock(lock)
+            robot = self._with_actuators(make(**options), stiff=stiff).lock(lock)
         else:
             robot = make(lock=lock, **options)
-        moving = {b.joint.name for b in robot.model.bodies}
-        return robot, tuple(b.joint.name for b in free.bodies if b.joint.name not in moving)
+        moving = {body.joint.name for body in robot.model.bodies}
+        return robot, tuple(body.joint.name for body in free.bodies if body.joint.name not in moving)
 
-    def _missing(self, robot: Robot, names: list[str]) -> dict[str, float]:
-        """Neutral positions of joints without a column; empty if all lack one, since the file is then read wrongly."""
+    def _hold_joints_without_column(self, robot: Robot, names: list[str]) -> dict[str, float]:
+        """Neutral positions of joints without a column, with a note.
+
+        Empty if all joints lack a column: the file is then read wrongly, and the reader's error says how.
+        """
         if len(names) == len(robot.model.leaders):
             return {}
         neutral = _neutral_positions(robot)
@@ -158,7 +162,8 @@ class RobotOptions:
             note(f"held still, as the motion has no column for them: {listing}.")
         return held
 
-    def _driven(self, robot: Robot, *, stiff: bool) -> Robot:
+    def _with_actuators(self, robot: Robot, *, stiff: bool) -> Robot:
+        """Robot with the drives of the actuator file, if there is one."""
         from ..formats.actuators import add_actuators
         from ..robot import Robot
 
@@ -166,7 +171,8 @@ class RobotOptions:
             return robot
         return Robot(add_actuators(robot.model, self.drives, stiff=stiff))
 
-    def _maker(self) -> Callable[..., Robot]:
+    def _loader(self) -> Callable[..., Robot]:
+        """Function that loads the robot with options of :func:`~twistwrench.load`; its file is read once."""
         from .. import robots
         from ..formats import usd_path
         from ..formats.robot_file import RobotFile
@@ -175,8 +181,8 @@ class RobotOptions:
 
         name = plain_name(self.source)
         if name in robots.names() and not Path(self.source).is_file():
-            make: Callable[..., Robot] = getattr(robots, name)
-            return make
+            load_bundled: Callable[..., Robot] = getattr(robots, name)
+            return load_bundled
         source = robot_source(self.source)
         if is_text(source) or usd_path(source) is not None:
             return partial(load, source)
@@ -276,18 +282,18 @@ def _neutral_positions(robot: Robot) -> dict[str, float]:
 def motion_argument(*, required: bool) -> Decorator:
     """Argument MOTION and the option --trajectory, which is another way to give it."""
 
-    def choose(context: click.Context, argument: click.Parameter, motion: str | None) -> None:
-        option = context.params.get("trajectory")  # read before, as it is eager
-        if motion is not None and option is not None:
+    def store_motion(context: click.Context, argument: click.Parameter, motion: str | None) -> None:
+        trajectory = context.params.get("trajectory")  # parsed before the argument, as the option is eager
+        if motion is not None and trajectory is not None:
             raise click.UsageError(
-                f"the motion is given twice, {motion} and --trajectory {option}. Leave one of them out.", context
+                f"the motion is given twice, {motion} and --trajectory {trajectory}. Leave one of them out.", context
             )
-        if motion is None and option is None and required:
+        if motion is None and trajectory is None and required:
             raise click.MissingParameter(ctx=context, param=argument)
-        context.params["trajectory"] = option if motion is None else motion
+        context.params["trajectory"] = trajectory if motion is None else motion
 
     return option_group(
-        click.argument("motion", metavar="[MOTION]", required=False, callback=choose, expose_value=False),
+        click.argument("motion", metavar="[MOTION]", required=False, callback=store_motion, expose_value=False),
         option(
             "--trajectory FILE.csv", "Motion to read, as MOTION; 'demo': the one bundled with the robot.", is_eager=True
         ),
@@ -314,7 +320,7 @@ class LogOptions:
 
     @property
     def given(self) -> list[str]:
-        """Names of the options that are given, beside the file."""
+        """Names of the options that differ from their defaults, without the file itself."""
         return [field.name for field in fields(self)[1:] if getattr(self, field.name) != field.default]
 
     def path(self, robot: RobotOptions) -> Path:
@@ -328,7 +334,7 @@ def open_motion(
 ) -> tuple[Robot, MotionLog]:
     """Load the robot and open a motion of it; raises the errors of :meth:`MotionLog.open`.
 
-    ``logs`` are the names that ``--columns`` may use, by default that of the path. If the robot ``stands``, the file may lack
+    ``logs`` are the names of logs that ``--columns`` may use; default: the path. If the robot ``stands``, the file may lack
     the pose of its base.
     """
     from ..motion.motion_file import joints_without_column, moves_motors, open_motion_file
@@ -353,10 +359,10 @@ def refuse_motor_side(options: RobotOptions, robot: Robot, command: str) -> None
     """Raise ValueRangeError if the actuator file declares logs of motor positions, which are not supported."""
     from ..formats.actuators import read_log_side
 
-    source = options.drives
-    if source is not None and read_log_side(robot.model, source).of_motors:
+    actuators = options.drives
+    if actuators is not None and read_log_side(robot.model, actuators).of_motors:
         raise ValueRangeError(
-            f"by {source}, logs have the motors' positions (log: side: motor), and {command} reads those of the joints. "
+            f"by {actuators}, logs have the motors' positions (log: side: motor), and {command} reads those of the joints. "
             "Write them first: tw.identification.read_motion(log, robot, side=tw.identification.motor_side(robot.model, "
             "file)).to_csv(path); twistwrench identify reads either."
         )
@@ -382,39 +388,42 @@ def parse_columns(texts: Iterable[str], logs: Sequence[str]) -> dict[str, str]:
         entries = [""]
         if text.strip():
             entries = [match[0] for match in _ENTRY.finditer(text)]
-        named: list[tuple[str, str]] = []  # of JOINT=COLUMN
-        listed_in_order: list[tuple[str, str]] = []  # of COLUMN alone
+        named: list[tuple[str, str]] = []  # from JOINT=COLUMN
+        listed_in_order: list[tuple[str, str]] = []  # from COLUMN alone
         for k, entry in enumerate(entries, start=1):
             sides = _SIDES.fullmatch(entry)
             if sides is None:
                 listed_in_order.append((f"#{k}", _unquoted(entry)))
             else:
                 named.append((_unquoted(sides[1]), _unquoted(sides[2])))
-        if listed_in_order and (named or "" in entries or (len(entries) == 1 and not _quoted(text))):
+        is_single_word = len(entries) == 1 and not _is_quoted(text)  # rather a forgotten JOINT= than a list
+        if listed_in_order and (named or "" in entries or is_single_word):
             raise ValueRangeError(f"--columns {text!r} is not {form}.")
         pairs += named or listed_in_order
     log_names: list[str] = []
     for name in logs:
         log_names += (f"{name}:", f"{Path(name).name}:")
-    found: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for key, column in pairs:
         log = key.rpartition(":")[0]
         if not (key and column):
             raise ValueRangeError(f"--columns '{key}={column}' is not {form}.")
-        if key in found:
+        if key in columns:
             raise ValueRangeError(f"--columns {key} is given twice. Keep one of them.")
         if "." in log and not key.startswith(tuple(log_names)):
             raise ValueRangeError(f"--columns {key}={column}: there is no log {log!r}. Logs: {listed(logs)}.")
-        found[key] = column
-    return found
+        columns[key] = column
+    return columns
 
 
-_TEXT = r'(?:[^",]|"(?:[^"]|"")*")'
-_ENTRY = re.compile(rf"(?:(?<=,)|^){_TEXT}*")
+_CHARACTER_OR_QUOTED = r'(?:[^",]|"(?:[^"]|"")*")'
+_ENTRY = re.compile(rf"(?:(?<=,)|^){_CHARACTER_OR_QUOTED}*")
+"""Entry of a list: text up to a comma that is not between quotation marks; a doubled mark stands for itself."""
 _SIDES = re.compile(r'((?:[^"=]|"(?:[^"]|"")*")*)=(.*)', re.DOTALL)
+"""Texts before and after the first equals sign that is not between quotation marks."""
 
 
-def _quoted(text: str) -> bool:
+def _is_quoted(text: str) -> bool:
     return text.strip().startswith('"')
 
 
@@ -437,7 +446,7 @@ def _column_map(path: str) -> list[tuple[str, str]]:
     return [(name, column) for _, (name, column) in rows]
 
 
-_SAME_GAIN = 0.01
+_MAX_GAIN_DIFFERENCE = 0.01
 """Relative difference below which two rounded gains are equal."""
 
 
@@ -450,23 +459,24 @@ def current_gains(
     """
     from ..formats.actuators import read_log_side
 
-    given = assignments(texts, "--gain", "JOINT=VALUE, for example elbow=11.1")
-    own: dict[str, float] = {}
-    for joint, text in given.items():
-        (own[joint],) = parse_numbers(text, f"--gain {joint}", "a number", 1)
+    gain_texts = assignments(texts, "--gain", "JOINT=VALUE, for example elbow=11.1")
+    option_gains: dict[str, float] = {}
+    for joint, text in gain_texts.items():
+        (option_gains[joint],) = parse_numbers(text, f"--gain {joint}", "a number", 1)
     if source is None:
-        return own
+        return option_gains
     side = read_log_side(model, source)
-    for joint, gain in own.items():
-        known = side.of_currents.get(joint, gain)
-        if abs(gain - known) > _SAME_GAIN * abs(known):
+    for joint, gain in option_gains.items():
+        file_gain = side.of_currents.get(joint, gain)
+        if abs(gain - file_gain) > _MAX_GAIN_DIFFERENCE * abs(file_gain):
             raise ValueRangeError(
-                f"--gain {joint}={number(gain)}, and {source} gives {number(known, 4)} N m/A (torque constant times ratio, or "
-                "log: gain:). Leave out one of them."
+                f"--gain {joint}={number(gain)}, and {source} gives {number(file_gain, 4)} N m/A (torque constant times "
+                "ratio, or log: gain:). Leave out one of them."
             )
-    names, gains = {*model.velocity_names, *model.drive_names}, dict(own)
+    gains = dict(option_gains)
+    joint_names = {*model.velocity_names, *model.drive_names}
     for name, gain in side.of_currents.items():
-        if name in names:
+        if name in joint_names:
             gains[f"{name}.current"] = gain
     if of_side:
         for name in gains:
@@ -502,7 +512,8 @@ def write_text(path: str | Path, text: str) -> None:
 
 def write_csv(path: str | Path | None, columns: Mapping[str, Iterable[str | float | None]]) -> None:
     """Write columns with a header to a CSV file if there is a path; None is an empty cell."""
-    if path is not None:
-        with csv_table(path, columns) as table:
-            for row in zip(*columns.values(), strict=True):
-                table.row(str(x) if isinstance(x, int) else x for x in row)
+    if path is None:
+        return
+    with csv_table(path, columns) as table:
+        for row in zip(*columns.values(), strict=True):
+            table.row(str(cell) if isinstance(cell, int) else cell for cell in row)  # integers without a decimal point

@@ -68,14 +68,16 @@ class HybridMotionForce:
         names = self.closed.row_names
         if not callable(self.motion):
             raise ValueRangeError(f"HybridMotionForce: motion is {self.motion!r}, and must be a law of (t, q, dq).")
-        k, force = len(names), self.force
+        force = self.force
         if not callable(force):
             what = f"HybridMotionForce: force (one for each of {', '.join(names)})"
+            k = len(names)
             constant = np.array(arguments.finite(arguments.one(force, what, k), what, k))
             force = lambda _t: constant  # noqa: E731
         object.__setattr__(self, "_force", force)
         set_gains(self, names, "force_gain")
-        if (self.measured is None) != (not np.any(self._force_gain)):
+        has_gain, has_measurement = bool(np.any(self._force_gain)), self.measured is not None
+        if has_gain != has_measurement:
             raise ValueRangeError("HybridMotionForce: force_gain acts on λ_d - λ, so it and measured go together.")
         if self.measured is not None and not callable(self.measured):
             raise ValueRangeError(
@@ -86,13 +88,14 @@ class HybridMotionForce:
         """τ (nv,)."""
         closed, robot = self.closed, self.closed.open()
         q, dq = one_state(robot, "HybridMotionForce", q, dq)
-        tau = arguments.one(self.motion(t, q, dq), f"motion of HybridMotionForce at t = {printed(t)} s", robot.nv)
-        free = robot.forward_dynamics(q, dq, tau)
-        ddq = closed.project_acceleration(q, dq, free)  # M ddq = P (τ - h) - A'(A M⁻¹ A')⁻¹ dA/dt dq
-        k, at = len(closed.sizes), f"of HybridMotionForce at t = {printed(t)} s"
-        lam = arguments.one(self._force(t), f"force {at}", k)
+        k, source = len(closed.sizes), f"of HybridMotionForce at t = {printed(t)} s"
+        tau_motion = arguments.one(self.motion(t, q, dq), f"motion {source}", robot.nv)
+        free_ddq = robot.forward_dynamics(q, dq, tau_motion)
+        ddq = closed.project_acceleration(q, dq, free_ddq)  # M ddq = P (τ_motion - h) - A'(A M⁻¹ A')⁻¹ dA/dt dq
+        lam = arguments.one(self._force(t), f"force {source}", k)
         if self.measured is not None:
-            lam = lam + self._force_gain @ (lam - arguments.one(self.measured(t, q, dq), f"measured {at}", k))
+            measured_lam = arguments.one(self.measured(t, q, dq), f"measured {source}", k)
+            lam = lam + self._force_gain @ (lam - measured_lam)
         return robot.inverse_dynamics(q, dq, ddq) + closed.constraint_jacobian(q).T @ lam
 
 

@@ -82,18 +82,19 @@ class JointLaw:
                 "rollout(parameters=…) changes the simulated robot, not the model inside the law."
             )
         kp, kd = np.diagonal(self._kp), np.diagonal(self._kd)
-        if not (np.array_equal(self._kp, np.diag(kp)) and np.array_equal(self._kd, np.diag(kd))):
+        are_diagonal = np.array_equal(self._kp, np.diag(kp)) and np.array_equal(self._kd, np.diag(kd))
+        if not are_diagonal:
             raise ValueRangeError(
                 f"{what}: gains of a rollout are a number for each joint, and these couple joints. "
                 "robot.simulate takes them."
             )
-        constant = not callable(self.reference) and not hasattr(self.reference, "motion")
-        if constant:
-            times = np.zeros(1)
-        rows = [self._motion(t) for t in times]
-        q_d = np.array([row[0] for row in rows], float)
-        dq_d = np.array([row[1] for row in rows], float)
-        ddq_d = np.array([row[2] for row in rows], float)
+        is_moving = callable(self.reference) or hasattr(self.reference, "motion")
+        if not is_moving:
+            times = np.zeros(1)  # one row stands for all steps
+        states = [self._motion(t) for t in times]
+        q_d = np.array([q for q, _, _ in states], float)
+        dq_d = np.array([dq for _, dq, _ in states], float)
+        ddq_d = np.array([ddq for _, _, ddq in states], float)
         return self._law({"q_des": q_d, "dq_des": dq_d, "ddq_des": ddq_d, "kp": kp, "kd": kd})
 
     def _law(self, values: dict[str, Array]) -> BatchPD | BatchComputedTorque:
@@ -122,11 +123,12 @@ class PD(JointLaw):
     @property
     def rate_gains(self) -> Array | None:
         """Damping -∂τ/∂dq joint by joint (nv,) [N m s/rad or N s/m], for semi-implicit steps; None if Kd couples joints."""
-        own = np.diagonal(self._kd).copy()
-        return own if np.array_equal(self._kd, np.diag(own)) else None
+        damping = np.diagonal(self._kd).copy()
+        couples_joints = not np.array_equal(self._kd, np.diag(damping))
+        return None if couples_joints else damping
 
     def _law(self, values: dict[str, Array]) -> BatchPD:
-        del values["ddq_des"]
+        del values["ddq_des"]  # PD control does not use it
         return BatchPD(**values, gravity=self.gravity)
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
@@ -165,7 +167,8 @@ class ComputedTorque(JointLaw):
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""
         e, de = self.error(t, q, dq)
-        ddq = self._motion(t)[2] + self._kp @ e + self._kd @ de
+        _, _, ddq_d = self._motion(t)
+        ddq = ddq_d + self._kp @ e + self._kd @ de
         return self.robot.inverse_dynamics(q, dq, ddq, friction=self.friction)
 
 

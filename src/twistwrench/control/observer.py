@@ -58,14 +58,12 @@ class ContactWrench:
     """Number of independent wrenches that the joint torques determine."""
 
     def __str__(self) -> str:
-        shown = ", ".join(f"{n} {number(x)}" for n, x in zip(WRENCH, self.wrench, strict=True))
+        components = ", ".join(f"{name} {number(value)}" for name, value in zip(WRENCH, self.wrench, strict=True))
         rank = f"rank {self.rank}"
         if len(self.blind):
             rank += f", {len(self.blind)} directions are not observable"
         residual = float(np.linalg.norm(self.unexplained))
-        return (
-            f"wrench on the robot at {self.frame}: {shown} ({rank}; {number(residual, 3)} of the torques unexplained)"
-        )
+        return f"wrench on the robot at {self.frame}: {components} ({rank}; {number(residual, 3)} of the torques unexplained)"
 
 
 class MomentumObserver:
@@ -100,7 +98,8 @@ class MomentumObserver:
     """
 
     def __init__(self, robot: Robot, gain: ArrayLike, *, friction: bool = False) -> None:
-        self.robot, self.friction = require_robot(robot, "MomentumObserver"), arguments.flag(friction, "friction")
+        self.robot = require_robot(robot, "MomentumObserver")
+        self.friction = arguments.flag(friction, "friction")
         K = arguments.real(gain, "MomentumObserver: gain")
         if K.shape not in ((), (robot.nv,)) or not (K > 0).all():
             raise ValueRangeError(
@@ -108,9 +107,9 @@ class MomentumObserver:
                 "np.inf does not filter."
             )
         self.gain = np.broadcast_to(np.array(K, float), (robot.nv,))
-        self._terms = robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
-        self._past = robot.kernel("torque_past_friction")
-        self._last: tuple[float, Array, Array, Array] | None = None
+        self._dynamics = robot.kernel("mass_matrix", "coriolis_matrix", "bias_forces")
+        self._torque_past_friction = robot.kernel("torque_past_friction")
+        self._last: tuple[float, Array, Array, Array] | None = None  # t, dq, p and β of the last update
         self._residual = np.zeros(robot.nv)
 
     def __repr__(self) -> str:
@@ -140,8 +139,8 @@ class MomentumObserver:
         now, nv = arguments.number(t, "MomentumObserver: t"), self.robot.nv
         q, dq = one_state(self.robot, "MomentumObserver", q, dq)
         tau = arguments.one(tau, "MomentumObserver: tau", nv, names=self.robot.model.velocity_names)
-        for name, x in (("t", t), ("q", q), ("dq", dq), ("tau", tau)):  # a NaN would stay in the residual forever
-            arguments.finite(x, f"MomentumObserver: {name}")
+        for name, value in (("t", t), ("q", q), ("dq", dq), ("tau", tau)):  # a NaN would stay in the residual forever
+            arguments.finite(value, f"MomentumObserver: {name}")
         state = (now, dq.copy(), *self._momentum(q, dq))  # copied: the caller may overwrite dq
         if self._last is not None:
             self._residual = self._next_residual(self._residual, self._last, state, tau)
@@ -167,18 +166,21 @@ class MomentumObserver:
         if t.ndim != 1 or not len(t):
             raise ShapeError(f"MomentumObserver: times have shape {t.shape}, expected (n,), the instants of a record.")
 
-        def rows(x: ArrayLike, name: str, names: Sequence[str]) -> Array:
+        def checked_rows(matrix: ArrayLike, name: str, columns: Sequence[str]) -> Array:
             what = f"MomentumObserver: {name}"
-            return arguments.finite(arguments.one(x, what, len(t), len(names), names=names), what)
+            return arguments.finite(arguments.one(matrix, what, len(t), len(columns), names=columns), what)
 
-        rates = self.robot.model.velocity_names
-        q, dq, tau = rows(q, "q", self.robot.coordinate_names), rows(dq, "dq", rates), rows(tau, "tau", rates)
+        velocity_names = self.robot.model.velocity_names
+        q = checked_rows(q, "q", self.robot.coordinate_names)
+        dq = checked_rows(dq, "dq", velocity_names)
+        tau = checked_rows(tau, "tau", velocity_names)
         p, beta = self._momentum(q, dq)
-        before, after = ((t[rows], dq[rows], p[rows], beta[rows]) for rows in (slice(None, -1), slice(1, None)))
-        x, keep = self._mean(before, after, tau[:-1])
+        before = t[:-1], dq[:-1], p[:-1], beta[:-1]
+        after = t[1:], dq[1:], p[1:], beta[1:]
+        x, kept_share = self._mean(before, after, tau[:-1])
         residual = np.zeros((len(t), self.robot.nv))
         for k in range(len(t) - 1):
-            residual[k + 1] = x[k] + keep[k] * (residual[k] - x[k])
+            residual[k + 1] = x[k] + kept_share[k] * (residual[k] - x[k])
         return residual
 
     def threshold(self, motion: Motion, *, per_hour: float = 1.0) -> ResidualThreshold:
@@ -202,8 +204,8 @@ class MomentumObserver:
 
         Notes
         -----
-        Largest noise in each second follows a Gumbel law of its square, which gives the level of the wanted rate. Means of
-        the residual in regions of speed and position are errors of the model, and are added.
+        The square of the largest noise in each second follows a Gumbel law, which gives the level for a rate of false
+        alarms. Means of the residual in regions of speed and position are errors of the model; they are added to that level.
 
         Examples
         --------
@@ -238,7 +240,7 @@ class MomentumObserver:
             raise ValueRangeError(
                 f"MomentumObserver.watch: {controller!r} is not a controller, a function of (t, q, dq)."
             )
-        tau = np.zeros(self.robot.nv)
+        tau = np.zeros(self.robot.nv)  # torques since the last call
 
         def update_and_control(t: float, q: Array, dq: Array) -> Array:
             nonlocal tau
@@ -269,39 +271,45 @@ class MomentumObserver:
         -------
         found : ContactWrench
         """
-        robot, chosen = self.robot, list(row_numbers(rows))
+        robot, selected = self.robot, list(row_numbers(rows))
         if not isinstance(kind, str) or kind not in KINDS:
             raise UnknownNameError.from_choices("kind", kind, KINDS)
         q = arguments.one(q, "MomentumObserver.wrench: q", robot.nq, names=robot.coordinate_names)
         q = arguments.finite(q, "MomentumObserver.wrench: q")
-        r, what = self._residual if residual is None else residual, "MomentumObserver.wrench: residual"
-        r = arguments.finite(arguments.one(r, what, robot.nv, names=robot.model.velocity_names), what)
-        J = robot.jacobian(q, frame, kind)[chosen]
-        U, s, Vt = np.linalg.svd(J)  # r = J'F
+        what = "MomentumObserver.wrench: residual"
+        if residual is None:
+            residual = self._residual
+        r = arguments.finite(arguments.one(residual, what, robot.nv, names=robot.model.velocity_names), what)
+        J = robot.jacobian(q, frame, kind)[selected]
+        U, s, Vt = np.linalg.svd(J)  # J = U diag(s) Vt, so r = J'F = Vt' diag(s) U' F
         rank = int(np.count_nonzero(s > SINGULAR_VALUE_SHARE * s.max(initial=0.0)))
-        F, blind = np.zeros(6), np.zeros((len(chosen) - rank, 6))
-        F[chosen] = U[:, :rank] @ (Vt[:rank] @ r / s[:rank])
-        blind[:, chosen] = U[:, rank:].T
-        name = str(robot.tip if frame is None else frame)
-        return ContactWrench(F, blind, r - J.T @ F[chosen], name, rank)
+        F, blind = np.zeros(6), np.zeros((len(selected) - rank, 6))
+        F[selected] = U[:, :rank] @ (Vt[:rank] @ r / s[:rank])
+        blind[:, selected] = U[:, rank:].T
+        frame_name = str(robot.tip if frame is None else frame)
+        return ContactWrench(F, blind, r - J.T @ F[selected], frame_name, rank)
 
     def _momentum(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        """Momentum p, and β."""
-        M, C, h = self._terms(q, dq)
-        v = dq[..., None]
-        return (M @ v)[..., 0], ((C + np.swapaxes(C, -1, -2)) @ v)[..., 0] - h
+        """Momentum p = M dq, and β = (C + C') dq - h."""
+        M, C, h = self._dynamics(q, dq)
+        dq_column = dq[..., None]
+        p = (M @ dq_column)[..., 0]
+        return p, ((C + np.swapaxes(C, -1, -2)) @ dq_column)[..., 0] - h
 
     def _next_residual(
-        self, r: Array, a: tuple[float, Array, Array, Array], b: tuple[float, Array, Array, Array], tau: Array
+        self, r: Array, last: tuple[float, Array, Array, Array], now: tuple[float, Array, Array, Array], tau: Array
     ) -> Array:
-        """Residual after one sample."""
-        before, after = [np.asarray(x)[None] for x in a], [np.asarray(x)[None] for x in b]
-        x, keep = self._mean(before, after, tau[None])
-        return np.asarray(x[0] + keep[0] * (r - x[0]))
+        """Residual after one sample, from t, dq, p and β before and after it."""
+        before, after = [np.asarray(value)[None] for value in last], [np.asarray(value)[None] for value in now]
+        x, kept_share = self._mean(before, after, tau[None])
+        return np.asarray(x[0] + kept_share[0] * (r - x[0]))
 
-    def _mean(self, a: Sequence[Array], b: Sequence[Array], tau: Array) -> tuple[Array, Array]:
-        """Means (n, nv) of τ_ext between samples, and the share of the residual that is kept."""
-        (t0, dq0, p0, beta0), (t1, dq1, p1, beta1) = a, b
+    def _mean(self, before: Sequence[Array], after: Sequence[Array], tau: Array) -> tuple[Array, Array]:
+        """Means x (n, nv) of τ_ext between samples, and the kept share exp(-K Δ) of the residual.
+
+        ``before`` and ``after`` are t, dq, p and β at the begins and ends of n intervals.
+        """
+        (t0, dq0, p0, beta0), (t1, dq1, p1, beta1) = before, after
         dt = (t1 - t0)[:, None]
         not_rising = ~(dt[:, 0] > 0)
         if not_rising.any():
@@ -312,7 +320,8 @@ class MomentumObserver:
             )
         if self.friction:
             # Torques minus friction; load-dependent friction depends on the remaining torques.
-            tau = 0.5 * np.asarray(self._past(dq0, tau) + self._past(dq1, tau))
+            past = self._torque_past_friction
+            tau = 0.5 * np.asarray(past(dq0, tau) + past(dq1, tau))
         return (p1 - p0) / dt - tau - 0.5 * (beta0 + beta1), np.exp(-self.gain * dt)
 
 

@@ -59,8 +59,8 @@ class PoseMotion:
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         """T (4, 4), the body twist V (6,) and dV/dt (6,) at t [s]."""
-        s, ds, dds = (float(x) for x in _three(self.scaling, "PoseMotion: the scaling", t))
-        V = self.path.body_twist(s)
+        s, ds, dds = (float(value) for value in _motion_values(self.scaling, "PoseMotion: the scaling", t))
+        V = self.path.body_twist(s)  # of dT/ds; dV is its derivative by s
         dV = np.zeros(6)
         if self.path.straight:
             dV[3:] = -so3.cross(V[:3], V[3:])  # rate of R in v = R'(p1 - p0)
@@ -69,7 +69,9 @@ class PoseMotion:
 
 def joint_motion(robot: Robot, reference: Reference, what: str) -> Motion:
     """q_d (nq,), dq_d and ddq_d (nv,) at a time, from q_d or a function of time that returns all three."""
-    source: Any = reference if callable(reference) else getattr(reference, "motion", reference)  # simulation results
+    source: Any = reference
+    if not callable(reference):
+        source = getattr(reference, "motion", reference)  # a simulation's result has a motion
     if not callable(source):
         q = arguments.one(source, what, robot.nq, names=robot.coordinate_names)
         q = np.array(arguments.finite(q, what, robot.nq))
@@ -79,7 +81,7 @@ def joint_motion(robot: Robot, reference: Reference, what: str) -> Motion:
     _require_one_argument(source, what)
 
     def motion(t: float) -> tuple[Array, Array, Array]:
-        q, dq, ddq = _three(source, what, t)
+        q, dq, ddq = _motion_values(source, what, t)
         label, rate_names = f"{what} at t = {printed(t)} s", robot.model.velocity_names
         q = arguments.one(q, f"q of {label}", robot.nq, names=robot.coordinate_names)
         dq = arguments.one(dq, f"dq of {label}", robot.nv, names=rate_names)
@@ -95,39 +97,38 @@ def pose_motion(robot: Robot, reference: Reference, frame: str | None, what: str
 
     From a pose, a function of time that returns all three, or a joint motion, which gives the motion of the frame.
     """
-    name = robot.tip if frame is None else frame
-    if isinstance(reference, Pose) and reference.of != name:
+    controlled_frame = robot.tip if frame is None else frame
+    if isinstance(reference, Pose) and reference.of != controlled_frame:
         raise FrameError(
-            f"{what} is the pose of {reference.of!r}, and {name!r} is controlled: pass frame={reference.of!r}, or move it."
+            f"{what} is the pose of {reference.of!r}, and {controlled_frame!r} is controlled: pass "
+            f"frame={reference.of!r}, or move it."
         )
-    if (
-        isinstance(reference, Pose)
-        and reference.to in robot.model.frames
-        and robot.model.frames[reference.to].body != BASE
-    ):
+    frames = robot.model.frames
+    if isinstance(reference, Pose) and reference.to in frames and frames[reference.to].body != BASE:
         raise FrameError(
             f"{what} is a pose seen from {reference.to!r}, which moves, and a reference is one seen from {{s}}: "
             f"T_s{reference.to} @ T, with Pose(robot.forward_kinematics(q, {reference.to!r}), to='s', of={reference.to!r})."
         )
     if not callable(reference):
-        T = np.array(arguments.pose(arguments.finite(arguments.one(reference, what, 4, 4), what), what), float)
+        matrix = arguments.finite(arguments.one(reference, what, 4, 4), what)
+        T = np.array(arguments.pose(matrix, what), float)
         T.setflags(write=False)
         zero = np.zeros(6)
         return lambda _t: (T, zero, zero)
     _require_one_argument(reference, what)
-    first = _three(reference, what, 0.0)[0]
-    if np.ndim(first) == 1:
-        joints = joint_motion(robot, reference, what)
+    start_position = _motion_values(reference, what, 0.0)[0]
+    if np.ndim(start_position) == 1:  # q, not a pose
+        motion_of_joints = joint_motion(robot, reference, what)
 
-        def frame_of_joints(t: float) -> tuple[Array, Array, Array]:
-            q, dq, ddq = joints(t)
+        def motion_of_frame(t: float) -> tuple[Array, Array, Array]:
+            q, dq, ddq = motion_of_joints(t)
             V, dV = robot.frame_velocity(q, dq, frame), robot.frame_acceleration(q, dq, ddq, frame)
             return robot.forward_kinematics(q, frame), V, dV
 
-        return frame_of_joints
+        return motion_of_frame
 
     def motion(t: float) -> tuple[Array, Array, Array]:
-        T, V, dV = _three(reference, what, t)
+        T, V, dV = _motion_values(reference, what, t)
         label = f"{what} at t = {printed(t)} s"
         pose = arguments.pose(arguments.one(T, f"T of {label}", 4, 4), f"T of {label}")
         return pose, arguments.one(V, f"V of {label}", 6), arguments.one(dV, f"dV of {label}", 6)
@@ -136,20 +137,23 @@ def pose_motion(robot: Robot, reference: Reference, frame: str | None, what: str
     return motion
 
 
-def _three(function: Callable[[float], Any], what: str, t: Any) -> tuple[Any, Any, Any]:
+def _motion_values(function: Callable[[float], Any], what: str, t: Any) -> tuple[Any, Any, Any]:
     """Values of the function at t [s]: three arrays."""
     t = arguments.number(t, "t")
     values = function(t)
     if not isinstance(values, tuple | list) or len(values) != 3:
-        shown = f"an array of shape {np.shape(values)}" if isinstance(values, np.ndarray) else repr(values)[:60]
+        values_text = repr(values)[:60]
+        if isinstance(values, np.ndarray):
+            values_text = f"an array of shape {np.shape(values)}"
         raise ShapeError(
-            f"{what} gave {shown} at t = {printed(t)} s. A motion gives three: position, velocity, acceleration, as a "
+            f"{what} gave {values_text} at t = {printed(t)} s. A motion gives three: position, velocity, acceleration, as a "
             "Trajectory does; for a pose (T, V, dV), twists of the body."
         )
     return values[0], values[1], values[2]
 
 
 def _require_one_argument(function: Any, what: str) -> None:
+    """Raise ValueRangeError unless the function can be called with the time alone."""
     if not callable(function) or isinstance(function, type):
         raise ValueRangeError(f"{what} is {arguments.value_text(function)}, and must be a function of the time.")
     try:
@@ -167,12 +171,14 @@ def _require_one_argument(function: Any, what: str) -> None:
 # ── Argument validation of ``control``: robots, states and gains
 
 _ROUNDING_SHARE = 1e-9
+"""Rounding errors of a gain matrix, as a share of its largest entry."""
 
 
 def require_driven(robot: object, what: str) -> Robot:
     """Robot with a torque for every velocity; raises an error for others."""
     checked = require_robot(robot, what)
-    if names := multi_dof_joints(checked.model):
+    names = multi_dof_joints(checked.model)
+    if names:
         raise ValueRangeError(
             f"{what} needs a torque for every velocity, and {', '.join(names)} of robot {checked.name!r} is not a joint of "
             "one degree of freedom. Lock it (robot.lock), or load the robot on a fixed base."
@@ -194,20 +200,22 @@ def gain(K: ArrayLike, what: str, names: Sequence[str], *, definite: bool = Fals
             f"{what} has shape {values.shape}: give one number, {n} of them (for {', '.join(names)}), or a symmetric "
             f"matrix ({n}, {n})."
         )
-    full = np.array(values if values.ndim == 2 else values * np.eye(n), float)
-    scale = float(np.abs(full).max(initial=0.0))
-    if np.abs(full - full.T).max(initial=0.0) > _ROUNDING_SHARE * scale:
+    matrix = np.array(values if values.ndim == 2 else values * np.eye(n), float)
+    rounding = _ROUNDING_SHARE * float(np.abs(matrix).max(initial=0.0))
+    if np.abs(matrix - matrix.T).max(initial=0.0) > rounding:
         raise ValueRangeError(
             f"{what} is not symmetric, so it could feed energy in. Give a symmetric matrix ({n}, {n})."
         )
-    least = float(np.linalg.eigvalsh(full).min(initial=np.inf))
-    if least < -_ROUNDING_SHARE * scale or (definite and not least > 0.0):
+    smallest_eigenvalue = float(np.linalg.eigvalsh(matrix).min(initial=np.inf))
+    is_negative = smallest_eigenvalue < -rounding
+    if is_negative or (definite and not smallest_eigenvalue > 0.0):
         wanted = "be above zero" if definite else "not be negative"
         raise ValueRangeError(
-            f"{what} has the eigenvalue {printed(least, 4)}, and must {wanted}: a gain holds back, never pushes on."
+            f"{what} has the eigenvalue {printed(smallest_eigenvalue, 4)}, and must {wanted}: a gain holds back, never "
+            "pushes on."
         )
-    full.setflags(write=False)
-    return full
+    matrix.setflags(write=False)
+    return matrix
 
 
 def set_gains(law: object, names: Sequence[str], *fields: str) -> None:

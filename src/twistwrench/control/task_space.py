@@ -46,14 +46,15 @@ def body_errors(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tupl
 
 def world_errors(T: Array, V: Array, T_d: Array, V_d: Array, dV_d: Array) -> tuple[Array, Array, Array]:
     """Errors and feedforward, rotation and translation separate, in axes of {s}: log(R_d R'), p_d - p. MR section 11.3.3."""
-    R_d, w_d = T_d[:3, :3], V_d[:3]
+    R_d, w_d, v_d = T_d[:3, :3], V_d[:3], V_d[3:]
     X_e = np.concatenate([so3.log(R_d @ T[:3, :3].T), T_d[:3, 3] - T[:3, 3]])
-    V_s = np.concatenate([R_d @ w_d, R_d @ V_d[3:]])
-    return X_e, V_s - V, np.concatenate([R_d @ dV_d[:3], R_d @ (dV_d[3:] + so3.cross(w_d, V_d[3:]))])
+    V_s = np.concatenate([R_d @ w_d, R_d @ v_d])
+    dV_s = np.concatenate([R_d @ dV_d[:3], R_d @ (dV_d[3:] + so3.cross(w_d, v_d))])
+    return X_e, V_s - V, dV_s
 
 
 def _transform_twist(R: Array, p: Array, V: Array) -> Array:
-    """Product [Ad_T] V without validation of T, a product of two validated poses."""
+    """Product [Ad_T] V; T = (R, p) is a product of two validated poses, so it is not validated again."""
     w = R @ V[:3]
     return np.concatenate([w, R @ V[3:] + so3.cross(p, w)])
 
@@ -77,8 +78,8 @@ class TaskState(NamedTuple):
     """Pose of the frame (4, 4)."""
 
 
-_TOGETHER = frozenset(map(frozenset, ((0, 1, 2, 3, 4, 5), (0, 1, 2), (0, 4, 5), (1, 3, 5), (2, 3, 4))))
-"""Sets of twist rows closed as a subgroup: motions on the same rows correct an error on them."""
+_SUBGROUP_ROWS = frozenset(map(frozenset, ((0, 1, 2, 3, 4, 5), (0, 1, 2), (0, 4, 5), (1, 3, 5), (2, 3, 4))))
+"""Sets of twist rows whose motions are a subgroup of SE(3), so that motions on these rows correct any error on them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,20 +115,20 @@ class TaskLaw:
     _posture: Motion | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        what, put = type(self).__name__, object.__setattr__
+        what, set_field = type(self).__name__, object.__setattr__  # the dataclass is frozen
         robot = require_driven(self.robot, what)
         robot.model.frame(self.frame)
         if not isinstance(self.kind, str) or self.kind not in KINDS:
             raise UnknownNameError.from_choices("kind of task", self.kind, KINDS)
-        put(self, "_rows", row_numbers(self.rows))
-        if self.kind == "body" and frozenset(self._rows) not in _TOGETHER:
+        set_field(self, "_rows", row_numbers(self.rows))
+        if self.kind == "body" and frozenset(self._rows) not in _SUBGROUP_ROWS:
             raise ValueRangeError(
                 f"{what}: rows={self.rows!r} of kind 'body' do not go by themselves: the error is a twist, whose turning moves "
                 "the origin too. Take six, 'wx wy wz', a plane ('wx vy vz', 'wy vx vz', 'wz vx vy'), or kind='world_aligned'."
             )
-        put(self, "_motion", pose_motion(robot, self.reference, self.frame, f"{what}: reference"))
+        set_field(self, "_motion", pose_motion(robot, self.reference, self.frame, f"{what}: reference"))
         posture = None if self.posture is None else joint_motion(robot, self.posture, f"{what}: posture")
-        put(self, "_posture", posture)
+        set_field(self, "_posture", posture)
         set_gains(self, robot.model.velocity_names, "posture_kp", "posture_kd")
 
     @property
@@ -149,13 +150,13 @@ class TaskLaw:
         robot, rows = self.robot, list(self._rows)
         q, dq = one_state(robot, type(self).__name__, q, dq)
         T, J = robot.forward_kinematics(q, self.frame), robot.jacobian(q, self.frame, self.kind)
-        errors = (body_errors if self.kind == "body" else world_errors)(T, J @ dq, *self._motion(t))
+        errors_of = body_errors if self.kind == "body" else world_errors
+        X_e, V_e, feedforward = errors_of(T, J @ dq, *self._motion(t))
         drift = robot.jacobian_rate(q, dq, self.frame, self.kind) @ dq
         Lambda = robot.task_inertia(q, self.frame, self.kind, self._rows)
-        X_e, V_e, forward = (x[rows] for x in errors)
-        return TaskState(X_e, V_e, forward, J[rows], drift[rows], Lambda, T)
+        return TaskState(X_e[rows], V_e[rows], feedforward[rows], J[rows], drift[rows], Lambda, T)
 
-    def _torques(self, t: float, q: ArrayLike, dq: ArrayLike, now: TaskState, F: Array) -> Array:
+    def _torques(self, t: float, q: ArrayLike, dq: ArrayLike, task: TaskState, F: Array) -> Array:
         """τ for a force F (r,) that gives the frame the acceleration Λ⁻¹ F after compensation of all other terms."""
         q, dq = one_state(self.robot, type(self).__name__, q, dq)
         if self._posture is None:
@@ -163,8 +164,9 @@ class TaskLaw:
         else:
             q_r, dq_r, ddq_r = self._posture(t)
             ddq = ddq_r + self._posture_kp @ self.robot.subtract(q_r, q) + self._posture_kd @ (dq_r - dq)
-        more = F - now.Lambda @ (now.J @ ddq + now.drift)
-        return self.robot.inverse_dynamics(q, dq, ddq) + now.J.T @ more
+        # τ = M ddq_0 + h + J'Λ (a - J ddq_0 - dJ/dt dq) with F = Λ a
+        F_beyond_posture = F - task.Lambda @ (task.J @ ddq + task.drift)
+        return self.robot.inverse_dynamics(q, dq, ddq) + task.J.T @ F_beyond_posture
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,9 +200,9 @@ class TaskSpace(TaskLaw):
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""
-        now = self.task(t, q, dq)
-        a = now.feedforward + self._kp @ now.error + self._kd @ now.error_rate
-        return self._torques(t, q, dq, now, now.Lambda @ a)
+        task = self.task(t, q, dq)
+        a = task.feedforward + self._kp @ task.error + self._kd @ task.error_rate
+        return self._torques(t, q, dq, task, task.Lambda @ a)
 
 
 complete(globals())

@@ -169,8 +169,8 @@ def _percent_text(percent: float) -> str:
 
 CONFIGURATIONS = 200
 """Number of random configurations for the largest effect."""
-_MAX_POSES = 3_000_000
-"""Largest product of bodies, configurations and depth; above it, fewer configurations are used."""
+_MAX_POSE_STEPS = 3_000_000
+"""Largest product of configurations and the sum of all bodies' depths; above it, fewer configurations are used."""
 _MAX_ROUNDING_ERROR = 1e-9
 """Relative changes below this are rounding errors."""
 
@@ -183,44 +183,50 @@ class Effects:
         depths = {BASE: 0}
         for i, body in enumerate(model.bodies):
             depths[i] = 1 + depths[body.parent]
-        self.count = int(np.clip(_MAX_POSES // max(1, sum(depths.values())), 1, count))
+        affordable = _MAX_POSE_STEPS // max(1, sum(depths.values()))
+        self.count = int(np.clip(affordable, 1, count))
         self.q = random_configuration(model, np.random.default_rng(seed), (self.count,))
         self._screws_of: dict[int, list[tuple[int, Array]]] = {}
 
     def evaluate(self, changes: Mapping[str, SpatialInertia]) -> Effect:
         """Effect of changed inertias of links, each about its link's origin."""
-        deltas: dict[int, Array] = {}
+        pseudo_inertia_changes: dict[int, Array] = {}
         for link, inertia in changes.items():
             frame = self.model.frames[link]
             if frame.body == BASE:
                 continue
             change = (inertia - self.model.link_inertias[link]).in_frame(frame.pose)
-            deltas[frame.body] = deltas.get(frame.body, 0.0) + change.pseudo_inertia
-        if not deltas:
+            earlier = pseudo_inertia_changes.get(frame.body, 0.0)
+            pseudo_inertia_changes[frame.body] = earlier + change.pseudo_inertia
+        if not pseudo_inertia_changes:
             return Effect()
-        columns, dM, dg = self._sums(deltas)
+        columns, dM, dg = self._sums(pseudo_inertia_changes)
         return self._largest(columns, dM, dg)
 
     def _largest(self, columns: Array, dM: Array, dg: Array) -> Effect:
-        """Largest effect of changes (count, k) in the given columns."""
+        """Largest effect of changes dM and dg (count, k) of the velocities with the numbers ``columns`` (k,)."""
         if not len(columns):
             return Effect()
         names = [self.model.velocity_names[k] for k in columns]
         effect = Effect()
         M = self.diagonal[:, columns]
+        # The repaired entry, kept above rounding errors, as a repair may leave almost no inertia.
         new = np.maximum(M + dM, _MAX_ROUNDING_ERROR * np.maximum(np.abs(M), np.abs(dM)) + 1e-300)
         percents = 100.0 * (np.abs(dM) / new).max(axis=0)
-        j = int(percents.argmax())
-        if percents[j] > 100.0 * _MAX_ROUNDING_ERROR:
-            effect = replace(effect, inertia_percent=float(percents[j]), inertia_joint=names[j])
+        k = int(percents.argmax())
+        max_percent = float(percents[k])
+        if max_percent > 100.0 * _MAX_ROUNDING_ERROR:
+            effect = replace(effect, inertia_percent=max_percent, inertia_joint=names[k])
         torques = np.abs(dg).max(axis=0)
         k = int(torques.argmax())
-        if torques[k] > _MAX_ROUNDING_ERROR * np.abs(self.gravity_torques).max(initial=0.0):
-            effect = replace(effect, torque=float(torques[k]), torque_joint=names[k])
+        max_torque = float(torques[k])
+        if max_torque > _MAX_ROUNDING_ERROR * np.abs(self.gravity_torques).max(initial=0.0):
+            effect = replace(effect, torque=max_torque, torque_joint=names[k])
             effort_percents = self._effort_percents(torques, columns)
-            l = int(effort_percents.argmax())
-            if effort_percents[l] > 0:
-                effect = replace(effect, effort_percent=float(effort_percents[l]), effort_joint=names[l])
+            k = int(effort_percents.argmax())
+            max_effort_percent = float(effort_percents[k])
+            if max_effort_percent > 0:
+                effect = replace(effect, effort_percent=max_effort_percent, effort_joint=names[k])
         return effect
 
     def _effort_percents(self, torques: Array, columns: Array) -> Array:
@@ -243,13 +249,17 @@ class Effects:
 
     @cached_property
     def _totals(self) -> tuple[Array, Array]:
+        """Diagonal of M without armature, and gravity torques, of all bodies; (count, nv) each."""
         M, g = np.zeros((self.count, self.model.nv)), np.zeros((self.count, self.model.nv))
         inertias = {i: body.inertia.pseudo_inertia for i, body in enumerate(self.model.bodies)}
         columns, M[:, columns], g[:, columns] = self._sums(inertias)
         return M, g
 
     def _sums(self, inertias: Mapping[int, Array]) -> tuple[Array, Array, Array]:
-        """Sums over bodies of tr([A] J [A]') and -g . ([A] J)_4, J in body frames: columns (k,), (count, k) each."""
+        """Sums over bodies of tr([A] J [A]') and -g . ([A] J)_4, each (count, k), after the numbers (k,) of their velocities.
+
+        ``inertias`` are pseudo-inertias J in the frames of their bodies.
+        """
         M: dict[int, Array] = {}
         g: dict[int, Array] = {}
         for i, inertia in inertias.items():
@@ -259,8 +269,9 @@ class Effects:
                 AJ = A @ J
                 M[column] = M.get(column, 0.0) + np.einsum("cij,cij->c", AJ, A)
                 g[column] = g.get(column, 0.0) - AJ[:, :3, 3] @ self.model.gravity
-        shape = (-1, self.count)
-        return np.array(list(M), int), np.reshape([*M.values()], shape).T, np.reshape([*g.values()], shape).T
+        shape = (-1, self.count)  # also without any velocity
+        columns = np.array(list(M), int)
+        return columns, np.reshape([*M.values()], shape).T, np.reshape([*g.values()], shape).T
 
     def _twists(self, body: int) -> Iterator[tuple[int, Array]]:
         """Columns of the velocities that move a body, with the twist (count, 4, 4) of a unit velocity."""
@@ -274,9 +285,10 @@ class Effects:
         """Columns of a body's joint, each with the joint's screw axis (count, 4, 4) in the base frame; kept."""
         if body not in self._screws_of:
             b, T = self.model.bodies[body], self.poses[body]
-            back = se3.inverse(T)
-            axes = enumerate(b.joint.axes, start=b.v_index)
-            self._screws_of[body] = [(column, T @ se3.hat(b.ratio * axis) @ back) for column, axis in axes]
+            T_inverse = se3.inverse(T)
+            columns_and_axes = enumerate(b.joint.axes, start=b.v_index)
+            screws = [(column, T @ se3.hat(b.ratio * axis) @ T_inverse) for column, axis in columns_and_axes]
+            self._screws_of[body] = screws
         return self._screws_of[body]
 
     @cached_property

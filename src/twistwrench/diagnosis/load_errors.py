@@ -12,6 +12,7 @@ from ..formats.xml import Element
 from ..mechanics.model.builder import ModelBuilder
 
 _MAX_ERRORS = 20
+"""Maximum number of listed errors of a file."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def _element_errors(root: Element) -> Iterator[LoadError]:
 def _tree_errors(root: Element) -> Iterator[LoadError]:
     """Missing parents and children, and links with two parents."""
     links = [link.attributes.get("name", "").strip() for link in root.all("link")]
-    children: Counter[str] = Counter()
+    children: Counter[str] = Counter()  # number of joints whose child is the link
     for joint in root.all("joint"):
         where = f"joint {joint.attributes.get('name', '')!r}"
         for end in ("parent", "child"):
@@ -63,6 +64,7 @@ def _tree_errors(root: Element) -> Iterator[LoadError]:
             if end == "parent":
                 continue
             children[name] += 1
+            # A third parent is not reported again.
             if children[name] == 2:
                 sentence = f"{joint} gives link {name!r} a second parent. A robot must be a tree."
                 yield LoadError(where, joint.line, sentence)
@@ -88,6 +90,7 @@ def _leader_errors(root: Element) -> Iterator[LoadError]:
         for mimic in joint.all("mimic"):
             leader = mimic.attributes.get("joint", "").strip()
             if leader and leader not in joints:
-                missing = str(UnknownNameError.from_choices("joint", leader, joints)).partition(" Known:")[0]
+                unknown_name = UnknownNameError.from_choices("joint", leader, joints)
+                missing = str(unknown_name).partition(" Known:")[0]  # without the list of all joints
                 sentence = f"it mimics a joint that is not there: {missing}"
                 yield LoadError(f"joint {joint.attributes.get('name', '')!r}", joint.line, sentence, mimic=True)

@@ -30,8 +30,9 @@ class ParsedLink:
     line: int
     file: str = ""
     written: WrittenInertia | None = None
+    """Inertia with the places of its numbers in the file."""
     assumed: tuple[str, ...] = ()
-    """Missing parts of its inertia (mass, inertia) for which the format defines a value."""
+    """Parts of the inertia (mass, inertia) that the file omits and for which the format defines a value."""
     read_solids: Callable[[], LinkSolids] = LinkSolids
 
     @cached_property
@@ -50,10 +51,12 @@ class ParsedLink:
     ) -> Finding:
         """Finding about the link's inertia; a warning if ``matters``."""
         severity = Severity.WARNING if matters else Severity.NOTE
+        if effect is None:
+            effect = Effect()
         element = self.written or self
         return Finding(
-            check, severity, f"link {self.name!r}", element.line, sentence, numbers, effect or Effect(), repair, element.file
-        )  # fmt: skip
+            check, severity, f"link {self.name!r}", element.line, sentence, numbers, effect, repair, element.file
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +87,8 @@ class ParsedFile:
     def span(self) -> float:
         """Diagonal of the bounding box of link frames at zero joint positions [m].
 
-        The frames are those of links with at least 1 % of the mass, as simulators park helper bodies far away. With fewer than
-        two such links, all frames count.
+        Only links with at least 1 % of the mass count, as models for simulators have light helper bodies far away. If there
+        are fewer than two such links, all frames count.
         """
         poses = self.neutral_poses
         names = [name for name, link in self.links.items() if name in poses and self.heavy(link)]
@@ -110,28 +113,29 @@ class ParsedFile:
 
 def parse_elements(root: Element, model: Model, reader: SolidReader, path: Path | None) -> ParsedFile:
     """Links and joints of a root element that the loader accepts."""
-    form = next(name for name, tag in FORMATS.items() if root.tag == tag)
-    text = TEXTS[form](root, model.name, path)
+    format_name = next(name for name, tag in FORMATS.items() if root.tag == tag)
+    robot_text = TEXTS[format_name](root, model.name, path)
     links = {}
-    for name, element in text.links.items():
-        if name in model.link_inertias:
-            written = text.inertia(name)
-            if form == "mjcf":
-                written = _effective_inertia(written, model.link_inertias[name], element)
-            solids = partial(_read_solids, text, name, reader)
-            links[name] = ParsedLink(name, element.line, element.file, written, text.assumed_parts(name), solids)
+    for name, element in robot_text.links.items():
+        if name not in model.link_inertias:
+            continue
+        written = robot_text.inertia(name)
+        if format_name == "mjcf":
+            written = _effective_inertia(written, model.link_inertias[name], element)
+        read_solids = partial(_read_solids, robot_text, name, reader)
+        links[name] = ParsedLink(name, element.line, element.file, written, robot_text.assumed_parts(name), read_solids)
     settings: list[str] = []
-    if form == "mjcf":
+    if format_name == "mjcf":
         settings = [d for d in model.defects if " of <compiler> change " in d or d.startswith("settotalmass")]
-    return ParsedFile(model, form, links, text.joints, tuple(settings))
+    return ParsedFile(model, format_name, links, robot_text.joints, tuple(settings))
 
 
 def _read_solids(text: RobotText, link: str, reader: SolidReader) -> LinkSolids:
     return reader.read(link_shapes(text, link))
 
 
-def _effective_inertia(written: WrittenInertia | None, final: SpatialInertia, body: Element) -> WrittenInertia | None:
-    """Inertia in the file if the loader uses it; otherwise the loader's, from geoms and compiler settings."""
-    if written is not None and np.allclose(written.inertia.parameters, final.parameters, rtol=1e-9, atol=1e-12):
+def _effective_inertia(written: WrittenInertia | None, loaded: SpatialInertia, body: Element) -> WrittenInertia | None:
+    """Inertia in the file if the loader uses it; otherwise the loaded one, from geoms and compiler settings."""
+    if written is not None and np.allclose(written.inertia.parameters, loaded.parameters, rtol=1e-9, atol=1e-12):
         return written
-    return WrittenInertia.from_inertia(final, body.line, body.file)
+    return WrittenInertia.from_inertia(loaded, body.line, body.file)

@@ -79,7 +79,7 @@ class DoctorReport(Answer):
     @property
     def verdict(self) -> Verdict:
         """LOOK AGAIN with errors, UNSURE with warnings, and with notes if ``strict``; otherwise OK."""
-        errors = [f for f in self.findings if f.severity is Severity.ERROR]
+        errors = [finding for finding in self.findings if finding.severity is Severity.ERROR]
         if errors:
             return Verdict(Word.LOOK_AGAIN, _verdict_sentences(errors))
         doubts = [f for f in self.findings if self.strict or f.severity is Severity.WARNING]
@@ -145,14 +145,17 @@ class DoctorReport(Answer):
                 inertias |= finding.repair.inertias
         if not inertias:
             return Effect()
-        parsed = self.contents.robot  # the robot as it stands in the file
-        return parsed.effects.evaluate(inertias)
+        return self.contents.robot.effects.evaluate(inertias)
 
     @property
     def summary(self) -> str:
         """Number of findings by severity, as text."""
         counts = Counter(finding.severity for finding in self.findings)
-        return ", ".join(f"{counts[s]} {s}" if counts[s] == 1 else f"{counts[s]} {s}s" for s in Severity)
+        texts = []
+        for severity in Severity:
+            plural = "" if counts[severity] == 1 else "s"
+            texts.append(f"{counts[severity]} {severity}{plural}")
+        return ", ".join(texts)
 
     def exit_code(self, *, strict: bool = False) -> ExitCode:
         """Exit code of a command that prints the report: 1 for errors or warnings; also for notes if they count.
@@ -171,7 +174,7 @@ class DoctorReport(Answer):
         return ExitCode.NO if counted else ExitCode.FINE
 
     def to_dict(self) -> dict[str, Any]:
-        """Data of the answer in SI units; findings of one check and one kind of repair are one, with all ``places``.
+        """Data of the answer in SI units; each group of :attr:`paragraphs` is one entry, with all its ``places``.
 
         Returns
         -------
@@ -180,15 +183,16 @@ class DoctorReport(Answer):
         findings = []
         for group in self.paragraphs:
             places = list(map(_finding_data, group))
-            findings.append({**places[0], "places": places})
+            worst = places[0]
+            findings.append({**worst, "places": places})
         return {**super().to_dict(), "source": self.source, "checks": list(self.checks), "findings": findings}
 
     @property
     def repairs(self) -> tuple[Finding, ...]:
         """Findings whose repairs :meth:`write` applies to the file.
 
-        Includes errors, warnings, impossible tensors, and parts to be mirrored if a side is given, provided that the
-        file contains the numbers. Of several findings that change the same number, only the worst is included.
+        These are errors, warnings, impossible tensors, and links to be mirrored if a side is given, provided that the file
+        contains the numbers. If several findings change the same number, only the worst of them is included.
         """
         findings: list[Finding] = []
         edited_places: set[Place] = set()
@@ -239,8 +243,8 @@ class DoctorReport(Answer):
         ValueRangeError
             The robot has no file.
         """
-        folders = [] if self.contents.path is None else [self.contents.path.resolve().parent]
         subject = self.contents
+        folders = [] if subject.path is None else [subject.path.resolve().parent]  # of included files and meshes
         return load(
             self.repaired_text(), include_paths=folders, floating_base=subject.floating_base, model=subject.model
         )
@@ -266,7 +270,8 @@ class DoctorReport(Answer):
 
 def _verdict_sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
     """Place and sentence of each finding, without repetitions."""
-    return tuple(dict.fromkeys(f"{finding.where}: {finding.sentence}".rstrip(".") for finding in findings))
+    sentences = [f"{finding.where}: {finding.sentence}".rstrip(".") for finding in findings]
+    return tuple(dict.fromkeys(sentences))
 
 
 def _finding_data(finding: Finding) -> dict[str, Any]:
@@ -293,7 +298,7 @@ def _repair_data(repair: FileRepair | None) -> dict[str, Any] | None:
         "sentence": repair.sentence,
         "metric": repair.metric,
         "inertias": {link: inertia.parameters.tolist() for link, inertia in repair.inertias.items()},
-        "written": bool(repair.edits),  # True if the file has its numbers; `repairs` tells which are written
+        "written": bool(repair.edits),  # True if the numbers to change are in the file
     }
 
 
@@ -363,22 +368,25 @@ def doctor(
     >>> tw.doctor(tw.robots.path_of("ur5"), only="impossible").summary
     '0 errors, 0 warnings, 0 notes'
     """
-    names = list(CHECKS)
+    check_names = list(CHECKS)
     if only is not None:
-        names = [only] if isinstance(only, str) else list(only)
-    for name in names:
+        check_names = [only] if isinstance(only, str) else list(only)
+    for name in check_names:
         arguments.choice(name, "doctor: only", list(CHECKS))
+    metric_name = arguments.choice(metric, "doctor: metric", list(METRICS))
     side = ""
     if mirror_from is not None:
         side = arguments.choice(mirror_from, "doctor: mirror_from", ("left", "right"))
-    options = Options(arguments.choice(metric, "doctor: metric", list(METRICS)), side)
+    options = Options(metric_name, side)
     subject = read_subject(robot, meshes=meshes, floating_base=floating_base, model=model, max_bodies=max_bodies)
     if limits is not None:
         subject = _with_limits(subject, limits)
-    findings = [finding for name in names for finding in CHECKS[name](subject.robot, options)]
+    findings: list[Finding] = []
+    for name in check_names:
+        findings += CHECKS[name](subject.robot, options)
     findings.sort(key=_rank)
     robot_name = subject.robot.model.name
-    return DoctorReport(robot_name, _source_text(subject), tuple(findings), tuple(names), subject, strict)
+    return DoctorReport(robot_name, _source_text(subject), tuple(findings), tuple(check_names), subject, strict)
 
 
 def _with_limits(subject: Subject, limits: limits_file.Given) -> Subject:

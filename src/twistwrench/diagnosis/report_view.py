@@ -14,11 +14,13 @@ from .findings import Finding, Severity, line_text
 if TYPE_CHECKING:
     from .report import DoctorReport
 
-_COLOURS = {Severity.ERROR: strong(Style.OVER), Severity.WARNING: Style.NEAR, Severity.NOTE: Style.QUIET}
-_MAX_LINES, _MIN_WIDTH = 34, 76
-"""Lines of the paragraphs of the short form, and characters of a line in the narrowest terminal."""
-_MAX_PLACES = 6
-"""Maximum number of places of a paragraph in the short form."""
+_SEVERITY_STYLES = {Severity.ERROR: strong(Style.OVER), Severity.WARNING: Style.NEAR, Severity.NOTE: Style.QUIET}
+_MAX_SHORT_LINES = 34
+"""Maximum number of lines that the paragraphs of the short form take in the narrowest terminal."""
+_MIN_TERMINAL_WIDTH = 76
+"""Characters of a line in the narrowest terminal."""
+_MAX_LISTED_PLACES = 6
+"""Maximum number of places in the heading of a group of findings."""
 
 
 def doctor_view(report: DoctorReport) -> Iterator[Block]:
@@ -30,24 +32,26 @@ def doctor_view(report: DoctorReport) -> Iterator[Block]:
     if str(report.effect) != "none":
         yield f"all repairs together change: {report.effect}"
     yield ""
-    paragraphs = report.paragraphs
-    remaining, level = _MAX_LINES, Level.SHORT
-    for group in paragraphs:
+    groups = report.paragraphs
+    remaining_lines = _MAX_SHORT_LINES
+    level = Level.SHORT
+    for group in groups:
         paragraph = _paragraph(group[0])
         if len(group) > 1:
             paragraph[0] = _heading(group)
-        remaining -= sum(1 + len(plain(line)) // _MIN_WIDTH for line in paragraph)
-        if remaining < 0 and group is not paragraphs[0]:
+        remaining_lines -= sum(1 + len(plain(line)) // _MIN_TERMINAL_WIDTH for line in paragraph)
+        # The first group is shown however long it is: a report of errors shows at least one.
+        if remaining_lines < 0 and group is not groups[0]:
             level = Level.ALL
-        yield from _lines_at(level, paragraph)
+        yield from _set_level(level, paragraph)
         for finding in group[1:]:
-            yield from _lines_at(Level.ALL, _paragraph(finding))
-    if level is Level.ALL or len(paragraphs) < len(report.findings):
+            yield from _set_level(Level.ALL, _paragraph(finding))
+    if level is Level.ALL or len(groups) < len(report.findings):
         yield More(f"All {len(report.findings)} findings with lines")
 
 
-def _lines_at(level: Level, lines: Sequence[Line]) -> Sequence[Line]:
-    """The lines, shown from a level on."""
+def _set_level(level: Level, lines: Sequence[Line]) -> Sequence[Line]:
+    """Set the level of the report from which on the lines are shown, and return them."""
     for line in lines:
         line.level = level
     return lines
@@ -59,20 +63,20 @@ def place_words(finding: Finding) -> str:
 
 
 def _heading(group: Sequence[Finding]) -> Line:
-    """Severity, check and places of a group."""
+    """Heading of a group of findings: severity, check, number and places."""
     first = group[0]
     text = f"  {first.check}, {len(group)} findings"
-    places = [_short_place(finding) for finding in group[:_MAX_PLACES]]
+    places = [_short_place(finding) for finding in group[:_MAX_LISTED_PLACES]]
     if any(places):
         text += f": {', '.join(filter(None, places))}"
-        further = len(group) - _MAX_PLACES
+        further = len(group) - _MAX_LISTED_PLACES
         if further > 0:
             text += f", and {further} more"
-    return Line((str(first.severity), _COLOURS[first.severity]), text)
+    return Line((str(first.severity), _SEVERITY_STYLES[first.severity]), text)
 
 
 def _short_place(finding: Finding) -> str:
-    """Part of the robot, with its line."""
+    """Part of the robot, with its line in the file if known."""
     if not finding.line:
         return finding.where
     return f"{finding.where} (line {finding.line})"
@@ -82,7 +86,7 @@ def _paragraph(finding: Finding) -> list[Line]:
     """Severity, check and place; below them the sentence, the repair and its effect."""
     head = ", ".join(filter(None, (finding.check, place_words(finding))))
     lines = [
-        Line((str(finding.severity), _COLOURS[finding.severity]), f"  {head}"),
+        Line((str(finding.severity), _SEVERITY_STYLES[finding.severity]), f"  {head}"),
         Line(finding.sentence, indent=2),
     ]
     if finding.repair is not None:

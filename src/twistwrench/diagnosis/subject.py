@@ -56,13 +56,14 @@ def read_subject(
     max_bodies: int = MOST_BODIES,
 ) -> Subject:
     """Read a file, accepting impossible inertias; raises NotFoundError, and ModelError if it is not a robot."""
-    name = None
+    robot_name = None
     if isinstance(source, Robot):
         known_file = file_of(source.model)
         if known_file is None or known_file.xacro:
             return Subject(_parse_model(source.model))
-        name = source.model.name
-        floating_base = (source.model.base_inertia.mass == 0 and "root_joint" in source.model.joint_names) or None
+        robot_name = source.model.name
+        has_floating_base = source.model.base_inertia.mass == 0 and "root_joint" in source.model.joint_names
+        floating_base = True if has_floating_base else None  # None: as the file has it
         source = known_file
     if is_name(source):
         source = robot_file(str(source))
@@ -71,13 +72,17 @@ def read_subject(
         path = as_path(source)
         file = _readable_file(source, path)
         text = file.text
-        if name is not None:
-            model = _model_in_world(file.root, name)
+        if robot_name is not None:
+            model = _model_in_world(file.root, robot_name)
     content = text if file is None else file
-    loaded, problems = _load_with_errors(content, floating_base, model, max_bodies)
-    root = parse(text, max_bodies=max_bodies) if file is None else file.root
-    parsed = replace(parse_elements(root, loaded, _solid_reader(path, meshes), path), load_errors=tuple(problems))
-    return Subject(parsed, text, path, b"" if file is None else file.data, root, floating_base, model)
+    loaded_model, problems = _load_with_errors(content, floating_base, model, max_bodies)
+    if file is None:
+        root, data = parse(text, max_bodies=max_bodies), b""
+    else:
+        root, data = file.root, file.data
+    parsed = parse_elements(root, loaded_model, _solid_reader(path, meshes), path)
+    parsed = replace(parsed, load_errors=tuple(problems))
+    return Subject(parsed, text, path, data, root, floating_base, model)
 
 
 def _parse_model(model: Model) -> ParsedFile:
@@ -115,7 +120,7 @@ def _solid_reader(path: Path | None, meshes: bool | Sequence[str | Path]) -> Sol
 def _load_with_errors(
     content: str, floating_base: bool | None, model: str | None, max_bodies: int
 ) -> tuple[Model, list[LoadError]]:
-    """Model of a file, and its mimic joints without a leader; other load errors are raised together."""
+    """Model of a file, and its load errors if all are mimic joints without a leader; otherwise they are raised together."""
     load = partial(_load_quietly, content, floating_base=floating_base, model=model, max_bodies=max_bodies)
     try:
         return load(mimic="follow"), []
@@ -153,9 +158,9 @@ _MAX_OTHER_ERRORS = 12
 
 
 def _message_with_others(first: str, problems: Sequence[LoadError]) -> str:
-    """Message of the first error, and of the others in the file."""
-    texts = {str(problem): f"line {problem.line})" for problem in problems}
-    others = [text for text, line in texts.items() if line not in first and text.rstrip(".") not in first]
+    """Message of the first error, and of the other errors in the file: those whose line and text it does not have."""
+    line_of_text = {str(problem): f"line {problem.line})" for problem in problems}
+    others = [text for text, line in line_of_text.items() if line not in first and text.rstrip(".") not in first]
     if not others:
         return first
     message = f"{first.rstrip('.')}. Besides: {' '.join(others[:_MAX_OTHER_ERRORS])}"

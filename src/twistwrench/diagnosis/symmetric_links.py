@@ -11,14 +11,26 @@ import numpy as np
 from ..core.typing import Array
 from .parsed_file import ParsedFile, ParsedLink
 
-_SIDES = {"left": "right", "l": "r", "fl": "fr", "rl": "rr", "hl": "hr", "bl": "br", "lf": "rf", "lh": "rh", "lr": "rr"}
-_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^A-Za-z0-9]+")
-_PLANES = (np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0]))
-"""Reflections of the base frame: left and right along y, and along x."""
+_RIGHT_WORDS = {
+    "left": "right",
+    "l": "r",
+    "fl": "fr",
+    "rl": "rr",
+    "hl": "hr",
+    "bl": "br",
+    "lf": "rf",
+    "lh": "rh",
+    "lr": "rr",
+}
+"""Words of right sides by those of left sides; f, r, b, h are front, rear, back and hind."""
+_WORD_PATTERN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^A-Za-z0-9]+")
+"""Part of a name: capitals, a word with or without capital, a number, or separators."""
+_REFLECTIONS = (np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0]))
+"""Reflections Y of the base frame, whose left and right lie along y or along x."""
 _MAX_FRAME_GAP = 1e-3
-"""Tolerance of mirrored frames, in m and in entries of rotations."""
+"""Tolerance of mirrored frames: distance of origins [m], and difference of entries of rotations."""
 _MIN_DISTANCE_OF_SIDES = 0.02
-"""Smallest distance of two mirrored frames [m]; frames nearer to the plane are on no side."""
+"""Smallest distance of two mirrored frames [m]; nearer ones lie in the plane, on neither side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +49,9 @@ def right_side_names(name: str) -> Iterator[str]:
     >>> list(right_side_names("arm_left_4_link")), list(right_side_names("LElbow")), list(right_side_names("tool"))
     (['arm_right_4_link'], ['RElbow'], [])
     """
-    words = _WORDS.findall(name)
+    words = _WORD_PATTERN.findall(name)
     for k, word in enumerate(words):
-        if word.lower() in _SIDES:
+        if word.lower() in _RIGHT_WORDS:
             yield "".join([*words[:k], _right_side_word(word), *words[k + 1 :]])
     # A single letter before a lower-case word, as in lshoulder.
     if re.match(r"l[a-z]{3}", name) and not name.startswith("left"):
@@ -48,7 +60,7 @@ def right_side_names(name: str) -> Iterator[str]:
 
 def _right_side_word(word: str) -> str:
     """Word of the right side for one of the left, with the same capitals."""
-    right = _SIDES[word.lower()]
+    right = _RIGHT_WORDS[word.lower()]
     if word.isupper():
         return right.upper()
     if word[0].isupper():
@@ -60,8 +72,11 @@ def symmetric_links(robot: ParsedFile) -> Iterator[SymmetricLinks]:
     """Pairs of links with left and right names whose frames are mirror images in a plane of the base."""
     poses = robot.neutral_poses
     for left in robot.links.values():
-        right = next((robot.links[name] for name in right_side_names(left.name) if name in robot.links), None)
-        if right is None or left.name not in poses or right.name not in poses:
+        right_links = [robot.links[name] for name in right_side_names(left.name) if name in robot.links]
+        if not right_links:
+            continue
+        right = right_links[0]
+        if left.name not in poses or right.name not in poses:
             continue
         D = _mirror_map(poses[left.name], poses[right.name])
         if D is not None:
@@ -69,14 +84,15 @@ def symmetric_links(robot: ParsedFile) -> Iterator[SymmetricLinks]:
 
 
 def _mirror_map(T_a: Array, T_b: Array) -> Array | None:
-    """R_b' Y R_a if it is a signed permutation and the positions are mirrored; otherwise None."""
-    for Y in _PLANES:
+    """D = R_b' Y R_a if it is a signed permutation and the origins of the frames are mirrored; otherwise None."""
+    for Y in _REFLECTIONS:
         gap = T_b[:3, 3] - Y @ T_a[:3, 3]
-        distance = abs(T_a[:3, 3] @ (np.eye(3) - Y).diagonal())
+        distance = abs(T_a[:3, 3] @ (np.eye(3) - Y).diagonal())  # |p - Y p|: twice the distance to the plane
         if np.linalg.norm(gap) > _MAX_FRAME_GAP or distance < _MIN_DISTANCE_OF_SIDES:
             continue
         D = T_b[:3, :3].T @ Y @ T_a[:3, :3]
-        permutation = np.round(D)
-        if np.abs(D - permutation).max() < _MAX_FRAME_GAP and np.allclose(permutation @ permutation.T, np.eye(3)):
-            return np.asarray(permutation)
+        rounded = np.round(D)
+        is_integer = np.abs(D - rounded).max() < _MAX_FRAME_GAP
+        if is_integer and np.allclose(rounded @ rounded.T, np.eye(3)):  # integer and orthogonal: signed permutation
+            return np.asarray(rounded)
     return None

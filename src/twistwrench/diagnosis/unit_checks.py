@@ -18,16 +18,20 @@ from .options import Options
 from .parsed_file import ParsedFile, ParsedLink
 from .tensor_checks import MIN_EFFECT, identified_like, no_tensor, placeholder
 
-_MAX_SHARE_OF_DIAGONAL, _MAX_COM_GAP = 0.1, 0.01
-"""Largest distance of a centre of mass from the shapes: fraction of their diagonal, and metres; both are added."""
+_MAX_SHARE_OF_DIAGONAL = 0.1
+_MAX_COM_GAP = 0.01
+"""Largest distance of a centre of mass from the shapes: a share of their diagonal plus a gap [m]."""
 _MAX_IDENTIFIED_SHARE_OF_SPAN = 0.25
 """Largest distance for identified parameters, as a fraction of the robot's span."""
 _MIN_GYRATION_RADIUS = 0.005
 """Smallest plausible gyration radius of a part with mass [m]."""
-_MAX_DIAGONAL, _MIN_DIAGONAL = 20.0, 1e-3
+_MAX_DIAGONAL = 20.0
+_MIN_DIAGONAL = 1e-3
 """Largest and smallest plausible diagonal of the shapes of a link [m]."""
 _MAX_COM_DISTANCE = 3.0
-"""Largest distance of a centre of mass from the link frame: ratio to the robot's span, and metres. Real files: 1.5, 2."""
+"""Largest distance of a centre of mass from the link frame: 3 spans of the robot, or 3 m if that is more.
+
+Real files have up to 1.5 spans and 2 m."""
 _MAX_MASS_RATIO = 150.0
 """Ratio to the next heaviest link, and to the median, above which a mass is too large; up to 100 in real files."""
 _MIN_RADIUS_SHARE_OF_SPAN = 0.008
@@ -41,14 +45,16 @@ def check_com(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         if written is None or not robot.heavy(link) or not link.shapes.complete:
             continue
         low, high = link.shapes.points.min(axis=0), link.shapes.points.max(axis=0)
-        edge = np.clip(written.com, low, high)
-        distance = float(np.linalg.norm(written.com - edge))
+        nearest_place = np.clip(written.com, low, high)
+        distance = float(np.linalg.norm(written.com - nearest_place))
         if distance <= _MAX_SHARE_OF_DIAGONAL * link.shapes.diagonal + _MAX_COM_GAP:
             continue
-        at_edge = inertia_about_com(written.mass, edge, written.inertia.moment_about_com)
-        effect = robot.effects.evaluate({link.name: at_edge})
+        moved_to_edge = inertia_about_com(written.mass, nearest_place, written.inertia.moment_about_com)
+        effect = robot.effects.evaluate({link.name: moved_to_edge})
+        # Identified parameters are regrouped among links, which may move a centre of mass outside.
         regrouped = identified_like(written) and distance <= _MAX_IDENTIFIED_SHARE_OF_SPAN * robot.span
-        matters = effect.reaches(MIN_EFFECT) and not regrouped and not reasons(written.inertia)
+        is_impossible = bool(reasons(written.inertia))  # another check's finding
+        matters = effect.reaches(MIN_EFFECT) and not regrouped and not is_impossible
         com = " ".join(map(number, written.com))
         other_link = _link_of_frame(robot, link, written.com, low, high)
         hint = f"; read in the frame of {other_link!r} it would be inside" if other_link else ""
@@ -65,22 +71,24 @@ def _link_of_frame(robot: ParsedFile, link: ParsedLink, com: Array, low: Array, 
     if link.name not in robot.model.frames:
         return ""
     poses = robot.neutral_poses
-    for name in _names_of_neighbours(robot, link):
+    for name in _neighbour_frames(robot, link):
         T = np.linalg.solve(poses[link.name], poses[name])
         place = T[:3, :3] @ com + T[:3, 3]
-        if np.abs(T - np.eye(4)).max() > 1e-6 and (place >= low).all() and (place <= high).all():
+        is_other_frame = np.abs(T - np.eye(4)).max() > 1e-6
+        if is_other_frame and (place >= low).all() and (place <= high).all():
             return name
     return ""
 
 
-def _names_of_neighbours(robot: ParsedFile, link: ParsedLink) -> Iterator[str]:
-    """Frames of the same moving body, of the body before it, and of those after it."""
+def _neighbour_frames(robot: ParsedFile, link: ParsedLink) -> Iterator[str]:
+    """Names of the frames of the same moving body, of its parent, and of its children."""
     bodies, own_body = robot.model.bodies, robot.model.frames[link.name].body
-    before = own_body
+    own_and_parent = {own_body}
     if own_body != BASE:
-        before = bodies[own_body].parent
+        own_and_parent.add(bodies[own_body].parent)
     for name, frame in robot.model.frames.items():
-        if frame.body in (own_body, before) or (frame.body != BASE and bodies[frame.body].parent == own_body):
+        is_child = frame.body != BASE and bodies[frame.body].parent == own_body
+        if is_child or frame.body in own_and_parent:
             yield name
 
 
@@ -114,7 +122,7 @@ def _shapes_of_other_size(robot: ParsedFile, link: ParsedLink) -> Iterator[Findi
 def _distant_com(robot: ParsedFile, link: ParsedLink, written: WrittenInertia) -> Iterator[Finding]:
     """Centre of mass beyond the robot's span from its link frame: probably millimetres."""
     span, distance = robot.span, float(np.linalg.norm(written.com))
-    max_distance = _MAX_DIAGONAL
+    max_distance = _MAX_DIAGONAL  # all frames at one place: only the size of one link is known
     if span > 0:
         max_distance = max(_MAX_COM_DISTANCE * span, _MAX_COM_DISTANCE)
     if distance <= max_distance or link.shapes.complete:
@@ -134,31 +142,29 @@ def _distant_com(robot: ParsedFile, link: ParsedLink, written: WrittenInertia) -
 
 def _mass_in_grams(robot: ParsedFile, link: ParsedLink, written: WrittenInertia) -> Iterator[Finding]:
     """Mass far above all others, or too large for its tensor: probably grams."""
-    other_masses = [
-        other.written.mass for other in robot.links.values() if other.written is not None and other is not link
-    ]
-    other_masses = [mass for mass in other_masses if mass > 0]
-    ratio = 0.0
+    others = [other.written for other in robot.links.values() if other.written is not None and other is not link]
+    other_masses = [other.mass for other in others if other.mass > 0]
+    mass_ratio = 0.0
     if len(other_masses) > 1:
-        ratio = written.mass / max(other_masses)
+        mass_ratio = written.mass / max(other_masses)
     radius = _max_gyration_radius(written)
     compact = _is_compact(robot, link, written, radius)
-    if ratio < _MAX_MASS_RATIO and not compact:
+    if mass_ratio < _MAX_MASS_RATIO and not compact:
         return
     in_kilograms = inertia_about_com(1e-3 * written.mass, written.com, written.inertia.moment_about_com)
     repair = FileRepair("advice", "give the mass in kilograms, or the tensor in kg m²: 1000 g are 1 kg")
     if _fits_in_kilograms(written.mass, other_masses):
         repair = _slip_repair(link, written, "in grams, for kilograms: divide it by 1000", in_kilograms)
     sentence = f"its mass is {number(written.mass)} kg"
-    if ratio >= _MAX_MASS_RATIO:
-        sentence += f", {number(ratio, 3)} times that of the next heaviest link"
+    if mass_ratio >= _MAX_MASS_RATIO:
+        sentence += f", {number(mass_ratio, 3)} times that of the next heaviest link"
     if compact:
         sentence += (
             f"; at its tensor, a gyration radius of {number(1e3 * radius, 2)} mm in a robot that spans "
             f"{number(robot.span, 3)} m"
         )
     effect = robot.effects.evaluate({link.name: in_kilograms})
-    numbers = {"mass": written.mass, "times": ratio, "gyration_radius": radius, "span": robot.span}
+    numbers = {"mass": written.mass, "times": mass_ratio, "gyration_radius": radius, "span": robot.span}
     yield link.finding("units", effect.reaches(MIN_EFFECT), sentence, numbers, effect, repair)
 
 
@@ -166,14 +172,16 @@ def _is_compact(robot: ParsedFile, link: ParsedLink, written: WrittenInertia, ra
     """True if a moving, heavy link has a tensor of its own that is too small for its mass."""
     if not robot.moves(link.name) or not robot.heavy(link) or radius >= _MIN_RADIUS_SHARE_OF_SPAN * robot.span:
         return False
-    return not (no_tensor(written) or placeholder(written) or link.shapes.complete)
+    has_own_tensor = not (no_tensor(written) or placeholder(written))
+    return has_own_tensor and not link.shapes.complete  # complete shapes are compared by another check
 
 
 def _fits_in_kilograms(mass: float, other_masses: list[float]) -> bool:
     """True if a mass read in grams is not above all others, and is far above their median as it stands."""
     if len(other_masses) < 2:
         return False
-    return 1e-3 * mass <= max(other_masses) and mass >= _MAX_MASS_RATIO * float(np.median(other_masses))
+    is_far_above = mass >= _MAX_MASS_RATIO * float(np.median(other_masses))
+    return is_far_above and 1e-3 * mass <= max(other_masses)
 
 
 def _slip_repair(link: ParsedLink, written: WrittenInertia, sentence: str, inertia: SpatialInertia) -> FileRepair:
@@ -191,13 +199,14 @@ def _large_gyration_radius(robot: ParsedFile, link: ParsedLink, written: Written
     span, radius = robot.span, _max_gyration_radius(written)
     if radius <= max(1.0, span) or link.shapes.complete:
         return
-    # If several units are plausible, nothing is written, and the effect is that of the largest.
+    # A tensor that is 10^k times too large has a gyration radius that is 10^(k/2) times too large.
     max_radius = 0.5 * max(span, 1e-9)
-    exponents = [k for k in UNITS if _MIN_GYRATION_RADIUS <= radius * 10.0 ** (-k / 2) <= max_radius]
-    exponent = exponents[0] if exponents else 6
+    plausible_exponents = [k for k in UNITS if _MIN_GYRATION_RADIUS <= radius * 10.0 ** (-k / 2) <= max_radius]
+    # If several units are plausible, nothing is written, and the effect is that of the first; 6: kg mm².
+    exponent = plausible_exponents[0] if plausible_exponents else 6
     edits, tensor = written.tensor_edits(written.tensor * 10.0**-exponent)
     inertias = {link.name: written.with_tensor(tensor)}
-    if len(exponents) == 1:
+    if len(plausible_exponents) == 1:
         sentence = f"all entries are 1e{exponent} times too large, as {UNITS[exponent]} for kg m²"
         repair = FileRepair("slip", sentence, inertias, edits)
     else:

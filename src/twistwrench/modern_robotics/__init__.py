@@ -71,7 +71,7 @@ def AxisAng3(expc3: ArrayLike) -> tuple[Array, Any]:
     """
     w = arguments.real(expc3, "expc3", 3)
     theta = _length(w)
-    return _over(w, theta), theta
+    return _unit(w, theta), theta
 
 
 @named(lambda W: so3.exp(so3.vee(W)), "eq. 3.51", "", skew)
@@ -79,19 +79,25 @@ def MatrixExp3(so3mat: ArrayLike) -> Rotations:
     """Matrix exponential of so(3): the rotation exp([omg] theta), at every angle."""
 
 
-def _signed(R: Array, w: Array) -> Array:
-    """Logarithm w of R; for a half turn, the one with a positive last non-negligible entry, as in the book's package."""
-    if w.ndim == 1 and R[0, 1] != R[1, 0]:  # not a half turn
+def _signed_log(R: Array, w: Array) -> Array:
+    """Logarithm w of R; for a half turn, w or -w: the one whose last non-negligible entry is positive.
+
+    A half turn has two logarithms; the book's package takes this one.
+    """
+    if w.ndim == 1 and R[0, 1] != R[1, 0]:  # not a half turn; spares a single rotation the test below
         return w
-    half = np.all(np.swapaxes(R, -1, -2) == R, axis=(-1, -2)) & (np.sum(w * w, axis=-1) > 1.0)
+    # Only half turns and the identity are symmetric; |w| is π or 0, so any threshold between tells them apart.
+    is_symmetric = np.all(np.swapaxes(R, -1, -2) == R, axis=(-1, -2))
+    half = is_symmetric & (np.sum(w * w, axis=-1) > 1.0)
     if np.any(half):
-        x, y, z = np.moveaxis(np.where(np.abs(w) > 1e-3 * np.pi, w, 0.0), -1, 0)
+        not_negligible = np.abs(w) > 1e-3 * np.pi
+        x, y, z = np.moveaxis(np.where(not_negligible, w, 0.0), -1, 0)
         last = np.where(z != 0, z, np.where(y != 0, y, x))
         w = np.where((half & (last < 0))[..., None], -w, w)
     return w
 
 
-@named(lambda R: so3.hat(_signed(R, so3.log(R))), "eq. 3.53, 3.54", "so3mat : (..., 3, 3) array [rad]", rotation)
+@named(lambda R: so3.hat(_signed_log(R, so3.log(R))), "eq. 3.53, 3.54", "so3mat : (..., 3, 3) array [rad]", rotation)
 def MatrixLog3(R: ArrayLike) -> Array:
     """Matrix logarithm of SO(3): [omg] theta with 0 ≤ theta ≤ π; R with few digits is replaced by the nearest rotation."""
 
@@ -135,10 +141,11 @@ def se3ToVec(se3mat: ArrayLike) -> Twists:
 
 def _adjoint(T: Array) -> Array:
     R = T[..., :3, :3]
-    return _lower(R, so3.hat(T[..., :3, 3]) @ R)
+    return _blocks(R, so3.hat(T[..., :3, 3]) @ R)
 
 
-def _lower(diagonal: Array, below: Array) -> Array:
+def _blocks(diagonal: Array, below: Array) -> Array:
+    """Matrix (..., 6, 6) with the block ``diagonal`` twice and the block ``below`` under it: [D, 0; B, D]."""
     out = np.zeros((*diagonal.shape[:-2], 6, 6), diagonal.dtype)
     out[..., :3, :3] = out[..., 3:, 3:] = diagonal
     out[..., 3:, :3] = below
@@ -150,7 +157,9 @@ def Adjoint(T: ArrayLike) -> Array:
     """Adjoint matrix of a pose, [Ad_T] = [R, 0; [p] R, R]; ``tw.Ad(T)`` applies it without forming it."""
 
 
-@named(lambda V: _lower(so3.hat(V[..., :3]), so3.hat(V[..., 3:])), "definition 8.5", "adV : (..., 6, 6) array", real(6))
+@named(
+    lambda V: _blocks(so3.hat(V[..., :3]), so3.hat(V[..., 3:])), "definition 8.5", "adV : (..., 6, 6) array", real(6)
+)
 def ad(V: ArrayLike) -> Array:
     """Matrix of the Lie bracket with a twist, [ad_V] = [[omega], 0; [v], [omega]]."""
 
@@ -169,7 +178,7 @@ def ScrewToAxis(q: ArrayLike, s: ArrayLike, h: ArrayLike) -> Twists:
     S : (..., 6) array
     """
     q, s, h = arguments.real(q, "q", 3), arguments.real(s, "s", 3), arguments.real(h, "h")
-    if h.ndim or q.shape != s.shape:
+    if h.ndim or q.shape != s.shape:  # batches; a scalar pitch fits any vectors of one shape
         q, s, h = arguments.together(q=q, s=s, h=h[..., None])
     return np.concatenate([s, so3.cross(q, s) + h * s], axis=-1)
 
@@ -185,21 +194,22 @@ def AxisAng6(expc6: ArrayLike) -> tuple[Array, Any]:
     theta : (...) array, distance along it [rad, or m if the angular part of S is zero]
     """
     V = arguments.real(expc6, "expc6", 6)
-    turn = _length(V[..., :3])
-    theta = np.where(turn > 0, turn, _length(V[..., 3:]))[()]
-    return _over(V, theta), theta
+    angle = _length(V[..., :3])
+    theta = np.where(angle > 0, angle, _length(V[..., 3:]))[()]
+    return _unit(V, theta), theta
 
 
 def _length(v: Array) -> Any:
     """Norm |v| without underflow or overflow of the squares; (..., n) → (...)."""
     if v.ndim == 1:
         return v.dtype.type(math.hypot(*v.tolist()))
-    largest = np.abs(v).max(axis=-1, keepdims=True)
-    safe = np.where(largest > 0, largest, 1.0)
-    return (safe[..., 0] * np.linalg.norm(v / safe, axis=-1))[()]
+    largest_entry = np.abs(v).max(axis=-1, keepdims=True)
+    scale = np.where(largest_entry > 0, largest_entry, 1.0)
+    return (scale[..., 0] * np.linalg.norm(v / scale, axis=-1))[()]
 
 
-def _over(v: Array, theta: Any) -> Array:
+def _unit(v: Array, theta: Any) -> Array:
+    """v / theta; a zero vector, whose theta is 0, stays zero."""
     return np.asarray(v / np.where(theta > 0, theta, 1.0)[..., None])
 
 
@@ -209,12 +219,13 @@ def MatrixExp6(se3mat: ArrayLike) -> Poses:
 
 
 def _twist(T: Array) -> Array:
-    """Logarithm of a pose T, with that of a half turn as in :func:`_signed`."""
+    """Logarithm V of a pose T; that of a half turn has the sign of :func:`_signed_log`."""
     V = se3.log(T)
-    turn = V[..., :3]
-    w = _signed(T[..., :3, :3], turn)
-    if w is not turn:
-        V = np.concatenate([w, (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]], axis=-1)
+    w_of_log = V[..., :3]
+    w = _signed_log(T[..., :3, :3], w_of_log)
+    if w is not w_of_log:
+        v = (so3.left_jacobian_inverse(w) @ T[..., :3, 3, None])[..., 0]
+        V = np.concatenate([w, v], axis=-1)
     return V
 
 
@@ -253,10 +264,10 @@ def Normalize(V: ArrayLike) -> Array:
         length = math.hypot(*V.tolist())
         if 0.0 < length < math.inf:
             return V / V.dtype.type(length)
-    largest = np.abs(V).max(axis=-1, keepdims=True, initial=0.0)
-    if not np.all(largest > 0):
+    largest_entry = np.abs(V).max(axis=-1, keepdims=True, initial=0.0)
+    if not np.all(largest_entry > 0):  # also for NaN
         raise ValueRangeError("V is zero, or not a number, so it has no direction. Give a vector with a nonzero entry.")
-    V = V / largest  # scale first, to avoid underflow and overflow of the squares
+    V = V / largest_entry  # scale first, to avoid underflow and overflow of the squares
     return np.asarray(V / np.linalg.norm(V, axis=-1, keepdims=True))
 
 
@@ -274,16 +285,18 @@ def ProjectToSE3(mat: ArrayLike) -> Poses:
     """Nearest pose to a matrix: the nearest rotation, the unchanged position, and the last row replaced."""
 
 
-def _distance(R: Array, row: Array | None = None) -> Any:
-    off = np.swapaxes(R, -1, -2) @ R - np.eye(3)
-    square = np.sum(off * off, axis=(-1, -2))
-    if row is not None:
-        square = square + np.sum(row * row, axis=-1)
+def _distance(R: Array, last_row_error: Array | None = None) -> Any:
+    """Frobenius norm of R'R - 1, together with the error (..., 4) of the last row of a pose."""
+    error = np.swapaxes(R, -1, -2) @ R - np.eye(3)
+    square = np.sum(error * error, axis=(-1, -2))
+    if last_row_error is not None:
+        square = square + np.sum(last_row_error * last_row_error, axis=-1)
     return np.where(np.linalg.det(R) > 0, np.sqrt(square), DISTANCE_OF_MIRRORED)[()]
 
 
 def _pose_distance(T: Array) -> Any:
-    return _distance(T[..., :3, :3], T[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0]))
+    last_row_error = T[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0])
+    return _distance(T[..., :3, :3], last_row_error)
 
 
 @named(_distance, "section 3.2", "distance : (...) array, 1e9 if the determinant is not positive", real(3, 3))
@@ -368,40 +381,42 @@ def _newton(
     caller: str, screws: ArrayLike, M: ArrayLike, T: ArrayLike, thetalist0: ArrayLike, eomg: float, ev: float
 ) -> tuple[Array, bool]:
     """Iterate theta := theta + J⁺ V until the twist error V, in the frame of the screws, is small."""
-    space, guess = caller == "IKinSpace", f"{caller}: thetalist0"
-    chain = screws_of(screws, "Slist" if space else "Blist")
-    jacobian, forward = chain.kernel("space_jacobian" if space else "body_jacobian"), chain.kernel("pose")
+    in_space = caller == "IKinSpace"
+    chain = screws_of(screws, "Slist" if in_space else "Blist")
+    jacobian = chain.kernel("space_jacobian" if in_space else "body_jacobian")
+    product_of_exponentials = chain.kernel("pose")
     M, T = _finite_pose(M, f"{caller}: M"), _finite_pose(T, f"{caller}: T")
-    theta = arguments.finite(arguments.one(thetalist0, guess, chain.n), guess, chain.n)
-    eomg, ev = _bound(eomg, f"{caller}: eomg"), _bound(ev, f"{caller}: ev")
+    start_name = f"{caller}: thetalist0"
+    theta = arguments.finite(arguments.one(thetalist0, start_name, chain.n), start_name, chain.n)
+    eomg, ev = _error_bound(eomg, f"{caller}: eomg"), _error_bound(ev, f"{caller}: ev")
 
-    def left(theta: Array) -> Array:
-        T_sb = forward(theta) @ M if space else M @ forward(theta)
-        V_b = _twist(se3.inverse(T_sb) @ T)
-        if space:
-            return Ad(T_sb) @ V_b
-        return V_b
+    def twist_error(theta: Array) -> Array:
+        if in_space:
+            T_sb = product_of_exponentials(theta) @ M
+            return Ad(T_sb) @ _twist(se3.inverse(T_sb) @ T)
+        T_sb = M @ product_of_exponentials(theta)
+        return _twist(se3.inverse(T_sb) @ T)
 
-    def there(V: Array) -> bool:
+    def is_small(V: Array) -> bool:
         return bool(np.linalg.norm(V[:3]) <= eomg and np.linalg.norm(V[3:]) <= ev)
 
-    V = left(theta)
+    V = twist_error(theta)
     for _ in range(STEPS):
-        if there(V):
+        if is_small(V):
             break
         theta = theta + np.linalg.pinv(jacobian(theta)) @ V
-        V = left(theta)
-    return theta, there(V)
+        V = twist_error(theta)
+    return theta, is_small(V)
 
 
 def _finite_pose(T: ArrayLike, name: str) -> Array:
     return pose(arguments.finite(arguments.one(T, name, 4, 4), name, 4, 4), name)
 
 
-def _bound(x: float, name: str) -> float:
-    bound = arguments.number(x, name)
-    if not bound >= 0:
-        raise ValueRangeError(f"{name} is {x!r}: what may be left is 0 or more, such as 1e-6.")
+def _error_bound(value: float, name: str) -> float:
+    bound = arguments.number(value, name)
+    if not bound >= 0:  # also for NaN
+        raise ValueRangeError(f"{name} is {value!r}: what may be left is 0 or more, such as 1e-6.")
     return bound
 
 
@@ -459,7 +474,7 @@ def EulerStep(
     """
     q, dq = arguments.real(thetalist, "thetalist"), arguments.real(dthetalist, "dthetalist")
     ddq, step = arguments.real(ddthetalist, "ddthetalist"), arguments.real(dt, "dt")
-    if step.ndim:  # a step for each state
+    if step.ndim:  # a step for each state, which must match all its joints
         step = step[..., None]
     try:
         return q + step * dq, dq + step * ddq
@@ -478,8 +493,9 @@ def InverseDynamicsTrajectory(
     taumat : (N, n) array [N m, sliding joints: N]
     """
     chain = chain_of(Mlist, Glist, Slist)
-    motion = _motion(chain, thetamat=thetamat, dthetamat=dthetamat, ddthetamat=ddthetamat)
-    F, gravity = _tip_wrenches(Ftipmat, len(motion["thetamat"])), arguments.real(g, "g", 3)
+    motion = _motion_matrices(chain, thetamat=thetamat, dthetamat=dthetamat, ddthetamat=ddthetamat)
+    F = _tip_wrenches(Ftipmat, len(motion["thetamat"]))
+    gravity = arguments.real(g, "g", 3)
     return chain.run("inverse_dynamics", **motion, Ftipmat=F, g=gravity)
 
 
@@ -499,18 +515,20 @@ def ForwardDynamicsTrajectory(
     dthetamat : (N, n) array, joint rates
     """
     chain = chain_of(Mlist, Glist, Slist)
-    q, dq = _start(chain, thetalist, dthetalist)
-    tau, gravity, dt = _rows(chain, taumat, "taumat"), arguments.one(g, "g", 3), arguments.number(dt, "dt")
-    F, steps = _tip_wrenches(Ftipmat, len(tau)), arguments.whole(intRes, "intRes")
+    q, dq = _initial_state(chain, thetalist, dthetalist)
+    tau, gravity = _joint_rows(chain, taumat, "taumat"), arguments.one(g, "g", 3)
+    dt = arguments.number(dt, "dt")
+    F = _tip_wrenches(Ftipmat, len(tau))
+    steps = arguments.whole(intRes, "intRes")
     thetamat, dthetamat = np.empty(tau.shape), np.empty(tau.shape)
     thetamat[0], dthetamat[0] = q, dq
     for i in range(len(tau) - 1):
-        q, dq = _euler(chain, q, dq, tau[i], gravity, F[i], dt, steps)
+        q, dq = _euler_steps(chain, q, dq, tau[i], gravity, F[i], dt, steps)
         thetamat[i + 1], dthetamat[i + 1] = q, dq
     return thetamat, dthetamat
 
 
-def _euler(
+def _euler_steps(
     chain: Chain, q: Array, dq: Array, tau: Array, g: Array, F: Array, dt: float, steps: int
 ) -> tuple[Array, Array]:
     """State after ``steps`` Euler steps over the total time dt, under constant torques."""
@@ -521,30 +539,31 @@ def _euler(
     return q, dq
 
 
-def _start(chain: Chain, thetalist: ArrayLike, dthetalist: ArrayLike) -> tuple[Array, Array]:
+def _initial_state(chain: Chain, thetalist: ArrayLike, dthetalist: ArrayLike) -> tuple[Array, Array]:
     """Initial state of a simulation: one state, real numbers."""
     q, dq = chain.joints(thetalist, "thetalist"), chain.joints(dthetalist, "dthetalist")
-    for x, name in ((q, "thetalist"), (dq, "dthetalist")):
-        if x.ndim != 1:
-            raise ShapeError(f"{name} has shape {x.shape}: a simulation starts from one state, ({chain.n},).")
+    for vector, name in ((q, "thetalist"), (dq, "dthetalist")):
+        if vector.ndim != 1:
+            raise ShapeError(f"{name} has shape {vector.shape}: a simulation starts from one state, ({chain.n},).")
     return q.astype(float), dq.astype(float)
 
 
-def _rows(chain: Chain, x: ArrayLike, name: str) -> Array:
+def _joint_rows(chain: Chain, matrix: ArrayLike, name: str) -> Array:
     """Matrix with a row per time and a column per joint; (N, n)."""
-    found = chain.joints(x, name)
-    if found.ndim != 2 or len(found) == 0:
-        raise ShapeError(f"{name} has shape {found.shape}, expected (N, {chain.n}): a row for each instant.")
-    return found
+    rows = chain.joints(matrix, name)
+    if rows.ndim != 2 or len(rows) == 0:
+        raise ShapeError(f"{name} has shape {rows.shape}, expected (N, {chain.n}): a row for each instant.")
+    return rows
 
 
-def _motion(chain: Chain, **matrices: ArrayLike) -> dict[str, Array]:
+def _motion_matrices(chain: Chain, **matrices: ArrayLike) -> dict[str, Array]:
     """Matrices of one motion with equal numbers of rows."""
-    found = {name: _rows(chain, x, name) for name, x in matrices.items()}
-    if len({len(m) for m in found.values()}) > 1:
-        listed = ", ".join(f"{name} {m.shape}" for name, m in found.items())
+    rows_by_name = {name: _joint_rows(chain, matrix, name) for name, matrix in matrices.items()}
+    row_counts = {len(rows) for rows in rows_by_name.values()}
+    if len(row_counts) > 1:
+        listed = ", ".join(f"{name} {rows.shape}" for name, rows in rows_by_name.items())
         raise ShapeError(f"the matrices of one motion need as many rows as each other: {listed}.")
-    return found
+    return rows_by_name
 
 
 def _tip_wrenches(Ftipmat: ArrayLike, N: int) -> Array:
@@ -566,7 +585,7 @@ def CubicTimeScaling(Tf: float, t: ArrayLike) -> Any:
     -------
     s : (...) array
     """
-    return cubic_share(_fraction(Tf, t))
+    return cubic_share(_time_fraction(Tf, t))
 
 
 def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
@@ -576,10 +595,11 @@ def QuinticTimeScaling(Tf: float, t: ArrayLike) -> Any:
     -------
     s : (...) array
     """
-    return quintic_share(_fraction(Tf, t))
+    return quintic_share(_time_fraction(Tf, t))
 
 
-def _fraction(Tf: Any, t: Any) -> Any:
+def _time_fraction(Tf: Any, t: Any) -> Any:
+    """t / Tf, with Tf above 0."""
     if type(t) is float and type(Tf) in (float, int) and Tf > 0:  # NumPy is ten times slower for a single number
         return t / Tf
     duration, instants = arguments.together(Tf=arguments.real(Tf, "Tf"), t=arguments.real(t, "t"))
@@ -598,7 +618,7 @@ def JointTrajectory(thetastart: ArrayLike, thetaend: ArrayLike, Tf: float, N: fl
     start, end = arguments.real(thetastart, "thetastart"), arguments.real(thetaend, "thetaend")
     if start.ndim != 1 or start.shape != end.shape:
         raise ShapeError(f"thetastart {start.shape}, thetaend {end.shape}: expected two vectors of the same length.")
-    s = _scaling(Tf, N, method)[:, None]
+    s = _path_parameters(Tf, N, method)[:, None]
     return np.asarray(s * end + (1.0 - s) * start)
 
 
@@ -609,9 +629,9 @@ def ScrewTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, met
     -------
     poses : list of N (4, 4) arrays
     """
-    X, end = _ends(Xstart, Xend)
-    V = _twist(se3.inverse(X) @ end)
-    return list(PosePath(X, end, straight=False, twist=V)(_scaling(Tf, N, method)))
+    start, end = _end_poses(Xstart, Xend)
+    V = _twist(se3.inverse(start) @ end)
+    return list(PosePath(start, end, straight=False, twist=V)(_path_parameters(Tf, N, method)))
 
 
 def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float, method: int) -> list[Array]:
@@ -621,26 +641,27 @@ def CartesianTrajectory(Xstart: ArrayLike, Xend: ArrayLike, Tf: float, N: float,
     -------
     poses : list of N (4, 4) arrays
     """
-    X, end = _ends(Xstart, Xend)
-    still = se3.pose(np.swapaxes(X[:3, :3], -1, -2) @ end[:3, :3], np.zeros(3))
-    twist = np.concatenate([_twist(still)[:3], end[:3, 3] - X[:3, 3]])
-    return list(PosePath(X, end, straight=True, twist=twist)(_scaling(Tf, N, method)))
+    start, end = _end_poses(Xstart, Xend)
+    rotation_from_start = np.swapaxes(start[:3, :3], -1, -2) @ end[:3, :3]
+    w = _twist(se3.pose(rotation_from_start, np.zeros(3)))[:3]
+    twist = np.concatenate([w, end[:3, 3] - start[:3, 3]])
+    return list(PosePath(start, end, straight=True, twist=twist)(_path_parameters(Tf, N, method)))
 
 
-def _ends(Xstart: ArrayLike, Xend: ArrayLike) -> tuple[Array, Array]:
-    X, end = pose(Xstart, "Xstart"), pose(Xend, "Xend")
-    if X.shape != (4, 4) or end.shape != (4, 4):
-        raise ShapeError(f"Xstart has shape {X.shape}, Xend {end.shape}: expected two poses, (4, 4).")
-    return X, end
+def _end_poses(Xstart: ArrayLike, Xend: ArrayLike) -> tuple[Array, Array]:
+    start, end = pose(Xstart, "Xstart"), pose(Xend, "Xend")
+    if start.shape != (4, 4) or end.shape != (4, 4):
+        raise ShapeError(f"Xstart has shape {start.shape}, Xend {end.shape}: expected two poses, (4, 4).")
+    return start, end
 
 
-def _scaling(Tf: float, N: float, method: int) -> Array:
+def _path_parameters(Tf: float, N: float, method: int) -> Array:
     """Path parameter s at N equally spaced times from 0 to Tf, exact at both ends."""
     n = arguments.whole(N, "N", 2)
     scalings = {3: cubic_share, 5: quintic_share}
-    if method not in tuple(scalings):
+    if method not in tuple(scalings):  # a tuple, since input that cannot be hashed is refused too
         raise ValueRangeError(f"method is {method!r}; choose 3, cubic, or 5, quintic time scaling.")
-    _fraction(arguments.number(Tf, "Tf"), 0.0)
+    _time_fraction(arguments.number(Tf, "Tf"), 0.0)  # raises unless Tf is above 0; its size does not change s
     return np.asarray(scalings[method](np.arange(n) / (n - 1.0)))
 
 
@@ -658,21 +679,25 @@ def ComputedTorque(
     tau : (..., n) array [N m, sliding joints: N]
     """
     chain = chain_of(Mlist, Glist, Slist)
-    given = {
+    vectors = {
         "thetalist": thetalist, "dthetalist": dthetalist, "eint": eint,
         "thetalistd": thetalistd, "dthetalistd": dthetalistd, "ddthetalistd": ddthetalistd,
     }  # fmt: skip
-    states = arguments.together(**{name: chain.joints(x, name) for name, x in given.items()})
+    states = arguments.together(**{name: chain.joints(vector, name) for name, vector in vectors.items()})
     gains = _gains(chain, Kp=Kp, Ki=Ki, Kd=Kd)
-    return _torque(chain, arguments.real(g, "g", 3), *states, *gains)
+    return _computed_torque(chain, arguments.real(g, "g", 3), *states, *gains)
 
 
 def _gains(chain: Chain, **gains: ArrayLike) -> list[Array]:
-    """Gains as numbers, or one for each joint."""
-    return [arguments.one(K, name, chain.n) if np.ndim(K) else arguments.one(K, name) for name, K in gains.items()]
+    """Each gain as a number, or as a vector with one for each joint."""
+    checked: list[Array] = []
+    for name, K in gains.items():
+        shape = (chain.n,) if np.ndim(K) else ()
+        checked.append(arguments.one(K, name, *shape))
+    return checked
 
 
-def _torque(
+def _computed_torque(
     chain: Chain, g: Array, q: Array, dq: Array, eint: Array, q_d: Array, dq_d: Array, ddq_d: Array,
     Kp: Array, Ki: Array, Kd: Array,
 ) -> Array:  # fmt: skip
@@ -703,31 +728,38 @@ def SimulateControl(
         ``plot=True`` without matplotlib.
     """
     robot, model = chain_of(Mlist, Glist, Slist), chain_of(Mtildelist, Gtildelist, Slist)
-    start, gains = _start(robot, thetalist, dthetalist), _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd)
-    motion = _motion(robot, thetamatd=thetamatd, dthetamatd=dthetamatd, ddthetamatd=ddthetamatd)
-    q_d, dt, steps = motion["thetamatd"], arguments.number(dt, "dt"), arguments.whole(intRes, "intRes")
-    F, gravity = _tip_wrenches(Ftipmat, len(q_d)), arguments.one(g, "g", 3)
-    believed = arguments.one(gtilde, "gtilde", 3)
-    taumat, thetamat = _closed_loop(robot, model, *start, [*motion.values()], F, gravity, believed, gains, dt, steps)
+    q, dq = _initial_state(robot, thetalist, dthetalist)
+    gains = _gains(robot, Kp=Kp, Ki=Ki, Kd=Kd)
+    reference = _motion_matrices(robot, thetamatd=thetamatd, dthetamatd=dthetamatd, ddthetamatd=ddthetamatd)
+    q_d = reference["thetamatd"]
+    dt, steps = arguments.number(dt, "dt"), arguments.whole(intRes, "intRes")
+    F = _tip_wrenches(Ftipmat, len(q_d))
+    gravity, model_gravity = arguments.one(g, "g", 3), arguments.one(gtilde, "gtilde", 3)
+    taumat, thetamat = _closed_loop(
+        robot, model, q, dq, [*reference.values()], F, gravity, model_gravity, gains, dt, steps
+    )
     if plot:
-        _show(dt * np.arange(1, len(q_d) + 1), thetamat, q_d)
+        _plot_joint_angles(dt * np.arange(1, len(q_d) + 1), thetamat, q_d)
     return taumat, thetamat
 
 
 def _closed_loop(
-    robot: Chain, model: Chain, q: Array, dq: Array, motion: list[Array], F: Array, gravity: Array, believed: Array,
-    gains: list[Array], dt: float, steps: int,
+    robot: Chain, model: Chain, q: Array, dq: Array, reference: list[Array], F: Array, gravity: Array,
+    model_gravity: Array, gains: list[Array], dt: float, steps: int,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Torques and joint angles (N, n) of a motion q_d, dq_d, ddq_d that a controller with its own model tracks."""
-    eint, taumat, thetamat = np.zeros(robot.n), np.empty(motion[0].shape), np.empty(motion[0].shape)
-    for i, (q_d, dq_d, ddq_d) in enumerate(zip(*motion, strict=True)):
-        taumat[i] = _torque(model, believed, q, dq, eint, q_d, dq_d, ddq_d, *gains)
-        q, dq = _euler(robot, q, dq, taumat[i], gravity, F[i], dt, steps)
-        thetamat[i], eint = q, eint + dt * (q_d - q)
+    """Torques and joint angles (N, n) as a controller with its own model tracks the reference q_d, dq_d, ddq_d."""
+    eint = np.zeros(robot.n)
+    taumat, thetamat = np.empty(reference[0].shape), np.empty(reference[0].shape)
+    for i, (q_d, dq_d, ddq_d) in enumerate(zip(*reference, strict=True)):
+        taumat[i] = _computed_torque(model, model_gravity, q, dq, eint, q_d, dq_d, ddq_d, *gains)
+        q, dq = _euler_steps(robot, q, dq, taumat[i], gravity, F[i], dt, steps)
+        thetamat[i] = q
+        eint = eint + dt * (q_d - q)
     return taumat, thetamat
 
 
-def _show(t: Array, actual: Array, wanted: Array) -> None:
+def _plot_joint_angles(t: Array, actual: Array, wanted: Array) -> None:
+    """Plot the joint angles (N, n) with the wanted ones dotted."""
     try:
         import matplotlib.pyplot as plt
     except ImportError:

@@ -22,13 +22,13 @@ MAX_CACHED_CHAINS = 64
 LISTS = ("Mlist", "Glist", "Slist", "Blist")
 SIZES = {"g": 3, "Ftip": 6}
 """Numbers of an input that is not one per joint."""
-_AT_TIP: dict[str, Any] = {"gravity": "input", "wrenches": True}
+_GRAVITY_AND_TIP_WRENCH: dict[str, Any] = {"gravity": "input", "wrenches": True}
 _KERNELS: dict[str, tuple[str, dict[str, Any]]] = {
     "pose": ("forward_kinematics", {}),
     "space_jacobian": ("jacobian", {"kind": "space"}),
     "body_jacobian": ("jacobian", {"kind": "body"}),
-    "inverse_dynamics": ("inverse_dynamics", _AT_TIP),
-    "forward_dynamics": ("forward_dynamics", _AT_TIP),
+    "inverse_dynamics": ("inverse_dynamics", _GRAVITY_AND_TIP_WRENCH),
+    "forward_dynamics": ("forward_dynamics", _GRAVITY_AND_TIP_WRENCH),
     "mass_matrix": ("mass_matrix", {}),
     "coriolis_forces": ("coriolis_forces", {}),
     "gravity_forces": ("gravity_forces", {"gravity": "input"}),
@@ -45,27 +45,27 @@ class Chain:
         self._kernels: dict[str, np.ufunc] = {}
 
     def kernel(self, name: str) -> np.ufunc:
-        """Kernel for a key of the table."""
-        found = self._kernels.get(name)
-        if found is None:
+        """Kernel of a quantity in ``_KERNELS``, made at the first use."""
+        kernel = self._kernels.get(name)
+        if kernel is None:
             quantity, options = _KERNELS[name]
             if "wrenches" in options:
                 options = {**options, "wrenches": (str(self.robot.tip),)}
-            found = self._kernels[name] = self.robot.kernel(quantity, **options)
-        return found
+            kernel = self._kernels[name] = self.robot.kernel(quantity, **options)
+        return kernel
 
-    def joints(self, x: ArrayLike, name: str) -> Array:
+    def joints(self, values: ArrayLike, name: str) -> Array:
         """Vector with one number per joint, or a batch of such vectors."""
-        found = arguments.real(x, name)
-        if found.ndim == 0 or found.shape[-1] != self.n:
-            raise ShapeError(f"{name} has shape {found.shape}, but the lists describe {self.n} joints.")
-        return found
+        vectors = arguments.real(values, name)
+        if vectors.ndim == 0 or vectors.shape[-1] != self.n:
+            raise ShapeError(f"{name} has shape {vectors.shape}, but the lists describe {self.n} joints.")
+        return vectors
 
-    def checked(self, x: ArrayLike, name: str) -> Array:
+    def checked(self, values: ArrayLike, name: str) -> Array:
         """Input of a kernel: gravity, a wrench at the tip, or one number per joint."""
         if name in SIZES:
-            return arguments.real(x, name, SIZES[name])
-        return self.joints(x, name)
+            return arguments.real(values, name, SIZES[name])
+        return self.joints(values, name)
 
     def run(self, quantity: str, **arrays: Array) -> Array:
         """Evaluate a quantity; raises ShapeError for batches that do not broadcast."""
@@ -81,10 +81,11 @@ def chain_of(Mlist: ArrayLike, Glist: ArrayLike, Slist: ArrayLike) -> Chain:
 
     Raises ShapeError for inconsistent lists, ModelError and InertiaError if they do not describe a robot.
     """
-    steps = np.ascontiguousarray(arguments.real(Mlist, "Mlist"), float)
+    poses = np.ascontiguousarray(arguments.real(Mlist, "Mlist"), float)
     inertias = np.ascontiguousarray(arguments.real(Glist, "Glist"), float)
     screws = np.ascontiguousarray(arguments.real(Slist, "Slist"), float)
-    return _built(steps.tobytes(), inertias.tobytes(), screws.tobytes(), (steps.shape, inertias.shape, screws.shape))
+    shapes = poses.shape, inertias.shape, screws.shape
+    return _cached_chain(poses.tobytes(), inertias.tobytes(), screws.tobytes(), shapes)
 
 
 def screws_of(screws: ArrayLike, name: str) -> Chain:
@@ -93,17 +94,22 @@ def screws_of(screws: ArrayLike, name: str) -> Chain:
     if S.ndim != 2 or S.shape[0] != 6 or S.shape[1] == 0:
         raise ShapeError(f"{name} has shape {S.shape}, expected (6, n): a screw axis (omega, v) in each column.")
     n = S.shape[1]
-    return _built(_HOME * (n + 1), bytes(288 * n), S.tobytes(), ((n + 1, 4, 4), (n, 6, 6), S.shape))
+    zero_inertias = bytes(_INERTIA_BYTES * n)
+    shapes = (n + 1, 4, 4), (n, 6, 6), S.shape
+    return _cached_chain(_HOME_BYTES * (n + 1), zero_inertias, S.tobytes(), shapes)
 
 
-_HOME = np.eye(4).tobytes()
+_HOME_BYTES = np.eye(4).tobytes()
+_INERTIA_BYTES = 6 * 6 * 8
 Shape = tuple[int, ...]
 
 
 @lru_cache(maxsize=MAX_CACHED_CHAINS)
-def _built(steps: bytes, inertias: bytes, screws: bytes, shapes: tuple[Shape, Shape, Shape]) -> Chain:
-    raw = zip((steps, inertias, screws), shapes, strict=True)
-    Mlist, Glist, Slist = (np.frombuffer(data).reshape(shape) for data, shape in raw)
+def _cached_chain(poses: bytes, inertias: bytes, screws: bytes, shapes: tuple[Shape, Shape, Shape]) -> Chain:
+    """Chain of the lists' bytes, which are the key of the cache, and their shapes."""
+    Mlist = np.frombuffer(poses).reshape(shapes[0])
+    Glist = np.frombuffer(inertias).reshape(shapes[1])
+    Slist = np.frombuffer(screws).reshape(shapes[2])
     if Mlist.ndim == 3 and Mlist.shape[1:] == (4, 4):
         Mlist = np.array([pose(T, f"Mlist[{i}]") for i, T in enumerate(Mlist)])
     return Chain(from_screws(None, Slist, Mlist, Glist, name="lists", non_unit_screws=True, inertia="accept"))

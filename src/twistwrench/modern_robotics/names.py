@@ -1,7 +1,7 @@
 """Rows of the book's names.
 
-A row is the declaration of a function, with its arguments in the book's order and their types, under a decorator that has what
-evaluates it, the equation, and the result::
+A row is the declaration of a function, with its arguments in the book's order and their types. Its decorator has the function
+that evaluates it, checks of the arguments, the equation, and the result::
 
     @named(so3.hat, "eq. 3.30", "so3mat : (..., 3, 3) array", real(3))
     def VecToso3(omg: ArrayLike) -> Array:
@@ -31,15 +31,17 @@ def named(target: Callable[..., Any], equation: str, result: str, *checks: Check
 
     def decorate(declared: Declared) -> Declared:
         labels = [f"{declared.__name__}: {name}" for name in inspect.signature(declared).parameters]
-        check, label = checks[0], labels[0]
+        first_check, first_label = checks[0], labels[0]
 
-        def of_one(given: tuple[Any, ...]) -> Any:  # the usual case by itself: a loop would double the time of a call
-            return target(check(given[0], label))
+        # The usual case by itself: a loop would double the time of a call.
+        def evaluate_one(values: tuple[Any, ...]) -> Any:
+            return target(first_check(values[0], first_label))
 
-        def of_several(given: tuple[Any, ...]) -> Any:
-            return target(*map(lambda check, x, label: check(x, label), checks, given, labels))
+        def evaluate_several(values: tuple[Any, ...]) -> Any:
+            return target(*map(lambda check, value, label: check(value, label), checks, values, labels))
 
-        return _built_from(declared, of_one if len(checks) == 1 else of_several, equation, result)
+        evaluate = evaluate_one if len(checks) == 1 else evaluate_several
+        return _book_function(declared, evaluate, equation, result)
 
     return decorate
 
@@ -49,30 +51,32 @@ def of_chain(quantity: str, equation: str, result: str) -> Callable[[Declared], 
 
     def decorate(declared: Declared) -> Declared:
         names = [*inspect.signature(declared).parameters]
-        whole = names[-3:] == ["Mlist", "Glist", "Slist"]
-        inputs = [(name, place) for place, name in enumerate(names) if name not in LISTS]
-        inputs.sort(key=lambda one: one[0] == "g")
+        has_masses = names[-3:] == ["Mlist", "Glist", "Slist"]
+        inputs = [(name, position) for position, name in enumerate(names) if name not in LISTS]
+        inputs.sort(key=lambda name_and_position: name_and_position[0] == "g")  # moves g to the end
 
-        def evaluate(given: tuple[Any, ...]) -> Array:
-            chain = chain_of(*given[-3:]) if whole else screws_of(given[0], names[0])
-            return chain.run(quantity, **{name: chain.checked(given[place], name) for name, place in inputs})
+        def evaluate(values: tuple[Any, ...]) -> Array:
+            chain = chain_of(*values[-3:]) if has_masses else screws_of(values[0], names[0])
+            return chain.run(quantity, **{name: chain.checked(values[position], name) for name, position in inputs})
 
-        return _built_from(declared, evaluate, equation, result)
+        return _book_function(declared, evaluate, equation, result)
 
     return decorate
 
 
-def _built_from(declared: Declared, evaluate: Callable[[tuple[Any, ...]], Any], equation: str, result: str) -> Declared:
+def _book_function(
+    declared: Declared, evaluate: Callable[[tuple[Any, ...]], Any], equation: str, result: str
+) -> Declared:
     """Function with the name and signature of a declaration, and with a docstring of its sentence, equation and result."""
     signature = inspect.signature(declared)
     count = len(signature.parameters)
 
     @wraps(declared)
-    def function(*given: Any, **by_name: Any) -> Any:
-        if by_name or len(given) != count:
-            given = signature.bind(*given, **by_name).args
-        return evaluate(given)
+    def function(*values: Any, **by_name: Any) -> Any:
+        if by_name or len(values) != count:
+            values = signature.bind(*values, **by_name).args
+        return evaluate(values)
 
-    returns = result or RETURNS[declared.__annotations__["return"]]
+    returns = result or RETURNS[declared.__annotations__["return"]]  # by default the glossary's entry for the type
     function.__doc__ = f"{(declared.__doc__ or '').rstrip('.')} (MR {equation}).\n\nReturns\n-------\n{returns}\n"
     return function  # type: ignore[return-value]

@@ -33,12 +33,12 @@ from ..robot import Robot
 from ..robot.arguments import Wrenches, finite_states, sum_by_frame
 
 if TYPE_CHECKING:
-    from ..core.answers.blocks import Block, Table
+    from ..core.answers.blocks import Block, Column, Table
 
 __all__ = ["NewtonEuler", "newton_euler"]
 
 _DECIMALS = 12
-"""Decimals below which entries are rounding errors."""
+"""Decimals of printed entries; digits after them are rounding errors."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,12 +98,13 @@ class NewtonEuler(Answer):
         yield _table("Wrenches F", bodies, self.F, ("m", "f"), "tau")
         model = self.robot.model
         units = units_of("tau", (turns for body in model.leaders for turns in body.joint.turning))
-        parts = [numbers("A' F", self.of_wrenches, _figure), numbers("drives", self.of_drives, _figure)]
-        drives = self.of_drives.any()
+        parts: list[Column] = []
+        if self.of_drives.any():
+            parts = [numbers("A' F", self.of_wrenches, _figure), numbers("drives", self.of_drives, _figure)]
         yield Table(
             "Torques",
             words("joint", model.velocity_names),
-            *(parts if drives else ()),
+            *parts,
             numbers("τ", self.tau, _figure),
             words("unit", units),
             most=12,
@@ -150,23 +151,25 @@ def newton_euler(
             "newton_euler is of trees, and this robot has constraints. Give the robot before .close()."
         )
     q, dq, ddq = finite_states(robot.model, "newton_euler", q=q, dq=dq, ddq=ddq)
-    if any(x.ndim != 1 for x in (q, dq, ddq)):
+    if any(vector.ndim != 1 for vector in (q, dq, ddq)):
         raise ShapeError(
             f"newton_euler: one state is shown at a time, and q has shape {q.shape}. Give q[0], dq[0], ddq[0]."
         )
     model, count = robot.model, len(robot.model.bodies)
-    T, Adq, Addq = joint_poses(model, q), spread(model, dq), spread(model, ddq)
+    T = joint_poses(model, q)
+    Adq, Addq = spread(model, dq), spread(model, ddq)  # A dq and A ddq of each body
     V, dV, F = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
-    base = np.zeros(6), np.concatenate([np.zeros(3), -model.gravity])
+    V_base, dV_base = np.zeros(6), np.concatenate([np.zeros(3), -model.gravity])
     for i, p in outward(model):
-        V_p, dV_p = base if p == BASE else (V[p], dV[p])
+        V_p, dV_p = (V_base, dV_base) if p == BASE else (V[p], dV[p])
         Ad_ip = Ad(T[i]).inverse
         V[i] = Ad_ip @ V_p + Adq[i]  # (8.51)
         dV[i] = Ad_ip @ dV_p + ad(V[i]) @ Adq[i] + Addq[i]  # (8.52)
         G = model.bodies[i].inertia.matrix
         F[i] = G @ dV[i] - ad(V[i]).T @ (G @ V[i])  # (8.53), the body's own part
-    for i, F_by in applied_wrenches(model, sum_by_frame(model, (q, dq, ddq), wrench_by_robot, wrench_on_robot)):
-        F[i] += F_by
+    wrenches = sum_by_frame(model, (q, dq, ddq), wrench_by_robot, wrench_on_robot)
+    for i, F_by_body in applied_wrenches(model, wrenches):
+        F[i] += F_by_body
     for i, p in inward(model):
         if p != BASE:
             F[p] += Ad(T[i]).inverse.T @ F[i]  # (8.53), the children's part
@@ -180,14 +183,16 @@ def _figure(value: float) -> str:
 
 
 def _table(title: str, bodies: tuple[str, ...], rows: Array, parts: tuple[str, str], quantity: str) -> Table:
-    """Table of vectors of six, the angular part first."""
+    """Table of vectors (n, 6), one body a row; ``parts`` are the symbols of the angular and of the linear part."""
     from ..core.answers.blocks import Table, numbers, words
 
-    columns = [
-        numbers(f"{part}{axis}", rows[:, 3 * k + j], _figure, unit, headed=axis == "x")
-        for k, (part, unit) in enumerate(zip(parts, units_of(quantity, (True, False)), strict=True))
-        for j, axis in enumerate("xyz")
-    ]
+    angular_unit, linear_unit = units_of(quantity, (True, False))
+    columns = []
+    for k in range(6):
+        part, unit = (parts[0], angular_unit) if k < 3 else (parts[1], linear_unit)
+        axis = "xyz"[k % 3]
+        # The unit stands once, above x.
+        columns.append(numbers(f"{part}{axis}", rows[:, k], _figure, unit, headed=axis == "x"))
     return Table(title, words("body", bodies), *columns, most=12)
 
 

@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 
 _MAX_VOLUME_RATIO = 0.6
 """Volume ratio above which one capsule around all shapes replaces the overlapping capsules around single shapes."""
-_FACET_GAP_OF_RADIUS = 0.015  # gap between facets and the round surface, as a share of the radius; 0.012 at most
+_FACET_GAP_OF_RADIUS = (
+    0.015  # gap between facets and the round surface, as a share of the radius; true gaps reach 0.012
+)
 _MAX_ITERATIONS = 200  # iterations of the volume minimisation
-_RADIUS_OF_LENGTH, _MAX_ASSUMED_RADIUS = (
-    0.25,
-    0.08,
-)  # assumed radius: share of the longest distance between joints, and the maximum [m]
+_RADIUS_OF_LENGTH = 0.25  # assumed radius as a share of the longest distance between joints
+_MAX_ASSUMED_RADIUS = 0.08  # m
 _START_OF_RADIUS = 0.5  # distance between the joint and the start of its link, as a share of the radius
 _MAX_GAP_OF_ORIGINS = 1e-6  # m: origins closer than this coincide
 
@@ -70,21 +70,21 @@ class LinkCapsules:
         capsules: list[tuple[int, Array, float]] = []
         described_bodies = set()
         for k, (name, own_solids) in enumerate(zip(names, solids, strict=True)):
-            segments = _capsules_of(own_solids) or [(np.zeros((2, 3)), 0.0)]
+            segments = _capsules_of(own_solids) or [(np.zeros((2, 3)), 0.0)]  # every link has one, if of radius 0
             capsules += [(k, segment, radius) for segment, radius in segments]
             if own_solids:
                 described_bodies.add(frames[name].body)
-        moving = tuple(name for name in lacking if frames[name].body != BASE)
-        bodies = {frames[name].body for name in moving}
+        moving_links = tuple(name for name in lacking if frames[name].body != BASE)
+        bodies_without_shapes = {frames[name].body for name in moving_links}
         thickness = 0.0
-        if bodies:
+        if bodies_without_shapes:
             if BASE not in described_bodies:
-                bodies.add(BASE)
-            assumed = _assumed_capsules(robot, bodies)
-            thickness = assumed[0][2]
+                bodies_without_shapes.add(BASE)
+            assumed = _assumed_capsules(robot, bodies_without_shapes)
+            thickness = assumed[0][2]  # their radius, one for all
             capsules += assumed
         links, ends, radii = map(np.array, zip(*capsules, strict=True))
-        return cls(links, ends, radii, moving, thickness)
+        return cls(links, ends, radii, moving_links, thickness)
 
     @property
     def assumption(self) -> str:
@@ -101,16 +101,18 @@ class LinkCapsules:
     def separable_pairs(self, robot: Robot) -> Array:
         """Pairs (m, 2) of capsules on links that are not connected by a joint."""
         bodies = _bodies_of_links(robot, self.links)
-        parents = np.array([BASE if b == BASE else robot.model.bodies[b].parent for b in bodies], int)
+        parents = np.array([BASE if body == BASE else robot.model.bodies[body].parent for body in bodies], int)
         i, j = np.triu_indices(len(bodies), 1)
-        apart = (bodies[i] != bodies[j]) & (parents[i] != bodies[j]) & (parents[j] != bodies[i])
-        return np.stack([i, j], axis=1)[apart & (self.radii[i] > 0) & (self.radii[j] > 0)]
+        not_connected = (bodies[i] != bodies[j]) & (parents[i] != bodies[j]) & (parents[j] != bodies[i])
+        have_extent = (self.radii[i] > 0) & (self.radii[j] > 0)
+        return np.stack([i, j], axis=1)[not_connected & have_extent]
 
     def ends_in_base(self, poses: Array) -> Array:
         """End points of the capsules in the base frame (2, 3, n, k), from poses of all links (n, links, 4, 4)."""
-        used, columns = self._columns
-        rows = np.moveaxis(poses[:, used, :3, :], 2, 0).reshape(3 * len(poses), -1)
-        return np.moveaxis((rows @ columns).reshape(3, len(poses), 2, -1), 2, 0)
+        # One product of matrices for all poses: (3 n, 4 u) with (4 u, 2 k), of u links with capsules.
+        links, columns = self._columns
+        pose_rows = np.moveaxis(poses[:, links, :3, :], 2, 0).reshape(3 * len(poses), -1)
+        return np.moveaxis((pose_rows @ columns).reshape(3, len(poses), 2, -1), 2, 0)
 
     @cached_property
     def _columns(self) -> tuple[Array, Array]:
@@ -140,9 +142,11 @@ def link_solids(robot: Robot) -> tuple[list[list[Solid]], list[str]]:
     solids, lacking = [], []
     for name in robot.link_names:
         shapes = reader.read(described[name]) if name in described else LinkSolids()
-        solids.append(_solids_of_one_role(shapes))
-        heavy = name not in links_with_mass or model.link_inertias[name].mass > 0
-        if heavy and not (solids[-1] and shapes.complete):
+        own_solids = _solids_of_one_role(shapes)
+        solids.append(own_solids)
+        has_mass = name not in links_with_mass or model.link_inertias[name].mass > 0
+        is_complete = bool(own_solids) and shapes.complete
+        if has_mass and not is_complete:
             lacking.append(name)
     return solids, lacking
 
@@ -153,39 +157,45 @@ def _assumed_capsules(robot: Robot, bodies: set[int]) -> list[tuple[int, Array, 
     links = dict[int, list[int]]()
     for k, name in enumerate(robot.link_names):
         links.setdefault(model.frames[name].body, []).append(k)
-    rods = {body: _rods(robot, body, links, poses) for body in links}
-    longest = max(float(np.linalg.norm(end)) for own_rods in rods.values() for _, end in own_rods)
+    segments = {body: _segments_of_body(robot, body, links, poses) for body in links}
+    longest = 0.0
+    for own_segments in segments.values():
+        longest = max(longest, *(float(np.linalg.norm(end)) for _, end in own_segments))
     radius = min(_MAX_ASSUMED_RADIUS, _RADIUS_OF_LENGTH * longest)
     capsules = list[tuple[int, Array, float]]()
     for body in sorted(bodies):
-        k = links[body][0]
-        for start, end in rods[body]:
+        first_link = links[body][0]
+        for start, end in segments[body]:
             length = float(np.linalg.norm(end - start))
-            if body != BASE and length:
+            if body != BASE and length:  # the previous link ends at the joint
                 start = start + min(1.0, _START_OF_RADIUS * radius / length) * (end - start)
-            capsules.append((k, np.array([start, end]), radius))
+            capsules.append((first_link, np.array([start, end]), radius))
         if body != BASE and model.bodies[body].inertia.mass > 0:
-            capsules.append((k, np.array(2 * [model.bodies[body].inertia.com]), radius))
+            com = model.bodies[body].inertia.com
+            capsules.append((first_link, np.array([com, com]), radius))  # a sphere
     return capsules
 
 
-def _rods(robot: Robot, body: int, links: dict[int, list[int]], poses: Array) -> list[tuple[Array, Array]]:
-    """Segments between the origins of a body's links and of the next joints, each to the nearest one before it."""
+def _segments_of_body(robot: Robot, body: int, links: dict[int, list[int]], poses: Array) -> list[tuple[Array, Array]]:
+    """Segments that join the origins of a body's links and of the next joints, in the frame of its first link.
+
+    From near to far, each origin is joined to the nearest one before it.
+    """
     model = robot.model
-    children = [links[child][0] for child in links if child != BASE and model.bodies[child].parent == body]
+    child_links = [links[child][0] for child in links if child != BASE and model.bodies[child].parent == body]
     inverse = np.linalg.inv(poses[links[body][0]])
-    places = [(inverse @ poses[k])[:3, 3] for k in (*links[body], *children)]
-    if body != BASE and np.ptp(places, axis=0).max() <= _MAX_GAP_OF_ORIGINS and not children:
-        places.append(2.0 * np.asarray(model.bodies[body].inertia.com))  # a rod to twice the centre of mass
-    origins = [places[0]]
-    rods = []
-    for place in sorted(places[1:], key=lambda x: float(np.linalg.norm(x))):
-        distances = [float(np.linalg.norm(origin - place)) for origin in origins]
-        nearest = origins[int(np.argmin(distances))]
+    origins = [(inverse @ poses[k])[:3, 3] for k in (*links[body], *child_links)]
+    if body != BASE and not child_links and np.ptp(origins, axis=0).max() <= _MAX_GAP_OF_ORIGINS:
+        origins.append(2.0 * np.asarray(model.bodies[body].inertia.com))  # a rod to twice the centre of mass
+    joined = [origins[0]]
+    segments = []
+    for origin in sorted(origins[1:], key=lambda origin: float(np.linalg.norm(origin))):
+        distances = [float(np.linalg.norm(other - origin)) for other in joined]
+        nearest = joined[int(np.argmin(distances))]
         if min(distances) > _MAX_GAP_OF_ORIGINS:
-            origins.append(place)
-            rods.append((nearest, place))
-    return rods or [(places[0], places[0])]
+            joined.append(origin)
+            segments.append((nearest, origin))
+    return segments or [(origins[0], origins[0])]
 
 
 def _solids_of_one_role(shapes: LinkSolids) -> list[Solid]:
@@ -200,14 +210,14 @@ def _capsules_of(solids: Sequence[Solid]) -> list[tuple[Array, float]]:
     if len(capsules) < 2:
         return capsules
     ends, radius = capsule_around(np.concatenate([solid.points for solid in solids]))
-    radius += max(map(_bulge, solids))
-    single_volumes = sum(_volume(*capsule) for capsule in capsules)
-    if _volume(ends, radius) <= _MAX_VOLUME_RATIO * single_volumes:
+    radius += max(map(_facet_gap, solids))
+    sum_of_volumes = sum(_volume(*capsule) for capsule in capsules)
+    if _volume(ends, radius) <= _MAX_VOLUME_RATIO * sum_of_volumes:
         return [(ends, radius)]
     return capsules
 
 
-def _bulge(solid: Solid) -> float:
+def _facet_gap(solid: Solid) -> float:
     """Largest distance between a round surface and its facets [m]."""
     if solid.shape.kind in ("box", "mesh"):
         return 0.0
@@ -218,11 +228,11 @@ def _capsule_of(solid: Solid) -> tuple[Array, float]:
     """Segment (2, 3) and radius of the capsule around one shape."""
     shape = solid.shape
     if shape.kind in ("sphere", "capsule"):
-        half = 0.5 * shape.sizes[1] if shape.kind == "capsule" else 0.0
-        along = shape.pose[:3, 2] * half
-        return shape.pose[:3, 3] + np.array([-along, along]), shape.sizes[0]
+        half_length = 0.5 * shape.sizes[1] if shape.kind == "capsule" else 0.0
+        to_end = shape.pose[:3, 2] * half_length
+        return shape.pose[:3, 3] + np.array([-to_end, to_end]), shape.sizes[0]
     ends, radius = capsule_around(solid.points)
-    return ends, radius + _bulge(solid)
+    return ends, radius + _facet_gap(solid)
 
 
 def _volume(ends: Array, r: float) -> float:
@@ -238,6 +248,7 @@ def capsule_around(points: Array) -> tuple[Array, float]:
     size = float(np.ptp(points @ axes.T, axis=0).max()) or 1.0
 
     def capsule(x: Array, frame: Array) -> tuple[Array, float]:
+        """Smallest capsule on an axis: x is its tilt and its shift across the first axis of the frame."""
         u = frame[0] + x[0] * frame[1] + x[1] * frame[2]
         u /= np.linalg.norm(u)
         c = middle + size * (x[2] * frame[1] + x[3] * frame[2])
@@ -245,8 +256,8 @@ def capsule_around(points: Array) -> tuple[Array, float]:
         rho = np.linalg.norm(points - c - np.outer(t, u), axis=1)
         r = float(rho.max())
         reach = np.sqrt(np.maximum(r**2 - rho**2, 0.0))
-        low, high = float((t + reach).min()), float((t - reach).max())
-        if low > high:
+        low, high = float((t + reach).min()), float((t - reach).max())  # a and b
+        if low > high:  # a sphere suffices
             low = high = 0.5 * (low + high)
             r = float(np.linalg.norm(points - c - low * u, axis=1).max())
         return np.array([c + low * u, c + high * u]), r
@@ -255,7 +266,7 @@ def capsule_around(points: Array) -> tuple[Array, float]:
         return _volume(*capsule(x, frame))
 
     capsules = list[tuple[Array, float]]()
-    for k in range(3):
+    for k in range(3):  # from each principal axis, as the search finds local minima
         frame = np.roll(axes, -k, axis=0)
         optimum = minimize(
             volume, np.zeros(4), args=(frame,), method="Nelder-Mead", options={"maxiter": _MAX_ITERATIONS}
@@ -274,7 +285,7 @@ def capsule_around(points: Array) -> tuple[Array, float]:
 
 MARGIN = 0.02
 """Clearance [m] between capsules, and between capsules and the floor."""
-_SAMPLES = 200
+_SAMPLED_CONFIGURATIONS = 200
 Pullback = Callable[[Array], Array]
 """Function from weights of the results to the gradient of their weighted sum."""
 ALWAYS = 0.95
@@ -337,12 +348,14 @@ class CapsuleDistances:
         pairs = np.zeros((0, 2), int)
         if itself:
             pairs = capsules.separable_pairs(robot)
-        q, no_capsules = robot.random_configuration(0, _SAMPLES), np.zeros(0, int)
+        q, no_capsules = robot.random_configuration(0, _SAMPLED_CONFIGURATIONS), np.zeros(0, int)
         all_pairs = cls(robot, capsules, pairs, no_capsules, None, no_capsules, itself)
         distances = all_pairs.evaluate(q)[0]
         always_near = (distances < MARGIN).mean(axis=0) >= ALWAYS
-        by_construction = always_near if capsules.assumed else (distances <= 0.0).mean(axis=0) >= ALWAYS
-        # Pairs near by construction: their true shapes must not touch.
+        by_construction = (distances <= 0.0).mean(axis=0) >= ALWAYS
+        if capsules.assumed:
+            by_construction = always_near
+        # Other pairs that are always near keep no margin, but their shapes must not touch.
         margins = np.where(always_near, 0.0, MARGIN)[~by_construction]
         near_links = {(names[capsules.links[a]], names[capsules.links[b]]) for a, b in pairs[by_construction]}
         remarks = [
@@ -376,10 +389,13 @@ class CapsuleDistances:
         """
         ends = self.capsules.ends_in_base(self.robot.link_poses(q))
         (i, j), r = self.pairs.T, self.capsules.radii
-        middle, count = 0.5 * (ends[0] + ends[1]), len(self.pairs)
+        count = len(self.pairs)
+        # Lower bounds by bounding spheres first, then the true distances of near pairs.
+        middle = 0.5 * (ends[0] + ends[1])
         half = r + 0.5 * np.linalg.norm(self.capsules.ends[:, 1] - self.capsules.ends[:, 0], axis=1)
         d = middle[..., j] - middle[..., i]
-        distances, fractions = np.sqrt(_dot(d, d)) - half[i] - half[j], np.full((2, len(q), count), 0.5)
+        distances = np.sqrt(_dot(d, d)) - half[i] - half[j]
+        fractions = np.full((2, len(q), count), 0.5)  # of the nearest points along both segments
         rows, which = np.nonzero(distances < near)
         a, b = ends[:, :, rows, i[which]], ends[:, :, rows, j[which]]
         s, t = nearest_points(a, b)
@@ -394,15 +410,17 @@ class CapsuleDistances:
             rows, which = np.nonzero(weights[:, :count])
             a, b = ends[:, :, rows, i[which]], ends[:, :, rows, j[which]]
             s, t = fractions[:, rows, which]
-            a, b = a[0] + s * (a[1] - a[0]), b[0] + t * (b[1] - b[0])
-            n = (b - a) * weights[rows, which] / np.maximum(np.linalg.norm(b - a, axis=0), 1e-12)
-            low, end = np.nonzero(weights[:, count:])
-            above = np.tile(self.above, 2)[end]
-            up = np.outer([0.0, 0.0, 1.0], weights[low, count + end])
-            points = np.concatenate([a, b, ends[end // max(len(self.above), 1), :, low, above].T], axis=1)
+            p_a, p_b = a[0] + s * (a[1] - a[0]), b[0] + t * (b[1] - b[0])  # nearest points
+            n = (p_b - p_a) * weights[rows, which] / np.maximum(np.linalg.norm(p_b - p_a, axis=0), 1e-12)
+            # Columns after the pairs are heights: of the first ends of all capsules above, then of the second ends.
+            floor_rows, columns = np.nonzero(weights[:, count:])
+            above = np.tile(self.above, 2)[columns]
+            which_end = columns // max(len(self.above), 1)
+            up = np.outer([0.0, 0.0, 1.0], weights[floor_rows, count + columns])
+            points = np.concatenate([p_a, p_b, ends[which_end, :, floor_rows, above].T], axis=1)
             forces = np.concatenate([-n, n, up], axis=1)
             links = self.capsules.links[np.concatenate([i[which], j[which], above])]
-            return self._joint_forces(q, np.concatenate([rows, rows, low]), links, points, forces)
+            return self._joint_forces(q, np.concatenate([rows, rows, floor_rows]), links, points, forces)
 
         return distances, pullback
 

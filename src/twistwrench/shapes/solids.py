@@ -60,9 +60,10 @@ class LinkSolids:
     def uniform(self) -> SpatialInertia | None:
         """Inertia of the visuals, or else the colliders, as solids at 1 kg/m³; None without volume."""
         for role in ("visual", "collision"):
-            mine = [s.inertia for s in self.solids if s.shape.role == role and s.inertia is not None]
-            if mine:
-                return sum(mine, SpatialInertia.zero())
+            solids = [solid for solid in self.solids if solid.shape.role == role]
+            inertias = [solid.inertia for solid in solids if solid.inertia is not None]
+            if inertias:
+                return sum(inertias, SpatialInertia.zero())
         return None
 
     def tensor(self, mass: float) -> Array | None:
@@ -73,8 +74,8 @@ class LinkSolids:
 
     def box(self, axes: Array) -> tuple[Array, Array]:
         """Smallest and largest coordinates (3,) of the corners along axes (3, 3), columns in the link's frame [m]."""
-        along = self.points @ axes
-        return along.min(axis=0), along.max(axis=0)
+        coordinates = self.points @ axes
+        return coordinates.min(axis=0), coordinates.max(axis=0)
 
 
 @dataclass(eq=False)
@@ -98,37 +99,41 @@ class SolidReader:
         return LinkSolids(tuple(shapes), tuple(solids))
 
     def _solid(self, shape: ShapeSpec) -> Solid | None:
-        solid = self._mesh(shape) if shape.kind == "mesh" else _simple(shape.kind, shape.sizes)
-        if solid is None:
+        """Solid of a shape in the link's frame; None if it cannot be read."""
+        parts = self._mesh(shape) if shape.kind == "mesh" else _primitive_solid(shape.kind, shape.sizes)
+        if parts is None:
             return None
-        corners, inertia, walls = solid
+        corners, inertia, mesh_surface = parts
         points = corners @ shape.pose[:3, :3].T + shape.pose[:3, 3]
-        return Solid(shape, points, None if inertia is None else inertia.in_frame(shape.pose), walls)
+        if inertia is not None:
+            inertia = inertia.in_frame(shape.pose)
+        return Solid(shape, points, inertia, mesh_surface)
 
     def _mesh(self, shape: ShapeSpec) -> tuple[Array, SpatialInertia | None, surface.Surface] | None:
-        """Corners (n, 3) and hull of a mesh; None if it is missing or cannot be read."""
+        """Corners (n, 3) of the hull, its uniform solid, and the surface of a mesh; None if it cannot be read."""
         if shape.mesh not in self._hulls:
             self._hulls[shape.mesh] = self._hull(shape.mesh)
         hull = self._hulls[shape.mesh]
         if hull is None:
             return None
-        walls, corners = hull
-        corners = corners * np.asarray(shape.sizes)
-        return corners, hull_solid(corners), walls
+        mesh_surface, corners = hull
+        corners = corners * np.asarray(shape.sizes)  # the scale of the mesh
+        return corners, hull_solid(corners), mesh_surface
 
     def _hull(self, name: str) -> tuple[surface.Surface, Array] | None:
         """Surface of a mesh and the corners of its hull, in the units of the mesh."""
         if self.meshes is None:
             return None
         try:
-            walls = surface.joined([part for part, _ in self.meshes.read(name)])
+            mesh_surface = surface.joined([part for part, _ in self.meshes.read(name)])
         except (TwistWrenchError, OSError):
             return None
-        hull = convex_hull(walls.vertices)
-        return walls, walls.vertices if hull is None else hull[0]
+        hull = convex_hull(mesh_surface.vertices)
+        corners = mesh_surface.vertices if hull is None else hull[0]  # a flat mesh has no hull
+        return mesh_surface, corners
 
 
-def _simple(kind: str, sizes: tuple[float, ...]) -> tuple[Array, SpatialInertia, None] | None:
+def _primitive_solid(kind: str, sizes: tuple[float, ...]) -> tuple[Array, SpatialInertia, None] | None:
     """Corners and uniform solid at 1 kg/m³; None for unsupported kinds and for shapes without volume."""
     if not sizes or min(sizes) <= 0 or max(sizes) > 1e6 or kind not in _SOLIDS:
         return None
@@ -186,17 +191,18 @@ def nearest(tensor: Array, metric: str = "frobenius", reference: Array | None = 
     S = second_moments(tensor)
     if metric == "frobenius":
         return rotational_inertia(clip_eigenvalues(S, _MIN_SHARE_OF_MOMENT))
-    return rotational_inertia(_drawn_in(S, reference))
+    return rotational_inertia(_nearest_by_entropy(S, reference))
 
 
-def _drawn_in(S: Array, reference: Array | None) -> Array:
+def _nearest_by_entropy(S: Array, reference: Array | None) -> Array:
+    """Nearest second moments in the entropic metric: its minimum has the axes of X_0, so each eigenvalue is found alone."""
     size = max(abs(float(S.trace())), float(np.abs(S).max()), 1e-300)
-    shape = np.eye(3) * size / 3.0 if reference is None else second_moments(reference)
-    L = np.linalg.cholesky(clip_eigenvalues(shape, _MIN_SHARE_OF_MOMENT))
-    back = np.linalg.inv(L)
-    x, axes = np.linalg.eigh(back @ S @ back.T)
-    # x - x_0 + w (1 - 1/x) = 0
-    b = x - _DIVERGENCE_WEIGHT
+    S_reference = np.eye(3) * size / 3.0 if reference is None else second_moments(reference)
+    L = np.linalg.cholesky(clip_eigenvalues(S_reference, _MIN_SHARE_OF_MOMENT))
+    L_inverse = np.linalg.inv(L)
+    x_0, axes = np.linalg.eigh(L_inverse @ S @ L_inverse.T)
+    # The positive root of x - x_0 + w (1 - 1/x) = 0, that is x² - b x - w = 0 with b = x_0 - w
+    b = x_0 - _DIVERGENCE_WEIGHT
     x = np.maximum(0.5 * (b + np.sqrt(b * b + 4.0 * _DIVERGENCE_WEIGHT)), _MIN_SHARE_OF_MOMENT)
-    half = L @ axes
-    return np.asarray((half * x) @ half.T)
+    L_axes = L @ axes
+    return np.asarray((L_axes * x) @ L_axes.T)

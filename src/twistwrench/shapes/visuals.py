@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 GREY: Colour = (0.72, 0.75, 0.78)
 """Colour of shapes without a colour."""
 _Parts = list[tuple[Surface, Colour | None]]
+"""Surfaces of a shape, each with its own colour; None: the colour of the shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,64 +45,69 @@ def read_visuals(model: Model, role: Role = "visual") -> tuple[list[Visual], lis
             return [], [
                 f"{file} is xacro, so the robot is drawn from its inertia: {EXPAND} makes a file with its looks"
             ]
-        links = read_shapes(model, role)
+        link_shapes = read_shapes(model, role)
     except (ModelError, NotFoundError, OSError, ValueError):  # the file has changed since the robot was loaded
         return [], [f"{model.source} cannot be read again, so the robot is drawn from its inertia"]
-    surfaces = _Surfaces(MeshFiles(Path(file)))
+    reader = _SurfaceReader(MeshFiles(Path(file)))
     visuals = []
-    for link in links:
+    for link in link_shapes:
         for shape in link.parts:
-            for surface, colour in surfaces.of(shape):
-                visuals.append(Visual(link.link, surface, shape.pose, colour or shape.colour or GREY))
-    return visuals, surfaces.remarks()
+            for surface, surface_colour in reader.read(shape):
+                colour = surface_colour or shape.colour or GREY
+                visuals.append(Visual(link.link, surface, shape.pose, colour))
+    return visuals, reader.remarks()
 
 
-class _Surfaces:
-    """Surfaces of shapes, and problems in reading them by mesh name or element."""
+class _SurfaceReader:
+    """Reader of surfaces of shapes, which keeps the problems for the remarks."""
 
     def __init__(self, meshes: MeshFiles) -> None:
         self.meshes = meshes
-        self.scaled: dict[tuple[str, tuple[float, ...]], _Parts] = {}
-        self.lost: dict[str, str] = {}
-        self.problems: dict[str, str] = {}
+        self.scaled_meshes: dict[tuple[str, tuple[float, ...]], _Parts] = {}
+        self.mesh_problems: dict[str, str] = {}
+        self.shape_problems: dict[str, str] = {}
 
-    def of(self, shape: ShapeSpec) -> _Parts:
+    def read(self, shape: ShapeSpec) -> _Parts:
         """Surfaces of one shape, in its own frame."""
-        parts = self._scaled_mesh(shape) if shape.kind == "mesh" else []
+        # A mesh is read even if the shape is not drawn, since the remarks count all meshes.
+        mesh_parts = self._scaled_mesh(shape) if shape.kind == "mesh" else []
         if shape.problem:
-            self.problems[shape.element] = shape.problem
+            self.shape_problems[shape.element] = shape.problem
             return []
         if shape.kind == "mesh":
-            return parts
+            return mesh_parts
         return [(SIMPLE[shape.kind](*shape.sizes), None)]
 
     def _scaled_mesh(self, shape: ShapeSpec) -> _Parts:
+        """Surfaces of a mesh under the scale of the shape; equal ones are shared."""
         key = shape.mesh, shape.sizes
-        if key not in self.scaled:
-            self.scaled[key] = [(s.scaled(shape.sizes), colour) for s, colour in self._mesh(shape.mesh)]
-        return self.scaled[key]
+        if key not in self.scaled_meshes:
+            parts = self._mesh(shape.mesh)
+            self.scaled_meshes[key] = [(surface.scaled(shape.sizes), colour) for surface, colour in parts]
+        return self.scaled_meshes[key]
 
     def _mesh(self, name: str) -> _Parts:
+        """Surfaces of a mesh file; empty if it cannot be read, which is noted."""
         try:
             return self.meshes.read(name)
         except MissingExtraError:
-            self.lost[name] = f"needs 'trimesh', which is not installed: {MissingExtraError.advice('viz')}"
+            self.mesh_problems[name] = f"needs 'trimesh', which is not installed: {MissingExtraError.advice('viz')}"
         except ModelError as problem:
-            self.lost[name] = str(problem)
+            self.mesh_problems[name] = str(problem)
         return []
 
     def remarks(self) -> list[str]:
         """One sentence about meshes, one about other problems."""
         remarks = []
-        if self.lost:
-            name, problem = next(iter(self.lost.items()))
-            mesh_count = len({mesh for mesh, _ in self.scaled})
+        if self.mesh_problems:
+            name, problem = next(iter(self.mesh_problems.items()))
+            mesh_count = len({mesh for mesh, _ in self.scaled_meshes})
             remarks.append(
-                f"{len(self.lost)} of {mesh_count} meshes cannot be drawn, for example {name}: it {problem}. "
+                f"{len(self.mesh_problems)} of {mesh_count} meshes cannot be drawn, for example {name}: it {problem}. "
                 "Bodies left without one are drawn from their inertia"
             )
-        if self.problems:
-            first, *others = self.problems.values()
+        if self.shape_problems:
+            first, *others = self.shape_problems.values()
             more = f", and {len(others)} more" if others else ""
             remarks.append(f"Not shown of the file's appearance: {first.rstrip('.')}{more}")
         return remarks

@@ -64,10 +64,10 @@ class SizedJoint:
         """Sentence without a full stop for each exceeded limit, largest excess first."""
         shares: list[float] = []
         sentences: list[str] = []
-        for part in self._parts:
-            for demand in part[1].excess:
+        for kind, part in self._parts:
+            for demand in part.excess:
                 shares.append(demand.share)
-                sentences.append(_words(self.joint, part, demand))
+                sentences.append(_demand_sentence(self.joint, kind, part, demand))
         order = np.argsort(-np.array(shares), kind="stable")
         return tuple(sentences[k] for k in order)
 
@@ -75,26 +75,28 @@ class SizedJoint:
     def missing(self) -> tuple[str, ...]:
         """Sentence without a full stop for each part that lacks ratings."""
         sentences = []
-        for what, part in self._parts:
+        for kind, part in self._parts:
             if part.missing:
                 ratings = ", ".join(part.missing)
-                if "stall" not in part.missing[-1]:
+                if "stall" not in part.missing[-1]:  # the sentence on the stall torque is complete
                     ratings += " not given"
-                sentences.append(f"{self.joint}, {what} {part.name}: {ratings}")
+                sentences.append(f"{self.joint}, {kind} {part.name}: {ratings}")
         return tuple(sentences)
 
     @property
     def tightest(self) -> tuple[str, Demand]:
         """Demand nearest to its limit, with the name of its part."""
-        what, part = max(self._parts, key=lambda x: x[1].tightest.share)
-        return f"{what} {part.name}", part.tightest
+        kind, part = max(self._parts, key=lambda kind_and_part: kind_and_part[1].tightest.share)
+        return f"{kind} {part.name}", part.tightest
 
     @property
     def open(self) -> tuple[str, ...]:
-        """Sentence without a full stop for each demand of which noise of the log decides whether its limit is exceeded."""
+        """Sentence without a full stop for each demand that exceeds its limit or not, depending on noise of the log."""
         sentences = []
-        for part in self._parts:
-            sentences += [f"noise of the log decides: {_words(self.joint, part, demand)}" for demand in part[1].open]
+        for kind, part in self._parts:
+            for demand in part.open:
+                sentence = _demand_sentence(self.joint, kind, part, demand)
+                sentences.append(f"noise of the log decides: {sentence}")
         return tuple(sentences)
 
     @property
@@ -109,11 +111,12 @@ class SizedJoint:
 
     @property
     def _parts(self) -> tuple[tuple[str, SizedMotor | SizedGear], ...]:
+        """Parts of the drive, each after its kind."""
         return ("gear", self.gear), ("motor", self.motor)
 
 
-def _words(joint: str, part: tuple[str, SizedMotor | SizedGear], demand: Demand) -> str:
-    return f"{joint}, {part[0]} {part[1].name}: {demand.words}"
+def _demand_sentence(joint: str, kind: str, part: SizedMotor | SizedGear, demand: Demand) -> str:
+    return f"{joint}, {kind} {part.name}: {demand.words}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,23 +140,32 @@ class SizingProblem:
     states: Sequence[tuple[Array, Array, Array]]
     """q, dq and ddq at the nodes of the cycle, followed by those of equally likely cycles."""
     time: Array
+    """Times of the nodes [s]."""
     brake: bool
+    """True if brakes hold the joints in the pause, without torques of the motors."""
     holding: slice
+    """Nodes of the pause."""
     emergency: Motion | None
     friction: bool
     add_masses: bool
+    """True if the masses of motors and gears load the robot."""
     armed: tuple[str, ...]
     """Joints whose armature in the robot file is replaced by the rotors of the drives."""
     ambient: float
+    """Temperature of the surroundings [°C]."""
     life: float | None
     shared: bool
+    """True if all drives have one electrical supply."""
     doubts: tuple[str, ...] = ()
     """Reasons to be unsure of all loads."""
     bears: bool = False
     """True if a gear of the catalogue has limits of its bearing."""
 
     def with_drives(self, drives: Mapping[str, tuple[CatalogMotor, Gear]], probe: str | None = None) -> Robot:
-        """Robot with the drives as rotors with mass, and a rotor of 1 kg m² without a gear at ``probe``."""
+        """Robot with the drives as rotors with mass, and at the joint ``probe`` a rotor of 1 kg m² without a gear.
+
+        The probe shows the torque that a rotor at the joint needs, from which those of all candidates follow.
+        """
         entries: dict[str, Any] = {}
         for joint, (motor, gear) in drives.items():
             rotor = {
@@ -174,11 +186,12 @@ class SizingProblem:
         cycles = [self._cycle(robot, joint, states, self.time, self.holding) for states in self.states]
         if not self.bears:
             return cycles
-        bare = self.with_drives(_without(drives, joint))
-        with_bearing: list[Cycle] = []
+        robot_without_probe = self.with_drives(_other_drives(drives, joint))
+        cycles_with_bearing: list[Cycle] = []
         for cycle, states in zip(cycles, self.states, strict=True):
-            with_bearing.append(cycle._replace(bearing=_bearing(bare, joint, states)))
-        return with_bearing
+            loads = _bearing_loads_of(robot_without_probe, joint, states)
+            cycles_with_bearing.append(cycle._replace(bearing=loads))
+        return cycles_with_bearing
 
     def emergency_cycle(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Cycle | None:
         """Loads of a joint in the emergency; None without one."""
@@ -189,21 +202,23 @@ class SizingProblem:
         return self._cycle(robot, joint, (stop.q, stop.dq, stop.ddq), stop.time, slice(len(stop), None))
 
     def _with_probe(self, joint: str, drives: Mapping[str, tuple[CatalogMotor, Gear]]) -> Robot:
-        return self.with_drives(_without(drives, joint), probe=joint)
+        return self.with_drives(_other_drives(drives, joint), probe=joint)
 
     def _cycle(
         self, robot: Robot, joint: str, states: tuple[Array, Array, Array], time: Array, holding: slice
     ) -> Cycle:
         q, dq, ddq = states
         k = robot.model.velocity_names.index(joint)
-        carried, rotor = robot.drive_torques(q, dq, ddq)
-        torque = np.array(carried[:, k])
+        link_torques, rotor_torques = robot.drive_torques(q, dq, ddq)
+        torque = np.array(link_torques[:, k])
         if self.friction:
-            torque = torque + robot.friction_forces(moving(dq), load=carried)[:, k]
+            torque = torque + robot.friction_forces(moving(dq), load=link_torques)[:, k]
         if self.brake:
             torque[holding] = 0.0
-        mass = robot.mass_matrix(q)[:, k, k] - 1.0  # subtract the probe's inertia
-        return Cycle(time, np.diff(time), moving(dq[:, k]), torque, ddq[:, k], rotor[:, k] - ddq[:, k], mass)
+        # Subtract the probe: its inertia of 1 kg m², and the torque of its own acceleration.
+        mass = robot.mass_matrix(q)[:, k, k] - 1.0
+        rotor_torque = rotor_torques[:, k] - ddq[:, k]
+        return Cycle(time, np.diff(time), moving(dq[:, k]), torque, ddq[:, k], rotor_torque, mass)
 
     def size_joint(
         self, joint: str, drive: tuple[CatalogMotor, Gear], cycles: Sequence[Cycle], emergency: Cycle | None
@@ -227,14 +242,15 @@ class SizingProblem:
         return SizedJoint(joint, (entry.name, gear.name), entry.mass + gear.mass, motor_use, gear_use, cycles[0])
 
 
-def _without(drives: Mapping[str, tuple[CatalogMotor, Gear]], joint: str) -> dict[str, tuple[CatalogMotor, Gear]]:
+def _other_drives(drives: Mapping[str, tuple[CatalogMotor, Gear]], joint: str) -> dict[str, tuple[CatalogMotor, Gear]]:
     """Drives of all other joints."""
     others = dict(drives)
     others.pop(joint, None)
     return others
 
 
-def _bearing(robot: Robot, joint: str, states: tuple[Array, Array, Array]) -> dict[str, Array]:
+def _bearing_loads_of(robot: Robot, joint: str, states: tuple[Array, Array, Array]) -> dict[str, Array]:
+    """Loads of a joint's bearing over the nodes, by their kind."""
     loads = bearing_loads(robot, *states)
     k = loads.joints.index(joint)
     return {kind: getattr(loads, kind)[:, k] for kind in BEARINGS}
@@ -288,17 +304,18 @@ class Sizing(Answer):
 
         LOOK AGAIN if the log contradicts itself. A rating exceeded by a log whose rows are in doubt is not certain.
         """
-        own, report = self.of_drives, self.report
+        drive_verdict, report = self.of_drives, self.report
         if report is None:
-            return own
+            return drive_verdict
         refusals = contradictions(report)
         if refusals:
             return Verdict.from_reasons(look_again=refusals)
         row_doubts = rows_in_doubt(report)
-        if row_doubts and own.word is Word.OVER_LIMIT:
-            own = Verdict.from_reasons(unsure=[f"{condition_of_excesses(report)} {Word.OVER_LIMIT}: {own.reasons[0]}"])
+        if row_doubts and drive_verdict.word is Word.OVER_LIMIT:
+            doubt = f"{condition_of_excesses(report)} {Word.OVER_LIMIT}: {drive_verdict.reasons[0]}"
+            drive_verdict = Verdict.from_reasons(unsure=[doubt])
         other_doubts = [text for text in log_doubts(report) if text not in row_doubts]
-        return Verdict.from_reasons(unsure=[*row_doubts, *other_doubts]).joined(own)
+        return Verdict.from_reasons(unsure=[*row_doubts, *other_doubts]).joined(drive_verdict)
 
     @cached_property
     def of_drives(self) -> Verdict:
@@ -313,8 +330,9 @@ class Sizing(Answer):
         for joint in self._joints_by_share:
             over += joint.excess
             unsure += [*joint.open, *joint.missing]
-        if base_doubts(self.problem.robot.model):  # other torques are those of a robot that stands
-            over, unsure = [], [*map(hanging_excess, over[:1]), *unsure]
+        if base_doubts(self.problem.robot.model):  # nothing holds the base: torques differ if the robot stands
+            unsure = [*map(hanging_excess, over[:1]), *unsure]
+            over = []
         return Verdict.from_reasons(over=over, unsure=[*self.problem.doubts, *unsure])
 
     # ── The answer on every surface
@@ -389,20 +407,23 @@ class Sizing(Answer):
         columns = "joint", "part", "name", "figure", "value", "limit", "unit", "share"
         with csv_table(path, columns) as table:
             for joint in self.joints.values():
-                for what, part in (("gear", joint.gear), ("motor", joint.motor)):
-                    for d in part.demands:
-                        limit, share = _finite_or_none(d.limit), _finite_or_none(d.share)
-                        table.row([joint.joint, what, part.name, d.what, d.value, limit, d.unit, share])
+                parts: list[tuple[str, SizedMotor | SizedGear]] = [("gear", joint.gear), ("motor", joint.motor)]
+                for kind, part in parts:
+                    for demand in part.demands:
+                        limit, share = _finite_or_none(demand.limit), _finite_or_none(demand.share)
+                        names = joint.joint, kind, part.name
+                        table.row([*names, demand.what, demand.value, limit, demand.unit, share])
         return Path(path)
 
     @property
     def _joints_by_share(self) -> list[SizedJoint]:
-        return sorted(self.joints.values(), key=lambda one: -one.tightest[1].share)
+        """Joints by the share of their tightest limit, largest first."""
+        return sorted(self.joints.values(), key=lambda joint: -joint.tightest[1].share)
 
     @property
     def mass(self) -> float:
         """Mass of all drives [kg]."""
-        return sum(one.mass for one in self.joints.values())
+        return sum(joint.mass for joint in self.joints.values())
 
     def choose(self) -> Sizing:
         """Smallest drives of the catalogue, by mass, then price, then torque.
@@ -414,8 +435,9 @@ class Sizing(Answer):
         -------
         sizing : Sizing, with all chosen drives on the robot
         """
-        names = tuple(self.joints) + tuple(n for n, c in self.choice.items() if not c.drive)
-        return replace(_choose_drives(self.problem, self.catalog, names), motion=self.motion, report=self.report)
+        without_drive = [name for name, chosen in self.choice.items() if not chosen.drive]
+        sizing = _choose_drives(self.problem, self.catalog, (*self.joints, *without_drive))
+        return replace(sizing, motion=self.motion, report=self.report)
 
     def actuators(self) -> dict[str, Any]:
         """Drives as entries of an actuator file; docs/actuation.md shows one.
@@ -426,7 +448,7 @@ class Sizing(Answer):
         """
         entries: dict[str, Any] = {}
         for name, joint in self.joints.items():
-            entries[name] = _entry(self.catalog, joint.drive, self.problem.add_masses)
+            entries[name] = _actuator_entry(self.catalog, joint.drive, self.problem.add_masses)
             if name in self.problem.armed:
                 entries[name]["reflected_inertia"] = "0 kg m^2"
         return {"actuators": entries}
@@ -455,32 +477,37 @@ class Sizing(Answer):
 
 
 def _finite_or_none(value: float) -> float | None:
+    """Value, or None if it is infinite, which a table leaves empty."""
     if math.isfinite(value):
         return value
     return None
 
 
-def _exact(value: float) -> str:
+def _shortest_decimal(value: float) -> str:
     """Shortest decimal from which the number is read again."""
     return repr(float(value))
 
 
-def _entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str, Any]:
+def _actuator_entry(catalog: Catalog, pair: Pair, add_masses: bool) -> dict[str, Any]:
+    """Entry of an actuator file for a drive of the catalogue."""
     entry, gear = catalog.pair(pair)
     motor, thermal = entry.motor, entry.motor.thermal
-    motor_content: dict[str, Any] = _finite_values(motor, {name: si_unit(row.kind) for name, row in RATINGS.items()})
+    rating_units = {name: si_unit(rating.kind) for name, rating in RATINGS.items()}
+    motor_content: dict[str, Any] = _finite_values(motor, rating_units)
     if thermal is not None:
-        units = {"winding_housing": "K/W", "housing_ambient": "K/W", "winding_time": "s", "housing_time": "s",
-                 "maximum": "degC"}  # fmt: skip
-        own = {"coefficient": thermal.coefficient, "reference": f"{_exact(thermal.reference)} degC"}
-        motor_content["thermal"] = _finite_values(thermal, units) | own
+        thermal_units = {"winding_housing": "K/W", "housing_ambient": "K/W", "winding_time": "s", "housing_time": "s",
+                         "maximum": "degC"}  # fmt: skip
+        thermal_content = _finite_values(thermal, thermal_units)
+        thermal_content["coefficient"] = thermal.coefficient
+        thermal_content["reference"] = f"{_shortest_decimal(thermal.reference)} degC"
+        motor_content["thermal"] = thermal_content
     content: dict[str, Any] = {"ratio": gear.ratio, "efficiency": gear.efficiency, "motor": motor_content}
     if gear.no_load_torque:
-        content["no_load_torque"] = f"{_exact(gear.no_load_torque)} N m"
+        content["no_load_torque"] = f"{_shortest_decimal(gear.no_load_torque)} N m"
     mass = (entry.mass + gear.mass) * add_masses
     if entry.inertia or mass:
-        inertia = f"{_exact(entry.inertia or _UNKNOWN_ROTOR_INERTIA)} kg m^2"
-        content["rotor"] = {"inertia": inertia, "extra": True, "mass": f"{_exact(mass)} kg"}
+        inertia = f"{_shortest_decimal(entry.inertia or _UNKNOWN_ROTOR_INERTIA)} kg m^2"
+        content["rotor"] = {"inertia": inertia, "extra": True, "mass": f"{_shortest_decimal(mass)} kg"}
     return content
 
 
@@ -490,7 +517,7 @@ def _finite_values(part: object, units: Mapping[str, str]) -> dict[str, Any]:
     for name, unit in units.items():
         value = getattr(part, name)
         if math.isfinite(value):
-            values[name] = f"{_exact(value)} {unit}"
+            values[name] = f"{_shortest_decimal(value)} {unit}"
     return values
 
 
@@ -510,15 +537,26 @@ def sizing_of(
 ) -> Sizing:
     """Sizing for the states of a motion followed by the pause; smallest drives if the catalogue names none."""
     names = drive_joints(robot, catalog)
-    armed = _with_armature(robot, names)
     bare = bare_robot(robot, names)
-    cycles, time, holding = _with_pause([states.motion, *states.draws], pause)
+    cycle_states, time, holding = _with_pause([states.motion, *states.draws], pause)
     problem = SizingProblem(
-        bare, cycles, time, brake, holding, emergency, friction, add_masses, armed, ambient, life, shared_supply,
-        tuple(_doubts(bare, states.motion)), catalog.bears,
-    )  # fmt: skip
+        robot=bare,
+        states=cycle_states,
+        time=time,
+        brake=brake,
+        holding=holding,
+        emergency=emergency,
+        friction=friction,
+        add_masses=add_masses,
+        armed=_with_armature(robot, names),
+        ambient=ambient,
+        life=life,
+        shared=shared_supply,
+        doubts=tuple(_load_doubts(bare, states.motion)),
+        bears=catalog.bears,
+    )
     if catalog.drives:
-        sizing = _sizing(problem, catalog, catalog.drives, {})
+        sizing = _size_drives(problem, catalog, catalog.drives, {})
     else:
         sizing = _choose_drives(problem, catalog, names)
     return replace(sizing, motion=states.motion)
@@ -526,8 +564,21 @@ def sizing_of(
 
 def sizing_refused(robot: Robot, catalog: Catalog, report: TorqueReport) -> Sizing:
     """Sizing without drives, for a log that contradicts itself."""
-    still = SizingProblem(robot, (), np.array([0.0, 1.0]), False, slice(0, 0), None, True, True, (), 25.0, None, True)
-    return replace(_sizing(still, catalog, {}, {}), report=report)
+    without_cycle = SizingProblem(
+        robot,
+        states=(),
+        time=np.array([0.0, 1.0]),
+        brake=False,
+        holding=slice(0, 0),
+        emergency=None,
+        friction=True,
+        add_masses=True,
+        armed=(),
+        ambient=25.0,
+        life=None,
+        shared=True,
+    )
+    return replace(_size_drives(without_cycle, catalog, {}, {}), report=report)
 
 
 def drive_joints(robot: Robot, catalog: Catalog) -> tuple[str, ...]:
@@ -565,11 +616,11 @@ class _Peak(NamedTuple):
     uncertainty: float = 0.0
 
 
-def _doubts(robot: Robot, motion: Motion) -> list[str]:
+def _load_doubts(robot: Robot, motion: Motion) -> list[str]:
     """Reasons to be unsure of the loads of a robot: links without mass, and a base that nothing holds."""
     peaks = np.abs(robot.inverse_dynamics(motion.q, motion.dq, motion.ddq)).max(axis=0)
     units = units_of("tau", Coordinates.from_model(robot.model).angular_velocity)
-    joint_peaks = [_Peak(float(x), unit) for x, unit in zip(peaks, units, strict=True)]
+    joint_peaks = [_Peak(float(peak), unit) for peak, unit in zip(peaks, units, strict=True)]
     return [*base_doubts(robot.model), *model_warnings(robot.model, joint_peaks)]
 
 
@@ -577,7 +628,7 @@ def _with_pause(motions: Sequence[Motion], pause: float) -> tuple[list[tuple[Arr
     """States of each motion followed by the pause, their times, and the nodes of the pause."""
     n, time = len(motions[0]), motions[0].time - motions[0].time[0]
     if pause == 0:
-        return [(one.q, one.dq, one.ddq) for one in motions], time, slice(n, n)
+        return [(motion.q, motion.dq, motion.ddq) for motion in motions], time, slice(n, n)
     zeros = np.zeros((2, motions[0].dq.shape[1]))
     states = []
     for motion in motions:
@@ -586,65 +637,69 @@ def _with_pause(motions: Sequence[Motion], pause: float) -> tuple[list[tuple[Arr
     return states, np.append(time, [time[-1], time[-1] + pause]), slice(n, n + 2)
 
 
-def _sizing(
+def _size_drives(
     problem: SizingProblem, catalog: Catalog, drives: Mapping[str, Pair], choice: Mapping[str, Chosen]
 ) -> Sizing:
     """Sizing of all drives."""
-    parts = {name: catalog.pair(pair) for name, pair in drives.items()}
+    motor_and_gear = {name: catalog.pair(pair) for name, pair in drives.items()}
     joints: dict[str, SizedJoint] = {}
-    for name, drive in parts.items():
-        cycles, emergency = problem.cycles(name, parts), problem.emergency_cycle(name, parts)
+    for name, drive in motor_and_gear.items():
+        cycles, emergency = problem.cycles(name, motor_and_gear), problem.emergency_cycle(name, motor_and_gear)
         joints[name] = problem.size_joint(name, drive, cycles, emergency)
     left_out = tuple(name for name in problem.robot.model.velocity_names if name not in joints)
-    powers = [joint.motor.power for joint in joints.values()] or [np.zeros(len(problem.time))]
+    powers = [joint.motor.power for joint in joints.values()]
+    if not powers:
+        powers = [np.zeros(len(problem.time))]
     supply = supply_of(powers, np.diff(problem.time), shared=problem.shared)
     return Sizing(joints, supply, catalog, choice, left_out, problem)
 
 
 def _choose_drives(problem: SizingProblem, catalog: Catalog, names: Iterable[str]) -> Sizing:
     """Smallest drive of each joint, from tip to base, then the sizing with all of them on the robot."""
-    order = [n for n in reversed(problem.robot.model.velocity_names) if n in set(names)]
-    parts: dict[str, tuple[CatalogMotor, Gear]] = {}
+    sized_names = set(names)
+    from_tip = [name for name in reversed(problem.robot.model.velocity_names) if name in sized_names]
+    chosen_parts: dict[str, tuple[CatalogMotor, Gear]] = {}
     choice: dict[str, Chosen] = {}
-    for joint in order:
-        chosen = _smallest(problem, catalog, joint, parts)
+    for joint in from_tip:
+        chosen = _smallest_drive(problem, catalog, joint, chosen_parts)
         choice[joint] = chosen
         if chosen.drive is not None:
-            parts[joint] = catalog.pair(chosen.drive)
+            chosen_parts[joint] = catalog.pair(chosen.drive)
     from_base = dict(reversed(choice.items()))
     drives = {name: chosen.drive for name, chosen in from_base.items() if chosen.drive}
-    return _sizing(problem, catalog, drives, from_base)
+    return _size_drives(problem, catalog, drives, from_base)
 
 
-def _smallest(
-    problem: SizingProblem, catalog: Catalog, joint: str, parts: Mapping[str, tuple[CatalogMotor, Gear]]
+def _smallest_drive(
+    problem: SizingProblem, catalog: Catalog, joint: str, chosen_parts: Mapping[str, tuple[CatalogMotor, Gear]]
 ) -> Chosen:
-    """Smallest pair that certainly does it, else the smallest that may; pairs are tried by their size."""
-    cycles, stop = problem.cycles(joint, parts), problem.emergency_cycle(joint, parts)
+    """Smallest pair that is certainly sufficient, else the smallest that may be; pairs are tried by their size."""
+    cycles, emergency = problem.cycles(joint, chosen_parts), problem.emergency_cycle(joint, chosen_parts)
     trials: list[tuple[Pair, SizedJoint]] = []
-    sure = False
+    ends_with_sure_pair = False
     for pair in sorted(catalog.pairs, key=catalog.size):
-        trial = problem.size_joint(joint, catalog.pair(pair), cycles, stop)
+        trial = problem.size_joint(joint, catalog.pair(pair), cycles, emergency)
         trials.append((pair, trial))
         if trial.sure:
-            sure = True
+            ends_with_sure_pair = True
             break
     fitting = [k for k, (_, trial) in enumerate(trials) if trial.fits]
     if not fitting:
         return Chosen(joint, None, None)
     rivals: list[Pair] = []
-    k = fitting[0]
-    if sure:
-        k = fitting[-1]
-        for i in fitting[:-1]:
-            pair, trial = trials[i]
+    chosen_trial = fitting[0]
+    if ends_with_sure_pair:
+        chosen_trial = fitting[-1]
+        for k in fitting[:-1]:
+            pair, trial = trials[k]
             if not trial.missing:
                 rivals.append(pair)
     smaller = None
-    if k:
-        pair, trial = trials[k - 1]
-        smaller = pair, (trial.excess or trial.open or trial.missing)[0]
-    return Chosen(joint, trials[k][0], smaller, tuple(rivals))
+    if chosen_trial > 0:
+        pair, trial = trials[chosen_trial - 1]
+        reasons = trial.excess or trial.open or trial.missing
+        smaller = pair, reasons[0]
+    return Chosen(joint, trials[chosen_trial][0], smaller, tuple(rivals))
 
 
 def drive_name(pair: Pair) -> str:
@@ -665,7 +720,7 @@ def smallest_drives(now: Sizing, best: Sizing) -> list[str]:
         if chosen is None:
             lines.append(f"{name}: no pair of the catalogue does it")
         else:
-            added = best.joints[name].mass - joint.mass
-            sign = "+" if added >= 0 else "-"
-            lines.append(f"{name}: smallest that does it: {drive_name(chosen)} ({sign}{number(abs(added))} kg)")
+            added_mass = best.joints[name].mass - joint.mass
+            sign = "+" if added_mass >= 0 else "-"
+            lines.append(f"{name}: smallest that does it: {drive_name(chosen)} ({sign}{number(abs(added_mass))} kg)")
     return lines

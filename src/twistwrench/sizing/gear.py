@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import compress
 
 import numpy as np
 
@@ -14,8 +13,8 @@ from ..mechanics.model.limits import BEARING_UNITS
 from ..reports.motors import Demand
 from .cycle import RPM, Cycle, DrivePart, between
 
-_EVENTS = 1e4
-"""Twice the turns of the wave generator that a strain-wave gear survives under a momentary peak torque."""
+_MOMENTARY_TURNS = 1e4
+"""Twice the turns of the wave generator under momentary peak torques in the life of a strain-wave gear."""
 KINDS = {"strain_wave": 3.0, "planetary": 3.0, "direct": math.nan}
 """Kinds of gears, with the usual exponent of the mean torque."""
 
@@ -70,7 +69,10 @@ def average_torque(torque: Array, speed: Array, duration: Array, exponent: float
     """
     turned = np.abs(speed) * duration
     total = float(turned.sum())
-    return float((turned @ np.abs(torque) ** exponent / total) ** (1 / exponent)) if total > 0 else math.nan
+    if total == 0.0:
+        return math.nan
+    mean_of_powers = turned @ np.abs(torque) ** exponent / total
+    return float(mean_of_powers ** (1 / exponent))
 
 
 def average_speed(speed: Array, duration: Array) -> float:
@@ -89,7 +91,7 @@ def life_hours(gear: Gear, torque: float, speed: float) -> float:
 def emergency_events(speed: float, duration: float, ratio: float) -> float:
     """Emergency stops that a strain-wave gear survives at an output speed [rad/s]: 10⁴ / (2 n R t)."""
     turns = speed / (2 * math.pi) * ratio * duration
-    return _EVENTS / (2 * turns) if turns else math.inf
+    return _MOMENTARY_TURNS / (2 * turns) if turns else math.inf
 
 
 @dataclass(frozen=True)
@@ -108,48 +110,64 @@ class SizedGear(DrivePart):
 def sized_gear(
     gear: Gear, cycle: Cycle, life: float | None = None, emergency: Cycle | None = None, *, weighs: bool = False
 ) -> SizedGear:
-    """Loads of a gear over a cycle and an emergency; ``life`` is the required life [h]; ``weighs``: its mass is a load."""
+    """Loads of a gear over a cycle and an emergency.
+
+    ``life`` is the required life [h]; if it ``weighs``, its mass loads the robot, and an unknown mass is reported.
+    """
     torque, speed = between(np.abs(cycle.torque)), between(np.abs(cycle.speed))
-    mean = average_torque(torque, speed, cycle.duration, gear.mean_exponent)
-    turning = np.abs(cycle.speed * gear.ratio)
-    mean_in, peak = average_speed(gear.ratio * speed, cycle.duration), int(np.abs(cycle.torque).argmax())
-    peak_torque, fast = float(np.abs(cycle.torque[peak])), int(turning.argmax())
-    hours, unknown = _life(gear, mean, mean_in)
+    mean_torque = average_torque(torque, speed, cycle.duration, gear.mean_exponent)
+    mean_input_speed = average_speed(gear.ratio * speed, cycle.duration)
+    peak = int(np.abs(cycle.torque).argmax())
+    peak_torque = float(np.abs(cycle.torque[peak]))
+    input_speed = np.abs(cycle.speed * gear.ratio)
+    fastest = int(input_speed.argmax())
+    gear_life, missing_for_life = _life(gear, mean_torque, mean_input_speed)
     demands = [
         Demand("peak torque", peak_torque, gear.repeated_peak, "N m", float(cycle.time[peak])),
-        Demand("average input speed", mean_in / RPM, gear.average_speed / RPM, "rpm"),
-        Demand("input speed", turning[fast] / RPM, gear.maximum_speed / RPM, "rpm", float(cycle.time[fast])),
+        Demand("average input speed", mean_input_speed / RPM, gear.average_speed / RPM, "rpm"),
+        Demand("input speed", input_speed[fastest] / RPM, gear.maximum_speed / RPM, "rpm", float(cycle.time[fastest])),
     ]
-    if mean > 0:
-        demands.insert(0, Demand("average torque", mean, gear.average_torque, "N m"))
+    if mean_torque > 0:
+        demands.insert(0, Demand("average torque", mean_torque, gear.average_torque, "N m"))
     if life is not None and gear.kind != "direct":
-        demands.append(Demand("life wanted", life, hours, "h"))
+        demands.append(Demand("life wanted", life, gear_life, "h"))
     if emergency is not None:
         worst = int(np.abs(emergency.torque).argmax())
-        shock = float(np.abs(emergency.torque[worst]))
-        demands.append(Demand("emergency torque", shock, gear.momentary_peak, "N m", float(emergency.time[worst])))
+        emergency_torque, time = float(np.abs(emergency.torque[worst])), float(emergency.time[worst])
+        demands.append(Demand("emergency torque", emergency_torque, gear.momentary_peak, "N m", time))
     for kind, loads in cycle.bearing.items():
         limit = getattr(gear, kind)
         if math.isfinite(limit):
-            at, what = int(loads.argmax()), "moment" if kind == "tilting" else "force"
-            load, unit = float(loads[at]), BEARING_UNITS[kind]
-            demands.append(Demand(f"{kind} {what} of its bearing", load, limit, unit, float(cycle.time[at])))
+            largest = int(loads.argmax())
+            name = f"{kind} moment of its bearing" if kind == "tilting" else f"{kind} force of its bearing"
+            load, time = float(loads[largest]), float(cycle.time[largest])
+            demands.append(Demand(name, load, limit, BEARING_UNITS[kind], time))
     ratings = ["average_torque", "repeated_peak", "average_speed", "maximum_speed"]
     if emergency is not None:
         ratings.append("momentary_peak")
     missing = [name for name in ratings if not math.isfinite(getattr(gear, name))]
-    matters = {
-        "efficiency": True,
-        "no_load_torque": True,
-        "mass": weighs,
-        "mean_exponent": gear.kind == "planetary" and mean > 0 and over_limit(peak_torque / gear.average_torque),
-    }
-    missing += [name for name in compress(matters, matters.values()) if name in gear.unstated]
+    relevant = ["efficiency", "no_load_torque"]
+    if weighs:
+        relevant.append("mass")
+    # Below its limit at the peak, the mean torque is below it for every exponent.
+    if gear.kind == "planetary" and mean_torque > 0 and over_limit(peak_torque / gear.average_torque):
+        relevant.append("mean_exponent")
+    missing += [name for name in relevant if name in gear.unstated]
     if life is not None:
-        missing += unknown
+        missing += missing_for_life
     if gear.kind == "direct":
         missing = []
-    return SizedGear(gear.name, tuple(demands), tuple(missing), mean, peak_torque, mean_in, float(turning[fast]), hours)
+    max_input_speed = float(input_speed[fastest])
+    return SizedGear(
+        gear.name,
+        tuple(demands),
+        tuple(missing),
+        mean_torque,
+        peak_torque,
+        mean_input_speed,
+        max_input_speed,
+        gear_life,
+    )
 
 
 def _life(gear: Gear, torque: float, speed: float) -> tuple[float, tuple[str, ...]]:
@@ -163,4 +181,6 @@ def _life(gear: Gear, torque: float, speed: float) -> tuple[float, tuple[str, ..
     if gear.kind == "strain_wave":
         return life_hours(gear, torque, speed), ()
     within = torque <= gear.rated_torque and speed <= gear.rated_speed
-    return (gear.life, ()) if within else (math.inf, ("life beyond the rated torque and speed",))
+    if within:
+        return gear.life, ()
+    return math.inf, ("life beyond the rated torque and speed",)

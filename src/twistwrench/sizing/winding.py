@@ -1,4 +1,7 @@
-"""Winding temperature by the Maxon academy's Formulae Handbook: two thermal masses; exact, since linear in each segment."""
+"""Winding temperature by the Maxon academy's Formulae Handbook, with two thermal masses.
+
+The differential equations are linear in each segment of constant mean squared current, so their solution is exact.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,17 @@ from ..mechanics.model.actuators import Thermal
 
 
 def transitions(thermal: Thermal, resistance: float, squares: Array, duration: Array, ambient: float) -> Array:
-    """Transition matrices (m, 3, 3) of (winding, housing, 1) above ambient through each segment, for mean squared currents.
+    """Transition matrices (m, 3, 3) of (θ_w, θ_h, 1) through each segment, for mean squared currents (m,) [A²].
 
-    C_w dθ_w/dt = R (1 + α (T_w - T_0)) i² - (θ_w - θ_h) / R_wh, C_h dθ_h/dt = (θ_w - θ_h) / R_wh - θ_h / R_ha. A single
-    thermal mass is the winding; the housing is then a separate entry that cools alone.
+    θ = T - T_ambient of winding and housing obeys
+
+        C_w dθ_w/dt = R (1 + α (T_w - T_0)) i² - (θ_w - θ_h) / R_wh,
+        C_h dθ_h/dt = (θ_w - θ_h) / R_wh - θ_h / R_ha.
+
+    In the code this is dθ/dt = [a, b; c, d] θ + (R cold i² / C_w, 0) with cold = 1 + α (T_ambient - T_0). A single thermal
+    mass is the winding; the housing is then a separate entry that cools alone.
     """
-    R, alpha, heat = resistance, thermal.coefficient, np.asarray(squares, float)
+    R, alpha, heat = resistance, thermal.coefficient, np.asarray(squares, float)  # heat: i²
     cold = 1 + alpha * (ambient - thermal.reference)
     if thermal.winding_housing:
         R_w, R_h = thermal.winding_housing, thermal.housing_ambient
@@ -27,23 +35,29 @@ def transitions(thermal: Thermal, resistance: float, squares: Array, duration: A
         C_w = thermal.housing_time / thermal.housing_ambient
         a, b, c = (R * alpha * heat - 1 / thermal.housing_ambient) / C_w, 0.0, 0.0
         d = a - 1 / thermal.housing_time
+    # A = middle 1 + traceless, whose square is distance² 1; so the eigenvalues of A are middle ± distance.
     middle, distance = 0.5 * (a + d), np.sqrt((0.5 * (a - d)) ** 2 + b * c)
     half = 0.5 * (a - d)
-    skew = np.stack([np.stack([half, np.full_like(half, b)], -1), np.stack([np.full_like(half, c), -half], -1)], -2)
+    upper_row = np.stack([half, np.full_like(half, b)], -1)
+    lower_row = np.stack([np.full_like(half, c), -half], -1)
+    traceless = np.stack([upper_row, lower_row], -2)
 
-    def matrix_function(first: Array, second: Array) -> Array:
-        """Matrix function from its values at the two eigenvalues."""
-        plain = 0.5 * (first + second)[:, None, None] * np.eye(2)
-        return np.asarray(plain + (0.5 * (first - second) / distance)[:, None, None] * skew)
+    def matrix_function(at_larger: Array, at_smaller: Array) -> Array:
+        """Function f(A) from its values at the two eigenvalues."""
+        mean = 0.5 * (at_larger + at_smaller)[:, None, None] * np.eye(2)
+        return np.asarray(mean + (0.5 * (at_larger - at_smaller) / distance)[:, None, None] * traceless)
 
-    larger, smaller = middle + distance, middle - distance  # eigenvalues
+    def integral_of_exp(eigenvalue: Array) -> Array:
+        """∫ exp(λ t) dt over the duration, which is the duration itself for λ = 0."""
+        exponent = eigenvalue * duration
+        return np.where(np.abs(exponent) > 1e-12, np.expm1(exponent) / eigenvalue, duration)
+
+    larger, smaller = middle + distance, middle - distance
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        steps = [
-            np.where(np.abs(x * duration) > 1e-12, np.expm1(x * duration) / x, duration) for x in (larger, smaller)
-        ]
         matrices = np.zeros((len(heat), 3, 3))
         matrices[:, :2, :2] = matrix_function(np.exp(larger * duration), np.exp(smaller * duration))
-        matrices[:, :2, 2] = matrix_function(*steps)[:, :, 0] * (R * cold * heat / C_w)[:, None]
+        response = matrix_function(integral_of_exp(larger), integral_of_exp(smaller))
+        matrices[:, :2, 2] = response[:, :, 0] * (R * cold * heat / C_w)[:, None]
     matrices[:, 2, 2] = 1.0
     return matrices
 
@@ -60,20 +74,25 @@ def periodic_temperatures(
     cycle = from_start[-1]
     if not np.isfinite(cycle).all() or np.abs(np.linalg.eigvals(cycle[:2, :2])).max() >= 1:
         return np.full((len(squares) + 1, 2), np.inf)
+    # The state after the cycle equals the one before it: θ = A θ + b.
     state = np.append(np.linalg.solve(np.eye(2) - cycle[:2, :2], cycle[:2, 2]), 1.0)
     return np.asarray(np.vstack([state, from_start @ state]))[:, :2] + ambient
 
 
-def _cumulative(each: Array) -> Array:
-    """Products each[k] ··· each[0] of matrices (m, 3, 3), from those of pairs: as many steps as m has binary digits."""
-    if len(each) == 1:
-        return each
-    even = len(each) // 2 * 2
+def _cumulative(matrices: Array) -> Array:
+    """Products matrices[k] ··· matrices[0] for each k, (m, 3, 3); the number of array operations grows with log2 m.
+
+    Products up to odd k are those of the matrices multiplied in pairs; those up to even k need one more factor.
+    """
+    if len(matrices) == 1:
+        return matrices
+    even_count = len(matrices) // 2 * 2
     with np.errstate(over="ignore", invalid="ignore"):
-        pairs = _cumulative(each[1:even:2] @ each[:even:2])
-        products = np.empty_like(each)
-        products[0], products[1:even:2] = each[0], pairs
-        products[2::2] = each[2::2] @ pairs[: len(each[2::2])]
+        up_to_odd = _cumulative(matrices[1:even_count:2] @ matrices[:even_count:2])
+        products = np.empty_like(matrices)
+        products[0] = matrices[0]
+        products[1:even_count:2] = up_to_odd
+        products[2::2] = matrices[2::2] @ up_to_odd[: len(matrices[2::2])]
     return products
 
 
@@ -85,10 +104,12 @@ def runaway_current(thermal: Thermal, resistance: float) -> float:
 
 def allowed_current(thermal: Thermal, resistance: float, ambient: float) -> float:
     """Constant current [A] at which the winding reaches its maximum temperature."""
-    hot = resistance * (1 + thermal.coefficient * (thermal.maximum - thermal.reference))
-    warmer = thermal.maximum - ambient
-    if not warmer > 0 or hot == 0:
-        return 0.0 if warmer <= 0 else math.inf
-    if math.isinf(warmer):
+    hot_resistance = resistance * (1 + thermal.coefficient * (thermal.maximum - thermal.reference))
+    allowed_rise = thermal.maximum - ambient
+    if allowed_rise <= 0:
+        return 0.0
+    if math.isnan(allowed_rise) or hot_resistance == 0:
+        return math.inf
+    if math.isinf(allowed_rise):
         return runaway_current(thermal, resistance)
-    return math.sqrt(warmer / ((thermal.winding_housing + thermal.housing_ambient) * hot))
+    return math.sqrt(allowed_rise / ((thermal.winding_housing + thermal.housing_ambient) * hot_resistance))

@@ -11,8 +11,9 @@ from ..core.glossary import complete
 from ..core.typing import Array
 from ..robot import Robot
 
-_PLACES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
-_WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
+_STEPS_FROM_ZERO = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
+"""Places t / h of the six values, and next their weights in h df/dt: central differences of order six."""
+_STEP_WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
 STEP = 0.01
 """Step of finite differences.
 
@@ -38,8 +39,8 @@ def derivative(function: Callable[[Array], ArrayLike], rate: float = 1.0) -> Arr
     >>> round(float(derivative(np.sin)), 13)
     1.0
     """
-    h = STEP / rate
-    return np.tensordot(_WEIGHTS, np.asarray(function(h * _PLACES), float), axes=1) / h
+    h = STEP / rate  # a fast function takes a small step
+    return np.tensordot(_STEP_WEIGHTS, np.asarray(function(h * _STEPS_FROM_ZERO), float), axes=1) / h
 
 
 def derivative_along(robot: Robot, function: Callable[[Array], ArrayLike], q: ArrayLike, v: ArrayLike) -> Array:
@@ -63,7 +64,11 @@ def derivative_along(robot: Robot, function: Callable[[Array], ArrayLike], q: Ar
     """
     v = np.asarray(v, float)
     rate = max(1.0, float(np.abs(v).sum(axis=-1).max(initial=0.0)))
-    return derivative(lambda t: function(robot.add(q, np.multiply.outer(t, v))), rate)
+
+    def function_of_time(t: Array) -> ArrayLike:
+        return function(robot.add(q, np.multiply.outer(t, v)))
+
+    return derivative(function_of_time, rate)
 
 
 complete(globals())

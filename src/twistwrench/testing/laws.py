@@ -58,20 +58,23 @@ def lagrange_torques(robot: Robot, at: State) -> Array:
     unit = np.eye(robot.nv)
 
     def momenta(t: Array) -> Array:
-        x, v = robot.add(q, np.multiply.outer(t, dq))[:, None], (dq + np.multiply.outer(t, ddq))[:, None]
+        """p at times t, (m, nv): the second argument of K varies over the unit velocities e."""
+        q_t = robot.add(q, np.multiply.outer(t, dq))[:, None]
+        dq_t = (dq + np.multiply.outer(t, ddq))[:, None]
         K = robot.kinetic_energy
-        return np.asarray(K(x, v + unit) - K(x, v) - K(x, unit))
+        return np.asarray(K(q_t, dq_t + unit) - K(q_t, dq_t) - K(q_t, unit))
 
-    def lagrangian(x: Array) -> Array:
-        return np.asarray(robot.kinetic_energy(x, dq) - robot.potential_energy(x))
+    def lagrangian(q: Array) -> Array:
+        return np.asarray(robot.kinetic_energy(q, dq) - robot.potential_energy(q))
 
     p = momenta(np.zeros(1))[0]
-    tau = derivative(momenta, _rate(dq)) - derivative_along(robot, lagrangian, q, unit)
+    tau = derivative(momenta, _state_rate(dq)) - derivative_along(robot, lagrangian, q, unit)
     for body in robot.model.leaders:
-        mine, axes = body.places[1], body.joint.axes
+        entries, axes = body.places[1], body.joint.axes
         if body.joint.nv > 1:
-            bracket = np.array([axes @ (ad(dq[mine] @ axes) @ S) for S in axes])  # row a: [V, S_a] in the joint's axes
-            tau[mine] -= bracket @ p[mine]
+            V = dq[entries] @ axes
+            bracket = np.array([axes @ (ad(V) @ S) for S in axes])  # row a: [V, S_a] in the joint's axes
+            tau[entries] -= bracket @ p[entries]
     return tau
 
 
@@ -80,19 +83,21 @@ def power_gap(robot: Robot, at: State) -> float:
     q, dq, ddq = at
 
     def energy(t: Array) -> Array:
-        x = robot.add(q, np.multiply.outer(t, dq))
-        return np.asarray(robot.kinetic_energy(x, dq + np.multiply.outer(t, ddq)) + robot.potential_energy(x))
+        q_t = robot.add(q, np.multiply.outer(t, dq))
+        dq_t = dq + np.multiply.outer(t, ddq)
+        return np.asarray(robot.kinetic_energy(q_t, dq_t) + robot.potential_energy(q_t))
 
     powers = robot.inverse_dynamics(*at) * dq
     size = max(float(np.abs(powers).max()), _energies(robot, at))
-    return relative_gap(powers.sum(), derivative(energy, _rate(dq)), size)
+    return relative_gap(powers.sum(), derivative(energy, _state_rate(dq)), size)
 
 
 def skewness_gap(robot: Robot, at: State) -> float:
-    """Deviation of dM/dt - 2C from skew symmetry, dM/dt = C + C', relative to their entries and those of M."""
+    """Deviation of dM/dt - 2C from skew symmetry, which means dM/dt = C + C', relative to entries of dM/dt, C and M."""
     M, C = robot.mass_matrix(at.q), robot.coriolis_matrix(at.q, at.dq)
     dM = derivative_along(robot, robot.mass_matrix, at.q, at.dq)
-    return relative_gap(C + C.T, dM, float(max(np.abs(dM).max(), np.abs(C).max(), np.abs(M).max())))
+    size = float(max(np.abs(dM).max(), np.abs(C).max(), np.abs(M).max()))
+    return relative_gap(C + C.T, dM, size)
 
 
 def coriolis_gap(robot: Robot, at: State) -> float:
@@ -110,8 +115,10 @@ def round_trip_gap(robot: Robot, at: State) -> float:
     return relative_gap(robot.inverse_dynamics(at.q, at.dq, ddq), tau, size)
 
 
-def _compiled(robot: Robot, at: State) -> float:
-    return against(robot, at, robot.reference("inverse_dynamics", *at), robot.reference("mass_matrix", at.q))
+def _compiled_gap(robot: Robot, at: State) -> float:
+    """Gap between kernels and the algorithms on plain floats."""
+    tau, M = robot.reference("inverse_dynamics", *at), robot.reference("mass_matrix", at.q)
+    return against(robot, at, tau, M)
 
 
 def against(robot: Robot, at: State, tau: Array, M: Array) -> float:
@@ -120,11 +127,13 @@ def against(robot: Robot, at: State, tau: Array, M: Array) -> float:
     return max(relative_gap(robot.inverse_dynamics(*at), tau, size), relative_gap(robot.mass_matrix(at.q), M))
 
 
-def _rate(dq: Array) -> float:
+def _state_rate(dq: Array) -> float:
+    """Rate [1/s] that scales the steps of numerical derivatives by time."""
     return max(1.0, float(np.abs(dq).sum()))
 
 
 def _energies(robot: Robot, at: State) -> float:
+    """Size |K| + |P| of the energies [J]."""
     return abs(float(robot.kinetic_energy(at.q, at.dq))) + abs(float(robot.potential_energy(at.q)))
 
 
@@ -135,5 +144,5 @@ LAWS: tuple[tuple[str, str, float, Residual], ...] = (
     ("Ṁ − 2C skew", "Coriolis matrix, rate of the mass matrix", DIFFERENCES, skewness_gap),
     ("C dq = c", "Coriolis matrix, inverse dynamics", ROUNDING, coriolis_gap),
     ("forward∘inverse", "forward dynamics, inverse dynamics", ROUNDING, round_trip_gap),
-    ("compiled", "kernels, the algorithms on plain floats", ROUNDING, _compiled),
+    ("compiled", "kernels, the algorithms on plain floats", ROUNDING, _compiled_gap),
 )

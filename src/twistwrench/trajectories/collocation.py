@@ -19,25 +19,28 @@ from ..core.typing import Array
 from .limit_rows import PathRows, Row, Rows
 
 STAGES = 5
+"""Number of nodes of a piece; u is a polynomial of degree 4 there, x one of degree 5."""
 TOLERANCE = 2e-8
 """Largest deviation of a piece from its limit, above or below, as a share of the limit."""
 AT_REST = 4e-7
 """Tolerance of the first piece from rest with viscous friction, where √x is not a polynomial; costs about 1e-5 s."""
-_RATIO = 4.0
+_MAX_RATIO = 4.0
 """Largest ratio by which x may change within a piece; larger ratios make the time integral inaccurate."""
 
 
-_P = np.polynomial.legendre.Legendre
-NODES = np.sort(0.5 * (1.0 + (_P.basis(STAGES) - _P.basis(STAGES - 1)).roots().real))
+_LEGENDRE = np.polynomial.legendre.Legendre
+NODES = np.sort(0.5 * (1.0 + (_LEGENDRE.basis(STAGES) - _LEGENDRE.basis(STAGES - 1)).roots().real))
 """Nodes of Radau IIA on (0, 1], the last one 1: roots of P_n - P_{n-1}."""
 _POWERS = np.linalg.inv(np.vander(NODES, increasing=True))
 """Coefficients of u in powers of ζ from its values at the nodes."""
 INTEGRALS = (NODES[:, None] ** np.arange(1, STAGES + 1) / np.arange(1, STAGES + 1)) @ _POWERS
 """∫ from 0 to each node of the polynomial with the given values at the nodes."""
-_CHECKS = np.array([0.0, 0.03, 0.22, 0.45, 0.68, 0.9])
-POINTS = np.concatenate([NODES, _CHECKS])
-_U_AT = np.vander(POINTS, STAGES, increasing=True) @ _POWERS
-_X_AT = (POINTS[:, None] ** np.arange(1, STAGES + 1) / np.arange(1, STAGES + 1)) @ _POWERS
+_CHECK_POINTS = np.array([0.0, 0.03, 0.22, 0.45, 0.68, 0.9])
+POINTS = np.concatenate([NODES, _CHECK_POINTS])
+"""Nodes, followed by points between them at which limits are checked; shares ζ of a piece."""
+_U_AT_POINTS = np.vander(POINTS, STAGES, increasing=True) @ _POWERS
+"""u at the points from its values at the nodes; next, ∫ u dζ from 0 to the points."""
+_X_AT_POINTS = (POINTS[:, None] ** np.arange(1, STAGES + 1) / np.arange(1, STAGES + 1)) @ _POWERS
 _FLIP = np.zeros((STAGES + 1, STAGES + 1))
 for _i, _j in np.ndindex(*_FLIP.shape):
     _FLIP[_i, _j] = comb(_j, _i) * (-1.0) ** _i
@@ -62,80 +65,89 @@ class Cell:
 
     def since(self, low: float) -> Cell:
         """Part of the cell from ``low`` to its end."""
-        P = np.polynomial.Polynomial
+        Polynomial = np.polynomial.Polynomial
         z = (low - self.low) / (self.high - self.low)
-        shifted = P(self.x)(P([z, 1.0 - z])).coef
+        zeta_of_part = Polynomial([z, 1.0 - z])  # ζ of the cell in terms of ζ of the part
+        shifted = Polynomial(self.x)(zeta_of_part).coef
         coefficients = np.zeros(len(self.x))
-        coefficients[: len(shifted)] = shifted
+        coefficients[: len(shifted)] = shifted  # NumPy drops leading zeros
         return Cell(low, self.high, coefficients, self.active, self.side)
 
 
 def try_cell(rows: PathRows, s: float, x: float, h: float, way: int, *, along_caps: bool) -> tuple[Cell | None, bool]:
-    """Piece from (s, x) of length h in direction ``way`` (±1 of s) at extreme acceleration, and True if a shorter h may help.
+    """Piece from (s, x) of length h in direction ``way`` (±1 of s), and True if there is none but a shorter h may help.
 
-    Uses the largest acceleration forward and the least backward. The piece is None if no limit can be active throughout
-    without violating another. The flag is then True if only accuracy is lacking.
+    Forward the piece has the largest acceleration, backward the least. It is None if no limit can be active throughout
+    without violating another, and if the collocation is not accurate enough; only then a shorter h may help.
     """
     end = s + way * h
     h = abs(end - s)  # beside s = 1 the end is rounded by some 1e-16, much of a short piece; the difference is exact
     low, high = (s, end) if way > 0 else (end, s)
     limits = rows.at(s + way * h * POINTS, low, high)
-    u, labels, sides = _candidates(rows, limits, x, way, h)
-    free = len(u)
+    u, active_rows, sides = _candidates(rows, limits, x, way, h)
+    n_along_rows = len(u)  # candidates after these run along a cap of x
     if along_caps and len(rows.caps):
         cap = limits.cap[:STAGES]
         applies = np.isfinite(cap).all(axis=0) & (limits.cap[STAGES] <= x * (1 + 1e-7))
         if applies.any():
             along_cap = np.linalg.solve(2 * way * h * INTEGRALS, cap[:, applies] - x).T
             u = np.concatenate([u, along_cap])
-            labels += [rows.caps[k] for k in np.flatnonzero(applies)]
+            active_rows += [rows.caps[k] for k in np.flatnonzero(applies)]
             sides += [1] * int(applies.sum())
     if not len(u):
         return None, False
-    U, X = u @ _U_AT.T, x + 2 * way * h * (u @ _X_AT.T)  # (n, points)
-    V = np.abs(limits.values(U, X))
-    allowed = AT_REST if x == 0 and np.any(limits.d) else TOLERANCE
-    slack = allowed * rows.L
+    # dx/ds = 2 u and ds = way h dζ, so x grows by 2 way h ∫ u dζ.
+    U, X = u @ _U_AT_POINTS.T, x + 2 * way * h * (u @ _X_AT_POINTS.T)  # (candidates, points)
+    row_values = np.abs(limits.values(U, X))
+    tolerance = AT_REST if x == 0 and np.any(limits.d) else TOLERANCE
     is_active = np.zeros((len(u), len(rows.rows)), bool)
-    is_active[np.arange(free), [rows.rows.index(row) for row in labels[:free]]] = True
-    keeps = (rows.L + slack >= V) | is_active[:, None, :]  # a row's own deviation is checked below
-    fits = keeps.all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
-    over = np.where(np.arange(len(u)) < free, 1e-10, 0.25 * TOLERANCE)[:, None, None] * np.ones((len(POINTS), 1))
-    over[:, STAGES] *= 2.0  # twice the tolerance where the last piece ended
-    fits &= (X[:, :, None] <= limits.cap * (1 + over)).all(axis=(1, 2))
+    is_active[np.arange(n_along_rows), [rows.rows.index(row) for row in active_rows[:n_along_rows]]] = True
+    # The deviation of the active row itself is checked below.
+    is_kept = (rows.L + tolerance * rows.L >= row_values) | is_active[:, None, :]
+    fits = is_kept.all(axis=(1, 2)) & (X[:, :STAGES] > 0).all(axis=1) & (X >= 0).all(axis=1)
+    cap_tolerances = np.where(np.arange(len(u)) < n_along_rows, 1e-10, 0.25 * TOLERANCE)
+    cap_tolerance = cap_tolerances[:, None, None] * np.ones((len(POINTS), 1))
+    cap_tolerance[:, STAGES] *= 2.0  # twice the tolerance at the first check point, where the last piece ended
+    fits &= (X[:, :, None] <= limits.cap * (1 + cap_tolerance)).all(axis=(1, 2))
     if not fits.any():
         return None, False
-    n = int(np.where(fits, X[:, STAGES - 1], -np.inf).argmax())
-    row = labels[n]
-    ratio = X[n, STAGES - 1] / x if x > 0 else 1.0
+    fastest = int(np.where(fits, X[:, STAGES - 1], -np.inf).argmax())
+    row = active_rows[fastest]
     if row in rows.caps and (row.kind == "velocity" or rows.flat[rows.rows.index(row)]):
-        deviation = np.abs(X[n] / limits.cap[:, rows.caps.index(row)] - 1.0)
+        deviation = np.abs(X[fastest] / limits.cap[:, rows.caps.index(row)] - 1.0)
     else:
         k = rows.rows.index(row)
-        deviation = np.abs(V[n, :, k] / rows.L[k] - 1.0)
-    if deviation.max() > allowed or not 1 / _RATIO <= ratio <= _RATIO:
+        deviation = np.abs(row_values[fastest, :, k] / rows.L[k] - 1.0)
+    change_ratio = X[fastest, STAGES - 1] / x if x > 0 else 1.0
+    if deviation.max() > tolerance or not 1 / _MAX_RATIO <= change_ratio <= _MAX_RATIO:
         return None, True
-    powers = np.concatenate([[x], 2 * way * h * (_POWERS @ u[n]) / np.arange(1, STAGES + 1)])
-    cell = Cell(low, high, powers, row, sides[n])
-    # Backward, ζ was counted from the other end.
-    return (cell if way > 0 else replace(cell, x=_FLIP @ cell.x)), False
+    coefficients = np.concatenate([[x], 2 * way * h * (_POWERS @ u[fastest]) / np.arange(1, STAGES + 1)])
+    cell = Cell(low, high, coefficients, row, sides[fastest])
+    if way < 0:  # backward, ζ was counted from the other end
+        cell = replace(cell, x=_FLIP @ cell.x)
+    return cell, False
 
 
 def _candidates(rows: PathRows, limits: Rows, x: float, way: int, h: float) -> tuple[Array, list[Row], list[int]]:
-    """For each row that bounds u on the right side throughout, u at the nodes (n, STAGES) with that row active."""
+    """Values of u at the nodes (n, STAGES) for each row that can be active throughout; the rows; and their sides (±1).
+
+    A row can be active throughout if its a has one sign; then the same side of it bounds u everywhere.
+    """
     a = limits.a[:STAGES]
-    inner = np.sign(a[:-1])
-    one_sided = (inner == inner[0]).all(axis=0) & (inner[0] * a[-1] >= -1e-9 * np.abs(a).max(axis=0))
-    k = np.flatnonzero(one_sided & (inner[0] != 0) & ~rows.flat)
+    inner_signs = np.sign(a[:-1])
+    first_sign = inner_signs[0]
+    # At the last node a may touch zero: the next piece begins there.
+    one_sided = (inner_signs == first_sign).all(axis=0) & (first_sign * a[-1] >= -1e-9 * np.abs(a).max(axis=0))
+    k = np.flatnonzero(one_sided & (first_sign != 0) & ~rows.flat)
     if not len(k):
         return np.zeros((0, STAGES)), [], []
-    side = way * inner[0, k]  # forward the upper bound of u, backward the lower bound
-    a, b, c, d = (y[:STAGES, k].T for y in (limits.a, limits.b, limits.c, limits.d))
+    side = way * first_sign[k]  # forward the upper bound of u, backward the lower bound
+    a, b, c, d = (row_terms[:STAGES, k].T for row_terms in (limits.a, limits.b, limits.c, limits.d))
     H = 2 * way * h * INTEGRALS
     matrix = b[:, :, None] * H + a[:, :, None] * np.eye(STAGES)
     right = side[:, None] * rows.L[k][:, None] - c - b * x
     u = _solve(matrix, right)
-    if np.any(d):
+    if np.any(d):  # with √x the equation is not linear: Newton's method
         for _ in range(30):
             X = np.maximum(x + u @ H.T, 1e-300)
             root = np.sqrt(X)
@@ -149,6 +161,7 @@ def _candidates(rows: PathRows, limits: Rows, x: float, way: int, h: float) -> t
 
 
 def _solve(matrix: Array, right: Array) -> Array:
+    """Solutions of systems (n, STAGES, STAGES); if one is singular, all diagonals are raised by 1e-13 of the entries."""
     try:
         return np.linalg.solve(matrix, right[..., None])[..., 0]
     except np.linalg.LinAlgError:
@@ -158,9 +171,10 @@ def _solve(matrix: Array, right: Array) -> Array:
 
 # ── s(t) of the fastest timing, from the pieces of x(s) = ds²
 
-_GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-_GAUSS, _WEIGHTS = 0.5 * (_GAUSS + 1.0), 0.5 * _WEIGHTS
-_AT_ONCE = 2048
+_LEGGAUSS = np.polynomial.legendre.leggauss(16)  # on [-1, 1]
+_GAUSS_NODES, _GAUSS_WEIGHTS = 0.5 * (_LEGGAUSS[0] + 1.0), 0.5 * _LEGGAUSS[1]
+"""Gauss–Legendre quadrature on [0, 1]."""
+_SAMPLES_PER_BLOCK = 2048
 """Block size for which the values at the Gauss nodes fit into the processor's cache."""
 
 
@@ -173,15 +187,17 @@ class FastestScaling:
 
     @cached_property
     def _size(self) -> Array:
+        """Lengths of the pieces in s."""
         return np.array([c.high - c.low for c in self.cells])
 
     @cached_property
     def _x(self) -> Array:
+        """Coefficients of x of all pieces, (n, STAGES + 1)."""
         return np.stack([c.x for c in self.cells])
 
     @cached_property
     def _is_slowing(self) -> Array:
-        """True for pieces that slow down; their time is counted from the end."""
+        """True for pieces that slow down; their time is counted from the end, where x may be 0."""
         return np.array([c.x.sum() < c.x[0] for c in self.cells])
 
     @cached_property
@@ -197,10 +213,10 @@ class FastestScaling:
 
     def _square(self, k: Array, z: Array) -> Array:
         """x at the fraction z of piece k; (n), (n, m) → (n, m)."""
-        out = np.zeros(np.shape(z))
-        for c in self._x[k].T[::-1]:
-            out = out * z + c[:, None]
-        return np.maximum(out, 0.0)
+        x = np.zeros(np.shape(z))
+        for coefficient in self._x[k].T[::-1]:  # Horner's scheme
+            x = x * z + coefficient[:, None]
+        return np.maximum(x, 0.0)
 
     @cached_property
     def _whole(self) -> Array:
@@ -216,13 +232,16 @@ class FastestScaling:
         return np.where(slowing, self._whole[k] - time, time)
 
     def _integral(self, k: Array, z: Array, way: Array | float) -> Array:
-        """∫ ds/√x over the fraction z from the start (``way`` -1: the end); ζ = z w² removes the square root at rest."""
-        w = _GAUSS[None, :]
-        at = z[:, None] * w * w
+        """∫ ds/√x over the fraction z from the start (``way`` -1: the end) of piece k.
+
+        With ζ = z w², ds/√x = size z (2 w/√x) dw, which stays finite at rest, where x is proportional to ζ.
+        """
+        w = _GAUSS_NODES[None, :]
+        zeta = z[:, None] * w * w
         with np.errstate(divide="ignore", invalid="ignore"):
-            f = 2 * w / np.sqrt(self._square(k, np.where(way > 0, at, 1.0 - at)))
+            integrand = 2 * w / np.sqrt(self._square(k, np.where(way > 0, zeta, 1.0 - zeta)))
         # Row by row, so that the result for one sample does not depend on the batch size.
-        return self._size[k] * z * np.vecdot(np.where(np.isfinite(f), f, 0.0), _WEIGHTS)
+        return self._size[k] * z * np.vecdot(np.where(np.isfinite(integrand), integrand, 0.0), _GAUSS_WEIGHTS)
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """s, ds/dt and d²s/dt² at t [s]; (...) → (...) each. Before 0 and after T the path is at rest at its ends."""
@@ -231,37 +250,40 @@ class FastestScaling:
         known = ~np.isnan(flat)
         flat = np.where(known, flat, 0.0)
         k = np.clip(np.searchsorted(self.times, flat, side="right") - 1, 0, len(self.cells) - 1)
-        since, z = flat - self.times[k], np.empty(len(k))
-        for first in range(0, len(k), _AT_ONCE):
-            block = slice(first, first + _AT_ONCE)
-            z[block] = self._fraction_after(k[block], since[block])
+        time_in_piece = flat - self.times[k]
+        z = np.empty(len(k))
+        for first in range(0, len(k), _SAMPLES_PER_BLOCK):
+            block = slice(first, first + _SAMPLES_PER_BLOCK)
+            z[block] = self._fraction_after(k[block], time_in_piece[block])
         x = self._square(k, z[:, None])[:, 0]
-        u = np.zeros(len(k))
+        dx_dz = np.zeros(len(k))
         for n in range(self._x.shape[1] - 1, 0, -1):
-            u = u * z + n * self._x[k, n]
-        u = 0.5 * u / self._size[k]
+            dx_dz = dx_dz * z + n * self._x[k, n]
+        dds = 0.5 * dx_dz / self._size[k]  # d²s/dt² = x'/2
         outside = (times.ravel() < 0) | (times.ravel() > self.duration)
         nan_where_unknown = np.where(known, 0.0, np.nan)
-        s = np.array([c.low for c in self.cells])[k] + z * self._size[k]
-        out = (s, np.where(outside, 0.0, np.sqrt(x)), np.where(outside, 0.0, u))
-        return tuple((y + nan_where_unknown).reshape(times.shape) for y in out)  # type: ignore[return-value]
+        s = np.array([cell.low for cell in self.cells])[k] + z * self._size[k]
+        motion = (s, np.where(outside, 0.0, np.sqrt(x)), np.where(outside, 0.0, dds))
+        return tuple((y + nan_where_unknown).reshape(times.shape) for y in motion)  # type: ignore[return-value]
 
-    def _fraction_after(self, k: Array, since: Array) -> Array:
-        """Fraction z of piece k covered in the time ``since``: Newton's method within a bracket."""
-        whole = np.diff(self.times)[k]
+    def _fraction_after(self, k: Array, time_in_piece: Array) -> Array:
+        """Fraction z of piece k covered in a time: Newton's method within a bracket."""
+        piece_time = np.diff(self.times)[k]
         low, high = np.zeros(len(k)), np.ones(len(k))
-        share = np.clip(since / np.where(whole > 0, whole, 1.0), 0.0, 1.0)
-        begins, ends = self._x[k, 0] == 0, k == len(self.cells) - 1
-        z = np.where(begins, share**2, np.where(ends, 1.0 - (1.0 - share) ** 2, share))
+        time_share = np.clip(time_in_piece / np.where(piece_time > 0, piece_time, 1.0), 0.0, 1.0)
+        # First guess: quadratic in time from rest and to rest, otherwise linear.
+        from_rest, to_rest = self._x[k, 0] == 0, k == len(self.cells) - 1
+        z = np.where(from_rest, time_share**2, np.where(to_rest, 1.0 - (1.0 - time_share) ** 2, time_share))
         live = np.arange(len(k))  # samples that have not converged
         for _ in range(60):
             piece, z_live = k[live], z[live]
-            time_error = self._since(piece, z_live) - since[live]
+            time_error = self._since(piece, z_live) - time_in_piece[live]
             low[live] = np.where(time_error <= 0, z_live, low[live])
             high[live] = np.where(time_error >= 0, z_live, high[live])
             rate = np.sqrt(self._square(piece, z_live[:, None])[:, 0])
-            step = z_live - time_error * rate / self._size[piece]
-            new = np.where((step > low[live]) & (step < high[live]), step, 0.5 * (low[live] + high[live]))
+            newton = z_live - time_error * rate / self._size[piece]
+            in_bracket = (newton > low[live]) & (newton < high[live])
+            new = np.where(in_bracket, newton, 0.5 * (low[live] + high[live]))
             new = np.where(time_error == 0, z_live, new)
             z[live] = new
             live = live[np.abs(new - z_live) > 4e-16 * np.maximum(new, 1e-3)]

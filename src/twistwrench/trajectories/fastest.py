@@ -45,9 +45,9 @@ _MAX_LEAVING_PIECES = 20
 """Maximum number of pieces in one test for leaving the limit curve."""
 _BREAK_OFFSET = 1e-5
 """Distance on both sides of breaks at which the test for leaving the limit curve is made."""
-_STEP = 1e-7
+_SLOPE_STEP = 1e-7
 """Step [of s] over which slopes of the limit curve are compared with accelerations."""
-_SCAN = 1e-3
+_MIN_LEAVING_LENGTH = 1e-3
 """Step [of s] of the test for leaving the limit curve; within it a violation exceeds the tolerance."""
 
 
@@ -69,12 +69,13 @@ class Arc:
 
     def at(self, s: Array) -> Array:
         """x at s within the arc."""
-        edges = np.array([c.low for c in self.cells[1:]])
-        k = np.searchsorted(edges, s, side="right")
-        out = np.zeros(len(s))
-        for i in np.unique(k):
-            out[k == i] = self.cells[i].at(s[k == i])
-        return out
+        edges = np.array([cell.low for cell in self.cells[1:]])
+        cell_numbers = np.searchsorted(edges, s, side="right")
+        x = np.zeros(len(s))
+        for k in np.unique(cell_numbers):
+            in_cell = cell_numbers == k
+            x[in_cell] = self.cells[k].at(s[in_cell])
+        return x
 
 
 class _Stuck(Exception):
@@ -84,9 +85,13 @@ class _Stuck(Exception):
 def _advance(
     rows: PathRows, s: float, x: float, way: int, target: float, *, caps: bool, below: Arc | None, hint: float = 1.0
 ) -> Cell:
-    """Longest piece from (s, x) towards ``target``; ends exactly where the active limit changes."""
+    """Longest piece from (s, x) towards ``target``; ends exactly where the active limit changes.
+
+    ``caps`` allows pieces along a cap of x. The piece stays ``below`` an arc; ``hint`` is the first length to try.
+    """
 
     def try_length(h: float) -> tuple[Cell | None, bool]:
+        """Piece of length h, and True if there is none for lack of accuracy only."""
         cell, rough = try_cell(rows, s, x, h, way, along_caps=caps)
         if cell is not None and below is not None:
             points = np.linspace(cell.low, cell.high, 9)[1:]
@@ -101,10 +106,11 @@ def _advance(
     while longest is None:
         too_long, was_rough = h, rough
         h *= 0.5
-        if h < _MIN_PIECE and (h < 1e-5 * _MIN_PIECE or not rough):
+        min_length = 1e-5 * _MIN_PIECE if rough else _MIN_PIECE
+        if h < min_length:
             raise _Stuck
         longest, rough = try_length(h)
-    if was_rough:
+    if was_rough:  # the longer piece lacked accuracy; the active limit need not change there
         return longest
     while too_long - h > 1e-11 * too_long and too_long - h > 1e-15:  # locate the change of the active limit
         middle = 0.5 * (h + too_long)
@@ -126,8 +132,9 @@ def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
     beside_breaks = np.concatenate([breaks - _BREAK_OFFSET, breaks + _BREAK_OFFSET])
     points = np.unique(np.concatenate([np.linspace(0.0, 1.0, count), beside_breaks]))
     points = points[(points > 0) & (points < 1)]
-    points = points[np.abs(points[:, None] - breaks).min(axis=1) > 0.5 * _BREAK_OFFSET]
-    falls = points[_falls_away(rows, points)]
+    is_beside_break = np.abs(points[:, None] - breaks).min(axis=1) <= 0.5 * _BREAK_OFFSET
+    points = points[~is_beside_break]
+    falls = points[_limit_curve_falls(rows, points)]
     while s > 0:
         cells: list[Cell] = []
         hint = 1.0
@@ -145,18 +152,19 @@ def backward(rows: PathRows, count: int = 2001) -> list[Arc]:
         if cells:
             arcs.append(Arc(tuple(reversed(cells))))
         if s > 0:
-            s = _leaving(rows, s, points, falls)
+            s = _next_leaving_point(rows, s, points, falls)
             x = float(rows.cap(np.array([s])).x[0])
     return arcs[::-1]
 
 
-def _falls_away(rows: PathRows, s: Array) -> Array:
-    """True if the limit curve just before s (m,) is steeper than the least acceleration there; False at breaks."""
-    before = rows.at(s - _STEP)
-    x = np.stack([rows.cap_of(rows.at(s)).x, rows.cap_of(before).x])
-    low = rows.accelerations(before, np.where(np.isfinite(x[1]), x[1], 0.0))[0]
+def _limit_curve_falls(rows: PathRows, s: Array) -> Array:
+    """True if the limit curve just before s (m,) falls faster than x can by the least acceleration; False at breaks."""
+    rows_before = rows.at(s - _SLOPE_STEP)
+    x, x_before = rows.cap_of(rows.at(s)).x, rows.cap_of(rows_before).x
+    least_acceleration = rows.accelerations(rows_before, np.where(np.isfinite(x_before), x_before, 0.0))[0]
     with np.errstate(invalid="ignore"):
-        return np.isfinite(x).all(axis=0) & (2.0 * low * _STEP > (x[0] - x[1]))
+        falls = 2.0 * least_acceleration * _SLOPE_STEP > (x - x_before)  # dx/ds = 2 u
+    return np.isfinite(x) & np.isfinite(x_before) & falls
 
 
 def _leaves(rows: PathRows, s: float) -> bool:
@@ -164,7 +172,7 @@ def _leaves(rows: PathRows, s: float) -> bool:
     x = float(rows.cap(np.array([s])).x[0])
     if not np.isfinite(x):
         return False
-    goal = max(s - _SCAN, 0.0)
+    goal = max(s - _MIN_LEAVING_LENGTH, 0.0)
     for _ in range(_MAX_LEAVING_PIECES):
         previous = float(rows.breaks[np.searchsorted(rows.breaks, s, side="left") - 1])
         try:
@@ -177,8 +185,11 @@ def _leaves(rows: PathRows, s: float) -> bool:
     return False
 
 
-def _leaving(rows: PathRows, s: float, points: Array, falls: Array) -> float:
-    """First s below the given one at which the viability curve leaves the limit curve; 0 if there is none."""
+def _next_leaving_point(rows: PathRows, s: float, points: Array, falls: Array) -> float:
+    """First s below the given one at which the viability curve leaves the limit curve; 0 if there is none.
+
+    ``falls`` are those of the ``points`` at which the limit curve falls too fast; the exact place is found by bisection.
+    """
     edges = np.concatenate([points, rows.breaks, [s]])
     candidates = np.unique(np.concatenate([falls, rows.breaks]))
     for candidate in candidates[(candidates < s - _MIN_PIECE) & (candidates > 0)][::-1]:
@@ -186,13 +197,16 @@ def _leaving(rows: PathRows, s: float, points: Array, falls: Array) -> float:
             if _leaves(rows, float(candidate)):
                 return float(candidate)
             continue
-        goes, stays = float(candidate), float(edges[edges > candidate].min())
+        falling, not_falling = float(candidate), float(edges[edges > candidate].min())
         for _ in range(40):
-            middle = 0.5 * (stays + goes)
-            if stays - goes < 1e-13:
+            middle = 0.5 * (not_falling + falling)
+            if not_falling - falling < 1e-13:
                 break
-            stays, goes = (stays, middle) if _falls_away(rows, np.array([middle]))[0] else (middle, goes)
-        return goes
+            if _limit_curve_falls(rows, np.array([middle]))[0]:
+                falling = middle
+            else:
+                not_falling = middle
+        return falling
     return 0.0
 
 
@@ -204,11 +218,11 @@ def forward(rows: PathRows, arcs: list[Arc]) -> list[Cell]:
     while s < 1.0:
         if len(cells) > _MAX_PIECES:
             raise _search_error(s)
-        arc = next((a for a in arcs if a.low <= s < a.high), None)
-        if arc is not None and x >= float(arc.at(np.array([s]))[0]) * (1 - 1e-8) and s > 0:
-            arc_cells = [c if c.low >= s else c.since(s) for c in arc.cells if c.high > s + 1e-15]
-            cells += arc_cells
-            s, x = arc.high, float(arc_cells[-1].x.sum())
+        arc = next((arc for arc in arcs if arc.low <= s < arc.high), None)
+        if arc is not None and s > 0 and x >= float(arc.at(np.array([s]))[0]) * (1 - 1e-8):  # the arc is reached
+            remaining_cells = [cell for cell in arc.cells if cell.high > s + 1e-15]
+            cells += [cell if cell.low >= s else cell.since(s) for cell in remaining_cells]
+            s, x = arc.high, float(cells[-1].x.sum())
             continue
         target = float(ends[np.searchsorted(ends, s, side="right")])
         try:
@@ -233,7 +247,7 @@ def _search_error(s: float) -> PathError:
 
 _MIN_SPEED_UP_LENGTH = 1e-6
 """Share of the path; torque and acceleration limits count as at most those that reach the velocity limit within it."""
-_ROOM = 4e-8
+_MARGIN = 4e-8
 """Margin kept to each limit, as a share, that covers the deviations of the pieces in both passes."""
 _KINDS = ("velocity", "acceleration", "deceleration", "effort", "jerk")
 
@@ -303,19 +317,22 @@ class Fastest(Trajectory):
         model = self.robot.model
         times, cells = self.scaling.times, self.scaling.cells  # type: ignore[attr-defined]
         contacts: list[LimitContact] = []
-        for k, c in enumerate(cells):
-            side, j = c.side, c.active.joint
-            name = (model.drive_labels if c.active.kind == "torque" else model.velocity_names)[j]
-            way = int(np.sign(self.path(np.array([0.5 * (c.low + c.high)]))[1][0, j]))
-            if c.active.kind == "velocity":
-                side = way
-            elif c.active.kind == "acceleration" and self.bounds.acceleration[j] != self.bounds.deceleration[j]:
-                side *= way
-            new = LimitContact(float(times[k]), float(times[k + 1]), name, c.active.kind, side, c.low)
-            if contacts and (contacts[-1].joint, contacts[-1].kind, contacts[-1].side) == (name, new.kind, side):
-                contacts[-1] = replace(contacts[-1], end=new.end)
+        for k, cell in enumerate(cells):
+            side, kind, j = cell.side, cell.active.kind, cell.active.joint
+            names = model.drive_labels if kind == "torque" else model.velocity_names
+            middle = np.array([0.5 * (cell.low + cell.high)])
+            dq_ds = self.path(middle)[1]
+            direction = int(np.sign(dq_ds[0, j]))
+            if kind == "velocity":
+                side = direction
+            elif kind == "acceleration" and self.bounds.acceleration[j] != self.bounds.deceleration[j]:
+                side *= direction  # such limits hold for speeding up and slowing down, whatever the direction
+            contact = LimitContact(float(times[k]), float(times[k + 1]), names[j], kind, side, cell.low)
+            last = contacts[-1] if contacts else None
+            if last is not None and (last.joint, last.kind, last.side) == (contact.joint, kind, side):
+                contacts[-1] = replace(last, end=contact.end)
             else:
-                contacts.append(new)
+                contacts.append(contact)
         return tuple(contacts)
 
     def shares(self, t: ArrayLike) -> Array:
@@ -366,9 +383,9 @@ class Fastest(Trajectory):
             return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), path, (np.zeros(0), np.zeros(0)))
         cells = self.scaling.cells  # type: ignore[attr-defined]
         z = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 16))  # denser at the ends (square-root behaviour)
-        points = [c.low + (c.high - c.low) * z for c in cells]
-        squares = np.concatenate([c.at(s_of_cell) for c, s_of_cell in zip(cells, points, strict=True)])
-        path_s, path_rate = np.concatenate(points), np.sqrt(np.maximum(squares, 0.0))
+        points = [cell.low + (cell.high - cell.low) * z for cell in cells]
+        squared_rates = np.concatenate([cell.at(s_of_cell) for cell, s_of_cell in zip(cells, points, strict=True)])
+        path_s, path_rate = np.concatenate(points), np.sqrt(np.maximum(squared_rates, 0.0))
         switch_s = np.array([contact.s for contact in self.limit_contacts[1:]])
         switches = (switch_s, np.interp(switch_s, path_s, path_rate))
         return LimitCurves(s, np.sqrt(cap.torque), np.sqrt(cap.velocity), (path_s, path_rate), switches)
@@ -379,8 +396,9 @@ class Fastest(Trajectory):
             own = getattr(self.robot.limits, kind)
             if np.isfinite(own).any() and np.array_equal(own, getattr(self.bounds, kind)):
                 own_kinds.append(kind)
-        joints = ", ".join(dict.fromkeys(f"{t.joint} ({t.kind})" for t in self.limit_contacts))
-        how = f"limited by {joints} in {len(self.limit_contacts)} parts"
+        contacts = self.limit_contacts
+        limits = ", ".join(dict.fromkeys(f"{contact.joint} ({contact.kind})" for contact in contacts))
+        how = f"limited by {limits} in {len(contacts)} parts"
         if self.time_optimal is not None:
             how = self.price_of_jerk
         own_limits = f"; limits of {' and '.join(own_kinds)} are the robot's own" if own_kinds else ""
@@ -453,16 +471,17 @@ def fastest(
     if robot.nv == 0:
         raise ValueRangeError(f"robot {robot.name!r} has no joint that moves. Lock fewer joints.")
     s = np.linspace(0.0, 1.0, 2001)
-    q1 = np.abs(path(s)[1]).max(axis=-1)
-    if q1.min() < 1e-7 * q1.max():
+    path_speed = np.abs(path(s)[1]).max(axis=-1)  # largest |dq/ds|
+    if path_speed.min() < 1e-7 * path_speed.max():
         raise ValueRangeError(
-            f"the path stands still at s = {number(s[int(q1.argmin())])}, so that ds/dt does not determine the joint "
+            f"the path stands still at s = {number(s[int(path_speed.argmin())])}, so that ds/dt does not determine the joint "
             "velocities there. Use a path with non-zero dq/ds: a spline without times, or each part separately."
         )
-    spare = _ROOM
+    margin = _MARGIN
     if friction and np.any(robot.model.friction.viscous):
-        spare += AT_REST
-    kept = replace(bounds, **{kind: getattr(bounds, kind) * (1.0 - spare) for kind in _KINDS})
+        margin += AT_REST
+    reduced = {kind: getattr(bounds, kind) * (1.0 - margin) for kind in _KINDS}
+    kept = replace(bounds, **reduced)
     quick = _time_optimal(robot, path, bounds, kept, friction=friction)
     exceeded = [
         f"{v.joint} reaches {number(v.value, 5)} beyond {number(v.limit, 5)} at s = {number(v.time)}"
@@ -478,7 +497,8 @@ def fastest(
     if np.isinf(bounds.jerk).all():
         return quick
     shapes = (quintic(1.0), *short_averages(robot, path, *quick.limit_curves().path, kept, friction=friction))
-    scaling = min((fitted(robot, path, x, kept, friction=friction) for x in shapes), key=lambda x: x.duration)
+    scalings = [fitted(robot, path, shape, kept, friction=friction) for shape in shapes]
+    scaling = min(scalings, key=lambda scaling: scaling.duration)
     return replace(quick, scaling=scaling, bounds=bounds, time_optimal=quick)
 
 
@@ -500,27 +520,29 @@ def _time_optimal(robot: Robot, path: JointPath, bounds: Limits, kept: Limits, *
     except PathError:  # a narrow feature of the limit curve was missed
         arcs = backward(rows, 40_001)
         cells = forward(rows, arcs)
-    without = replace(bounds, jerk=np.full(robot.nv, np.inf))
-    return Fastest(robot, path, FastestScaling(tuple(cells)), without, rows, tuple(arcs), friction=friction)
+    bounds_without_jerk = replace(bounds, jerk=np.full(robot.nv, np.inf))
+    scaling = FastestScaling(tuple(cells))
+    return Fastest(robot, path, scaling, bounds_without_jerk, rows, tuple(arcs), friction=friction)
 
 
 def _reachable(rows: PathRows) -> Limits:
     """Limits, with torque and acceleration reduced to what a motion within the velocity limits can reach."""
     limits, bounds = rows.at(rows.grid), rows.bounds
-    x = limits.cap[:, : len(rows.fast)].min(axis=1, initial=np.inf).max()
-    if not np.isfinite(x):
+    max_x = limits.cap[:, : len(rows.fast)].min(axis=1, initial=np.inf).max()
+    if not np.isfinite(max_x):
         return bounds
-    u = x / (2.0 * _MIN_SPEED_UP_LENGTH)
-    a, b, c, d = (np.abs(y) for y in (limits.a, limits.b, limits.c, limits.d))
-    largest = 2.0 * (a * u + b * x + d * np.sqrt(x) + c).max(axis=0)
-    if (largest >= rows.L).all():
+    max_u = max_x / (2.0 * _MIN_SPEED_UP_LENGTH)  # x = 2 u s from rest
+    a, b, c, d = (np.abs(terms) for terms in (limits.a, limits.b, limits.c, limits.d))
+    largest_values = 2.0 * (a * max_u + b * max_x + d * np.sqrt(max_x) + c).max(axis=0)
+    if (largest_values >= rows.L).all():
         return bounds
-    n, k = len(rows.torque), rows.accelerated
-    effort, up, down = bounds.effort.copy(), bounds.acceleration.copy(), bounds.deceleration.copy()
-    effort[rows.torque] = np.minimum(rows.L, largest)[:n]
-    for limit in (up, down):
-        limit[k] = np.minimum(limit[k], largest[n:])
-    return replace(bounds, effort=effort, acceleration=up, deceleration=down)
+    n = len(rows.torque)  # rows of torques come first, then those of accelerations
+    effort = bounds.effort.copy()
+    effort[rows.torque] = np.minimum(rows.L, largest_values)[:n]
+    acceleration, deceleration = bounds.acceleration.copy(), bounds.deceleration.copy()
+    for limit in (acceleration, deceleration):
+        limit[rows.accelerated] = np.minimum(limit[rows.accelerated], largest_values[n:])
+    return replace(bounds, effort=effort, acceleration=acceleration, deceleration=deceleration)
 
 
 complete(globals())

@@ -24,33 +24,36 @@ from .move_timing import SAMPLES
 from .trajectory import Trajectory, required_torques
 
 _MAX_LISTED_CONTACTS = 12
+"""Maximum number of listed parts of the motion with an active limit."""
 _MAX_LISTED_VIOLATIONS = 6
 """Maximum number of listed exceeded limits."""
+_TIME_BAR_WIDTH = 24
+"""Characters of a bar over the duration of the motion."""
 
 
 def move_view(report: MoveReport) -> Iterator[Block]:
     """Blocks of the report, verdict first."""
-    moving = report.trajectory
-    if report.refused is not None or moving is None:
-        judged = report.verdict
-        first, *others = judged.reasons
-        further = [_sentence_line((judged.word, f"{each}.")) for each in others]
-        yield Headline(judged.word, f"{first}.", further=further)
+    trajectory = report.trajectory
+    if report.refused is not None or trajectory is None:
+        verdict = report.verdict
+        first_reason, *other_reasons = verdict.reasons
+        further_lines = [_sentence_line(verdict.word, f"{reason}.") for reason in other_reasons]
+        yield Headline(verdict.word, f"{first_reason}.", further=further_lines)
         yield from remarks(report.hints)
         return
-    yield _headline(report, moving)
+    yield _headline(report, trajectory)
     if not report.violations:
-        yield from remarks(_unknown_velocities(moving, report.limits))
+        yield from remarks(_missing_velocity_limits(trajectory, report.limits))
     if report.clearance is not None:
         yield from report.clearance.lines
-    yield from _limits_of_files(report)
+    yield from _lines_on_limits_of_files(report)
     yield from remarks(report.hints)
     yield ""
-    yield from _tables(report, moving)
+    yield from _tables(report, trajectory)
 
 
-def _headline(report: MoveReport, moving: Trajectory) -> Headline:
-    """First word with its reason; further words, exceeded limits, and what holds otherwise below it."""
+def _headline(report: MoveReport, trajectory: Trajectory) -> Headline:
+    """Verdict with its first sentence; below it an early end, exceeded limits, and the limits that are kept."""
     sentences: list[tuple[Word | None, str]] = []
     if report.early_end:
         sentences.append(
@@ -60,10 +63,11 @@ def _headline(report: MoveReport, moving: Trajectory) -> Headline:
         if report.degrees:
             violation = violation.in_degrees()
         sentences.append((Word.OVER_LIMIT, f"{violation}."))
-    if len(report.violations) > _MAX_LISTED_VIOLATIONS:
-        sentences.append((None, f"and {len(report.violations) - _MAX_LISTED_VIOLATIONS} more"))
+    unlisted_violations = len(report.violations) - _MAX_LISTED_VIOLATIONS
+    if unlisted_violations > 0:
+        sentences.append((None, f"and {unlisted_violations} more"))
     if not report.violations:
-        within = _within(report, moving)
+        within = _within_limits_text(report, trajectory)
         if report.early_end:
             sentences.append((None, f"Until there: {within}."))
         elif report.near is not None:
@@ -72,50 +76,56 @@ def _headline(report: MoveReport, moving: Trajectory) -> Headline:
             sentences.append((Word.UNSURE, f"{within}."))
         else:
             sentences.append((Word.OK, f"{within}."))
+    lines = [_sentence_line(word, sentence) for word, sentence in sentences]
     if report.near is not None:
-        return Headline.from_verdict(report.near, further=list(map(_sentence_line, sentences)))
-    (word, sentence), *others = sentences
-    return Headline(word or Word.OK, sentence, further=list(map(_sentence_line, others)))
+        return Headline.from_verdict(report.near, further=lines)
+    first_word, first_sentence = sentences[0]
+    return Headline(first_word or Word.OK, first_sentence, further=lines[1:])
 
 
-def _sentence_line(word_and_sentence: tuple[Word | None, str]) -> Line:
-    word, sentence = word_and_sentence
-    return Line(sentence) if word is None else Line((str(word), word_style(word)), f": {sentence}")
+def _sentence_line(word: Word | None, sentence: str) -> Line:
+    """Line of a sentence, after its verdict if it has one."""
+    if word is None:
+        return Line(sentence)
+    return Line((str(word), word_style(word)), f": {sentence}")
 
 
-def _within(report: MoveReport, moving: Trajectory) -> str:
+def _within_limits_text(report: MoveReport, trajectory: Trajectory) -> str:
     """Sentence on a motion within the limits that are known, with its doubts or its assumptions."""
-    unlimited = _unknown_velocities(moving, report.limits) or np.isinf(report.limits.effort).any()
-    within = "within the known limits" if unlimited else "within all limits"
-    if isinstance(moving, Fastest):
-        if moving.time_optimal is None:
+    within = "within all limits"
+    if _missing_velocity_limits(trajectory, report.limits) or np.isinf(report.limits.effort).any():
+        within = "within the known limits"
+    if isinstance(trajectory, Fastest):
+        if trajectory.time_optimal is None:
             within += ", the fastest timing on this path"
         else:
-            within += f"; {moving.price_of_jerk}"
+            within += f"; {trajectory.price_of_jerk}"
     if report.doubts:
         return "; ".join([*report.doubts, f"otherwise {within}"])
-    return f"{number(moving.duration, 6)} s, {within}{report.assumed}"
+    return f"{number(trajectory.duration, 6)} s, {within}{report.assumed}"
 
 
-def _limits_of_files(report: MoveReport) -> Iterator[Block]:
+def _lines_on_limits_of_files(report: MoveReport) -> Iterator[Block]:
     """Lines on acceleration and jerk limits that were not given as one number."""
-    bounds = report.limits
-    source = f"the robot's file and {report.limits_file}" if report.limits_file else "the robot's file"
-    for kind in ("acceleration", "jerk"):
-        count = int(np.isfinite(getattr(bounds, kind)).sum())
-        if count and kind not in report.asked:
-            yield f"{kind.capitalize()} limits of {count} of {len(bounds.jerk)} joints are from {source}."
+    source = "the robot's file"
+    if report.limits_file:
+        source += f" and {report.limits_file}"
+    limits_by_kind = {"acceleration": report.limits.acceleration, "jerk": report.limits.jerk}
+    for kind, limits in limits_by_kind.items():
+        limited_joints = int(np.isfinite(limits).sum())
+        if limited_joints and kind not in report.asked:
+            yield f"{kind.capitalize()} limits of {limited_joints} of {len(limits)} joints are from {source}."
 
 
-def _unknown_velocities(trajectory: Trajectory, bounds: Limits) -> list[str]:
-    """Sentence on the joints without a velocity limit."""
+def _missing_velocity_limits(trajectory: Trajectory, limits: Limits) -> list[str]:
+    """Sentence on the joints without a velocity limit; no element if all have one."""
     names = np.array(trajectory.robot.model.velocity_names)
-    missing = names[~np.isfinite(bounds.velocity)]
-    if not len(missing):
+    unlimited = names[~np.isfinite(limits.velocity)]
+    if not len(unlimited):
         return []
-    of = "any joint" if len(missing) == len(names) else listed(missing, 6)
-    file = spell(Argument("limits", "FILE.csv"))
-    return [f"No velocity limit of {of} is known, so none was applied. Give them with {file} (column velocity)."]
+    joints = "any joint" if len(unlimited) == len(names) else listed(unlimited, 6)
+    option = spell(Argument("limits", "FILE.csv"))
+    return [f"No velocity limit of {joints} is known, so none was applied. Give them with {option} (column velocity)."]
 
 
 # ── Tables
@@ -124,37 +134,39 @@ def _unknown_velocities(trajectory: Trajectory, bounds: Limits) -> list[str]:
 def _tables(report: MoveReport, trajectory: Trajectory) -> Iterator[Block]:
     """Heading, one row per joint, and the active limits of the fastest motion over time."""
     robot, uses, degrees = report.robot, report.uses, report.degrees
-    carried = " and ".join(f"{number(p.mass)} kg" for p in report.load.payloads)
+    payload_masses = " and ".join(f"{number(payload.mass)} kg" for payload in report.load.payloads)
     turning = np.array(drive_turns(robot.model))
     factor = np.where(turning & degrees, math.degrees(1.0), 1.0)
-    way, speed, force = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "tau"))
-    shares = [np.nanmax([use.velocity_share, use.torque_share, 0.0]).item() for use in uses]
-    fast = isinstance(trajectory, Fastest) and trajectory.time_optimal is None
-    limiting_shares = None
-    if fast:
-        limiting_shares = numbers("at limit", [use.limiting for use in uses], percent)
+    way_unit, speed_unit, force_unit = (heading_unit(part, turning, degrees=degrees) for part in ("q", "dq", "tau"))
+    # Shares of unknown limits are NaN; 0 stands in if both are.
+    largest_shares = [np.nanmax([use.velocity_share, use.torque_share, 0.0]).item() for use in uses]
+    limit_times = None
+    timeline = None
+    if isinstance(trajectory, Fastest) and trajectory.time_optimal is None:
+        limit_times = numbers("at limit", [use.limiting for use in uses], percent)
+        timeline = _timeline(trajectory)
     yield Line(
         (robot.name, Style.STRONG),
         f"  ·  {trajectory.path.name}, {trajectory.scaling.name} timing: {number(trajectory.duration, 6)} s",
-        f"  ·  carrying {carried}" if carried else "",
+        f"  ·  carrying {payload_masses}" if payload_masses else "",
         f"  ·  {friction_words(robot.model, counted=report.load.friction)}",
     )
     yield Table(
         "",
         words("joint", [use.joint for use in uses]),
-        numbers("way", [use.way for use in uses] * factor, _three_decimals, way),
-        numbers("peak", [use.velocity for use in uses] * factor, _three_decimals, speed),
+        numbers("way", [use.way for use in uses] * factor, _three_decimals, way_unit),
+        numbers("peak", [use.velocity for use in uses] * factor, _three_decimals, speed_unit),
         numbers("share", [use.velocity_share for use in uses], percent_of_limit),
-        numbers("peak", [use.peak for use in uses], torque, force),
+        numbers("peak", [use.peak for use in uses], torque, force_unit),
         numbers("share", [use.torque_share for use in uses], percent_of_limit),
-        limiting_shares,
-        words("", map(Bar, shares), fold=False),
-        styles=[strong(Style.OVER) if over_limit(share) else "" for share in shares],
+        limit_times,
+        words("", map(Bar, largest_shares), fold=False),
+        styles=[strong(Style.OVER) if over_limit(share) else "" for share in largest_shares],
         most=12,
-        by=shares,
+        by=largest_shares,
     )
-    if isinstance(trajectory, Fastest) and fast:
-        yield from _timeline(trajectory)
+    if timeline is not None:
+        yield from timeline
 
 
 def _three_decimals(value: float) -> str:
@@ -162,16 +174,18 @@ def _three_decimals(value: float) -> str:
 
 
 def _timeline(trajectory: Fastest) -> Iterator[Block]:
-    T, contacts = trajectory.duration, trajectory.limit_contacts
-    longest = sorted(contacts, key=lambda contact: contact.begin - contact.end)[:_MAX_LISTED_CONTACTS]
-    shown = sorted(longest, key=lambda contact: contact.begin)
+    """Table of the longest active limits in the order of time."""
+    contacts = trajectory.limit_contacts
+    longest_first = sorted(contacts, key=lambda contact: contact.begin - contact.end)
+    shown = sorted(longest_first[:_MAX_LISTED_CONTACTS], key=lambda contact: contact.begin)
+    sides = ["+" if contact.side > 0 else "-" for contact in shown]
     yield Table(
         "What limits it when",
         numbers("from", [contact.begin for contact in shown], lambda t: seconds(t, 4), "s"),
         numbers("to", [contact.end for contact in shown], lambda t: seconds(t, 4), "s"),
         words("joint", [contact.joint for contact in shown], fold=False),
-        words("limit", [f"{'+' if contact.side > 0 else '-'} {contact.kind}" for contact in shown], fold=False),
-        words("", [_time_bar(contact, T) for contact in shown], fold=False),
+        words("limit", [f"{side} {contact.kind}" for side, contact in zip(sides, shown, strict=True)], fold=False),
+        words("", [_time_bar(contact, trajectory.duration) for contact in shown], fold=False),
     )
     remaining = len(contacts) - len(shown)
     if remaining:
@@ -179,21 +193,24 @@ def _timeline(trajectory: Fastest) -> Iterator[Block]:
 
 
 def _time_bar(contact: LimitContact, duration: float) -> Glyphs:
-    """Bar of 24 characters for the duration, filled while a limit is active; at least one character."""
-    begin = round(24 * contact.begin / duration)
-    first, last = min(begin, 23), min(max(round(24 * contact.end / duration), begin + 1), 24)
-    return Glyphs("·" * first + "█" * (last - first) + "·" * (24 - last), Style.POINTED)
+    """Bar for the duration, filled while a limit is active, with at least one filled character."""
+    begin = round(_TIME_BAR_WIDTH * contact.begin / duration)
+    end = round(_TIME_BAR_WIDTH * contact.end / duration)
+    last = min(max(end, begin + 1), _TIME_BAR_WIDTH)
+    first = min(begin, _TIME_BAR_WIDTH - 1)
+    return Glyphs("·" * first + "█" * (last - first) + "·" * (_TIME_BAR_WIDTH - last), Style.POINTED)
 
 
 def worst_moment(report: MoveReport, trajectory: Trajectory) -> tuple[Array, MarkedJoint, str]:
     """Configuration in which a joint is nearest to a torque or velocity limit, the joint, and a title."""
-    uses, bounds, friction = report.uses, report.limits, report.friction
-    robot, t = trajectory.robot, np.linspace(0.0, trajectory.duration, SAMPLES)
+    robot, limits = trajectory.robot, report.limits
+    t = np.linspace(0.0, trajectory.duration, SAMPLES)
     q, dq, ddq = trajectory(t)
-    tau = motor_torques(robot.model, required_torques(robot, t, q, dq, ddq, friction=friction))
-    speed = np.where(coupled_entries(robot.model), np.inf, bounds.velocity)
-    shares = np.maximum(np.abs(tau) / bounds.effort, np.abs(dq) / speed)
+    tau = motor_torques(robot.model, required_torques(robot, t, q, dq, ddq, friction=report.friction))
+    # Entries of coupled joints belong to motors, whose speeds are not in dq, so velocities are not compared there.
+    velocity_limits = np.where(coupled_entries(robot.model), np.inf, limits.velocity)
+    shares = np.maximum(np.abs(tau) / limits.effort, np.abs(dq) / velocity_limits)
     row, k = np.unravel_index(int(np.argmax(shares)), shares.shape)
-    label = f"{uses[k].joint}, {percent_of_limit(shares[row, k])} of a limit"
-    marked = MarkedJoint(uses[k].joint, label, mark_style(float(shares[row, k])))
+    share, joint = float(shares[row, k]), report.uses[k].joint
+    marked = MarkedJoint(joint, f"{joint}, {percent_of_limit(share)} of a limit", mark_style(share))
     return q[row], marked, f"{robot.name} at t = {seconds(t[row])} s"

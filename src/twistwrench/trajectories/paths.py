@@ -61,8 +61,9 @@ def joint_line(robot: Robot, q0: ArrayLike, q1: ArrayLike) -> JointPath:
         raise ValueRangeError("q0 and q1 are the same configuration, so there is no motion to plan.")
 
     def line(s: Array) -> tuple[Array, Array, Array]:
-        flat, start = np.broadcast_to(way, (*s.shape, robot.nv)), np.broadcast_to(q0, (*s.shape, robot.nq))
-        return robot.add(start, s[..., None] * flat), flat.copy(), np.zeros(flat.shape)
+        start = np.broadcast_to(q0, (*s.shape, robot.nq))
+        dq_ds = np.broadcast_to(way, (*s.shape, robot.nv))
+        return robot.add(start, s[..., None] * dq_ds), dq_ds.copy(), np.zeros(dq_ds.shape)
 
     return JointPath("joint line", line, third=lambda s: np.zeros((*s.shape, robot.nv)))
 
@@ -100,9 +101,9 @@ def spline(
         raise ShapeError(f"waypoints has shape {points.shape}: a path takes at least two.")
     one_degree_joints(robot, "a spline")
     with np.errstate(over="ignore"):
-        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    if (steps == 0).any() and times is None:
-        k = int((steps == 0).argmax())
+        distances = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    if (distances == 0).any() and times is None:
+        k = int((distances == 0).argmax())
         raise ValueRangeError(f"waypoints {k} and {k + 1} are the same place. Leave one of them out.")
     if arguments.number(degree, "degree") not in (3, 5):
         raise ValueRangeError(f"degree is {degree!r}: choose 3 or 5.")
@@ -112,12 +113,12 @@ def spline(
         if velocities is not None:
             raise ValueRangeError("velocities are per second, so they need times.")
         with np.errstate(invalid="ignore"):
-            knots = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
-        knots[-1] = 1.0
+            knots = np.concatenate([[0.0], np.cumsum(distances)]) / distances.sum()
+        knots[-1] = 1.0  # without rounding
         if not (np.diff(knots) > 0).all():  # also where a distance is infinite
-            k, apart = int(steps.argmin()), printed(float(steps.min()))
+            k, apart, length = int(distances.argmin()), float(distances.min()), float(distances.sum())
             raise ValueRangeError(
-                f"waypoints {k} and {k + 1} are {apart} apart on a path of length {printed(float(steps.sum()))}, too close for "
+                f"waypoints {k} and {k + 1} are {printed(apart)} apart on a path of length {printed(length)}, too close for "
                 "its digits. Give waypoints within the robot's range, and leave one of the two out."
             )
         curve: Any = CubicSpline(knots, points) if degree == 3 else make_interp_spline(knots, points, k=5)
@@ -140,7 +141,7 @@ def spline(
         else:
             rates = arguments.finite(velocities, "velocities", robot.nv, names=robot.model.velocity_names)
             rates = arguments.one(rates, "velocities", len(points), robot.nv)
-            curve = CubicHermiteSpline(knots, points, rates * T)
+            curve = CubicHermiteSpline(knots, points, rates * T)  # dq/ds = dq/dt T
     first, second = curve.derivative(1), curve.derivative(2)
     return JointPath("spline", lambda s: (curve(s), first(s), second(s)), knots, curve.derivative(3))
 
@@ -159,11 +160,11 @@ def one_degree_joints(robot: Robot, what: str) -> None:
     """Raise ValueRangeError if a joint has several degrees of freedom, naming it, or if the robot has no joints."""
     if not robot.nv:
         raise ValueRangeError(f"{what} needs a robot with moving joints, but {robot.name!r} has none.")
-    others = [b.joint.name for b in robot.model.leaders if b.joint.nv != 1]
-    if others:
+    multi_dof_joints = [body.joint.name for body in robot.model.leaders if body.joint.nv != 1]
+    if multi_dof_joints:
         raise ValueRangeError(
-            f"{what} adds coordinates, and those of {', '.join(others)} cannot be added. Take joint_line, waypoint by "
-            "waypoint, or lock the joint."
+            f"{what} adds coordinates, and those of {', '.join(multi_dof_joints)} cannot be added. Take joint_line, waypoint "
+            "by waypoint, or lock the joint."
         )
 
 
@@ -177,11 +178,19 @@ def configurations(robot: Robot, q: ArrayLike, name: str) -> Array:
 
 # ── Joint paths from pose paths, by inverse kinematics on one branch
 
-_FIRST_INTERVALS, _MAX_INTERVALS = 64, 4096
+_FIRST_INTERVALS = 64
+_MAX_INTERVALS = 4096
+"""Numbers of intervals between solved points: of the first attempt, and of the last."""
+_MAX_INTERVALS_AFTER_FAILURE = 1024
+"""Number of intervals from which on a path that ends early is not refined."""
+_MIN_PARTIAL_POINTS = 8
+"""Smallest number of solved points for a partial path, whose spline has degree 5."""
 _MAX_POSE_ERROR = 1e-11
-_NEWTON = 12
+"""Largest entry of the pose error at a solved point [m, rad]."""
+_ALL_ROWS = tuple(range(6))
+_MAX_NEWTON_STEPS = 12
 """Newton steps of the fallback, used to find the reason if compiled inverse kinematics does not converge near by."""
-_JUMP = 0.5
+_MAX_JUMP = 0.5
 """rad or m: largest joint displacement between adjacent points at the smallest spacing."""
 
 
@@ -221,39 +230,43 @@ def follow_poses(
     """
     one_degree_joints(require_robot(robot, "follow_poses"), "following poses")
     q0 = configuration(robot, q0, "q0")
-    allowed = arguments.number(tolerance, "tolerance")
-    if not 1e-10 <= allowed < np.inf:
+    max_deviation = arguments.number(tolerance, "tolerance")
+    if not 1e-10 <= max_deviation < np.inf:
         raise ValueRangeError(
-            f"tolerance is {printed(allowed)}: give how far the frame may be off [m, rad], 1e-10 or more."
+            f"tolerance is {printed(max_deviation)}: give how far the frame may be off [m, rad], 1e-10 or more."
         )
-    along = _door(poses)
-    gap = twist_left(robot.forward_kinematics(q0, frame)[None], along(np.zeros(1)), tuple(range(6)))[0]
+    poses_at = _checked_poses_function(poses)
+    gap = twist_left(robot.forward_kinematics(q0, frame)[None], poses_at(np.zeros(1)), _ALL_ROWS)[0]
     if np.abs(gap).max() > 1e-6:
+        distance, angle = np.linalg.norm(gap[3:]), np.linalg.norm(gap[:3])
         raise ValueRangeError(
-            f"at q0 the frame is {printed(np.linalg.norm(gap[3:]), 3)} m and {printed(np.linalg.norm(gap[:3]), 3)} rad "
+            f"at q0 the frame is {printed(distance, 3)} m and {printed(angle, 3)} rad "
             "from where the path begins. Take robot.inverse_kinematics(T).q of its first pose, or begin it at "
             "robot.forward_kinematics(q0)."
         )
     n = _FIRST_INTERVALS
     while True:
         s = np.linspace(0.0, 1.0, n + 1)
-        q, why = _solve_poses(robot, along(s), q0, frame)
-        if len(q) < len(s) and (n < 1024 and "limit" not in why):
+        q, why = _solve_poses(robot, poses_at(s), q0, frame)
+        arrived = len(q) == len(s)
+        if not arrived and n < _MAX_INTERVALS_AFTER_FAILURE and "limit" not in why:
             n *= 4  # a smaller spacing may succeed
             continue
-        arrived, s = len(q) == len(s), s[: len(q)]
-        if not arrived and len(q) < 8:
+        s = s[: len(q)]
+        if not arrived and len(q) < _MIN_PARTIAL_POINTS:
             raise PathError(f"the path of poses ends at s = {printed(s[-1], 4)}: {why}.", reached=float(s[-1]))
-        path, middle = _spline(s / s[-1], q, 0.0), 0.5 * (s[1:] + s[:-1])
-        errors = twist_left(robot.forward_kinematics(path(middle / s[-1])[0], frame), along(middle), tuple(range(6)))
-        deviation = float(max(np.linalg.norm(errors[:, 3:], axis=1).max(), np.linalg.norm(errors[:, :3], axis=1).max()))
-        if not arrived and (deviation <= allowed or n >= 1024):
+        path = _spline(s / s[-1], q, 0.0)
+        middle = 0.5 * (s[1:] + s[:-1])
+        errors = twist_left(robot.forward_kinematics(path(middle / s[-1])[0], frame), poses_at(middle), _ALL_ROWS)
+        distances, angles = np.linalg.norm(errors[:, 3:], axis=1), np.linalg.norm(errors[:, :3], axis=1)
+        deviation = float(max(distances.max(), angles.max()))
+        if not arrived and (deviation <= max_deviation or n >= _MAX_INTERVALS_AFTER_FAILURE):
             raise PathError(
                 f"the path of poses ends at s = {printed(s[-1], 4)}: {why}.",
                 reached=float(s[-1]),
                 partial=_spline(s / s[-1], q, deviation),
             )
-        if deviation <= allowed:
+        if deviation <= max_deviation:
             return _spline(s, q, deviation)
         n *= 2
         if n > _MAX_INTERVALS:
@@ -267,7 +280,7 @@ def follow_poses(
             )
 
 
-def _door(poses: Any) -> Callable[[Array], Array]:
+def _checked_poses_function(poses: Any) -> Callable[[Array], Array]:
     """Wrap the function with a check that it returns poses (m, 4, 4)."""
     what = "the function of poses"
     if not callable(poses):
@@ -275,7 +288,7 @@ def _door(poses: Any) -> Callable[[Array], Array]:
             f"poses is {type(poses).__name__}: give a function of s (m,) to (m, 4, 4), as straight_path does."
         )
 
-    def along(s: Array) -> Array:
+    def checked_poses(s: Array) -> Array:
         try:
             returned = poses(s)
         except Exception as problem:
@@ -287,67 +300,76 @@ def _door(poses: Any) -> Callable[[Array], Array]:
             raise ShapeError(f"{what} gave shape {T.shape} for s of shape {s.shape}, expected {(len(s), 4, 4)}.")
         return np.asarray(arguments.pose(T, what), float)
 
-    return along
+    return checked_poses
 
 
 def _spline(s: Array, q: Array, deviation: float) -> JointPath:
+    """Path of degree 5 through q (m, n) at s (m,)."""
     from scipy.interpolate import make_interp_spline
 
     curve = make_interp_spline(s, q, k=5)
     first, second = curve.derivative(1), curve.derivative(2)
     return JointPath(
-        "path of poses", lambda x: (curve(x), first(x), second(x)), third=curve.derivative(3), deviation=deviation
+        "path of poses", lambda s: (curve(s), first(s), second(s)), third=curve.derivative(3), deviation=deviation
     )
 
 
 def _solve_poses(robot: Robot, targets: Array, q0: Array, frame: str | None) -> tuple[Array, str]:
-    """q at each point up to the first failure, and the reason of the failure."""
-    configurations, solve_near, why = [q0], pose_finder(robot, frame, _MAX_POSE_ERROR), ""
-    if robot.limits.exceeded(q0).any():
-        k = int(robot.limits.exceeded(q0).argmax())
-        lower, upper = (printed(x[k], 4) for x in (robot.limits.lower, robot.limits.upper))
+    """Configurations q at each point up to the first failure, and the reason of the failure; empty if there is none."""
+    solved = [q0]
+    limits = robot.limits
+    if limits.exceeded(q0).any():
+        k = int(limits.exceeded(q0).argmax())
+        lower, upper = printed(limits.lower[k], 4), printed(limits.upper[k], 4)
         why = f"it begins with {robot.joint_names[k]} at {printed(q0[k], 4)}, outside its limits {lower} to {upper}"
+        return np.array(solved), why
+    solve_near = pose_finder(robot, frame, _MAX_POSE_ERROR)
     for target in targets[1:]:
-        if why:
-            break
-        q, last = configurations[-1].copy(), configurations[-1]
-        if robot.nv <= 6 and len(configurations) > 1:
-            q = 2.0 * last - configurations[-2]  # otherwise redundant joints would drift
-        solution = solve_near(target, q)
-        if solution is None or np.abs(solution - last).max() > _JUMP:
-            solution, why = _newton(robot, target, q, last, frame)
-        if not why:
-            configurations.append(solution)
-    return np.array(configurations), why
+        last = solved[-1]
+        guess = last.copy()
+        if robot.nv <= 6 and len(solved) > 1:
+            guess = 2.0 * last - solved[-2]  # extrapolated; redundant joints would drift
+        solution = solve_near(target, guess)
+        if solution is None or np.abs(solution - last).max() > _MAX_JUMP:
+            solution, why = _newton(robot, target, guess, last, frame)
+            if why:
+                return np.array(solved), why
+        solved.append(solution)
+    return np.array(solved), ""
 
 
 def _newton(robot: Robot, target: Array, q: Array, last: Array, frame: str | None) -> tuple[Array, str]:
-    """Configuration near q with the target pose, and the reason if none continues from the last one."""
+    """Configuration near q with the target pose, and the reason if the path cannot go on from ``last`` to it."""
     names, limits = robot.joint_names, robot.limits
-    for _ in range(_NEWTON):
-        e = twist_left(robot.forward_kinematics(q, frame)[None], target[None], tuple(range(6)))[0]
+    for _ in range(_MAX_NEWTON_STEPS):
+        e = twist_left(robot.forward_kinematics(q, frame)[None], target[None], _ALL_ROWS)[0]
         if np.abs(e).max() <= _MAX_POSE_ERROR:
             break
         q = q + np.linalg.pinv(robot.jacobian(q, frame), rcond=1e-9) @ e
-    else:
+    else:  # not converged; close enough if rounding alone stopped it
         if np.abs(e).max() > 1e3 * _MAX_POSE_ERROR:
-            singular_values = np.linalg.svd(robot.jacobian(last, frame), compute_uv=False)
-            least = float(singular_values[5]) if len(singular_values) >= 6 else 0.0
-            if least >= 0.02 * float(singular_values[0]):
-                return q, "the next pose is out of reach on this branch"
-            return q, (
-                "the arm is at a singular configuration there, stretched out or folded, and finds no way on (smallest "
-                f"singular value of J {printed(least, 2)})"
-            )
-    why, beyond, displacement = "", limits.exceeded(q), np.abs(q - last)
+            return q, _reason_without_solution(robot.jacobian(last, frame))
+    beyond, displacement = limits.exceeded(q), np.abs(q - last)
     if beyond.any():
         k = int(beyond.argmax())
         limit = limits.lower[k] if q[k] < limits.lower[k] else limits.upper[k]
-        why = f"{names[k]} reaches its limit {printed(limit, 4)}"
-    elif displacement.max() > _JUMP:
+        return q, f"{names[k]} reaches its limit {printed(limit, 4)}"
+    if displacement.max() > _MAX_JUMP:
         k = int(displacement.argmax())
-        why = f"{names[k]} would jump by {printed(displacement[k], 3)}: the arm passes a singular configuration"
-    return q, why
+        return q, f"{names[k]} would jump by {printed(displacement[k], 3)}: the arm passes a singular configuration"
+    return q, ""
+
+
+def _reason_without_solution(J: Array) -> str:
+    """Reason why no configuration has the next pose, from the Jacobian at the last one."""
+    singular_values = np.linalg.svd(J, compute_uv=False)
+    smallest = float(singular_values[5]) if len(singular_values) >= 6 else 0.0  # fewer than six joints: always singular
+    if smallest >= 0.02 * float(singular_values[0]):
+        return "the next pose is out of reach on this branch"
+    return (
+        "the arm is at a singular configuration there, stretched out or folded, and finds no way on (smallest "
+        f"singular value of J {printed(smallest, 2)})"
+    )
 
 
 complete(globals())

@@ -89,10 +89,14 @@ def positions_passed(robot: Robot, s: Array, q: Array, bounds: Limits) -> tuple[
 
 # ── Trajectory: path and time scaling
 
-_FIT = 2001
+_FIRST_SAMPLES = 2001
 """Initial number of samples of a motion; later samples refine the largest peaks."""
-_CLOSER, _PEAKS, _SPLIT = 3, 8, 20
-"""Refinement factor around a peak, number of peaks, and number of parts."""
+_REFINEMENTS = 3
+"""Number of times that the peaks are refined."""
+_MAX_PEAKS = 8
+"""Number of largest peaks that are refined each time."""
+_PARTS_PER_INTERVAL = 20
+"""Number of parts into which a refinement splits the intervals on both sides of a peak."""
 
 
 class Scaling(Protocol):
@@ -131,10 +135,10 @@ class Trajectory(TrajectoryDoors):
                 f"Trajectory: the scaling is {arguments.value_text(self.scaling)}: give one that "
                 "tw.trajectories.quintic, cubic, trapezoid or uniform makes."
             )
-        wide = self.path(0.0)[0].shape[-1]
-        if wide != self.robot.nq:
+        path_nq = self.path(0.0)[0].shape[-1]
+        if path_nq != self.robot.nq:
             raise ShapeError(
-                f"the path has {wide} coordinates, and robot {self.robot.name!r} {self.robot.nq}: it is another robot's. "
+                f"the path has {path_nq} coordinates, and robot {self.robot.name!r} {self.robot.nq}: it is another robot's. "
                 "Make the path and the motion with the same robot."
             )
 
@@ -146,9 +150,9 @@ class Trajectory(TrajectoryDoors):
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """q (..., nq), dq and ddq (..., nv) at t (...) [s]; at rest at the ends before and after. MR eq. 9.1 to 9.3."""
         s, ds, dds = self.scaling(t)
-        q, q1, q2 = self.path(s)
+        q, dq_ds, ddq_dds = self.path(s)
         ds, dds = ds[..., None], dds[..., None]
-        return q, q1 * ds, q2 * ds * ds + q1 * dds
+        return q, dq_ds * ds, ddq_dds * ds * ds + dq_ds * dds
 
     def jerk(self, t: ArrayLike) -> Array:
         """Third derivative of q at t [s]: q‴ ds³ + 3 q″ ds dds + q′ ddds.
@@ -176,11 +180,11 @@ class Trajectory(TrajectoryDoors):
                 f"the {what} has no third derivative, so its jerk is not known: take the quintic or s-curve timing, a line, a "
                 "spline, or a JointPath with third=."
             )
-        s, ds, dds = (x[..., None] for x in self.scaling(t))
-        _, q1, q2 = self.path(s[..., 0])
-        return np.asarray(
-            self.path.third(s[..., 0]) * ds**3 + 3.0 * q2 * ds * dds + q1 * np.asarray(self.scaling.third(t))[..., None]
-        )
+        s, ds, dds = self.scaling(t)
+        ds, dds = ds[..., None], dds[..., None]
+        ddds = np.asarray(self.scaling.third(t))[..., None]
+        _, q1, q2 = self.path(s)  # q′ and q″
+        return np.asarray(self.path.third(s) * ds**3 + 3.0 * q2 * ds * dds + q1 * ddds)
 
     def sample(self, dt: float) -> Motion:
         """Samples of the trajectory as a :class:`twistwrench.Motion`, every ``dt`` and at the end.
@@ -198,9 +202,9 @@ class Trajectory(TrajectoryDoors):
             raise ValueRangeError(
                 f"dt is {printed(step)}: give a step [s] above zero, in which {printed(self.duration, 4)} s has at most 1e8."
             )
-        n = int(np.floor(self.duration / step * (1 + 1e-12)))
+        n = int(np.floor(self.duration / step * (1 + 1e-12)))  # a duration of whole steps keeps its last one
         t = step * np.arange(n + 1)
-        if self.duration - t[-1] > 1e-9 * min(step, self.duration):
+        if self.duration - t[-1] > 1e-9 * min(step, self.duration):  # more than rounding is left
             t = np.append(t, self.duration)
         t[-1] = min(t[-1], self.duration)
         return Motion(t, *self(t), robot=self.robot, in_seconds=True, friction=self.friction, plan=True)
@@ -262,9 +266,11 @@ def move(
     else:
         names = robot.coordinate_names
         between = np.atleast_2d(np.asarray(arguments.finite(waypoints, "waypoints", robot.nq, names=names), float))
-        ends = [configuration(robot, q, name)[None] for name, q in (("q0", q0), ("q1", q1))]
-        path = spline(robot, np.concatenate([ends[0], between, ends[1]]))
-    return Trajectory(robot, path, fitted(robot, path) if scaling is None else scaling)
+        start, end = configuration(robot, q0, "q0"), configuration(robot, q1, "q1")
+        path = spline(robot, np.concatenate([start[None], between, end[None]]))
+    if scaling is None:
+        scaling = fitted(robot, path)
+    return Trajectory(robot, path, scaling)
 
 
 def fitted(
@@ -303,7 +309,8 @@ def fitted(
     """
     require_robot(robot, "fitted")
     bounds, friction = bounds_or_own(robot, bounds), arguments.flag(friction, "friction")
-    if shape is not None and not (hasattr(shape, "stretched") and not isinstance(shape, type)):
+    is_scaling = hasattr(shape, "stretched") and not isinstance(shape, type)
+    if shape is not None and not is_scaling:
         raise ValueRangeError(
             f"fitted: the shape is {arguments.value_text(shape)}: give a scaling that tw.trajectories.quintic, cubic, "
             "trapezoid or uniform makes, of any duration."
@@ -311,20 +318,20 @@ def fitted(
     unit = (quintic(1.0) if shape is None else shape).stretched(1.0)
     if np.isfinite(bounds.jerk).any():
         _require_continuous_acceleration(Trajectory(robot, path, unit))
-    times = np.union1d(np.linspace(0.0, 1.0, _FIT), getattr(unit, "knots", ()))
-    needed = shortest_durations(robot, path, unit, bounds, times, friction=friction)
-    for _ in range(_CLOSER):  # the critical time lies between two samples
-        inner = np.concatenate([[-np.inf], needed, [-np.inf]])
-        peaks = np.flatnonzero((needed >= inner[:-2]) & (needed >= inner[2:]))
-        peaks = peaks[np.argsort(-needed[peaks])[:_PEAKS]]
-        gaps = np.unique(np.clip(np.concatenate([peaks - 1, peaks]), 0, len(times) - 2))
-        shares = np.arange(1, _SPLIT) / _SPLIT
-        between = (times[gaps, None] + shares * np.diff(times)[gaps, None]).ravel()
-        times = np.concatenate([times, between])
-        needed = np.concatenate([needed, shortest_durations(robot, path, unit, bounds, between, friction=friction)])
+    times = np.union1d(np.linspace(0.0, 1.0, _FIRST_SAMPLES), getattr(unit, "knots", ()))
+    durations = shortest_durations(robot, path, unit, bounds, times, friction=friction)
+    for _ in range(_REFINEMENTS):  # the time of the largest duration lies between two samples
+        padded = np.concatenate([[-np.inf], durations, [-np.inf]])
+        peaks = np.flatnonzero((durations >= padded[:-2]) & (durations >= padded[2:]))
+        peaks = peaks[np.argsort(-durations[peaks])[:_MAX_PEAKS]]
+        intervals = np.unique(np.clip(np.concatenate([peaks - 1, peaks]), 0, len(times) - 2))
+        shares = np.arange(1, _PARTS_PER_INTERVAL) / _PARTS_PER_INTERVAL
+        between = (times[intervals, None] + shares * np.diff(times)[intervals, None]).ravel()
+        durations_between = shortest_durations(robot, path, unit, bounds, between, friction=friction)
+        times, durations = np.concatenate([times, between]), np.concatenate([durations, durations_between])
         order = np.argsort(times)
-        times, needed = times[order], needed[order]
-    T = float(needed.max())
+        times, durations = times[order], durations[order]
+    T = float(durations.max())
     if not 0 < T < np.inf:
         raise ValueRangeError(
             f"nothing limits {robot.name!r} on this path: give velocity, acceleration or effort limits."
@@ -334,12 +341,15 @@ def fitted(
 
 def _require_continuous_acceleration(trajectory: Trajectory) -> None:
     """Raise ValueRangeError if acceleration jumps at the ends or at a knot of the path, so that jerk is unbounded."""
-    _, dq, ddq = trajectory(np.concatenate([[0.0, trajectory.duration], np.linspace(0.0, trajectory.duration, 101)]))
-    where = "at the ends" if any((np.abs(x[:2]).max() > TOLERANCE * np.abs(x).max()) for x in (dq, ddq)) else ""
+    ends, samples = [0.0, trajectory.duration], np.linspace(0.0, trajectory.duration, 101)
+    _, dq, ddq = trajectory(np.concatenate([ends, samples]))
     knots = trajectory.path.knots[1:-1]
-    before, after = (trajectory.path(knots + side)[2] for side in (-1e-9, 1e-9))
+    before, after = trajectory.path(knots - 1e-9)[2], trajectory.path(knots + 1e-9)[2]
     jumps = np.abs(after - before).max(axis=1, initial=0.0) > TOLERANCE * np.abs(before).max(initial=0.0)
-    if not where and jumps.any():
+    where = ""
+    if any(np.abs(rates[:2]).max() > TOLERANCE * np.abs(rates).max() for rates in (dq, ddq)):
+        where = "at the ends"
+    elif jumps.any():
         where = f"at s = {printed(knots[jumps][0], 4)}, where the path's d²q/ds² does"
     if where:
         raise ValueRangeError(
@@ -354,14 +364,16 @@ def shortest_durations(
     """Shortest duration (n,) by the limits at times (n,) of a motion of 1 s; 0 if no limit applies."""
     q, dq, ddq = Trajectory(robot, path, unit)(times)
     dq = velocities_inside(times, dq, ddq, 0.0, 1.0)
+    # Velocities are proportional to 1/T, accelerations to 1/T², jerks to 1/T³; 0/0 is a joint that does not move.
     with np.errstate(divide="ignore", invalid="ignore"):
         shortest = [np.nan_to_num(np.abs(dq) / bounds.velocity, posinf=np.inf)]
         shortest.append(np.sqrt(np.nan_to_num(np.abs(ddq) / bounds.acceleration_at(dq, ddq), posinf=np.inf)))
     if np.isfinite(bounds.jerk).any():
         shortest.append(np.cbrt(np.abs(Trajectory(robot, path, unit).jerk(times)) / bounds.jerk))
-    model, law, u = robot.model, robot.model.friction, motor_velocities(robot.model, dq)
+    model, law = robot.model, robot.model.friction
+    u = motor_velocities(model, dq)
     holding = motor_torques(model, robot.holding_torques(q))
-    slow = joint_velocities(model, 1e-9 * np.sign(u))
+    slow = joint_velocities(model, 1e-9 * np.sign(u))  # at this speed friction is static
     g = holding + motor_torques(model, robot.friction_forces(slow)) * friction
     load = law.load * friction * (u != 0)
     standing = np.abs(g) + load * np.abs(holding)
@@ -375,14 +387,16 @@ def shortest_durations(
     moving = motor_torques(model, robot.inverse_dynamics(q, dq, ddq)) - holding
     viscous = law.viscous * u if friction else np.zeros_like(dq)
     fades = (law.static - law.coulomb) * friction  # friction that helps a braking motor
-    # abs(g + moving k² + viscous k) ≤ L with k = 1/T: the smaller positive root on the side it grows to
+    # |g + moving k² + viscous k| ≤ L with k = 1/T. On either side A k² + B k ≤ C, where C is the room that is left of L;
+    # k is the smaller positive root of the equation, inf if there is none.
     for side in (1.0, -1.0):
         A, B = side * moving + load * np.abs(moving), side * viscous
         C = bounds.effort - side * g - load * np.abs(holding) - fades * (side * u < 0)
         with np.errstate(all="ignore"):
-            root = np.sqrt(np.maximum(B * B + 4 * A * C, 0.0))
+            discriminant = B * B + 4 * A * C
+            root = np.sqrt(np.maximum(discriminant, 0.0))
             k = np.where(B + root > 0, 2 * C / (B + root), np.inf)
-            k = np.where(np.isfinite(C) & (B * B + 4 * A * C >= 0), k, np.inf)
+            k = np.where(np.isfinite(C) & (discriminant >= 0), k, np.inf)
             shortest.append(1.0 / k)
     return np.asarray(np.concatenate(shortest, axis=1).max(axis=1, initial=0.0))
 

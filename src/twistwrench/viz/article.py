@@ -28,20 +28,20 @@ __all__ = ["ARTICLES", "article_text", "write_article"]
 _FOLDER = resources.files(__package__) / "articles"
 ARTICLES = tuple(sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml")))
 """Sections of the book with an article."""
-_SHARED = ("decimals.js", "matrices.js", "orbit.js")
-_SCRIPTS = (
+_SHARED_SCRIPTS = ("decimals.js", "matrices.js", "orbit.js")
+_ARTICLE_SCRIPTS = (
     "rigid_body.js", "near_misses.js", "trails.js", "two_cameras.js", "picture.js", "inline_slider.js", "words.js",
     "predict.js", "handle.js",
 )  # fmt: skip
 _MARKUP = re.compile(r"\{(\w+):((?:[^{}]|\{[^{}]*\})*)\}|\*\*(.+?)\*\*")
 """``{kind:text}`` with at most one level of braces in the text, and ``**text**``."""
-_STOPPED = re.compile(r'(<span class="slider[^>]*>[^<]*</span>)([.,;:?]+)')
+_SLIDER_BEFORE_STOP = re.compile(r'(<span class="slider[^>]*>[^<]*</span>)([.,;:?]+)')
 """Slider before a full stop or the like."""
-_VIEW = (
+_VIEW_HTML = (
     '<div class="view"><b>{caption}</b><canvas data-view="{view}" tabindex="0" role="img" aria-label="{label}"></canvas>'
     '<p class="hint" hidden>Ctrl + scroll to zoom</p></div>'
 )
-_TURNING = "Drag sideways or use the arrow keys to turn the view."
+_TURN_HINT = "Drag sideways or use the arrow keys to turn the view."
 
 
 def write_article(section: str, path: str | Path) -> Path:
@@ -80,8 +80,8 @@ def article_text(section: str, *, neighbours: Mapping[str, str] | None = None, i
     """
     article = article_of(arguments.choice(section, "section with an article", ARTICLES))
     player = resources.files(__package__) / "player"
-    names = [*_SHARED, *(f"article/{name}" for name in (*_SCRIPTS, *article["scripts"], "article.js"))]
-    script = joined_script(names)
+    article_scripts = [*_ARTICLE_SCRIPTS, *article["scripts"], "article.js"]
+    script = joined_script([*_SHARED_SCRIPTS, *(f"article/{name}" for name in article_scripts)])
     data = json.dumps({"section": section, "pictures": article["picture"]}, ensure_ascii=False, separators=(",", ":"))
     return Template((player / "article/article.html").read_text("utf-8")).substitute(
         title=html.escape(f"{section} {article['title']}"),
@@ -107,47 +107,54 @@ def _body(
 ) -> Iterator[str]:
     """Lines of the article: heading, pictures, questions, and how to go on."""
     if neighbours:
-        links = "".join(f'<a href="{html.escape(at)}">{html.escape(label)}</a>' for label, at in neighbours.items())
-        yield f"<nav>{links}</nav>"
-    title = article.get("section_title") or SECTIONS[section].title
-    yield f"<h1><small>{section} {html.escape(title)}</small>{html.escape(article['title'])}</h1>"
+        links = [f'<a href="{html.escape(address)}">{html.escape(label)}</a>' for label, address in neighbours.items()]
+        yield f"<nav>{''.join(links)}</nav>"
+    section_title = article.get("section_title") or SECTIONS[section].title
+    yield f"<h1><small>{section} {html.escape(section_title)}</small>{html.escape(article['title'])}</h1>"
     yield f'<p class="question">{html.escape(article["question"])}</p>'
     yield from _paragraphs(article["lead"], {})
     yield "<noscript><p><b>The pictures are drawn by this page's own script, which is switched off.</b></p></noscript>"
-    for place, picture in enumerate(article["picture"], 1):
-        yield from _picture(place, picture)
+    for picture_number, picture in enumerate(article["picture"], 1):
+        yield from _picture_section(picture_number, picture)
     yield "<h2>Without looking back</h2>"
-    for row in article["question_at_end"]:
-        yield f"<details><summary>{_text_html(row['ask'], {})}</summary>{''.join(_paragraphs(row['answer'], {}))}</details>"
+    for question in article["question_at_end"]:
+        answer = "".join(_paragraphs(question["answer"], {}))
+        yield f"<details><summary>{_text_html(question['ask'], {})}</summary>{answer}</details>"
     yield "<h2>Go on</h2>"
-    own = f"twistwrench view my_arm.urdf --section {article.get('instrument', section)} --html page.html"
-    yield f"<p>The first picture, in Python:</p>{_code(article['python'].strip())}"
+    yield f"<p>The first picture, in Python:</p>{_code_html(article['python'].strip())}"
     link = f', as in <a href="{html.escape(instrument)}">this page</a>' if instrument else ""
-    yield f"<p>The same with your own arm{link}:</p>{_code(own)}"
+    command = f"twistwrench view my_arm.urdf --section {article.get('instrument', section)} --html page.html"
+    yield f"<p>The same with your own arm{link}:</p>{_code_html(command)}"
 
 
-def _code(text: str) -> str:
-    """Lines to copy, which the keyboard can scroll if they are wide."""
+def _code_html(text: str) -> str:
+    """Code to copy; as the block can have the focus, the keyboard can scroll wide lines."""
     return f'<pre tabindex="0" role="region" aria-label="Code">{html.escape(text)}</pre>'
 
 
-def _picture(place: int, picture: Mapping[str, Any]) -> Iterator[str]:
-    """Section of one picture: text with its slider, canvases, controls, exercise."""
-    sliders, views, name = {row["name"]: row for row in picture["sliders"]}, picture["views"], picture["name"]
-    predict, exercise = picture.get("predict"), picture.get("exercise")
-    yield f'<section id="{name}"><h2>{place}. {html.escape(picture["title"])}</h2>'
+def _picture_section(picture_number: int, picture: Mapping[str, Any]) -> Iterator[str]:
+    """Section of one picture: text with its sliders, canvases, controls, exercise."""
+    name, views = picture["name"], picture["views"]
+    sliders = {slider["name"]: slider for slider in picture["sliders"]}
+    prediction, exercise = picture.get("predict"), picture.get("exercise")
+    yield f'<section id="{name}"><h2>{picture_number}. {html.escape(picture["title"])}</h2>'
     yield from _paragraphs(picture["text"], sliders)
-    yield f'<figure data-picture="{name}"{" class=two" if len(views) > 1 else ""}><div class="views">'
-    arrow = " Shift and arrow keys move the guess." if predict and predict["kind"] == "arrow" else ""
+    figure_class = " class=two" if len(views) > 1 else ""
+    yield f'<figure data-picture="{name}"{figure_class}><div class="views">'
+    guess_hint = ""
+    if prediction is not None and prediction["kind"] == "arrow":
+        guess_hint = " Shift and arrow keys move the guess."
     for view, caption in views:
-        label = html.escape(f"{picture['title']}, {caption}. {_TURNING}{arrow}")
-        yield _VIEW.format(view=view, label=label, caption=html.escape(caption))
+        label = html.escape(f"{picture['title']}, {caption}. {_TURN_HINT}{guess_hint}")
+        yield _VIEW_HTML.format(view=view, label=label, caption=html.escape(caption))
     yield '</div><figcaption><button class="play">Play</button><button class="again">Again</button>'
     yield '<button class="skip" hidden>Show me</button>'
-    if predict is not None:
-        yield f'<p class="prompt" role="status" hidden><span>{html.escape(predict["ask"])}</span></p>'
-        if predict["kind"] != "arrow":
-            yield (_guess if predict["kind"] == "number" else _choice)(name, predict)
+    if prediction is not None:
+        yield f'<p class="prompt" role="status" hidden><span>{html.escape(prediction["ask"])}</span></p>'
+        if prediction["kind"] == "number":
+            yield _number_guess(name, prediction)
+        elif prediction["kind"] != "arrow":  # an arrow is guessed in the picture itself
+            yield _answer_choice(name, prediction)
     yield '<div class="numbers"></div></figcaption></figure>'
     yield '<div class="after">'
     yield from _paragraphs(picture["after"], sliders)
@@ -159,47 +166,53 @@ def _picture(place: int, picture: Mapping[str, Any]) -> Iterator[str]:
     yield "</section>"
 
 
-def _guess(name: str, predict: Mapping[str, Any]) -> str:
-    """Slider of a guessed number."""
-    span = f'min="{predict["least"]}" max="{predict["most"]}" step="{predict["step"]}" value="{predict["least"]}"'
-    label = f'<label for="guess-{name}">{html.escape(predict["label"])}</label>'
-    ends = "".join(f"<small>{number(predict[end])}</small>" for end in ("least", "most")).replace("-", "−")
-    field = f'<input id="guess-{name}" type="range" {span}>'
+def _number_guess(name: str, prediction: Mapping[str, Any]) -> str:
+    """Slider with which the reader guesses a number."""
+    least, most = prediction["least"], prediction["most"]
+    label = f'<label for="guess-{name}">{html.escape(prediction["label"])}</label>'
+    attributes = f'min="{least}" max="{most}" step="{prediction["step"]}" value="{least}"'
+    field = f'<input id="guess-{name}" type="range" {attributes}>'
+    ends = f"<small>{number(least)}</small><small>{number(most)}</small>".replace("-", "−")
     return f'<div class="guess">{label}<span class="range">{field}{ends}</span><output></output></div>'
 
 
-def _choice(name: str, predict: Mapping[str, Any]) -> str:
-    """Answers of which one is guessed."""
-    rows = enumerate(map(html.escape, predict["choices"]), 1)
-    labels = (f'<label><input type="radio" name="guess-{name}" value="{k}">{words}</label>' for k, words in rows)
-    return f'<div class="guess choice" role="radiogroup" aria-label="{html.escape(predict["label"])}">{"".join(labels)}</div>'
+def _answer_choice(name: str, prediction: Mapping[str, Any]) -> str:
+    """Radio buttons with which the reader guesses one of several answers."""
+    buttons = ""
+    for k, answer in enumerate(prediction["choices"], 1):
+        buttons += f'<label><input type="radio" name="guess-{name}" value="{k}">{html.escape(answer)}</label>'
+    label = html.escape(prediction["label"])
+    return f'<div class="guess choice" role="radiogroup" aria-label="{label}">{buttons}</div>'
 
 
 def _paragraphs(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """Paragraphs of a text; one that is a displayed formula alone is a block."""
     for paragraph in re.split(r"\n\s*\n", text.strip()):
-        shown = _text_html(" ".join(paragraph.split()), sliders)
-        yield shown if shown.startswith('<div class="display') else f"<p>{shown}</p>"
+        content = _text_html(" ".join(paragraph.split()), sliders)
+        is_display = content.startswith('<div class="display')
+        yield content if is_display else f"<p>{content}</p>"
 
 
 def _text_html(text: str, sliders: Mapping[str, Mapping[str, Any]]) -> str:
     """Text as HTML: coloured words, sliders with their initial value, formulas, emphasis."""
 
-    def html_of(mark: re.Match[str]) -> str:
+    def mark_html(mark: re.Match[str]) -> str:
         kind, inner, strong = mark.groups()
         if strong is not None:
             return f"<strong>{strong}</strong>"
         if kind == "slider":
-            row = sliders[inner]
-            return f'<span class="slider {row["colour"]}" data-slider="{inner}">{row["value"]} {row["unit"]}</span>'
+            slider = sliders[inner]
+            value = f"{slider['value']} {slider['unit']}"
+            return f'<span class="slider {slider["colour"]}" data-slider="{inner}">{value}</span>'
         if kind == "formula":
             return f'<span class="formula">{formula_html(inner)}</span>'
         if kind == "display":
             return f'<div class="display formula">{formula_html(inner)}</div>'
         return f'<span class="word {kind}" data-arrow="{kind}">{inner}</span>'
 
-    marked = _MARKUP.sub(html_of, html.escape(text, quote=False))
-    return _STOPPED.sub(r'<span class="whole">\1\2</span>', marked)
+    text_html = _MARKUP.sub(mark_html, html.escape(text, quote=False))
+    # A line does not break between a slider and the full stop after it.
+    return _SLIDER_BEFORE_STOP.sub(r'<span class="whole">\1\2</span>', text_html)
 
 
 complete(globals())

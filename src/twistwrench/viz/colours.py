@@ -72,7 +72,10 @@ QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     }
 )
 """Colours of words and arrows in articles, on light and on dark paper: hues of Okabe and Ito, with 4.5 : 1 as text."""
-_POSES = 16
+_SAMPLED_POSES = 16
+"""Number of random configurations from which a drawing scale follows."""
+_ELLIPSOID_SHARE = 0.13
+"""Size of a typical ellipsoid, about an eighth of the robot's."""
 
 
 def quantity_colours() -> str:
@@ -108,7 +111,7 @@ def torque_marks(model: Model) -> list[Mark]:
         turns = bool(w.any())
         axis, point = v, np.zeros(3)
         if turns:
-            axis, point = w, so3.cross(w, v) / (w @ w)
+            axis, point = w, so3.cross(w, v) / (w @ w)  # the point of the screw axis nearest to the origin
         marks.append(Mark(body.v_index, k, se3.pose(turned_z(axis), point), turns))
     marks.sort(key=lambda mark: mark.torque)
     return marks
@@ -116,11 +119,11 @@ def torque_marks(model: Model) -> list[Mark]:
 
 def share_colours(shares: ArrayLike) -> Array:
     """Red, green, blue (..., 3) of shares (...) of a limit; NaN (no limit) is grey."""
-    x = np.abs(np.asarray(shares, float))
+    sizes = np.abs(np.asarray(shares, float))
     steps = [share for share, _ in SHARES]
     step_colours = np.array([colour for _, colour in SHARES])
-    channels = [np.interp(x, steps, channel) for channel in step_colours.T]
-    return np.where(np.isnan(x)[..., None], COLOURS["unlimited"], np.stack(channels, axis=-1))
+    channels = [np.interp(sizes, steps, channel) for channel in step_colours.T]
+    return np.where(np.isnan(sizes)[..., None], COLOURS["unlimited"], np.stack(channels, axis=-1))
 
 
 def force_scale(robot: Robot, scene: Scene) -> float:
@@ -130,28 +133,32 @@ def force_scale(robot: Robot, scene: Scene) -> float:
     """
     from ..statics.force_capability import wrench_ellipsoid
 
-    model = robot.model
-    floats = any(not b.joint.driven for b in model.bodies)
-    if model.tip is None or floats or not np.isfinite(robot.limits.effort).any() or (robot.limits.effort <= 0).any():
+    model, effort = robot.model, robot.limits.effort
+    has_undriven_joint = any(not body.joint.driven for body in model.bodies)
+    has_limits = np.isfinite(effort).any() and (effort > 0).all()
+    if model.tip is None or has_undriven_joint or not has_limits:
         return 0.0
-    ellipsoids = wrench_ellipsoid(robot, robot.random_configuration(0, _POSES), limits=robot.limits.effort)
+    ellipsoids = wrench_ellipsoid(robot, robot.random_configuration(0, _SAMPLED_POSES), limits=effort)
     semi_axes = ellipsoids.semi_axes
-    typical = float(np.median(semi_axes[:, 1]))
-    if not (np.isfinite(semi_axes).all() and typical > 0):
+    typical_force = float(np.median(semi_axes[:, 1]))
+    if not np.isfinite(semi_axes).all() or not typical_force > 0:
         return 0.0
-    return 0.13 * scene.size / typical
+    return _ELLIPSOID_SHARE * scene.size / typical_force
 
 
 def mass_scale(robot: Robot, scene: Scene) -> tuple[float, int]:
-    """Drawing scale of mass [m/kg], with an ellipsoid of an eighth of the robot, and the tip's free directions; else 0, 0."""
+    """Drawing scale of mass [m/kg], and the number of directions in which the tip can move; 0 and 0 without a tip.
+
+    A typical ellipsoid of the tip's mass is an eighth of the robot.
+    """
     if robot.model.tip is None:
         return 0.0, 0
-    q = robot.random_configuration(0, _POSES)
-    J = np.asarray(robot.jacobian(q, kind="world_aligned"))[:, 3:]
+    q = robot.random_configuration(0, _SAMPLED_POSES)
+    J_v = np.asarray(robot.jacobian(q, kind="world_aligned"))[:, 3:]
     M = np.asarray(robot.mass_matrix(q))
-    inverse = np.linalg.eigvalsh(J @ np.linalg.solve(M, np.swapaxes(J, 1, 2)))  # eigenvalues of Λ⁻¹
-    directions = int((inverse > 1e-9 * inverse[:, -1:]).sum(axis=1).max())
+    inverse_masses = np.linalg.eigvalsh(J_v @ np.linalg.solve(M, np.swapaxes(J_v, 1, 2)))  # of Λ⁻¹, ascending
+    directions = int((inverse_masses > 1e-9 * inverse_masses[:, -1:]).sum(axis=1).max())
     if directions == 0:
         return 0.0, 0
-    middle = np.median(1 / inverse[:, -min(2, directions)])
-    return 0.13 * scene.size / float(middle), directions
+    second_smallest_masses = 1 / inverse_masses[:, -min(2, directions)]
+    return _ELLIPSOID_SHARE * scene.size / float(np.median(second_smallest_masses)), directions

@@ -34,18 +34,18 @@ def robot_of_motion(motion: DrawnMotion) -> tuple[Robot, Payload | None]:
     load, model = motion.load, motion.load.robot.model
     payload = load.payloads[0] if load.payloads else Payload(0.0)
     bodies = [model.frame(name).body for name in (model.tip, payload.frame) if name is not None]
-    if len(load.payloads) <= 1 and BASE not in bodies and (bodies or tips_of(model)):
+    has_moving_place = BASE not in bodies and (bodies or tips_of(model))
+    if len(load.payloads) <= 1 and has_moving_place:
         return Robot(replace(model, limits=motion.limits)), payload
     return Robot(replace(load.with_load.model, limits=motion.limits)), None
 
 
 def motion_data(robot: Robot, motion: DrawnMotion, payload: Payload | None, put: Put) -> dict[str, Any]:
     """States of the motion, and the data of its verdict."""
-    still: dict[str, Any] | None = None
-    viscous: list[float] | None = None
-    mass = 0.0
-    positions = [v for v in motion.violations if v.kind == "position"]
-    verdict = verdict_data(motion.load, motion.limits, motion.report, list(motion.refused), positions, motion.clearance)
+    position_violations = [violation for violation in motion.violations if violation.kind == "position"]
+    verdict = verdict_data(
+        motion.load, motion.limits, motion.report, list(motion.refused), position_violations, motion.clearance
+    )
     if payload is None and motion.load.payloads and verdict["fixed"] is None:
         verdict["fixed"] = "the payload is not on a body that moves"
     states = {
@@ -54,17 +54,17 @@ def motion_data(robot: Robot, motion: DrawnMotion, payload: Payload | None, put:
         "dq": put(motion.dq, "f8"),
         "ddq": put(motion.ddq, "f8"),
     }
+    still: dict[str, Any] | None = None
+    viscous: list[float] | None = None
     if motion.load.friction and motion.still.any():
         still = put(motion.still, "u2")
     if motion.load.friction and robot.model.friction.any:
         viscous = robot.model.friction.viscous.tolist()
-    if payload is not None:
-        mass = payload.mass
     return {
         **states,
         "still": still,
         "viscous": viscous,
-        "mass": mass,
+        "mass": 0.0 if payload is None else payload.mass,
         "judged": motion.judged,
         "verdict": verdict,
     }
@@ -74,7 +74,7 @@ def notes_of_motion(motion: DrawnMotion) -> list[str]:
     """Notes on the motion besides its verdict, and on omitted rows."""
     notes = [note for note in motion.warnings if note not in motion.passed]
     if motion.rows > len(motion.time):
-        mass = number(sum(p.mass for p in motion.load.payloads))
+        mass = number(sum(payload.mass for payload in motion.load.payloads))
         notes.append(
             f"The page has {len(motion.time)} of {motion.rows} rows, among them the largest torques of each joint with a "
             f"payload of {mass} kg. With another one, a peak may lie between two of them."
@@ -108,8 +108,9 @@ def _robot_expression(source: str, tip: str | None) -> str:
 
 
 def _log_expression(source: str) -> str:
+    """Python expression of a bundled motion, or of a log by its file name."""
     path = Path(source)
-    bundled = path.parent == BUNDLED and path.stem.endswith("_demo")
-    if not bundled:
+    if path.parent != BUNDLED or not path.stem.endswith("_demo"):
         return repr(path.name)
-    return f"tw.robots.path_of({path.stem.removesuffix('_demo')!r}).with_name({path.name!r})"
+    robot_name = path.stem.removesuffix("_demo")
+    return f"tw.robots.path_of({robot_name!r}).with_name({path.name!r})"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -53,26 +53,26 @@ class SectionPanel:
 
     def require(self, robot: Robot) -> None:
         """Raise ValueRangeError if the page cannot show this robot."""
-        why = None
+        problem = None
         if robot.model.tip is None:
-            why = f"has no single tip: name one, {spell(Argument('tip', Placeholder('FRAME')))}"
+            problem = f"has no single tip: name one, {spell(Argument('tip', Placeholder('FRAME')))}"
         elif any(body.joint.nv != 1 or not body.joint.driven for body in robot.model.leaders):
-            why = "has joints that neither turn nor slide, or a base that moves"
+            problem = "has joints that neither turn nor slide, or a base that moves"
         elif not 1 <= robot.nv <= MOST_JOINTS:
-            why = f"has {robot.nv} joints that move"
-        if why is not None:
+            problem = f"has {robot.nv} joints that move"
+        if problem is not None:
             raise ValueRangeError(
-                f"section {self.number}: robot {robot.name!r} {why}. These pages take an arm with one tip and 1 to "
+                f"section {self.number}: robot {robot.name!r} {problem}. These pages take an arm with one tip and 1 to "
                 f"{MOST_JOINTS} joints that turn or slide, such as planar_2r, ur5 or panda."
             )
 
 
-_TOKEN = re.compile(
+_FORMULA_TOKEN = re.compile(
     r"([_^])(?:\{((?:[^{}]|\{[^{}]*\})*)\}|(\w+))|(Ad|ad|diag|rank|sign|sin|cos)|([A-Za-zτθωβ𝒱ℱ𝒢𝒫])([\u0307\u0308]?)"
 )
-_SCRIPT = "𝒱ℱ𝒢𝒫"
+_UPRIGHT_LETTERS = "𝒱ℱ𝒢𝒫"
 """Letters of twist, wrench, spatial inertia and momentum in articles, upright."""
-_DOTS = {"\u0307": "dot", "\u0308": "ddot"}
+_DOT_CLASSES = {"\u0307": "dot", "\u0308": "ddot"}
 
 
 def formula_html(text: str) -> str:
@@ -82,28 +82,29 @@ def formula_html(text: str) -> str:
     '<i>F</i><sub>b</sub> = [ad<sub><i>V</i><sub>b</sub></sub>]<sup>T</sup> <i>P</i>'
     """
 
-    def html(token: re.Match[str]) -> str:
-        script, braced, plain, word, letter, dots = token.groups()
-        if script:
+    def token_html(token: re.Match[str]) -> str:
+        index_or_power, braced, plain, function_name, letter, dots = token.groups()
+        if index_or_power:
             inside = plain or braced
-            if braced is not None and "_" in braced:
+            if braced is not None and "_" in braced:  # an index that has an index itself
                 inside = formula_html(braced)
-            tag = "sub" if script == "_" else "sup"
+            tag = "sub" if index_or_power == "_" else "sup"
             return f"<{tag}>{inside}</{tag}>"
-        if word is not None:
-            return word
-        if letter in _SCRIPT and not dots:
+        if function_name is not None:
+            return function_name
+        is_upright = letter in _UPRIGHT_LETTERS
+        if is_upright and not dots:
             return letter
-        tag = "span" if letter in _SCRIPT else "i"
+        tag = "span" if is_upright else "i"
         if dots:
-            return f'<{tag} class="{_DOTS[dots]}">{letter}</{tag}>'
+            return f'<{tag} class="{_DOT_CLASSES[dots]}">{letter}</{tag}>'
         return f"<{tag}>{letter}</{tag}>"
 
-    return _TOKEN.sub(html, text)
+    return _FORMULA_TOKEN.sub(token_html, text)
 
 
 AXES = ("vx", "vy", "vz")
-_POSES = 16
+_SAMPLED_POSES = 16
 
 
 def ik_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
@@ -113,15 +114,16 @@ def ik_rows(robot: Robot, frame: str | None = None) -> tuple[str, ...]:
     >>> ik_rows(tw.robots.planar_2r()), ik_rows(tw.robots.ur5())
     (('vx', 'vz'), ('vx', 'vy', 'vz'))
     """
-    J = np.asarray(robot.jacobian(robot.random_configuration(0, _POSES), frame, kind="world_aligned"))[:, 3:]
-    found: list[int] = []
+    J = np.asarray(robot.jacobian(robot.random_configuration(0, _SAMPLED_POSES), frame, kind="world_aligned"))
+    J_v = J[:, 3:]
+    independent: list[int] = []
     for k in range(3):
-        if np.linalg.matrix_rank(J[:, [*found, k]], tol=1e-9).max() > len(found):
-            found.append(k)
-    return tuple(AXES[k] for k in found)
+        if np.linalg.matrix_rank(J_v[:, [*independent, k]], tol=1e-9).max() > len(independent):
+            independent.append(k)
+    return tuple(AXES[k] for k in independent)
 
 
-_NAMES = {
+_INPUT_NAMES = {
     "dq": ("θ̇", "velocities of the joints"),
     "ddq": ("θ̈", "accelerations of the joints"),
     "tau": ("τ", "torques of the joints"),
@@ -129,14 +131,14 @@ _NAMES = {
     "wrench": ("F_b", "wrench that the tip applies, in its frame {b}"),
     "motor": ("G", "gear, rotor and friction of every joint"),
 }
-_MOTOR = (
+_MOTOR_SLIDERS = (
     ("gear ratio G", "", 1.0, 200.0, 100.0),
     ("rotor's inertia I", "kg cm²", 0.0, 5.0, 0.5),
     ("viscous friction b", "N m s/rad", 0.0, 20.0, 2.0),
     ("Coulomb friction μ", "N m", 0.0, 20.0, 3.0),
 )
 """Name, unit, range and initial value of the sliders of a motor."""
-_COMPONENTS = ("moment, x", "moment, y", "moment, z", "force, x", "force, y", "force, z")
+_WRENCH_COMPONENTS = ("moment, x", "moment, y", "moment, z", "force, x", "force, y", "force, z")
 
 
 def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str, Any]:
@@ -150,7 +152,12 @@ def section_data(section: SectionPanel, robot: Robot, start: Array) -> dict[str,
         "picture": opening_picture(section.number),
         "formulas": [(formula_html(text), number) for text, number in section.formulas],
         "inputs": [
-            {"key": key, "letter": formula_html(_NAMES[key][0]), "meaning": _NAMES[key][1], "rows": sliders[key]}
+            {
+                "key": key,
+                "letter": formula_html(_INPUT_NAMES[key][0]),
+                "meaning": _INPUT_NAMES[key][1],
+                "rows": sliders[key],
+            }
             for key in section.inputs
         ],
         "exercises": exercises(robot, section.number),
@@ -172,14 +179,14 @@ def opening_picture(number: str) -> str:
     return file.read_text("utf-8") if file.is_file() else ""
 
 
-_NEAR = ["sign", "double", "half"]
+_USUAL_NEAR_MISSES = ["sign", "double", "half"]
 """Near-misses that are named if an exercise lists none: player/article/near_misses.js has their words."""
 
 
-def _finite_limits(limits: Array, others: float) -> list[float]:
-    """Limits of joints, with ``others`` for those without one."""
+def _finite_limits(limits: Array, default: float) -> list[float]:
+    """Limits of joints, with ``default`` for those without one."""
     has_limit = (limits > 0) & (limits < np.inf)
-    return list(np.where(has_limit, limits, others).tolist())
+    return list(np.where(has_limit, limits, default).tolist())
 
 
 @cache
@@ -199,7 +206,7 @@ def exercises(robot: Robot, number: str) -> list[dict[str, Any]]:
             "question": Template(row["question"]).substitute(units),
             "unit": Template(row["unit"]).substitute(units),
             "formula": formula_html(row["formula"]),
-            "near": row.get("near", _NEAR),
+            "near": row.get("near", _USUAL_NEAR_MISSES),
         }
         for row in _exercise_table()[number]
     ]
@@ -207,48 +214,47 @@ def exercises(robot: Robot, number: str) -> list[dict[str, Any]]:
 
 def _ranks(robot: Robot) -> dict[str, int]:
     """Rank of the tip Jacobian at most configurations: all, angular and linear rows."""
-    J = np.asarray(robot.jacobian(robot.random_configuration(0, 16), kind="world_aligned"))
-    rows = {"all": slice(6), "angular": slice(3), "linear": slice(3, 6)}
-    return {key: int(np.linalg.matrix_rank(J[:, mine], tol=1e-9).max()) for key, mine in rows.items()}
+    J = np.asarray(robot.jacobian(robot.random_configuration(0, _SAMPLED_POSES), kind="world_aligned"))
+    parts = {"all": slice(6), "angular": slice(3), "linear": slice(3, 6)}
+    return {name: int(np.linalg.matrix_rank(J[:, rows], tol=1e-9).max()) for name, rows in parts.items()}
 
 
 def _sliders(robot: Robot, start: Array, section: SectionPanel) -> dict[str, list[dict[str, Any]]]:
-    """Rows of name, unit, range and initial value, by input."""
+    """Sliders (name, unit, range and initial value) by input of the section."""
     coordinates, limits = Coordinates.from_model(robot.model), robot.limits
-    turns = coordinates.angular_velocity
-    holding = np.asarray(robot.holding_torques(start))
+    lengths = ["rad" if turns else "m" for turns in coordinates.angular_velocity]
+    start_torques = np.asarray(robot.holding_torques(start))
     weight = moving_mass(robot.model) * float(np.linalg.norm(robot.model.gravity))
-    push = round_above(weight / 2 or 10.0)
+    max_force = round_above(weight / 2 or 10.0)
     if section.presses:
-        J = np.asarray(robot.jacobian(start, kind="world_aligned"))[3 + AXES.index(ik_rows(robot)[0])]
-        holding = holding + push / 4 * J  # with gravity: tau = g + J' F
-    most_torque = round_above(max(2 * float(np.abs(holding).max()), 1.0))
-    torque = _finite_limits(limits.effort, most_torque)
-    rates = _finite_limits(limits.velocity, 3.0)
+        J_row = np.asarray(robot.jacobian(start, kind="world_aligned"))[3 + AXES.index(ik_rows(robot)[0])]
+        start_torques = start_torques + max_force / 4 * J_row  # with gravity: tau = g + J' F
+    default_torque = round_above(max(2 * float(np.abs(start_torques).max()), 1.0))
+    max_torques = _finite_limits(limits.effort, default_torque)
+    max_rates = _finite_limits(limits.velocity, 3.0)
 
-    def joints(unit: str, most: list[float], begin: list[float]) -> list[dict[str, Any]]:
-        return [
-            {"name": name, "unit": f"{'rad' if turns[k] else 'm'}/{unit}", "most": most[k], "start": begin[k]}
-            for k, name in enumerate(coordinates.velocity_names)
-        ]
+    def joint_sliders(units: Sequence[str], most: Sequence[float], begin: Sequence[float]) -> list[dict[str, Any]]:
+        rows = zip(coordinates.velocity_names, units, most, begin, strict=True)
+        return [{"name": name, "unit": unit, "most": high, "start": first} for name, unit, high, first in rows]
 
+    # Initial velocities alternate in sign and decrease towards the tip.
+    start_rates = []
+    for k, rate in enumerate(max_rates):
+        start_rates.append((not section.at_rest) * round(0.25 * rate * (-1) ** k / (1 + k / 2), 2))
     n = robot.nv
-    first = [(not section.at_rest) * round(0.25 * v * (-1) ** k / (1 + k / 2), 2) for k, v in enumerate(rates)]
-    tau = joints("", torque, holding.tolist())
-    for row, unit in zip(tau, coordinates.torque_units, strict=True):
-        row["unit"] = unit
-    most = 3 * [round_above(push / 5)] + 3 * [push]
-    begin = [0.0, 0.0, 0.0, push / 4, 0.0, -push / 2]
-    accelerations = [f"along {row[1]}" for row in ik_rows(robot)]
+    max_wrench = 3 * [round_above(max_force / 5)] + 3 * [max_force]
+    start_wrench = [0.0, 0.0, 0.0, max_force / 4, 0.0, -max_force / 2]
+    directions = [f"along {row[1]}" for row in ik_rows(robot)]
+    motor_keys = ("name", "unit", "least", "most", "start")
     return {
-        "dV": [{"name": n, "unit": "m/s²", "most": 10.0, "start": 1.0 - k} for k, n in enumerate(accelerations)],
-        "dq": joints("s", rates, first),
-        "ddq": joints("s²", n * [10.0], [1.0, *(n - 1) * [0.0]]),
-        "tau": tau,
-        "motor": [dict(zip(("name", "unit", "least", "most", "start"), row, strict=True)) for row in _MOTOR],
+        "dV": [{"name": name, "unit": "m/s²", "most": 10.0, "start": 1.0 - k} for k, name in enumerate(directions)],
+        "dq": joint_sliders([f"{length}/s" for length in lengths], max_rates, start_rates),
+        "ddq": joint_sliders([f"{length}/s²" for length in lengths], n * [10.0], [1.0, *(n - 1) * [0.0]]),
+        "tau": joint_sliders(coordinates.torque_units, max_torques, start_torques.tolist()),
+        "motor": [dict(zip(motor_keys, row, strict=True)) for row in _MOTOR_SLIDERS],
         "wrench": [
-            {"name": name, "unit": unit_of("tau", k < 3), "most": most[k], "start": begin[k]}
-            for k, name in enumerate(_COMPONENTS)
+            {"name": name, "unit": unit_of("tau", k < 3), "most": max_wrench[k], "start": start_wrench[k]}
+            for k, name in enumerate(_WRENCH_COMPONENTS)
         ],
     }
 
@@ -259,11 +265,11 @@ Asked = Mapping[str, tuple[str, dict[str, Any]]]
 
 def link_motions(programs: PagePrograms) -> Asked:
     """Twists of the links and their time derivatives."""
-    found = {}
+    quantities = {}
     for k, frame in enumerate(programs.body_frames):
-        found[f"V{k}"] = "frame_velocity", {"frame": frame, "kind": "body"}
-        found[f"dV{k}"] = "frame_acceleration", {"frame": frame, "kind": "body"}
-    return found
+        quantities[f"V{k}"] = "frame_velocity", {"frame": frame, "kind": "body"}
+        quantities[f"dV{k}"] = "frame_acceleration", {"frame": frame, "kind": "body"}
+    return quantities
 
 
 def jacobian(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
@@ -278,12 +284,12 @@ def twist(programs: PagePrograms, kind: str) -> tuple[str, dict[str, Any]]:
 
 def task(programs: PagePrograms) -> dict[str, Any]:
     """Options for quantities of the tip velocity, with the rows in which it can move."""
-    return {"frame": programs.tip, "kind": "world_aligned", "rows": _rows(programs)}
+    return {"frame": programs.tip, "kind": "world_aligned", "rows": _moving_rows(programs)}
 
 
 def along_wall(programs: PagePrograms) -> Asked:
     """Dynamics with the tip constrained to a wall across the first base axis along which it can move."""
-    tip, row = programs.tip or "", _rows(programs)[0]
+    tip, row = programs.tip or "", _moving_rows(programs)[0]
     wall = {"constraints": programs.robot.constrain(tip, row, kind="world_aligned").constraints}
     return {
         "wall": ("constraint_jacobian", wall),
@@ -295,20 +301,22 @@ def along_wall(programs: PagePrograms) -> Asked:
 
 def with_friction(programs: PagePrograms) -> Asked:
     """Inverse dynamics of the links, and friction from viscous and Coulomb coefficients of each joint."""
-    names = [f"{b.joint.name}.{law}" for b in programs.robot.model.leaders for law in ("viscous", "coulomb")]
-    friction = "friction_forces", {"parameters": tuple(names)}
+    parameters: list[str] = []
+    for body in programs.robot.model.leaders:
+        parameters += (f"{body.joint.name}.viscous", f"{body.joint.name}.coulomb")
+    friction = "friction_forces", {"parameters": tuple(parameters)}
     return {"inverse": ("inverse_dynamics", programs.load), "friction": friction}
 
 
-def _rows(programs: PagePrograms) -> tuple[str, ...]:
+def _moving_rows(programs: PagePrograms) -> tuple[str, ...]:
     """Rows in which the tip can move; raises ValueRangeError if there are none."""
-    found = ik_rows(programs.robot, programs.tip)
-    if not found or programs.tip is None:
+    rows = ik_rows(programs.robot, programs.tip)
+    if not rows or programs.tip is None:
         raise ValueRangeError(
             f"robot {programs.robot.name!r}: no joint moves the origin of its tip {programs.robot.tip!r}, so the page of this "
             f"section has nothing to show. Load it with another tip: {spell(Argument('tip', Placeholder('FRAME')))}."
         )
-    return found
+    return rows
 
 
 def section_panel(number: str) -> SectionPanel:

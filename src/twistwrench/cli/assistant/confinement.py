@@ -1,4 +1,4 @@
-"""Confinement of this process to one folder: what robot files, logs and options name elsewhere is neither read nor written.
+"""Confinement of this process to one folder: files elsewhere, named by robot files, logs or options, stay untouched.
 
 An audit hook checks every file that the interpreter opens, in this process and in the child processes of readers. Beside the
 folder, the installation and public files of the system are read, and the caches of compiled code and of fonts are written.
@@ -21,23 +21,23 @@ from typing import Any
 from ...core import child_process, object_cache
 from ...core.errors import ValueRangeError
 
-_WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-_CHANGES = {
+_WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+_PATHS_OF_CHANGES = {
     "os.chmod": 1, "os.chown": 1, "os.link": 2, "os.mkdir": 1, "os.remove": 1, "os.rename": 2, "os.rmdir": 1,
     "os.setxattr": 1, "os.symlink": 2, "os.truncate": 1, "os.utime": 1,
 }  # fmt: skip
 """Audit events that change the file system, by the number of paths among their first arguments."""
-_REFUSED = (
+_REFUSED_EVENTS = (
     "os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.spawn", "os.startfile", "os.system", "pty.spawn",
     "socket.bind", "socket.connect", "socket.getaddrinfo", "socket.sendto", "webbrowser.open",
 )  # fmt: skip
-_PUBLIC = (
+_PUBLIC_PATHS = (
     "/usr", "/lib", "/lib64", "/dev/null", "/dev/urandom", "/etc/fonts", "/etc/localtime", "/etc/mime.types",
     "/proc/cpuinfo", "/proc/meminfo", "/proc/self/statm", "/sys/devices/system/cpu", "/System/Library", "/Library/Fonts",
     r"C:\Windows",
 )  # fmt: skip
 """Files of the system that are the same for all users."""
-_ENVIRONMENT = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
+_MESH_VARIABLES = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
 """Environment variables with further folders of meshes."""
 
 
@@ -51,28 +51,29 @@ class Folder:
 
     def require(self, name: str, flag: str) -> None:
         """Raise ValueRangeError unless a path, or all files of a pattern or folder, lie in the folder, links resolved."""
-        outside = (
-            f"{flag} {name[:200]!r} lies outside the folder of this server, {str(self.path)!r}. Copy the file into it."
-        )
         if name.startswith("~") or name == "-" or "\0" in name:
             raise ValueRangeError(
                 f"{flag} {name[:200]!r} is not a path in the folder of this server, {str(self.path)!r}."
             )
-        given = self.path / name
-        if ".." in given.parts or any(not self._holds(path) for path in (given, *self._found(name))):
-            raise ValueRangeError(outside)
+        path = self.path / name  # an absolute name replaces the folder
+        if ".." in path.parts or not all(map(self._contains, (path, *self._matching_files(name)))):
+            raise ValueRangeError(
+                f"{flag} {name[:200]!r} lies outside the folder of this server, {str(self.path)!r}. Copy the file into it."
+            )
 
-    def _found(self, name: str) -> Iterable[Path]:
-        """Files of a pattern, and all that a folder holds."""
-        places = [self.path / name]
-        if not Path(name).is_absolute() and any(sign in name for sign in "*?["):
-            places = list(self.path.glob(name))
-        for place in places:
-            yield place
-            if place.is_dir():
-                yield from place.rglob("*")
+    def _matching_files(self, name: str) -> Iterable[Path]:
+        """Paths that a name or a pattern stands for, and all files in them if they are folders."""
+        paths = [self.path / name]
+        is_pattern = any(sign in name for sign in "*?[")
+        if is_pattern and not Path(name).is_absolute():
+            paths = list(self.path.glob(name))
+        for path in paths:
+            yield path
+            if path.is_dir():
+                yield from path.rglob("*")
 
-    def _holds(self, path: Path) -> bool:
+    def _contains(self, path: Path) -> bool:
+        """True if the path lies in the folder, links resolved."""
         try:
             return path.resolve().is_relative_to(self.path)
         except (OSError, RuntimeError):  # links in a circle
@@ -82,10 +83,10 @@ class Folder:
         """Confine this process and its children to the folder for good, and make it the working folder."""
         private = tempfile.mkdtemp(prefix="twistwrench-")
         atexit.register(shutil.rmtree, private, ignore_errors=True)
-        own_folder = str(Path.cwd())
-        readable = [*_PUBLIC, *_installation(own_folder), *_robots()]
+        working_folder = str(Path.cwd())
+        readable = [*_PUBLIC_PATHS, *_installation(working_folder), *_fetched_robots()]
         writable = [str(self.path), private, *_caches()]
-        for name in _ENVIRONMENT:
+        for name in _MESH_VARIABLES:
             os.environ.pop(name, None)
         os.chdir(self.path)
         child_process.PREPARATIONS.append((f"{__name__}:confine", (readable, writable, private)))
@@ -110,42 +111,44 @@ class _Guard:
         """Check one event of the interpreter."""
         if event == "open":
             path, mode, flags = args
-            writes = bool(set(mode or "") & set("wxa+")) or bool((flags or 0) & _WRITES)
-            self._check(path, self.writable if writes else self.readable)
+            writes_by_mode = bool(set(mode or "") & set("wxa+"))
+            writes_by_flags = bool((flags or 0) & _WRITE_FLAGS)
+            self._check(path, self.writable if writes_by_mode or writes_by_flags else self.readable)
         elif event in ("os.listdir", "os.scandir"):
             self._check(args[0], self.readable)
-        elif event in _CHANGES:
-            for path in args[: _CHANGES[event]]:
+        elif event in _PATHS_OF_CHANGES:
+            for path in args[: _PATHS_OF_CHANGES[event]]:
                 self._check(path, self.writable)
-        elif event in _REFUSED or (event == "subprocess.Popen" and args[0] != sys.executable):
+        elif event in _REFUSED_EVENTS or (event == "subprocess.Popen" and args[0] != sys.executable):
             raise PermissionError(errno.EACCES, "this server opens no connections and starts no programs")
 
-    def _check(self, path: Any, places: Sequence[Path]) -> None:
+    def _check(self, path: Any, folders: Sequence[Path]) -> None:
+        """Raise PermissionError unless the path lies in one of the folders."""
         if path is None or isinstance(path, int):  # the working folder, and files that are open
             return
-        place = Path(os.fsdecode(path)).resolve()
-        if str(place) != os.devnull and not any(place.is_relative_to(folder) for folder in places):
+        resolved = Path(os.fsdecode(path)).resolve()
+        if str(resolved) != os.devnull and not any(resolved.is_relative_to(folder) for folder in folders):
             raise PermissionError(errno.EACCES, "it lies outside the folder of this server", os.fsdecode(path))
 
 
-def _installation(own_folder: str) -> list[str]:
-    """Folders of Python, of this package and of those it uses."""
-    own = [sys.prefix, sys.base_prefix, str(Path(__file__).parents[2]), *sysconfig.get_paths().values()]
-    packages = [*site.getsitepackages(), site.getusersitepackages(), *sys.path]
-    return [place for place in (*own, *packages) if place not in ("", os.sep, own_folder)]
+def _installation(working_folder: str) -> list[str]:
+    """Folders of Python, of this package and of those it uses; without the working folder, which sys.path may have."""
+    python = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
+    packages = [str(Path(__file__).parents[2]), *site.getsitepackages(), site.getusersitepackages(), *sys.path]
+    return [folder for folder in (*python, *packages) if folder not in ("", os.sep, working_folder)]
 
 
-def _robots() -> list[str]:
+def _fetched_robots() -> list[str]:
     """Folder of the robots that ``robot_descriptions`` has fetched."""
     return [os.environ.get("ROBOT_DESCRIPTIONS_CACHE") or str(Path("~/.cache/robot_descriptions").expanduser())]
 
 
 def _caches() -> list[str]:
     """Folders that compiled code and lists of fonts are kept in."""
-    fonts, code = os.environ.get("MPLCONFIGDIR"), object_cache.folder()
+    font_folder, code_folder = os.environ.get("MPLCONFIGDIR"), object_cache.folder()
     folders = [str(Path.home() / ".cache" / "matplotlib"), str(Path.home() / ".config" / "matplotlib")]
-    if fonts:
-        folders = [fonts]
-    if code is not None:
-        folders.append(str(code))
+    if font_folder:
+        folders = [font_folder]
+    if code_folder is not None:
+        folders.append(str(code_folder))
     return folders

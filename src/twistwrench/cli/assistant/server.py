@@ -14,7 +14,11 @@ _VERSIONS = ("2025-11-25", "2025-06-18", "2025-03-26", "2024-11-05")
 """Versions of the protocol, the newest first."""
 _MAX_LINE = 1 << 20
 """Largest line [bytes]."""
-_PARSE_ERROR, _INVALID_REQUEST, _UNKNOWN_METHOD, _INVALID_PARAMS = -32700, -32600, -32601, -32602
+_PARSE_ERROR = -32700
+_INVALID_REQUEST = -32600
+_UNKNOWN_METHOD = -32601
+_INVALID_PARAMS = -32602
+"""Error codes of JSON-RPC 2.0."""
 
 
 class _ProtocolError(Exception):
@@ -40,20 +44,23 @@ class Server:
                 answers.flush()
 
     def answer(self, line: bytes | None) -> dict[str, Any] | None:
-        """Answer to a line; None to a notification. A line of None was too long."""
-        number: Any = None
+        """Answer to a line; None to a notification. The line is None if it was too long."""
+        request_id: Any = None
         try:
-            request = _parsed(line)
-            number = request.get("id")
-            if "id" not in request or {"result", "error"} & request.keys():  # a notification, or an answer
+            request = _parse_request(line)
+            request_id = request.get("id")
+            is_notification = "id" not in request
+            is_answer = "result" in request or "error" in request
+            if is_notification or is_answer:
                 return None
             result = self._result(*_called_method(request))
         except _ProtocolError as problem:
             error = {"code": problem.code, "message": str(problem)}
-            return {"jsonrpc": "2.0", "id": number, "error": error}
-        return {"jsonrpc": "2.0", "id": number, "result": result}
+            return {"jsonrpc": "2.0", "id": request_id, "error": error}
+        return {"jsonrpc": "2.0", "id": request_id, "result": result}
 
     def _result(self, method: str, params: Mapping[str, Any]) -> dict[str, Any]:
+        """Result of a method of the protocol."""
         if method == "initialize":
             wanted = params.get("protocolVersion")
             return {
@@ -67,18 +74,19 @@ class Server:
         if method == "tools/list":
             return {"tools": [tool.description() for tool in self.tools.by_name.values()]}
         if method == "tools/call":
-            return self._called(params.get("name"), params.get("arguments") or {})
+            return self._call_tool(params.get("name"), params.get("arguments") or {})
         raise _ProtocolError(_UNKNOWN_METHOD, f"unknown method {method[:80]!r}")
 
-    def _called(self, name: Any, arguments: Any) -> dict[str, Any]:
+    def _call_tool(self, name: Any, arguments: Any) -> dict[str, Any]:
+        """Text that a tool prints, in the form of the protocol."""
         if not isinstance(name, str) or name not in self.tools.by_name:
             raise _ProtocolError(
                 _INVALID_PARAMS, f"unknown tool {str(name)[:80]!r}. Tools: {', '.join(self.tools.by_name)}."
             )
         if not isinstance(arguments, dict):
             raise _ProtocolError(_INVALID_PARAMS, "arguments are an object: values by name")
-        found = self.tools.call(name, arguments)
-        return {"content": [{"type": "text", "text": found.text}], "isError": found.is_error}
+        output = self.tools.call(name, arguments)
+        return {"content": [{"type": "text", "text": output.text}], "isError": output.is_error}
 
 
 def _lines(requests: BinaryIO) -> Iterator[bytes | None]:
@@ -100,7 +108,7 @@ def _called_method(request: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
     return method, params
 
 
-def _parsed(line: bytes | None) -> dict[str, Any]:
+def _parse_request(line: bytes | None) -> dict[str, Any]:
     """Request of a line."""
     if line is None:
         raise _ProtocolError(_INVALID_REQUEST, f"the line has more than {_MAX_LINE:,} bytes")

@@ -17,15 +17,17 @@ from ..parameters import REPEATED, Kind, Spelling, several
 from ..shared import RobotOptions
 from ..skin import Asked, OutputFile, command_of, picture_file, table_file
 
-_UNITS = {"": 1.0, "m": 1.0, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295}
-_OF_PLANS = ("kind", "degrees", "assume", "noise", "file_accuracy")
+_SI_FACTORS = {"": 1.0, "m": 1.0, "mm": 1e-3, "um": 1e-6, "rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295}
+"""SI units in each unit; a bare number is in m or rad."""
+_PLAN_PARAMETERS = ("kind", "degrees", "assume", "noise", "file_accuracy")
 """Parameters of ``calibrate`` that a plan of readings has too."""
 _QUANTITY = re.compile(r"\s*([-+.\deE]+)\s*([a-z]*)\s*")
+"""Number and unit."""
 Calibration: TypeAlias = CalibratedRobot | FactoryCalibration | MeasuringPoses
 
 
-def _sizes(text: str, flag: str) -> list[float]:
-    """Numbers with units, such as 1mm,0.1deg, in m and rad."""
+def _positive_sizes(text: str, flag: str) -> list[float]:
+    """Numbers above 0 with units, one or two, such as 1mm,0.1deg, converted to m and rad."""
     problem = ValueRangeError(f"{flag} {text!r} is not a length and an angle above 0. Write for example 1mm,0.1deg.")
     sizes = list[float]()
     for part in text.split(","):
@@ -33,7 +35,7 @@ def _sizes(text: str, flag: str) -> list[float]:
         if match is None:
             raise problem
         try:
-            size = float(match[1]) * _UNITS[match[2]]
+            size = float(match[1]) * _SI_FACTORS[match[2]]
         except (ValueError, KeyError):
             raise problem from None
         if not size > 0:  # also for NaN
@@ -44,26 +46,33 @@ def _sizes(text: str, flag: str) -> list[float]:
     return sizes
 
 
-def _noise(text: str, flag: str) -> float | tuple[float, ...]:
-    sizes = _sizes(text, flag)
+def _parse_noise(text: str, flag: str) -> float | tuple[float, ...]:
+    """Deviation of all readings, or those of lengths [m] and angles [rad]."""
+    sizes = _positive_sizes(text, flag)
     if len(sizes) == 1:
         return sizes[0]
     return tuple(sizes)
 
 
-def _accuracy(text: str, flag: str) -> tuple[float, ...]:
-    found = _sizes(text, flag)
-    if len(found) != 2:
+def _parse_accuracy(text: str, flag: str) -> tuple[float, ...]:
+    """Length [m] and angle [rad]."""
+    sizes = _positive_sizes(text, flag)
+    if len(sizes) != 2:
         raise ValueRangeError(f"{flag} {text!r} is not a length and an angle. Write for example 1mm,2mrad.")
-    return tuple(found)
+    return tuple(sizes)
 
 
-def _files(measurements: tuple[str, ...], test: tuple[str, ...], factory_file: str | None) -> dict[str, str | None]:
-    read = {f"MEASUREMENTS {path}": path for path in (*measurements, *test) if path != "demo"}
-    return {**read, "--from": factory_file}
+def _input_files(
+    measurements: tuple[str, ...], test: tuple[str, ...], factory_file: str | None
+) -> dict[str, str | None]:
+    """Input files by argument, which outputs must not overwrite."""
+    readings = [path for path in (*measurements, *test) if path != "demo"]
+    files: dict[str, str | None] = {f"MEASUREMENTS {path}": path for path in readings}
+    files["--from"] = factory_file
+    return files
 
 
-def _with_rows(found: Calibration) -> CalibratedRobot | MeasuringPoses:
+def _require_rows(found: Calibration) -> CalibratedRobot | MeasuringPoses:
     assert not isinstance(found, FactoryCalibration), "a factory calibration has no readings"
     return found
 
@@ -72,12 +81,12 @@ def _has_rows(found: Calibration) -> bool:
     return not isinstance(found, FactoryCalibration)
 
 
-def _calibrated(found: Calibration) -> CalibratedRobot | FactoryCalibration:
+def _require_robot(found: Calibration) -> CalibratedRobot | FactoryCalibration:
     assert not isinstance(found, MeasuringPoses), "a plan of readings has no robot to write"
     return found
 
 
-def _objection(found: Calibration, path: str) -> str:
+def _reason_not_to_write(found: Calibration, path: str) -> str:
     """Reason why the robot's file is not written."""
     if isinstance(found, MeasuringPoses):
         return f"{path} is not written, since nothing is measured yet; --csv writes the configurations."
@@ -104,12 +113,12 @@ def _objection(found: Calibration, path: str) -> str:
         OutputFile(
             "--out OUT",
             "Write the calibrated robot into its URDF or MJCF file; not after LOOK AGAIN.",
-            lambda found, path: _calibrated(found).write(path),
-            exists=lambda found: not _objection(found, ""),
-            missing=_objection,
+            lambda found, path: _require_robot(found).write(path),
+            exists=lambda found: not _reason_not_to_write(found, ""),
+            missing=_reason_not_to_write,
         ),
         table_file(
-            lambda found, path: _with_rows(found).to_csv(path),
+            lambda found, path: _require_rows(found).to_csv(path),
             "Write the residuals, one row per reading; with --plan the configurations",
             exists=_has_rows,
         ),
@@ -121,10 +130,10 @@ def _objection(found: Calibration, path: str) -> str:
     spellings={"outliers": Spelling("--keep-outliers", {"": "keep"}, "Use readings that contradict the others, too.")},
     kinds={
         "MeasurementsGiven | Sequence[MeasurementsGiven]": Kind("LOG", several, REPEATED),
-        "NoiseGiven": Kind("M[,RAD]", _noise),
-        "AccuracyGiven": Kind("M,RAD", _accuracy),
+        "NoiseGiven": Kind("M[,RAD]", _parse_noise),
+        "AccuracyGiven": Kind("M,RAD", _parse_accuracy),
     },
-    reads=_files,
+    reads=_input_files,
 )
 def calibrate_command(
     robot: RobotOptions,
@@ -148,7 +157,7 @@ def calibrate_command(
     if plan is None and (towards is not None or floor is not None):
         raise ValueRangeError("--towards and --floor belong to --plan N. Add it, or leave them out.")
     if plan is not None:
-        return _planned(robot, asked, measurements, plan, towards, floor)
+        return _plan_readings(robot, asked, measurements, plan, towards, floor)
     if factory_file:
         return FactoryCalibration.from_file(robot.load(), Path(factory_file), robot.tip)
     if not measurements:
@@ -158,7 +167,7 @@ def calibrate_command(
     return calibrate(robot.load(), list(measurements), tip=robot.tip, **asked)
 
 
-def _planned(
+def _plan_readings(
     robot: RobotOptions,
     asked: Asked,
     measurements: tuple[str, ...],
@@ -166,14 +175,14 @@ def _planned(
     towards: str | None,
     floor: float | None,
 ) -> MeasuringPoses:
-    """Configurations to measure after at most one file of readings."""
+    """Plan configurations to measure, in addition to those of at most one file of existing readings."""
     if len(measurements) > 1:
         raise ValueRangeError(f"--plan takes one file of existing readings, and {len(measurements)} are given.")
     for name in ("test", "length"):
         if asked.get(name):
             raise ValueRangeError(f"--{name} belongs to measurements. Leave it out with --plan.")
-    shared = {name: asked[name] for name in _OF_PLANS if name in asked}
+    plan_options = {name: asked[name] for name in _PLAN_PARAMETERS if name in asked}
     if towards is not None:
-        shared["towards"] = parse_numbers(towards, "--towards", "X,Y,Z in m", 3)
-    after = measurements[0] if measurements else None
-    return measuring_poses(robot.load(), plan, tip=robot.tip, after=after, floor=floor, **shared)
+        plan_options["towards"] = parse_numbers(towards, "--towards", "X,Y,Z in m", 3)
+    existing_readings = measurements[0] if measurements else None
+    return measuring_poses(robot.load(), plan, tip=robot.tip, after=existing_readings, floor=floor, **plan_options)

@@ -15,6 +15,7 @@ from .. import style
 from ..colours import quantity_steps
 
 _MILLI = 1e3
+"""Millimetres in a metre, milliradians in a radian."""
 
 
 def plot_calibration(found: CalibratedRobot, path: str | Path) -> None:
@@ -44,13 +45,16 @@ def plot_calibration(found: CalibratedRobot, path: str | Path) -> None:
 def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
     """Bars sorted by the error before; crosses are readings that were left out."""
     order = np.argsort(-found.errors_before)
-    after = np.concatenate(found.fit.errors)[order]
-    used = np.concatenate([W[:, -1] > 0 for W in found.fit.weights])[order]
-    places = np.arange(len(order))
-    axis.bar(places, _MILLI * found.errors_before[order], color=style.QUIET, label="before")
-    axis.bar(places, _MILLI * after, color=style.POINTED, label="after")
-    if not used.all():
-        axis.plot(places[~used], _MILLI * after[~used], "x", color=style.INK, label="left out", linestyle="none")
+    errors_after = np.concatenate(found.fit.errors)[order]
+    is_used = np.concatenate([weights[:, -1] > 0 for weights in found.fit.weights])[order]
+    ranks = np.arange(len(order))
+    axis.bar(ranks, _MILLI * found.errors_before[order], color=style.QUIET, label="before")
+    axis.bar(ranks, _MILLI * errors_after, color=style.POINTED, label="after")
+    if not is_used.all():
+        left_out = ~is_used
+        axis.plot(
+            ranks[left_out], _MILLI * errors_after[left_out], "x", color=style.INK, label="left out", linestyle="none"
+        )
     axis.set_yscale("log")
     axis.set_ylim(top=3.0 * axis.get_ylim()[1])  # room for the legend
     axis.yaxis.set_major_formatter(lambda x, _: number(x))
@@ -61,11 +65,11 @@ def _draw_errors(axis: Any, found: CalibratedRobot) -> None:
 
 
 def _draw_remaining(axis: Any, found: CalibratedRobot) -> None:
-    """Predicted error at the tip's places, side view."""
+    """Predicted error of the calibrated robot at places of the tip, seen from the side."""
     p = found.fit.problem.chain.tips(found.reference, found.fit.state.corrections)[:, :3, 3]
     errors = _MILLI * found.remaining_at(found.reference)
-    shown = axis.scatter(np.hypot(p[:, 0], p[:, 1]), p[:, 2], c=errors, s=12, cmap=quantity_steps())
-    axis.figure.colorbar(shown, ax=axis, label="predicted to remain [mm]")
+    points = axis.scatter(np.hypot(p[:, 0], p[:, 1]), p[:, 2], c=errors, s=12, cmap=quantity_steps())
+    axis.figure.colorbar(points, ax=axis, label="predicted to remain [mm]")
     axis.set_xlabel("distance from the z axis [m]")
     axis.set_ylabel("z [m]")
     style.titles(axis, "What remains")
@@ -74,9 +78,10 @@ def _draw_remaining(axis: Any, found: CalibratedRobot) -> None:
 def _draw_zeros(axis: Any, found: CalibratedRobot) -> None:
     """Zeros in degrees or mm, with their intervals."""
     chain = found.fit.problem.chain
-    for place, (joint, (value, half)) in enumerate(found.zeros.items()):
-        factor = math.degrees(1.0) if chain.turning[chain.joints.index(joint)] else _MILLI
-        axis.errorbar(factor * value, place, xerr=factor * half, fmt="o", color=style.POINTED)
+    for row, (joint, (zero, half_width)) in enumerate(found.zeros.items()):
+        is_turning = chain.turning[chain.joints.index(joint)]
+        factor = math.degrees(1.0) if is_turning else _MILLI
+        axis.errorbar(factor * zero, row, xerr=factor * half_width, fmt="o", color=style.POINTED)
     axis.set_yticks(range(len(found.zeros)), list(found.zeros))
     axis.invert_yaxis()  # from the base down
     axis.axvline(0.0, color=style.QUIET, linewidth=0.8)
@@ -85,18 +90,16 @@ def _draw_zeros(axis: Any, found: CalibratedRobot) -> None:
 
 
 def _draw_residuals(axis: Any, found: CalibratedRobot) -> None:
-    """Residuals × 1000 as arrows at the tip, seen from above; sizes for kinds without directions."""
-    e, m = found.residuals[0], found.fit.problem.measured[0]
-    if m.rows_each - m.angle_rows < 3:
-        axis.hist(_MILLI * e[:, -1], color=style.POINTED)
+    """Residuals × 1000 as arrows at the tip, seen from above; a histogram of their sizes if they have no directions."""
+    residuals, measured = found.residuals[0], found.fit.problem.measured[0]
+    if measured.rows_each - measured.angle_rows < 3:
+        axis.hist(_MILLI * residuals[:, -1], color=style.POINTED)
         axis.set_xlabel("residual [mm]")
         style.titles(axis, "Residuals")
         return
-    away = e[:, m.angle_rows :] @ found.target_pose[:3, :3]  # in the base
-    p = found.fit.problem.chain.tips(m.q, found.fit.state.corrections)[:, :3, 3]
-    axis.quiver(
-        p[:, 0], p[:, 1], _MILLI * away[:, 0], _MILLI * away[:, 1], angles="xy", scale_units="xy", scale=1.0, width=3e-3
-    )
+    arrows = _MILLI * (residuals[:, measured.angle_rows :] @ found.target_pose[:3, :3])  # in the base frame
+    p = found.fit.problem.chain.tips(measured.q, found.fit.state.corrections)[:, :3, 3]
+    axis.quiver(p[:, 0], p[:, 1], arrows[:, 0], arrows[:, 1], angles="xy", scale_units="xy", scale=1.0, width=3e-3)
     axis.set_aspect("equal")
     axis.set_xlabel("x [m]")
     axis.set_ylabel("y [m]; arrows: residuals × 1000")
@@ -122,19 +125,20 @@ def plot_measuring_poses(plan: MeasuringPoses, path: str | Path) -> None:
     p = chain.tips(plan.q, state.corrections)[:, :3, 3]
     with style.figure(10.5, 3.6, f"{plan.robot_name} · configurations to measure {chain.frame}") as drawn:
         axes: Any = drawn.subplots(1, 3)
-        axes[0].plot(plan.counts, _MILLI * plan.remaining, "o-", color=style.POINTED)
-        axes[0].set_yscale("log")
-        axes[0].yaxis.set_major_formatter(lambda x, _: number(x))
-        axes[0].set_xlabel("readings")
-        axes[0].set_ylabel("predicted to remain [mm]")
-        style.titles(axes[0], "Error of the tip")
-        axes[1].plot(np.hypot(p[:, 0], p[:, 1]), p[:, 2], "o", color=style.POINTED)
-        axes[1].set_xlabel("distance from the z axis [m]")
-        axes[1].set_ylabel("z [m]")
-        style.titles(axes[1], "From the side")
-        axes[2].plot(p[:, 0], p[:, 1], "o-", color=style.POINTED, linewidth=0.6)
-        axes[2].set_aspect("equal")
-        axes[2].set_xlabel("x [m]")
-        axes[2].set_ylabel("y [m]; lines: order")
-        style.titles(axes[2], "From above")
+        error, side, top = axes
+        error.plot(plan.counts, _MILLI * plan.remaining, "o-", color=style.POINTED)
+        error.set_yscale("log")
+        error.yaxis.set_major_formatter(lambda x, _: number(x))
+        error.set_xlabel("readings")
+        error.set_ylabel("predicted to remain [mm]")
+        style.titles(error, "Error of the tip")
+        side.plot(np.hypot(p[:, 0], p[:, 1]), p[:, 2], "o", color=style.POINTED)
+        side.set_xlabel("distance from the z axis [m]")
+        side.set_ylabel("z [m]")
+        style.titles(side, "From the side")
+        top.plot(p[:, 0], p[:, 1], "o-", color=style.POINTED, linewidth=0.6)
+        top.set_aspect("equal")
+        top.set_xlabel("x [m]")
+        top.set_ylabel("y [m]; lines: order")
+        style.titles(top, "From above")
         style.save(drawn, path)

@@ -18,52 +18,55 @@ from ..scene import equal_inertia_ellipsoid
 if TYPE_CHECKING:
     from ...diagnosis import DoctorReport
 
-_MAX_LINKS = 6
-"""Maximum number of links in a picture, worst findings first."""
+_MAX_DRAWN_LINKS = 6
+"""Maximum number of links in a picture; those of the worst findings are drawn."""
 VIEWS = ((0, 1), (0, 2), (1, 2))
-"""Pairs of link axes in the plane of each of the three views."""
+"""Pair of link axes in the picture plane of each of the three views: 0 is x, 1 is y, 2 is z."""
 
 
 def plot_diagnosis(report: DoctorReport, path: str | Path) -> Path:
     """Draw the links with inertias repaired by the doctor: shapes, and inertia ellipsoids before and after."""
-    pairs = links_drawn(report)
-    if not pairs:
+    changed_links = links_drawn(report)
+    if not changed_links:
         raise ValueRangeError(f"no finding on robot {report.robot!r} changes an inertia, so there is nothing to draw.")
-    height = 2.5 * len(pairs) + 0.9
-    with style.figure(9.0, height, f"{report.robot}: inertia before and after") as drawn:
-        grid = drawn.subplots(len(pairs), 3, squeeze=False)
-        for row, (link, check, after) in zip(grid, pairs, strict=True):
-            before = report.contents.robot.model.link_inertias[link]
+    height = 2.5 * len(changed_links) + 0.9
+    with style.figure(9.0, height, f"{report.robot}: inertia before and after") as figure:
+        panels = figure.subplots(len(changed_links), 3, squeeze=False)
+        for link_panels, (link, check, repaired_inertia) in zip(panels, changed_links, strict=True):
+            file_inertia = report.contents.robot.model.link_inertias[link]
             parsed_link = report.contents.robot.links.get(link)
             solids = [] if parsed_link is None else list(parsed_link.shapes.solids)
             # The file's inertia is drawn last: its dashes stay visible over an equal solid line.
-            inertias = [(after, style.BLUE, "-", "repaired"), (before, style.VERMILION, "--", "in the file")]
-            for axes, view in zip(row, VIEWS, strict=True):
+            inertias = [
+                (repaired_inertia, style.BLUE, "-", "repaired"),
+                (file_inertia, style.VERMILION, "--", "in the file"),
+            ]
+            for axes, view in zip(link_panels, VIEWS, strict=True):
                 for k, shape in enumerate(solids):
                     outline = _outline(shape.points[:, list(view)])
                     axes.fill(*outline.T, color=style.PALE, zorder=1, label=None if k else "shapes")
                 draw_inertias(axes, inertias, view)
-            row[0].set_title(f"{link}: {check}", loc="left")
-        grid[0][2].legend(loc="upper right")
-        return style.save(drawn, path)
+            link_panels[0].set_title(f"{link}: {check}", loc="left")
+        panels[0][2].legend(loc="upper right")
+        return style.save(figure, path)
 
 
 def links_drawn(report: DoctorReport) -> list[tuple[str, str, SpatialInertia]]:
-    """Links with an inertia effectively changed by a finding, each with the check's name and the new inertia."""
-    found: dict[str, tuple[str, SpatialInertia]] = {}
+    """Links whose repair changes the mass matrix, each with the check's name and the repaired inertia."""
+    changed_links: dict[str, tuple[str, str, SpatialInertia]] = {}
     for finding in report.findings:
         if finding.repair is not None and finding.effect.inertia_joint:
             for link, inertia in finding.repair.inertias.items():
-                found.setdefault(link, (finding.check, inertia))
-    return [(link, check, inertia) for link, (check, inertia) in found.items()][:_MAX_LINKS]
+                changed_links.setdefault(link, (link, finding.check, inertia))  # the worst finding comes first
+    return list(changed_links.values())[:_MAX_DRAWN_LINKS]
 
 
 def draw_inertias(
     axes: style.Axes, inertias: Sequence[tuple[SpatialInertia, str, str, str]], view: tuple[int, int]
 ) -> None:
-    """Draw outlines and centres of mass of uniform ellipsoids: tuples of inertia, colour, dashes and name.
+    """Draw the outlines of uniform ellipsoids of equal inertia, and their centres of mass.
 
-    ``view`` holds the link axes in the picture plane.
+    ``inertias`` has tuples of inertia, colour, dashes and name; ``view`` has the link axes in the picture plane.
     """
     for inertia, colour, dashes, name in inertias:
         for solid in equal_inertia_ellipsoid(inertia):
@@ -78,11 +81,11 @@ def draw_inertias(
 
 
 def _outline(points: Array) -> Array:
-    """Convex hull (n, 2) of points, in order."""
+    """Corners (n, 2) of the convex hull of points (m, 2), counterclockwise; all points if they are on a line."""
     edges = hull_faces(points)
     if edges is None:
         return points
-    used = np.unique(edges)
-    middle = points[used].mean(axis=0)
-    spokes = points[used] - middle
-    return np.asarray(points[used][np.argsort(np.arctan2(spokes[:, 1], spokes[:, 0]))])
+    corners = points[np.unique(edges)]
+    spokes = corners - corners.mean(axis=0)
+    angles = np.arctan2(spokes[:, 1], spokes[:, 0])
+    return np.asarray(corners[np.argsort(angles)])

@@ -18,10 +18,10 @@ from ...sensing.sensor import ForceTorqueSensor
 from ...sensing.static_poses import runs
 from .. import style
 
-_BODIES = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)
-_APART = {"friction": style.GREY, "springs": style.OLIVE}
+_BODY_COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VERMILION, style.SKY, style.PURPLE, style.LINE)
+_OTHER_COLOURS = {"friction": style.GREY, "springs": style.OLIVE}
 """Colours of terms that do not belong to a body; the remaining ones are wrenches."""
-_MAX_CAUSES = 8
+_MAX_DRAWN_CAUSES = 8
 """Maximum number of causes drawn separately; the smallest ones are combined."""
 
 
@@ -42,18 +42,19 @@ def styles(bodies: Sequence[str], apart: Sequence[str]) -> dict[str, dict[str, A
     >>> sorted(styles(["upper", "lower"], ["friction"]))
     ['friction', 'lower', 'upper']
     """
-    looks: dict[str, dict[str, Any]] = {}
+    bar_options: dict[str, dict[str, Any]] = {}
     for k, name in enumerate(bodies):
-        looks[name] = {"color": _BODIES[k % len(_BODIES)], "hatch": _hatch(k // len(_BODIES))}
-    wrenches = [name for name in apart if name not in _APART]
+        repetition, colour_number = divmod(k, len(_BODY_COLOURS))
+        bar_options[name] = {"color": _BODY_COLOURS[colour_number], "hatch": _hatch(repetition)}
+    wrenches = [name for name in apart if name not in _OTHER_COLOURS]
     for k, name in enumerate(wrenches):
-        looks[name] = {"color": style.AXIS, "hatch": _hatch(k)}
+        bar_options[name] = {"color": style.AXIS, "hatch": _hatch(k)}
     for name in apart:
-        if name in _APART:
-            looks[name] = {"color": _APART[name]}
-    for look in looks.values():
-        look["edgecolor"] = style.PAPER
-    return looks
+        if name in _OTHER_COLOURS:
+            bar_options[name] = {"color": _OTHER_COLOURS[name]}
+    for options in bar_options.values():
+        options["edgecolor"] = style.PAPER
+    return bar_options
 
 
 def _hatch(repetition: int) -> str | None:
@@ -77,29 +78,34 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
     'why.svg'
     """
     require_one_state(why)
-    parts, names = why.by_cause, list(why.causes)
-    bodies = len(names) - (len(why.terms) - len(MOTION_TERMS))  # terms without a body come last
-    order = np.argsort(-np.abs(parts).max(axis=1), kind="stable")
-    order = order[parts[order].any(axis=1)]
-    shown, others = np.sort(order[:_MAX_CAUSES]).tolist(), order[_MAX_CAUSES:].tolist()
-    drawn_as = styles([names[c] for c in shown if c < bodies], [names[c] for c in shown if c >= bodies])
-    rows = [(names[c], parts[c], drawn_as[names[c]]) for c in shown]
+    torques_by_cause, names = why.by_cause, list(why.causes)
+    n_bodies = len(names) - (len(why.terms) - len(MOTION_TERMS))  # terms without a body come last
+    largest_first = np.argsort(-np.abs(torques_by_cause).max(axis=1), kind="stable")
+    largest_first = largest_first[torques_by_cause[largest_first].any(axis=1)]
+    shown = np.sort(largest_first[:_MAX_DRAWN_CAUSES]).tolist()
+    others = largest_first[_MAX_DRAWN_CAUSES:].tolist()
+    bar_options = styles([names[c] for c in shown if c < n_bodies], [names[c] for c in shown if c >= n_bodies])
+    bars = [(names[c], torques_by_cause[c], bar_options[names[c]]) for c in shown]
     if others:
-        look: dict[str, Any] = {"color": style.PAPER, "hatch": "////", "edgecolor": style.GREY}
-        rows.append((f"{len(others)} others", parts[others].sum(axis=0), look))
-    places = np.arange(len(why.joints))
-    width = max(6.0, 1.1 * len(places) + 3.2)
+        options: dict[str, Any] = {"color": style.PAPER, "hatch": "////", "edgecolor": style.GREY}
+        bars.append((f"{len(others)} others", torques_by_cause[others].sum(axis=0), options))
+    joint_places = np.arange(len(why.joints))
+    width = max(6.0, 1.1 * len(joint_places) + 3.2)
     with style.figure(width, 4.2, "What each torque is made of", "Drawing an explanation") as drawn:
         axis = drawn.subplots()
-        above, below = np.zeros(len(places)), np.zeros(len(places))
-        for name, row, look in rows:
-            base = np.where(row >= 0, above, below)
-            axis.bar(places, row, 0.62, bottom=base, label=name, linewidth=0.4, **look)
-            above, below = above + np.maximum(row, 0), below + np.minimum(row, 0)
-        axis.plot(places, why.torque, "_", color=style.INK, markersize=30, markeredgewidth=1.6, label="together")
+        # Positive torques are stacked upward, negative ones downward.
+        top, bottom = np.zeros(len(joint_places)), np.zeros(len(joint_places))
+        for name, torques, options in bars:
+            base = np.where(torques >= 0, top, bottom)
+            axis.bar(joint_places, torques, 0.62, bottom=base, label=name, linewidth=0.4, **options)
+            top = top + np.maximum(torques, 0)
+            bottom = bottom + np.minimum(torques, 0)
+        axis.plot(joint_places, why.torque, "_", color=style.INK, markersize=30, markeredgewidth=1.6, label="together")
         axis.axhline(0, color=style.QUIET, linewidth=0.7)
-        axis.set_xticks(places, [j.replace("_", "\n", 1) for j in why.joints], fontsize=style.SMALL_FONT)
-        axis.set_ylabel(", ".join(map(torque_word, sorted(set(why.units), reverse=True))))
+        joint_labels = [name.replace("_", "\n", 1) for name in why.joints]
+        axis.set_xticks(joint_places, joint_labels, fontsize=style.SMALL_FONT)
+        units = sorted(set(why.units), reverse=True)  # N m before N
+        axis.set_ylabel(", ".join(map(torque_word, units)))
         axis.grid(visible=False, axis="x")
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="medium")
         return style.save(drawn, path)
@@ -107,7 +113,7 @@ def plot_explanation(why: Explanation, path: str | Path) -> Path:
 
 # ── Readings before and after compensation
 
-_COLOURS = (style.BLUE, style.VERMILION, style.GREEN)  # x, y, z
+_AXIS_COLOURS = (style.BLUE, style.VERMILION, style.GREEN)  # x, y, z
 _MAX_DOTS = 40
 """Maximum number of readings drawn as dots; more are drawn as lines."""
 
@@ -141,24 +147,27 @@ def plot_compensation(
     ...     plot_compensation(log, sensor, (0.01, 0.3), f"{folder}/log.svg", marked=np.zeros(12, bool), mark="contact")
     """
     predicted = log.predicted(sensor)
-    left = log.readings - predicted
+    residuals = log.readings - predicted
     x = np.arange(len(log)) if log.time is None else log.time
+    unshaded = ~marked
     title = f"{Path(log.name).stem} · load {number(sensor.load.mass)} kg, sign {sensor.sign}"
     with style.figure(10.5, 6.2, title) as drawn:
         axes = drawn.subplots(2, 2, sharex=True)
-        for row, (part, what, unit, sigma) in enumerate(
-            ((slice(3, 6), "force", "N", noise[1]), (slice(0, 3), "moment", "N m", noise[0]))
-        ):
-            names = [f"{'f' if row == 0 else 'm'}{axis}" for axis in "xyz"]
+        moment_noise, force_noise = noise
+        quantities = (("force", slice(3, 6), "N", force_noise), ("moment", slice(0, 3), "N m", moment_noise))
+        for row, (what, columns, unit, sigma) in enumerate(quantities):
+            names = [f"{what[0]}{axis}" for axis in "xyz"]
             before, after = axes[row]
-            _draw(before, x, log.readings[:, part], names, marked, mark)
-            _explain(before, x, predicted[:, part])
+            _draw_readings(before, x, log.readings[:, columns], names, marked, mark)
+            _draw_prediction(before, x, predicted[:, columns])
             style.titles(before, f"{what}s as read")
-            _draw(after, x, left[:, part], names, marked, mark)
+            _draw_readings(after, x, residuals[:, columns], names, marked, mark)
             after.axhspan(-2 * sigma, 2 * sigma, color=style.QUIET, alpha=0.18, linewidth=0, label="noise ± 2 σ")
-            rms = float(np.sqrt(np.mean(left[~marked][:, part] ** 2))) if not marked.all() else 0.0
-            where = " in unshaded readings" if marked.any() else ""
-            remark = "" if marked.all() else f"rms {number(rms, 2)} {unit}{where}"
+            remark = ""
+            if unshaded.any():
+                rms = float(np.sqrt(np.mean(residuals[unshaded][:, columns] ** 2)))
+                where = " in unshaded readings" if marked.any() else ""
+                remark = f"rms {number(rms, 2)} {unit}{where}"
             style.titles(after, f"{what}s without bias and load", remark)
             for axis in (before, after):
                 axis.set_ylabel(f"{what} [{unit}]")
@@ -172,24 +181,32 @@ def plot_compensation(
         style.save(drawn, path)
 
 
-def _draw(axis: style.Axes, x: Array, values: Array, names: list[str], marked: Array, mark: str) -> None:
-    few = len(x) <= _MAX_DOTS
+def _draw_readings(axis: style.Axes, x: Array, values: Array, names: list[str], marked: Array, mark: str) -> None:
+    """Draw the three components, and shade the marked readings."""
+    line_options: dict[str, Any] = {"linewidth": 0.9}
+    if len(x) <= _MAX_DOTS:
+        line_options = {"marker": "o", "markersize": 4.5, "linewidth": 0}
     axis.axhline(0, color=style.AXIS, linewidth=0.7)
     for k, name in enumerate(names):
-        line: dict[str, Any] = {"marker": "o", "markersize": 4.5, "linewidth": 0} if few else {"linewidth": 0.9}
-        axis.plot(x, values[:, k], color=_COLOURS[k], label=name, **line)
-    half = 0.5 * float(np.median(np.abs(np.diff(x)))) if len(x) > 1 else 0.5
-    for count, (first, last) in enumerate(runs(marked)):
-        label = mark if count == 0 else None
-        axis.axvspan(x[first] - half, x[last] + half, color=style.POINTED, alpha=0.13, linewidth=0, label=label)
+        axis.plot(x, values[:, k], color=_AXIS_COLOURS[k], label=name, **line_options)
+    half_step = 0.5
+    if len(x) > 1:
+        half_step = 0.5 * float(np.median(np.abs(np.diff(x))))
+    for k, (first, last) in enumerate(runs(marked)):
+        label = mark if k == 0 else None  # one entry in the legend
+        axis.axvspan(
+            x[first] - half_step, x[last] + half_step, color=style.POINTED, alpha=0.13, linewidth=0, label=label
+        )
 
 
-def _explain(axis: style.Axes, x: Array, predicted: Array) -> None:
+def _draw_prediction(axis: style.Axes, x: Array, predicted: Array) -> None:
     """Draw the readings predicted from bias and load: bars over dots, a thin dark line over lines."""
-    dot = {"marker": "_", "markersize": 11, "markeredgewidth": 1.1, "linewidth": 0}
-    line: dict[str, Any] = dot if len(x) <= _MAX_DOTS else {"linewidth": 0.8, "linestyle": (0, (3, 2))}
+    line_options: dict[str, Any] = {"linewidth": 0.8, "linestyle": (0, (3, 2))}
+    if len(x) <= _MAX_DOTS:
+        line_options = {"marker": "_", "markersize": 11, "markeredgewidth": 1.1, "linewidth": 0}
     for k in range(3):
-        axis.plot(x, predicted[:, k], color=style.INK, label="bias and load" if k == 0 else None, **line)
+        label = "bias and load" if k == 0 else None  # one entry in the legend
+        axis.plot(x, predicted[:, k], color=style.INK, label=label, **line_options)
 
 
 complete(globals())

@@ -31,52 +31,59 @@ __all__ = ["plot_payload"]
 
 
 def draw_map(figure: Any, chart: PayloadMap, tip: Array, answer: float) -> None:
-    """Draw the largest payloads of the best and worst posture at each place, side by side, on a scale for ``answer``."""
+    """Draw the largest payloads of the best and worst posture at each place, side by side.
+
+    The scale of colours includes ``answer``, the largest payload of the pose above the map.
+    """
     from matplotlib.colors import LogNorm
 
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
-    names: tuple[str, ...]
+    axis_names: tuple[str, ...]
     if chart.plane == "rz":
-        place, names = (np.hypot(*tip[:2]), tip[2]), ("distance from the z axis", "z")
+        tip_place, axis_names = (np.hypot(*tip[:2]), tip[2]), ("distance from the z axis", "z")
     else:
-        place, names = tuple(tip[list(SLICES[chart.plane][:2])]), tuple(chart.plane)
-    finite, high = chart.best[np.isfinite(chart.best)], 1.0
-    if finite.size:
-        high = max(float(np.percentile(finite, 98)), 1e-3)  # a few are 100 times larger
-    low = min(max(float(np.nanmin(chart.worst)), 1e-2 * high), high)
+        tip_place, axis_names = tuple(tip[list(SLICES[chart.plane][:2])]), tuple(chart.plane)
+    finite_payloads = chart.best[np.isfinite(chart.best)]
+    high = 1.0
+    if finite_payloads.size:
+        high = max(float(np.percentile(finite_payloads, 98)), 1e-3)  # a few are 100 times larger
+    low = min(max(float(np.nanmin(chart.worst)), 1e-2 * high), high)  # two decades at most
     if 0 < answer < np.inf:
         low, high = min(low, answer / 3), max(high, 3 * answer)
-    shades = LogNorm(low, max(high, 1.01 * low))
+    colour_scale = LogNorm(low, max(high, 1.01 * low))
     titles = ("Payload map, best posture", "Payload map, worst posture")
     for axis, values, title in zip(axes, (chart.best, chart.worst), titles, strict=True):
-        image = axis.pcolormesh(*chart.edges, np.maximum(values, low), norm=shades, cmap="viridis", rasterized=True)
+        image = axis.pcolormesh(
+            *chart.edges, np.maximum(values, low), norm=colour_scale, cmap="viridis", rasterized=True
+        )
         axis.set_aspect("equal")
         axis.grid(visible=False)
         style.titles(axis, title)
-        axis.set_xlabel(f"{names[0]} [m]")
-        axis.plot(*place, "x", color=style.PAPER, markeredgewidth=3.5, markersize=8)
-        (cross,) = axis.plot(*place, "x", color=style.POINTED, markeredgewidth=1.8, markersize=7, linestyle="none")
-    axes[0].set_ylabel(f"{names[1]} [m]")
+        axis.set_xlabel(f"{axis_names[0]} [m]")
+        axis.plot(*tip_place, "x", color=style.PAPER, markeredgewidth=3.5, markersize=8)  # rim of the cross
+        (cross,) = axis.plot(*tip_place, "x", color=style.POINTED, markeredgewidth=1.8, markersize=7, linestyle="none")
+    axes[0].set_ylabel(f"{axis_names[1]} [m]")
     figure.legend([cross], ["the pose above"], loc="outside lower center")
     bar = figure.colorbar(image, ax=axes, extend="both", label="largest payload [kg]", shrink=0.9)
     ticks = _round_ticks(low, high)
-    bar.set_ticks(ticks, labels=[number(x) for x in ticks], minor=False)
+    bar.set_ticks(ticks, labels=[number(tick) for tick in ticks], minor=False)
     bar.minorticks_off()
 
 
 def _round_ticks(low: float, high: float) -> list[float]:
     """A few round numbers from low to high, in steps of 1, 2, 5, or finer if these give fewer than three."""
     ticks: list[float] = []
-    for steps in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0), tuple(0.1 * k for k in range(10, 100))):
-        decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-        ticks = [float(x) for x in np.outer(decades, steps).ravel() if low <= x <= high]
+    decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    tenths = tuple(0.1 * k for k in range(10, 100))
+    for steps in ((1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0), tenths):
+        ticks = [float(tick) for tick in np.outer(decades, steps).ravel() if low <= tick <= high]
         if len(ticks) >= 3:
             break
     return ticks
 
 
-_POLYTOPE = "polytope: each joint within its limit, gravity held first"
-_ELLIPSOID = "ellipsoid: √Σ(torque/limit)² ≤ 1, all joints together, no gravity"
+_POLYTOPE_LABEL = "polytope: each joint within its limit, gravity held first"
+_ELLIPSOID_LABEL = "ellipsoid: √Σ(torque/limit)² ≤ 1, all joints together, no gravity"
 
 
 def plot_payload(report: PayloadReport, path: str | Path) -> None:
@@ -132,69 +139,68 @@ def _draw_forces(part: Any, robot: Robot, q: Array, frame: str, limits: Array) -
         axis.set_axis_off()
         axis.text(0.5, 0.5, str(problem), ha="center", va="center", wrap=True, color=style.QUIET)
         return
-    flat = polytope.borne.shape[1]
-    place: dict[str, Any] = {}
-    if flat == 0:
+    borne_directions = polytope.borne.shape[1]  # in which the structure bears forces without torques
+    legend_place: dict[str, Any] = {}
+    if borne_directions == 0:
         axis = part.add_subplot(projection="3d", computed_zorder=False)
         _draw_solid(axis, polytope, ellipsoid)
         draw_weakest = _draw_weakest_in_space
-    elif flat == 1:
+    elif borne_directions == 1:
         axis = part.subplots()
         _draw_section(axis, polytope, ellipsoid)
         draw_weakest = _draw_weakest_in_plane
-        place = {"bbox_to_anchor": (0.0, -0.14)}  # only a solid plot has room beside the figure
+        legend_place = {"bbox_to_anchor": (0.0, -0.14)}  # only a solid plot has room beside the figure
     else:
         axis = part.subplots()
         axis.set_axis_off()
-        axis.text(0.5, 0.5, _flat_words(polytope), ha="center", color=style.QUIET)
+        axis.text(0.5, 0.5, _flat_caption(polytope), ha="center", color=style.QUIET)
         return
     weakest = weakest_direction(robot, q, frame=frame, limits=limits)
     if weakest.magnitude > 0:
-        limited = weakest.joint_names[int(weakest.joint)].removesuffix("_joint")
-        label = f"weakest, {number(weakest.magnitude)} N, by {limited}"
+        limiting_joint = weakest.joint_names[int(weakest.joint)].removesuffix("_joint")
+        label = f"weakest, {number(weakest.magnitude)} N, by {limiting_joint}"
         draw_weakest(axis, polytope, weakest.magnitude * weakest.wrench[3:], label)
     style.titles(axis, "Forces the robot can apply, at zero moment")
-    axis.legend(loc="upper left", **place)
+    axis.legend(loc="upper left", **legend_place)
 
 
-def _flat_words(polytope: WrenchPolytope) -> str:
+def _flat_caption(polytope: WrenchPolytope) -> str:
     """Caption for at most one direction of force that requires torque."""
     if polytope.borne.shape[1] > 2:
         return "The structure bears forces\nin every direction here."
-    along = np.linalg.svd(polytope.borne.T)[2][-1]
-    if along[np.argmax(np.abs(along))] <= 0:
-        along = -along
-    reach = polytope.vertices @ along
+    third = np.linalg.svd(polytope.borne.T)[2][-1]  # across the two borne directions
+    if third[np.argmax(np.abs(third))] <= 0:
+        third = -third
+    forces = polytope.vertices @ third
     return (
         "The structure bears forces in two directions here.\n"
-        f"Along the third, {_direction_text(along)}: {number(reach.min())} to {number(reach.max())} N"
+        f"Along the third, {_direction_text(third)}: {number(forces.min())} to {number(forces.max())} N"
     )
 
 
 def _draw_solid(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    faces_of_hull = [_face(polytope, n, b) for n, b in zip(polytope.normals, polytope.offsets, strict=True)]
-    polygons = [face for face in faces_of_hull if len(face) >= 3]
-    look: dict[str, Any] = {"facecolor": style.SKY, "edgecolor": style.LINE, "linewidth": 0.8, "alpha": 0.22}
-    faces = Poly3DCollection(polygons, zorder=1, **look)
-    faces.set_label(_POLYTOPE)
+    corners_by_face = [_face(polytope, n, b) for n, b in zip(polytope.normals, polytope.offsets, strict=True)]
+    polygons = [corners for corners in corners_by_face if len(corners) >= 3]
+    options: dict[str, Any] = {"facecolor": style.SKY, "edgecolor": style.LINE, "linewidth": 0.8, "alpha": 0.22}
+    faces = Poly3DCollection(polygons, zorder=1, **options)
+    faces.set_label(_POLYTOPE_LABEL)
     axis.add_collection3d(faces)
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi, 19))
     ball = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
     shell = (ball * ellipsoid.semi_axes) @ ellipsoid.axes.T
     axis.plot_wireframe(
         shell[..., 0], shell[..., 1], shell[..., 2], color=style.AMBER, linewidth=0.6, rstride=2, cstride=2, zorder=2,
-        label=_ELLIPSOID,
+        label=_ELLIPSOID_LABEL,
     )  # fmt: skip
     points = np.concatenate([polytope.vertices, shell.reshape(-1, 3)])
     low, high = points.min(axis=0), points.max(axis=0)
     middle, reach = (low + high) / 2, 0.5 * (high - low).max()
     for k, letter in enumerate("xyz"):
+        label_distance = 7 if letter == "y" else 3
         getattr(axis, f"set_{letter}lim")(middle[k] - reach, middle[k] + reach)
-        getattr(axis, f"set_{letter}label")(
-            f"f{letter} [N]", fontsize=style.SMALL_FONT, labelpad=7 if letter == "y" else 3
-        )
+        getattr(axis, f"set_{letter}label")(f"f{letter} [N]", fontsize=style.SMALL_FONT, labelpad=label_distance)
     axis.tick_params(labelsize=7, pad=1)
     axis.tick_params(axis="z", pad=4)
     axis.set_box_aspect((1, 1, 1))
@@ -207,7 +213,8 @@ def _face(polytope: WrenchPolytope, n: Array, b: float) -> Array:
         return corners
     spokes = corners - corners.mean(axis=0)
     first = spokes[0] / np.linalg.norm(spokes[0])
-    return corners[np.argsort(np.arctan2(spokes @ np.cross(n, first), spokes @ first))]
+    angles = np.arctan2(spokes @ np.cross(n, first), spokes @ first)
+    return corners[np.argsort(angles)]
 
 
 def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoid) -> None:
@@ -216,11 +223,11 @@ def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoi
     corners = np.column_stack([polytope.vertices @ first, polytope.vertices @ second])
     spokes = corners - corners.mean(axis=0)
     ring = corners[np.argsort(np.arctan2(spokes[:, 1], spokes[:, 0]))]
-    axis.fill(*ring.T, facecolor=style.SKY, edgecolor=style.LINE, alpha=0.35, label=_POLYTOPE)
-    turn = np.linspace(0, 2 * np.pi, 181)
-    round_ = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
-    reach = ellipsoid.reach(round_)
-    axis.plot(reach * np.cos(turn), reach * np.sin(turn), color=style.AMBER, label=_ELLIPSOID)
+    axis.fill(*ring.T, facecolor=style.SKY, edgecolor=style.LINE, alpha=0.35, label=_POLYTOPE_LABEL)
+    angles = np.linspace(0, 2 * np.pi, 181)
+    directions = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
+    reach = ellipsoid.reach(directions)
+    axis.plot(reach * np.cos(angles), reach * np.sin(angles), color=style.AMBER, label=_ELLIPSOID_LABEL)
     axis.set_aspect("equal", "datalim")
     axis.margins(0.12)
     axis.set_xlabel(f"force along {_direction_text(first)} [N]")
@@ -230,8 +237,8 @@ def _draw_section(axis: Any, polytope: WrenchPolytope, ellipsoid: WrenchEllipsoi
 def _plane(polytope: WrenchPolytope) -> tuple[Array, Array]:
     """Two unit vectors across the borne direction: the nearest base axis first, upwards second."""
     n = polytope.borne[:, 0]
-    flat = np.eye(3) - np.outer(n, n)
-    first = flat[0] if np.linalg.norm(flat[0]) > 0.5 else flat[1]
+    axes_in_plane = np.eye(3) - np.outer(n, n)  # rows: base axes projected onto the plane
+    first = axes_in_plane[0] if np.linalg.norm(axes_in_plane[0]) > 0.5 else axes_in_plane[1]
     first = first / np.linalg.norm(first)
     second = np.cross(n, first)
     if second[np.argmax(np.abs(second))] <= 0:
@@ -253,10 +260,12 @@ def _draw_weakest_in_space(axis: Any, polytope: WrenchPolytope, tip: Array, labe
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     n = tip / np.linalg.norm(tip)
-    nearest = _face(polytope, n, float(n @ tip))
-    if len(nearest) >= 3:
-        look: dict[str, Any] = {"facecolor": style.POINTED, "edgecolor": style.POINTED, "linewidth": 1.2, "alpha": 0.25}
-        axis.add_collection3d(Poly3DCollection([nearest], zorder=3, **look))
+    nearest_face = _face(polytope, n, float(n @ tip))
+    if len(nearest_face) >= 3:
+        nearest_polygon = Poly3DCollection(
+            [nearest_face], zorder=3, facecolor=style.POINTED, edgecolor=style.POINTED, linewidth=1.2, alpha=0.25
+        )
+        axis.add_collection3d(nearest_polygon)
     rim = [Stroke(linewidth=6, foreground=style.PAPER), Normal()]
     axis.plot(
         *np.stack([np.zeros(3), tip], axis=1),
@@ -276,30 +285,32 @@ def _draw_weakest_in_plane(axis: Any, polytope: WrenchPolytope, tip: Array, labe
     """Draw the weakest force, up to the nearest side, which is drawn thick."""
     first, second = _plane(polytope)
     n = tip / np.linalg.norm(tip)
-    side = polytope.vertices[np.abs(polytope.vertices @ n - n @ tip) <= 1e-6 * (1 + np.linalg.norm(tip))]
+    distances = np.abs(polytope.vertices @ n - n @ tip)  # from the line of the nearest side
+    side = polytope.vertices[distances <= 1e-6 * (1 + np.linalg.norm(tip))]
     axis.plot(side @ first, side @ second, color=style.POINTED, linewidth=2.5, alpha=0.5, zorder=9)
     axis.plot([0, tip @ first], [0, tip @ second], color=style.POINTED, linewidth=3, label=label, zorder=10)
     axis.plot(0, 0, "o", color=style.INK, markersize=5, markeredgecolor=style.PAPER, zorder=11)
     axis.plot(tip @ first, tip @ second, "o", color=style.POINTED, markersize=8, markeredgecolor=style.PAPER, zorder=11)
 
 
-def _draw_shares(axis: Any, found: LargestPayload, carried: str) -> None:
+def _draw_shares(axis: Any, largest: LargestPayload, carried: str) -> None:
+    """Bars of the holding torques with the largest payload and, thin, without it, as shares of the limits."""
     from matplotlib.patches import Patch
 
-    rows = np.arange(len(found.joint_names))
-    driven = np.where(found.limits > 0, found.limits, np.inf)  # a limit of zero has no share to draw
-    alone, full = found.unloaded / driven, found.torques / driven
-    over = over_limit(np.abs(full))
-    colours = np.select([over, rows == int(found.joint)], [style.OVER, style.NEAR], style.SKY).tolist()
-    axis.barh(rows, full, color=colours, height=0.62)
-    axis.barh(rows, alone, color=style.LINE, height=0.22)
+    rows = np.arange(len(largest.joint_names))
+    limits = np.where(largest.limits > 0, largest.limits, np.inf)  # a limit of zero has no share to draw
+    unloaded_shares, loaded_shares = largest.unloaded / limits, largest.torques / limits
+    over = over_limit(np.abs(loaded_shares))
+    colours = np.select([over, rows == int(largest.joint)], [style.OVER, style.NEAR], style.SKY).tolist()
+    axis.barh(rows, loaded_shares, color=colours, height=0.62)
+    axis.barh(rows, unloaded_shares, color=style.LINE, height=0.22)
     axis.axvline(0, color=style.AXIS, linewidth=0.7)
-    reach = 1.15 * max(1.0, float(np.abs(full).max(initial=0)))
+    reach = 1.15 * max(1.0, float(np.abs(loaded_shares).max(initial=0)))
     for side in (-1, 1):
         axis.axvline(side, **style.LIMIT)
         axis.axvspan(side, 2 * side * reach, color=style.OVER, alpha=0.08, linewidth=0)
     axis.set_xlim(-reach, reach)
-    axis.set_yticks(rows, [n.removesuffix("_joint") for n in found.joint_names])
+    axis.set_yticks(rows, [name.removesuffix("_joint") for name in largest.joint_names])
     axis.set_ylim(max(len(rows), 4) - 0.5, -0.5)
     axis.set_xlabel("torque as a share of its limit")
     axis.grid(visible=False, axis="y")

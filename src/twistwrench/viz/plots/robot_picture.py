@@ -25,15 +25,16 @@ if TYPE_CHECKING:
     from ...robot import Robot
     from ...shapes.surface import Surface
 
-_SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
-_SHADOW = (0.80, 0.82, 0.85)
+_TO_SUN = np.array([0.35, -0.45, 0.85]) / np.linalg.norm([0.35, -0.45, 0.85])
+"""Unit vector towards the light."""
+_SHADOW_COLOUR = (0.80, 0.82, 0.85)
 CAMERA_DISTANCE = 2.6
 """Camera distance as a multiple of the scene size."""
 _MAX_SHADOW_TRIANGLES = 1500
 """Maximum number of triangles that cast a shadow."""
 MAX_TRIANGLES = 5000
 """Maximum number of triangles of a robot in a picture."""
-_ALPHA = {"looks": 1.0, "inertia": 0.3}
+_OPACITY = {"looks": 1.0, "inertia": 0.3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +64,10 @@ class Camera:
         -------
         axes : (3, 3) array, in the base frame
         """
-        c, s = np.cos(self.elevation), np.sin(self.elevation)
-        ca, sa = np.cos(self.azimuth), np.sin(self.azimuth)
-        back = np.array([c * ca, c * sa, s])
-        right = np.array([-sa, ca, 0.0])
+        cos_e, sin_e = np.cos(self.elevation), np.sin(self.elevation)
+        cos_a, sin_a = np.cos(self.azimuth), np.sin(self.azimuth)
+        back = np.array([cos_e * cos_a, cos_e * sin_a, sin_e])
+        right = np.array([-sin_a, cos_a, 0.0])
         return np.stack([right, np.cross(back, right), back])
 
     def project(self, points: ArrayLike) -> tuple[Array, Array]:
@@ -81,9 +82,9 @@ class Camera:
         places : (..., 2) array, in metres at the target
         depths : (...) array [m]
         """
-        seen = (np.asarray(points) - self.target) @ self.axes().T
-        away = np.maximum(self.distance - seen[..., 2], 1e-3 * self.distance)
-        return seen[..., :2] * (self.distance / away)[..., None], away
+        in_camera = (np.asarray(points) - self.target) @ self.axes().T
+        depths = np.maximum(self.distance - in_camera[..., 2], 1e-3 * self.distance)  # points behind it stay before it
+        return in_camera[..., :2] * (self.distance / depths)[..., None], depths
 
 
 def overview(scene: Scene, poses: Array, azimuth: float = -0.9, elevation: float = 0.35) -> tuple[Camera, float]:
@@ -99,47 +100,52 @@ class Painter:
 
     def __init__(self, scene: Scene, camera: Camera, floor: float) -> None:
         self.scene, self.camera, self.floor = scene, camera, floor
-        shown = {"looks"} if scene.dressed or scene.doubtful else {"looks", "inertia"}
-        self.parts = [(s, s.surface.placed(s.pose)) for s in scene.shapes if s.layer in shown]
-        self.shades = [
-            (s, s.surface.placed(s.pose)) for s in scene.decimated(_MAX_SHADOW_TRIANGLES).shapes if s.layer == "looks"
-        ]
+        layers = {"looks"} if scene.dressed or scene.doubtful else {"looks", "inertia"}
+        drawn = [shape for shape in scene.shapes if shape.layer in layers]
+        shading = [shape for shape in scene.decimated(_MAX_SHADOW_TRIANGLES).shapes if shape.layer == "looks"]
+        self.parts = [(shape, shape.surface.placed(shape.pose)) for shape in drawn]
+        self.shades = [(shape, shape.surface.placed(shape.pose)) for shape in shading]
 
     def paint(self, q: Array) -> tuple[Array, Array]:
         """Triangles (k, 3, 2) with colours (k, 4), from far to near after the shadows; q (nq,)."""
         poses = self.scene.body_poses(q)
-        corners = np.concatenate([_base_corners(shape, s, poses) for shape, s in self.parts])
-        own = [np.tile((*shape.colour, _ALPHA[shape.layer]), (len(s.faces), 1)) for shape, s in self.parts]
-        colours = np.concatenate(own)
+        corners = np.concatenate([_base_corners(shape, surface, poses) for shape, surface in self.parts])
+        colours_by_part = []
+        for shape, surface in self.parts:
+            colour = (*shape.colour, _OPACITY[shape.layer])
+            colours_by_part.append(np.tile(colour, (len(surface.faces), 1)))
+        colours = np.concatenate(colours_by_part)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         eye = self.camera.target + self.camera.distance * self.camera.axes()[2]
         facing = np.einsum("ij,ij->i", normals, eye - corners.mean(axis=1))
-        near = (facing > 0) | (colours[:, 3] == 1.0)  # transparent shapes show front faces only
-        corners, colours, facing, normals = corners[near], colours[near], facing[near], normals[near]
-        normals = normals * np.where(facing < 0, -1.0, 1.0)[:, None]
-        light = 0.50 + 0.16 * normals[:, 2] + 0.46 * np.maximum(normals @ _SUN, 0.0)
+        shown = (facing > 0) | (colours[:, 3] == 1.0)  # transparent shapes show front faces only
+        corners, colours, facing, normals = corners[shown], colours[shown], facing[shown], normals[shown]
+        normals = normals * np.where(facing < 0, -1.0, 1.0)[:, None]  # back faces are lit from their own side
+        light = 0.50 + 0.16 * normals[:, 2] + 0.46 * np.maximum(normals @ _TO_SUN, 0.0)
         colours[:, :3] = np.clip(colours[:, :3] * light[:, None], 0.0, 1.0)
-        flat, away = self.camera.project(corners)
-        order = np.argsort(-away.mean(axis=1))
-        fallen = np.concatenate([_base_corners(shape, s, poses) for shape, s in self.shades])
-        fallen = fallen - (fallen[..., 2:] - self.floor) * (_SUN / _SUN[2])
-        shadow = self.camera.project(fallen)[0]
-        dark = np.tile((*_SHADOW, 1.0), (len(shadow), 1))
-        return np.concatenate([shadow, flat[order]]), np.concatenate([dark, colours[order]])
+        triangles, depths = self.camera.project(corners)
+        far_to_near = np.argsort(-depths.mean(axis=1))
+        shading = np.concatenate([_base_corners(shape, surface, poses) for shape, surface in self.shades])
+        on_floor = shading - (shading[..., 2:] - self.floor) * (_TO_SUN / _TO_SUN[2])  # along the light
+        shadow, _ = self.camera.project(on_floor)
+        shadow_colours = np.tile((*_SHADOW_COLOUR, 1.0), (len(shadow), 1))
+        all_triangles = np.concatenate([shadow, triangles[far_to_near]])
+        return all_triangles, np.concatenate([shadow_colours, colours[far_to_near]])
 
     def grid(self, size: float) -> Array:
         """Grid lines on the floor, (k, 2, 2)."""
         step = 10.0 ** np.floor(np.log10(size / 4))
         count = int(np.ceil(0.9 * size / step))
         middle = np.round(self.camera.target[:2] / step) * step
-        far = count * step
-        along = np.arange(-count, count + 1) * step
-        ends = np.array([[-far, far]]) + np.zeros((len(along), 1))
-        across = np.stack([along, along], axis=1)
-        lines = np.concatenate([np.stack([ends, across], axis=-1), np.stack([across, ends], axis=-1)]) + middle
-        whole = np.concatenate([lines, np.full((*lines.shape[:-1], 1), self.floor)], axis=-1)
-        return self.camera.project(whole)[0]
+        half_width = count * step
+        offsets = np.arange(-count, count + 1) * step
+        ends = np.array([[-half_width, half_width]]) + np.zeros((len(offsets), 1))
+        both_offsets = np.stack([offsets, offsets], axis=1)
+        along_x, along_y = np.stack([ends, both_offsets], axis=-1), np.stack([both_offsets, ends], axis=-1)
+        lines = np.concatenate([along_x, along_y]) + middle
+        heights = np.full((*lines.shape[:-1], 1), self.floor)
+        return self.camera.project(np.concatenate([lines, heights], axis=-1))[0]
 
 
 def _base_corners(shape: Shape, surface: Surface, poses: Array) -> Array:
@@ -152,6 +158,7 @@ def _base_corners(shape: Shape, surface: Surface, poses: Array) -> Array:
 
 
 _MIN_SHADE = 0.28
+"""Strength of the colours of the palest pose."""
 
 
 def draw(
@@ -203,7 +210,7 @@ def draw(
     if floor is not None:
         floor_height = arguments.number(floor, "draw: floor")
     painter = Painter(scene, camera, floor_height)
-    shadows = sum(len(surface.faces) for _, surface in painter.shades)
+    n_shadows = sum(len(surface.faces) for _, surface in painter.shades)
     for k, pose in enumerate(poses):
         triangles, colours = painter.paint(pose)
         shade = 1.0
@@ -211,10 +218,11 @@ def draw(
             shade = _MIN_SHADE + (1.0 - _MIN_SHADE) * (k + 1) / len(poses)
         colours[:, :3] = 1.0 - shade * (1.0 - colours[:, :3])
         edges = np.where(colours[:, 3:] < 1.0, 0.0, colours)  # edges hide seams of opaque shapes
-        shadow = np.arange(len(triangles)) < shadows  # shadows lie below all poses
-        for mask, order in ((shadow, 1), (~shadow & (inertia | (colours[:, 3] == 1.0)), 2)):
-            look: dict[str, Any] = {"facecolors": colours[mask], "edgecolors": edges[mask], "linewidths": 0.3}
-            axes.add_collection(PolyCollection(list(triangles[mask]), zorder=order, **look))
+        is_shadow = np.arange(len(triangles)) < n_shadows
+        is_opaque = colours[:, 3] == 1.0  # only inertia ellipsoids are not
+        for mask, order in ((is_shadow, 1), (~is_shadow & (inertia | is_opaque), 2)):  # shadows lie below all poses
+            options: dict[str, Any] = {"facecolors": colours[mask], "edgecolors": edges[mask], "linewidths": 0.3}
+            axes.add_collection(PolyCollection(list(triangles[mask]), zorder=order, **options))
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_axis_off()
@@ -282,12 +290,13 @@ def _bodies_of_joint(robot: Robot, joint: str | None) -> list[int]:
 def _write_label(axes: style.Axes, x: float, y: float, label: str, colour: str) -> None:
     """Write a label beside the picture, on the side of a point to which a line leads."""
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    place, side = (-0.02, (y - low) / (high - low)), "right"
+    height = (y - low) / (high - low)  # as a fraction of the axes
+    place, alignment = (-0.02, height), "right"
     if x > (left + right) / 2:
-        place, side = (1.02, (y - low) / (high - low)), "left"
+        place, alignment = (1.02, height), "left"
     axes.annotate(
-        label, (x, y), place, textcoords="axes fraction", ha=side, va="center", color=colour, fontsize=11, fontweight="bold",
-        arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 1.0},
+        label, (x, y), place, textcoords="axes fraction", ha=alignment, va="center", color=colour, fontsize=11,
+        fontweight="bold", arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 1.0},
     )  # fmt: skip
 
 
@@ -309,12 +318,12 @@ def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, 
 
     if motion is not None:
         scene = mark_overloaded_links(scene, motion)
-    with Image.open(BytesIO(still(scene.robot, q, scene=scene))) as drawn:
-        small = drawn.convert("RGBA")
-        small.thumbnail((width, width))
+    with Image.open(BytesIO(still(scene.robot, q, scene=scene))) as image:
+        thumbnail = image.convert("RGBA")
+        thumbnail.thumbnail((width, width))
         for quality in (80, 60, 40, 20):
             buffer = BytesIO()
-            small.save(buffer, "WEBP", quality=quality)
+            thumbnail.save(buffer, "WEBP", quality=quality)
             if buffer.tell() <= most:
                 break
     return buffer.getvalue()
@@ -323,14 +332,20 @@ def first_frame(scene: Scene, q: Array, motion: DrawnMotion | None, width: int, 
 def _broadest_azimuth(scene: Scene, q: Array) -> float:
     """Azimuth of the widest view of the robot's bodies."""
     poses = scene.body_poses(q)
-    points = np.concatenate([np.zeros((1, 3)), poses[np.isfinite(poses[:, 0, 3]), :3, 3]])
+    origins = poses[np.isfinite(poses[:, 0, 3]), :3, 3]
+    points = np.concatenate([np.zeros((1, 3)), origins])
     views = [Camera(points.mean(axis=0), CAMERA_DISTANCE * scene.size, -0.9 + k * np.pi / 4) for k in (0, 1, -1, 2)]
-    return max(views, key=lambda view: float(np.prod(np.ptp(view.project(points)[0], axis=0)))).azimuth
+
+    def picture_area(view: Camera) -> float:
+        return float(np.prod(np.ptp(view.project(points)[0], axis=0)))
+
+    return max(views, key=picture_area).azimuth
 
 
 def mark_overloaded_links(scene: Scene, motion: DrawnMotion) -> Scene:
     """Scene without inertia ellipsoids, with links of joints over their torque limits in red."""
-    over = over_limit(motion.peaks / np.where(motion.limits.effort > 0, motion.limits.effort, np.inf))
+    effort = motion.limits.effort
+    over = over_limit(motion.peaks / np.where(effort > 0, effort, np.inf))  # 0: no limit is known
     overloaded = set()
     for k, body in enumerate(scene.robot.model.bodies):
         if not body.follows and over[body.places[1]].any():
