@@ -286,13 +286,13 @@ def _robot_data(contents: _PageContents, programs: PagePrograms, start: Array, s
         if loops.standing is not None:
             data["floor"] = 0.0
     data |= _tips_data(robot, scene, programs, weighed="mass" in data["programs"])
-    data |= {"book": None, "python": python_source(robot, motion), "motion": None, "store": None, "layer": None}
+    data |= {"book": None, "python": python_source(robot, motion), "motion": None, "box": None, "layer": None}
     if book is not None:
         data["book"] = section_data(book, robot, start)
     elif motion is not None:
         data["motion"] = motion_data(robot, motion, contents.payload, store.put)
     else:
-        data["store"] = scene.bounds(start).tolist()
+        data["box"] = scene.bounds(start).tolist()
     return data
 
 
