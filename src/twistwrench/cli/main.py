@@ -510,7 +510,7 @@ class _Entry(NamedTuple):
     """Line in the list of commands."""
 
 
-_COMMANDS_BY_GROUP = {
+_GROUPS = {
     "Check": {
         "torques": _Entry("torques", "Torques of a motion, against limits, with their causes."),
         "payload": _Entry("poses", "Largest payload at a pose, and the joint that limits it."),
@@ -546,7 +546,7 @@ _NAME_WIDTH = 8
 """Width of the name column in each group, in characters."""
 _SYNONYMS = {"check": "torques"}
 """Listed command for each command name that is not listed."""
-_COMMANDS = {name: entry for group in _COMMANDS_BY_GROUP.values() for name, entry in group.items()}
+_COMMANDS = {name: entry for group in _GROUPS.values() for name, entry in group.items()}
 
 
 class LazyCommands(Commands):
@@ -575,7 +575,7 @@ class LazyCommands(Commands):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002  as above
         """Write the list of commands without loading them."""
-        for title, entries in _COMMANDS_BY_GROUP.items():
+        for title, entries in _GROUPS.items():
             with formatter.section(title):
                 formatter.write_dl([(name.ljust(_NAME_WIDTH), entry.summary) for name, entry in entries.items()])
 
