@@ -21,8 +21,10 @@ from .parameters import Question, Spelling
 from .shared import PAYLOADS, RobotOptions
 from .skin import Asked, OutputFile, Outputs, command_of
 
-_LISTS = ("by", "parameters", "rows", "wrenches")
-_OF_C = ("precision", "prefix", "test")
+# Options of a quantity whose values are lists.
+_LIST_OPTIONS = ("by", "parameters", "rows", "wrenches")
+# Options of export_c, which export_st has too.
+_C_OPTIONS = ("precision", "prefix", "test")
 
 
 @command_of(
@@ -45,7 +47,7 @@ _OF_C = ("precision", "prefix", "test")
     also=(
         Question(
             Robot.export_st,
-            left_out=("quantities", "path", *_OF_C),
+            left_out=("quantities", "path", *_C_OPTIONS),
             spellings={"torque": Spelling("--torque-side", {"joint": "joint", "motor": "motor"})},
         ),
         Question(Robot.export_ros2, left_out=("path",)),
@@ -78,38 +80,39 @@ def export_command(
 
     if path is None and st is None and ros2 is None:
         raise ValueRangeError("nothing is to be written. Add --c OUT.c, --st OUT.st or --ros2 DIR.")
-    of_st, of_ros2 = _of(asked, "style", "torque"), _of(asked, "license")
-    if st is None and of_st:
+    st_options = _selected(asked, "style", "torque")
+    ros2_options = _selected(asked, "license")
+    if st is None and st_options:
         raise ValueRangeError("--style and --torque-side apply to Structured Text. Add --st OUT.st, or leave them out.")
     if ros2 is not None and (gravity_input or "precision" in asked or "prefix" in asked):
         raise ValueRangeError("--gravity-input, --float and --prefix do not apply to --ros2. Leave them out.")
     loaded = LoadCase(robot.load(), payloads_of(list(payloads), robot.tip)).with_load
-    wanted = [_quantity(text) for text in quantities or ("inverse_dynamics",)]
+    requests = [_quantity(text) for text in quantities or ("inverse_dynamics",)]
     if gravity_input:
-        wanted = [(name, {**own, "gravity": "input"}) for name, own in wanted]
-    common = _of(asked, *_OF_C) | {"inputs": robot.files}
+        requests = [(name, {**options, "gravity": "input"}) for name, options in requests]
+    common_options = _selected(asked, *_C_OPTIONS) | {"inputs": robot.files}
     written: list[Written] = []
     if ros2 is not None:
-        written.append(export_ros2(loaded, ros2, label="--ros2", **of_ros2))
+        written.append(export_ros2(loaded, ros2, label="--ros2", **ros2_options))
     if st is not None:
-        written.append(export_st(loaded, wanted, st, label="--st", **common, **of_st))
+        written.append(export_st(loaded, requests, st, label="--st", **common_options, **st_options))
     if path is not None:
-        written.append(export_c(loaded, wanted, path, label="--c", **common))
+        written.append(export_c(loaded, requests, path, label="--c", **common_options))
     return Written.joined(written)
 
 
-def _of(asked: Asked, *names: str) -> dict[str, Any]:
-    """Options of one of the functions."""
+def _selected(asked: Asked, *names: str) -> dict[str, Any]:
+    """Options with some names, among those that were typed."""
     return {name: value for name, value in asked.items() if name in names}
 
 
 def _quantity(text: str) -> tuple[str, dict[str, Any]]:
     """Parse ``name:option=value,…`` into name and options."""
-    name, colon, rest = text.partition(":")
+    name, colon, options_text = text.partition(":")
     form = "OPTION=VALUE, as in jacobian:frame=tool0,kind=space"
-    entries = rest.split(",") if colon else []
+    entries = options_text.split(",") if colon else []
     options: dict[str, Any] = dict(assignments(entries, f"--quantity {text!r}:", form))
-    for key in options.keys() & set(_LISTS):
+    for key in options.keys() & set(_LIST_OPTIONS):
         options[key] = tuple(options[key].split("+"))
     return name.strip(), options
 
@@ -169,13 +172,14 @@ def join_command(
 
 
 def _write_cell(cell: RobotCell, path: str, *, overwrite: bool) -> None:
-    """Write the cell, and note what its file does not keep."""
+    """Write the cell, and print a note on each property that its file cannot represent."""
     for sentence in cell.write(path, overwrite=overwrite):
         note(f"lost: {sentence}")
     _note_shapes(sum(len(part.robot.model.shaped) for part in cell.parts))
 
 
 def _note_shapes(count: int) -> None:
-    """Note links whose shapes are not written."""
+    """Print a note on the number of links whose shapes are not written."""
     if count:
-        note(f"the shapes of {count} link{'s' * (count > 1)} are not written: a robot keeps what moves and weighs.")
+        noun = "link" if count == 1 else "links"
+        note(f"the shapes of {count} {noun} are not written: a robot keeps what moves and weighs.")

@@ -1,4 +1,4 @@
-"""The command ``twistwrench log``: quality of the files of motions."""
+"""The command ``twistwrench log``: quality of recorded motions."""
 
 from __future__ import annotations
 
@@ -45,23 +45,23 @@ def log_command(
     """
     failed: list[tuple[str, str]] = []
     paths = [path for text in files for path in expanded_paths(text)]
-    if json is not None and json != "-":
+    if json is not None and json != "-":  # a file; "-" is standard output
         check_outputs({"--json": json}, {f"FILE {path}": path for path in paths})
         refuse_existing(json, overwrite=overwrite)
-    found: list[LogReport] = []
-    with progress_bar(f"{len(paths)} files") as progress, workers_of(workers, scheduler) as team:
-        read = partial(check_log, topic=topic, episode=episode)
-        for path, result in zip(paths, team.results(read, paths, progress), strict=True):
+    reports: list[LogReport] = []
+    with progress_bar(f"{len(paths)} files") as progress, workers_of(workers, scheduler) as pool:
+        check_file = partial(check_log, topic=topic, episode=episode)
+        for path, result in zip(paths, pool.results(check_file, paths, progress), strict=True):
             if isinstance(result, Failure):
                 failed.append((path, result.reason))
             else:
-                found.append(result)
+                reports.append(result)
     if json == "-":
-        click.echo(_data(found))
+        click.echo(_json_text(reports))
     else:
-        show(*(block for report in found for block in report.blocks()))
+        show(*(block for report in reports for block in report.blocks()))
         if json is not None:
-            write_text(json, f"{_data(found)}\n")
+            write_text(json, f"{_json_text(reports)}\n")
     for path, reason in failed:
         if path not in reason:
             reason = f"{path}: {reason}"
@@ -69,5 +69,5 @@ def log_command(
     return ExitCode.BAD_INPUT if failed else ExitCode.FINE
 
 
-def _data(found: list[LogReport]) -> str:
-    return json_.dumps([report.to_dict() for report in found], indent=2)
+def _json_text(reports: list[LogReport]) -> str:
+    return json_.dumps([report.to_dict() for report in reports], indent=2)

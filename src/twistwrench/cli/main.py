@@ -20,7 +20,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppres
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeAlias
 
 import click
 
@@ -49,73 +49,90 @@ _HEADINGS = {
         "fixed-base step jerk contact touch force control casters contact-normal bolts grip cup in-contact thresholds"
     ),
 }
-"""Headings of the help by option; options that are not named are of the question."""
-_HEADING_OF = {f"--{name}": heading for heading, names in _HEADINGS.items() for name in names.split()}
-_HEADING_IN = {
+"""Options under each heading of the help, without ``--``. Options that are not named stand under QUESTION."""
+_HEADING_BY_OPTION = {f"--{name}": heading for heading, names in _HEADINGS.items() for name in names.split()}
+_HEADING_BY_COMMAND_AND_OPTION = {
     ("calibrate", "--plan"): QUESTION,
     ("calibrate", "--towards"): RARE,
     ("identify", "--command-hold"): RARE,
     **{("view", f"--{name}"): RARE for name in ("feet", "wheels", "contact-friction", "mounting")},
 }
-"""Headings of options in a command that has them elsewhere than the other commands."""
-_FORM, _LINE = 26, 80
-"""Widths of the form of an option, and of a line of the short help."""
+"""Headings of options that stand under another heading in one command than in the others."""
+_FORM_WIDTH = 26
+"""Width of the column of forms in the short help, such as ``--csv OUT.csv``, in characters."""
+_LINE_WIDTH = 80
+"""Width of a line of the short help, in characters."""
 
 
 class GroupedHelp(click.Command):
-    """Command whose options stand under headings, each in one line; --help-all adds the rare ones and the full texts."""
+    """Command whose help lists the options under headings, one line each.
+
+    ``--help-all`` adds the rare options and the full texts.
+    """
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options of each heading."""
-        groups: dict[str, list[tuple[str, str]]] = {heading: [] for heading in (QUESTION, *_HEADINGS)}
-        for param in self.get_params(ctx):
-            record = param.get_help_record(ctx)
-            if isinstance(param, click.Option) and record is not None and not {"--help", "--help-all"} & {*param.opts}:
-                heading = _HEADING_OF.get(param.opts[0], QUESTION)
-                groups[_HEADING_IN.get((self.name or "", param.opts[0]), heading)].append(record)
-        with_full_texts = bool(ctx.meta.get(_ALL))
-        for heading, records in groups.items():
-            if records and (with_full_texts or heading != RARE):
-                with formatter.section(heading):
-                    if with_full_texts:
-                        formatter.write_dl(records)
-                        continue
-                    for form, text in records:
-                        formatter.write(f"{'':{formatter.current_indent}}{_in_a_line(form, text)}\n")
-        if groups[RARE] and not with_full_texts:
+        records_by_heading: dict[str, list[tuple[str, str]]] = {heading: [] for heading in (QUESTION, *_HEADINGS)}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)  # form and text; None for a hidden option
+            if not isinstance(parameter, click.Option) or record is None:
+                continue
+            if {"--help", "--help-all"} & {*parameter.opts}:
+                continue
+            flag = parameter.opts[0]
+            usual_heading = _HEADING_BY_OPTION.get(flag, QUESTION)
+            heading = _HEADING_BY_COMMAND_AND_OPTION.get((self.name or "", flag), usual_heading)
+            records_by_heading[heading].append(record)
+        with_full_texts = bool(ctx.meta.get(_HELP_ALL_ENTRY))
+        for heading, records in records_by_heading.items():
+            shown = with_full_texts or heading != RARE
+            if not records or not shown:
+                continue
+            with formatter.section(heading):
+                if with_full_texts:
+                    formatter.write_dl(records)
+                    continue
+                indent = " " * formatter.current_indent
+                for form, text in records:
+                    formatter.write(f"{indent}{_short_help(form, text)}\n")
+        rare_count = len(records_by_heading[RARE])
+        if rare_count and not with_full_texts:
             formatter.write_paragraph()
-            formatter.write_text(f"{len(groups[RARE])} more options, and full texts: --help-all.")
+            formatter.write_text(f"{rare_count} more options, and full texts: --help-all.")
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Parameters, and --help-all."""
-        return [*super().get_params(ctx), _HELP_ALL]
+        """Parameters of the command, and --help-all."""
+        return [*super().get_params(ctx), _HELP_ALL_OPTION]
 
 
-def _in_a_line(form: str, text: str) -> str:
+def _short_help(form: str, text: str) -> str:
     """Form of an option and the first clause of its help, cut at a word."""
-    flag, _, placeholder = form.partition(" ")
-    if len(form) > _FORM:
-        form = f"{flag} {re.split('[,|:]', placeholder.replace('[', ''))[0]}…"
+    if len(form) > _FORM_WIDTH:
+        flag, _, placeholder = form.partition(" ")
+        first_choice = re.split("[,|:]", placeholder.replace("[", ""))[0]
+        form = f"{flag} {first_choice}…"
     clause = re.split(r"[;:]\s|\.\s|  ?\[default", text)[0].rstrip(".")
-    room = _LINE - _FORM - 4
-    if len(clause) > room:
-        clause = f"{clause[: room - 1].rpartition(' ')[0].rstrip(',')}…"
-    return f"{form:{_FORM}}  {clause}"
+    max_length = _LINE_WIDTH - _FORM_WIDTH - 4  # two spaces before the form, and two after it
+    if len(clause) > max_length:
+        whole_words = clause[: max_length - 1].rpartition(" ")[0]  # one character is left for the ellipsis
+        clause = f"{whole_words.rstrip(',')}…"
+    return f"{form:{_FORM_WIDTH}}  {clause}"
 
 
-_ALL = "twistwrench.help_all"
+_HELP_ALL_ENTRY = "twistwrench.help_all"
 """Context entry: the help describes all options."""
 
 
-def _show_all(context: click.Context, _parameter: click.Parameter, given: bool) -> None:
-    if given:
-        context.meta[_ALL] = True
+def _print_full_help(context: click.Context, _parameter: click.Parameter, is_given: bool) -> None:
+    """Callback of --help-all: print the help of all options, and exit."""
+    if is_given:
+        context.meta[_HELP_ALL_ENTRY] = True
         click.echo(context.get_help())
         context.exit()
 
 
-_HELP_ALL = click.Option(
-    ["--help-all"], is_flag=True, expose_value=False, is_eager=True, callback=_show_all,
+_HELP_ALL_OPTION = click.Option(
+    ["--help-all"], is_flag=True, expose_value=False, is_eager=True, callback=_print_full_help,
     help="Show this message with all options and full texts, and exit.",
 )  # fmt: skip
 
@@ -140,14 +157,14 @@ class VisibleStream:
 
 
 class LastingStream:
-    """Standard output that outlasts its reader: a command writes its files although ``head`` has ended."""
+    """Standard output that fails silently if its reader, such as ``head``, has ended: the command still writes its files."""
 
     def __init__(self, stream: Any) -> None:
         self.stream = stream
         self.is_unread = False
 
     def write(self, text: str) -> int:
-        """Write text; without a reader it is dropped."""
+        """Write text; discarded if the reader has ended."""
         with self._while_read():
             self.stream.write(text)
         return len(text)
@@ -159,6 +176,7 @@ class LastingStream:
 
     @contextmanager
     def _while_read(self) -> Iterator[None]:
+        """Record that the reader has ended, instead of raising an error."""
         try:
             yield
         except BrokenPipeError:
@@ -170,7 +188,7 @@ class LastingStream:
 
 
 def use_utf8() -> None:
-    """Write files and pipes in UTF-8, as Python does from 3.15 on; a terminal keeps its encoding.
+    """Write to files and pipes in UTF-8, as Python does from 3.15 on; a terminal keeps its encoding.
 
     Characters missing in the encoding of a terminal or of ``PYTHONIOENCODING`` become question marks.
     """
@@ -178,29 +196,34 @@ def use_utf8() -> None:
     for stream in streams:
         if stream not in (sys.__stdout__, sys.__stderr__):  # replaced by the caller
             continue
-        change = getattr(stream, "reconfigure", None)
-        if stream is None or change is None or str(stream.encoding).lower() in ("utf-8", "utf8"):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if stream is None or reconfigure is None:
+            continue
+        if str(stream.encoding).lower() in ("utf-8", "utf8"):
             continue
         if os.environ.get("PYTHONIOENCODING") or stream.isatty():
-            change(errors="replace")
+            reconfigure(errors="replace")
         else:
-            change(encoding="utf-8")
+            reconfigure(encoding="utf-8")
 
 
 # ── Errors: one line and an exit code each, in terms of options
 
-_REFUSED = tuple(
+_EXTERNAL_ERRNOS = tuple(
     getattr(errno, name)
     for name in ["ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS", "ENAMETOOLONG", "ENOMEM", "EMFILE", "ENFILE"]
 )
-"""Error numbers of the operating system that are not program errors, such as full disks and long names."""
+"""Error numbers of the operating system that are not faults of the program, such as full disks and long names."""
 
-_MAX_SHOWN_PATH = 80
-_HEARD: list[bool] = []
-"""Nonempty after Ctrl-C."""
+_MAX_PATH_LENGTH = 80
+"""Largest number of characters of a path in an error message."""
+_MAX_FAULT_LENGTH = 300
+"""Largest number of characters of the message of a program error."""
+_INTERRUPTS: list[bool] = []
+"""One entry for each Ctrl-C of this run."""
 
 ARGUMENTS, NOTES = "twistwrench.arguments", "twistwrench.notes"
-"""Context entries: words of the command line, and sentences of :func:`note`."""
+"""Names of context entries: words of the command line, and sentences of :func:`note`."""
 
 TRACEBACK = "TWISTWRENCH_TRACEBACK"
 """Environment variable that enables the traceback of program errors."""
@@ -214,10 +237,15 @@ class Commands(click.Group):
     def main(self, *args: Any, **options: Any) -> Any:
         """Run as a program that cleans up on SIGTERM."""
         use_utf8()
-        _HEARD.clear()
-        output = None if sys.stdout is None else LastingStream(sys.stdout)
-        visible_output: Any = None if output is None else VisibleStream(output)
-        visible_errors: Any = None if sys.stderr is None else VisibleStream(sys.stderr)
+        _INTERRUPTS.clear()
+        output: LastingStream | None = None
+        visible_output: Any = None
+        visible_errors: Any = None
+        if sys.stdout is not None:  # None without a console
+            output = LastingStream(sys.stdout)
+            visible_output = VisibleStream(output)
+        if sys.stderr is not None:
+            visible_errors = VisibleStream(sys.stderr)
         with (
             _handling(signal.SIGTERM, _end, (signal.SIG_DFL,)),
             _handling(signal.SIGINT, _interrupt, (signal.default_int_handler, end_at_once)),
@@ -234,20 +262,20 @@ class Commands(click.Group):
     def make_context(self, info_name: str | None, args: list[str], **options: Any) -> click.Context:  # type: ignore[override]
         """Parse arguments; usage errors are printed in one line."""
         typed = list(args)
-        with _own_endings():
+        with _exit_codes_of_errors():
             context = super().make_context(info_name, args, **options)
             context.meta[ARGUMENTS] = typed
             return context
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; errors are printed in one line."""
-        with _own_endings():
+        with _exit_codes_of_errors():
             answer = super().invoke(ctx)
             sys.stdout.flush()  # a full disk can still be reported here
             return answer
 
 
-class _UsageLine(click.ClickException):
+class _OneLineUsageError(click.ClickException):
     exit_code = ExitCode.BAD_INPUT
 
     def show(self, file: Any = None) -> None:
@@ -255,47 +283,60 @@ class _UsageLine(click.ClickException):
 
 
 @contextmanager
-def _own_endings() -> Iterator[None]:
-    """Print usage errors in one line; interrupts, closed pipes and program errors have separate exit codes."""
+def _exit_codes_of_errors() -> Iterator[None]:
+    """Print an error in one line, and exit with its code: usage error, interrupt, closed pipe or program error."""
     try:
         yield
     except click.exceptions.NoArgsIsHelpError:
         raise
     except click.UsageError as error:
-        where = f" See {error.ctx.command_path} --help." if error.ctx else ""
-        raise _UsageLine(" ".join(_usage_sentence(error).split()) + where) from None
+        pointer = f" See {error.ctx.command_path} --help." if error.ctx else ""
+        sentence = " ".join(_usage_sentence(error).split())  # in one line
+        raise _OneLineUsageError(sentence + pointer) from None
     except (click.ClickException, click.exceptions.Exit, click.Abort):
         raise
     except KeyboardInterrupt:
-        _say("interrupted")
+        _print_error("interrupted")
         sys.exit(ExitCode.INTERRUPTED)
     except BrokenPipeError:
         drop_output()
         sys.exit(ExitCode.PIPE_CLOSED)
     except Exception as fault:
-        if _HEARD:  # a library converted the interrupt to its own error
-            _say("interrupted")
+        if _INTERRUPTS:  # a library converted the interrupt to its own error
+            _print_error("interrupted")
             sys.exit(ExitCode.INTERRUPTED)
-        if isinstance(fault, MemoryError) or (isinstance(fault, OSError) and fault.errno in _REFUSED):
-            place = getattr(fault, "filename", None)
-            what = getattr(fault, "strerror", None) or "more memory is needed than there is"
-            if place is not None:
-                what += f": {str(place)[:_MAX_SHOWN_PATH]}"
-            _say(f"error: {what}.")
-            if isinstance(fault, OSError):
-                drop_output()
-            sys.exit(ExitCode.BAD_INPUT)
-        traced = os.environ.get(TRACEBACK, "").lower() not in ("", "0", "off", "false")
-        if traced:
-            _say("".join(traceback.format_exception(fault)).rstrip())
-        text, what = " ".join(str(fault).split()), type(fault).__name__
-        if text:
-            what += f": {text[:300]}"
-        hint = "" if traced else f"; {TRACEBACK}=1 shows where it arose"
-        _say(
-            f"error: a fault of twistwrench itself, not of your input: {what}. Please report it with the command{hint}."
-        )
-        sys.exit(ExitCode.FAULT)
+        is_external = isinstance(fault, OSError) and fault.errno in _EXTERNAL_ERRNOS
+        if is_external or isinstance(fault, MemoryError):
+            _exit_for_external_error(fault)
+        _exit_for_program_error(fault)
+
+
+def _exit_for_external_error(error: Exception) -> NoReturn:
+    """Print an error of the operating system or of memory, and exit."""
+    path = getattr(error, "filename", None)
+    cause = getattr(error, "strerror", None) or "more memory is needed than there is"
+    if path is not None:
+        cause += f": {str(path)[:_MAX_PATH_LENGTH]}"
+    _print_error(f"error: {cause}.")
+    if isinstance(error, OSError):
+        drop_output()
+    sys.exit(ExitCode.BAD_INPUT)
+
+
+def _exit_for_program_error(fault: Exception) -> NoReturn:
+    """Print an error of this program, with its traceback if :data:`TRACEBACK` is set, and exit."""
+    with_traceback = os.environ.get(TRACEBACK, "").lower() not in ("", "0", "off", "false")
+    if with_traceback:
+        _print_error("".join(traceback.format_exception(fault)).rstrip())
+    description = type(fault).__name__
+    text = " ".join(str(fault).split())  # in one line
+    if text:
+        description += f": {text[:_MAX_FAULT_LENGTH]}"
+    hint = "" if with_traceback else f"; {TRACEBACK}=1 shows where it arose"
+    _print_error(
+        f"error: a fault of twistwrench itself, not of your input: {description}. Please report it with the command{hint}."
+    )
+    sys.exit(ExitCode.FAULT)
 
 
 def _usage_sentence(error: click.UsageError) -> str:
@@ -307,8 +348,8 @@ def _usage_sentence(error: click.UsageError) -> str:
     return error.format_message()
 
 
-def _say(text: str) -> None:
-    """Write on standard error, if it is open."""
+def _print_error(text: str) -> None:
+    """Write a line on standard error, if it is open."""
     with suppress(OSError, ValueError):
         click.echo(text, err=True)
 
@@ -316,12 +357,13 @@ def _say(text: str) -> None:
 def drop_output(stream: Any = None) -> None:
     """Discard the buffer of standard output, so that it does not fail again at exit."""
     with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
+        discarding_file = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(discarding_file, (stream or sys.stdout).fileno())
 
 
 def _interrupt(*_: Any) -> None:
-    """Raise KeyboardInterrupt and record it in case a library catches it."""
-    _HEARD.append(True)
+    """Raise KeyboardInterrupt, and record it in case a library turns it into another error."""
+    _INTERRUPTS.append(True)
     raise KeyboardInterrupt
 
 
@@ -335,7 +377,7 @@ def note(text: str) -> None:
 
 @contextmanager
 def noted_if_failed(hints: Iterable[str]) -> Iterator[None]:
-    """Write hints on the input as notes if the work on it fails, since no report follows."""
+    """Print hints on the input as notes if the work in the context fails, since no report follows."""
     try:
         yield
     except TwistWrenchError:
@@ -357,16 +399,17 @@ def _end(*_: Any) -> None:
 
 @contextmanager
 def _handling(number: signal.Signals, handler: Callable[..., None], defaults: Sequence[Any]) -> Iterator[None]:
-    """Handle a signal within the context, unless the caller installed a handler not in ``defaults``."""
-    before = signal.getsignal(number)
-    if threading.current_thread() is not threading.main_thread() or before not in defaults:
+    """Handle a signal within the context, unless the caller installed a handler that is not in ``defaults``."""
+    previous_handler = signal.getsignal(number)
+    in_main_thread = threading.current_thread() is threading.main_thread()  # only there Python sets handlers
+    if not in_main_thread or previous_handler not in defaults:
         yield
         return
     signal.signal(number, handler)
     try:
         yield
     finally:
-        signal.signal(number, before)
+        signal.signal(number, previous_handler)
 
 
 # ── Errors and warnings of the library
@@ -408,28 +451,30 @@ def examples_text(*lines: str) -> str:
 
 
 def option(form: str, text: str, *names: str, choices: Sequence[str] = (), **settings: Any) -> Decorator:
-    """Option from its form, ``--csv OUT.csv``, and its help; a flag without value, choices, type and default.
+    """Option from its form, such as ``--csv OUT.csv``, and its help.
 
-    The parameter has the option's name unless a name is given.
+    Without placeholder, choices, type and default it is a flag. The parameter has the option's name unless a name is given.
     """
     flag, _, metavar = form.partition(" ")
     if choices:
         settings["type"] = click.Choice(choices)
     if metavar:
         settings["metavar"] = metavar
-        if metavar == "SECONDS" and (settings.get("type") is float or isinstance(settings.get("default"), float)):
+        takes_float = settings.get("type") is float or isinstance(settings.get("default"), float)
+        if metavar == "SECONDS" and takes_float:
             settings["type"] = Seconds()
     elif not {"default", "type"} & settings.keys():
         settings["is_flag"] = True
-    return click.option(flag, *names, help=text, **{"show_default": "default" in settings, **settings})
+    settings.setdefault("show_default", "default" in settings)
+    return click.option(flag, *names, help=text, **settings)
 
 
 def option_group(*options: Decorator) -> Decorator:
     """One decorator of several options, in the order of the help."""
 
     def decorate(function: Any) -> Any:
-        for option in reversed(options):
-            function = option(function)
+        for add_option in reversed(options):  # click lists the option first that is added last
+            function = add_option(function)
         return function
 
     return decorate
@@ -440,15 +485,15 @@ def plain_command(name: str, *options: Decorator, examples: Sequence[str]) -> De
 
     def decorate(function: Callable[..., int | None]) -> click.Command:
         @wraps(function)
-        def run(**given: Any) -> None:
+        def run(**arguments: Any) -> None:
             with plain_errors():
-                code = function(**given)
-                if code:
-                    sys.exit(code)
+                exit_code = function(**arguments)
+                if exit_code:
+                    sys.exit(exit_code)
 
         declare = click.command(name, cls=GroupedHelp, epilog=examples_text(*examples))
-        made: click.Command = declare(option_group(*options)(run))
-        return made
+        command: click.Command = declare(option_group(*options)(run))
+        return command
 
     return decorate
 
@@ -457,8 +502,12 @@ def plain_command(name: str, *options: Decorator, examples: Sequence[str]) -> De
 
 
 class _Entry(NamedTuple):
-    file: str
+    """Entry of the list of commands."""
+
+    module: str
+    """Module of this package with the function NAME_command."""
     summary: str
+    """Line in the list of commands."""
 
 
 _GROUPS = {
@@ -492,11 +541,11 @@ _GROUPS = {
         "help": _Entry("main", "Explain columns, limits, verdicts or the robot options."),
     },
 }
-"""Commands by group and name: module with the function NAME_command, and line in the list of commands."""
-_WIDTH = 8
-"""Width of the name column in each group."""
+"""Entries of commands by group and name."""
+_NAME_WIDTH = 8
+"""Width of the name column in each group, in characters."""
 _SYNONYMS = {"check": "torques"}
-"""Commands that are not listed, by the listed command that they are."""
+"""Listed command for each command name that is not listed."""
 _COMMANDS = {name: entry for group in _GROUPS.values() for name, entry in group.items()}
 
 
@@ -520,15 +569,15 @@ class LazyCommands(Commands):
         cmd_name = _SYNONYMS.get(cmd_name, cmd_name)
         if cmd_name not in _COMMANDS:
             return super().get_command(ctx, cmd_name)
-        module = import_module(f".{_COMMANDS[cmd_name].file}", __package__)
-        found: click.Command = getattr(module, f"{cmd_name}_command")
-        return found
+        module = import_module(f".{_COMMANDS[cmd_name].module}", __package__)
+        command: click.Command = getattr(module, f"{cmd_name}_command")
+        return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002  as above
         """Write the list of commands without loading them."""
-        for title, group in _GROUPS.items():
+        for title, entries in _GROUPS.items():
             with formatter.section(title):
-                formatter.write_dl([(name.ljust(_WIDTH), entry.summary) for name, entry in group.items()])
+                formatter.write_dl([(name.ljust(_NAME_WIDTH), entry.summary) for name, entry in entries.items()])
 
 
 @click.group(
@@ -544,7 +593,7 @@ def main() -> None:
     """
 
 
-_GUIDES = {
+_PAGE_BY_TOPIC = {
     "assistant": "assistant",
     "columns": "logs",
     "limits": "limits",
@@ -556,7 +605,7 @@ _GUIDES = {
 
 
 @click.command("help", epilog=examples_text("help columns", "help verdicts"))
-@click.argument("topic", metavar="TOPIC", required=False, type=click.Choice([*_GUIDES, "robot"]))
+@click.argument("topic", metavar="TOPIC", required=False, type=click.Choice([*_PAGE_BY_TOPIC, "robot"]))
 def help_command(topic: str | None) -> None:
     """Print the page of the documentation on a topic.
 
@@ -569,26 +618,26 @@ def help_command(topic: str | None) -> None:
         click.echo(help_command.get_help(click.get_current_context()))
         return
     if topic == "robot":
-        torques = main.get_command(click.Context(main), "torques")
-        assert torques is not None
+        command = main.get_command(click.Context(main), "torques")  # any command with a robot has these options
+        assert command is not None
         formatter = click.HelpFormatter(width=80)
         with formatter.section("Robot options"):
-            context = click.Context(torques)
-            robot_options = [param for param in torques.params if isinstance(param, RobotOption)]
+            context = click.Context(command)
+            robot_options = [parameter for parameter in command.params if isinstance(parameter, RobotOption)]
             records = [option.get_help_record(context) for option in robot_options]
             formatter.write_dl([record for record in records if record is not None])
         click.echo(formatter.getvalue(), nl=False)
         return
-    name = f"{_GUIDES[topic]}.md"
+    name = f"{_PAGE_BY_TOPIC[topic]}.md"
     package = Path(__file__).parent.parent
-    text = next(
-        path.read_text("utf-8")
-        for path in (package / "guides" / name, package.parent.parent / "docs" / name)  # installed, source tree
-        if path.exists()
-    )
+    page = package / "guides" / name
+    if not page.exists():  # in the source tree
+        page = package.parent.parent / "docs" / name
+    text = page.read_text("utf-8")
     if topic == "skill":  # a file to save, as it is
         click.echo(text, nl=False)
         return
     text = re.sub(r"\A---\n.*?\n---\n+", "", text, flags=re.DOTALL)  # front matter
-    text = re.sub(r"^(```\w+) .*$", r"\1", text, flags=re.MULTILINE)
-    click.echo(re.sub(r"\[([^\]]+)\]\((?!https?:)[^)]*\)", r"\1", text))
+    text = re.sub(r"^(```\w+) .*$", r"\1", text, flags=re.MULTILINE)  # options of a code block, after its language
+    text = re.sub(r"\[([^\]]+)\]\((?!https?:)[^)]*\)", r"\1", text)  # links between pages
+    click.echo(text)

@@ -19,11 +19,12 @@ from .parameters import Kind, Spelling
 from .skin import Asked, OutputFile, command_of, picture_file, table_file
 
 _LOG = click.argument("readings", metavar="LOG")
-_PICTURE = "Draw the readings before and after."
-_TABLE = "Write the readings without bias and load as a table"
+_PICTURE_HELP = "Draw the readings before and after."
+_TABLE_HELP = "Write the readings without bias and load as a table"
 
 
-_ON_ROBOT = (
+# Options of logs that have joint positions in place of orientations.
+_ROBOT_OPTIONS = (
     option("--robot ROBOT", "Robot whose joint positions are in the log in place of orientations.", "arm"),
     option("--frame FRAME", "Frame of the sensor on the robot. [default: its tip]"),
     option("--degrees", "Use degrees for joint positions without a unit."),
@@ -33,7 +34,7 @@ _ON_ROBOT = (
 def _readings(
     readings: str, arm: str | None, frame: str | None, degrees: bool, asked: Asked, taker: str
 ) -> str | ReadingLog:
-    """The log, read with the joint positions of a robot if one is given."""
+    """Path of the log, or, if a robot is given, the log with orientations from its joint positions."""
     if arm is None and (frame is not None or degrees):
         raise ValueRangeError(
             "--frame and --degrees are about joint positions. Give the robot that has them, --robot ROBOT."
@@ -44,6 +45,7 @@ def _readings(
 
 
 def _log_file(readings: str | None) -> dict[str, Path | None]:
+    """File that the command reads, by argument; None without a log."""
     return {"LOG": None if readings is None else log_path(readings)}
 
 
@@ -57,8 +59,8 @@ def _numbers(*counts: int) -> Callable[[str, str], list[float]]:
     "compensate",
     compensate,
     _LOG,
-    *_ON_ROBOT,
-    files=(table_file(Compensation.to_csv, _TABLE), picture_file(_PICTURE)),
+    *_ROBOT_OPTIONS,
+    files=(table_file(Compensation.to_csv, _TABLE_HELP), picture_file(_PICTURE_HELP)),
     report=True,
     examples=("sensor compensate demo --sensor demo",),
     summary="Subtract weight, inertial load and bias from a log; detect contacts.",
@@ -81,11 +83,11 @@ def compensate_command(readings: str, arm: str | None, frame: str | None, degree
     "identify",
     identify,
     _LOG,
-    *_ON_ROBOT,
+    *_ROBOT_OPTIONS,
     files=(
         OutputFile("--save OUT.json", "Write the sensor file for `compensate`.", Identification.write),
-        table_file(Identification.to_csv, _TABLE),
-        picture_file(_PICTURE),
+        table_file(Identification.to_csv, _TABLE_HELP),
+        picture_file(_PICTURE_HELP),
     ),
     report=True,
     examples=("sensor identify demo", "sensor identify demo --save hand.json"),

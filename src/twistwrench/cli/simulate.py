@@ -24,11 +24,12 @@ from .skin import Asked, OutputFile, Outputs, command_of, picture_file, table_fi
 from .terminal import progress_bar
 
 _CONTACT = "1e5,0.3,0.5"
+"""Default of --contact."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RefusedSimulation(Answer):
-    """Simulation that was not begun, since its loads contradict themselves."""
+    """Answer in place of a simulation that was not begun, since its loads contradict themselves."""
 
     call: ClassVar[str] = "simulate"
 
@@ -61,7 +62,7 @@ def _is_cut_off(answer: Simulated) -> bool:
     return isinstance(answer, SimulationResult) and answer.interrupted
 
 
-def _result(answer: Simulated) -> SimulationResult:
+def _simulation_result(answer: Simulated) -> SimulationResult:
     assert isinstance(answer, SimulationResult)
     return answer
 
@@ -94,7 +95,7 @@ def _result(answer: Simulated) -> SimulationResult:
     shared.DEGREES,
     files=(
         table_file(
-            lambda answer, path: _result(answer).to_csv(path, degrees=_result(answer).degrees),
+            lambda answer, path: _simulation_result(answer).to_csv(path, degrees=_simulation_result(answer).degrees),
             "Write the motion, which torques and view read",
             exists=_is_simulated,
             keeps=_is_cut_off,
@@ -102,7 +103,7 @@ def _result(answer: Simulated) -> SimulationResult:
         OutputFile(
             "--npz OUT.npz",
             "Write all arrays in NumPy format.",
-            lambda answer, path: _result(answer).to_npz(path),
+            lambda answer, path: _simulation_result(answer).to_npz(path),
             exists=_is_simulated,
             keeps=_is_cut_off,
         ),
@@ -138,16 +139,20 @@ def simulate_command(
     given torques pass a limit, if the motion ended before its duration, at a limit with --stop-at-limits or because
     integration failed, or if links come too near (--clearance). The motion until then is printed and written.
     """
-    loads = tuple(parse_payload(text, robot.tip) for text in payloads)
-    load = LoadCase(robot.load(), loads, parse_wrenches(wrenches), friction=not no_friction)
+    parsed_payloads = tuple(parse_payload(text, robot.tip) for text in payloads)
+    load = LoadCase(robot.load(), parsed_payloads, parse_wrenches(wrenches), friction=not no_friction)
     if load.contradictions:
         return RefusedSimulation(load.robot.name, tuple(load.contradictions))
-    loaded, degrees = load.with_load, robot.degrees
+    loaded = load.with_load
+    degrees = robot.degrees
     q0 = configuration_of(loaded, at, degrees=degrees)
     dq0 = parse_rates(loaded, velocity, "--velocity", degrees=degrees)
     tau = parse_rates(loaded, torque, "--torque", degrees=False) if torque else None
-    planes = _planes(loaded, touch, ground, contact)
-    hints = [*filter(None, [degrees_hint(loaded, q0)]), *load.unit_hints]
+    planes = _ground_planes(loaded, touch, ground, contact)
+    hints = list(load.unit_hints)
+    hint_on_degrees = degrees_hint(loaded, q0)
+    if hint_on_degrees:
+        hints.insert(0, hint_on_degrees)
     interrupted = False
     result: Any
     try:
@@ -157,23 +162,25 @@ def simulate_command(
                 limits="stop" if stop_at_limits else None, contacts=planes, progress=progress, **asked,
             )  # fmt: skip
     except SimulationError as problem:
-        if problem.result is None:
+        if problem.result is None:  # nothing was simulated
             raise
-        result, interrupted = problem.result, True
+        result = problem.result
+        interrupted = True
     except KeyboardInterrupt as interrupt:
-        result, interrupted = getattr(interrupt, "result", None), True
+        result = getattr(interrupt, "result", None)
+        interrupted = True
         outputs.interrupt = interrupt
         if result is None:
             raise
-    apart = clearance_along(loaded, [(result.times, result.q)], clearance, srdf)
+    path_clearance = clearance_along(loaded, [(result.times, result.q)], clearance, srdf)
     return replace(
         result, friction=load.friction, degrees=degrees,
-        remarks=(*result.remarks, *hints), clearance=apart, interrupted=interrupted,
+        remarks=(*result.remarks, *hints), clearance=path_clearance, interrupted=interrupted,
     )  # fmt: skip
 
 
-def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:
-    """Ground plane for each contact frame."""
+def _ground_planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact: str | None) -> list[Any]:
+    """Ground plane of each frame with contact points; empty without ground."""
     if ground is None:
         if touch:
             raise ValueRangeError("--touch names points that the ground holds up, and there is none. Add --ground 0.")
@@ -186,13 +193,16 @@ def _planes(robot: Robot, touch: tuple[str, ...], ground: float | None, contact:
         "k,c,mu: stiffness, dissipation and friction, for example 1e5,0.3,0.5",
         3,
     )
-    points: dict[str, list[list[float]]] = {}
+    points_by_frame: dict[str, list[list[float]]] = {}
     for text in touch or (robot.tip or "",):
-        frame, colon, place = text.partition(":")
-        if not frame:
+        frame, colon, coordinates = text.partition(":")
+        if not frame:  # the robot has no tip
             robot.model.frame(None)  # raises with the names to choose from
-        form = "FRAME:x,y,z in metres, for example tool0:0,0,0.1"
-        points.setdefault(frame, []).append(parse_numbers(place, "--touch", form, 3) if colon else [0.0, 0.0, 0.0])
+        point = [0.0, 0.0, 0.0]
+        if colon:
+            point = parse_numbers(coordinates, "--touch", "FRAME:x,y,z in metres, for example tool0:0,0,0.1", 3)
+        points_by_frame.setdefault(frame, []).append(point)
     return [
-        Plane(frame, rows, height=ground, stiffness=k, dissipation=c, friction=mu) for frame, rows in points.items()
+        Plane(frame, points, height=ground, stiffness=k, dissipation=c, friction=mu)
+        for frame, points in points_by_frame.items()
     ]

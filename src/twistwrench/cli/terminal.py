@@ -25,8 +25,11 @@ def show(*blocks: Block) -> None:
     """
     output = console()
     context = click.get_current_context(silent=True)
-    every = context is None or bool(context.params.get("whole_report", True))
-    shown = shown_blocks(blocks, every=True, hint="--all") if every else short_form(blocks, "--all")
+    whole_report = context is None or bool(context.params.get("whole_report", True))
+    if whole_report:
+        shown = shown_blocks(blocks, every=True, hint="--all")
+    else:
+        shown = short_form(blocks, "--all")
     for block in shown:
         output.print(renderable(block, output))
 
@@ -38,13 +41,14 @@ def show_answer(answer: Answer) -> None:
 
 # ── Progress bars on stderr, on a terminal only
 
-_PATIENCE = 1.0
+_SECONDS_BEFORE_BAR = 1.0
 """Delay [s] before a bar is shown."""
 _SECONDS_BETWEEN_DRAWINGS = 0.1
 """Time [s] between updates of a bar."""
 
 
-def _bar() -> Any:
+def _progress_display() -> Any:
+    """Rich's progress bar with description, share and remaining time."""
     from rich import progress
 
     columns = (
@@ -62,7 +66,7 @@ def frame_progress(what: str) -> Iterator[Callable[[int, int], None] | None]:
     if not sys.stderr.isatty():
         yield None
         return
-    with _bar() as bar:
+    with _progress_display() as bar:
         task = bar.add_task(visible(what), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
@@ -73,21 +77,24 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None] | None]:
     if not sys.stderr.isatty():
         yield None
         return
-    bar, due, begun = _bar(), time.monotonic() + _PATIENCE, False
+    bar = _progress_display()
     task = bar.add_task(visible(what), total=1.0)
+    is_shown = False
+    next_drawing = time.monotonic() + _SECONDS_BEFORE_BAR
 
-    def tick(share: float) -> None:
-        nonlocal due, begun
+    def update(share: float) -> None:
+        nonlocal next_drawing, is_shown
         now = time.monotonic()
-        if now >= due:
-            if not begun:
-                bar.start()
-                begun = True
-            bar.update(task, completed=share)
-            due = now + _SECONDS_BETWEEN_DRAWINGS
+        if now < next_drawing:
+            return
+        if not is_shown:
+            bar.start()
+            is_shown = True
+        bar.update(task, completed=share)
+        next_drawing = now + _SECONDS_BETWEEN_DRAWINGS
 
     try:
-        yield tick
+        yield update
     finally:
-        if begun:
+        if is_shown:
             bar.stop()

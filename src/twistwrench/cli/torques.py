@@ -18,12 +18,12 @@ from .shared import LogOptions, RobotOptions
 from .skin import Asked, OutputFile, Outputs, command_of, picture_file, table_file
 from .terminal import progress_bar
 
-_PLOTS = ("torques", "causes", "power", "phase", "motors", "support", "mounting", "grip")
-_OF_JOINTS = {"causes", "phase"}
+_PLOT_KINDS = ("torques", "causes", "power", "phase", "motors", "support", "mounting", "grip")
+_PLOT_KINDS_BY_JOINT = {"causes", "phase"}
 Checked: TypeAlias = TorqueReport | CheckedMotions
 
 
-def _of_one(report: Checked) -> TorqueReport:
+def _single_report(report: Checked) -> TorqueReport:
     assert isinstance(report, TorqueReport), "files of one motion are refused for many"
     return report
 
@@ -50,7 +50,7 @@ def _require_rerun() -> None:
     "torques",
     check,
     shared.worker_options,
-    option("--kind", "Kind of picture of --plot. [default: torques]", choices=_PLOTS),
+    option("--kind", "Kind of picture of --plot. [default: torques]", choices=_PLOT_KINDS),
     option(
         "--joint JOINT",
         "Joint to draw in --kind causes and phase; may be repeated. [default: all]",
@@ -63,13 +63,13 @@ def _require_rerun() -> None:
         OutputFile(
             "--mcap OUT.mcap",
             "Write states, torques, causes and limits as a ROS 2 recording, for Foxglove.",
-            lambda report, path: _of_one(report).to_mcap(path),
+            lambda report, path: _single_report(report).to_mcap(path),
             require=_require_mcap,
         ),
         OutputFile(
             "--rerun OUT.rrd",
             "Write the same for rerun.",
-            lambda report, path: _of_one(report).to_rerun(path),
+            lambda report, path: _single_report(report).to_rerun(path),
             require=_require_rerun,
         ),
     ),
@@ -100,16 +100,18 @@ def torques_command(
         return _with_picture(_at_rest(robot, log, {**asked, "why": why}), outputs, kind, joints)
     path = log.path(robot)
     typed = log.trajectory or ""
-    paths = expanded_paths(typed if path == Path(typed) else path)
-    if paths != [str(path)] or workers is not None or scheduler is not None:
+    paths = expanded_paths(typed if path == Path(typed) else path)  # of the bundled motion, the path is not typed
+    has_many_motions = paths != [str(path)]
+    if has_many_motions or workers is not None or scheduler is not None:
         if why or not {*outputs.flags} <= {"--csv", "--json", "--report"}:
             raise ValueRangeError(
                 "--plot, --why, --mcap and --rerun are of one motion. Give one file, and no --workers."
             )
-        replace(outputs, inputs={**{f"MOTION {p}": p for p in paths}, **robot.files}).check(overwrite=True)
-        work = BatchTorques(robot, log, asked, tuple(paths))
+        motion_files = {f"MOTION {p}": p for p in paths}
+        replace(outputs, inputs={**motion_files, **robot.files}).check(overwrite=True)
+        batch = BatchTorques(robot, log, asked, tuple(paths))
         with progress_bar(f"{len(paths)} motions") as progress:
-            return checked_motions(Path(robot.source).stem, paths, work.answer, workers, scheduler, progress)
+            return checked_motions(Path(robot.source).stem, paths, batch.answer, workers, scheduler, progress)
     _check_picture(outputs, robot, kind, joints)
     with progress_bar(path.name) as progress:
         report = answer_of(robot, log, {**asked, "why": why}, path, progress=progress)
@@ -119,10 +121,10 @@ def torques_command(
 def _with_picture(
     report: TorqueReport, outputs: Outputs[Checked], kind: str | None, joints: Sequence[str]
 ) -> TorqueReport:
-    """The report; its picture will be of this kind."""
+    """The report itself, after the picture of --plot is set to a kind and joints."""
     if kind == "motors" and not report.motors:
         raise ValueRangeError("--kind motors: the actuator file describes no motor.")
-    outputs.written_by("--plot", lambda answer, to: _plot(_of_one(answer), kind, to, joints))
+    outputs.written_by("--plot", lambda answer, to: _plot(_single_report(answer), kind, to, joints))
     return report
 
 
@@ -135,24 +137,24 @@ def _at_rest(robot: RobotOptions, log: LogOptions, asked: Asked) -> TorqueReport
 
 
 def _check_picture(outputs: Outputs[Checked], robot: RobotOptions, kind: str | None, joints: Sequence[str]) -> None:
-    """Raise, before a long run, if the kind of picture cannot be drawn, or there is none."""
+    """Raise, before a long run, if the kind of picture cannot be drawn, or no picture is written."""
     if kind is not None and "--plot" not in outputs.flags:
         raise ValueRangeError("--kind is of the picture of --plot, and there is none. Add --plot OUT.png.")
-    name, sign, path = outputs.path_of("--plot").partition("=")
-    if sign and name in _PLOTS:
+    name, equals_sign, path = outputs.path_of("--plot").partition("=")
+    if equals_sign and name in _PLOT_KINDS:
         raise ValueRangeError(
             f"--plot {name}={path}: the kind is an option of its own. Write --plot {path} --kind {name}."
         )
     if kind == "motors" and robot.actuators is None:
         raise ValueRangeError("--kind motors draws the motors, and none are described. Add --actuators FILE.yaml.")
-    if joints and kind not in _OF_JOINTS:
+    if joints and kind not in _PLOT_KINDS_BY_JOINT:
         raise ValueRangeError(
             "--joint selects panels of --kind causes and phase. Add one of them, with --plot OUT.png."
         )
 
 
 def _plot(report: TorqueReport, kind: str | None, path: str, joints: Sequence[str]) -> None:
-    """Draw a kind of plot; causes and phase of some joints."""
+    """Draw a kind of plot; with joints, the causes or the phase plane of these joints."""
     if joints:
         from ..reports.drawn_motion import reported_motion
         from ..viz.plots import motion
@@ -168,7 +170,7 @@ def _plot(report: TorqueReport, kind: str | None, path: str, joints: Sequence[st
 
 @dataclass(frozen=True)
 class BatchTorques:
-    """Question about one file; it is sent to other processes."""
+    """Options of a batch of motions, which are sent to other processes."""
 
     robot: RobotOptions
     log: LogOptions
@@ -176,12 +178,13 @@ class BatchTorques:
     logs: tuple[str, ...]
 
     def answer(self, path: str) -> CheckedMotion:
-        """Line of the motion in this file; another process speaks as the command does."""
+        """Line of the motion in a file; messages of another process name options, as those of the command do."""
         with words_of_the_shell():
             return self._answer(path)
 
     def _answer(self, path: str) -> CheckedMotion:
-        return CheckedMotion.from_report(path, answer_of(self.robot, self.log, self.asked, Path(path), self.logs))
+        report = answer_of(self.robot, self.log, self.asked, Path(path), self.logs)
+        return CheckedMotion.from_report(path, report)
 
 
 def answer_of(
@@ -194,6 +197,7 @@ def answer_of(
     progress: Callable[[float], None] | None = None,
 ) -> TorqueReport:
     """Answer of :func:`~twistwrench.check` on the motion in a file; ``logs`` are all files of a batch."""
-    arm, motion = shared.open_motion(robot, log, path, logs, stands=bool({"feet", "wheels", "casters"} & asked.keys()))
+    stands = bool({"feet", "wheels", "casters"} & asked.keys())
+    arm, motion = shared.open_motion(robot, log, path, logs, stands=stands)
     shared.refuse_motor_side(robot, arm, "torques")
     return check(arm, motion, progress=progress, **asked)

@@ -36,8 +36,8 @@ from .skin import Asked, OutputFile, Outputs, command_of
 from .terminal import frame_progress
 from .torques import answer_of
 
-_OF_MOTION = ("smooth", "limits")
-"""Options that only a motion has, beside those of its file."""
+_MOTION_OPTIONS = ("smooth", "limits")
+"""Options that need a motion, beside the options that read its file."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,9 +48,12 @@ class ShownRobot(Answer):
 
     robot: Robot
     wrenches: Mapping[str, Array]
+    """Wrenches on the robot by frame."""
     motion: DrawnMotion | None
     meshes: bool
+    """True if meshes are drawn."""
     speed: float
+    """Factor of the film's speed."""
     page: Mapping[str, Any]
     """Options of the page."""
 
@@ -61,7 +64,7 @@ class ShownRobot(Answer):
 
     @property
     def verdict(self) -> Verdict:
-        """LOOK AGAIN if the motion contradicts itself; with a required clearance its verdict; otherwise DONE."""
+        """LOOK AGAIN if the motion contradicts itself, joined with the verdict on a required clearance; otherwise DONE."""
         if self.motion is None:
             return Verdict(Word.DONE)
         if self.motion.clearance is not None:
@@ -77,14 +80,15 @@ class ShownRobot(Answer):
 
     def write_page(self, path: str) -> None:
         """Write the page; loops of the file are closed unless a motion or a section moves the joints."""
-        shown, closed = self.robot, None
+        drawn_robot = self.robot
+        page_robot = self.robot
         if self.motion is not None:
-            shown, _ = robot_of_motion(self.motion)
+            drawn_robot, _ = robot_of_motion(self.motion)
         elif self.page["section"] is None:
-            closed = closed_by_file(self.robot)
+            page_robot = closed_by_file(self.robot) or self.robot
         write_page(
-            closed or self.robot, path, motion=self.motion, wrench_on_robot=self.wrenches,
-            scene=scene_of(shown, meshes=self.meshes), **self.page,
+            page_robot, path, motion=self.motion, wrench_on_robot=self.wrenches,
+            scene=scene_of(drawn_robot, meshes=self.meshes), **self.page,
         )  # fmt: skip
 
     def write_film(self, path: str) -> None:
@@ -120,7 +124,7 @@ class ShownArticle(Answer):
 Shown: TypeAlias = ShownRobot | ShownArticle
 
 
-def _film(answer: Shown, path: str) -> None:
+def _write_film(answer: Shown, path: str) -> None:
     assert isinstance(answer, ShownRobot), "a film without a motion is refused"
     answer.write_film(path)
 
@@ -146,7 +150,7 @@ def _film(answer: Shown, path: str) -> None:
         OutputFile(
             "--movie OUT.gif|OUT.mp4",
             "Write a film of the motion.",
-            _film,
+            _write_film,
             is_data=False,
             complete=movie_path,
         ),
@@ -177,33 +181,34 @@ def view_command(
     """
     if robot is None:
         return _article(section, outputs)
-    _check_files(outputs, log, section, with_page=embed or control is not None)
-    loaded, wrenches, motion = _judged(robot, log, asked)
+    _check_files(outputs, log, section, has_page_options=embed or control is not None)
+    loaded, wrenches, motion = _loads_and_motion(robot, log, asked)
     if "--html" in outputs.flags:
         refuse_couplings(loaded.model, "--html")
     if not {"--html", "--movie"} & {*outputs.flags}:
         page = Path(tempfile.mkdtemp(prefix="twistwrench-")) / "page.html"
-        outputs.add(OutputFile("--html", "", _page if no_browser else _opened_page, is_data=False), str(page))
+        write = _write_page if no_browser else _write_and_open_page
+        outputs.add(OutputFile("--html", "", write, is_data=False), str(page))
     return ShownRobot(loaded, wrenches, motion, meshes, speed, {"section": section, "embed": embed, "control": control})
 
 
-def _page(answer: Shown, path: str) -> None:
+def _write_page(answer: Shown, path: str) -> None:
     answer.write_page(path)
 
 
-def _opened_page(answer: Shown, path: str) -> None:
+def _write_and_open_page(answer: Shown, path: str) -> None:
     """Write the page, and open it in the browser."""
     answer.write_page(path)
     if not open_browser(Path(path).as_uri()):
         note("no browser could be opened. Open the file in one.")
 
 
-_NEEDS_FILE = "--section writes a page. Add --html OUT.html."
-_OF_ARTICLES = frozenset({"section", "file_html", "overwrite"})
+_NO_PAGE_FILE = "--section writes a page. Add --html OUT.html."
+_ARTICLE_PARAMETERS = frozenset({"section", "file_html", "overwrite"})
 
 
 def _article(section: str | None, outputs: Outputs[Shown]) -> ShownArticle:
-    """Article on a section; raises if there is none, or if options need a robot."""
+    """Article on a section; raises if the section has no article, or if options need a robot."""
     context = click.get_current_context()
     if section is None:
         raise click.MissingParameter(ctx=context, param=context.command.params[0])
@@ -213,22 +218,22 @@ def _article(section: str | None, outputs: Outputs[Shown]) -> ShownArticle:
             f"section {section} has no article, only a page with a robot: twistwrench view panda --section "
             f"{section} --html page.html. Articles are on: {listed(ARTICLES, 20)}."
         )
-    for param in context.command.params:
-        typed = context.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
-        if typed and param.name not in _OF_ARTICLES:
+    for parameter in context.command.params:
+        typed = context.get_parameter_source(parameter.name or "") is ParameterSource.COMMANDLINE
+        if typed and parameter.name not in _ARTICLE_PARAMETERS:
             raise ValueRangeError(
-                f"the article on section {section} has no robot. Leave {param.opts[0]} out, or name ROBOT first."
+                f"the article on section {section} has no robot. Leave {parameter.opts[0]} out, or name ROBOT first."
             )
     if "--html" not in outputs.flags:
-        raise ValueRangeError(_NEEDS_FILE)
+        raise ValueRangeError(_NO_PAGE_FILE)
     return ShownArticle(section)
 
 
-def _check_files(outputs: Outputs[Shown], log: LogOptions, section: str | None, *, with_page: bool) -> None:
-    """Raise if a page or film is described that is not written, or has nothing to show."""
+def _check_files(outputs: Outputs[Shown], log: LogOptions, section: str | None, *, has_page_options: bool) -> None:
+    """Raise if options describe a page or film that is not written, or that has nothing to show."""
     if "--movie" in outputs.flags and log.trajectory is None:
         raise ValueRangeError("--movie films a motion, and there is none. Add --trajectory FILE.csv.")
-    if with_page and "--html" not in outputs.flags:
+    if has_page_options and "--html" not in outputs.flags:
         raise ValueRangeError("--embed and --control are about a page in a file. Add --html OUT.html.")
     if section is None:
         return
@@ -237,19 +242,24 @@ def _check_files(outputs: Outputs[Shown], log: LogOptions, section: str | None, 
             f"section {section} has an article, and no page with a robot: twistwrench view --section {section} "
             f"--html page.html. Pages with a robot are on: {listed(SECTIONS, 20)}."
         )
-    section_panel(section)
+    section_panel(section)  # raises for a section that is not there
     if "--html" not in outputs.flags:
-        raise ValueRangeError(_NEEDS_FILE)
+        raise ValueRangeError(_NO_PAGE_FILE)
     if log.trajectory is not None:
         raise ValueRangeError("--section N shows a robot that is moved by hand. Leave --trajectory out.")
 
 
-def _judged(robot: RobotOptions, log: LogOptions, asked: Asked) -> tuple[Robot, dict[str, Array], DrawnMotion | None]:
-    """Robot with its payloads, wrenches on it, and its motion, judged as in ``torques``; doubts are notes."""
+def _loads_and_motion(
+    robot: RobotOptions, log: LogOptions, asked: Asked
+) -> tuple[Robot, dict[str, Array], DrawnMotion | None]:
+    """Robot with its payloads, wrenches on the robot, and its motion, if one is given.
+
+    The motion is judged as in ``torques``, and its doubts are printed as notes.
+    """
     if log.trajectory is None:
-        unused = [*log.given, *(name for name in _OF_MOTION if name in asked)]
-        if unused:
-            flag = f"--{unused[0].replace('_', '-')}"
+        options_of_motion = [*log.given, *(name for name in _MOTION_OPTIONS if name in asked)]
+        if options_of_motion:
+            flag = f"--{options_of_motion[0].replace('_', '-')}"
             raise ValueRangeError(f"{flag} is about a motion, and none is given. Add --trajectory.")
         if {"clearance", "srdf"} & {*asked}:
             raise ValueRangeError("--clearance is of a motion, and there is none. Add --trajectory FILE.csv.")

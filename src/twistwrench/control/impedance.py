@@ -18,11 +18,11 @@ from .task_space import TaskLaw
 
 @dataclass(frozen=True, eq=False)
 class Impedance(TaskLaw):
-    """Impedance control (MR section 11.7.1): spring K X_e and damper B V_e; at rest under a wrench F, K X_e = -F.
+    """Impedance control (MR section 11.7.1): spring K X_e and damper B V_e. At rest under a wrench F, K X_e = -F.
 
-    Without ``mass``, the frame keeps the robot's inertia, Λ dV_e/dt + B V_e + K X_e = -F, and no measurement is needed.
-    With ``mass``, M_d dV_e/dt + B V_e + K X_e = -F, and the law needs a measurement of F. V_e is the twist of the
-    reference minus that of the frame, and F is the force on the selected rows, Λ J M⁻¹ τ_ext.
+    Without ``mass``, the frame keeps the robot's inertia: Λ dV_e/dt + B V_e + K X_e = -F. No measurement is needed.
+    With ``mass``, M_d dV_e/dt + B V_e + K X_e = -F. The law then needs a measurement of F. V_e is the twist of the
+    reference minus the twist of the frame, and F = Λ J M⁻¹ τ_ext is the force on the selected rows.
 
     Examples
     --------
@@ -40,8 +40,9 @@ class Impedance(TaskLaw):
     mass: ArrayLike | None = field(default=None, kw_only=True)
     """M_d [kg m², kg]: scalar, (r,), or (r, r); None: the robot's inertia."""
     wrench_on_robot: Measured | None = field(default=None, kw_only=True)
-    """F as a function of (t, q, dq): wrench by the world, (m, f) in the frame [N m, N], from a sensor or a
-    :class:`MomentumObserver`."""
+    """Function of (t, q, dq) that returns the wrench of the world on the frame, (m, f) in the frame [N m, N].
+
+    It may read a sensor or a :class:`MomentumObserver`."""
     _stiffness: Array = field(init=False, repr=False)
     _damping: Array = field(init=False, repr=False)
     _inverse_mass: Array = field(init=False, repr=False)
@@ -64,16 +65,17 @@ class Impedance(TaskLaw):
 
     def __call__(self, t: float, q: ArrayLike, dq: ArrayLike) -> Array:
         """τ (nv,)."""
-        now = self.task(t, q, dq)
-        pull = self._stiffness @ now.error + self._damping @ now.error_rate
+        task = self.task(t, q, dq)
+        spring_and_damper = self._stiffness @ task.error + self._damping @ task.error_rate  # K X_e + B V_e
         if self.wrench_on_robot is None:
-            return self._torques(t, q, dq, now, now.Lambda @ now.feedforward + pull)
+            return self._torques(t, q, dq, task, task.Lambda @ task.feedforward + spring_and_damper)
         measured = self.wrench_on_robot(t, *one_state(self.robot, "Impedance", q, dq))
-        measured = arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6)
-        pushed = np.linalg.solve(self.robot.mass_matrix(q), self.robot.wrench_torques(q, measured, self.frame))
-        F = now.Lambda @ now.J @ pushed  # selected entries; exact if the others are zero or all are selected
-        a = now.feedforward + self._inverse_mass @ (pull + F)
-        return self._torques(t, q, dq, now, now.Lambda @ a - F)
+        wrench = arguments.one(measured, f"wrench_on_robot of Impedance at t = {printed(t)} s", 6)
+        external_torques = self.robot.wrench_torques(q, wrench, self.frame)
+        external_acceleration = np.linalg.solve(self.robot.mass_matrix(q), external_torques)  # M⁻¹ τ_ext
+        F = task.Lambda @ task.J @ external_acceleration  # exact if all rows are selected, or the others are zero
+        desired_acceleration = task.feedforward + self._inverse_mass @ (spring_and_damper + F)
+        return self._torques(t, q, dq, task, task.Lambda @ desired_acceleration - F)
 
 
 complete(globals())

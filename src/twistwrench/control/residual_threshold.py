@@ -37,20 +37,32 @@ if TYPE_CHECKING:
     from ..motion.motion import Motion
     from .observer import MomentumObserver
 
-BEGIN, BLOCK, HOUR = 2.0, 1.0, 3600.0
-"""Time after the begin of a log that is left out, length of a block, and an hour [s]."""
+BEGIN = 2.0
+"""Time after the begin of a log that is left out [s]."""
+BLOCK = 1.0
+"""Length of a block [s]."""
+HOUR = 3600.0
+"""An hour [s]."""
 _MIN_BLOCKS = 30
-"""Least number of blocks."""
-_CELLS, _MIN_INDEPENDENT_ROWS, _MIN_DEVIATIONS = 9, 10.0, 3.0
-"""Number of cells, least number of independent rows in one, and deviations from which its mean is not noise."""
-_EULER = 0.5772156649
+"""Least number of blocks for a verdict without doubt."""
+_CELL_COUNT = 9
+"""Number of cells: three signs of the speed by three thirds of the position."""
+_MIN_INDEPENDENT_ROWS = 10.0
+"""Least number of independent rows in a cell whose mean is used."""
+_MIN_DEVIATIONS = 3.0
+"""Ratio of a mean to its standard deviation from which the mean is not noise."""
+_QUIET_SHARE = 0.9
+"""Share of the blocks, those with the smallest maxima, by which a push is recognised in the others."""
+_EULER_CONSTANT = 0.5772156649
+"""γ of the Gumbel law."""
 _MAX_NOISE_RATIO = 3.0
 """Largest noise of a block, in multiples of the noise threshold by the other blocks, above which something pushed."""
-_PASSED_WITHIN = 0.3
-"""Time in which a push is to pass a threshold [s]."""
-_POSES = 200
-_INSENSITIVE = 1e-9
-"""Share of the most sensitive direction below which no joint reacts to a direction."""
+_MAX_DETECTION_TIME = 0.3
+"""Time in which a push must pass a threshold [s]."""
+_MAX_POSES = 200
+"""About the largest number of poses at which pushes are computed."""
+_MIN_SENSITIVITY = 1e-9
+"""Ratio of a direction's response to the largest one below which no joint reacts to this direction."""
 _DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 _DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
 """(26, 3) directions to the faces, edges and corners of a cube."""
@@ -80,9 +92,9 @@ class ResidualThreshold(Answer):
     observer: MomentumObserver
     """Observer with its gain."""
     noise: Array
-    """(nv,) part due to noise: level of the residual without its mean [N m, sliding joints: N]."""
+    """Part (nv,) due to noise: level of the residual without its mean [N m, sliding joints: N]."""
     model: Array
-    """(nv,) part due to the model: largest mean of the residual in a region of speed and position [N m, N]."""
+    """Part (nv,) due to the model: largest mean of the residual in a region of speed and position [N m, N]."""
     per_hour: float
     """False alarms in an hour, of all joints together."""
     smallest_force: float
@@ -118,8 +130,9 @@ class ResidualThreshold(Answer):
     @property
     def brief(self) -> str:
         """Least push that passes a threshold."""
-        finite = np.isfinite(self.smallest_force)
-        return quantity(self.smallest_force, "N", 2) if finite else "pushes in some direction change no joint torque"
+        if not np.isfinite(self.smallest_force):
+            return "pushes in some direction change no joint torque"
+        return quantity(self.smallest_force, "N", 2)
 
     def facts(self) -> dict[str, str]:
         """False alarms, least push and length of the log.
@@ -149,18 +162,20 @@ class ResidualThreshold(Answer):
         push = self.brief
         if np.isfinite(self.smallest_force):
             push = f"the smallest push at the tip that passes one is {push}"
+        noun = "false alarm" if self.per_hour == 1.0 else "false alarms"
         return (
-            f"thresholds for {number(self.per_hour, 3)} false alarm{'s' * (self.per_hour != 1.0)} an hour: "
-            f"{listed(self.texts['threshold'], 7)}; {push}."
+            f"thresholds for {number(self.per_hour, 3)} {noun} an hour: {listed(self.texts['threshold'], 7)}; {push}."
         )
 
     def blocks(self) -> Iterator[Block]:
         """Verdict, and the threshold of each joint with its parts."""
-        is_ok = self.verdict.word is Word.OK
-        yield Headline(Word.OK, self.sentence) if is_ok else Headline.from_verdict(self.verdict)
+        if self.verdict.word is Word.OK:
+            yield Headline(Word.OK, self.sentence)
+        else:
+            yield Headline.from_verdict(self.verdict)
         yield ""
         yield threshold_table(self)
-        yield from remarks([str(one) for one in self.doubts if one.level == "note"])
+        yield from remarks([str(reason) for reason in self.doubts if reason.level == "note"])
 
     def to_dict(self) -> dict[str, Any]:
         """Data of :meth:`Answer.to_dict`, and the thresholds with their parts in SI units.
@@ -190,56 +205,63 @@ def residual_threshold(observer: MomentumObserver, motion: Motion, per_hour: flo
     """Thresholds from a log without contact; raises ShapeError and ValueRangeError."""
     if motion.tau is None:
         raise ShapeError("MomentumObserver.threshold: the motion has no torques. Give a log with measured torques.")
-    wanted = arguments.positive(per_hour, "per_hour")
+    per_hour = arguments.positive(per_hour, "per_hour")
     e = observer.over(motion.time, motion.q, motion.dq, motion.tau)
     used = motion.time >= motion.time[0] + BEGIN
-    block = ((motion.time[used] - motion.time[0] - BEGIN) / BLOCK).astype(int)
-    if not used.any() or block[-1] < 2:
+    block_number = ((motion.time[used] - motion.time[0] - BEGIN) / BLOCK).astype(int)
+    if not used.any() or block_number[-1] < 2:
         raise ValueRangeError(
             f"MomentumObserver.threshold: the log has {number(motion.duration, 3)} s. Give {number(BEGIN + _MIN_BLOCKS)} s or "
             "more."
         )
     step = float(np.median(np.diff(motion.time)))
     mean = _cell_means(e[used], motion.dq[used], _single_positions(motion)[used], step, observer.gain)
-    first = np.flatnonzero(np.diff(block, prepend=-1))
-    maxima = np.maximum.reduceat(np.abs(e[used] - mean), first)
+    first_rows = np.flatnonzero(np.diff(block_number, prepend=-1))
+    maxima = np.maximum.reduceat(np.abs(e[used] - mean), first_rows)
     if len(maxima) > _MIN_BLOCKS:
         maxima = maxima[:-1]  # the last block may be short
-    share = wanted * BLOCK / HOUR / observer.robot.nv
-    noise, model = gumbel_level(maxima, share), np.abs(mean).max(axis=0)
+    share = per_hour * BLOCK / HOUR / observer.robot.nv
+    noise = gumbel_level(maxima, share)
+    model = np.abs(mean).max(axis=0)
     doubts = tuple(_doubts(observer, motion, maxima, share))
     force = smallest_force(observer, motion.q, noise + model)
-    return ResidualThreshold(observer, noise, model, wanted, force, len(maxima), doubts)
+    return ResidualThreshold(observer, noise, model, per_hour, force, len(maxima), doubts)
 
 
 def gumbel_level(maxima: Array, share: float) -> Array:
-    """Levels (k,) that maxima (n, k) of the size of noise pass in a share of the blocks."""
+    """Levels √u (k,) that the block maxima (n, k) of the noise's size pass in a share p of the blocks.
+
+    From P(x < u) = 1 - p: u = a - b log(-log(1 - p)), with a = mean(x) - γ b.
+    """
     x = maxima**2
-    scale = np.sqrt(6.0) / np.pi * x.std(axis=0, ddof=1)
-    return np.asarray(np.sqrt(x.mean(axis=0) + scale * (-np.log(-np.log1p(-share)) - _EULER)))
+    b = np.sqrt(6.0) / np.pi * x.std(axis=0, ddof=1)
+    return np.asarray(np.sqrt(x.mean(axis=0) + b * (-np.log(-np.log1p(-share)) - _EULER_CONSTANT)))
 
 
 def _single_positions(motion: Motion) -> Array:
-    """(n, nv) positions of the coordinates that belong to one velocity, zero for others."""
-    positions, model = np.zeros(motion.dq.shape), motion.robot.model
-    for body in model.leaders:
+    """Positions (n, nv) of joints with one velocity and one coordinate; zero for the velocities of other joints."""
+    positions = np.zeros(motion.dq.shape)
+    for body in motion.robot.model.leaders:
         if body.joint.nv == body.joint.nq == 1:
             positions[:, body.places[1]] = motion.q[:, body.places[0]]
     return positions
 
 
 def _cell_means(e: Array, dq: Array, q: Array, step: float, gain: Array) -> Array:
-    """(n, nv) mean of the residual in the cell of each row, sign of the speed and third of the position; 0 within its error.
+    """Mean (n, nv) of the residual in the cell of each row; 0 if it is not larger than its error.
 
-    Residuals are alike for a time constant 1/K, so that a cell of n rows has n K h/2 independent ones.
+    Cells are given by the sign of the speed and the third of the position. Residuals are correlated for a time 1/K, so a cell
+    of n rows at the time step h has n K h/2 independent rows.
     """
     means = np.zeros_like(e)
     for j in range(e.shape[1]):
         edges = np.quantile(q[:, j], [1.0 / 3.0, 2.0 / 3.0])
-        cell = 3 * (np.sign(dq[:, j]) + 1.0).astype(int) + np.searchsorted(edges, q[:, j])
-        count = np.maximum(np.bincount(cell, minlength=_CELLS), 1)
-        mean = np.bincount(cell, e[:, j], minlength=_CELLS) / count
-        variance = np.bincount(cell, e[:, j] ** 2, minlength=_CELLS) / count - mean**2
+        sign_number = (np.sign(dq[:, j]) + 1.0).astype(int)  # 0, 1, 2
+        third = np.searchsorted(edges, q[:, j])
+        cell = 3 * sign_number + third
+        count = np.maximum(np.bincount(cell, minlength=_CELL_COUNT), 1)
+        mean = np.bincount(cell, e[:, j], minlength=_CELL_COUNT) / count
+        variance = np.bincount(cell, e[:, j] ** 2, minlength=_CELL_COUNT) / count - mean**2
         independent = np.maximum(count * min(1.0, 0.5 * gain[j] * step), 1.0)
         significant = np.abs(mean) > _MIN_DEVIATIONS * np.sqrt(np.maximum(variance, 0.0) / independent)
         means[:, j] = np.where(significant & (independent >= _MIN_INDEPENDENT_ROWS), mean, 0.0)[cell]
@@ -247,11 +269,12 @@ def _cell_means(e: Array, dq: Array, q: Array, step: float, gain: Array) -> Arra
 
 
 def _doubts(observer: MomentumObserver, motion: Motion, maxima: Array, share: float) -> Iterator[Doubt]:
-    """Too few blocks, a contradictory log, and blocks in which something pushed."""
+    """Doubts about too few blocks, about a contradictory log, and about a block in which something pushed."""
     if len(maxima) < _MIN_BLOCKS:
         yield doubt("residual-short", blocks=len(maxima), least=_MIN_BLOCKS)
-    yield from (one for one in motion.doubts if one.refuses)
-    quiet = np.sort(maxima, axis=0)[: max(2, round(0.9 * len(maxima)))]
+    yield from (contradiction for contradiction in motion.doubts if contradiction.refuses)
+    quiet_count = max(2, round(_QUIET_SHARE * len(maxima)))
+    quiet = np.sort(maxima, axis=0)[:quiet_count]
     ratio = maxima / np.maximum(gumbel_level(quiet, share), 1e-300)
     block, joint = np.unravel_index(int(ratio.argmax()), ratio.shape)
     if ratio[block, joint] > _MAX_NOISE_RATIO:
@@ -263,13 +286,19 @@ def _doubts(observer: MomentumObserver, motion: Motion, maxima: Array, share: fl
 
 
 def smallest_force(observer: MomentumObserver, q: Array, threshold: Array) -> float:
-    """Least constant force at the tip that passes a threshold within 0.3 s: the worst direction, the median of the poses."""
-    chosen = q[:: max(1, len(q) // _POSES)]
-    J = np.asarray(observer.robot.jacobian(chosen))[:, 3:]
-    response = np.einsum("di,kij->kdj", _DIRECTIONS, J) * -np.expm1(-observer.gain * _PASSED_WITHIN)
-    reaction = (np.abs(response) / threshold).max(axis=2)
-    least = reaction.min(axis=1)
-    return float(np.median(np.where(least > _INSENSITIVE * reaction.max(), 1.0 / np.maximum(least, 1e-300), np.inf)))
+    """Least constant force at the tip that passes a threshold within 0.3 s [N].
+
+    It is the force in the worst direction, and the median of the poses. A force of 1 N in a direction d changes the residual
+    to (1 - exp(-K t)) J' d after the time t.
+    """
+    poses = q[:: max(1, len(q) // _MAX_POSES)]
+    J = np.asarray(observer.robot.jacobian(poses))[:, 3:]
+    residuals = np.einsum("di,kij->kdj", _DIRECTIONS, J) * -np.expm1(-observer.gain * _MAX_DETECTION_TIME)
+    shares = (np.abs(residuals) / threshold).max(axis=2)  # of the joint nearest to its threshold
+    min_shares = shares.min(axis=1)  # in the worst direction
+    is_sensitive = min_shares > _MIN_SENSITIVITY * shares.max()
+    forces = np.where(is_sensitive, 1.0 / np.maximum(min_shares, 1e-300), np.inf)
+    return float(np.median(forces))
 
 
 complete(globals())

@@ -25,11 +25,17 @@ from .symmetry_checks import check_mirror
 
 _SINGLE_AXIS_TYPES = ("revolute", "continuous", "prismatic")
 _TWO_TURNS = 4.0 * math.pi
+"""Angle [rad]."""
 _MAX_LIMIT = 1000.0
 """Largest limit [rad or m]; larger ones mean no limit."""
 _MAX_STROKE = 5.0
 """Largest usual stroke of a prismatic joint [m]."""
 _MAX_LISTED_JOINTS = 6
+"""Largest number of joints that a finding names."""
+_MIN_SYMBOLIC_LIMIT = 1e4
+"""Limit of effort or velocity from which it stands for no limit."""
+_USUAL_SYMBOLIC_LIMIT = 1000.0
+"""Smaller limit that is often written for no limit."""
 
 
 def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -39,16 +45,18 @@ def check_mimic(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_degrees(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Integer limits of revolute joints beyond ±2 turns: probably degrees; an error if no robot has such limits."""
-    # Other commands refuse the same limits by these doubts.
-    limit_doubts = credible_limits(robot.model.limits, Robot(robot.model))
+    """Integer limits of revolute joints beyond ±2 turns, which are probably degrees.
+
+    They are an error if the other commands refuse them, and a warning otherwise.
+    """
+    limit_doubts = credible_limits(robot.model.limits, Robot(robot.model))  # by which the other commands refuse
     refusals = [doubt for doubt in limit_doubts if doubt.kind == "limits-degrees"]
     if not refusals:
         yield from _limits_in_degrees(robot, Severity.WARNING)
         return
     findings = list(_limits_in_degrees(robot, Severity.ERROR))
     yield from findings
-    if not findings:
+    if not findings:  # the file has no URDF joint to point at
         yield Finding("degrees", Severity.ERROR, f"joint {refusals[0].joints[0]!r}", 0, str(refusals[0]))
 
 
@@ -63,7 +71,9 @@ def _limits_in_degrees(robot: ParsedFile, severity: Severity) -> Iterator[Findin
             continue
         if not all(angle.is_integer() for angle in limits.values()):
             continue
-        edits = [Edit(limit.locate(name), file_number(math.radians(x))) for name, x in limits.items() if x]
+        edits = [
+            Edit(limit.locate(name), file_number(math.radians(degrees))) for name, degrees in limits.items() if degrees
+        ]
         yield _joint_finding(
             joint, "degrees", severity,
             f"its limits, {printed(limits['lower'])} to {printed(limits['upper'])} rad, look like degrees",
@@ -78,10 +88,12 @@ def check_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     for body in model.leaders:
         if body.joint.nv != 1:
             continue
-        lower, upper = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
+        lower = float(model.limits.lower[body.v_index])
+        upper = float(model.limits.upper[body.v_index])
         if lower > 0 or upper < 0:
             without_zero.append(body.joint.name)
-        if not body.joint.turning[0] and _MAX_STROKE < upper - lower < _MAX_LIMIT:
+        slides = not body.joint.turning[0]
+        if slides and _MAX_STROKE < upper - lower < _MAX_LIMIT:
             long_strokes.append(body.joint.name)
     sentence = "zero is outside the limits, so the robot cannot be in its neutral configuration"
     yield from _collective_finding(robot, "limits", without_zero, sentence)
@@ -98,7 +110,7 @@ def check_effort(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def _missing_limits(robot: ParsedFile, quantity: str) -> Iterator[Finding]:
-    """Joints without a limit of a quantity, and joints with a number that stands for none."""
+    """Joints without a limit of a quantity, and joints whose limit is a number that stands for no limit."""
     leaders = {body.joint.name for body in robot.model.leaders}
     missing, symbolic = [], []
     for name, joint in robot.joints.items():
@@ -107,9 +119,10 @@ def _missing_limits(robot: ParsedFile, quantity: str) -> Iterator[Finding]:
         limit = _limit(robot, joint, quantity)
         if not limit and name in leaders:
             missing.append(name)
-        if limit >= 1e4 or limit == 1000.0:
+        if limit >= _MIN_SYMBOLIC_LIMIT or limit == _USUAL_SYMBOLIC_LIMIT:
             symbolic.append(name)
-    sentence, severity = f"there is no limit of {quantity}", Severity.NOTE
+    sentence = f"there is no limit of {quantity}"
+    severity = Severity.NOTE
     if quantity == "effort" and len(arm_entries(robot.model)) > 1:
         sentence += ", so neither torques nor payloads can be judged"
         severity = Severity.WARNING
@@ -118,20 +131,21 @@ def _missing_limits(robot: ParsedFile, quantity: str) -> Iterator[Finding]:
 
 
 def _efforts_below_weight(robot: ParsedFile) -> Iterator[Finding]:
-    """Joints whose own weight exceeds their effort limit: a note, or from a multiple on a warning."""
+    """Joints whose own weight exceeds their effort limit: a note, or a warning if it exceeds a multiple of the limit."""
     efforts = robot.model.limits.effort
-    torques = np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)
-    overloads = np.flatnonzero(torques > efforts + margin(efforts))
-    gross = [k for k in overloads if torques[k] > BY_WEIGHT * efforts[k] > 0]
+    max_torques = np.abs(robot.effects.gravity_torques).max(axis=0, initial=0.0)  # over all poses
+    overloaded = np.flatnonzero(max_torques > efforts + margin(efforts))
+    far_overloaded = [k for k in overloaded if max_torques[k] > BY_WEIGHT * efforts[k] > 0]
     names = robot.model.velocity_names
+    slightly_overloaded_names = [names[k] for k in overloaded if k not in far_overloaded]
     sentence = "the robot's own weight takes more than the effort at some pose"
-    yield from _collective_finding(robot, "effort", [names[k] for k in overloads if k not in gross], sentence)
-    max_ratio = max((torques[k] / efforts[k] for k in gross), default=0.0)
+    yield from _collective_finding(robot, "effort", slightly_overloaded_names, sentence)
+    max_ratio = max((max_torques[k] / efforts[k] for k in far_overloaded), default=0.0)
     sentence = (
         f"the robot's own weight takes up to {number(max_ratio, 3)} times the effort: is a mass in grams, a centre of mass "
         "in millimetres, or an effort that of the motor before the gear?"
     )
-    yield from _collective_finding(robot, "effort", [names[k] for k in gross], sentence, Severity.WARNING)
+    yield from _collective_finding(robot, "effort", [names[k] for k in far_overloaded], sentence, Severity.WARNING)
 
 
 def check_placeholder_limits(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
@@ -165,7 +179,7 @@ def check_axis(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_friction(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Robots without joint damping."""
+    """Robots without joint damping, friction and armature."""
     model = robot.model
     if model.nv and not model.friction.any and not model.armature.any():
         yield Finding(
@@ -180,15 +194,17 @@ def _urdf_joints(robot: ParsedFile) -> Mapping[str, Element]:
 
 
 def _limit(robot: ParsedFile, joint: Element, quantity: str) -> float:
-    """The limit in force, of the user's table if there is one, else of the file; 0 without any."""
-    limits, name = robot.model.limits, joint.text("name")
+    """Limit of a joint: from the user's table if there is one, otherwise from the file; 0 if there is no limit."""
+    limits = robot.model.limits
+    name = joint.text("name")
     if isinstance(limits, StatedLimits) and name in robot.model.velocity_names:
-        value = float(getattr(limits, quantity)[robot.model.velocity_names.index(name)])
-        return value if math.isfinite(value) else 0.0
-    limit = joint.child("limit")
-    if limit is None:
+        k = robot.model.velocity_names.index(name)
+        limit = float(getattr(limits, quantity)[k])
+        return limit if math.isfinite(limit) else 0.0
+    element = joint.child("limit")
+    if element is None:
         return 0.0
-    return limit.optional_number(quantity) or 0.0
+    return element.optional_number(quantity) or 0.0
 
 
 def _joint_finding(
@@ -207,8 +223,9 @@ def _collective_finding(
     if not names:
         return
     line, file = 0, ""
-    if names[0] in robot.joints:
-        line, file = robot.joints[names[0]].line, robot.joints[names[0]].file
+    first_joint = robot.joints.get(names[0])
+    if first_joint is not None:
+        line, file = first_joint.line, first_joint.file
     noun = "joint" if len(names) == 1 else "joints"
     yield Finding(
         check, severity, f"{noun} {listed(map(repr, names), _MAX_LISTED_JOINTS)}", line, sentence,

@@ -20,9 +20,10 @@ from .parsed_file import ParsedFile, ParsedLink
 from .tensor_checks import MIN_EFFECT, no_tensor, placeholder, shape_repair
 
 _MIN_POINT_MASS_EFFECT = 10.0
-"""Percentage of M above which a missing inertia is relevant; below it, the link is a textbook point mass."""
+"""Change of the mass matrix M [%] above which a missing inertia is relevant; below it, the link is a textbook point
+mass."""
 _MIN_MASS_PER_METRE = 0.01
-"""Smallest mass of moving links per metre of reach [kg/m]: half of a thin carbon rod's."""
+"""Smallest mass of moving links per metre of reach [kg/m]: half that of a thin carbon rod."""
 _MAX_LISTED_LINKS = 6
 """Largest number of links that a sentence names; further ones are counted."""
 _MIN_DENSITY, _MAX_DENSITY = 50.0, 8000.0
@@ -32,7 +33,7 @@ _MIN_DENSITY, _MAX_DENSITY = 50.0, 8000.0
 def _shape_repairs(
     robot: ParsedFile, lacks_tensor: Callable[[WrittenInertia], bool]
 ) -> Iterator[tuple[ParsedLink, WrittenInertia, FileRepair, Effect]]:
-    """Links with a mass, but without a tensor of their own: repair by their shapes, and its effect."""
+    """Links with a mass whose tensor is missing: link, its inertia as written, repair by its shapes, effect of the repair."""
     for link in robot.links.values():
         written = link.written
         if written is None or written.mass <= 0 or not lacks_tensor(written):
@@ -57,12 +58,12 @@ def check_placeholder(robot: ParsedFile, _options: Options) -> Iterator[Finding]
 def check_no_inertia(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Mass with a tensor that is zero or a rounding error."""
     for link, written, repair, effect in _shape_repairs(robot, no_tensor):
-        largest = float(np.abs(written.tensor).max())
+        max_entry = float(np.abs(written.tensor).max())
         matters = robot.heavy(link) and effect.reaches(_MIN_POINT_MASS_EFFECT)
         yield link.finding(
             "no-inertia", matters,
-            f"it has {number(written.mass)} kg and no rotational inertia ({number(largest, 1)} kg m²), as a point mass has",
-            {"mass": written.mass, "largest": largest}, effect, repair,
+            f"it has {number(written.mass)} kg and no rotational inertia ({number(max_entry, 1)} kg m²), as a point mass has",
+            {"mass": written.mass, "largest": max_entry}, effect, repair,
         )  # fmt: skip
 
 
@@ -74,29 +75,31 @@ def check_no_mass(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
             continue
         repair = FileRepair("advice", "give it its mass, or no inertia", {link.name: SpatialInertia.zero()})
         effect = robot.effects.evaluate(repair.inertias)
-        largest = float(written.tensor.diagonal().max())
-        sentence = f"it has rotational inertia, {number(largest, 3)} kg m², and no mass"
-        yield link.finding("no-mass", effect.reaches(MIN_EFFECT), sentence, {"largest": largest}, effect, repair)
+        max_moment = float(written.tensor.diagonal().max())
+        sentence = f"it has rotational inertia, {number(max_moment, 3)} kg m², and no mass"
+        yield link.finding("no-mass", effect.reaches(MIN_EFFECT), sentence, {"largest": max_moment}, effect, repair)
 
 
 def check_massless(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Moving links without mass; M is singular if no link after them has mass."""
-    diagonal = robot.effects.diagonal
+    """Moving links without mass; the mass matrix M is singular if no link after them has mass."""
+    diagonal = robot.effects.diagonal  # of M at several poses
     max_rounding_error = 1e-12 * float(np.abs(diagonal).max(initial=0.0))
-    joints: dict[bool, dict[str, str]] = {}  # by link, apart for a singular M and for none
+    joint_by_link: dict[bool, dict[str, str]] = {}  # one table of links that make M singular, and one of the others
     for link in massless_links(robot.model):
         body = robot.model.bodies[robot.model.frames[link].body]
         _, entries_of_velocity = body.places
         singular = bool((diagonal[:, entries_of_velocity] <= max_rounding_error).any())
-        joints.setdefault(singular, {})[link] = body.joint.name
-    for singular, joint_of in joints.items():
-        yield _massless_finding(robot, joint_of, singular)
+        joint_by_link.setdefault(singular, {})[link] = body.joint.name
+    for singular, joints in joint_by_link.items():
+        yield _massless_finding(robot, joints, singular)
 
 
-def _massless_finding(robot: ParsedFile, joint_of: Mapping[str, str], singular: bool) -> Finding:
-    """Finding about massless links, each with its joint."""
-    links, joints = list(joint_of), list(joint_of.values())
-    severity, consequence = Severity.NOTE, ""
+def _massless_finding(robot: ParsedFile, joint_by_link: Mapping[str, str], singular: bool) -> Finding:
+    """Finding about massless links, given the joint of each."""
+    links = list(joint_by_link)
+    joints = list(joint_by_link.values())
+    severity = Severity.NOTE
+    consequence = ""
     if singular:
         severity = Severity.WARNING
         consequence = f"; M is singular, as {listed(map(repr, joints), _MAX_LISTED_LINKS)} move nothing"
@@ -114,8 +117,11 @@ def _massless_finding(robot: ParsedFile, joint_of: Mapping[str, str], singular: 
 
 def check_light(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Robots with a few grams per metre: masses probably in a wrong unit."""
-    model, length = robot.model, reach(robot.model)
-    if not 0 < length < np.inf or not 0 < model.moving_mass < _MIN_MASS_PER_METRE * length:
+    model = robot.model
+    length = reach(model)  # [m]
+    if not 0 < length < np.inf:
+        return
+    if not 0 < model.moving_mass < _MIN_MASS_PER_METRE * length:
         return
     yield Finding(
         "light", Severity.WARNING, f"robot {model.name!r}", 0,
@@ -126,7 +132,7 @@ def check_light(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
 
 
 def check_assumed(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Inertia that is not in the file: SDF's default 1 kg and 1 kg m², and changes by MJCF's compiler settings."""
+    """Inertia that is not written in the file: SDF's defaults, 1 kg and 1 kg m², and changes by MJCF's compiler settings."""
     for link in robot.links.values():
         if not link.assumed:
             continue
@@ -136,13 +142,13 @@ def check_assumed(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
             repair=FileRepair("advice", "give it a mass and a tensor"), file=link.file,
         )  # fmt: skip
     for text in robot.settings:
-        deliberate = text.startswith("settotalmass")
+        deliberate = text.startswith("settotalmass")  # a mass that the author chose
         severity = Severity.NOTE if deliberate else Severity.WARNING
         yield Finding("assumed", severity, f"robot {robot.model.name!r}", 0, text)
 
 
 def check_density(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
-    """Mass divided by the volume of the hull of the shapes."""
+    """Implausible densities: mass divided by the volume of the hull of the shapes."""
     for link in robot.links.values():
         written = link.written
         if written is None or not robot.heavy(link) or not link.shapes.complete:
@@ -150,7 +156,7 @@ def check_density(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
         hull = hull_solid(link.shapes.points)
         if hull is None or hull.mass <= 0:
             continue
-        volume = float(hull.mass)  # at 1 kg/m³
+        volume = float(hull.mass)  # [m³]: the hull's mass at 1 kg/m³
         density = written.mass / volume
         if _MIN_DENSITY <= density <= _MAX_DENSITY:
             continue

@@ -1,4 +1,4 @@
-"""Check of left and right links whose frames are mirror images: their inertias should be, too."""
+"""Check of left and right links whose frames are mirror images: their inertias should be mirror images, too."""
 
 from __future__ import annotations
 
@@ -18,12 +18,20 @@ from .options import Options
 from .parsed_file import ParsedFile, ParsedLink
 from .symmetric_links import SymmetricLinks, symmetric_links
 
-_MAX_MASS_DIFFERENCE, _MAX_COM_DISTANCE, _MAX_TENSOR_DIFFERENCE = 1e-3, 2e-3, 0.05
-"""Tolerances: fraction of the mass, metres, fraction of the trace."""
+_MAX_MASS_DIFFERENCE = 1e-3
+"""Largest difference of masses, as a fraction of the larger mass."""
+_MAX_COM_DISTANCE = 2e-3
+"""Largest distance of centres of mass [m]."""
+_MAX_TENSOR_DIFFERENCE = 0.05
+"""Largest norm of the difference of tensors, as a fraction of the larger trace."""
 _MIN_MASS_SHARE = 1e-3
-"""Smallest mass of either side as a fraction of the robot's mass."""
-_MIN_INERTIA_PERCENT, _MIN_EFFORT_PERCENT = 0.5, 0.2
-"""Percentages of M and of the effort limit above which a difference is relevant."""
+"""Smallest mass of one of both links for a relevant difference, as a fraction of the robot's mass."""
+_MIN_INERTIA_PERCENT = 0.5
+"""Change of the mass matrix M [%] above which a difference is relevant."""
+_MIN_EFFORT_PERCENT = 0.2
+"""Change of torque [% of the effort limit] above which a difference is relevant."""
+_MAX_NEARER_RATIO = 0.5
+"""Largest ratio of the distances of both centres of mass to those of their shapes at which the nearer one is credible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +50,17 @@ def check_mirror(robot: ParsedFile, options: Options) -> Iterator[Finding]:
     """Pairs of links with mirrored frames at zero, but without mirrored masses, centres of mass or tensors."""
     for pair in symmetric_links(robot):
         left, right = pair.left.written, pair.right.written
-        if left is None or right is None or not (left.mass > 0 and right.mass > 0):
+        if left is None or right is None:
             continue
-        copied = mirror_inertia(left.inertia, pair.D)
-        differences, numbers = _differences(right.inertia, copied)
+        if not (left.mass > 0 and right.mass > 0):
+            continue
+        image_of_left = mirror_inertia(left.inertia, pair.D)
+        differences, numbers = _differences(right.inertia, image_of_left)
         if not differences or _is_same_part(pair, left, right):
             continue
-        to_right = _Copy("left", pair.right, copied, robot.effects.evaluate({pair.right.name: copied}))
-        copied = mirror_inertia(right.inertia, pair.D.T)
-        to_left = _Copy("right", pair.left, copied, robot.effects.evaluate({pair.left.name: copied}))
+        to_right = _Copy("left", pair.right, image_of_left, robot.effects.evaluate({pair.right.name: image_of_left}))
+        image_of_right = mirror_inertia(right.inertia, pair.D.T)
+        to_left = _Copy("right", pair.left, image_of_right, robot.effects.evaluate({pair.left.name: image_of_right}))
         copy = _chosen_copy(to_right, to_left, options.mirror_from)
         symmetric_parts = _parts_are_mirror_images(pair)
         heavy = robot.heavy(pair.left, _MIN_MASS_SHARE) or robot.heavy(pair.right, _MIN_MASS_SHARE)
@@ -79,7 +89,7 @@ def _chosen_copy(to_right: _Copy, to_left: _Copy, mirror_from: str) -> _Copy:
 
 
 def _mirror_repair(pair: SymmetricLinks, copy: _Copy, mirror_from: str, symmetric_parts: bool) -> FileRepair:
-    """Repair by a copy; it is written to the file only if the user trusts a side and the parts are mirror images."""
+    """Repair by a copy; it edits the file only if the user trusts a side and the parts are mirror images."""
     edits: tuple[Edit, ...] = ()
     if not mirror_from:
         sentence = f"copy one side to the other, mirrored; {_evidence(pair)}"
@@ -93,45 +103,48 @@ def _mirror_repair(pair: SymmetricLinks, copy: _Copy, mirror_from: str, symmetri
 
 
 def _evidence(pair: SymmetricLinks) -> str:
-    """Sentence naming the side whose centre of mass is much nearer to the centre of its shapes."""
-    unknown = "the file does not determine which is meant"
-    left, right = _com_distance(pair.left), _com_distance(pair.right)
+    """Sentence that names the side whose centre of mass is much nearer to the centre of its shapes, if there is one."""
+    no_evidence = "the file does not determine which is meant"
+    left = _com_distance(pair.left)
+    right = _com_distance(pair.right)
     if left is None or right is None:
-        return unknown
-    nearer, farther = min(left, right), max(left, right)
-    if nearer > 0.5 * farther or farther - nearer < _MAX_COM_DISTANCE:
-        return unknown
+        return no_evidence
+    nearer = min(left, right)
+    farther = max(left, right)
+    if nearer > _MAX_NEARER_RATIO * farther or farther - nearer < _MAX_COM_DISTANCE:
+        return no_evidence
     side = "left" if left < right else "right"
     distance = f"{number(1e3 * nearer, 2)} mm from theirs, not {number(1e3 * farther, 2)}"
     return f"the shapes speak for the {side} one, whose centre of mass is {distance}"
 
 
 def _com_distance(link: ParsedLink) -> float | None:
-    """Distance of the centre of mass from that of the shapes as uniform solids [m]; None without such shapes."""
+    """Distance of a link's centre of mass from the centre of its shapes as uniform solids [m]; None without solids."""
     if link.written is None or not link.shapes.complete or link.shapes.uniform is None:
         return None
     return float(np.linalg.norm(link.written.com - link.shapes.uniform.com))
 
 
 def mirror_inertia(inertia: SpatialInertia, D: Array) -> SpatialInertia:
-    """Inertia of the mirrored body; D (3, 3) maps its points."""
+    """Inertia of the mirrored body; the matrix D (3, 3) maps the points of the body to their mirror images."""
     return inertia_about_com(inertia.mass, D @ inertia.com, D @ inertia.moment_about_com @ D.T)
 
 
 def _differences(inertia: SpatialInertia, image: SpatialInertia) -> tuple[list[str], Mapping[str, float]]:
-    """Relevant differences of an inertia from the other side's mirror image, as text, and all differences."""
-    mass = abs(inertia.mass - image.mass) / max(inertia.mass, image.mass)
-    com = float(np.linalg.norm(inertia.com - image.com))
+    """Texts of the differences of an inertia from the other side's mirror image that are too large; sizes of all."""
+    mass_difference = abs(inertia.mass - image.mass) / max(inertia.mass, image.mass)
+    com_distance = float(np.linalg.norm(inertia.com - image.com))
     I, J = inertia.moment_about_com, image.moment_about_com
-    tensor = float(np.linalg.norm(I - J) / max(I.trace(), J.trace(), 1e-300))
+    tensor_difference = float(np.linalg.norm(I - J) / max(I.trace(), J.trace(), 1e-300))
     texts = []
-    if mass > _MAX_MASS_DIFFERENCE:
+    if mass_difference > _MAX_MASS_DIFFERENCE:
         texts.append(f"masses {number(image.mass)} and {number(inertia.mass)} kg")
-    if com > _MAX_COM_DISTANCE:
-        texts.append(f"centres of mass {number(1e3 * com, 3)} mm apart")
-    if tensor > _MAX_TENSOR_DIFFERENCE:
-        texts.append(f"tensors {percent(tensor, 2)} of their trace apart")
-    return texts, {"mass_share": mass, "com_distance": com, "tensor_share": tensor}
+    if com_distance > _MAX_COM_DISTANCE:
+        texts.append(f"centres of mass {number(1e3 * com_distance, 3)} mm apart")
+    if tensor_difference > _MAX_TENSOR_DIFFERENCE:
+        texts.append(f"tensors {percent(tensor_difference, 2)} of their trace apart")
+    sizes = {"mass_share": mass_difference, "com_distance": com_distance, "tensor_share": tensor_difference}
+    return texts, sizes
 
 
 def _parts_are_mirror_images(pair: SymmetricLinks) -> bool:
@@ -148,17 +161,20 @@ def _parts_are_mirror_images(pair: SymmetricLinks) -> bool:
         return False
     if not (left.shapes.complete and right.shapes.complete):
         return True
-    image, points = left.shapes.points @ pair.D.T, right.shapes.points
-    tolerance = 0.05 * left.shapes.diagonal + 2e-3
-    low_gaps = np.abs(image.min(axis=0) - points.min(axis=0))
-    high_gaps = np.abs(image.max(axis=0) - points.max(axis=0))
+    image_of_left = left.shapes.points @ pair.D.T
+    points = right.shapes.points
+    tolerance = 0.05 * left.shapes.diagonal + 2e-3  # [m]
+    low_gaps = np.abs(image_of_left.min(axis=0) - points.min(axis=0))
+    high_gaps = np.abs(image_of_left.max(axis=0) - points.max(axis=0))
     return bool(max(low_gaps.max(), high_gaps.max()) <= tolerance)
 
 
 def _meshes(link: ParsedLink) -> tuple[set[str], set[float]]:
     """Mesh files of a link, and the signs of their scales: -1 for a mirrored mesh."""
     meshes = [shape for shape in link.shapes.shapes if shape.kind == "mesh"]
-    return {mesh.mesh for mesh in meshes}, {float(np.prod(np.sign(mesh.sizes))) for mesh in meshes}
+    files = {mesh.mesh for mesh in meshes}
+    signs = {float(np.prod(np.sign(mesh.sizes))) for mesh in meshes}
+    return files, signs
 
 
 def _sorted_shapes(link: ParsedLink) -> list[tuple[str, tuple[float, ...], str]]:

@@ -27,17 +27,21 @@ from .options import Options
 from .parsed_file import ParsedFile, ParsedLink
 
 _MIN_ABSORBED_EFFECT = 1.0
-"""Percentage of M above which an impossible link within a consistent body is relevant."""
+"""Change of the mass matrix M [%] above which an impossible link within a consistent body is relevant."""
 MIN_EFFECT = 5.0
-"""Percentage of M above which a disagreement of tensor and shapes is relevant."""
+"""Change of the mass matrix M [%] above which a disagreement of tensor and shapes is relevant."""
 _MAX_RATIO_TO_BOX = 2.0
-"""Ratio to the largest moment in the box above which a moment is too large."""
+"""Largest ratio of a moment to the largest one that the mass can have in the box of the shapes; larger is too large."""
 _MAX_IDENTIFIED_RATIO = 10.0
-"""Ratio to this largest moment up to which base-parameter regrouping is an explanation."""
+"""Largest such ratio that base-parameter regrouping explains."""
 _MAX_MILD_CHANGE = 0.5
-"""Ratio to the change by a slip's repair below which the nearest tensor is named beside it."""
-_MIN_GYRATION_RADIUS = 1.0 / 30.0
-"""Ratio to the diagonal of the shapes below which a gyration radius is too small."""
+"""Ratio of two changes of a tensor: by the nearest possible tensor, and by the repair of the slip. Below it, the message
+names the nearest tensor too."""
+_MIN_RADIUS_OF_DIAGONAL = 1.0 / 30.0
+"""Smallest ratio of a gyration radius to the diagonal of the shapes; smaller is too small."""
+_NAMES_OF_MOMENTS = ("ixx", "iyy", "izz")
+_PRODUCTS = ([0, 0, 1], [1, 2, 2])
+"""Rows and columns of the products of inertia in a tensor: xy, xz, yz."""
 
 
 def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
@@ -53,15 +57,17 @@ def check_impossible(robot: ParsedFile, options: Options) -> Iterator[Finding]:
         reference = reference_of(link)
         error = explain([*sign_errors(written.tensor), *power_errors(written.tensor)], reference)
         repair = _repair_with_milder(link, error, options.metric, reference)
-        repair = repair or nearest_repair(link, options.metric, reference)
+        if repair is None:
+            repair = nearest_repair(link, options.metric, reference)
         effect = robot.effects.evaluate(repair.inertias)
-        moments = {f"moment_{k}": float(x) for k, x in enumerate(np.linalg.eigvalsh(written.tensor), start=1)}
-        body = BASE
+        principal_moments = np.linalg.eigvalsh(written.tensor)
+        numbers = {f"moment_{k}": float(moment) for k, moment in enumerate(principal_moments, start=1)}
+        body = BASE  # a link that does not move has no frame
         if link.name in robot.model.frames:
             body = robot.model.frames[link.name].body
         sentence = f"its tensor cannot exist: {'; '.join(defects)}; {_fate(body, refused_bodies)}"
         matters = body != BASE and effect.reaches(_MIN_ABSORBED_EFFECT)
-        finding = link.finding("impossible", matters, sentence, moments, effect, repair)
+        finding = link.finding("impossible", matters, sentence, numbers, effect, repair)
         if body in refused_bodies:
             finding = replace(finding, severity=Severity.ERROR)
         yield finding
@@ -79,23 +85,30 @@ def _fate(body: int, refused_bodies: Collection[int]) -> str:
 def check_too_large(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Moment above twice the largest that the mass can have within the box of the link's shapes."""
     for link, written in comparable_links(robot):
-        reach, I = _reach(link, written), written.tensor
-        max_moments = written.mass * (reach @ reach - reach**2)  # within the extent
-        if (I.diagonal() <= _MAX_RATIO_TO_BOX * max_moments).all() or not reach.all():
+        I = written.tensor
+        extent = _extent_from_centre(link, written)
+        max_moments = written.mass * (
+            extent @ extent - extent**2
+        )  # for x: m (y² + z²), all mass in the farthest corner
+        fits = bool((I.diagonal() <= _MAX_RATIO_TO_BOX * max_moments).all())
+        flat_box = not extent.all()
+        if fits or flat_box:
             continue
         axis = int((I.diagonal() / max_moments).argmax())
         factor = float(I[axis, axis] / max_moments[axis])
         reference = reference_of(link)
         errors = [*origin_errors(I, written), *unit_errors(I, reference), *dimension_errors(I, written.mass)]
-        fitting = [e for e in errors if (e.tensor.diagonal() <= _MAX_RATIO_TO_BOX * max_moments).all()]
-        error = explain(fitting, reference)
+        errors_that_fit = [e for e in errors if (e.tensor.diagonal() <= _MAX_RATIO_TO_BOX * max_moments).all()]
+        error = explain(errors_that_fit, reference)
         if error is None and factor <= _MAX_IDENTIFIED_RATIO and identified_like(written):
-            repair, effect = None, Effect()
+            repair = None
+            effect = Effect()
             explanation = ", as identified sets have, whose parts are right in their sums only"
         else:
             repair = entry_error_repair(link, error) or shape_repair(link)
-            effect, explanation = robot.effects.evaluate(repair.inertias), ""
-        name = ("ixx", "iyy", "izz")[axis]
+            effect = robot.effects.evaluate(repair.inertias)
+            explanation = ""
+        name = _NAMES_OF_MOMENTS[axis]
         radius = float(np.sqrt(I[axis, axis] / written.mass))
         max_moment = float(max_moments[axis])
         yield link.finding(
@@ -110,8 +123,9 @@ def check_too_small(robot: ParsedFile, _options: Options) -> Iterator[Finding]:
     """Largest gyration radius below a thirtieth of the diagonal of the shapes."""
     for link, written in comparable_links(robot):
         max_moment = float(np.linalg.eigvalsh(written.tensor)[-1])
-        radius, diagonal = float(np.sqrt(max(max_moment, 0.0) / written.mass)), link.shapes.diagonal
-        if radius >= _MIN_GYRATION_RADIUS * diagonal or no_tensor(written):
+        radius = float(np.sqrt(max(max_moment, 0.0) / written.mass))
+        diagonal = link.shapes.diagonal
+        if radius >= _MIN_RADIUS_OF_DIAGONAL * diagonal or no_tensor(written):
             continue
         reference = reference_of(link)
         error = explain(unit_errors(written.tensor, reference), reference)
@@ -136,22 +150,25 @@ def comparable_links(robot: ParsedFile) -> Iterator[tuple[ParsedLink, WrittenIne
 
 
 def no_tensor(written: WrittenInertia) -> bool:
-    """True if the tensor is zero, negligible beside the moments about the origin, or that of a micrometre body."""
-    largest = float(np.abs(written.tensor).max())
-    return largest <= max(1e-13 * float(np.abs(written.inertia.moment_about_origin).max()), 1e-12 * written.mass)
+    """True if the tensor is zero, a rounding error of the moments about the origin, or that of a body of a micrometre."""
+    max_entry = float(np.abs(written.tensor).max())
+    rounding_error = 1e-13 * float(np.abs(written.inertia.moment_about_origin).max())
+    micrometre_body = 1e-12 * written.mass  # m r² with r = 1e-6 m
+    return max_entry <= max(rounding_error, micrometre_body)
 
 
 def placeholder(written: WrittenInertia) -> bool:
-    """True if the moments equal one power of ten, as in templates, and the products are zero or the same."""
-    value = float(written.tensor[0, 0])
-    if value <= 0 or (written.tensor.diagonal() != value).any():
+    """True if all moments equal one power of ten, as in templates, and each product is zero or has this size too."""
+    moment = float(written.tensor[0, 0])
+    if moment <= 0 or (written.tensor.diagonal() != moment).any():
         return False
-    products = set(np.abs(written.tensor[[0, 0, 1], [1, 2, 2]]).tolist())
-    return products <= {0.0, value} and abs(np.log10(value) - round(np.log10(value))) < 1e-9
+    products = set(np.abs(written.tensor[_PRODUCTS]).tolist())
+    exponent = np.log10(moment)
+    return products <= {0.0, moment} and abs(exponent - round(exponent)) < 1e-9
 
 
 def reference_of(link: ParsedLink) -> Array | None:
-    """Tensor of the link's shapes at its mass, along the axes of the link's tensor; None without volume."""
+    """Tensor of the link's shapes at the link's mass, along the axes of its written tensor; None without volume."""
     if link.written is None or not link.shapes.complete:
         return None
     tensor = link.shapes.tensor(link.written.mass)
@@ -171,7 +188,7 @@ def entry_error_repair(link: ParsedLink, error: EntryError | None) -> FileRepair
 def _repair_with_milder(
     link: ParsedLink, error: EntryError | None, metric: str, reference: Array | None
 ) -> FileRepair | None:
-    """Repair of an entry error, with the distance of the nearest tensor in its sentence if that is far milder."""
+    """Repair of an entry error; its sentence names the nearest possible tensor too, if that is a far smaller change."""
     repair = entry_error_repair(link, error)
     if error is None or repair is None or link.written is None:
         return repair
@@ -217,14 +234,14 @@ def _tensor_repair(link: ParsedLink, kind: str, sentence: str, tensor: Array, me
     return FileRepair(kind, sentence, {link.name: link.written.with_tensor(tensor)}, edits, metric)
 
 
-def _reach(link: ParsedLink, written: WrittenInertia) -> Array:
+def _extent_from_centre(link: ParsedLink, written: WrittenInertia) -> Array:
     """Extent (3,) of the shapes from the centre of mass along the file's axes [m]."""
-    low, high = link.shapes.box(written.R)
+    low, high = link.shapes.box(written.R)  # corners along the file's axes, from the link's origin
     c = written.R.T @ written.com
     return np.maximum(np.abs(low - c), np.abs(high - c))
 
 
 def identified_like(written: WrittenInertia) -> bool:
-    """True if the numbers look identified: all six are given, and the products are not small beside the moments."""
-    products = np.abs(written.tensor[[0, 0, 1], [1, 2, 2]])
+    """True if the tensor looks identified: no product is zero, and one is not small beside the moments."""
+    products = np.abs(written.tensor[_PRODUCTS])
     return bool(products.all() and products.max() > 1e-3 * written.tensor.trace())

@@ -14,31 +14,36 @@ from ..core.typing import Array
 from ..mechanics.lie import se3, so3
 
 Check = Callable[[Any, str], Array]
+"""Function of an argument and its name that returns the argument as an array, or raises an error with the name."""
 
 MAX_ROUNDING = 0.01
-"""Largest deviation of an entry from the nearest rotation; rotations rounded to two digits are accepted."""
+"""Largest deviation of an entry from the nearest rotation, so that rotations rounded to two digits are accepted."""
 
 
 def real(*shape: int) -> Check:
-    """Check of real numbers with last axes of a shape."""
+    """Check of real numbers whose last axes have a shape."""
     return lambda x, name: arguments.real(x, name, *shape)
 
 
 def rotation(R: ArrayLike, name: str) -> Array:
-    """Check R (..., 3, 3): a rotation to 1e-6 is unchanged, a more coarsely rounded one becomes the nearest rotation."""
-    return _nearest(arguments.real(R, name, 3, 3), name, arguments.rotation, so3.project)
+    """Check R (..., 3, 3), a rotation.
+
+    R is unchanged if it is a rotation to 1e-6. A more coarsely rounded R becomes the nearest rotation.
+    """
+    return _as_given_or_projected(arguments.real(R, name, 3, 3), name, arguments.rotation, so3.project)
 
 
 def pose(T: ArrayLike, name: str) -> Array:
-    """Check T (..., 4, 4), with its rotation treated as in :func:`rotation`."""
-    return _nearest(arguments.real(T, name, 4, 4), name, arguments.pose, se3.project)
+    """Check T (..., 4, 4), a pose, with its rotation treated as in :func:`rotation`."""
+    return _as_given_or_projected(arguments.real(T, name, 4, 4), name, arguments.pose, se3.project)
 
 
-def _nearest(
-    X: Array, name: str, judged: Callable[[Array, str], Array], project: Callable[[Array, float], Array]
+def _as_given_or_projected(
+    X: Array, name: str, check: Callable[[Array, str], Array], project: Callable[[Array, float], Array]
 ) -> Array:
+    """X if it passes a check, otherwise its projection if that is near."""
     try:
-        return judged(X, name)
+        return check(X, name)
     except ValueRangeError:
         try:
             return project(X, MAX_ROUNDING)
@@ -48,17 +53,17 @@ def _nearest(
 
 
 def skew(W: ArrayLike, name: str) -> Array:
-    """Check W (..., 3, 3): W + W' must be zero to a hundredth of its largest entry, for rounded input."""
+    """Check W (..., 3, 3): W + W' must be zero to a hundredth of the largest entry of W, for rounded input."""
     W = arguments.real(W, name, 3, 3)
-    if W.ndim == 2:
+    if W.ndim == 2:  # most calls end here, faster than by array operations
         (a, b, c), (d, e, f), (g, h, i) = W.tolist()
         if a == e == i == b + d == c + g == f + h == 0.0:
             return W
     with np.errstate(all="ignore"):
-        off = np.abs(W + np.swapaxes(W, -1, -2))
-        largest = np.maximum(arguments.TOLERANCE / MAX_ROUNDING, np.abs(W).max(axis=(-2, -1), keepdims=True))
+        symmetric_part = np.abs(W + np.swapaxes(W, -1, -2))
+        max_entry = np.maximum(arguments.TOLERANCE / MAX_ROUNDING, np.abs(W).max(axis=(-2, -1), keepdims=True))
     arguments.refuse(
-        off / largest,
+        symmetric_part / max_entry,
         MAX_ROUNDING,
         f"{name} is not skew-symmetric: with its transpose added it is {{gap}} of its largest entry, allowed "
         "{allowed}; mr.VecToso3 and mr.VecTose3 make such matrices of vectors, mr.MatrixLog3 and mr.MatrixLog6 of rotations "

@@ -23,14 +23,16 @@ from .surface import Colour
 
 Role = Literal["visual", "collision"]
 
-_SIZES = {
+_SIZE_NAMES = {
     "box": (("size", 3),), "sphere": (("radius", 1),), "cylinder": (("radius", 1), ("length", 1)),
     "capsule": (("radius", 1), ("length", 1)), "ellipsoid": (("radii", 3),),
 }  # fmt: skip
-"""Dimensions of shapes in URDF (attributes) and SDF (elements)."""
-_IN_URDF = ("box", "sphere", "cylinder", "capsule", "mesh")
+"""Names of the sizes of each kind of shape, and how many numbers each has: attributes in URDF, elements in SDF."""
+_URDF_KINDS = ("box", "sphere", "cylinder", "capsule", "mesh")
 """Shapes that URDF defines."""
 _GEOMETRY = '<geometry><box size="1 1 1"/></geometry>'
+"""Example for the message about a missing geometry."""
+_NO_SCALE = [1.0, 1.0, 1.0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +66,7 @@ class LinkShapes:
 def read_shapes(model: Model, role: Role | None = None) -> tuple[LinkShapes, ...]:
     """Shapes of the links in the model's file, of one role or of both; empty for robots without a file, xacro and USD.
 
-    Raises what reading the file again raises, if the model comes from another process.
+    If the model comes from another process, the file is read again, which may raise its errors.
     """
     file = file_of(model)
     if file is None or file.xacro:
@@ -78,16 +80,21 @@ def link_shapes(text: RobotText, link: str, role: Role | None = None) -> LinkSha
     if isinstance(text, MjcfText):
         shapes = _mjcf_shapes(text, link)
     else:
-        shapes = _shapes(text, link)
-    return LinkShapes(link, tuple(shape for shape in shapes if role in (None, shape.role)))
+        shapes = _described_shapes(text, link)
+    if role is not None:
+        shapes = (shape for shape in shapes if shape.role == role)
+    return LinkShapes(link, tuple(shapes))
 
 
-def _shapes(text: RobotText, link: str) -> Iterator[ShapeSpec]:
+def _described_shapes(text: RobotText, link: str) -> Iterator[ShapeSpec]:
     """Visuals, then collision shapes, of URDF or SDF."""
     roles: tuple[Role, ...] = ("visual", "collision")
     for role in roles:
         for part in text.links[link].all(role):
-            shape = _urdf_shape(part, role, text) if isinstance(text, UrdfText) else _sdf_shape(part, role)
+            if isinstance(text, UrdfText):
+                shape = _urdf_shape(part, role, text)
+            else:
+                shape = _sdf_shape(part, role)
             if shape is not None:
                 yield shape
 
@@ -99,24 +106,27 @@ def _urdf_shape(part: Element, role: Role, text: UrdfText) -> ShapeSpec | None:
         if not geometry.children:
             return None
         shape = geometry.children[0]
-        mesh, sizes = "", list[float]()
-        for name, count in _SIZES.get(shape.tag, ()):
+        mesh = ""
+        sizes: list[float] = []
+        for name, count in _SIZE_NAMES.get(shape.tag, ()):
             sizes += shape.values(name, count)
         if shape.tag == "mesh":
             mesh = shape.text("filename")
             if mesh:
-                sizes = shape.values("scale", 3) if "scale" in shape.attributes else [1.0, 1.0, 1.0]
+                sizes = shape.values("scale", 3) if "scale" in shape.attributes else _NO_SCALE
         T = origin_of(part)
     except RobotFileError as error:  # such a file can be loaded
         kind = "unknown" if part.all("geometry") else ""
         return ShapeSpec(kind, (), IDENTITY, role=role, element=str(part), problem=str(error))
-    if shape.tag not in _IN_URDF:
+    if shape.tag not in _URDF_KINDS:
         problem = f"{shape} cannot be drawn"
         return ShapeSpec(shape.tag, tuple(sizes), T, role=role, element=str(shape), problem=problem)
+    problem = ""
+    colour: Colour | None = None
     try:
-        colour, problem = _colour(part, text), ""
+        colour = _colour(part, text)
     except RobotFileError as error:
-        colour, problem = None, str(error)
+        problem = str(error)
     return ShapeSpec(shape.tag, tuple(sizes), T, mesh, role, colour, str(part), problem)
 
 
@@ -128,13 +138,14 @@ def _colour(part: Element, text: UrdfText) -> Colour | None:
     own_colour = _rgb(material)
     if own_colour is not None:
         return own_colour
-    named = text.materials.get(material.attributes.get("name", ""))
-    if named is None:
+    robot_material = text.materials.get(material.attributes.get("name", ""))
+    if robot_material is None:
         return None
-    return _rgb(named)
+    return _rgb(robot_material)
 
 
 def _rgb(material: Element) -> Colour | None:
+    """Colour that a material states; None without any, or if it cannot be read."""
     try:
         colour = material.child("color")
         if colour is None:
@@ -146,32 +157,36 @@ def _rgb(material: Element) -> Colour | None:
 
 
 def _sdf_shape(part: Element, role: Role) -> ShapeSpec | None:
-    """Shape of a ``<visual>`` or ``<collision>`` of SDF; None for planes and without a geometry."""
+    """Shape of a ``<visual>`` or ``<collision>`` of SDF; None for a plane, and for a part without a geometry."""
     unknown = ShapeSpec("unknown", (), IDENTITY, role=role, element=str(part))
     try:
         geometry = part.child("geometry")
         if geometry is None or not geometry.children or geometry.children[0].tag == "plane":
             return None
-        shape, place = geometry.children[0], part.child("pose")
-        if place is not None and place.attributes.get("relative_to", "").strip():
+        shape = geometry.children[0]
+        pose_element = part.child("pose")
+        if pose_element is not None and pose_element.attributes.get("relative_to", "").strip():
             return unknown
-        T, mesh = pose(place), ""
+        T = pose(pose_element)
+        mesh = ""
         sizes: list[float] = []
-        for name, count in _SIZES.get(shape.tag, ()):
+        for name, count in _SIZE_NAMES.get(shape.tag, ()):
             sizes += _values(shape, name, count)
         if shape.tag == "mesh":
             mesh = word(shape, "uri")
-            sizes = _values(shape, "scale", 3) if shape.child("scale") is not None else [1.0, 1.0, 1.0]
+            sizes = _values(shape, "scale", 3) if shape.child("scale") is not None else _NO_SCALE
     except RobotFileError:
         return unknown
     return ShapeSpec(shape.tag, tuple(sizes), T, mesh, role, element=str(part))
 
 
 def _values(shape: Element, name: str, count: int) -> list[float]:
+    """Numbers in the text of a child element."""
     return with_text(shape.require_child(name, f"<{name}>")).values("text", count)
 
 
 def _mjcf_shapes(text: MjcfText, body: str) -> Iterator[ShapeSpec]:
+    """Shapes of the geoms of a body."""
     for part in text.bodies[body].geoms:
         kind = part.element.attributes.get("type", "sphere").strip()
         if kind not in WITHOUT_SHAPE:
@@ -179,20 +194,20 @@ def _mjcf_shapes(text: MjcfText, body: str) -> Iterator[ShapeSpec]:
 
 
 def _mjcf_shape(part: PlacedElement, kind: str, text: MjcfText) -> ShapeSpec:
-    """Shape of a geom; meshes and what cannot be read count as visuals, primitives as collision shapes."""
+    """Shape of a geom: a visual if it is a mesh or cannot be read, otherwise a collision shape."""
     geom = part.element
     try:
         if "mesh" in geom.attributes:
             file, scale = text.meshes.file_and_scale(geom.text("mesh"))
             # MuJoCo moves a mesh to its centre of mass and back, so the geom's frame is also the mesh's.
-            kind_of_mesh = "mesh" if kind == "mesh" else "fitted"
+            kind_of_mesh = "mesh" if kind == "mesh" else "fitted"  # a primitive fitted to the mesh
             return ShapeSpec(kind_of_mesh, scale, part.frame @ placement(geom, text.settings), file)
-        T, half = shape_of(geom, kind, text.settings)
+        T, half_sizes = shape_of(geom, kind, text.settings)
     except RobotFileError:
         return ShapeSpec("unknown", (), IDENTITY)
-    sizes = list(half)
+    sizes = list(half_sizes)
     if kind == "box":
-        sizes = [2.0 * x for x in half]
-    elif kind in ("capsule", "cylinder"):
-        sizes = [half[0], 2.0 * half[1]]
+        sizes = [2.0 * half_edge for half_edge in half_sizes]
+    elif kind in ("capsule", "cylinder"):  # radius, and half the length
+        sizes = [half_sizes[0], 2.0 * half_sizes[1]]
     return ShapeSpec(kind, tuple(sizes), part.frame @ T, role="collision")

@@ -18,20 +18,27 @@ from .drives import CatalogMotor
 from .gear import KINDS, Gear
 
 Pair = tuple[str, str]
-"""Names of a motor and a gear. The gear of a servo, whose data apply to its output, is ``DIRECT``."""
+"""Names of a motor and a gear. A servo has the gear ``DIRECT``, since its data apply to its output."""
 
 DIRECT = "none"
 """Name of the identity gear, for direct drives."""
 
-_GEAR = {
+_GEAR_UNITS = {  # quantities, whose units actuator files define; "" for numbers without unit
     "no_load_torque": "torque", "mass": "mass", "price": "", "rated_torque": "torque", "rated_speed": "rotor speed",
     "average_torque": "torque", "repeated_peak": "torque", "momentary_peak": "torque", "average_speed": "rotor speed",
     "maximum_speed": "rotor speed", "life": "life", "mean_exponent": "", "axial": "force", "radial": "force",
     "tilting": "torque",
 }  # fmt: skip
-_FAVOURABLE = ("efficiency", "no_load_torque", "mass", "mean_exponent")
-"""Numbers of a gear whose absence would favour it, so that they are named as missing where they count."""
-_SERVO = {"stall_torque": "torque", "stall_current": "current", "no_load_speed": "rotor speed", "voltage": "voltage"}
+_COSTS_OF_GEAR = ("efficiency", "no_load_torque", "mass", "mean_exponent")
+"""Numbers of a gear that make it look better if they are left out, so that reports name them as missing."""
+_MAY_BE_ZERO = ("no_load_torque", "mass", "price")
+"""Numbers of a gear that may be zero; the others must be above zero."""
+_SERVO_UNITS = {
+    "stall_torque": "torque",
+    "stall_current": "current",
+    "no_load_speed": "rotor speed",
+    "voltage": "voltage",
+}
 
 SERVOS: Mapping[str, Mapping[str, str]] = {
     "XM540-W150": {"stall_torque": "7.3 N m", "stall_current": "4.4 A", "no_load_speed": "53 rpm", "voltage": "12 V"},
@@ -41,8 +48,10 @@ SERVOS: Mapping[str, Mapping[str, str]] = {
     "AX-12A": {"stall_torque": "1.5 N m", "stall_current": "1.5 A", "no_load_speed": "59 rpm", "voltage": "12 V"},
     "STS3215": {"stall_torque": "30 kgf cm", "no_load_speed": "45 rpm", "voltage": "12 V"},
 }
-"""Servo data by their makers at the given voltage: ROBOTIS e-Manual; Feetech. Stall torque is not continuous: an STS3215
-held 15 kgf cm for an hour at 48 °C and was overloaded at 20 (TheRobotStudio/SO-ARM100#134)."""
+"""Data of servos from their makers, at the given voltage: ROBOTIS e-Manual; Feetech.
+
+Stall torque is not continuous: an STS3215 held 15 kgf cm for an hour at 48 °C, and was overloaded at 20 kgf cm
+(TheRobotStudio/SO-ARM100#134)."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +84,7 @@ class Catalog:
         """Sort key of a pair for the choice of the smallest: mass, price, rated torque."""
         motor, gear = self.pair(names)
         torque = gear.repeated_peak
-        if not math.isfinite(torque):
+        if not math.isfinite(torque):  # without a rating: torque at the gear's output for 1 A
             torque = motor.motor.torque_constant * gear.ratio
         return motor.mass + gear.mass, motor.price + gear.price, torque
 
@@ -101,19 +110,20 @@ def read_catalog(source: Source | Catalog) -> Catalog:
 
 
 def _catalog(file: Section) -> Catalog:
+    """Catalogue from the top level of a file."""
     file.only("robot", "motors", "gears", "pairs", "actuators")
     if not file.content.get("motors"):
         raise ModelError("it has no entry 'motors:' with the motors of the catalogue below it.")
-    listed = file.section("motors")
-    motors = {str(name): _motor(str(name), listed.section(name)) for name in listed.content}
+    motor_sections = file.section("motors")
+    motors = {str(name): _motor(str(name), motor_sections.section(name)) for name in motor_sections.content}
     gears = {DIRECT: Gear(DIRECT, "direct")}
     if "gears" in file.content:
-        section = file.section("gears")
-        gears |= {str(name): _gear(str(name), section.section(name)) for name in section.content}
+        gear_sections = file.section("gears")
+        gears |= {str(name): _gear(str(name), gear_sections.section(name)) for name in gear_sections.content}
     pairs: list[Pair] = []
     if "pairs" in file.content:
         pairs += _pairs(file, motors, gears)
-    if not pairs:  # servos need no gear, and motors do
+    if not pairs:  # each servo without a gear, and each motor with each gear
         for motor, gear in product(motors, gears):
             if motors[motor].stall_only == (gear == DIRECT):
                 pairs.append((motor, gear))
@@ -127,20 +137,22 @@ def _catalog(file: Section) -> Catalog:
 
 def _motor(name: str, section: Section) -> CatalogMotor:
     """Motor, or a servo represented by the motor of its speed–torque line and its stall torque."""
-    own = section.optional("mass", section.number, "mass") | section.optional("price", section.number, "")
-    own["unstated"] = frozenset({"mass"} - set(section.content))
+    costs = section.optional("mass", section.number, "mass") | section.optional("price", section.number, "")
+    costs["unstated"] = frozenset({"mass"} - set(section.content))
     if "stall_torque" in section.content:
-        section.only(*_SERVO, "mass", "price")
+        section.only(*_SERVO_UNITS, "mass", "price")
         for key in ("no_load_speed", "voltage"):
             if key not in section.content:
                 raise ModelError(f"{section.path} has a stall_torque and no {key}, so it has no speed–torque line.")
         keys = ("stall_torque", "no_load_speed", "voltage")
-        stall, speed, voltage = (section.number(key, _SERVO[key]) for key in keys)
+        stall, speed, voltage = (section.number(key, _SERVO_UNITS[key]) for key in keys)
         if not min(stall, speed, voltage) > 0:
             raise ModelError(f"{section.path}: stall torque, no-load speed and voltage must be above 0.")
+        # On the speed–torque line: speed = voltage / constant at no torque, and stall = constant * voltage / resistance.
         constant = voltage / speed
-        motor = Motor(constant, constant * voltage / stall, voltage=voltage, current_peak=stall / constant)
-        return _check_motor(CatalogMotor(name, motor, stall_only=True, **own), section)
+        resistance = constant * voltage / stall
+        motor = Motor(constant, resistance, voltage=voltage, current_peak=stall / constant)
+        return _check_motor(CatalogMotor(name, motor, stall_only=True, **costs), section)
     motor = read_motor(section, "mass", "price", "rotor")
     inertia = 0.0
     if "rotor" in section.content:
@@ -150,17 +162,19 @@ def _motor(name: str, section: Section) -> CatalogMotor:
             inertia = rotor.number("inertia", "inertia")
         if not inertia > 0:
             raise ModelError(f"{rotor.where('inertia')} must be given and be above 0.")
-    return _check_motor(CatalogMotor(name, motor, inertia, **own), section)
+    return _check_motor(CatalogMotor(name, motor, inertia, **costs), section)
 
 
 def _check_motor(entry: CatalogMotor, section: Section) -> CatalogMotor:
+    """The motor itself; raises ModelError if a number has the wrong sign."""
     check_actuator(Actuator(section.path, motor=entry.motor))
-    _above_zero({"mass": entry.mass, "price": entry.price}, section, zero=True)
+    _check_signs({"mass": entry.mass, "price": entry.price}, section, zero_allowed=True)
     return entry
 
 
 def _gear(name: str, section: Section) -> Gear:
-    section.only("kind", "ratio", "efficiency", *_GEAR)
+    """Gear from its entry."""
+    section.only("kind", "ratio", "efficiency", *_GEAR_UNITS)
     if "ratio" not in section.content:
         raise ModelError(f"{section.path} has no ratio, such as ratio: 100.")
     kind = section.content.get("kind", "strain_wave")
@@ -169,32 +183,36 @@ def _gear(name: str, section: Section) -> Gear:
     ratio = gear_ratio(section.content["ratio"], section.where("ratio"), sliding=False)
     efficiency = section.optional("efficiency", lambda key: plain_share(section.content[key], section.where(key)))
     check_actuator(Actuator(section.path, ratio=ratio, **efficiency))
-    numbers = {key: section.number(key, unit) for key, unit in _GEAR.items() if key in section.content}
-    free = ("no_load_torque", "mass", "price")
-    _above_zero({key: value for key, value in numbers.items() if key in free}, section, zero=True)
-    _above_zero({key: value for key, value in numbers.items() if key not in free}, section, zero=False)
-    unstated = frozenset(key for key in _FAVOURABLE if key not in section.content)
+    numbers = {key: section.number(key, unit) for key, unit in _GEAR_UNITS.items() if key in section.content}
+    costs = {key: number for key, number in numbers.items() if key in _MAY_BE_ZERO}
+    ratings = {key: number for key, number in numbers.items() if key not in _MAY_BE_ZERO}
+    _check_signs(costs, section, zero_allowed=True)
+    _check_signs(ratings, section, zero_allowed=False)
+    unstated = frozenset(key for key in _COSTS_OF_GEAR if key not in section.content)
     return Gear(name, kind, ratio, **efficiency, **numbers, unstated=unstated)
 
 
-def _above_zero(numbers: Mapping[str, float], section: Section, *, zero: bool) -> None:
-    for key, value in numbers.items():
-        if value < 0 or (value == 0 and not zero):
-            bound = "at least" if zero else "above"
-            raise ModelError(f"{section.where(key)} is {printed(value)}; it must be {bound} 0.")
+def _check_signs(numbers: Mapping[str, float], section: Section, *, zero_allowed: bool) -> None:
+    """Raise ModelError if a number is negative, or zero unless that is allowed."""
+    for key, number in numbers.items():
+        if number < 0 or (number == 0 and not zero_allowed):
+            bound = "at least" if zero_allowed else "above"
+            raise ModelError(f"{section.where(key)} is {printed(number)}; it must be {bound} 0.")
 
 
 def _pairs(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Iterator[Pair]:
+    """Pairs that the file lists; raises ModelError if an entry is not a pair."""
     listed = file.content["pairs"]
     if isinstance(listed, str | Mapping) or not hasattr(listed, "__iter__"):
         raise ModelError(f"pairs is {short_text(listed)}, expected pairs such as [[B, G], [C, G]].")
     for pair in listed:
         if isinstance(pair, str) or not hasattr(pair, "__len__") or len(pair) != 2:
             raise ModelError(f"pairs has {short_text(pair)}, expected a motor and a gear, such as [B, G].")
-        yield _checked_pair(str(pair[0]), str(pair[1]), motors, gears)
+        yield _check_pair(str(pair[0]), str(pair[1]), motors, gears)
 
 
 def _drives(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Iterator[tuple[str, Pair]]:
+    """Joints that already have a drive, with its motor and gear."""
     joints = file.section("actuators")
     for joint in joints.content:
         entry = joints.section(joint)
@@ -202,11 +220,12 @@ def _drives(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) 
         if "motor" not in entry.content:
             raise ModelError(f"{entry.path} has no motor.")
         motor, gear = str(entry.content["motor"]), str(entry.content.get("gear", DIRECT))
-        yield joint, _checked_pair(motor, gear, motors, gears)
+        yield joint, _check_pair(motor, gear, motors, gears)
 
 
-def _checked_pair(motor: str, gear: str, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Pair:
-    for what, name, choices in (("motor", motor, motors), ("gear", gear, gears)):
+def _check_pair(motor: str, gear: str, motors: Mapping[str, Any], gears: Mapping[str, Any]) -> Pair:
+    """The pair itself; raises UnknownNameError if the catalogue lacks its motor or gear."""
+    for part, name, choices in (("motor", motor, motors), ("gear", gear, gears)):
         if name not in choices:
-            raise UnknownNameError.from_choices(f"{what} of the catalogue", name, choices)
+            raise UnknownNameError.from_choices(f"{part} of the catalogue", name, choices)
     return motor, gear

@@ -1,4 +1,4 @@
-"""Cycle of a drive, and its parts over the cycle.
+"""Cycle of a drive, and the demands on motor and gear over the cycle.
 
 A cycle is a sequence of nodes. Between two nodes torque and speed are linear in time, and the winding's heat is
 constant.
@@ -6,6 +6,7 @@ constant.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,14 +19,15 @@ from ..core.typing import Array
 from ..reports.motors import Demand
 
 RPM = 2 * math.pi / 60
-"""rad/s of one turn per minute."""
+"""Speed of one turn per minute [rad/s]."""
 
 
 class Cycle(NamedTuple):
-    """Loads of one joint at the nodes of a cycle, (n,) each, with ``duration`` (n - 1,) between nodes."""
+    """Loads of one joint at the nodes of a cycle, (n,) each."""
 
     time: Array
     duration: Array
+    """Times between nodes (n - 1,) [s]."""
     speed: Array
     """Joint speed [rad/s]."""
     torque: Array
@@ -50,13 +52,18 @@ def between(x: Array) -> Array:
 
 
 def with_noise(demands: Sequence[Demand], draws: Sequence[Sequence[Demand]]) -> tuple[Demand, ...]:
-    """Demands less what noise adds to them on average, with standard deviations, from those of equally likely motions."""
+    """Demands without the mean effect of noise, and with standard deviations.
+
+    Both are estimated from ``draws``, the demands of equally likely motions. By its own noise, a motion has a demand larger by
+    the mean excess of the draws over it: the corrected value is value - (mean - value).
+    """
     corrected = []
     for demand in demands:
-        key = demand.what, demand.limit
-        values = np.array([d.value for draw in draws for d in draw if (d.what, d.limit) == key])
+        all_draws = itertools.chain.from_iterable(draws)
+        values = np.array([d.value for d in all_draws if (d.what, d.limit) == (demand.what, demand.limit)])
         if len(values) > 1 and np.isfinite([demand.value, *values]).all():
-            mean, sigma = float(values.mean()), float(values.std(ddof=1))
+            mean = float(values.mean())
+            sigma = float(values.std(ddof=1))
             corrected.append(replace(demand, value=2 * demand.value - mean, sigma=sigma))
         else:
             corrected.append(demand)
@@ -84,5 +91,5 @@ class DrivePart:
 
     @property
     def open(self) -> tuple[Demand, ...]:
-        """Demands of which noise of the log decides whether they exceed their limits."""
+        """Demands so near to their limits that noise of the log decides whether they exceed them."""
         return tuple(d for d in self.demands if d.open)

@@ -17,8 +17,7 @@ from .cycle import RPM, Cycle, DrivePart, between
 from .gear import Gear, average_speed
 from .winding import allowed_current, periodic_temperatures, runaway_current
 
-_HOUR = 3600.0
-_RATED_AIR = 25.0
+_RATED_AMBIENT = 25.0
 """Temperature of the air [°C] to which continuous currents of data sheets apply."""
 
 
@@ -35,17 +34,18 @@ class CatalogMotor:
     stall_only: bool = False
     """True if only the stall torque is known, which a motor cannot hold for long."""
     unstated: frozenset[str] = frozenset()
-    """Numbers that the catalogue leaves out and that are then favourable: ``mass``."""
+    """Numbers that make the motor look better if the catalogue leaves them out: ``mass``."""
 
 
 def hot_motor(motor: Motor, ambient: float) -> Motor:
-    """Motor at its maximum temperature: resistance at that temperature, and the current that maintains it."""
+    """Motor at its maximum temperature: resistance at this temperature, and the current that maintains it."""
     thermal = motor.thermal
     if thermal is None or math.isinf(thermal.maximum):
         return motor
-    continuous = min(motor.current_continuous, allowed_current(thermal, motor.resistance, ambient))
-    growth = 1 + thermal.coefficient * (thermal.maximum - thermal.reference)
-    return replace(motor, resistance=motor.resistance * growth, current_continuous=continuous)
+    continuous_current = min(motor.current_continuous, allowed_current(thermal, motor.resistance, ambient))
+    resistance_ratio = 1 + thermal.coefficient * (thermal.maximum - thermal.reference)
+    resistance = motor.resistance * resistance_ratio
+    return replace(motor, resistance=resistance, current_continuous=continuous_current)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +53,9 @@ class SizedMotor(DrivePart):
     """Loads of a motor."""
 
     torque: Array
-    """(n,) N m at the rotor, at the nodes of the cycle."""
+    """Torque at the rotor at the nodes of the cycle (n,) [N m]."""
     speed: Array
-    """(n,) rad/s."""
+    """Speed of the rotor (n,) [rad/s]."""
     rms_torque: float
     peak_torque: float
     rms_current: float
@@ -65,15 +65,19 @@ class SizedMotor(DrivePart):
     inertia_ratio: float
     """Maximum of (M_jj / G²) / J over the cycle; NaN for unknown rotor inertia."""
     power: Array
-    """(n,) W, τ ω + R i², with the resistance at the temperature of the winding, or the stated one without thermal data."""
+    """Electrical power τ ω + R i² (n,) [W]. R is the resistance at the winding's temperature, or the catalogue's without
+    thermal data."""
     temperature: Array
-    """(n, 2) °C of winding and housing at the nodes of the repeated cycle; empty without thermal data."""
+    """Temperatures of winding and housing at the nodes of the repeated cycle (n, 2) [°C]; empty without thermal data."""
 
 
 def sized_motor(
     entry: CatalogMotor, gear: Gear, cycle: Cycle, *, ambient: float, holding: slice = slice(0, 0), weighs: bool = False
 ) -> SizedMotor:
-    """Loads of a motor behind a gear; in the nodes ``holding`` a brake carries the torque; ``weighs``: its mass is a load."""
+    """Loads of a motor behind a gear.
+
+    At the nodes ``holding`` a brake carries the torque; ``weighs``: the motor's mass is a load of other drives.
+    """
     motor, ratio = entry.motor, gear.ratio
     gear_torque = gear_input(cycle.torque, cycle.speed, gear.efficiency)
     speed = ratio * cycle.speed
@@ -81,34 +85,37 @@ def sized_motor(
     torque = (gear_torque + cycle.rotor_torque(entry.inertia, ratio)) / ratio + no_load_torque
     torque[holding] = 0.0
     current = motor.current(torque)
-    squares = (current[1:] ** 2 + current[1:] * current[:-1] + current[:-1] ** 2) / 3
-    rms = math.sqrt(float(squares @ cycle.duration) / float(cycle.duration.sum()))
-    heated = np.zeros((0, 2))
+    # Mean square of a current that is linear between two nodes.
+    mean_squares = (current[1:] ** 2 + current[1:] * current[:-1] + current[:-1] ** 2) / 3
+    rms_current = math.sqrt(float(mean_squares @ cycle.duration) / float(cycle.duration.sum()))
+    temperatures = np.zeros((0, 2))
     if motor.thermal is not None:
-        heated = periodic_temperatures(motor.thermal, motor.resistance, squares, cycle.duration, ambient)
-    demands, missing = _motor_demands(entry, torque, speed, current, rms, heated, cycle.time, ambient)
+        temperatures = periodic_temperatures(motor.thermal, motor.resistance, mean_squares, cycle.duration, ambient)
+    demands, missing = _motor_demands(entry, torque, speed, current, rms_current, temperatures, cycle.time, ambient)
     if weighs and "mass" in entry.unstated and not entry.stall_only:
         missing.append("mass")
-    ratios = cycle.inertia / (ratio**2 * entry.inertia) if entry.inertia else np.array([math.nan])
+    inertia_ratios = np.array([math.nan])
+    if entry.inertia:
+        inertia_ratios = cycle.inertia / (ratio**2 * entry.inertia)
     return SizedMotor(
-        entry.name, tuple(demands), tuple(missing), torque, speed, motor.torque_constant * rms,
-        float(np.abs(torque).max()), rms, float(np.abs(current).max()), float(np.abs(speed).max()),
-        average_speed(between(np.abs(speed)), cycle.duration), float(ratios.max()),
-        torque * speed + warm_resistance(motor, heated) * current**2, heated,
+        entry.name, tuple(demands), tuple(missing), torque, speed, motor.torque_constant * rms_current,
+        float(np.abs(torque).max()), rms_current, float(np.abs(current).max()), float(np.abs(speed).max()),
+        average_speed(between(np.abs(speed)), cycle.duration), float(inertia_ratios.max()),
+        torque * speed + warm_resistance(motor, temperatures) * current**2, temperatures,
     )  # fmt: skip
 
 
-def warm_resistance(motor: Motor, heated: Array) -> Array:
-    """Resistance of the winding at temperatures (n, 2) [°C]; the stated one (1,) without thermal data.
+def warm_resistance(motor: Motor, temperatures: Array) -> Array:
+    """Resistance of the winding at temperatures of winding and housing (n, 2) [°C]; the catalogue's (1,) without thermal data.
 
-    In a thermal runaway it is that of the highest temperature that the winding may have.
+    In a thermal runaway temperatures are infinite; then the winding has the resistance at its maximum temperature.
     """
     thermal = motor.thermal
-    if thermal is None or not heated.size:
+    if thermal is None or not temperatures.size:
         return np.array([motor.resistance])
-    known = thermal.maximum if math.isfinite(thermal.maximum) else thermal.reference
-    warm = np.where(np.isfinite(heated[:, 0]), heated[:, 0], known)
-    return np.asarray(motor.resistance * (1 + thermal.coefficient * (warm - thermal.reference)))
+    runaway_temperature = thermal.maximum if math.isfinite(thermal.maximum) else thermal.reference
+    winding = np.where(np.isfinite(temperatures[:, 0]), temperatures[:, 0], runaway_temperature)
+    return np.asarray(motor.resistance * (1 + thermal.coefficient * (winding - thermal.reference)))
 
 
 def _motor_demands(
@@ -116,8 +123,8 @@ def _motor_demands(
     torque: Array,
     speed: Array,
     current: Array,
-    rms: float,
-    heated: Array,
+    rms_current: float,
+    temperatures: Array,
     time: Array,
     ambient: float,
 ) -> tuple[list[Demand], list[str]]:
@@ -127,26 +134,28 @@ def _motor_demands(
     limits = np.where(torque >= 0, hot.greatest_torque(speed), hot.greatest_torque(-speed))
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(limits > 0, np.abs(torque) / limits, np.where(torque == 0, 0.0, math.inf))
-    worst, peak, fast = int(shares.argmax()), int(np.abs(current).argmax()), int(np.abs(speed).argmax())
+    worst = int(shares.argmax())
+    peak = int(np.abs(current).argmax())
+    fastest = int(np.abs(speed).argmax())
     allowed = max(float(limits[worst]), 0.0)
     demands = [
         Demand("torque at its speed", float(np.abs(torque[worst])), allowed, "N m", float(time[worst])),
         Demand("peak current", float(np.abs(current[peak])), motor.current_peak, "A", float(time[peak])),
-        Demand("speed", float(np.abs(speed[fast])) / RPM, motor.speed / RPM, "rpm", float(time[fast])),
+        Demand("speed", float(np.abs(speed[fastest])) / RPM, motor.speed / RPM, "rpm", float(time[fastest])),
     ]
-    if heated.size and thermal is not None:
-        warmest = float(heated[:, 0].max())
-        demands.append(Demand("winding temperature", warmest, thermal.maximum, "degC", base=ambient))
-        if not math.isfinite(warmest):
+    if temperatures.size and thermal is not None:
+        max_temperature = float(temperatures[:, 0].max())
+        demands.append(Demand("winding temperature", max_temperature, thermal.maximum, "degC", base=ambient))
+        if not math.isfinite(max_temperature):
             bound = runaway_current(thermal, motor.resistance)
-            demands[-1] = Demand(f"thermal runaway above {printed(bound, 4)} A, rms current", rms, bound, "A")
+            demands[-1] = Demand(f"thermal runaway above {printed(bound, 4)} A, rms current", rms_current, bound, "A")
     elif math.isfinite(motor.current_continuous):
-        demands.append(Demand("rms current", rms, motor.current_continuous, "A"))
+        demands.append(Demand("rms current", rms_current, motor.current_continuous, "A"))
     return demands, _missing_ratings(entry, ambient)
 
 
 def _missing_ratings(entry: CatalogMotor, ambient: float) -> list[str]:
-    """Names of the numbers of a motor without which its verdict would be better than it is."""
+    """Names of missing numbers of a motor; with them its verdict might be worse."""
     motor, thermal = entry.motor, entry.motor.thermal
     missing = [name for name in ("voltage", "current_peak") if not math.isfinite(getattr(motor, name))]
     if entry.stall_only:
@@ -160,8 +169,8 @@ def _missing_ratings(entry: CatalogMotor, ambient: float) -> list[str]:
             missing.append("thermal: maximum")
     elif not math.isfinite(motor.current_continuous):
         missing.append("thermal or current_continuous")
-    elif ambient > _RATED_AIR:
-        missing.append(f"thermal, as current_continuous holds up to {printed(_RATED_AIR)} degC")
+    elif ambient > _RATED_AMBIENT:
+        missing.append(f"thermal, as current_continuous holds up to {printed(_RATED_AMBIENT)} degC")
     if not entry.inertia:
         missing.append("rotor: inertia")
     return missing
@@ -174,9 +183,9 @@ class Supply(NamedTuple):
     """Electrical supply of all drives of a cycle; electronics are neglected."""
 
     peak: float
-    """W, largest power drawn."""
+    """Largest power drawn [W]."""
     mean: float
-    """W, mean power drawn."""
+    """Mean power drawn [W]."""
     drawn: float
     """Energy drawn in a cycle [J]."""
     braked: float
@@ -184,9 +193,13 @@ class Supply(NamedTuple):
 
 
 def supply_of(powers: Iterator[Array] | list[Array], duration: Array, *, shared: bool) -> Supply:
-    """Supply of drives from their powers (n,) at the nodes; ``shared``: drives feed each other through a common link."""
-    drive_powers = np.array(list(powers))
-    flows = drive_powers.sum(axis=0)[None, :] if shared else drive_powers
-    drawn_power, braking_power = np.maximum(flows, 0.0).sum(axis=0), np.maximum(-flows, 0.0).sum(axis=0)
-    drawn, braked = float(between(drawn_power) @ duration), float(between(braking_power) @ duration)
-    return Supply(float(drawn_power.max()), drawn / float(duration.sum()), drawn, braked)
+    """Supply of drives from the power (n,) of each at the nodes; ``shared``: drives feed each other through a common link."""
+    net_powers = np.array(list(powers))
+    if shared:
+        net_powers = net_powers.sum(axis=0)[None, :]
+    drawn_power = np.maximum(net_powers, 0.0).sum(axis=0)
+    braking_power = np.maximum(-net_powers, 0.0).sum(axis=0)
+    drawn_energy = float(between(drawn_power) @ duration)
+    braking_energy = float(between(braking_power) @ duration)
+    mean_power = drawn_energy / float(duration.sum())
+    return Supply(float(drawn_power.max()), mean_power, drawn_energy, braking_energy)

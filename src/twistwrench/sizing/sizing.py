@@ -121,35 +121,42 @@ def size_drives(
     >>> tw.size_drives("ur5", "demo", "demo", pause=0.8, add_masses=False)
     <Sizing of ur5: OK, shoulder_pan_joint 83 %>
     """
-    arm, named = robot, ""
+    arm, bundled_name = robot, ""
     if isinstance(robot, Robot | str | Path):
-        arm, named = robot_of(robot, None, lock)
+        arm, bundled_name = robot_of(robot, None, lock)
     require_robot(arm, "size_drives")
     refuse_couplings(arm.model, "size_drives")
     if isinstance(catalog, str) and catalog == "demo":
-        catalog = bundled_file("demo", named, ".drives.yaml", "catalogue")
-    listed = read_catalog(catalog)
+        catalog = bundled_file("demo", bundled_name, ".drives.yaml", "catalogue")
+    drive_catalog = read_catalog(catalog)
     _check_settings(pause, ambient, life)
     _refuse_actuators(arm)
-    reading = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode, "degrees": degrees}
-    logs = {"named": named, "plan": plan, **reading}
+    reading_options = {
+        "columns": columns,
+        "gain": gain,
+        "rate": rate,
+        "topic": topic,
+        "episode": episode,
+        "degrees": degrees,
+    }
+    log_options = {"named": bundled_name, "plan": plan, **reading_options}
     load = LoadCase(arm, payloads_of(payload), friction=friction)
     loaded = load.with_load
-    bare = bare_robot(loaded, drive_joints(loaded, listed))
-    cycle = _motion_or_log(motion, arm, logs)
+    bare = bare_robot(loaded, drive_joints(loaded, drive_catalog))
+    cycle = _motion_or_log(motion, arm, log_options)
     report = _report(load, cycle, smooth=smooth)
     if report is not None and contradictions(report):
-        return sizing_refused(loaded, listed, report)
+        return sizing_refused(loaded, drive_catalog, report)
     states = _states(cycle, report, bare, friction=friction)
-    if not states.draws:
+    if not states.draws:  # a motion in memory, whose draws the caller may give
         states = LoadStates(states.motion, tuple(draw.with_robot(bare) for draw in draws))
-    stop = None
+    emergency_motion = None
     if emergency is not None:
-        stopping = _motion_or_log(emergency, arm, logs)
-        stop = _states(stopping, _report(load, stopping), bare).motion
+        emergency_log = _motion_or_log(emergency, arm, log_options)
+        emergency_motion = _states(emergency_log, _report(load, emergency_log), bare).motion
     sizing = sizing_of(
-        loaded, states, listed, pause=pause, ambient=ambient, life=life, brake=brake, emergency=stop, friction=friction,
-        add_masses=add_masses, shared_supply=shared_supply,
+        loaded, states, drive_catalog, pause=pause, ambient=ambient, life=life, brake=brake, emergency=emergency_motion,
+        friction=friction, add_masses=add_masses, shared_supply=shared_supply,
     )  # fmt: skip
     sizing = replace(sizing, report=report)
     if choose and not sizing.choice:
@@ -158,6 +165,7 @@ def size_drives(
 
 
 def _refuse_actuators(robot: Robot) -> None:
+    """Raise ModelError if the robot has actuators."""
     if robot.actuators:
         raise ModelError(
             f"robot {robot.name!r} has actuators already, and the catalogue describes the drives. "
@@ -166,17 +174,19 @@ def _refuse_actuators(robot: Robot) -> None:
 
 
 def _check_settings(pause: float, ambient: float, life: float | None) -> None:
-    """Raise ValueRangeError for a setting that is not finite, or negative."""
+    """Raise ValueRangeError if a setting is negative or not finite."""
     arguments.positive(pause, "size_drives: pause", "s", zero=True)
-    arguments.positive(1.0 if life is None else life, "size_drives: life", "h")
+    if life is not None:
+        arguments.positive(life, "size_drives: life", "h")
     if not -273.15 <= arguments.number(ambient, "size_drives: ambient") < 1000:
         raise ValueRangeError(f"size_drives: ambient={ambient!r} is not a temperature of air in °C.")
 
 
-def _motion_or_log(source: Any, robot: Robot, logs: Mapping[str, Any]) -> Motion | MotionLog:
-    """Log of a file, a table, or a motion that was read from one; other motions as they are."""
-    if isinstance(source, str | Path | MotionLog) or hasattr(source, "iloc"):
-        return log_of(source, robot, **logs)
+def _motion_or_log(source: Any, robot: Robot, log_options: Mapping[str, Any]) -> Motion | MotionLog:
+    """Log from a file, from a table, or of a motion that was read from a log; other motions as they are."""
+    is_table = hasattr(source, "iloc")  # a DataFrame
+    if is_table or isinstance(source, str | Path | MotionLog):
+        return log_of(source, robot, **log_options)
     motion = getattr(source, "motion", source)
     if not isinstance(motion, Motion):
         raise ShapeError(f"size_drives: a motion is a tw.Motion or a path, got {arguments.value_text(source)}.")
@@ -189,15 +199,16 @@ def _report(load: LoadCase, motion: Motion | MotionLog, *, smooth: bool = False)
     """Analysis of a log as by :func:`check`; None for a motion in memory."""
     if isinstance(motion, Motion):
         return None
-    return analyse(load, Differentiation.plan(motion, load.robot.model, smoothing=smooth), load.robot.limits)
+    differentiation = Differentiation.plan(motion, load.robot.model, smoothing=smooth)
+    return analyse(load, differentiation, load.robot.limits)
 
 
 def _states(
     motion: Motion | MotionLog, report: TorqueReport | None, robot: Robot, *, friction: bool = True
 ) -> LoadStates:
-    """States of a motion for its loads, of this robot."""
+    """States at which loads are computed for this robot: of the motion, or of the log that the report analyses."""
     if isinstance(motion, Motion):
         return LoadStates.from_motion(robot, motion.with_robot(robot), friction=friction)
     assert report is not None
     states = LoadStates.from_report(report)
-    return LoadStates(states.motion.with_robot(robot), tuple(one.with_robot(robot) for one in states.draws))
+    return LoadStates(states.motion.with_robot(robot), tuple(draw.with_robot(robot) for draw in states.draws))

@@ -34,10 +34,16 @@ from .catalog import DIRECT
 from .choice import SizedJoint, Sizing, drive_name, smallest_drives
 
 _DIGITS = 3
+"""Significant digits of figures in the table."""
+_MAX_ROWS = 12
+"""Largest number of rows of the table; the others are counted."""
 
 
 def sizing_view(sizing: Sizing) -> Iterator[Block]:
-    """Verdict, selected products, drives with their figures, supply and remarks; only the verdict of a log to look at again."""
+    """Verdict, selected products, drives with their figures, supply and remarks.
+
+    For LOOK AGAIN, only the verdict and the remarks: the log contradicts itself, so nothing was sized.
+    """
     verdict = sizing.verdict
     if verdict.word is Word.LOOK_AGAIN:
         yield from _verdict_blocks(verdict)
@@ -49,16 +55,17 @@ def sizing_view(sizing: Sizing) -> Iterator[Block]:
         yield Headline(Word.OK, f"all ratings kept. Closest: {closest.joint}, {part}: {demand.words}.")
     else:
         yield from _verdict_blocks(verdict)
-    if not sizing.choice and verdict.word is Word.OVER_LIMIT:
+    if not sizing.choice and verdict.word is Word.OVER_LIMIT:  # the given drives do not suffice
         for sentence in smallest_drives(sizing, sizing.choose()):
             yield Line(sentence, indent=2)
     yield ""
     if sizing.joints:
         yield drives_table(sizing, sizing.problem.ambient)
-    for joint, chosen in sizing.choice.items():
-        if chosen.smaller is not None:
-            pair, reason = chosen.smaller
-            yield f"{joint}: the next smaller ({drive_name(pair)}) fails: {reason.removeprefix(f'{joint}, ')}."
+    for joint, choice in sizing.choice.items():
+        if choice.smaller is not None:
+            pair, reason = choice.smaller
+            shortened_reason = reason.removeprefix(f"{joint}, ")
+            yield f"{joint}: the next smaller ({drive_name(pair)}) fails: {shortened_reason}."
     supply = sizing.supply
     yield Line(
         f"Supply: peak {quantity(supply.peak, 'W')}, mean {quantity(supply.mean, 'W')}; a cycle draws "
@@ -71,6 +78,7 @@ def sizing_view(sizing: Sizing) -> Iterator[Block]:
 
 
 def _verdict_blocks(verdict: Verdict) -> Iterator[Headline | Remark]:
+    """Headline with the first reason, and the other reasons as remarks."""
     first, *others = verdict.reasons or ("",)
     yield Headline(verdict.word, f"{first}.")
     yield from remarks(f"{reason}." for reason in others)
@@ -87,37 +95,38 @@ def _notes(sizing: Sizing) -> Iterator[Remark]:
         yield from remarks([f"The robot's file has {limits}. Drives are judged by their ratings, not by these."])
 
 
-_NAME = 9
-"""Least width of a joint's name in narrow terminals; names are folded at their separators."""
-_CURRENT = 4
-"""Decimals of a current; smaller ones are rounding errors of joints at rest."""
+_MIN_NAME_WIDTH = 9
+"""Least width of a joint's name in narrow terminals, in characters; names are folded at their separators."""
+_CURRENT_DECIMALS = 4
+"""Decimals of a current; smaller currents are rounding errors of joints at rest."""
 
 
 def drives_table(sizing: Sizing, ambient: float) -> Table:
     """Table with one row per joint; limits are shown behind the values."""
     joints = list(sizing.joints.values())
-    names = [j.joint for j in joints]
-    motors, gears = [j.drive[0] for j in joints], [j.drive[1] for j in joints]
-    currents = [j.motor.rms_current for j in joints]
-    shares = [j.tightest[1].share for j in joints]
+    names = [joint.joint for joint in joints]
+    motors = [joint.drive[0] for joint in joints]
+    gears = [joint.drive[1] for joint in joints]
+    currents = [joint.motor.rms_current for joint in joints]
+    shares = [joint.tightest[1].share for joint in joints]
     return Table(
         f"Drives at {number(ambient)} degC",
-        words("joint", names, fold=False, narrow=replace(words("joint", names), min_width=_NAME)),
+        words("joint", names, fold=False, narrow=replace(words("joint", names), min_width=_MIN_NAME_WIDTH)),
         words("motor", motors),
-        words("gear", gears) if set(gears) - {DIRECT} else None,
+        words("gear", gears) if set(gears) - {DIRECT} else None,  # no column if all drives are direct
         _demand_column("mean", joints, "average torque", "N m"),
         _demand_column("peak", joints, "peak torque", "N m"),
         _demand_column("input", joints, "input speed", "rpm"),
-        numbers("rms", currents, partial(number, digits=_DIGITS, decimals=_CURRENT), "A"),
-        numbers("winding", map(_largest_temperature, joints), _figure, "degC"),
+        numbers("rms", currents, partial(number, digits=_DIGITS, decimals=_CURRENT_DECIMALS), "A"),
+        numbers("winding", map(_max_winding_temperature, joints), _figure, "degC"),
         numbers("J ratio", [j.motor.inertia_ratio for j in joints], _figure),
         numbers("used", shares, share_cell),
-        most=12,
+        most=_MAX_ROWS,
         by=shares,
     )
 
 
-def _largest_temperature(joint: SizedJoint) -> float:
+def _max_winding_temperature(joint: SizedJoint) -> float:
     """Largest temperature of the winding [°C]; nan without thermal data."""
     temperature = joint.motor.temperature
     if not temperature.size:
@@ -126,18 +135,21 @@ def _largest_temperature(joint: SizedJoint) -> float:
 
 
 def _figure(value: float) -> str:
+    """Number with the digits of the table."""
     return number(value, _DIGITS)
 
 
 def _demand_column(name: str, joints: Sequence[SizedJoint], what: str, unit: str) -> Column:
-    """Column of a gear figure with its limits, which stand below it in narrow terminals; exceeded limits are red."""
+    """Column of a demand on gears with its limits, which stand below it in narrow terminals; excessive demands are red."""
     demands = [_gear_demand(joint, what) for joint in joints]
     limits = [math.inf if demand is None else demand.limit for demand in demands]
     column = numbers(name, map(_cell, demands), unit=unit, limits=limits)
-    return replace(column, narrow=numbers(name, map(partial(_cell, between="\n/ "), demands), unit=unit, limits=limits))
+    narrow_cells = map(partial(_cell, between="\n/ "), demands)
+    return replace(column, narrow=numbers(name, narrow_cells, unit=unit, limits=limits))
 
 
 def _gear_demand(joint: SizedJoint, what: str) -> Demand | None:
+    """Demand on the gear of a joint by its name; None if the gear has no such rating."""
     for demand in joint.gear.demands:
         if demand.what == what:
             return demand
@@ -145,27 +157,30 @@ def _gear_demand(joint: SizedJoint, what: str) -> Demand | None:
 
 
 def _cell(demand: Demand | None, between: str = " / ") -> Line | str:
+    """Cell with a demand and its limit, and a text between them."""
     if demand is None:
         return number(None)
     limit = ""
     if math.isfinite(demand.limit):
         limit = f"{between}{_figure(demand.limit)}"
-    red = Style.OVER if over_limit(demand.share) else ""
-    return Line((_figure(demand.value), red), (limit, Style.QUIET), value=demand.value)
+    style = Style.OVER if over_limit(demand.share) else ""
+    return Line((_figure(demand.value), style), (limit, Style.QUIET), value=demand.value)
 
 
 def worst_moment(sizing: Sizing) -> tuple[Array, MarkedJoint | None, str]:
     """Configuration in which a drive is nearest to a rating, its joint, and a title."""
     cycle = sizing.motion
     assert cycle is not None
-    name, start = cycle.robot.name, "at the beginning of the motion"
+    name = cycle.robot.name
+    title_at_start = f"{name} at the beginning of the motion"
     if not sizing.joints:
-        return cycle.q[0], None, f"{name} {start}"
+        return cycle.q[0], None, title_at_start
     joint = max(sizing.joints.values(), key=lambda j: j.tightest[1].share)
-    demand = joint.tightest[1]
+    _, demand = joint.tightest
     label = f"{joint.joint}, {demand.what} {percent_of_limit(demand.share)} of its limit"
     marked = MarkedJoint(joint.joint, label, mark_style(demand.share))
     moment = cycle.time[0] + demand.time
     if not cycle.time[0] <= moment <= cycle.time[-1]:  # a rating of the whole cycle, or a time in the pause
-        return cycle.q[0], marked, f"{name} {start}"
-    return cycle.q[np.abs(cycle.time - moment).argmin()], marked, f"{name} at t = {seconds(moment)} s"
+        return cycle.q[0], marked, title_at_start
+    row = np.abs(cycle.time - moment).argmin()
+    return cycle.q[row], marked, f"{name} at t = {seconds(moment)} s"

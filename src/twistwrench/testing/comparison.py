@@ -30,16 +30,17 @@ def relative_gap(actual: ArrayLike, desired: ArrayLike, scale: float | None = No
     >>> relative_gap([100.0, 0.5], [100.0, 0.0])
     0.005
     """
-    a, b = np.asarray(actual, float), np.asarray(desired, float)
+    a = np.asarray(actual, float)
+    b = np.asarray(desired, float)
     if a.size == 0:
         return 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
-        gap = np.abs(a - b).max()
-        if gap == 0:
+        max_difference = np.abs(a - b).max()
+        if max_difference == 0:  # also if the scale is 0
             return 0.0
         if scale is None:
-            return float(gap / np.abs(b).max())
-        return float(gap / np.float64(scale))
+            return float(max_difference / np.abs(b).max())
+        return float(max_difference / np.float64(scale))  # infinite for 0, where a Python float would raise
 
 
 def assert_close(
@@ -66,22 +67,23 @@ def assert_close(
     AssertionError: the torque of joint 2: off by 0.0476 of the largest entry, 2.1; allowed 0.001.
     Worst at (1,): actual 2.0, desired 2.1. Entries beyond the tolerance: 1 of 2.
     """
-    a, b = np.asarray(actual, float), np.asarray(desired, float)
+    a = np.asarray(actual, float)
+    b = np.asarray(desired, float)
     name = what or "the arrays"
     if a.shape != b.shape:
         raise AssertionError(f"{name}: actual has shape {a.shape}, desired {b.shape}.")
     gap = relative_gap(a, b, scale)
     if gap <= rtol:
         return
-    size, whose = scale, "the scale"
+    size, size_name = scale, "the scale"
     if size is None:
-        size, whose = float(np.abs(b).max()), "the largest entry"
-    apart = np.where(np.isfinite(a - b), np.abs(a - b), np.inf)
-    worst = tuple(int(i) for i in np.unravel_index(int(np.argmax(apart)), a.shape))
+        size, size_name = float(np.abs(b).max()), "the largest entry"
+    differences = np.where(np.isfinite(a - b), np.abs(a - b), np.inf)
+    worst = tuple(int(i) for i in np.unravel_index(int(np.argmax(differences)), a.shape))
     raise AssertionError(
-        f"{name}: off by {printed(gap, 3)} of {whose}, {printed(size)}; allowed {printed(rtol)}.\n"
+        f"{name}: off by {printed(gap, 3)} of {size_name}, {printed(size)}; allowed {printed(rtol)}.\n"
         f"Worst at {worst}: actual {a[worst]}, desired {b[worst]}. "
-        f"Entries beyond the tolerance: {np.count_nonzero(apart > rtol * size)} of {a.size}."
+        f"Entries beyond the tolerance: {np.count_nonzero(differences > rtol * size)} of {a.size}."
     )
 
 

@@ -23,6 +23,11 @@ KINDS = (*JOINT_TYPES, "mimic", "fixed")
 """Kinds of random joints: moving joints, mimic joints of earlier one-degree joints, and fixed joints."""
 
 _SCREWS = {kind: joint for kind, joint in JOINT_TYPES.items() if issubclass(joint, ScrewJoint)}
+"""Classes of joints with one degree of freedom, by kind."""
+_CHAIN_PROBABILITY = 0.6
+"""Probability that a link is attached to the link before it, not to any earlier one."""
+_OBLIQUE_PROBABILITY = 0.7
+"""Probability of an axis in any direction, not along a coordinate axis."""
 
 
 def random_robot(
@@ -53,7 +58,8 @@ def random_robot(
     builder = random_builder(rng, joints, kinds)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)  # a floating joint on a floating base is intended
-        return Robot(builder.build(floating_base=floating_base, mimic=mimic, gravity=rng.uniform(-10.0, 10.0, 3)))
+        gravity = rng.uniform(-10.0, 10.0, 3)
+        return Robot(builder.build(floating_base=floating_base, mimic=mimic, gravity=gravity))
 
 
 def random_builder(
@@ -81,46 +87,52 @@ def random_builder(
     builder = ModelBuilder("random")
     builder.add_link("link0", random_inertia(rng))
     leaders: list[str] = []
-    moving = tuple(kind for kind in kinds if kind not in ("mimic", "fixed")) or ("revolute",)
+    moving_kinds = tuple(kind for kind in kinds if kind not in ("mimic", "fixed")) or ("revolute",)
     for i in range(1, joints + 1):
-        kind = str(rng.choice(moving if i == 1 else tuple(kinds)))
+        possible_kinds = moving_kinds if i == 1 else tuple(kinds)  # the first joint moves
+        kind = str(rng.choice(possible_kinds))
         follows = kind == "mimic" and bool(leaders)
         if kind == "mimic":
             kind = str(rng.choice(list(_SCREWS)))
-        parent = f"link{i - 1 if rng.random() < 0.6 else rng.integers(i)}"
+        parent_index = i - 1
+        if rng.random() >= _CHAIN_PROBABILITY:
+            parent_index = int(rng.integers(i))
+        parent = f"link{parent_index}"
         builder.add_link(f"link{i}", random_inertia(rng))
-        placement, mimic = random_pose(rng), None
+        placement = random_pose(rng)
+        mimic = None
         if follows:  # leader, ratio and offset
             mimic = str(rng.choice(leaders)), float(rng.uniform(-2.0, 2.0)), float(rng.uniform(-1.0, 1.0))
         builder.add_joint(
-            f"joint{i}", kind, parent, f"link{i}", placement=placement, mimic=mimic, **_options(rng, kind)
+            f"joint{i}", kind, parent, f"link{i}", placement=placement, mimic=mimic, **_joint_options(rng, kind)
         )
         if kind in _SCREWS and not follows:
             leaders.append(f"joint{i}")
     return builder
 
 
-def _options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
+def _joint_options(rng: np.random.Generator, kind: str) -> dict[str, Any]:
     """Axis, limits and losses of a joint. Some axes are coordinate axes, which use other code paths."""
     options: dict[str, Any] = {}
-    if rng.random() < 0.7:
+    if rng.random() < _OBLIQUE_PROBABILITY:
         options["axis"] = rng.standard_normal(3)
     else:
         options["axis"] = np.eye(3)[rng.integers(3)]
-    joint = _SCREWS.get(kind)
-    if joint is not None and joint.has_pitch:
+    joint_class = _SCREWS.get(kind)
+    if joint_class is None:
+        return options
+    if joint_class.has_pitch:
         options["pitch"] = rng.uniform(-0.5, 0.5)
-    if joint is not None and not joint.has_pitch and not joint.wraps:
+    elif not joint_class.wraps:
         options |= {"lower": rng.uniform(-3.0, -0.5), "upper": rng.uniform(0.5, 3.0)}
-    if joint is not None:
-        options |= {"damping": rng.uniform(0.0, 1.0), "friction": rng.uniform(0.0, 1.0)}
+    options |= {"damping": rng.uniform(0.0, 1.0), "friction": rng.uniform(0.0, 1.0)}
     return options
 
 
 def random_inertia(rng: np.random.Generator | int | None = None) -> SpatialInertia:
     """Random inertia of a physically consistent body.
 
-    Random second moments S in rotated axes, about a centre of mass away from the origin.
+    The second moments S of its mass are random and in rotated axes, and its centre of mass is away from the origin.
 
     Examples
     --------
@@ -148,7 +160,9 @@ def random_pose(rng: np.random.Generator | int | None = None) -> Array:
     """
     rng = np.random.default_rng(rng)
     w = rng.standard_normal(3)
-    return np.asarray(se3.pose(so3.exp(w / np.linalg.norm(w) * rng.uniform(0.0, np.pi)), rng.uniform(-0.5, 0.5, 3)))
+    axis = w / np.linalg.norm(w)
+    R = so3.exp(axis * rng.uniform(0.0, np.pi))
+    return np.asarray(se3.pose(R, rng.uniform(-0.5, 0.5, 3)))
 
 
 class State(NamedTuple):
@@ -178,7 +192,9 @@ def random_state(robot: Robot, rng: np.random.Generator | int | None = None, siz
     rng = np.random.default_rng(rng)
     shape = (size,) if isinstance(size, int) else tuple(size)
     q = robot.random_configuration(rng, shape)
-    return State(q, rng.standard_normal((*shape, robot.nv)), rng.standard_normal((*shape, robot.nv)))
+    dq = rng.standard_normal((*shape, robot.nv))
+    ddq = rng.standard_normal((*shape, robot.nv))
+    return State(q, dq, ddq)
 
 
 complete(globals())

@@ -131,22 +131,28 @@ def verify(robot: Robot | str | Path, states: int = 4, seed: int = 0) -> VerifyR
         robot = load(robot)
     robot = require_robot(robot, "verify")
     rng = np.random.default_rng(seed)
-    motions = [random_state(robot, rng) for _ in range(max(states, 1))]
-    checks = [_check(robot, motions, *row) for row in LAWS]
-    for name, prepare in PEERS:
-        compares = f"inverse dynamics and mass matrix, {name}'s"
-        try:  # loading makes rotations of nine digits exact; this is not a dynamics error
-            checks.append(_check(robot, motions, name, compares, ROUNDING + 100.0 * file_gap(robot), prepare(robot)))
+    random_states = [random_state(robot, rng) for _ in range(max(states, 1))]
+    checks = [_check(robot, random_states, *law) for law in LAWS]
+    for library, residual_from_file in PEERS:
+        compares = f"inverse dynamics and mass matrix, {library}'s"
+        try:
+            # Loading makes rotations of nine digits exact. This difference to the file is not a dynamics error.
+            tolerance = ROUNDING + 100.0 * file_gap(robot)
+            residual = residual_from_file(robot)
+            checks.append(_check(robot, random_states, library, compares, tolerance, residual))
         except TwistWrenchError as problem:
-            checks.append(Check(name, compares, skipped=str(problem)))
-    return VerifyReport(robot.name, len(motions), seed, tuple(checks))
+            checks.append(Check(library, compares, skipped=str(problem)))
+    return VerifyReport(robot.name, len(random_states), seed, tuple(checks))
 
 
-def _check(robot: Robot, motions: list[State], name: str, compares: str, tolerance: float, residual: Residual) -> Check:
+def _check(
+    robot: Robot, random_states: list[State], name: str, compares: str, tolerance: float, residual: Residual
+) -> Check:
+    """Check by the largest residual over the states; skipped if the residual cannot be evaluated."""
     if robot.nv == 0:
         return Check(name, compares, skipped="the robot has no moving joints")
     try:
-        worst = float(np.max([residual(robot, at) for at in motions]))
+        worst = float(np.max([residual(robot, state) for state in random_states]))
     except (TwistWrenchError, ArithmeticError, np.linalg.LinAlgError) as problem:
         return Check(name, compares, skipped=str(problem))
     return Check(name, compares, worst, tolerance)

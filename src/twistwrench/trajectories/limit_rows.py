@@ -1,9 +1,14 @@
 """Robot limits along a path, as bounds of the path parameter's acceleration and squared rate.
 
-With x = ds² and u = dds every limit has the form |a(s) u + b(s) x + d(s) √x + c(s)| ≤ L or x ≤ cap(s). For torques, by
-MR eq. 9.34, a = M q', b = M q'' + c(q, q'), c = g; friction adds d and a constant. For accelerations a = q', b = q''.
-If the deceleration limit d differs from the acceleration limit a, -d ≤ sign(q') ddq ≤ a becomes |sign(q') ddq + (d -
-a)/2| ≤ (d + a)/2.
+With x = ds² and u = dds every limit has the form
+
+    |a(s) u + b(s) x + d(s) √x + c(s)| ≤ L    or    x ≤ cap(s).
+
+For torques, by MR eq. 9.34, a = M q', b = M q'' + h(q, q') with the Coriolis terms h, and c = g. Viscous friction is d,
+and Coulomb friction is added to c. For accelerations a = q' and b = q''. If the limit of deceleration D differs from that
+of acceleration A, then -D ≤ sign(q') ddq ≤ A becomes
+
+    |sign(q') ddq + (D - A)/2| ≤ (D + A)/2.
 """
 
 from __future__ import annotations
@@ -28,14 +33,28 @@ if TYPE_CHECKING:
     from .paths import JointPath
 
 _FLAT_RATIO = 1e-11
-"""Ratio of a to the largest a below which a row bounds x only, since the rest is rounding error."""
+"""Ratio of a to the largest a below which a is a rounding error, so that the row bounds x only."""
 _NUDGE = 1e-13
-"""Distance by which the ends of a piece are moved inside if one-sided limits differ there."""
+"""Distance by which the ends of a piece are moved inside, since limits from the left and from the right may differ there."""
+_SIDE_DISTANCE = 1e-12
+"""Distance of the points on both sides of s at which one-sided limits are evaluated."""
+_GRID_INTERVALS = 400
+_MIN_BREAK_DISTANCE = 1e-11
+"""Distance of two breaks below which they are one."""
+_MAX_SEARCH_STEPS = 200
+_MAX_ZEROS_ON_GRID = 20
+"""Number of zeros at grid points from which f is zero on an interval, so that these points are no sign changes."""
+_BISECTION_STEPS = 52
+"""Number of bisections that reach the last bit of a number."""
+_MAX_STANDING_SHARE = 1 - 1e-6
+"""Share of a limit from which standing still is impossible."""
+_UNBOUNDED_X = 1e12
+"""Value of x [1/s²] that counts as unbounded."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """Row of limits: a limited torque, acceleration or velocity."""
+    """Quantity with a limit: a torque, acceleration or velocity."""
 
     kind: str
     """``torque``, ``acceleration`` or ``velocity``."""
@@ -45,15 +64,16 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Limit rows at points (m,) of the path."""
+    """Coefficients of k limit rows at points (m,) of the path."""
 
     a: Array
-    """(m, k)."""
+    """(m, k), as b, c and d."""
     b: Array
     c: Array
     d: Array
     cap: Array
-    """Upper bounds of x (m, l) by each cap; inf for a cap that does not apply."""
+    """Upper bounds of x (m, l), first by the velocities, then by rows whose a is zero; inf for a bound that does not
+    apply."""
 
     def values(self, u: Array, x: Array) -> Array:
         """a u + b x + d √x + c; (..., m), (..., m) → (..., m, k)."""
@@ -63,14 +83,14 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Cap:
-    """Largest x at some points: limits leave a single acceleration, or a velocity is at its limit."""
+    """Largest x at points of the path: the limits leave a single acceleration there, or a velocity is at its limit."""
 
     x: Array
     """(m,), inf if unbounded."""
     velocity: Array
-    """(m,): by velocities alone."""
+    """Largest x (m,) by limits of velocities alone."""
     torque: Array
-    """(m,): by torques and accelerations alone."""
+    """Largest x (m,) by limits of torques and accelerations alone."""
 
 
 class PathRows:
@@ -86,15 +106,17 @@ class PathRows:
                 f"only viscous and Coulomb friction. Leave friction out ({spell(Argument('friction', False))}) and lower the "
                 "effort limits by the friction torques."
             )
+        # Entries of dq with a limit of torque, acceleration and velocity.
         self.torque = np.flatnonzero(np.isfinite(bounds.effort))
         self.accelerated = np.flatnonzero(np.isfinite(bounds.acceleration))
-        up, down = bounds.acceleration[self.accelerated], bounds.deceleration[self.accelerated]
-        self._offset = 0.5 * (down - up)
         self.fast = np.flatnonzero(np.isfinite(bounds.velocity))
+        A = bounds.acceleration[self.accelerated]
+        D = bounds.deceleration[self.accelerated]
+        self._offset = 0.5 * (D - A)
+        self.L = np.concatenate([bounds.effort[self.torque], 0.5 * (D + A)])
         self.rows = [Row("torque", int(j)) for j in self.torque]
         self.rows += [Row("acceleration", int(j)) for j in self.accelerated]
-        self.L = np.concatenate([bounds.effort[self.torque], 0.5 * (down + up)])
-        self.flat = np.zeros(len(self.rows), bool)
+        self.flat = np.zeros(len(self.rows), bool)  # for the evaluation of a in the next line
         size = np.abs(self.at(self.grid).a)
         self.flat = size.max(axis=0, initial=0.0) <= _FLAT_RATIO * size.max(initial=0.0)
         self.caps = [Row("velocity", int(j)) for j in self.fast]
@@ -103,31 +125,42 @@ class PathRows:
     @cached_property
     def grid(self) -> Array:
         """Points from 0 to 1, dense enough to resolve every sign change; includes knots of the path."""
-        return np.unique(np.concatenate([np.linspace(0.0, 1.0, 401), self.path.knots]))
+        return np.unique(np.concatenate([np.linspace(0.0, 1.0, _GRID_INTERVALS + 1), self.path.knots]))
 
     def at(self, s: Array, low: float = 0.0, high: float = 1.0) -> Rows:
         """Rows at s (m,); at the ends of a piece [low, high] the values from inside it."""
-        nudge = _NUDGE * max(1.0, high)
-        s = np.clip(s, low + min(nudge, 0.1 * (high - low)), high - min(nudge, 0.1 * (high - low)))
-        q, q1, q2 = self.path(s)
+        nudge = min(_NUDGE * max(1.0, high), 0.1 * (high - low))
+        s = np.clip(s, low + nudge, high - nudge)
+        q, q1, q2 = self.path(s)  # with the derivatives q' and q'' by s
         zero = np.zeros_like(q1)
-        parts = (np.concatenate([q, q, q]), np.concatenate([zero, zero, q1]), np.concatenate([zero, q1, q2]))
-        g, Mq, h = np.split(motor_torques(self.robot.model, self.robot.inverse_dynamics(*parts)), 3)
-        a, b, c, d = Mq - g, h - g, g, zero
+        # Torques at rest, g; at the acceleration q', g + M q'; and at the velocity q' and acceleration q'', g + M q'' + h.
+        velocities = np.concatenate([zero, zero, q1])
+        accelerations = np.concatenate([zero, q1, q2])
+        torques = self.robot.inverse_dynamics(np.concatenate([q, q, q]), velocities, accelerations)
+        at_rest, at_acceleration, in_motion = np.split(motor_torques(self.robot.model, torques), 3)
+        a = at_acceleration - at_rest
+        b = in_motion - at_rest
+        c = at_rest
+        d = zero
         if self.friction:
-            law, u1 = self.robot.model.friction, motor_velocities(self.robot.model, q1)
-            c, d = c + law.coulomb * np.sign(u1), law.viscous * u1
+            law = self.robot.model.friction
+            motor_q1 = motor_velocities(self.robot.model, q1)
+            c = c + law.coulomb * np.sign(motor_q1)
+            d = law.viscous * motor_q1
         j, k = self.torque, self.accelerated
-        side = np.where(self._offset != 0, np.sign(q1[:, k]), 1.0)
-        a, b = np.concatenate([a[:, j], side * q1[:, k]], axis=1), np.concatenate([b[:, j], side * q2[:, k]], axis=1)
-        c = np.concatenate([c[:, j], np.broadcast_to(self._offset, side.shape)], axis=1)
-        d = np.concatenate([d[:, j], np.zeros_like(side)], axis=1)
+        sign = np.where(self._offset != 0, np.sign(q1[:, k]), 1.0)
+        a = np.concatenate([a[:, j], sign * q1[:, k]], axis=1)
+        b = np.concatenate([b[:, j], sign * q2[:, k]], axis=1)
+        c = np.concatenate([c[:, j], np.broadcast_to(self._offset, sign.shape)], axis=1)
+        d = np.concatenate([d[:, j], np.zeros_like(sign)], axis=1)
+        flat = self.flat
         with np.errstate(divide="ignore", invalid="ignore"):
             caps = [(self.bounds.velocity[self.fast] / np.abs(q1[:, self.fast])) ** 2]
-            if (f := self.flat).any():
-                a = np.where(f, 0.0, a)
-                lift = np.where(b[:, f] > 0, self.L[f] - c[:, f], self.L[f] + c[:, f]) / np.abs(b[:, f])
-                caps.append(np.where(b[:, f] == 0, np.inf, lift))
+            if flat.any():  # |b x + c| ≤ L
+                a = np.where(flat, 0.0, a)
+                room = np.where(b[:, flat] > 0, self.L[flat] - c[:, flat], self.L[flat] + c[:, flat])
+                max_x = room / np.abs(b[:, flat])
+                caps.append(np.where(b[:, flat] == 0, np.inf, max_x))
         return Rows(a, b, c, d, np.concatenate(caps, axis=1))
 
     @cached_property
@@ -139,9 +172,9 @@ class PathRows:
         if self.friction:
             points += self._column_zeros(self._drive_velocities, range(self.robot.nv))
         breaks = np.unique(np.concatenate(points))
-        keep = np.concatenate([[True], np.diff(breaks) > 1e-11])
-        keep[-1] = True
-        return breaks[keep]
+        is_separate = np.concatenate([[True], np.diff(breaks) > _MIN_BREAK_DISTANCE])
+        is_separate[-1] = True  # the end of the path
+        return breaks[is_separate]
 
     def _drive_velocities(self, s: Array) -> Array:
         """Velocities of the drives at s (m,) for ds/dt = 1; (m, nv)."""
@@ -154,86 +187,111 @@ class PathRows:
             yield self._zeros(values[:, k], lambda s, k=k: f(s)[:, k])
 
     def _zeros(self, values: Array, f: Any) -> Array:
-        """Sign changes of f between the points of the grid, by simultaneous bisection."""
+        """Zeros of f, given its values at the points of the grid; all sign changes are bisected at once."""
         scale = np.abs(values).max(initial=0.0)
         sign = np.sign(np.where(np.abs(values) <= 1e-13 * scale, 0.0, values))
-        exact = self.grid[(sign == 0) & (scale > 0)] if np.count_nonzero(sign == 0) < 20 else np.zeros(0)
+        zeros_on_grid = np.zeros(0)
+        if np.count_nonzero(sign == 0) < _MAX_ZEROS_ON_GRID:
+            zeros_on_grid = self.grid[(sign == 0) & (scale > 0)]
         k = np.flatnonzero(sign[:-1] * sign[1:] < 0)
-        low, high, sign_at_low = self.grid[k], self.grid[k + 1], sign[k]
         if not len(k):
-            return exact
-        for _ in range(52):
+            return zeros_on_grid
+        low = self.grid[k]
+        high = self.grid[k + 1]
+        for _ in range(_BISECTION_STEPS):
             middle = 0.5 * (low + high)
-            same = np.sign(f(middle)) == sign_at_low
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        return np.concatenate([exact, 0.5 * (low + high)])
+            in_upper_half = np.sign(f(middle)) == sign[k]
+            low = np.where(in_upper_half, middle, low)
+            high = np.where(in_upper_half, high, middle)
+        return np.concatenate([zeros_on_grid, 0.5 * (low + high)])
 
     def cap(self, s: Array) -> Cap:
         """Largest x at s (m,), from both sides if they differ. MR figure 9.11: the velocity limit curve."""
-        sides = [np.clip(s + side, 0.0, 1.0) for side in (-1e-12, 1e-12)]
-        below, above = (self.cap_of(self.at(x)) for x in sides)
-        return Cap(*(np.minimum(getattr(below, f), getattr(above, f)) for f in ("x", "velocity", "torque")))
+        left = self.cap_of(self.at(np.clip(s - _SIDE_DISTANCE, 0.0, 1.0)))
+        right = self.cap_of(self.at(np.clip(s + _SIDE_DISTANCE, 0.0, 1.0)))
+        return Cap(
+            np.minimum(left.x, right.x),
+            np.minimum(left.velocity, right.velocity),
+            np.minimum(left.torque, right.torque),
+        )
 
     def cap_of(self, rows: Rows) -> Cap:
         """Cap at points with known rows."""
-        v = rows.cap[:, : len(self.fast)].min(axis=1, initial=np.inf)
-        start = rows.cap.min(axis=1, initial=np.inf)
-        tau = self._meeting(rows, np.minimum(rows.cap[:, len(self.fast) :].min(axis=1, initial=np.inf), _UNBOUNDED_X))
-        return Cap(np.minimum(start, tau), v, tau)
+        by_velocity = rows.cap[:, : len(self.fast)].min(axis=1, initial=np.inf)
+        by_flat_rows = rows.cap[:, len(self.fast) :].min(axis=1, initial=np.inf)
+        by_all_caps = rows.cap.min(axis=1, initial=np.inf)
+        by_torque = self._largest_feasible_x(rows, np.minimum(by_flat_rows, _UNBOUNDED_X))
+        return Cap(np.minimum(by_all_caps, by_torque), by_velocity, by_torque)
 
-    def _meeting(self, rows: Rows, x: Array) -> Array:
-        """Largest x up to the given one with α ≤ β: Newton's method on the concave β - α from the right, few steps."""
-        largest, below, above = x, np.zeros_like(x), x.copy()
-        for _ in range(200):
-            low, high, slope_low, slope_high = self.accelerations(rows, x)
-            gap, slope = high - low, slope_high - slope_low
-            done = (x >= largest) & (gap >= 0)
-            below, above = np.where(gap >= 0, x, below), np.where(gap < 0, x, above)
+    def _largest_feasible_x(self, rows: Rows, max_x: Array) -> Array:
+        """Largest x (m,) up to ``max_x`` at which the least u is not above the largest: α ≤ β.
+
+        Newton's method from the right on β - α, which is concave, takes few steps. With viscous friction the curves bend,
+        so a step out of the bracket is replaced by a bisection.
+        """
+        x = max_x
+        feasible = np.zeros_like(x)
+        infeasible = x.copy()
+        for _ in range(_MAX_SEARCH_STEPS):
+            alpha, beta, alpha_slope, beta_slope = self.accelerations(rows, x)
+            gap = beta - alpha
+            slope = beta_slope - alpha_slope
+            done = (x >= max_x) & (gap >= 0)
+            feasible = np.where(gap >= 0, x, feasible)
+            infeasible = np.where(gap < 0, x, infeasible)
             with np.errstate(all="ignore"):
-                new = x - np.where(slope < 0, gap / slope, np.nan)  # with viscous friction the lines are curved: bisect
-            new = np.where((new >= below) & (new <= above), new, 0.5 * (below + above))
-            before, x = x, np.where(done, x, new)
-            if (np.abs(x - before) <= 1e-15 * x).all():
+                newton_x = x - np.where(slope < 0, gap / slope, np.nan)
+            in_bracket = (newton_x >= feasible) & (newton_x <= infeasible)  # False for NaN
+            next_x = np.where(in_bracket, newton_x, 0.5 * (feasible + infeasible))
+            next_x = np.where(done, x, next_x)
+            change = np.abs(next_x - x)
+            x = next_x
+            if (change <= 1e-15 * x).all():
                 break
         return np.where(x >= 0.999 * _UNBOUNDED_X, np.inf, x)
 
     def accelerations(self, rows: Rows, x: Array) -> tuple[Array, Array, Array, Array]:
-        """Least and largest u at x (m,), α and β, and their slopes with respect to x; (m,) each."""
-        f = ~self.flat
-        a, b, d = rows.a[:, f], rows.b[:, f], rows.d[:, f]
-        root = np.sqrt(np.maximum(x, 1e-300))[:, None]
-        v = b * x[:, None] + d * root + rows.c[:, f]
-        slope = -(b + 0.5 * d / root)
+        """Least u α and largest u β at x (m,), and their slopes with respect to x; (m,) each.
+
+        From |a u + v| ≤ L with v = b x + d √x + c: u lies between (-L - sign(a) v) / |a| and (L - sign(a) v) / |a|.
+        """
+        steep = ~self.flat
+        if not steep.any():
+            return np.full(len(x), -np.inf), np.full(len(x), np.inf), np.zeros(len(x)), np.zeros(len(x))
+        a, b, c, d = rows.a[:, steep], rows.b[:, steep], rows.c[:, steep], rows.d[:, steep]
+        L = self.L[steep]
+        root = np.sqrt(np.maximum(x, 1e-300))[:, None]  # not 0, since it divides below
+        v = b * x[:, None] + d * root + c
+        minus_v_slope = -(b + 0.5 * d / root)
         size = np.where(a == 0, np.nan, np.abs(a))
         sign = np.sign(a)
         with np.errstate(all="ignore"):
-            high = np.where(np.isnan(size), np.inf, (self.L[f] - sign * v) / size)
-            low = np.where(np.isnan(size), -np.inf, (-self.L[f] - sign * v) / size)
-            rate = np.where(np.isnan(size), 0.0, sign * slope / size)
-        if not f.any():
-            return np.full(len(x), -np.inf), np.full(len(x), np.inf), np.zeros(len(x)), np.zeros(len(x))
-        k, i, j = np.arange(len(x)), low.argmax(axis=1), high.argmin(axis=1)
-        return low[k, i], high[k, j], rate[k, i], rate[k, j]
+            largest = np.where(np.isnan(size), np.inf, (L - sign * v) / size)
+            least = np.where(np.isnan(size), -np.inf, (-L - sign * v) / size)
+            slope = np.where(np.isnan(size), 0.0, sign * minus_v_slope / size)
+        points = np.arange(len(x))
+        i = least.argmax(axis=1)
+        j = largest.argmin(axis=1)
+        return least[points, i], largest[points, j], slope[points, i], slope[points, j]
 
     def require_standing(self) -> None:
         """Raise PathError if the robot cannot stand still somewhere on the path, so that it may be unable to follow it."""
-        beside_breaks = [np.clip(self.breaks + side, 0, 1) for side in (1e-12, -1e-12)]
+        beside_breaks = [np.clip(self.breaks + side, 0, 1) for side in (_SIDE_DISTANCE, -_SIDE_DISTANCE)]
         s = np.unique(np.concatenate([self.grid, *beside_breaks]))
-        c = np.abs(self.at(s).c)
-        share = np.divide(c, self.L, out=np.zeros_like(c), where=self.L > 0)
-        share[(self.L == 0) & (c > 0)] = np.inf
-        if share.size and share.max() >= 1 - 1e-6:
-            i, k = np.unravel_index(int(share.argmax()), share.shape)
-            first = s[(share >= 1 - 1e-6).any(axis=1)][0]
-            row, model = self.rows[k], self.robot.model
-            name = (model.drive_labels if row.kind == "torque" else model.velocity_names)[row.joint]
-            friction = " against friction" if self.friction else ""
-            since = f" (too much from s = {printed(first, 4)})" if first < s[i] else ""
-            raise PathError(
-                f"the robot cannot hold itself on this path: at s = {printed(s[i], 4)} {name!r} needs {printed(c[i, k], 4)} of "
-                f"{printed(self.L[k], 4)} to stand still{friction}{since}. Take load off, another path, or a stronger joint.",
-                reached=float(first),
-            )
-
-
-_UNBOUNDED_X = 1e12
+        standing = np.abs(self.at(s).c)  # needed at u = x = 0
+        share = np.divide(standing, self.L, out=np.zeros_like(standing), where=self.L > 0)
+        share[(self.L == 0) & (standing > 0)] = np.inf
+        if not share.size or share.max() < _MAX_STANDING_SHARE:
+            return
+        i, k = np.unravel_index(int(share.argmax()), share.shape)
+        first = s[(share >= _MAX_STANDING_SHARE).any(axis=1)][0]
+        row, model = self.rows[k], self.robot.model
+        names = model.drive_labels if row.kind == "torque" else model.velocity_names
+        friction = " against friction" if self.friction else ""
+        start = f" (too much from s = {printed(first, 4)})" if first < s[i] else ""
+        raise PathError(
+            f"the robot cannot hold itself on this path: at s = {printed(s[i], 4)} {names[row.joint]!r} needs "
+            f"{printed(standing[i, k], 4)} of {printed(self.L[k], 4)} to stand still{friction}{start}. Take load off, another "
+            "path, or a stronger joint.",
+            reached=float(first),
+        )

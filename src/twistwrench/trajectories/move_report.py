@@ -19,7 +19,7 @@ from ..core.doubts import Doubt
 from ..core.errors import PathError, TwistWrenchError, ValueRangeError
 from ..core.numbers import number, printed
 from ..core.text import Argument, argument
-from ..core.typing import Metres, Seconds, Vector
+from ..core.typing import Array, Metres, Seconds, Vector
 from ..core.verdict import Verdict, Word
 from ..mechanics.joints.units import units_of
 from ..mechanics.model.couplings import coupled_entries, drive_turns, motor_torques, motor_velocities
@@ -82,11 +82,11 @@ class MoveReport(Answer):
     limits: Limits
     """Limits of the comparison."""
     trajectory: Trajectory | None
-    """Path and timing; until where the robot can follow, if the path ends early. None if there is none."""
+    """Path and timing; if the path ends early, the part that the robot can follow. None without any."""
     refused: Verdict | None = None
-    """Why there is no trajectory; None with one."""
+    """Verdict without a trajectory; None with a trajectory."""
     early_end: str = ""
-    """Why the path ends early; empty if it does not."""
+    """Reason why the path ends early; empty if it does not."""
     clearance: PathClearance | None = None
     """Least distance between links; None without ``clearance``."""
     hints: tuple[str, ...] = ()
@@ -117,12 +117,12 @@ class MoveReport(Answer):
 
     @property
     def motion(self) -> Motion | None:
-        """Samples of the trajectory every 2 ms; None without one."""
+        """Samples of the trajectory every 2 ms; None without a trajectory."""
         return None if self.trajectory is None else self.trajectory.sample(STEP)
 
     @property
     def subject(self) -> str:
-        """Robot and path."""
+        """Text with robot and path, or what is wrong."""
         if self.trajectory is not None:
             return f"{self.robot_name} · {self.trajectory.path.name}"
         contradicts = self.refused is not None and self.refused.word is Word.LOOK_AGAIN
@@ -130,7 +130,7 @@ class MoveReport(Answer):
 
     @property
     def brief(self) -> str:
-        """Duration."""
+        """Text with the duration; empty without a trajectory."""
         return "" if self.trajectory is None else f"{number(self.trajectory.duration, 6)} s"
 
     # ── The verdict
@@ -147,6 +147,7 @@ class MoveReport(Answer):
 
     @cached_property
     def _violations_and_doubts(self) -> tuple[tuple[Violation, ...], list[str]]:
+        """Certain violations, and doubts about a base that nothing holds."""
         if self.trajectory is None:
             return (), []
         return certain_violations(self.trajectory.violations(self.limits, friction=self.friction), self.robot)
@@ -155,7 +156,7 @@ class MoveReport(Answer):
     def doubts(self) -> tuple[str, ...]:
         """Reasons to be unsure, sentences without a full stop."""
         doubts = list(self._violations_and_doubts[1])
-        doubts += [str(each) for each in _input_doubts(self.load, self.limits) if not each.refuses]
+        doubts += [str(doubt) for doubt in _input_doubts(self.load, self.limits) if not doubt.refuses]
         doubts += limit_doubts(self.load.robot, self.limits, [use.peak for use in self.uses])
         doubts += model_warnings(self.robot.model, self.uses)
         if self.clearance is not None and self.clearance.verdict.word is Word.UNSURE:
@@ -183,7 +184,7 @@ class MoveReport(Answer):
             return self.near
         if self.early_end:
             return Verdict(Word.STOPPED, (self.early_end,))
-        return Verdict.from_reasons(over=[str(each) for each in self.violations], unsure=list(self.doubts))
+        return Verdict.from_reasons(over=[str(violation) for violation in self.violations], unsure=list(self.doubts))
 
     # ── The answer on every surface
 
@@ -209,8 +210,10 @@ class MoveReport(Answer):
         -------
         files : {argument: path}
         """
-        limits = {"limits": self.limits_file} if self.limits_file else {}
-        return {"ROBOT": self.robot.model.source, **limits}
+        sources: dict[str, str | Path] = {"ROBOT": self.robot.model.source}
+        if self.limits_file:
+            sources["limits"] = self.limits_file
+        return sources
 
     def origin(self) -> Iterator[Setting]:
         """Robot, and the limits used.
@@ -329,51 +332,61 @@ def move(
             f"{argument('fastest', True)} computes the duration, and {argument('duration')} sets it. Leave one of them out."
         )
     arguments.refuse_unused_srdf(clearance, srdf)
-    loads = LoadCase(robot if isinstance(robot, Robot) else load(robot), payloads_of(payload), friction=friction)
+    if not isinstance(robot, Robot):
+        robot = load(robot)
+    loads = LoadCase(robot, payloads_of(payload), friction=friction)
     arm = loads.with_load
-    bounds = _bounds(arm, limits_file.limits_of(limits, arm.model, degrees=degrees), acceleration, jerk)
+    stated_limits = limits_file.limits_of(limits, arm.model, degrees=degrees)
+    bounds = _with_uniform_limits(arm, stated_limits, acceleration, jerk)
     q0 = configuration_of(arm, start, degrees=degrees, what=Argument("start", option="from"))
     q1 = configuration_of(arm, to, degrees=degrees, what=Argument("to"), start=q0)
-    ends = (("start", start, q0), ("to", to, q1))
-    end_hints = [(name, degrees_hint(arm, q)) for name, configuration, q in ends if configuration is not None]
-    hints = [f"{name}: {hint}" for name, hint in end_hints if hint]
-    kinds = (("acceleration", acceleration), ("jerk", jerk))
+    hints = []
+    for name, configuration, q in (("start", start, q0), ("to", to, q1)):
+        hint = "" if configuration is None else degrees_hint(arm, q)
+        if hint:
+            hints.append(f"{name}: {hint}")
+    uniform_limits = (("acceleration", acceleration), ("jerk", jerk))
     report = MoveReport(
         loads, bounds, None, hints=(*hints, *loads.unit_hints), degrees=degrees,
-        asked=frozenset(kind for kind, value in kinds if value is not None),
+        asked=frozenset(kind for kind, limit in uniform_limits if limit is not None),
         limits_file=str(limits) if isinstance(limits, str | Path) else "", step=step,
     )  # fmt: skip
-    if contradictory := [str(each) for each in _input_doubts(loads, bounds) if each.refuses]:
-        return replace(report, refused=Verdict.from_reasons(look_again=contradictory), hints=())
+    contradictions = [str(doubt) for doubt in _input_doubts(loads, bounds) if doubt.refuses]
+    if contradictions:
+        return replace(report, refused=Verdict.from_reasons(look_again=contradictions), hints=())
     check_path(to, by, waypoints, path, scaling)
     between = None if waypoints is None else read_waypoints(arm, waypoints, degrees=degrees)
-    way, trouble = path_and_trouble(arm, q0, q1, by, between, path)
-    if way is None:
-        return replace(report, refused=Verdict(Word.STOPPED, (str(trouble).removesuffix("."),)))
-    report = _with_timing(report, way, fast=fastest and trouble is None, scaling=scaling, duration=duration)
+    joint_path, early_end = path_and_trouble(arm, q0, q1, by, between, path)
+    if joint_path is None:
+        return replace(report, refused=Verdict(Word.STOPPED, (str(early_end).removesuffix("."),)))
+    # The feasible part of a path that ends early has the time scaling.
+    fast = fastest and early_end is None
+    report = _with_timing(report, joint_path, fast=fast, scaling=scaling, duration=duration)
     if report.trajectory is None:
         return report
     times = np.linspace(0.0, report.trajectory.duration, SAMPLES)
-    q = report.trajectory(times)[0]
-    path_clearance = clearance_along(arm, [(times, q)], clearance, srdf)
-    return replace(report, clearance=path_clearance, early_end="" if trouble is None else str(trouble))
+    positions, _, _ = report.trajectory(times)
+    path_clearance = clearance_along(arm, [(times, positions)], clearance, srdf)
+    return replace(report, clearance=path_clearance, early_end="" if early_end is None else str(early_end))
 
 
 def _with_timing(
-    report: MoveReport, way: JointPath, *, fast: bool, scaling: Scalings, duration: float | None
+    report: MoveReport, path: JointPath, *, fast: bool, scaling: Scalings, duration: float | None
 ) -> MoveReport:
-    """Report with the timing of a path, or with the reason why there is none; other errors carry the report's hints."""
+    """Report with the timing of a path, or with the reason why it has no timing; other errors carry the report's hints."""
     robot, bounds = report.robot, report.limits
     try:
-        moving = time_path(robot, way, bounds, fast=fast, scaling=scaling, duration=duration, friction=report.friction)
+        trajectory = time_path(
+            robot, path, bounds, fast=fast, scaling=scaling, duration=duration, friction=report.friction
+        )
     except PathError as problem:
-        word, reason = untimed_verdict(problem, robot, can_stand=can_stand(robot, way, bounds))
+        word, reason = untimed_verdict(problem, robot, can_stand=can_stand(robot, path, bounds))
         return replace(report, refused=Verdict(word, (str(reason).removesuffix("."),)))
     except TwistWrenchError as error:
         for hint in report.hints:
             error.add_note(hint)
         raise
-    return replace(report, trajectory=moving)
+    return replace(report, trajectory=trajectory)
 
 
 def _input_doubts(loads: LoadCase, bounds: Limits) -> list[Doubt]:
@@ -381,8 +394,8 @@ def _input_doubts(loads: LoadCase, bounds: Limits) -> list[Doubt]:
     return [*credible_limits(bounds, loads.robot), *loads.doubts]
 
 
-def _bounds(robot: Robot, bounds: Limits, acceleration: float | None, jerk: float | None) -> Limits:
-    """Limits with those of acceleration and jerk that are given as one number."""
+def _with_uniform_limits(robot: Robot, bounds: Limits, acceleration: float | None, jerk: float | None) -> Limits:
+    """Limits, with acceleration and jerk of all joints replaced where they are given as one number."""
     uniform = bounds_of(robot, acceleration=acceleration, jerk=jerk)
     if acceleration is not None:
         bounds = replace(bounds, acceleration=uniform.acceleration, deceleration=uniform.deceleration)
@@ -401,7 +414,7 @@ class JointUse:
     joint: str
     """Name of the joint or motor."""
     way: float
-    """Difference of its position between both ends [rad or m]."""
+    """Change of position from start to end [rad or m]."""
     velocity: float
     """Velocity of largest magnitude, with its sign [rad/s or m/s]."""
     velocity_share: float
@@ -420,22 +433,36 @@ class JointUse:
 
 def joint_uses(trajectory: Trajectory, bounds: Limits, *, friction: bool) -> list[JointUse]:
     """Peaks for each entry of dq; coupled joints are replaced by their motors."""
-    robot, model = trajectory.robot, trajectory.robot.model
+    robot = trajectory.robot
+    model = robot.model
     t = np.linspace(0.0, trajectory.duration, SAMPLES)
     q, dq, ddq = trajectory(t)
     tau = motor_torques(model, required_torques(robot, t, q, dq, ddq, friction=friction))
-    way, dq = motor_velocities(model, robot.subtract(q[-1], q[0])), motor_velocities(model, dq)
-    units, speed_limits = units_of("tau", drive_turns(model)), np.where(coupled_entries(model), np.inf, bounds.velocity)
-    at_limit = dict.fromkeys((*model.velocity_names, *model.drive_labels), 0.0)
+    drive_velocities = motor_velocities(model, dq)
+    way = motor_velocities(model, robot.subtract(q[-1], q[0]))  # couplings map changes of position as velocities
+    units = units_of("tau", drive_turns(model))
+    velocity_limits = np.where(
+        coupled_entries(model), np.inf, bounds.velocity
+    )  # those of coupled joints are no motor's
+    time_at_limit = dict.fromkeys((*model.velocity_names, *model.drive_labels), 0.0)  # share of the duration
     if isinstance(trajectory, Fastest):
         for contact in trajectory.limit_contacts:
-            at_limit[contact.joint] += (contact.end - contact.begin) / trajectory.duration
+            time_at_limit[contact.joint] += (contact.end - contact.begin) / trajectory.duration
     uses = []
     for k, name in enumerate(model.drive_labels):
-        speed, peak = (float(x[int(np.abs(x).argmax())]) for x in (dq[:, k], tau[:, k]))
-        speed_share, torque_share = _share(speed, speed_limits[k]), _share(peak, bounds.effort[k])
-        uses.append(JointUse(name, float(way[k]), speed, speed_share, peak, torque_share, units[k], at_limit[name]))
+        velocity = _largest(drive_velocities[:, k])
+        peak = _largest(tau[:, k])
+        velocity_share = _share(velocity, velocity_limits[k])
+        torque_share = _share(peak, bounds.effort[k])
+        uses.append(
+            JointUse(name, float(way[k]), velocity, velocity_share, peak, torque_share, units[k], time_at_limit[name])
+        )
     return uses
+
+
+def _largest(samples: Array) -> float:
+    """Sample of largest magnitude, with its sign."""
+    return float(samples[int(np.abs(samples).argmax())])
 
 
 def _share(value: float, limit: float) -> float:

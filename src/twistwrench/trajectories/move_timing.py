@@ -34,6 +34,8 @@ Scalings: TypeAlias = Literal["quintic", "cubic", "trapezoid", "s-curve"]
 """Time scalings along the path."""
 SAMPLES = 2001
 """Number of times at which a motion is judged."""
+_MAX_LISTED_NAMES = 12
+"""Largest number of columns that a message names."""
 
 
 def check_path(to: ConfigurationGiven, by: ArrayLike | None, waypoints: Any, path: str, scaling: str) -> None:
@@ -61,18 +63,23 @@ def check_path(to: ConfigurationGiven, by: ArrayLike | None, waypoints: Any, pat
 def path_and_trouble(
     robot: Robot, q0: Array, q1: Array, by: ArrayLike | None, between: Array | None, path: str
 ) -> tuple[JointPath | None, PathError | None]:
-    """Requested path from q0 (nq,) to q1 (nq,) or by a vector; if it ends early, its feasible part and the error."""
+    """Requested path from q0 (nq,) to q1 (nq,), or by a vector ``by`` (3,) of the tip [m]; ``between`` are waypoints (n, nq).
+
+    If the path ends early, its feasible part is returned with the error.
+    """
     if between is not None:
         return spline(robot, np.concatenate([[q0], between, [q1]])), None
     if by is None and path == "joint":
         return joint_line(robot, q0, q1), None
-    T = robot.forward_kinematics(q0)
-    if by is None:
-        poses = (straight_path if path == "line" else screw_path)(T, robot.forward_kinematics(q1))
+    start_pose = robot.forward_kinematics(q0)
+    if by is not None:
+        end_pose = start_pose.copy()
+        end_pose[:3, 3] += arguments.one(arguments.finite(by, "by", 3), "by", 3)
+        poses = straight_path(start_pose, end_pose)
+    elif path == "line":
+        poses = straight_path(start_pose, robot.forward_kinematics(q1))
     else:
-        end = T.copy()
-        end[:3, 3] += arguments.one(arguments.finite(by, "by", 3), "by", 3)
-        poses = straight_path(T, end)
+        poses = screw_path(start_pose, robot.forward_kinematics(q1))
     try:
         return follow_poses(robot, poses, q0), None
     except PathError as problem:
@@ -89,23 +96,34 @@ def time_path(
     duration: float | None,
     friction: bool,
 ) -> Trajectory:
-    """Motion along the path: the ``fast``est, or with the time scaling."""
+    """Motion along the path: the fastest if ``fast``, otherwise with the time scaling.
+
+    Without a duration, the time scaling is as short as the limits allow.
+    """
     if fast:
         kinds = ("velocity", "effort", "acceleration", "deceleration", "jerk")
         limits = {kind: getattr(bounds, kind) for kind in kinds}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConstraintWarning)  # the verdict checks positions against the given limits
             return fastest_timing(robot, path, friction=friction, **limits)
-    shapes: dict[str, Any] = {"quintic": quintic(1.0), "cubic": cubic(1.0), "s-curve": s_curve(1.0)}
-    shape = {**shapes, "trapezoid": trapezoid(v=1.5, duration=1.0)}[scaling]
+    unit_scalings: dict[str, Any] = {  # of one second
+        "quintic": quintic(1.0),
+        "cubic": cubic(1.0),
+        "s-curve": s_curve(1.0),
+        "trapezoid": trapezoid(v=1.5, duration=1.0),
+    }
+    unit_scaling = unit_scalings[scaling]
     if duration is not None:
-        return Trajectory(robot, path, shape.stretched(duration), friction=friction)
-    return Trajectory(robot, path, fitted(robot, path, shape, bounds, friction=friction), friction=friction)
+        time_scaling = unit_scaling.stretched(duration)
+    else:
+        time_scaling = fitted(robot, path, unit_scaling, bounds, friction=friction)
+    return Trajectory(robot, path, time_scaling, friction=friction)
 
 
 def read_waypoints(robot: Robot, source: str | Path | ArrayLike, *, degrees: bool) -> Array:
-    """Configurations (n, nq) of a file or an array."""
-    unit = np.where(Coordinates.from_model(robot.model).angular & degrees, math.radians(1.0), 1.0)
+    """Configurations (n, nq) of a file or an array, in rad and m; ``degrees``: angles there are in degrees."""
+    is_angle = Coordinates.from_model(robot.model).angular
+    unit = np.where(is_angle & degrees, math.radians(1.0), 1.0)
     if isinstance(source, str | Path):
         return _waypoints_of_file(robot, source) * unit
     rows = arguments.finite(source, "waypoints", robot.nq, names=robot.coordinate_names)
@@ -113,9 +131,9 @@ def read_waypoints(robot: Robot, source: str | Path | ArrayLike, *, degrees: boo
 
 
 def _waypoints_of_file(robot: Robot, file: str | Path) -> Array:
-    """Rows (n, nq) of a file, as written."""
+    """Rows (n, nq) of a file, in its units."""
     names = robot.coordinate_names
-    form = f"the columns {', '.join(names[:12])}, each once, and at least one row"
+    form = f"the columns {', '.join(names[:_MAX_LISTED_NAMES])}, each once, and at least one row"
     with table_errors(file, "waypoint file", form):
         table = CsvFile.open(file)
         if sorted(table.header) != sorted(names):
@@ -134,19 +152,23 @@ def can_stand(robot: Robot, path: JointPath, bounds: Limits) -> bool:
 
 
 def untimed_verdict(problem: PathError, robot: Robot, *, can_stand: bool) -> tuple[Word, PathError]:
-    """First word and reason for a path without a timing; torques of a legged robot whose base nothing holds are uncertain."""
+    """First word and reason for a path without a timing.
+
+    If nothing holds the base of a legged robot, its torques are uncertain: the word is UNSURE instead of OVER LIMIT.
+    """
     if can_stand:
         return Word.STOPPED, problem
-    hanging = base_doubts(robot.model)
-    if not hanging:
+    doubts = base_doubts(robot.model)
+    if not doubts:
         return Word.OVER_LIMIT, problem
-    return Word.UNSURE, PathError("; ".join([*hanging, hanging_excess(str(problem))]))
+    return Word.UNSURE, PathError("; ".join([*doubts, hanging_excess(str(problem))]))
 
 
 def certain_violations(violations: tuple[Violation, ...], robot: Robot) -> tuple[tuple[Violation, ...], list[str]]:
-    """Violations that hold however the base is held, and doubts about a legged robot's base and its torques."""
-    hanging = base_doubts(robot.model)
-    if not hanging:
+    """Violations that are certain although nothing holds a legged robot's base, and doubts about this base and its torques."""
+    doubts = base_doubts(robot.model)
+    if not doubts:
         return violations, []
-    torques = [hanging_excess(str(v)) for v in violations if v.kind == "torque"]
-    return tuple(v for v in violations if v.kind != "torque"), [*hanging, *torques[:1]]
+    other_violations = tuple(v for v in violations if v.kind != "torque")
+    torque_doubts = [hanging_excess(str(v)) for v in violations if v.kind == "torque"]
+    return other_violations, [*doubts, *torque_doubts[:1]]

@@ -63,7 +63,8 @@ def pictures_of(answer: Answer) -> Iterable[Picture]:
     """Pictures of the page of an answer: by default its usual plot; none without matplotlib."""
     if find_spec("matplotlib") is None:
         return []
-    return [plot_picture(kind, plot) for kind, plot in [*plots_of(answer).items()][:1]]
+    usual_plot = [*plots_of(answer).items()][:1]  # empty without plots
+    return [plot_picture(kind, plot) for kind, plot in usual_plot]
 
 
 @singledispatch
@@ -74,30 +75,35 @@ def viewer_of(answer: Answer) -> Viewer | None:
 
 
 def _if_small(viewer: Viewer) -> Viewer | None:
-    """The viewer; None if its page is too long to stand in another."""
+    """The viewer itself; None if its page is too long to be part of another page."""
     return viewer if len(viewer.page) < LARGEST_VIEWER else None
 
 
 def plot(answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
-    """Draw a kind of plot of an answer into a file, or as a figure without one; a file alone gets the usual kind."""
+    """Draw a kind of plot of an answer into a file, or as a figure without a path.
+
+    Without a kind, the usual plot is drawn. A path may also be given alone, in place of the kind.
+    """
     return plot_one_of(plots_of(answer), answer, kind, path)
 
 
 def plot_one_of(known: Mapping[str, Plot], answer: Answer, kind: str | Path | None, path: str | Path | None) -> Any:
-    """Draw one of these plots of an answer into a file, or as a figure without one."""
+    """Draw one of the known plots of an answer into a file, or as a figure without a path; see :func:`plot`."""
     if not known:
         raise ValueRangeError(f"a {type(answer).__name__} has no picture. Its tables: {', '.join(answer.tables)}.")
     if path is None and kind is not None and (not isinstance(kind, str) or Path(kind).suffix):
-        kind, path = None, as_path(kind)
+        path = as_path(kind)  # a path alone
+        kind = None
     if kind is not None and kind not in known:
         raise UnknownNameError.from_choices("kind of plot", str(kind), known)
-    chosen = known[str(kind) if kind else next(iter(known))]
+    usual_kind = next(iter(known))
+    draw = known[str(kind) if kind else usual_kind]
     if path is not None:
         target = picture_path(path)
-        chosen(target)
+        draw(target)
         return Path(target)
     shown = style.ShownFigure()
-    chosen(shown)
+    draw(shown)
     return shown.figure
 
 
@@ -110,13 +116,16 @@ def _(answer: SimulationResult) -> Mapping[str, Plot]:
 def _(answer: SimulationResult) -> Iterable[Picture]:
     if find_spec("matplotlib") is None:
         return []
-    pictures = [] if answer.simulated is None else [robot_picture(answer.simulated, *worst_moment_of(answer))]
-    return [*pictures, plot_picture("Joints, energies and drift", partial(plot_simulation, answer))]
+    pictures = []
+    if answer.simulated is not None:
+        pictures.append(robot_picture(answer.simulated, *worst_moment_of(answer)))
+    pictures.append(plot_picture("Joints, energies and drift", partial(plot_simulation, answer)))
+    return pictures
 
 
 @viewer_of.register
 def _(answer: SimulationResult) -> Viewer | None:
-    """Robot that follows the motion; without the motion if its torques are not those of the motors alone."""
+    """Robot that follows the motion; without the motion if other forces than the motors' act on it."""
     robot = answer.simulated
     if robot is None or robot.model.couplings:
         return None
@@ -134,8 +143,9 @@ def _(answer: CalibratedRobot) -> Mapping[str, Plot]:
 @viewer_of.register
 def _(answer: CalibratedRobot) -> Viewer | None:
     """Calibrated robot at the first reading, with the errors at measured points and over the workspace."""
-    first, layer = answer.fit.problem.measured[0].q[0], calibration_layer(answer)
-    return _if_small(page.viewer_page(answer.robot, q=first, embed=True, layer=layer))
+    first_configuration = answer.fit.problem.measured[0].q[0]
+    layer = calibration_layer(answer)
+    return _if_small(page.viewer_page(answer.robot, q=first_configuration, embed=True, layer=layer))
 
 
 @plots_of.register
@@ -153,21 +163,25 @@ def _(answer: DoctorReport) -> Iterable[Picture]:
     """Links in the colours of their findings, and inertias before and after the repair."""
     if find_spec("matplotlib") is None:
         return []
-    scene, pictures = findings_scene(answer), []
+    scene = findings_scene(answer)
+    pictures = []
     if scene.robot.nv:
-        named = any(finding.where.startswith("link") for finding in answer.findings)
-        colours = ", links in the colours of their findings: red error, amber warning, grey note" if named else ""
-        pictures.append(robot_picture(scene.robot, None, None, f"{answer.robot}{colours}", scene))
+        title = str(answer.robot)
+        if any(finding.where.startswith("link") for finding in answer.findings):
+            title += ", links in the colours of their findings: red error, amber warning, grey note"
+        pictures.append(robot_picture(scene.robot, None, None, title, scene))
     return pictures + [plot_picture("Inertia before and after", plot) for plot in plots_of(answer).values()]
 
 
 @viewer_of.register
 def _(answer: DoctorReport) -> Viewer | None:
     scene = findings_scene(answer)
-    return _if_small(page.viewer_page(scene.robot, scene=scene, embed=True)) if scene.robot.nv else None
+    if not scene.robot.nv:
+        return None
+    return _if_small(page.viewer_page(scene.robot, scene=scene, embed=True))
 
 
-_OF_MOTION = {"causes": plot_split, "power": plot_power, "phase": plot_phase}
+_MOTION_PLOTS = {"causes": plot_split, "power": plot_power, "phase": plot_phase}
 """Plots of a motion with its torques."""
 
 
@@ -178,7 +192,7 @@ def _(answer: TorqueReport) -> Mapping[str, Plot]:
     def motion_plot(draw: Callable[..., Any]) -> Plot:
         return lambda path: draw(reported_motion(answer), path)
 
-    plots |= {kind: motion_plot(draw) for kind, draw in _OF_MOTION.items()}
+    plots |= {kind: motion_plot(draw) for kind, draw in _MOTION_PLOTS.items()}
     if answer.motors:
         plots["motors"] = partial(plot_motors, answer)
     return plots | {kind: plot for kind, (_, plot) in _held_plots(answer).items()}
@@ -186,21 +200,21 @@ def _(answer: TorqueReport) -> Mapping[str, Plot]:
 
 def _held_plots(answer: TorqueReport) -> Mapping[str, tuple[str, Plot]]:
     """Titles and plots of what holds the robot and its payload, by kind."""
-    held, found = answer.held, dict[str, tuple[str, Plot]]()
+    held = answer.held
+    plots: dict[str, tuple[str, Plot]] = {}
     if held.support is not None:
         ground = held.support
-        draw = partial(plot_support, ground, time=ground.time, robot=ground.robot, q=ground.states.q)
-        found["support"] = "Contact forces, margins and friction cones", draw
+        draw_ground = partial(plot_support, ground, time=ground.time, robot=ground.robot, q=ground.states.q)
+        plots["support"] = ("Contact forces, margins and friction cones", draw_ground)
     if held.mounting is not None:
-        load, pattern = held.mounting.load, held.mounting.pattern
-        places = None if pattern is None else pattern.places
-        found["mounting"] = (
-            "Load of the foundation",
-            partial(plot_mounting, load, time=held.mounting.time, bolts=places),
-        )
+        mounting = held.mounting
+        bolts = None if mounting.pattern is None else mounting.pattern.places
+        draw_mounting = partial(plot_mounting, mounting.load, time=mounting.time, bolts=bolts)
+        plots["mounting"] = ("Load of the foundation", draw_mounting)
     if held.grip is not None:
-        found["grip"] = "Grip of the payload", partial(plot_support, held.grip.support, time=held.grip.time)
-    return found
+        draw_grip = partial(plot_support, held.grip.support, time=held.grip.time)
+        plots["grip"] = ("Grip of the payload", draw_grip)
+    return plots
 
 
 @pictures_of.register
@@ -229,10 +243,12 @@ def _(answer: TorqueReport) -> Viewer | None:
 def worst_moment(report: TorqueReport) -> Picture:
     """Robot at the peak of the joint nearest to its limit, which is marked."""
     assert report.worst is not None
-    joint, states = report.joints[report.worst], report.around
-    share = f"{percent_of_limit(joint.share)} of its limit" if math.isfinite(joint.limit) else "no limit"
-    q = states.q[int(np.argmin(np.abs(states.time - joint.time)))]
-    marked = MarkedJoint(joint.joint, f"{joint.joint}, {share}", mark_style(joint.share))
+    joint = report.joints[report.worst]
+    states = report.around
+    share_text = f"{percent_of_limit(joint.share)} of its limit" if math.isfinite(joint.limit) else "no limit"
+    row = int(np.argmin(np.abs(states.time - joint.time)))
+    q = states.q[row]
+    marked = MarkedJoint(joint.joint, f"{joint.joint}, {share_text}", mark_style(joint.share))
     title = f"{report.robot} at t = {seconds(joint.time)} s"
     return robot_picture(report.load.with_load, q, marked, title)
 
@@ -246,8 +262,8 @@ def _(answer: PayloadReport) -> Mapping[str, Plot]:
 def _(answer: PayloadReport) -> Iterable[Picture]:
     if find_spec("matplotlib") is None:
         return []
-    worst = answer.limiting
-    marked = MarkedJoint(worst, f"{worst}, which limits the payload", Style.NEAR) if worst else None
+    joint = answer.limiting
+    marked = MarkedJoint(joint, f"{joint}, which limits the payload", Style.NEAR) if joint else None
     pictures = [robot_picture(answer.robot, answer.q, marked, f"{answer.robot.name} in this pose")]
     return pictures + [plot_picture("Forces and holding torques", plot) for plot in plots_of(answer).values()]
 
@@ -282,10 +298,10 @@ def _(answer: Sizing) -> Viewer | None:
 
 @plots_of.register
 def _(answer: MoveReport) -> Mapping[str, Plot]:
-    moving = answer.trajectory
-    if moving is None:
+    trajectory = answer.trajectory
+    if trajectory is None:
         return {}
-    return {"motion": lambda path: plot_trajectory(moving, path, answer.limits, friction=answer.friction)}
+    return {"motion": lambda path: plot_trajectory(trajectory, path, answer.limits, friction=answer.friction)}
 
 
 @pictures_of.register

@@ -20,9 +20,13 @@ if TYPE_CHECKING:
     from ..mechanics.model.model import Frame
 
 _STYLES = {"error": Style.OVER, "warning": Style.NEAR, "note": Style.QUIET}
-_BEFORE: Colour = (0.84, 0.37, 0.0)
-_AFTER: Colour = (0.0, 0.45, 0.70)
+"""Style of a finding, by severity."""
+_WRITTEN_INERTIA: Colour = (0.84, 0.37, 0.0)
+"""Colour of the ellipsoid of an inertia before its repair, as red, green, blue from 0 to 1."""
+_REPAIRED_INERTIA: Colour = (0.0, 0.45, 0.70)
+"""Colour of this ellipsoid after the repair."""
 _MAX_NOTES = 40
+"""Largest number of findings that the notes name."""
 
 
 def findings_scene(report: DoctorReport) -> Scene:
@@ -38,8 +42,8 @@ def findings_scene(report: DoctorReport) -> Scene:
         if finding.repair is None:
             continue
         for link, inertia in finding.repair.inertias.items():
-            shapes += _inertia_shapes(model.frames[link], model.link_inertias[link], _BEFORE)
-            shapes += _inertia_shapes(model.frames[link], inertia, _AFTER)
+            shapes += _inertia_shapes(model.frames[link], model.link_inertias[link], _WRITTEN_INERTIA)
+            shapes += _inertia_shapes(model.frames[link], inertia, _REPAIRED_INERTIA)
     notes = [f"{finding}. Effect: {finding.effect}." for finding in report.findings[:_MAX_NOTES]]
     return replace(scene, shapes=tuple(shapes), remarks=(*notes, *scene.remarks))
 
@@ -52,11 +56,12 @@ def _body_colours(report: DoctorReport) -> dict[int, Colour]:
             continue
         for link, frame in report.contents.robot.model.frames.items():
             if f"{link!r}" in finding.where:
-                colours.setdefault(frame.body, COLOURS[_STYLES[finding.severity]].scene)
+                style = _STYLES[finding.severity]
+                colours.setdefault(frame.body, COLOURS[style].scene)  # the first finding is the worst
     return colours
 
 
 def _inertia_shapes(frame: Frame, inertia: SpatialInertia, colour: Colour) -> list[Shape]:
-    """Ellipsoid of an inertia about the origin of a frame; empty without mass."""
+    """Ellipsoid of an inertia that is given in a frame; empty without mass."""
     pose = np.array(frame.pose)
     return [Shape(frame.body, solid, pose, colour, "inertia") for solid in equal_inertia_ellipsoid(inertia)]

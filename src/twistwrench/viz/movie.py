@@ -29,9 +29,13 @@ if TYPE_CHECKING:
 
 MOVIES = (".gif", ".mp4")
 """Supported film formats, by suffix."""
-_COLOURS = 256
-"""Number of colours in a GIF."""
-_MAX_PICTURES = 2000
+_COLOURS_IN_GIF = 256
+"""Number of colours in the palette of a GIF."""
+_MAX_OVERVIEW_POSES = 24
+"""About the number of poses of the motion by which the camera is placed."""
+_PALETTE_FRAMES = 4
+"""About the number of frames from which the palette of a GIF is computed."""
+_MAX_FRAMES = 2000
 """Maximum number of pictures in a film."""
 _MAX_BARS = 12
 """Maximum number of torque bars; robots with more joints show those nearest to their limits."""
@@ -97,51 +101,66 @@ def film(
     '.gif'
     """
     target = Path(movie_path(path))
-    moments = _moments(motion, fps, speed)
+    frame_times = _frame_times(motion, fps, speed)
     robot = motion.load.with_load
     if scene is None:
         scene = scene_of(robot)
     scene = mark_overloaded_links(scene, motion).decimated(MAX_TRIANGLES)
-    samples = np.array([motion.at(t)[0] for t in moments[:: max(1, len(moments) // 24)]])
-    painter = Painter(scene, *overview(scene, samples))
+    step = max(1, len(frame_times) // _MAX_OVERVIEW_POSES)
+    sample_poses = []
+    for t in frame_times[::step]:
+        q, _ = motion.at(t)
+        sample_poses.append(q)
+    painter = Painter(scene, *overview(scene, np.array(sample_poses)))
     with replacing(target) as scratch, style.figure(8.0, 4.5, robot.name, "Filming a motion") as drawn:
-        drawn.set_dpi(100)
+        drawn.set_dpi(100)  # inches to pixels: 800 x 450
         left, right = cast("Any", drawn.subfigures(1, 2, width_ratios=[1.9, 1.0]))
         stage = _Stage(left.subplots(), painter)
         bars = _Bars(right.subplots(), motion)
-        if motion.report is not None:
-            _write_verdict(left, motion.report)
+        if motion.report is not None:  # torques were judged
+            _write_payload_and_verdict(left, motion.report)
         drawn.canvas.draw()
         drawn.set_layout_engine("none")  # fixed layout: computing it takes longer than drawing
         writer = _writer(target.suffix.lower(), fps)
         with writer.saving(drawn, str(scratch), dpi=100):
-            for k, moment in enumerate(moments):
+            for k, moment in enumerate(frame_times):
                 q, tau = motion.at(moment)
                 stage.show(q)
                 bars.show(tau, moment)
                 writer.grab_frame()
                 if progress:
-                    progress(k + 1, len(moments))
+                    progress(k + 1, len(frame_times))
     return target
 
 
-def _write_verdict(figure: Any, report: TorqueReport) -> None:
+def _write_payload_and_verdict(figure: Any, report: TorqueReport) -> None:
     """Write payload and verdict in the upper left corner."""
-    word, first = report.verdict.word, verdict_text(report).split("\n", 1)[0]
-    carried = " + ".join(f"{number(p.mass)} kg" for p in report.load.payloads)
-    colour = COLOURS[Style(word_style(word).split()[-1])].plot
-    at: dict[str, Any] = {"x": 0.03, "va": "top", "ha": "left"}
-    figure.text(
-        y=0.97, s=f"payload {carried}" if carried else "no payload", fontsize=style.SMALL_FONT, color=style.INK, **at
-    )
-    figure.text(y=0.925, s=word, fontsize=style.SMALL_FONT + 6, color=colour, fontweight="bold", **at)
-    reason = fill(first.removeprefix(f"{word}: "), 72)
-    figure.text(y=0.855, s=reason, fontsize=style.SMALL_FONT, color=style.INK, **at)
+    word = report.verdict.word
+    masses = " + ".join(f"{number(payload.mass)} kg" for payload in report.load.payloads)
+    payload_text = "no payload"
+    if masses:
+        payload_text = f"payload {masses}"
+    first_line = verdict_text(report).split("\n", 1)[0]
+    reason = fill(first_line.removeprefix(f"{word}: "), 72)
+    colour_name = word_style(word).split()[-1]  # after "bold"
+    colour = COLOURS[Style(colour_name)].plot
+    layout: dict[str, Any] = {"x": 0.03, "va": "top", "ha": "left"}
+    figure.text(y=0.97, s=payload_text, fontsize=style.SMALL_FONT, color=style.INK, **layout)
+    figure.text(y=0.925, s=word, fontsize=style.SMALL_FONT + 6, color=colour, fontweight="bold", **layout)
+    figure.text(y=0.855, s=reason, fontsize=style.SMALL_FONT, color=style.INK, **layout)
 
 
 def movie_path(path: str | Path) -> str:
-    """Path of a film, .gif without a suffix; raises ValueRangeError unless in :data:`MOVIES`, and MissingExtraError."""
-    text, suffix = str(path), Path(path).suffix.lower()
+    """Path of a film; a path without a suffix gets ``.gif``.
+
+    Raises
+    ------
+    ValueRangeError
+        The suffix is not in :data:`MOVIES`.
+    MissingExtraError
+        Matplotlib is not installed, or ffmpeg is missing for .mp4.
+    """
+    suffix = Path(path).suffix.lower()
     if suffix and suffix not in MOVIES:
         raise ValueRangeError(
             f"cannot film to {Path(path).name!r}: films of kind {suffix[1:]!r} are not made. Choose one of {', '.join(MOVIES)}."
@@ -155,28 +174,31 @@ def movie_path(path: str | Path) -> str:
                 f"cannot film to {Path(path).name!r}: .mp4 needs the program ffmpeg, which is not on the PATH. "
                 "Install it (apt install ffmpeg), or give a name that ends in .gif."
             )
-    return text if suffix else f"{text}.gif"
+    return str(path) if suffix else f"{path}.gif"
 
 
-def _moments(motion: DrawnMotion, fps: float, speed: float) -> Array:
+def _frame_times(motion: DrawnMotion, fps: float, speed: float) -> Array:
+    """Time (n,) of the motion at each frame of the film [s]."""
     for name, value in (("fps", fps), ("speed", speed)):
         if not 0 < value < np.inf:
             raise ValueRangeError(f"{name} is {value}, and must be positive and finite.")
-    span = float(motion.time[-1] - motion.time[0])
-    count = int(span * fps / speed) + 1
-    if count > _MAX_PICTURES:
+    duration = float(motion.time[-1] - motion.time[0])
+    count = int(duration * fps / speed) + 1
+    if count > _MAX_FRAMES:
+        sufficient_speed = np.ceil(duration * fps / _MAX_FRAMES)
         raise ValueRangeError(
-            f"a film of {printed(span)} s at {printed(fps)} pictures a second takes {count}, more than {_MAX_PICTURES}. "
-            f"Show it faster, such as speed={printed(np.ceil(span * fps / _MAX_PICTURES))}, or give a part of the motion."
+            f"a film of {printed(duration)} s at {printed(fps)} pictures a second takes {count}, more than {_MAX_FRAMES}. "
+            f"Show it faster, such as speed={printed(sufficient_speed)}, or give a part of the motion."
         )
     return np.asarray(motion.time[0] + np.arange(count) * speed / fps)
 
 
 def _writer(suffix: str, fps: float) -> Any:
+    """Matplotlib's writer for films with a suffix."""
     from matplotlib.animation import FFMpegWriter
 
     if suffix == ".gif":
-        return gif_writer(round(fps) or 1)
+        return gif_writer(round(fps) or 1)  # at least one frame a second
     return FFMpegWriter(fps=cast("int", fps), codec="libx264", extra_args=["-pix_fmt", "yuv420p", "-crf", "20"])
 
 
@@ -188,51 +210,57 @@ def gif_writer(fps: int) -> Any:
     class Writer(PillowWriter):
         def finish(self) -> None:
             pictures = [picture.convert("RGB") for picture in self._frames]  # type: ignore[attr-defined]
-            seen = pictures[:: max(1, len(pictures) // 4)]
-            width, height = seen[0].size
-            together = Image.new("RGB", (width, height * len(seen)))
-            for k, picture in enumerate(seen):
-                together.paste(picture, (0, k * height))
-            palette = together.quantize(_COLOURS, kmeans=1)
-            first, *rest = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
-            first.save(self.outfile, save_all=True, append_images=rest, duration=round(1000 / self.fps), loop=0)
+            step = max(1, len(pictures) // _PALETTE_FRAMES)
+            samples = pictures[::step]
+            width, height = samples[0].size
+            column = Image.new("RGB", (width, height * len(samples)))  # the samples, one below the other
+            for k, picture in enumerate(samples):
+                column.paste(picture, (0, k * height))
+            palette = column.quantize(_COLOURS_IN_GIF, kmeans=1)
+            first, *others = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
+            milliseconds = round(1000 / self.fps)
+            first.save(self.outfile, save_all=True, append_images=others, duration=milliseconds, loop=0)
 
     return Writer(fps=fps)
 
 
 class _Stage:
+    """Picture of the robot on the floor's grid, to be drawn at one pose after another."""
+
     def __init__(self, axis: Any, painter: Painter) -> None:
         from matplotlib.collections import LineCollection, PolyCollection
 
         self.painter = painter
-        size = painter.camera.distance / CAMERA_DISTANCE
+        size = painter.camera.distance / CAMERA_DISTANCE  # of the visible region [m]
         axis.set_axis_off()
         axis.set_aspect("equal")
         axis.set_xlim(-0.56 * size, 0.56 * size)
         axis.set_ylim(-0.47 * size, 0.47 * size)
         self.polygons = axis.add_collection(PolyCollection([], linewidths=0.25, zorder=2))
-        axis.add_collection(
-            LineCollection(list(painter.grid(2.2 * size)), colors=style.FLOOR, linewidths=0.6, zorder=1)
-        )
+        floor_lines = list(painter.grid(2.2 * size))
+        axis.add_collection(LineCollection(floor_lines, colors=style.FLOOR, linewidths=0.6, zorder=1))
 
     def show(self, q: Array) -> None:
+        """Draw the robot at a configuration."""
         triangles, colours = self.painter.paint(q)
         self.polygons.set_verts(triangles)
         self.polygons.set_facecolor(colours)
-        self.polygons.set_edgecolor(np.where(colours[:, 3:] < 1.0, 0.0, colours))  # edges hide seams of opaque shapes
+        transparent = colours[:, 3:] < 1.0
+        self.polygons.set_edgecolor(np.where(transparent, 0.0, colours))  # edges hide seams of opaque shapes
 
 
 class _Bars:
-    """Bars of torques as shares of their limits, or of their peaks without limits."""
+    """Bars of torques, as shares of the torque limits; a joint without a limit has shares of its peak."""
 
     def __init__(self, axis: Any, motion: DrawnMotion) -> None:
         robot = motion.load.with_load
         limits = np.where(motion.limits.effort > 0, motion.limits.effort, np.inf)
         self.limited = np.isfinite(limits)
         self.scale = np.where(self.limited, limits, np.maximum(motion.peaks, 1e-9))
-        first = np.argsort(-np.where(self.limited, motion.peaks / self.scale, -1.0), kind="stable")[:_MAX_BARS]
-        self.chosen = np.sort(first)
-        names = [robot.model.velocity_names[k].removesuffix("_joint") for k in self.chosen]
+        peak_shares = np.where(self.limited, motion.peaks / self.scale, -1.0)  # joints without a limit come last
+        nearest_to_limit = np.argsort(-peak_shares, kind="stable")[:_MAX_BARS]
+        self.joints = np.sort(nearest_to_limit)
+        names = [robot.model.velocity_names[k].removesuffix("_joint") for k in self.joints]
         rows = np.arange(len(names))
         self.axis = axis
         self.bars = axis.barh(rows, np.zeros(len(names)), height=0.62)
@@ -242,16 +270,20 @@ class _Bars:
             axis.axvline(side, **style.LIMIT)
         axis.set_xlim(-reach, reach)
         axis.set_yticks(rows, names, fontsize=style.SMALL_FONT)
-        axis.set_ylim(max(len(rows), 4) - 0.4, -0.6)
+        axis.set_ylim(max(len(rows), 4) - 0.4, -0.6)  # first joint at the top; few bars are not made thicker
         axis.grid(visible=False, axis="y")
-        peaks = "" if self.limited[self.chosen].all() else ", or / peak"
-        axis.set_xlabel(f"torque / limit{peaks}", fontsize=style.SMALL_FONT)
+        label = "torque / limit"
+        if not self.limited[self.joints].all():
+            label += ", or / peak"
+        axis.set_xlabel(label, fontsize=style.SMALL_FONT)
         self.clock = axis.set_title("", loc="right", color=style.QUIET, fontsize=style.SMALL_FONT + 1)
         axis.tick_params(labelcolor=style.INK)
 
     def show(self, tau: Array, moment: float) -> None:
-        shares = (tau / self.scale)[self.chosen]
-        colours = share_colours(np.where(self.limited[self.chosen], shares, np.nan))
+        """Set the bars to torques (nv,) and the clock to a time [s]."""
+        shares = (tau / self.scale)[self.joints]
+        shares_of_limits = np.where(self.limited[self.joints], shares, np.nan)  # nan: the colour of no limit
+        colours = share_colours(shares_of_limits)
         for bar, share, colour in zip(self.bars, shares, colours, strict=True):
             bar.set_width(share)
             bar.set_color(colour)

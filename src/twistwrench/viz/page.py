@@ -53,9 +53,16 @@ if TYPE_CHECKING:
     from .page_loops import PageLoops
 
 _MAX_TRIANGLES = 300_000
+"""Largest number of triangles of the robot on a page."""
 _HIDDEN_SHARE = 0.05
 """Share of the robot's size up to which ellipsoids, as of point masses, are hidden within joints and links."""
+_MAX_BOX_POSES = 12
+"""About the number of poses of a motion by which the space that the robot takes is computed."""
+_GRID_STEPS = 65535
+"""Steps of the grid of vertices along each axis: the largest unsigned number of 16 bits."""
+_MAX_LISTED_LOOPS = 4
 KINDS = {"f4": "<f4", "f8": "<f8", "u2": "<u2", "u4": "<u4"}
+"""NumPy's types of stored arrays, little-endian: floats of 4 and 8 bytes, unsigned integers of 2 and 4 bytes."""
 
 
 def write_page(
@@ -90,11 +97,11 @@ def write_page(
     section : str, optional
         Section of Modern Robotics for the page, such as 3.4, 5.4, 8.1.3 or 8.3; for arms of at most nine joints.
     embed : bool, optional
-        Omit the side panel, for a frame within another page; '#embed' in the address of any page has the same effect,
-        '#full' the opposite.
+        Omit the side panel, for a frame within another page. '#embed' in the address of any page has the same effect,
+        and '#full' shows the panel.
     control : str, optional
-        Control shown on an embedded page and on a small screen: payload, push, speed, fall, q:JOINT or section; default: the
-        first of these on the page.
+        Control shown on an embedded page and on a small screen: payload, push, speed, fall, q:JOINT or section. Default: the
+        first of them that the page has.
 
     Raises
     ------
@@ -149,46 +156,48 @@ def viewer_page(
     -------
     viewer : Viewer
     """
-    subject = _subject_of(robot, motion, q, actuated, wrench_on_robot, scene, section)
+    contents = _contents_of(robot, motion, q, actuated, wrench_on_robot, scene, section)
     programs = PagePrograms(
-        subject.robot, tuple(subject.wrenches), subject.book, payload=subject.payload, motion=motion is not None,
-        loops=subject.loops,
+        contents.robot, tuple(contents.wrenches), contents.book, payload=contents.payload, motion=motion is not None,
+        loops=contents.loops,
     )  # fmt: skip
-    start = subject.start(programs.tip)
-    box = _Box()
-    data = _header(subject, programs, start, box)
+    start = contents.start(programs.tip)
+    store = _ArrayStore()
+    data = _robot_data(contents, programs, start, store)
     if layer is not None:
-        data["layer"] = layer.data(box.put, data["size"])
+        data["layer"] = layer.data(store.put, data["size"])
     data["neighbours"] = dict(neighbours or {})
-    data["embed"], data["control"] = embed, _require_control(control, data)
-    data["fall"] |= _floor_data(subject, data)
+    data["embed"] = embed
+    data["control"] = _require_control(control, data)
+    data["fall"] |= _floor_data(contents, data)
     if control == "fall":
         data["target"][2] = data["floor"]  # the payload hangs down after release
-    data["notes"] = _notes(subject)
-    data["subtitle"] = f"{_freedom_text(subject)}, {_motion_text(subject)}"
-    data["held"] = None if subject.held is None else subject.held[1]
-    data["shown"], data["switches"] = _switches(data, subject.scene, subject.book)
-    scripts = programs.script(), joined_script(script_names(data))
-    digests = tuple(map(digest, scripts))
-    title = subject.robot.name
-    if subject.book is not None:
-        title = f"{subject.book.number} {subject.book.title}, {title}"
+    data["notes"] = _notes(contents)
+    data["subtitle"] = f"{_freedom_text(contents)}, {_motion_text(contents)}"
+    data["held"] = None if contents.held is None else contents.held[1]
+    data["shown"], data["switches"] = _switches(data, contents.scene, contents.book)
+    programs_script = programs.script()
+    page_script = joined_script(script_names(data))
+    digests = (digest(programs_script), digest(page_script))
+    title = contents.robot.name
+    if contents.book is not None:
+        title = f"{contents.book.number} {contents.book.title}, {title}"
     template = resources.files(__package__) / "player" / "page.html"
     page = Template(template.read_text("utf-8")).substitute(
         title=html.escape(title),
         sentence=html.escape(_still_sentence(data)),
-        still=_still_image(subject.scene, start, motion) if still else "",
+        still=_still_image(contents.scene, start, motion) if still else "",
         policy=f"{POLICY} {' '.join(digests)}",
-        style=page_colours() + page_style(section=subject.book is not None),
-        programs=scripts[0],
-        script=scripts[1],
-        data=box.pack(data),
+        style=page_colours() + page_style(section=contents.book is not None),
+        programs=programs_script,
+        script=page_script,
+        data=store.pack(data),
     )
     return Viewer(page, digests)
 
 
 @dataclass(frozen=True, eq=False)
-class _Subject:
+class _PageContents:
     """Robot of a page, and what is shown with it."""
 
     robot: Robot
@@ -205,7 +214,7 @@ class _Subject:
     """Requested initial configuration (nq,)."""
     loops: PageLoops | None = None
     held: tuple[Array, str] | None = None
-    """Standing pose of a robot whose file fixes the base in the air, and its remark."""
+    """Standing pose (nq,) of a robot whose file fixes the base in the air, and the remark about it."""
 
     def start(self, tip: str | None) -> Array:
         """Initial configuration (nq,)."""
@@ -220,7 +229,7 @@ class _Subject:
         return starting_pose(self.robot, tip)
 
 
-def _subject_of(
+def _contents_of(
     robot: Robot | ConstrainedRobot,
     motion: DrawnMotion | None,
     q: ArrayLike | None,
@@ -228,8 +237,8 @@ def _subject_of(
     wrench_on_robot: Mapping[str, ArrayLike] | None,
     scene: Scene | None,
     section: str | None,
-) -> _Subject:
-    """Check the arguments of a page against each other, and place the robot."""
+) -> _PageContents:
+    """Contents of a page from its arguments; raises if two arguments contradict each other."""
     closed = None
     if isinstance(robot, Robot) and robot.constraints:
         if motion is not None or section is not None:
@@ -254,19 +263,22 @@ def _subject_of(
     if scene is None:
         scene = scene_of(robot)
     scene = scene.decimated(_MAX_TRIANGLES)
-    start = None if q is None else arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
+    start = None
+    if q is not None:
+        start = arguments.finite(arguments.one(q, "q", robot.nq), "q", robot.nq)
     if closed is not None:
         loops = loops_of(closed, start, actuated)
     elif motion is None and book is None and start is None:
-        loops, held = standing_of(robot, scene), held_pose(robot, scene)
-    return _Subject(robot, scene, wrench_on_robot or {}, closed, motion, payload, book, start, loops, held)
+        loops = standing_of(robot, scene)
+        held = held_pose(robot, scene)
+    return _PageContents(robot, scene, wrench_on_robot or {}, closed, motion, payload, book, start, loops, held)
 
 
-def _header(subject: _Subject, programs: PagePrograms, start: Array, box: _Box) -> dict[str, Any]:
-    """Data of the page about the robot and what is shown with it."""
-    robot, scene, motion, book, loops = subject.robot, subject.scene, subject.motion, subject.book, subject.loops
-    data = robot_data(robot, start) | _scene_data(scene, box, start, motion)
-    data |= wrench_data(robot, subject.wrenches)
+def _robot_data(contents: _PageContents, programs: PagePrograms, start: Array, store: _ArrayStore) -> dict[str, Any]:
+    """Data of the page about the robot and what is shown with it; arrays go to the store."""
+    robot, scene, motion, book, loops = contents.robot, contents.scene, contents.motion, contents.book, contents.loops
+    data = robot_data(robot, start) | _scene_data(scene, store, start, motion)
+    data |= wrench_data(robot, contents.wrenches)
     data |= programs.data()
     data |= {"loops": None, "standing": None}
     if loops is not None:
@@ -278,29 +290,30 @@ def _header(subject: _Subject, programs: PagePrograms, start: Array, box: _Box) 
     if book is not None:
         data["book"] = section_data(book, robot, start)
     elif motion is not None:
-        data["motion"] = motion_data(robot, motion, subject.payload, box.put)
+        data["motion"] = motion_data(robot, motion, contents.payload, store.put)
     else:
         data["box"] = scene.bounds(start).tolist()
     return data
 
 
-def _floor_data(subject: _Subject, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Spheres around the links that the floor stops, and the pedestal; no spheres for robots that cannot be let go."""
+def _floor_data(contents: _PageContents, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Spheres around the links, which the floor stops, and the pedestal; no spheres if the robot cannot be let go."""
     spheres = []
-    if not data["fall"]["why"] and subject.book is None:
-        spheres = spheres_of(subject.scene)
-    return {"spheres": spheres, "pedestal": pedestal_of(subject.scene, spheres, data["floor"])}
+    can_fall = not data["fall"]["why"]  # a reason why not
+    if can_fall and contents.book is None:
+        spheres = spheres_of(contents.scene)
+    return {"spheres": spheres, "pedestal": pedestal_of(contents.scene, spheres, data["floor"])}
 
 
-def _notes(subject: _Subject) -> list[str]:
+def _notes(contents: _PageContents) -> list[str]:
     """Notes on open loops, assumptions, shapes and the motion."""
-    notes = _open_loop_notes(subject)
-    if subject.loops is not None:
-        notes += subject.loops.remarks
+    notes = _open_loop_notes(contents)
+    if contents.loops is not None:
+        notes += contents.loops.remarks
     # Pages of sections are about mechanics with example arms, so inertia ellipsoids are not drawn.
-    notes += subject.scene.notes if subject.book is None else subject.scene.remarks
-    if subject.motion is not None:
-        notes += notes_of_motion(subject.motion)
+    notes += contents.scene.notes if contents.book is None else contents.scene.remarks
+    if contents.motion is not None:
+        notes += notes_of_motion(contents.motion)
     return notes
 
 
@@ -355,13 +368,14 @@ def show(robot: Robot | ConstrainedRobot, **options: Any) -> ShownPage:
 
 
 def open_browser(url: str) -> bool:
-    """Open an address in a graphical browser; terminal browsers are not started.
+    """Open an address in a graphical browser; on Linux without a display no terminal browser is started.
 
     Returns
     -------
     opened : bool
     """
-    if sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
+    has_display = any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")))
+    if sys.platform.startswith("linux") and not has_display:
         return False
     try:
         return webbrowser.open(url)
@@ -369,47 +383,55 @@ def open_browser(url: str) -> bool:
         return False
 
 
-class _Box:
-    """Buffer of concatenated arrays, each located by its offset."""
+class _ArrayStore:
+    """Buffer of concatenated arrays, each found by its offset; all begin at multiples of 8 bytes."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
         self.size = 0
+        """Number of bytes."""
 
     def put(self, values: ArrayLike, kind: str) -> dict[str, Any]:
-        """Append an array; returns its header entry."""
+        """Append an array of a kind in :data:`KINDS`; returns its header entry."""
         array = np.ascontiguousarray(values, dtype=KINDS[kind]).ravel()
-        spec = {"at": self.size, "count": int(array.size), "kind": kind}
-        raw = array.tobytes()
-        raw += bytes(-len(raw) % 8)
-        self.parts.append(raw)
-        self.size += len(raw)
-        return spec
+        entry = {"at": self.size, "count": int(array.size), "kind": kind}
+        part = _padded(array.tobytes())
+        self.parts.append(part)
+        self.size += len(part)
+        return entry
 
     def pack(self, header: Mapping[str, Any]) -> str:
-        """Header and arrays, compressed by zlib and encoded as base64."""
+        """Length of the header, header and arrays, compressed by zlib and encoded as base64."""
         text = json.dumps(header, allow_nan=False, separators=(",", ":")).encode()
-        raw = len(text).to_bytes(8, "little") + text + bytes(-len(text) % 8) + b"".join(self.parts)
-        return base64.b64encode(zlib.compress(raw, 9)).decode("ascii")
+        length = len(text).to_bytes(8, "little")
+        content = length + _padded(text) + b"".join(self.parts)
+        return base64.b64encode(zlib.compress(content, 9)).decode("ascii")
 
 
-def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | None) -> dict[str, Any]:
+def _padded(content: bytes) -> bytes:
+    """Content with zeros up to a multiple of 8 bytes."""
+    return content + bytes(-len(content) % 8)
+
+
+def _scene_data(scene: Scene, store: _ArrayStore, start: Array, motion: DrawnMotion | None) -> dict[str, Any]:
     """Surfaces and shapes of the scene, and the space that the robot takes on the motion."""
-    distinct = {id(shape.surface): shape.surface for shape in scene.shapes}
-    place = {key: k for k, key in enumerate(distinct)}
-    surfaces = [_surface_data(surface.creased(), box) for surface in distinct.values()]
+    surfaces_by_id = {id(shape.surface): shape.surface for shape in scene.shapes}  # several shapes may share one
+    index_by_id = {key: k for k, key in enumerate(surfaces_by_id)}
+    surfaces = [_surface_data(surface.creased(), store) for surface in surfaces_by_id.values()]
     shapes = [
         {
-            "body": s.body, "surface": place[id(s.surface)],
-            "colour": s.colour, "layer": s.layer, "pose": s.pose.ravel().tolist(),
+            "body": shape.body, "surface": index_by_id[id(shape.surface)],
+            "colour": shape.colour, "layer": shape.layer, "pose": shape.pose.ravel().tolist(),
         }
-        for s in scene.shapes
+        for shape in scene.shapes
     ]  # fmt: skip
-    samples = start[None]
+    sample_poses = start[None]
     if motion is not None:
-        samples = motion.q[:: max(1, len(motion.q) // 12)]
-    bounds = np.stack([scene.bounds(q) for q in samples])
-    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+        step = max(1, len(motion.q) // _MAX_BOX_POSES)
+        sample_poses = motion.q[::step]
+    bounds = np.stack([scene.bounds(q) for q in sample_poses])
+    low = bounds[:, 0].min(axis=0)
+    high = bounds[:, 1].max(axis=0)
     return {
         "surfaces": surfaces,
         "shapes": shapes,
@@ -420,33 +442,36 @@ def _scene_data(scene: Scene, box: _Box, start: Array, motion: DrawnMotion | Non
     }
 
 
-def _surface_data(surface: Surface, box: _Box) -> dict[str, Any]:
-    """Vertices on a grid of 65,536 steps along each axis, and triangles."""
-    low, step = surface.vertices.min(axis=0), np.maximum(np.ptp(surface.vertices, axis=0), 1e-12) / 65535
-    vertices = box.put(np.round((surface.vertices - low) / step), "u2")
-    faces = box.put(surface.faces, "u2" if len(surface.vertices) <= 65536 else "u4")
+def _surface_data(surface: Surface, store: _ArrayStore) -> dict[str, Any]:
+    """Vertices, rounded to a grid in the box of the surface, and triangles."""
+    low = surface.vertices.min(axis=0)
+    step = np.maximum(np.ptp(surface.vertices, axis=0), 1e-12) / _GRID_STEPS  # not 0 for a flat surface
+    vertices = store.put(np.round((surface.vertices - low) / step), "u2")
+    index_kind = "u2" if len(surface.vertices) <= _GRID_STEPS + 1 else "u4"
+    faces = store.put(surface.faces, index_kind)
     return {"vertices": vertices, "faces": faces, "low": low.tolist(), "step": step.tolist()}
 
 
 def _tips_data(robot: Robot, scene: Scene, programs: PagePrograms, *, weighed: bool) -> dict[str, Any]:
-    """Entries of the initial tip and, if there are several tips, of each."""
-    tips = programs.tips_data(list(robot.model.all_frames))
-    for entry, tip in zip(tips, programs.tips, strict=True):
+    """Entries of the initial tip and, if there are several tips, of each; ``weighed``: with the scale of mass ellipsoids."""
+    entries = programs.tips_data(list(robot.model.all_frames))
+    has_several_tips = len(entries) > 1
+    for entry, tip in zip(entries, programs.tips, strict=True):
         tip_robot = robot
-        if len(tips) > 1:
+        if has_several_tips:
             tip_robot = Robot(replace(robot.model, tip=tip))
-        mass, directions = 0.0, 0
+        scale, directions = 0.0, 0
         if weighed:
-            mass, directions = mass_scale(tip_robot, scene)
-        entry |= {"forceScale": force_scale(tip_robot, scene), "massScale": mass, "tipDirections": directions}
-    chosen = {"tip": None, "payloadFrame": None, "forceScale": 0.0, "massScale": 0.0}
-    if tips:
-        chosen = tips[programs.chosen]
-    return {**chosen, "tips": tips if len(tips) > 1 else [], "chosenTip": programs.chosen}
+            scale, directions = mass_scale(tip_robot, scene)
+        entry |= {"forceScale": force_scale(tip_robot, scene), "massScale": scale, "tipDirections": directions}
+    initial_entry = {"tip": None, "payloadFrame": None, "forceScale": 0.0, "massScale": 0.0}
+    if entries:
+        initial_entry = entries[programs.chosen]
+    return {**initial_entry, "tips": entries if has_several_tips else [], "chosenTip": programs.chosen}
 
 
 def _require_control(control: str | None, data: Mapping[str, Any]) -> str | None:
-    """The control, which the page must have. Raises ValueRangeError."""
+    """The control itself; raises ValueRangeError if the page does not have it."""
     controls = []
     if data["payload"] is not None:
         controls += ["payload", "push"]
@@ -462,64 +487,70 @@ def _require_control(control: str | None, data: Mapping[str, Any]) -> str | None
     return control
 
 
-def _open_loop_notes(subject: _Subject) -> list[str]:
+def _open_loop_notes(contents: _PageContents) -> list[str]:
     """Note on loops that the file closes but the page leaves open."""
-    closures = list(subject.robot.model.closures)
-    if not closures or subject.closed is not None:
+    closures = list(contents.robot.model.closures)
+    if not closures or contents.closed is not None:
         return []
-    loops = ", ".join(closures[:4])
-    if len(closures) > 4:
+    loops = ", ".join(closures[:_MAX_LISTED_LOOPS])
+    if len(closures) > _MAX_LISTED_LOOPS:
         loops += ", …"
     return [f"Loops left open: {loops}. Torques and motion are those of the open tree, not of the closed mechanism."]
 
 
 def _still_sentence(data: Mapping[str, Any]) -> str:
-    """Sentence of a page without scripts: the verdict on its motion, otherwise what the robot is."""
-    verdict = data["motion"] and data["motion"]["verdict"].get("text")
-    return str(verdict or f"{data['name']}: {data['subtitle']}")
+    """Sentence of a page without scripts: the verdict on its motion, otherwise name and degrees of freedom of the robot."""
+    if data["motion"]:
+        verdict = data["motion"]["verdict"].get("text")
+        if verdict:
+            return str(verdict)
+    return f"{data['name']}: {data['subtitle']}"
 
 
-_STILL_WIDTH, _MAX_STILL_BYTES = 480, 25_000
-"""Pixels of the width, and most bytes, of the picture of a page without scripts."""
+_IMAGE_WIDTH = 480
+"""Width of the picture of a page without scripts [pixels]."""
+_MAX_IMAGE_BYTES = 25_000
+"""Largest size of this picture [bytes]."""
 
 
 def _still_image(scene: Scene, start: Array, motion: DrawnMotion | None) -> str:
-    """Image of the first frame, joints over their limits in red; empty where pictures cannot be drawn."""
+    """HTML image of the first frame, joints over their limits in red; empty if pictures cannot be drawn."""
     from .plots.robot_picture import first_frame
 
     try:
-        image = first_frame(scene, start, motion, _STILL_WIDTH, _MAX_STILL_BYTES)
+        image = first_frame(scene, start, motion, _IMAGE_WIDTH, _MAX_IMAGE_BYTES)
     except MissingExtraError:
         return ""
-    text = base64.b64encode(image).decode("ascii")
-    return f'<img alt="" width="{_STILL_WIDTH}" src="data:image/webp;base64,{text}">'
+    encoded = base64.b64encode(image).decode("ascii")
+    return f'<img alt="" width="{_IMAGE_WIDTH}" src="data:image/webp;base64,{encoded}">'
 
 
 def _count_text(count: int, noun: str) -> str:
-    """Number with its noun."""
+    """Number with its noun, in the singular or plural."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def _freedom_text(subject: _Subject) -> str:
-    """Degrees of freedom; with loops closed, joints and closures as well."""
-    closed = subject.closed
+def _freedom_text(contents: _PageContents) -> str:
+    """Text with the degrees of freedom; with closed loops, also the numbers of joints and closures."""
+    closed = contents.closed
     if closed is None:
-        return f"{_count_text(subject.robot.nv, 'degree')} of freedom"
+        return f"{_count_text(contents.robot.nv, 'degree')} of freedom"
     degrees = _count_text(closed.nv - len(closed.independent), "degree")
-    joints = _count_text(len(subject.robot.model.leaders), "joint")
+    joints = _count_text(len(contents.robot.model.leaders), "joint")
     return f"{degrees} of freedom ({joints}, {_count_text(len(closed.constraints), 'closure')})"
 
 
-def _motion_text(subject: _Subject) -> str:
-    """Moving mass, payload that no slider sets, and length of the motion."""
-    text = f"{number(moving_mass(subject.robot.model))} kg moving"
-    motion = subject.motion
+def _motion_text(contents: _PageContents) -> str:
+    """Text with the moving mass, a payload that no slider sets, and the length of the motion."""
+    text = f"{number(moving_mass(contents.robot.model))} kg moving"
+    motion = contents.motion
     if motion is None:
         return text
-    if subject.payload is None and motion.load.payloads:
-        text += f", payload {' + '.join(f'{number(p.mass)} kg' for p in motion.load.payloads)}"
-    span = float(motion.time[-1] - motion.time[0])
-    return f"{text} · {motion.rows} samples in {number(span)} s"
+    if contents.payload is None and motion.load.payloads:
+        masses = " + ".join(f"{number(payload.mass)} kg" for payload in motion.load.payloads)
+        text += f", payload {masses}"
+    duration = float(motion.time[-1] - motion.time[0])
+    return f"{text} · {motion.rows} samples in {number(duration)} s"
 
 
 class _Switch(NamedTuple):
@@ -528,16 +559,16 @@ class _Switch(NamedTuple):
     key: str
     label: str
     present: bool
-    """True if it has an effect."""
+    """True if the page has this part."""
     on: bool
-    """Initial state, except on pages of sections."""
+    """Initial state; pages of sections set their own."""
 
 
 def _switches(
     data: Mapping[str, Any], scene: Scene, book: SectionPanel | None
 ) -> tuple[dict[str, bool], list[tuple[str, str]]]:
-    """Initial switches, and the buttons that have an effect."""
-    tips = data["tips"] or [data]
+    """Initial state of each part, and key and label of the buttons of parts that the page has."""
+    tips = data["tips"] or [data]  # a single tip has its entries in the data of the page
     has_tip = "jacobian0" in data["programs"] and any(tip["forceScale"] > 0 for tip in tips)
     grasped = data["payload"] is not None and book is None
     degrees = len(data["torques"])
@@ -576,12 +607,12 @@ def _switches(
 
 
 def _has_only_driven_joints(data: Mapping[str, Any]) -> bool:
-    """True if each velocity is that of one joint whose drive has a limit, and the robot can be let go."""
+    """True if each joint has one degree of freedom and a drive with a limit, and the robot can be let go."""
     torques = data["torques"]
     if not torques or data["fall"]["why"] is not None or data["loops"]:
         return False
-    single = sum(len(hand["v"]) == 1 and "turn" not in hand for hand in data["hands"])
-    return single == len(torques) and all(row["limit"] and row["driven"] for row in torques)
+    single_axis_joints = sum(len(hand["v"]) == 1 and "turn" not in hand for hand in data["hands"])
+    return single_axis_joints == len(torques) and all(row["limit"] and row["driven"] for row in torques)
 
 
 complete(globals())

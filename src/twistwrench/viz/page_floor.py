@@ -15,9 +15,9 @@ from .sliders import sliders_of
 _MAX_SPHERES = 6
 """Maximum number of spheres of a link."""
 _POSES = 512
-"""Random configurations whose lowest points give the height of the pedestal."""
+"""Number of random configurations whose lowest point gives the height of the pedestal."""
 _HEIGHT_FACTOR = 1.15
-"""Factor of that height, as random configurations do not reach the lowest point."""
+"""Factor of the height of the pedestal, since random configurations do not reach the lowest possible point."""
 _MAX_STANDING_GAP = 0.02
 """Distance from the floor, as a share of the robot's size, within which a base stands on it."""
 
@@ -29,43 +29,48 @@ def spheres_of(scene: Scene) -> list[dict[str, Any]]:
     """
     spheres = []
     for k in range(len(scene.robot.model.bodies)):
-        parts = [s for s in scene.shapes if s.body == k and s.layer == "looks"]
-        if not parts:
+        shapes = [shape for shape in scene.shapes if shape.body == k and shape.layer == "looks"]
+        if not shapes:
             continue
-        points = np.concatenate([s.surface.vertices @ s.pose[:3, :3].T + s.pose[:3, 3] for s in parts])
+        points = np.concatenate([s.surface.vertices @ s.pose[:3, :3].T + s.pose[:3, 3] for s in shapes])
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        axis = np.linalg.eigh(np.cov(points.T))[1][:, -1]
+        _, principal_axes = np.linalg.eigh(np.cov(points.T))
+        axis = principal_axes[:, -1]  # of the largest variance
         along = (points - middle) @ axis
         radius = float(np.linalg.norm(points - middle - along[:, None] * axis, axis=1).max())
-        first, last = along.min() + radius, along.max() - radius
-        count = int(np.clip(np.ceil(max(last - first, 0.0) / max(radius, 1e-9)) + 1, 1, _MAX_SPHERES))
-        places = np.array([(first + last) / 2])
+        first = along.min() + radius
+        last = along.max() - radius
+        positions = np.array([(first + last) / 2])  # along the axis
         if last > first:
-            places = np.linspace(first, last, count)
-        spheres += [{"body": k, "middle": (middle + t * axis).tolist(), "radius": radius} for t in places]
+            intervals = np.ceil(max(last - first, 0.0) / max(radius, 1e-9))  # at most a radius long
+            count = int(np.clip(intervals + 1, 1, _MAX_SPHERES))
+            positions = np.linspace(first, last, count)
+        spheres += [{"body": k, "middle": (middle + t * axis).tolist(), "radius": radius} for t in positions]
     return spheres
 
 
 def pedestal_of(scene: Scene, spheres: list[dict[str, Any]], floor: float) -> float:
     """Height [m] by which an arm that stands on the floor is raised so that its links swing freely; 0 for other robots."""
     model = scene.robot.model
-    if not spheres or any(not body.joint.driven and body.parent == BASE for body in model.bodies):
+    has_free_base = any(not body.joint.driven and body.parent == BASE for body in model.bodies)
+    if not spheres or has_free_base:
         return 0.0
-    base = [s.surface.placed(s.pose).vertices[:, 2].min() for s in scene.shapes if s.body == BASE]
-    if min(base, default=0.0) > floor + _MAX_STANDING_GAP * scene.size:
+    max_gap = _MAX_STANDING_GAP * scene.size
+    base_heights = [s.surface.placed(s.pose).vertices[:, 2].min() for s in scene.shapes if s.body == BASE]
+    if min(base_heights, default=0.0) > floor + max_gap:  # it hangs
         return 0.0
-    needed = floor - _lowest(scene, spheres)
-    if needed <= _MAX_STANDING_GAP * scene.size:
+    needed_height = floor - _lowest_height(scene, spheres)
+    if needed_height <= max_gap:
         return 0.0
-    return float(number(_HEIGHT_FACTOR * needed, 2))
+    return float(number(_HEIGHT_FACTOR * needed_height, 2))
 
 
-def _lowest(scene: Scene, spheres: list[dict[str, Any]]) -> float:
+def _lowest_height(scene: Scene, spheres: list[dict[str, Any]]) -> float:
     """Height of the lowest point of the spheres over random configurations, with joints past their stops."""
     q = np.array(scene.robot.random_configuration(0, _POSES))
     rng = np.random.default_rng(0)
     for slider in sliders_of(scene.robot.model):
-        if slider["unit"] == "°" and "turn" not in slider:
+        if slider["unit"] == "°" and "turn" not in slider:  # an angle, not part of a quaternion
             q[:, slider["q"]] = rng.uniform(-np.pi, np.pi, _POSES)
     poses = scene.body_poses(q)
     heights: list[Array] = []

@@ -1,4 +1,4 @@
-"""Results drawn over the robot of a page: contact forces along a motion, errors before, after and beside a calibration."""
+"""Results drawn over the robot of a page: contact forces along a motion, and errors before and after a calibration."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .colours import COLOURS as MARKS
 from .colours import SEQUENTIAL
 
 _MILLI = 1e3
-"""Millimetres of a metre."""
+"""Millimetres in a metre."""
 _ERROR_SCALE = 100
-"""Length of an error's arrow over the error."""
+"""Ratio of an arrow's length to the error that it shows."""
 _MAX_FORCE_LENGTH = 0.35
 """Length of the largest contact force, as a share of the robot's size."""
 Put = Callable[[Any, str], dict[str, Any]]
@@ -35,15 +35,15 @@ class ArrowGroup:
 
     name: str
     points: Array
-    """(c, 3), or (n, c, 3) along a motion [m]."""
+    """Starting points of the arrows, (c, 3), or (n, c, 3) along a motion [m]."""
     along: Array
-    """Arrows, likewise, as drawn if ``longest`` is 0."""
+    """Vectors of the arrows, of the same shape; drawn at this length unless the layer sets ``longest``."""
     colour: tuple[float, float, float]
     shares: Array | None = None
-    """(n, c): share of the friction cone or of the largest push, which sets the colour from 80 %; None without limits."""
+    """Share (n, c) of the friction cone or of the largest push; from 80 % on it sets the colour. None without limits."""
 
     def data(self, put: Put, scale: float) -> dict[str, Any]:
-        """Header entry, with arrows of another length by a factor."""
+        """Header entry, with arrows whose length is multiplied by ``scale``."""
         data = {
             "name": self.name,
             "colour": self.colour,
@@ -59,7 +59,7 @@ class ArrowGroup:
 
 @dataclass(frozen=True, eq=False)
 class ColouredPoints:
-    """Places coloured by a quantity, in equal steps from its least to its largest value."""
+    """Points coloured by a quantity, in equal steps from its smallest to its largest value."""
 
     name: str
     unit: str
@@ -70,12 +70,13 @@ class ColouredPoints:
 
     def data(self, put: Put) -> dict[str, Any]:
         """Header entry."""
-        least, most = float(self.values.min()), float(self.values.max())
-        edges = np.linspace(least, most, len(SEQUENTIAL) + 1)[1:-1]
+        min_value = float(self.values.min())
+        max_value = float(self.values.max())
+        inner_edges = np.linspace(min_value, max_value, len(SEQUENTIAL) + 1)[1:-1]
         return {
-            "name": f"{self.name}, {number(least, 2)} to {number(most, 2)} {self.unit}",
+            "name": f"{self.name}, {number(min_value, 2)} to {number(max_value, 2)} {self.unit}",
             "points": put(self.points, "f4"),
-            "steps": put(np.digitize(self.values, edges), "u2"),
+            "steps": put(np.digitize(self.values, inner_edges), "u2"),
             "colours": SEQUENTIAL,
         }
 
@@ -87,19 +88,20 @@ class PageLayer:
     label: str
     """Name of its switch."""
     told: str
-    """Sentence of the command."""
+    """Explanation beside the switch."""
     groups: tuple[ArrowGroup, ...]
     longest: float = 0.0
     """Length of the largest arrow as a share of the robot's size; 0: arrows have their own length."""
     time: Array | None = None
     """(n,) times of a motion [s]; None without a motion."""
     workspace: ColouredPoints | None = None
-    """Quantity over the places of the tip; None if the result has none."""
+    """Quantity over the positions of the tip; None if the result has none."""
 
     def data(self, put: Put, size: float) -> dict[str, Any]:
-        """Header entry for a robot of this size."""
+        """Header entry for a robot of a size [m]."""
         lengths = [float(np.linalg.norm(group.along, axis=-1).max(initial=0.0)) for group in self.groups]
-        max_length, scale = max(lengths, default=0.0), 1.0
+        max_length = max(lengths, default=0.0)
+        scale = 1.0
         if self.longest and max_length:
             scale = self.longest * size / max_length
         data: dict[str, Any] = {"label": self.label, "told": self.told, "time": None, "workspace": None}
@@ -116,7 +118,8 @@ def calibration_layer(found: CalibratedRobot) -> PageLayer:
     Readings other than poses and positions have no arrows.
     """
     points, before, after = found.error_vectors
-    told = f"{plain(next(iter(found.blocks())))}\n"
+    verdict = next(iter(found.blocks()))
+    told = f"{plain(verdict)}\n"
     groups: tuple[ArrowGroup, ...] = ()
     if len(points):
         told += f"Arrows: errors at {len(points)} measured points, {_ERROR_SCALE} times enlarged. "
@@ -140,20 +143,20 @@ def contact_layer(found: GroundSupport, time: Array) -> PageLayer:
 
 
 def _nearest(known: Array, time: Array) -> Array:
-    """Rows of the known times that are nearest."""
+    """Rows of the known times (k,) that are nearest to times (n,)."""
     after = np.searchsorted(known, time).clip(max=len(known) - 1)
     before = np.maximum(after - 1, 0)
     return np.where(time - known[before] < known[after] - time, before, after)
 
 
 def _shares(found: GroundSupport, rows: Array, forces: Array) -> Array:
-    """Share of the friction cone, or of the largest push if it is larger, (n, c); at most 1 where the contacts hold."""
+    """Larger one of two shares (n, c): of the friction cone, and of the largest push; at most 1 where the contacts hold."""
     shares = []
-    for contact, f in zip(found.contacts, np.moveaxis(forces, 1, 0), strict=True):
-        normal = f @ contact.normal
-        across = np.linalg.norm(f - normal[:, None] * contact.normal, axis=1)
-        grip = contact.friction * np.maximum(normal + contact.pull, 0.0)
-        cone = np.divide(across, grip, out=np.zeros_like(across), where=grip > 0.0)
-        shares.append(np.maximum(cone, normal / contact.push))
-    max_share = np.where(found.holds[rows], 1.0, np.inf)  # without the solver's rounding
+    for contact, force in zip(found.contacts, np.moveaxis(forces, 1, 0), strict=True):
+        normal = force @ contact.normal
+        tangential = np.linalg.norm(force - normal[:, None] * contact.normal, axis=1)
+        max_tangential = contact.friction * np.maximum(normal + contact.pull, 0.0)
+        share_of_cone = np.divide(tangential, max_tangential, out=np.zeros_like(tangential), where=max_tangential > 0.0)
+        shares.append(np.maximum(share_of_cone, normal / contact.push))
+    max_share = np.where(found.holds[rows], 1.0, np.inf)  # rounding of the solver is cut off
     return np.minimum(np.stack(shares, axis=1), max_share[:, None])

@@ -65,7 +65,7 @@ def closed_by_file(robot: Robot) -> ConstrainedRobot | None:
 
 
 def loops_of(closed: ConstrainedRobot, q: Array | None, actuated: Iterable[str] | None) -> PageLoops:
-    """Loops of a closed robot. Raises ValueRangeError for a constraint on velocities only."""
+    """Loops of a closed robot; raises ValueRangeError if a constraint holds velocities alone."""
     if not all(isinstance(c, Closure) for c in closed.constraints):
         raise ValueRangeError(
             f"robot {closed.name!r}: a page closes loops, and some of its constraints hold velocities alone. Show the "
@@ -74,15 +74,15 @@ def loops_of(closed: ConstrainedRobot, q: Array | None, actuated: Iterable[str] 
     robot = closed.open()
     start = _closed_start(closed) if q is None else closed.consistent(q)
     driven = driven_velocities(robot.model)
-    names = named_motors(robot) if actuated is None else actuated
-    if names:
-        motors = motor_mask(robot, names)
+    motor_names = named_motors(robot) if actuated is None else actuated
+    if motor_names:
+        motors = motor_mask(robot, motor_names)
     else:  # as many motors as degrees of freedom
         motors = driven & (np.cumsum(driven) <= closed.nv - len(closed.independent))
     A = closed.constraint_jacobian(start)[list(closed.independent)]
-    dependent = _dependent(A, 1.0 * driven + motors)
+    dependent = _dependent_velocities(A, 1.0 * driven + motors)  # sliders move motors, then other drives
     remarks: tuple[str, ...] = ()
-    if not names:
+    if not motor_names:
         motors = driven & ~dependent
         assumed = ", ".join(joints(robot, motors)) or "none"
         remarks = (f"The file names no motors; assumed: {assumed}. In Python, show(actuated=[…]) names others.",)
@@ -99,20 +99,24 @@ def loops_of(closed: ConstrainedRobot, q: Array | None, actuated: Iterable[str] 
 
 
 def _closed_start(closed: ConstrainedRobot) -> Array:
-    """Closed configuration within the limits: of several, the one farthest from singular configurations."""
-    robot, rows = closed.open(), list(closed.independent)
+    """Closed configuration with the fewest joints outside their limits; among these, the one farthest from singular ones."""
+    robot = closed.open()
+    rows = list(closed.independent)
     Q = some_configurations(closed, None)
     A = closed.constraint_jacobian(Q)[:, rows] / closed.sizes[rows, None]
-    outside = robot.limits.exceeded(robot.model.positions(Q)).sum(axis=-1)
-    return np.asarray(Q[np.argmax(np.linalg.svd(A, compute_uv=False)[:, -1] - 1e3 * outside)])
+    min_singular_values = np.linalg.svd(A, compute_uv=False)[:, -1]
+    exceeded_limits = robot.limits.exceeded(robot.model.positions(Q)).sum(axis=-1)
+    merit = min_singular_values - 1e3 * exceeded_limits  # a limit outweighs any singular value
+    return np.asarray(Q[np.argmax(merit)])
 
 
-def _dependent(A: Array, rank: Array) -> Array:
-    """Mask of dependent velocities (nv,) under A (m, nv), with as few as possible of high ``rank``."""
+def _dependent_velocities(A: Array, rank: Array) -> Array:
+    """Mask of dependent velocities (nv,) under A (m, nv); velocities of high ``rank`` (nv,) are independent if possible."""
     from scipy.linalg import qr
 
-    order = qr(A * 1e-2**rank, mode="r", pivoting=True)[1]
-    return np.isin(np.arange(A.shape[1]), order[: len(A)])
+    # Pivoting takes the largest columns first, so columns of high rank are made small.
+    _, pivots = qr(A * 1e-2**rank, mode="r", pivoting=True)
+    return np.isin(np.arange(A.shape[1]), pivots[: len(A)])
 
 
 def _rows_of(closures: Iterable[Closure]) -> list[list[int]]:
@@ -121,24 +125,29 @@ def _rows_of(closures: Iterable[Closure]) -> list[list[int]]:
 
 
 def standing_of(robot: Robot, scene: Scene) -> PageLoops | None:
-    """Robot with a floating base on its feet (the lowest shapes of its last bodies); None for other robots."""
+    """Standing pose and closures of a robot with a floating base, on its feet; None for other robots.
+
+    Its feet are the last bodies with the lowest shapes.
+    """
     model = robot.model
     if not _may_stand(model):
         return None
     q = starting_pose(robot)
     shapes = _points_of_bodies(model, scene)
-    feet = _feet(model, scene, q, shapes)
+    feet = _lowest_last_bodies(model, scene, q, shapes)
     if not feet:
         return None
-    start, lift, soles = _stance_on(robot, scene, q, feet, shapes)
+    start, lift, soles = _stance_and_soles(robot, scene, q, feet, shapes)
     start[model.bodies[0].q_index + 6] += lift
     T = scene.body_poses(start)
-    frames, closures = {}, []
+    frames = {}
+    closures = []
     for k, sole in zip(feet, soles, strict=True):
         name = f"sole of {model.bodies[k].link}"
         frames[name] = Frame(k, se3.pose(np.eye(3), sole.mean(axis=0)))
         rows = (0, 1, 2, 3, 4, 5) if len(sole) > 2 else (3, 4, 5)  # an edge or a point may turn
-        closures.append(Closure(GROUND, name, rows, tuple(map(tuple, (T[k] @ frames[name].pose).tolist()))))
+        sole_pose = T[k] @ frames[name].pose
+        closures.append(Closure(GROUND, name, rows, tuple(map(tuple, sole_pose.tolist()))))
     leg_bodies = {body for foot in feet for body in chain_to_base(model, foot)} - {0}
     loops = {
         "rows": _rows_of(closures),
@@ -161,11 +170,11 @@ def _may_stand(model: Model) -> bool:
     return all(body.joint.nv == 1 for body in model.leaders if body is not model.bodies[0])
 
 
-def _feet(model: Model, scene: Scene, q: Array, shapes: Mapping[int, Array]) -> list[int]:
+def _lowest_last_bodies(model: Model, scene: Scene, q: Array, shapes: Mapping[int, Array]) -> list[int]:
     """Last bodies whose lowest points are about as low as the lowest of all."""
     poses = scene.body_poses(q)
     heights = {k: _lowest_height(shapes[k], poses[k]) for k in sorted(last_bodies(model) & shapes.keys())}
-    max_height = min(heights.values(), default=0.0) + 0.08 * scene.size
+    max_height = min(heights.values(), default=0.0) + _MAX_FOOT_HEIGHT * scene.size
     return [k for k, height in heights.items() if height < max_height]
 
 
@@ -179,6 +188,12 @@ def _lowest_height(points: Array, T: Array) -> float:
     return float(_heights(points, T).min())
 
 
+_SOLE_DEPTH = 2e-3
+"""Height over a foot's lowest point up to which points are of its sole, as a share of the robot's size."""
+_MAX_POINT_FOOT = 0.04
+"""Width of a sole up to which it is one point, as a share of the robot's size."""
+_MAX_FOOT_HEIGHT = 0.08
+"""Greatest height of a foot over the lowest foot in the starting pose, as a share of the robot's size."""
 HELD = "base fixed in the air by the file; with <floating_base=True> the feet carry"
 _MAX_HEIGHT = 1e-3
 """Greatest height of a sole's corner off the floor in a standing pose [m]."""
@@ -187,19 +202,20 @@ _MAX_HEIGHT = 1e-3
 def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
     """Standing pose of a legged robot whose file fixes the base, with a remark; None for other robots.
 
-    Without a standing pose within the limits, the neutral pose, clear of stops, and the reason.
+    If no standing pose is within the limits, the pose is the neutral one, clear of stops, and the remark has the reason.
     """
     hanging = hanging_base(robot.model)
     if hanging is None:
         return None
-    q, shapes = starting_pose(robot), _points_of_bodies(robot.model, scene)
+    q = starting_pose(robot)
+    shapes = _points_of_bodies(robot.model, scene)
     feet = [leg[-1] for leg in hanging.legs]
     missing = [robot.model.bodies[foot].link for foot in feet if foot not in shapes]  # without a shape
     if missing:
         return q, f"{spell_out(HELD)}; no standing pose found: no shape of {', '.join(missing)}"
     if any(body.joint.nv != 1 for body in robot.model.leaders):
         return q, f"{spell_out(HELD)}; no standing pose found: joints of several degrees of freedom"
-    start, lift, soles = _stance_on(robot, scene, q, feet, shapes)
+    start, lift, soles = _stance_and_soles(robot, scene, q, feet, shapes)
     T = scene.body_poses(start)
     max_height = 0.0  # of a corner above or below the floor
     for k, sole in zip(feet, soles, strict=True):
@@ -213,16 +229,19 @@ def held_pose(robot: Robot, scene: Scene) -> tuple[Array, str] | None:
     )
 
 
-def _stance_on(
+def _stance_and_soles(
     robot: Robot, scene: Scene, q: Array, feet: Sequence[int], shapes: Mapping[int, Array]
 ) -> tuple[Array, float, list[Array]]:
-    """Configuration near q with the feet on a level floor, the height by which it is above the base frame's, and the soles."""
-    neutral_poses, start, lift = scene.body_poses(robot.neutral), q, 0.0
+    """Configuration (nq,) near q with the feet on a level floor, lift of the base to this floor, and soles of the feet."""
+    neutral_poses = scene.body_poses(robot.neutral)
+    start = q
+    lift = 0.0
     for _ in range(2):  # the contact point of a round foot moves as the foot rotates
-        poses, soles = scene.body_poses(start), []
+        poses = scene.body_poses(start)
+        soles = []
         for k in feet:
             sole = _sole(shapes[k], neutral_poses[k], scene.size)
-            if len(sole) < 3:
+            if len(sole) < 3:  # not flat in the neutral pose
                 sole = _sole(shapes[k], poses[k], scene.size)
             soles.append(sole)
         start, lift = _stance(robot, scene, start, feet, soles)
@@ -277,11 +296,11 @@ def _points_of_bodies(model: Model, scene: Scene) -> dict[int, Array]:
 
 
 def _sole(points: Array, T: Array, size: float) -> Array:
-    """Corners (n, 3) of the lowest points of a body at pose T, in its frame: at most four, or one if they are close."""
-    placed = points @ T[:3, :3].T
-    lowest = np.flatnonzero(placed[:, 2] < placed[:, 2].min() + 2e-3 * size)
-    x, y = placed[lowest, 0], placed[lowest, 1]
-    if max(np.ptp(x), np.ptp(y)) < 0.04 * size:
+    """Corners (n, 3) of the lowest points of a body at pose T, in its frame: at most four, or their mean if they are close."""
+    rotated = points @ T[:3, :3].T
+    lowest = np.flatnonzero(rotated[:, 2] < rotated[:, 2].min() + _SOLE_DEPTH * size)
+    x, y = rotated[lowest, 0], rotated[lowest, 1]
+    if max(np.ptp(x), np.ptp(y)) < _MAX_POINT_FOOT * size:
         return np.asarray(points[lowest].mean(axis=0, keepdims=True))
     farthest = [np.argmax(x + y), np.argmax(x - y), np.argmax(-x - y), np.argmax(y - x)]
     corners = dict.fromkeys(lowest[farthest].tolist())
@@ -289,47 +308,54 @@ def _sole(points: Array, T: Array, size: float) -> Array:
 
 
 def _stance(robot: Robot, scene: Scene, q: Array, feet: Sequence[int], soles: Sequence[Array]) -> tuple[Array, float]:
-    """Joints (nq,) near q and lift of the robot with all soles on z = 0 and its centre of mass above their middle.
+    """Configuration (nq,) near q and lift of the robot, by damped least squares.
 
-    By damped least squares.
+    All soles are on z = 0, and the centre of mass is above the mean of their middles. The unknowns X are the lift and the
+    positions of the joints.
     """
     from scipy.optimize import least_squares
 
     joints = [body.q_index for body in single_joints(robot.model)]
     lower, upper = clear_of_stops(robot)
-    low, high = np.concatenate([[-np.inf], lower]), np.concatenate([[np.inf], upper])
+    low = np.concatenate([[-np.inf], lower])
+    high = np.concatenate([[np.inf], upper])
     poses = scene.body_poses(q)
     min_height = min(_lowest_height(sole, poses[k]) for k, sole in zip(feet, soles, strict=True))
     start = np.concatenate([[-min_height], q[joints]])
 
     def residuals(X: Array) -> Array:
+        """Residuals (n, m) at unknowns (n, 1 + joints): of heights, centre of mass, spread of the feet, and joints."""
         Q = np.repeat(q[None], len(X), axis=0)
         Q[:, joints] = X[:, 1:]
         T = scene.body_poses(Q)
-        places = []
+        corners_by_foot = []
         for k, sole in zip(feet, soles, strict=True):
-            places.append(sole @ np.swapaxes(T[:, k, :3, :3], 1, 2) + T[:, k, None, :3, 3])
-        points = np.concatenate(places, axis=1)
-        middles = np.stack([place[..., :2].mean(axis=1) for place in places], axis=1)
+            corners_by_foot.append(sole @ np.swapaxes(T[:, k, :3, :3], 1, 2) + T[:, k, None, :3, 3])
+        corners = np.concatenate(corners_by_foot, axis=1)
+        middles = np.stack([foot_corners[..., :2].mean(axis=1) for foot_corners in corners_by_foot], axis=1)
         com_error = np.asarray(robot.center_of_mass(Q))[:, :2] - middles.mean(axis=1)
         spread = middles - middles.mean(axis=1, keepdims=True)
-        heights = 300 * (points[..., 2] + X[:, :1])
-        parts = (heights, 10 * com_error, spread.reshape(len(X), -1), 0.1 * scene.size * (X - start)[:, 1:])
+        heights = corners[..., 2] + X[:, :1]
+        joint_changes = (X - start)[:, 1:]
+        parts = (300 * heights, 10 * com_error, spread.reshape(len(X), -1), 0.1 * scene.size * joint_changes)
         return np.concatenate(parts, axis=1) / scene.size
 
-    first = residuals(start[None])[0]
-    spread = np.arange(len(first)) - (len(first) - len(joints) - 2 * len(feet))
-    target = np.where((spread >= 0) & (spread < 2 * len(feet)), first, 0.0)
+    # The feet keep their spread, and all other residuals should be zero.
+    residuals_at_start = residuals(start[None])[0]
+    row_of_spread = np.arange(len(residuals_at_start)) - (len(residuals_at_start) - len(joints) - 2 * len(feet))
+    is_spread = (row_of_spread >= 0) & (row_of_spread < 2 * len(feet))
+    target = np.where(is_spread, residuals_at_start, 0.0)
 
     def stance_error(x: Array) -> Array:
         return np.asarray(residuals(x[None])[0] - target)
 
-    def slopes(x: Array) -> Array:
-        r = residuals(x + np.vstack([np.zeros(len(x)), 1e-6 * np.eye(len(x))]))
-        return (r[1:] - r[0]).T / 1e-6
+    def jacobian(x: Array) -> Array:
+        step = 1e-6
+        r = residuals(x + np.vstack([np.zeros(len(x)), step * np.eye(len(x))]))
+        return (r[1:] - r[0]).T / step
 
-    x = np.clip(start, low + 1e-9, high - 1e-9)
-    solution = least_squares(stance_error, x, slopes, bounds=(low, high), max_nfev=60).x
+    inner_start = np.clip(start, low + 1e-9, high - 1e-9)  # least_squares begins inside the bounds
+    solution = least_squares(stance_error, inner_start, jacobian, bounds=(low, high), max_nfev=60).x
     stance = q.copy()
     stance[joints] = solution[1:]
     return stance, float(solution[0])

@@ -14,7 +14,7 @@ _SCRIPTS = (
     "mechanics.js", "fall.js", "floor.js", "solids.js", "orbit.js", "sharpness.js", "stage.js", "sticks.js", "grasp.js",
     "grab.js", "drives.js", "address.js", "share.js", "compact.js", "panel.js", "load.js", "scales.js",
 )  # fmt: skip
-_SCRIPTS_OF = {
+_SCRIPTS_BY_ENTRY = {
     "motion": ("motion.js", "verdict.js", "strip.js"),
     "book": ("readouts.js", "tip_readouts.js", "article/near_misses.js", "exercises.js", "book.js"),
     "limbs": ("fold.js",),
@@ -22,51 +22,53 @@ _SCRIPTS_OF = {
     "standing": ("standing.js",),
     "layer": ("layer.js",),
 }
-"""Scripts that a page includes only if its header has the entry."""
+"""Scripts that a page includes only if its header has an entry."""
 POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
 """Content-Security-Policy of the page without the digests of its scripts: no requests, no other scripts."""
-_NARROWER_STYLE = (("; }", "}"), (" { ", "{"), ("; ", ";"), (": ", ":"), (", ", ","))
-"""Replacements that shorten a style sheet."""
-_STRICT = '"use strict";'
+_STYLE_REPLACEMENTS = (("; }", "}"), (" { ", "{"), ("; ", ";"), (": ", ":"), (", ", ","))
+"""Replacements that shorten a style sheet: text, shorter text."""
+_STRICT_MODE = '"use strict";'
 _COMMENT = re.compile(r"^(.*?)(?:^|\s)//(?:\s.*)?$")
-"""Line with a comment after a space or at its start."""
+"""Line with ``//`` at its start or after a space; the group is the text before it."""
 
 
 def script_names(data: Mapping[str, Any]) -> list[str]:
     """Files of the player that a page with this header needs."""
     names = list(_SCRIPTS)
-    for key, more_names in _SCRIPTS_OF.items():
+    for key, more_names in _SCRIPTS_BY_ENTRY.items():
         if data[key]:
             names += more_names
     return [*names, "page.js"]
 
 
 def page_style(*, section: bool) -> str:
-    """Style sheet of a page; that of a section has its drawing as well."""
-    parts = resources.files(__package__) / "player"
-    style = (parts / "page.css").read_text("utf-8")
+    """Style sheet of a page; pages of sections have a drawing and colours of quantities as well."""
+    player = resources.files(__package__) / "player"
+    style = (player / "page.css").read_text("utf-8")
     if section:
-        style += (parts / "opening.css").read_text("utf-8")
-    for wide, narrow in _NARROWER_STYLE:
-        style = style.replace(wide, narrow)
-    return quantity_colours() + style if section else style
+        style += (player / "opening.css").read_text("utf-8")
+    for text, shorter_text in _STYLE_REPLACEMENTS:
+        style = style.replace(text, shorter_text)
+    if section:
+        style = quantity_colours() + style
+    return style
 
 
 def joined_script(names: Iterable[str]) -> str:
-    """One strict script of files of the player, without comments that end a line, and without indentation."""
-    parts = resources.files(__package__) / "player"
-    script = [_STRICT]
+    """Script in strict mode from files of the player, without indentation and comments at the end of a line."""
+    player = resources.files(__package__) / "player"
+    script_lines = [_STRICT_MODE]
     for name in names:
-        for line in (parts / name).read_text("utf-8").splitlines():
-            code = _COMMENT.sub(_code_before, line).strip()
-            if code and code != _STRICT:
-                script.append(code)
-    return "\n".join(script)
+        for line in (player / name).read_text("utf-8").splitlines():
+            code = _COMMENT.sub(_without_comment, line).strip()
+            if code and code != _STRICT_MODE:
+                script_lines.append(code)
+    return "\n".join(script_lines)
 
 
-def _code_before(line: re.Match[str]) -> str:
-    """Code before the comment, or the line where the slashes are within a text."""
-    code = line[1]
+def _without_comment(match: re.Match[str]) -> str:
+    """Code before the slashes; the whole line if they are within a text, after an odd number of quotation marks."""
+    code = match[1]
     if all(code.count(quote) % 2 == 0 for quote in "\"'`"):
         return code
-    return line[0]
+    return match[0]

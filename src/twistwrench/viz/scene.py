@@ -25,19 +25,24 @@ if TYPE_CHECKING:
     from ..robot import Robot
 
 Part = tuple[int, Surface, tuple[float, float, float]]
+"""Index of a body, surface in the body's frame, colour."""
 
-TUBE, JOINT, GROUND, ELLIPSOID = (0.86, 0.88, 0.90), (0.23, 0.27, 0.33), (0.55, 0.59, 0.64), (0.20, 0.46, 0.72)
+# Colours of the parts of a skeleton and of payloads, as red, green, blue from 0 to 1.
+TUBE = (0.86, 0.88, 0.90)
+JOINT = (0.23, 0.27, 0.33)
+GROUND = (0.55, 0.59, 0.64)
+ELLIPSOID = (0.20, 0.46, 0.72)
 PAYLOAD = (0.84, 0.37, 0.0)
-"""Colour of payloads, as red, green, blue from 0 to 1."""
-_THICKNESS = 0.022
+_MAX_LISTED_LINKS = 4
+_TUBE_RADIUS = 0.022
 """Radius of a tube, as a share of the robot's size."""
-_STEEL = 7850.0
-"""kg/m³: density of the balls that represent point masses."""
+_STEEL_DENSITY = 7850.0
+"""Density of the balls that represent point masses [kg/m³]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """Parts (body, surface in its frame, colour)."""
+    """Parts that represent a robot without visuals."""
 
     looks: list[Part]
     ellipsoids: list[Part]
@@ -47,36 +52,37 @@ class Skeleton:
 
 def skeleton(model: Model) -> Skeleton:
     """Parts of all bodies except rotors, and of a fixed base."""
-    bodies = {k: b for k, b in enumerate(model.bodies) if b.joint.moves_body}
-    points = _points(model)
+    bodies = {k: body for k, body in enumerate(model.bodies) if body.joint.moves_body}
+    points = _key_points(model)
     all_points = np.concatenate([np.zeros((1, 3)), *points.values()])
     size = float(np.linalg.norm(np.ptp(all_points, axis=0)))
     if size < 1e-6:  # a single floating body: size from its inertia
-        lengths = [4.0 * _semi_axes(b.inertia).max() for b in bodies.values() if b.inertia.mass > 0]
+        lengths = [4.0 * _semi_axes(body.inertia).max() for body in bodies.values() if body.inertia.mass > 0]
         size = max(lengths, default=1.0)
-    r = _THICKNESS * size
+    r = _TUBE_RADIUS * size
     looks: list[Part] = []
-    ends: dict[int, list[Array]] = {k: [] for k in (BASE, *bodies)}
-    for k, b in bodies.items():
-        start = _axis_point(b.joint)
-        ends[b.parent].append(b.placement[:3, :3] @ start + b.placement[:3, 3])
-        looks += _parts(k, _joint(b.joint, start, r), JOINT)
-        looks += _parts(b.parent, _rail(model, b, size, r), TUBE)
-    for k, b in bodies.items():
-        start = _axis_point(b.joint)
-        if b.joint.nv > 1 and b.inertia.mass > 0:
-            start = np.array(b.inertia.com, float)
-        for end in ends[k] or _far_ends(model, k, start):
-            looks += _parts(k, _tube(start, end, r), TUBE)
-    if all(b.joint.driven or b.parent != BASE for b in bodies.values()):
-        looks.append((BASE, cylinder(2.6 * r, 0.5 * r).placed(se3.pose(np.eye(3), [0, 0, -0.25 * r])), GROUND))
-        for end in ends[BASE]:
-            looks += _parts(BASE, _tube(np.zeros(3), end, r), GROUND)
+    child_joints: dict[int, list[Array]] = {k: [] for k in (BASE, *bodies)}  # points in the frame of the parent
+    for k, body in bodies.items():
+        joint_point = _axis_point(body.joint)
+        child_joints[body.parent].append(body.placement[:3, :3] @ joint_point + body.placement[:3, 3])
+        looks += _parts(k, _joint_surfaces(body.joint, joint_point, r), JOINT)
+        looks += _parts(body.parent, _rail_surfaces(model, body, size, r), TUBE)
+    for k, body in bodies.items():  # tubes from the joint of each body to the joints of its children
+        start = _axis_point(body.joint)
+        if body.joint.nv > 1 and body.inertia.mass > 0:  # a floating body has no axis
+            start = np.array(body.inertia.com, float)
+        for end in child_joints[k] or _outermost_point(model, k, start):
+            looks += _parts(k, _tube_surfaces(start, end, r), TUBE)
+    if all(body.joint.driven or body.parent != BASE for body in bodies.values()):  # the base is fixed
+        foot_pose = se3.pose(np.eye(3), [0, 0, -0.25 * r])
+        looks.append((BASE, cylinder(2.6 * r, 0.5 * r).placed(foot_pose), GROUND))
+        for end in child_joints[BASE]:
+            looks += _parts(BASE, _tube_surfaces(np.zeros(3), end, r), GROUND)
     ellipsoids: list[Part] = []
-    for k, b in bodies.items():
-        ellipsoids += _parts(k, equal_inertia_ellipsoid(b.inertia), ELLIPSOID)
-    with_looks = {k for k, *_ in looks}  # a single floating body has no other shape than its ellipsoid
-    looks += [(k, s, TUBE) for k, s, _ in ellipsoids if k not in with_looks]
+    for k, body in bodies.items():
+        ellipsoids += _parts(k, equal_inertia_ellipsoid(body.inertia), ELLIPSOID)
+    bodies_with_looks = {k for k, *_ in looks}  # a single floating body has no other shape than its ellipsoid
+    looks += [(k, surface, TUBE) for k, surface, _ in ellipsoids if k not in bodies_with_looks]
     return Skeleton(looks, ellipsoids, size)
 
 
@@ -96,35 +102,37 @@ def equal_inertia_ellipsoid(G: SpatialInertia) -> list[Surface]:
 
 
 def _semi_axes(G: SpatialInertia) -> Array:
+    """Semi-axes (3,) of the ellipsoid [m]; see :func:`equal_inertia_ellipsoid`."""
     I, _ = G.principal()
     squares = 5.0 * (I.sum() - 2.0 * I) / (2.0 * G.mass)
-    return np.asarray(np.sqrt(np.maximum(squares, _ball(G.mass) ** 2)))
+    return np.asarray(np.sqrt(np.maximum(squares, _ball_radius(G.mass) ** 2)))
 
 
-def _ball(mass: float) -> float:
-    return float((3.0 * mass / (4.0 * math.pi * _STEEL)) ** (1 / 3))
+def _ball_radius(mass: float) -> float:
+    """Radius of a steel ball [m]."""
+    return float((3.0 * mass / (4.0 * math.pi * _STEEL_DENSITY)) ** (1 / 3))
 
 
-def _points(model: Model) -> dict[int, Array]:
-    """Points of each body (its joint, frames and mass) in the base frame with all joints at zero; (k, 3)."""
+def _key_points(model: Model) -> dict[int, Array]:
+    """Points (n, 3) of each body in the base frame, with the robot neutral: of its joint, its mass and its frames."""
     poses: dict[int, Array] = {BASE: np.eye(4)}
-    own_points: dict[int, list[Array]] = {BASE: []}
+    body_points: dict[int, list[Array]] = {BASE: []}  # in the frame of the body
     q = model.neutral
-    for k, b in enumerate(model.bodies):
-        coordinates = b.joint.neutral
-        if b.joint.nq == 1:
-            coordinates = b.ratio * q[b.places[0]] + b.offset
-        poses[k] = poses[b.parent] @ b.placement @ np.asarray(b.joint.pose(coordinates), float)
-        own_points[k] = [_axis_point(b.joint)]
-        if b.inertia.mass > 0:
-            own_points[k].append(np.array(b.inertia.com, float))
+    for k, body in enumerate(model.bodies):
+        coordinates = body.joint.neutral
+        if body.joint.nq == 1:  # a follower depends on its leader
+            coordinates = body.ratio * q[body.places[0]] + body.offset
+        poses[k] = poses[body.parent] @ body.placement @ np.asarray(body.joint.pose(coordinates), float)
+        body_points[k] = [_axis_point(body.joint)]
+        if body.inertia.mass > 0:
+            body_points[k].append(np.array(body.inertia.com, float))
     for frame in model.frames.values():
-        own_points[frame.body].append(frame.pose[:3, 3])
-    points = {}
-    for k, own in own_points.items():
-        if own:
-            points[k] = np.stack(own) @ poses[k][:3, :3].T + poses[k][:3, 3]
-    return points
+        body_points[frame.body].append(frame.pose[:3, 3])
+    base_points = {}
+    for k, points in body_points.items():
+        if points:
+            base_points[k] = np.stack(points) @ poses[k][:3, :3].T + poses[k][:3, 3]
+    return base_points
 
 
 def _axis_point(joint: Joint) -> Array:
@@ -140,19 +148,19 @@ def _parts(body: int, surfaces: Iterable[Surface], colour: Colour) -> list[Part]
     return [(body, surface, colour) for surface in surfaces]
 
 
-def _far_ends(model: Model, k: int, start: Array) -> list[Array]:
-    """End of the tube of a last body: its farthest frame, or its centre of mass."""
-    places = [f.pose[:3, 3] for f in model.frames.values() if f.body == k]
+def _outermost_point(model: Model, k: int, start: Array) -> list[Array]:
+    """Point where the tube of a last body ends: the farthest of its frames and its centre of mass; empty without any."""
+    points = [frame.pose[:3, 3] for frame in model.frames.values() if frame.body == k]
     G = model.bodies[k].inertia
     if G.mass > 0:
-        places.append(np.array(G.com, float))
-    if not places:
+        points.append(np.array(G.com, float))
+    if not points:
         return []
-    return [max(places, key=lambda place: float(np.linalg.norm(place - start)))]
+    return [max(points, key=lambda point: float(np.linalg.norm(point - start)))]
 
 
-def _joint(joint: Joint, point: Array, r: float) -> list[Surface]:
-    """Short cylinder along the axis of a revolute joint, box around a prismatic joint."""
+def _joint_surfaces(joint: Joint, point: Array, r: float) -> list[Surface]:
+    """Short cylinder along the axis of a revolute joint, or box around a prismatic joint; empty for other joints."""
     if joint.nv != 1:
         return []
     w, v = joint.axes[0, :3], joint.axes[0, 3:]
@@ -161,19 +169,22 @@ def _joint(joint: Joint, point: Array, r: float) -> list[Surface]:
     return [box((2.6 * r, 2.6 * r, 4.0 * r)).placed(se3.pose(turned_z(v), point))]
 
 
-def _rail(model: Model, body: Body, size: float, r: float) -> list[Surface]:
+def _rail_surfaces(model: Model, body: Body, size: float, r: float) -> list[Surface]:
     """Rail of a sliding body in its parent's frame, between its limits, or half the robot's size long."""
     axis = body.joint.axes[0]
     if body.joint.nv != 1 or axis[:3].any():
         return []
-    ends = np.array([model.limits.lower[body.v_index], model.limits.upper[body.v_index]]) * body.ratio + body.offset
+    limits = np.array([model.limits.lower[body.v_index], model.limits.upper[body.v_index]])
+    ends = limits * body.ratio + body.offset  # a follower moves by the ratio to its leader
     ends = np.where(np.isfinite(ends), np.clip(ends, -size, size), [-size / 4, size / 4])
     R, origin = body.placement[:3, :3], body.placement[:3, 3]
-    low, high = R @ (ends[0] * axis[3:]) + origin, R @ (ends[1] * axis[3:]) + origin
-    return _tube(low, high, 0.5 * r)
+    start = R @ (ends[0] * axis[3:]) + origin
+    end = R @ (ends[1] * axis[3:]) + origin
+    return _tube_surfaces(start, end, 0.5 * r)
 
 
-def _tube(start: Array, end: Array, r: float) -> list[Surface]:
+def _tube_surfaces(start: Array, end: Array, r: float) -> list[Surface]:
+    """Tube with round ends between two points; empty if they are close."""
     length = float(np.linalg.norm(end - start))
     if length < 0.5 * r:
         return []
@@ -239,12 +250,14 @@ class Scene:
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Links with an inertia ellipsoid about as long as the robot, and longer than that of any body of their own shape.
+        """Links with an implausible inertia ellipsoid: about as long as the robot, and too long for their own shape.
 
-        Mass within a distance ρ of its centre has semi-axes of at most √5 ρ (all mass at both ends of a rod). A slender
-        uniform rod has 1.29 ρ.
+        If all mass is within a distance ρ of its centre, semi-axes are at most √5 ρ, as for mass at both ends of a rod. A
+        slender uniform rod has 1.29 ρ.
         """
-        bodies, lengths, reach = self.robot.model.bodies, dict[int, float](), dict[int, float]()
+        bodies = self.robot.model.bodies
+        lengths: dict[int, float] = {}  # of the ellipsoid of each body
+        max_distances: dict[int, float] = {}  # ρ of the shape of each body
         for shape in self.shapes:
             if shape.layer == "inertia" and shape.body != BASE:
                 lengths[shape.body] = float(np.ptp(shape.surface.vertices, axis=0).max())
@@ -252,10 +265,11 @@ class Scene:
             if shape.layer == "looks" and shape.body in lengths:
                 points = shape.surface.vertices @ shape.pose[:3, :3].T + shape.pose[:3, 3]
                 distances = np.linalg.norm(points - bodies[shape.body].inertia.com, axis=1)
-                reach[shape.body] = max(reach.get(shape.body, 0.0), float(distances.max()))
+                max_distances[shape.body] = max(max_distances.get(shape.body, 0.0), float(distances.max()))
         doubtful = []
         for k, length in lengths.items():
-            if length > max(0.8 * self.size, 2.0 * math.sqrt(5.0) * reach.get(k, 0.0)):
+            max_length = 2.0 * math.sqrt(5.0) * max_distances.get(k, 0.0)
+            if length > max(0.8 * self.size, max_length):
                 doubtful.append(bodies[k].link)
         return tuple(doubtful)
 
@@ -264,11 +278,11 @@ class Scene:
         """Notes for a viewer: the remarks, and implausible ellipsoids."""
         if not self.doubtful or len(self.robot.model.bodies) < 2:
             return self.remarks
-        links = ", ".join(self.doubtful[:4])
-        if len(self.doubtful) > 4:
+        links = ", ".join(self.doubtful[:_MAX_LISTED_LINKS])
+        if len(self.doubtful) > _MAX_LISTED_LINKS:
             links += ", …"
-        size = "a body" if len(self.doubtful) == 1 else "bodies"
-        return *self.remarks, f"Inertia of {links}: the file gives that of {size} about as long as the whole robot."
+        noun = "a body" if len(self.doubtful) == 1 else "bodies"
+        return *self.remarks, f"Inertia of {links}: the file gives that of {noun} about as long as the whole robot."
 
     def body_poses(self, q: ArrayLike) -> Array:
         """Poses T_s,body of the moving bodies, for any batch of q.
@@ -281,20 +295,21 @@ class Scene:
         -------
         T : (nbodies, 4, 4) array; rotors, which are not drawn, are NaN
         """
-        poses = np.asarray(self.robot.link_poses(q), float)
-        place = {link: k for k, link in enumerate(self.robot.link_names)}
-        model, unnamed = self.robot.model, []
-        body_poses = np.full((*poses.shape[:-3], len(model.bodies), 4, 4), np.nan)
+        link_poses = np.asarray(self.robot.link_poses(q), float)
+        link_index = {link: k for k, link in enumerate(self.robot.link_names)}
+        model = self.robot.model
+        bodies_without_frame = []  # between the joints of one link
+        body_poses = np.full((*link_poses.shape[:-3], len(model.bodies), 4, 4), np.nan)
         for k, body in enumerate(model.bodies):
-            if body.link in place:
-                body_poses[..., k, :, :] = poses[..., place[body.link], :, :]
-            elif body.joint.moves_body:  # between the joints of one link, without a frame
-                unnamed.append(k)
-        if unnamed:
+            if body.link in link_index:
+                body_poses[..., k, :, :] = link_poses[..., link_index[body.link], :, :]
+            elif body.joint.moves_body:
+                bodies_without_frame.append(k)
+        if bodies_without_frame:
             q = np.asarray(q, float)
-            for row in np.ndindex(q.shape[:-1]):
+            for row in np.ndindex(q.shape[:-1]):  # of the batch
                 T = base_poses(model, joint_poses(model, q[row]))
-                for k in unnamed:
+                for k in bodies_without_frame:
                     body_poses[(*row, k)] = T[k]
         return body_poses
 
@@ -318,13 +333,13 @@ class Scene:
                 if shape.body != BASE:
                     T = poses[shape.body] @ T
                 corners.append(shape.surface.placed(T).vertices)
-        if not corners:
+        if not corners:  # a box of one metre in place of nothing
             return np.array([[-0.5] * 3, [0.5] * 3])
         points = np.concatenate(corners)
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def decimated(self, most: int) -> Scene:
-        """Scene with at most about ``most`` visual triangles, shared out in the present proportions.
+        """Scene with at most about ``most`` triangles of visuals; all shapes are reduced by the same factor.
 
         Parameters
         ----------
@@ -337,11 +352,11 @@ class Scene:
         total = sum(len(s.surface.faces) for s in self.shapes if s.layer == "looks")
         if total <= most:
             return self
-        lighter: dict[int, Surface] = {}
+        decimated_by_id: dict[int, Surface] = {}  # shapes that share a surface share its decimation
         for shape in self.shapes:
-            share = math.floor(most * len(shape.surface.faces) / total)
-            lighter.setdefault(id(shape.surface), shape.surface.decimated(max(_MIN_TRIANGLES, share)))
-        shapes = [replace(shape, surface=lighter[id(shape.surface)]) for shape in self.shapes]
+            count = max(_MIN_TRIANGLES, math.floor(most * len(shape.surface.faces) / total))
+            decimated_by_id.setdefault(id(shape.surface), shape.surface.decimated(count))
+        shapes = [replace(shape, surface=decimated_by_id[id(shape.surface)]) for shape in self.shapes]
         return replace(self, shapes=tuple(shapes))
 
 
@@ -373,26 +388,34 @@ def scene_of(robot: Robot, *, meshes: bool = True) -> Scene:
     (2, 4, 4)
     """
     model = robot.model
-    visuals, remarks = list[Visual](), list[str]()
+    visuals = list[Visual]()
+    remarks = list[str]()
     if meshes:
         visuals, remarks = read_visuals(model)
-    shapes, dressed, own_frame = [], set(), np.eye(4)
+    shapes = []
+    bodies_with_visuals = set()
     for visual in visuals:
         frame = model.frames[visual.link]
         if len(visual.surface.faces):
             shapes.append(Shape(frame.body, visual.surface, frame.pose @ visual.pose, visual.colour, "looks"))
-            dressed.add(frame.body)
+            bodies_with_visuals.add(frame.body)
+    body_frame = np.eye(4)
     bones = skeleton(model)
     for body, surface, colour in bones.looks:
-        bare = body not in dressed
-        if bare and (not dressed or (body != BASE and model.bodies[body].inertia.mass > 0)):
-            shapes.append(Shape(body, surface, own_frame, colour, "looks"))
-    shapes += [Shape(body, surface, own_frame, colour, "inertia") for body, surface, colour in bones.ellipsoids]
+        if body in bodies_with_visuals:
+            continue
+        # Beside visuals, only bodies with mass are drawn: massless ones and the base may have no shape on purpose.
+        has_mass = body != BASE and model.bodies[body].inertia.mass > 0
+        if has_mass or not bodies_with_visuals:
+            shapes.append(Shape(body, surface, body_frame, colour, "looks"))
+    shapes += [Shape(body, surface, body_frame, colour, "inertia") for body, surface, colour in bones.ellipsoids]
     for name, inertia in model.payloads:
         if inertia.mass > 0:  # steel ball of the same mass
-            frame, ball = model.all_frames[name], sphere(_ball(inertia.mass)).placed(se3.pose(np.eye(3), inertia.com))
+            frame = model.all_frames[name]
+            ball = sphere(_ball_radius(inertia.mass)).placed(se3.pose(np.eye(3), inertia.com))
             shapes.append(Shape(frame.body, ball, frame.pose, PAYLOAD, "looks"))
     if remarks:
         warnings.warn(f"robot {robot.name!r}: {'. '.join(remarks)}.", ModelWarning, stacklevel=2)
-    scene = Scene(robot, tuple(shapes), tuple(remarks), bones.size, bool(dressed))
-    return replace(scene, size=float(np.linalg.norm(np.ptp(scene.bounds(model.neutral), axis=0))) or 1.0)
+    scene = Scene(robot, tuple(shapes), tuple(remarks), bones.size, bool(bodies_with_visuals))
+    diagonal = float(np.linalg.norm(np.ptp(scene.bounds(model.neutral), axis=0)))
+    return replace(scene, size=diagonal or 1.0)

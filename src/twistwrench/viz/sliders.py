@@ -13,19 +13,20 @@ MAX_TORQUES = 12
 
 
 def sliders_of(model: Model) -> list[dict[str, Any]]:
-    """Sliders of the coordinates, one each.
+    """Header entries of the sliders, one for each coordinate that a hand can move.
 
-    A slider has ``name``, index ``q``, velocity indices ``v`` of the joint, ``unit`` (° or m), range ``lower`` to
-    ``upper``, and limits ``least``, ``most`` (or None). The three with ``turn`` 0, 1, 2 (roll, pitch, yaw) share a
-    quaternion's ``q``.
+    An entry has ``name``, the index ``q`` of the coordinate, the indices ``v`` of the joint's velocities, ``unit`` (° or m),
+    the range ``lower`` to ``upper``, and the limits ``least`` and ``most``, None without a limit. The three sliders of a
+    quaternion have the same ``q``, and ``turn`` 0, 1 and 2 for roll, pitch and yaw.
     """
     sliders: list[dict[str, Any]] = []
     for body in model.leaders:
-        least, most = -np.inf, np.inf
+        min_position, max_position = -np.inf, np.inf
         if body.joint.nv == 1:
-            least, most = float(model.limits.lower[body.v_index]), float(model.limits.upper[body.v_index])
+            min_position = float(model.limits.lower[body.v_index])
+            max_position = float(model.limits.upper[body.v_index])
         for slider in body.joint.sliders:
-            lower, upper = _slider_range(least, most, slider.reach)
+            lower, upper = _slider_range(min_position, max_position, slider.reach)
             entry = {
                 "name": f"{body.joint.name}{slider.label}",
                 "q": body.q_index + slider.coordinate,
@@ -33,8 +34,8 @@ def sliders_of(model: Model) -> list[dict[str, Any]]:
                 "unit": slider.unit,
                 "lower": lower,
                 "upper": upper,
-                "least": finite_or_none(least),
-                "most": finite_or_none(most),
+                "least": finite_or_none(min_position),
+                "most": finite_or_none(max_position),
             }
             if slider.turn is not None:
                 entry["turn"] = slider.turn
@@ -42,13 +43,17 @@ def sliders_of(model: Model) -> list[dict[str, Any]]:
     return sliders
 
 
-def _slider_range(least: float, most: float, reach: float) -> tuple[float, float]:
-    """Range of a slider: the limits; without a limit at least ``reach`` from zero, and twice that from the other limit."""
-    lower, upper = least, most
-    if not np.isfinite(least):
-        lower = min(-reach, most - 2 * reach)
-    if not np.isfinite(most):
-        upper = max(reach, least + 2 * reach)
+def _slider_range(min_position: float, max_position: float, reach: float) -> tuple[float, float]:
+    """Range of a slider: from one limit to the other.
+
+    In place of a missing limit, the range ends ``reach`` from zero or twice ``reach`` from the other limit, whichever is
+    farther out.
+    """
+    lower, upper = min_position, max_position
+    if not np.isfinite(min_position):
+        lower = min(-reach, max_position - 2 * reach)
+    if not np.isfinite(max_position):
+        upper = max(reach, min_position + 2 * reach)
     return lower, upper
 
 
@@ -58,15 +63,18 @@ def finite_or_none(limit: float) -> float | None:
 
 
 def limbs_of(model: Model) -> list[dict[str, Any]]:
-    """Chains of joints between branchings of the tree: ``name``, ``torques`` and ``hands`` (sliders).
+    """Limbs: chains of joints between branchings of the tree.
+
+    An entry has ``name``, the indices ``torques`` of its torques, and the indices ``hands`` of its sliders.
 
     >>> import twistwrench as tw
     >>> [(limb["name"], limb["torques"]) for limb in limbs_of(tw.robots.quadruped().model)][1]
     ('FL_hip_joint … FL_calf_joint', [6, 7, 8])
     """
-    sliders, limbs = sliders_of(model), []
+    sliders = sliders_of(model)
+    limbs = []
     first_bodies = _first_bodies(model)
-    for first in dict.fromkeys(first_bodies):
+    for first in dict.fromkeys(first_bodies):  # each limb once
         bodies = [body for k, body in enumerate(model.bodies) if first_bodies[k] == first and not body.follows]
         torques: list[int] = []
         coordinates: list[int] = []
@@ -74,19 +82,21 @@ def limbs_of(model: Model) -> list[dict[str, Any]]:
             torques += range(model.nv)[body.places[1]]
             coordinates += range(model.nq)[body.places[0]]
         if torques:
-            names = dict.fromkeys((bodies[0].joint.name, bodies[-1].joint.name))
+            names = dict.fromkeys((bodies[0].joint.name, bodies[-1].joint.name))  # one name if it has one joint
             hands = [k for k, slider in enumerate(sliders) if slider["q"] in coordinates]
             limbs.append({"name": " … ".join(names), "torques": torques, "hands": hands})
     return limbs
 
 
 def _first_bodies(model: Model) -> list[int]:
-    """First body of each body's limb: after the base, a branching, or a joint without a drive."""
+    """Index of the first body of each body's limb: a child of the base, of a branching, or of a joint without a drive."""
     parents = [body.parent for body in model.bodies if body.joint.moves_body]
     first_bodies: list[int] = []
     for k, body in enumerate(model.bodies):
-        begins = body.parent == BASE or parents.count(body.parent) > 1 or not model.bodies[body.parent].joint.driven
-        if begins or not body.joint.moves_body:
+        begins_limb = (
+            body.parent == BASE or parents.count(body.parent) > 1 or not model.bodies[body.parent].joint.driven
+        )
+        if begins_limb or not body.joint.moves_body:
             first_bodies.append(k)
         else:
             first_bodies.append(first_bodies[body.parent])

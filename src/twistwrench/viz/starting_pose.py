@@ -14,15 +14,24 @@ if TYPE_CHECKING:
 
 STOP_CLEARANCE = 0.1
 """Share of its range that a joint keeps from its stops."""
-_SAMPLES, _ROUNDS = 1024, 8
+_SAMPLES = 1024
+"""Number of configurations that are compared in a round."""
+_ROUNDS = 8
+"""Number of rounds, each over half the range of the one before."""
+# Values from which a larger one makes a working pose no better.
+_ENOUGH_CONDITIONING = 0.8
+_ENOUGH_ELBOW_HEIGHT = 0.2
+_ENOUGH_DISTANCE_AHEAD = 0.5
+_MIN_TIP_HEIGHT = 0.25
+"""Height of the tip over the base below which a pose is penalised, as a share of the reach."""
 
 
 def starting_pose(robot: Robot, tip: str | None = None) -> Array:
     """Initial configuration of a page; (nq,).
 
     An arm has its elbow up, its joints clear of their stops by a tenth of their range, and its tip in the upper half of
-    its reach, far from singular poses. Remaining freedom is near neutral. Other robots, and those without a chain that
-    has most of the joints or of the moving mass, are neutral, clear of their stops.
+    its reach, far from singular poses. Joints that none of this determines are near neutral. Other robots are neutral, clear
+    of their stops; so are robots without a chain that has most of the joints or of the moving mass.
 
     Parameters
     ----------
@@ -39,13 +48,14 @@ def starting_pose(robot: Robot, tip: str | None = None) -> Array:
         return neutral
     if len(joints) != robot.nv or not np.any(robot.model.gravity):
         return neutral
-    rng, best = np.random.default_rng(0), neutral
+    rng = np.random.default_rng(0)
+    best = neutral
     for k in range(_ROUNDS):  # first over the whole range, then closer to the best
         spread = (high - low) * 0.5**k
         samples = best[coordinates] + spread * rng.uniform(-1, 1, (_SAMPLES, len(coordinates)))
         Q = np.repeat(neutral[None], _SAMPLES, axis=0)
         Q[:, coordinates] = np.clip(samples, low, high)
-        Q[0] = best
+        Q[0] = best  # a round never makes it worse
         best = Q[np.argmax(_merit(robot, Q, tip, neutral))]
     return np.asarray(best)
 
@@ -63,17 +73,17 @@ def is_arm(model: Model) -> bool:
     (True, False)
     """
     masses = [float(body.inertia.mass) for body in model.bodies]
-    degrees = [body.joint.nv * (not body.follows) for body in model.bodies]
-    max_mass, max_degrees = 0.0, 0
+    freedoms = [0 if body.follows else body.joint.nv for body in model.bodies]
+    max_mass, max_freedom = 0.0, 0  # of a chain
     for k in range(len(model.bodies)):
         chain = chain_to_base(model, k)
         max_mass = max(max_mass, sum(masses[j] for j in chain))
-        max_degrees = max(max_degrees, sum(degrees[j] for j in chain))
-    return 2 * max_mass > sum(masses) or 2 * max_degrees > sum(degrees)
+        max_freedom = max(max_freedom, sum(freedoms[j] for j in chain))
+    return 2 * max_mass > sum(masses) or 2 * max_freedom > sum(freedoms)
 
 
 def chain_to_base(model: Model, body: int) -> list[int]:
-    """The body and those between it and the base, from the body on."""
+    """Indices of the bodies from a body to the base, which is left out."""
     chain = []
     while body != BASE:
         chain.append(body)
@@ -82,36 +92,45 @@ def chain_to_base(model: Model, body: int) -> list[int]:
 
 
 def clear_of_stops(robot: Robot) -> tuple[Array, Array]:
-    """Ends of the joint ranges reduced by a tenth of the range, at most ± half a turn; (joints of one degree,) each."""
-    at = [body.v_index for body in single_joints(robot.model)]
-    low, high = robot.limits.lower[at], robot.limits.upper[at]
-    room = np.where(np.isfinite(high - low), STOP_CLEARANCE * (high - low), 0.0)
-    low, high = low + room, high - room
-    middle = np.clip(0.0, low, high)
-    return np.maximum(low, middle - np.pi), np.minimum(high, middle + np.pi)
+    """Lower and upper ends of the ranges of the single joints (n,), reduced by a tenth of the range at each end.
+
+    An end is at most half a turn, π rad or m, from the position that is nearest to zero.
+    """
+    velocities = [body.v_index for body in single_joints(robot.model)]
+    lower, upper = robot.limits.lower[velocities], robot.limits.upper[velocities]
+    clearance = np.where(np.isfinite(upper - lower), STOP_CLEARANCE * (upper - lower), 0.0)
+    low = lower + clearance
+    high = upper - clearance
+    nearest_to_zero = np.clip(0.0, low, high)
+    return np.maximum(low, nearest_to_zero - np.pi), np.minimum(high, nearest_to_zero + np.pi)
 
 
 def _merit(robot: Robot, Q: Array, tip: str, neutral: Array) -> Array:
     """Merit (n,) of each configuration of Q (n, nq) as a working pose of an arm."""
     up = -robot.model.gravity / np.linalg.norm(robot.model.gravity)
-    origins = np.asarray(robot.link_poses(Q))[..., :3, 3]
-    end = np.asarray(robot.forward_kinematics(Q, tip))[:, :3, 3]
-    base = origins[:, :1]
-    reach = float(np.linalg.norm(end - base[:, 0], axis=1).max()) or 1.0
-    along = (end - base[:, 0]) / np.maximum(np.linalg.norm(end - base[:, 0], axis=1, keepdims=True), 1e-9)
-    offset = origins - base
-    offset = offset - np.einsum("nki,ni->nk", offset, along)[..., None] * along[:, None]
-    elbow = (offset @ up).max(axis=1) / reach
-    low = np.minimum((origins @ up).min(axis=1), end @ up) - base[:, 0] @ up
-    height = ((end - base[:, 0]) @ up) / reach
-    ahead = (end - base[:, 0]) @ np.array([1.0, 0.0, 0.0]) / reach
+    origins = np.asarray(robot.link_poses(Q))[..., :3, 3]  # of all links (n, k, 3)
+    tips = np.asarray(robot.forward_kinematics(Q, tip))[:, :3, 3]
+    base = origins[:, 0]
+    base_to_tip = tips - base
+    reach = float(np.linalg.norm(base_to_tip, axis=1).max()) or 1.0
+    along = base_to_tip / np.maximum(np.linalg.norm(base_to_tip, axis=1, keepdims=True), 1e-9)
+    offsets = origins - base[:, None]
+    offsets = offsets - np.einsum("nki,ni->nk", offsets, along)[..., None] * along[:, None]  # from the line to the tip
+    elbow_height = (offsets @ up).max(axis=1) / reach
+    lowest_height = np.minimum((origins @ up).min(axis=1), tips @ up) - base @ up  # [m], of a link or the tip
+    tip_height = (base_to_tip @ up) / reach
+    distance_ahead = base_to_tip @ np.array([1.0, 0.0, 0.0]) / reach
     J = np.asarray(robot.jacobian(Q, tip, "world_aligned")).copy()
     J[:, 3:] /= reach
     sigma = np.linalg.svd(J, compute_uv=False)
     rank = int((sigma > 1e-6).sum(axis=1).max())
     min_sigma = sigma[:, rank - 1] if rank else np.zeros(len(Q))
-    excursion = np.abs(Q - neutral).mean(axis=1) / np.pi
-    below = np.minimum(low / reach + 1e-6, 0.0) + np.minimum(height - 0.25, 0.0)
     conditioning = min_sigma / max(float(min_sigma.max()), 1e-9)
-    merit = np.minimum(conditioning, 0.8) + 2 * np.minimum(elbow, 0.2) + np.minimum(ahead, 0.5)
-    return np.asarray(merit - excursion + 20 * below)
+    excursion = np.abs(Q - neutral).mean(axis=1) / np.pi
+    too_low = np.minimum(lowest_height / reach + 1e-6, 0.0) + np.minimum(tip_height - _MIN_TIP_HEIGHT, 0.0)
+    merit = (
+        np.minimum(conditioning, _ENOUGH_CONDITIONING)
+        + 2 * np.minimum(elbow_height, _ENOUGH_ELBOW_HEIGHT)
+        + np.minimum(distance_ahead, _ENOUGH_DISTANCE_AHEAD)
+    )
+    return np.asarray(merit - excursion + 20 * too_low)

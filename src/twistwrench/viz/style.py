@@ -27,10 +27,18 @@ if TYPE_CHECKING:
 __all__ = ["figure", "page_svg", "require_matplotlib", "save"]
 
 OVER, NEAR, POINTED, QUIET = (COLOURS[s].plot for s in (Style.OVER, Style.NEAR, Style.POINTED, Style.QUIET))
-LINE, AXIS, INK, PALE = "#1f4e79", "#555b63", "#222222", "#d5d9df"
-"""Colours of curves, axes and zero lines, marks over colours, and backgrounds of curves."""
-PAPER, FLOOR = "#ffffff", "#d9dde2"
-"""Colours of rims on the paper, and of the floor's grid."""
+LINE = "#1f4e79"
+"""Colour of a single curve."""
+AXIS = "#555b63"
+"""Colour of axes and zero lines."""
+INK = "#222222"
+"""Colour of texts, and of marks over colours."""
+PALE = "#d5d9df"
+"""Colour of areas and curves in the background."""
+PAPER = "#ffffff"
+"""Colour of the paper, and of rims that separate marks."""
+FLOOR = "#d9dde2"
+"""Colour of the floor's grid."""
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 VERMILION, GREY = "#D55E00", "#8C8C8C"
 """Colours of Okabe and Ito for colour-blind readers; sky and orange are for areas only."""
@@ -39,6 +47,7 @@ AMBER, PURPLE, AZURE, OLIVE, VIOLET = "#C98500", "#C76FA0", "#3B9AD9", "#8A8B1E"
 SERIES = (BLUE, AMBER, GREEN, VERMILION, PURPLE, AZURE, OLIVE, VIOLET)
 """Colours of joints in order, in every plot and in the viewer; further joints repeat them with other dashes."""
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
+"""Matplotlib's line styles: solid, dashed, dotted, dash-dotted."""
 CAUSES: Mapping[str, str] = MappingProxyType(
     {
         "inertia": BLUE,
@@ -78,7 +87,7 @@ STYLE = MappingProxyType(
 
 @contextlib.contextmanager
 def figure(width: float, height: float, title: str, purpose: str = "Drawing") -> Iterator[Figure]:
-    """Empty figure of a given size and title, in the common style within the ``with`` block.
+    """Empty figure of a given size and title; within the ``with`` block the common style is active.
 
     Parameters
     ----------
@@ -152,9 +161,11 @@ def save(drawn: Figure, path: str | Path | ShownFigure) -> Path:
     return target
 
 
-SHORT, LONG = "#f8e3b5", "#c3e3d3"
-"""Colours of a motor's intermittent and continuous regions; opaque, since they overlap."""
-_PAGE = {
+SHORT = "#f8e3b5"
+"""Colour of a motor's intermittent region; opaque, since it overlaps the continuous region."""
+LONG = "#c3e3d3"
+"""Colour of a motor's continuous region."""
+_PAGE_VARIABLES = {
     SHORT: "short",
     LONG: "long",
     PAPER: "paper",
@@ -166,7 +177,7 @@ _PAGE = {
     LINE: "curve",
     **{COLOURS[s].plot: str(s) for s in (Style.OVER, Style.NEAR, Style.QUIET)},
 }
-"""Colours that a page replaces by its own, which differ on dark screens."""
+"""Variable of the page's style that replaces each colour, since the page has other colours on dark screens."""
 
 
 def page_svg(plot: Callable[[Path], object]) -> str:
@@ -190,58 +201,88 @@ def page_svg(plot: Callable[[Path], object]) -> str:
     ('<svg', True, True)
     """
     mpl = require_matplotlib("Drawing the report")
-    fixed = {"svg.fonttype": "none", "svg.hashsalt": "twistwrench", "path.simplify_threshold": 0.5}
-    with tempfile.TemporaryDirectory() as folder, mpl.rc_context(cast("Any", fixed)):
+    svg_options = {"svg.fonttype": "none", "svg.hashsalt": "twistwrench", "path.simplify_threshold": 0.5}
+    with tempfile.TemporaryDirectory() as folder, mpl.rc_context(cast("Any", svg_options)):
         path = Path(folder) / "plot.svg"
         plot(path)
         text = path.read_text(encoding="utf-8")
-    text = re.sub(
-        r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", text[text.index("<svg") :], flags=re.DOTALL
-    )
-    used = set(re.findall(r"#([\w-]+)[\")]", text))
-    text = re.sub(r' id="([\w.-]+)"', lambda found: found[0] if found[1] in used else "", text)
-    text = re.sub(r"#[0-9a-f]{6}\b", lambda found: f"var(--{_PAGE[found[0]]})" if found[0] in _PAGE else found[0], text)
-    text = re.sub(r"<[^>]*>", lambda found: _LONG.sub(r"\1", found[0]), text)
-    text = _POLYLINE.sub(lambda found: f' d="{_relative_path(found[1])}"', text)
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", text, flags=re.DOTALL)
+    text = _without_unused_ids(text)
+    text = re.sub(r"#[0-9a-f]{6}\b", lambda match: _page_colour(match[0]), text)
+    text = re.sub(r"<[^>]*>", lambda match: _NUMBER_TO_ROUND.sub(r"\1", match[0]), text)
+    text = _POLYLINE.sub(lambda match: f' d="{_relative_path(match[1])}"', text)
     text = re.sub(r"\s*\n\s*", " ", text).replace("> <", "><").strip()
-    # Matplotlib derives names from hashes of coordinates, whose last digit differs between runs.
-    names = dict.fromkeys(name for _, name in _NAMES.findall(text))
+    return _with_reproducible_ids(text)
+
+
+def _without_unused_ids(svg: str) -> str:
+    """SVG without the ids that no reference names."""
+    referenced = set(re.findall(r"#([\w-]+)[\")]", svg))
+    return re.sub(r' id="([\w.-]+)"', lambda match: match[0] if match[1] in referenced else "", svg)
+
+
+def _page_colour(colour: str) -> str:
+    """Variable of the page's style for a neutral colour; other colours as they are."""
+    if colour in _PAGE_VARIABLES:
+        return f"var(--{_PAGE_VARIABLES[colour]})"
+    return colour
+
+
+def _with_reproducible_ids(svg: str) -> str:
+    """SVG with numbered ids behind a checksum of its text, which differs between plots of one page.
+
+    Matplotlib derives ids from hashes of coordinates, whose last digit differs between runs.
+    """
+    names = dict.fromkeys(name for _, name in _ID_OR_REFERENCE.findall(svg))  # each once, in order
     numbers = {name: str(k) for k, name in enumerate(names)}
-    text = _NAMES.sub(lambda found: f"{found[1]}{numbers[found[2]]}", text)
-    return _NAMES.sub(rf"\g<1>p{zlib.crc32(text.encode()):08x}-\g<2>", text)
+    svg = _ID_OR_REFERENCE.sub(lambda match: f"{match[1]}{numbers[match[2]]}", svg)
+    checksum = zlib.crc32(svg.encode())
+    return _ID_OR_REFERENCE.sub(rf"\g<1>p{checksum:08x}-\g<2>", svg)
 
 
-_NAMES = re.compile(r'(\bid="|href="#|url\(#)([\w.-]+)')
-_LONG = re.compile(r"(\d\.\d\d)\d+")
-"""Numbers of an SVG element, to be rounded to hundredths of a point."""
+_ID_OR_REFERENCE = re.compile(r'(\bid="|href="#|url\(#)([\w.-]+)')
+"""Id of an SVG element, or reference to one: the text before the name, and the name."""
+_NUMBER_TO_ROUND = re.compile(r"(\d\.\d\d)\d+")
+"""Number with more than two decimals, of which the first two are kept: hundredths of a point."""
 _POLYLINE = re.compile(r' d="((?:M -?[\d.]+ -?[\d.]+\s*(?:L -?[\d.]+ -?[\d.]+\s*)*(?:z\s*)?)+)"')
-"""Path of straight lines between absolute places, as Matplotlib writes it."""
+"""SVG path of straight lines between absolute points, as Matplotlib writes it."""
 
 
 def _relative_path(absolute: str) -> str:
-    """The same path in steps from place to place, counted in whole hundredths so that rounding does not add up."""
-    found, begin, place = "", (0, 0), (0, 0)
-    for command, x, y in re.findall(r"([MLz])(?: (\S+) (\S+))?", " ".join(absolute.split())):
+    """The same path in steps from point to point, which are shorter texts.
+
+    Points are counted in whole hundredths, so that rounding errors of the steps do not add up.
+    """
+    path = ""
+    first_x, first_y = 0, 0  # of the present line, to which z returns
+    last_x, last_y = 0, 0
+    for command, x_text, y_text in re.findall(r"([MLz])(?: (\S+) (\S+))?", " ".join(absolute.split())):
         if command == "z":
-            found, place = f"{found}z", begin
+            path += "z"
+            last_x, last_y = first_x, first_y
             continue
-        there = round(100 * float(x)), round(100 * float(y))
+        x = round(100 * float(x_text))
+        y = round(100 * float(y_text))
         if command == "M":
-            begin, found = there, f"{found}M{_hundredths(there[0])} {_hundredths(there[1])}l"
+            path += f"M{_hundredths(x)} {_hundredths(y)}l"
+            first_x, first_y = x, y
         else:
-            found += f"{_hundredths(there[0] - place[0])} {_hundredths(there[1] - place[1])} "
-        place = there
-    return re.sub(r"l(?=[Mz]|$)", "", found).replace(" -", "-").replace(" z", "z").replace(" M", "M").strip()
+            path += f"{_hundredths(x - last_x)} {_hundredths(y - last_y)} "
+        last_x, last_y = x, y
+    path = re.sub(r"l(?=[Mz]|$)", "", path)  # lines of a single point
+    return path.replace(" -", "-").replace(" z", "z").replace(" M", "M").strip()
 
 
 def _hundredths(value: int) -> str:
-    """Shortest numeral of hundredths: .29, -1.5, 0."""
-    whole, part = divmod(abs(value), 100)
-    digits = f"{whole}.{part:02d}".strip("0").rstrip(".") or "0"
+    """Shortest numeral of a number of hundredths: .29, -1.5, 0."""
+    whole, hundredths = divmod(abs(value), 100)
+    digits = f"{whole}.{hundredths:02d}".strip("0").rstrip(".") or "0"
     return f"-{digits}" if value < 0 else digits
 
 
-_MINUS = re.compile(r"(?<![\w.-])-(?=[\d.])")
+_MINUS_OF_NUMBER = re.compile(r"(?<![\w.-])-(?=[\d.])")
+"""Hyphen before a number and after no word, number or other hyphen."""
 
 
 def _write_minus(drawn: Figure) -> None:
@@ -249,7 +290,7 @@ def _write_minus(drawn: Figure) -> None:
     from matplotlib.text import Text
 
     for text in drawn.findobj(Text):
-        text.set_text(_MINUS.sub("−", text.get_text()))
+        text.set_text(_MINUS_OF_NUMBER.sub("−", text.get_text()))
 
 
 def require_matplotlib(purpose: str = "Drawing") -> Any:
@@ -292,14 +333,16 @@ def titles(axis: Axes, name: str, remark: str = "", colour: str = QUIET) -> None
 def stack(axis: Axes, x: Array, terms: Iterable[tuple[str, str, Array]]) -> tuple[dict[str, Any], Array, Array]:
     """Draw stacked terms (label, colour, values) above and below zero; returns the areas, lower edge and upper edge."""
     areas: dict[str, Any] = {}
-    below, above = np.zeros(len(x)), np.zeros(len(x))
+    lower = np.zeros(len(x))
+    upper = np.zeros(len(x))
     for label, colour, values in terms:
-        look: dict[str, Any] = {"color": colour, "alpha": 0.85, "linewidth": 0}
-        up, down = np.maximum(values, 0.0), np.minimum(values, 0.0)
-        areas[label] = axis.fill_between(x, above, above + up, label=label, **look)
-        axis.fill_between(x, below, below + down, **look)
-        below, above = below + down, above + up
-    return areas, below, above
+        options: dict[str, Any] = {"color": colour, "alpha": 0.85, "linewidth": 0}
+        next_upper = upper + np.maximum(values, 0.0)
+        next_lower = lower + np.minimum(values, 0.0)
+        areas[label] = axis.fill_between(x, upper, next_upper, label=label, **options)
+        axis.fill_between(x, lower, next_lower, **options)
+        lower, upper = next_lower, next_upper
+    return areas, lower, upper
 
 
 MAX_COLOURED = 8
@@ -309,20 +352,23 @@ MAX_COLOURED = 8
 def draw_joints(
     axis: Axes, t: Array, values: Array, names: Sequence[str], sizes: Array, places: Sequence[int] | None = None
 ) -> list[int]:
-    """Draw a curve for each joint in its colour and dashes; joints beyond the eight largest ``sizes`` are grey behind.
+    """Draw a curve for each joint: the eight of largest ``sizes`` in their colours and dashes, the others grey behind them.
 
-    ``values`` (n, k) belong to ``names``; ``places`` are colour indices, default 0 to k - 1. Returns the coloured
-    columns.
+    The columns of ``values`` (n, k) belong to ``names``, and ``places`` are their colour indices, by default 0 to k - 1.
+    Returns the coloured columns.
     """
-    order = sorted(range(len(names)), key=lambda k: -float(sizes[k]))
-    coloured, others = sorted(order[:MAX_COLOURED]), order[MAX_COLOURED:]
+    by_size = sorted(range(len(names)), key=lambda k: -float(sizes[k]))
+    coloured = sorted(by_size[:MAX_COLOURED])
+    others = by_size[MAX_COLOURED:]
     for k in coloured:
-        n = k if places is None else places[k]
-        look = {"color": SERIES[n % len(SERIES)], "linestyle": DASHES[n // len(SERIES) % len(DASHES)]}
-        axis.plot(t, values[:, k], linewidth=1.2, label=names[k], **look)
-    for n, k in enumerate(others):
-        label = None if n else f"{len(others)} others"
+        place = k if places is None else places[k]
+        colour = SERIES[place % len(SERIES)]
+        dashes = DASHES[place // len(SERIES) % len(DASHES)]
+        axis.plot(t, values[:, k], linewidth=1.2, label=names[k], color=colour, linestyle=dashes)
+    label: str | None = f"{len(others)} others"
+    for k in others:
         axis.plot(t, values[:, k], color=PALE, linewidth=0.8, label=label, zorder=1.5)
+        label = None  # one entry of the legend for all
     return coloured
 
 
@@ -333,18 +379,24 @@ def time_colours() -> Any:
     return LinearSegmentedColormap.from_list("time", (AMBER, PURPLE, VIOLET))
 
 
-_COLUMNS = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}
+_COLUMNS_BY_COUNT = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}
+"""Columns of a grid of panels, by the number of panels."""
 _MAX_COLUMNS = 4
+"""Columns of grids with more panels."""
 
 
 def panel_grid(count: int, most: int | None = None) -> tuple[int, int]:
-    """Rows and columns for ``count`` panels; at most ``most`` in a row if given.
+    """Rows and columns of a grid of ``count`` panels; ``most``: largest number of columns.
 
     >>> panel_grid(6), panel_grid(5, most=4)
     ((2, 3), (2, 4))
     """
-    columns = _COLUMNS.get(count, _MAX_COLUMNS) if most is None else max(1, min(count, most))
-    return max(1, math.ceil(count / columns)), columns
+    if most is None:
+        columns = _COLUMNS_BY_COUNT.get(count, _MAX_COLUMNS)
+    else:
+        columns = max(1, min(count, most))
+    rows = max(1, math.ceil(count / columns))
+    return rows, columns
 
 
 def panels(drawn: Any, count: int, most: int | None = None, *, sharex: bool = False) -> list[Any]:

@@ -32,15 +32,22 @@ _TOOLS = {
     "size": "robot motion catalog payload pause ambient",
     "convert": "robot out strict overwrite",
 }
-"""Commands, and their arguments and options that have a property of their own."""
+"""Names of the properties of each tool, by command: arguments and options."""
 _MORE = "more"
-_NEVER = {"file_json": "it is the answer", "workers": "it starts processes", "scheduler": "it opens connections"}
-"""Options that no tool has, and why."""
-_FILES = re.compile(r"FILE|FOLDER|DIR|LOG|MOTION|OUT|ROBOT")
+"""Property of all tools for further options, as in the shell."""
+_MAX_QUOTED = 80
+"""Largest number of characters of a value in a message."""
+_REFUSED_OPTIONS = {
+    "file_json": "it is the answer",
+    "workers": "it starts processes",
+    "scheduler": "it opens connections",
+}
+"""Options that no tool has, with the reason."""
+_FILE_PLACEHOLDER = re.compile(r"FILE|FOLDER|DIR|LOG|MOTION|OUT|ROBOT")
 """Placeholders of options and arguments that name files."""
-_PLAIN = ("VALUE", "NAME", "FRAME", "N", "SECONDS", "CELSIUS", "OUT", "LOG")
+_PLAIN_PLACEHOLDERS = ("VALUE", "NAME", "FRAME", "N", "SECONDS", "CELSIUS", "OUT", "LOG")
 """Placeholders that add nothing to the name of their option."""
-_MAX_RESULT = 200_000
+_MAX_RESULT_LENGTH = 200_000
 """Largest result [characters]."""
 
 
@@ -61,19 +68,20 @@ class Tool:
     @cached_property
     def command(self) -> click.Command:
         """The command."""
-        found = main.get_command(click.Context(main), self.name)
-        assert found is not None, self.name
-        return found
+        command = main.get_command(click.Context(main), self.name)
+        assert command is not None, self.name
+        return command
 
     @cached_property
     def parameters(self) -> dict[str, click.Parameter]:
         """Arguments and options by property."""
-        known = {_property_of(parameter): parameter for parameter in self.command.params}
-        return {name: known[name] for name in self.properties}
+        parameter_by_property = {_property_of(parameter): parameter for parameter in self.command.params}
+        return {name: parameter_by_property[name] for name in self.properties}
 
     def description(self) -> dict[str, Any]:
         """Name, purpose and schema of the arguments."""
-        properties, required = {}, []
+        properties = {}
+        required = []
         for name, parameter in self.parameters.items():
             properties[name] = _schema(parameter)
             if isinstance(parameter, click.Argument):
@@ -83,17 +91,20 @@ class Tool:
         return {"name": self.name, "description": _first_sentence(self.command.help or ""), "inputSchema": schema}
 
     def words(self, arguments: Mapping[str, Any]) -> list[str]:
-        """Words of the command line without the command; raises for an unknown argument or a value that is not one."""
-        options, positional = list[str](), list[str]()
+        """Words of the command line without the command; raises if an argument is unknown or has a value of a wrong type."""
+        options: list[str] = []
+        positional: list[str] = []
         for name, value in arguments.items():
-            if name != _MORE and name not in self.parameters:
+            if name == _MORE:
+                continue
+            if name not in self.parameters:
                 raise UnknownNameError.from_choices("argument", name, [*self.parameters, _MORE])
-            if name != _MORE and isinstance(self.parameters[name], click.Option):
+            if isinstance(self.parameters[name], click.Option):
                 options += _option_words(self.parameters[name], name, value)
         for name, parameter in self.parameters.items():
             if isinstance(parameter, click.Argument) and name in arguments:
                 positional += _texts(name, arguments[name], several=parameter.nargs == -1)
-        return [*options, *_more(arguments.get(_MORE, "")), "--", *positional]
+        return [*options, *_further_option_words(arguments.get(_MORE, "")), "--", *positional]
 
 
 @dataclass(frozen=True)
@@ -124,8 +135,10 @@ class Tools:
             try:
                 main.main([name, "--json=-", *words], prog_name="twistwrench")
                 code = 0
-            except SystemExit as ended:
-                code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+            except SystemExit as exit_request:
+                code = int(exit_request.code is not None)  # of a text: 1
+                if isinstance(exit_request.code, int):
+                    code = exit_request.code
         if code not in (ExitCode.FINE, ExitCode.NO):
             return ToolResult(notes.getvalue().strip() or f"exit code {code}", is_error=True)
         return _result(output.getvalue())
@@ -141,21 +154,22 @@ class Tools:
             label = parameter.opts[0]
             if isinstance(parameter, click.Argument):
                 label = str(parameter.metavar or parameter.name)
-            if parameter.name in _NEVER:
+            if parameter.name in _REFUSED_OPTIONS:
                 raise ValueRangeError(
-                    f"{label} is not an option of this server: {_NEVER[str(parameter.name)]}. Leave it out."
+                    f"{label} is not an option of this server: {_REFUSED_OPTIONS[str(parameter.name)]}. Leave it out."
                 )
             if parameter.name == "xacro" and not self.expands_xacro:
                 raise ValueRangeError(f"{label}: {_NO_XACRO}")
-            if _FILES.search(parameter.metavar or ""):
-                for text in _flat(value):
+            if _FILE_PLACEHOLDER.search(parameter.metavar or ""):
+                for text in _texts_in(value):
                     self._check_file(text, label)
 
     def _check_file(self, text: str, label: str) -> None:
+        """Raise for a file outside the folder, and for xacro unless it may be expanded."""
         for path in text.removeprefix("@").split("+"):  # parts of one log
             self.folder.require(path, label)
-            place = self.folder.path / path
-            endings = {one.suffix.lower() for one in (place, place.resolve())}
+            file = self.folder.path / path
+            endings = {file.suffix.lower(), file.resolve().suffix.lower()}  # of a link and of its target
             if XACRO_ENDING in endings and not self.expands_xacro:
                 raise ValueRangeError(f"{label} {path!r}: {_NO_XACRO}")
 
@@ -174,50 +188,52 @@ def _property_of(parameter: click.Parameter) -> str:
 def _schema(parameter: click.Parameter) -> dict[str, Any]:
     """Type and description of an argument or option."""
     if isinstance(parameter, click.Argument):
-        kind: dict[str, Any] = {"type": "string"}
+        schema: dict[str, Any] = {"type": "string"}
         if parameter.nargs == -1:
-            kind = {"type": "array", "items": kind}
+            schema = {"type": "array", "items": schema}
         name = (parameter.metavar or "").strip("[].")
-        if name != "ROBOT":
-            kind["description"] = _clause(MEANINGS[name])
-        return kind
+        if name != "ROBOT":  # which the instructions of the server explain
+            schema["description"] = _clause(MEANINGS[name])
+        return schema
     assert isinstance(parameter, click.Option)
     text = _clause(parameter.help or "")
-    if parameter.metavar and parameter.metavar not in _PLAIN:
+    if parameter.metavar and parameter.metavar not in _PLAIN_PLACEHOLDERS:
         text = f"{parameter.metavar}: {text}"
     if parameter.is_flag and not parameter.metavar:
         return {"type": "boolean", "description": text}
     if isinstance(parameter.type, click.Choice):
-        kind = {"enum": list(parameter.type.choices)}
+        schema = {"enum": list(parameter.type.choices)}
     else:
         is_number = parameter.type in (click.FLOAT, click.INT) or isinstance(parameter.type, Seconds)
-        kind = {"type": "number" if is_number else "string"}
+        schema = {"type": "number" if is_number else "string"}
     if parameter.multiple and "JOINT=VALUE" in (parameter.metavar or ""):  # of one joint each
-        kind = {"type": "array", "items": kind}
-    return {**kind, "description": text}
+        schema = {"type": "array", "items": schema}
+    return {**schema, "description": text}
 
 
-_MAX_CLAUSE = 48
+_MAX_CLAUSE_LENGTH = 48
 """Largest description of a property [characters]: every conversation of the assistant begins with all of them."""
 
 
 def _first_sentence(text: str) -> str:
     """First sentence, or its first clause, in one line without a full stop."""
-    return re.split(r"[;:]\s|\.\s|  ?\[default", " ".join(text.split()))[0].rstrip(".")
+    line = " ".join(text.split())
+    return re.split(r"[;:]\s|\.\s|  ?\[default", line)[0].rstrip(".")
 
 
 def _clause(text: str) -> str:
     """First clause, cut at a word."""
     clause = _first_sentence(text)
-    if len(clause) > _MAX_CLAUSE:
+    if len(clause) > _MAX_CLAUSE_LENGTH:
         clause = clause.split(", ")[0]
-    if len(clause) > _MAX_CLAUSE:
-        clause = f"{clause[:_MAX_CLAUSE].rpartition(' ')[0]}…"
+    if len(clause) > _MAX_CLAUSE_LENGTH:
+        whole_words = clause[:_MAX_CLAUSE_LENGTH].rpartition(" ")[0]
+        clause = f"{whole_words}…"
     return clause
 
 
 def _option_words(parameter: click.Parameter, name: str, value: Any) -> list[str]:
-    """Words of an option."""
+    """Words of an option with a value; empty for a flag that is false."""
     flag = parameter.opts[0]
     if isinstance(value, bool):
         if not getattr(parameter, "is_flag", False):
@@ -227,40 +243,43 @@ def _option_words(parameter: click.Parameter, name: str, value: Any) -> list[str
 
 
 def _texts(name: str, value: Any, *, several: bool) -> list[str]:
-    """Texts of a value: of a number, of a text, of a list; numbers of a list are the components of one vector."""
+    """Texts of a number, a text or a list, as options and arguments take them.
+
+    Numbers of a list are the components of one vector. Texts of a list are one text, unless ``several`` are allowed.
+    """
     if isinstance(value, str):
         return [value]
     if isinstance(value, int | float) and not isinstance(value, bool):
         return [repr(value)]
-    if isinstance(value, list) and value and all(isinstance(one, int | float) for one in value):
+    if isinstance(value, list) and value and all(isinstance(item, int | float) for item in value):
         return [",".join(map(repr, value))]
-    if isinstance(value, list) and all(isinstance(one, str) for one in value):
+    if isinstance(value, list) and all(isinstance(item, str) for item in value):
         return value if several else [",".join(value)]
-    raise ValueRangeError(f"{name} is {str(value)[:80]!r}. Give a text, a number, or a list of one of them.")
+    raise ValueRangeError(f"{name} is {str(value)[:_MAX_QUOTED]!r}. Give a text, a number, or a list of one of them.")
 
 
-def _more(text: Any) -> list[str]:
-    """Words of further options."""
+def _further_option_words(text: Any) -> list[str]:
+    """Words of the further options in the property ``more``."""
     if not isinstance(text, str):
         raise ValueRangeError(
-            f"{_MORE} is {str(text)[:80]!r}. Give options as in the shell, for example '--tip tool0'."
+            f"{_MORE} is {str(text)[:_MAX_QUOTED]!r}. Give options as in the shell, for example '--tip tool0'."
         )
     try:
         words = shlex.split(text)
     except ValueError as problem:
-        raise ValueRangeError(f"{_MORE} {text[:80]!r}: {problem}. Close the quotation.") from None
+        raise ValueRangeError(f"{_MORE} {text[:_MAX_QUOTED]!r}: {problem}. Close the quotation.") from None
     if "--" in words:
-        raise ValueRangeError(f"{_MORE} {text[:80]!r} has '--', after which no options follow. Leave it out.")
+        raise ValueRangeError(f"{_MORE} {text[:_MAX_QUOTED]!r} has '--', after which no options follow. Leave it out.")
     return words
 
 
-def _flat(value: Any) -> Iterator[str]:
-    """Texts of a raw value."""
+def _texts_in(value: Any) -> Iterator[str]:
+    """Texts in a parsed value, which may be nested."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, list | tuple):
-        for each in value:
-            yield from _flat(each)
+        for item in value:
+            yield from _texts_in(item)
 
 
 def _result(text: str) -> ToolResult:
@@ -269,12 +288,12 @@ def _result(text: str) -> ToolResult:
         data = json.loads(text)
     except ValueError:
         return ToolResult(text, is_error=False)
-    first = {key: data[key] for key in ("verdict", "sentences") if key in data}
-    shown = json.dumps({**first, **data}, ensure_ascii=False, separators=(",", ":"))
-    if len(shown) > _MAX_RESULT:
+    first_entries = {key: data[key] for key in ("verdict", "sentences") if key in data}
+    shown = json.dumps({**first_entries, **data}, ensure_ascii=False, separators=(",", ":"))
+    if len(shown) > _MAX_RESULT_LENGTH:
         return ToolResult(
-            f"error: the result has {len(shown):,} characters; at most {_MAX_RESULT:,} are sent. Write a file instead, with "
-            "--csv OUT.csv or --report OUT.html in `more`, or give fewer motions.",
+            f"error: the result has {len(shown):,} characters; at most {_MAX_RESULT_LENGTH:,} are sent. Write a file instead, "
+            "with --csv OUT.csv or --report OUT.html in `more`, or give fewer motions.",
             is_error=True,
         )
     return ToolResult(shown, is_error=False)

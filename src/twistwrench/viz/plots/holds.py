@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_mounting", "plot_support"]
 
-_ARROWS = 5.0
-"""Order of the arrows, above the robot."""
+_ARROW_ORDER = 5.0
+"""Drawing order (zorder) of the arrows, above the robot."""
 _MAX_FORCE_LENGTH = 0.4
 """Length of the largest contact force in the picture, relative to the extent of the contacts and the robot."""
-_ARROW = {"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 1.8}
+_ARROW_STYLE = {"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 1.8}
 """Style of a contact force."""
 _MAX_SPEED_FACTOR = 3.0
-"""Factor of the speed above which margins are not drawn."""
+"""Factor of the speed above which margins are not drawn, unless all margins are larger."""
 
 
 def plot_support(
@@ -72,44 +72,48 @@ def plot_support(
     if robot is not None:
         q = np.broadcast_to(arguments.finite([] if q is None else q, "q", robot.nq), (len(t), robot.nq))
         _, points = contact_maps(robot, q, found.contacts)
-    flat = bool(np.isfinite(found.zmp).any())
-    seen, moves = robot is not None, len(t) > 1
-    above = seen or flat
-    along = int(moves or not above)
-    with style.figure(9.6, 3.0 * (above + along), str(found), "Drawing contact forces") as drawn:
-        grid = drawn.add_gridspec(above + along, 2)
-        if seen:
+    has_robot = robot is not None
+    has_zero_moment_point = bool(np.isfinite(found.zmp).any())
+    has_pictures = has_robot or has_zero_moment_point  # in the first row
+    has_curves = len(t) > 1 or not has_pictures  # in the last row
+    rows = has_pictures + has_curves
+    with style.figure(9.6, 3.0 * rows, str(found), "Drawing contact forces") as drawn:
+        grid = drawn.add_gridspec(rows, 2)
+        if has_robot:
             _draw_robot(drawn.add_subplot(grid[0, 0]), found, robot, q, points, t)
-        if flat:
+        if has_zero_moment_point:
             _draw_zero_moment_point(drawn.add_subplot(grid[0, 1]), found, t, points)
-        if along:
+        if has_curves:
             _draw_margins(drawn.add_subplot(grid[-1, 0]), found, t)
             _draw_cones(drawn.add_subplot(grid[-1, 1]), found, t)
         return style.save(drawn, path)
 
 
 def _draw_robot(axis: style.Axes, found: Support, robot: Any, q: Any, points: Array, t: Array) -> None:
-    """Draw the robot at the row that sets the speed, with its contact forces; at one that holds if that row does not."""
+    """Draw the robot with its contact forces at the row that sets the speed.
+
+    If the contacts do not hold at that row, the nearest row at which they hold is drawn.
+    """
     row = found.worst
-    if not found.holds[row] and found.holds.any():
-        row = int(np.flatnonzero(found.holds)[np.abs(np.flatnonzero(found.holds) - row).argmin()])
-    axis.set_rasterization_zorder(_ARROWS)  # a robot is thousands of faces
+    rows_that_hold = np.flatnonzero(found.holds)
+    if not found.holds[row] and len(rows_that_hold):
+        nearest = np.abs(rows_that_hold - row).argmin()
+        row = int(rows_that_hold[nearest])
+    axis.set_rasterization_zorder(_ARROW_ORDER)  # a robot is thousands of faces
     camera = draw(axis, robot, q[row], inertia=False)
-    at = f"t = {seconds(float(t[row]))} s" if len(t) > 1 else "rest"
-    style.titles(axis, f"Contact forces at {at}" if found.holds[row] else f"At {at}: {found.how[row]}")
+    moment = f"t = {seconds(float(t[row]))} s" if len(t) > 1 else "rest"
+    title = f"Contact forces at {moment}"
+    if not found.holds[row]:
+        title = f"At {moment}: {found.how[row]}"
+    style.titles(axis, title)
     forces = np.nan_to_num(found.forces[row])
-    largest = float(np.linalg.norm(forces, axis=1).max(initial=0.0))
+    max_force = float(np.linalg.norm(forces, axis=1).max(initial=0.0))
     size = float(np.ptp(points[row], axis=0).max(initial=0.0)) or 1.0
-    for p, f in zip(points[row], forces, strict=True):
-        if np.linalg.norm(f) > 1e-3 * largest > 0:
-            start, end = camera.project([p, p + _MAX_FORCE_LENGTH * size * f / largest])[0]
-            axis.annotate(
-                "",
-                end,
-                start,
-                arrowprops={"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 1.8},
-                zorder=_ARROWS,
-            )
+    for point, force in zip(points[row], forces, strict=True):
+        if np.linalg.norm(force) > 1e-3 * max_force > 0:
+            arrow = [point, point + _MAX_FORCE_LENGTH * size * force / max_force]
+            start, end = camera.project(arrow)[0]
+            axis.annotate("", end, start, arrowprops=_ARROW_STYLE, zorder=_ARROW_ORDER)
     axis.autoscale_view()
 
 
@@ -117,15 +121,17 @@ def _draw_zero_moment_point(axis: style.Axes, found: Support, t: Array, points: 
     """Draw the zero moment point over time in the polygon of the contacts at the row that sets the speed."""
     from scipy.spatial import ConvexHull, QhullError
 
-    across = points @ tangents(found.contacts[0].normal).T
+    ground_points = points @ tangents(found.contacts[0].normal).T  # x and y of the contacts on the ground
     carries = np.linalg.norm(np.nan_to_num(found.forces[found.worst]), axis=1) > 0
-    at = across[found.worst, carries if carries.any() else slice(None)]
+    if not carries.any():
+        carries[:] = True
+    carrying_points = ground_points[found.worst, carries]
     try:
-        corners = at[ConvexHull(at).vertices]
+        corners = carrying_points[ConvexHull(carrying_points).vertices]
     except (QhullError, ValueError):  # contacts in one line
-        corners = at
+        corners = carrying_points
     axis.fill(*corners.T, color=style.PALE, zorder=0)
-    axis.plot(*at.T, "o", color=style.AXIS, markersize=4, linestyle="none", label="contacts that carry")
+    axis.plot(*carrying_points.T, "o", color=style.AXIS, markersize=4, linestyle="none", label="contacts that carry")
     path = axis.scatter(found.zmp[:, 0], found.zmp[:, 1], c=t, s=6, cmap=style.time_colours(), zorder=3)
     label = f"t = {seconds(float(t[found.worst]))} s" if len(t) > 1 else "zero moment point"
     axis.plot(*found.zmp[found.worst], "x", color=style.POINTED, markersize=8, label=label)
@@ -138,14 +144,15 @@ def _draw_zero_moment_point(axis: style.Axes, found: Support, t: Array, points: 
 
 
 def _draw_margins(axis: style.Axes, found: Support, t: Array) -> None:
-    """Draw factors of the speed that hold, and the least coefficient of friction."""
-    least = float(np.nanmin(found.speed, initial=np.inf))
-    most = max(_MAX_SPEED_FACTOR, 1.5 * least) if np.isfinite(least) else _MAX_SPEED_FACTOR
-    speed = np.where(found.speed > most, np.nan, found.speed)
+    """Draw the largest factor of the speed at which the contacts hold, and the least coefficient of friction."""
+    min_speed = float(np.nanmin(found.speed, initial=np.inf))
+    max_drawn_speed = _MAX_SPEED_FACTOR
+    if np.isfinite(min_speed):
+        max_drawn_speed = max(_MAX_SPEED_FACTOR, 1.5 * min_speed)
+    speed = np.where(found.speed > max_drawn_speed, np.nan, found.speed)
+    friction = np.where(np.isfinite(found.friction), found.friction, np.nan)
     axis.plot(t, speed, color=style.BLUE, label="largest speed, × this one")
-    axis.plot(
-        t, np.where(np.isfinite(found.friction), found.friction, np.nan), color=style.AMBER, label="least friction"
-    )
+    axis.plot(t, friction, color=style.AMBER, label="least friction")
     axis.axhline(1.0, **style.LIMIT)
     fails = ~found.holds
     if fails.any():
@@ -161,17 +168,17 @@ def _draw_margins(axis: style.Axes, found: Support, t: Array) -> None:
 def _draw_cones(axis: style.Axes, found: Support, t: Array) -> None:
     """Draw the share of each friction cone that the contact's force uses, the largest of the corners of a sole."""
     normals = np.array([c.normal for c in found.contacts])
-    along = np.einsum("nck,ck->nc", found.forces, normals)
-    slide = np.linalg.norm(found.forces - along[..., None] * normals, axis=-1)
-    pressed = along + np.array([c.pull for c in found.contacts])
-    most = np.array([c.friction for c in found.contacts]) * pressed
-    used = np.where(
-        most > 1e-9 * np.nanmax(np.abs(pressed), initial=1e-300), slide / np.where(most > 0, most, 1.0), np.nan
-    )
-    for k, (name, members) in enumerate(_frames(found).items()):
-        largest = np.nanmax(np.where(np.isnan(used[:, members]), -np.inf, used[:, members]), axis=1)
-        shown = np.where(np.isfinite(largest), 100 * largest, np.nan)
-        axis.plot(t, shown, color=style.SERIES[k % len(style.SERIES)], label=name)
+    normal_forces = np.einsum("nck,ck->nc", found.forces, normals)
+    tangential_forces = np.linalg.norm(found.forces - normal_forces[..., None] * normals, axis=-1)
+    pressures = normal_forces + np.array([c.pull for c in found.contacts])
+    max_tangential = np.array([c.friction for c in found.contacts]) * pressures
+    carries = max_tangential > 1e-9 * np.nanmax(np.abs(pressures), initial=1e-300)
+    shares = np.where(carries, tangential_forces / np.where(max_tangential > 0, max_tangential, 1.0), np.nan)
+    for k, (name, columns) in enumerate(_contacts_by_frame(found).items()):
+        shares_of_frame = np.where(np.isnan(shares[:, columns]), -np.inf, shares[:, columns])
+        max_shares = np.nanmax(shares_of_frame, axis=1)
+        percentages = np.where(np.isfinite(max_shares), 100 * max_shares, np.nan)
+        axis.plot(t, percentages, color=style.SERIES[k % len(style.SERIES)], label=name)
     axis.axhline(100.0, **style.LIMIT)
     axis.set(xlabel="time [s]", ylabel="share [%]", ylim=(0, 110))
     axis.margins(x=0)
@@ -179,18 +186,20 @@ def _draw_cones(axis: style.Axes, found: Support, t: Array) -> None:
     style.titles(axis, "Use of the friction cones")
 
 
-def _frames(found: Support) -> dict[str, list[int]]:
-    """Contacts by frame, corners of a sole together; one by one if all are at one frame or in groups."""
-    frames: dict[str, list[int]] = {}
-    for k, c in enumerate(found.contacts):
-        frames.setdefault(c.frame or c.group or f"contact {k + 1}", []).append(k)
-    if len(frames) > 1 or len(found.contacts) == 1:
-        return frames
-    return {f"{name} {k + 1}": [k] for name, members in frames.items() for k in members}
+def _contacts_by_frame(found: Support) -> dict[str, list[int]]:
+    """Indices of contacts by frame or group; one entry for each contact if all have the same frame or group."""
+    contacts_by_frame: dict[str, list[int]] = {}
+    for k, contact in enumerate(found.contacts):
+        name = contact.frame or contact.group or f"contact {k + 1}"
+        contacts_by_frame.setdefault(name, []).append(k)
+    if len(contacts_by_frame) != 1 or len(found.contacts) == 1:
+        return contacts_by_frame
+    (name,) = contacts_by_frame
+    return {f"{name} {k + 1}": [k] for k in contacts_by_frame[name]}
 
 
 def plot_mounting(load: MountingLoad, path: str | Path, *, time: ArrayLike, bolts: ArrayLike | None = None) -> Path:
-    """Plot of the wrench on a mounting over a motion, with the axial and shear loads of its bolts.
+    """Plot of the wrench on a mounting over a motion, with the bolt_loads and shear loads of its bolts.
 
     Parameters
     ----------
@@ -212,23 +221,24 @@ def plot_mounting(load: MountingLoad, path: str | Path, *, time: ArrayLike, bolt
     'mounting.svg'
     """
     t = arguments.finite(arguments.one(time, "time", len(load.wrench)), "time", len(load.wrench))
-    axial = None if bolts is None else load.bolts(bolts)
-    with style.figure(9.6, 3.0 * (1 + (axial is not None)), str(load), "Drawing the load of a mounting") as drawn:
-        axes = drawn.subplots(1 + (axial is not None), 2, sharex=True, squeeze=False)
+    bolt_loads = None if bolts is None else load.bolts(bolts)  # bolt_loads load and shear of each bolt
+    rows = 1 if bolt_loads is None else 2
+    with style.figure(9.6, 3.0 * rows, str(load), "Drawing the load of a mounting") as drawn:
+        axes = drawn.subplots(rows, 2, sharex=True, squeeze=False)
         panels: list[tuple[str, Array, tuple[str, ...]]]
         panels = [("Force on the foundation [N]", load.wrench[:, 3:], WRENCH[3:])]
         panels += [("Moment on the foundation [N m]", load.wrench[:, :3], WRENCH[:3])]
-        if axial is not None:
-            names = tuple(f"bolt {k + 1}" for k in range(axial.shape[1]))
-            panels += [("Axial load of the bolts, pull above 0 [N]", axial[..., 0], names)]
-            panels += [("Shear of the bolts [N]", axial[..., 1], names)]
+        if bolt_loads is not None:
+            names = tuple(f"bolt {k + 1}" for k in range(bolt_loads.shape[1]))
+            panels += [("Axial load of the bolts, pull above 0 [N]", bolt_loads[..., 0], names)]
+            panels += [("Shear of the bolts [N]", bolt_loads[..., 1], names)]
         for axis, (name, values, labels) in zip(axes.ravel(), panels, strict=True):
             for k, label in enumerate(labels):
                 axis.plot(t, values[:, k], color=style.SERIES[k % len(style.SERIES)], label=label)
             axis.margins(x=0)
             axis.legend(loc="best", ncols=3)
-            largest = float(np.abs(values).max(initial=0.0))
-            style.titles(axis, name, f"largest {number(largest, 4)}")
+            max_value = float(np.abs(values).max(initial=0.0))
+            style.titles(axis, name, f"largest {number(max_value, 4)}")
         for axis in axes[-1]:
             axis.set_xlabel("time [s]")
         return style.save(drawn, path)

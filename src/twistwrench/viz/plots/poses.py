@@ -15,16 +15,18 @@ from ...sensing.poses import PoseProposal
 from .. import style
 
 _MILLI = 1e3
-_CIRCLE = np.linspace(0.0, 2.0 * math.pi, 181)
-_DECIMALS = 6
+_CIRCLE_ANGLES = np.linspace(0.0, 2.0 * math.pi, 181)
+"""Polar angles [rad] of the points of a drawn circle."""
+_DECIMALS_OF_EQUAL_POINTS = 6
+"""Decimals to which points are rounded, so that equal poses have equal points."""
 _TICKS = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
 """First digits of the ticks of a logarithmic axis."""
-_RINGS = (math.pi / 6, math.pi / 3, math.pi / 2, math.pi)
+_DRAWN_TILTS = (math.pi / 6, math.pi / 3, math.pi / 2, math.pi)
 """Tilts [rad] that are drawn as circles."""
 
 
 def plot_proposal(found: PoseProposal, path: str | Path) -> None:
-    """Plot the tilts in which to hold the sensor, and the intervals of mass and centre of mass after each.
+    """Plot the tilts in which to hold the sensor, and the intervals of mass and centre of mass after each pose.
 
     Parameters
     ----------
@@ -44,32 +46,35 @@ def plot_proposal(found: PoseProposal, path: str | Path) -> None:
     'poses.svg'
     """
     with style.figure(10.5, 4.8, f"{len(found.poses)} poses for a load of {number(found.mass)} kg") as drawn:
-        tilts, known = drawn.subplots(1, 2)
-        _draw_tilts(tilts, found)
-        _draw_intervals(known, found)
+        left_axis, right_axis = drawn.subplots(1, 2)
+        _draw_directions(left_axis, found)
+        _draw_intervals(right_axis, found)
         style.save(drawn, path)
 
 
 def _projection(directions: Array) -> Array:
-    """Points (n, 2) of directions of gravity (n, 3): at the distance 2 sin(tilt / 2) from the centre."""
+    """Points (n, 2) of directions of gravity (n, 3): at the distance 2 sin(tilt / 2) from the centre.
+
+    Lambert's projection is (x, y) sqrt(2 / (1 - z)) for unit vectors (x, y, z) that are upright at z = -1.
+    """
     x, y, z = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).T
-    scale = np.sqrt(2.0 / np.maximum(1.0 - z, 1e-12))
+    scale = np.sqrt(2.0 / np.maximum(1.0 - z, 1e-12))  # finite upside down too, at z = 1
     return np.stack([scale * x, scale * y], axis=1)
 
 
-def _draw_tilts(axis: Any, found: PoseProposal) -> None:
-    """Directions of gravity with the numbers of the poses, beside those that were read."""
-    for tilt in _RINGS:
+def _draw_directions(axis: Any, found: PoseProposal) -> None:
+    """Draw directions of gravity with the numbers of the poses, and the directions that the log already has."""
+    for tilt in _DRAWN_TILTS:
         radius = 2.0 * math.sin(tilt / 2)
-        axis.plot(radius * np.cos(_CIRCLE), radius * np.sin(_CIRCLE), color=style.PALE, linewidth=0.8)
+        axis.plot(radius * np.cos(_CIRCLE_ANGLES), radius * np.sin(_CIRCLE_ANGLES), color=style.PALE, linewidth=0.8)
         axis.annotate(f"{number(math.degrees(tilt))}°", (0.0, radius), color=style.QUIET, fontsize=style.SMALL_FONT)
     if found.log is not None:
-        read = _projection(found.log.gravity)
-        axis.plot(*read.T, "o", markersize=3, color=style.QUIET, linestyle="none", label="read already")
+        logged = _projection(found.log.gravity)
+        axis.plot(*logged.T, "o", markersize=3, color=style.QUIET, linestyle="none", label="read already")
         axis.legend()
-    places = _projection(found.gravity).round(_DECIMALS) + 0.0
-    for x, y in np.unique(places, axis=0):  # a pose that is proposed again has one mark
-        numbers = 1 + np.flatnonzero((places == (x, y)).all(axis=1))
+    points = _projection(found.gravity).round(_DECIMALS_OF_EQUAL_POINTS) + 0.0  # -0.0 becomes 0.0
+    for x, y in np.unique(points, axis=0):  # a pose that is proposed again has one mark
+        numbers = 1 + np.flatnonzero((points == (x, y)).all(axis=1))
         axis.plot(x, y, "o", markersize=15, color=style.POINTED, alpha=0.25)
         axis.annotate(", ".join(map(str, numbers)), (x, y), ha="center", va="center")
     axis.set_aspect("equal")
@@ -78,17 +83,17 @@ def _draw_tilts(axis: Any, found: PoseProposal) -> None:
 
 
 def _draw_intervals(axis: Any, found: PoseProposal) -> None:
-    """Half-widths of the 95 % intervals after each pose; poses that determine nothing are left out."""
+    """Draw half-widths of the 95 % intervals after each pose; a pose after which they are infinite is left out."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     count = np.arange(1, len(found.poses) + 1)
-    mass, place = found.intervals.T
-    for values, name, colour in (
-        (100.0 * mass / found.mass, "mass ± [%]", style.BLUE),
-        (_MILLI * place, "centre of mass ± [mm]", style.VERMILION),
+    mass_errors, centre_errors = found.intervals.T
+    for half_widths, label, colour in (
+        (100.0 * mass_errors / found.mass, "mass ± [%]", style.BLUE),
+        (_MILLI * centre_errors, "centre of mass ± [mm]", style.VERMILION),
     ):
-        known = np.isfinite(values)
-        axis.plot(count[known], values[known], "o-", markersize=4, color=colour, label=name)
+        known = np.isfinite(half_widths)
+        axis.plot(count[known], half_widths[known], "o-", markersize=4, color=colour, label=label)
     axis.set_yscale("log")
     axis.yaxis.set_major_locator(LogLocator(subs=_TICKS))
     axis.yaxis.set_minor_locator(NullLocator())

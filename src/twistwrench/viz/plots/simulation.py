@@ -21,10 +21,18 @@ if TYPE_CHECKING:
     from ...simulation.result import SimulationResult
     from ...trajectories.trajectory import Trajectory
 
-_WORKS = {"torques": style.GREEN, "friction": style.GREY, "wrenches": style.PURPLE, "contacts": style.VERMILION}
-_PANELS = {"rad": "Angles [rad]", "m": "Positions [m]", "": "Orientations: quaternions", None: "Coordinates [rad, m]"}
-"""Axis label for each unit; None for files without units."""
-_QUATERNION = 4
+_WORK_COLOURS = {"torques": style.GREEN, "friction": style.GREY, "wrenches": style.PURPLE, "contacts": style.VERMILION}
+_PANEL_TITLES = {
+    "rad": "Angles [rad]",
+    "m": "Positions [m]",
+    "": "Orientations: quaternions",
+    None: "Coordinates [rad, m]",
+}
+"""Title of the panel for each unit of coordinates; None for files without units."""
+_QUATERNION_SIZE = 4
+"""Number of coordinates of an orientation."""
+_MAX_EVENTS = 50
+"""Largest number of events that are drawn."""
 
 
 def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
@@ -42,11 +50,11 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
     ...     plot_simulation(swing, f"{folder}/swing.svg").name
     'swing.svg'
     """
-    end = f"{number(result.times[-1], 6)} s" if result.completed else result.stopped
-    if len(end) >= 70:
-        end = f"{end[:68]}…"
-    title = f"{result.robot} · {result.method} · {end}"
-    panels = _panels(result)
+    outcome = f"{number(result.times[-1], 6)} s" if result.completed else result.stopped
+    if len(outcome) >= 70:
+        outcome = f"{outcome[:68]}…"
+    title = f"{result.robot} · {result.method} · {outcome}"
+    panels = _coordinates_by_panel(result)
     heights = [2.6] * len(panels) + [2.6, 1.6]
     with style.figure(9.0, 1.0 + 1.02 * sum(heights), title, "Drawing a simulation") as drawn:
         *coordinates, energies, drift = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
@@ -55,51 +63,54 @@ def plot_simulation(result: SimulationResult, path: str | Path) -> Path:
         _draw_energies(energies, result)
         _draw_drift(drift, result)
         for axis in (*coordinates, energies, drift):
-            for event in result.events[:50]:
+            for event in result.events[:_MAX_EVENTS]:
                 axis.axvline(event.time, color=style.QUIET, linewidth=0.8, linestyle=":")
             axis.margins(x=0)
         return style.save(drawn, path)
 
 
-def _panels(result: SimulationResult) -> dict[str, list[int]]:
-    """Panel titles, each with the coordinates in the panel."""
+def _coordinates_by_panel(result: SimulationResult) -> dict[str, list[int]]:
+    """Indices of the coordinates in each panel, by its title."""
     units = result.coordinate_units or (None,) * len(result.coordinate_names)
-    panels = {}
-    for unit, panel in _PANELS.items():
-        places = [k for k, u in enumerate(units) if u == unit]
-        if places:
-            panels[panel] = places
-    return panels
+    coordinates_by_panel = {}
+    for panel_unit, title in _PANEL_TITLES.items():
+        coordinates = [k for k, unit in enumerate(units) if unit == panel_unit]
+        if coordinates:
+            coordinates_by_panel[title] = coordinates
+    return coordinates_by_panel
 
 
 def _draw_coordinates(axis: style.Axes, result: SimulationResult, panel: str, places: list[int]) -> None:
-    """Draw the coordinates of one unit; those that move most have colours."""
-    q, names = result.q[:, places], [result.coordinate_names[k] for k in places]
+    """Draw the coordinates at some places, which have the same unit; those that move most have colours."""
+    q = result.q[:, places]
+    names = [result.coordinate_names[k] for k in places]
     # A quaternion has three velocities, so colours are those of velocities.
-    colours = [k - result.coordinate_units[:k].count("") // _QUATERNION for k in places]
-    shown = style.draw_joints(axis, result.times, q, names, np.ptp(q, axis=0), colours)
-    if len(shown) < len(places):
-        panel += f": the {len(shown)} of {len(places)} that move most"
+    colours = [k - result.coordinate_units[:k].count("") // _QUATERNION_SIZE for k in places]
+    coloured = style.draw_joints(axis, result.times, q, names, np.ptp(q, axis=0), colours)
+    if len(coloured) < len(places):
+        panel += f": the {len(coloured)} of {len(places)} that move most"
     axis.set_title(panel, loc="left")
     _legend(axis)
 
 
 def _draw_energies(axis: style.Axes, result: SimulationResult) -> None:
-    for energy, label, look in (
+    """Draw the gains of energy since the start, and the works."""
+    for energy, label, options in (
         (result.kinetic_energy, "kinetic", {"color": style.BLUE}),
         (result.potential_energy, "potential", {"color": style.AMBER}),
         (result.energy, "both", {"color": style.LINE, "linewidth": 2}),
     ):
-        axis.plot(result.times, energy - energy[0], label=label, **cast("Any", look))
+        axis.plot(result.times, energy - energy[0], label=label, **cast("Any", options))
     for name, work in result.work.items():
         if np.any(work):
-            axis.plot(result.times, work, "--", color=_WORKS[name], label=f"work of {name}")
+            axis.plot(result.times, work, "--", color=_WORK_COLOURS[name], label=f"work of {name}")
     axis.axhline(0.0, color=style.AXIS, linewidth=0.8)
     axis.set_title("Energies, gained since the start [J]", loc="left")
     _legend(axis)
 
 
 def _draw_drift(axis: style.Axes, result: SimulationResult) -> None:
+    """Draw the gain of energy that no work explains."""
     axis.plot(result.times, result.drift, color=style.LINE)
     axis.axhline(0.0, color=style.AXIS, linewidth=0.8)
     drift = residual(result.relative_drift)
@@ -108,12 +119,14 @@ def _draw_drift(axis: style.Axes, result: SimulationResult) -> None:
 
 
 def _legend(axis: style.Axes) -> None:
+    """Write a legend at the right of the axes."""
     cast("Any", axis).legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
 # ── A trajectory: shares of limits, active limits, phase plane
 
 _SAMPLES = 3001
+"""Number of times at which a trajectory is drawn."""
 
 
 def plot_trajectory(
@@ -134,12 +147,15 @@ def plot_trajectory(
     ...     plot_trajectory(moving, f"{folder}/move.svg").name
     'move.svg'
     """
-    robot, names = trajectory.robot, trajectory.robot.model.velocity_names
+    robot = trajectory.robot
+    names = robot.model.velocity_names
     fast = trajectory if isinstance(trajectory, Fastest) else None
-    width, height, ratios = 7.5, 5.6, [1.0, 1.0]
+    width, height = 7.5, 5.6
+    ratios = [1.0, 1.0]
     if fast is not None:
-        width, height, friction = 11.25, 6.3, fast.rows.friction
-        ratios.append(0.28 if fast.time_optimal is None else 1.0)
+        width, height = 11.25, 6.3
+        friction = fast.rows.friction
+        ratios.append(0.28 if fast.time_optimal is None else 1.0)  # a strip of active limits, or a panel of jerks
         if bounds is None:
             bounds = fast.bounds
     bounds = bounds_or_own(robot, bounds)
@@ -166,25 +182,28 @@ def plot_trajectory(
 
 
 _TIME_PER_LETTER = 0.013
-"""Share of the time per letter that a label on the strip needs."""
+"""Share of the duration that each letter of a label on the strip needs."""
 
 
 def _draw_active_limits(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -> None:
     """Draw a strip of the limits that the motion is at, in the colours of their joints."""
-    for touch in fast.limit_contacts:
-        k = names.index(touch.joint)
-        look: dict[str, Any] = {"color": style.SERIES[k % len(style.SERIES)], "edgecolor": style.PAPER, "linewidth": 0}
-        if touch.kind == "velocity":
-            look["hatch"] = "///"
-        axis.barh(0, touch.end - touch.begin, left=touch.begin, height=0.8, **look)
-        name = touch.joint.removesuffix("_joint")
-        max_letters = (touch.end - touch.begin) / fast.duration / _TIME_PER_LETTER
-        if len(name) > max_letters:
-            name = name.replace("_", "\n", 1)
-        if max(map(len, name.split("\n"))) <= max_letters:
-            box = {"facecolor": look["color"], "edgecolor": "none", "pad": 1.5}
-            place = (touch.begin + touch.end) / 2, 0
-            axis.text(*place, name, color=style.PAPER, ha="center", va="center", fontsize=style.SMALL_FONT, bbox=box)
+    for contact in fast.limit_contacts:
+        k = names.index(contact.joint)
+        colour = style.SERIES[k % len(style.SERIES)]
+        options: dict[str, Any] = {"color": colour, "edgecolor": style.PAPER, "linewidth": 0}
+        if contact.kind == "velocity":
+            options["hatch"] = "///"
+        axis.barh(0, contact.end - contact.begin, left=contact.begin, height=0.8, **options)
+        label = contact.joint.removesuffix("_joint")
+        max_letters = (contact.end - contact.begin) / fast.duration / _TIME_PER_LETTER
+        if len(label) > max_letters:
+            label = label.replace("_", "\n", 1)
+        if max(map(len, label.split("\n"))) <= max_letters:
+            box = {"facecolor": colour, "edgecolor": "none", "pad": 1.5}
+            middle = (contact.begin + contact.end) / 2
+            axis.text(
+                middle, 0, label, color=style.PAPER, ha="center", va="center", fontsize=style.SMALL_FONT, bbox=box
+            )
     axis.set_yticks([])
     axis.grid(visible=False)
     caption = "active limits: torques plain, velocities hatched (dotted beside)"
@@ -196,15 +215,18 @@ def _draw_phase_plane(axis: style.Axes, fast: Fastest, names: tuple[str, ...]) -
     """Draw the rate along the path over the path, under the limit curves of torques and velocities."""
     curves = fast.limit_curves()
     s, rate = curves.path
-    top = 1.9 * float((fast.time_optimal or fast).limit_curves().path[1].max())
-    bound = np.minimum(np.minimum(curves.torque, curves.velocity), 10 * top)
-    axis.fill_between(curves.s, bound, 10 * top, color=style.OVER, alpha=0.08, linewidth=0)
+    fastest_rates = (fast.time_optimal or fast).limit_curves().path[1]
+    top = 1.9 * float(fastest_rates.max())
+    far_above = 10 * top  # in place of infinite limits
+    bound = np.minimum(np.minimum(curves.torque, curves.velocity), far_above)
+    axis.fill_between(curves.s, bound, far_above, color=style.OVER, alpha=0.08, linewidth=0)
     axis.fill_between(curves.s, 0, bound, color=style.GREEN, alpha=0.07, linewidth=0)
     if curves.torque.min() < top:
-        curve, label = np.minimum(curves.torque, 10 * top), "limit curve: torques leave one acceleration"
+        curve = np.minimum(curves.torque, far_above)
+        label = "limit curve: torques leave one acceleration"
         axis.plot(curves.s, curve, "-", color=style.OVER, linewidth=1.2, label=label)
     if np.isfinite(curves.velocity).any():
-        curve = np.minimum(curves.velocity, 10 * top)
+        curve = np.minimum(curves.velocity, far_above)
         axis.plot(curves.s, curve, "--", color=style.QUIET, linewidth=1.2, label="largest joint velocity")
     if fast.time_optimal is not None:
         axis.plot(s, rate, color=style.LINE, linewidth=2.0, label="motion within the limits of jerk")
@@ -221,13 +243,14 @@ def _draw_rate_by_joint(axis: style.Axes, fast: Fastest, names: tuple[str, ...])
     curves = fast.limit_curves()
     s, rate = curves.path
     axis.plot(s, rate, color=style.LINE, linewidth=4.5, alpha=0.25, label="fastest motion, coloured by limiting joint")
-    for touch, end in zip(fast.limit_contacts, [*(x.s for x in fast.limit_contacts[1:]), 1.0], strict=True):
-        part = (s >= touch.s) & (s <= end)
-        colour = style.SERIES[names.index(touch.joint) % len(style.SERIES)]
-        dashes = ":" if touch.kind == "velocity" else "-"
+    ends = [*(contact.s for contact in fast.limit_contacts[1:]), 1.0]  # each where the next one begins
+    for contact, end in zip(fast.limit_contacts, ends, strict=True):
+        part = (s >= contact.s) & (s <= end)
+        colour = style.SERIES[names.index(contact.joint) % len(style.SERIES)]
+        dashes = ":" if contact.kind == "velocity" else "-"
         axis.plot(s[part], rate[part], color=colour, linewidth=2.0, linestyle=dashes)
-    look: dict[str, Any] = {"color": style.PAPER, "markeredgecolor": style.LINE, "markersize": 5}
-    axis.plot(*curves.switches, "o", label="another limit takes over", **look)
+    options: dict[str, Any] = {"color": style.PAPER, "markeredgecolor": style.LINE, "markersize": 5}
+    axis.plot(*curves.switches, "o", label="another limit takes over", **options)
 
 
 complete(globals())
