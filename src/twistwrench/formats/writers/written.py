@@ -125,7 +125,7 @@ def translation(point: Array) -> Array:
     return se3.pose(np.eye(3), point)
 
 
-class AlongJoint(NamedTuple):
+class JointDrive(NamedTuple):
     """Damping, friction and armature of a joint, one number each."""
 
     damping: float = 0.0
@@ -133,15 +133,15 @@ class AlongJoint(NamedTuple):
     armature: float = 0.0
 
 
-def drive_of(parts: ModelParts, joint: str, losses: Losses) -> AlongJoint:
-    """Damping, Coulomb friction and armature of a joint; losses are noted."""
-    friction = parts.friction.get(joint)
-    if friction is None:  # the drive of a mimic joint is written with its leader
-        return AlongJoint()
-    laws = [friction]
+def drive_of(parts: ModelParts, joint: str, losses: Losses) -> JointDrive:
+    """Damping, Coulomb friction and armature of a joint. What these three cannot represent of its drive is noted as lost."""
+    joint_friction = parts.friction.get(joint)
+    if joint_friction is None:  # the drive of a mimic joint is written with its leader
+        return JointDrive()
+    frictions = [joint_friction]
     if f"{joint}.motor" in parts.friction:
-        laws.append(parts.friction[f"{joint}.motor"])
-    for law in laws:
+        frictions.append(parts.friction[f"{joint}.motor"])
+    for friction in frictions:
         if (friction.static > friction.coulomb).any():
             losses.note_joint(joint, "has static and Stribeck friction, of which the Coulomb friction alone is written")
         if friction.load.any():
@@ -155,15 +155,16 @@ def drive_of(parts: ModelParts, joint: str, losses: Losses) -> AlongJoint:
                 losses.note_joint(joint, "has an elastic gear, which is written as a rigid one")
     viscous = np.sum([friction.viscous for friction in frictions], axis=0)
     coulomb = np.sum([friction.coulomb for friction in frictions], axis=0)
+    # one value for each degree of freedom
     directional = {
         "damping": viscous,
         "friction": coulomb,
         "armature": armature,
-    }  # one value per direction of a ball joint
+    }
     for quantity, values in directional.items():
         if np.ptp(values) > 0:
             losses.note_joint(joint, f"has another {quantity} in each direction, of which the mean is written")
-    return AlongJoint(**{quantity: float(np.mean(values)) for quantity, values in directional.items()})
+    return JointDrive(**{quantity: float(np.mean(values)) for quantity, values in directional.items()})
 
 
 def configurations_of(parts: ModelParts) -> dict[str, dict[str, Array]]:
