@@ -164,7 +164,7 @@ class _ModelElements:
             gain_type = "fixed"  # the force is gain * control
             if model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k]:
                 gain_type = "affine"
-            control_attributes = {}
+            control_attributes: dict[str, Any] = {}
             if control_row < len(model.actuator_ctrllimited):  # some actuators have no control
                 control_attributes["ctrlrange"] = model.actuator_ctrlrange[control_row]
                 control_attributes["ctrllimited"] = _flag(model.actuator_ctrllimited[control_row])
@@ -239,8 +239,8 @@ class _ModelElements:
     def _add_sites_at_bodies(self, name: str, kind: str, bodies: tuple[int, int], data: Any) -> list[str]:
         """Add a site at each body, which the constraint makes coincide, and return their names.
 
-        A ``connect`` holds its anchor in each body. A ``weld`` holds its anchor in the second body, and the pose in the first
-        body that a frame there with the second body's axes has.
+        A ``connect`` holds its anchor in each body. A ``weld`` holds its anchor in the second body, and the pose in the
+        first body of a frame at the anchor with the second body's axes.
         """
         identity = (1.0, 0.0, 0.0, 0.0)
         if kind == "connect":
