@@ -311,7 +311,7 @@ def answer_page(
     sources = {name: str(path) for name, path in answer.sources().items()}
     known_paths = set(sources.values())
     sources |= {name: str(path) for name, path in files.items() if path is not None and str(path) not in known_paths}
-    command_line = []
+    command_line: list[tuple[str, str]] = []
     if command:
         command_line = [("command", shlex.join(["twistwrench", *command]))]
     shorten: Callable[[str], str] = str
