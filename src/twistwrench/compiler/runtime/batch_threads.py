@@ -131,7 +131,7 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
 
 
 def _divided_axis(batch: tuple[int, ...], count: int) -> int:
-    """Batch axis to divide into ``count`` parts: the first one that is long, so that inner axes stay whole, else the longest."""
+    """Batch axis to divide into ``count`` parts: the first long one, so that inner axes stay whole, or else the longest."""
     for axis, n in enumerate(batch):
         if n >= PARTS_EACH * count:
             return axis

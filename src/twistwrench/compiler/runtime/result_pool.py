@@ -4,7 +4,8 @@ The C library takes the memory of a large result from the system, and returns it
 every result has new pages, whose page faults take longer than the computations of most kernels. A pooled block returns to the
 pool when its last view is freed.
 
-No lock is needed: every operation on the list of idle blocks is atomic in Python, so any thread and the garbage collector may release blocks at any time.
+No lock is needed: every operation on the list of idle blocks is atomic in Python, so any thread and the garbage collector may
+release blocks at any time.
 """
 
 from __future__ import annotations
@@ -89,9 +90,8 @@ class ResultPool:
             if block.size == size and self._remove(block):
                 return _Lease(self, block)
         idle = list(self.idle)
-        free = (
-            bound() - size - _total_size(self.blocks)
-        )  # room that remains with the new block; negative if there is too little
+        # Negative if there is no room for the new block.
+        free = bound() - size - _total_size(self.blocks)
         if free + _total_size(idle) < 0:
             return None
         for block in idle:
