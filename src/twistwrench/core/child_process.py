@@ -1,9 +1,9 @@
-"""Child processes under limits: calls of readers whose C code may crash, run without end or take all memory.
+"""Child processes under limits, for readers whose C code may crash, run without end or take all memory.
 
 ``run_in_child("package.module:function", *args)`` calls a function in another process and returns its result. The child is a
-fresh interpreter that imports only the module of the function. It serves one call after another, ends itself when idle, and is
-killed at a limit. Arguments are anything that can be pickled. Results are plain data: numbers, texts, lists, dictionaries and
-NumPy arrays; the parent creates no other objects from what a child sends.
+fresh interpreter that imports only the module of the function. It serves one call after another. It ends itself when idle,
+and is killed at a limit. Arguments are anything that can be pickled. Results are plain data: numbers, texts, lists,
+dictionaries and NumPy arrays; the parent creates no other objects from what a child sends.
 
 Memory and processor time are limited by the operating system, on Linux. Elsewhere only the waiting time is limited, and
 a crash still ends the child alone.
@@ -43,18 +43,20 @@ VARIABLE = "TWISTWRENCH_SANDBOX"
 BY_DEFAULT = True
 """True if readers run in a child process unless the variable is 0."""
 
-_IDLE = 20
+_IDLE_SECONDS = 20
 """Time after which an idle child ends itself [s]."""
-_WAITING = 3.0
-"""Largest waiting time in multiples of the processor time allowed: a loaded machine, or a file that never arrives."""
-_THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-_ALONE = {**_THREADS, VARIABLE: "0", "ARROW_DEFAULT_MEMORY_POOL": "system"}
+_WAITING_FACTOR = 3.0
+"""Largest waiting time in multiples of the allowed processor time: the machine may be loaded, and a file may never arrive."""
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_CHILD_ENVIRONMENT = {**_ONE_THREAD, VARIABLE: "0", "ARROW_DEFAULT_MEMORY_POOL": "system"}
 """Environment of a child: one thread, no child of its own, and no memory reserved in advance, which would count as used."""
 
-_HEAD = struct.Struct("<cQ")
+_HEADER = struct.Struct("<cQ")
 """Kind of a message, and its size [bytes]."""
 _CALL, _MORE, _STOP = b"c", b"m", b"s"
+"""Kinds of requests."""
 _ITEM, _END, _ERROR, _REASON = b"i", b"e", b"x", b"r"
+"""Kinds of answers: an item, no more items, an error of this library, the reason of another failure."""
 
 
 @dataclass(frozen=True)
@@ -69,30 +71,33 @@ class ChildLimits:
     """Size of the result, or of all items together [bytes]."""
 
 
-_START = ChildLimits(seconds=10.0)
+_START_LIMITS = ChildLimits(seconds=10.0)
 """Limits of the start of a child."""
 PREPARATIONS: list[tuple[str, tuple[Any, ...]]] = []
-"""Functions ``module:name`` that each new child calls before it serves, with their arguments, which JSON can hold."""
-_NO_CHILD = f"no child process can be started for its reader; {VARIABLE}=0 reads it in this process"
+"""Functions ``module:name`` that each new child calls before it serves, with their arguments, which must be data for JSON."""
+_NO_CHILD_REASON = f"no child process can be started for its reader; {VARIABLE}=0 reads it in this process"
 
 
 def sandboxed() -> bool:
     """True if readers with foreign C code shall run in a child process, by the environment variable or by default."""
-    wanted = os.environ.get(VARIABLE, "")
-    if wanted in ("0", "1"):
-        return wanted == "1"
+    setting = os.environ.get(VARIABLE, "")
+    if setting in ("0", "1"):
+        return setting == "1"
     return BY_DEFAULT and _possible()
 
 
 @cache
 def _possible() -> bool:
-    """True if a child starts: not within another program, a frozen one, or a browser. The child is kept."""
+    """True if a child can be started. The child of this test is kept for the first call.
+
+    None can be started in a browser, in a frozen program, or if Python is embedded in another program.
+    """
     if getattr(sys, "frozen", False) or sys.platform in ("emscripten", "wasi"):
         return False
     if not Path(sys.executable or "").stem.lower().startswith(("python", "pypy")):
         return False
     try:
-        _returned(_taken())
+        _keep_idle(_take_idle_or_start())
     except _FailedCall:
         return False
     return True
@@ -119,9 +124,9 @@ def run_in_child(
 def stream_from_child(
     target: str, *args: Any, limits: ChildLimits | None = None, error_of: Callable[[str], TwistWrenchError]
 ) -> Iterator[Any]:
-    """Items of the iterator that the function ``module:name`` returns in a child process, each computed when it is wanted.
+    """Items of the iterator that the function ``module:name`` returns in a child process, each computed on demand.
 
-    Raises as :func:`run_in_child`.
+    Raises the same errors as :func:`run_in_child`.
     """
     return _answers(target, args, limits or ChildLimits(), error_of, whole=False)
 
@@ -140,30 +145,31 @@ class _Child:
     def __init__(self) -> None:
         package = Path(__file__).parents[1]
         import_folders = [Path(place).absolute() for place in sys.path if place]
-        places = [str(package.parent), *map(str, import_folders)]
+        search_path = [str(package.parent), *map(str, import_folders)]
         try:
             self.process = subprocess.Popen(
-                [sys.executable or "python", "-I", "-S", "-c", _BEGIN],
+                [sys.executable or "python", "-I", "-S", "-c", _START_PROGRAM],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                env={**os.environ, **_ALONE},
+                env={**os.environ, **_CHILD_ENVIRONMENT},
             )
-            self.requests.write(json.dumps([places, str(package), PREPARATIONS]).encode() + b"\n")
+            self.requests.write(json.dumps([search_path, str(package), PREPARATIONS]).encode() + b"\n")
             self.requests.flush()
         except (OSError, RuntimeError) as problem:
-            raise _FailedCall(f"{_NO_CHILD} ({reason_of(problem)})") from None
+            raise _FailedCall(f"{_NO_CHILD_REASON} ({reason_of(problem)})") from None
         self.overdue = False
+        """True if the child was killed because it took too long."""
 
     def await_start(self) -> None:
         """Wait for the interpreter to start. Raises _FailedCall if it does not."""
         try:
-            kind, _ = self.answer(_START, 1 << 10)
+            kind, _ = self.answer(_START_LIMITS, 1 << 10)
         except (_FailedCall, _OutdatedChild):
             kind = b""
         if kind != _END:
             self.end()
-            raise _FailedCall(_NO_CHILD)
+            raise _FailedCall(_NO_CHILD_REASON)
 
     @property
     def requests(self) -> BinaryIO:
@@ -178,7 +184,7 @@ class _Child:
     def ask(self, kind: bytes, content: bytes = b"") -> None:
         """Send a message. Raises _OutdatedChild if the child has ended."""
         try:
-            self.requests.write(_HEAD.pack(kind, len(content)) + content)
+            self.requests.write(_HEADER.pack(kind, len(content)) + content)
             self.requests.flush()
         except OSError:
             raise _OutdatedChild from None
@@ -188,18 +194,23 @@ class _Child:
         self.ask(_CALL, request)
         return self.answer(limits, limits.output)
 
-    def answer(self, limits: ChildLimits, most: int) -> tuple[bytes, bytes]:
-        """Kind and content of the next answer; raises _FailedCall if the child ends, is overdue, or sends too much."""
-        patience = threading.Timer(_WAITING * limits.seconds, self._end_overdue)
-        patience.start()
+    def answer(self, limits: ChildLimits, max_size: int) -> tuple[bytes, bytes]:
+        """Kind and content of the next answer.
+
+        Raises _FailedCall if the child ends, takes too long, or sends more than ``max_size`` bytes.
+        """
+        timer = threading.Timer(_WAITING_FACTOR * limits.seconds, self._end_overdue)
+        timer.start()
         try:
-            head = self.answers.read(_HEAD.size)
-            kind, size = _HEAD.unpack(head) if len(head) == _HEAD.size else (b"", 0)
-            if size > most:
-                raise _FailedCall(f"its content takes more than {_amount(most)} once read")
+            header = self.answers.read(_HEADER.size)
+            kind, size = b"", 0
+            if len(header) == _HEADER.size:
+                kind, size = _HEADER.unpack(header)
+            if size > max_size:
+                raise _FailedCall(f"its content takes more than {_size_text(max_size)} once read")
             content = self.answers.read(size)
         finally:
-            patience.cancel()
+            timer.cancel()
         if not kind or len(content) < size:
             raise _FailedCall(self._end_reason(limits))
         return kind, content
@@ -209,10 +220,11 @@ class _Child:
         self.process.kill()
 
     def _end_reason(self, limits: ChildLimits) -> str:
-        self.process.kill()  # it has closed its output; a child that has ended already is left alone
+        """Reason why the child ended. Raises _OutdatedChild if it ended itself because it was idle."""
+        self.process.kill()  # it has closed its output, but may still run
         code = self.process.wait()
         if self.overdue:
-            return f"reading it took longer than {number(_WAITING * limits.seconds)} s"
+            return f"reading it took longer than {number(_WAITING_FACTOR * limits.seconds)} s"
         if code == -getattr(signal, "SIGXCPU", 0):
             return f"reading it took more than {number(limits.seconds)} s of processor time"
         if code == -getattr(signal, "SIGALRM", 0):
@@ -226,21 +238,23 @@ class _Child:
         self.process.kill()
         self.process.wait()
         for pipe in (self.requests, self.answers):
-            with contextlib.suppress(OSError):  # what was not sent to it is lost
+            with contextlib.suppress(
+                OSError
+            ):  # closing sends the rest of the buffer, which a dead child cannot receive
                 pipe.close()
 
 
 _idle: dict[int, list[_Child]] = {}
-"""Idle children by the process that started them: a fork of this process uses none of its parent's."""
+"""Idle children by the id of the process that started them, so that a fork does not use children of its parent."""
 _lock = threading.Lock()
 
 
-def _taken() -> _Child:
+def _take_idle_or_start() -> _Child:
     """An idle child of this process, or a new one."""
     with _lock:
-        mine = _idle.setdefault(os.getpid(), [])
-        while mine:
-            child = mine.pop()
+        own_children = _idle.setdefault(os.getpid(), [])
+        while own_children:
+            child = own_children.pop()
             if child.process.poll() is None:
                 return child
             child.end()
@@ -249,12 +263,12 @@ def _taken() -> _Child:
     return child
 
 
-def _returned(child: _Child) -> None:
-    """Keep one idle child."""
+def _keep_idle(child: _Child) -> None:
+    """Keep a child for the next call, or end it if another one is idle already."""
     with _lock:
-        mine = _idle.setdefault(os.getpid(), [])
-        if not mine:
-            mine.append(child)
+        own_children = _idle.setdefault(os.getpid(), [])
+        if not own_children:
+            own_children.append(child)
             return
     child.end()
 
@@ -263,8 +277,8 @@ def _returned(child: _Child) -> None:
 def end_children() -> None:
     """End the idle children of this process."""
     with _lock:
-        mine = _idle.pop(os.getpid(), [])
-    for child in mine:
+        own_children = _idle.pop(os.getpid(), [])
+    for child in own_children:
         child.end()
 
 
@@ -274,64 +288,74 @@ def _answers(
     """Items of a call: the result alone if ``whole``, else those of the iterator that it returns."""
     request = pickle.dumps((target, args, limits, whole, _folder()), protocol=5)
     try:
-        child, kind, content = _begun(request, limits)
+        child, kind, content = _begin_in_child(request, limits)
     except _FailedCall as problem:
         raise error_of(str(problem)) from None
-    left, serves = limits.output, False
+    remaining_output = limits.output
+    can_serve = False  # another call
     try:
         while kind == _ITEM:
-            left -= len(content)
-            yield _plain(content)
+            remaining_output -= len(content)
+            yield _plain_data(content)
             child.ask(_MORE)
-            kind, content = child.answer(limits, left)
-        serves = True
+            kind, content = child.answer(limits, remaining_output)
+        can_serve = True
         if kind == _ERROR:
-            raise _error_from(*_plain(content))
+            raise _error_from(*_plain_data(content))
         if kind == _REASON:
-            raise error_of(str(_plain(content)))
+            raise error_of(str(_plain_data(content)))
     except GeneratorExit:
         with contextlib.suppress(_FailedCall, _OutdatedChild):  # the caller wants no more items
             child.ask(_STOP)
-            serves = child.answer(limits, left)[0] == _END
+            kind, _ = child.answer(limits, remaining_output)
+            can_serve = kind == _END
         raise
     except (_FailedCall, _OutdatedChild) as problem:
         raise error_of(str(problem) or "its reader ended early") from None
     finally:
-        if serves:
-            _returned(child)
+        if can_serve:
+            _keep_idle(child)
         else:
             child.end()
 
 
 def _error_from(name: str, text: str, *arguments: Any) -> TwistWrenchError:
     """Error of this library by its name, with the arguments in its text."""
-    kind = getattr(errors, name) if name in errors.__all__ else TwistWrenchError
-    given = [Argument(*one) for one in arguments]
-    if issubclass(kind, TwistWrenchError):
-        return kind(text, *given)
-    return TwistWrenchError(text, *given)
+    error_class: Any = TwistWrenchError
+    if name in errors.__all__:
+        error_class = getattr(errors, name)
+    if not issubclass(error_class, TwistWrenchError):  # a warning
+        error_class = TwistWrenchError
+    error: TwistWrenchError = error_class(text, *(Argument(*fields) for fields in arguments))
+    return error
 
 
-def _parts(problem: TwistWrenchError) -> tuple[Any, ...]:
-    """Text of an error, and its arguments as plain data."""
+def _text_and_arguments(problem: TwistWrenchError) -> tuple[Any, ...]:
+    """Text of an error, and its arguments as tuples of plain data."""
     text, *arguments = problem.args or ("",)
-    if not all(isinstance(one, Argument) for one in arguments):
+    if not all(isinstance(argument, Argument) for argument in arguments):
         return (str(problem),)
-    return str(text), *((one.name,) if one.value is ... else (one.name, one.value) for one in arguments)
+    fields_of_arguments: list[tuple[Any, ...]] = []
+    for argument in arguments:
+        if argument.value is ...:  # an argument without a value
+            fields_of_arguments.append((argument.name,))
+        else:
+            fields_of_arguments.append((argument.name, argument.value))
+    return str(text), *fields_of_arguments
 
 
 def _folder() -> str:
-    """Working folder; the root if it has been removed."""
+    """Working folder of this process; the root folder if it has been removed."""
     try:
         return str(Path.cwd())
     except OSError:
         return os.path.abspath(os.sep)  # noqa: PTH100
 
 
-def _begun(request: bytes, limits: ChildLimits) -> tuple[_Child, bytes, bytes]:
-    """Child with its first answer; a child that ended while idle is replaced."""
+def _begin_in_child(request: bytes, limits: ChildLimits) -> tuple[_Child, bytes, bytes]:
+    """Child that has taken the call, and kind and content of its first answer. A child that ended while idle is replaced."""
     while True:
-        child = _taken()
+        child = _take_idle_or_start()
         try:
             return child, *child.begin(request, limits)
         except _OutdatedChild:
@@ -342,34 +366,34 @@ def _begun(request: bytes, limits: ChildLimits) -> tuple[_Child, bytes, bytes]:
 
 
 class _PlainData(pickle.Unpickler):
-    """Reader of numbers, texts, lists, dictionaries and NumPy arrays; no other class can be named."""
+    """Unpickler that creates numbers, texts, lists, dictionaries and NumPy arrays, and refuses all other classes."""
 
     def find_class(self, module: str, name: str) -> Any:
-        if (module.replace("numpy.core", "numpy._core"), name) in _ARRAYS:
+        if (module.replace("numpy.core", "numpy._core"), name) in _ALLOWED_NAMES:
             return super().find_class(module, name)
         raise pickle.UnpicklingError(f"{module}.{name} is not plain data")
 
 
-_ARRAYS = {
+_ALLOWED_NAMES = {
     ("numpy", "ndarray"), ("numpy", "dtype"), ("numpy._core.numeric", "_frombuffer"),
     ("numpy._core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "scalar"),
 }  # fmt: skip
 
 
-def _plain(content: bytes) -> Any:
+def _plain_data(content: bytes) -> Any:
     try:
         return _PlainData(io.BytesIO(content)).load()
     except Exception as problem:  # any error of the unpickler: the child is not trusted
         raise _FailedCall(f"its reader returned what is not plain data ({reason_of(problem)})") from None
 
 
-def _amount(size: int) -> str:
+def _size_text(size: int) -> str:
     if size >= 1 << 28:
         return f"{number(size / 2**30)} GiB"
     return f"{number(size / 2**20)} MiB"
 
 
-_BEGIN = """
+_START_PROGRAM = """
 import json, sys, types
 sys.path[:], folder, preparations = json.loads(sys.stdin.buffer.readline())
 package = types.ModuleType("twistwrench")
@@ -378,49 +402,50 @@ sys.modules["twistwrench"] = package
 from twistwrench.core.child_process import serve
 serve(sys.stdin.buffer, preparations)
 """
-"""Beginning of a child: the package's modules can be imported without the package's own imports, and no folder but those of
-the parent is searched."""
+"""Program of a child. Importing a module of the package does not run the package's ``__init__``, and modules are searched only
+in the folders of the parent."""
 
 
 def serve(requests: BinaryIO, preparations: Sequence[tuple[str, Sequence[Any]]] = ()) -> None:
-    """Serve calls until the input ends, after the preparations."""
+    """Run the preparations, and then serve calls until the input ends."""
     with contextlib.suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its child
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # so that text printed by a library does not mix with the answers
     _set_limit("RLIMIT_CORE", 0)
     for target, args in preparations:
         _function(target)(*args)
     alarm = getattr(signal, "alarm", lambda _seconds: None)
 
-    def received() -> tuple[bytes, bytes]:
-        head = requests.read(_HEAD.size)
-        if len(head) < _HEAD.size:
+    def next_request() -> tuple[bytes, bytes]:
+        header = requests.read(_HEADER.size)
+        if len(header) < _HEADER.size:
             raise SystemExit
-        kind, size = _HEAD.unpack(head)
+        kind, size = _HEADER.unpack(header)
         return kind, requests.read(size)
 
     def answer(kind: bytes, value: Any = None) -> None:
         content = pickle.dumps(value, protocol=5)
-        answers.write(_HEAD.pack(kind, len(content)))
+        answers.write(_HEADER.pack(kind, len(content)))
         answers.write(content)
         answers.flush()
 
-    answer(_END)
+    answer(_END)  # the child has started
     while True:
-        alarm(_IDLE)
-        kind, request = received()
+        alarm(_IDLE_SECONDS)
+        kind, request = next_request()
         alarm(0)
         if kind != _CALL:
             continue
         try:
             for item in _items(request):
                 answer(_ITEM, item)
-                if received()[0] == _STOP:
+                kind, _ = next_request()
+                if kind == _STOP:
                     break
             answer(_END)
         except TwistWrenchError as problem:
-            answer(_ERROR, (type(problem).__name__, *_parts(problem)))
+            answer(_ERROR, (type(problem).__name__, *_text_and_arguments(problem)))
         except MemoryError:
             answer(_REASON, "it needs more memory than its reader may use")
         except Exception as problem:  # any error of a foreign reader is an error of the file
@@ -428,7 +453,7 @@ def serve(requests: BinaryIO, preparations: Sequence[tuple[str, Sequence[Any]]] 
 
 
 def loaded_packages() -> list[str]:
-    """Names of the imported packages and modules, without those within packages."""
+    """Names of the imported top-level packages and modules."""
     return sorted(name for name in sys.modules if "." not in name)
 
 
@@ -436,7 +461,7 @@ def _items(request: bytes) -> Iterator[Any]:
     """Items of a call, each under the limits of processor time and memory."""
     target, args, limits, whole, folder = pickle.loads(request)
     function = _function(target)
-    os.chdir(folder)  # paths are relative to the parent's
+    os.chdir(folder)  # of the parent, to which paths are relative
     _limit_memory(limits.memory)
     _limit_time(limits.seconds)
     if whole:
@@ -461,12 +486,12 @@ def _limit_time(seconds: float) -> None:
 def _limit_memory(memory: int) -> None:
     """Limit the memory beyond that in use now. Linux counts memory that can be written, not the code of libraries."""
     with contextlib.suppress(OSError, IndexError, ValueError):
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])  # data and stack
         _set_limit("RLIMIT_DATA", pages * os.sysconf("SC_PAGE_SIZE") + memory)
 
 
 def _set_limit(name: str, value: int) -> None:
-    """Lower or raise a limit of this process up to the system's; systems without it are left as they are."""
+    """Set a limit of this process, at most to the system's hard limit. Systems without such limits are not changed."""
     try:
         import resource
     except ImportError:
@@ -475,5 +500,7 @@ def _set_limit(name: str, value: int) -> None:
     if kind is None:
         return
     with contextlib.suppress(OSError, ValueError):
-        most = resource.getrlimit(kind)[1]
-        resource.setrlimit(kind, (value if most == resource.RLIM_INFINITY else min(value, most), most))
+        _, hard_limit = resource.getrlimit(kind)
+        if hard_limit != resource.RLIM_INFINITY:
+            value = min(value, hard_limit)
+        resource.setrlimit(kind, (value, hard_limit))

@@ -26,14 +26,14 @@ class DoubtKind:
     Attributes
     ----------
     name : str
-    stage : int, order of the tests: 1 without a model, 2 discrete, 3 continuous, 4 laws of the joint, 5 what remains
-    reads : tuple of str, commands that raise it: ``motion``, ``torques``, ``identify``, ``sensor``, ``calibrate``,
+    stage : int, order of the tests: 1 without a model, 2 discrete, 3 continuous, 4 laws of the joint, 5 remaining doubts
+    reads : tuple of str, commands that raise the doubt: ``motion``, ``torques``, ``identify``, ``sensor``, ``calibrate``,
         ``servos``, ``threshold``
     tests : str, tested quantity
-    threshold : str, value from which it is raised
-    false_alarms : float, maximum share of clean logs for which it is raised
-    sentence, remedy : str, with {placeholders}, and arguments, ``<assume='drift'>`` or ``<inertia=True|with-inertia>`` with
-        the name of an option that differs; each is spelled as the caller types it
+    threshold : str, value of that quantity from which the doubt is raised
+    false_alarms : float, maximum share of clean logs for which the doubt is raised
+    sentence, remedy : str, with {placeholders} and arguments. An argument is written ``<assume='drift'>``, or
+        ``<inertia=True|with-inertia>`` if the option of the shell has another name; each is spelled as the caller types it
     level : str, ``refuse``, ``unsure``, ``note``, or ``effect`` (determined by the change of predicted torques)
     unit : str, unit of the value
     """
@@ -51,6 +51,7 @@ class DoubtKind:
 
 
 def _rows(file: str) -> dict[str, dict[str, Any]]:
+    """Rows of a TOML file of this folder, by name."""
     import tomllib
 
     return tomllib.loads(Path(__file__).with_name(file).read_text(encoding="utf-8"))
@@ -59,13 +60,18 @@ def _rows(file: str) -> dict[str, dict[str, Any]]:
 @cache
 def undetermined_table() -> Mapping[str, tuple[str, str]]:
     """Sentence and remedy for each quantity that no log determines, by name."""
-    return {name: (row["sentence"], row.get("remedy", "")) for name, row in _rows("undetermined.toml").items()}
+    rows = _rows("undetermined.toml")
+    return {name: (row["sentence"], row.get("remedy", "")) for name, row in rows.items()}
 
 
 @cache
 def doubt_table() -> Mapping[str, DoubtKind]:
     """Rows of the table, by name."""
-    return {name: DoubtKind(name, **row | {"reads": tuple(row["reads"])}) for name, row in _rows("doubts.toml").items()}
+    table = {}
+    for name, row in _rows("doubts.toml").items():
+        row["reads"] = tuple(row["reads"])
+        table[name] = DoubtKind(name, **row)
+    return table
 
 
 @dataclass(frozen=True)
@@ -127,8 +133,11 @@ class Doubt:
         -------
         doubt : Doubt
         """
-        interval = saved["interval"]
-        return cls(**{**saved, "joints": tuple(saved["joints"]), "interval": interval and tuple(interval)})
+        fields = dict(saved)
+        fields["joints"] = tuple(saved["joints"])  # JSON has lists only
+        if saved["interval"] is not None:
+            fields["interval"] = tuple(saved["interval"])
+        return cls(**fields)
 
     def to_dict(self) -> dict[str, Any]:
         """Dictionary of the doubt's fields and of the fields of its row.
@@ -152,32 +161,35 @@ def doubt(
     found: Mapping[str, Any] | None = None,
     **words: object,
 ) -> Doubt:
-    """Doubt of the row ``kind``; ``words`` fill its sentence and remedy, ``found`` its other fields.
+    """Doubt of the row ``kind``. ``words`` fill the placeholders of its sentence and remedy, ``found`` the fields of Doubt.
 
-    Arguments among the words are spelled as the caller types them. ``level`` replaces the level of the row, ``named`` the
-    joints' names in the sentence; ``log`` is the name of the file.
+    Arguments among the words are spelled as the caller types them. ``level`` is used instead of the row's level, and ``named``
+    instead of the joints' names in the sentence. If ``log``, the name of the file, is given, the sentence begins with it.
     """
     row = doubt_table().get(kind)
     if row is None:
         raise UnknownNameError.from_choices("doubt", kind, doubt_table())
     if named is None:
         named = ", ".join(joints)
-    values: dict[str, object] = {"joints": named, **words}
+    placeholder_values: dict[str, object] = {"joints": named, **words}
     for name, word in words.items():
         if isinstance(word, Argument):
-            values[name] = spell(word)
-    evidence, remedy = spell_out(row.sentence).format(**values), spell_out(row.remedy).format(**values)
+            placeholder_values[name] = spell(word)
+    evidence = spell_out(row.sentence).format(**placeholder_values)
+    remedy = spell_out(row.remedy).format(**placeholder_values)
     sentence = f"{evidence} {remedy}".strip()
     if log:
         sentence = f"{log}: {sentence}"
     if level is None:
-        level = "unsure" if row.level == "effect" else row.level
+        level = "unsure"  # for "effect", until the change of predicted torques is known
+        if row.level != "effect":
+            level = row.level
     return Doubt(kind, sentence, tuple(joints), level, remedy=remedy, **(found or {}))
 
 
 def verdict_from_doubts(doubts: Iterable[Doubt]) -> Verdict:
     """Verdict for these doubts: LOOK AGAIN, UNSURE, or OK if there are only notes."""
-    by_level: dict[Level, list[str]] = {"refuse": [], "unsure": [], "note": []}
-    for each in doubts:
-        by_level[each.level].append(Reason(each.sentence, each.remedy))
-    return Verdict.from_reasons(look_again=by_level["refuse"], unsure=by_level["unsure"])
+    reasons_by_level: dict[Level, list[str]] = {"refuse": [], "unsure": [], "note": []}
+    for each_doubt in doubts:
+        reasons_by_level[each_doubt.level].append(Reason(each_doubt.sentence, each_doubt.remedy))
+    return Verdict.from_reasons(look_again=reasons_by_level["refuse"], unsure=reasons_by_level["unsure"])

@@ -62,13 +62,14 @@ __all__ = [
 
 
 class HintedClass(type):
-    """Class of public classes: a missing class attribute, such as ``Robot.from_urdf``, names the call to write instead."""
+    """Metaclass of public classes. The error for a missing attribute (``Robot.from_urdf``) names the call to use instead."""
 
     if not TYPE_CHECKING:  # so that type checkers reject these names too
 
         def __getattr__(cls, name: str) -> NoReturn:
-            """Raise AttributeError with the row of the table of first calls."""
-            if name.startswith("_") or name in cls.__annotations__:  # fields, for which dataclass looks for defaults
+            """Raise AttributeError with the call from the table of first calls."""
+            is_field = name in cls.__annotations__  # the dataclass decorator looks for its default
+            if name.startswith("_") or is_field:
                 raise AttributeError(f"type object {cls.__name__!r} has no attribute {name!r}", name=name, obj=cls)
             from .first_calls import missing_class_attribute
 
@@ -78,11 +79,12 @@ class HintedClass(type):
 class TwistWrenchError(Exception):
     """Base class of all errors raised by the library.
 
-    Arguments after the text stand in its places ``{0}``, ``{1}`` …: as in Python in ``str(error)``, as options in a shell.
+    Arguments after the text replace its placeholders ``{0}``, ``{1}`` …. ``str(error)`` spells them as in Python, and
+    ``in_shell`` as options of a command.
     """
 
     def __str__(self) -> str:
-        return self._told()
+        return self._message()
 
     def in_shell(self) -> str:
         """Message with the options of a command in place of Python's arguments.
@@ -98,14 +100,14 @@ class TwistWrenchError(Exception):
         >>> print(error, error.in_shell()[-16:])
         several episodes: 0 to 1. Choose one: episode=0. ne: --episode 0.
         """
-        return self._told(shell=True)
+        return self._message(shell=True)
 
-    def _told(self, *, shell: bool | None = None) -> str:
-        """Message with its arguments in the words of Python, or of the shell; by default, in those of the caller."""
-        # KeyError would print the repr of its argument, with quotes and escapes.
-        # Names of a file may hold characters that control a terminal, and thousands of them.
+    def _message(self, *, shell: bool | None = None) -> str:
+        """Message with its arguments spelled for the shell or for Python; if None, for the one that the caller uses."""
+        # The text of a KeyError would be the repr of its argument, with quotes and escapes.
+        # Names from a file may have thousands of characters, among them some that control a terminal.
         text, *arguments = self.args or ("",)
-        if not all(isinstance(one, Argument) for one in arguments):
+        if not all(isinstance(argument, Argument) for argument in arguments):
             return bounded_message(visible(super().__str__()))
         return bounded_message(visible(with_arguments(str(text), arguments, shell=shell)))
 
@@ -151,11 +153,15 @@ class UnknownNameError(TwistWrenchError, KeyError):
         """
         import difflib
 
-        known, text = list(dict.fromkeys(choices)), repr(str(name) if isinstance(name, str) else name)
-        text = shorten(text)
-        near = difflib.get_close_matches(shorten(str(name)), known, n=3, cutoff=similarity)
-        hint = f" Did you mean {' or '.join(repr(shorten(n)) for n in near)}?" if near else ""
-        return cls(f"no {kind} named {text}.{hint} Known: {listed(known, 40) or '(none)'}.")
+        known_names = list(dict.fromkeys(choices))
+        if isinstance(name, str):  # without the repr of a subclass
+            name = str(name)
+        similar_names = difflib.get_close_matches(shorten(str(name)), known_names, n=3, cutoff=similarity)
+        hint = ""
+        if similar_names:
+            suggestions = " or ".join(repr(shorten(similar_name)) for similar_name in similar_names)
+            hint = f" Did you mean {suggestions}?"
+        return cls(f"no {kind} named {shorten(repr(name))}.{hint} Known: {listed(known_names, 40) or '(none)'}.")
 
 
 class FrameError(TwistWrenchError, ValueError):

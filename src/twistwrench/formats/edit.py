@@ -22,7 +22,7 @@ class Edit:
     Attributes
     ----------
     place : Place
-    text : str
+    text : str, the new value
     how : str, ``change`` an existing number, ``put`` an attribute that may be missing, or ``remove`` an attribute
     """
 
@@ -33,7 +33,7 @@ class Edit:
 
 # ── Edits of a robot file
 
-_START = re.compile(r"""<(?:[^"'>]++|"[^"]*+"|'[^']*+')*+>""")
+_START_TAG = re.compile(r"""<(?:[^"'>]++|"[^"]*+"|'[^']*+')*+>""")
 _ATTRIBUTE = re.compile(r"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
@@ -44,7 +44,7 @@ class _Tag:
     start: int
     end: int
     content_end: int
-    """End of the text after the tag."""
+    """End of the text between this tag and the next one."""
 
 
 def apply_edits(
@@ -54,41 +54,42 @@ def apply_edits(
     additions: Mapping[int, str] | None = None,
     signature: str = "twistwrench doctor",
 ) -> str:
-    """Apply edits to a text; each edit has a reason, which is written in a comment.
+    """Apply pairs of an edit and its reason to a text. A comment before each edited element has old values and reasons.
 
-    ``additions`` are inserted at the beginning of elements, by element number. Raises
+    ``additions`` holds texts by element number; each is inserted at the beginning of its element. Raises
     :class:`~twistwrench.RobotFileError` if a number is not found.
     """
     tags = _tags(text, {edit.place.element for edit, _ in edits} | set(additions or {}))
-    by_element: dict[int, list[tuple[Edit, str]]] = defaultdict(list)
+    edits_by_element: dict[int, list[tuple[Edit, str]]] = defaultdict(list)
     for edit, why in edits:
-        by_element[edit.place.element].append((edit, why))
-    changes: list[tuple[int, int, str]] = []
-    for element, element_edits in by_element.items():
+        edits_by_element[edit.place.element].append((edit, why))
+    changes: list[tuple[int, int, str]] = []  # start and end of a part of the text, and its new text
+    for element, element_edits in edits_by_element.items():
         tag = tags[element]
         old_values = []
         for edit, _ in element_edits:
-            change, before = _change(text, tag, edit)
-            old_values.append(before)
+            change, old_value = _change(text, tag, edit)
+            old_values.append(old_value)
             changes.append(change)
         reasons = dict.fromkeys(why for _, why in element_edits)
         comment = f"{signature}: {', '.join(old_values)}: {'; '.join(reasons)}"
         changes.append((tag.start, tag.start, _comment(text, tag.start, comment)))
     for element, addition in (additions or {}).items():
         changes.append(_insertion(text, tags[element], addition))
-    parts, position = [], 0
-    for start, end, new in sorted(changes):
+    parts: list[str] = []
+    position = 0
+    for start, end, new_text in sorted(changes):
         if start < position:
             raise RobotFileError(
                 f"two repairs change the same number of the file. Repair one check at a time, with {argument('only')}."
             )
-        parts += [text[position:start], new]
+        parts += [text[position:start], new_text]
         position = end
     return "".join([*parts, text[position:]])
 
 
 def _insertion(text: str, tag: _Tag, addition: str) -> tuple[int, int, str]:
-    """Change of the text (start, end, new) that adds text at the beginning of an element."""
+    """Change (start, end, new text) that adds text at the beginning of an element."""
     if text[tag.end - 2] == "/":  # an empty element such as <link name="tool"/> gets an end tag
         name = re.split(r"[\s/>]", text[tag.start + 1 : tag.end], maxsplit=1)[0]
         return tag.end - 2, tag.end, f">{addition}</{name}>"
@@ -98,21 +99,23 @@ def _insertion(text: str, tag: _Tag, addition: str) -> tuple[int, int, str]:
 
 
 def encode_as(text: str, original: bytes) -> bytes:
-    """Encode a text as in the original file."""
-    for encoding, mark in (
+    """Encode a text as in the original file: by its byte order mark, else by its declaration, else as UTF-8."""
+    for encoding, byte_order_mark in (
         ("utf-8", codecs.BOM_UTF8),
         ("utf-16-le", codecs.BOM_UTF16_LE),
         ("utf-16-be", codecs.BOM_UTF16_BE),
     ):
-        if original.startswith(mark):
-            return mark + text.lstrip("\ufeff").encode(encoding)
+        if original.startswith(byte_order_mark):
+            return byte_order_mark + text.lstrip("\ufeff").encode(encoding)
     declared = DECLARED_ENCODING.match(original)
-    encoding = declared[1].decode("ascii") if declared else "utf-8"
+    encoding = "utf-8"
+    if declared:
+        encoding = declared[1].decode("ascii")
     return text.encode(encoding, "xmlcharrefreplace")
 
 
 def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
-    """Start tags of some elements, by their numbers in document order."""
+    """Start tags of the elements ``wanted``, by their numbers in document order."""
     from xml.parsers import expat
 
     if len(text) > MAX_BYTES:
@@ -120,17 +123,19 @@ def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
     body = text.lstrip(BLANK)
     skipped = len(text) - len(body)
     data = without_loose_declaration(body).encode("utf-8", "surrogatepass")
-    places: dict[int, int] = {}
-    ends: dict[int, int] = {}
-    count, last = 0, -1
+    tag_starts: dict[int, int] = {}  # byte indices
+    content_ends: dict[int, int] = {}
+    count = 0
+    last = -1  # element whose text the parser reads; -1 after an end tag
     parser = expat.ParserCreate("utf-8")
 
     def start(*_: object) -> None:
         nonlocal count, last
         close(last)
         if count in wanted:
-            places[count] = parser.CurrentByteIndex
-        last, count = count, count + 1
+            tag_starts[count] = parser.CurrentByteIndex
+        last = count
+        count += 1
 
     def end(*_: object) -> None:
         nonlocal last
@@ -138,38 +143,45 @@ def _tags(text: str, wanted: set[int]) -> Mapping[int, _Tag]:
         last = -1
 
     def close(element: int) -> None:
-        if element in places and element not in ends:
-            ends[element] = parser.CurrentByteIndex
+        if element in tag_starts and element not in content_ends:
+            content_ends[element] = parser.CurrentByteIndex
 
-    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
     parser.Parse(data, True)
     tags: dict[int, _Tag] = {}
-    for element, place in places.items():
-        first = skipped + len(data[:place].decode("utf-8", "surrogatepass"))
-        last_of_content = skipped + len(data[: ends[element]].decode("utf-8", "surrogatepass"))
-        tags[element] = _Tag(first, _behind(text, first), last_of_content)
+    for element, tag_start in tag_starts.items():  # from indices of bytes to those of characters
+        start_index = skipped + len(data[:tag_start].decode("utf-8", "surrogatepass"))
+        content_end = skipped + len(data[: content_ends[element]].decode("utf-8", "surrogatepass"))
+        tags[element] = _Tag(start_index, _end_of_start_tag(text, start_index), content_end)
     return tags
 
 
-def _behind(text: str, start: int) -> int:
+def _end_of_start_tag(text: str, start: int) -> int:
     """Index after the ``>`` that ends a start tag, outside of quotes."""
-    tag = _START.match(text, start)
+    tag = _START_TAG.match(text, start)
     if tag is None:
         raise RobotFileError("an element of the file does not end.")
     return tag.end()
 
 
 def _change(text: str, tag: _Tag, edit: Edit) -> tuple[tuple[int, int, str], str]:
-    """Change of the text (start, end, new), and a description of the old value."""
+    """Change (start, end, new text), and a description of the old value."""
     place = edit.place
-    match = _attribute(text, tag, place.attribute) if edit.how != "change" else None
+    match = None
+    if edit.how != "change":
+        match = _attribute(text, tag, place.attribute)
     if edit.how == "put" and match is None:
-        position = tag.end - (2 if text[tag.end - 2] == "/" else 1)
+        position = tag.end - 1
+        if text[tag.end - 2] == "/":  # before "/>" of an empty element
+            position -= 1
         position -= _trailing_blanks(text[tag.start : position])
         return (position, position, f' {place.attribute}="{edit.text}"'), f"{place.attribute} was not given"
     start, end = _span(text, tag, edit)
-    which = f"number {place.position + 1} of " if place.position >= 0 else ""
-    old_value = f"{which}{place.attribute or 'its text'} was {text[start:end].strip()}"
+    number = ""
+    if place.position >= 0:
+        number = f"number {place.position + 1} of "
+    old_value = f"{number}{place.attribute or 'its text'} was {text[start:end].strip()}"
     if edit.how == "remove" and match is not None:
         blanks = _trailing_blanks(text[tag.start : match.start()])
         return (match.start() - blanks, match.end(), ""), old_value
@@ -182,6 +194,7 @@ def _trailing_blanks(text: str) -> int:
 
 
 def _attribute(text: str, tag: _Tag, name: str) -> re.Match[str] | None:
+    """Match of an attribute in a start tag: group 1 is its name, group 2 its value with quotes."""
     for match in _ATTRIBUTE.finditer(text, tag.start, tag.end):
         if match[1] == name:
             return match
@@ -189,18 +202,19 @@ def _attribute(text: str, tag: _Tag, name: str) -> re.Match[str] | None:
 
 
 def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
-    """Start and end of the number in the text."""
+    """Start and end in the text of the number that an edit changes, or of the whole value without blanks around it."""
     place = edit.place
     if place.attribute:
         match = _attribute(text, tag, place.attribute)
         if match is None:
             raise RobotFileError(f"the attribute {place.attribute!r} is not where it was. Load the file again.")
-        start, end = match.start(2) + 1, match.end(2) - 1
+        start, end = match.start(2) + 1, match.end(2) - 1  # without the quotes
     else:
         start, end = tag.end, tag.content_end
     if place.position < 0:
         content = text[start:end]
-        return start + len(content) - len(content.lstrip()), end - len(content) + len(content.rstrip())
+        leading_blanks = len(content) - len(content.lstrip())
+        return start + leading_blanks, end - _trailing_blanks(content)
     words = list(re.compile(r"\S+").finditer(text, start, end))
     if place.position >= len(words):
         raise RobotFileError(f"the attribute {place.attribute!r} has too few numbers. Load the file again.")
@@ -208,23 +222,26 @@ def _span(text: str, tag: _Tag, edit: Edit) -> tuple[int, int]:
 
 
 def _comment(text: str, position: int, content: str) -> str:
-    """Comment on a separate line with the element's indentation, or before the element if the line has other text."""
+    """Comment on a separate line with the element's indentation, or on the element's line if other text stands before it."""
+    # XML allows no "--" in a comment.
     content = re.sub(r"-(?=-)", "- ", content).rstrip("-")
     comment = f"<!-- {content} -->"
-    line = max(text.rfind("\n", 0, position), text.rfind("\r", 0, position)) + 1
-    indent = text[line:position]
+    line_start = max(text.rfind("\n", 0, position), text.rfind("\r", 0, position)) + 1
+    indent = text[line_start:position]
     if indent.strip(" \t"):
         return comment
     newline = "\n"
-    if line > 0:
-        newline = text[line - 1 : line]
-    if text[max(0, line - 2) : line] == "\r\n":
+    if line_start > 0:
+        newline = text[line_start - 1 : line_start]
+    if text[max(0, line_start - 2) : line_start] == "\r\n":
         newline = "\r\n"
     return f"{comment}{newline}{indent}"
 
 
-FOUND, ELSEWHERE = "identified from logs", "in none of the logs, or part of the link that carries it"
-"""Reasons of a change."""
+FOUND = "identified from logs"
+"""Reason of a change to an identified number."""
+ELSEWHERE = "in none of the logs, or part of the link that carries it"
+"""Reason of a change to zero."""
 
 
 class TextChanges:
@@ -237,13 +254,17 @@ class TextChanges:
 
     def set(self, element: Element, attribute: str, value: str, why: str = FOUND) -> None:
         """Set or add an attribute, or the text if ``attribute`` is empty. Equal values keep their spelling."""
-        old_value = element.attributes.get(attribute, "") if attribute else element.content
-        if _meaning(old_value) == _meaning(value):
+        old_value = element.content
+        if attribute:
+            old_value = element.attributes.get(attribute, "")
+        if _numbers_or_text(old_value) == _numbers_or_text(value):
             return
-        if not attribute and not element.content.strip():
+        if attribute:
+            self._edit(element, attribute, value, why, "put")
+        elif element.content.strip():
+            self._edit(element, attribute, value, why, "change")
+        else:
             self.add(element, value)
-            return
-        self._edit(element, attribute, value, why, "put" if attribute else "change")
 
     def set_child(self, parent: Element, tag: str, text: str, why: str) -> None:
         """Set the text of a child, which may be missing."""
@@ -259,8 +280,8 @@ class TextChanges:
 
     def add(self, element: Element, text: str) -> None:
         """Insert text at the beginning of an element, after earlier insertions."""
-        number = self._own(element).index
-        self._additions[number] = self._additions.get(number, "") + text
+        element_number = self._check_own_file(element).index
+        self._additions[element_number] = self._additions.get(element_number, "") + text
 
     def apply(self, text: str) -> str:
         """Apply all changes to the file's text."""
@@ -269,10 +290,11 @@ class TextChanges:
     def _edit(
         self, element: Element, attribute: str, value: str, why: str, how: Literal["change", "put", "remove"]
     ) -> None:
-        place = self._own(element).locate(attribute)
+        place = self._check_own_file(element).locate(attribute)
         self._edits[place] = (Edit(place, value, how), why)
 
-    def _own(self, element: Element) -> Element:
+    def _check_own_file(self, element: Element) -> Element:
+        """Return ``element``; raise ModelError if it stands in an included file."""
         if element.file:
             raise ModelError(
                 f"{element} stands in the included file {element.file!r}, and only the robot's own file is written. Put the "
@@ -281,7 +303,7 @@ class TextChanges:
         return element
 
 
-def _meaning(text: str) -> list[float] | str:
+def _numbers_or_text(text: str) -> list[float] | str:
     """Numbers of a text, or the text itself if it has other content."""
     try:
         return [float(word) for word in text.split()]

@@ -20,44 +20,48 @@ from .mjcf.bodies import WORLD
 from .mjcf.reader import REFERENCE
 from .xml import Element, exact, new
 
-_JOINTS = ("free", "ball", "slide", "hinge")
+_JOINT_TYPES = ("free", "ball", "slide", "hinge")
 """Joint types by ``mjtJoint``."""
 _SLIDE = 2
 """Smallest ``mjtJoint`` of joints with one degree of freedom."""
-_EQUALITIES = dict(enumerate(("connect", "weld", "joint", "tendon")))
+_EQUALITY_TAGS = dict(enumerate(("connect", "weld", "joint", "tendon")))
 """Tags by ``mjtEq``; other values are for flexible bodies."""
-_DCMOTOR = 3
-"""Gain type of DC motors, since version 4."""
+_DC_MOTOR_GAIN = 3
+"""Gain type (``mjtGain``) of DC motors, since version 4."""
 _ON_JOINTS = (0, 1)
-_SLIDER_CRANK, _ON_TENDON = 2, 3
-"""Values of ``mjtTrn``: at a joint, and at a joint in the parent's frame."""
-_BODY, _WRAP_JOINT = 1, 1
-"""Values of ``mjtObj`` and ``mjtWrap``."""
+"""Values of ``mjtTrn`` for a joint, and for a joint in the parent's frame."""
+_SLIDER_CRANK = 2
+_ON_TENDON = 3
+"""Values of ``mjtTrn`` for a slider-crank and for a tendon."""
+_OBJECT_BODY = 1
+"""Value of ``mjtObj`` for a body."""
+_WRAP_JOINT = 1
+"""Value of ``mjtWrap`` for a joint."""
 _FLAGS = ("gravity", "spring", "damper", "passive", "equality", "frictionloss", "constraint")
 
 
 def read_mujoco_model(model: Any, floating_base: bool | None = None) -> tuple[ModelBuilder, bool]:
-    """Builder with the bodies, joints, sites and keyframes of an ``mjModel``, and True if its root link floats besides.
+    """Builder with the bodies, joints, sites and keyframes of an ``mjModel``, and True if its root link is to float.
 
-    ``floating_base`` as for MJCF files.
+    ``floating_base`` has the same effect as for MJCF files.
 
     Raises :class:`~twistwrench.ModelError` if the object lacks the attributes of an ``mjModel``.
     """
     try:
-        file = _File(model)
+        elements = _ModelElements(model)
     except AttributeError as problem:
         raise ModelError(
             f"this is not a model of MuJoCo's: {type(model).__name__} lacks an attribute ({problem})."
         ) from None
-    builder, floating = read_mjcf(file.root, floating_base=floating_base)
-    builder.remark(*file.notes)
+    builder, floating = read_mjcf(elements.root, floating_base=floating_base)
+    builder.remark(*elements.notes)
     if floating_base is False:
         builder.mount()
     return builder, floating
 
 
-class _File:
-    """Elements of one model."""
+class _ModelElements:
+    """MJCF elements of one compiled model."""
 
     def __init__(self, model: Any) -> None:
         self.model = model
@@ -66,12 +70,13 @@ class _File:
         self.notes: list[ModelNote] = []
         """Notes on properties that a file cannot have."""
         _add(self.root, "compiler", angle="radian", inertiafromgeom="false")
-        option = _add(self.root, "option", **{x: getattr(model.opt, x) for x in ("gravity", "density", "viscosity")})
+        options = {name: getattr(model.opt, name) for name in ("gravity", "density", "viscosity")}
+        option = _add(self.root, "option", **options)
         disabled = _disabled_features(model)
         _add(option, "flag", **dict.fromkeys(disabled, "disable"))
         self.bodies = [new("worldbody", self.root)]
         self.joints = [""] * model.njnt
-        """Joint names; the reader's names for unnamed joints."""
+        """Names of joints. Unnamed joints have the names that the reader of MJCF gives them."""
         for i in range(1, model.nbody):
             self._add_body(i)
         for i in range(model.nsite):
@@ -98,7 +103,8 @@ class _File:
             _add(section, "key", name=name, qpos=q)
 
     def _add_body(self, i: int) -> None:
-        model, name = self.model, self.model.body(i).name or f"body{i}"
+        model = self.model
+        name = model.body(i).name or f"body{i}"
         body = _add(
             self.bodies[int(model.body_parentid[i])], "body", name=name, pos=model.body_pos[i], quat=model.body_quat[i],
             gravcomp=model.body_gravcomp[i],
@@ -108,20 +114,23 @@ class _File:
             body, "inertial", pos=model.body_ipos[i], quat=model.body_iquat[i], mass=model.body_mass[i],
             diaginertia=model.body_inertia[i],
         )  # fmt: skip
-        if model.body_geomnum[i]:
+        if model.body_geomnum[i]:  # one geom stands for all, as inertias do not come from geoms
             new("geom", body)
         if model.body_plugin[i] >= 0:
             new("plugin", body)
         first, count = int(model.body_jntadr[i]), int(model.body_jntnum[i])
         for k in range(count):
-            kind = _JOINTS[int(model.jnt_type[first + k])]
-            number = k if count > 1 else ""
-            self.joints[first + k] = model.joint(first + k).name or f"{name}.{kind}{number}"
-            self._add_joint(body, first + k, kind)
+            j = first + k
+            kind = _JOINT_TYPES[int(model.jnt_type[j])]
+            number = ""
+            if count > 1:
+                number = str(k)
+            self.joints[j] = model.joint(j).name or f"{name}.{kind}{number}"
+            self._add_joint(body, j, kind)
 
     def _add_joint(self, body: Element, j: int, kind: str) -> None:
         model, name = self.model, self.joints[j]
-        d, q = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
+        d, q = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])  # first degree of freedom, first coordinate
         joint = _add(
             body, "joint", name=name, type=kind, pos=model.jnt_pos[j], range=model.jnt_range[j],
             limited=_flag(model.jnt_limited[j]), stiffness=_polynomial(model, "jnt_stiffness", j),
@@ -135,37 +144,44 @@ class _File:
                 actuatorfrclimited=_flag(_field(model, "jnt_actfrclimited", j)),
                 actuatorfrcrange=_field(model, "jnt_actfrcrange", j),
             )  # fmt: skip
-        if np.ptp(model.dof_armature[np.asarray(model.dof_jntid) == j]) > 0:  # set by a program, not a file
+        armatures = model.dof_armature[np.asarray(model.dof_jntid) == j]
+        if np.ptp(armatures) > 0:  # only a program can set them, not a file
             text = "has another armature in each direction, of which the first is kept"
             self.notes.append(ModelNote(f"joint {name!r}", text))
 
     def _add_actuators(self, section: Element) -> None:
         model = self.model
         for k in range(len(model.actuator_trntype)):
-            j, name = int(model.actuator_trnid[k, 0]), model.actuator(k).name or str(k)
+            name = model.actuator(k).name or str(k)
+            j = int(model.actuator_trnid[k, 0])  # the joint, if the actuator is on one
             if int(model.actuator_trntype[k]) not in _ON_JOINTS or int(model.jnt_type[j]) < _SLIDE:
                 self.notes.append(ModelNote(f"actuator {name} of MuJoCo's model", LEFT_OUT["actuator/joint"]))
                 self._add_other_drive(section, k, name)
                 continue
             # Actuators with several outputs or controls have several rows of gears and ranges.
-            gear, control = int(_field(model, "actuator_outadr", k, k)), int(_field(model, "actuator_ctrladr", k, k))
-            plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
-            controls = {}
-            if control < len(model.actuator_ctrllimited):  # some actuators have no control
-                controls = {"ctrlrange": model.actuator_ctrlrange[control]}
-                controls["ctrllimited"] = _flag(model.actuator_ctrllimited[control])
-            motor = self._motor(k) if int(model.actuator_gaintype[k]) == _DCMOTOR else {}
+            gear_row = int(_field(model, "actuator_outadr", k, k))
+            control_row = int(_field(model, "actuator_ctrladr", k, k))
+            gain_type = "fixed"  # the force is gain * control
+            if model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k]:
+                gain_type = "affine"
+            control_attributes: dict[str, Any] = {}
+            if control_row < len(model.actuator_ctrllimited):  # some actuators have no control
+                control_attributes["ctrlrange"] = model.actuator_ctrlrange[control_row]
+                control_attributes["ctrllimited"] = _flag(model.actuator_ctrllimited[control_row])
+            tag = "general"
+            motor_attributes: dict[str, ArrayLike] = {}
+            if int(model.actuator_gaintype[k]) == _DC_MOTOR_GAIN:
+                tag = "dcmotor"
+                motor_attributes = self._motor_attributes(k)
             _add(
-                section, "dcmotor" if motor else "general", name=name, joint=self.joints[j],
-                gear=model.actuator_gear[gear, 0], **motor,
-                gaintype="fixed" if plain else "affine", gainprm=model.actuator_gainprm[k, 0],
-                **controls,
+                section, tag, name=name, joint=self.joints[j], gear=model.actuator_gear[gear_row, 0], **motor_attributes,
+                gaintype=gain_type, gainprm=model.actuator_gainprm[k, 0], **control_attributes,
                 forcelimited=_flag(model.actuator_forcelimited[k]), forcerange=model.actuator_forcerange[k],
                 armature=_field(model, "actuator_armature", k), damping=_polynomial(model, "actuator_damping", k),
             )  # fmt: skip
 
     def _add_other_drive(self, section: Element, k: int, name: str) -> None:
-        """Add an actuator of a tendon or slider-crank, of which only the driven joints are read."""
+        """Add an actuator of a tendon or slider-crank. The reader takes only the driven joints from it."""
         model = self.model
         kind, t = int(model.actuator_trntype[k]), int(model.actuator_trnid[k, 0])
         if kind == _ON_TENDON:
@@ -173,9 +189,10 @@ class _File:
         elif kind == _SLIDER_CRANK:
             _add(section, "general", name=name, cranksite=str(t))
 
-    def _motor(self, k: int) -> dict[str, ArrayLike]:
+    def _motor_attributes(self, k: int) -> dict[str, ArrayLike]:
         """Attributes of a ``dcmotor`` from its compiled values, which do not include the nominal voltage."""
-        gain, bias, dyn = (getattr(self.model, f"actuator_{name}prm")[k] for name in ("gain", "bias", "dyn"))
+        gain, bias = self.model.actuator_gainprm[k], self.model.actuator_biasprm[k]
+        dyn = self.model.actuator_dynprm[k]
         return {
             "resistance": gain[0], "motorconst": (gain[1], 0.0), "inductance": (0.0, dyn[0]), "cogging": bias[:3],
             "thermal": dyn[2:5], "lugre": (*dyn[5:7], *bias[3:6]), "controller": (0.0, 0.0, 0.0, 0.0, 0.0, gain[7]),
@@ -185,8 +202,8 @@ class _File:
         model = self.model
         for t in range(model.ntendon):
             start = int(model.tendon_adr[t])
-            parts = range(start, start + int(model.tendon_num[t]))
-            fixed = all(int(model.wrap_type[i]) == _WRAP_JOINT for i in parts)
+            wraps = range(start, start + int(model.tendon_num[t]))
+            fixed = all(int(model.wrap_type[i]) == _WRAP_JOINT for i in wraps)
             tendon = _add(
                 section, "fixed" if fixed else "spatial", name=model.tendon(t).name or str(t),
                 stiffness=_polynomial(model, "tendon_stiffness", t), springyield=_field(model, "tendon_springyield", t),
@@ -194,23 +211,24 @@ class _File:
                 frictionloss=_field(model, "tendon_frictionloss", t), armature=_field(model, "tendon_armature", t),
             )  # fmt: skip
             if fixed:
-                for i in parts:
+                for i in wraps:
                     _add(tendon, "joint", joint=self.joints[int(model.wrap_objid[i])], coef=model.wrap_prm[i])
 
     def _add_equalities(self, section: Element) -> None:
-        model, active = self.model, getattr(self.model, "eq_active0", None)
-        indices = [k for k in range(model.neq) if active is None or active[k]]
-        for n, k in enumerate(indices):
-            kind = _EQUALITIES.get(int(model.eq_type[k]), "flex")
-            a, b = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        model = self.model
+        active = getattr(model, "eq_active0", None)  # newer versions of MuJoCo
+        active_indices = [k for k in range(model.neq) if active is None or active[k]]
+        for n, k in enumerate(active_indices):
+            kind = _EQUALITY_TAGS.get(int(model.eq_type[k]), "flex")
+            a, b = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])  # joints, bodies or sites
             name = model.equality(k).name or f"{kind}{n}"
             attributes: dict[str, Any] = {}
             if kind == "joint":
                 leader = self.joints[b] if b >= 0 else ""
                 attributes = {"joint1": self.joints[a], "joint2": leader, "polycoef": model.eq_data[k, :5]}
             elif kind in ("connect", "weld"):
-                if int(model.eq_objtype[k]) == _BODY:
-                    sites = self._ends(name, kind, (a, b), model.eq_data[k])
+                if int(model.eq_objtype[k]) == _OBJECT_BODY:
+                    sites = self._add_sites_at_bodies(name, kind, (a, b), model.eq_data[k])
                 else:
                     sites = [model.site(a).name, model.site(b).name]
                 if not all(sites):
@@ -218,48 +236,64 @@ class _File:
                 attributes = {"site1": sites[0], "site2": sites[1]}
             _add(section, kind, name=name, **attributes)
 
-    def _ends(self, name: str, kind: str, bodies: tuple[int, int], data: Any) -> list[str]:
-        """Coinciding sites: the anchor in each body, or the second body's pose in the first, and the anchor there."""
-        first, second, turn = data[0:3], data[3:6], (1.0, 0.0, 0.0, 0.0)
-        places = ((first, turn), (second, turn)) if kind == "connect" else ((second, data[6:10]), (first, turn))
+    def _add_sites_at_bodies(self, name: str, kind: str, bodies: tuple[int, int], data: Any) -> list[str]:
+        """Add a site at each body, which the constraint makes coincide, and return their names.
+
+        A ``connect`` holds its anchor in each body. A ``weld`` holds its anchor in the second body, and the pose in the
+        first body of a frame at the anchor with the second body's axes.
+        """
+        identity = (1.0, 0.0, 0.0, 0.0)
+        if kind == "connect":
+            poses = ((data[0:3], identity), (data[3:6], identity))
+        else:
+            poses = ((data[3:6], data[6:10]), (data[0:3], identity))
         elements = [self.bodies[i] for i in bodies]
         sites = [f"{name}:{element.attributes.get('name', WORLD)}" for element in elements]
-        for element, site, (pos, quat) in zip(elements, sites, places, strict=True):
+        for element, site, (pos, quat) in zip(elements, sites, poses, strict=True):
             _add(element, "site", name=site, pos=pos, quat=quat)
         return sites
 
 
 def _add(parent: Element, tag: str, **values: Any) -> Element:
-    """New element, without attributes that are None; numbers are exact."""
+    """Add an element with the attributes that are not None; numbers are written exactly."""
     return _set(new(tag, parent), **values)
 
 
 def _set(element: Element, **values: Any) -> Element:
     for name, value in values.items():
         if value is not None:
-            element.attributes[name] = value if isinstance(value, str) else exact(value)
+            if not isinstance(value, str):
+                value = exact(value)
+            element.attributes[name] = value
     return element
 
 
-def _flag(value: Any) -> str:
-    return "true" if value else "false"
+def _flag(flag: Any) -> str:
+    return "true" if flag else "false"
 
 
 def _field(model: Any, name: str, i: int, default: Any = None) -> Any:
-    """Entry of a field that older versions of MuJoCo lack."""
+    """Entry i of a field; ``default`` if this version of MuJoCo does not have the field."""
     values = getattr(model, name, None)
-    return default if values is None else values[i]
+    if values is None:
+        return default
+    return values[i]
 
 
 def _polynomial(model: Any, name: str, i: int) -> ArrayLike:
-    """Linear coefficient of a damping or stiffness, and 1 if it also has higher orders (newer versions of MuJoCo)."""
+    """Linear coefficient of a damping or stiffness.
+
+    If there are higher orders (newer versions of MuJoCo), a second coefficient of 1 stands for them: the reader notes them.
+    """
     linear, *higher = np.ravel(_field(model, name, i, ()))
     higher.extend(np.ravel(_field(model, f"{name}poly", i, ())))
-    return (linear, 1.0) if any(higher) else linear
+    if any(higher):
+        return linear, 1.0
+    return linear
 
 
 def _disabled_features(model: Any) -> list[str]:
-    """Disabled features; flag bits are those of the imported version of MuJoCo."""
+    """Names of disabled features. Bits differ between versions of MuJoCo, so those of the imported version are used."""
     bits = getattr(sys.modules.get("mujoco"), "mjtDisableBit", None)
     if bits is None:
         return []

@@ -16,14 +16,15 @@ USD = (".usd", ".usda", ".usdc", ".usdz")
 
 
 class RobotFile(str):
-    """Path of a robot file that keeps what was read of it; in another process the path alone is left, and is read again.
+    """Path of a robot file with its content, text and elements, each read at first use and kept.
 
-    Its properties raise as :func:`~twistwrench.formats.source.read_robot_text` and :func:`~twistwrench.formats.xml.parse`.
+    A pickled copy, as in another process, has the path alone, and reads the file again. Errors of its properties are those of
+    :func:`~twistwrench.formats.source.read_robot_text` and :func:`~twistwrench.formats.xml.parse`.
     """
 
     @classmethod
     def from_path(cls, path: str | os.PathLike[str], data: bytes | None = None) -> RobotFile:
-        """File at a path, with its content if it was read before; raises RobotFileError for what is not a path."""
+        """File at a path, with its content if it was read before; raises RobotFileError if ``path`` is not a path."""
         if isinstance(path, cls):
             return path
         file = cls(path_given(path))
@@ -43,11 +44,11 @@ class RobotFile(str):
 
     @cached_property
     def root(self) -> Element:
-        """Root element; after loading, with the included files of MJCF in place."""
+        """Root element. After loading, includes of MJCF are replaced by the elements of their files."""
         return self.parse_root()
 
     def parse_root(self, max_bodies: int = MOST_BODIES) -> Element:
-        """Root element, parsed now if it has not been before; the number of bodies is checked only then."""
+        """Root element. The number of bodies is checked only when it is parsed, at the first call."""
         if "root" not in vars(self):
             self.root = parse(self.text, max_bodies=max_bodies)
         return self.root
@@ -62,10 +63,12 @@ class RobotFile(str):
 
 
 def file_of(model: Model) -> RobotFile | None:
-    """File that a model was read from; None for robots without a file, for USD, and if the file is gone before it was read."""
+    """File of a model; None if the model has no file, a USD file, or a file that was never parsed and no longer exists."""
     source = model.source
     file = source if isinstance(source, RobotFile) else RobotFile(source)
-    if "root" in vars(file):
+    if "root" in vars(file):  # parsed before
         return file
-    readable = source and Path(source).suffix.lower() not in USD and Path(source).is_file()
-    return file if readable else None
+    path = Path(source)
+    if source and path.suffix.lower() not in USD and path.is_file():
+        return file
+    return None

@@ -22,11 +22,13 @@ from .mjcf.preprocess import Defaults, Folders, Meshes, Settings, expand
 from .urdf import ENTRIES, IN_MJCF
 from .xml import MOST_BODIES, Element, Place, exact
 
-_LAWS = {"viscous": "damping", "coulomb": "friction"}
-_MJCF_DRIVES = {"viscous": "damping", "coulomb": "frictionloss", "motor_inertia": "armature"}
-_TURNED = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
-_ROTOR = "drake:rotor_inertia"
-_COMPILER = "so that inertias are as they are written"
+_DYNAMICS_NAMES = {"viscous": "damping", "coulomb": "friction"}
+"""Names in ``<dynamics>`` of URDF and SDF, by those of the library."""
+_MJCF_DRIVE_ATTRIBUTES = {"viscous": "damping", "coulomb": "frictionloss", "motor_inertia": "armature"}
+_ORIENTATION_ATTRIBUTES = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
+"""Forms of an orientation in MJCF; ``quat`` is first."""
+_ROTOR_INERTIA_TAG = "drake:rotor_inertia"
+_REASON_OF_COMPILER_EDITS = "so that inertias are as they are written"
 
 
 def inertia_about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
@@ -36,7 +38,7 @@ def inertia_about_com(mass: float, com: Array, tensor: Array) -> SpatialInertia:
 
 @dataclass(frozen=True, eq=False)
 class WrittenInertia:
-    """Inertia of a link as in its file: about the centre of mass, with separate axes."""
+    """Inertia of a link as its file states it: about the centre of mass, along axes that may differ from the link's."""
 
     mass: float
     com: Array
@@ -46,17 +48,17 @@ class WrittenInertia:
     tensor: Array
     """Tensor (3, 3) about the centre of mass, along these axes [kg m²]."""
     places: Mapping[str, Place] = field(default_factory=dict)
-    """Places of mass, x, y, z, ixx, ixy, …; numbers without a place cannot be written."""
+    """Places in the file of mass, x, y, z, ixx, ixy, …; numbers without a place cannot be edited."""
     line: int = 0
     file: str = ""
 
     @classmethod
     def from_inertia(cls, G: SpatialInertia, line: int = 0, file: str = "") -> WrittenInertia | None:
-        """Inertia of a link without an inertia in the file; None if it is zero."""
+        """Inertia of a link for which the file states none, such as from shapes; None if it is zero."""
         if not G.parameters.any():
             return None
-        moments = 0.5 * (G.moment_about_com + G.moment_about_com.T)
-        return cls(G.mass, G.com, np.eye(3), moments, line=line, file=file)
+        tensor = 0.5 * (G.moment_about_com + G.moment_about_com.T)
+        return cls(G.mass, G.com, np.eye(3), tensor, line=line, file=file)
 
     @cached_property
     def inertia(self) -> SpatialInertia:
@@ -68,8 +70,12 @@ class WrittenInertia:
         return inertia_about_com(self.mass, self.com, self.R @ tensor @ self.R.T)
 
     def tensor_edits(self, tensor: Array) -> tuple[tuple[Edit, ...], Array]:
-        """Edits of the changed entries, and the resulting tensor; no edits if one of the entries has no place."""
-        edits, written = [], self.tensor.copy()
+        """Edits of the entries that change, and the tensor of the rounded numbers in the edited file.
+
+        If an entry that changes has no place, there are no edits, and the tensor is returned as it is.
+        """
+        edits: list[Edit] = []
+        written_tensor = self.tensor.copy()
         scale = float(np.abs(tensor).max())
         for name, (i, j) in ENTRIES.items():
             if abs(tensor[i, j] - self.tensor[i, j]) <= 1e-12 * scale:
@@ -77,16 +83,17 @@ class WrittenInertia:
             if name not in self.places:
                 return (), tensor
             edits.append(Edit(self.places[name], file_number(tensor[i, j])))
-            written[i, j] = written[j, i] = float(edits[-1].text)
-        return tuple(edits), written
+            written_tensor[i, j] = written_tensor[j, i] = float(edits[-1].text)
+        return tuple(edits), written_tensor
 
     def edits(self, inertia: SpatialInertia) -> tuple[Edit, ...]:
-        """Edits for another inertia, including mass and centre of mass; none if a number has no place."""
-        moments = self.R.T @ inertia.moment_about_com @ self.R
-        scale = float(np.abs(moments).max())
-        moments[np.abs(moments) < 1e-9 * scale] = 0.0
-        tensor_edits, _ = self.tensor_edits(moments)
-        if not tensor_edits and np.abs(moments - self.tensor).max() > 1e-12 * scale:
+        """Edits that give the link another inertia; none if a number that changes has no place."""
+        tensor = self.R.T @ inertia.moment_about_com @ self.R
+        scale = float(np.abs(tensor).max())
+        tensor[np.abs(tensor) < 1e-9 * scale] = 0.0  # round-off of the rotation
+        tensor_edits, _ = self.tensor_edits(tensor)
+        changes = np.abs(tensor - self.tensor).max() > 1e-12 * scale
+        if changes and not tensor_edits:
             return ()
         old_values = {"mass": self.mass, **dict(zip("xyz", self.com.tolist(), strict=True))}
         new_values = {"mass": inertia.mass, **dict(zip("xyz", inertia.com.tolist(), strict=True))}
@@ -100,19 +107,21 @@ class WrittenInertia:
         return tuple(edits)
 
 
-def _products(moments: Array) -> dict[str, str]:
-    """Entries of a tensor (3, 3), symmetrised, as text."""
-    return {name: repr(value) for name, value in urdf.entries_of(0.5 * (moments + moments.T)).items()}
+def _entry_texts(tensor: Array) -> dict[str, str]:
+    """Texts of the six entries (``ixx`` and others) of a tensor (3, 3), which is symmetrised."""
+    symmetric = 0.5 * (tensor + tensor.T)
+    return {name: repr(value) for name, value in urdf.entries_of(symmetric).items()}
 
 
 class RobotText:
     """Robot file with editable numbers; each format has a subclass."""
 
     share_left = 0.0
-    """Share of a body left in each link that is merged into it."""
+    """Share of a body's inertia that stays in each link merged into the body."""
     links: dict[str, Element]
     joints: dict[str, Element]
     noun = "link"
+    """The format's word for a link, for messages."""
 
     def inertia(self, name: str) -> WrittenInertia | None:
         """Inertia of a link in the file."""
@@ -128,9 +137,13 @@ class RobotText:
             if name not in self.links:
                 raise ModelError(f"the file has no {self.noun} {name!r} whose inertia could be written.")
         for name, inertia in wanted.items():
-            self._write(changes, name, inertia, FOUND if inertia.parameters.any() else ELSEWHERE)
+            reason = ELSEWHERE
+            if inertia.parameters.any():
+                reason = FOUND
+            self._write(changes, name, inertia, reason)
 
     def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
+        """Set the inertia of a link about its frame."""
         raise NotImplementedError
 
     def parent(self, link: str) -> str:
@@ -165,30 +178,35 @@ class UrdfText(RobotText):
 
     def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
         link = self.links[name]
-        inertial, com, mass = link.child("inertial"), exact(inertia.com), exact([inertia.mass])
+        inertial = link.child("inertial")
+        com = exact(inertia.com)
+        mass = exact([inertia.mass])
         if not inertia.parameters.any():
             if inertial is None:
                 return
-            mass, entries = "0", dict.fromkeys(ENTRIES, "0")
+            mass = "0"
+            entries = dict.fromkeys(ENTRIES, "0")
         elif inertial is None:
-            tensor = " ".join(f'{name}="{text}"' for name, text in _products(inertia.moment_about_com).items())
+            texts = _entry_texts(inertia.moment_about_com)
+            tensor = " ".join(f'{entry}="{text}"' for entry, text in texts.items())
             origin = f'<origin xyz="{com}" rpy="0 0 0"/>'
             changes.add(link, f'<inertial>{origin}<mass value="{mass}"/><inertia {tensor}/></inertial>')
             return
         else:
-            place, R = inertial.child("origin"), urdf.origin_of(inertial)[:3, :3]
-            if place is None:
+            origin_element = inertial.child("origin")
+            R = urdf.origin_of(inertial)[:3, :3]
+            if origin_element is None:
                 changes.add(inertial, f'<origin xyz="{com}" rpy="0 0 0"/>')
             else:
-                changes.set(place, "xyz", com)
-            entries = _products(R.T @ inertia.moment_about_com @ R)
+                changes.set(origin_element, "xyz", com)
+            entries = _entry_texts(R.T @ inertia.moment_about_com @ R)
         changes.set(inertial.require_child("mass", ""), "value", mass, why)
-        for name, text in entries.items():
-            changes.set(inertial.require_child("inertia", ""), name, text, why)
+        for entry, text in entries.items():
+            changes.set(inertial.require_child("inertia", ""), entry, text, why)
 
     def _joint_above(self, link: str) -> Element:
         """Joint whose child is a link."""
-        return next(j for j in self.joints.values() if j.require_child("child", "").text("link") == link)
+        return next(joint for joint in self.joints.values() if joint.require_child("child", "").text("link") == link)
 
     def parent(self, link: str) -> str:
         """Link in whose frame a link is placed."""
@@ -204,7 +222,8 @@ class UrdfText(RobotText):
             return
         changes.set(origin, "xyz", xyz, why)
         if "quat_xyzw" in origin.attributes:
-            changes.set(origin, "quat_xyzw", exact(np.roll(quaternion.from_matrix(T[:3, :3]), -1)), why)
+            xyzw = np.roll(quaternion.from_matrix(T[:3, :3]), -1)
+            changes.set(origin, "quat_xyzw", exact(xyzw), why)
         else:
             changes.set(origin, "rpy", rpy, why)
 
@@ -212,7 +231,7 @@ class UrdfText(RobotText):
         """Set the friction of a joint, ``viscous`` and ``coulomb``."""
         joint = self.joints[name]
         dynamics = joint.child("dynamics")
-        texts = {_LAWS[kind]: exact([value]) for kind, value in values.items() if kind in _LAWS}
+        texts = {_DYNAMICS_NAMES[kind]: exact([value]) for kind, value in values.items() if kind in _DYNAMICS_NAMES}
         if dynamics is not None:
             for attribute, text in texts.items():
                 changes.set(dynamics, attribute, text, why)
@@ -234,6 +253,7 @@ class SdfText(RobotText):
         parts = sdf.expand_model(element)
         self.links, self.joints = parts.links, parts.joints
         self._axes: dict[str, tuple[Element, Element]] = {}
+        """Axis element and joint element by the library's name of the joint."""
         for name, joint in parts.joints.items():
             if joint.text("type") in sdf.TWO_AXES:
                 axes = {f"{name}.axis": joint.child("axis"), f"{name}.axis2": joint.child("axis2")}
@@ -250,46 +270,54 @@ class SdfText(RobotText):
         link = self.links[name]
         inertial = link.child("inertial")
         mass, T, I = sdf.inertial_of(inertial)
-        tensor = inertial.child("inertia") if inertial is not None else None
-        elements = {"mass": inertial.child("mass") if inertial is not None else None}
-        if tensor is not None:
-            elements |= {entry: tensor.child(entry) for entry in ENTRIES}
+        line = link.line
+        elements: dict[str, Element | None] = {}
+        if inertial is not None:
+            elements["mass"] = inertial.child("mass")
+            tensor = inertial.child("inertia")
+            if tensor is not None:
+                elements |= {entry: tensor.child(entry) for entry in ENTRIES}
+                line = tensor.line
         places = {entry: element.locate() for entry, element in elements.items() if element is not None}
-        line = tensor.line if tensor is not None else link.line
         return WrittenInertia(mass, T[:3, 3], T[:3, :3], I, places, line)
 
     def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
         link = self.links[name]
         inertial = link.child("inertial")
-        place = inertial.child("pose") if inertial is not None else None
-        R = sdf.pose(place)[:3, :3]
+        pose = None
+        if inertial is not None:
+            pose = inertial.child("pose")
+        R = sdf.pose(pose)[:3, :3]
         com, mass = exact(inertia.com), exact([inertia.mass])
-        entries = _products(R.T @ inertia.moment_about_com @ R)
-        tensor = "".join(f"<{name}>{text}</{name}>" for name, text in entries.items())
+        entries = _entry_texts(R.T @ inertia.moment_about_com @ R)
+        tensor = "".join(f"<{entry}>{text}</{entry}>" for entry, text in entries.items())
         if inertial is None:
             changes.add(
                 link, f"<inertial><pose>{com} 0 0 0</pose><mass>{mass}</mass><inertia>{tensor}</inertia></inertial>"
             )
             return
-        if place is None:
+        if pose is None:
             changes.add(inertial, f"<pose>{com} 0 0 0</pose>")
-        elif not place.content.strip():
-            identity = "0 0 0 1" if place.attributes.get("rotation_format", "") == "quat_xyzw" else "0 0 0"
-            changes.set(place, "", f"{com} {identity}", why)
+        elif not pose.content.strip():
+            identity = "0 0 0"
+            if pose.attributes.get("rotation_format", "") == "quat_xyzw":
+                identity = "0 0 0 1"
+            changes.set(pose, "", f"{com} {identity}", why)
         else:
-            changes.set(place, "", " ".join([com, *place.content.split()[3:]]), why)
+            orientation_words = pose.content.split()[3:]
+            changes.set(pose, "", " ".join([com, *orientation_words]), why)
         changes.set_child(inertial, "mass", mass, why)
-        inner = inertial.child("inertia")
-        if inner is None:
+        inertia_element = inertial.child("inertia")
+        if inertia_element is None:
             changes.add(inertial, f"<inertia>{tensor}</inertia>")
             return
-        for name, text in entries.items():
-            changes.set_child(inner, name, text, why)
+        for entry, text in entries.items():
+            changes.set_child(inertia_element, entry, text, why)
 
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
         """Set the friction of a joint, and the inertia of its motor if the file has ``drake:rotor_inertia``."""
         axis, joint = self._axes[name]
-        dynamics_values = {tag: values[kind] for kind, tag in _LAWS.items() if kind in values}
+        dynamics_values = {tag: values[kind] for kind, tag in _DYNAMICS_NAMES.items() if kind in values}
         dynamics = axis.child("dynamics")
         if dynamics is not None:
             for tag, value in dynamics_values.items():
@@ -297,16 +325,17 @@ class SdfText(RobotText):
         elif any(dynamics_values.values()):
             text = "".join(f"<{tag}>{exact([value])}</{tag}>" for tag, value in dynamics_values.items())
             changes.add(axis, f"<dynamics>{text}</dynamics>")
-        gear = sdf.number(joint, "drake:gear_ratio", 1.0)
-        if "motor_inertia" in values and joint.child(_ROTOR) is not None and gear:
-            changes.set_child(joint, _ROTOR, exact([values["motor_inertia"] / gear**2]), why)
+        gear_ratio = sdf.number(joint, "drake:gear_ratio", 1.0)
+        has_rotor = joint.child(_ROTOR_INERTIA_TAG) is not None
+        if "motor_inertia" in values and has_rotor and gear_ratio:
+            changes.set_child(joint, _ROTOR_INERTIA_TAG, exact([values["motor_inertia"] / gear_ratio**2]), why)
 
 
 class MjcfText(RobotText):
     """MJCF file: ``<inertial>`` of bodies; damping, frictionloss and armature of joints.
 
     Settings of ``<compiler>`` that would change written values (inertiafromgeom, settotalmass, boundmass, …) are
-    removed. Other bodies affected by these settings are then written with their compiled values.
+    removed. Bodies that are not to change, but that lose an effect of these settings, are written with their compiled values.
     """
 
     noun = "body"
@@ -314,7 +343,9 @@ class MjcfText(RobotText):
     def __init__(self, root: Element, _model: str, path: Path | None) -> None:
         folders = Folders(None if path is None else path.parent)
         expand(root, folders, MOST_BODIES)
-        self._root, self.settings, defaults = root, Settings.from_root(root), Defaults(root)
+        self._root = root
+        self.settings = Settings.from_root(root)
+        defaults = Defaults(root)
         self.meshes = Meshes(root, self.settings, defaults, folders)
         self._world_and_bodies = mjcf.survey(root, self.settings, defaults)
         bodies = self._world_and_bodies[1:]
@@ -322,15 +353,16 @@ class MjcfText(RobotText):
         self.links = {body.name: body.element for body in bodies}
         names = mjcf.names_given(self._world_and_bodies)
         self.joints = {}
-        self._raw: dict[str, Element] = {}  # without class defaults
+        self._joint_elements: dict[str, Element] = {}
+        """Elements of joints as in the file; those in ``joints`` have the defaults of their classes too."""
         for body in bodies:
             joints = mjcf.joints_of(body, self.settings, names)
-            for joint, raw in zip(joints, _joints_in(body.element), strict=True):
+            for joint, element_in_file in zip(joints, _joints_in(body.element), strict=True):
                 self.joints[joint.name] = joint.element
-                self._raw[joint.name] = raw
+                self._joint_elements[joint.name] = element_in_file
 
     def inertia(self, name: str) -> WrittenInertia | None:
-        """Inertia of a body in ``<inertial>``, regardless of compiler settings."""
+        """Inertia of a body as its ``<inertial>`` states it, without the effect of compiler settings; None without one."""
         inertial = self.bodies[name].inertial
         if inertial is None:
             return None
@@ -339,8 +371,9 @@ class MjcfText(RobotText):
         T = inertial.frame @ T
         places: dict[str, Place] = {}
         if not element.file:
-            full = "fullinertia" in element.attributes
-            attribute, entries = ("fullinertia", IN_MJCF) if full else ("diaginertia", IN_MJCF[:3])
+            attribute, entries = "diaginertia", IN_MJCF[:3]
+            if "fullinertia" in element.attributes:
+                attribute, entries = "fullinertia", IN_MJCF
             places["mass"] = element.locate("mass")
             if attribute in element.attributes:
                 places |= {entry: element.locate(attribute, k) for k, entry in enumerate(entries)}
@@ -355,18 +388,21 @@ class MjcfText(RobotText):
         for compiler in self._root.all("compiler"):
             for attribute, (_, _, text) in neutral_settings.items():
                 if attribute in compiler.attributes:
-                    changes.set(compiler, attribute, text, _COMPILER)
+                    changes.set(compiler, attribute, text, _REASON_OF_COMPILER_EDITS)
+        # Bodies that the removed settings would change are written, too.
         neutral = replace(self.settings, **{field: value for field, value, _ in neutral_settings.values()})
         bodies = self._world_and_bodies
         compiled = mjcf.inertias_of(bodies, self.settings, self.meshes).each
-        uncorrected = mjcf.inertias_of(bodies, neutral, self.meshes).each
-        for body, G, G_neutral in zip(bodies, compiled, uncorrected, strict=True):
+        without_settings = mjcf.inertias_of(bodies, neutral, self.meshes).each
+        for body, G, G_neutral in zip(bodies, compiled, without_settings, strict=True):
             if body.name not in wanted and not np.array_equal(G.parameters, G_neutral.parameters):
-                self._write(changes, body.name, G, _COMPILER)
+                self._write(changes, body.name, G, _REASON_OF_COMPILER_EDITS)
 
     def _neutral_settings(self, wanted: Mapping[str, SpatialInertia]) -> dict[str, tuple[str, Any, str]]:
-        """Attributes of ``<compiler>`` that would change written inertias: setting, neutral value, and its text."""
-        settings, neutral = self.settings, dict[str, tuple[str, Any, str]]()
+        """Field of Settings, neutral value and its text, for each ``<compiler>`` attribute that would change ``wanted``."""
+        settings = self.settings
+        neutral: dict[str, tuple[str, Any, str]] = {}
+        # Principal moments, in ascending order.
         moments = np.array([np.linalg.eigvalsh(G.moment_about_com) for G in wanted.values()]).reshape(-1, 3)
         if settings.from_geoms == "true":
             neutral["inertiafromgeom"] = ("from_geoms", "auto", "auto")
@@ -383,21 +419,23 @@ class MjcfText(RobotText):
     def _write(self, changes: TextChanges, name: str, inertia: SpatialInertia, why: str) -> None:
         body = self.bodies[name]
         inertial = body.inertial
-        own = inertia if inertial is None else inertia.in_frame(np.asarray(se3.inverse(inertial.frame)))
-        I = 0.5 * (own.moment_about_com + own.moment_about_com.T)
-        texts = {"pos": "0 0 0", "mass": exact([own.mass]), "diaginertia": "0 0 0"}
-        other = "fullinertia"
-        if own.parameters.any():  # MuJoCo rejects a fullinertia of zeros
+        G = inertia
+        if inertial is not None:  # it may stand in a <frame>
+            G = inertia.in_frame(np.asarray(se3.inverse(inertial.frame)))
+        I = 0.5 * (G.moment_about_com + G.moment_about_com.T)
+        texts = {"pos": "0 0 0", "mass": exact([G.mass]), "diaginertia": "0 0 0"}
+        replaced_attribute = "fullinertia"
+        if G.parameters.any():  # MuJoCo rejects a fullinertia of zeros
             entries = [I[ENTRIES[entry]] for entry in IN_MJCF]
-            texts = {"pos": exact(own.com), "mass": exact([own.mass]), "fullinertia": exact(entries)}
-            other = "diaginertia"
+            texts = {"pos": exact(G.com), "mass": exact([G.mass]), "fullinertia": exact(entries)}
+            replaced_attribute = "diaginertia"
         if inertial is None:
             attributes = " ".join(f'{attribute}="{text}"' for attribute, text in texts.items())
             changes.add(body.element, f"<inertial {attributes}/>")
             return
         for attribute, text in texts.items():
             changes.set(inertial.element, attribute, text, why)
-        for attribute in (other, *_TURNED):
+        for attribute in (replaced_attribute, *_ORIENTATION_ATTRIBUTES):
             if attribute in inertial.element.attributes:
                 changes.remove(inertial.element, attribute, why)
 
@@ -415,19 +453,21 @@ class MjcfText(RobotText):
         body = self.links[link]
         changes.set(body, "pos", exact(T[:3, 3]), why)
         changes.set(body, "quat", exact(quaternion.from_matrix(T[:3, :3])), why)
-        for name in _TURNED[1:]:
+        for name in _ORIENTATION_ATTRIBUTES[1:]:  # without quat
             if name in body.attributes:
                 changes.remove(body, name, why)
 
     def joint_element(self, name: str) -> Element:
         """Element of a joint."""
-        return self._raw[name]
+        return self._joint_elements[name]
 
     def write_joint(self, changes: TextChanges, name: str, values: Mapping[str, float], why: str = FOUND) -> None:
         """Set the friction and armature of a joint; zeros are written only to override a value of the file or class."""
-        for kind, attribute in _MJCF_DRIVES.items():
-            if kind in values and (values[kind] or attribute in self.joints[name].attributes):
-                changes.set(self._raw[name], attribute, exact([values[kind]]), why)
+        for kind, attribute in _MJCF_DRIVE_ATTRIBUTES.items():
+            if kind not in values:
+                continue
+            if values[kind] or attribute in self.joints[name].attributes:
+                changes.set(self._joint_elements[name], attribute, exact([values[kind]]), why)
 
 
 def _joints_in(element: Element) -> Iterator[Element]:
@@ -447,6 +487,6 @@ TEXTS: Mapping[str, type[UrdfText] | type[MjcfText] | type[SdfText]] = {
 
 
 def text_of(root: Element, model: str, path: Path | None) -> UrdfText | MjcfText | SdfText:
-    """File with editable numbers; ``model`` names the model of an SDF world."""
-    form = next(name for name, tag in FORMATS.items() if root.tag == tag)
-    return TEXTS[form](root, model, path)
+    """Editable file of the format that the root element shows; ``model`` names the model of an SDF world."""
+    format_name = next(name for name, tag in FORMATS.items() if root.tag == tag)
+    return TEXTS[format_name](root, model, path)

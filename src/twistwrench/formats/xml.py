@@ -15,14 +15,14 @@ from ..core.text import listed, shorten
 from ..core.third_party import third_party_errors
 from ..core.typing import Array
 
-_WORD = r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
-_NUMBER = re.compile(_WORD)
-_NUMBERS = re.compile(rf"{_WORD}(?:\s++{_WORD})*+")
+_NUMBER_PATTERN = r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
+_NUMBER = re.compile(_NUMBER_PATTERN)
+_NUMBERS = re.compile(rf"{_NUMBER_PATTERN}(?:\s++{_NUMBER_PATTERN})*+")
 _MAX_NUMBER = 1e60  # far above realistic values; products of five such numbers are still finite
 _MIN_CHARACTERS_OF_LARGE = 60
-"""Texts with fewer characters and no exponent cannot contain numbers above the limit."""
-_NAMES = {"name", "reference"}
-"""Attributes that distinguish elements of one tag; Gazebo elements reference a link or joint."""
+"""Texts with fewer characters and no exponent cannot contain numbers above ``_MAX_NUMBER``."""
+_NAMING_ATTRIBUTES = {"name", "reference"}
+"""Attributes that name an element in messages; those of Gazebo have the link or joint as ``reference``."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +75,13 @@ class Element:
         if "name" in self.attributes:
             return f"<{shorten(self.tag)} name={shorten(self.attributes['name'])!r}>{place}"
         owner = self.parent
-        while owner is not None and not _NAMES & owner.attributes.keys():
+        while owner is not None and not _NAMING_ATTRIBUTES & owner.attributes.keys():
             owner = owner.parent
-        name = None if owner is None else owner.attributes.get("name", owner.attributes.get("reference", ""))
-        of = f" of {shorten(owner.tag)} {shorten(name)!r}" if owner is not None and name is not None else ""
-        return f"<{shorten(self.tag)}>{of}{place}"
+        of_owner = ""
+        if owner is not None:
+            owner_name = owner.attributes.get("name", owner.attributes.get("reference", ""))
+            of_owner = f" of {shorten(owner.tag)} {shorten(owner_name)!r}"
+        return f"<{shorten(self.tag)}>{of_owner}{place}"
 
     def error(self, text: str) -> RobotFileError:
         """Error whose message begins with the element's name."""
@@ -114,11 +116,11 @@ class Element:
         for element in self.children:
             if element.tag == tag:
                 if child is not None:
-                    raise self._several(tag)
+                    raise self._error_for_several(tag)
                 child = element
         return child
 
-    def _several(self, tag: str) -> RobotFileError:
+    def _error_for_several(self, tag: str) -> RobotFileError:
         children = self.all(tag)
         lines = listed(element.line for element in children)
         return self.error(f"has {len(children)} <{tag}> elements (lines {lines}); one is allowed. Remove the others.")
@@ -144,7 +146,7 @@ class Element:
             number = float(text)
             if abs(number) <= _MAX_NUMBER:
                 return number
-        return self.values(attribute, 1)[0]  # with blanks around it, or raises an error
+        return self.values(attribute, 1)[0]  # accepts blanks around the number; raises the error of an invalid one
 
     def optional_number(self, attribute: str) -> float | None:
         """Attribute as a finite number; None if absent."""
@@ -163,7 +165,7 @@ class Element:
         return values
 
     def floats(self, attribute: str, default: Sequence[float]) -> list[float]:
-        """Attribute as finite numbers, at most as many as ``default``, which supplies missing ones."""
+        """Attribute as finite numbers, at most as many as in ``default``, from which missing ones at the end are taken."""
         if attribute not in self.attributes:
             return list(default)
         values = self._numbers(attribute, self.attributes[attribute].strip())
@@ -186,11 +188,11 @@ class Element:
         return self.word(attribute, ("true", "false"), "true" if default else "false") == "true"
 
     def with_attributes(self, attributes: dict[str, str]) -> Element:
-        """Copy of the element with other attributes."""
+        """Copy of the element with other attributes; its children are the same objects."""
         return Element(self.tag, attributes, self.line, self.parent, self.children, self.file, self.content, self.index)
 
     def deep_copy(self) -> Element:
-        """Copy of the element and its descendants, whose changes leave the original as it is."""
+        """Copy of the element and all its descendants; changes of the copy do not change the original."""
         copy = self.with_attributes(dict(self.attributes))
         copy.children = [child.deep_copy() for child in self.children]
         return copy
@@ -198,13 +200,15 @@ class Element:
     def _numbers(self, attribute: str, text: str) -> list[float]:
         if _NUMBERS.fullmatch(text):
             values = list(map(float, text.split()))
-            short = len(text) < _MIN_CHARACTERS_OF_LARGE and "e" not in text and "E" not in text
-            if short or max(map(abs, values)) <= _MAX_NUMBER:
+            surely_small = len(text) < _MIN_CHARACTERS_OF_LARGE and "e" not in text and "E" not in text
+            if surely_small or max(map(abs, values)) <= _MAX_NUMBER:
                 return values
-        return [self._number(attribute, word) for word in text.split()]  # raises an error for the invalid word
+        return [self._parse_number(attribute, word) for word in text.split()]  # raises an error for the invalid word
 
-    def _number(self, attribute: str, word: str) -> float:
-        value = float(word) if _NUMBER.fullmatch(word) else None
+    def _parse_number(self, attribute: str, word: str) -> float:
+        value = None
+        if _NUMBER.fullmatch(word):
+            value = float(word)
         if value is not None and abs(value) <= _MAX_NUMBER:
             return value
         shown = repr(shorten(word))
@@ -223,34 +227,37 @@ BLANK = "\ufeff \t\r\n"
 """Characters allowed before the first element."""
 
 _VERSION_ONE = re.compile(r"""<\?xml\s+version\s*=\s*(["'])1\1[^>]*\?>""")
-"""XML declaration with version 1 in place of 1.0, as in some robot files."""
+"""XML declaration of version "1" instead of "1.0", as in some robot files."""
 
 MOST_BODIES = 20_000
 """Default of ``max_bodies``, the largest number of links or bodies of a file."""
 
-_BODIES = ("link", "body")
-_PARTS = ("frame", "geom", "site")
-"""Elements with a limit of at least MOST_BODIES, as a body may have many."""
-_ELEMENTS = 50
+_BODY_TAGS = ("link", "body")
+_BODY_PART_TAGS = ("frame", "geom", "site")
+"""Elements whose allowed number is at least MOST_BODIES, even if ``max_bodies`` is smaller: a body may have many."""
+_MAX_ELEMENTS_PER_BODY = 50
 """Largest number of elements per allowed body."""
 
-_WITHOUT_TEXT = ("robot", "mujoco", "mujocoinclude")
-"""Root elements of formats that use only attributes; text is skipped, which saves time."""
-_WITH_TEXT = ("gazebo", "gravity", "kinematic")
-"""Elements with text in URDF: Gazebo's."""
+_ROOTS_WITHOUT_TEXT = ("robot", "mujoco", "mujocoinclude")
+"""Root elements of formats that use only attributes. Text below them is skipped to save time."""
+_TAGS_WITH_TEXT = ("gazebo", "gravity", "kinematic")
+"""Elements of Gazebo in URDF. From the first of them on, text is no longer skipped."""
 
-_LEVELS = 1_000
-"""Largest depth of elements, without nested bodies."""
+_MAX_DEPTH_WITHOUT_BODIES = 1_000
+"""Largest depth of nested elements, not counting nested bodies."""
 
 
-class _Forbidden(Exception):
+class _ForbiddenDeclaration(Exception):
     """Declaration that is not allowed in robot files."""
 
 
 class _TreeMaker:
-    """Builder of a tree from parser events; ``skipped`` is the number of lines removed above the text."""
+    """Builder of a tree from parser events.
 
-    def __init__(self, skipped: int, file: str, most: int) -> None:
+    ``skipped_lines`` is the number of blank lines that were removed above the text.
+    """
+
+    def __init__(self, skipped_lines: int, file: str, max_bodies: int) -> None:
         from xml.parsers import expat
 
         # Without namespaces, so that an undeclared prefix in a plugin's settings is accepted.
@@ -263,77 +270,83 @@ class _TreeMaker:
         self.parser.EntityDeclHandler = self._entity
         self.parser.UnparsedEntityDeclHandler = self._entity
         self.parser.StartDoctypeDeclHandler = self._doctype
-        self.skipped, self.file, self.most = skipped, file, most
-        self.counts: dict[str, int] = dict.fromkeys((*_BODIES, *_PARTS), 0)
+        self.skipped_lines = skipped_lines
+        self.file = file
+        self.max_bodies = max_bodies
+        self.counts: dict[str, int] = dict.fromkeys((*_BODY_TAGS, *_BODY_PART_TAGS), 0)
         self.root: Element | None = None
-        self._open: list[Element] = []
-        self._count = 0
+        self._open_elements: list[Element] = []
+        """Elements that have begun and not ended, from the root down."""
+        self._element_count = 0
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
-        path = self._open
-        parent = path[-1] if path else None
-        line = self.parser.CurrentLineNumber + self.skipped
-        element = Element(name, attributes, line, parent, (), self.file, "", self._count)
-        self._count += 1
+        open_elements = self._open_elements
+        parent = open_elements[-1] if open_elements else None
+        line = self.parser.CurrentLineNumber + self.skipped_lines
+        element = Element(name, attributes, line, parent, (), self.file, "", self._element_count)
+        self._element_count += 1
         if name in self.counts:
             self.counts[name] += 1
-            most = self.most if name in _BODIES else max(self.most, MOST_BODIES)
-            if self.counts[name] > most:
-                kind = "bodies" if name in _BODIES else f"<{name}> elements"
+            if name in _BODY_TAGS:
+                kind, max_count = "bodies", self.max_bodies
+            else:
+                kind, max_count = f"<{name}> elements", max(self.max_bodies, MOST_BODIES)
+            if self.counts[name] > max_count:
                 raise RobotFileError(
-                    f"it has more than {most:,} {kind} ({element.place}). Raise the limit, max_bodies=, if that is meant."
+                    f"it has more than {max_count:,} {kind} ({element.place}). Raise the limit, max_bodies=, if that is meant."
                 )
-        elif name in _WITH_TEXT:
+        elif name in _TAGS_WITH_TEXT:
             self.parser.CharacterDataHandler = self._text
-        if len(path) > self.most + _LEVELS:
-            raise RobotFileError(
-                f"its elements lie more than {self.most + _LEVELS:,} deep in each other ({element.place})."
-            )
+        if len(open_elements) > self.max_bodies + _MAX_DEPTH_WITHOUT_BODIES:
+            max_depth = self.max_bodies + _MAX_DEPTH_WITHOUT_BODIES
+            raise RobotFileError(f"its elements lie more than {max_depth:,} deep in each other ({element.place}).")
         if parent is None:
             self.root = element
-            if name in _WITHOUT_TEXT:
+            if name in _ROOTS_WITHOUT_TEXT:
                 self.parser.CharacterDataHandler = None
         else:
             parent.add(element)
-        path.append(element)
+        open_elements.append(element)
 
     def _end(self, _name: str) -> None:
-        self._open.pop()
+        self._open_elements.pop()
 
     def _text(self, text: str) -> None:
-        if self._open and text and not text.isspace():
-            self._open[-1].content += text
+        if self._open_elements and text and not text.isspace():
+            self._open_elements[-1].content += text
 
     def _entity(self, name: str, *_: Any) -> None:
-        raise _Forbidden(f"line {self.parser.CurrentLineNumber + self.skipped}: it declares the entity {name!r}")
+        raise _ForbiddenDeclaration(
+            f"line {self.parser.CurrentLineNumber + self.skipped_lines}: it declares the entity {name!r}"
+        )
 
     def _doctype(self, _name: str, system: str | None, _public: str | None, _internal: bool) -> None:
         if system is not None:
-            line = self.parser.CurrentLineNumber + self.skipped
-            raise _Forbidden(f"line {line}: it points to another document, {system!r}")
+            line = self.parser.CurrentLineNumber + self.skipped_lines
+            raise _ForbiddenDeclaration(f"line {line}: it points to another document, {system!r}")
 
-    def parse(self, body: str) -> None:
+    def parse(self, text: str) -> None:
         """Parse the text; raises :class:`~twistwrench.RobotFileError` with the line."""
         from xml.parsers.expat import ExpatError
 
         with third_party_errors(lambda reason: RobotFileError(f"it cannot be read as XML: {reason}.")):
             try:
-                self.parser.Parse(body, True)
+                self.parser.Parse(text, True)
             except ExpatError as error:
-                what = str(error).partition(":")[0]
+                problem = str(error).partition(":")[0]  # without expat's line and column
                 raise RobotFileError(
-                    f"line {error.lineno + self.skipped}, column {error.offset}: it is not well-formed XML: {what}. "
+                    f"line {error.lineno + self.skipped_lines}, column {error.offset}: it is not well-formed XML: {problem}. "
                     "Correct that line; every element that opens must close."
                 ) from None
-            except _Forbidden as problem:
+            except _ForbiddenDeclaration as declaration:
                 raise RobotFileError(
-                    f"{problem}, which is refused: entities can exhaust memory or read other files. Write the text out and "
+                    f"{declaration}, which is refused: entities can exhaust memory or read other files. Write the text out and "
                     "remove the <!DOCTYPE …>."
                 ) from None
 
 
 def without_loose_declaration(body: str) -> str:
-    """Replace a declaration that newer versions of expat reject by blanks; positions are unchanged."""
+    """Replace a declaration of version "1", which newer versions of expat reject, by blanks. Columns stay the same."""
     if not body.startswith("<?xml"):
         return body
     return _VERSION_ONE.sub(lambda declaration: re.sub(r"\S", " ", declaration[0]), body, count=1)
@@ -354,23 +367,23 @@ def parse(text: str, file: str = "", max_bodies: int = MOST_BODIES) -> Element:
         raise RobotFileError(
             f"it is not XML: it begins with {body[:20]!r}, not with '<'. Pass a robot description, such as URDF."
         )
-    skipped = text[: len(text) - len(body)].count("\n")
+    skipped_lines = text[: len(text) - len(body)].count("\n")
     body = without_loose_declaration(body)
-    max_elements = _ELEMENTS * max(max_bodies, MOST_BODIES)
-    count = body.count("<") - body.count("</")
-    if count > max_elements:
+    max_elements = _MAX_ELEMENTS_PER_BODY * max(max_bodies, MOST_BODIES)
+    element_count = body.count("<") - body.count("</")  # about: comments count too
+    if element_count > max_elements:
         raise RobotFileError(
-            f"it has about {count:,} elements; more than {max_elements:,} are refused. Raise the limit, max_bodies=, if that "
-            "is meant."
+            f"it has about {element_count:,} elements; more than {max_elements:,} are refused. Raise the limit, max_bodies=, "
+            "if that is meant."
         )
-    maker = _TreeMaker(skipped, file, max_bodies)
+    maker = _TreeMaker(skipped_lines, file, max_bodies)
     maker.parse(body)
     if maker.root is None:
         raise RobotFileError("it has no elements. A robot file begins with <robot name=…>.")
     return maker.root
 
 
-_FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+_CHARACTER_NOT_ALLOWED = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 
 
 def new(tag: str, parent: Element | None = None, text: str = "", /, **attributes: str) -> Element:
@@ -383,16 +396,18 @@ def new(tag: str, parent: Element | None = None, text: str = "", /, **attributes
 
 def figures(values: ArrayLike) -> str:
     """Numbers separated by blanks, with the fewest digits that give the same doubles; -0 becomes 0."""
-    return " ".join(_figure(float(x)) for x in np.ravel(np.asarray(values, float)))
+    return " ".join(_figure(float(number)) for number in np.ravel(np.asarray(values, float)))
 
 
 def exact(values: ArrayLike) -> str:
     """Numbers separated by blanks, exact to the last digit and the sign of zero."""
-    return " ".join(repr(x) for x in np.ravel(np.asarray(values, float)).tolist())
+    return " ".join(repr(number) for number in np.ravel(np.asarray(values, float)).tolist())
 
 
-def _figure(x: float) -> str:
-    return str(int(x)) if x.is_integer() and abs(x) < 1e15 else repr(x)
+def _figure(number: float) -> str:
+    if number.is_integer() and abs(number) < 1e15:  # 1e15 and more are shorter with an exponent
+        return str(int(number))
+    return repr(number)
 
 
 def xml_text(root: Element) -> str:
@@ -400,12 +415,13 @@ def xml_text(root: Element) -> str:
     from xml.sax.saxutils import escape, quoteattr  # slow: imports urllib and its SSL
 
     lines = ['<?xml version="1.0" encoding="utf-8"?>']
-    stack: list[tuple[Element | None, str, int]] = [(root, "", 0)]  # a chain may be deeper than Python's stack
+    # No recursion, as elements may be nested deeper than Python's stack. A closing tag waits as (None, tag, depth).
+    stack: list[tuple[Element | None, str, int]] = [(root, "", 0)]
     while stack:
-        element, closing, depth = stack.pop()
+        element, closing_tag, depth = stack.pop()
         pad = "  " * min(depth, 60)
         if element is None:
-            lines.append(f"{pad}{closing}")
+            lines.append(f"{pad}{closing_tag}")
             continue
         attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
         if element.children:
@@ -417,9 +433,11 @@ def xml_text(root: Element) -> str:
         else:
             lines.append(f"{pad}<{element.tag}{attributes}/>")
     text = "\n".join(lines) + "\n"
-    forbidden = _FORBIDDEN.search(text)
+    forbidden = _CHARACTER_NOT_ALLOWED.search(text)
     if forbidden:
-        line = text[: forbidden.start()].rpartition("\n")[2] + text[forbidden.start() :].partition("\n")[0]
+        line_before = text[: forbidden.start()].rpartition("\n")[2]
+        line_after = text[forbidden.start() :].partition("\n")[0]
+        line = line_before + line_after
         raise ModelError(
             f"no XML file can hold the character {forbidden[0]!r}, which is in {line.strip()[:100]!r}. Rename that."
         )

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 class Expr:
     """Value of a traced program. Equal expressions of one trace are the same object."""
 
+    # a and b are the operands of the operation op (None if it has fewer), value is that of a constant, index is the number of
+    # the expression in its trace.
     __slots__ = ("a", "b", "index", "op", "trace", "value")
-    __array_priority__ = 1000.0  # NumPy scalars and arrays defer to the operators below
+    __array_priority__ = 1000.0  # NumPy scalars and arrays use the operators below instead of their own
 
     def __init__(self, trace: Trace, op: str, a: Expr | None, b: Expr | None, value: float, index: int) -> None:
         self.trace, self.op, self.a, self.b, self.value, self.index = trace, op, a, b, value, index
@@ -85,18 +87,19 @@ class Expr:
         is_number = isinstance(power, int | float | np.number)
         if not is_number or not abs(float(power)) <= _MAX_POWER:
             raise TypeError(f"a traced value to the power of {power!r}: powers up to {_MAX_POWER} can be traced.")
-        twice = 2 * float(power)
-        if twice != int(twice):
+        double_power = 2 * float(power)
+        if double_power != int(double_power):
             return (float(power) * self.log()).exp()
-        if twice < 0:
+        if double_power < 0:
             return 1.0 / self ** (-power)
-        exponent, has_half = divmod(int(twice), 2)
+        exponent, has_half = divmod(int(double_power), 2)
         result = self.sqrt() if has_half else self.trace.one
-        square = self  # x, x², x⁴, ...: one for each binary digit of the exponent
+        factor = self  # x, x², x⁴, …: one for each binary digit of the exponent, from the lowest
         while exponent:
             if exponent & 1:
-                result = result * square
-            square, exponent = square * square, exponent >> 1
+                result = result * factor
+            factor = factor * factor
+            exponent >>= 1
         return result
 
     def __rpow__(self, base: Any) -> Any:
@@ -127,7 +130,7 @@ class Expr:
         return self.trace.cos(self)
 
     def turned(self, by: Any) -> Expr:
-        """Sum of two angles, whose sine and cosine are computed from those of the two."""
+        """Sum of two angles. Its sine and cosine are computed from those of the two angles."""
         return self.trace.turned(self, self.trace.lift(by))
 
     def sqrt(self) -> Expr:
@@ -173,10 +176,14 @@ class Expr:
 
 
 _MAX_POWER = 64
+"""Largest magnitude of a power that is traced."""
 
 
 def _elementwise(ufunc: np.ufunc, a: Any, b: Any) -> Any:
-    """Combination of a symbol with every array element; wrapped, since NumPy would pass a bare symbol back to its operators."""
+    """Apply ``ufunc`` to a symbol and every element of an array.
+
+    The symbol is wrapped in an array of no dimensions: NumPy would pass a bare symbol back to its operators.
+    """
     wrapped = np.empty((), object)
     if isinstance(a, Expr):
         wrapped[()] = a

@@ -1,9 +1,10 @@
 """sin and cos in lanes: Cody–Waite reduction, minimax polynomials, and an accurate path for huge angles.
 
-With a fused multiply–add, ``x - k π/2`` with the leading part of π/2 is exact if the result is below 1: both terms are
-multiples of the same small power of two. Two more parts leave an error below 1.5 units in the last place of the result up to
-:func:`limit`, also near the zeros. Beyond it each lane is first reduced to ±π by the C library's accurate sin, cos and
-atan2; the error is then 2.5 units of a result near 1. tests/program/test_sincos.py measures these errors.
+π/2 is subtracted k times, as a sum of three parts. With a fused multiply–add, ``x - k π/2`` with the leading part is exact if
+the result is below 1: both terms are multiples of the same small power of two. The two other parts leave an error below 1.5
+units in the last place of the result, also near the zeros, for angles up to :func:`limit`. A larger angle is first reduced to
+±π by the C library's accurate sin, cos and atan2; the error is then 2.5 units in the last place of a result near 1.
+tests/program/test_sincos.py measures these errors.
 Polynomials: S. Moshier, Cephes Mathematical Library, 1984–1992.
 """
 
@@ -27,8 +28,10 @@ HALF_PI_SHORT = {
     32: (1.5703125, 0.00048065185546875, 3.1739473342895508e-06, 9.89530235528946e-10, 2.5579538487363607e-12,
          5.390302953474238e-15),
 }  # fmt: skip
-"""The same without fused products: all parts but the last are so short that k times each is exact up to the limit."""
+"""π/2 as a sum for machines without fused products. All parts but the last are so short that k times a part is exact."""
 
+
+# Coefficients of the powers of x², highest first.
 SINE = {
     64: (1.58962301576546568060e-10, -2.50507477628578072866e-8, 2.75573136213857245213e-6, -1.98412698295895385996e-4,
          8.33333333332211858878e-3, -1.66666666666666307295e-1),
@@ -65,6 +68,7 @@ def sincos(w: LlvmWriter, angles: list[str]) -> list[tuple[str, str]]:
     parts_of_half_pi = HALF_PI if w.fused else HALF_PI_SHORT
     for part in parts_of_half_pi[bits]:
         reduced = [w.fma(k, w.splat(-part), r) for k, r in zip(turns, reduced, strict=True)]
+    # sin r = r + r³ S(r²) and cos r = C(r²), with the remainder r of each angle.
     squares = [w.binary("fmul", r, r) for r in reduced]
     sines = _horner(w, SINE[bits], squares)
     cubes = [w.binary("fmul", r, r2) for r, r2 in zip(reduced, squares, strict=True)]
@@ -74,6 +78,7 @@ def sincos(w: LlvmWriter, angles: list[str]) -> list[tuple[str, str]]:
 
 
 def _horner(w: LlvmWriter, coefficients: tuple[float, ...], points: list[str]) -> list[str]:
+    """Emit the values of a polynomial at several points; the coefficient of the highest power is first."""
     values = [w.splat(coefficients[0])] * len(points)
     for c in coefficients[1:]:
         values = [w.fma(value, x, w.splat(c)) for value, x in zip(values, points, strict=True)]
@@ -87,9 +92,11 @@ def _quadrant(w: LlvmWriter, shifted: str, sine: str, cosine: str) -> tuple[str,
     # Shifted to the sign bit: bit 0 selects a swap; bit 1 is the sign of sin; their xor is the sign of cos.
     low = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 1)}")
     high = w.new(f"shl {w.integer} {quadrant}, {w.bits(bits - 2)}")
-    odd = w.new(f"icmp slt {w.integer} {low}, {w.bits(0)}")
-    both = w.new(f"xor {w.integer} {low}, {high}")
-    return _flip(w, w.select(odd, cosine, sine), high), _flip(w, w.select(odd, sine, cosine), both)
+    is_odd = w.new(f"icmp slt {w.integer} {low}, {w.bits(0)}")
+    low_xor_high = w.new(f"xor {w.integer} {low}, {high}")
+    swapped_sine = w.select(is_odd, cosine, sine)
+    flipped_sine = _flip(w, swapped_sine, high)
+    return flipped_sine, _flip(w, w.select(is_odd, sine, cosine), low_xor_high)
 
 
 def _flip(w: LlvmWriter, value: str, sign: str) -> str:
@@ -101,21 +108,22 @@ def _flip(w: LlvmWriter, value: str, sign: str) -> str:
 
 
 def wrap(w: LlvmWriter, angles: list[str], block: str) -> tuple[list[str], str]:
-    """Emit the check for huge angles: one branch, taken only if some lane of some angle needs it.
+    """Emit the reduction of huge angles: one branch, taken only if some lane of some angle is beyond the limit.
 
-    Takes the current label; returns the angles to use and the current label.
+    ``block`` is the current label. Returns the angles to use and the new current label.
     """
-    bound, huge = w.bits(limit_pattern(w.precision)), ""
-    for x in angles:  # integer comparison has the same order; comparing NaNs would raise a flag
+    bound = w.bits(limit_pattern(w.precision))
+    huge = ""  # mask of the lanes beyond the limit
+    for x in angles:  # compared as integers, which have the same order: comparing NaNs would raise a flag
         size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
         over = w.new(f"icmp sgt {w.integer} {size}, {bound}")
         if huge:
             over = w.new(f"or {w.mask} {huge}, {over}")
         huge = over
-    some = w.new(f"bitcast {w.mask} {huge} to i{w.lanes}")
-    some = w.new(f"icmp ne i{w.lanes} {some}, 0")
+    mask_bits = w.new(f"bitcast {w.mask} {huge} to i{w.lanes}")
+    any_huge = w.new(f"icmp ne i{w.lanes} {mask_bits}, 0")
     far, near = w.labels("far", "near")
-    w.do(f'br i1 {some}, label %{far}, label %{near}, !prof !{{!"branch_weights", i32 1, i32 100000}}')
+    w.do(f'br i1 {any_huge}, label %{far}, label %{near}, !prof !{{!"branch_weights", i32 1, i32 100000}}')
     w.begin(far)
     wrapped = [w.new(f"call {w.vector} @{_wrapper_name(w)}({w.vector} {x})") for x in angles]
     w.do(f"br label %{near}")
@@ -155,32 +163,34 @@ def wrapper(precision: Precision, lanes: int) -> str:
 
 # ── exp in lanes: x = k ln 2 + r, a Taylor polynomial in |r| ≤ ln 2 / 2, and k added to the exponent
 
-# Two parts of ln 2 make r accurate to the last bit: the first has enough trailing zeros for an exact product with k. The
-# polynomial's remainder is below a quarter unit in the last place; the total error is below one (tests/program/test_exp.py).
-# Results below the smallest normal number are 0, above the largest infinity; NaN stays NaN.
+# ln 2 is the sum of two parts. The first has enough trailing zeros for an exact product with k, so that r is accurate to the
+# last bit. The remainder of the polynomial is below a quarter unit in the last place; the total error is below one unit
+# (tests/program/test_exp.py). Results below the smallest normal number become 0, results above the largest become infinity, and
+# NaN stays NaN.
 
 LN2 = {64: (6.93147180369123816490e-01, 1.90821492927058770002e-10), 32: (6.93359375e-01, -2.12194440054690583e-04)}
 """ln 2 as the sum of a short number and a remainder."""
 
 DEGREE = {64: 13, 32: 7}
-"""Degree of the series whose next term, at ln 2 / 2, is below a quarter unit in the last place."""
+"""Degree of the Taylor polynomial: the next term, at ln 2 / 2, is below a quarter unit in the last place."""
 
 
 def bounds(precision: Precision) -> tuple[float, float]:
-    """Arguments below the first bound give 0, above the second infinity: results would not be normal numbers."""
+    """Arguments below the first bound give 0, and above the second one infinity: other results would not be normal numbers."""
     max_exponent = {64: 1023, 32: 127}[precision.bits]
-    return (1.0 - max_exponent) * math.log(2.0) * (1 - 1e-6), (max_exponent + 1.0) * math.log(2.0) * (1 - 1e-6)
+    margin = 1 - 1e-6
+    return (1.0 - max_exponent) * math.log(2.0) * margin, (max_exponent + 1.0) * math.log(2.0) * margin
 
 
 def exp(w: LlvmWriter, x: str) -> str:
-    """Emit e**x. Arguments out of bounds and NaN are found by their bits, because comparing numbers would raise flags."""
+    """Emit e**x. Arguments out of bounds and NaN are found by comparing bits, because comparing NaNs would raise flags."""
     bits, mantissa = w.precision.bits, w.precision.mantissa
     low, high = (w.bits(w.precision.pattern(abs(bound))) for bound in bounds(w.precision))
     negative = w.new(f"icmp slt {w.integer} {w.new(f'bitcast {w.vector} {x} to {w.integer}')}, {w.bits(0)}")
     size = w.new(f"bitcast {w.vector} {w.intrinsic('fabs', x)} to {w.integer}")
-    most = w.new(f"select {w.mask} {negative}, {w.integer} {low}, {w.integer} {high}")
-    out = w.new(f"icmp sgt {w.integer} {size}, {most}")
-    inside = w.select(out, w.splat(0.0), x)
+    max_size = w.new(f"select {w.mask} {negative}, {w.integer} {low}, {w.integer} {high}")
+    is_out = w.new(f"icmp sgt {w.integer} {size}, {max_size}")
+    inside = w.select(is_out, w.splat(0.0), x)  # 0 in place of arguments out of bounds
     magic = 1.5 * 2.0**mantissa  # adding it leaves the nearest integer in the low bits
     shifted = w.fma(inside, w.splat(1.0 / math.log(2.0)), w.splat(magic))
     k = w.binary("fsub", shifted, w.splat(magic))
@@ -193,6 +203,6 @@ def exp(w: LlvmWriter, x: str) -> str:
     power = w.new(f"shl {w.integer} {w.new(f'bitcast {w.vector} {shifted} to {w.integer}')}, {w.bits(mantissa)}")
     scaled = w.new(f"add {w.integer} {w.new(f'bitcast {w.vector} {value} to {w.integer}')}, {power}")
     result = w.new(f"bitcast {w.integer} {scaled} to {w.vector}")
-    beyond = w.select(negative, w.splat(0.0), w.splat(math.inf))
-    nan = w.new(f"icmp sgt {w.integer} {size}, {w.bits(w.precision.pattern(math.inf))}")
-    return w.select(nan, x, w.select(out, beyond, result))
+    result_if_out = w.select(negative, w.splat(0.0), w.splat(math.inf))
+    is_nan = w.new(f"icmp sgt {w.integer} {size}, {w.bits(w.precision.pattern(math.inf))}")
+    return w.select(is_nan, x, w.select(is_out, result_if_out, result))

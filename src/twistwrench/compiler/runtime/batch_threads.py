@@ -30,28 +30,29 @@ if TYPE_CHECKING:
 Arrays = tuple[Array, ...]
 
 MIN_PART = 2.5e6
-"""Operations of the smallest part, about 0.1 ms: four times the handover. Less work than two such parts is not divided."""
+"""Operations of the smallest part, about 0.1 ms: four times the handover. Work of less than two such parts is not divided."""
 
 PARTS_EACH = 4
 """Parts per thread: if one thread is delayed, the others take the remaining parts."""
 
 ROWS = 64
-"""Long axes are divided at multiples of it: all parts but the last are whole blocks for any number of lanes."""
+"""Long axes are divided at multiples of this number of rows, so that all parts but the last fill the lanes of any machine."""
 
 SINE, ENTRY = 18, 6
 """Cost of a sine or cosine, and of reading or writing an entry, in operations of a lane."""
 
 ONE_ROOM, SEVERAL_ROOMS = 1 << 24, 1 << 19
-"""Size of one result, and of several [bytes], above which they are allocated here; smaller ones cause no page faults."""
+"""Sizes [bytes] of a single result, and of several together, from which they are allocated here. Smaller results cause no page
+faults with NumPy's own allocation."""
 
 MIN_ELEMENTS_FOR_ROOMS = 2048
 """Minimum number of elements in the first input for a check of the sizes; 4 times as many for a single result."""
 
 FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
 
+# Codes of the types that NumPy casts to doubles, and to singles.
 TO_DOUBLE = frozenset(c for c in "?" + np.typecodes["AllInteger"] + np.typecodes["Float"] if np.can_cast(c, "d"))
 TO_SINGLE = frozenset(c for c in TO_DOUBLE if np.can_cast(c, "f"))
-"""Codes of the types that NumPy casts to doubles, and to singles."""
 
 
 class Part(NamedTuple):
@@ -62,7 +63,10 @@ class Part(NamedTuple):
 
 
 def cost_model(form: Form) -> int:
-    """Operations of a sample, or of one step; arms and quadrupeds take 12 to 30 per nanosecond in lanes of four doubles."""
+    """Operations of a sample, or of one step of a rollout.
+
+    With lanes of four doubles, programs of arms and quadrupeds take 12 to 30 operations per nanosecond.
+    """
     from ..ir.loops import ColumnSolve, program_of
 
     program = program_of(form)
@@ -81,9 +85,10 @@ def _operations(program: Program) -> int:
 
 
 def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[list[Part], Arrays] | None:
-    """Parts and whole outputs; None for one thread, if there is little work, or if an argument is not a plain array.
+    """Parts of a call and its whole outputs; None if the call is left whole.
 
-    NumPy handles arguments that it would reject, convert or copy, with its own errors and rules.
+    This is so for one thread, for little work, and if an argument is not a plain array: NumPy then handles arguments that it
+    rejects, converts or copies by its own rules.
     """
     owner = _owner_of()(kernel)
     if owner is None or len(given) != len(owner.given.inputs):
@@ -99,7 +104,7 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     count = min(int(work / MIN_PART), PARTS_EACH * threads)
     if count < 2:
         return None
-    count = max(count // threads * threads, min(count, threads))  # the same number for each thread, if there are enough
+    count = max(count // threads * threads, min(count, threads))  # as many for each thread, if there is one for each
     shapes = [batch + port.shape for port in owner.given.outputs]
     dtype = FLOAT32 if single else FLOAT64
     outputs = _outputs(out, shapes, dtype, arrays)
@@ -108,22 +113,25 @@ def cut(kernel: Any, given: tuple[Any, ...], out: Any, threads: int) -> tuple[li
     if single:
         owner.address(SINGLE)  # compiled before the threads start, and here, where exceptions propagate
     axis = _divided_axis(batch, count)
-    rows = -(-batch[axis] // count)
-    if rows >= ROWS:
-        rows = -(-rows // ROWS) * ROWS
+    rows_per_part = -(-batch[axis] // count)
+    if rows_per_part >= ROWS:
+        rows_per_part = -(-rows_per_part // ROWS) * ROWS
     ports = (*owner.given.inputs, *owner.given.outputs)
-    indices = [_axis(a, port, axis - len(batch)) for a, port in zip((*arrays, *outputs), ports, strict=True)]
+    indices = [
+        _index_before_axis(a, port, axis - len(batch)) for a, port in zip((*arrays, *outputs), ports, strict=True)
+    ]
     parts = []
-    for first in range(0, batch[axis], rows):
-        samples, views = slice(first, first + rows), []
+    for first in range(0, batch[axis], rows_per_part):
+        samples = slice(first, first + rows_per_part)
+        views = []
         for a, before in zip((*arrays, *outputs), indices, strict=True):
-            views.append(a if before is None else a[(*before, samples)])
+            views.append(a if before is None else a[(*before, samples)])  # a broadcast array belongs to each part whole
         parts.append(Part(tuple(views[: len(arrays)]), tuple(views[len(arrays) :])))
     return parts, outputs
 
 
 def _divided_axis(batch: tuple[int, ...], count: int) -> int:
-    """Batch axis to divide into ``count`` parts: the first long one, so that inner axes stay whole; else the longest."""
+    """Batch axis to divide into ``count`` parts: the first long one, so that inner axes stay whole, or else the longest."""
     for axis, n in enumerate(batch):
         if n >= PARTS_EACH * count:
             return axis
@@ -132,7 +140,7 @@ def _divided_axis(batch: tuple[int, ...], count: int) -> int:
 
 @cache
 def _owner_of() -> Any:
-    """The function that finds the owner of a ufunc; its module imports this one."""
+    """Function that finds the owner of a ufunc. It is imported here, as its module imports this one."""
     from .gufunc import owner_of
 
     return owner_of
@@ -197,8 +205,11 @@ def _outputs(out: Any, shapes: list[tuple[int, ...]], dtype: np.dtype[Any], arra
     return outputs
 
 
-def _axis(a: Array, port: TensorSpec, axis: int) -> tuple[slice, ...] | None:
-    """Index of all axes before the divided one, which is counted from the batch's last; None if it is broadcast."""
+def _index_before_axis(a: Array, port: TensorSpec, axis: int) -> tuple[slice, ...] | None:
+    """Index of all axes before the divided one; None if the array is broadcast along it.
+
+    ``axis`` is negative: -1 is the last batch axis.
+    """
     position = a.ndim - len(port.shape) + axis
     if position < 0 or a.shape[position] == 1:
         return None
@@ -207,15 +218,15 @@ def _axis(a: Array, port: TensorSpec, axis: int) -> tuple[slice, ...] | None:
 
 # ── Calls with many samples on a thread pool: disabled until ``set_threads`` or ``TWISTWRENCH_THREADS`` sets more than one
 
-# A call is divided into parts, which the caller and its helpers take in turn. The caller computes too, and never waits for a
-# helper that has not begun: so busy threads delay no caller, and deadlocks are impossible. A sample's bits depend neither on
-# its part nor on its thread.
+# A call is divided into parts. The calling thread and its helpers take one part after another. The calling thread never waits
+# for a helper that has not begun, so busy threads do not delay it, and deadlocks are impossible. The bits of a result depend
+# neither on the part nor on the thread.
 
 MAX_THREADS = 1024
 VARIABLE = "TWISTWRENCH_THREADS"
 
 POOLS = frozenset({"anyio", "concurrent", "dask", "distributed", "joblib", "multiprocessing", "ray"})
-"""Packages whose threads distribute work themselves: calls from their threads are not divided."""
+"""Packages with thread pools. Calls from their threads are not divided, as the work is distributed already."""
 
 
 def set_threads(count: int) -> None:
@@ -265,7 +276,7 @@ def get_threads() -> int:
         count = _THREADS.wanted = _count_from_environment()
     if count == 1 or not interpreter.is_main():
         return 1
-    if not _THREADS.told and _is_worker_process():
+    if not _THREADS.set_here and _is_worker_process():
         return 1
     return count
 
@@ -306,7 +317,9 @@ def share(kernel: Any, parts: Iterable[Part]) -> None:
         try:
             raise problem
         finally:
-            del problem  # its traceback refers to this frame, and the arrays would wait for the garbage collector
+            del (
+                problem
+            )  # its traceback refers to this frame, which would keep the arrays until the next garbage collection
 
 
 def _thread_count(count: Any, who: str) -> int:
@@ -328,7 +341,7 @@ def _is_worker_process() -> bool:
 
 
 def _is_worker_thread() -> bool:
-    if getattr(_HERE, "helps", False):
+    if getattr(_THIS_THREAD, "is_helper", False):
         return True
     if threading.get_ident() == threading.main_thread().ident:
         return False
@@ -341,7 +354,7 @@ def _is_worker_thread() -> bool:
 
 
 class _Job:
-    """One call: the remaining parts, and the number of active helpers."""
+    """One call: its remaining parts, the number of active helpers, and the first exception of a helper."""
 
     def __init__(self, kernel: Any, parts: Iterable[Part]) -> None:
         self.kernel = kernel
@@ -389,13 +402,14 @@ class _ThreadPool:
 
     def __init__(self) -> None:
         self.wanted: int | None = None
+        """Number of threads that is set; None before it is read from the environment."""
         self._begin()
         if hasattr(os, "register_at_fork"):
             os.register_at_fork(after_in_child=self._begin)
 
     def _begin(self) -> None:
-        """Reset to no helpers: they do not survive a fork, and a lock may have been held."""
-        self.told = False
+        """Reset to no helpers and a new lock: after a fork, helpers do not exist, and the old lock may be held for ever."""
+        self.set_here = False
         """True if this process has set its number of threads."""
         self.lock = threading.RLock()
         self.size = 0
@@ -404,11 +418,11 @@ class _ThreadPool:
     def resize(self, count: int) -> None:
         """Set the number of threads; existing helpers end after their jobs."""
         with self.lock:
-            self.wanted, self.told = count, True
+            self.wanted, self.set_here = count, True
             self._dismiss()
 
     def invite(self, job: _Job, helpers: int) -> None:
-        """Offer a job to helpers; a late one finds no parts."""
+        """Offer a job to helpers. A helper that comes too late finds no parts, and does nothing."""
         with self.lock:
             if self.size != helpers:
                 self._dismiss()
@@ -420,9 +434,8 @@ class _ThreadPool:
     def _hire(self, helpers: int) -> None:
         self.size = helpers
         for k in range(helpers):
-            thread = threading.Thread(
-                target=_attend, args=(self.calls,), name=f"twistwrench-{k + 1}", daemon=True
-            )  # a daemon: idle helpers do not keep Python from leaving
+            # A daemon, so that idle helpers do not prevent Python from exiting.
+            thread = threading.Thread(target=_serve_jobs, args=(self.calls,), name=f"twistwrench-{k + 1}", daemon=True)
             try:
                 thread.start()
             except RuntimeError:  # no more threads, or Python is shutting down: the caller computes the remaining parts
@@ -430,16 +443,17 @@ class _ThreadPool:
 
     def _dismiss(self) -> None:
         for _ in range(self.size):
-            self.calls.put(None)
-        self.size, self.calls = 0, SimpleQueue()
+            self.calls.put(None)  # ends a helper
+        self.size = 0
+        self.calls = SimpleQueue()
 
 
-def _attend(calls: SimpleQueue[_Job | None]) -> None:
-    _HERE.helps = True
+def _serve_jobs(calls: SimpleQueue[_Job | None]) -> None:
+    _THIS_THREAD.is_helper = True
     while (job := calls.get()) is not None:
         job.help()
         del job  # releases the job before waiting for the next
 
 
-_HERE = threading.local()
+_THIS_THREAD = threading.local()
 _THREADS = _ThreadPool()

@@ -1,9 +1,9 @@
 """LLVM assembly of a builtin function of CPython that runs a kernel's loop on one sample.
 
-The function, of METH_FASTCALL type, handles arrays of one type, C-contiguous and aligned; lists and tuples of floats; options
-that are identical to the expected objects; and ``out=``. All other calls, and those with non-finite results, go to the fallback
-with unchanged arguments. The text contains shapes but no addresses, so its code can be cached. ``self`` is a bytes object with
-the addresses of :data:`POINTERS`, then of parameter names, then of options.
+The function is of the type METH_FASTCALL. It handles C-contiguous, aligned arrays of one type, lists and tuples of floats,
+options that are identical to the expected objects, and ``out=``. It passes all other calls, and those with non-finite results,
+to the fallback with unchanged arguments. The text contains shapes but no addresses, so its code can be cached. ``self`` is a
+bytes object with the addresses of :data:`POINTERS`, then of parameter names, then of options.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ POINTERS = (
     "array_type", "list_type", "tuple_type", "float_type", "double_type", "none", "descriptor", "new_array", "new_scalar",
     "new_tuple", "vectorcall", "incref", "decref", "loop", "fallback",
 )  # fmt: skip
-"""Addresses at the beginning of the bytes object, 8 bytes each; that of the fallback is the address of its pointer."""
+"""Addresses at the beginning of the bytes object, 8 bytes each. For the fallback it is the address of a pointer to it."""
 
 FIELDS = {"type": 8, "data": 16, "nd": 24, "dims": 32, "descr": 56, "flags": 64}
 """Offsets in NumPy's array object, published in its C API, for 64-bit CPython with the GIL."""
 
 BYTES_DATA, SIZE, LIST_ITEMS, TUPLE_ITEMS, FLOAT_VALUE = 32, 16, 24, tuple.__basicsize__, 16
-"""Offsets of the contents of bytes, the size of a list or tuple, its items, and the value of a float."""
+"""Offsets [bytes] of the contents of a bytes object, the size of a list or tuple, its items, and the value of a float."""
 
 CONTIGUOUS_AND_ALIGNED, WRITABLE_FLAG, BACK_FLAG, WARNS_FLAG = 0x1 | 0x100, 0x400, 0x2000, 1 << 31
-"""NumPy's array flags; the last two mark arrays with side effects of writing."""
+"""NumPy's array flags. The last two mark arrays to which writing has side effects."""
 
 _MAX_UNROLLED = 16
 """Maximum number of vectors tested for finite numbers one by one; more are tested in a loop."""
@@ -47,31 +47,34 @@ _MAX_UNROLLED = 16
 
 @cache
 def abi_matches() -> bool:
-    """True if objects have the memory layout that the code expects, tested by inspection and not by version."""
+    """True if objects have the memory layout that the code expects. Objects are inspected; versions are not compared."""
     if not runs_machine_code() or sys.byteorder != "little":
         return False
     if sysconfig.get_config_var("Py_GIL_DISABLED"):  # objects have longer headers, even with the GIL enabled
         return False
-    probe, contents = np.arange(6.0).reshape(2, 3), type("_Bytes", (bytes,), {})(b"twistwrench")
-    row, pair = [1.5, None], (None, 2.5)
+    array = np.arange(6.0).reshape(2, 3)
+    contents = type("_Bytes", (bytes,), {})(b"twistwrench")
+    sample_list, sample_tuple = [1.5, None], (None, 2.5)
 
-    def word(at: int, kind: Any = ctypes.c_ssize_t) -> int:
-        return int(kind.from_address(at).value)
+    def integer_at(address: int, kind: Any = ctypes.c_ssize_t) -> int:
+        return int(kind.from_address(address).value)
 
-    def items(thing: object, first: int) -> list[int]:
-        return list((ctypes.c_ssize_t * word(id(thing) + SIZE)).from_address(first))
+    def item_addresses(sequence: object, first: int) -> list[int]:
+        size = integer_at(id(sequence) + SIZE)
+        return list((ctypes.c_ssize_t * size).from_address(first))
 
-    array = {name: id(probe) + offset for name, offset in FIELDS.items()}
+    field_addresses = {name: id(array) + offset for name, offset in FIELDS.items()}
+    floats = (sample_list[0], np.float64(1.5))
     return (
-        items(row, word(id(row) + LIST_ITEMS)) == [*map(id, row)]
-        and items(pair, id(pair) + TUPLE_ITEMS) == [*map(id, pair)]
-        and all(ctypes.c_double.from_address(id(x) + FLOAT_VALUE).value == 1.5 for x in (row[0], np.float64(1.5)))
-        and word(array["type"]) == id(np.ndarray)
-        and word(array["data"]) == probe.ctypes.data
-        and word(array["nd"], ctypes.c_int) == 2
-        and list((ctypes.c_ssize_t * 2).from_address(word(array["dims"]))) == [2, 3]
-        and word(array["descr"]) == id(probe.dtype) == id(np.dtype(np.float64))
-        and word(array["flags"], ctypes.c_int) & 0x101 == 0x101
+        item_addresses(sample_list, integer_at(id(sample_list) + LIST_ITEMS)) == [*map(id, sample_list)]
+        and item_addresses(sample_tuple, id(sample_tuple) + TUPLE_ITEMS) == [*map(id, sample_tuple)]
+        and all(ctypes.c_double.from_address(id(number) + FLOAT_VALUE).value == 1.5 for number in floats)
+        and integer_at(field_addresses["type"]) == id(np.ndarray)
+        and integer_at(field_addresses["data"]) == array.ctypes.data
+        and integer_at(field_addresses["nd"], ctypes.c_int) == 2
+        and list((ctypes.c_ssize_t * 2).from_address(integer_at(field_addresses["dims"]))) == [2, 3]
+        and integer_at(field_addresses["descr"]) == id(array.dtype) == id(np.dtype(np.float64))
+        and integer_at(field_addresses["flags"], ctypes.c_int) & CONTIGUOUS_AND_ALIGNED == CONTIGUOUS_AND_ALIGNED
         and ctypes.string_at(id(contents) + BYTES_DATA, len(contents)) == contents
     )
 
@@ -89,23 +92,27 @@ class CallLayout:
     positional: int
     """Number of parameters that may be passed by position."""
     options: tuple[tuple[int, bool], ...]
-    """Parameters that must be a certain object, with True if it is their default."""
+    """Number of each parameter that must be a certain object, and True if this object is its default."""
     out: int
     """Number of the parameter for the results; -1 if there is none."""
     batch: int
-    """Number of leading axes of every array, all of length 1, that the loop does not have."""
+    """Number of leading axes of every array that the loop does not have; all are of length 1."""
 
 
 def loop_steps(specs: Sequence[TensorSpec], precision: Precision, batch: int = 0) -> list[int]:
-    """``steps`` of the loop for contiguous rows [bytes], without the first ``batch`` axes."""
-    inner: list[int] = []
+    """``steps`` [bytes] of a ufunc's loop for contiguous arrays, without their first ``batch`` axes.
+
+    The steps from sample to sample of all arrays come first, then the strides of their axes.
+    """
+    all_strides: list[int] = []
     for spec in specs:
-        size, strides = precision.bytes, []
+        size = precision.bytes
+        strides = []
         for n in reversed(spec.shape[batch:]):
             strides.append(size)
             size *= n
-        inner += strides[::-1]
-    return [spec.size * precision.bytes for spec in specs] + inner
+        all_strides += strides[::-1]
+    return [spec.size * precision.bytes for spec in specs] + all_strides
 
 
 def call_assembly(layout: CallLayout) -> str:
@@ -132,18 +139,18 @@ def _table(values: Sequence[int]) -> str:
 
 
 def _sort() -> str:
-    """``sort`` stores arguments in parameter order; it returns false for an unknown or repeated name."""
+    """Text of ``sort``, a function that stores arguments in parameter order; false for an unknown or repeated name."""
     w = LlvmWriter(DOUBLE, 1)
     with w.loop("%count", "entry") as k:
         _store(w, "%slots", k, _load(w, "%args", k))
-    some, none = w.label("named"), w.label("plain")
-    w.do(f"br i1 {w.new('icmp eq ptr %names, null')}, label %{none}, label %{some}")
-    w.begin(none)
+    with_names, without_names = w.label("named"), w.label("plain")
+    w.do(f"br i1 {w.new('icmp eq ptr %names, null')}, label %{without_names}, label %{with_names}")
+    w.begin(without_names)
     w.do("ret i1 true")
-    w.begin(some)
-    several = w.new(f"load i64, ptr {w.gep('%names', SIZE)}, align 8")
+    w.begin(with_names)
+    name_count = w.new(f"load i64, ptr {w.gep('%names', SIZE)}, align 8")
     items = w.gep("%names", TUPLE_ITEMS)
-    with w.loop(several, some) as j:
+    with w.loop(name_count, with_names) as j:
         name = _load(w, items, j)
         argument = _load(w, "%args", w.new(f"add i64 %count, {j}"))
         placed = w.label("placed")
@@ -164,20 +171,20 @@ def _sort() -> str:
 
 
 def _number_list() -> str:
-    """``numbers`` copies the floats of a list or tuple; it returns false for another length or other contents."""
+    """Text of ``numbers``, a function that copies the floats of a list or tuple; false for any other object."""
     w = LlvmWriter(DOUBLE, 1)
     kind = w.new(f"load ptr, ptr {w.gep('%object', FIELDS['type'])}, align 8")
-    listed, tupled = w.new(f"icmp eq ptr {kind}, %list"), w.new(f"icmp eq ptr {kind}, %tuple")
-    _else_false(w, w.new(f"or i1 {listed}, {tupled}"))
+    is_list, is_tuple = w.new(f"icmp eq ptr {kind}, %list"), w.new(f"icmp eq ptr {kind}, %tuple")
+    _else_false(w, w.new(f"or i1 {is_list}, {is_tuple}"))
     length = w.new(f"load i64, ptr {w.gep('%object', SIZE)}, align 8")
-    last = _else_false(w, w.new(f"icmp eq i64 {length}, %length"))
-    apart = w.new(f"load ptr, ptr {w.gep('%object', LIST_ITEMS)}, align 8")  # unused for tuples
-    items = w.new(f"select i1 {listed}, ptr {apart}, ptr {w.gep('%object', TUPLE_ITEMS)}")
-    with w.loop("%length", last) as k:
+    label = _else_false(w, w.new(f"icmp eq i64 {length}, %length"))
+    list_items = w.new(f"load ptr, ptr {w.gep('%object', LIST_ITEMS)}, align 8")  # unused for tuples
+    items = w.new(f"select i1 {is_list}, ptr {list_items}, ptr {w.gep('%object', TUPLE_ITEMS)}")
+    with w.loop("%length", label) as k:
         item = _load(w, items, k)
-        its = w.new(f"load ptr, ptr {w.gep(item, FIELDS['type'])}, align 8")
-        pythons, numpys = w.new(f"icmp eq ptr {its}, %float"), w.new(f"icmp eq ptr {its}, %double")
-        _else_false(w, w.new(f"or i1 {pythons}, {numpys}"))
+        item_type = w.new(f"load ptr, ptr {w.gep(item, FIELDS['type'])}, align 8")
+        is_float, is_double = w.new(f"icmp eq ptr {item_type}, %float"), w.new(f"icmp eq ptr {item_type}, %double")
+        _else_false(w, w.new(f"or i1 {is_float}, {is_double}"))
         _store(w, "%into", k, w.new(f"load double, ptr {w.gep(item, FLOAT_VALUE)}, align 8"), "double")
     w.do("ret i1 true")
     return _helper("numbers", "ptr %object, i64 %length, ptr %into, ptr %list, ptr %tuple, ptr %float, ptr %double", w)
@@ -205,9 +212,9 @@ def _helper(name: str, arguments: str, w: LlvmWriter) -> str:
 
 
 def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str, str]:
-    """Condition (i1): some of ``size`` numbers is not finite; takes and returns the current label.
+    """Emit the condition (i1) that some of ``size`` numbers is not finite; takes and returns the current label.
 
-    A finite number times zero is zero, as is the sum of such products; infinities and NaN make the sum NaN.
+    A finite number times zero is zero, and so is the sum of such products. An infinity or NaN makes the sum NaN.
     """
     width = 512 // w.precision.bits
     while width > size:
@@ -223,29 +230,30 @@ def has_nonfinite(w: LlvmWriter, data: str, size: int, label: str) -> tuple[str,
     def plus(a: str, b: str) -> str:
         return w.new(f"fadd {kind} {a}, {b}")
 
-    step, sums = width * w.precision.bytes, [times_zero((size - width) * w.precision.bytes)]
+    step = width * w.precision.bytes
+    sums = [times_zero((size - width) * w.precision.bytes)]  # the last numbers, which may overlap the whole vectors
     whole = size // width
     if whole <= _MAX_UNROLLED:
         sums += [times_zero(k * step) for k in range(whole)]
     else:
         head, body, end, following = w.labels("head", "body", "end", "next")
-        first, counter, total = w.name(), w.name(), w.name()
+        new_total, counter, total = w.name(), w.name(), w.name()
         w.do(f"br label %{head}")
         w.begin(head)
         w.do(f"{counter} = phi i64 [0, %{label}], [%{following}, %{body}]")
-        w.do(f"{total} = phi {kind} [{sums[0]}, %{label}], [{first}, %{body}]")
+        w.do(f"{total} = phi {kind} [{sums[0]}, %{label}], [{new_total}, %{body}]")
         w.do(f"br i1 {w.new(f'icmp slt i64 {counter}, {whole // 2}')}, label %{body}, label %{end}")
         w.begin(body)
-        near = w.new(f"mul i64 {counter}, {2 * step}")
-        pair = plus(times_zero(near), times_zero(w.new(f"add i64 {near}, {step}")))
-        w.do(f"{first} = fadd {kind} {total}, {pair}")
+        offset = w.new(f"mul i64 {counter}, {2 * step}")
+        pair = plus(times_zero(offset), times_zero(w.new(f"add i64 {offset}, {step}")))
+        w.do(f"{new_total} = fadd {kind} {total}, {pair}")
         w.do(f"%{following} = add i64 {counter}, 1")
         w.do(f"br label %{head}")
         w.begin(end)
         label, sums = end, [total]
         if whole % 2:
             sums.append(times_zero((whole - 1) * step))
-    while len(sums) > 1:  # in pairs, so that few sums wait for one another
+    while len(sums) > 1:  # in pairs, so that few sums depend on each other
         without_partner = sums[len(sums) // 2 * 2 :]
         sums = [plus(a, b) for a, b in zip(sums[::2], sums[1::2], strict=False)] + without_partner
     unordered = w.new(f"fcmp uno {kind} {sums[0]}, {zero}")
@@ -257,11 +265,14 @@ class BuiltinWriter:
     """Writer of a builtin function: addresses from its ``self``, tables, checks of arrays, the branch to the fallback."""
 
     def __init__(self, precision: Precision, pointers: Sequence[str]) -> None:
-        self.w, self.pointers, self.label = LlvmWriter(precision, 1), pointers, "entry"
+        self.w = LlvmWriter(precision, 1)
+        self.pointers = pointers
+        self.label = "entry"
+        """Label of the current basic block."""
         self.context = self.w.gep("%self", BYTES_DATA)
 
     def known(self, what: str | int) -> str:
-        """Address from the context, by name, or by number after the named ones."""
+        """Load an address from the bytes object ``self``, by its name, or by its number after the named ones."""
         if isinstance(what, str):
             return self.entry(self.context, self.pointers.index(what))
         return self.entry(self.context, len(self.pointers) + what)
@@ -296,13 +307,17 @@ class BuiltinWriter:
     def array(
         self, array: str, spec: TensorSpec, flags: tuple[int, int] = (CONTIGUOUS_AND_ALIGNED, CONTIGUOUS_AND_ALIGNED)
     ) -> str:
-        """Data of an array, after checks of type, shape and flags; dimensions are read only if their number is right."""
-        w, (mask, wanted) = self.w, flags
+        """Pointer to the data of an array, after checks of type, shape and flags.
+
+        ``flags`` are a mask, and the expected flags within it. Dimensions are read only if their number is right.
+        """
+        w = self.w
+        mask, wanted_flags = flags
         self.check(f"icmp eq ptr {self.field(array, 'type', 'ptr')}, {self.known('array_type')}")
         self.check(f"icmp eq ptr {self.field(array, 'descr', 'ptr')}, {self.known('descriptor')}")
         self.check(f"icmp eq i32 {self.field(array, 'nd', 'i32')}, {len(spec.shape)}")
-        found = self.field(array, "flags", "i32")
-        self.check(f"icmp eq i32 {w.new(f'and i32 {found}, {mask}')}, {wanted}")
+        array_flags = self.field(array, "flags", "i32")
+        self.check(f"icmp eq i32 {w.new(f'and i32 {array_flags}, {mask}')}, {wanted_flags}")
         dims = self.field(array, "dims", "ptr")
         for axis, size in enumerate(spec.shape):
             self.check(f"icmp eq i64 {self.entry(dims, axis, 'i64')}, {size}")
@@ -324,59 +339,62 @@ class _Call(BuiltinWriter):
     def write(self) -> None:
         """Write the whole function."""
         w, layout = self.w, self.layout
-        arguments, outs = self.arguments()
+        arguments, out = self.arguments()
         for k, spec in enumerate(layout.inputs):
             self.input(k, self.entry(arguments, k), spec)
         fresh, lent, run, hand, kept = w.labels("fresh", "lent", "run", "hand", "kept")
-        after_lent = ""
+        from_lent = ""  # entry of the phi below, for results in the caller's arrays
         if layout.out >= 0:
-            none = w.new(f"icmp eq ptr {outs}, {self.known('none')}")
-            self.fork(f"or i1 {none}, {w.new(f'icmp eq ptr {outs}, null')}", fresh, lent)
+            is_none = w.new(f"icmp eq ptr {out}, {self.known('none')}")
+            self.fork(f"or i1 {is_none}, {w.new(f'icmp eq ptr {out}, null')}", fresh, lent)
             self.begin(lent)
-            self.lent(outs)
-            after_lent = f", [false, %{self.label}]"
+            self.lent(out)
+            from_lent = f", [false, %{self.label}]"
             w.do(f"br label %{run}")
         else:
             w.do(f"br label %{fresh}")
         self.begin(fresh)
         self.allocate()
-        after_fresh = self.label
+        label_after_allocation = self.label
         w.do(f"br label %{run}")
         self.begin(run)
-        mine = w.new(f"phi i1 [true, %{after_fresh}]{after_lent}")
+        is_allocated = w.new(f"phi i1 [true, %{label_after_allocation}]{from_lent}")
         w.do(f"call void {self.known('loop')}(ptr {self.data}, ptr @one, ptr @steps, ptr null)")
-        bad = "false"
+        any_nonfinite = "false"
         for k, spec in enumerate(layout.outputs, start=len(layout.inputs)):
-            found, self.label = has_nonfinite(w, self.entry(self.data, k), spec.size, self.label)
-            bad = w.new(f"or i1 {bad}, {found}")
+            is_nonfinite, self.label = has_nonfinite(w, self.entry(self.data, k), spec.size, self.label)
+            any_nonfinite = w.new(f"or i1 {any_nonfinite}, {is_nonfinite}")
         wrong, fine, drop = w.labels("wrong", "fine", "drop")
-        w.do(f"br i1 {bad}, label %{wrong}, label %{fine}")
+        w.do(f"br i1 {any_nonfinite}, label %{wrong}, label %{fine}")
         self.begin(wrong)  # for non-finite results, the fallback repeats the call, with NumPy's warnings
-        w.do(f"br i1 {mine}, label %{drop}, label %slow")
+        w.do(f"br i1 {is_allocated}, label %{drop}, label %slow")
         self.begin(drop)
         self.drop(len(layout.outputs))
         w.do("br label %slow")
         self.begin(fine)
-        w.do(f"br i1 {mine}, label %{hand}, label %{kept}")
+        w.do(f"br i1 {is_allocated}, label %{hand}, label %{kept}")
         self.begin(kept)
-        w.do(f"call void {self.known('incref')}(ptr {outs})")
-        w.do(f"ret ptr {outs}")
+        w.do(f"call void {self.known('incref')}(ptr {out})")
+        w.do(f"ret ptr {out}")
         self.begin(hand)
         self.hand_over()
         self.begin("slow")
-        slower = self.known("vectorcall")
-        given = f"ptr {self.entry(self.known('fallback'), 0)}, ptr %args, i64 %count, ptr %names"
-        w.do(f"ret ptr {w.new(f'call ptr {slower}({given})')}")
+        vectorcall = self.known("vectorcall")
+        call_arguments = f"ptr {self.entry(self.known('fallback'), 0)}, ptr %args, i64 %count, ptr %names"
+        w.do(f"ret ptr {w.new(f'call ptr {vectorcall}({call_arguments})')}")
 
     def arguments(self) -> tuple[str, str]:
-        """Arguments in parameter order, and ``out``; positional inputs alone are in order already."""
+        """Pointers to the arguments in parameter order, and to ``out``.
+
+        If all inputs and nothing else are passed by position (``quick``), the arguments are in order already.
+        """
         w, layout = self.w, self.layout
         quick, sort, ready = w.labels("quick", "sort", "ready")
         all_default = all(is_default for _, is_default in layout.options)
         quick_count = len(layout.inputs) if all_default else -1  # no call has -1 arguments
-        plain = w.new("icmp eq ptr %names, null")
-        as_many = w.new(f"icmp eq i64 %count, {quick_count}")
-        self.fork(f"and i1 {plain}, {as_many}", quick, sort)
+        no_names = w.new("icmp eq ptr %names, null")
+        has_quick_count = w.new(f"icmp eq i64 %count, {quick_count}")
+        self.fork(f"and i1 {no_names}, {has_quick_count}", quick, sort)
         self.begin(quick)
         w.do(f"br label %{ready}")
         self.begin(sort)
@@ -384,87 +402,89 @@ class _Call(BuiltinWriter):
             self.put(self.slots, k, "null")
         names = w.gep(self.context, 8 * len(POINTERS))
         self.check(f"icmp sle i64 %count, {layout.positional}")
-        given = f"ptr {self.slots}, i64 {layout.parameters}, ptr {names}, ptr %args, i64 %count, ptr %names"
-        self.check(f"icmp eq i1 {w.new(f'call i1 @sort({given})')}, true")
+        sort_arguments = f"ptr {self.slots}, i64 {layout.parameters}, ptr {names}, ptr %args, i64 %count, ptr %names"
+        self.check(f"icmp eq i1 {w.new(f'call i1 @sort({sort_arguments})')}, true")
         for number, (parameter, is_default) in enumerate(layout.options, start=layout.parameters):
             option = self.entry(self.slots, parameter)
             same = w.new(f"icmp eq ptr {option}, {self.known(number)}")
             missing = w.new(f"icmp eq ptr {option}, null")
             self.check(f"or i1 {same}, {missing if is_default else 'false'}")
-        found = "null"
+        out = "null"
         if layout.out >= 0:
-            found = self.entry(self.slots, layout.out)
-        last = self.label
+            out = self.entry(self.slots, layout.out)
+        label_after_sort = self.label
         w.do(f"br label %{ready}")
         self.begin(ready)
-        arguments = w.new(f"phi ptr [%args, %{quick}], [{self.slots}, %{last}]")
-        return arguments, w.new(f"phi ptr [null, %{quick}], [{found}, %{last}]")
+        arguments = w.new(f"phi ptr [%args, %{quick}], [{self.slots}, %{label_after_sort}]")
+        return arguments, w.new(f"phi ptr [null, %{quick}], [{out}, %{label_after_sort}]")
 
-    def input(self, k: int, given: str, spec: TensorSpec) -> None:
-        """Load the numbers of an argument: an array in place, a list into a buffer."""
+    def input(self, k: int, argument: str, spec: TensorSpec) -> None:
+        """Store a pointer to the numbers of an argument: those of an array, or a buffer with those of a list."""
         w = self.w
-        self.check(f"icmp ne ptr {given}, null")
+        self.check(f"icmp ne ptr {argument}, null")
         if self.layout.precision is not DOUBLE or len(spec.shape) != 1:
-            self.put(self.data, k, self.array(given, spec))
+            self.put(self.data, k, self.array(argument, spec))
             return
         array, listed, done = w.labels("array", "list", "given")
-        self.fork(f"icmp eq ptr {self.field(given, 'type', 'ptr')}, {self.known('array_type')}", array, listed)
+        self.fork(f"icmp eq ptr {self.field(argument, 'type', 'ptr')}, {self.known('array_type')}", array, listed)
         self.begin(listed)
         types = typed_list(
             "ptr", [self.known(name) for name in ("list_type", "tuple_type", "float_type", "double_type")]
         )
-        fine = w.new(f"call i1 @numbers(ptr {given}, i64 {spec.size}, ptr {self.buffers[k]}, {types})")
-        self.check(f"icmp eq i1 {fine}, true")
+        is_number_list = w.new(f"call i1 @numbers(ptr {argument}, i64 {spec.size}, ptr {self.buffers[k]}, {types})")
+        self.check(f"icmp eq i1 {is_number_list}, true")
         self.put(self.data, k, self.buffers[k])
         w.do(f"br label %{done}")
         self.begin(array)
-        self.put(self.data, k, self.array(given, spec))
+        self.put(self.data, k, self.array(argument, spec))
         w.do(f"br label %{done}")
         self.begin(done)
 
-    def lent(self, outs: str) -> None:
+    def lent(self, out: str) -> None:
         """Use the caller's arrays, if they are writable and do not overlap each other or the inputs."""
-        w, outputs, before = self.w, self.layout.outputs, len(self.layout.inputs)
-        objects = [outs]
+        w, outputs = self.w, self.layout.outputs
+        input_count = len(self.layout.inputs)
+        objects = [out]
         if len(outputs) > 1:
-            self.check(f"icmp eq ptr {self.field(outs, 'type', 'ptr')}, {self.known('tuple_type')}")
-            self.check(f"icmp eq i64 {self.entry(w.gep(outs, SIZE), 0, 'i64')}, {len(outputs)}")
-            objects = [self.entry(w.gep(outs, TUPLE_ITEMS), k) for k in range(len(outputs))]
-        wanted = CONTIGUOUS_AND_ALIGNED | WRITABLE_FLAG
-        for k, (item, spec) in enumerate(zip(objects, outputs, strict=True), start=before):
-            place = self.array(item, spec, (wanted | BACK_FLAG | WARNS_FLAG, wanted))
+            self.check(f"icmp eq ptr {self.field(out, 'type', 'ptr')}, {self.known('tuple_type')}")
+            self.check(f"icmp eq i64 {self.entry(w.gep(out, SIZE), 0, 'i64')}, {len(outputs)}")
+            objects = [self.entry(w.gep(out, TUPLE_ITEMS), k) for k in range(len(outputs))]
+        expected_flags = CONTIGUOUS_AND_ALIGNED | WRITABLE_FLAG
+        for k, (item, spec) in enumerate(zip(objects, outputs, strict=True), start=input_count):
+            data = self.array(item, spec, (expected_flags | BACK_FLAG | WARNS_FLAG, expected_flags))
             for j in range(k):
                 other = self.entry(self.data, j)
-                ends = [self.ends_before(place, spec, other), self.ends_before(other, self.specs[j], place)]
+                ends = [self.ends_before(data, spec, other), self.ends_before(other, self.specs[j], data)]
                 self.check(f"or i1 {ends[0]}, {ends[1]}")
-            self.put(self.data, k, place)
+            self.put(self.data, k, data)
 
-    def ends_before(self, one: str, spec: TensorSpec, other: str) -> str:
-        """Condition (i1): the numbers of one array end before those of another begin."""
-        end = self.w.gep(one, spec.size * self.layout.precision.bytes)
+    def ends_before(self, data: str, spec: TensorSpec, other: str) -> str:
+        """Condition (i1) that the numbers at ``data`` end before those at ``other`` begin."""
+        end = self.w.gep(data, spec.size * self.layout.precision.bytes)
         return self.w.new(f"icmp ule ptr {end}, {other}")
 
     def allocate(self) -> None:
         """Allocate new arrays; a scalar is computed in a buffer."""
-        w, before = self.w, len(self.layout.inputs)
+        w = self.w
+        input_count = len(self.layout.inputs)
         for k, spec in enumerate(self.layout.outputs):
             if not spec.shape:
-                self.put(self.data, before + k, self.buffers[before + k])
+                self.put(self.data, input_count + k, self.buffers[input_count + k])
                 continue
             descriptor = self.known("descriptor")
             w.do(f"call void {self.known('incref')}(ptr {descriptor})")  # the new array steals a reference
-            given = f"ptr {self.known('array_type')}, ptr {descriptor}, i32 {len(spec.shape)}, ptr @shape{k}"
-            made = w.new(f"call ptr {self.known('new_array')}({given}, ptr null, ptr null, i32 0, ptr null)")
-            self.require_object(made, k)
-            self.put(self.results, k, made)
-            self.put(self.data, before + k, self.field(made, "data", "ptr"))
+            call_arguments = f"ptr {self.known('array_type')}, ptr {descriptor}, i32 {len(spec.shape)}, ptr @shape{k}"
+            array = w.new(f"call ptr {self.known('new_array')}({call_arguments}, ptr null, ptr null, i32 0, ptr null)")
+            self.require_object(array, k)
+            self.put(self.results, k, array)
+            self.put(self.data, input_count + k, self.field(array, "data", "ptr"))
 
-    def require_object(self, item: str, before: int) -> None:
-        """Continue if CPython made an object, else release the earlier ones and return its error."""
+    def require_object(self, item: str, earlier_count: int) -> None:
+        """Continue if CPython made an object; otherwise release the earlier arrays and return NULL, with its error set."""
         got, failed = self.w.label("made"), self.w.label("failed")
         self.fork(f"icmp eq ptr {item}, null", failed, got)
         self.begin(failed)
-        self.drop(before)
+        self.drop(earlier_count)
         self.w.do("ret ptr null")
         self.begin(got)
 
@@ -479,14 +499,14 @@ class _Call(BuiltinWriter):
         w, outputs = self.w, self.layout.outputs
         first, *others = outputs
         if others:
-            several = w.new(f"call ptr {self.known('new_tuple')}(i64 {len(outputs)})")
-            self.require_object(several, len(outputs))
+            results = w.new(f"call ptr {self.known('new_tuple')}(i64 {len(outputs)})")
+            self.require_object(results, len(outputs))
             for k in range(len(outputs)):
-                self.put(w.gep(several, TUPLE_ITEMS), k, self.entry(self.results, k))
-            w.do(f"ret ptr {several}")
+                self.put(w.gep(results, TUPLE_ITEMS), k, self.entry(self.results, k))
+            w.do(f"ret ptr {results}")
         elif first.shape:
             w.do(f"ret ptr {self.entry(self.results, 0)}")
         else:
-            given = f"ptr {self.buffers[len(self.layout.inputs)]}, ptr {self.known('descriptor')}, ptr null"
-            make = self.known("new_scalar")
-            w.do(f"ret ptr {w.new(f'call ptr {make}({given})')}")
+            call_arguments = f"ptr {self.buffers[len(self.layout.inputs)]}, ptr {self.known('descriptor')}, ptr null"
+            new_scalar = self.known("new_scalar")
+            w.do(f"ret ptr {w.new(f'call ptr {new_scalar}({call_arguments})')}")

@@ -1,9 +1,11 @@
 """Arrays for results: one block for all results of a call, or pooled huge pages for large ones.
 
-The C library takes the memory of a large result from the system and returns it with the result. So every result consists of
-new pages, whose page faults cost more than most kernels' computations. A pooled block returns to the pool when its last view
-is freed. No lock is needed: every operation on the list of idle blocks is atomic in Python, so any thread and the garbage
-collector may release blocks at any time.
+The C library takes the memory of a large result from the system, and returns it to the system when the result is freed. So
+every result has new pages, whose page faults take longer than the computations of most kernels. A pooled block returns to the
+pool when its last view is freed.
+
+No lock is needed: every operation on the list of idle blocks is atomic in Python, so any thread and the garbage collector may
+release blocks at any time.
 """
 
 from __future__ import annotations
@@ -28,8 +30,10 @@ VARIABLE = "TWISTWRENCH_HUGE_PAGES"
 PAGE = 1 << 21
 """Size of a huge page [bytes] on x86-64, and on AArch64 with 4 kB pages."""
 
-MAX_POOL, MEMORY_PER_POOL = 1 << 30, 16
-"""Limit of all blocks together [bytes], and its fraction of a machine's or container's memory."""
+MAX_POOL = 1 << 30
+"""Limit of all blocks together [bytes]."""
+MEMORY_PER_POOL = 16
+"""Smallest ratio of the memory of the machine or container to all blocks together."""
 
 
 class _Block:
@@ -39,27 +43,29 @@ class _Block:
         self.size = size
         self.memory = mmap.mmap(-1, size + PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         start = ctypes.addressof(ctypes.c_char.from_buffer(self.memory))
-        self.first = -start % PAGE
+        self.first = -start % PAGE  # offset of the first huge page
         self.address = start + self.first
         self.memory.madvise(mmap.MADV_HUGEPAGE)
 
 
 class _Lease:
-    """Block in use: NumPy makes an array from it, which keeps it as the base of all views."""
+    """Block in use. NumPy makes an array from it. The array and all its views keep the lease, and its end frees the block."""
 
     def __init__(self, pool: ResultPool, block: _Block) -> None:
-        self._pool, self._block, self._idle = pool, block, pool.idle
+        self._pool = pool
+        self._block = block
+        self._idle = pool.idle
         self.__array_interface__ = {
             "version": 3, "shape": (block.size,), "typestr": "|u1", "data": (block.address, False),
         }  # fmt: skip
 
     def __del__(self) -> None:
-        if self._idle is self._pool.idle:  # otherwise it belongs to the parent's pool before a fork
+        if self._idle is self._pool.idle:  # otherwise this process was forked since, and the block is its parent's
             self._pool.release(self._block)
 
 
 class ResultPool:
-    """Pool of all blocks of this process."""
+    """Pool of all blocks of this process: ``blocks`` are all, ``idle`` those without views."""
 
     def __init__(self) -> None:
         self.begin()
@@ -74,8 +80,8 @@ class ResultPool:
     def acquire(self, size: int) -> Any:
         """Memory of at least ``size`` bytes, for ``np.asarray``; None above the limit, or if the system provides none.
 
-        Block sizes have four steps per power of two, so a block can be reused for all results of its size. Idle blocks of other
-        sizes are freed to make room for a new one, the oldest first.
+        There are four block sizes per power of two, so that a block can be reused for results of similar size. If there is no
+        room for a new block, idle blocks of other sizes are freed, the oldest first.
         """
         pages = -(-size // PAGE)
         step = 1 << max(0, pages.bit_length() - 3)
@@ -84,6 +90,7 @@ class ResultPool:
             if block.size == size and self._remove(block):
                 return _Lease(self, block)
         idle = list(self.idle)
+        # Negative if there is no room for the new block.
         free = bound() - size - _total_size(self.blocks)
         if free + _total_size(idle) < 0:
             return None
@@ -99,7 +106,7 @@ class ResultPool:
         return _Lease(self, block)
 
     def release(self, block: _Block) -> None:
-        """Take a block back; while it is idle, the system may reclaim its pages if memory is short."""
+        """Put a block into the idle list. While it is there, the system may reclaim its pages if memory is short."""
         with suppress(OSError):
             block.memory.madvise(mmap.MADV_FREE, block.first, block.size)
         self.idle.append(block)
@@ -125,30 +132,31 @@ _POOL = ResultPool()
 @cache
 def may_use_huge_pages() -> bool:
     """True if large results may use huge pages: if the system has them, unless ``TWISTWRENCH_HUGE_PAGES=0``."""
-    effect = "leave large results to NumPy's own memory", "keep it for the next ones"
-    return switched_on(VARIABLE, *effect) and hasattr(mmap, "MADV_HUGEPAGE") and hasattr(mmap, "MADV_FREE")
+    effects = "leave large results to NumPy's own memory", "keep it for the next ones"  # of the values 0 and 1
+    return switched_on(VARIABLE, *effects) and hasattr(mmap, "MADV_HUGEPAGE") and hasattr(mmap, "MADV_FREE")
 
 
 @cache
 def bound() -> int:
     """Limit of all blocks together [bytes]."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return min(MAX_POOL, min([memory, *_limits()]) // MEMORY_PER_POOL)
+    available = min([memory, *_control_group_limits()])
+    return min(MAX_POOL, available // MEMORY_PER_POOL)
 
 
-def _limits() -> list[int]:
+def _control_group_limits() -> list[int]:
     """Memory limits [bytes] of this process's control groups, versions 1 and 2; empty outside Linux."""
     limits = []
     with suppress(OSError, ValueError):
         for line in Path("/proc/self/cgroup").read_text().splitlines():
-            _, kinds, path = line.split(":", 2)
-            if kinds and "memory" not in kinds.split(","):
+            _, controllers, path = line.split(":", 2)
+            if controllers and "memory" not in controllers.split(","):
                 continue
-            root, name = "/sys/fs/cgroup", "memory.max"
-            if kinds:
+            root, name = "/sys/fs/cgroup", "memory.max"  # version 2, which names no controllers
+            if controllers:
                 root, name = "/sys/fs/cgroup/memory", "memory.limit_in_bytes"
             group = Path(root + path)
-            for folder in (group, *group.parents):
+            for folder in (group, *group.parents):  # limits of outer groups apply too
                 with suppress(OSError, ValueError):
                     limits.append(int((folder / name).read_text()))  # "max" is not a number
     return limits
@@ -160,8 +168,8 @@ def _total_size(blocks: Iterable[_Block]) -> int:
 
 # ── Results of one call: one block for all of them, or pooled blocks if they are large
 
-# The C library returns a result's memory to the system when the result is freed: always above 32 MB, and below that if several
-# results are freed together. Then each call pays for new pages, which take several times as long as the computation.
+# When a result is freed, the C library returns its memory to the system if it has more than 32 MB, or if several results are
+# freed together. Then each call has to get new pages, which takes several times as long as the computation.
 
 MIN_SEPARATE = 1 << 25
 """Size of results [bytes] whose memory the C library never reuses: its maximum threshold."""
@@ -177,30 +185,34 @@ MIN_ALIGNED = 1 << 20
 
 
 def result_arrays(shapes: Sequence[tuple[int, ...]], dtype: np.dtype[Any]) -> tuple[Array, ...]:
-    """New uninitialised arrays of those shapes. Raises MemoryError.
+    """New uninitialised arrays of the given shapes. Raises MemoryError.
 
-    Below 32 MB they are views of one block, so a kept result keeps the memory of all; above, each has its own memory.
+    If all together have less than 32 MB, they are views of one block: the block exists as long as one of them. Otherwise each
+    array has its own memory.
     """
     sizes = [math.prod(shape) * dtype.itemsize for shape in shapes]
     total = sum(sizes)
     if total >= MIN_SEPARATE:
-        return tuple(_apart(shape, dtype, size) for shape, size in zip(shapes, sizes, strict=True))
-    block, offset, arrays = np.empty(total + LINE * (len(sizes) + 1), np.uint8), 0, []
+        return tuple(_separate_array(shape, dtype, size) for shape, size in zip(shapes, sizes, strict=True))
+    block = np.empty(total + LINE * (len(sizes) + 1), np.uint8)
+    arrays = []
+    offset = 0
     if total >= MIN_ALIGNED:
         offset = -block.__array_interface__["data"][0] % LINE
     for shape, size in zip(shapes, sizes, strict=True):
         arrays.append(np.ndarray(shape, dtype, block, offset))
-        offset += -(-size // LINE) * LINE
+        offset += -(-size // LINE) * LINE  # rounded up to whole lines
     return tuple(arrays)
 
 
-def _apart(shape: tuple[int, ...], dtype: np.dtype[Any], size: int) -> Array:
+def _separate_array(shape: tuple[int, ...], dtype: np.dtype[Any], size: int) -> Array:
+    """Array with its own memory of ``size`` bytes: a pooled block if it is large, otherwise NumPy's."""
     if size >= LEAST_POOLED and may_use_huge_pages():
         lease = _POOL.acquire(size)
         if lease is not None:
             return np.asarray(lease)[:size].view(dtype).reshape(shape)
     try:
         return np.empty(shape, dtype)
-    except MemoryError:
+    except MemoryError:  # idle blocks may leave too little memory
         _POOL.clear()
         return np.empty(shape, dtype)

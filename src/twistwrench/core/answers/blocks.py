@@ -24,11 +24,11 @@ class Level(IntEnum):
     """Surfaces that show a block."""
 
     SHORT = 0
-    """All."""
+    """All surfaces."""
     ALL = 1
     """Pages, and the terminal with ``--all``."""
     PAGE = 2
-    """Pages only."""
+    """Only pages."""
 
 
 Piece: TypeAlias = str | tuple[str, str]
@@ -38,7 +38,8 @@ Piece: TypeAlias = str | tuple[str, str]
 class Line:
     """Text in pieces, each with an optional style: ``Line(("OK", strong(Style.GOOD)), ": no limit is passed.")``.
 
-    ``value`` is the number of a cell with all digits; a ``whole`` line, such as one to copy, is never broken.
+    If the line is a cell with a number, ``value`` is the number with all digits. A ``whole`` line, such as a command to copy,
+    is never broken.
     """
 
     def __init__(
@@ -49,39 +50,47 @@ class Line:
         whole: bool = False,
         level: Level = Level.SHORT,
     ) -> None:
-        self.pieces, self.indent, self.value, self.whole, self.level = list(pieces), indent, value, whole, level
+        self.pieces = list(pieces)
+        self.indent = indent
+        self.value = value
+        self.whole = whole
+        self.level = level
 
 
 @dataclass(frozen=True)
 class Headline:
-    """First line of an answer that judges: the word in its colour, and a sentence with its reason."""
+    """First lines of an answer with a verdict: its word in colour, and its reasons as sentences."""
 
     word: Word
     sentence: str = ""
-    """Reason, or what was found; it ends with a full stop."""
+    """First reason, or the result; it ends with a full stop."""
     at: str = ""
-    """When, between the word and the sentence: ``STOPPED at t = 1.15 s: …``."""
+    """Text between the word and the sentence, with a time: ``STOPPED at t = 1.15 s: …``."""
     reasons: Sequence[str] = ()
-    """Further reasons, one a line."""
+    """Further reasons, each in a line of its own."""
     further: Sequence[Line] = ()
-    """Lines that belong to the answer: largest payload, least distance, questions to the user."""
+    """Lines with other results that belong to the verdict: largest payload, least distance, questions to the user."""
     whole: bool = False
-    """True for a sentence with a path, which is never broken."""
+    """True if the text is never broken into lines, such as for a sentence with a path."""
     level: Level = Level.SHORT
 
     @classmethod
     def from_verdict(cls, verdict: Verdict, *, further: Sequence[Line] = ()) -> Headline:
         """Headline with all reasons of a verdict."""
         first, *others = verdict.reasons or ("",)
-        sentence = f"{first.removesuffix('.')}." if first else ""
+        sentence = ""
+        if first:
+            sentence = f"{first.removesuffix('.')}."
         reasons = [f"{reason.removesuffix('.')}." for reason in others]
         return cls(verdict.word, sentence, reasons=reasons, further=further)
 
     @property
     def pieces(self) -> list[Piece]:
         """Text with its styles."""
-        sentence = f"{self.at}: {self.sentence}" if self.sentence else self.at
-        pieces: list[Piece] = [(str(self.word), word_style(self.word)), sentence]
+        first_reason = self.at
+        if self.sentence:
+            first_reason = f"{self.at}: {self.sentence}"
+        pieces: list[Piece] = [(str(self.word), word_style(self.word)), first_reason]
         pieces += [f"\n  - {reason}" for reason in self.reasons]
         for line in self.further:
             pieces += ["\n", *line.pieces]
@@ -122,8 +131,8 @@ class Bar:
     @property
     def pieces(self) -> list[Piece]:
         """Twelve characters and the text, in the colour of the share."""
-        filled = min(_BAR, round(self.share * _BAR))
-        return [("━" * filled, self.style), ("─" * (_BAR - filled), Style.QUIET), *self.label]
+        filled = min(_BAR_WIDTH, round(self.share * _BAR_WIDTH))
+        return [("━" * filled, self.style), ("─" * (_BAR_WIDTH - filled), Style.QUIET), *self.label]
 
     @property
     def label(self) -> list[Piece]:
@@ -138,7 +147,7 @@ class Bar:
         return limit_style(self.share)
 
 
-_BAR = 12
+_BAR_WIDTH = 12
 """Width of a bar in characters."""
 
 
@@ -160,7 +169,7 @@ Cell: TypeAlias = str | Line | Bar | Glyphs
 
 
 def cell_text(value: Any) -> Cell:
-    """Text of a cell: words unchanged, integers in full, other numbers rounded."""
+    """Content of a cell: texts unchanged, integers with all digits, other numbers rounded."""
     if isinstance(value, str | Line | Bar | Glyphs):
         return value
     if isinstance(value, int | np.integer):
@@ -176,9 +185,9 @@ class Column:
     values: Sequence[Any]
     show: Callable[[Any], Cell] = cell_text
     unit: str = ""
-    """Unit of the values; all units if they differ by row. Shares are ratios without a unit."""
+    """Unit of the values; all units if rows have different ones. Shares are ratios without a unit."""
     headed: bool = True
-    """False if the unit is in the title or in another column instead of the head."""
+    """False if the head does not show the unit, which is in the title or in another column."""
     limits: Sequence[float] | None = None
     """Limits shown behind the values."""
     words: bool = False
@@ -188,7 +197,7 @@ class Column:
     min_width: int | None = None
     style: str = ""
     narrow: Column | None = None
-    """Column used instead in narrow terminals."""
+    """Column that narrow terminals show instead."""
     wide_only: bool = False
     """True if narrow terminals leave the column out."""
 
@@ -218,7 +227,7 @@ def numbers(
     min_width: int | None = None,
     wide_only: bool = False,
 ) -> Column:
-    """A column of numbers, which are never cut; with ``min_width``, cells of several numbers may break between them."""
+    """A column of numbers. If ``min_width`` is given, cells with several numbers may be broken between them."""
     whole = min_width is None
     return Column(
         name,
@@ -236,8 +245,8 @@ def numbers(
 class Table:
     """Columns of equal length below a title; columns that are None are left out. Each row may have a style.
 
-    At level SHORT at most ``most`` rows are shown, those with the largest ``by`` in their order; a last row counts the others.
-    ``by`` are shares of limits if ``of_limits``.
+    At level SHORT at most ``most`` rows are shown. These are the rows with the largest values ``by``, in their order in the
+    table; a last row counts the others. If ``of_limits``, the values ``by`` are shares of limits.
     """
 
     def __init__(
@@ -251,10 +260,16 @@ class Table:
         by: Sequence[float] | None = None,
         of_limits: bool = True,
     ) -> None:
-        self.title, self.style, self.level = title, style, level
+        self.title = title
+        self.style = style
+        self.level = level
         self.columns = [column for column in columns if column is not None]
-        self.styles = [""] * len(self.columns[0].values) if styles is None else list(styles)
-        self.most, self.by, self.of_limits = most, by, of_limits
+        self.styles = [""] * len(self.columns[0].values)
+        if styles is not None:
+            self.styles = list(styles)
+        self.most = most
+        self.by = by
+        self.of_limits = of_limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +288,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class More:
-    """Last line of a short form that leaves something out: the surface adds how to see all of it."""
+    """Last line of a shortened answer. The surface adds how to see the full one."""
 
     sentence: str
     """Content of the full form, such as "All 20 findings with lines"."""
@@ -287,12 +302,12 @@ class More:
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """Rows of a left and a right text below a title, aligned at the right texts: symbols and meanings, or equations."""
+    """Rows of two texts below a title, such as symbols and their meanings. The second texts begin in one column."""
 
     title: str
     rows: Sequence[tuple[str, str]]
     fold: Callable[[str, int], Sequence[str]]
-    """Breaks a text into lines of at most a width."""
+    """Function that breaks a text into lines of at most a width."""
     gap: str = " "
     level: Level = Level.SHORT
 
@@ -303,13 +318,13 @@ class Aligned:
     def lines(self, width: int) -> list[str]:
         """Rows, indented by two blanks, without trailing blanks."""
         name_width = max((text_width(name) for name, _ in self.rows), default=0)
-        room = width - 2 - name_width - len(self.gap)
+        width_of_texts = width - 2 - name_width - len(self.gap)
         lines: list[str] = []
         for name, text in self.rows:
-            start = name + " " * (name_width - text_width(name))
-            for line in self.fold(text, room) or [""]:
-                lines.append(f"  {start}{self.gap}{line}".rstrip())
-                start = " " * name_width
+            padded_name = name + " " * (name_width - text_width(name))
+            for line in self.fold(text, width_of_texts) or [""]:
+                lines.append(f"  {padded_name}{self.gap}{line}".rstrip())
+                padded_name = " " * name_width  # only the first line has the name
         return lines
 
 
@@ -319,8 +334,8 @@ Block: TypeAlias = str | Headline | Line | Remark | Table | Branch | More | Alig
 
 def remarks(sentences: Iterable[str]) -> list[Remark]:
     """One remark for each sentence; notes on how a file was read come last."""
-    unsorted = [Remark(str(sentence), reading=isinstance(sentence, ReadingNote)) for sentence in sentences]
-    return sorted(unsorted, key=lambda remark: remark.reading)
+    in_given_order = [Remark(str(sentence), reading=isinstance(sentence, ReadingNote)) for sentence in sentences]
+    return sorted(in_given_order, key=lambda remark: remark.reading)
 
 
 def word_cell(word: str) -> Line:
@@ -338,7 +353,7 @@ def limit_style(share: float) -> Style:
 
 
 def mark_style(share: float) -> Style:
-    """Style of the joint that a sentence names, with its share of a limit (nan without one)."""
+    """Style of a joint that a sentence names; ``share`` is its share of a limit, nan without a limit."""
     style = limit_style(share)
     if style is Style.GOOD or math.isnan(share):
         return Style.POINTED

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from .answer import Answer
 
 POLICY = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; style-src 'unsafe-inline'"
-"""Content-Security-Policy: no requests, and no scripts but those whose digests follow."""
+"""Content-Security-Policy without requests and scripts. For a page with a viewer, digests of allowed scripts are appended."""
 LARGEST_VIEWER = 4_000_000
-"""Characters of a viewer above which a page to hand on leaves it out: meshes of a robot may take tens of megabytes."""
+"""Largest number of characters of a viewer in a page. A larger one is left out: meshes may take tens of megabytes."""
 TERMS = {
     "OK": "Nothing in the input or the results speaks against the answer.",
     "DONE": "The work is done, and nothing was judged.",
@@ -89,7 +89,7 @@ class Viewer:
     page: str
     """HTML of the page."""
     digests: tuple[str, ...]
-    """Digests of its scripts, which a frame may only run with the permission of the page around it."""
+    """Digests of its scripts. A frame may run only scripts that the page around it allows."""
 
 
 def digest(script: str) -> str:
@@ -122,7 +122,7 @@ class MarkedJoint:
 
 @dataclass(frozen=True, eq=False)
 class ReportPage:
-    """Content of a page; the first blocks, up to an empty line, are the verdict.
+    """Content of a page. The blocks up to the first empty line or table are the verdict.
 
     Examples
     --------
@@ -149,9 +149,9 @@ class ReportPage:
     tables: Sequence[Table] = ()
     """Tables of the provenance."""
     shorten: Callable[[str], str] = field(default=str)
-    """Function applied to every text that removes folders from paths."""
+    """Function that removes folders from the paths in a text; it is applied to every text of the page."""
     viewer: Viewer | None = None
-    """Robot that can be moved, in place of its picture."""
+    """Page with a robot that can be moved, which can replace the picture."""
 
     def html(self) -> str:
         """Page as text.
@@ -160,37 +160,40 @@ class ReportPage:
         -------
         text : str
         """
-        text = "\n".join(self._without_folders(part) for part in self._parts())
-        terms = _terms_in(text)
+        body = "\n".join(self._without_folders(part) for part in self._parts())
+        terms = _terms_in(body)
         if terms:
-            text += f"\n<h2>Terms</h2>{_list(terms)}"
-        policy, scripts = POLICY, ""
+            body += f"\n<h2>Terms</h2>{_list(terms)}"
+        policy = POLICY
+        scripts = ""
         if self.viewer is not None:
-            page = "".join(map(self._without_folders_in_text, _ENCODED.split(self.viewer.page)))
-            content = json.dumps(page, ensure_ascii=False).replace("<", "\\u003c")
+            viewer_page = "".join(map(self._without_folders_in_text, _ENCODED.split(self.viewer.page)))
+            content = json.dumps(viewer_page, ensure_ascii=False).replace("<", "\\u003c")  # no "</script>"
             scripts = (
                 f'<script type="application/json" id="viewer">{content}</script>\n<script>{_START_VIEWER}</script>'
             )
-            policy = f"{POLICY}; frame-src 'self'; script-src {' '.join((digest(_START_VIEWER), *self.viewer.digests))}"
+            allowed_scripts = " ".join((digest(_START_VIEWER), *self.viewer.digests))
+            policy = f"{POLICY}; frame-src 'self'; script-src {allowed_scripts}"
+        style = page_colours() + (resources.files(__package__) / "page.css").read_text("utf-8")
         return _TEMPLATE.format(
             policy=html.escape(policy),
             scripts=scripts,
             title=_escape(f"{self.command}: {self.subject}"),
-            style=page_colours() + (resources.files(__package__) / "page.css").read_text("utf-8"),
+            style=style,
             kind=_escape(f"twistwrench {self.command} · {self.subject}"),
-            body=text,
+            body=body,
             data=self.shorten(self._data()).replace("<", "\\u003c"),
         )
 
     def _parts(self) -> list[str]:
         """Verdict, pictures, results, details, doubts and provenance, in HTML."""
         head, body = self._head_and_body()
-        renderings = [picture for picture in self.pictures if isinstance(picture.content, bytes)]
-        drawings = [picture for picture in self.pictures if isinstance(picture.content, str)]
-        parts = [_verdict(head, self.facts), *map(_picture, renderings)]
+        raster_pictures = [picture for picture in self.pictures if isinstance(picture.content, bytes)]
+        vector_pictures = [picture for picture in self.pictures if isinstance(picture.content, str)]
+        parts = [_verdict(head, self.facts), *map(_picture, raster_pictures)]
         if self.viewer is not None:
-            parts.append(_MOVE)
-        parts += map(_picture, drawings)
+            parts.append(_MOVE_BUTTON)
+        parts += map(_picture, vector_pictures)
         parts += ["<h2>Results</h2>", *map(block_html, body)]
         if self.details:
             parts += ["<h2>Details</h2>", *map(block_html, self.details)]
@@ -202,13 +205,15 @@ class ReportPage:
         return parts
 
     def _head_and_body(self) -> tuple[list[Block], list[Block]]:
-        """Blocks of the verdict, up to the first table or blank line, and blocks of the results; without remarks."""
-        end = 0
-        while end < len(self.blocks) and self.blocks[end] != "" and not isinstance(self.blocks[end], Table):
-            end += 1
-        head = list(self.blocks[:end]) or [f"{self.command}: {self.subject}"]
+        """Blocks of the verdict, up to the first table or blank line, and the other blocks; both without remarks."""
+        head_length = len(self.blocks)
+        for k, block in enumerate(self.blocks):
+            if block == "" or isinstance(block, Table):
+                head_length = k
+                break
+        head = list(self.blocks[:head_length]) or [f"{self.command}: {self.subject}"]
         body: list[Block] = [
-            block for block in self.blocks[end:] if block != "" and not isinstance(block, More | Remark)
+            block for block in self.blocks[head_length:] if block != "" and not isinstance(block, More | Remark)
         ]
         return [block for block in head if not isinstance(block, Remark)], body
 
@@ -228,11 +233,13 @@ class ReportPage:
         return path
 
     def _without_folders(self, part: str) -> str:
+        """A part of the page without folders in paths; unchanged if it holds an image, whose digits may look like a path."""
         if "base64," in part:
             return part
         return self.shorten(part)
 
     def _without_folders_in_text(self, part: str) -> str:
+        """A part of the viewer without folders in paths; unchanged if it is base64."""
         if _ENCODED.fullmatch(part):
             return part
         return self.shorten(part)
@@ -255,8 +262,8 @@ class ReportPage:
 
 
 _ENCODED = re.compile("([A-Za-z0-9+/=]{200,})")
-"""Numbers and images of the viewer as base64, in which short paths occur by chance."""
-_MOVE = '<p class="move" hidden><button type="button" id="move">Move it</button></p>'
+"""Numbers and images of the viewer as base64. Characters in them may equal a short path by chance."""
+_MOVE_BUTTON = '<p class="move" hidden><button type="button" id="move">Move it</button></p>'
 """Button that starts the viewer; without scripts it stays hidden, and the picture remains."""
 _START_VIEWER = """
 const button = document.getElementById("move");
@@ -282,25 +289,34 @@ def answer_page(
     files: Mapping[str, str | Path | None] = MappingProxyType({}),
     full_paths: bool = False,
 ) -> ReportPage:
-    """Page of an answer; if it comes from the shell, with the words of the command line, its files and its notes.
+    """Page of an answer.
 
-    Folders are cut from paths unless ``full_paths``.
+    ``command`` (words of the command line), ``notes`` and ``files`` belong to an answer that a command gives. Folders are
+    removed from paths unless ``full_paths``.
     """
-    blocks, details = list[Block](), list[Block]()
+    blocks: list[Block] = []
+    details: list[Block] = []
     for block in answer.blocks():
         if isinstance(block, str) or block.level < Level.PAGE:
             blocks.append(block)
         elif block.level is Level.PAGE:
             details.append(block)
-    tables, settings = list[Table](), list[tuple[str, str]]()
+    tables: list[Table] = []
+    settings: list[tuple[str, str]] = []
     for entry in answer.origin():
         if isinstance(entry, Table):
             tables.append(entry)
         else:
             settings.append(entry)
     sources = {name: str(path) for name, path in answer.sources().items()}
-    sources |= {n: str(path) for n, path in files.items() if path is not None and str(path) not in sources.values()}
-    command_line = [("command", shlex.join(["twistwrench", *command]))] if command else []
+    known_paths = set(sources.values())
+    sources |= {name: str(path) for name, path in files.items() if path is not None and str(path) not in known_paths}
+    command_line: list[tuple[str, str]] = []
+    if command:
+        command_line = [("command", shlex.join(["twistwrench", *command]))]
+    shorten: Callable[[str], str] = str
+    if not full_paths:
+        shorten = without_folders([*command, *sources.values()])
     return ReportPage(
         answer.call,
         answer.subject,
@@ -311,31 +327,31 @@ def answer_page(
         notes=notes,
         provenance=[*command_line, *provenance(sources), *settings, *versions()],
         tables=tables,
-        shorten=str if full_paths else without_folders([*command, *sources.values()]),
+        shorten=shorten,
         viewer=answer.viewer(),
     )
 
 
-_SPLIT = ("+", ":=", "=")
+_SEPARATORS = ("+", ":=", "=")
 """Separators of paths within a word of the command line."""
 
 
 def without_folders(texts: Iterable[str]) -> Callable[[str], str]:
     """Function that replaces paths in these texts by their file names."""
-    pairs: dict[str, str] = {}
+    name_by_path: dict[str, str] = {}
     for text in texts:
         parts = [text]
-        for sign in _SPLIT:
-            parts = sign.join(parts).split(sign)
+        for separator in _SEPARATORS:
+            parts = separator.join(parts).split(separator)
         for part in parts:
             path = Path(part)
             if path.name and path.parent.is_dir() and path.name != part:
-                pairs |= {part: path.name, str(path.resolve()): path.name}
-    longest_first = sorted(pairs, key=len, reverse=True)
+                name_by_path |= {part: path.name, str(path.resolve()): path.name}
+    longest_first = sorted(name_by_path, key=len, reverse=True)  # a path may begin with another one
 
     def shorten(text: str) -> str:
         for path in longest_first:
-            text = text.replace(path, pairs[path])
+            text = text.replace(path, name_by_path[path])
         return text
 
     return shorten
@@ -353,7 +369,8 @@ def provenance(files: Mapping[str, str | Path | None]) -> Iterator[tuple[str, st
 def versions() -> Iterator[tuple[str, str]]:
     """Versions of the programs, and the date."""
     yield "versions", f"twistwrench {__version__}, Python {platform.python_version()}, NumPy {np.__version__}"
-    epoch, now = os.environ.get("SOURCE_DATE_EPOCH", ""), datetime.now().astimezone()
+    now = datetime.now().astimezone()
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
     if epoch.isdigit():  # for reproducible files
         now = datetime.fromtimestamp(int(epoch), UTC)
     yield "date", now.isoformat(sep=" ", timespec="seconds")
@@ -388,7 +405,7 @@ def _escape(text: str) -> str:
 
 
 def _line(line: Block | Cell) -> str:
-    """HTML of a line or cell; a bar is its label, and glyphs are left out."""
+    """HTML of a line or cell. Of a bar the label is shown, and of glyphs nothing."""
     if isinstance(line, Glyphs):
         return ""
     if isinstance(line, Bar):
@@ -406,32 +423,36 @@ def _pieces(pieces: Iterable[Piece]) -> str:
             continue
         text, style = piece
         escaped = _escape(text)
-        spans.append(f'<span class="{style}">{escaped}</span>' if style else escaped)
+        if style:
+            escaped = f'<span class="{style}">{escaped}</span>'
+        spans.append(escaped)
     return "".join(spans)
 
 
 def paragraphs(line: Block) -> list[str]:
     """HTML of each line of a text."""
-    opened, lines = "", []
+    open_tag = ""  # of a span that goes on in the next line
+    lines: list[str] = []
     for part in _line(line).split("\n"):
-        lines.append(f"{opened}{part}")
-        tags = re.findall(r'<span class="[^"]*">|</span>', lines[-1])
-        opened = ""  # tag of a span that goes on in the next line
+        html_line = f"{open_tag}{part}"
+        tags = re.findall(r'<span class="[^"]*">|</span>', html_line)
+        open_tag = ""
         if tags and tags[-1] != "</span>":
-            opened = tags[-1]
-            lines[-1] += "</span>"
+            open_tag = tags[-1]
+            html_line += "</span>"
+        lines.append(html_line)
     return lines
 
 
 def _verdict(head: Sequence[Block], facts: Sequence[tuple[str, str]]) -> str:
-    """Printed verdict and its decisive numbers."""
-    texts = list[str]()
+    """HTML of the verdict and of its decisive numbers."""
+    lines: list[str] = []
     for block in head:
         if isinstance(block, str | Headline | Line):
-            texts += paragraphs(block)
-    first, *others = texts or [""]
-    further = "".join(f"<p>{text}</p>" for text in others)
-    verdict = f'<div class="verdict"><h1>{first}</h1>{further}</div>'
+            lines += paragraphs(block)
+    heading, *others = lines or [""]
+    further_lines = "".join(f"<p>{line}</p>" for line in others)
+    verdict = f'<div class="verdict"><h1>{heading}</h1>{further_lines}</div>'
     numbers = "".join(f"<div><dt>{_escape(name)}</dt><dd>{_escape(value)}</dd></div>" for name, value in facts)
     if numbers:
         return f'{verdict}<dl class="facts">{numbers}</dl>'
@@ -452,26 +473,30 @@ def block_html(block: Block) -> str:
     if isinstance(block, Table):
         return table_html(block)
     if isinstance(block, Branch):
-        return f"<ul><li>{_line(block.label)}{''.join(map(block_html, block.branches))}</li></ul>"
+        branches = "".join(map(block_html, block.branches))
+        return f"<ul><li>{_line(block.label)}{branches}</li></ul>"
     if isinstance(block, Aligned):
         caption = f"<h3>{_escape(block.title)}</h3>" if block.title else ""
         lines = [f"{name} {text}" for name, text in block.rows]
         return caption + "".join(f"<p>{_escape(line)}</p>" for line in lines)
-    start = '<p class="below">' if isinstance(block, Line) and block.indent else "<p>"
-    return "".join(f"{start}{text}</p>" for text in paragraphs(block) if text)
+    start_tag = "<p>"
+    if isinstance(block, Line) and block.indent:
+        start_tag = '<p class="below">'
+    return "".join(f"{start_tag}{text}</p>" for text in paragraphs(block) if text)
 
 
 def table_html(table: Table) -> str:
-    """Table with its title as caption; columns in their narrow form if they have one."""
-    heads, cells_by_column = "", []
+    """HTML of a table with its title as caption. Empty columns are left out; others have their narrow form if they have one."""
+    heads = ""
+    cells_by_column: list[list[str]] = []
     for column in table.columns:
         shown = column.narrow or column
         cells = [_line(shown.show(value)) for value in shown.values]
         if not any(cells):
             continue
-        kind = _column_class(shown)
-        heads += f'<th scope="col"{kind}>{_escape(shown.head)}</th>'
-        cells_by_column.append([f"<td{kind}>{cell}</td>" for cell in cells])
+        attribute = _class_attribute(shown)
+        heads += f'<th scope="col"{attribute}>{_escape(shown.head)}</th>'
+        cells_by_column.append([f"<td{attribute}>{cell}</td>" for cell in cells])
     rows = []
     for k, style in enumerate(table.styles):
         row_class = f' class="{style}"' if style else ""
@@ -485,8 +510,8 @@ def table_html(table: Table) -> str:
     )
 
 
-def _column_class(column: Column) -> str:
-    """Attribute of the cells of a column, by the kind of its text."""
+def _class_attribute(column: Column) -> str:
+    """HTML attribute of the cells of a column, which depends on the kind of its text."""
     if not column.words:
         return ' class="number"'
     if column.whole:
@@ -499,18 +524,19 @@ def _list(pairs: Iterable[tuple[str, str]]) -> str:
     return f"<dl>{entries}</dl>"
 
 
-_HEADS = re.compile(r'<(h1|th|dt|caption|figcaption|td(?= class="word))\b.*?</\1>', re.DOTALL)
-"""Elements that name a quantity; elsewhere everyday words such as gravity are not terms."""
+_NAMING_ELEMENTS = re.compile(r'<(h1|th|dt|caption|figcaption|td(?= class="word))\b.*?</\1>', re.DOTALL)
+"""Elements that name a quantity. In other elements an everyday word such as gravity is not taken for a term."""
 
 
 def _terms_in(page: str) -> list[tuple[str, str]]:
     """Terms that occur on a page; everyday words count only in table heads and row names."""
-    page_text = html.unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", page, flags=re.DOTALL))
-    heads = " ".join(match[0] for match in _HEADS.finditer(page))
-    head_text = html.unescape(re.sub(r"<[^>]+>", " ", heads))
+    page_text = html.unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", page, flags=re.DOTALL))  # without tags and pictures
+    naming_elements = " ".join(match[0] for match in _NAMING_ELEMENTS.finditer(page))
+    names_text = html.unescape(re.sub(r"<[^>]+>", " ", naming_elements))
     terms: list[tuple[str, str]] = []
     for term, explanation in TERMS.items():
         is_everyday_word = term.isalpha() and term.islower() and len(term) > 1
-        if re.search(rf"(?<!\w){re.escape(term)}(?!\w)", head_text if is_everyday_word else page_text):
+        searched_text = names_text if is_everyday_word else page_text
+        if re.search(rf"(?<!\w){re.escape(term)}(?!\w)", searched_text):
             terms.append((term, explanation))
     return terms

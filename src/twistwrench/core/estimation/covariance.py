@@ -11,18 +11,26 @@ import numpy as np
 from ..typing import Array
 from .least_squares import Prior
 
-_MAX_SINGLE_CLUSTERS = 1000  # number of clusters above which neighbours are grouped
-_MAX_SHARE_OF_CLUSTER = (
-    1.0 - 1e-6
-)  # share of an unknown determined by one cluster, above which no other cluster checks it
-_MIN_FREEDOM_RATIO = 2 / 3  # minimum of a weight's degrees of freedom relative to the variance's, for small ones
-_FALSE_ALARM_RATE = 1e-4  # false-alarm rate at which the tails of a sum of two estimated variances are matched
-_MAX_LOGIT, _NODES, _MATCHES = 24.0, 25, 4
-_MIN_FREEDOM = 2.1  # lower bound of an unknown's degrees of freedom; the mean of F is infinite at 2
+_MAX_SINGLE_CLUSTERS = 1000
+"""Number of clusters above which neighbours are grouped."""
+_MAX_SHARE_OF_CLUSTER = 1.0 - 1e-6
+"""Share of an unknown that one cluster determines, above which no other cluster checks it."""
+_MIN_FREEDOM_RATIO = 2 / 3
+"""Smallest ratio of a weight's degrees of freedom to those of the variance."""
+_FALSE_ALARM_RATE = 1e-4
+"""False-alarm rate at which the tails of a sum of two estimated variances are matched."""
+_MAX_LOGIT = 24.0
+"""Largest logit of a probability in the integral over two variances."""
+_NODES = 25
+"""Number of nodes of the integral, in each variance."""
+_MATCHING_STEPS = 4
+"""Fixed-point iterations of the match of tails."""
+_MIN_FREEDOM = 2.1
+"""Lower bound of an unknown's degrees of freedom; the mean of F is infinite at 2."""
 
 
 def weight_freedom(freedom: Array) -> Array:
-    """Degrees of freedom ν - 2 of the weights 1 / s² of variances with ν.
+    """Degrees of freedom ν - 2 of weights 1 / s², for estimated variances s² with ν degrees of freedom.
 
     E(σ² / s²) = ν / (ν - 2) for s² with ν degrees of freedom: inverses of estimated variances are biased upwards, and
     vary more than the variances. Source: Meier, "Variance of a weighted mean", Biometrics 9, 1953.
@@ -40,7 +48,7 @@ def variance_estimate_covariance(Q: Array, freedom: Array, groups: Array) -> Arr
     """
     freedom = weight_freedom(freedom)
     added = np.zeros((Q.shape[-1], Q.shape[-1]))
-    for group in np.unique(groups):
+    for group in np.unique(groups):  # channels with one variance, and so one freedom
         q = Q[:, groups == group].reshape(-1, Q.shape[-1])
         N = q.T @ q
         added += 4.0 / freedom[groups == group][0] * (N - N @ N)
@@ -50,15 +58,17 @@ def variance_estimate_covariance(Q: Array, freedom: Array, groups: Array) -> Arr
 def channel_covariance(Q: Array, half: Array, freedom: Array, groups: Array) -> tuple[Array, Array]:
     """Covariance (k, k) half half' and Satterthwaite's degrees of freedom (k,), for independent rows.
 
-    ν_k = (Σ_c s_kc)² / Σ_c s_kc² / ν_c, with s_kc the part of unknown k's variance due to channel c; ``half`` (k, p)
-    may have any rows.
+    ν_k = (Σ_c s_kc)² / Σ_c s_kc² / ν_c, with s_kc the part of unknown k's variance due to channel c. Channels of a group have
+    one variance and count as one. Each row of ``half`` (k, p) gives an unknown as a sum of whitened unknowns.
     """
-    parts = np.stack([((Q[:, c] @ half.T) ** 2).sum(axis=0) for c in range(6)], axis=1)
-    grouped = np.stack([parts[:, groups == group].sum(axis=1) for group in np.unique(groups)], axis=1)
-    each = np.array([freedom[groups == group][0] for group in np.unique(groups)])
-    total = grouped.sum(axis=1)
-    unsure = (grouped**2 / each).sum(axis=1)
-    return half @ half.T, np.where(unsure > 0, total**2 / np.maximum(unsure, 1e-300), np.inf)
+    variance_by_channel = np.stack([((Q[:, c] @ half.T) ** 2).sum(axis=0) for c in range(6)], axis=1)
+    variance_by_group = np.stack(
+        [variance_by_channel[:, groups == group].sum(axis=1) for group in np.unique(groups)], axis=1
+    )
+    freedom_by_group = np.array([freedom[groups == group][0] for group in np.unique(groups)])
+    total = variance_by_group.sum(axis=1)
+    denominator = (variance_by_group**2 / freedom_by_group).sum(axis=1)
+    return half @ half.T, np.where(denominator > 0, total**2 / np.maximum(denominator, 1e-300), np.inf)
 
 
 def f_test_freedom(freedom: Array) -> float:
@@ -66,11 +76,11 @@ def f_test_freedom(freedom: Array) -> float:
 
     With E = Σ ν_k / (ν_k - 2), ν = 2 E / (E - k). Source: Fai and Cornelius, "Approximate F-tests of multiple degree of
     freedom hypotheses in generalized least squares analyses of unbalanced split-plot experiments", J. Statistical
-        Computation and Simulation 54, 1996, applied to the unknowns in place of the axes of their ellipsoid (less
-        exact).
+    Computation and Simulation 54, 1996. Here it is applied to the unknowns in place of the axes of their ellipsoid, which is
+    less exact.
     """
     excess = float((2.0 / (np.maximum(freedom, _MIN_FREEDOM) - 2.0)).sum())  # E - k
-    if excess:
+    if excess:  # E = k + excess
         return 2.0 * (len(freedom) + excess) / excess
     return np.inf
 
@@ -78,7 +88,7 @@ def f_test_freedom(freedom: Array) -> float:
 def sum_freedom(variances: Array, freedom: Array) -> Array:
     """Degrees of freedom (k,) of sums of two estimated variances (2, k) with degrees of freedom (2, k), for tests.
 
-    Satterthwaite's formula uses the estimates, so it is too large if the uncertain part of the sum is underestimated.
+    Satterthwaite's formula uses the estimated variances. It is too large if the less certain one is estimated too small.
     Here, Student's distribution with ν has the tails of N(0, Σ ν_i s_i² / χ²_i), fiducial in both variances, at
     probability 1e-4; between 1e-2 and 1e-6 the tails differ by less than a factor of ten. Source: Fisher, "The
     comparison of samples with possibly unequal variances", Ann. Eugenics 9, 1939.
@@ -86,31 +96,34 @@ def sum_freedom(variances: Array, freedom: Array) -> Array:
     from scipy import special
 
     total = variances.sum(axis=0)
-    unsure = (variances**2 / np.maximum(freedom, 1.0)).sum(axis=0)
-    satterthwaite = total**2 / np.maximum(unsure, 1e-300)
-    uncertain = (variances > 0).all(axis=0) & np.isfinite(freedom).all(axis=0)
-    if not uncertain.any():
+    denominator = (variances**2 / np.maximum(freedom, 1.0)).sum(axis=0)
+    satterthwaite = total**2 / np.maximum(denominator, 1e-300)
+    both_estimated = (variances > 0).all(axis=0) & np.isfinite(freedom).all(axis=0)
+    if not both_estimated.any():
         return satterthwaite
+    # Integrals over the probabilities of both χ², with nodes at equal distances of the logit.
     logit = np.linspace(-_MAX_LOGIT, _MAX_LOGIT, _NODES)
-    share = special.expit(logit)
-    weight = share * (1.0 - share) * (logit[1] - logit[0])
-    s, nu = variances[:, uncertain, None], np.maximum(freedom, 1.0)[:, uncertain, None]
-    first, second = s * nu / (2.0 * special.gammaincinv(0.5 * nu, share))
-    size = np.sqrt((first[:, :, None] + second[:, None, :]) / total[uncertain, None, None])  # (k, nodes, nodes)
-    nu = satterthwaite[uncertain]
-    for _ in range(_MATCHES):
-        times = special.stdtrit(nu, 0.5 * _FALSE_ALARM_RATE)
-        tail = special.ndtr(times[:, None, None] / size) @ weight @ weight
-        nu = np.minimum(special.stdtridf(tail, times), satterthwaite[uncertain])
-    satterthwaite[uncertain] = nu
+    probability = special.expit(logit)
+    weight = probability * (1.0 - probability) * (logit[1] - logit[0])
+    s2 = variances[:, both_estimated, None]
+    nu_of_parts = np.maximum(freedom, 1.0)[:, both_estimated, None]
+    first, second = s2 * nu_of_parts / (2.0 * special.gammaincinv(0.5 * nu_of_parts, probability))  # ν s² / χ²
+    sum_of_parts = first[:, :, None] + second[:, None, :]  # (k, nodes, nodes)
+    relative_deviation = np.sqrt(sum_of_parts / total[both_estimated, None, None])
+    nu = satterthwaite[both_estimated]
+    for _ in range(_MATCHING_STEPS):
+        quantile = special.stdtrit(nu, 0.5 * _FALSE_ALARM_RATE)
+        tail = special.ndtr(quantile[:, None, None] / relative_deviation) @ weight @ weight
+        nu = np.minimum(special.stdtridf(tail, quantile), satterthwaite[both_estimated])
+    satterthwaite[both_estimated] = nu
     return satterthwaite
 
 
-def cluster_robust_covariance(Q: Array, left: Array, half: Array, label: Array) -> tuple[Array, Array] | None:
+def cluster_robust_covariance(Q: Array, residuals: Array, half: Array, labels: Array) -> tuple[Array, Array] | None:
     """CR2 sandwich covariance (k, k) and degrees of freedom (k,); None if one cluster alone determines an unknown.
 
-    Q (n, 6, p) are the orthonormal columns of the whitened design, ``left`` (n, 6) the whitened residuals e, ``half``
-    (k, p) maps whitened unknowns to k unknowns or sums of them, and ``label`` (n,) is the cluster of each row. With
+    Q (n, 6, p) are the orthonormal columns of the whitened design, ``residuals`` (n, 6) the whitened residuals e, ``half``
+    (k, p) maps whitened unknowns to k unknowns or sums of them, and ``labels`` (n,) is the cluster of each row. With
     M_g = Q_g' Q_g:
 
     s_g = (1 - M_g)^(-1/2) Q_g' e_g,   C = half Σ_g s_g s_g' half',   ν_k = (tr Ω)² / tr Ω²,
@@ -119,34 +132,39 @@ def cluster_robust_covariance(Q: Array, left: Array, half: Array, label: Array) 
     Sources: Bell and McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage samples",
     Survey Methodology 28, 2002; Pustejovsky and Tipton, J. Business & Economic Statistics 36, 2018.
     """
-    return sandwich_covariance(*cluster_moments(lambda rows: Q[rows].reshape(-1, Q.shape[-1]), left, label), half)
+    M, s = cluster_moments(lambda rows: Q[rows].reshape(-1, Q.shape[-1]), residuals, labels)
+    return sandwich_covariance(M, s, half)
 
 
-def cluster_moments(columns: Callable[[Array], Array], left: Array, label: Array) -> tuple[Array, Array]:
+def cluster_moments(columns: Callable[[Array], Array], residuals: Array, labels: Array) -> tuple[Array, Array]:
     """Q_g'Q_g (g, p, p) and Q_g'e_g (g, p) of each cluster; ``columns`` returns all columns of Q in the given rows."""
-    place = cluster_numbers(label)
-    order = np.argsort(place, kind="stable")
-    parts = np.split(order, np.searchsorted(place[order], np.arange(1, int(place.max()) + 1)))
-    first = columns(parts[0])
-    p = first.shape[1]
-    M, s = np.zeros((len(parts), p, p)), np.zeros((len(parts), p))
-    for g, rows in enumerate(parts):
-        Q = columns(rows) if g else first
-        M[g], s[g] = Q.T @ Q, Q.T @ left[rows].reshape(-1)
+    numbers = cluster_numbers(labels)
+    order = np.argsort(numbers, kind="stable")
+    first_of_clusters = np.searchsorted(numbers[order], np.arange(1, int(numbers.max()) + 1))
+    rows_of_clusters = np.split(order, first_of_clusters)
+    Q = columns(rows_of_clusters[0])
+    p = Q.shape[1]
+    M = np.zeros((len(rows_of_clusters), p, p))
+    s = np.zeros((len(rows_of_clusters), p))
+    for g, rows in enumerate(rows_of_clusters):
+        if g > 0:
+            Q = columns(rows)
+        M[g] = Q.T @ Q
+        s[g] = Q.T @ residuals[rows].reshape(-1)
     return M, s
 
 
-def cluster_numbers(label: Array) -> Array:
-    """Cluster numbers (n,) 0, 1, … for the labels; more than a thousand clusters are grouped with neighbours."""
-    numbers = np.unique(label, return_inverse=True)[1]
+def cluster_numbers(labels: Array) -> Array:
+    """Cluster numbers (n,) 0, 1, … of rows, by their labels. If there are more than 1000, neighbours get one number."""
+    numbers = np.unique(labels, return_inverse=True)[1]
     if numbers.max() >= _MAX_SINGLE_CLUSTERS:
         numbers = numbers * _MAX_SINGLE_CLUSTERS // (numbers.max() + 1)
     return np.asarray(numbers)
 
 
 def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] | None:
-    """Same from sums over clusters: M (g, p, p) of Q_g' Q_g, and s (g, p) of Q_g' e_g."""
-    values, U = np.linalg.eigh(M)
+    """Result of :func:`cluster_robust_covariance` from M_g = Q_g' Q_g (g, p, p) and s_g = Q_g' e_g (g, p) of each cluster."""
+    values, U = np.linalg.eigh(M)  # (1 - M_g)^(-1/2) = U diag(1 - values)^(-1/2) U'
     if values.max() > _MAX_SHARE_OF_CLUSTER:
         return None
     B = (U / np.sqrt(1.0 - values)[:, None, :]) @ np.swapaxes(U, 1, 2)
@@ -154,12 +172,12 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
     C = half @ (s.T @ s) @ half.T
     Bl = B @ half.T  # (G, p, k): B_g l for each unknown
     a = M @ Bl
-    d = (Bl * a).sum(axis=1)  # (G, k)
+    d = (Bl * a).sum(axis=1)  # (G, k): |M_g^(1/2) B_g l|²
     size = (a * a).sum(axis=1)
     cross = np.stack([a[:, :, k].T @ a[:, :, k] for k in range(len(half))])
-    trace = d.sum(axis=0) - size.sum(axis=0)
+    trace = d.sum(axis=0) - size.sum(axis=0)  # tr Ω
     square = (d**2).sum(axis=0) - 2 * (d * size).sum(axis=0) + (cross**2).sum(axis=(1, 2))
-    return C, trace**2 / np.maximum(square, 1e-300)
+    return C, trace**2 / np.maximum(square, 1e-300)  # square is tr Ω²
 
 
 # Rows of a block of time are one cluster (Liang and Zeger, "Longitudinal data analysis using generalized linear
@@ -173,10 +191,15 @@ def sandwich_covariance(M: Array, s: Array, half: Array) -> tuple[Array, Array] 
 #     S C S,   S = diag max(1, √(D_kk / C_kk)).
 
 _MAX_BLOCKS, _MIN_BLOCKS = 120, 15
-_SECONDS = 1.0  # minimum duration of a block [s], if the logs are long enough
-_LENGTHS = 10.0  # length of a block in autocorrelation lengths of the residuals
-_PORTION = 1000  # rows per factorisation
-_CELLS, _PARTS = 32, 8  # number of cells; and parts of each coordinate for the comparison of residuals
+"""Bounds of the number of blocks of all logs together."""
+_MIN_BLOCK_SECONDS = 1.0
+"""Minimum duration of a block [s], if the logs are long enough."""
+_CORRELATION_LENGTHS_PER_BLOCK = 10.0
+_ROWS_PER_FACTORISATION = 1000
+_CELLS = 32
+"""Number of cells of the state space."""
+_COMPARED_PARTS = 8
+"""Parts of each coordinate whose residuals are compared, to find the coordinates that affect them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,19 +218,21 @@ class StateCells:
     velocities: tuple[int, ...]
 
     @classmethod
-    def from_residuals(cls, q: Array, dq: Array, left: Array) -> StateCells:
+    def from_residuals(cls, q: Array, dq: Array, residuals: Array) -> StateCells:
         """About 30 cells of the coordinates that affect residuals (n, nv) most, with equally many rows in each part.
 
         Coordinates are ranked by the squared mean residuals in eight parts of each.
         """
-        shares = []
-        for x in (*q.T, *dq.T):
-            part = np.searchsorted(_edges(x, _PARTS), x)
-            sums = np.stack([np.bincount(part, column, _PARTS) for column in left.T])
-            shares.append(float((sums**2 / np.maximum(np.bincount(part, minlength=_PARTS), 1)).sum()))
-        position = int(np.argmax(shares[: q.shape[1]]))
-        velocities = np.argsort(shares[q.shape[1] :], kind="stable")[-2:].tolist()
-        return cls(position, _edges(q[:, position], _CELLS >> len(velocities)), tuple(velocities))
+        effects = []
+        for coordinate in (*q.T, *dq.T):
+            part = np.searchsorted(_edges(coordinate, _COMPARED_PARTS), coordinate)
+            rows_of_part = np.bincount(part, minlength=_COMPARED_PARTS)
+            sums = np.stack([np.bincount(part, column, _COMPARED_PARTS) for column in residuals.T])
+            effects.append(float((sums**2 / np.maximum(rows_of_part, 1)).sum()))
+        position = int(np.argmax(effects[: q.shape[1]]))
+        velocities = np.argsort(effects[q.shape[1] :], kind="stable")[-2:].tolist()
+        position_parts = _CELLS >> len(velocities)  # each velocity doubles the number of cells
+        return cls(position, _edges(q[:, position], position_parts), tuple(velocities))
 
     @property
     def count(self) -> int:
@@ -222,9 +247,9 @@ class StateCells:
         return cells
 
 
-def _edges(x: Array, parts: int) -> Array:
+def _edges(values: Array, parts: int) -> Array:
     """Limits (parts - 1,) between parts with equally many values."""
-    return np.asarray(np.quantile(x, np.arange(1, parts) / parts))
+    return np.asarray(np.quantile(values, np.arange(1, parts) / parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,9 +359,12 @@ def group_covariance(
     the predicted torques with each setting selected on the same rows, such as the clock offset; their uncertainty is
     included.
     """
-    r, residuals, root = W.shape[2], tau - W @ x, np.sqrt(weights) / sigma
-    change = np.sqrt((chosen**2).mean(axis=(0, 1)))
+    r = W.shape[2]
+    residuals = tau - W @ x
+    root = np.sqrt(weights) / sigma  # factor that whitens a row
+    change = np.sqrt((chosen**2).mean(axis=(0, 1)))  # rms
     settings = chosen[..., change > 0] / change[change > 0]
+    # Settings are unknowns as well; their prior is so wide that it has no effect.
     sizes = np.concatenate([prior.size, np.full(settings.shape[2], sigma.max() * 1e3)])
 
     def whitened_columns(rows: Array | slice) -> Array:
@@ -357,17 +385,19 @@ def _huber_factor(residuals: Array, weights: Array) -> float:
     Huber's residuals count with ψ(u) = w u, whose slope is 1 up to k and 0 beyond. Source: Huber, "Robust Statistics",
     1981, section 7.6.
     """
-    active = (residuals != 0).any(axis=0)
-    if not active.any() or (weights == 1.0).all():
+    is_measured = (residuals != 0).any(axis=0)
+    if not is_measured.any() or (weights == 1.0).all():
         return 1.0
-    return float(weights[:, active].mean() / (weights[:, active] == 1.0).mean())
+    measured_weights = weights[:, is_measured]
+    return float(measured_weights.mean() / (measured_weights == 1.0).mean())
 
 
 def larger_covariance(first: tuple[Array, Array], second: tuple[Array, Array] | None) -> tuple[Array, Array]:
-    """Covariance and degrees of freedom with the larger variances of two estimates and correlations of the first."""
+    """Covariance with the larger variances of two estimates and the correlations of the first, and degrees of freedom."""
     if second is None:
         return first
-    (C, freedom), (D, other_freedom) = first, second
+    C, freedom = first
+    D, other_freedom = second
     ratio = D.diagonal() / np.maximum(C.diagonal(), 1e-300)
     factor = np.sqrt(np.maximum(ratio, 1.0))
     return C * factor[:, None] * factor, np.where(ratio > 1.0, other_freedom, freedom)
@@ -376,29 +406,39 @@ def larger_covariance(first: tuple[Array, Array], second: tuple[Array, Array] | 
 def _covariance(
     columns: Callable[[Array | slice], Array], residuals: Array, sizes: Array, time: Array, log: Array, cell: Array
 ) -> GroupCovariance:
-    """Sandwiches of all whitened columns and residuals (n, nv), with zero-mean priors of these ``sizes``."""
+    """Larger covariance of the sandwiches by blocks of time and by cells of state.
+
+    ``columns`` returns the whitened columns in some rows, ``residuals`` (n, nv) are whitened, ``sizes`` are the deviations of
+    the unknowns' zero-mean priors, and ``cell`` (n,) is the cell of each row.
+    """
     n, nv = residuals.shape
     R: Array = np.eye(len(sizes))  # R'R = 1 + A'A for columns in units of their sizes
-    for begin in range(0, n, _PORTION):
-        block = columns(slice(begin, begin + _PORTION)) * sizes
+    for begin in range(0, n, _ROWS_PER_FACTORISATION):
+        block = columns(slice(begin, begin + _ROWS_PER_FACTORISATION)) * sizes
         R = np.asarray(np.linalg.qr(np.concatenate([R, block]), mode="r"))
     half = sizes[:, None] * np.linalg.inv(R)
-    step = float(np.median(np.diff(time)[np.diff(log) == 0])) if n > 1 else 1.0
-    squares, freedom = float((residuals**2).sum()), max(1, n * nv - len(sizes))
-    textbook = np.sqrt(np.maximum((half @ half.T).diagonal() * squares / freedom, 0.0))
+    time_step = 1.0
+    if n > 1:
+        time_step = float(np.median(np.diff(time)[np.diff(log) == 0]))  # within logs
+    square_sum = float((residuals**2).sum())
+    freedom = max(1, n * nv - len(sizes))
+    textbook = np.sqrt(np.maximum((half @ half.T).diagonal() * square_sum / freedom, 0.0))
     correlation_length = autocorrelation_length(residuals)
-    block_rows = max(_LENGTHS * correlation_length, _SECONDS / step)
+    block_rows = max(_CORRELATION_LENGTHS_PER_BLOCK * correlation_length, _MIN_BLOCK_SECONDS / time_step)
     block_rows = float(np.clip(block_rows, n / _MAX_BLOCKS, n / _MIN_BLOCKS))
 
     def sandwich(clusters: Array) -> tuple[Array, Array] | None:
-        return sandwich_covariance(*cluster_moments(lambda rows: columns(rows) @ half, residuals, clusters), half)
+        M, s = cluster_moments(lambda rows: columns(rows) @ half, residuals, clusters)
+        return sandwich_covariance(M, s, half)
 
+    # If one block alone determines an unknown, shorter blocks are tried.
     for _ in range(8):
         blocks = np.arange(n) // max(1, math.ceil(block_rows))
-        blocks += (blocks.max() + 1) * log
+        blocks += (blocks.max() + 1) * log  # no block has rows of two logs
         by_blocks, by_cells = sandwich(blocks), sandwich(cell)
         if by_blocks is not None:
-            return GroupCovariance(*larger_covariance(by_blocks, by_cells), textbook, block_rows * step)
+            matrix, freedom_of_unknowns = larger_covariance(by_blocks, by_cells)
+            return GroupCovariance(matrix, freedom_of_unknowns, textbook, block_rows * time_step)
         block_rows /= 2.0
         if block_rows < 1.0:
             break
@@ -406,9 +446,10 @@ def _covariance(
     return GroupCovariance(inflated, np.full(len(sizes), 1e9), textbook, 0.0)
 
 
-_MIN_CHANCE = 1e-3  # probability of a false alarm for white residuals, over all channels
-_LAGS = 20  # lags of the Ljung-Box test
-_MIN_ROWS_OF_LJUNG_BOX = 100  # minimum rows for the Ljung-Box test
+_MIN_CHANCE = 1e-3
+"""Probability of a false alarm for white residuals, over all channels."""
+_LJUNG_BOX_LAGS = 20
+_MIN_ROWS_OF_LJUNG_BOX = 100
 
 
 def autocorrelation(e: Array, lags: int) -> Array:
@@ -419,12 +460,15 @@ def autocorrelation(e: Array, lags: int) -> Array:
 
 def autocorrelation_length(residuals: Array) -> float:
     """Integrated autocorrelation time of residuals (n, nv) in rows, 1 + 2 Σ ρ above the noise; largest of joints."""
-    n, longest = len(residuals), 1.0
+    n = len(residuals)
+    longest = 1.0
     lags = min(n // 4, 400)
     for column in residuals.T:
         rho = autocorrelation(column - column.mean(), lags)
-        below = np.flatnonzero(rho < 2.0 / math.sqrt(n))
-        stop = int(below[0]) if below.size else lags
+        noise_lags = np.flatnonzero(rho < 2.0 / math.sqrt(n))  # two standard deviations of white noise
+        stop = lags
+        if noise_lags.size:
+            stop = int(noise_lags[0])
         longest = max(longest, 1.0 + 2.0 * float(rho[1:stop].sum()))
     return longest
 
@@ -455,34 +499,38 @@ class Whiteness:
         """
         from scipy import special
 
-        n, channels = len(e), list[Whiteness]()
+        n = len(e)
+        channels: list[Whiteness] = []
         for axis, q, r in zip(names, np.moveaxis(Q, 1, 0), e.T, strict=True):
             squares = max(float(r @ r), 1e-300)
             variance = squares / max(n - float((q * q).sum()), 1.0)
-            Dq, product = _neighbours(q), float(r @ _neighbours(r))
+            Dq = _mean_of_neighbours(q)
+            statistic = float(r @ _mean_of_neighbours(r))
             mean = -float((q * Dq).sum())
-            spread = 2.0 * (0.5 * (n - 1) - 2.0 * float((Dq * Dq).sum()) + float(((q.T @ Dq) ** 2).sum()))
-            z = (product / variance - mean) / np.sqrt(max(spread, 1e-12))
+            # tr D² = (n - 1) / 2
+            statistic_variance = 2.0 * (0.5 * (n - 1) - 2.0 * float((Dq * Dq).sum()) + float(((q.T @ Dq) ** 2).sum()))
+            z = (statistic / variance - mean) / np.sqrt(max(statistic_variance, 1e-12))
             tests = [(float(special.ndtr(-z)), "lag-1 autocorrelation")]
             if n >= _MIN_ROWS_OF_LJUNG_BOX:
-                rho = autocorrelation(r, _LAGS)[1:]
-                box = n * (n + 2) * float((rho**2 / (n - np.arange(1, _LAGS + 1))).sum())
-                tests.append((float(special.chdtrc(_LAGS, box)), "Ljung-Box of 20 lags"))
+                rho = autocorrelation(r, _LJUNG_BOX_LAGS)[1:]
+                lags = np.arange(1, _LJUNG_BOX_LAGS + 1)
+                ljung_box = n * (n + 2) * float((rho**2 / (n - lags)).sum())
+                tests.append((float(special.chdtrc(_LJUNG_BOX_LAGS, ljung_box)), "Ljung-Box of 20 lags"))
             chance, test = min(tests)
-            chance = min(len(names) * len(tests) * chance, 1.0)
-            channels.append(cls(axis, product / squares, chance, 1, test))
+            chance = min(len(names) * len(tests) * chance, 1.0)  # Bonferroni, for all channels and tests
+            channels.append(cls(axis, statistic / squares, chance, 1, test))
         least_white = min(channels, key=lambda channel: channel.chance)
         if least_white.white:
             return least_white
         return replace(least_white, length=_correlated_rows(e))
 
 
-def _neighbours(x: Array) -> Array:
-    """D x: mean of the neighbouring rows."""
-    out = np.zeros_like(x)
-    out[1:] += 0.5 * x[:-1]
-    out[:-1] += 0.5 * x[1:]
-    return out
+def _mean_of_neighbours(x: Array) -> Array:
+    """D x: mean of the previous and the next row, with zeros beyond the ends."""
+    Dx = np.zeros_like(x)
+    Dx[1:] += 0.5 * x[:-1]
+    Dx[:-1] += 0.5 * x[1:]
+    return Dx
 
 
 def _correlated_rows(e: Array) -> int:

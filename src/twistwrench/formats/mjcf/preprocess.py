@@ -28,7 +28,7 @@ from ..xml import Element, parse
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings of the file's ``<compiler>`` elements, together; defaults are the format's."""
+    """Settings of all ``<compiler>`` elements of a file. The defaults are those of the format."""
 
     degrees: bool = True
     euler_sequence: str = "xyz"
@@ -58,38 +58,39 @@ class Settings:
     @classmethod
     def from_root(cls, root: Element) -> Settings:
         """Settings of a file; later elements override earlier ones."""
-        last, attributes = root, dict[str, str]()
+        last_element = root
+        attributes: dict[str, str] = {}
         for element in root.all("compiler"):
-            last = element
+            last_element = element
             attributes |= element.attributes
-        one = last.with_attributes(attributes)
-        if one.word("coordinate", ("local", "global"), "local") == "global":
+        compiler = last_element.with_attributes(attributes)
+        if compiler.word("coordinate", ("local", "global"), "local") == "global":
             raise RobotFileError(
-                f'{one} has coordinate="global", which MuJoCo dropped too. Write poses relative to the parent body.'
+                f'{compiler} has coordinate="global", which MuJoCo dropped too. Write poses relative to the parent body.'
             )
-        sequence = one.attributes.get("eulerseq", "xyz").strip()
+        sequence = compiler.attributes.get("eulerseq", "xyz").strip()
         if len(sequence) != 3 or set(sequence) - set("xyzXYZ"):
             raise RobotFileError(
-                f'{one} has eulerseq="{sequence}": three of the letters x, y, z, X, Y, Z are expected.'
+                f'{compiler} has eulerseq="{sequence}": three of the letters x, y, z, X, Y, Z are expected.'
             )
         return cls(
-            degrees=one.word("angle", ("degree", "radian"), "degree") == "degree",
+            degrees=compiler.word("angle", ("degree", "radian"), "degree") == "degree",
             euler_sequence=sequence,
-            auto_limits=one.flag("autolimits", default=True),
-            from_geoms=one.word("inertiafromgeom", ("true", "false", "auto"), "auto"),
-            groups=tuple(one.floats("inertiagrouprange", (0.0, 5.0))),
-            total_mass=one.floats("settotalmass", (-1.0,))[0],
-            least_mass=one.floats("boundmass", (0.0,))[0],
-            least_moment=one.floats("boundinertia", (0.0,))[0],
-            balanced=one.flag("balanceinertia", default=False),
-            mesh_folder=one.attributes.get("meshdir", one.attributes.get("assetdir", "")).strip(),
-            plain_names=one.flag("strippath", default=False),
-            align_free=one.flag("alignfree", default=False),
+            auto_limits=compiler.flag("autolimits", default=True),
+            from_geoms=compiler.word("inertiafromgeom", ("true", "false", "auto"), "auto"),
+            groups=tuple(compiler.floats("inertiagrouprange", (0.0, 5.0))),
+            total_mass=compiler.floats("settotalmass", (-1.0,))[0],
+            least_mass=compiler.floats("boundmass", (0.0,))[0],
+            least_moment=compiler.floats("boundinertia", (0.0,))[0],
+            balanced=compiler.flag("balanceinertia", default=False),
+            mesh_folder=compiler.attributes.get("meshdir", compiler.attributes.get("assetdir", "")).strip(),
+            plain_names=compiler.flag("strippath", default=False),
+            align_free=compiler.flag("alignfree", default=False),
         )
 
 
 def disabled_by(root: Element) -> set[str]:
-    """Forces that the flags of ``<option>`` disable: gravity, spring, damper, equality and others."""
+    """Names of the forces that the flags of ``<option>`` disable: gravity, spring, damper, equality and others."""
     disabled: set[str] = set()
     for option in root.all("option"):
         for flag in option.all("flag"):
@@ -115,7 +116,7 @@ def gravity_of(root: Element) -> list[float]:
 
 
 def fluid_of(root: Element) -> Element | None:
-    """The ``<option>`` that gives the medium a density or a viscosity."""
+    """The last ``<option>`` that gives the medium a density or a viscosity; None without one."""
     fluid = None
     for option in root.all("option"):
         if option.floats("density", (0.0,))[0] or option.floats("viscosity", (0.0,))[0]:
@@ -128,7 +129,10 @@ _ROOTS = ("mujoco", "mujocoinclude")
 
 
 class Folders:
-    """Folders from which a robot file may read other files; none for a robot given as text."""
+    """Folders from which a robot file may read other files.
+
+    ``home`` is the folder of the robot file, None for a robot given as text.
+    """
 
     def __init__(self, home: Path | None, others: Sequence[Path] = ()) -> None:
         folders = list(others)
@@ -136,37 +140,39 @@ class Folders:
             folders.insert(0, home)
         self.allowed = [folder.resolve() for folder in folders]
 
-    def find(self, name: str, asked: Element, near: Path | None = None) -> Path:
-        """Find the file ``name`` in the robot's folder, beside the including file, then in the other folders.
+    def find(self, name: str, element: Element, including_folder: Path | None = None) -> Path:
+        """Find the file ``name``: in the robot's folder, else in that of the including file, else in the other folders.
 
-        Raises :class:`~twistwrench.RobotFileError`, naming the element, for absolute paths, addresses, files outside the
+        Raises :class:`~twistwrench.RobotFileError`, naming ``element``, for absolute paths, addresses, files outside the
         folders, and missing files.
         """
-        if not name or "\0" in name or name.startswith(("/", "\\")) or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name):
-            raise asked.error(f"names the file {name[:200]!r}: only paths below the robot's own folder are read.")
+        is_address = re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name) is not None  # also C: of Windows
+        if not name or "\0" in name or name.startswith(("/", "\\")) or is_address:
+            raise element.error(f"names the file {name[:200]!r}: only paths below the robot's own folder are read.")
         if not self.allowed:
-            raise asked.error(
+            raise element.error(
                 f"names the file {name[:200]!r}, and a robot given as text has no folder. Load it from its path, or "
                 "pass include_paths=[folder]."
             )
         home, *others = self.allowed
         folders = [home, *others]
-        if near is not None:
-            folders = [home, near, *others]
+        if including_folder is not None:
+            folders = [home, including_folder, *others]
         try:
-            places = [(folder / name).resolve() for folder in folders]
-            within = list(filter(self._is_allowed, places))
-            files = [path for path in within if path.is_file()]
+            candidates = [(folder / name).resolve() for folder in folders]
+            allowed_paths = list(filter(self._is_allowed, candidates))
+            files = [path for path in allowed_paths if path.is_file()]
         except (OSError, RuntimeError):  # a link to itself is a RuntimeError before Python 3.13
-            within, files = [Path(name)], []
+            allowed_paths = [Path(name)]  # reported below as missing
+            files = []
         if files:
             return files[0]
-        if not within:
-            raise asked.error(
+        if not allowed_paths:
+            raise element.error(
                 f"names the file {name[:200]!r}, which lies outside the robot's folder. If it is to be read, pass "
                 "include_paths=[its folder]."
             )
-        raise asked.error(f"names the file {name[:200]!r}, which is not there.")
+        raise element.error(f"names the file {name[:200]!r}, which is not there.")
 
     def _is_allowed(self, place: Path) -> bool:
         """True if a resolved path lies below one of the folders."""
@@ -178,67 +184,71 @@ def expand(root: Element, folders: Folders, max_bodies: int) -> None:
 
     Raises :class:`~twistwrench.RobotFileError` for files outside the folders, files included twice, and too many of them.
     """
-    included: dict[Path, Element] = {}
-    total = 0
+    include_by_path: dict[Path, Element] = {}
+    total_bytes = 0
+    # Elements whose children are still to be expanded, each with its depth of includes and the folder of its file.
     stack: list[tuple[Element, int, Path | None]] = [(root, 0, None)]
     while stack:
-        element, depth, near = stack.pop()
+        element, element_depth, element_folder = stack.pop()
         children: list[Element] = []
-        waiting = [(child, depth, near) for child in reversed(element.children)]
+        waiting = [(child, element_depth, element_folder) for child in reversed(element.children)]
         while waiting:
-            child, level, folder = waiting.pop()
+            child, depth, folder = waiting.pop()
             if child.tag != "include":
                 child.parent = element
                 children.append(child)
                 if child.children:
-                    stack.append((child, level, folder))
+                    stack.append((child, depth, folder))
                 continue
-            if level == _MAX_DEPTH_OF_INCLUDES:
+            if depth == _MAX_DEPTH_OF_INCLUDES:
                 raise child.error(
                     f"is the {_MAX_DEPTH_OF_INCLUDES + 1}th include inside includes; {_MAX_DEPTH_OF_INCLUDES} are allowed."
                 )
             path = folders.find(child.text("file"), child, folder)
-            if path in included:
+            if path in include_by_path:
                 raise child.error(
-                    f"includes {child.text('file')!r} again, after {included[path]}. Each file may be included once."
+                    f"includes {child.text('file')!r} again, after {include_by_path[path]}. Each file may be included once."
                 )
-            included[path] = child
-            total += path.stat().st_size
-            if total > MAX_BYTES:
+            include_by_path[path] = child
+            total_bytes += path.stat().st_size
+            if total_bytes > MAX_BYTES:
                 raise RobotFileError(f"{child}: the included files have more than {MAX_BYTES // 2**20} MiB together.")
-            part = _part(path, child, max_bodies)
-            waiting.extend((element, level + 1, path.parent) for element in reversed(part.children))
+            included_root = _included_root(path, child, max_bodies)
+            waiting.extend((grandchild, depth + 1, path.parent) for grandchild in reversed(included_root.children))
         element.children = children
 
 
-def _part(path: Path, asked: Element, max_bodies: int) -> Element:
-    name = asked.text("file")
+def _included_root(path: Path, include: Element, max_bodies: int) -> Element:
+    """Root element of an included file."""
+    name = include.text("file")
     try:
-        part = parse(read_robot_text(path)[0], name, max_bodies)
+        root = parse(read_robot_text(path)[0], name, max_bodies)
     except RobotFileError as error:
-        raise asked.error(f"→ {name}: {error}") from None
-    if part.tag not in _ROOTS:
-        raise asked.error(
-            f"includes {name!r}, whose root element is <{part.tag}>, expected <mujocoinclude> or <mujoco>."
+        raise include.error(f"→ {name}: {error}") from None
+    if root.tag not in _ROOTS:
+        raise include.error(
+            f"includes {name!r}, whose root element is <{root.tag}>, expected <mujocoinclude> or <mujoco>."
         )
-    return part
+    return root
 
 
-# A class begins as a copy of the class it stands in, whatever the order in the file. An element takes the class it names, else
-# the ``childclass`` of the nearest body or frame around it, else the outermost class, ``main``.
+# A class begins as a copy of the class that encloses it, with all that this class defines before or after it. An element
+# belongs to the class that it names. If it names none, it belongs to the ``childclass`` of the nearest body or frame around it,
+# and without one to the outermost class, ``main``.
 
 SHORTCUT = "the shortcut"
-"""Key beside the attributes of an actuator: the element that defines their meaning."""
+"""Key beside the attributes of an actuator. Its value is the tag (such as ``motor``) that defines their meaning."""
 
-_TURNED = {"quat", "axisangle", "xyaxes", "zaxis", "euler"}
+_ORIENTATION_ATTRIBUTES = {"quat", "axisangle", "xyaxes", "zaxis", "euler"}
 _MAIN = "main"
 
 
 class Defaults:
-    """The classes of a file, by name."""
+    """Default classes of a file."""
 
     def __init__(self, root: Element) -> None:
         self._classes: dict[str, dict[str, dict[str, str]]] = {_MAIN: {}}
+        """Attributes by class name and tag of the element."""
         stack = [(element, "") for element in reversed(root.all("default"))]
         while stack:
             element, parent = stack.pop()
@@ -251,8 +261,8 @@ class Defaults:
                 raise element.error(f"is the second class called {name!r}. Rename one.")
             if not parent and name != _MAIN:
                 raise element.error(f"is called {name!r}; the outermost class is {_MAIN!r}. Put it into that one.")
-            start = self._classes.get(parent or name, {})
-            defaults = {tag: dict(attributes) for tag, attributes in start.items()}
+            inherited = self._classes.get(parent or name, {})  # the outermost class may stand in several elements
+            defaults = {tag: dict(attributes) for tag, attributes in inherited.items()}
             for child in element.children:
                 if child.tag != "default":
                     key = _key(child.tag)
@@ -261,9 +271,9 @@ class Defaults:
             stack.extend((child, name) for child in reversed(element.all("default")))
 
     def apply(self, element: Element, around: str = "", kind: str = "") -> Element:
-        """Element completed by the attributes of its class; ``around`` is the childclass it stands in.
+        """Element completed by the attributes of its class; ``around`` is the childclass of the bodies around it.
 
-        ``kind`` is what the defaults are called where that is not the element's own tag.
+        ``kind`` is the tag under which the defaults are written, if it is not the element's own.
         """
         name = element.attributes.get("class", "").strip() or around or _MAIN
         self._check(element, name, "is of the class")
@@ -273,7 +283,7 @@ class Defaults:
         return element.with_attributes(merge_defaults(default, element))
 
     def check(self, element: Element, name: str) -> str:
-        """``name`` if there is such a class, or where it is empty."""
+        """Return ``name``; raise RobotFileError if it is not empty and no class has it."""
         if name:
             self._check(element, name, "has the childclass")
         return name
@@ -285,17 +295,20 @@ class Defaults:
 
 
 def merge_defaults(default: dict[str, str] | None, element: Element) -> dict[str, str]:
-    """Attributes of an element over those of a class; an orientation, written in five ways, replaces all of them."""
-    own = element.attributes
+    """Attributes of a class, replaced by those of an element.
+
+    An orientation can be written by one of five attributes. That of the element replaces any that the class has.
+    """
+    own_attributes = element.attributes
     attributes = dict(default or {})
-    if not own.keys().isdisjoint(_TURNED):
-        attributes = {name: value for name, value in attributes.items() if name not in _TURNED}
+    if not own_attributes.keys().isdisjoint(_ORIENTATION_ATTRIBUTES):
+        attributes = {name: value for name, value in attributes.items() if name not in _ORIENTATION_ATTRIBUTES}
     if element.tag in ACTUATORS:
         shortcut = element.tag
         if shortcut == "general":
             shortcut = attributes.get(SHORTCUT, "general")
-        return {**attributes, **own, SHORTCUT: shortcut}
-    return {**attributes, **own}
+        return {**attributes, **own_attributes, SHORTCUT: shortcut}
+    return {**attributes, **own_attributes}
 
 
 def _key(tag: str) -> str:
@@ -314,7 +327,8 @@ class Meshes:
     def __init__(self, root: Element, settings: Settings, defaults: Defaults, folders: Folders) -> None:
         self._settings, self._folders = settings, folders
         self._meshes: dict[str, Element] = {}
-        self._doubled: dict[str, Element] = {}
+        self._duplicates: dict[str, Element] = {}
+        """Last mesh with a name that an earlier mesh has, by name."""
         self._hfields: dict[str, Element] = {}
         for asset in root.children_in("asset"):
             name = asset.attributes.get("name", "").strip() or Path(asset.attributes.get("file", "")).stem
@@ -322,7 +336,7 @@ class Meshes:
                 self._hfields[name] = asset
             elif asset.tag == "mesh":
                 if name in self._meshes:
-                    self._doubled[name] = asset
+                    self._duplicates[name] = asset
                 self._meshes[name] = defaults.apply(asset)
 
     def file_and_scale(self, name: str) -> tuple[str, tuple[float, ...]]:
@@ -331,15 +345,19 @@ class Meshes:
         if element is None:
             return "", (1.0, 1.0, 1.0)
         file = element.attributes.get("file", "").strip()
-        return self._file(file) if file else "", tuple(element.floats("scale", (1.0, 1.0, 1.0)))
+        if file:
+            file = self._file(file)
+        return file, tuple(element.floats("scale", (1.0, 1.0, 1.0)))
 
     def _file(self, name: str) -> str:
-        """Path of a mesh file by the folder settings."""
+        """Path of a mesh file relative to the robot's folder, after the settings ``meshdir`` and ``strippath``."""
         name = name.replace("\\", "/")
         if self._settings.plain_names:
             name = name.rpartition("/")[2]
         folder = self._settings.mesh_folder.replace("\\", "/").rstrip("/")
-        return f"{folder}/{name}" if folder else name
+        if folder:
+            return f"{folder}/{name}"
+        return name
 
     def half_sizes_of_hfield(self, geom: Element) -> list[float]:
         """Half sizes of the box about its origin that MuJoCo uses for the mass of a height field.
@@ -349,8 +367,8 @@ class Meshes:
         name = geom.text("hfield")
         if name not in self._hfields:
             raise geom.error(f"shows the height field {name!r}, which no <asset> describes.")
-        x, y, top, bottom = self._hfields[name].values("size", 4)
-        return [x, y, 0.25 * top + 0.5 * bottom]
+        x, y, top, bottom = self._hfields[name].values("size", 4)  # heights above and below the zero level
+        return [x, y, 0.25 * top + 0.5 * bottom]  # MuJoCo takes a mean height of top / 2
 
     def inertia(self, geom: Element, *, mass: float | None = None, density: float | None = None) -> SpatialInertia:
         """Inertia of a mesh geom in the mesh's own frame, as MuJoCo computes it.
@@ -361,8 +379,8 @@ class Meshes:
         if name not in self._meshes:
             known = listed(map(repr, self._meshes)) or "none"
             raise geom.error(f"shows the mesh {name!r}, which no <asset> describes. Known: {known}.")
-        if name in self._doubled:
-            raise geom.error(f"shows the mesh {name!r}, and {self._doubled[name]} is the second one of that name.")
+        if name in self._duplicates:
+            raise geom.error(f"shows the mesh {name!r}, and {self._duplicates[name]} is the second one of that name.")
         element = self._meshes[name]
         vertices, faces = self._surface(element, geom)
         mode = element.word("inertia", _MODES, "legacy")
@@ -371,9 +389,9 @@ class Meshes:
         if mode == "convex":
             faces = _hull(vertices, element)
         if mode == "legacy":
-            volume, parameters = _legacy(vertices[faces])
+            volume, parameters = _legacy_volume_and_parameters(vertices[faces])
         else:
-            volume, parameters = _solid(vertices[faces], np.zeros(3), signed=True)
+            volume, parameters = _volume_and_parameters(vertices[faces], np.zeros(3), signed=True)
         if not volume > 0:
             raise element.error(f"encloses no volume. Give the body of {geom} an <inertial>.")
         if mass is None:
@@ -383,7 +401,7 @@ class Meshes:
     def _surface(self, element: Element, geom: Element) -> tuple[Array, Array]:
         """Vertices (n, 3) [m] in the frame that geoms place, and triangles (k, 3)."""
         if "file" in element.attributes:
-            vertices, faces = self._read(element, geom)
+            vertices, faces = self._read_surface(element, geom)
         elif "vertex" in element.attributes:
             vertices = _triples(element, "vertex")
             if "face" in element.attributes:
@@ -394,15 +412,16 @@ class Meshes:
             raise element.error(f"has neither a file nor vertices, so the mass of {geom} is not known.")
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise element.error("has faces of vertices that are not there.")
-        place, Q = element.floats("refpos", (0.0, 0.0, 0.0)), element.floats("refquat", (1.0, 0.0, 0.0, 0.0))
-        vertices = vertices.astype(np.float32).astype(float)  # as MuJoCo keeps them
-        in_reference = (vertices - place) @ quaternion.rotation(Q)
+        p_reference = element.floats("refpos", (0.0, 0.0, 0.0))
+        Q_reference = element.floats("refquat", (1.0, 0.0, 0.0, 0.0))
+        vertices = vertices.astype(np.float32).astype(float)  # MuJoCo keeps them in single precision
+        in_reference = (vertices - p_reference) @ quaternion.rotation(Q_reference)  # rows: R' (x - p)
         scale = element.floats("scale", (1.0, 1.0, 1.0))
-        if np.prod(scale) < 0:  # a mirror image has its inside outside
+        if np.prod(scale) < 0:  # in a mirror image, triangles are seen from inside
             faces = faces[:, [0, 2, 1]]
         return np.asarray(in_reference * scale), faces
 
-    def _read(self, element: Element, geom: Element) -> tuple[Array, Array]:
+    def _read_surface(self, element: Element, geom: Element) -> tuple[Array, Array]:
         try:
             path = self._folders.find(self._file(element.text("file")), element)
         except RobotFileError as error:
@@ -414,7 +433,9 @@ class Meshes:
         if path.suffix.lower() not in (*SUFFIXES, ".msh"):
             raise element.error(f"names the file {path.name!r}, which is not a mesh: {', '.join(SUFFIXES)}, .msh.")
         try:
-            return _msh(path) if path.suffix.lower() == ".msh" else read_surface(path)
+            if path.suffix.lower() == ".msh":
+                return _read_msh(path)
+            return read_surface(path)
         except TwistWrenchError as error:
             raise RobotFileError(f"{element}: {error}") from None
 
@@ -426,22 +447,29 @@ def _triples(element: Element, attribute: str) -> Array:
     return element.numbers(attribute, count).reshape(-1, 3)
 
 
-def _msh(path: Path) -> tuple[Array, Array]:
-    """MuJoCo's own binary format: four counts, then vertices, normals and texture coordinates as float32, and faces."""
+def _read_msh(path: Path) -> tuple[Array, Array]:
+    """Vertices (n, 3) and triangles (k, 3) of a file in MuJoCo's own binary format.
+
+    It holds four counts (int32); vertices (3), normals (3) and texture coordinates (2 numbers each) as float32; and faces (3
+    indices each) as int32.
+    """
     with third_party_errors(lambda reason: RobotFileError(f"{path.name} cannot be read as a mesh: {reason}.")):
         data = read_bytes(path)
-    counts = np.frombuffer(data[:16] if len(data) >= 16 else bytes(16), "<i4").astype(int)
-    vertices, normals, textures, faces = counts
-    size = 16 + 4 * (3 * vertices + 3 * normals + 2 * textures + 3 * faces)
-    if counts.min() < 0 or not vertices or not faces or size != len(data):
+    header = data[:16]
+    if len(header) < 16:
+        header = bytes(16)  # counts of zero, which are refused below
+    counts = np.frombuffer(header, "<i4").astype(int)
+    n_vertices, n_normals, n_textures, n_faces = counts
+    size = 16 + 4 * (3 * n_vertices + 3 * n_normals + 2 * n_textures + 3 * n_faces)
+    if counts.min() < 0 or not n_vertices or not n_faces or size != len(data):
         raise RobotFileError(
             f"{path.name} is not a mesh of MuJoCo's: its counts and its size, {len(data)} bytes, do not agree."
         )
-    places = np.frombuffer(data, "<f4", 3 * vertices, 16).astype(float)
-    if not np.isfinite(places).all():
+    coordinates = np.frombuffer(data, "<f4", 3 * n_vertices, 16).astype(float)
+    if not np.isfinite(coordinates).all():
         raise RobotFileError(f"{path.name} has vertices that are not finite.")
-    numbers = np.frombuffer(data, "<i4", 3 * faces, size - 12 * faces).astype(int)
-    return places.reshape(-1, 3), numbers.reshape(-1, 3)
+    corner_indices = np.frombuffer(data, "<i4", 3 * n_faces, size - 12 * n_faces).astype(int)  # at the end
+    return coordinates.reshape(-1, 3), corner_indices.reshape(-1, 3)
 
 
 def _hull(vertices: Array, element: Element) -> Array:
@@ -452,33 +480,38 @@ def _hull(vertices: Array, element: Element) -> Array:
     return faces
 
 
-def _solid(corners: Array, about: Array, *, signed: bool) -> tuple[float, Array]:
-    """Volume, and the ten parameters at density one, of pyramids from a point to the triangles (k, 3, 3).
+def _volume_and_parameters(corners: Array, apex: Array, *, signed: bool) -> tuple[float, Array]:
+    """Volume [m³], and the ten parameters at density one, of the tetrahedra from a common apex to the triangles (k, 3, 3).
 
-    ``signed`` takes those off that lie on the outer side of their triangle; else every one counts as solid.
+    If ``signed``, tetrahedra that lie on the outer side of their triangle are subtracted; otherwise all are added.
     """
-    a, b, c = np.moveaxis(corners - about, 1, 0)
+    a, b, c = np.moveaxis(corners - apex, 1, 0)
     volumes = (a * np.cross(b, c)).sum(axis=1) / 6.0
-    volumes = volumes if signed else np.abs(volumes)
-    total = (a + b + c) / 4.0
-    h = volumes @ total
+    if not signed:
+        volumes = np.abs(volumes)
+    centroids = (a + b + c) / 4.0
+    h = volumes @ centroids
     # ∫ r r' of a tetrahedron with one corner at the origin: V/20 (Σ x x' + s s'), s the sum of the corners x.
     s = a + b + c
     S = sum(np.einsum("k,ki,kj->ij", volumes, x, x) for x in (a, b, c, s)) / 20.0
     V = float(volumes.sum())
-    S = S + np.outer(h, about) + np.outer(about, h) + V * np.outer(about, about)
-    h = h + V * about
+    S = S + np.outer(h, apex) + np.outer(apex, h) + V * np.outer(apex, apex)  # about the frame's origin
+    h = h + V * apex
     I = np.trace(S) * np.eye(3) - S
     return V, np.array(ten_parameters(V, h, I))
 
 
-def _legacy(corners: Array) -> tuple[float, Array]:
-    """Volume and parameters as MuJoCo computes them: pyramids from the surface's centre, then from their centre of mass."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normal, axis=1) / 2.0
-    centre = area @ corners.mean(axis=1) / area.sum()
-    first, pyramids = _solid(corners, centre, signed=False)
-    com = pyramids[1:4] / first
-    V, about = _solid(corners - com, np.zeros(3), signed=False)
-    moments = np.array([[about[4], about[5], about[7]], [about[5], about[6], about[8]], [about[7], about[8], about[9]]])
-    return V, np.asarray(SpatialInertia.from_com(V, com, moments).parameters)
+def _legacy_volume_and_parameters(corners: Array) -> tuple[float, Array]:
+    """Volume and parameters as MuJoCo computes them by default.
+
+    The apex of the tetrahedra is first the centre of the surface, which gives a centre of mass, and then this centre of mass.
+    """
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1) / 2.0
+    surface_centre = areas @ corners.mean(axis=1) / areas.sum()
+    first_volume, first_parameters = _volume_and_parameters(corners, surface_centre, signed=False)
+    com = first_parameters[1:4] / first_volume
+    V, parameters = _volume_and_parameters(corners - com, np.zeros(3), signed=False)
+    Ixx, Ixy, Iyy, Ixz, Iyz, Izz = parameters[4:]
+    I_com = np.array([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
+    return V, np.asarray(SpatialInertia.from_com(V, com, I_com).parameters)

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Sequence, Set
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.errors import UnknownNameError
 from ...core.typing import Array
@@ -44,14 +45,14 @@ def read_mjcf(
     keep: str | None = None,
     max_bodies: int = 20_000,
 ) -> tuple[ModelBuilder, bool]:
-    """Builder with the bodies and joints of a ``<mujoco>`` element, and True if its root link floats besides.
+    """Builder with the bodies and joints of a ``<mujoco>`` element, and True if its root link is to float.
 
-    ``floating_base`` None follows the file; True keeps free joints, or lets the world's link float where there is none;
-    False holds the bodies of free joints where the file puts them. ``keep`` takes one body and all that it carries. Other files
-    are read from ``folders`` only.
+    ``floating_base`` None follows the file. True keeps free joints; if the file has none, the world's link floats. False fixes
+    the bodies of free joints where the file puts them. ``keep`` names a body; only this body and all that it carries are read.
+    Other files are read from ``folders`` only.
 
-    Raises :class:`~twistwrench.RobotFileError` with element and line for what is not allowed and what is not read, and
-    :class:`~twistwrench.UnknownNameError` for a body to keep that is not there.
+    Raises :class:`~twistwrench.RobotFileError`, with element and line, if the file has elements that are invalid or not
+    supported, and :class:`~twistwrench.UnknownNameError` if the body to keep is not in the file.
     """
     folders = folders or Folders(None)
     expand(root, folders, max_bodies)
@@ -65,47 +66,49 @@ class _Reader:
         self, root: Element, source: str, folders: Folders, floating_base: bool | None, keep: str | None
     ) -> None:
         self.root, self.floating_base = root, floating_base
-        self.settings, self.defaults = Settings.from_root(root), Defaults(root)
+        self.settings = Settings.from_root(root)
+        self.defaults = Defaults(root)
         self.builder = ModelBuilder(root.attributes.get("model", "").strip() or "robot", source)
         self.builder.gravity = gravity_of(root)
         self.bodies = survey(root, self.settings, self.defaults)
         self.meshes = Meshes(root, self.settings, self.defaults, folders)
         self.names = names_given(self.bodies)
         self.joints = [joints_of(body, self.settings, self.names) for body in self.bodies]
-        self.by_name: dict[str, MjcfJoint] = {}
+        """Joints of each body, in its order in ``bodies``."""
+        self.joint_by_name: dict[str, MjcfJoint] = {}
         for joint in itertools.chain.from_iterable(self.joints):
-            first = self.by_name.setdefault(joint.name, joint)
+            first = self.joint_by_name.setdefault(joint.name, joint)
             if first is not joint:
                 raise joint.element.error(f"has the name of {first.element}. Each joint needs a name of its own.")
         self.poses = [IDENTITY]
-        """Poses of all bodies in the world, joints at their reference."""
+        """Poses of all bodies in the world when all joints are at their reference."""
         for body in self.bodies[1:]:
             self.poses.append(product(self.poses[body.parent], body.T))
-        self.kept = _bodies_to_read(self.bodies, keep)
+        self.kept_bodies = _indices_of_kept_bodies(self.bodies, keep)
         self.disabled = disabled_by(root)
 
     def read(self) -> tuple[ModelBuilder, bool]:
         """The builder, and True if its root floats."""
         builder, root = self.builder, self.root
-        free = {joint.name for joint in self.by_name.values() if joint.kind == "floating"}
-        kept = {joint.name for k in self.kept for joint in self.joints[k]}
+        free_joints = {joint.name for joint in self.joint_by_name.values() if joint.kind == "floating"}
+        kept_joints = {joint.name for k in self.kept_bodies for joint in self.joints[k]}
         if self.floating_base is False:
-            kept -= free
+            kept_joints -= free_joints
         constraints = [] if "equality" in self.disabled else constraints_of(root, self.defaults)
         inertias = inertias_of(self.bodies, self.settings, self.meshes)
         builder.remark(*inertias.remarks)
-        self.follow = mimics(builder, constraints, self.by_name, kept)
-        self.drives = drives_of(builder, root, self.by_name, self.settings, self.defaults)
-        builder.add_motors(motor_joints_of(root, self.by_name, self.defaults) & kept)
+        self.follow = mimics(builder, constraints, self.joint_by_name, kept_joints)
+        self.drives = drives_of(builder, root, self.joint_by_name, self.settings, self.defaults)
+        builder.add_motors(motor_joints_of(root, self.joint_by_name, self.defaults) & kept_joints)
         builder.add_link(WORLD, SpatialInertia.zero(), shaped=bool(self.bodies[0].geoms))
-        for k in self.kept:
+        for k in self.kept_bodies:
             self._add_body(k, inertias.each[k])
-        for k in (0, *self.kept):  # once all links are known, whose names come first
+        for k in (0, *self.kept_bodies):  # after all links, which have precedence for names
             self._add_sites(self.bodies[k])
         if "spring" not in self.disabled:
-            add_tendons(builder, root, self.by_name, kept, self.defaults)
-        add_closures(builder, constraints, self.bodies, self.poses, {0, *self.kept})
-        self._add_configurations(kept)
+            add_tendons(builder, root, self.joint_by_name, kept_joints, self.defaults)
+        add_closures(builder, constraints, self.bodies, self.poses, {0, *self.kept_bodies})
+        self._add_configurations(kept_joints)
         fluid = fluid_of(root)
         if fluid is not None:
             builder.note(fluid, LEFT_OUT["option/density"])
@@ -113,7 +116,8 @@ class _Reader:
             if element.tag == "flex":
                 builder.note(element, LEFT_OUT["deformable/flex"])
         builder.remark(*unread("MJCF", root))
-        return builder, bool(self.floating_base) and not kept & free
+        base_floats = bool(self.floating_base) and not kept_joints & free_joints
+        return builder, base_floats
 
     def _add_body(self, k: int, inertia: SpatialInertia) -> None:
         body = self.bodies[k]
@@ -126,32 +130,36 @@ class _Reader:
         joints = self.joints[k]
         if joints and joints[0].kind == "floating" and self.floating_base is False:
             joints = []
-        if body.parent in self.kept:
+        if body.parent in self.kept_bodies:
             self._add_joints(joints, self.bodies[body.parent].name, body, body.T)
-        else:  # what stands in the world, or what is kept of more
+        else:  # child of the world, or the body to keep, whose parent is left out
             self._add_joints(joints, WORLD, body, self.poses[k])
 
     def _add_joints(self, joints: Sequence[MjcfJoint], parent: str, body: MjcfBody, T: Array) -> None:
-        """The joints from the parent's link to the body's, whose pose there is T (4, 4) with every joint at its reference.
+        """Add the joints from the parent's link to the body's. T (4, 4) is the body's pose in the parent at all references.
 
-        T_parent,body = T Π exp([S_i] (q_i - ref_i)), screw axes S_i in the body's frame; a free joint holds the body's pose.
+        T_parent,body = T Π exp([S_i] (q_i - ref_i)), with screw axes S_i in the body's frame. The coordinates of a free joint
+        are the body's pose itself.
         """
         if joints and joints[0].kind == "floating":
             T = IDENTITY
         for joint in joints:
-            last = joint is joints[-1]
-            before, after = IDENTITY, IDENTITY
-            if joint.kind == "ball" and joint.point.any():  # turns about its point, and the body's frame goes with it
-                before, after = se3.pose(np.eye(3), joint.point), se3.pose(np.eye(3), -joint.point)
-                last = False
+            T_before, T_after = IDENTITY, IDENTITY  # constant poses on both sides of the joint
+            ends_at_body = joint is joints[-1]
+            if joint.kind == "ball" and joint.point.any():  # turns about a point beside the origin of the body's frame
+                T_before = se3.pose(np.eye(3), joint.point)
+                T_after = se3.pose(np.eye(3), -joint.point)
+                ends_at_body = False
             elif joint.single and joint.reference:
-                before = np.asarray(screw_motion(joint.screw, -joint.reference), float)
-            child = body.name if last else f"{body.name}:{joint.name}"
-            if not last:
+                T_before = np.asarray(screw_motion(joint.screw, -joint.reference), float)
+            child = body.name
+            if not ends_at_body:
+                child = f"{body.name}:{joint.name}"
                 self.builder.add_link(child, hidden=True)
-            self._add_joint(joint, parent, child, product(T, before))
-            parent, T = child, after
-        if parent != body.name:
+            self._add_joint(joint, parent, child, product(T, T_before))
+            parent = child
+            T = T_after
+        if parent != body.name:  # without joints, or after a ball joint beside the origin
             name = unused(f"{body.name}.fixed", self.names)
             self.builder.add_joint(name, "fixed", parent, body.name, placement=T, where=body.element.place)
 
@@ -160,61 +168,70 @@ class _Reader:
         name, where, drives = joint.name, joint.element.place, self.drives
         for text in joint.remarks:
             self.builder.note(joint.who, text)
-        damper = "damper" not in self.disabled
+        axis: ArrayLike = (0.0, 0.0, 1.0)
+        if joint.single:
+            axis = joint.screw
+        damping, friction = 0.0, 0.0
+        if "damper" not in self.disabled:
+            damping = joint.damping + drives.damping[name]
+        if "frictionloss" not in self.disabled:
+            friction = joint.friction
         self.builder.add_joint(
-            name, joint.kind, parent, child, placement=T, axis=joint.screw if joint.single else (0.0, 0.0, 1.0),
-            lower=joint.lower, upper=joint.upper, effort=drives.efforts.get(name),
-            damping=joint.damping + drives.damping[name] if damper else 0.0,
-            friction=0.0 if "frictionloss" in self.disabled else joint.friction,
+            name, joint.kind, parent, child, placement=T, axis=axis,
+            lower=joint.lower, upper=joint.upper, effort=drives.efforts.get(name), damping=damping, friction=friction,
             armature=joint.armature + drives.armature[name], mimic=self.follow.get(name), where=where,
         )  # fmt: skip
         if name in drives.motors and name not in self.follow:
-            actuator, law = drives.motors[name]
-            self.builder.add_actuator(actuator, law if "frictionloss" not in self.disabled else {})
+            actuator, motor_friction = drives.motors[name]
+            if "frictionloss" in self.disabled:
+                motor_friction = {}
+            self.builder.add_actuator(actuator, motor_friction)
         if joint.single and joint.stiffness and "spring" not in self.disabled:
             self.builder.add_spring({name: 1.0}, joint.stiffness, joint.rest, where=where)
 
     def _add_sites(self, body: MjcfBody) -> None:
-        for part in body.sites:
-            element = part.element
+        for site in body.sites:
+            element = site.element
             name = element.attributes.get("name", "").strip()
             if name:
-                T, _ = shape_of(element, element.attributes.get("type", "sphere").strip(), self.settings)
-                self.builder.add_site(name, body.name, product(part.frame, T), where=element.place)
+                shape = element.attributes.get("type", "sphere").strip()
+                T, _ = shape_of(element, shape, self.settings)
+                self.builder.add_site(name, body.name, product(site.frame, T), where=element.place)
 
-    def _add_configurations(self, kept: Set[str]) -> None:
-        """``qpos0`` and the keyframes."""
-        references = [np.zeros(0)]
+    def _add_configurations(self, kept_joints: Set[str]) -> None:
+        """Add ``qpos0`` and the keyframes."""
+        references = [np.zeros(0)]  # so that concatenate accepts a file without joints
         for joints, T in zip(self.joints, self.poses, strict=True):
-            references += [_reference(joint, T) for joint in joints]
-        start = np.concatenate(references)
-        self._add_keyframe(REFERENCE, start, kept)
+            references += [_reference_coordinates(joint, T) for joint in joints]
+        q_reference = np.concatenate(references)
+        self._add_keyframe(REFERENCE, q_reference, kept_joints)
         keys = [element for element in self.root.children_in("keyframe") if element.tag == "key"]
         for k, key in enumerate(keys):
             if "qpos" not in key.attributes:
                 continue
             q = key.numbers("qpos", len(key.text("qpos").split()))
-            if len(q) != len(start):
-                raise key.error(f"has {len(q)} numbers in qpos; the model has {len(start)} coordinates.")
-            self._add_keyframe(key.attributes.get("name", "").strip() or f"key{k}", q, kept)
+            if len(q) != len(q_reference):
+                raise key.error(f"has {len(q)} numbers in qpos; the model has {len(q_reference)} coordinates.")
+            name = key.attributes.get("name", "").strip() or f"key{k}"
+            self._add_keyframe(name, q, kept_joints)
 
-    def _add_keyframe(self, name: str, q: Array, kept: Set[str]) -> None:
+    def _add_keyframe(self, name: str, q: Array, kept_joints: Set[str]) -> None:
         positions: dict[str, Array] = {}
         first = 0
-        for joint in self.by_name.values():
+        for joint in self.joint_by_name.values():
             coordinates = q[first : first + COORDINATES[joint.kind]]
             first += len(coordinates)
-            if joint.name in kept:
-                if joint.kind == "floating":
+            if joint.name in kept_joints:
+                if joint.kind == "floating":  # MuJoCo has the position before the quaternion
                     coordinates = np.concatenate([coordinates[3:], coordinates[:3]])
-                if not joint.single and not coordinates[:4].any():
+                if not joint.single and not coordinates[:4].any():  # a quaternion of zeros means the identity
                     coordinates = np.concatenate([[1.0], coordinates[1:]])
                 positions[joint.name] = coordinates
         self.builder.add_configuration(name, positions)
 
 
-def _reference(joint: MjcfJoint, T: Array) -> Array:
-    """Coordinates of a joint at which its body has the pose T (4, 4)."""
+def _reference_coordinates(joint: MjcfJoint, T: Array) -> Array:
+    """Coordinates of a joint at its reference; T (4, 4) is the pose of its body there."""
     if joint.single:
         return np.array([joint.reference])
     if joint.kind == "ball":
@@ -222,15 +239,16 @@ def _reference(joint: MjcfJoint, T: Array) -> Array:
     return np.concatenate([T[:3, 3], quaternion.from_matrix(T[:3, :3])])
 
 
-def _bodies_to_read(bodies: Sequence[MjcfBody], keep: str | None) -> dict[int, None]:
-    """Numbers of the bodies to read, in order, without the world."""
+def _indices_of_kept_bodies(bodies: Sequence[MjcfBody], keep: str | None) -> dict[int, None]:
+    """Indices of the bodies to read, in order, without the world. A dict keeps the order and finds an index quickly."""
     if keep is None:
         return dict.fromkeys(range(1, len(bodies)))
-    numbers = {body.name: k for k, body in enumerate(bodies) if k}
-    if keep not in numbers:
-        raise UnknownNameError.from_choices("body to keep", keep, numbers)
-    kept = {numbers[keep]: None}
-    for k in range(numbers[keep] + 1, len(bodies)):  # parents come first
+    index_by_name = {body.name: k for k, body in enumerate(bodies) if k}
+    if keep not in index_by_name:
+        raise UnknownNameError.from_choices("body to keep", keep, index_by_name)
+    first = index_by_name[keep]
+    kept = {first: None}
+    for k in range(first + 1, len(bodies)):  # parents come first
         if bodies[k].parent in kept:
             kept[k] = None
     return kept

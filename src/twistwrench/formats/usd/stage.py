@@ -20,28 +20,28 @@ from ...mechanics.lie import quaternion, se3, so3
 from ...mechanics.lie.identity import IDENTITY, pose_rows
 
 _SINGLE_PRECISION = 1e-5
-"""Error of rotations in single precision."""
+"""Largest error of a rotation matrix in single precision."""
 
 
 def open_stage(path: Path, folders: Sequence[Path]) -> Any:
-    """Open the stage of a file whose layers are all below ``folders``. Raises MissingExtraError and RobotFileError."""
+    """Open the stage of a file; RobotFileError if one of its layers lies outside ``folders``. Raises MissingExtraError."""
     try:
         from pxr import Usd
     except ImportError:
         raise MissingExtraError.from_extra("usd-core", "usd", "Reading USD") from None
-    allowed = [folder.resolve() for folder in folders]
+    allowed_folders = [folder.resolve() for folder in folders]
     with (
         third_party_errors(lambda reason: RobotFileError(f"it cannot be read as USD: {reason}.")),
         capture_stderr() as library_messages,
     ):
-        layers = _check_and_open_layers(path.resolve(), allowed)
+        held_layers = _check_and_open_layers(path.resolve(), allowed_folders)
         stage = Usd.Stage.Open(str(path.resolve()))
-    if str(library_messages):  # a missing layer is a warning of the library, but a missing part of the robot
+    if str(library_messages):  # the library only warns of a missing layer; here a part of the robot is missing
         raise RobotFileError(f"it cannot be read whole: {' '.join(str(library_messages).split())[:300]}")
-    for layer in stage.GetUsedLayers():  # those too whose names are computed, by variables and variants
+    for layer in stage.GetUsedLayers():  # also layers whose names variables and variants give
         if layer.realPath:
-            _check_place(layer.realPath, allowed)
-    del layers  # those that are held are not read again for the stage
+            _check_layer_path(layer.realPath, allowed_folders)
+    del held_layers  # held until here, so that the library did not read the same files again
     return stage
 
 
@@ -50,28 +50,33 @@ _MAX_LAYERS = 1000
 
 
 def _check_and_open_layers(path: Path, allowed: Sequence[Path]) -> list[Any]:
-    """Layers that a file names, itself or by its layers. Raises RobotFileError before one outside ``allowed`` is opened."""
+    """The layer of a file, and all layers that it names, directly or through other layers.
+
+    Raises RobotFileError before a layer outside the folders ``allowed`` is opened.
+    """
     from pxr import Sdf
 
-    waiting, layers = [str(path)], []
-    for name in waiting:
-        layer = Sdf.Layer.FindOrOpen(name)
+    layer_paths = [str(path)]
+    layers = []
+    for layer_path in layer_paths:  # the list grows by the layers that each layer names
+        layer = Sdf.Layer.FindOrOpen(layer_path)
         layers.append(layer)
         if layer is None:  # reported when the stage is opened
             continue
-        for named in layer.GetCompositionAssetDependencies():
-            place = layer.ComputeAbsolutePath(named)
-            _check_place(place, allowed)
-            if place not in waiting:
-                waiting.append(place)
-        if len(waiting) > _MAX_LAYERS:
+        for dependency in layer.GetCompositionAssetDependencies():
+            dependency_path = layer.ComputeAbsolutePath(dependency)
+            _check_layer_path(dependency_path, allowed)
+            if dependency_path not in layer_paths:
+                layer_paths.append(dependency_path)
+        if len(layer_paths) > _MAX_LAYERS:
             raise RobotFileError(f"it has more than {_MAX_LAYERS} layers.")
     return layers
 
 
-def _check_place(name: str, allowed: Sequence[Path]) -> None:
-    """Raise RobotFileError if a layer is not a file below ``allowed``. A part of an archive is ``robot.usdz[part.usd]``."""
-    place = Path(name.partition("[")[0]).resolve()
+def _check_layer_path(layer_path: str, allowed: Sequence[Path]) -> None:
+    """Raise RobotFileError if a layer is not a file below the folders ``allowed``."""
+    archive_or_file, _, _ = layer_path.partition("[")  # a layer in an archive is robot.usdz[part.usd]
+    place = Path(archive_or_file).resolve()
     if not any(place.is_relative_to(folder) for folder in allowed):
         raise RobotFileError(
             f"it takes in {shorten(str(place))!r}, which lies outside its folder. To read it, pass include_paths=[its folder]."
@@ -82,10 +87,12 @@ def _check_place(name: str, allowed: Sequence[Path]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """One side of a joint: its body, None for the world, and the joint's frame in it."""
+    """One side of a joint."""
 
     body: Any
+    """None for the world."""
     T: Array
+    """Pose (4, 4) of the joint's frame in the body."""
 
     @property
     def path(self) -> Any:
@@ -118,7 +125,10 @@ class Stage:
                 f"it has more than {max_bodies:,} bodies ({who(self.bodies[max_bodies])}). Raise the limit, max_bodies=, if it "
                 "is meant."
             )
-        self.joints, self.roots, self.scenes = list[Any](), list[Any](), list[Any]()
+        self.joints: list[Any] = []
+        self.roots: list[Any] = []
+        """Roots of articulations."""
+        self.scenes: list[Any] = []
         for prim in prims:
             if prim.IsA(UsdPhysics.Joint) and value_of(prim, "physics:jointEnabled", default=True):
                 self.joints.append(prim)
@@ -132,12 +142,14 @@ class Stage:
 
     def pose_and_scale(self, prim: Any) -> tuple[Array, Array]:
         """Pose (4, 4) of a prim on the stage, and the scale (3,) of its content."""
+        # The library multiplies rows by matrices: rows 0 to 2 are the images of the axes, row 3 is the position.
         M = np.array(self.cache.GetLocalToWorldTransform(prim))
-        scale = np.sqrt((M[:3, :3] ** 2).sum(axis=1))
+        scale = np.sqrt((M[:3, :3] ** 2).sum(axis=1))  # lengths of the images
         if not scale.min() > 0:
             raise RobotFileError(f"{who(prim)} is scaled to nothing.")
-        R = (M[:3, :3] / scale[:, None]).T  # rows of the library's matrices are the images of the axes
-        if np.abs(R.T @ R - np.eye(3)).max() > _SINGLE_PRECISION or np.linalg.det(R) < 0:
+        R = (M[:3, :3] / scale[:, None]).T
+        sheared = np.abs(R.T @ R - np.eye(3)).max() > _SINGLE_PRECISION
+        if sheared or np.linalg.det(R) < 0:
             raise RobotFileError(
                 f"{who(prim)} is sheared or mirrored by its transforms, which no body can be. Apply them to its shapes."
             )
@@ -147,10 +159,10 @@ class Stage:
         """Prims of a body, starting with the body, without those of nested bodies."""
         from pxr import Usd
 
-        prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
-        for prim in prims:
+        traversal = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
+        for prim in traversal:
             if prim != body and prim.GetPath() in self.body_paths:
-                prims.PruneChildren()
+                traversal.PruneChildren()
             else:
                 yield prim
 
@@ -168,38 +180,41 @@ class Stage:
 
     def gravity(self) -> Array:
         """Gravity (3,) of the scene [m/s²]; by default the earth's, downward."""
-        down = -np.eye(3)[self.up]
+        down = -np.eye(3)[self.up]  # unit vector
         if not self.scenes:
             return STRENGTH * down
         direction = vector_of(self.scenes[0], "physics:gravityDirection", (0.0, 0.0, 0.0))
         magnitude = number_of(self.scenes[0], "physics:gravityMagnitude", -math.inf)
         strength = magnitude * self.metre
-        if magnitude < 0:
+        if magnitude < 0:  # the schema's mark of "not given"
             strength = STRENGTH
         length = float(np.linalg.norm(direction))
-        if not length > 0:
+        if not length > 0:  # zeros are the schema's mark of "downward"
             return strength * down
         return strength * (direction / length)
 
     def end(self, joint: Any, which: int) -> End:
-        """Body and joint frame at one side of a joint; the stage if the side has no body."""
+        """Side 0 or 1 of a joint. Its body is None, and its frame is that of the stage, if the file names no moving body."""
         targets = joint.GetRelationship(f"physics:body{which}").GetTargets()
         if len(targets) > 1:
             raise RobotFileError(f"{who(joint)} has {len(targets)} targets for body{which}; one is allowed.")
-        T, scale, prim = IDENTITY, np.ones(3), None
+        prim = None
+        T_prim, scale = IDENTITY, np.ones(3)
         if targets:
             prim = self.prim_at(targets[0])
             if not prim:
                 raise RobotFileError(f"{who(joint)} has body{which} at {targets[0]}, where nothing is.")
-            T, scale = self.pose_and_scale(prim)
-        local = vector_of(joint, f"physics:localPos{which}", (0.0, 0.0, 0.0)) * scale * self.metre
-        turn = quaternion_of(joint, f"physics:localRot{which}")
-        T = T @ pose_rows(quaternion.rotation(turn).tolist(), local.tolist())
-        while prim and prim.GetPath() not in self.body_paths:  # a part of a body belongs to the body
-            prim = prim.GetParent()
-        if not prim:
-            return End(None, T)
-        return End(prim, np.asarray(se3.inverse(self.pose_and_scale(prim)[0]) @ T))
+            T_prim, scale = self.pose_and_scale(prim)
+        local_position = vector_of(joint, f"physics:localPos{which}", (0.0, 0.0, 0.0)) * scale * self.metre
+        local_quaternion = quaternion_of(joint, f"physics:localRot{which}")
+        T_joint = T_prim @ pose_rows(quaternion.rotation(local_quaternion).tolist(), local_position.tolist())
+        body = prim
+        while body and body.GetPath() not in self.body_paths:  # a part of a body belongs to the body
+            body = body.GetParent()
+        if not body:
+            return End(None, T_joint)
+        T_body, _ = self.pose_and_scale(body)
+        return End(body, np.asarray(se3.inverse(T_body) @ T_joint))
 
 
 def who(prim: Any) -> str:
@@ -208,9 +223,9 @@ def who(prim: Any) -> str:
 
 
 def value_of(prim: Any, name: str, *, default: Any) -> Any:
-    """Value of an attribute: the file's, the schema's default, or ``default``; raises RobotFileError for an array."""
+    """Value of an attribute in the file, else the schema's default, else ``default``; raises RobotFileError for an array."""
     attribute = prim.GetAttribute(name)
-    if attribute and attribute.GetTypeName().isArray:  # of any size, so it is not read
+    if attribute and attribute.GetTypeName().isArray:  # not read, as it may be of any size
         raise _wrong_type(prim, name, f"an array, {attribute.GetTypeName()}", "a single value")
     if not attribute:
         return default
@@ -232,27 +247,28 @@ def number_of(prim: Any, name: str, default: float = 0.0) -> float:
 def vector_of(prim: Any, name: str, default: Sequence[float]) -> Array:
     """Value of an attribute with several numbers."""
     value = value_of(prim, name, default=default)
-    if not hasattr(value, "__len__") or isinstance(value, str) or len(value) != len(default):
+    is_sequence = hasattr(value, "__len__") and not isinstance(value, str)
+    if not is_sequence or len(value) != len(default):
         raise _wrong_type(prim, name, str(value), f"{len(default)} numbers")
-    return np.array([_decimal(prim, name, x) for x in value])
+    return np.array([_decimal(prim, name, component) for component in value])
 
 
-def _decimal(prim: Any, name: str, x: Any) -> float:
-    """Shortest decimal that rounds to the same single-precision number."""
-    if not isinstance(x, int | float):
-        raise _wrong_type(prim, name, str(x), "a number")
-    x = float(x)
-    if math.isnan(x):
+def _decimal(prim: Any, name: str, value: Any) -> float:
+    """Number of an attribute; for one of single precision, the shortest decimal that rounds to it."""
+    if not isinstance(value, int | float):
+        raise _wrong_type(prim, name, str(value), "a number")
+    number = float(value)
+    if math.isnan(number):
         raise RobotFileError(f"{who(prim)} has {name} = nan, which is not a number.")
     with np.errstate(over="ignore"):
-        single = np.float32(x)
-    if float(single) != x:
-        return x
+        single = np.float32(number)
+    if float(single) != number:  # the file holds more digits than single precision has
+        return number
     return float(str(single))
 
 
 def quaternion_of(prim: Any, name: str) -> list[float]:
-    """Quaternion (w, x, y, z); zeros mean the identity."""
+    """Quaternion (w, x, y, z); the identity if the attribute is absent or holds zeros."""
     value = value_of(prim, name, default=None)
     if value is not None and not hasattr(value, "GetImaginary"):
         raise _wrong_type(prim, name, str(value), "a quaternion")
@@ -277,6 +293,5 @@ def axis_of(prim: Any, name: str = "physics:axis", default: str = "X") -> int:
 
 def moves(prim: Any) -> bool:
     """True if forces move a body: it is enabled and not kinematic."""
-    return bool(value_of(prim, "physics:rigidBodyEnabled", default=True)) and not value_of(
-        prim, "physics:kinematicEnabled", default=False
-    )
+    enabled = bool(value_of(prim, "physics:rigidBodyEnabled", default=True))
+    return enabled and not value_of(prim, "physics:kinematicEnabled", default=False)

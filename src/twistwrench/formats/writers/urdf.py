@@ -28,45 +28,48 @@ class _UrdfWriter:
     """Writer of one model."""
 
     def __init__(self, parts: ModelParts) -> None:
-        self.found, self.losses = parts, Losses()
+        self.model_parts = parts
+        self.losses = Losses()
         self.losses.note_couplings(parts)
         self.robot = new("robot", name=parts.name)
-        self.names = {*parts.links}
+        self.link_names = {*parts.links}
         self.joint_names = {joint.name for joint in parts.joints}
-        self.parts: list[Element] = []
-        """Elements of joints, which come after those of links."""
+        self.joint_elements: list[Element] = []
+        """Written after the links."""
 
     def write(self) -> RobotDocument:
         """Links in document order, then joints depth first."""
-        found = self.found
-        if found.floating:
-            self._link(unused("world", self.names), SpatialInertia.zero())
-        for link in found.links.values():
+        parts = self.model_parts
+        world = ""
+        if parts.floating:
+            world = unused("world", self.link_names)
+            self._link(world, SpatialInertia.zero())
+        for link in parts.links.values():
             self._link(link.name, link.inertia)
-        if found.floating:
-            joint = self._joint("root_joint", "floating", self.robot.children[0].text("name"), found.root, np.eye(4))
-            self._losses_of(joint, "root_joint")
-        for entry in found.joints:
-            self._add(entry)
+        if parts.floating:
+            joint = self._joint("root_joint", "floating", world, parts.root, np.eye(4))
+            self._add_dynamics(joint, "root_joint")
+        for entry in parts.joints:
+            self._add_joint(entry)
         self._add_sites()
         self._note_others()
-        self.robot.children = [*self.robot.children, *self.parts]
+        self.robot.children = [*self.robot.children, *self.joint_elements]
         return RobotDocument(xml_text(self.robot), tuple(self.losses.found))
 
     def _link(self, name: str, inertia: SpatialInertia) -> None:
-        self.names.add(name)
+        self.link_names.add(name)
         link = new("link", self.robot, name=name)
         if not inertia.parameters.any():
             return
         inertial = new("inertial", link)
         new("origin", inertial, xyz=figures(inertia.com), rpy="0 0 0")
         new("mass", inertial, value=figures(inertia.mass))
-        entries = entries_of(inertia.moment_about_com)
-        new("inertia", inertial, **{name: figures(value) for name, value in entries.items()})
+        tensor_entries = entries_of(inertia.moment_about_com)
+        new("inertia", inertial, **{entry: figures(value) for entry, value in tensor_entries.items()})
 
     def _joint(self, name: str, kind: str, parent: str, child: str, T: Array) -> Element:
         joint = Element("joint", {"name": name, "type": kind}, 0, self.robot)
-        self.parts.append(joint)
+        self.joint_elements.append(joint)
         new("parent", joint, link=parent)
         new("child", joint, link=child)
         if not np.array_equal(T, np.eye(4)):
@@ -74,13 +77,14 @@ class _UrdfWriter:
         return joint
 
     def _add_massless_link(self, name: str) -> str:
-        """A new link without mass."""
-        name = unused(name, self.names)
-        self._link(name, SpatialInertia.zero())
-        return name
+        """Add a link without mass, and return its name: ``name``, or a variant of it if that is in use."""
+        unused_name = unused(name, self.link_names)
+        self._link(unused_name, SpatialInertia.zero())
+        return unused_name
 
-    def _add(self, entry: JointEntry) -> None:
-        kind, name = entry.joint.kind, entry.name
+    def _add_joint(self, entry: JointEntry) -> None:
+        kind = entry.joint.kind
+        name = entry.name
         if kind == "ball":
             self._add_ball(entry)
         elif kind not in ("fixed", "floating", "planar"):
@@ -90,87 +94,104 @@ class _UrdfWriter:
             if kind == "planar":
                 new("axis", joint, xyz=figures(entry.joint.axes[0, :3]))
             if kind != "fixed":
-                self._losses_of(joint, name)
+                self._add_dynamics(joint, name)
 
     def _add_screw(self, entry: JointEntry) -> None:
-        axis, limits, name = screw_of(entry), entry.limits, entry.name
-        child, T, beside = entry.child, entry.placement, ""
-        if axis.point.any():  # the format has axes through the child's origin
-            child, T = self._add_massless_link(f"{entry.child}:{name}"), T @ translation(axis.point)
-            beside = unused(f"{name}.fixed", self.joint_names)
-        middle = self._add_massless_link(f"{entry.child}:{name}:slide") if axis.pitch else child
-        free = limits.lower[0] == -np.inf and limits.upper[0] == np.inf
+        screw, limits, name = screw_of(entry), entry.limits, entry.name
+        moved_link = entry.child
+        T = entry.placement
+        offset_joint = ""
+        if screw.point.any():  # the format has axes through the child's origin
+            moved_link = self._add_massless_link(f"{entry.child}:{name}")
+            T = T @ translation(screw.point)
+            offset_joint = unused(f"{name}.fixed", self.joint_names)
+        turned_link = moved_link
+        if screw.pitch:
+            turned_link = self._add_massless_link(f"{entry.child}:{name}:slide")
+        unlimited_position = limits.lower[0] == -np.inf and limits.upper[0] == np.inf
         kind = "prismatic"
-        if axis.turns:
-            kind = "continuous" if free else "revolute"
-        joint = self._joint(name, kind, entry.parent, middle, T)
-        new("axis", joint, xyz=figures(axis.direction))
-        self._limit(joint, limits)
-        self._losses_of(joint, name)
+        if screw.turns and unlimited_position:
+            kind = "continuous"
+        elif screw.turns:
+            kind = "revolute"
+        joint = self._joint(name, kind, entry.parent, turned_link, T)
+        new("axis", joint, xyz=figures(screw.direction))
+        self._add_limit(joint, limits)
+        self._add_dynamics(joint, name)
         if entry.mimic is not None:
-            self._mimic(joint, *entry.mimic)
-        if axis.pitch:
-            slide = self._joint(unused(f"{name}.slide", self.joint_names), "prismatic", middle, child, np.eye(4))
-            new("axis", slide, xyz=figures(axis.direction))
+            self._add_mimic(joint, *entry.mimic)
+        if screw.pitch:
+            slide_name = unused(f"{name}.slide", self.joint_names)
+            slide = self._joint(slide_name, "prismatic", turned_link, moved_link, np.eye(4))
+            new("axis", slide, xyz=figures(screw.direction))
             unlimited = np.full(1, np.inf)
-            self._limit(slide, Limits(-unlimited, unlimited, unlimited, unlimited))
-            self._mimic(slide, name, axis.pitch, 0.0)
+            self._add_limit(slide, Limits(-unlimited, unlimited, unlimited, unlimited))
+            self._add_mimic(slide, name, screw.pitch, 0.0)
             self.losses.note_joint(
                 name, "is helical; it is written as a revolute joint and a prismatic one that mimics it"
             )
-        if beside:
-            self._joint(beside, "fixed", child, entry.child, translation(-axis.point))
+        if offset_joint:
+            self._joint(offset_joint, "fixed", moved_link, entry.child, translation(-screw.point))
 
     def _add_ball(self, entry: JointEntry) -> None:
         parent, T = entry.parent, entry.placement
         for k, letter in enumerate("xyz"):
             name = unused(f"{entry.name}.{letter}", self.joint_names)
-            child = entry.child if k == 2 else self._add_massless_link(f"{entry.child}:{name}")
+            child = entry.child
+            if letter != "z":
+                child = self._add_massless_link(f"{entry.child}:{name}")
             joint = self._joint(name, "continuous", parent, child, T)
             new("axis", joint, xyz=figures(np.eye(3)[k]))
-            if k == 0:
-                self._losses_of(joint, entry.name)
-            parent, T = child, np.eye(4)
+            if letter == "x":  # one of the three has the losses of the ball
+                self._add_dynamics(joint, entry.name)
+            parent = child
+            T = np.eye(4)
         self.losses.note_joint(entry.name, "is a ball joint; it is written as three revolute joints about x, y and z")
 
-    def _limit(self, joint: Element, limits: Limits) -> None:
-        values = {name: float(getattr(limits, name)[0]) for name in ("lower", "upper", "velocity", "effort")}
-        if joint.attributes["type"] == "continuous":
-            del values["lower"], values["upper"]
-        newer = {name: float(getattr(limits, name)[0]) for name in LIMITS_OF_1_2}
-        newer = {name: limit for name, limit in newer.items() if np.isfinite(limit)}
-        if newer:
+    def _add_limit(self, joint: Element, limits: Limits) -> None:
+        names = ["lower", "upper", "velocity", "effort"]
+        continuous = joint.attributes["type"] == "continuous"
+        if continuous:
+            names = ["velocity", "effort"]
+        limit_by_name = {name: float(getattr(limits, name)[0]) for name in names}
+        finite_limits_of_1_2: dict[str, float] = {}
+        for name in LIMITS_OF_1_2:
+            limit = float(getattr(limits, name)[0])
+            if np.isfinite(limit):
+                finite_limits_of_1_2[name] = limit
+        if finite_limits_of_1_2:
             self.robot.attributes["version"] = "1.2"
-        elif joint.attributes["type"] == "continuous" and not np.isfinite(list(values.values())).any():
+        elif continuous and not np.isfinite(list(limit_by_name.values())).any():  # needs no <limit>
             return
-        texts = {name: figures(np.clip(limit, -_NO_LIMIT, _NO_LIMIT)) for name, limit in (values | newer).items()}
+        limit_by_name |= finite_limits_of_1_2
+        texts = {name: figures(np.clip(limit, -_NO_LIMIT, _NO_LIMIT)) for name, limit in limit_by_name.items()}
         new("limit", joint, **texts)
 
-    def _mimic(self, joint: Element, leader: str, ratio: float, offset: float) -> None:
+    def _add_mimic(self, joint: Element, leader: str, ratio: float, offset: float) -> None:
         new("mimic", joint, joint=leader, multiplier=figures(ratio), offset=figures(offset))
 
-    def _losses_of(self, element: Element, name: str) -> None:
-        """Damping and friction of a joint into its element; that it has an armature is noted."""
-        drive = drive_of(self.found, name, self.losses)
+    def _add_dynamics(self, element: Element, name: str) -> None:
+        """Add damping and friction to a joint's element. An armature is noted as lost."""
+        drive = drive_of(self.model_parts, name, self.losses)
         if drive.damping or drive.friction:
             new("dynamics", element, damping=figures(drive.damping), friction=figures(drive.friction))
         if drive.armature:
             self.losses.note_joint(name, "has an armature, which the format cannot represent")
 
     def _add_sites(self) -> None:
-        for site in self.found.additions.sites.values():
+        for site in self.model_parts.additions.sites.values():
             name = self._add_massless_link(site.name)
-            beside = unused(f"{name}.fixed", self.joint_names)
-            self._joint(beside, "fixed", site.link, name, site.pose)
+            joint_name = unused(f"{name}.fixed", self.joint_names)
+            self._joint(joint_name, "fixed", site.link, name, site.pose)
             self.losses.note("site", site.name, "is written as a fixed link without mass")
 
     def _note_others(self) -> None:
-        found = self.found
-        for spring in found.additions.springs:
+        parts = self.model_parts
+        for spring in parts.additions.springs:
             joints = ", ".join(repr(joint) for joint, _ in spring.terms)
             self.losses.say(f"the spring of {joints} is left out: the format has none")
-        if not np.array_equal(found.gravity, GRAVITY):
+        if not np.array_equal(parts.gravity, GRAVITY):
             self.losses.say(
-                f"gravity {found.gravity.tolist()} is left out, which is not part of the format: load with gravity=…"
+                f"gravity {parts.gravity.tolist()} is left out, which is not part of the format: load with gravity=…"
             )
-        self.losses.note_unwritten(found)
+        self.losses.note_unwritten(parts)

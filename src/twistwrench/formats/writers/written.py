@@ -25,7 +25,7 @@ class RobotDocument:
 
     text: str
     lost: tuple[str, ...]
-    """A sentence each; empty where reading the file gives the same robot."""
+    """One sentence per loss; empty if reading the file gives the same robot."""
 
 
 @dataclass
@@ -43,40 +43,42 @@ class Losses:
         self.note("joint", name, text)
 
     def note_limits(self, joint: str, limits: Limits, *kinds: str) -> None:
-        """Note the loss of limits of a joint that are given."""
-        finite = [kind for kind in kinds if np.isfinite(getattr(limits, kind)[0])]
-        if finite:
-            self.note_joint(joint, f"has a limit of {listed(finite)}, which the format cannot represent")
+        """Note the loss of those limits of a joint that are finite, among ``kinds`` (``"effort"`` and others)."""
+        given_kinds = [kind for kind in kinds if np.isfinite(getattr(limits, kind)[0])]
+        if given_kinds:
+            self.note_joint(joint, f"has a limit of {listed(given_kinds)}, which the format cannot represent")
 
     def say(self, text: str) -> None:
-        """Note the loss of the robot."""
+        """Note a loss that belongs to the whole robot; ``text`` is a whole sentence."""
         self.found.append(text)
 
-    def note_mass_of_world(self, found: ModelParts) -> None:
-        """Note the mass of a root link that is the world itself."""
-        if found.links[found.root].inertia.mass:
+    def note_mass_of_world(self, parts: ModelParts) -> None:
+        """Note the loss of the root link's mass; the caller knows that this link is the world."""
+        if parts.links[parts.root].inertia.mass:
             self.say("the mass of what stands still is left out, where the base is the world itself")
 
     def note_couplings(self, parts: ModelParts) -> None:
-        """Note coupled drives, which the formats do not have, and take them out of the parts."""
-        coupled_joints = {joint: coupling for coupling in parts.couplings for joint in coupling.joints}
-        motors = {motor for coupling in parts.couplings for motor in coupling.motors}
-        for name, coupling in coupled_joints.items():
-            names = listed(coupling.motors)
+        """Note the loss of coupled drives, which no format has, and remove them from ``parts``."""
+        coupling_by_joint = {joint: coupling for coupling in parts.couplings for joint in coupling.joints}
+        coupled_motors = {motor for coupling in parts.couplings for motor in coupling.motors}
+        for name, coupling in coupling_by_joint.items():
+            motors = listed(coupling.motors)
             self.note_joint(
-                name, f"is moved by coupled motors {names}; their inertia, friction and efforts are left out"
+                name, f"is moved by coupled motors {motors}; their inertia, friction and efforts are left out"
             )
-            parts.friction[name], parts.armature[name] = Friction.plain(np.zeros(1), np.zeros(1)), np.zeros(1)
+            parts.friction[name] = Friction.plain(np.zeros(1), np.zeros(1))
+            parts.armature[name] = np.zeros(1)
         for k, joint in enumerate(parts.joints):
-            if joint.name in coupled_joints:
+            if joint.name in coupling_by_joint:
                 parts.joints[k] = replace(joint, limits=replace(joint.limits, effort=np.full(1, np.inf)))
-        parts.actuators = [actuator for actuator in parts.actuators if actuator.joint not in motors]
+        parts.actuators = [actuator for actuator in parts.actuators if actuator.joint not in coupled_motors]
 
-    def note_unwritten(self, found: ModelParts) -> None:
-        """Note what formats other than MJCF do not have: named configurations and closures."""
-        for kind, names in (("configuration", configurations_of(found)), ("closure", found.additions.closures)):
-            for name in names:
-                self.note(kind, name, "is left out: the format has none")
+    def note_unwritten(self, parts: ModelParts) -> None:
+        """Note the loss of named configurations and closures, which only MJCF can represent."""
+        for name in configurations_of(parts):
+            self.note("configuration", name, "is left out: the format has none")
+        for name in parts.additions.closures:
+            self.note("closure", name, "is left out: the format has none")
 
 
 @dataclass(frozen=True)
@@ -85,20 +87,23 @@ class Screw:
 
     direction: Array
     point: Array
-    """(3,) in the child's frame, the nearest to its origin; zero of sliding joints."""
+    """(3,) in the child's frame: the point of the axis nearest to its origin; zeros for sliding joints."""
     pitch: float
     """m/rad."""
     turns: bool
+    """False for a sliding joint."""
 
 
 def screw_of(joint: JointEntry) -> Screw:
-    """The axis of a joint of one degree in its child's frame.
+    """Screw axis, in the child's frame, of a joint with one degree of freedom.
 
-    Raises :class:`~twistwrench.ModelError` for one that is not of unit length, which no format can represent.
+    Raises :class:`~twistwrench.ModelError` for an axis that is not of unit length, as no format can represent it.
     """
     w, v = joint.joint.axes[0, :3], joint.joint.axes[0, 3:]
     turns = bool(w.any())
-    length = float(np.linalg.norm(w if turns else v))
+    length = float(np.linalg.norm(v))
+    if turns:
+        length = float(np.linalg.norm(w))
     if abs(length - 1.0) > 1e-12:
         raise ModelError(
             f"joint {joint.name!r} has a screw axis of length {printed(length)}, so that its coordinate is neither an angle "
@@ -106,10 +111,13 @@ def screw_of(joint: JointEntry) -> Screw:
         )
     if not turns:
         return Screw(v, np.zeros(3), 0.0, False)
-    point = so3.cross(w, v)
-    point = np.where(np.abs(point) > 1e-15 * max(1.0, float(np.abs(v).max())), point, 0.0)
+    point = so3.cross(w, v)  # v = -w x point + pitch w, and w is of length 1
+    round_off = 1e-15 * max(1.0, float(np.abs(v).max()))
+    point = np.where(np.abs(point) > round_off, point, 0.0)
     pitch = float(w @ v)
-    return Screw(w, point, pitch if abs(pitch) > 1e-15 else 0.0, True)
+    if not abs(pitch) > 1e-15:
+        pitch = 0.0
+    return Screw(w, point, pitch, True)
 
 
 def translation(point: Array) -> Array:
@@ -117,7 +125,7 @@ def translation(point: Array) -> Array:
     return se3.pose(np.eye(3), point)
 
 
-class AlongJoint(NamedTuple):
+class JointDrive(NamedTuple):
     """Damping, friction and armature of a joint, one number each."""
 
     damping: float = 0.0
@@ -125,18 +133,18 @@ class AlongJoint(NamedTuple):
     armature: float = 0.0
 
 
-def drive_of(parts: ModelParts, joint: str, losses: Losses) -> AlongJoint:
-    """Damping, Coulomb friction and armature of a joint; losses are noted."""
-    friction = parts.friction.get(joint)
-    if friction is None:  # the drive of a mimic joint is written with its leader
-        return AlongJoint()
-    laws = [friction]
+def drive_of(parts: ModelParts, joint: str, losses: Losses) -> JointDrive:
+    """Damping, Coulomb friction and armature of a joint. What these three cannot represent of its drive is noted as lost."""
+    joint_friction = parts.friction.get(joint)
+    if joint_friction is None:  # the drive of a mimic joint is written with its leader
+        return JointDrive()
+    frictions = [joint_friction]
     if f"{joint}.motor" in parts.friction:
-        laws.append(parts.friction[f"{joint}.motor"])
-    for law in laws:
-        if (law.static > law.coulomb).any():
+        frictions.append(parts.friction[f"{joint}.motor"])
+    for friction in frictions:
+        if (friction.static > friction.coulomb).any():
             losses.note_joint(joint, "has static and Stribeck friction, of which the Coulomb friction alone is written")
-        if law.load.any():
+        if friction.load.any():
             losses.note_joint(joint, "has friction that grows with the load, which is left out")
     armature = parts.armature[joint].copy()
     for actuator in parts.actuators:
@@ -145,22 +153,32 @@ def drive_of(parts: ModelParts, joint: str, losses: Losses) -> AlongJoint:
             losses.note_joint(joint, "has a rotor, which is written as armature: what it does to other joints is lost")
             if np.isfinite(actuator.stiffness):
                 losses.note_joint(joint, "has an elastic gear, which is written as a rigid one")
-    viscous = np.sum([law.viscous for law in laws], axis=0)
-    coulomb = np.sum([law.coulomb for law in laws], axis=0)
-    along = {"damping": viscous, "friction": coulomb, "armature": armature}
-    for quantity, values in along.items():
+    viscous = np.sum([friction.viscous for friction in frictions], axis=0)
+    coulomb = np.sum([friction.coulomb for friction in frictions], axis=0)
+    # one value for each degree of freedom
+    directional = {
+        "damping": viscous,
+        "friction": coulomb,
+        "armature": armature,
+    }
+    for quantity, values in directional.items():
         if np.ptp(values) > 0:
             losses.note_joint(joint, f"has another {quantity} in each direction, of which the mean is written")
-    return AlongJoint(**{quantity: float(np.mean(values)) for quantity, values in along.items()})
+    return JointDrive(**{quantity: float(np.mean(values)) for quantity, values in directional.items()})
 
 
 def configurations_of(parts: ModelParts) -> dict[str, dict[str, Array]]:
-    """Named configurations by joint, without a neutral ``qpos0``."""
-    neutral = {joint.name: joint.joint.neutral for joint in parts.joints} | {ROOT_JOINT: np.r_[1.0, np.zeros(6)]}
+    """Coordinates of each joint in each named configuration.
+
+    ``qpos0`` is left out if it is neutral, as MuJoCo then has it by itself.
+    """
+    neutral = {joint.name: joint.joint.neutral for joint in parts.joints}
+    neutral[ROOT_JOINT] = np.r_[1.0, np.zeros(6)]
     configurations = {}
     for name, positions in parts.additions.configurations.items():
-        arrays = {joint: np.asarray(q, float) for joint, q in positions.items()}
-        if name == REFERENCE and all(np.array_equal(q, neutral[joint]) for joint, q in arrays.items()):
+        q_of_joints = {joint: np.asarray(q, float) for joint, q in positions.items()}
+        is_neutral = all(np.array_equal(q, neutral[joint]) for joint, q in q_of_joints.items())
+        if name == REFERENCE and is_neutral:
             continue
-        configurations[name] = arrays
+        configurations[name] = q_of_joints
     return configurations

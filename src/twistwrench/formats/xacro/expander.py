@@ -1,8 +1,9 @@
 """Expansion of a xacro file, in a child process: a request with the text in, the expanded text out.
 
-The library ``xacro`` runs behind three walls. Its expressions are evaluated by :mod:`.expressions` in place of Python's
-``eval``. An audit hook refuses everything but reading files below the allowed folders: no code is executed, no module is
-imported, no process, connection or file for writing is opened. The caller of the child process limits time and memory.
+Three measures restrict the library ``xacro``. First, :mod:`.expressions` evaluates its expressions in place of Python's
+``eval``. Second, an audit hook refuses everything but reading files below the allowed folders: no code is executed, no module
+is imported, no process, connection or file for writing is opened. Third, the caller of the child process limits time and
+memory.
 """
 
 from __future__ import annotations
@@ -20,23 +21,24 @@ from ...core.entities import refuse_entities
 from .expressions import Refused, evaluate
 
 _PACKAGE_FILES = ("package.xml", "manifest.xml")
-_HARMLESS = (
+_HARMLESS_EVENTS = (
     "builtins.id", "compile", "glob.glob", "glob.glob/2", "os.fwalk", "os.walk", "sys._getframe", "sys._getframemodulename",
 )  # fmt: skip
 """Audit events without an effect outside the process; ``compile`` alone runs nothing."""
-_FOLDERS = ("os.listdir", "os.scandir")
-_WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-_NOT_FUNCTIONS = ("type", "vars")
-"""Functions of xacro that reach into objects of Python."""
+_FOLDER_EVENTS = ("os.listdir", "os.scandir")
+_WRITE_FLAGS = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+_REMOVED_FUNCTIONS = ("type", "vars")
+"""Functions of xacro that expose attributes of Python objects."""
 
 
 def expand(request: Mapping[str, Any]) -> dict[str, Any]:
-    """Expanded ``text`` or the ``reason`` why there is none, and the arguments that the file ``declared``."""
+    """Dictionary with the expanded ``text``, or with the ``reason`` why there is none, and the ``declared`` arguments."""
     import xacro
     import xacro.substitution_args as substitution
     from xacrodoc import packages
 
-    bounds, arguments = _install_audit_hook(), Arguments(request["arguments"])
+    bounds = _install_audit_hook()
+    arguments = Arguments(request["arguments"])
     packages.reset()
     if request["include_paths"]:
         packages.look_in(list(request["include_paths"]))
@@ -59,7 +61,10 @@ def expand(request: Mapping[str, Any]) -> dict[str, Any]:
 
 @cache
 def _install_audit_hook() -> Bounds:
-    """Bounds that this process keeps to, set once; what is imported later otherwise is imported before."""
+    """Audit hook of this process, installed once.
+
+    The hook refuses imports. So all modules and encodings that xacro would import later are imported here, before.
+    """
     import xml.dom.expatbuilder
     import xml.dom.minidom
     import xml.parsers.expat  # noqa: F401
@@ -81,53 +86,63 @@ _MAX_REASON = 300
 
 def reason_of(problem: BaseException) -> str:
     """Text of an error in one line: the cause, and the places in which it occurred, each once."""
-    chain: list[Any] = [problem]
-    while getattr(chain[-1], "exc", None) is not None:  # the cause of an error of xacro, whose text holds it
+    chain: list[Any] = [problem]  # the error, its cause, the cause of this, …
+    while getattr(chain[-1], "exc", None) is not None:  # attribute of errors of xacro
         chain.append(chain[-1].exc)
-    inner = chain[-1]
-    if isinstance(inner, RecursionError):
+    cause = chain[-1]
+    if isinstance(cause, RecursionError):
         return "its macros, elements or expressions are nested too deeply"
-    if isinstance(inner, MemoryError):
+    if isinstance(cause, MemoryError):
         return "it needs more memory than is allowed"
     parts = []
     for error in chain[:-1]:
-        message = str(error.args[0]) if error.args and error.args[0] else ""
-        if message and not message.startswith("<class"):  # that repeats the cause
+        message = ""
+        if error.args and error.args[0]:
+            message = str(error.args[0])
+        if message and not message.startswith("<class"):  # a message with a class repeats the cause
             parts.append(message)
-    parts.append(_cause(inner))
-    parts += [str(error.suffix) for error in reversed(chain) if getattr(error, "suffix", None)]
-    text = " ".join(" ".join(dict.fromkeys(parts)).split()).rstrip(".")
-    return text if len(text) <= _MAX_REASON else f"{text[:_MAX_REASON]}…"
+    parts.append(_text_of_cause(cause))
+    parts += [str(error.suffix) for error in reversed(chain) if getattr(error, "suffix", None)]  # places
+    distinct_parts = dict.fromkeys(parts)
+    text = " ".join(" ".join(distinct_parts).split()).rstrip(".")
+    if len(text) > _MAX_REASON:
+        return f"{text[:_MAX_REASON]}…"
+    return text
 
 
-def _cause(inner: Any) -> str:
+def _text_of_cause(cause: Any) -> str:
     """Text of the innermost error without the names of Python's classes."""
-    if isinstance(inner, SyntaxError):
-        return str(inner.msg)
-    if isinstance(inner, KeyError):
-        return f"there is no {str(inner.args[0])!r}" if inner.args else "a name is missing"
-    message = inner.args[0] if hasattr(inner, "suffix") and inner.args else inner
+    if isinstance(cause, SyntaxError):
+        return str(cause.msg)
+    if isinstance(cause, KeyError):
+        return f"there is no {str(cause.args[0])!r}" if cause.args else "a name is missing"
+    message = cause
+    if hasattr(cause, "suffix") and cause.args:  # an error of xacro, whose text would have the suffix too
+        message = cause.args[0]
     return str(message) or "an expression fails"
 
 
 class Arguments(dict[str, str]):
     """Values of a xacro file's arguments, and the names declared during expansion."""
 
-    def __init__(self, given: Mapping[str, str]) -> None:
-        super().__init__(given)
+    def __init__(self, values: Mapping[str, str]) -> None:
+        super().__init__(values)
         self.declared: list[str] = []
 
+    # xacro looks here for each argument that the file declares.
     def __contains__(self, name: object) -> bool:
         self.declared.append(str(name))
         return super().__contains__(name)
 
 
 class Bounds:
-    """Audit hook: files below the allowed folders are read, up to a total size; everything else raises Refused."""
+    """Audit hook that allows to read files below some folders, up to a total size, and raises Refused for all else."""
 
     folders: Sequence[Path] = ()
-    most, total = 0, 0
-    """Largest and present size of the files read [bytes]."""
+    most = 0
+    """Allowed total size of the files read [bytes]."""
+    total = 0
+    """Size of the files read so far [bytes]."""
     active = False
     finding = False
     """True while a package is searched: folders are listed, and files that name packages are read, anywhere."""
@@ -153,11 +168,11 @@ class Bounds:
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
         """Check one event of the interpreter."""
-        if not self.active or event in _HARMLESS:
+        if not self.active or event in _HARMLESS_EVENTS:
             return
         if event == "open":
             self._check_file(*args)
-        elif event in _FOLDERS:
+        elif event in _FOLDER_EVENTS:
             self._check_folder(args[0])
         else:
             raise Refused(f"a robot file may not use {event!r}")
@@ -168,7 +183,9 @@ class Bounds:
         return any(place.is_relative_to(folder) for folder in self.folders)
 
     def _check_file(self, name: Any, mode: str | None, flags: int) -> None:
-        if not isinstance(name, str | os.PathLike) or flags & _WRITES or set(mode or "r") & set("wxa+"):
+        opens_path = isinstance(name, str | os.PathLike)  # otherwise a file descriptor
+        writes = flags & _WRITE_FLAGS or set(mode or "r") & set("wxa+")
+        if writes or not opens_path:
             raise Refused("a robot file may not write files")
         path = Path(name)
         if self.finding and path.name in _PACKAGE_FILES:
@@ -189,20 +206,24 @@ class PackageFinder:
     """Folders of packages: those around the file, then those of ``include_paths`` and of the environment of ROS."""
 
     def __init__(self, file: str | None, bounds: Bounds, elsewhere: Callable[[str], str]) -> None:
-        self.file, self.bounds, self.elsewhere = file, bounds, elsewhere
+        self.file = file
+        self.bounds = bounds
+        self.elsewhere = elsewhere
+        """Function that finds a package that is not around the file."""
 
     def __call__(self, name: str) -> str:
         """Folder of the package ``name``; raises Refused for one outside the folders that are searched."""
         with self.bounds.allow_package_files():
-            folder = self._around(name) or Path(self.elsewhere(name))
+            folder = self._find_around_file(name) or Path(self.elsewhere(name))
         if not self.bounds.allows(folder):
             raise Refused(f"the package {name!r} lies outside the folders that are searched")
         return str(folder)
 
-    def _around(self, name: str) -> Path | None:
-        """Folder above the file whose package file has the name; None without one."""
-        folders = Path(self.file).resolve().parents if self.file else ()
-        for folder in folders:
+    def _find_around_file(self, name: str) -> Path | None:
+        """Folder above the file that is the package ``name``, which may be read from now on; None if there is none."""
+        if not self.file:
+            return None
+        for folder in Path(self.file).resolve().parents:
             if package_name(folder) == name:
                 self.bounds.folders = [*self.bounds.folders, folder]
                 return folder
@@ -213,13 +234,17 @@ def package_name(folder: Path) -> str | None:
     """Name of the package in a folder; None if it is not a package."""
     path = folder / "package.xml"
     if not path.is_file():
-        return folder.name if (folder / "manifest.xml").is_file() else None
-    names = guarded_parse(None, str(path)).getElementsByTagName("name")
-    return str(names[0].firstChild.data).strip() if names and names[0].firstChild is not None else None
+        if (folder / "manifest.xml").is_file():  # package of the first build system of ROS, named by its folder
+            return folder.name
+        return None
+    name_elements = guarded_parse(None, str(path)).getElementsByTagName("name")
+    if not name_elements or name_elements[0].firstChild is None:
+        return None
+    return str(name_elements[0].firstChild.data).strip()
 
 
 def guarded_parse(source: str | None, filename: str | None = None) -> Any:
-    """Document of a text or file without entities, in place of ``xacro.parse``."""
+    """Document of the text ``source``, or of a file if it is None, without entities; replaces ``xacro.parse``."""
     import xml.dom.minidom
 
     import xacro
@@ -229,29 +254,30 @@ def guarded_parse(source: str | None, filename: str | None = None) -> Any:
         try:
             data = Path(xacro.root_dir, str(filename)).read_bytes()
         except OSError as problem:
-            xacro.filestack.pop()  # as xacro does, whose messages name the file that includes
+            xacro.filestack.pop()  # as xacro does, so that the message names the including file
             raise xacro.XacroException(f"{problem.strerror}: {filename}", exc=problem) from None
     refuse_entities(data, lambda name: Refused(f"it declares the entity {name[:40]!r}, which can exhaust memory"))
     return xml.dom.minidom.parseString(data)
 
 
 _evaluated_texts: list[str] = []
-"""Expressions evaluated so far, which show that the replacements of :func:`replace_evaluation` are in use."""
+"""Expressions that our functions have evaluated. :func:`check_evaluation` sees from them that xacro uses these functions."""
 
 
 def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arguments: Arguments) -> None:
     """Replace the functions of xacro that evaluate expressions, read the environment, and find packages."""
     symbols = xacro._global_symbols
     _evaluated_texts.clear()
-    spaces = [symbols, *(space for space in symbols.values() if isinstance(space, dict))]
-    for space in spaces:
-        for name in _NOT_FUNCTIONS:
-            dict.pop(space, name, None)
-    functions = {id(value) for space in spaces for value in dict.values(space) if callable(value)}
+    namespaces = [symbols, *(value for value in symbols.values() if isinstance(value, dict))]
+    allowed_functions: set[int] = set()  # by identity
+    for namespace in namespaces:  # methods of dict, as xacro's subclasses replace them
+        for name in _REMOVED_FUNCTIONS:
+            dict.pop(namespace, name, None)
+        allowed_functions |= {id(value) for value in dict.values(namespace) if callable(value)}
 
     def safe_eval(text: str, names: Mapping[str, Any], _locals: Any = None) -> Any:
         _evaluated_texts.append(text)
-        return evaluate(text, names, functions)
+        return evaluate(text, names, allowed_functions)
 
     def environment(name: str, *_: Any) -> str:
         raise Refused(
@@ -261,6 +287,7 @@ def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arg
     def argument(name: str) -> Any:
         return substitution.convert_value(substitution._eval_arg(name, args=arguments), "auto")
 
+    # Symbols in $(eval …), which differ from those in ${…}.
     functions_and_constants = {
         "arg": argument,
         "find": finder,
@@ -287,8 +314,8 @@ def replace_evaluation(xacro: Any, substitution: Any, finder: PackageFinder, arg
 
 
 def check_evaluation(xacro: Any) -> None:
-    """Raise Refused if this version of xacro evaluates expressions by another function than those replaced."""
+    """Raise Refused if this version of xacro does not evaluate expressions by the functions of ``replace_evaluation``."""
     table = xacro.Table(xacro._global_symbols)
-    for text, inside, value in (("${1 + 1}", "1 + 1", 2), ("$(eval 1 + 2)", "1 + 2", "3")):
-        if xacro.eval_text(text, table) != value or _evaluated_texts[-1:] != [inside]:
+    for text, expression, expected_value in (("${1 + 1}", "1 + 1", 2), ("$(eval 1 + 2)", "1 + 2", "3")):
+        if xacro.eval_text(text, table) != expected_value or _evaluated_texts[-1:] != [expression]:
             raise Refused("this version of xacro is not supported: it evaluates expressions in another way")

@@ -19,15 +19,15 @@ MOST_ITEMS = 100_000
 MOST_BITS = 4_096
 """Largest number of bits of an integer."""
 
-_BINARY: Mapping[type[ast.AST], Callable[[Any, Any], Any]] = {
+_BINARY_OPERATORS: Mapping[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod, ast.Pow: operator.pow, ast.LShift: operator.lshift,
     ast.RShift: operator.rshift, ast.BitOr: operator.or_, ast.BitXor: operator.xor, ast.BitAnd: operator.and_,
 }  # fmt: skip
-_UNARY: Mapping[type[ast.AST], Callable[[Any], Any]] = {
+_UNARY_OPERATORS: Mapping[type[ast.AST], Callable[[Any], Any]] = {
     ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_, ast.Invert: operator.invert,
 }  # fmt: skip
-_COMPARED: Mapping[type[ast.AST], Callable[[Any, Any], bool]] = {
+_COMPARISONS: Mapping[type[ast.AST], Callable[[Any, Any], bool]] = {
     ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt,
     ast.GtE: operator.ge, ast.Is: operator.is_, ast.IsNot: operator.is_not,
     ast.In: lambda a, b: a in b, ast.NotIn: lambda a, b: a not in b,
@@ -44,12 +44,12 @@ _METHODS: Mapping[type, frozenset[str]] = {
     float: frozenset(("is_integer",)),
     complex: frozenset(("conjugate", "imag", "real")),
 }  # fmt: skip
-"""Methods of values that an expression may use. Formatting is left out, as it reads attributes of its arguments."""
-_SIZED = frozenset(("center", "comb", "factorial", "ljust", "perm", "range", "rjust", "round", "zfill"))
+"""Methods and attributes that an expression may use, by type. ``format`` is left out, as it reads attributes of arguments."""
+_GROWING_FUNCTIONS = frozenset(("center", "comb", "factorial", "ljust", "perm", "range", "rjust", "round", "zfill"))
 """Functions whose work or result grows with the value of a number."""
-_WIDE = re.compile(r"%.*?(\d{4}|\*)", re.DOTALL)
+_WIDE_FORMAT = re.compile(r"%.*?(\d{4}|\*)", re.DOTALL)
 """Format that may have a width or precision of four digits or from an argument."""
-_ALLOWED = (
+_LIST_OF_ALLOWED = (
     "Allowed are numbers, texts, lists, arithmetic, comparisons, conditions, subscripts and the functions of xacro"
 )
 
@@ -59,7 +59,7 @@ class Refused(Exception):
 
 
 def evaluate(text: str, names: Mapping[str, Any], functions: Collection[int]) -> Any:
-    """Value of an expression.
+    """Evaluate an expression.
 
     Parameters
     ----------
@@ -85,6 +85,8 @@ def evaluate(text: str, names: Mapping[str, Any], functions: Collection[int]) ->
 
 
 class _Evaluator:
+    """Evaluator of nodes with given names and functions."""
+
     def __init__(self, names: Mapping[str, Any], functions: frozenset[int]) -> None:
         self.names, self.functions = names, functions
 
@@ -98,19 +100,21 @@ class _Evaluator:
             case ast.BinOp(left=left, op=op, right=right):
                 a, b = self.value(left), self.value(right)
                 _check_growth(op, a, b)
-                return self._check_value(_BINARY[type(op)](a, b)) if type(op) in _BINARY else _refuse(op)
+                if type(op) not in _BINARY_OPERATORS:
+                    return _refuse(op)
+                return self._check_value(_BINARY_OPERATORS[type(op)](a, b))
             case ast.UnaryOp(op=op, operand=operand):
-                return self._check_value(_UNARY[type(op)](self.value(operand)))
+                return self._check_value(_UNARY_OPERATORS[type(op)](self.value(operand)))
             case ast.BoolOp(op=op, values=values):
-                return self._value_of_and_or(values, until=isinstance(op, ast.Or))
+                return self._value_of_and_or(values, deciding=isinstance(op, ast.Or))
             case ast.Compare(left=left, ops=ops, comparators=others):
                 return self._comparison(self.value(left), ops, others)
             case ast.IfExp(test=test, body=body, orelse=other):
                 return self.value(body) if self.value(test) else self.value(other)
             case ast.Attribute(value=owner, attr=name):
                 return self._attribute(self.value(owner), name)
-            case ast.Subscript(value=owner, slice=place):
-                return self._check_value(self.value(owner)[self.value(place)])
+            case ast.Subscript(value=owner, slice=index):
+                return self._check_value(self.value(owner)[self.value(index)])
             case ast.Slice(lower=lower, upper=upper, step=step):
                 return slice(*(None if part is None else self.value(part) for part in (lower, upper, step)))
             case ast.List(elts=items):
@@ -121,9 +125,11 @@ class _Evaluator:
                 return {self.value(item) for item in items}
             case ast.Dict(keys=keys, values=values) if None not in keys:
                 return {self.value(key): self.value(item) for key, item in zip(keys, values, strict=True) if key}
-            case ast.Call(func=function, args=args, keywords=words) if all(word.arg for word in words):
-                given = {word.arg: self.value(word.value) for word in words if word.arg}
-                return self._result_of_call(self.value(function), [self.value(arg) for arg in args], given)
+            case ast.Call(func=function, args=args, keywords=keywords) if all(
+                keyword.arg for keyword in keywords
+            ):  # no **
+                keyword_values = {keyword.arg: self.value(keyword.value) for keyword in keywords if keyword.arg}
+                return self._result_of_call(self.value(function), [self.value(arg) for arg in args], keyword_values)
         return _refuse(node)
 
     def _value_of_name(self, name: str) -> Any:
@@ -134,39 +140,42 @@ class _Evaluator:
 
     def _attribute(self, owner: Any, name: str) -> Any:
         _check_name(name)
-        namespace = isinstance(owner, dict) and type(owner) is not dict  # also entries of YAML files
-        if namespace and name in owner:
+        is_namespace = isinstance(owner, dict) and type(owner) is not dict  # of xacro, or a dictionary of a YAML file
+        if is_namespace and name in owner:
             return self._check_value(owner[name])
         if any(isinstance(owner, kind) and name in methods for kind, methods in _METHODS.items()):
             return getattr(owner, name)
-        raise Refused(f"the attribute {name[:40]!r} is not allowed in an expression of a robot file. {_ALLOWED}")
+        raise Refused(
+            f"the attribute {name[:40]!r} is not allowed in an expression of a robot file. {_LIST_OF_ALLOWED}"
+        )
 
     def _result_of_call(self, function: Any, args: list[Any], keywords: Mapping[str, Any]) -> Any:
         name = getattr(function, "__name__", "")
-        numbers = [x for x in (*args, *keywords.values()) if isinstance(x, int)]
-        if name in _SIZED and any(abs(x) > MOST_ITEMS for x in numbers):
+        integers = [value for value in (*args, *keywords.values()) if isinstance(value, int)]
+        if name in _GROWING_FUNCTIONS and any(abs(integer) > MOST_ITEMS for integer in integers):
             raise Refused(f"{name} of a number above {MOST_ITEMS:,} is not allowed in a robot file")
         return self._check_value(function(*args, **keywords))
 
-    def _value_of_and_or(self, nodes: list[ast.expr], *, until: bool) -> Any:
-        """First value that decides an ``and`` or ``or``, else the last."""
+    def _value_of_and_or(self, nodes: list[ast.expr], *, deciding: bool) -> Any:
+        """First value whose truth is ``deciding`` (False for ``and``, True for ``or``), else the last value."""
         value = None
         for node in nodes:
             value = self.value(node)
-            if bool(value) is until:
+            if bool(value) is deciding:
                 break
         return value
 
     def _comparison(self, a: Any, ops: list[ast.cmpop], others: list[ast.expr]) -> bool:
+        """Truth of a chain such as a < b < c; values after the first that fails are not evaluated."""
         for op, other in zip(ops, others, strict=True):
             b = self.value(other)
-            if not _COMPARED[type(op)](a, b):
+            if not _COMPARISONS[type(op)](a, b):
                 return False
             a = b
         return True
 
     def _check_value(self, value: Any) -> Any:
-        """Check that a value is of bounded size, and a known function if it can be called."""
+        """Return a value; raise Refused if it is too large, or a function that is not allowed."""
         if callable(value) and id(value) not in self.functions:
             raise Refused(f"{getattr(value, '__name__', type(value).__name__)} is not a function of robot files")
         if isinstance(value, int) and value.bit_length() > MOST_BITS:
@@ -186,7 +195,7 @@ def _check_name(name: str) -> None:
 def _check_growth(op: ast.operator, a: Any, b: Any) -> None:
     """Raise Refused before an operation whose result would be too large."""
     integers = isinstance(a, int) and isinstance(b, int)
-    if isinstance(op, ast.Pow) and integers and abs(a) > 1 and b * a.bit_length() > MOST_BITS:
+    if isinstance(op, ast.Pow) and integers and abs(a) > 1 and b * a.bit_length() > MOST_BITS:  # of a**b
         raise Refused(f"a power has more than {MOST_BITS:,} bits")
     if isinstance(op, ast.LShift) and integers and b > MOST_BITS:
         raise Refused(f"a shift by more than {MOST_BITS:,} bits")
@@ -194,9 +203,9 @@ def _check_growth(op: ast.operator, a: Any, b: Any) -> None:
         for items, count in ((a, b), (b, a)):
             if isinstance(items, str | list | tuple) and isinstance(count, int) and len(items) * count > MOST_ITEMS:
                 raise Refused(f"a {type(items).__name__} is repeated to more than {MOST_ITEMS:,} items")
-    if isinstance(op, ast.Mod) and isinstance(a, str) and _WIDE.search(a):
+    if isinstance(op, ast.Mod) and isinstance(a, str) and _WIDE_FORMAT.search(a):
         raise Refused("a format has a width of more than three digits")
 
 
 def _refuse(node: ast.AST) -> Any:
-    raise Refused(f"{ast.unparse(node)[:40]!r} is not allowed in an expression of a robot file. {_ALLOWED}")
+    raise Refused(f"{ast.unparse(node)[:40]!r} is not allowed in an expression of a robot file. {_LIST_OF_ALLOWED}")
