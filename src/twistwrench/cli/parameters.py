@@ -1,7 +1,7 @@
 """Parameters of a function as options of a command: their forms, help texts and values.
 
-A parameter's annotation selects the form of its option (:data:`_KINDS`); its name is the option's name, and its paragraph
-in the docstring the help.
+The name of a parameter is the name of its option, its annotation selects the form (:data:`_KINDS`), and its paragraph in the
+docstring is the help.
 """
 
 from __future__ import annotations
@@ -48,26 +48,27 @@ def parameters_of(function: Callable[..., Any]) -> dict[str, FunctionParameter]:
     >>> parameters_of(check)["clearance"]
     FunctionParameter(name='clearance', annotation='Metres', default=None, text='Check the least distance between links [m].')
     """
-    texts, given = _descriptions(inspect.getdoc(function) or ""), inspect.signature(function).parameters
+    texts = _descriptions(inspect.getdoc(function) or "")
+    signature = inspect.signature(function).parameters
     parameters = {}
-    for name, parameter in given.items():
+    for name, parameter in signature.items():
         annotation = str(parameter.annotation).removesuffix(" | None")
-        text = _with_flags(texts.get(name, ""), given)
+        text = _with_flags(texts.get(name, ""), signature)
         parameters[name] = FunctionParameter(name, annotation, parameter.default, text)
     return parameters
 
 
 def _descriptions(docstring: str) -> dict[str, str]:
-    """Description of each parameter: its indented lines, or without them the words after its type."""
+    """Description of each parameter: its indented lines, or, without such lines, the words after its type."""
     section = re.search(r"^Parameters\n-+\n(.*?)(?:\n\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
     if section is None:
         return {}
     descriptions: dict[str, str] = {}
     for entry in re.split(r"\n(?=\S)", section[1]):
         head, *lines = entry.split("\n")
-        names, _, rest = head.partition(" : ")
-        words = " ".join(map(str.strip, lines)) or _without_type(rest)
-        text = re.sub(r":\w+:`(?:[^`<]*<)?~?([^`>]*)>?`", r"\1", words)
+        names, _, type_and_words = head.partition(" : ")
+        words = " ".join(map(str.strip, lines)) or _without_type(type_and_words)
+        text = re.sub(r":\w+:`(?:[^`<]*<)?~?([^`>]*)>?`", r"\1", words)  # a role of Sphinx becomes its name
         if text:
             text = f"{text[:1].upper()}{text[1:].rstrip('.')}."
         descriptions |= dict.fromkeys(names.split(", "), text)
@@ -85,12 +86,12 @@ def _with_flags(text: str, parameters: Container[str]) -> str:
     return re.sub(r"``(.*?)``", replacement, text)
 
 
-def _without_type(rest: str) -> str:
-    """Words after ``float, optional,``."""
-    _, optional, after = rest.partition(", optional, ")
+def _without_type(type_and_words: str) -> str:
+    """Words after the type, such as ``float, optional,``."""
+    _, optional, words = type_and_words.partition(", optional, ")
     if optional:
-        return after
-    return rest.partition(", ")[2]
+        return words
+    return type_and_words.partition(", ")[2]
 
 
 # ── Forms of options, by annotation
@@ -101,28 +102,33 @@ class Kind:
     """Form of the option of a parameter: its placeholder, and how its text becomes a value."""
 
     form: str
+    """Placeholder."""
     parse: Callable[[Any, str], Any] = lambda value, _flag: value
+    """Function of the text and the flag that returns the value."""
     settings: Mapping[str, Any] | None = None
+    """Further arguments of click.Option."""
     is_file: bool = False
     bundled: tuple[str, str] | None = None
     """Ending and name of the file that ``demo`` means, beside a bundled robot."""
 
 
 def _vector(text: str, flag: str) -> list[float]:
+    """Three numbers separated by commas."""
     return parse_numbers(text, flag, "x,y,z, for example 0,0,0.1", 3)
 
 
 def several(texts: Sequence[str], _flag: str) -> list[str] | None:
-    """Texts of an option that may be repeated."""
+    """Texts of an option that may be repeated; None without any, so that the default applies."""
     return list(texts) or None
 
 
 def _listed(text: str, _flag: str) -> list[str]:
+    """Words separated by commas."""
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
 def _entries(texts: Iterable[str]) -> list[str]:
-    """Entries of texts such as ``a=0,b=0``; a comma without a name after it belongs to the value."""
+    """Entries of texts such as ``a=0,b=0``; a comma without ``NAME=`` after it belongs to the value."""
     entries: list[str] = []
     for text in texts:
         entries += re.split(r",(?=[^,=]*=)", text)
@@ -130,16 +136,17 @@ def _entries(texts: Iterable[str]) -> list[str]:
 
 
 def _positions(texts: Iterable[str], flag: str) -> dict[str, float]:
-    given = assignments(_entries(texts), flag, "JOINT=VALUE, for example gripper=0.02")
-    return {joint: parse_numbers(value, f"{flag} {joint}", "a number", 1)[0] for joint, value in given.items()}
+    """Position of each joint, from texts such as ``gripper=0.02``."""
+    text_by_joint = assignments(_entries(texts), flag, "JOINT=VALUE, for example gripper=0.02")
+    return {joint: parse_numbers(text, f"{flag} {joint}", "a number", 1)[0] for joint, text in text_by_joint.items()}
 
 
 def _macro_arguments(texts: Sequence[str], flag: str) -> dict[str, str]:
     """Arguments of a xacro file; empty if the option has no value."""
     arguments = {}
     for text in filter(None, map(str.strip, texts)):
-        name, sign, value = text.partition(":=")
-        if not name or not sign:
+        name, equals_sign, value = text.partition(":=")
+        if not name or not equals_sign:
             raise ValueRangeError(
                 f"{flag} {text!r} is not ARG:=VALUE, for example hand:=true. Without a value, it stands after ROBOT."
             )
@@ -153,8 +160,8 @@ def _coefficients(texts: Sequence[str], flag: str) -> float | dict[str, float]:
     entries = ",".join(texts).split(",")
     if len(entries) == 1 and "=" not in entries[0]:
         return parse_numbers(entries[0], flag, form, 1)[0]
-    given = assignments(entries, flag, form)
-    return {frame: parse_numbers(value, f"{flag} {frame}", form, 1)[0] for frame, value in given.items()}
+    text_by_frame = assignments(entries, flag, form)
+    return {frame: parse_numbers(text, f"{flag} {frame}", form, 1)[0] for frame, text in text_by_frame.items()}
 
 
 def _contact_source(texts: Sequence[str], flag: str) -> str | dict[str, str]:
@@ -167,7 +174,9 @@ def _contact_source(texts: Sequence[str], flag: str) -> str | dict[str, str]:
 
 
 DEMO = "demo"
+"""Text that stands for a file beside a bundled robot."""
 REPEATED = {"multiple": True}
+"""Setting of options that may be repeated."""
 _KINDS = {
     "str": Kind("NAME"),
     "MethodName": Kind("NAME"),
@@ -213,15 +222,15 @@ _NOT_OPTIONS = frozenset({*_ARGUMENTS, "progress", "draws", "max_bodies", "overw
 
 @dataclass(frozen=True)
 class Spelling:
-    """Option that is not spelled as its parameter: its form, its values by text, and its help."""
+    """Option that is not spelled like its parameter: its form, its values by text, and its help."""
 
     form: str
     values: Mapping[str, Any] | None = None
-    """Values by text; that of a flag has the text ``""``."""
+    """Values by text; a flag has one value, with the text ``""``."""
     text: str = ""
-    """Help, if the parameter's does not fit."""
+    """Help, if the parameter's description does not fit."""
     opposite: tuple[str, str] | None = None
-    """Flag of False for a parameter whose default is neither True nor False, and its help."""
+    """Flag that sets False, and its help, if the default is neither True nor False."""
 
 
 SPELLINGS = {
@@ -239,14 +248,14 @@ SPELLINGS = {
         ),
     ),
 }
-"""Options that are spelled otherwise than their parameters, as a speaker of the shell would."""
+"""Options that are not spelled like their parameters, since other words are usual on a command line."""
 
 
 class Question:
     """Function of a command, and its parameters as options.
 
-    Parameters that are ``left_out`` have no option; ``kept`` have one, although other commands leave them to the robot or the
-    log. ``spellings``, and ``kinds`` by annotation, are of this command alone.
+    Parameters in ``left_out`` have no option. Parameters in ``kept`` have one, although other commands take them from the
+    robot or the log. ``spellings``, and ``kinds`` by annotation, apply to this command alone.
     """
 
     def __init__(
@@ -274,15 +283,16 @@ class Question:
     @property
     def defaults(self) -> dict[str, Any]:
         """Default of each option, by parameter."""
-        return {each.name: each.default for each in self.options}
+        return {parameter.name: parameter.default for parameter in self.options}
 
     @cached_property
     def options(self) -> list[FunctionParameter]:
         """Parameters that become options of the command alone."""
-        return [each for each in self.parameters.values() if each.name in self._kept or each.name not in _NOT_OPTIONS]
+        names = {name for name in self.parameters if name in self._kept or name not in _NOT_OPTIONS}
+        return [parameter for name, parameter in self.parameters.items() if name in names]
 
     def choices(self, parameter: FunctionParameter) -> tuple[str, ...]:
-        """Values of a Literal, or of one and a sequence of it; empty for other parameters."""
+        """Values of an annotation that is a Literal, or a union with a Literal; empty for other parameters."""
         annotation = self._type(parameter)
         for kind in (annotation, *get_args(annotation)):
             if get_origin(kind) is Literal:
@@ -290,33 +300,40 @@ class Question:
         return ()
 
     def _type(self, parameter: FunctionParameter) -> Any:
+        """Object that a parameter's annotation names; None if the function's module does not define it."""
         return getattr(self.function, "__globals__", {}).get(parameter.annotation)
 
     def _is_flag(self, parameter: FunctionParameter) -> bool:
         """True if the option has no value."""
-        spelled = self.spellings.get(parameter.name)
-        if spelled is None or spelled.values is None:
+        spelling = self.spellings.get(parameter.name)
+        if spelling is None or spelling.values is None:
             return parameter.annotation == "bool"
-        return "" in spelled.values
+        return "" in spelling.values
 
     def declarations(self, cls: type[click.Option] = click.Option) -> Iterator[Decorator]:
         """Options in the order of the signature. An option that is not given is None or empty: the default applies."""
         for parameter in self.options:
             yield self._declaration(parameter, cls)
-            spelled = self.spellings.get(parameter.name)
-            if spelled is not None and spelled.opposite is not None:
-                yield option(*spelled.opposite, _opposite(parameter), cls=cls)
+            spelling = self.spellings.get(parameter.name)
+            if spelling is not None and spelling.opposite is not None:
+                yield option(*spelling.opposite, _opposite_name(parameter), cls=cls)
 
     def _declaration(self, parameter: FunctionParameter, cls: type[click.Option]) -> Decorator:
-        spelled, kind = self.spellings.get(parameter.name), self.kinds.get(parameter.annotation)
-        form, text, own_values = parameter.flag, parameter.text, tuple[str, ...]()
+        """Option of a parameter, with its form and help."""
+        spelling = self.spellings.get(parameter.name)
+        kind = self.kinds.get(parameter.annotation)
+        form = parameter.flag
+        text = parameter.text
+        own_values: tuple[str, ...] = ()
         if self._is_flag(parameter):
             if parameter.default:
                 form = f"--no-{parameter.flag[2:]}"
         elif kind is not None:
             form = f"{parameter.flag} {kind.form}"
-        if spelled is not None:
-            form, text, own_values = spelled.form, spelled.text or text, tuple(spelled.values or ())
+        if spelling is not None:
+            form = spelling.form
+            text = spelling.text or text
+            own_values = tuple(spelling.values or ())
         if self._is_flag(parameter):
             if parameter.annotation == "bool" and parameter.default:
                 text = f"Do not {text[:1].lower()}{text[1:]}"
@@ -327,7 +344,8 @@ class Question:
         choices = own_values or self.choices(parameter)
         if choices:
             settings["choices"] = choices
-            if get_args(self._type(parameter)) and get_origin(self._type(parameter)) is not Literal:
+            annotation = self._type(parameter)
+            if get_args(annotation) and get_origin(annotation) is not Literal:  # a Literal or a sequence of it
                 settings |= REPEATED
         else:
             assert kind is not None, parameter
@@ -338,25 +356,28 @@ class Question:
 
     def values(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Values of the options that are given, by parameter; ``demo`` is a file of the robot."""
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for parameter in self.options:
-            spelled, value = self.spellings.get(parameter.name), given[parameter.name]
-            is_given = value is not None and value != () and not (self._is_flag(parameter) and value is False)
-            if spelled is not None and spelled.opposite is not None and given[_opposite(parameter)]:
+            spelling = self.spellings.get(parameter.name)
+            value = given[parameter.name]
+            is_unset_flag = self._is_flag(parameter) and value is False
+            is_given = value is not None and value != () and not is_unset_flag
+            if spelling is not None and spelling.opposite is not None and given[_opposite_name(parameter)]:
                 if is_given:
                     raise ValueRangeError(
-                        f"{spelled.form} and {spelled.opposite[0]} contradict each other. Leave one of them out."
+                        f"{spelling.form} and {spelling.opposite[0]} contradict each other. Leave one of them out."
                     )
-                found[parameter.name] = False
+                values[parameter.name] = False
             elif is_given:
-                found[parameter.name] = self._value(parameter, value, given)
-        return found
+                values[parameter.name] = self._value(parameter, value, given)
+        return values
 
     def _value(self, parameter: FunctionParameter, value: Any, given: Mapping[str, Any]) -> Any:
         """Value of a parameter whose option is given."""
-        spelled, kind = self.spellings.get(parameter.name), self.kinds.get(parameter.annotation)
-        if spelled is not None and spelled.values:
-            return spelled.values["" if value is True else value]
+        spelling = self.spellings.get(parameter.name)
+        kind = self.kinds.get(parameter.annotation)
+        if spelling is not None and spelling.values:
+            return spelling.values["" if value is True else value]
         if parameter.annotation == "bool":
             return not parameter.default
         if parameter.annotation == "LoadsGiven":
@@ -377,12 +398,13 @@ class Question:
         return files
 
 
-def _opposite(parameter: FunctionParameter) -> str:
-    """Parameter of the flag of False."""
+def _opposite_name(parameter: FunctionParameter) -> str:
+    """Name by which click passes the flag that sets False."""
     return f"not_{parameter.name}"
 
 
 def _printed(value: object) -> str:
+    """Default as text; a tuple as its items, separated by commas."""
     if isinstance(value, tuple):
         return ",".join(map(str, value))
     return str(value)

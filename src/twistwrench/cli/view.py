@@ -80,14 +80,13 @@ class ShownRobot(Answer):
 
     def write_page(self, path: str) -> None:
         """Write the page; loops of the file are closed unless a motion or a section moves the joints."""
-        drawn_robot = self.robot
-        page_robot = self.robot
+        drawn_robot, closed_robot = self.robot, None
         if self.motion is not None:
             drawn_robot, _ = robot_of_motion(self.motion)
         elif self.page["section"] is None:
-            page_robot = closed_by_file(self.robot) or self.robot
+            closed_robot = closed_by_file(self.robot)
         write_page(
-            page_robot, path, motion=self.motion, wrench_on_robot=self.wrenches,
+            closed_robot or self.robot, path, motion=self.motion, wrench_on_robot=self.wrenches,
             scene=scene_of(drawn_robot, meshes=self.meshes), **self.page,
         )  # fmt: skip
 

@@ -371,9 +371,11 @@ class MjcfText(RobotText):
         T = inertial.frame @ T
         places: dict[str, Place] = {}
         if not element.file:
-            attribute, entries = "diaginertia", IN_MJCF[:3]
+            attribute = "diaginertia"
+            entries: tuple[str, ...] = IN_MJCF[:3]
             if "fullinertia" in element.attributes:
-                attribute, entries = "fullinertia", IN_MJCF
+                attribute = "fullinertia"
+                entries = IN_MJCF
             places["mass"] = element.locate("mass")
             if attribute in element.attributes:
                 places |= {entry: element.locate(attribute, k) for k, entry in enumerate(entries)}

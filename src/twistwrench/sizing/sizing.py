@@ -131,15 +131,8 @@ def size_drives(
     drive_catalog = read_catalog(catalog)
     _check_settings(pause, ambient, life)
     _refuse_actuators(arm)
-    reading_options = {
-        "columns": columns,
-        "gain": gain,
-        "rate": rate,
-        "topic": topic,
-        "episode": episode,
-        "degrees": degrees,
-    }
-    log_options = {"named": bundled_name, "plan": plan, **reading_options}
+    reading_options = {"columns": columns, "gain": gain, "rate": rate, "topic": topic, "episode": episode}
+    log_options = {"named": bundled_name, "plan": plan, "degrees": degrees, **reading_options}
     load = LoadCase(arm, payloads_of(payload), friction=friction)
     loaded = load.with_load
     bare = bare_robot(loaded, drive_joints(loaded, drive_catalog))

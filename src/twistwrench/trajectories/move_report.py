@@ -340,14 +340,10 @@ def move(
     bounds = _with_uniform_limits(arm, stated_limits, acceleration, jerk)
     q0 = configuration_of(arm, start, degrees=degrees, what=Argument("start", option="from"))
     q1 = configuration_of(arm, to, degrees=degrees, what=Argument("to"), start=q0)
-    hints = []
-    for name, configuration, q in (("start", start, q0), ("to", to, q1)):
-        hint = "" if configuration is None else degrees_hint(arm, q)
-        if hint:
-            hints.append(f"{name}: {hint}")
+    hints = [*_degrees_hints(arm, "start", start, q0), *_degrees_hints(arm, "to", to, q1), *loads.unit_hints]
     uniform_limits = (("acceleration", acceleration), ("jerk", jerk))
     report = MoveReport(
-        loads, bounds, None, hints=(*hints, *loads.unit_hints), degrees=degrees,
+        loads, bounds, None, hints=tuple(hints), degrees=degrees,
         asked=frozenset(kind for kind, limit in uniform_limits if limit is not None),
         limits_file=str(limits) if isinstance(limits, str | Path) else "", step=step,
     )  # fmt: skip
@@ -387,6 +383,14 @@ def _with_timing(
             error.add_note(hint)
         raise
     return replace(report, trajectory=trajectory)
+
+
+def _degrees_hints(robot: Robot, name: str, given: ConfigurationGiven, q: Array) -> list[str]:
+    """Hint on a given configuration q (nq,) that is obviously in degrees; empty if there is none."""
+    if given is None:
+        return []
+    hint = degrees_hint(robot, q)
+    return [f"{name}: {hint}"] if hint else []
 
 
 def _input_doubts(loads: LoadCase, bounds: Limits) -> list[Doubt]:
