@@ -48,7 +48,7 @@ class EntryError:
     kind: str
     """sign, power, origin, dimension or unit."""
     sentence: str
-    """What is wrong, as text."""
+    """Text on what is wrong."""
     tensor: Array
     """Corrected tensor (3, 3)."""
     certain: bool = False

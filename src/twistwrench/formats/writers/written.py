@@ -53,7 +53,7 @@ class Losses:
         self.found.append(text)
 
     def note_mass_of_world(self, parts: ModelParts) -> None:
-        """Note the loss of the root link's mass; the caller knows that this link is the world."""
+        """Note the loss of the mass of the root link, which is the world."""
         if parts.links[parts.root].inertia.mass:
             self.say("the mass of what stands still is left out, where the base is the world itself")
 
