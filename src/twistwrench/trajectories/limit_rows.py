@@ -43,7 +43,7 @@ _MIN_BREAK_DISTANCE = 1e-11
 """Distance of two breaks below which they are one."""
 _MAX_SEARCH_STEPS = 200
 _MAX_ZEROS_ON_GRID = 20
-"""Number of zeros at grid points from which f is zero on an interval, so that these points have no sign changes."""
+"""Number of zeros at grid points from which f is zero on an interval: f does not change its sign there."""
 _BISECTION_STEPS = 52
 """Number of bisections that reach the last bit of a number."""
 _MAX_STANDING_SHARE = 1 - 1e-6
