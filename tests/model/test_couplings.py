@@ -275,6 +275,16 @@ def test_forces_at_the_tip_are_limited_by_motors():
     assert any("motor m5 (wrist_2_joint and wrist_3_joint)" in side for side in polytope.sides)
 
 
+def test_the_ellipsoid_with_limits_has_shares_of_motors_whose_squares_sum_to_one():
+    robot, q = differential(effort=3.0), np.array([0.1, -1.0, 1.2, 0.3, 0.8, 0.2])
+    ellipsoid = statics.wrench_ellipsoid(robot, q, limits=robot.limits.effort)
+    R = robot.forward_kinematics(q)[:3, :3]
+    for d in np.eye(3):
+        tau = robot.wrench_torques(q, np.r_[np.zeros(3), R.T @ d * ellipsoid.reach(d)])
+        shares = motor_torques(robot.model, tau) / robot.limits.effort
+        assert_close(np.linalg.norm(shares), 1.0, 1e-9, "shares")
+
+
 def test_a_motor_is_named_with_the_joints_that_it_loads():
     """τ_j = A'τ_m: with A = [[1, 0], [1, 1]] the first motor loads the first joint alone, the second one both."""
     coupling = {"motors": ["m5", "m6"], "joints": list(WRIST), "motor_per_joint": [[1, 0], [1, 1]]}
