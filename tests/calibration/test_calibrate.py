@@ -22,6 +22,7 @@ from twistwrench.calibration.chain import TipChain
 from twistwrench.calibration.fit import CalibrationProblem
 from twistwrench.calibration.groups import ParameterGroup, ParameterGroups, fitted_in_groups
 from twistwrench.calibration.measurements import rotations_from_roll
+from twistwrench.calibration.readings_otherwise import _alternatives
 from twistwrench.calibration.result import CalibratedRobot
 from twistwrench.calibration.result_view import _group_figures
 from twistwrench.calibration.targets import rigid_motion
@@ -293,6 +294,23 @@ def test_a_target_that_slips_is_named_with_its_row(kind):
         found = tw.calibration.calibrate(world.robot, both)
         assert found.doubts[0].kind == f"calibration-{name}" and "before row 23" in found.headline
         assert abs(found.doubts[0].value - 3e-3) < 2.5e-3 and found.verdict.word == "LOOK AGAIN"
+
+
+def test_readings_written_a_row_after_their_configuration_are_late_and_those_a_row_before_early():
+    """What is called so puts each reading back beside the configuration that it was taken at."""
+    m = tw.calibration.Measurements(np.arange(6.0)[:, None], positions=np.random.default_rng(0).normal(size=(6, 3)))
+    problem = SimpleNamespace(chain=SimpleNamespace(joints=("slide",), columns=(0,), turning=(False,)), measured=(m,))
+    written = {
+        "late": replace(m.taken(np.arange(1, 6)), positions=m.positions[:-1]),
+        "early": replace(m.taken(np.arange(5)), positions=m.positions[1:]),
+    }
+    for alternative in _alternatives(problem):
+        if alternative.kind == "row-shift":
+            read = alternative.change(written.pop(alternative.words))
+            rows = [m.q.tolist().index(q) for q in read.q.tolist()]
+            np.testing.assert_array_equal(read.positions, m.positions[rows])
+            assert len(rows) == 4 and alternative.value == {"late": 1.0, "early": -1.0}[alternative.words]
+    assert not written
 
 
 def test_joints_that_sag_are_found():

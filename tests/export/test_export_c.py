@@ -403,6 +403,14 @@ def test_units_go_with_the_joints(bundled, tmp_path):
     assert re.search(rf"{slide} +m/s, m/s\^2, N\n", header.read_text())
 
 
+def test_units_of_a_free_joint_s_velocities_are_those_of_turning_and_then_of_sliding(bundled, tmp_path):
+    """A twist: the angular part first, in rad/s, and then the linear part, in m/s."""
+    header, *_ = bundled("floating_box").export_c("kinetic_energy", tmp_path, test=False)
+    (joint,) = bundled("floating_box").joint_names
+    units = re.findall(rf"^ \* +\d  {joint} +(.*/s.*)$", header.read_text(), re.MULTILINE)
+    assert units == ["rad/s, rad/s^2, N m"] * 3 + ["m/s, m/s^2, N"] * 3
+
+
 def test_every_quantity_has_a_meaning_in_ascii():
     texts = [quantity.meaning for quantity in QUANTITIES.values()]
     assert all(text and text.isascii() and not text.endswith(".") for text in texts)

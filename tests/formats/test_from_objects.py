@@ -123,6 +123,29 @@ def test_joints_that_a_urdf_cannot_have(pinocchio):
     np.testing.assert_allclose(robot.armature, model.armature)
 
 
+def test_parts_of_a_composite_joint_have_their_own_limits_and_losses(pinocchio):
+    """An endless joint has two coordinates, cosine and sine, but one velocity: the slide after it is velocity 1."""
+    composite = pinocchio.JointModelComposite(pinocchio.JointModelRUBX())
+    composite.addJoint(pinocchio.JointModelPZ())
+    model = pinocchio.Model()
+    for name, joint in (("both", composite), ("last", pinocchio.JointModelRY())):
+        parent = model.addJoint(model.njoints - 1, joint, pinocchio.SE3.Identity(), name)
+        model.appendBodyToJoint(parent, pinocchio.Inertia.Random(), pinocchio.SE3.Identity())
+    model.lowerPositionLimit, model.upperPositionLimit = np.array([-2, -2, -0.3, -0.4]), np.array([2, 2, 0.5, 0.6])
+    model.velocityLimit, model.effortLimit = np.array([1.0, 2.0, 3.0]), np.array([10.0, 20.0, 30.0])
+    model.damping, model.friction, model.armature = np.arange(9.0).reshape(3, 3) + 1.0
+    robot = quietly(tw.from_pinocchio, model, inertia="accept")
+    assert robot.joint_names == ("both.0", "both.1", "last")
+    np.testing.assert_array_equal(robot.limits.velocity, model.velocityLimit)
+    np.testing.assert_array_equal(robot.limits.effort, model.effortLimit)
+    np.testing.assert_array_equal(robot.limits.lower, [-np.inf, -0.3, -0.4])
+    np.testing.assert_array_equal(robot.limits.upper, [np.inf, 0.5, 0.6])
+    friction = robot.model.friction
+    np.testing.assert_array_equal(
+        [friction.viscous, friction.coulomb, robot.armature], np.arange(9.0).reshape(3, 3) + 1.0
+    )
+
+
 def test_mimic_joints_of_pinocchio_follow(pinocchio, tmp_path):
     """Their limits, which Pinocchio drops, are wider than their leader's."""
     text = """<robot name="m"><link name="a"/>%s<joint name="j" type="revolute"><parent link="a"/><child link="b"/>

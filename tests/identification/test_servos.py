@@ -252,6 +252,17 @@ def test_ratios_are_told_where_the_scale_is_not():
     np.testing.assert_allclose([low, high], [0.02 - t * 1e-3, 0.02 + t * 1e-3], atol=1e-5)
 
 
+@pytest.mark.parametrize("level", [0.5, 0.68, 0.99])
+def test_intervals_of_a_level_reach_as_far_as_its_quantile(level):
+    """Logarithms with 1 % standard deviation each: those of values end at z 1 %, those of their ratios at √2 times that."""
+    found = servos_of(1e-4 * np.eye(9))
+    z = stats.norm.isf(0.5 * (1.0 - level))
+    ends = 0.01 * z * np.array([-1.0, 1.0])
+    np.testing.assert_allclose(np.log(found.interval(level)["kp"] / 100.0), [ends, ends], rtol=1e-4)
+    ratios = np.log(found.ratio_interval(level)["damping/kp"] / 0.04)
+    np.testing.assert_allclose(ratios, np.sqrt(2.0) * np.array([ends, ends]), rtol=1e-4)
+
+
 def test_a_model_with_more_unknowns_needs_more_evidence():
     """Schwarz: each unknown costs half the logarithm of the number of residuals, here (10⁶ + 1) times 2."""
     fit = fit_of(np.eye(9), np.zeros(9))

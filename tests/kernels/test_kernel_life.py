@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import io
 import os
 import pickle
 import subprocess
@@ -12,12 +13,14 @@ import threading
 import time
 import weakref
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import twistwrench as tw
 from twistwrench.compiler.lowering.target_machine import DOUBLE
+from twistwrench.compiler.runtime import jit
 from twistwrench.compiler.runtime.gufunc import _UFuncObject, make_ufunc
 from twistwrench.compiler.runtime.jit import compile_form
 
@@ -294,6 +297,17 @@ class LateError(Exception):
 
     def __init__(self, seconds):
         super().__init__(f"late by {seconds} s")
+
+
+def test_a_slow_compilation_of_many_modules_is_told_once(monkeypatch):
+    """On a terminal, and in one line, however many modules follow."""
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(jit, "SILENT_SECONDS", -1.0)
+    program = SimpleNamespace(outputs=[SimpleNamespace(name="tau")])
+    assert list(jit._with_message(program, ["first", "second", "third"])) == ["first", "second", "third"]
+    assert terminal.getvalue().count("\n") == 1 and "compiling a kernel of tau" in terminal.getvalue()
 
 
 @pytest.mark.parametrize(

@@ -311,6 +311,22 @@ def test_a_long_chain_s_mass_matrix_gives_its_forces_and_agrees_with_pinocchio()
         assert np.array_equal(M[k], M[k].T)
 
 
+def test_derivatives_put_together_are_slopes_of_accelerations(monkeypatch):
+    """Accelerations are quadratic in velocities and linear in torques: their central differences are exact for any step."""
+    monkeypatch.setattr(large_robots, "LAPACK_FROM", 1)
+    robot = tw.robots.planar_2r()
+    q, dq, tau = [0.3, 1.1], np.array([0.7, -1.9]), np.array([2.0, -3.0])
+    by_q, by_dq, by_tau = robot.forward_dynamics_derivatives(q, dq, tau)
+    assert type(robot.kernel("forward_dynamics_derivatives")).__name__ == "LapackDerivatives"
+    for k, step in enumerate(np.eye(2)):
+        ends = [robot.forward_dynamics(q, dq + s * step, tau) for s in (1, -1)]
+        np.testing.assert_allclose(by_dq[:, k], (ends[0] - ends[1]) / 2, rtol=1e-12)
+        ends = [robot.forward_dynamics(q, dq, tau + s * step) for s in (1, -1)]
+        np.testing.assert_allclose(by_tau[:, k], (ends[0] - ends[1]) / 2, rtol=1e-12)
+        ends = [robot.forward_dynamics(q + s * 1e-5 * step, dq, tau) for s in (1, -1)]
+        np.testing.assert_allclose(by_q[:, k], (ends[0] - ends[1]) / 2e-5, rtol=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "quadruped"])
 def test_derivatives_put_together_equal_the_unrolled_ones(bundled, monkeypatch, name):

@@ -275,6 +275,16 @@ def test_forces_at_the_tip_are_limited_by_motors():
     assert any("motor m5 (wrist_2_joint and wrist_3_joint)" in side for side in polytope.sides)
 
 
+def test_the_ellipsoid_with_limits_has_shares_of_motors_whose_squares_sum_to_one():
+    robot, q = differential(effort=3.0), np.array([0.1, -1.0, 1.2, 0.3, 0.8, 0.2])
+    ellipsoid = statics.wrench_ellipsoid(robot, q, limits=robot.limits.effort)
+    R = robot.forward_kinematics(q)[:3, :3]
+    for d in np.eye(3):
+        tau = robot.wrench_torques(q, np.r_[np.zeros(3), R.T @ d * ellipsoid.reach(d)])
+        shares = motor_torques(robot.model, tau) / robot.limits.effort
+        assert_close(np.linalg.norm(shares), 1.0, 1e-9, "shares")
+
+
 def test_a_motor_is_named_with_the_joints_that_it_loads():
     """τ_j = A'τ_m: with A = [[1, 0], [1, 1]] the first motor loads the first joint alone, the second one both."""
     coupling = {"motors": ["m5", "m6"], "joints": list(WRIST), "motor_per_joint": [[1, 0], [1, 1]]}
@@ -352,6 +362,22 @@ def test_a_report_has_figures_of_motors_with_their_noise(tmp_path):
     for (_, _, ours), (_, _, others) in portions:
         assert_close(ours["share"].tau, others["share"].tau / [1, 1, 1, 1, 1, 2], 1e-9, "shares")
         assert_close(ours["torque"].tau, others["torque"].tau, 1e-9, "torques of the joints")
+
+
+def test_a_joint_of_a_recording_has_the_largest_share_of_the_motors_that_drive_it(tmp_path):
+    """m5 turns with the first joint, m6 with the sum of both: τ_j = A'τ_m, so m6 bears τ_2, and m5 bears τ_1 - τ_2."""
+    coupling = {"motors": ["m5", "m6"], "joints": list(WRIST), "motor_per_joint": [[1, 0], [1, 1]]}
+    drives = {"m5": {"effort": "28 N m"}, "m6": {"effort": "28 N m"}}
+    robot = tw.robots.ur5().with_actuators({"couplings": {"wrist": coupling}, "actuators": drives})
+    t = np.arange(0, 1, 0.05)
+    q = 0.4 * np.sin(np.outer(t, [1.0, 1.3, 1.7, 2.0, 2.3, 2.9]))
+    path, header = tmp_path / "log.csv", ",".join(["time", *robot.joint_names])
+    np.savetxt(path, np.column_stack([t, q]), delimiter=",", comments="", fmt="%.12g", header=header)
+    ((_, _, series),) = Recording.from_report(report_of(robot, path)).portions
+    share, tau = series["share"].tau[:, 4:], series["torque"].tau
+    m5, m6 = np.abs(tau[:, 4] - tau[:, 5]) / 28.0, np.abs(tau[:, 5]) / 28.0
+    assert (m5 > m6).any() and (m6 > m5).any()
+    assert_close(share, np.stack([np.maximum(m5, m6), m6], axis=1), 1e-12, "shares")
 
 
 def test_limits_of_torque_in_a_table_are_not_those_of_coupled_joints(robot, tmp_path):

@@ -144,3 +144,15 @@ def test_a_pair_of_topics_gives_the_latest_command_before_each_row(tmp_path):
         tw.Motion.from_file(path, ARM, command_topic="/none")
     with pytest.raises(tw.TrajectoryError, match="is for recordings of ROS"):
         tw.Motion.from_file(written(tmp_path / "log.csv", ["a", "b"]), ARM, command_topic="/commands")
+
+
+def test_a_command_of_the_same_stamp_as_a_row_is_that_row_s_command(tmp_path):
+    """A controller that publishes both at once: row k has command k, and the first row has one too."""
+    path = tmp_path / "pair.mcap"
+    time, q, command = TIME[:10], Q[:10], COMMAND[:10]
+    topics = {"/joint_states": joint_states(time, q), "/commands": joint_states(time, command)}
+    kind = "sensor_msgs/msg/JointState"
+    write_messages(path, {name: (kind, JOINT_STATE, messages) for name, messages in topics.items()})
+    motion = tw.Motion.from_file(path, ARM, topic="/joint_states", command_topic="/commands")
+    np.testing.assert_array_equal(motion.q, q)
+    np.testing.assert_array_equal(motion.command, command)

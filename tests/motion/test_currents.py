@@ -117,6 +117,16 @@ def test_a_gain_that_differs_from_the_actuator_file_is_refused(log, tmp_path, ru
     assert code != 2
 
 
+def test_the_gain_of_a_log_goes_before_the_torque_constant_of_the_motor(log, tmp_path, run):
+    """A drive of 10 times 0.2 N m/A whose log says 3 N m/A: 3 is what --gain must agree with."""
+    path = written(tmp_path / "log.csv", log, ("joint1.current", "joint2.current"))
+    drives = tmp_path / "drives.yaml"
+    drives.write_text(f"log: {{joints: {{joint1: {{gain: 3 N m/A}}}}}}{DRIVES}")
+    code, text = run("torques", "planar_2r", "--trajectory", path, "--actuators", drives, "--gain", "joint1=2")
+    assert code == 2
+    assert "gives 3 N m/A" in " ".join(text.split())
+
+
 def test_gains_below_log_are_applied_once(arm, log, tmp_path, run):
     path = written(tmp_path / "log.csv", log, ("joint1.current", "joint2.current"), scale=1 / GAINS)
     drives = tmp_path / "drives.yaml"

@@ -193,6 +193,18 @@ def test_matlab_4_gives_the_same_motion(tmp_path):
     assert (motion.q == Q).all() and (motion.tau == TAU).all()
 
 
+@pytest.mark.parametrize("kind", ["int32", "int16", "uint16", "uint8"])
+def test_whole_numbers_of_matlab_4_keep_their_sign_and_size(kind, tmp_path):
+    """The extremes of each type: a negative number is no large one, and one above half the span no negative one."""
+    from scipy.io import savemat
+
+    ends = np.iinfo(kind)
+    tau = np.resize(np.array([ends.min, ends.max, 1, 0, ends.max], kind), Q.shape)
+    savemat(tmp_path / "log.mat", {"t": TIME[:, None], "q": Q, "tau": tau}, format="4")
+    motion = tw.Motion.from_file(tmp_path / "log.mat", ARM)
+    np.testing.assert_array_equal(motion.tau, tau.astype(float))
+
+
 @pytest.mark.usefixtures("reading")
 def test_the_row_of_a_number_that_is_not_finite_is_counted_from_the_first(tmp_path):
     q = Q.copy()

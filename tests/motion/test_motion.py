@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,6 +102,17 @@ def test_limits_are_checked_with_one_tolerance():
         if passed:
             assert found["velocity", "panda_joint2"].limit < 0
             assert found["velocity", "panda_joint2"].time == t[3]
+
+
+def test_the_limit_that_is_named_is_the_one_to_speed_up_or_the_one_to_brake():
+    """Limits of 2 and 5 rad/s²: 3 rad/s² on the way up are beyond the first, and 6 on the way down beyond the second."""
+    robot = tw.robots.pendulum()
+    bounds = replace(robot.limits, acceleration=np.array([2.0]), deceleration=np.array([5.0]))
+    t = np.linspace(0.0, 1.0, 11)[:, None]
+    for speed, rate, limit in ((3.0 * t, 3.0, 2.0), (6.0 * (1.0 - t), -6.0, 5.0)):
+        motion = tw.Motion(t[:, 0], 0.0 * t, speed, np.full_like(t, rate), robot=robot)
+        (found,) = [each for each in motion.violations(bounds, tau=0.0 * t) if each.kind == "acceleration"]
+        assert abs(found.value) == abs(rate) and abs(found.limit) == limit
 
 
 def columns(path):

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import twistwrench as tw
 from twistwrench.cli.main import main
-from twistwrench.reports.recordings.description import robot_description
+from twistwrench.reports.recordings.description import MovingJoints, robot_description
 from twistwrench.reports.recordings.mcap import write_mcap
 from twistwrench.reports.recordings.recording import Recording
 
@@ -137,6 +137,14 @@ def test_joints_of_several_coordinates_move_in_tf(name, tmp_path):
         assert np.allclose(Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix(), pose[:3, :3], atol=1e-12)
     (_, states), *_ = messages(tmp_path / "m.mcap", "/joint_states")
     assert list(states.name) == [n for n in robot.coordinate_names if "." not in n]
+
+
+def test_a_mimic_joint_of_a_recording_stands_at_ratio_times_its_leader_and_offset():
+    robot = tw.load(MIMIC)
+    description = robot_description(robot.model, local=False)
+    found = MovingJoints(robot, description).coordinates(np.array([[0.0], [0.02], [0.04]]))
+    np.testing.assert_allclose(found["left"], [0.0, 0.02, 0.04], atol=1e-15)
+    np.testing.assert_allclose(found["right"], [0.01, 0.0, -0.01], atol=1e-15)
 
 
 def test_meshes_of_the_robots_file_are_in_the_description(tmp_path):

@@ -103,6 +103,17 @@ def test_batches_and_out():
         robot.inverse_dynamics_derivatives(q, dq, ddq[..., :1])
 
 
+def test_a_massless_finger_has_no_accelerations_in_a_kernel_of_its_mass_matrix_either():
+    builder = tw.ModelBuilder("finger")
+    builder.add_link("base")
+    builder.add_link("tip")
+    builder.add_joint("hinge", "revolute", "base", "tip", axis=(0, 0, 1))
+    finger = tw.Robot(builder.build())
+    finger.kernel("mass_matrix")
+    with pytest.raises(tw.SingularMassMatrixError, match="hinge"):
+        finger.kernel("mass_matrix", "forward_dynamics")
+
+
 def test_a_massless_finger_has_no_derivative_of_forward_dynamics():
     from twistwrench.mechanics.model.builder import ModelBuilder
 

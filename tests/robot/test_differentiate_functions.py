@@ -146,6 +146,12 @@ def test_choices_at_their_edges():
         assert np.isnan(chosen(np.nan)[0])
 
 
+def test_zero_is_not_positive_on_numbers_either():
+    np.testing.assert_array_equal(
+        tw.pointwise.where_positive([-1.0, -0.0, 0.0, 1e-300], 1.0, 2.0), [2.0, 2.0, 2.0, 1.0]
+    )
+
+
 def test_a_clip_between_limits_that_are_reversed_is_the_upper_one():
     """A torque between limits that leave no room: the upper one, on numbers and on symbols, and it has no slope."""
     x = np.array([-2.0, 0.0, 2.0])

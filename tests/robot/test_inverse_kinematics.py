@@ -93,6 +93,20 @@ def test_a_joint_at_either_limit_is_held_there_and_named(bundled, side):
     assert found.held.tolist() == [True]
 
 
+def test_joints_with_one_limit_stay_inside_it():
+    """Two slides that may go to x = -1 m and to y = 1 m, and anywhere on the other side: (-1.3, 1.4) is nearest from there."""
+    builder = tw.ModelBuilder("one limit each")
+    for name in ("base", "x", "y"):
+        builder.add_link(name)
+    builder.add_joint("along x", "prismatic", "base", "x", axis=[1, 0, 0], lower=-1.0)
+    builder.add_joint("along y", "prismatic", "x", "y", axis=[0, 1, 0], upper=1.0)
+    T = np.eye(4)
+    T[:2, 3] = -1.3, 1.4
+    found = tw.Robot(builder.build()).inverse_kinematics(T, "y", [-0.8, 0.7], restarts=0, rows="vx vy")
+    assert not found.converged
+    assert_allclose(found.q, [-1.0, 1.0], atol=1e-9)
+
+
 def test_limits_that_hold_a_joint_back_are_named(tmp_path):
     text = (
         tw.robots.path_of("ur5")

@@ -114,3 +114,18 @@ def test_the_motor_of_a_follower_drives_its_leader():
     <equality><joint joint1="follower" joint2="leader" polycoef="0 2 0 0 0"/></equality>
     <actuator><motor joint="follower"/></actuator></mujoco>""")
     assert motor_joints(robot) == ["leader"]
+
+
+def test_motors_of_an_actuator_file_drive_beside_those_of_the_robots_file():
+    """Three vertical slides of 1, 2 and 4 kg: the first has the file's motor, the second one of an actuator file, and the
+    third rides on the first."""
+    slides = "".join(
+        f'''<body name="{name}" pos="{m} 0 0"><inertial pos="0 0 0" mass="{m}" diaginertia="1 1 1"/>
+        <joint name="{name}" type="slide" axis="0 0 1"/></body>'''
+        for name, m in {"first": 1, "second": 2, "third": 4}.items()
+    )
+    text = f'<mujoco><worldbody>{slides}</worldbody><actuator><motor joint="first"/></actuator></mujoco>'
+    robot = tw.load(text).with_actuators({"actuators": {"second": {"ratio": 10}}})
+    closed = robot.close("first", "third", rows="vz", near=np.zeros(3))
+    tau = closed.inverse_dynamics(np.zeros(3), np.zeros(3), np.zeros(3)).tau
+    np.testing.assert_allclose(tau, 9.81 * np.array([1 + 4, 2, 0]), rtol=1e-9, atol=1e-9)

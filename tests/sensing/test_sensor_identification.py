@@ -180,6 +180,17 @@ def test_known_noise_makes_the_regions_normal():
     assert (high - low) / 2 == pytest.approx(stats.norm.ppf(0.975) * math.sqrt(found.fit.covariance[k, k]), rel=1e-6)
 
 
+@pytest.mark.parametrize("confidence", [0.68, 0.99])
+def test_the_interval_of_the_mass_has_the_confidence_asked_for(confidence):
+    """Of known noise: as many standard deviations to either side as a normal distribution has there."""
+    found = identify(simulate(tool(), 12), noise=NOISE, confidence=confidence)
+    low, high = found.mass_interval
+    k = found.fit.unknowns.names.index("mass")
+    deviations = (high - low) / 2 / math.sqrt(found.fit.covariance[k, k])
+    assert deviations == pytest.approx(stats.norm.ppf(0.5 + confidence / 2), rel=1e-6)
+    assert found.interval("mass") == (low, high)
+
+
 def test_residuals_beyond_the_noise_given_are_remarked_on():
     assert not identify(simulate(tool(), 12), noise=NOISE).doubts
     found = identify(simulate(tool(), 12, noise=(0.03, 0.9)), noise=NOISE, outliers="keep")

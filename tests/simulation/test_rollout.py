@@ -142,6 +142,14 @@ def test_a_rollout_takes_the_steps_of_a_plain_loop(name, law, method):
         assert np.abs(found.tau[k] - taus).max() < 1e4 * tolerance  # kp and M times what states are off
 
 
+def test_a_law_with_gravity_and_one_without_are_two_on_one_robot():
+    """A pendulum of 1 kg at 1 m, 0.7 rad from hanging: it stays where it is held, and begins to fall with g sin 0.7."""
+    pendulum, q = tw.robots.pendulum(), [0.7]
+    for gravity, ddq in ((True, 0.0), (False, -9.81 * np.sin(0.7)), (True, 0.0)):
+        found = pendulum.rollout(q, [0.0], BatchPD(q, 100.0, 0.0, gravity=gravity), dt=H, steps=1)
+        np.testing.assert_allclose(found.dq[-1], [H * ddq], rtol=1e-12, atol=1e-15)
+
+
 @pytest.mark.parametrize("method", ("semi_implicit", "rk4"))
 @pytest.mark.parametrize("name", ("arm", "floating"))
 def test_rollouts_and_simulations_agree(name, method):

@@ -296,6 +296,16 @@ GOOD = {
     }},
     "gears": {"G": {"ratio": 100, "efficiency": 0.7, "average_torque": "108 N m"}},
 }  # fmt: skip
+
+
+def test_of_drives_of_equal_mass_the_cheaper_one_is_the_smaller():
+    gears = {
+        name: GOOD["gears"]["G"] | {"mass": "1 kg", "price": price} for name, price in (("dear", 300), ("cheap", 200))
+    }
+    catalog = catalogs.read_catalog(GOOD | {"gears": gears})
+    assert min(catalog.pairs, key=catalog.size) == ("B", "cheap")
+
+
 BAD = {
     "no unit": (("motors", "B", "mass"), 0.4, "without a unit"),
     "unit of another kind": (("motors", "B", "thermal", "housing_time"), "900 K/W", "Known here: s"),

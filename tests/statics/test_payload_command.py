@@ -226,6 +226,13 @@ def test_a_pose_beyond_the_joint_limits_exits_1_and_says_by_how_much(run, tmp_pa
         assert run("ur5", "--at", f"elbow_joint={edge!r}")[0] == 0
 
 
+def test_a_slide_beyond_its_stop_is_told_in_metres_though_angles_are_degrees(run):
+    """A slide at 2.9 m on a rail that ends at 2.4 m."""
+    code, output = run("cart_pole", "--degrees", "--at", "slider=2.9")
+    assert code == 1
+    assert "slider at 2.9 m is 0.5 m above its upper position limit, 2.4 m" in " ".join(output.split())
+
+
 def test_position_limits_of_the_file_stand_in_for_the_robots(run, tmp_path):
     limits = tmp_path / "limits.csv"
     limits.write_text("joint,lower,upper\nelbow_joint,0.2,1\n")

@@ -6,6 +6,7 @@ import json
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -184,6 +185,18 @@ def test_a_long_derivation_is_a_table_of_its_steps(robot):
     assert [row["step"] for row in answer.tables["Steps"].rows()][-1] == "Equations of motion"
     assert len(derive(robot, "--all").output.splitlines()) > 700
     assert "checked against" in answer.to_json()
+
+
+def test_the_terms_of_a_step_are_those_of_all_its_entries():
+    """A slide that carries one along (0.6, 0.8): M_11 = m_1 + m_2, M_12 = 0.6 m_2, M_22 = m_2, four terms in three entries."""
+    builder = tw.ModelBuilder("gantry")
+    builder.add_link("base")
+    for parent, link, axis in (("base", "bridge", [1, 0, 0]), ("bridge", "trolley", [0.6, 0.8, 0])):
+        builder.add_link(link, tw.SpatialInertia.from_com(2.0, [0, 0, 0], np.eye(3)))
+        builder.add_joint(f"to {link}", "prismatic", parent, link, axis=axis)
+    rows = tw.derive(tw.Robot(builder.build()), symbols="masses").tables["Steps"].rows()
+    (mass_matrix,) = [row for row in rows if row["step"] == "Mass matrix"]
+    assert (mass_matrix["entries"], mass_matrix["terms"]) == (3, 4)
 
 
 def test_equations_that_disagree_are_not_written(tmp_path, monkeypatch):

@@ -17,6 +17,7 @@ from twistwrench.mechanics.model.builder import ModelBuilder
 from twistwrench.symbolic import derivation as check
 from twistwrench.symbolic import derivation_size, derive
 from twistwrench.symbolic.derivation_check import Evaluator
+from twistwrench.symbolic.parameters import Namer
 from twistwrench.testing import assert_close, random_robot
 
 # Of the largest torque: both sides round some hundred sums of terms of order one.
@@ -222,6 +223,18 @@ def test_rotors_and_elastic_gears(form):
     robot = tw.robots.planar_2r().with_actuators({"actuators": drives})
     equations = derive(robot, form=form)
     assert_agrees(equations, robot, ("inverse_dynamics", "mass_matrix", "coriolis_forces"))
+
+
+def test_the_inertia_of_a_drive_is_that_of_its_joint_s_velocity_behind_a_joint_of_several():
+    """The second joint, on a disc that slides and turns in a plane, is the fourth velocity."""
+    builder = ModelBuilder("disc")
+    for name in ("ground", "disc", "top"):
+        builder.add_link(name, tw.SpatialInertia.from_com(2.0, [0, 0, 0], 0.1 * np.eye(3)))
+    builder.add_joint("plane", "planar", "ground", "disc", axis=[0, 0, 1])
+    builder.add_joint("turn", "revolute", "disc", "top", axis=[0, 0, 1], armature=0.7)
+    entries = Namer(builder.build()).entries().armature
+    assert [entry.value for entry in entries] == [0.0, 0.0, 0.0, 0.7]
+    assert [entry.parameter and entry.parameter.name for entry in entries] == [None, None, None, "J_2"]
 
 
 # ── the laws ──

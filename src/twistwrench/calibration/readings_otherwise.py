@@ -204,8 +204,8 @@ def _alternatives(problem: CalibrationProblem) -> Iterator[Alternative]:
             yield Alternative("zero", (joint,), change, degrees, "°", number(degrees))
     if kinds & {"pose", "position"}:
         yield Alternative("left-handed", (), _mirror_readings)
-    for rows, words in ((1, "late"), (-1, "early")):
-        yield Alternative("row-shift", (), partial(_shift_rows, rows=rows), float(rows), "rows", words)
+    for rows_late, words in ((1, "late"), (-1, "early")):  # late readings belong to the row before
+        yield Alternative("row-shift", (), partial(_shift_rows, rows=-rows_late), float(rows_late), "rows", words)
     if "pose" in kinds:
         yield Alternative("inverse", (), partial(_change_poses, change=se3.inverse))
         for places, words in ((-1, "w, x, y, z in place of x, y, z, w"), (1, "x, y, z, w in place of w, x, y, z")):
