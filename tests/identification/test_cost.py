@@ -33,6 +33,13 @@ def test_few_samples_of_a_low_pass_are_those_of_the_whole(cutoff, every):
     assert_array_equal(low_pass_at(x, cutoff, 1000.0, dense), low_pass(x, cutoff, 1000.0)[dense])
 
 
+@pytest.mark.parametrize("cutoff", [20.0, 50.0])
+def test_a_low_pass_leaves_a_straight_line_straight_to_both_ends(cutoff):
+    """Reflected at its ends, a line goes on; a repeated sample there would shift the ends by about half a step."""
+    line = 3.0 + 0.002 * np.arange(400)
+    assert_allclose(low_pass(line, cutoff, 1000.0), line, rtol=0, atol=0.002 / 20)
+
+
 def test_a_low_pass_in_portions_is_the_low_pass():
     x, steps = np.random.default_rng(1).normal(size=(500, 2)).cumsum(axis=0), 7.3
     parts, before = [], None

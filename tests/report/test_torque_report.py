@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from motions import LOAD, SLED, WRENCH, report_of, wrapped, write_motion, write_positions
@@ -10,6 +12,7 @@ from twistwrench import load, robots
 from twistwrench.mechanics.bodies.inertia import SpatialInertia
 from twistwrench.mechanics.model.model import Limits
 from twistwrench.motion.load_case import TERMS
+from twistwrench.reports.spoken_verdict import _nearer_sentences
 from twistwrench.reports.statistics import Bins, Gaps, gap_edges, mean_weights
 
 pytest_plugins = ("torque_fixtures",)
@@ -43,6 +46,16 @@ def test_the_worst_joint_is_nearest_to_its_limit_and_without_limits_the_most_loa
         report = report_of(robot, path, limits=Limits(-none, none, none, np.array(effort)))
         assert abs(report.joints[0].peak) > abs(report.joints[1].peak) > 0.0
         assert report.worst == worst
+
+
+@pytest.mark.parametrize(
+    ("torque", "speed", "named"), [(0.5, 0.6, False), (0.9, 0.95, True), (0.95, 0.9, False), (0.5, 0.95, True)]
+)
+def test_a_speed_is_named_if_it_is_near_its_limit_and_nearer_than_any_torque(torque, speed, named):
+    """Near is above 80 % of the limit."""
+    near = [SimpleNamespace(joint="elbow", kind="velocity", share=speed, time=1.0)]
+    sentences = _nearer_sentences(SimpleNamespace(near=near, measured=()), torque)
+    assert len(sentences) == named and all("Velocity of elbow" in each for each in sentences)
 
 
 def test_the_causes_of_a_peak_add_up_to_it(ur5, motion_file):
