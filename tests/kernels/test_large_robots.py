@@ -314,7 +314,7 @@ def test_a_long_chain_s_mass_matrix_gives_its_forces_and_agrees_with_pinocchio()
 def test_derivatives_put_together_are_slopes_of_accelerations(monkeypatch):
     """Accelerations are quadratic in velocities and linear in torques: their central differences are exact for any step."""
     monkeypatch.setattr(large_robots, "LAPACK_FROM", 1)
-    robot = tw.robots.planar_2r()
+    robot = tw.robots.planar_2r().with_gravity([0.3, -9.7, 0.1])  # whose kernels no other test has made
     q, dq, tau = [0.3, 1.1], np.array([0.7, -1.9]), np.array([2.0, -3.0])
     by_q, by_dq, by_tau = robot.forward_dynamics_derivatives(q, dq, tau)
     assert type(robot.kernel("forward_dynamics_derivatives")).__name__ == "LapackDerivatives"
