@@ -193,6 +193,18 @@ def test_inverse_dynamics_of_the_motors_makes_the_motion(platform):
     assert_close(found.ddq, ddq, 1e-10, "q̈"), assert_close(found.lam, lam, 1e-10, "λ")
 
 
+def test_gaps_of_turning_are_allowed_in_radians_about_every_axis_however_small_the_robot():
+    """Two joints of 1 cm links, about x and y."""
+    builder = tw.ModelBuilder("finger")
+    builder.add_link("base")
+    T = tw.se3.pose(np.eye(3), [0.0, 0.0, 0.01])
+    for k, (parent, axis) in enumerate((("base", [1, 0, 0]), ("link0", [0, 1, 0]))):
+        builder.add_link(f"link{k}", tw.SpatialInertia.from_com(0.01, [0, 0, 0.005], 1e-6 * np.eye(3)))
+        builder.add_joint(f"joint{k}", "revolute", parent, f"link{k}", axis=axis, placement=T)
+    closed = tw.Robot(builder.build()).close("ground", "link1", rows="wx wy", pose=T @ T, near=[0.0, 0.0])
+    assert closed.spans.tolist() == [1.0, 1.0]
+
+
 def test_more_motors_than_needed_share_with_least_torque(linkage, at):
     q, dq, _ = at
     ddq = linkage.forward_dynamics(*at).ddq
