@@ -413,6 +413,9 @@ def test_codes_of_several_modules_come_from_the_cache(bundled, monkeypatch):
     program = bundled("planar_2r").program("forward_dynamics")
     for name, value in (("MAX_INSTRUCTIONS", 0), ("PARTITION", 10), ("EACH", 2)):
         monkeypatch.setattr(lower if name == "MAX_INSTRUCTIONS" else partition, name, value)
-    assert len(list(lower.modules(program, DOUBLE, host()))) > 2
-    assert not jit.compile_form(program, DOUBLE).cached
+    modules = list(lower.modules(program, DOUBLE, host()))
+    assert len(modules) > 2
+    code = jit.compile_form(program, DOUBLE)
+    assert not code.cached and len({*code.keys}) == len(modules)
     assert jit.compile_form(program, DOUBLE).cached
+    assert jit.cached_code(code.keys, host()).keys == code.keys
