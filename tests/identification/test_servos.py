@@ -136,7 +136,7 @@ def test_friction_that_hardly_counts_is_stated_as_a_share_of_the_torque(arm):
     [
         (lambda c: c * [1, -1], "servo-sign"),
         pytest.param(lambda c: c[:, ::-1], "servo-exchanged", marks=pytest.mark.slow),
-        pytest.param(lambda c: np.degrees(c), "servo-unit", marks=pytest.mark.slow),
+        (lambda c: np.degrees(c), "servo-unit"),
     ],
 )
 def test_commands_of_another_joint_sign_or_unit_are_named(arm, log, changed, kind):
