@@ -163,7 +163,6 @@ def test_loads_are_those_of_the_robot_with_these_actuators(chosen):
         assert np.abs(one.motor.torque[:n] - loads.torque[:, k]).max() < 1e-9 * np.abs(loads.torque[:, k]).max()
 
 
-@pytest.mark.slow
 def test_masses_of_drives_load_joints_nearer_the_base_alone():
     with_mass, without = (tw.size_drives(UR5, MOTION, CATALOG, pause=0.8, add_masses=x) for x in (True, False))
     heavier = [np.abs(a.cycle.torque).max() - np.abs(b.cycle.torque).max()
