@@ -164,11 +164,11 @@ def test_short_reports_fit_on_a_screen(words):
     assert "--all" in short.stdout and len(every.stdout.splitlines()) > len(short.stdout.splitlines())
 
 
-def carried(robot, mass, com, *, seed, rate=100.0, seconds=12.0):
-    """Log of a robot that carries a mass at its last link, with friction and noise."""
+def carried(robot, mass, com, *, seed, rate=100.0, seconds=12.0, body=-1):
+    """Log of a robot that carries a mass at a link, by default its last one, with friction and noise."""
     rng = np.random.default_rng(seed)
-    last = robot.model.bodies[-1].link
-    real = robot.with_payload(tw.SpatialInertia.from_com(mass, com), last) if mass else robot
+    link = robot.model.bodies[body].link
+    real = robot.with_payload(tw.SpatialInertia.from_com(mass, com), link) if mass else robot
     t, q, dq, ddq = fourier_states(robot, seconds, rate, rng)
     tau = real.inverse_dynamics(q, dq, ddq) + 0.6 * np.tanh(dq / 0.02) + 0.9 * dq
     tau = tau + 0.02 * np.sqrt(np.mean(tau**2, axis=0)) * rng.normal(size=tau.shape)
@@ -224,6 +224,14 @@ def test_a_robot_that_lacks_a_tool_is_asked_about():
     answer = tw.identify(loaded, tw.Motion(log.time, log.q, tau=log.tau, robot=loaded), motor_inertia=False)
     assert abs(answer.body_changes.tool.mass + 1.5) < 0.03
     assert "less than in the file: does the robot lack a tool?" in str(answer)
+
+
+def test_a_mass_on_a_link_that_carries_others_is_no_tool():
+    """Two kilograms on the forearm are a cable or a wrong file; no body at the flange explains them."""
+    robot = tw.robots.ur5()
+    forearm = [body.link for body in robot.model.bodies].index("forearm_link")
+    changes = tw.identify(robot, carried(robot, 2.0, (0.2, 0, 0.1), seed=2, body=forearm)).body_changes
+    assert changes.tool is None
 
 
 @pytest.mark.slow
