@@ -75,7 +75,8 @@ class TestWithExtra:
         before = tw.load(other, xacro=True).gravity_forces([0.3])
         include = other.parent / "parts" / "rod.xacro"
         include.write_text(ROD.replace("${mass}", "${7 * mass}"))  # nothing of a file that includes others is kept
-        np.testing.assert_allclose(tw.load(other, xacro={}).gravity_forces([0.3]), 7 * before, rtol=1e-12)
+        for option in (True, {}):
+            np.testing.assert_allclose(tw.load(other, xacro=option).gravity_forces([0.3]), 7 * before, rtol=1e-12)
         code, said = run("info", other, "--xacro")
         assert code == 0 and "mass 14 kg moving" in said, said
         assert run("doctor", other, "--xacro")[0] in (0, 1)

@@ -90,3 +90,12 @@ def test_derivatives_by_any_configuration_are_along_add(kind):
         for k, e in enumerate(np.eye(robot.nv)):
             slope = (robot.subtract(*move(h * e)) - robot.subtract(*move(-h * e))) / (2 * h)
             assert np.abs(J[:, k] - slope).max() < 1e-8
+
+
+def test_planar_joints_differ_by_the_shorter_turn():
+    """From 3 to -3 rad it is 2 π - 6 forward, not 6 back."""
+    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joint = '<joint name="j" type="planar"><parent link="floor"/><child link="disk"/><axis xyz="0 0 1"/></joint>'
+    robot = tw.load(f'<robot name="a"><link name="floor"/><link name="disk">{body}</link>{joint}</robot>')
+    difference = robot.subtract([0.0, 0.0, -3.0], [0.0, 0.0, 3.0])
+    assert np.allclose(difference, [2 * np.pi - 6.0, 0.0, 0.0], atol=1e-14)
