@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -323,12 +324,11 @@ class Differentiation:
             distance = np.minimum(distance, np.abs(time - end))
         rows = distance / self.quality.step
         column_sigma = self.quality.error * _noise_gains(order, self.strengths, self.quality.step)
+        min_sigma = _MIN_NOISE_SHARE * self._velocity_entries(column_sigma)
         gain = np.ones((len(time), self.model.nv))
         for strength in set(self.strengths.tolist()):
             sigma_of_strength = np.where(self.strengths == strength, column_sigma, 0.0)
-            matters = self._velocity_entries(sigma_of_strength) > _MIN_NOISE_SHARE * self._velocity_entries(
-                column_sigma
-            )
+            matters = self._velocity_entries(sigma_of_strength) > min_sigma
             gains_near_end = end_gains(order, strength, rows)[:, None]
             gain = np.where(matters, np.maximum(gain, gains_near_end), gain)
         return gain
@@ -504,15 +504,21 @@ def end_gains(order: int, strength: float, rows: Array) -> Array:
     >>> end_gains(2, 0.0, np.array([0.0, 1.0, 50.0])).round(2).tolist()
     [8.75, 0.69, 1.0]
     """
-    computed_strength = min(strength, _MAX_END_STRENGTH)
     stretch = 1.0
     if strength > _MAX_END_STRENGTH:
         stretch = (strength / _MAX_END_STRENGTH) ** (1 / 6)
+    gains = _gains_of_rows(order, min(strength, _MAX_END_STRENGTH))
+    return np.interp(rows / stretch, np.arange(len(gains)), gains)
+
+
+@lru_cache(64)
+def _gains_of_rows(order: int, strength: float) -> Array:
+    """Relative noise gains of the first rows of a log, to its middle: norms of their responses to pulses in all rows."""
     t = np.arange(float(_END_ROWS))
-    responses = spline_rates(t, smooth(t, np.eye(_END_ROWS), computed_strength, 1.0))[order - 1]
+    responses = spline_rates(t, smooth(t, np.eye(_END_ROWS), strength, 1.0))[order - 1]
     gains = np.linalg.norm(responses, axis=1)
     middle = _END_ROWS // 2
-    return np.interp(rows / stretch, np.arange(middle), gains[:middle] / gains[middle])
+    return gains[:middle] / gains[middle]
 
 
 def pulse_peak(order: int, step: float) -> float:
