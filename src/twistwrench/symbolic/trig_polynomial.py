@@ -289,7 +289,7 @@ _MAX_MULTIPLE = 4
 class ShortestForms:
     """Shortest forms of sums of sines and cosines, cached.
 
-    Each of ``families`` is a set of angles that products may contain: a matrix of integers whose rows multiply the joint angles.
+    Each of ``families`` is a set of angles that products may contain: a matrix whose rows are multiples of the joint angles.
     """
 
     def __init__(self, families: list[Array]) -> None:
