@@ -300,6 +300,6 @@ def _without_rounding(differences: Array, values: Array) -> Array:
 
 
 def _interpolated_sum(numbers: Array, errors: Array, n: int) -> Array:
-    """Sum (k,) over the steps 0 … n - 1 of errors (m, k) known at the steps ``numbers`` (m,); each stands for its neighbours."""
+    """Sum (k,) over the steps 0 … n - 1 of errors (m, k) known at the steps ``numbers`` (m,); each stands for those near it."""
     edges = np.concatenate([[-0.5], 0.5 * (numbers[1:] + numbers[:-1]), [n - 0.5]])  # halfway between known steps
     return np.asarray(np.diff(edges) @ errors)
