@@ -177,7 +177,7 @@ def identify(
         raise UnknownNameError.from_choices("method", method, METHODS)
     options = fit_options(cutoff, friction_speed, shift)
     may_fit_laws = assume not in ("none", ["none"], ("none",))
-    assumed_causes = wanted_causes(assume, robot.model.velocity_names) if may_fit_laws else ()
+    causes = wanted_causes(assume, robot.model.velocity_names) if may_fit_laws else ()
     reading: dict[str, Any] = {"columns": columns, "rate": rate, "degrees": degrees, "gain": gain, "side": motor_side}
     reading |= {"topic": topic, "episode": episode}
     training_sources = log_sources(robot, logs, "logs", reading)
@@ -195,11 +195,9 @@ def identify(
         _identify_once, unknown, robot, training_logs, test_logs, method=method, payload_only=payload_only,
         read_doubts=_unreadable(sources, results),
     )  # fmt: skip
-    found, laws = fit(options, assumed_causes, report_progress=partial(_report_fit, report_progress))
+    found, laws = fit(options, causes, report_progress=partial(_report_fit, report_progress))
     if may_fit_laws and laws and not payload_only:
-        with_laws, _ = fit(
-            _options_at_cutoff(options, found), (*assumed_causes, *laws), report_progress=report_progress
-        )
+        with_laws, _ = fit(_options_at_cutoff(options, found), (*causes, *laws), report_progress=report_progress)
         found = _better_with(laws, found, with_laws)
     report_progress(1.0)
     return _with_thresholds(replace(found, strength=keep_close, logs=_files(*logs, *test)), training_logs, thresholds)
