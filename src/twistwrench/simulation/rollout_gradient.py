@@ -172,7 +172,7 @@ def gradient(robot: Robot, inputs: Inputs, q: Array, dq: Array, slopes: Mapping[
     shapes = inputs.argument_shapes
     batch = inputs.batch
     cost = {name: _slopes_of(robot, inputs, name, x) for name, x in slopes.items()}
-    (by_q0, by_dq0), by_inputs = _sweep_backward(robot, inputs, _by_sample(q), _by_sample(dq), cost)
+    (by_q0, by_dq0), by_inputs = _sweep_backward(robot, inputs, _flatten_batch(q), _flatten_batch(dq), cost)
     by_step = {}
     for (name, _), x in zip(StepAdjoint(plan).derivative_ports, by_inputs, strict=True):
         by_step[name] = x.reshape(*batch, *x.shape[1:])
@@ -295,7 +295,7 @@ def _recompute_states(
     return states[0], states[1]
 
 
-def _by_sample(x: Array) -> Array:
+def _flatten_batch(x: Array) -> Array:
     """Array (..., n, k) with one batch axis, (samples, n, k)."""
     return x.reshape(-1, *x.shape[-2:])
 
@@ -321,7 +321,7 @@ def _slopes_of(robot: Robot, inputs: Inputs, name: str, x: ArrayLike) -> Array:
         raise ShapeError(
             f"{what} has shape {slope.shape}, expected {shape}: a number for each row and velocity.{hint}"
         ) from None
-    return _by_sample(slopes.astype(inputs.dtype))
+    return _flatten_batch(slopes.astype(inputs.dtype))
 
 
 def _sum_broadcast_axes(x: Array, shape: tuple[int, ...] | None) -> Array:
