@@ -144,10 +144,11 @@ class Finding:
     collective: bool = False
 
     def __str__(self) -> str:
+        place = self.where
         line = line_text(self)
         if line:
-            line = f" ({line})"
-        return f"{self.severity}: {self.where}{line}: {self.sentence}"
+            place += f" ({line})"
+        return f"{self.severity}: {place}: {self.sentence}"
 
 
 def line_text(finding: Finding) -> str:

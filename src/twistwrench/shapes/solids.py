@@ -89,7 +89,8 @@ class SolidReader:
 
     def read(self, link: LinkShapes) -> LinkSolids:
         """Solids of a link; shapes that cannot be read have none."""
-        shapes, solids = [], []
+        shapes = []
+        solids = []
         for shape in link.parts:
             if not shape.kind:
                 continue
@@ -101,14 +102,14 @@ class SolidReader:
 
     def _solid(self, shape: ShapeSpec) -> Solid | None:
         """Solid of a shape in the link's frame; None if it cannot be read."""
-        solid: tuple[Array, SpatialInertia | None, surface.Surface | None] | None
+        parts_of_solid: tuple[Array, SpatialInertia | None, surface.Surface | None] | None
         if shape.kind == "mesh":
-            solid = self._mesh(shape)
+            parts_of_solid = self._mesh(shape)
         else:
-            solid = _primitive_solid(shape.kind, shape.sizes)
-        if solid is None:
+            parts_of_solid = _primitive_solid(shape.kind, shape.sizes)
+        if parts_of_solid is None:
             return None
-        corners, inertia, mesh_surface = solid  # in the shape's frame
+        corners, inertia, mesh_surface = parts_of_solid  # in the shape's frame
         points = corners @ shape.pose[:3, :3].T + shape.pose[:3, 3]
         if inertia is not None:
             inertia = inertia.in_frame(shape.pose)

@@ -280,7 +280,9 @@ def _is_unstable(q: Array, dq: Array) -> Array:
     """Mask (...) of states that are not finite or faster than the largest plausible speed."""
     with np.errstate(invalid="ignore"):
         is_slow = (np.abs(dq) < MAX_SPEED).all(axis=-1)  # False for NaN, too
-        return np.asarray(~(np.isfinite(q).all(axis=-1) & is_slow))
+    is_finite = np.isfinite(q).all(axis=-1)
+    is_stable = is_finite & is_slow
+    return np.asarray(~is_stable)
 
 
 complete(globals())

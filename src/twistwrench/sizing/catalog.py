@@ -212,7 +212,8 @@ def _pairs(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) -
     if isinstance(entries, str | Mapping) or not hasattr(entries, "__iter__"):
         raise ModelError(f"pairs is {short_text(entries)}, expected pairs such as [[B, G], [C, G]].")
     for entry in entries:
-        if isinstance(entry, str) or not hasattr(entry, "__len__") or len(entry) != 2:
+        is_pair = not isinstance(entry, str) and hasattr(entry, "__len__") and len(entry) == 2
+        if not is_pair:
             raise ModelError(f"pairs has {short_text(entry)}, expected a motor and a gear, such as [B, G].")
         yield _check_pair(str(entry[0]), str(entry[1]), motors, gears)
 
@@ -225,7 +226,8 @@ def _drives(file: Section, motors: Mapping[str, Any], gears: Mapping[str, Any]) 
         entry.only("motor", "gear")
         if "motor" not in entry.content:
             raise ModelError(f"{entry.path} has no motor.")
-        motor, gear = str(entry.content["motor"]), str(entry.content.get("gear", DIRECT))
+        motor = str(entry.content["motor"])
+        gear = str(entry.content.get("gear", DIRECT))
         yield joint, _check_pair(motor, gear, motors, gears)
 
 

@@ -234,7 +234,11 @@ def cones_of(contacts: Sequence[Contact], rows: int = 1) -> tuple[Cones, ForceBo
         max_sums[g] = first_member.push + sum(contacts[k].pull for k in members)
     normals = np.array([c.normal for c in contacts]).reshape(-1, 3)
     maps = is_member[..., None] * normals  # (groups, c, 3): from forces to the sum of normal parts of each group
-    bound_arrays = maps, max_sums, np.zeros_like(max_sums)
-    bounds = ForceBounds(*(np.broadcast_to(array, (rows, *array.shape)) for array in bound_arrays))
+    no_growth = np.zeros((rows, len(groups)))
+    bounds = ForceBounds(
+        maps=np.broadcast_to(maps, (rows, *maps.shape)),
+        most=np.broadcast_to(max_sums, (rows, len(groups))),
+        rate=no_growth,
+    )
     frictions = np.array([c.friction for c in contacts])
     return Cones(normals, frictions), bounds

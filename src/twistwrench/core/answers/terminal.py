@@ -231,7 +231,7 @@ class TerminalTable(table.Table):
         """Add a column with the least width at which its cells can be read."""
         # Cells that stay whole are marked one by one: Rich's option for a column would take all width from the others.
         for text in texts:
-            text.no_wrap = column.whole or None
+            text.no_wrap = column.whole or None  # None: as Rich has it by default
         if column.whole:
             lines = "\n".join(text.plain for text in texts).split("\n")  # of all cells
             widths = [cell_len(line) for line in lines]
@@ -267,7 +267,8 @@ class TerminalTable(table.Table):
         largest common width that is small enough is used.
         """
         columns = [texts for texts in self._foldable_columns if texts]
-        full_widths, min_widths = [], []
+        full_widths = []
+        min_widths = []
         for texts in columns:
             lines = "\n".join(text.plain for text in texts).splitlines()
             full_widths.append(max(map(cell_len, lines), default=0))

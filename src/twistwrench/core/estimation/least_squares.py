@@ -270,7 +270,8 @@ def orthogonal_fit(A: Array, y: Array, root: Array, sizes: Array) -> tuple[Array
 def null_combinations(A: Array) -> Array:
     """Basis (k, p) of the null space of A (n, p) in reduced echelon form: few nonzero entries, leading ones."""
     if len(A) > A.shape[1]:
-        A = np.asarray(np.linalg.qr(A)[1])  # same singular values and row space, smaller matrix
+        _, triangular_factor = np.linalg.qr(A)
+        A = np.asarray(triangular_factor)  # same singular values and row space, smaller matrix
     _, singular_values, right_vectors = np.linalg.svd(A)
     rank = 0
     if singular_values.size:
@@ -283,7 +284,7 @@ def null_combinations(A: Array) -> Array:
         pivot_row = row + int(np.abs(basis[row:, column]).argmax())
         if abs(basis[pivot_row, column]) < _MIN_PIVOT:
             continue
-        basis[[row, pivot_row]] = basis[[pivot_row, row]]
+        basis[[row, pivot_row]] = basis[[pivot_row, row]]  # the two rows change places
         basis[row] /= basis[row, column]
         is_other_row = np.arange(len(basis)) != row
         basis[is_other_row] -= np.outer(basis[is_other_row, column], basis[row])

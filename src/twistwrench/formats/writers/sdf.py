@@ -148,8 +148,8 @@ class _SdfWriter:
 
     def _add_planar(self, entry: JointEntry) -> None:
         """Add a planar joint as two sliding joints and a turning one, with links without mass between them."""
-        w = entry.joint.axes[0, :3]
-        e1, e2 = entry.joint.axes[1:, 3:]
+        w = entry.joint.axes[0, :3]  # normal of the plane, about which the joint turns
+        e1, e2 = entry.joint.axes[1:, 3:]  # directions of x and y in the plane
         parent = entry.parent
         carrier = self.link_names[self.carriers[entry.parent]]
         T = entry.placement

@@ -67,8 +67,8 @@ def command_doubts(robot: Robot, logs: Sequence[ServoLog]) -> Iterator[Doubt]:
         other_correlation = correlations[j, other_joint]
         slope = float(slopes[j])
         if other_correlation > _MIN_CORRELATION and own_correlation < _MAX_RATIO_TO_OTHER * other_correlation:
-            share = number(float(other_correlation), 3)
-            yield doubt("servo-exchanged", [names[j]], other=names[other_joint], share=share)
+            correlation_text = number(float(other_correlation), 3)
+            yield doubt("servo-exchanged", [names[j]], other=names[other_joint], share=correlation_text)
         elif own_correlation < -_MIN_CORRELATION:
             yield doubt("servo-sign", [names[j]])
         elif own_correlation > _MIN_CORRELATION and not _MIN_SLOPE < slope < _MAX_SLOPE:
@@ -104,10 +104,10 @@ def _without_mean(x: Array) -> Array:
     return np.asarray(x - x.mean(axis=0))
 
 
-def fit_doubts(found: IdentifiedServos, logs: Sequence[ServoLog]) -> Iterator[Doubt]:
+def fit_doubts(servos: IdentifiedServos, logs: Sequence[ServoLog]) -> Iterator[Doubt]:
     """Doubts about a fit: motions that determine too little, and errors that the servos do not explain."""
-    names = np.array(found.joints)
-    moves = found.live
+    names = np.array(servos.joints)
+    moves = servos.live
     if not moves.all():
         yield doubt("servo-still", names[~moves].tolist())
     total_seconds = 0.0
@@ -117,36 +117,36 @@ def fit_doubts(found: IdentifiedServos, logs: Sequence[ServoLog]) -> Iterator[Do
         row_count += len(log.time)
     if total_seconds < _MIN_SECONDS or row_count < _MIN_ROWS_OF_UNKNOWN * len(QUANTITIES):
         yield doubt("servo-short", seconds=number(total_seconds, 3), rows=row_count)
-    yield from _error_doubts(found)
-    if not found.whole.any() and not found.known:
+    yield from _error_doubts(servos)
+    if not servos.whole.any() and not servos.known:
         yield doubt("servo-no-scale")
-    has_wide_interval = moves & ~found.whole & ~found.only_ratios
+    has_wide_interval = moves & ~servos.whole & ~servos.only_ratios
     if has_wide_interval.any():
-        widths = [_widest_value_text(found, j) for j in np.flatnonzero(has_wide_interval).tolist()]
+        widths = [_widest_value_text(servos, j) for j in np.flatnonzero(has_wide_interval).tolist()]
         yield doubt("servo-wide", names[has_wide_interval].tolist(), widths=listed(widths, _MAX_LISTED))
 
 
-def _error_doubts(found: IdentifiedServos) -> Iterator[Doubt]:
+def _error_doubts(servos: IdentifiedServos) -> Iterator[Doubt]:
     """Doubt about a held-out error that is a large share of the tracking error, or larger than the error of used rows."""
-    error_shares = np.array(list(found.held_out.joints.values()))
-    errors = np.array(list(found.position_error.values()))  # [rad, m]
-    is_large = found.live & (error_shares > _UNSURE_ERROR) & (errors > _MAX_SMALL_ERROR * found.fit.sigma)
-    held_out_share = found.held_out.all
-    used_share = found.trained.all
+    error_shares = np.array(list(servos.held_out.joints.values()))
+    errors = np.array(list(servos.position_error.values()))  # [rad, m]
+    is_large = servos.live & (error_shares > _UNSURE_ERROR) & (errors > _MAX_SMALL_ERROR * servos.fit.sigma)
+    held_out_share = servos.held_out.all
+    used_share = servos.trained.all
     if is_large.any():
         worst_joint = int(np.argmax(np.where(is_large, error_shares, 0.0)))
         share = float(error_shares[worst_joint])
         level: Level = "refuse" if share > _LOOK_AGAIN_ERROR else "unsure"
-        joints = [found.joints[worst_joint]]
+        joints = [servos.joints[worst_joint]]
         yield doubt("servo-unexplained", joints, share=percent(share, 2), level=level, found={"value": share})
     elif held_out_share > _MAX_GROWTH * used_share and held_out_share > _MIN_DRIFT_ERROR:
         share_text = percent(held_out_share, 2)
         yield doubt("servo-drifts", share=share_text, used=percent(used_share, 2), found={"value": held_out_share})
 
 
-def _widest_value_text(found: IdentifiedServos, j: int) -> str:
+def _widest_value_text(servos: IdentifiedServos, j: int) -> str:
     """Text of the undetermined value of a joint with the widest interval, and its half width; of all values if none is."""
-    half_widths = {name: float(widths[j]) for name, widths in found.relative().items()}
-    undetermined = [name for name in QUANTITIES if not found.determined[name][j]] or list(QUANTITIES)
+    half_widths = {name: float(widths[j]) for name, widths in servos.relative().items()}
+    undetermined = [name for name in QUANTITIES if not servos.determined[name][j]] or list(QUANTITIES)
     widest = max(undetermined, key=lambda name: half_widths[name])
-    return f"{widest} of {found.joints[j]} {relative_width(half_widths[widest])}"
+    return f"{widest} of {servos.joints[j]} {relative_width(half_widths[widest])}"

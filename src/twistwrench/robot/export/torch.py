@@ -178,9 +178,10 @@ def _function(torch: Any, quantity: BridgedQuantity, backward: Callable[..., lis
 
         backward, jvp = staticmethod(gradients), staticmethod(forward_mode)
 
-    is_transformed = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
-    plain, transformed = Plain.apply, Transformed.apply
-    return lambda *tensors: (transformed if is_transformed() else plain)(*tensors)
+    transforms_are_active = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
+    plain = Plain.apply
+    transformed = Transformed.apply
+    return lambda *tensors: (transformed if transforms_are_active() else plain)(*tensors)
 
 
 def _call_kernel(torch: Any, quantity: BridgedQuantity, tensors: Sequence[Any]) -> Any:

@@ -84,19 +84,22 @@ def energies(motion: DrawnMotion) -> Energies:
     >>> bool(abs(found.work[-1] - gain) < 1e-3)
     True
     """
-    robot, t, dq = motion.load.with_load, motion.time, motion.dq
+    robot = motion.load.with_load
+    t = motion.time
+    dq = motion.dq
     terms = motion.load.terms(motion.states)
     power = motion.torques * dq
-    friction, wrenches, springs = (
-        _work(t, sign * (terms[name] * dq).sum(axis=1))
-        for name, sign in (("friction", 1), ("wrench", -1), ("spring", 1))  # -1: work on the robot
-    )
+
+    def power_against(term: str) -> Array:
+        """Power (n,) of the joints' torques against a term [W]."""
+        return np.asarray((terms[term] * dq).sum(axis=1))
+
     return Energies(
         power=power,
         work=_work(t, power.sum(axis=1)),
-        friction=friction,
-        wrenches=wrenches,
-        springs=springs,
+        friction=_work(t, power_against("friction")),
+        wrenches=_work(t, -power_against("wrench")),  # work on the robot
+        springs=_work(t, power_against("spring")),
         kinetic=np.asarray(robot.kinetic_energy(motion.q, dq)),
         potential=np.asarray(robot.potential_energy(motion.q)),
     )
@@ -212,7 +215,8 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
-    robot, coordinates = motion.load.with_load, Coordinates.from_model(motion.load.with_load.model)
+    robot = motion.load.with_load
+    coordinates = Coordinates.from_model(robot.model)
     limits = robot.limits
     # a limit of 0 stands for an unknown one
     effort = joint_effort(robot.model, np.where(limits.effort > 0, limits.effort, np.inf))
@@ -236,7 +240,8 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         marker: dict[str, Any] = {"color": style.INK, "markersize": 4, "linestyle": "none"}
         (legend_handles["beginning"],) = axis.plot(*points[0], "o", **marker)
         (legend_handles["end"],) = axis.plot(*points[-1], "s", markerfacecolor=style.PAPER, **marker)
-        low, high = points.min(axis=0), points.max(axis=0)  # of the position and of the velocity
+        low = points.min(axis=0)  # least position and least velocity
+        high = points.max(axis=0)
         padding = np.maximum(_PADDING * (high - low), _MIN_PADDING)
         max_distance = _MAX_PADDINGS_TO_LIMIT * padding
         for bound in position_limits:
@@ -253,7 +258,8 @@ def plot_phase(motion: DrawnMotion, path: str | Path, joints: Sequence[str] = ()
         axis.set_ylim(low[1] - padding[1], high[1] + padding[1])
         axis.axhline(0, color=style.AXIS, linewidth=0.6)
         angular = bool(coordinates.angular_velocity[k])
-        remark, colour = "no torque limit", style.QUIET
+        remark = "no torque limit"
+        colour = style.QUIET
         if np.isfinite(effort[k]):
             share = motion.peaks[k] / effort[k]  # over all rows, as in the torque report
             remark = f"torque {percent_of_limit(share)}"
